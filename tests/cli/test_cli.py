@@ -11,7 +11,7 @@ import pytest
 from erosion.cli import _status
 from erosion.cli.errors import InputError
 from erosion.cli.options import CaseOptions
-from erosion.cli.output import print_table
+from erosion.cli.output import Output
 from erosion.parameters.quantities import QUANTITIES
 from tests.documents import result_of
 
@@ -181,7 +181,7 @@ def test_compare_prints_a_table(capsys, monkeypatch, tmp_path):
 def test_a_table_keeps_units_and_names_whole(capsys):
     """rich takes brackets for markup and shortens names, unless told otherwise."""
     row = ("rotating-velocity-aligned-full-torque", "0.5", "rebound")
-    print_table("Title [m]", [row], ("model", "V [in³]", "ends by"), (1,))
+    Output("compare", json=False).table("Title [m]", [row], ("model", "V [in³]", "ends by"), (1,))
     printed = capsys.readouterr().out
     assert "Title [m]" in printed
     assert "V [in³]" in printed

@@ -2,14 +2,11 @@
 
 import inspect
 import io
-import sys
-import time
 
 import pytest
 
 import erosion
 from erosion.arguments import Progress, no_progress
-from erosion.cli import output
 from erosion.cli.output import progress_bar
 from erosion.report.page import write_report
 
@@ -44,27 +41,4 @@ def test_without_a_terminal_no_bar_is_shown(monkeypatch):
     monkeypatch.setattr("sys.stderr", file)
     with progress_bar("reading") as progress:
         progress("fitting finnie", 1, 4)
-    assert file.getvalue() == ""
-
-
-@pytest.mark.parametrize(("patience", "shown"), [(0.01, True), (60.0, False)])
-def test_a_wheel_turns_once_work_takes_its_time(monkeypatch, patience: float, shown: bool) -> None:
-    terminal = Terminal()
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(sys, "stderr", terminal)
-    monkeypatch.setattr(output, "_PATIENCE", patience)
-    with output.working("searching"):
-        # Rich is imported first, which takes its own time.
-        until = time.monotonic() + (20.0 if shown else 0.2)
-        while "searching" not in terminal.getvalue() and time.monotonic() < until:
-            time.sleep(0.01)
-    assert ("searching" in terminal.getvalue()) is shown
-
-
-def test_no_wheel_turns_where_nobody_looks(monkeypatch) -> None:
-    file = io.StringIO()
-    monkeypatch.setattr(sys, "stderr", file)
-    monkeypatch.setattr(output, "_PATIENCE", 0.0)
-    with output.working("searching"):
-        time.sleep(0.2)
     assert file.getvalue() == ""

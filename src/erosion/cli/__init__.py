@@ -7,6 +7,7 @@ exit status 2, a failed solve exit status 1, never a traceback.
 import _thread
 import contextlib
 import gc
+import logging
 import os
 import sys
 import threading
@@ -67,6 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # Modules and traced programs, hundreds of thousands of objects, live as long as the process does:
     # to look for garbage among them as often as is usual, and once more at the exit, takes half a second.
     gc.set_threshold(_ALLOCATIONS)
+    # Where it has no place for its settings matplotlib says so in two lines, but needs none.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     spell_out()
     _have_room()
     status = _status(sys.argv[1:] if arguments is None else arguments)

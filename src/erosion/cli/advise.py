@@ -10,19 +10,18 @@ from cyclopts import Parameter
 from erosion.cli import lazy
 from erosion.cli.errors import user_errors
 from erosion.cli.fitting import GivenFit, TestedFitOptions, section_of
-from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
 from erosion.cli.options import (
-    OUTPUT,
     AllAngles,
     CaseArgument,
     JsonOption,
     LangOption,
     PlotOption,
+    output_option,
     read_option,
     with_file,
 )
-from erosion.cli.output import Output, PerMassOptions, print_paths, print_table, progress_bar, require_outputs, weighing
+from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 
 
 def advise(
@@ -37,10 +36,7 @@ def advise(
     abrasive: PerMassOptions | None = None,
     model: ModelsOption = None,
     fit_of_tests: TestedFitOptions | None = None,
-    output: Annotated[
-        Path | None,
-        Parameter(name=("--output", "-o"), group=OUTPUT, help="Also write it as a page: advice.html or advice.pdf."),
-    ] = None,
+    output: Annotated[Path | None, output_option("Also write it as a page: advice.html or advice.pdf.")] = None,
     plot: PlotOption = None,
     lang: LangOption = "en",
     json: JsonOption = False,
@@ -67,27 +63,23 @@ def advise(
     per_mass = abrasive.per_mass(options, _usual_fraction(uncertain, draws))
     for chosen in models.values():
         weighing(chosen, abrasive, options)  # refuses the density of another metal than a correlation's
-    start_engine()
-
     with progress_bar("advise") as progress, user_errors():
         advice = lazy.advise_case(
             p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress
         )
         advice = dataclasses.replace(advice, doubts=fit.doubts)
-    with user_errors():
-        _write(advice, output, plot, lang)
+    if output is not None:
+        with user_errors():
+            lazy.write_advice(advice, output, lang)
+    draw(plot, lambda: lazy.plot_advice(dataclasses.replace(advice, language=lazy.language(lang))))
     printed = Output("advise", p, options.case, json=json)
-    for message in advice.warnings:
-        if message not in printed.warnings:
-            printed.warn(message)
-    printed.warn_all([] if uncertain is None else [lazy.unused_columns(uncertain.laws)])
+    printed.warn(*advice.warnings, *(lazy.unused_columns(uncertain.laws) if uncertain else ()))
     for part in draws:
-        printed.warn_all([part.doubts(model, advice.p, advice.per_mass.cutting_fraction) for model in models.values()])
-    if json:
-        printed.document(advice.to_dict(), models, lazy.UNITS)
-        return
-    print_table(advice.title, advice.rows(), advice.headings, (), advice.conclusions)
-    print_paths(figure=plot, page=output)
+        for chosen in models.values():
+            printed.warn(*part.doubts(chosen, advice.p, advice.per_mass.cutting_fraction))
+    printed.document(advice.to_dict(), models, lazy.UNITS)
+    printed.table(advice.title, advice.rows(), advice.headings, (), advice.conclusions)
+    printed.wrote(figure=plot, page=output)
 
 
 def _usual_fraction(uncertain: "lazy.Uncertain | None", draws: "Sequence[lazy.Draws]") -> float:
@@ -105,11 +97,3 @@ def _require(output: Path | None, plot: Path | None, inputs: Sequence[Any], lang
     if output is not None:
         with user_errors():
             lazy.require_page_path(output)
-
-
-def _write(advice: "lazy.Advice", output: Path | None, plot: Path | None, lang: str) -> None:
-    """Write the page and the figure that are asked for."""
-    if output is not None:
-        lazy.write_advice(advice, output, lang)
-    if plot is not None:
-        lazy.save_plot(lazy.plot_advice(dataclasses.replace(advice, language=lazy.language(lang))), plot)

@@ -18,10 +18,9 @@ from erosion.cli.fitting import (
     ranks_several,
     write_case,
 )
-from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption
 from erosion.cli.options import FIT, OUTPUT, AllAngles, CaseArgument, JsonOption, SetOption, with_file
-from erosion.cli.output import Output, print_paths, print_table, progress_bar, require_outputs
+from erosion.cli.output import Output, draw, progress_bar, require_outputs
 
 _BOUNDS = 'Least and greatest: "psi=0.01:0.3,threshold=0:40 m/s".'
 
@@ -52,8 +51,6 @@ def calibrate(
     """
     task = given_fit(data, with_file(case, file), fit, model, own, ignore)
     require_outputs(case_file, plot=plot, inputs=task.inputs)
-    start_engine()
-
     models = task.models()
     output = Output("calibrate", task.p, task.options.case, json=json)
     with user_errors(), progress_bar("reading") as progress:
@@ -65,36 +62,22 @@ def calibrate(
             raise InputError(f"Option `--profile` must be one of {', '.join(names)}, but is {profile!r}.")
         ranking = task.ranking(measured, models, progress, bounds=ends, loss=loss)
         along = None if profile is None else ranking.best.profile(profile)
-    output.warn_all([ranking.warnings])
+    output.warn(*ranking.warnings)
     # A fit takes longer than any file: it is shown first.
-    if json:
-        _print_document(output, ranking, level, along)
-    else:
-        _print_tables(ranking, level, along)
+    more, units = {}, {}
+    if along is not None:
+        more = {"profile": {"name": along.name, "values": along.values.tolist(), "rise": along.rise.tolist()}}
+        units = {"values": along.unit or "1"}
+    print_document(output, ranking, level, more, units)
+    if ranks_several(ranking):
+        output.table(ranking.title, ranking.rows(), ranking.headings, (1, 2, 3, 4))
+    output.table(ranking.best.title, ranking.best.rows(level))
+    if along is not None:
+        output.table(along.title, along.rows(), along.headings, (0, 1))
     if case_file is not None:
         write_case(case_file, ranking, task.options)
-    if plot is not None:
-        with user_errors():
-            lazy.save_plot(lazy.plot_calibration(ranking.best_first, level), plot)
-    if not json:
-        print_paths(figure=plot, case=case_file)
-        print("\n".join(task.next_steps(ranking, case_file)))
-
-
-def _print_tables(ranking: "lazy.Ranking", level: float, profile: "lazy.Profile | None") -> None:
-    if ranks_several(ranking):
-        print_table(ranking.title, ranking.rows(), ranking.headings, (1, 2, 3, 4))
-    print_table(ranking.best.title, ranking.best.rows(level))
-    if profile is not None:
-        print_table(profile.title, profile.rows(), profile.headings, (0, 1))
-
-
-def _print_document(output: Output, ranking: "lazy.Ranking", level: float, profile: "lazy.Profile | None") -> None:
-    if profile is None:
-        print_document(output, ranking, level, {}, {})
-        return
-    numbers = {"name": profile.name, "values": profile.values.tolist(), "rise": profile.rise.tolist()}
-    print_document(output, ranking, level, {"profile": numbers}, {"values": profile.unit or "1"})
+    draw(plot, lambda: lazy.plot_calibration(ranking.best_first, level))
+    output.wrote(*task.next_steps(ranking, case_file), figure=plot, case=case_file)
 
 
 def _read_bounds(

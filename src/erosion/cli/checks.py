@@ -6,10 +6,9 @@ from cyclopts import Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import user_errors
-from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelsOption, chosen_models
 from erosion.cli.options import JsonOption, PlotOption
-from erosion.cli.output import Output, print_paths, print_table, progress_bar, require_outputs, working
+from erosion.cli.output import Output, draw, progress_bar, require_outputs
 
 
 def validate(
@@ -24,18 +23,13 @@ def validate(
     misses a measurement is computed no worse for it: see `erosion verify`.
     """
     require_outputs(plot=plot)
-    start_engine()
-
-    with working("comparing"):
+    with progress_bar("comparing"):
         validation = lazy.against_published()
-    if plot is not None:
-        with user_errors():
-            lazy.save_plot(lazy.plot_validation(validation), plot)
-    if json:
-        Output("validate", json=True).document(validation.to_dict())
-        return
-    print_table(validation.title, validation.rows(), validation.headings, (1, 2, 4), validation.conclusions)
-    print_paths(figure=plot)
+    draw(plot, lambda: lazy.plot_validation(validation))
+    output = Output("validate", json=json)
+    output.document(validation.to_dict())
+    output.table(validation.title, validation.rows(), validation.headings, (1, 2, 4), validation.conclusions)
+    output.wrote(figure=plot)
 
 
 def verify(
@@ -55,19 +49,15 @@ def verify(
     on two cores.
     """
     models = chosen_models([*(files or []), *(model or [])])
-    start_engine()
 
     with user_errors():
         loaded = {name: lazy.load_model(name) for name in models}
     output = Output("verify", json=json)
     with progress_bar("compiling") as progress:
         verification = lazy.verify(models or None, progress=progress)
-    for name in verification.absent:
-        output.warn(f"{name} is not installed: one reference solution fewer.")
-    if json:
-        output.document(verification.to_dict(), loaded)
-    else:
-        failures = [f"✗ {check}" for check in verification.failures]
-        print_table(verification.title, verification.rows(), verification.headings, (1, 2, 3), failures)
+    output.warn(*(f"{name} is not installed: one reference solution fewer." for name in verification.absent))
+    output.document(verification.to_dict(), loaded)
+    failures = [f"✗ {check}" for check in verification.failures]
+    output.table(verification.title, verification.rows(), verification.headings, (1, 2, 3), failures)
     if not verification.passed:
         raise RuntimeError(f"{len(verification.failures)} of {len(verification.checks)} checks are out of bounds.")

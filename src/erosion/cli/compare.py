@@ -10,10 +10,9 @@ from cyclopts import Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, user_errors
-from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, refuse_same
-from erosion.cli.options import OUTPUT, CaseArgument, CaseOptions, JsonOption, PlotOption, with_file
-from erosion.cli.output import Output, PerMassOptions, print_paths, print_table, require_outputs, weighing, working
+from erosion.cli.options import CaseArgument, CaseOptions, JsonOption, PlotOption, output_option, with_file
+from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,47 +39,42 @@ def compare(
             "For their volumes name them in --model.",
         ),
     ] = None,
-    output: Annotated[
-        Path | None, Parameter(name=("--output", "-o"), group=OUTPUT, help="Also keep the curves (.nc, .csv).")
-    ] = None,
+    output: Annotated[Path | None, output_option("Also keep the curves (.nc, .csv).", ".nc", ".csv")] = None,
     json: JsonOption = False,
 ) -> None:
     """Compare models at the case's angle and at their best angles.
 
     Without --model it compares all models.
     """
-    if output is not None and output.suffix not in (".nc", ".csv"):
-        raise InputError(f"Option `--output` must end in .nc or .csv, but is {output}.")
     options = with_file(case, file)
-    with working("comparing"):
+    with progress_bar("comparing"):
         p = options.parameters()
         require_outputs(output, plot=plot, inputs=(options.case, *(model or ())))
         if output is not None and output.suffix == ".nc" and output.exists():
-            _require_comparison(output)
+            with user_errors():  # only a comparison is replaced by a comparison: a sweep took longer
+                lazy.read_netcdf(output, _COMPARISON)
         overlay = _correlations(correlations, plot)
         models = _models(model, options)
         weights = {name: weighing(chosen, abrasive, options) for name, chosen in models.items()}
-        start_engine()
         curves, outside = _curves([options.reference(name) for name in models], p)
         lines = _at_the_case(curves, p, weights)
         lost = [line["model"] for line in lines if line["ended_by"] in ("failed", "unfinished")]
-        _require_volumes(curves, lost)
-        _write(curves, overlay, plot)
-        _keep(curves, p, weights, output)
-
+        if not curves.volume.notnull().any():
+            raise lazy.SimulationError(f"{', '.join(lost)}: no impact could be computed.")
+        draw(plot, lambda: lazy.plot_against_correlations(curves, overlay) if overlay else lazy.plot_comparison(curves))
+        if output is not None:
+            with user_errors():
+                if output.suffix == ".csv":
+                    lazy.write_csv(curves, output, p, weights)
+                else:
+                    lazy.write_netcdf(curves, output, _COMPARISON)
     said = Output("compare", p, options.case, json=json)
-    for message in outside:
-        said.warn(message)
-    for name in lost:
-        said.warn(f"{name}: its impact could not be computed.")
-    for message in lazy.models_far_from_tests(weights, {line["model"]: line["volume_max"] for line in lines}, p):
-        said.warn(message)
+    said.warn(*outside, *(f"{name}: its impact could not be computed." for name in lost))
+    said.warn(*lazy.models_far_from_tests(weights, {line["model"]: line["volume_max"] for line in lines}, p))
     statements = _spread(lines)
-    if json:
-        said.document({"models": lines, "statements": statements}, models, _units(p))
-        return
-    _print(lines, p, weights, statements)
-    print_paths(figure=plot, curves=output)
+    said.document({"models": lines, "statements": statements}, models, _units(p))
+    _show(said, lines, p, weights, statements)
+    said.wrote(figure=plot, curves=output)
 
 
 def _models(names: list[str] | None, options: CaseOptions) -> "dict[str, lazy.CuttingModel]":
@@ -131,37 +125,12 @@ def _at_the_case(
     ]
 
 
-def _require_volumes(curves: "xr.Dataset", lost: list[str]) -> None:
-    import numpy as np
-
-    if not np.isfinite(curves.volume).any():
-        raise lazy.SimulationError(f"{', '.join(lost)}: no impact could be computed.")
-
-
-def _keep(
-    curves: "xr.Dataset", p: "lazy.Parameters", weights: "Mapping[str, lazy.PerMass]", output: Path | None
-) -> None:
-    """Write the curves into the file that is asked for."""
-    if output is None:
-        return
-    with user_errors():
-        if output.suffix == ".csv":
-            lazy.write_csv(curves, output, p, weights)
-        else:
-            lazy.write_netcdf(curves, output, _COMPARISON)
-
-
-def _write(curves: "xr.Dataset", overlay: list[str], plot: Path | None) -> None:
-    """Draw the figure that is asked for."""
-    with user_errors():
-        if plot is not None:
-            lazy.save_plot(
-                lazy.plot_against_correlations(curves, overlay) if overlay else lazy.plot_comparison(curves), plot
-            )
-
-
-def _print(
-    lines: list[dict[str, Any]], p: "lazy.Parameters", weights: "Mapping[str, lazy.PerMass]", statements: list[str]
+def _show(
+    output: Output,
+    lines: list[dict[str, Any]],
+    p: "lazy.Parameters",
+    weights: "Mapping[str, lazy.PerMass]",
+    statements: list[str],
 ) -> None:
 
     largest = max(lazy.largest_of(line[name]) for line in lines for name in ("volume", "volume_max"))
@@ -195,7 +164,7 @@ def _print(
     title = f"{models}: impacts at α = {at} and best angles; volumes in {scale.unit}, E in {unit}"
     headings = ("model", "V", "E", "ends by", "α_max", "V_max", "E_max", "kind", "ends by")
     marked = any(cell.endswith("*") for row in rows for cell in row)
-    print_table(title, rows, headings, (1, 2, 4, 5, 6), [*statements, *[f"* {lazy.BEYOND_TESTS}."] * marked])
+    output.table(title, rows, headings, (1, 2, 4, 5, 6), [*statements, *[f"* {lazy.BEYOND_TESTS}."] * marked])
 
 
 def _weighed(lines: list[dict[str, Any]]) -> "tuple[str, lazy.Scale]":
@@ -220,12 +189,6 @@ def _spread(lines: list[dict[str, Any]]) -> list[str]:
     if len(of_models) < len(lines):
         words += f" (the other{'s' * (len(lines) - len(of_models) > 1)} have none)"
     return [f"The best angle is {between(of_models)} over {words}, and {between(of_all)} with the correlations."]
-
-
-def _require_comparison(path: Path) -> None:
-    """Only a comparison is replaced by a comparison: a sweep took longer."""
-    with user_errors():
-        lazy.read_netcdf(path, _COMPARISON)
 
 
 def _correlations(names: list[str] | None, plot: Path | None) -> list[str]:

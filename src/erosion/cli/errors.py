@@ -108,6 +108,8 @@ def explain(error: cyclopts.CycloptsError) -> str:
         # What a converter of ours says; cyclopts has no words of its own here.
         case exceptions.CoercionError(argument=argument, msg=str() as said) if argument is not None:
             return f"Option `{argument.name}` {said}."
+        case exceptions.ValidationError(argument=argument, exception_message=str() as said) if argument is not None:
+            return f"Option `{argument.name}` {said}."
         case exceptions.CoercionError(argument=argument, token=token, target_type=kind) if (
             argument is not None and token is not None
         ):

@@ -9,7 +9,6 @@ from cyclopts import Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption
 from erosion.cli.options import (
     AllAngles,
@@ -21,7 +20,7 @@ from erosion.cli.options import (
     named_model,
     with_file,
 )
-from erosion.cli.output import Output, PerMassOptions, density_option, print_table, require_outputs, weighing, working
+from erosion.cli.output import Output, PerMassOptions, density_option, progress_bar, require_outputs, weighing
 from erosion.parameters.quantities import QUANTITIES, RESULTS
 
 if TYPE_CHECKING:
@@ -84,16 +83,15 @@ def export(
     options = with_file(case, file)
     options.refuse_angle("the forms hold all angles; --angles are those of the tables")
     outputs = _Outputs(openfoam, fluent, table, restitution)
-    _require_one(outputs)
-    with working("computing"):
+    if not any(outputs):
+        raise InputError("Give one or more of `--openfoam`, `--fluent`, `--table` and `--restitution`.")
+    with progress_bar("computing"):
         p = options.parameters()
         name, chosen = named_model(model, own, options, p.units)
         weighing(chosen, None, options)  # refuses the density of another metal than a correlation's
         axes = _axes({"alpha": angles, "v0": speeds, "d": diameters}, p)
         particles = _particles(particle_density, cutting_fraction, options)
         require_outputs(*outputs, inputs=(options.case, name))
-        start_engine()
-
         with user_errors(), _named():
             parts = _parts(chosen, p, outputs, axes, particles)
         # What cannot be represented is refused before anything is written.
@@ -102,19 +100,11 @@ def export(
                 lazy.write_whole(part.path, part.text.encode())
     output = Output("export", p, options.case, json=json)
     for part in parts.values():
-        for sentence in part.warnings:
-            output.warn(sentence)
-    if json:
-        result = {name: {"file": str(part.path), **part.numbers} for name, part in parts.items()}
-        output.document(result, {name: chosen}, {"p": "Pa"})
-        return
+        output.warn(*part.warnings)
+    result = {form: {"file": str(part.path), **part.numbers} for form, part in parts.items()}
+    output.document(result, {name: chosen}, {"p": "Pa"})
     rows = [(str(part.path), part.line) for part in parts.values()]
-    print_table(f"{in_full(name, chosen, p.units)}: for CFD codes", rows, ("file", "holds"), numbers=())
-
-
-def _require_one(outputs: _Outputs) -> None:
-    if not any(outputs):
-        raise InputError("Give one or more of `--openfoam`, `--fluent`, `--table` and `--restitution`.")
+    output.table(f"{in_full(name, chosen, p.units)}: for CFD codes", rows, ("file", "holds"), numbers=())
 
 
 def _parts(

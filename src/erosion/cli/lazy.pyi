@@ -9,7 +9,6 @@ from erosion.advice.page import plot_advice as plot_advice
 from erosion.advice.page import require_page_path as require_page_path
 from erosion.advice.page import write_advice as write_advice
 from erosion.advice.result import UNITS as UNITS
-from erosion.advice.result import Advice as Advice
 from erosion.advice.result import Uncertain as Uncertain
 from erosion.arguments import Progress as Progress
 from erosion.arguments import check_level as check_level
@@ -55,7 +54,6 @@ from erosion.fits import read_measurements as read_measurements
 from erosion.fits import to_case as to_case
 from erosion.fits import to_fluent as to_fluent
 from erosion.fits import to_openfoam as to_openfoam
-from erosion.fits.doubts import Profile as Profile
 from erosion.fits.experiments import DEGREES as DEGREES
 from erosion.fits.experiments import next_experiment as next_experiment
 from erosion.fits.export import command as command
@@ -163,7 +161,6 @@ from erosion.report.page import require_folder as require_folder
 from erosion.report.page import write_report as write_report
 from erosion.streams.result import Stream as Stream
 from erosion.streams.stream import StreamInterrupted as StreamInterrupted
-from erosion.streams.stream import StreamJob as StreamJob
 from erosion.streams.stream import StreamOptions as StreamOptions
 from erosion.streams.stream import prepare_stream as prepare_stream
 from erosion.sweeps.grid import Grid as Grid

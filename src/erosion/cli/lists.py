@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.options import MODEL, JsonOption
-from erosion.cli.output import Output, print_table
+from erosion.cli.output import Output
 from erosion.output.files import is_file
 
 
@@ -89,18 +89,13 @@ def materials(
         # Any size will do: it is not shown.
         particles = [lazy.particle(f"{before}{name} 1 mm") for name in lazy.known_particles(file)]
         targets = [lazy.target(f"{before}{name}") for name in lazy.known_targets(file)]
-    if json:
-        described = {
-            "particles": [_particle(item) for item in particles],
-            "targets": [_target(item) for item in targets],
-        }
-        Output("materials", json=True).document(described)
-        return
+    output = Output("materials", json=json)
+    output.document({"particles": [*map(_particle, particles)], "targets": [*map(_target, targets)]})
     rows = [(item.name, _span(item.density, item.density_range), item.hardness, item.source) for item in particles]
     if rows:
-        print_table("Particles", rows, ("particle", "density [kg/m³]", "hardness", "source"), (1,))
+        output.table("Particles", rows, ("particle", "density [kg/m³]", "hardness", "source"), (1,))
     if targets:
-        print_table("Targets", [_row(item) for item in targets], _TARGET, (1, 2), [_NOTE])
+        output.table("Targets", [_row(item) for item in targets], _TARGET, (1, 2), [_NOTE])
 
 
 _TARGET = ("target", "density [kg/m³]", "flow stress [MPa]", "by", "source")
@@ -151,35 +146,27 @@ def models(
     """
     with user_errors():
         catalogue = lazy.available_models(path)
-    if json:
-        keys = ("summary", "equations", "error")
-        described = {
-            name: {key: getattr(info, key) for key in keys} | {"own_parameters": _own(info)}
-            for name, info in catalogue.items()
-        }
-        Output("models", json=True).document({"models": described})
-    else:
-        _print_table(catalogue)
-    broken = [name for name, info in catalogue.items() if info.error]
-    if broken:
-        raise RuntimeError(f"{len(broken)} of {len(catalogue)} models cannot be used.")
-
-
-def _print_table(catalogue: "Mapping[str, lazy.ModelInfo]") -> None:
-    from rich.text import Text
-
-    rows: list[tuple[str, Text]] = []
+    output = Output("models", json=json)
+    own = {name: _own(info) for name, info in catalogue.items()}
+    described = {
+        name: {key: getattr(info, key) for key in ("summary", "equations", "error")} | {"own_parameters": own[name]}
+        for name, info in catalogue.items()
+    }
+    output.document({"models": described})
+    rows: list[tuple[str, str]] = []
     for name, info in catalogue.items():
-        text = Text(info.error, "red") if info.error else Text.assemble(info.summary, (f"  {info.equations}", "dim"))
-        rows.append((name, text))
-        for own, parameter in _own(info).items():
-            meaning = f"  {parameter['symbol']}, {parameter['meaning']}" if parameter["symbol"] != own else ""
-            rows.append(("", Text.assemble(f"{own} = {parameter['value']:g}", (meaning, "dim"))))
+        rows.append((name, info.error or f"{info.summary}  {info.equations}"))
+        for parameter, its in own[name].items():
+            meaning = f"  {its['symbol']}, {its['meaning']}" if its["symbol"] != parameter else ""
+            rows.append(("", f"{parameter} = {its['value']:g}{meaning}"))
     correlations = (
         f"Correlations of engineers can take the place of a model: {', '.join(lazy.CORRELATIONS)}. "
         'Some have a table of targets: "dnv:duplex".'
     )
-    print_table("", rows, ("model", "what it says, and the source's equations"), (), [correlations])
+    output.table("", rows, ("model", "what it says, and the source's equations"), (), [correlations])
+    broken = [name for name, info in catalogue.items() if info.error]
+    if broken:
+        raise RuntimeError(f"{len(broken)} of {len(catalogue)} models cannot be used.")
 
 
 def _own(info: "lazy.ModelInfo") -> dict[str, dict[str, Any]]:

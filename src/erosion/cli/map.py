@@ -8,7 +8,6 @@ from cyclopts import Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, as_options, user_errors
-from erosion.cli.kept_programs import start_engine
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import LISTED, IgnoreOption, ModelOption
 from erosion.cli.options import (
@@ -21,19 +20,10 @@ from erosion.cli.options import (
     PlotOption,
     SetOption,
     WholeOption,
+    output_option,
     read_option,
 )
-from erosion.cli.output import (
-    Output,
-    PerMassOptions,
-    density_option,
-    print_paths,
-    print_table,
-    progress_bar,
-    require_outputs,
-    weighing,
-    working,
-)
+from erosion.cli.output import Output, PerMassOptions, density_option, draw, progress_bar, require_outputs, weighing
 from erosion.cli.sweep import dask_cluster
 
 if TYPE_CHECKING:
@@ -200,12 +190,8 @@ class _Picture:
 
     def draw(self, dataset: "xr.Dataset") -> None:
         """Draw the map into its file, if there is one."""
-        if self.plot is None:
-            return
-
-        with user_errors():
-            picture = lazy.plot_map(dataset, self.quantity, view=self.direction, zoom=self.zoom, log=self.log)
-            lazy.save_plot(picture, self.plot)
+        look = {"view": self.direction, "zoom": self.zoom, "log": self.log}
+        draw(self.plot, lambda: lazy.plot_map(dataset, self.quantity, **look))
 
 
 def map_(
@@ -219,10 +205,7 @@ def map_(
     joint: LawOptions | None = None,
     rows: _Rows | None = None,
     abrasive: PerMassOptions | None = None,
-    output: Annotated[
-        Path | None,
-        Parameter(name=("--output", "-o"), group=OUTPUT, help="map.vtp (for ParaView), map.csv, or map.nc."),
-    ] = None,
+    output: Annotated[Path | None, output_option("map.vtp (for ParaView), map.csv, or map.nc.")] = None,
     picture: _Picture | None = None,
     workers: Annotated[WholeOption, Parameter(group=OUTPUT, help="Work in this many processes.")] = None,
     scheduler: Annotated[
@@ -246,8 +229,6 @@ def map_(
         with user_errors():
             lazy.require_map_path(output, has_surface=target.surface is not None)
     require_outputs(output, plot=picture.plot, inputs=(impacts, target.surface, *sand.inputs))
-    start_engine()
-
     varied, uncertain, draws = sand.read_laws()
     abrasive = abrasive or PerMassOptions()
     per_mass = weighing(sand.model, abrasive, options)
@@ -265,11 +246,11 @@ def map_(
             lazy.write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
     picture.draw(dataset)
     printed = Output("map", sand.p, options.case, json=json, seed=made.seed_used)
-    printed.warn_all([lazy.unused_columns({**varied, **uncertain}), lazy.columns_apart(varied)])
-    printed.warn_all(part.doubts(sand.model, sand.p, per_mass.cutting_fraction) for part in draws)
+    printed.warn(*lazy.unused_columns({**varied, **uncertain}), *lazy.columns_apart(varied))
+    for part in draws:
+        printed.warn(*part.doubts(sand.model, sand.p, per_mass.cutting_fraction))
     _show(dataset, job, printed, sand.name)
-    if not json:
-        print_paths(map=output, figure=picture.plot)
+    printed.wrote(map=output, figure=picture.plot)
 
 
 def _in_si(case: EachRow) -> EachRow:
@@ -302,7 +283,7 @@ def _job(
     for option in ("patch", "surface_unit", "reverse"):
         if name is None and getattr(target, option):
             raise InputError(f"Option `--{option.replace('_', '-')}` needs `--surface`, of which it is.")
-    with user_errors(TypeError), working("reading"):
+    with user_errors(TypeError), progress_bar("reading"):
         surface = (
             None
             if name is None
@@ -326,14 +307,9 @@ def _computed(job: "lazy.MapJob") -> "xr.Dataset":
 def _show(dataset: "xr.Dataset", job: "lazy.MapJob", output: Output, model: str) -> None:
     """Print the totals; sentences on what is left out are warnings."""
     summary = lazy.MapSummary(dataset)
-    for sentence in summary.warnings:
-        output.warn(as_options(sentence))
-    if output.json:
-        content = summary.to_dict()
-        units = content.pop("units")
-        each = dict.fromkeys(("alpha", "v0"), "each row's")
-        output.document(
-            content, {model: job.task.model}, units, {**each, **job.task.options.laws_in_words(job.task.model)}
-        )
-    else:
-        print_table(summary.title, summary.rows())
+    output.warn(*map(as_options, summary.warnings))
+    content = summary.to_dict()
+    units = content.pop("units")
+    varied = {"alpha": "each row's", "v0": "each row's", **job.task.options.laws_in_words(job.task.model)}
+    output.document(content, {model: job.task.model}, units, varied)
+    output.table(summary.title, summary.rows())

@@ -285,6 +285,24 @@ def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:
     return options if file is None else dataclasses.replace(options, case=file)
 
 
+def ending(*suffixes: str) -> Callable[[Any, Path | None], None]:
+    """A validator of a path's ending."""
+
+    def validate(kind: Any, path: Path | None) -> None:
+        if path is not None and path.suffix not in suffixes:
+            *others, last = suffixes
+            listed = f"{', '.join(others)} or {last}" if others else last
+            raise ValueError(f"must end in {listed}, but is {path}")
+
+    return validate
+
+
+def output_option(help_text: str, *suffixes: str) -> Parameter:
+    """The option -o, a file with one of these endings, or any where none is given."""
+    validator = ending(*suffixes) if suffixes else None
+    return Parameter(name=("--output", "-o"), group=OUTPUT, help=help_text, validator=validator)
+
+
 JsonOption = Annotated[
     bool,
     Parameter(name="--json", negative="", show_default=False, group=OUTPUT, help="Print JSON and nothing else."),

@@ -5,8 +5,7 @@ import dataclasses
 import os
 import re
 import sys
-import threading
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +13,6 @@ from cyclopts import Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.cli.kept_programs import silence_matplotlib
 from erosion.cli.options import MODEL, CaseOptions
 from erosion.parameters.quantities import QUANTITIES
 from erosion.version import __version__
@@ -33,8 +31,6 @@ def require_outputs(*outputs: Path | None, plot: Path | None = None, inputs: Seq
     """
     with user_errors():
         if plot is not None:
-            silence_matplotlib()
-
             lazy.require_plot_path(plot)
         for path in outputs:
             if path is not None:
@@ -91,21 +87,12 @@ class Output:
         if p is not None and p.size_warning:
             self.warn(p.size_warning)
 
-    def warn(self, message: str) -> None:
-        """A warning: on stderr at once, and in the document."""
-        self.warnings.append(message)
-        warn(message)
-
-    def warn_all(self, groups: Iterable[Sequence[str]]) -> None:
-        """Warnings, in groups."""
-        for group in groups:
-            for message in group:
-                self.warn(message)
-
-    def judge(self, per_mass: "lazy.PerMass", volume: Any, p: "lazy.Parameters") -> None:
-        """A warning where the erosion ratio of these volumes is far from what tests find."""
-        if message := per_mass.warning(volume, p):
-            self.warn(message)
+    def warn(self, *messages: str | None) -> None:
+        """Warnings, each once: on stderr at once, and in the document."""
+        for message in messages:
+            if message and message not in self.warnings:
+                self.warnings.append(message)
+                warn(message)
 
     def document(
         self,
@@ -114,7 +101,7 @@ class Output:
         units: Mapping[str, str] | None = None,
         varied: Mapping[str, Any] | None = None,
     ) -> None:
-        """Print the document.
+        """Print the document, where JSON is asked for.
 
         Args:
             result: numbers by name, of any depth.
@@ -122,6 +109,8 @@ class Output:
             units: unit by name of the numbers in `result` that have one.
             varied: in words, the distributions or axes of what is not a single number.
         """
+        if not self.json:
+            return
         described = [_model(name, model, self.p, varied or {}) for name, model in (models or {}).items()]
         document = {
             "verb": self.verb,
@@ -134,6 +123,44 @@ class Output:
             "warnings": self.warnings,
         }
         print(lazy.to_json(document))
+
+    def table(
+        self,
+        title: str,
+        rows: "Sequence[Sequence[str]]",
+        headings: "Sequence[str] | None" = None,
+        numbers: "Collection[int]" = (2,),
+        sentences: Sequence[str] = (),
+    ) -> None:
+        """Print a table, in colour where stdout is a terminal, and sentences below it; nothing beside JSON.
+
+        Args:
+            title: above the table.
+            rows: cells.
+            headings: of the columns.
+            numbers: the columns that are flush right.
+            sentences: each wrapped between words.
+        """
+        if self.json:
+            return
+        from rich.console import Console
+
+        console = Console(highlight=False)
+        # Where no one says how wide it is, nothing need be shortened.
+        width = console.width if console.is_terminal or "COLUMNS" in os.environ else lazy.WIDTH
+        # rich would end the process, with status 1, where the reader of a pipe has gone.
+        with console.capture() as captured:
+            for line in lazy.to_lines(title, rows, headings or lazy.HEADINGS, numbers, width):
+                console.print(line, soft_wrap=True)
+            for sentence in sentences:
+                console.print(sentence, markup=False, width=width)
+        print(captured.get(), end="")
+
+    def wrote(self, *sentences: str, **paths: Path | None) -> None:
+        """Say which files are written, and sentences on them; nothing beside JSON."""
+        lines = [f"{content}: {path}" for content, path in paths.items() if path is not None]
+        if not self.json:
+            print("".join(f"{line}\n" for line in (*lines, *sentences)), end="")
 
 
 def _case(p: "lazy.Parameters", file: Path | None, varied: Mapping[str, Any]) -> dict[str, Any]:
@@ -172,47 +199,17 @@ def _with_units(value: Any, units: Mapping[str, str]) -> Any:
     return value
 
 
-def print_table(
-    title: str,
-    rows: "Sequence[Sequence[Any]]",
-    headings: "Sequence[str] | None" = None,
-    numbers: "Collection[int]" = (2,),
-    statements: Sequence[str] = (),
-) -> None:
-    """A table on stdout, in colour where it is a terminal, and sentences below it.
-
-    Args:
-        title: above the table.
-        rows: cells, as text or rich text.
-        headings: of the columns.
-        numbers: the columns that are flush right.
-        statements: each wrapped between words.
-    """
-    from rich.console import Console
-
-    console = Console(highlight=False)
-    # Where no one says how wide it is, nothing need be shortened.
-    width = console.width if console.is_terminal or "COLUMNS" in os.environ else lazy.WIDTH
-    # rich would end the process, with status 1, where the reader of a pipe has gone.
-    with console.capture() as captured:
-        for line in lazy.to_lines(title, rows, headings or lazy.HEADINGS, numbers, width):
-            console.print(line, soft_wrap=True)
-        for statement in statements:
-            console.print(statement, markup=False, width=width)
-    print(captured.get(), end="")
-
-
-def print_paths(**paths: Path | None) -> None:
-    """Where the files are that a verb has written, those that there are."""
-    for content, path in paths.items():
-        if path is not None:
-            print(f"{content}: {path}")
-
-
 def warn(message: str) -> None:
     """A warning on stderr, where there is one."""
     if sys.stderr is not None:
         print(f"warning: {message}", file=sys.stderr)
+
+
+def draw(path: Path | None, figure: Callable[[], Any]) -> None:
+    """Draw a figure into its file, where one is asked for."""
+    if path is not None:
+        with user_errors():
+            lazy.save_plot(figure(), path)
 
 
 @Parameter(name="*", group=MODEL)
@@ -315,31 +312,3 @@ def progress_bar(title: str) -> Iterator["lazy.Progress"]:
             bar.update(task, description=work, completed=done, total=(total or None) if done else None, rate=rate)
 
         yield show
-
-
-_PATIENCE = 0.5  # s, after which a person wonders whether anything happens
-
-
-@contextlib.contextmanager
-def working(title: str) -> Iterator[None]:
-    """Show on a terminal that something is done, once it takes longer than half a second."""
-    if sys.stderr is None or not sys.stderr.isatty():
-        yield
-        return
-    is_done = threading.Event()
-    thread = threading.Thread(target=_turn_wheel, args=(title, is_done), daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        is_done.set()
-        thread.join()
-
-
-def _turn_wheel(title: str, is_done: threading.Event) -> None:
-    if is_done.wait(_PATIENCE):
-        return
-    from rich.console import Console
-
-    with Console(stderr=True, highlight=False).status(f"{title} …"):
-        is_done.wait()

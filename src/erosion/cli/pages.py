@@ -7,10 +7,9 @@ from cyclopts import Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, user_errors
-from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption
-from erosion.cli.options import OUTPUT, CaseArgument, CaseOptions, LangOption, with_file
-from erosion.cli.output import PerMassOptions, progress_bar, require_apart, require_outputs, working
+from erosion.cli.options import CaseArgument, CaseOptions, LangOption, ending, output_option, with_file
+from erosion.cli.output import PerMassOptions, progress_bar, require_apart, require_outputs
 from erosion.extras import extra
 
 
@@ -19,11 +18,13 @@ def exercise(
     /,
     *,
     case: CaseOptions | None = None,
-    output: Annotated[Path, Parameter(name=("--output", "-o"), group=OUTPUT, help="The notebook (.ipynb).")] = Path(
-        "exercise.ipynb"
-    ),
+    output: Annotated[Path, output_option("The notebook (.ipynb).", ".ipynb")] = Path("exercise.ipynb"),
     solved: Annotated[
-        Path | None, Parameter(help="Also write it with the solutions into this file (.ipynb), for the teacher.")
+        Path | None,
+        Parameter(
+            validator=ending(".ipynb"),
+            help="Also write it with the solutions into this file (.ipynb), for the teacher.",
+        ),
     ] = None,
     lang: LangOption = "en",
 ) -> None:
@@ -32,16 +33,12 @@ def exercise(
     Own Euler and Runge-Kutta steps against the tool, the end of the cut, the
     volume, the best angle by Newton's method, and where that method fails.
     """
-    for option, path in (("output", output), ("solved", solved)):
-        if path is not None and path.suffix != ".ipynb":
-            raise InputError(f"Option `--{option}` must end in .ipynb, but is {path}.")
     options = with_file(case, file)
     p = options.parameters()
     require_outputs(output, solved, inputs=(options.case,))
-    start_engine()
 
     name = options.title()
-    with user_errors(), working("solving the tasks"):
+    with user_errors(), progress_bar("solving the tasks"):
         key = lazy.AnswerKey(p, lang)
         texts = {path: lazy.notebook(key, title=name, solved=path == solved) for path in (output, solved) if path}
         for path, text in texts.items():
@@ -86,7 +83,6 @@ def explore(
             raise InputError(f"Option `--model` must be the path of a Python file here, but is {path!r}.")
     if port is not None and not 0 <= port < 65536:
         raise InputError(f"Option `--port` must be in 0 … 65535, but is {port}.")
-    start_engine()
     with extra("explorer"), user_errors():
         lazy.serve(lazy.offer(p, model or [], materials or [], weights), lazy.free_address(host, port), show=browser)
 
@@ -96,9 +92,7 @@ def report(
     /,
     *,
     case: CaseOptions | None = None,
-    output: Annotated[
-        Path, Parameter(name=("--output", "-o"), group=OUTPUT, help="Folder for the page, its figures and numbers.")
-    ] = Path("report"),
+    output: Annotated[Path, output_option("Folder for the page, its figures and numbers.")] = Path("report"),
     only: Annotated[
         list[str] | None,
         LISTED,
@@ -118,8 +112,6 @@ def report(
     options = with_file(case, file)
     p = options.parameters()
     per_mass = (abrasive or PerMassOptions()).per_mass(options)
-    start_engine()
-
     require_apart([output / part for part in lazy.PARTS], (options.case,))
     with user_errors():
         lazy.chosen_questions(only)

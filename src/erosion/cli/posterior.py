@@ -21,7 +21,6 @@ from erosion.cli.fitting import (
     print_document,
     write_case,
 )
-from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption
 from erosion.cli.options import (
     DRAWS,
@@ -32,9 +31,10 @@ from erosion.cli.options import (
     JsonOption,
     SetOption,
     WholeOption,
+    output_option,
     with_file,
 )
-from erosion.cli.output import Output, print_paths, print_table, progress_bar, require_outputs
+from erosion.cli.output import Output, progress_bar, require_outputs
 
 _PRIOR = 'Law before the data, of a parameter or "noise": "psi=uniform(0.01, 0.2)"; repeatable.'
 
@@ -46,10 +46,7 @@ class _Files:
 
     output: Annotated[
         Path | None,
-        Parameter(
-            name=("--output", "-o"),
-            help="Keep the draws in this file (.nc), for --uncertain of map, stream and advise.",
-        ),
+        output_option("Keep the draws in this file (.nc), for --uncertain of map, stream and advise.", ".nc"),
     ] = None
     case_file: WriteCaseOption = None
     plot_pairs: Annotated[Path | None, Parameter(help="Draw each pair of parameters.")] = None
@@ -68,9 +65,6 @@ class _Files:
 
     def require_writable(self, inputs: Sequence[Any]) -> None:
         """Know before computing that all files can be written, and that none of them is read."""
-        if self.output is not None and self.output.suffix != ".nc":
-            raise InputError(f"Option `--output` must end in .nc, but is {self.output}.")
-
         with user_errors():
             for path in self.figures.values():
                 lazy.require_plot_path(path)
@@ -137,8 +131,6 @@ def posterior(
     task, files = given_fit(data, with_file(case, file), fit, model, own, ignore), files or _Files()
     files.require_writable(task.inputs)
     speeds = _speeds(next_speeds or (), task.p)
-    start_engine()
-
     models = task.models()
     output = Output("posterior", task.p, task.options.case, json=json, seed=seed or 0)
     with user_errors(), progress_bar("reading") as progress:
@@ -150,28 +142,20 @@ def posterior(
         ranking = ranking.preferring(posteriors.names[0])
         is_asked = next_experiment or speeds or files.plot_next_experiment
         experiment = _experiment(posteriors, speeds, task.p) if is_asked else None
-    output.warn_all([ranking.warnings, [f"posterior: {sentence}" for sentence in posteriors.warnings]])
+    output.warn(*ranking.warnings, *(f"posterior: {sentence}" for sentence in posteriors.warnings))
     # Draws take longer than any file: they are shown first.
-    if json:
-        parts = [as_json(part) for part in posteriors.to_dict(level)["posteriors"]]
-        more = {} if experiment is None else {"next_experiment": experiment.to_dict()}
-        print_document(output, ranking, level, {"posterior": parts[0], "posteriors": parts, **more}, {})
-    else:
-        _print_tables(posteriors, experiment, level)
-    files.write(task, ranking, posteriors, experiment)
-    if not json:
-        figures = {name.removeprefix("plot_"): path for name, path in files.figures.items()}
-        print_paths(**figures, draws=files.output, case=files.case_file)
-        sentences = [] if experiment is None else [experiment.sentence]
-        print("\n".join([*task.next_steps(ranking, files.case_file, files.output), *sentences]))
-
-
-def _print_tables(posteriors: "lazy.PosteriorRanking", experiment: "lazy.NextExperiment | None", level: float) -> None:
+    parts = [as_json(part) for part in posteriors.to_dict(level)["posteriors"]]
+    more = {} if experiment is None else {"next_experiment": experiment.to_dict()}
+    print_document(output, ranking, level, {"posterior": parts[0], "posteriors": parts, **more}, {})
     if len(posteriors.posteriors) > 1:
-        print_table(posteriors.title, posteriors.rows(), posteriors.headings, (1, 2))
-    print_table(posteriors.best.title, posteriors.best.rows(level))
+        output.table(posteriors.title, posteriors.rows(), posteriors.headings, (1, 2))
+    output.table(posteriors.best.title, posteriors.best.rows(level))
     if experiment is not None:
-        print_table(experiment.title, experiment.rows(), experiment.headings, range(len(experiment.headings)))
+        output.table(experiment.title, experiment.rows(), experiment.headings, range(len(experiment.headings)))
+    files.write(task, ranking, posteriors, experiment)
+    figures = {name.removeprefix("plot_"): path for name, path in files.figures.items()}
+    steps = [*task.next_steps(ranking, files.case_file, files.output), *([experiment.sentence] if experiment else [])]
+    output.wrote(*steps, **figures, draws=files.output, case=files.case_file)
 
 
 def _draw(

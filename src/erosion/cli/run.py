@@ -1,14 +1,12 @@
 """`erosion run` and `erosion optimum`: one impact, and the angle at which most or least is removed."""
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, user_errors
-from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import ModelOption, read_list
 from erosion.cli.options import (
     AllAngles,
@@ -22,7 +20,7 @@ from erosion.cli.options import (
     read_option,
     with_file,
 )
-from erosion.cli.output import Output, PerMassOptions, print_paths, print_table, require_outputs, weighing, working
+from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 
 
 def run(
@@ -38,33 +36,24 @@ def run(
 ) -> None:
     """Follow one impact to its end: when, how, and how much is removed."""
     options = with_file(case, file)
-    with working("computing"):
+    with progress_bar("computing"):
         p = options.parameters()
         name, chosen = named_model(model, own, options, p.units)
         per_mass = weighing(chosen, abrasive, options)
         require_outputs(plot=plot, inputs=(options.case, name))
-
         trajectory = lazy.path(chosen, p)
-        if plot is not None:
-            with user_errors():
-                lazy.save_plot(lazy.plot_trajectory(trajectory), plot)
+        draw(plot, lambda: lazy.plot_trajectory(trajectory))
     output = Output("run", p, options.case, json=json)
-    for message in trajectory.warnings:
-        output.warn(message)
-    output.judge(per_mass, trajectory.volume, p)
+    output.warn(*trajectory.warnings, per_mass.warning(trajectory.volume, p))
     if trajectory.dvolume is None or not math.isfinite(trajectory.dvolume):
         output.warn("dV/dα could not be computed")
-    if json:
-        content = trajectory.to_dict()
-        numbers = {name: content[name] for name in content["units"]} | per_mass.to_dict(trajectory.volume, p)
-        units = content["units"] | lazy.PER_MASS_UNITS
-        output.document({"ended_by": trajectory.ended_by, **numbers}, {name: chosen}, units)
-        return
-    print_table(
-        f"{in_full(name, chosen, p.units)}: one impact at α = {math.degrees(float(p.alpha)):.6g}°",
-        _rows(trajectory, per_mass),
-    )
-    print_paths(figure=plot)
+    content = trajectory.to_dict()
+    units = content["units"]
+    numbers = {"ended_by": trajectory.ended_by} | {name: content[name] for name in units}
+    output.document(numbers | per_mass.to_dict(trajectory.volume, p), {name: chosen}, units | lazy.PER_MASS_UNITS)
+    at = f"one impact at α = {math.degrees(float(p.alpha)):.6g}°"
+    output.table(f"{in_full(name, chosen, p.units)}: {at}", _rows(trajectory, per_mass))
+    output.wrote(figure=plot)
 
 
 def _rows(trajectory: "lazy.Trajectory", per_mass: "lazy.PerMass") -> "list[lazy.Row]":
@@ -107,35 +96,34 @@ def optimum(
     """
     options = with_file(case, file)
     options.refuse_angle("all angles are searched, or those of --alpha-range")
-    with working("searching all angles"):
+    with progress_bar("searching all angles"):
         p = options.parameters()
         name, chosen = named_model(model, own, options, p.units)
         per_mass = weighing(chosen, abrasive, options)
         between = None if alpha_range is None else _angles(alpha_range, p)
         require_outputs(plot=plot, inputs=(options.case, name))
-        start_engine()
-
         with user_errors():
             best = (lazy.alpha_min if least else lazy.alpha_max)(chosen, p, alpha_range=between, objective=objective)
         if best.ended_by == "failed":
             raise RuntimeError(f"{name}: no impact could be computed, at any angle.")
-        if plot is not None:
-            with user_errors():
-                lazy.save_plot(lazy.plot_optimum(best), plot)
+        draw(plot, lambda: lazy.plot_optimum(best))
         rates = best.sensitivities if sensitivities else {}
     output = Output("optimum", p, options.case, json=json)
     if not best.certified:
         output.warn("some impacts failed or have no derivatives: a greater value may have been missed")
     if sensitivities and best.without_sensitivities:
         output.warn(f"the sensitivities are not known: {best.without_sensitivities}")
-    output.judge(per_mass, best.volume, p)
-    if json:
-        _document(output, name, best, rates, per_mass)
-        return
-    _print(name, best, per_mass)
+    output.warn(per_mass.warning(best.volume, p))
+    described = ("model", "own_parameters", "parameters", "units")
+    result = {name: value for name, value in best.to_dict().items() if name not in described}
+    result |= per_mass.to_dict(best.volume, p)
+    if rates:
+        result["sensitivities"] = {name: float(rate) for name, rate in rates.items()}
+    output.document(result, {name: chosen}, best.units() | lazy.PER_MASS_UNITS)
+    _show(output, name, best, per_mass)
     if sensitivities and not best.without_sensitivities:
-        _print_sensitivities(best)
-    print_paths(figure=plot)
+        _show_sensitivities(output, best)
+    output.wrote(figure=plot)
 
 
 def _angles(texts: list[str], p: "lazy.Parameters") -> tuple[float, float]:
@@ -146,24 +134,12 @@ def _angles(texts: list[str], p: "lazy.Parameters") -> tuple[float, float]:
     return low, high
 
 
-def _document(
-    output: Output, model: str, best: "lazy.Optimum", rates: Mapping[str, Any], per_mass: "lazy.PerMass"
-) -> None:
-
-    described = ("model", "own_parameters", "parameters", "units")
-    result = {name: value for name, value in best.to_dict().items() if name not in described}
-    result |= per_mass.to_dict(best.volume, best.p)
-    if rates:
-        result["sensitivities"] = {name: float(rate) for name, rate in rates.items()}
-    output.document(result, {model: best.model}, best.units() | lazy.PER_MASS_UNITS)
-
-
-def _print(model: str, best: "lazy.Optimum", per_mass: "lazy.PerMass") -> None:
+def _show(output: Output, model: str, best: "lazy.Optimum", per_mass: "lazy.PerMass") -> None:
 
     extreme = "least" if best.least else "greatest"
     title = f"{in_full(model, best.model, best.p.units)}: the angle of {extreme} {best.objective}"
     *rows, certificate = best.rows()
-    print_table(title, [*rows, *per_mass.rows(best.volume, best.p), certificate])
+    output.table(title, [*rows, *per_mass.rows(best.volume, best.p), certificate])
     value = best.value_row(best.value)
 
     def line(alpha: float, numbers: list[float], meaning: str) -> lazy.Row:
@@ -173,20 +149,20 @@ def _print(model: str, best: "lazy.Optimum", per_mass: "lazy.PerMass") -> None:
 
     others = [line(c.alpha, [c.value], f"{c.kind} {c.side}".strip()) for c in best.candidates[1:]]
     if others:
-        print_table("Other candidates", others, _AT)
+        output.table("Other candidates", others, _AT)
     jumps = [line(j.alpha, [j.below, j.above], f"{j.ended_below} → {j.ended_above}") for j in best.jumps]
     if jumps:
-        print_table("Jumps", jumps, _AT)
+        output.table("Jumps", jumps, _AT)
 
 
-def _print_sensitivities(best: "lazy.Optimum") -> None:
+def _show_sensitivities(output: Output, best: "lazy.Optimum") -> None:
 
     known, size = lazy.quantities(best.model), lazy.sizes(best.model, best.p)
     rows = [
         lazy.Row(name, known[name].symbol, f"{math.degrees(rate * size[name]):.5g}", "°", known[name].meaning)
         for name, rate in best.sensitivities.items()
     ]
-    print_table(
+    output.table(
         "How the angle moves when a parameter grows by its own size, to first order",
         rows,
         ("parameter", "", "q ∂α/∂q", "unit", "meaning"),

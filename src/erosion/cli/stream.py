@@ -8,22 +8,21 @@ from cyclopts import Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.cli.kept_programs import start_engine
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.lists import ModelOption
 from erosion.cli.options import (
     LAWS,
-    OUTPUT,
     CaseArgument,
     CaseOptions,
     JsonOption,
     PlotOption,
     SetOption,
     WholeOption,
+    output_option,
     read_whole,
     with_file,
 )
-from erosion.cli.output import Output, PerMassOptions, print_table, progress_bar, require_outputs, weighing
+from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 
 _NO_LAW = (
     'A stream must have a law of a parameter, an option such as --v0 "normal(110 m/s, 10 m/s)" or the same in the '
@@ -44,9 +43,7 @@ def stream(
     seed: Annotated[WholeOption, Parameter(group=LAWS, help="The same seed gives the same stream.")] = None,
     points: Annotated[str | None, Parameter(group=LAWS, help='"sobol" (scrambled) or "random".')] = None,
     best_angle: Annotated[bool, Parameter(help="Look for the nozzle's angle that removes most.")] = True,
-    output: Annotated[
-        Path | None, Parameter(name=("--output", "-o"), group=OUTPUT, help="Keep it in this file (.nc), to go on from.")
-    ] = None,
+    output: Annotated[Path | None, output_option("Keep it in this file (.nc), to go on from.", ".nc")] = None,
     plot: PlotOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -60,8 +57,6 @@ def stream(
     not known is --uncertain: its error does not average out. A case file gives
     the same in a table [stream]; options win.
     """
-    if output is not None and output.suffix != ".nc":
-        raise InputError(f"Option `--output` must end in .nc, but is {output}.")
     options = with_file(case, file)
     section = options.section("stream", ("model", "n", "seed", "points", "set", *LAW_FIELDS))
     jet = case_and_laws(options, "stream", section, model, own, joint)
@@ -69,8 +64,6 @@ def stream(
     require_outputs(plot=plot, inputs=jet.inputs)
     number = section.get("seed", 0) if seed is None else seed
     printed = Output("stream", jet.p, options.case, json=json, seed=number)
-    start_engine()
-
     varied, uncertain, draws = jet.read_laws()
     if not (varied or uncertain):
         raise InputError(_NO_LAW)
@@ -78,28 +71,18 @@ def stream(
         made = lazy.StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output)
         job = lazy.prepare_stream(jet.model, jet.p, varied, made, uncertain)
     per_mass = weighing(jet.model, abrasive, options)
-    printed.warn_all([lazy.unused_columns({**varied, **uncertain}), lazy.columns_apart(varied)])
-    printed.warn_all(part.doubts(jet.model, jet.p, per_mass.cutting_fraction) for part in draws)
-    result = _weighed(_run(job, jet.name, printed, per_mass), per_mass)
-    if plot is not None:
-        with user_errors():
-            lazy.save_plot(lazy.plot_stream(result), plot)
-    _show(result, jet.name, printed)
-
-
-def _weighed(result: "lazy.Stream", per_mass: "lazy.PerMass") -> "lazy.Stream":
-    return dataclasses.replace(result, per_mass=per_mass)
-
-
-def _run(job: "lazy.StreamJob", name: str, output: Output, per_mass: "lazy.PerMass") -> "lazy.Stream":
-    """Compute the stream; one that is interrupted shows the particles that it has computed."""
+    printed.warn(*lazy.unused_columns({**varied, **uncertain}), *lazy.columns_apart(varied))
+    for part in draws:
+        printed.warn(*part.doubts(jet.model, jet.p, per_mass.cutting_fraction))
     try:
         with progress_bar("stream") as progress:
-            return job.run(progress)
+            result = dataclasses.replace(job.run(progress), per_mass=per_mass)
     except lazy.StreamInterrupted as interrupted:
         if interrupted.partial is not None:
-            _show(_weighed(interrupted.partial, per_mass), name, output)
+            _show(dataclasses.replace(interrupted.partial, per_mass=per_mass), jet.name, printed)
         raise
+    draw(plot, lambda: lazy.plot_stream(result))
+    _show(result, jet.name, printed)
 
 
 def _count(options: CaseOptions, section: dict[str, Any]) -> int:
@@ -109,12 +92,7 @@ def _count(options: CaseOptions, section: dict[str, Any]) -> int:
 
 
 def _show(result: "lazy.Stream", name: str, output: Output) -> None:
-    far = result.erosion_warning
-    for message in (*result.warnings, *([far] if far else [])):
-        output.warn(message)
-    if not output.json:
-        print_table(result.title, result.rows())
-        return
+    output.warn(*result.warnings, result.erosion_warning)
     described = ("model", "own_parameters", "parameters", "laws", "units")
     content = result.to_dict()
     numbers = {name: value for name, value in content.items() if name not in described}
@@ -122,3 +100,4 @@ def _show(result: "lazy.Stream", name: str, output: Output) -> None:
     if "alpha_max" in units:
         units["alpha_max_interval"] = units["alpha_max"]
     output.document(numbers, {name: result.model}, units, result.laws_in_words())
+    output.table(result.title, result.rows())

@@ -10,10 +10,8 @@ from cyclopts import Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.cli.kept_programs import start_engine
 from erosion.cli.lists import LISTED, ModelsOption, chosen_models, read_list, read_models
 from erosion.cli.options import (
-    OUTPUT,
     CaseArgument,
     CaseOptions,
     JsonOption,
@@ -21,12 +19,13 @@ from erosion.cli.options import (
     SetOption,
     Settings,
     WholeOption,
+    output_option,
     read_settings,
     settings,
     with_file,
     with_model_of_case,
 )
-from erosion.cli.output import Output, PerMassOptions, print_table, progress_bar, require_outputs, weighing
+from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 from erosion.extras import extra
 from erosion.parameters.quantities import QUANTITIES
 
@@ -63,8 +62,7 @@ def sweep(
     /,
     *,
     output: Annotated[
-        Path,
-        Parameter(name=("--output", "-o"), group=OUTPUT, help="out.nc (netCDF), out.csv, or out.zarr for any size."),
+        Path, output_option("out.nc (netCDF), out.csv, or out.zarr for any size.", ".nc", ".csv", ".zarr")
     ],
     case: CaseOptions | None = None,
     model: ModelsOption = None,
@@ -95,14 +93,15 @@ def sweep(
     """
     options = with_file(case, file)
     section = with_model_of_case(options.section("sweep", _FIELDS), options, model)
-    _require_store(output, clustered=not (workers is scheduler is chunks is None))
+    if output.suffix != ".zarr" and not (workers is scheduler is chunks is None):
+        raise InputError(
+            f"Options `--chunks`, `--workers` and `--scheduler` need `--output` to end in .zarr, not {output}."
+        )
     p, axes = _case_and_axes(options, section)
     chosen = _chosen(model, options, section)
     table = output if output.suffix == ".csv" else None
     require_outputs(table, plot=plot, inputs=(options.case, *(chosen if isinstance(chosen, list) else [chosen])))
     values = _own_values(chosen, options, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
-    start_engine()
-
     single = {name: float(value) for name, value in values.items() if not value.ndim}
     axes |= {name: axis for name, axis in values.items() if axis.ndim}
     with user_errors(TypeError):
@@ -114,25 +113,17 @@ def sweep(
         with user_errors():
             job = lazy.prepare_sweep(grid, chunks=_chunks(chunks), store=output if table is None else None)
         dataset = job.run(progress)
-    with user_errors():
-        _write(dataset, p, weights, table, plot)
-    _print(dataset, grid, output, _output(grid, options, json=json), weights)
+    if table is not None:
+        with user_errors():
+            lazy.write_csv(dataset, table, p, weights)
+    draw(plot, lambda: lazy.plot_sweep(dataset))
+    _show(dataset, grid, output, _output(grid, options, json=json), weights)
 
 
 def _chosen(model: list[str] | None, options: CaseOptions, section: Mapping[str, Any]) -> str | list[str]:
     """The model, or the models if they are several; the option overrules the case file."""
     chosen = chosen_models(model or _listed(options, section, "model", read_models)) or "linearized"
     return chosen[0] if isinstance(chosen, list) and len(chosen) == 1 else chosen
-
-
-def _write(
-    dataset: Any, p: "lazy.Parameters", weights: "Mapping[str, lazy.PerMass]", table: Path | None, plot: Path | None
-) -> None:
-    """Write the table and the figure that are asked for."""
-    if table is not None:
-        lazy.write_csv(dataset, table, p, weights)
-    if plot is not None:
-        lazy.save_plot(lazy.plot_sweep(dataset), plot)
 
 
 def _weights(grid: "lazy.Grid", abrasive: PerMassOptions | None, options: CaseOptions) -> "dict[str, lazy.PerMass]":
@@ -146,8 +137,7 @@ def _output(grid: "lazy.Grid", options: CaseOptions, *, json: bool) -> Output:
     sizes = {name: grid.axes[name] for name in ("r", "b") if name in grid.axes and grid.axes[name].ndim}
     for name, values in sizes.items():
         message = dataclasses.replace(grid.p, **{name: values}).size_warning
-        if message and "m" not in grid.axes and message not in output.warnings:
-            output.warn(message)
+        output.warn(message if "m" not in grid.axes else None)
     return output
 
 
@@ -156,15 +146,6 @@ def _listed(options: CaseOptions, section: Mapping[str, Any], name: str, read: C
     value = section.get(name)
     with reading(f"{options.case}: field `{name}` of [sweep]"):
         return read(value) if isinstance(value, str) else value
-
-
-def _require_store(output: Path, *, clustered: bool) -> None:
-    if output.suffix not in (".nc", ".csv", ".zarr"):
-        raise InputError(f"Option `--output` must end in .nc, .csv or .zarr, but is {output}.")
-    if output.suffix != ".zarr" and clustered:
-        raise InputError(
-            f"Options `--chunks`, `--workers` and `--scheduler` need `--output` to end in .zarr, not {output}."
-        )
 
 
 def _case_and_axes(options: CaseOptions, section: Mapping[str, Any]) -> "tuple[lazy.Parameters, dict[str, Any]]":
@@ -214,26 +195,24 @@ def _chunks(items: list[str] | None) -> dict[str, int] | None:
     return {dim: int(length) for dim, _, length in parts}
 
 
-def _print(dataset: Any, grid: "lazy.Grid", store: Path, output: Output, weights: "Mapping[str, lazy.PerMass]") -> None:
-    """Print a summary; some impacts that could not be computed are a warning, all of them an error."""
+def _show(dataset: Any, grid: "lazy.Grid", store: Path, output: Output, weights: "Mapping[str, lazy.PerMass]") -> None:
+    """Show a summary; some impacts that could not be computed are a warning, all of them an error."""
     summary = _summary(dataset)
     of_mass = _per_mass(dataset, grid.p, weights)
     lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
     volumes, at = _greatest(dataset, grid.p, weights)
-    for message in (*grid.outside_of_range, *lazy.models_far_from_tests(weights, volumes, at)):
-        output.warn(message)
+    output.warn(*grid.outside_of_range, *lazy.models_far_from_tests(weights, volumes, at))
     if 0 < lost < summary["impacts"]:
         output.warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
-    if output.json:
-        dimensions = {str(dim): length for dim, length in dataset.sizes.items()}
-        units: dict[str, str] = dict.fromkeys(("volume_least", "volume_greatest"), dataset.volume.attrs["units"])
-        axes = {name: f"{values.size} values" for name, values in grid.axes.items()}
-        units |= {name: lazy.PER_MASS_UNITS[name.rpartition("_")[0]] for name in of_mass}
-        result = {"output": str(store), "dimensions": dimensions, **summary, **of_mass}
-        output.document(result, dict(grid.loaded()), units, axes)
-    else:
-        is_beyond = any(weight.is_beyond_tests(volumes[name], at) for name, weight in weights.items())
-        print_table(f"{store}: a sweep", [*_rows(dataset, summary), *_per_mass_rows(of_mass, is_beyond=is_beyond)])
+    dimensions = {str(dim): length for dim, length in dataset.sizes.items()}
+    units: dict[str, str] = dict.fromkeys(("volume_least", "volume_greatest"), dataset.volume.attrs["units"])
+    units |= {name: lazy.PER_MASS_UNITS[name.rpartition("_")[0]] for name in of_mass}
+    axes = {name: f"{values.size} values" for name, values in grid.axes.items()}
+    result = {"output": str(store), "dimensions": dimensions, **summary, **of_mass}
+    output.document(result, dict(grid.loaded()), units, axes)
+    is_beyond = any(weight.is_beyond_tests(volumes[name], at) for name, weight in weights.items())
+    rows = [*_rows(dataset, summary), *_per_mass_rows(of_mass, is_beyond=is_beyond)]
+    output.table(f"{store}: a sweep", rows)
     if lost == summary["impacts"]:
         raise RuntimeError(f"of {lost:,} impacts none could be computed.")
 

@@ -8,11 +8,12 @@ import io
 import json
 import math
 import re
+import sys
+import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from jax.core import Tracer
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -36,7 +37,13 @@ class Row(NamedTuple):
     meaning: str = ""
 
 
-def format_number(value: object, digits: int = 10, size: float = 1.0) -> str:
+def _is_traced(value: Any) -> bool:
+    """Whether JAX is tracing the value; nothing is where JAX isn't loaded."""
+    jax = sys.modules.get("jax")
+    return jax is not None and isinstance(value, jax.core.Tracer)
+
+
+def format_number(value: Any, digits: int = 10, size: float = 1.0) -> str:
     """A number as read by a person; an array as its shape and range.
 
     Args:
@@ -44,8 +51,8 @@ def format_number(value: object, digits: int = 10, size: float = 1.0) -> str:
         digits: significant digits.
         size: of the unit in which numbers are shown.
     """
-    if isinstance(value, Tracer):
-        return f"traced{list(value.shape)}"
+    if _is_traced(value):
+        return f"traced{list(np.shape(value))}"
     array = np.asarray(value)
     if array.dtype.kind in "US":
         if array.ndim == 0:
@@ -62,7 +69,7 @@ def format_number(value: object, digits: int = 10, size: float = 1.0) -> str:
 
 def largest_of(value: object) -> float:
     """The greatest magnitude of a number or an array; 0 where there is none."""
-    if isinstance(value, Tracer):
+    if _is_traced(value):
         return 0.0
     magnitudes = np.abs(np.asarray(value, dtype=float))
     return float(np.max(magnitudes, where=np.isfinite(magnitudes), initial=0.0))
@@ -81,7 +88,7 @@ def with_error(value: float, error: float, size: float = 1.0) -> str:
 
 def abbreviate(value: object) -> str:
     """A number so that Python reads the same one back, text in quotes, an array as its shape and range."""
-    if isinstance(value, Tracer) or np.asarray(value).ndim:
+    if _is_traced(value) or np.asarray(value).ndim:
         return f"<{format_number(value, 6)}>"
     number = np.asarray(value)
     if number.dtype.kind in "US":
@@ -101,7 +108,7 @@ def to_text(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] =
 
 def to_lines(
     title: str,
-    rows: "Sequence[Sequence[str | Text]]",
+    rows: Sequence[Sequence[str]],
     headings: Sequence[str] = HEADINGS,
     numbers: Collection[int] = (2,),
     width: int = WIDTH,
@@ -109,98 +116,66 @@ def to_lines(
     """A table as lines of rich text for a terminal.
 
     To fit into the width, the last column wraps between words, and a long name in the first column gets
-    a line of its own. The title and names are never broken, as they may hold paths.
+    a line of its own. The title and names are never broken, as they may hold paths: `rich.table` would break them.
 
     Args:
         title: above the table; none where it is empty.
-        rows: cells, as text or rich text.
+        rows: cells.
         headings: of the columns.
         numbers: the columns that are flush right.
         width: of the terminal, in characters.
     """
+    from rich.cells import cell_len
     from rich.text import Text
 
-    table = [[Text(heading, "bold") for heading in headings]]
-    table += [[*map(_cell, row[:-1]), _cell(row[-1], "dim")] for row in rows]
-    widths, gap = _layout([[cell.cell_len for cell in row] for row in table], numbers, width)
-    head, *body = (_row_lines(row, widths, numbers, " " * gap) for row in table)
-    rule = Text(" " + "─" * (sum(widths) + gap * (len(widths) - 1)))
-    titles = [Text(title, "bold")] if title else []
-    return [*titles, Text(), *head, rule, *(line for lines in body for line in lines), Text()]
+    columns = list(zip(headings, *rows, strict=True))
+    names, *others = ([cell_len(cell) for cell in column] for column in columns)
+    layouts = [(_widths(names, [*map(max, others)], numbers, width, gap, least), gap) for gap, least in _LAYOUTS]
+    # The roomiest in which all names fit, else the tightest.
+    widths, gap = next((layout for layout in layouts if max(names) <= layout[0][0]), layouts[-1])
+    lines = [Text(title, "bold")] * bool(title) + [Text()]
+    for at, (name, *middle, last) in enumerate([headings, *rows]):
+        if names[at] > widths[0]:
+            lines.append(Text(f" {name}"))
+            name = ""
+        cells = [name, *middle]
+        for words in _wrapped(last, widths[-1]):
+            spaces = [" " * (size - cell_len(cell)) for cell, size in zip([*cells, words], widths, strict=True)]
+            padded = [space + cell if i in numbers else cell + space
+                      for i, (cell, space) in enumerate(zip([*cells, words], spaces, strict=True))]  # fmt: skip
+            before = f" {(' ' * gap).join([*padded[:-1], ''])}"
+            lines.append(Text.assemble((before, "" if at else "bold"), (padded[-1], "dim" if at else "bold")))
+            lines[-1].rstrip()
+            cells = [""] * len(cells)
+        if not at:
+            lines.append(Text(" " + "─" * (sum(widths) + gap * (len(widths) - 1))))
+    return [*lines, Text()]
 
 
 _LAYOUTS = ((3, 24), (2, 24), (2, 16))
 """Characters between two columns and those to which the last column shrinks, the roomiest layout first."""
 
 
-def _cell(cell: "str | Text", style: str = "") -> "Text":
-    from rich.text import Text
-
-    return cell if isinstance(cell, Text) else Text(cell, style)
-
-
-def _layout(lengths: Sequence[Sequence[int]], numbers: Collection[int], width: int) -> tuple[list[int], int]:
-    """The widths of the columns and the gap between two: the roomiest in which all names fit, else the tightest."""
-    layouts = [(_column_widths(lengths, numbers, width, gap, least), gap) for gap, least in _LAYOUTS]
-    longest = max(row[0] for row in lengths)
-    return next((layout for layout in layouts if longest <= layout[0][0]), layouts[-1])
-
-
-def _column_widths(
-    lengths: Sequence[Sequence[int]], numbers: Collection[int], width: int, gap: int, least: int
+def _widths(
+    names: Sequence[int], others: Sequence[int], numbers: Collection[int], width: int, gap: int, least: int
 ) -> list[int]:
-    """The widths of two or more columns; the first one's is that of the names which fit."""
-    names, *others = zip(*lengths, strict=True)
-    *middle, last = (max(column) for column in others)
-    wraps = len(others) not in numbers
+    """The widths of the columns; the first one's is that of the names which fit beside the others."""
+    *middle, last = others
     room = width - 1 - gap * len(others) - sum(middle)
-    least = min(last, least) if wraps else last
+    if len(others) in numbers:  # numbers never wrap
+        return [max((length for length in names if length <= room - last), default=0), *others]
+    least = min(last, least)
     first = max((length for length in names if length <= room - least), default=0)
-    if wraps:
-        last = max(least, min(last, room - first))
-    return [first, *middle, last]
+    return [first, *middle, max(least, min(last, room - first))]
 
 
-def _row_lines(cells: "Sequence[Text]", widths: Sequence[int], numbers: Collection[int], gap: str) -> "list[Text]":
-    """One row: a name that is too long alone, then the cells, of which the last may take several lines."""
-    from rich.text import Text
-
-    name, *middle, last = cells
-    lines = []
-    if name.cell_len > widths[0]:
-        lines.append(Text.assemble(" ", name))
-        name = Text()
-    row = [name, *middle]
-    for words in _wrapped(last, widths[-1]):
-        padded = [_padded(cell, widths[i], left=i in numbers) for i, cell in enumerate((*row, words))]
-        lines.append(Text.assemble(" ", Text(gap).join(padded)))
-        lines[-1].rstrip()
-        row = [Text()] * len(row)
-    return lines
-
-
-def _padded(cell: "Text", width: int, *, left: bool) -> "Text":
-    cell = cell.copy()
-    (cell.pad_left if left else cell.pad_right)(max(0, width - cell.cell_len))
-    return cell
-
-
-def _wrapped(text: "Text", width: int) -> "list[Text]":
+def _wrapped(text: str, width: int) -> list[str]:
     """Lines of whole words; "k = 2" is one word, if there is room for it."""
-    from rich.cells import cell_len
-
-    begins, end = [0], 0
-    for word in re.finditer(r"\S+", text.plain):
-        if word.start() < end:  # within "k = 2"
-            continue
-        equation = re.compile(r"\S+ = \S+").match(text.plain, word.start())
-        end = word.end() if equation is None or cell_len(equation[0]) > width else equation.end()
-        if word.start() > begins[-1] and cell_len(text.plain[begins[-1] : end]) > width:
-            begins.append(word.start())
-    lines = list(text.divide(begins[1:]))
-    for line in lines:
-        line.rstrip()
-    return lines
+    whole = re.sub(
+        r"\S+ = \S+", lambda found: found[0].replace(" ", "\0") if len(found[0]) <= width else found[0], text
+    )
+    lines = textwrap.wrap(whole, width, break_long_words=False, break_on_hyphens=False)
+    return [line.replace("\0", " ") for line in lines] or [""]
 
 
 def to_html(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] = HEADINGS) -> str:
