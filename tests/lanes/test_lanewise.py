@@ -121,12 +121,6 @@ def _expanded(x, y):
 FUNCTIONS = [_root, _nested, _switch, _scan, _swapped, _arrays, _places, _expanded]
 
 
-@pytest.fixture(autouse=True)
-def nothing_kept(monkeypatch):
-    """What other tests have compiled with care is not found."""
-    monkeypatch.setattr(machine, "read_kept", lambda key: None)
-
-
 @pytest.mark.parametrize("function", FUNCTIONS)
 def test_a_compiled_function_is_jaxs(function):
     results = Lanewise(function, (number, number))(X, Y)
