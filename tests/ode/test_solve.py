@@ -595,6 +595,42 @@ def test_of_a_kink_at_the_event_only_the_side_before_it_counts(path):
     np.testing.assert_allclose(end.along("g").t, -v0 / g**2, rtol=1e-10)
 
 
+@pytest.mark.parametrize(
+    "path",
+    [
+        lambda v: jnp.sqrt(v * v),  # its second derivative is rounding
+        lambda v: jnp.hypot(v, 2 * v),
+        jnp.cbrt,  # its derivatives are infinite
+        lambda v: jnp.arctan2(v, v * v),  # not defined at 0
+    ],
+    ids=["root", "hypot", "cbrt", "atan2"],
+)
+def test_derivatives_through_a_singular_rate_at_the_event_are_right_or_nan(path):
+    problem = ode.Problem(
+        y0=lambda args: {"v": args["v0"]},
+        vector_field=lambda t, y, args: {"v": -args["g"]},
+        events={"apex": ode.Event(lambda t, y, args: y["v"], direction=-1)},
+        integrals={"path": lambda t, y, args: path(y["v"])},
+    )
+    v0 = np.array([0.7, 1.0, 1.3, 1.9, 2.2, 2.45, 2.7, 2.9])
+    g = np.array([9.81, 3, 1.7, 5, 2.2, 8, 1.1, 4.4])
+    end = ode.solve(problem, {"v0": v0, "g": g}, t1=50.0, wrt=("v0", "g"), derivatives=2)
+    value, slope = jax.vmap(jax.value_and_grad(path))(v0)
+    whole = end.integrals["path"]  # F(v0)/g
+    np.testing.assert_allclose(end.t, v0 / g, rtol=1e-12)
+    for by, exact in {
+        ("v0",): value / g,
+        ("g",): -whole / g,
+        ("v0", "v0"): slope / g,
+        ("v0", "g"): -value / g**2,
+        ("g", "g"): 2 * whole / g**2,
+    }.items():
+        found = end.along(*by).integrals["path"]
+        known = np.isfinite(found)
+        np.testing.assert_allclose(found[known], exact[known], rtol=1e-6)
+        assert np.isfinite(end.along(*by).t).all()
+
+
 def test_of_a_jump_at_the_event_only_the_side_before_it_counts():
     rubbed = ode.Problem(
         y0=lambda args: {"x": 0.0, "v": args["v0"]},

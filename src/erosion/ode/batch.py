@@ -12,11 +12,14 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Number, PerLane, Scalar
 from erosion.lanes.lanewise import WIDTH, Compiled, compile_lanes, number, threads
+from erosion.ode.agreement import differ, sizes_of, units_of
 from erosion.ode.integrator import TIGHTEST, LaneEnd, integrate_lane
-from erosion.ode.variational import Clock, Direction, Layout
+from erosion.ode.reduction import may_have_kinks
+from erosion.ode.variational import Clock, Derivatives, Direction, Layout
 
 _BLOCK = 2**16  # lanes that are ordered together: their numbers fit the second-level cache
 _REPEATED = 4  # times at most
+_ANOTHER = 1 / 300, 10.0  # times the tolerance: to compare derivatives with, of a lane that was repeated or was not
 _KEYS = 2**16  # whole numbers of two bytes, which numpy sorts digit by digit
 _BINS = 2**12
 _CROWDED = 1 / 16  # share of the lanes in one bin, above which lanes are ranked instead
@@ -57,6 +60,16 @@ class _Batch(NamedTuple):
         """The second derivatives whose errors are estimated, and those are told that are small."""
         results = self.results
         return [results.time.second, *results.outputs.second] if results.second_sizes else []
+
+    @property
+    def quantities(self) -> Derivatives:
+        """Lists of the arrays of the lanes' times and outputs."""
+        both = zip(self.results.time, self.results.outputs, strict=True)
+        return Derivatives(*(None if time is None else [time, *outputs] for time, outputs in both))
+
+    def derivatives(self, lanes: np.ndarray) -> Derivatives:
+        """Lists of derivatives of some lanes' times and outputs, without values."""
+        return jax.tree.map(lambda part: part[lanes], self.quantities._replace(value=None))
 
     def values(self, lanes: np.ndarray) -> list[np.ndarray]:
         """How some lanes ended, and then their outputs and times, and the second derivatives that are judged."""
@@ -128,7 +141,11 @@ def integrate(
     batch.run(np.arange(lanes), np.asarray(rtol))
     if again:
         _check(batch, np.flatnonzero(batch.results.tolerance > rtol), rtol)
-        _repeat(batch, np.flatnonzero(batch.results.tolerance < rtol), rtol)
+        doubtful = np.flatnonzero(batch.results.tolerance < rtol)
+        first = batch.derivatives(doubtful) if order and may_have_kinks(layout) else None
+        repeated = _repeat(batch, doubtful, rtol)
+        if first is not None and doubtful.size:
+            _require_agreement(batch, doubtful, first, repeated, directions, rtol)
         for second, error in zip(batch.judged, batch.errors, strict=True):
             second[error > _EXACT] = np.nan
     if order:
@@ -189,23 +206,29 @@ def _check(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
         batch.results.tolerance[lanes] = np.maximum(np.minimum(rtol * rtol / error, rtol), TIGHTEST)
 
 
-def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
+def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> np.ndarray:
     """Integrate doubtful lanes again, each with its own tolerance, until two integrations agree.
 
     The error is proportional to the tolerance. So the error of the last integration is the change it
     made, times the ratio of both tolerances. An integration that fails, by rounding, changes no result.
+
+    Returns:
+        For each lane whether an integration after the first has a result.
     """
+    repeated = np.zeros(batch.results.tolerance.size, bool)
     results, outputs = batch.results, batch.outputs
     used, following = np.full(lanes.size, rtol), results.tolerance[lanes]
     tolerances = np.array(results.tolerance)
+    asked = lanes
     for _ in range(_REPEATED):
         if not lanes.size:
-            return
+            break
         previous = [output[lanes] for output in outputs]
         before = batch.values(lanes)
         tolerances[lanes] = following
         batch.run_again(lanes, tolerances)
         lost = batch.layout.has_no_result(results.outcome[lanes]) & ~batch.layout.has_no_result(before[0])
+        repeated[lanes[~lost]] = True
         errors = batch.errors[:, lanes[lost]]
         error = batch.error(lanes, before, rtol, following / used)
         batch.errors[:, lanes[lost]] = errors
@@ -216,6 +239,54 @@ def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
             wanted = np.where(lost, np.sqrt(used * following), wanted)
         again = lost | (wanted < following / 2)
         used, following, lanes = np.where(lost, used, following)[again], wanted[again], lanes[again]
+    return repeated[asked]
+
+
+def _require_agreement(
+    batch: _Batch,
+    lanes: np.ndarray,
+    first: Derivatives,
+    repeated: np.ndarray,
+    directions: tuple[int | PerLane, ...],
+    rtol: float,
+) -> None:
+    """Make derivatives NaN on which no two integrations agree.
+
+    Args:
+        batch: of lanes that may have kinks.
+        lanes: those that were integrated again.
+        first: their derivatives at first.
+        repeated: whether they have been integrated again with a result.
+        directions: of the derivatives.
+        rtol: the tolerance at first.
+    """
+    layout, results = batch.layout, batch.results
+    numbers = batch.leaves[: len(layout.shapes)]
+
+    def differing(lanes: np.ndarray, one: Derivatives) -> list[list[np.ndarray]]:
+        along = [each if isinstance(each, int) or not np.ndim(each) else each[lanes] for each in directions]
+        units = [units_of(layout, layout.of_lanes(numbers, lanes), each, lanes.size) for each in along]
+        time, *values = [value[lanes] for value in batch.quantities.value]
+        sizes = [np.abs(time), *sizes_of(values, [part[lanes] for part in results.least])]
+        return differ(one, batch.derivatives(lanes), sizes, (units[0], units[-1]))
+
+    doubtful = ~repeated | np.any([flags[-1] for flags in differing(lanes, first)], axis=0)
+    lanes, repeated = lanes[doubtful], repeated[doubtful]
+    if not lanes.size:
+        return
+    kept, final = [output[lanes] for output in batch.outputs], batch.derivatives(lanes)
+    tolerances = np.full(results.tolerance.shape, rtol)
+    tolerances[lanes] *= np.where(repeated, *_ANOTHER)
+    batch.run_again(lanes, tolerances)
+    differs = differing(lanes, final)
+    for output, old in zip(batch.outputs, kept, strict=True):
+        output[lanes] = old
+    quantities = batch.quantities
+    for i, (of_first, *of_second) in enumerate(differs):
+        for array in (quantities.first[i], quantities.other[i]):
+            array[lanes[of_first]] = np.nan
+        for unlike in of_second:
+            quantities.second[i][lanes[unlike]] = np.nan
 
 
 def integrate_along(

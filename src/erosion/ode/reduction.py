@@ -432,10 +432,11 @@ def _bend(problem: Flow, state: Rows, slope: Rows) -> Rows:
     return jax.jvp(problem.motion_rate, (state[:width],), (slope[:width],))[1]
 
 
-# What is smooth wherever it is finite. `sqrt`, `log` and `pow` are not: at 0 they are NaN or their rates infinite.
+# What is smooth wherever it is finite. `sqrt`, `log` and `pow` are not: at 0 they are NaN or their rates infinite; nor
+# is `atan2`, which jumps at the origin and behind it.
 _SMOOTH = frozenset({
     "add", "add_any", "sub", "mul", "neg", "div", "integer_pow", "square", "exp", "exp2", "expm1", "log1p", "tanh",
-    "logistic", "sin", "cos", "tan", "atan", "atan2", "sinh", "cosh", "asinh", "erf", "erfc", "dot_general",
+    "logistic", "sin", "cos", "tan", "atan", "sinh", "cosh", "asinh", "erf", "erfc", "dot_general",
     "reduce_sum", "cumsum", "broadcast_in_dim", "reshape", "squeeze", "expand_dims", "transpose", "concatenate",
     "slice", "stack", "rev", "copy", "convert_element_type", "stop_gradient", "split", "pad",
 })  # fmt: skip
