@@ -126,7 +126,7 @@ def motion(name: str, p: Parameters, t_c: Numbers, volume: Numbers) -> Motion:
 
 
 @dataclasses.dataclass(frozen=True)
-class Ends:
+class EndsOfCuts:
     """How impacts end: 0 rebound or 1 stop, when (in units), their scaled volume, and how nearly otherwise."""
 
     event: Numbers
@@ -134,7 +134,7 @@ class Ends:
     volume: Numbers
     miss: Numbers
 
-    def put(self, lanes: Numbers, step: "Ends") -> None:
+    def put(self, lanes: Numbers, step: "EndsOfCuts") -> None:
         """Note what a step has found of some impacts."""
         self.miss[lanes] = np.minimum(self.miss[lanes], step.miss)
         ended = lanes[step.event >= 0]
@@ -142,10 +142,10 @@ class Ends:
             getattr(self, name)[ended] = getattr(step, name)[step.event >= 0]
 
 
-def ends(motion: Motion, latest: Numbers) -> Ends:
+def ends(motion: Motion, latest: Numbers) -> EndsOfCuts:
     """Integrate impacts to their ends; an event of -1 has none before its latest time."""
     count = motion.size.size
-    found = Ends(np.full(count, -1), np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.inf))
+    found = EndsOfCuts(np.full(count, -1), np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.inf))
     lanes, now, state, step = np.arange(count), 0.0, motion.start, _FIRST_STEP
     while lanes.size:
         here = motion.of(lanes)
@@ -177,7 +177,7 @@ def _may_end(before: Numbers, after: Numbers, lengths: Numbers) -> Numbers:
     return np.any((low < 0.5 * high) | (low < 0.02 * lengths), axis=0)
 
 
-def _within(motion: Motion, solver: DOP853, lanes: Numbers) -> Ends:
+def _within(motion: Motion, solver: DOP853, lanes: Numbers) -> EndsOfCuts:
     """The first fall through zero within a step, of some impacts."""
     here = motion.of(lanes)
     dense: Any = solver.dense_output()
@@ -201,7 +201,7 @@ def _within(motion: Motion, solver: DOP853, lanes: Numbers) -> Ends:
         first = np.minimum(first, place)
     ended = np.isfinite(first)
     at = state(np.where(ended, first, 1.0))
-    return Ends(event, dense.t_old + first * dense.h, at[5], miss)
+    return EndsOfCuts(event, dense.t_old + first * dense.h, at[5], miss)
 
 
 def _first_fall(value: Callable[[Numbers], Numbers], series: Numbers) -> tuple[Numbers, Numbers]:
@@ -270,8 +270,8 @@ def compare(name: str, p: Parameters) -> int:
     solutions = [(chosen[group], ends(whole.of(chosen[group]), 3 * length[chosen[group]] + 10))
                  for group in _groups(length[chosen])]  # fmt: skip
     lanes = np.concatenate([group for group, _ in solutions])
-    joined = Ends(*(np.concatenate([getattr(part, field.name) for _, part in solutions])
-                    for field in dataclasses.fields(Ends)))  # fmt: skip
+    joined = EndsOfCuts(*(np.concatenate([getattr(part, field.name) for _, part in solutions])
+                    for field in dataclasses.fields(EndsOfCuts)))  # fmt: skip
     error = np.abs(joined.volume - 1)  # in units of the engine's volume
     error = np.where(np.isfinite(error), error, np.inf)
     other = np.array(["rebound", "stop", "none"])[joined.event] != hits.ended_by[lanes]

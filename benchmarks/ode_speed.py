@@ -45,7 +45,7 @@ class Run(NamedTuple):
     seconds: float
 
 
-class Contender(NamedTuple):
+class Engine(NamedTuple):
     """One that computes.
 
     Args:
@@ -171,19 +171,19 @@ def scipy_lanes(case: Case) -> Callable[[float, Lanes], Run]:
     return at
 
 
-def contenders(case: Case, order: int, quick: bool) -> list[Contender]:
+def contenders(case: Case, order: int, quick: bool) -> list[Engine]:
     """All that compute these derivatives."""
     scale = 4 if quick else 1
     rows = [
-        Contender("erosion.ode", 2**15 // scale, ours(case, order)),
-        Contender("heyoka, one by one", 2**12 // scale, heyoka(case, order, one_by_one)),
+        Engine("erosion.ode", 2**15 // scale, ours(case, order)),
+        Engine("heyoka, one by one", 2**12 // scale, heyoka(case, order, one_by_one)),
     ]
     if order == 0 or not quick:
-        rows.append(Contender("heyoka, batch refilled", 2**12 // scale, heyoka(case, order, refilled)))
+        rows.append(Engine("heyoka, batch refilled", 2**12 // scale, heyoka(case, order, refilled)))
     if order < 2:
-        rows.append(Contender("diffrax Dopri8", 2**9 // scale, diffrax_lanes(case, order)))
+        rows.append(Engine("diffrax Dopri8", 2**9 // scale, diffrax_lanes(case, order)))
     if order == 0:
-        rows.append(Contender("scipy DOP853", 32 // scale, scipy_lanes(case)))
+        rows.append(Engine("scipy DOP853", 32 // scale, scipy_lanes(case)))
     return rows
 
 
@@ -224,7 +224,7 @@ def measured(case: Case, order: int, rounds: int, quick: bool) -> list[Measured]
     lanes = lanes_of(case, rows[0].lanes)
     ends = one_by_one(case, lanes, 0, 1e-15)
     true = Run(ends.t, ends.event, 0.0)
-    kept: list[tuple[Contender, float]] = []
+    kept: list[tuple[Engine, float]] = []
     results: dict[str, Measured] = {}
     for row in rows:
         own, wrong, error = first(lanes, min(row.lanes, 1024)), 0, np.inf

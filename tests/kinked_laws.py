@@ -27,7 +27,7 @@ class _OfDepth(erosion.models.ForceLaw):
         return p.k
 
 
-class Table(_OfDepth):
+class KinkedTable(_OfDepth):
     """From a table."""
 
     def factor(self, u: Any) -> Any:
@@ -62,7 +62,7 @@ class Breaking(_OfDepth):
         return jnp.where(u < 0.2, u, 0.6 * u)
 
 
-KNOTS_OF = {Table: KNOTS[1:], Where: [0.2], Cond: [0.2], Power: [], Breaking: [0.2]}
+KNOTS_OF = {KinkedTable: KNOTS[1:], Where: [0.2], Cond: [0.2], Power: [], Breaking: [0.2]}
 
 
 def model_of(law: type[_OfDepth]) -> erosion.models.Rotating:

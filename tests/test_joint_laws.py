@@ -10,7 +10,7 @@ from scipy import stats
 from erosion.advice.advise import advise
 from erosion.distributions import LogNormal, Normal, Samples, Uniform, as_law
 from erosion.fits.posterior_files import read_draws
-from erosion.joint_laws import SHARE, Correlated, LawSet, Ranges, Rows, law_digest, read_rows
+from erosion.joint_laws import SHARE, CorrelatedLaws, LawSet, Ranges, Rows, law_digest, read_rows
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import QUANTITIES
 from erosion.streams.stream import stream
@@ -22,14 +22,14 @@ LAWS = {"v0": LogNormal(4400.0, 0.1), "r": Uniform(0.03, 0.05)}
 
 
 def test_a_copula_keeps_the_laws_and_ties_their_ranks():
-    values = Correlated(LAWS, {("v0", "r"): -0.6}).draw(POINTS, WHOLE)
+    values = CorrelatedLaws(LAWS, {("v0", "r"): -0.6}).draw(POINTS, WHOLE)
     for name, law in LAWS.items():
         # Kolmogorov and Smirnov's distance of 100 000 draws exceeds 0.006 once in a thousand times.
         shares = np.sort([law.cdf(value) for value in values[name][:20_000]])
         assert np.abs(shares - (np.arange(20_000) + 0.5) / 20_000).max() < 0.014
     ranks = stats.spearmanr(values["v0"], values["r"])[0]
     assert ranks == pytest.approx(6 / np.pi * np.arcsin(-0.3), abs=0.01)
-    cut = Correlated(LAWS, {}).draw(POINTS, {"v0": (0.5, 0.9), "r": (0.0, 1.0)})
+    cut = CorrelatedLaws(LAWS, {}).draw(POINTS, {"v0": (0.5, 0.9), "r": (0.0, 1.0)})
     assert cut["v0"].min() >= 4400
     assert cut["v0"].max() <= LAWS["v0"].ppf(np.array([0.9]))
 
@@ -65,7 +65,7 @@ def test_a_joint_law_is_a_mapping_of_laws():
     assert rows["v0"].ppf(np.array([0.5])) == [2.0]
     assert rows["v0"].cdf(1.5) == pytest.approx(1 / 3)
     assert str(rows["v0"]).endswith("row by row of alpha, v0")
-    correlated = Correlated(LAWS, {("v0", "r"): 0.5})
+    correlated = CorrelatedLaws(LAWS, {("v0", "r"): 0.5})
     assert str(correlated["r"]) == "Uniform(0.03, 0.05), correlated: v0 with r by 0.5"
     assert correlated["r"].in_words("length", "si") == "uniform(30 mm, 50 mm), correlated: v0 with r by 0.5"
     with pytest.raises(KeyError):
@@ -101,16 +101,18 @@ def test_a_pipe_is_no_table_and_no_draws(tmp_path):
         (lambda: Rows({}), "must be of one length, but lengths are none"),
         (lambda: Rows({"r": [1.0], "v0": [1.0, 2.0]}), "but lengths are r 1, v0 2"),
         (lambda: Rows({"r": [np.nan]}), "must give r finite numbers"),
-        (lambda: Correlated(LAWS, {("v0", "b"): 0.5}), "must name pairs of v0, r, but has"),
-        (lambda: Correlated(LAWS, {("v0", "r"): 1.0}), r"must be in \(-1, 1\), but is 1.0 for v0 and r"),
+        (lambda: CorrelatedLaws(LAWS, {("v0", "b"): 0.5}), "must name pairs of v0, r, but has"),
+        (lambda: CorrelatedLaws(LAWS, {("v0", "r"): 1.0}), r"must be in \(-1, 1\), but is 1.0 for v0 and r"),
         (
-            lambda: Correlated(LAWS, {("v0", "r"): 0.5, ("r", "v0"): 0.1}),
+            lambda: CorrelatedLaws(LAWS, {("v0", "r"): 0.5, ("r", "v0"): 0.1}),
             "must give v0 and r once, but gives them twice",
         ),
         (lambda: LawSet(Rows({"r": [-1.0] + 999 * [1.0]}), {"r": (0.0, np.inf)}), "`r` must be positive, but 0.1% of"),
-        (lambda: Correlated({"r": 0.04}, {}), "must give r a distribution such as"),
+        (lambda: CorrelatedLaws({"r": 0.04}, {}), "must give r a distribution such as"),
         (
-            lambda: Correlated({**LAWS, "b": Normal(1, 0.1)}, {("v0", "r"): 0.9, ("r", "b"): 0.9, ("v0", "b"): -0.9}),
+            lambda: CorrelatedLaws(
+                {**LAWS, "b": Normal(1, 0.1)}, {("v0", "r"): 0.9, ("r", "b"): 0.9, ("v0", "b"): -0.9}
+            ),
             "these pairs contradict each other",
         ),
         (lambda: LawSet({"s": Normal(0.9, 0.1)}, {"s": SHARE}), "`s` must be positive and at most 1, but 15.9% of"),
@@ -162,7 +164,7 @@ def test_a_law_is_known_by_its_draws_and_numbers() -> None:
         typed(), typed(middle="u + 1e-12"), typed(formula="self.mean - middle(u)"), typed(below="float(x >= 0.5)"),
         Normal(1, 0.1), Normal(1, 0.1 + 1e-16), Samples(values), Samples(changed),
         Rows({"v0": values, "r": values})["v0"], Rows({"v0": changed, "r": values})["v0"],
-        *(Correlated({"v0": Normal(1, 2), "r": Normal(1, 2)}, {("v0", "r"): rho})["v0"] for rho in (0.1, 0.2)),
+        *(CorrelatedLaws({"v0": Normal(1, 2), "r": Normal(1, 2)}, {("v0", "r"): rho})["v0"] for rho in (0.1, 0.2)),
     ]  # fmt: skip
     assert len({law_digest(law) for law in different}) == len(different)
     same = [typed(), typed(text="Another text."), typed(formula="middle(u) + self.mean"), typed(middle="+u")]

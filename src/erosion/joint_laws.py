@@ -4,7 +4,7 @@ A joint law is a mapping of parameters to laws, which is given to a stream or a 
 
     erosion.stream("rotating", p, **Rows({"alpha": angles, "v0": speeds}))
     laws = {"v0": LogNormal(4400, 0.1), "r": Normal(0.04, 0.004)}
-    erosion.stream("rotating", p, **Correlated(laws, {("v0", "r"): -0.5}))
+    erosion.stream("rotating", p, **CorrelatedLaws(laws, {("v0", "r"): -0.5}))
     erosion.erosion_map("rotating", p, impacts, surface, uncertain=posterior.rows_of_draws())
 """
 
@@ -179,7 +179,7 @@ class Rows(JointLaw):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Correlated(JointLaw):
+class CorrelatedLaws(JointLaw):
     """Laws tied by a Gaussian copula: each parameter keeps its law, and normal scores are correlated.
 
     Args:

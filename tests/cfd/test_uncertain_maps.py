@@ -12,7 +12,7 @@ from erosion.cfd.erosion_map import erosion_map, prepare_map
 from erosion.cfd.map_result import MapSummary
 from erosion.cfd.options import MapOptions
 from erosion.distributions import LogNormal, Normal, Uniform
-from erosion.joint_laws import Correlated, JointLaw, Rows
+from erosion.joint_laws import CorrelatedLaws, JointLaw, Rows
 from tests.cfd.tables import Table, hump, sand, warnings_of
 
 pytestmark = pytest.mark.slow
@@ -90,7 +90,7 @@ def test_a_joint_law_stays_together(plain: xr.Dataset, kind: str) -> None:
 def test_it_is_a_map_for_each_draw() -> None:
     # k turns wear from flat to steep faces: their errors differ, and that of the total is not their mean.
     laws: dict[str, Any] = {"k": LogNormal(2.0, 0.3), "psi": LogNormal(float(P.psi), 0.1)}
-    joint = Correlated(laws, {("k", "psi"): -0.8})
+    joint = CorrelatedLaws(laws, {("k", "psi"): -0.8})
     wear = erosion_map("rotating", P, TABLE, SURFACE, uncertain=joint, draws=8, seed=3)
     drawn = MapOptions(P, uncertain=joint, draws=8, seed=3).common(erosion.load_model("rotating"))
     assert np.corrcoef(np.log(drawn["k"].ravel()), np.log(drawn["psi"].ravel()))[0, 1] < -0.4

@@ -15,7 +15,7 @@ import erosion
 from erosion.cli import _status
 from erosion.distributions import LogNormal, Normal
 from erosion.fits.posterior_files import read_draws
-from erosion.joint_laws import Correlated, Rows
+from erosion.joint_laws import CorrelatedLaws, Rows
 from erosion.parameters.quantities import QUANTITIES
 from tests.cli.test_document import SCHEMA
 
@@ -124,7 +124,7 @@ def test_laws_are_correlated_in_options_and_in_a_case_file(capsys: pytest.Captur
     of_file, _ = said(f"stream jet.toml {FEW}", capsys)
     assert of_file["result"] == options["result"]
     p = erosion.load_case("sand.toml")
-    joint = Correlated({"v0": LogNormal(25.0, 0.2), "r": LogNormal(0.000125, 0.2)}, {("v0", "r"): 0.8})
+    joint = CorrelatedLaws({"v0": LogNormal(25.0, 0.2), "r": LogNormal(0.000125, 0.2)}, {("v0", "r"): 0.8})
     here = erosion.stream("linearized", p, n=4096, best_angle=False, **joint)
     assert value(options, "mean_volume") == pytest.approx(here.mean_volume.value, rel=1e-9)
 
@@ -146,7 +146,7 @@ psi = "lognormal(2, 0.1)"
     )
     options, _ = said(line, capsys)
     assert of_file["result"] == options["result"]
-    joint = Correlated({"k": Normal(2.4, 0.2), "psi": LogNormal(2.0, 0.1)}, {("k", "psi"): -0.9})
+    joint = CorrelatedLaws({"k": Normal(2.4, 0.2), "psi": LogNormal(2.0, 0.1)}, {("k", "psi"): -0.9})
     case, spin = erosion.load_case("sand.toml"), Normal(0.0, 1e4)
     table = erosion.read_impacts("impacts.csv")
     wear = erosion.erosion_map("rotating", case, table, phidot0=spin, uncertain=joint, draws=16)

@@ -245,7 +245,7 @@ def test_bad_arguments(options, message):
         calibrate("linearized", **{"p": GUESS, "free": ["k", "psi"], "data": synthetic(0), **options})
 
 
-class Broken(erosion.models.Linearized):
+class Unfittable(erosion.models.Linearized):
     """A model whose impacts all fail."""
 
     def removal_rate(self, state, p):
@@ -254,13 +254,13 @@ class Broken(erosion.models.Linearized):
 
 def test_a_model_that_fails_is_said_to_fail():
     with pytest.raises(CalibrationError, match="its impacts failed for every start"):
-        fitted(["k"], model=Broken(), starts=2)
+        fitted(["k"], model=Unfittable(), starts=2)
     told = []
-    models = [Broken(), "linearized"]
+    models = [Unfittable(), "linearized"]
     ranking = rank_models(GUESS, synthetic(0), ["k"], models=models, starts=2, progress=lambda *call: told.append(call))
-    assert told == [("fitting Broken", 0, 2), ("fitting linearized", 1, 2)]
+    assert told == [("fitting Unfittable", 0, 2), ("fitting linearized", 1, 2)]
     assert ranking.names == ("linearized",)
-    assert ranking.failures[0].startswith("Broken: The model could not be fitted")
+    assert ranking.failures[0].startswith("Unfittable: The model could not be fitted")
 
 
 def test_an_interval_on_whose_way_the_model_fails_is_said(fit, monkeypatch):

@@ -14,7 +14,7 @@ from erosion.fits.calibration import make_forward
 from erosion.fits.forward import Forward
 from erosion.fits.posterior_files import read_draws
 from erosion.fits.tempering import make_likelihood
-from erosion.joint_laws import Correlated
+from erosion.joint_laws import CorrelatedLaws
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import QUANTITIES
@@ -193,7 +193,7 @@ def test_draws_that_are_not_good_are_never_silent(monkeypatch):
         ({"priors": {"psi": 0.04}}, "Argument `priors` of `psi` must be a distribution such as"),
         ({"priors": {"psi": Normal(0.0, 0.1)}}, "Argument `priors` of `psi` must be positive, but 50.0% of Normal"),
         ({"priors": {"psi": stats.multivariate_normal([0, 0])}}, "`psi` must be a distribution"),
-        ({"priors": {**Correlated({"psi": Uniform(0.01, 1)}, {})}}, "must give psi a law of its own"),
+        ({"priors": {**CorrelatedLaws({"psi": Uniform(0.01, 1)}, {})}}, "must give psi a law of its own"),
         ({"draws": 10}, "`draws` must be a whole number of at least 125, but is 10"),
         ({"seed": -1}, "`seed` must be a whole number of at least 0"),
         ({"cutting_fraction": 2.0}, "`cutting_fraction` must be above 0 and at most 1"),

@@ -46,7 +46,7 @@ def _cubic_root_jvp(primals, tangents):
     return u, tangents[0] / (3 * u**2 + 1)
 
 
-class Table(erosion.models.ForceLaw):
+class TableOfDepth(erosion.models.ForceLaw):
     """F_x = -c·depth·f(depth/r), with f from a table of the model's own."""
 
     depths: Any
@@ -81,7 +81,7 @@ def network(width: int = 4) -> erosion.models.Rotating:
 DEPTHS = np.linspace(0, 3, 10)
 LAWS = {
     "implicit": lambda: erosion.models.Rotating(force=Implicit()),
-    "table": lambda: erosion.models.Rotating(force=Table(DEPTHS, 1 + 0.3 * DEPTHS**2)),
+    "table": lambda: erosion.models.Rotating(force=TableOfDepth(DEPTHS, 1 + 0.3 * DEPTHS**2)),
     "network": network,
 }
 

@@ -8,9 +8,9 @@ from scipy.integrate import solve_ivp
 import erosion
 from erosion.impacts.volume import split
 from erosion.ode.reduction import may_have_kinks
-from tests.kinked_laws import KNOTS_OF, Breaking, Cond, Power, Table, Where, model_of, random_impacts
+from tests.kinked_laws import KNOTS_OF, Breaking, Cond, KinkedTable, Power, Where, model_of, random_impacts
 
-CONTINUOUS = [Table, Where, Cond, Power]
+CONTINUOUS = [KinkedTable, Where, Cond, Power]
 
 
 def _case(p: erosion.Parameters, i: int) -> erosion.Parameters:
@@ -57,7 +57,7 @@ def _reference(law, p: erosion.Parameters) -> tuple[float, str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("law", [Table, Where, Cond, Breaking], ids=lambda law: law.__name__)
+@pytest.mark.parametrize("law", [KinkedTable, Where, Cond, Breaking], ids=lambda law: law.__name__)
 def test_volumes_are_scipys_started_anew_at_the_kinks(law):
     p = random_impacts(3, seed=3)
     hits = [erosion.impact(model_of(law), p, derivatives=order) for order in (0, 1, 2)]
@@ -71,7 +71,9 @@ def test_volumes_are_scipys_started_anew_at_the_kinks(law):
 @pytest.mark.slow
 @pytest.mark.parametrize("law", [*CONTINUOUS, Breaking], ids=lambda law: law.__name__)
 def test_every_impact_has_its_volume_to_every_order(law):
-    p = random_impacts(2000 if law is Table else 10_000, seed=1)  # of seven knots each takes as long as ten others
+    p = random_impacts(
+        2000 if law is KinkedTable else 10_000, seed=1
+    )  # of seven knots each takes as long as ten others
     exact = erosion.impact(model_of(law), p, rtol=1e-12)
     assert set(exact.ended_by) == {"rebound", "stop", "no-cut"}
     for order in (0, 1, 2):

@@ -17,7 +17,7 @@ from erosion.distributions import Normal
 from erosion.impacts.simulate import path
 from erosion.impacts.volume import split
 from erosion.models.equations import equations_of, model_digest
-from tests.impacts.test_force_laws import Table
+from tests.impacts.test_force_laws import TableOfDepth
 
 P = erosion.TABLE_1
 DEPTHS = np.linspace(0, 1, 5000)
@@ -530,7 +530,7 @@ def test_to_look_for_new_code_takes_microseconds() -> None:
 
 def test_numbers_are_part_of_a_stores_identity_to_the_last_bit() -> None:
     def table(values: np.ndarray) -> erosion.CuttingModel:
-        return erosion.models.Rotating(force=Table(DEPTHS, values))
+        return erosion.models.Rotating(force=TableOfDepth(DEPTHS, values))
 
     changed = DEPTHS.copy()
     changed[2500] = np.nextafter(changed[2500], np.inf)

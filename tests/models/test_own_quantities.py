@@ -141,23 +141,25 @@ def test_a_subclass_inherits_it_or_takes_it_away() -> None:
 
 
 def test_it_belongs_to_the_model_s_identity() -> None:
-    class Twice(Working):
+    class DoubleWork(Working):
         @erosion.own_quantity("W", "twice the work", "energy")
         def work(self, state, p):
             return 2 * Working.work(self, state, p)
 
-    assert model_digest(Twice(), P) != model_digest(Working(), P)
+    assert model_digest(DoubleWork(), P) != model_digest(Working(), P)
     assert model_digest(Working(), P) != model_digest(erosion.models.Rotating(), P)
     assert np.allclose(
-        erosion.impact(Twice(), P).quantities["work"], 2 * erosion.impact(Working(), P).quantities["work"], rtol=1e-9
+        erosion.impact(DoubleWork(), P).quantities["work"],
+        2 * erosion.impact(Working(), P).quantities["work"],
+        rtol=1e-9,
     )
 
 
 def test_what_is_no_quantity_is_refused() -> None:
-    class Wrong(erosion.models.Rotating):
+    class Shapeless(erosion.models.Rotating):
         @erosion.own_quantity("W", "work")
         def work(self, state, p):
             return jnp.zeros(2)
 
     with pytest.raises(erosion.ModelError, match="`work` must give real scalars"):
-        erosion.impact(Wrong(), P)
+        erosion.impact(Shapeless(), P)

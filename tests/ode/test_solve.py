@@ -219,7 +219,7 @@ def test_integrals_begin_where_they_should():
     assert end.along("other", "other").integrals["area"] == pytest.approx(2, rel=1e-6)
 
 
-class Pair(NamedTuple):
+class Oscillation(NamedTuple):
     """A state."""
 
     x: Any
@@ -238,7 +238,7 @@ class Body(eqx.Module):
     [
         (lambda a: {"x": a, "v": 0.0}, lambda y: {"x": y["v"], "v": -y["x"]}, lambda y: y["x"]),
         (lambda a: (a, 0), lambda y: (y[1], -y[0]), lambda y: y[0]),
-        (lambda a: Pair(a, 0.0), lambda y: Pair(y.v, -y.x), lambda y: y.x),
+        (lambda a: Oscillation(a, 0.0), lambda y: Oscillation(y.v, -y.x), lambda y: y.x),
         (lambda a: jnp.array([a, 0.0]), lambda y: jnp.array([y[1], -y[0]]), lambda y: y[..., 0]),
         (lambda a: [{"x": a}, (0.0, [])], lambda y: [{"x": y[1][0]}, (-y[0]["x"], [])], lambda y: y[0]["x"]),
         (

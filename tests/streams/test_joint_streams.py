@@ -8,7 +8,7 @@ from scipy import stats
 
 from erosion.distributions import LogNormal, Normal, Uniform
 from erosion.impacts.impact import impact
-from erosion.joint_laws import Correlated, Rows
+from erosion.joint_laws import CorrelatedLaws, Rows
 from erosion.parameters.parameters import TABLE_1
 from erosion.streams.stream import stream
 from erosion.streams.tally import sobol_indices
@@ -32,7 +32,7 @@ def test_rows_give_the_mean_over_the_table():
 
 def test_correlated_speed_and_size_remove_more():
     laws: dict[str, Any] = {"v0": LogNormal(4400.0, 0.2), "r": LogNormal(0.04, 0.2)}
-    together = stream("linearized", TABLE_1, n=2**13, **FEW, **Correlated(laws, {("v0", "r"): 0.8}))
+    together = stream("linearized", TABLE_1, n=2**13, **FEW, **CorrelatedLaws(laws, {("v0", "r"): 0.8}))
     apart = stream("linearized", TABLE_1, n=2**13, **FEW, **laws)
     # V goes with m v0² and m with r³: the logarithms add, and their covariance is 0.8·0.2².
     ratio = together.mean_volume.value / apart.mean_volume.value
@@ -43,7 +43,7 @@ def test_a_joint_law_is_one_input_of_the_sensitivities(tmp_path):
     laws = {"v0": LogNormal(4400.0, 0.05), "m": LogNormal(float(TABLE_1.m), 0.1)}
 
     def jet(rho: float, **more: Any):
-        joint = Correlated(laws, {("v0", "m"): rho})
+        joint = CorrelatedLaws(laws, {("v0", "m"): rho})
         return stream("linearized", TABLE_1, n=2**12, best_angle=False, **more, **joint)
 
     stored: dict[str, Any] = {"sigma": LogNormal(2e5, 0.1), "store": tmp_path / "jet.nc"}
@@ -96,7 +96,7 @@ def test_inputs_of_one_number_have_scipys_indices():
 
 def test_normal_laws_of_a_joint_law_are_cut_off_at_zero():
     laws = {"v0": Normal(4400.0, 1850.0), "r": Normal(0.04, 0.001)}
-    result = stream("linearized", TABLE_1, n=2**12, **FEW, **Correlated(laws, {("v0", "r"): 0.5}))
+    result = stream("linearized", TABLE_1, n=2**12, **FEW, **CorrelatedLaws(laws, {("v0", "r"): 0.5}))
     assert set(result.shares) <= {"rebound", "stop"}
 
 
@@ -136,7 +136,7 @@ def test_what_varies_from_particle_to_particle_averages_out():
 
 
 def test_uncertain_parameters_are_inputs_of_the_sensitivities(tmp_path):
-    metal = Correlated({"sigma": LogNormal(2e5, 0.1), "psi": LogNormal(0.05, 0.1)}, {("sigma", "psi"): -0.9})
+    metal = CorrelatedLaws({"sigma": LogNormal(2e5, 0.1), "psi": LogNormal(0.05, 0.1)}, {("sigma", "psi"): -0.9})
     options: dict[str, Any] = {"n": 2**12, "best_angle": False, "v0": LogNormal(4400.0, 0.05)}
     jet = stream("linearized", TABLE_1, **options, uncertain=metal, store=tmp_path / "jet.nc")
     assert jet.sensitivities is not None

@@ -154,7 +154,7 @@ class GivenLaws:
         for laws, pairs in kinds:
             names = {name: laws[name] for pair in pairs for name in pair}
             try:
-                joint = lazy.joint_laws.Correlated(names, pairs) if pairs else {}
+                joint = lazy.joint_laws.CorrelatedLaws(names, pairs) if pairs else {}
             except ValueError as error:
                 raise InputError(f"{where}{str(error).removeprefix('Argument `correlation`')}") from error
             tied.append({**laws, **joint})

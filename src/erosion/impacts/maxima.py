@@ -10,7 +10,7 @@ from erosion.impacts.impact import OTHER_ENDS, volume_of
 from erosion.models.base import NO_CUT
 from erosion.ode import maxima
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.maxima import Along, Range, Search
+from erosion.ode.maxima import QuantityAlong, Search, SearchRange
 from erosion.ode.resolve import Nodes, Ruler
 from erosion.ode.variational import Derivatives, Layout
 from erosion.output.tables import Record
@@ -58,7 +58,7 @@ class Candidate:
     steps: int
 
     @classmethod
-    def of(cls, found: maxima.Candidate) -> "Candidate":
+    def of(cls, found: maxima.Extremum) -> "Candidate":
         """What the search found, in erosion's words."""
         fields = dict(vars(found))
         alpha, dvalue, d2value = (fields.pop(name) for name in ("at", "slope", "curve"))
@@ -82,7 +82,7 @@ class Jump:
     ended_above: str
 
     @classmethod
-    def of(cls, found: maxima.Jump) -> "Jump":
+    def of(cls, found: maxima.Discontinuity) -> "Jump":
         """What the search found, in erosion's words."""
         return cls(found.at, found.below, found.above, found.ended_below, found.ended_above)
 
@@ -91,7 +91,7 @@ def over_angles(
     layout: Layout, numbers: list[np.ndarray], cases: int, low: float, high: float, *, least: bool
 ) -> Search:
     """The search of the greatest (or least) volumes of many cases over the angles from `low` to `high` [rad]."""
-    within = Range(
+    within = SearchRange(
         low,
         high,
         _first_angles(low, high),
@@ -101,7 +101,7 @@ def over_angles(
         ends_apart=least,
         nothing=NO_CUT,
     )
-    volume = functools.partial(Along, layout, numbers, _ALPHA, _volume, least, again=False)
+    volume = functools.partial(QuantityAlong, layout, numbers, _ALPHA, _volume, least, again=False)
     return Search(lambda rtol: volume(rtol=rtol), cases, (*layout.event_names, *OTHER_ENDS), within, least=least)
 
 

@@ -27,10 +27,10 @@ from erosion.ode.problem import (
     Equations,
     Event,
     FlawError,
-    Kind,
     Problem,
     Rate,
     Traced,
+    TreeKind,
     digits,
     equations_of as equations_of_kind,
     is_number,
@@ -123,7 +123,7 @@ def _wrong_part(model: CuttingModel) -> str | None:
     return None
 
 
-class _ModelKind(Kind):
+class _ModelKind(TreeKind):
     """What models that differ in their numbers alone have in common."""
 
     def __init__(self, model: CuttingModel, units: System) -> None:

@@ -30,7 +30,7 @@ _TOGETHER = 1000  # cases that are searched at once: some 100 MB
 
 
 @dataclasses.dataclass(frozen=True)
-class Candidate:
+class Extremum:
     """A local maximum (or minimum, where the least value is searched), at a jump and at an end of the range too.
 
     Args:
@@ -60,7 +60,7 @@ class Candidate:
 
 
 @dataclasses.dataclass(frozen=True)
-class Jump:
+class Discontinuity:
     """A discontinuity, bracketed to 1e-11 units.
 
     Args:
@@ -101,8 +101,8 @@ class Maxima:
         certified: whether every lane succeeded, with its derivatives.
     """
 
-    candidates: tuple[Candidate, ...]
-    jumps: tuple[Jump, ...]
+    candidates: tuple[Extremum, ...]
+    jumps: tuple[Discontinuity, ...]
     regimes: tuple[Regime, ...]
     rounds: int
     certified: bool
@@ -117,7 +117,7 @@ class Maxima:
         return dataclasses.replace(self, candidates=candidates, jumps=jumps)
 
 
-class Along(NamedTuple):
+class QuantityAlong(NamedTuple):
     """A quantity of many cases as a function of one of their numbers, or its negative: then its minima are maxima.
 
     Args:
@@ -158,7 +158,7 @@ class Along(NamedTuple):
         return results, self.quantity(results, lanes)
 
 
-class Range(NamedTuple):
+class SearchRange(NamedTuple):
     """Where maxima are searched, and what is special there.
 
     Args:
@@ -197,7 +197,7 @@ class Search:
         objective: Callable[[float], Evaluate],
         cases: int,
         names: tuple[str, ...],
-        within: Range,
+        within: SearchRange,
         *,
         least: bool,
         loose: float = LOOSE,
@@ -212,7 +212,7 @@ class Search:
         scanned = scanned._replace(narrow=self._side_by_side_merged(scanned.narrow))
         certified = scanned.unresolved == 0
         jumped = is_jump(scanned.narrow, scanned.size[scanned.narrow.low.case])
-        candidates: list[list[Candidate]] = [[] for _ in range(self.cases)]
+        candidates: list[list[Extremum]] = [[] for _ in range(self.cases)]
         for case, candidate in [
             *self._interior(scanned, jumped),
             *self.at_jumps(scanned, jumped),
@@ -237,19 +237,19 @@ class Search:
         ]
         return [of_case.negated() for of_case in maxima] if self.least else maxima
 
-    def _ranked(self, candidates: list[Candidate], certified: bool) -> tuple[Candidate, ...]:
+    def _ranked(self, candidates: list[Extremum], certified: bool) -> tuple[Extremum, ...]:
         known = [each for each in candidates if not np.isnan(each.value)]
         nothing = self.within.nothing
         worthy = [each for each in known if each.ended_by != nothing or each.value != 0 or self.least]
         if not worthy:
             # Where lanes failed it is not known whether there is anything.
             value, ended_by = (0.0, nothing) if certified and nothing else (np.nan, "failed")
-            return (Candidate(np.nan, np.nan, np.nan, value, "none", ended_by, "", True, value, value, 0),)
+            return (Extremum(np.nan, np.nan, np.nan, value, "none", ended_by, "", True, value, value, 0),)
         return tuple(sorted(worthy, key=lambda candidate: (-candidate.value, not candidate.attained)))
 
-    def _candidate(self, nodes: Nodes, i: int | np.integer, **fields: Any) -> Candidate:
+    def _candidate(self, nodes: Nodes, i: int | np.integer, **fields: Any) -> Extremum:
         defaults: dict[str, Any] = _at(float(nodes.at[i])) | {"side": "", "attained": True, "steps": 0}
-        return Candidate(
+        return Extremum(
             value=float(nodes.value[i]),
             slope=float(nodes.slope[i]),
             curve=float(nodes.curve[i]),
@@ -257,7 +257,7 @@ class Search:
             **(defaults | fields),
         )
 
-    def _interior(self, scanned: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
+    def _interior(self, scanned: Scan, jumped: np.ndarray) -> list[tuple[int, Extremum]]:
         """By case, the maxima in smooth cells, and at kinks."""
         cells = Cells._make(map(joined, scanned.smooth, scanned.narrow.take(~jumped)))
         cells = cells.take((cells.low.slope > 0) & (cells.high.slope <= 0))
@@ -276,7 +276,7 @@ class Search:
             if bends[i]
         ]
 
-    def at_jumps(self, scanned: Scan, jumped: np.ndarray) -> list[tuple[int, Candidate]]:
+    def at_jumps(self, scanned: Scan, jumped: np.ndarray) -> list[tuple[int, Extremum]]:
         """By case, the jumps whose higher side rises towards the jump.
 
         Args:
@@ -300,7 +300,7 @@ class Search:
             candidates.append((int(case), self._candidate(higher, i, kind="jump", side=side, attained=attained)))
         return candidates
 
-    def _at_boundaries(self, scanned: Scan) -> list[tuple[int, Candidate]]:
+    def _at_boundaries(self, scanned: Scan) -> list[tuple[int, Extremum]]:
         """By case, the ends of the range that the function rises towards."""
         nodes, (low, high, *_) = scanned.nodes, self.within
         limit, apart = self.within.limit, self.within.ends_apart
@@ -338,8 +338,8 @@ class Search:
         return np.where(nodes.at - before < after - nodes.at, before, after)
 
     def _at_best_nodes(
-        self, scanned: Scan, jumped: np.ndarray, candidates: list[list[Candidate]]
-    ) -> list[tuple[int, Candidate]]:
+        self, scanned: Scan, jumped: np.ndarray, candidates: list[list[Extremum]]
+    ) -> list[tuple[int, Extremum]]:
         """By case, the best node where it is above all candidates.
 
         There the function falls so steeply from a jump that it is lower already at the candidate
@@ -364,7 +364,7 @@ class Search:
                 best.append((case, candidate))
         return best
 
-    def _plateaus(self, scanned: Scan, candidates: list[list[Candidate]]) -> list[tuple[int, Candidate]]:
+    def _plateaus(self, scanned: Scan, candidates: list[list[Extremum]]) -> list[tuple[int, Extremum]]:
         """By case, the widest range of numbers in which all values are the greatest one, if there is one."""
         nodes, unit = scanned.nodes, self.within.ruler.unit
         greatest, size = nodes.value[_greatest(nodes)], scanned.size
@@ -403,7 +403,7 @@ class Search:
             level[wide], lower[wide] = places[first, column], places[first + 1, column]
         return level
 
-    def _by_values(self, nodes: Nodes, i: int) -> Candidate:
+    def _by_values(self, nodes: Nodes, i: int) -> Extremum:
         """The greatest value between the neighbours of a node, without derivatives."""
         near = np.flatnonzero(nodes.case == nodes.case[i])
         near = near[np.abs(near - i) <= 1]
@@ -419,12 +419,12 @@ class Search:
             low, high = places[max(j - 1, 0)], places[min(j + 1, 16)]
         return self._candidate(best, 0, kind="unresolved", steps=steps)
 
-    def _jumps(self, scanned: Scan, jumped: np.ndarray) -> list[tuple[Jump, ...]]:
+    def _jumps(self, scanned: Scan, jumped: np.ndarray) -> list[tuple[Discontinuity, ...]]:
         """The jumps of each case, by number."""
         low, high = cells = scanned.narrow.take(jumped)
-        jumps: list[list[Jump]] = [[] for _ in range(self.cases)]
+        jumps: list[list[Discontinuity]] = [[] for _ in range(self.cases)]
         for i in np.argsort(cells.middle):
-            jump = Jump(
+            jump = Discontinuity(
                 at=float(cells.middle[i]),
                 below=float(low.value[i]),
                 above=float(high.value[i]),
@@ -488,7 +488,7 @@ def searched(cases: int, search: Callable[[slice, int], list[Maxima]]) -> list[M
 def columns(optima: list[Maxima], shape: tuple[int, ...]) -> Record:
     """The best of each case and what is known of it, by the names of the fields; arrays of a shape."""
     best = [of_case.candidates[0] for of_case in optima]
-    names = [field.name for field in dataclasses.fields(Candidate) if field.name != "steps"]
+    names = [field.name for field in dataclasses.fields(Extremum) if field.name != "steps"]
     fields: Record = {name: [getattr(candidate, name) for candidate in best] for name in names}
     fields["iterations"] = [of_case.rounds + of_case.candidates[0].steps for of_case in optima]
     fields["certified"] = [of_case.certified for of_case in optima]

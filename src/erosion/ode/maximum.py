@@ -24,7 +24,7 @@ from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import Compiled, compile_lanes
 from erosion.ode.batch import compiling
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.maxima import LOOSE, TIGHT, Along, Maxima, Range, Search, columns, searched
+from erosion.ode.maxima import LOOSE, TIGHT, Maxima, QuantityAlong, Search, SearchRange, columns, searched
 from erosion.ode.problem import FlawError, Problem, Traced, is_number, require_numbers
 from erosion.ode.resolve import Ruler
 from erosion.ode.solution import path_of
@@ -74,8 +74,8 @@ class Maximum(Result):
         side: the side of a jump, "below" or "above"; else "".
         attained: whether `value` is reached, or only approached beside a jump.
         slope, curve: the first two derivatives of the quantity by the number there.
-        candidates: every maximum that was compared, best first: a tuple of `maxima.Candidate`.
-        jumps: all discontinuities, a tuple of `maxima.Jump` in ascending order.
+        candidates: every maximum that was compared, best first: a tuple of `maxima.Extremum`.
+        jumps: all discontinuities, a tuple of `maxima.Discontinuity` in ascending order.
         regimes: how lanes end over the whole range, a tuple of `maxima.Regime` in ascending order.
         iterations: rounds of refinement plus Newton steps of the answer.
         certified: False where a lane failed or has no derivatives, so that a better number may have been missed.
@@ -217,12 +217,12 @@ def maximum(
         smooth=smooth, max_steps=max_steps, method=method, shared=shared,
     )  # fmt: skip
     ruler = Ruler(unit=max(high - low, _ROOM * max(abs(low), abs(high))))
-    optima = _optima(lanes, over, of, Range(low, high, grid, ruler), rtol, least=least)
+    optima = _optima(lanes, over, of, SearchRange(low, high, grid, ruler), rtol, least=least)
     return Maximum(problem=problem, over=over, least=least, **columns(optima, lanes.shape))
 
 
 def _optima(
-    lanes: Lanes, over: str, of: Callable[[End], Any], within: Range, rtol: float, *, least: bool
+    lanes: Lanes, over: str, of: Callable[[End], Any], within: SearchRange, rtol: float, *, least: bool
 ) -> list[Maxima]:
     """The maxima of each lane."""
     if any(isinstance(number, Tracer) for number in lanes.numbers):
@@ -232,7 +232,7 @@ def _optima(
 
     def search(which: slice, cases: int) -> list[Maxima]:
         numbers = layout.of_lanes(lanes.numbers, which)
-        objective = functools.partial(Along, layout, numbers, place, quantity, least, again=True)
+        objective = functools.partial(QuantityAlong, layout, numbers, place, quantity, least, again=True)
         names = layout.end_names
         return Search(
             lambda rtol: objective(rtol=rtol), cases, names, within, least=least, loose=rtol, tight=tight

@@ -72,7 +72,7 @@ def digits(*parts: bytes | str) -> str:
     return hashed(*parts).hex()[:32]
 
 
-class Kind(abc.ABC):
+class TreeKind(abc.ABC):
     """What pytrees that differ in their numbers alone have in common, exactly: 2 and 2.0 differ, 0.0 and -0.0 too.
 
     Args:
@@ -89,7 +89,7 @@ class Kind(abc.ABC):
         self.key = _exact_structure(self.structure), _exactly(self.leaves), shapes, _exactly(beside)
 
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and isinstance(other, Kind) and self.key == other.key
+        return type(self) is type(other) and isinstance(other, TreeKind) and self.key == other.key
 
     def __hash__(self) -> int:
         return hash(self.key)
@@ -104,10 +104,10 @@ class Kind(abc.ABC):
         """The equations, as the code is now."""
 
 
-_by_kind: dict[Kind, Equations] = {}
+_by_kind: dict[TreeKind, Equations] = {}
 
 
-def equations_of(kind: Kind, *, anew: bool = False) -> Equations:
+def equations_of(kind: TreeKind, *, anew: bool = False) -> Equations:
     """The equations as the code is now; they are traced where the kind is new or was redefined, or always if `anew`."""
     known = _by_kind.get(kind)
     if known is not None and known.surroundings.unchanged():
@@ -376,7 +376,7 @@ class Problem:
         return f"Problem(y0={y}, events={list(self.events)}, integrals={list(self.integrals)})"
 
 
-class _ProblemKind(Kind):
+class _ProblemKind(TreeKind):
     """What problems with arguments that differ in their numbers alone have in common."""
 
     def __init__(self, problem: Problem, args: PyTree, numbers: Sequence[jax.ShapeDtypeStruct]) -> None:
