@@ -50,6 +50,13 @@ Progress = Callable[[str, int, int], object]
 _NUMBERS = (int, float, np.integer, np.floating)
 
 
+def check_order(derivatives: Any) -> int:
+    """How many derivatives: 0, 1 or 2."""
+    if isinstance(derivatives, bool) or not isinstance(derivatives, (int, np.integer)) or derivatives not in (0, 1, 2):
+        raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
+    return int(derivatives)
+
+
 def check_tolerance(rtol: Any) -> float:
     """`rtol` as a float; a `ValueError` where it is not in (0, 1)."""
     if not isinstance(rtol, _NUMBERS) or not 0 < rtol < 1:

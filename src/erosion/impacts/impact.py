@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from erosion.arguments import ModelState, Number, PerImpact, Scalar, Structure, check_tolerance
+from erosion.arguments import ModelState, Number, PerImpact, Scalar, Structure, check_order, check_tolerance
 from erosion.impacts.volume import element_of, lanes_of, layout_of, names_of, split
 from erosion.lanes.lanewise import Compiled, compile_lanes, number
 from erosion.models import load_model, model_name
@@ -285,9 +285,7 @@ def impact(
             raise ValueError(f"Argument `wrt` must name parameters ({', '.join(known)}), but has {name!r}.")
     if not names or len(set(names)) != len(names):
         raise ValueError(f"Argument `wrt` must name one or several different parameters, but is {wrt!r}.")
-    if not isinstance(derivatives, (int, np.integer)) or derivatives not in (0, 1, 2):
-        raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
-    derivatives, rtol = int(derivatives), max(check_tolerance(rtol), _TINY)
+    derivatives, rtol = check_order(derivatives), max(check_tolerance(rtol), _TINY)
     layout, numbers, shape = lanes_of(model, p)
     single = isinstance(wrt, str)
     if derivatives == 0 or (single and wrt in QUANTITIES):

@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import PyTree
 
-from erosion.arguments import Number, PerLane, check_tolerance, check_unmasked, check_whole
+from erosion.arguments import Number, PerLane, check_order, check_tolerance, check_unmasked, check_whole
 from erosion.ode.batch import integrate, integrate_along
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Problem, is_number
@@ -126,9 +126,7 @@ def solve(
     """
     require_float64()
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
-    order = (1 if names else 0) if derivatives is None else derivatives
-    if isinstance(order, bool) or order not in (0, 1, 2):
-        raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
+    order = check_order((1 if names else 0) if derivatives is None else derivatives)
     if (order > 0) != bool(names) or len(set(names)) != len(names):
         raise ValueError(f"Argument `wrt` must name different numbers, as many as derivatives need, but is {wrt!r}.")
     lanes, rtol = checked_lanes(

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.arguments import check_tolerance, check_unmasked
+from erosion.arguments import check_order, check_tolerance, check_unmasked
 from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.impact import end_names, impact
 from erosion.models import load_model, model_name
@@ -203,8 +203,7 @@ class Outputs:
         return (*volumes, *self.own, "t_c", *("dvolume", "d2volume")[: self.derivatives])
 
     def __post_init__(self) -> None:
-        if self.derivatives not in (0, 1, 2):
-            raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {self.derivatives!r}.")
+        object.__setattr__(self, "derivatives", check_order(self.derivatives))
         if not isinstance(self.optimum, bool):
             raise TypeError(f"Argument `optimum` must be true or false, but is {self.optimum!r}.")
         object.__setattr__(self, "rtol", check_tolerance(self.rtol))
