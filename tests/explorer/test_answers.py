@@ -140,7 +140,7 @@ def test_preparation_begins_once_and_says_what_failed() -> None:
         pass
     assert preparation.failure("good") is None
     assert preparation.failure("bad") == "bad: no such forces"
-    assert told[-1] == (2, 2, ())
+    assert told[-1] == (2, 2, [])
 
 
 def test_a_model_that_never_answers_is_left_out_until_it_does(monkeypatch: pytest.MonkeyPatch) -> None:

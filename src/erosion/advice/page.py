@@ -87,9 +87,8 @@ def _draw(advice: Advice, ax: Axes) -> None:
     )
     ax.axvline(best, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     ax.plot(best, advice.worst_shares.max(), "*", color=INK, markersize=13)
-    ax.set_ylim(0, 1.03)
     angle_axis(ax, label=say("angle of the nozzle, from the surface"))
-    ax.set_ylabel(say("erosion by the jet, over its own greatest"))
+    ax.set(ylabel=say("erosion by the jet, over its own greatest"), ylim=(0, 1.03))
     ax.yaxis.set_major_formatter(lambda value, _: advice.language.number(f"{value:.1f}"))
 
 

@@ -291,20 +291,18 @@ class Advice(Result):
             if len(models) == 1
             else text("the models without the spread of the jet")
         )
-        rows.append((alone, self._between(singles), "", ""))
+        rows.append((alone, self._between([degrees(alpha) for alpha in sorted(singles)]), "", ""))
         return rows
 
     def _row(self, what: str, curves: Sequence[Curve]) -> tuple[str, ...]:
-        best = self._between([curve.best for curve in curves])
+        best = self._between([degrees(alpha) for alpha in sorted(curve.best for curve in curves)])
         share = _percent(min(curve.share(self.alpha) for curve in curves))
         least = self.language.say("{share}%" if len(curves) == 1 else "at least {share}%", share=share)
         return what, best, least, self.span([curve for curve in curves if curve.fits])
 
-    def _between(self, angles: Sequence[float]) -> str:
-        """The least and the greatest of some angles, as text."""
-        return self._from_to(degrees(min(angles)), degrees(max(angles)))
-
-    def _from_to(self, low: str, high: str) -> str:
+    def _between(self, texts: Sequence[str]) -> str:
+        """From the first to the last of some texts in order; one text where they are the same."""
+        low, high = texts[0], texts[-1]
         return self.language.number(low) if low == high else self.language.say("{low} to {high}", low=low, high=high)
 
     def _far(self, curves: Sequence[Curve]) -> FarFromTests | None:
@@ -323,8 +321,8 @@ class Advice(Result):
             return "–"
         if self._is_beyond(curves):
             return self.language.text("beyond tests")
-        ends = [curve.at(self.alpha) / self._scale.size for curve in curves]
-        return self._from_to(two_digits(min(ends)), two_digits(max(ends)))
+        amounts = sorted(curve.at(self.alpha) / self._scale.size for curve in curves)
+        return self._between([two_digits(amount) for amount in amounts])
 
     @property
     def conclusions(self) -> list[str]:
@@ -378,8 +376,17 @@ class Advice(Result):
         fraction = self.language.text("all") if share == 1 else f"{share:.3g}"
         numbers = {"amount": self.span(models), "unit": self.unit, "fraction": fraction}
         numbers |= {"tests": self.span(fitting)} if fitting else {}
-        if self._is_beyond(models):
-            text = self._withheld(fitting)
+        if self._is_beyond(models) and fitting:
+            text = say(
+                "The correlations for this metal remove {tests} {unit} there. The models' amount is left out, because "
+                "it is more than ten times what tests find.",
+                **numbers,
+            )
+        elif self._is_beyond(models):
+            text = say(
+                "The models' amount is left out, because it is more than ten times what tests find, and no correlation "
+                "is made for this metal."
+            )
         elif fitting and self.uncertain is not None:
             text = say(
                 "The draws remove {amount} {unit} there if {fraction} of the particles cut; the correlations for this "
@@ -395,20 +402,6 @@ class Advice(Result):
         else:
             text = say("The models remove {amount} {unit} there if {fraction} of the particles cut.", **numbers)
         return text if self.per_mass.density else f"{text} {say('Name the target, or give its density, for g/kg.')}"
-
-    def _withheld(self, fitting: Sequence[Curve]) -> str:
-        """The amount by correlations alone, where that of the models is beyond all tests."""
-        if not fitting:
-            return self.language.say(
-                "The models' amount is left out, because it is more than ten times what tests find, and no correlation "
-                "is made for this metal."
-            )
-        return self.language.say(
-            "The correlations for this metal remove {tests} {unit} there. The models' amount is left out, because it "
-            "is more than ten times what tests find.",
-            tests=self.span(fitting),
-            unit=self.unit,
-        )
 
     def _narrowing(self) -> str:
         """What would narrow the range of best angles most."""

@@ -252,14 +252,6 @@ _IN_PARALLEL = 2  # compilations: one of the engine, which does one at a time, a
 _TURN = 60.0  # s; a program waits at most this long for others, whose compilation may never end
 
 
-class Progress(NamedTuple):
-    """The number of compiled programs, of requested programs, and the models that still wait for a program."""
-
-    done: int
-    begun: int
-    models: tuple[str, ...]
-
-
 class Preparation:
     """Compiles the program of each kind of answer and model; all tabs share one preparation.
 
@@ -299,11 +291,11 @@ class Preparation:
                 return f"{model}: {sentence(error)}"
         return None
 
-    def progress(self) -> Progress:
-        """How many programs are compiled by now."""
+    def progress(self) -> tuple[int, int, list[str]]:
+        """How many programs are compiled, how many were asked for, and the models that still wait for one."""
         begun = list(self._begun.items())
         waiting = [model for (_, model), future in begun if not future.done()]
-        return Progress(len(begun) - len(waiting), len(begun), tuple(dict.fromkeys(waiting)))
+        return len(begun) - len(waiting), len(begun), list(dict.fromkeys(waiting))
 
     def _compile(self, kind: str, model: str) -> None:
         in_turn = self._turns.acquire(timeout=_TURN)

@@ -190,9 +190,7 @@ class AngleSeries(NamedTuple):
 
 def _over_angles(ax: Axes, label: str, columns: int, limits: tuple[float | None, float | None] | None = None) -> Axes:
     """Finish a panel of curves over α: the label and the limits of y, the axis of α, and the legend below."""
-    if limits is not None:
-        ax.set_ylim(*limits)
-    ax.set_ylabel(label)
+    ax.set(ylabel=label, ylim=limits)
     angle_axis(ax)
     legend_below(ax, columns)
     return ax
@@ -284,8 +282,7 @@ def plot_best_angles(
     ax.set_ylim(0, 15 * np.ceil(min(highest + 4, 90) / 15))
     ticks = range(0, int(ax.get_ylim()[1]) + 1, 15)
     ax.set_yticks(ticks, [f"{tick}°" for tick in ticks])
-    ax.set_xlabel(xlabel)
-    ax.set_ylabel(f"${QUANTITIES['alpha'].symbol}_\\mathrm{{max}}$  angle of greatest removal")
+    ax.set(xlabel=xlabel, ylabel=f"${QUANTITIES['alpha'].symbol}_\\mathrm{{max}}$  angle of greatest removal")
     legend_below(ax, columns)
     return ax
 

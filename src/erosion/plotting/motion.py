@@ -56,7 +56,7 @@ def plot_histories(fig: Figure | SubFigure, trajectory: Trajectory, closed: Clos
                        color=PALETTE["orange"], linestyle="--", label="centre of mass")  # fmt: skip
         panel.plot(t / time.size, tip / scale.size, color=PALETTE["blue"], marker="o" if len(t) == 1 else "",
                    label="tip" if exact is None else "tip, numerical solution")  # fmt: skip
-        panel.set_ylabel(f"{quantity.symbol}  [{scale.unit}]")
+        panel.set(ylabel=f"{quantity.symbol}  [{scale.unit}]")
         panel.set_title(quantity.meaning, fontsize=10)
     for panel in panels[2:]:
         panel.set_xlabel(f"t  [{time.unit}]")
@@ -82,9 +82,8 @@ def plot_path(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
     ax.plot(x[:1], depth[:1], ">", color=PALETTE["green"], markersize=9, label="start", clip_on=False, zorder=5)
     ax.plot(x[-1:], depth[-1:], "s", color=ENDS.get(trajectory.ended_by, INK), markersize=7, clip_on=False, zorder=5,
             label=NOTHING if trajectory.ended_by == NO_CUT else f"end: {trajectory.ended_by}")  # fmt: skip
-    ax.set_ylim(1.22 * deepest, -0.12 * deepest)
-    ax.set_xlabel(f"x of the tip, {HISTORIES[0][2].meaning}  [{along.unit}]")
-    ax.set_ylabel(f"depth of the tip  [{down.unit}]")
+    xlabel = f"x of the tip, {HISTORIES[0][2].meaning}  [{along.unit}]"
+    ax.set(xlabel=xlabel, ylabel=f"depth of the tip  [{down.unit}]", ylim=(1.22 * deepest, -0.12 * deepest))
     legend_of_panel(ax, ax.get_legend_handles_labels()[0], 4)
     return ax
 
@@ -122,8 +121,7 @@ def plot_removal_rate(ax: Axes, trajectory: Trajectory, bars: int = 10) -> Axes:
         heights = CubicSpline(trajectory.t, rate)(middles) * height
         ax.bar(middles / time.size, heights, width=width / time.size, fill=False, edgecolor=INK, linewidth=0.9,
                label=f"midpoint rule, {bars} bars")  # fmt: skip
-    ax.set_xlabel(f"t  time since contact  [{time.unit}]")
-    ax.set_ylabel(f"$dV/dt$  [{volume.unit}/{time.unit}]")
+    ax.set(xlabel=f"t  time since contact  [{time.unit}]", ylabel=f"$dV/dt$  [{volume.unit}/{time.unit}]")
     legend_below(ax, columns=2)
     return ax
 
@@ -179,8 +177,7 @@ def plot_solution(solution: Solution, names: Sequence[str] = (), ax: Axes | None
             label = f"{label}, lane {lane}" if len(chosen) == 1 and last.size > 1 else label
             ax.plot(times, lines[lane, :, element], color=color, label=label if first else None)
             ax.plot(last[lane], marks[lane, element], "o", color=color, markersize=4)
-    ax.set_xlabel("t")
-    ax.set_ylabel(chosen[0] if len(chosen) == 1 else "")
+    ax.set(xlabel="t", ylabel=chosen[0] if len(chosen) == 1 else "")
     if len(ax.get_legend_handles_labels()[0]) > 1:
         ax.legend()
     return ax
