@@ -138,7 +138,8 @@ def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ())
         raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {present}{remedy}")
     at = names.index(removals[0])
     removal = _column(at, heads[at], REMOVALS[removals[0]], units)
-    expected = {name: known.dimensions for name, known in _KNOWN.items()} | {"uncertainty": [removal.dimension]}
+    expected: dict[str, Sequence[Dimension]] = {name: known.dimensions for name, known in _KNOWN.items()}
+    expected["uncertainty"] = [removal.dimension]
     columns = [removal if i == at else head and _column(i, head, expected[head.name], units)
                for i, head in enumerate(heads)]  # fmt: skip
     return Header(columns, unused)
