@@ -52,6 +52,72 @@ def test_a_name_says_which_fields_of_the_case_it_replaces(capsys: pytest.Capture
     assert "takes the place" not in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["run", "--sigma", "300 MPa"], True),
+        (["optimum", "--sigma", "1040 MPa"], False),  # within what the table spans
+        (["run", "--sigma", "300 MPa", "--psi", "7"], False),
+        (["stream", "--n", "256", "--no-best-angle", "--sigma", "normal(300 MPa, 10 MPa)"], True),
+        (["stream", "--n", "256", "--no-best-angle", "--sigma", "normal(1040 MPa, 10 MPa)"], False),
+        (["stream", "--n", "256", "--no-best-angle", "--sigma", "normal(300 MPa, 10 MPa)", "--psi", "7"], False),
+        (["sweep", "-o", "table.csv", "--sigma", "300 MPa, 1000 MPa"], True),
+        (["compare", "--model", "linearized,dnv", "--sigma", "300 MPa"], True),
+    ],
+)
+def test_another_flow_stress_beside_a_metals_psi_is_said(
+    words: list[str], says: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _status([*words, *NAMES, *AT]) == 0
+    assert capsys.readouterr().err.count("ψ = 2 of aluminium 6061 stays beside another flow stress") == says
+
+
+def test_another_flow_stress_beside_a_metals_psi_is_said_of_a_case_file(
+    capsys: pytest.CaptureFixture[str], in_folder: Path
+) -> None:
+    (in_folder / "mine.toml").write_text(CASE + 'sigma = "300 MPa"\n')
+    assert _status(["run", "mine.toml"]) == 0
+    assert capsys.readouterr().err.count("stays beside another flow stress") == 1
+
+
+FITTED = (
+    CASE
+    + """model = "linearized-deformation"
+set = { energy_ratio = 9.0, threshold = "8 m/s" }
+"""
+)
+
+
+def test_another_cutting_fraction_than_that_of_a_case_file_is_said(
+    capsys: pytest.CaptureFixture[str], in_folder: Path
+) -> None:
+    (in_folder / "fitted.toml").write_text(FITTED)
+    words = {
+        "run": [], "optimum": [], "sweep": ["--alpha", "0.2, 0.3", "-o", "table.csv"],
+        "stream": [*JET[:3], "--alpha", "normal(20deg, 3deg)"],
+        "compare": ["--model", "linearized,finnie"], "advise": [],
+    }  # fmt: skip
+    for verb, more in words.items():
+        assert _status([verb, "fitted.toml", *more, "--cutting-fraction", "0.5"]) == 0
+        says = "--cutting-fraction takes the place of cutting_fraction = 0.03 in fitted.toml"
+        assert (verb, capsys.readouterr().err.count(says)) == (verb, 1)
+    assert _status(["run", "fitted.toml", "--cutting-fraction", "0.03"]) == 0
+    assert "takes the place" not in capsys.readouterr().err
+
+
+def test_a_fitted_model_keeps_its_own_parameters_among_others(
+    capsys: pytest.CaptureFixture[str], in_folder: Path
+) -> None:
+    (in_folder / "fitted.toml").write_text(FITTED)
+    alone = document(["run", "fitted.toml", "--alpha", "60 deg"], capsys)["result"]["volume"]["value"]
+    both = ["--model", "linearized,linearized-deformation"]
+    compared = document(["compare", "fitted.toml", "--alpha", "60 deg", *both], capsys)["result"]["models"]
+    assert compared[1]["volume"]["value"] == pytest.approx(alone, rel=1e-9, abs=0)
+    assert _status(["sweep", "fitted.toml", "--alpha", "60 deg, 70 deg", "-o", "table.csv", *both]) == 0
+    (row,) = [line for line in Path("table.csv").read_text().splitlines() if line.startswith("linearized-def")][:1]
+    assert float(row.split(",")[2]) == pytest.approx(alone, rel=1e-9, abs=0)
+
+
 IMPACTS = "diameter [um],speed [m/s],angle [deg]\n300,100,20\n300,100,40\n"
 JET = ["--n", "256", "--no-best-angle", "--phidot0", "normal(0, 1)"]
 VERBS = {

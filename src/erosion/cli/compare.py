@@ -54,9 +54,9 @@ def compare(
             with user_errors():  # only a comparison is replaced by a comparison: a sweep took longer
                 lazy.read_netcdf(output, _COMPARISON)
         overlay = _correlations(correlations, plot)
-        models = _models(model, options)
+        models, references = _models(model, options)
         weights = {name: weighing(chosen, abrasive, options) for name, chosen in models.items()}
-        curves, outside = _curves([options.reference(name) for name in models], p)
+        curves, outside = _curves(references, p)
         lines = _at_the_case(curves, p, weights)
         lost = [line["model"] for line in lines if line["ended_by"] in ("failed", "unfinished")]
         if not curves.volume.notnull().any():
@@ -77,15 +77,18 @@ def compare(
     said.wrote(figure=plot, curves=output)
 
 
-def _models(names: list[str] | None, options: CaseOptions) -> "dict[str, lazy.CuttingModel]":
-    """The models to compare, by name; all of them without names."""
+def _models(
+    names: list[str] | None, options: CaseOptions
+) -> "tuple[dict[str, lazy.CuttingModel], list[str | lazy.CuttingModel]]":
+    """The models to compare, by name, and what a sweep takes for them; all of them without names."""
     chosen = chosen_models(["all"] if names is None else names)
-    loaded = {name: options.load(name) for name in chosen}
-    models = {lazy.called(name, model): model for name, model in loaded.items()}
+    loaded = {name: options.load_as_set(name) for name in chosen}
+    references = {name: options.reference_as_set(name) for name in chosen}
+    models = {lazy.called(references[name], model): model for name, model in loaded.items()}
     refuse_same(loaded)
     if not chosen or len(models) != len(chosen):
         raise InputError(f"Option `--model` must name one or several different models, but is {','.join(chosen)!r}.")
-    return models
+    return models, [*references.values()]
 
 
 def _units(p: "lazy.Parameters") -> dict[str, str]:

@@ -84,7 +84,7 @@ class Fit:
         if len(self.names) == 1:
             models = [load_set(self.names[0], self.own, self.options, self.p.units)]
         else:
-            models = list(map(self.options.load, self.names))
+            models = list(map(self.options.load_as_set, self.names))
         refuse_same(dict(zip(self.names, models, strict=True)))
         for model in models:
             weighing(model, self.fit, self.options)  # refuses the density of another metal than a correlation's
@@ -154,7 +154,8 @@ def given_fit(
             raise InputError(f"{data} is no file: beside it give `--units si`, `--units inch-pound` or a case file.")
         case = dataclasses.replace(case, units=lazy.unit_system(data, ignore or ()))
     case.refuse_angle("the angles are those of the data")
-    p, fit = case.parameters(), fit or FitOptions()
+    fit = fit or FitOptions()
+    p = case.parameters(free=fit.free)
     per_mass = fit.per_mass(case)
     density = None if per_mass.density is None else f"{per_mass.density!r} kg/m^3"
     fit = dataclasses.replace(fit, density=density, cutting_fraction=per_mass.cutting_fraction)

@@ -279,6 +279,7 @@ def case_and_laws(
     for name, (source, text) in texts.items():
         with reading(source):
             values[name] = _number_or_law(name, text, QUANTITIES[name].dimension, p.units)
+    options.warn_of_flow_stress(values)
     numbers, laws = _split(values)
     with user_errors():
         p = p.replace(**numbers)

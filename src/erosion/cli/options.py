@@ -128,11 +128,12 @@ class CaseOptions:
             words += [] if text is None or name in without else [f"--{name}", text]
         return words
 
-    def parameters(self, *, changed: bool = True) -> "lazy.Parameters":
+    def parameters(self, *, changed: bool = True, free: Collection[str] = ()) -> "lazy.Parameters":
         """The case, validated; `Output` says where its size does not fit its mass.
 
         Args:
             changed: whether by the options of its parameters, too, which may be laws or axes.
+            free: the parameters that a fit changes.
 
         Raises:
             InputError: one sentence naming the file or the option.
@@ -154,12 +155,47 @@ class CaseOptions:
         with user_errors():
             p = dataclasses.replace(p, **changes)
             lazy.validate(p)
+        if changed and {"sigma", "psi"}.isdisjoint(free):
+            self.warn_of_flow_stress(changes)
         return p
+
+    def warn_once(self, message: str) -> None:
+        """A warning, also where several parts of a verb ask for it."""
+        from erosion.cli.output import warn
+
+        if message not in self._said:
+            self._said.add(message)
+            warn(message)
+
+    @functools.cached_property
+    def _said(self) -> set[str]:
+        return set()
+
+    def warn_of_flow_stress(self, given: Mapping[str, Any]) -> None:
+        """A warning where the ψ of a named metal stays beside another σ, which leaves the metal's hardness.
+
+        Args:
+            given: by parameter, what takes the place of the case's: a number, values or a law, in the case's units.
+        """
+        import numpy as np
+
+        metal = self.materials()[1]
+        names = {*given} if self.file is None or self.target is not None else {*given, *self.file.stated}
+        if metal is None or "sigma" not in names or "psi" in names:
+            return
+        p = self.parameters(changed=False)
+        sigma = given.get("sigma", p.sigma)
+        values = sigma.ppf(0.5) if hasattr(sigma, "ppf") else sigma
+        shares = np.ravel(values) / metal.parameters(p.units)["sigma"]
+        least, greatest = (end / metal.flow_stress for end in metal.flow_stress_range)
+        if ((shares < 0.99 * least) | (shares > 1.01 * greatest)).any():
+            self.warn_once(
+                f"ψ = {metal.psi:g} of {metal.name} stays beside another flow stress σ: the product σψ, which decides "
+                "the volume, is then no longer that of this metal; --psi sets ψ."
+            )
 
     def _replaced(self, p: "lazy.Parameters", named: "lazy.Parameters", option: str) -> "lazy.Parameters":
         """The case of a name, with a warning of what the case file states otherwise, a fitted ψ for example."""
-        from erosion.cli.output import warn
-
         if self.file is not None:
             names = [
                 name
@@ -167,7 +203,9 @@ class CaseOptions:
                 if name not in self.given() and not math.isclose(getattr(p, name), getattr(named, name), rel_tol=1e-6)
             ]
             if names:
-                warn(f"--{option} takes the place of {', '.join(names)} in {self.case}; without --{option} they stay.")
+                self.warn_once(
+                    f"--{option} takes the place of {', '.join(names)} in {self.case}; without --{option} they stay."
+                )
         return named
 
     def materials(self) -> "tuple[lazy.Particle | None, lazy.Target | None]":
@@ -199,10 +237,27 @@ class CaseOptions:
         with user_errors():
             return lazy.made_for(lazy.load_model(name), metal, grit)
 
+    def load_as_set(self, name: str) -> "lazy.CuttingModel":
+        """The same with what the case file sets of this model for all verbs."""
+        model = self.load(name)
+        if not self._sets(name):
+            return model
+        of_model = settings((), with_model_of_case({}, self, [name]), f"{self.case}: `set`")
+        return model.replace(**read_settings(name, model, of_model, self.parameters(changed=False).units))
+
     def reference(self, name: str) -> "str | lazy.CuttingModel":
-        """The same; a model that no target changes by its name, by which other processes find it."""
+        """The model as `load` gives it; one that no target changes by its name, by which other processes find it."""
         model = self.load(name)
         return model if isinstance(model, lazy.Correlated) else name
+
+    def reference_as_set(self, name: str) -> "str | lazy.CuttingModel":
+        """The same, of one of several models: with what the case file sets of it."""
+        return self.load_as_set(name) if self._sets(name) else self.reference(name)
+
+    def _sets(self, name: str) -> bool:
+        """Whether the case file sets own parameters of this model for all verbs."""
+        of_file, own = (None, {}) if self.file is None else self.file.model()
+        return bool(own) and of_file is not None and _source(of_file) == _source(name)
 
     def _require_own_units(self, what: str) -> None:
         """An `InputError` where --units is not that of the file, whose bare numbers would be read in it."""
@@ -454,7 +509,9 @@ def read_settings(
 
 
 def load_set(name: str, given: Settings, case: CaseOptions, units: "lazy.System") -> "lazy.CuttingModel":
-    """The model by name or path, see `CaseOptions.load`, with the own parameters that are set."""
+    """The model by name or path, with the own parameters that are set, or that the case file sets."""
+    if not given:
+        return case.load_as_set(name)
     model = case.load(name)
     return model.replace(**read_settings(name, model, given, units))
 

@@ -238,6 +238,11 @@ class PerMassOptions:
             _, metal = options.materials()
         density = density_option("density", self.density)
         fraction = of_case.cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
+        if file is not None and "cutting_fraction" in file.table and fraction != of_case.cutting_fraction:
+            options.warn_once(
+                f"--cutting-fraction takes the place of cutting_fraction = {of_case.cutting_fraction:g} in "
+                f"{options.case}, for which a fit in that file holds."
+            )
         with user_errors():
             if density is None and options.target is None:
                 density = of_case.density

@@ -156,13 +156,14 @@ def _case_and_axes(options: CaseOptions, section: Mapping[str, Any]) -> "tuple[l
     for name, (source, value) in given.items():
         with reading(source):
             values[name] = lazy.read_axis(value, QUANTITIES[name].dimension, p.units)
+    options.warn_of_flow_stress(values)
     p = dataclasses.replace(p, **{name: value for name, value in values.items() if not value.ndim})
     return p, {name: value for name, value in values.items() if value.ndim}
 
 
 def _references(model: str | list[str], options: CaseOptions) -> Any:
-    """The same models, of correlations those that are made for the target."""
-    return [*map(options.reference, model)] if isinstance(model, list) else options.reference(model)
+    """The same models, of correlations those that are made for the target; a single one's own values are the grid's."""
+    return [*map(options.reference_as_set, model)] if isinstance(model, list) else options.reference(model)
 
 
 def _own_values(model: Any, options: CaseOptions, given: Settings, p: "lazy.Parameters") -> dict[str, Any]:
