@@ -7,6 +7,7 @@ import erosion
 import erosion.models.identity
 from erosion.models.identity import StoreError, identity, package_digest, require_same
 from erosion.output.files import digest
+from erosion.sweeps.grid import make_grid
 
 P = erosion.TABLE_1
 MODELS = Path(__file__).parents[2] / "models"
@@ -43,6 +44,16 @@ def test_a_model_that_was_typed_has_an_identity() -> None:
     exec("from erosion.models import Linearized\nclass Typed(Linearized): pass", scope)
     models = [identity({"m": model}, P)["models"] for model in (scope["Typed"](), erosion.load_model("linearized"))]
     assert models[0] == models[1]
+
+
+def test_a_sweep_of_a_model_under_another_name_is_the_same() -> None:
+    scope: dict = {"__name__": "typed"}
+    exec("from erosion.models import Linearized\nclass A(Linearized): pass\nclass B(Linearized): pass", scope)
+    models = scope["A"](), scope["B"]()
+    one, other = (make_grid(model, P, {"alpha": [0.2, 0.4]}).identity for model in models)
+    assert one == other
+    one, other = (make_grid([model, "linearized"], P, {"alpha": [0.2, 0.4]}).identity for model in models)
+    assert one != other  # the name is a label of the result
 
 
 def test_an_edit_of_the_package_itself_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -346,7 +346,8 @@ class Grid(AnyGrid):
     def identity(self) -> dict[str, str]:
         """In words, what the numbers of this sweep depend on, as it was before anything was computed."""
         return identity(
-            self.loaded(),
+            # Among several models the name is a label of the result; a single one may be renamed, or its file moved.
+            {label if self.compared else "sweep": model for label, model in self.loaded().items()},
             self.p,
             axes=numbers_in_words({"their order": self.dims, **self.axes}),
             derivatives=f"{self.outputs.derivatives} by {self.outputs.wrt}",
