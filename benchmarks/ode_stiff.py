@@ -1,7 +1,7 @@
 """Processor time a lane on stiff problems: `ode.solve` by the Rosenbrock method, CVODE(S), Radau and Kvaerno5.
 
     python -m benchmarks.ode_stiff                        # the table; CVODE needs a C compiler and libsundials-dev
-    python -m benchmarks.ode_stiff --plot docs/images/stiff-work-precision.svg
+    python -m benchmarks.ode_stiff --plot docs/images/stiff-work-precision.svg   # of the table in RESULTS-ode.md
     python -m benchmarks.ode_stiff --check --lanes 2000   # the same events at 1e-5 as at 1e-9, errors of t and t′
 
 Contenders are measured by turns, each on lanes that end by the event; of each the least of some rounds counts. Errors
@@ -28,12 +28,6 @@ from benchmarks.timing import by_turns, table_text
 from erosion import ode
 
 TOLERANCES = (1e-5, 1e-7, 1e-9)
-CURVES = {
-    "t": 10.0 ** -np.arange(3, 12),
-    "CVODE": 10.0 ** -np.arange(3, 12),
-    "Radau": 10.0 ** -np.arange(3, 11, 2),
-    "Kvaerno5": 10.0 ** -np.arange(3, 8, 2),
-}
 LABELS = {"t": "ode.solve", "CVODE": "CVODE, in C", "Radau": "scipy, Radau", "Kvaerno5": "diffrax, Kvaerno5"}
 
 
@@ -145,6 +139,7 @@ class Contender(NamedTuple):
 CONTENDERS = {
     "t": Contender(20_000, lambda case, lanes, rtol: time_of(ours(case, lanes, rtol))),
     "t, t′": Contender(20_000, lambda case, lanes, rtol: time_of(ours(case, lanes, rtol, 1))),
+    "t, t′, t″": Contender(20_000, lambda case, lanes, rtol: time_of(ours(case, lanes, rtol, 2))),
     "CVODE": Contender(100, lambda case, lanes, rtol: cvode(case, rtol, rtol * case.absolute)(lanes)[0]),
     "CVODES, t′": Contender(100, lambda case, lanes, rtol: cvode(case, rtol, rtol * case.absolute, 1)(lanes)[0]),
     "Radau": Contender(8, radau),
@@ -185,16 +180,16 @@ def errors(times: np.ndarray, true: np.ndarray) -> np.ndarray:
     return np.abs(times[:count] / true[:count] - 1)
 
 
-def table(cases: Sequence[StiffCase], lanes: int, true_lanes: int, rounds: int) -> str:
+def table(cases: Sequence[StiffCase], names: Sequence[str], lanes: int, true_lanes: int, rounds: int) -> str:
     """Costs and errors, by problem and tolerance."""
-    names, judged = list(CONTENDERS), ("t", "CVODE", "Radau", "Kvaerno5")
+    judged = [name for name in LABELS if name in names]
     rows = []
     for case in cases:
         some = with_event(case, lanes)
         true = radau(case, first(some, true_lanes), 1e-12)
         micro, times = work(case, some, [(name, rtol) for rtol in TOLERANCES for name in names], rounds)
         for rtol in TOLERANCES:
-            row = [f"{case.name}, {rtol:.0e}", *(f"{micro[name, rtol]:,.3g}" for name in names)]
+            row = [f"{case.name}, {rtol:.0e}", *(f"{float(f'{micro[name, rtol]:.3g}'):,g}" for name in names)]
             row += [f"{np.median(errors(times[name, rtol], true)):.0e}" for name in judged]
             rows.append(row)
             print("  ".join(row), file=sys.stderr, flush=True)
@@ -210,14 +205,10 @@ def check(case: StiffCase, count: int, true_lanes: int) -> list[str]:
     ends = usual.outcome == 0
     some = first({name: values[ends] for name, values in lanes.items()}, true_lanes)
     true = errors(time_of(usual)[ends][:true_lanes], radau(case, some, 1e-12))
-    return [
-        case.name,
-        f"{int(ends.sum()):,}",
-        str(other),
-        f"{apart:.0e}",
-        largest(true),
-        *differences(case, lanes, usual),
-    ]
+    row = [case.name, f"{int(ends.sum()):,}", str(other), f"{apart:.0e}", largest(true)]
+    row += differences(case, lanes, usual)
+    print("  ".join(row), file=sys.stderr, flush=True)
+    return row
 
 
 def differences(case: StiffCase, lanes: Lanes, usual: ode.Solution) -> list[str]:
@@ -239,29 +230,42 @@ def largest(errors: np.ndarray) -> str:
     return "/".join(f"{each:.0e}" for each in np.nanquantile(errors, (0.5, 0.99, 1.0)))
 
 
-def plot(file: Path, rounds: int) -> None:
-    """Work and precision of four problems."""
+def measured(file: Path) -> dict[str, dict[str, list[float]]]:
+    """By problem and column the numbers of the table in a file of results; NaN where there is none."""
+    columns: list[str] = []
+    found: dict[str, dict[str, list[float]]] = {}
+    for line in file.read_text().splitlines():
+        cells = [cell.strip() for cell in line.strip("| ").split(" | ")]
+        if cells[0] == "problem" and "error of CVODE" in cells:
+            columns = cells[1:]
+        elif columns and len(cells) == len(columns) + 1:
+            problem = found.setdefault(cells[0].rpartition(", ")[0], {name: [] for name in columns})
+            for name, cell in zip(columns, cells[1:], strict=True):
+                problem[name].append(float(cell.replace(",", "")) if cell[0].isdigit() else float("nan"))
+        elif not line.startswith("|--"):
+            columns = []
+    return found
+
+
+def plot(file: Path) -> None:
+    """Draw work and precision of four problems, as they are in the results."""
     from erosion.plotting.style import house_style, new_figure, save_plot
 
-    figure = new_figure(7.2, 6.0)
+    problems = measured(Path(__file__).with_name("RESULTS-ode.md"))
+    figure = new_figure(7.2, 5.6)
     with house_style():
-        panels = figure.subplots(2, 2)
-        for case, panel in zip((Robertson(), VanDerPol(), Oregonator(), Ignition()), panels.flat, strict=True):
-            some = with_event(case, 20_000)
-            true = radau(case, first(some, 8), 1e-12)
-            keys = [(name, rtol) for name, tolerances in CURVES.items() for rtol in tolerances]
-            micro, times = work(case, some, keys, rounds)
-            for name, tolerances in CURVES.items():
-                error = [np.median(errors(times[name, rtol], true)) for rtol in tolerances]
-                panel.loglog([micro[name, rtol] for rtol in tolerances], error, "o-", label=LABELS[name], markersize=4)
-                print(case.name, name, error, [micro[name, rtol] for rtol in tolerances], file=sys.stderr, flush=True)
+        panels = figure.subplots(2, 2, sharex=True, sharey=True)
+        for case, panel in zip((Robertson, VanDerPol, Oregonator, Ignition), panels.flat, strict=True):
+            columns = problems[case.name]
+            for name, label in LABELS.items():
+                panel.loglog(columns[name], columns[f"error of {name}"], "o-", label=label, markersize=4)
             panel.set_title(case.name, fontsize=10)
         for panel in panels[-1]:
             panel.set_xlabel("processor time of a lane in µs")
         for panel in panels[:, 0]:
             panel.set_ylabel("relative error of t")
-        panels[0, 0].legend()
-    save_plot(figure, file)
+        figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+        save_plot(figure, file)
 
 
 def main() -> None:
@@ -271,17 +275,18 @@ def main() -> None:
     parser.add_argument("--true", type=int, default=8, help="lanes that scipy computes at 1e-12")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--check", action="store_true", help="errors in place of costs")
-    parser.add_argument("--plot", type=Path, help="draw a figure of work and precision")
-    parser.add_argument("cases", nargs="*", default=list(CASES))
+    parser.add_argument("--plot", type=Path, help="draw the table of the results: work and precision")
+    parser.add_argument("--contenders", nargs="+", default=list(CONTENDERS), choices=list(CONTENDERS))
+    parser.add_argument("cases", nargs="*", default=list(CASES), help=", ".join(CASES))
     given = parser.parse_args()
     cases = [CASES[name] for name in given.cases]
     if given.plot:
-        plot(given.plot, given.rounds)
+        plot(given.plot)
     elif given.check:
         head = "problem | events | other outcomes | t, 1e-5 to 1e-9 | t against Radau | t′ against differences | t′ NaN"
         print(table_text(head, [check(case, given.lanes, given.true) for case in cases]))
     else:
-        print(table(cases, given.lanes, given.true, given.rounds))
+        print(table(cases, given.contenders, given.lanes, given.true, given.rounds))
 
 
 if __name__ == "__main__":
