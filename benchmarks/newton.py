@@ -1,6 +1,6 @@
 """Where plain Newton on dV/dα, begun at the linearized answer ½ arctan k, goes wrong.
 
-`python -m benchmarks.newton` prints the table of docs/optimum.md.
+`python -m benchmarks.newton` prints the table that docs/optimum.md sums up.
 """
 
 import numpy as np

@@ -390,21 +390,22 @@ def take(
     computed: Computed, wanted: Sequence[Step], answers: Answers, preparation: Preparation, patience: float
 ) -> None:
     """Compute steps, all models in parallel. An error becomes a sentence; a model that is late is left out."""
-    case = computed.state.case
 
-    def of_model(name: str) -> list[tuple[Step, Any]]:
+    def answered(own: Sequence[Step]) -> list[tuple[Step, Any]]:
         done: list[tuple[Step, Any]] = []
-        for kind, model in wanted:
+        for step in own:
             try:
-                done += [((kind, model), answers(kind, model, case))] if model == name else []
+                done.append((step, answers(*step, computed.state.case)))
             # A plug-in's own code may raise any error; the page shows the error and goes on.
             except Exception as error:  # noqa: BLE001
-                done.append(((kind, model), error))
+                done.append((step, error))
         return done
 
     # The steps of one model run in one thread: an answer that never comes keeps one thread and one core busy.
-    models = dict.fromkeys(model for _, model in wanted)
-    futures = {model: in_thread(functools.partial(of_model, model)) for model in models}
+    futures = {
+        model: in_thread(functools.partial(answered, [step for step in wanted if step[1] == model]))
+        for model in dict.fromkeys(model for _, model in wanted)
+    }
     wait(futures.values(), timeout=patience)
     for model, future in futures.items():
         if not future.done():

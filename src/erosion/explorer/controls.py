@@ -353,8 +353,8 @@ class Controls:
             self._particle_menu(materials)
             with ui.button("Metal").props(_MENU), ui.menu():
                 for name, metal in materials.targets.items():
-                    take = partial(lambda metal: self._go(self._state.of_metal(metal)), metal)
-                    ui.menu_item(name, on_click=take).tooltip(metal.source)
+                    item = ui.menu_item(name, lambda _, metal=metal: self._go(self._state.of_metal(metal)))
+                    item.tooltip(metal.source)
             with ui.button("Spin").props(_MENU), ui.menu():
                 for s in SPIN_PRESETS:
                     ui.menu_item(f"s = {s:g}".replace("-", "−"), partial(self.change, partial(with_spin, s)))

@@ -163,12 +163,14 @@ class Tab:
         with ui.element("section").classes(f"panel view-{name}").props(f'aria-label="{_TITLES[name]}"'):
             ui.html(_TITLES[name], tag="h2", sanitize=False)
             if name == "cut":
-                stay_at = lambda instant: self._go(dataclasses.replace(self.state, instant=instant))  # noqa: E731
-                return CutDrawing(self.state.instant, stay_at)
+                return CutDrawing(self.state.instant, self._stay_at)
             if name == "numbers":
                 return Prose()
             moved = {"volumes": "alpha", "end_times": "alpha", "spins": "phidot0"}.get(name)
             return Plot("400px", follows=name == "histories", moved=moved, on_pick=self._pick)
+
+    def _stay_at(self, instant: float) -> None:
+        self._go(dataclasses.replace(self.state, instant=instant))
 
     def _pick(self, parameter: str, at: float) -> None:
         self._controls.change(lambda case: at_position(parameter, at, case, self.service.start.case))
