@@ -6,7 +6,7 @@ import numpy as np
 import pyvista
 
 from erosion.cfd.surface import Surface
-from tests.cfd.tables import Table, hump
+from tests.cfd.tables import Table, hump, quadrilaterals
 
 HEAD = "FoamFile {{ version 2.0; format ascii; class {}; object x; }}\n"
 
@@ -20,26 +20,15 @@ def polygons(points: np.ndarray, corners: np.ndarray) -> Surface:
 
 def plate(length: float = 0.137, cells: int = 12) -> Surface:
     """In the plane z = 0 about the origin, below a fluid: in any other size it lies in the same plane."""
-    side = np.linspace(-length / 2, length / 2, cells + 1)
-    x, y = np.meshgrid(side, side, indexing="ij")
-    i, j = np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij")
-    first = (i * (cells + 1) + j).ravel()
-    corners = np.stack([first, first + 1, first + cells + 2, first + cells + 1], axis=1)
-    return polygons(np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3), corners)
+    x, y = np.meshgrid(*[np.linspace(-length / 2, length / 2, cells + 1)] * 2, indexing="ij")
+    return quadrilaterals(np.stack([x, y, 0 * x], axis=-1))
 
 
 def pipe(around: int = 24, along: int = 16, radius: float = 0.02, length: float = 0.137) -> Surface:
-    """Along x, the fluid within."""
-    turn = 2 * np.pi * np.arange(around) / around
-    x = np.linspace(0, length, along + 1)
-    points = np.stack([*np.broadcast_arrays(x[:, None], radius * np.cos(turn), radius * np.sin(turn))], axis=-1)
-    i, j = (index.ravel() for index in np.meshgrid(np.arange(along), np.arange(around), indexing="ij"))
-    k = (j + 1) % around
-    corners = np.stack([i * around + j, (i + 1) * around + j, (i + 1) * around + k, i * around + k], axis=1)
-    # The corners go round so that normals point away from the axis.
-    surface = polygons(points.reshape(-1, 3), corners)
-    outward = np.einsum("ij,ij->i", surface.normal[:, 1:], surface.centre[:, 1:]) > 0
-    return surface if outward.all() else surface.reversed()
+    """Along x, the fluid within, so that normals point away from the axis."""
+    turn, x = 2 * np.pi * np.arange(around) / around, np.linspace(0, length, along + 1)[:, None]
+    points = np.stack([*np.broadcast_arrays(x, radius * np.cos(turn), radius * np.sin(turn))], axis=-1)
+    return quadrilaterals(points, closed=True, first=1)
 
 
 PARTS = {"plate": plate(), "pipe": pipe(), "hump": hump()}

@@ -42,17 +42,28 @@ class Table(Impacts):
         return Table(self.duration, self.mesh_faces, self.block, **changed)
 
 
+def quadrilaterals(points: np.ndarray, *, closed: bool = False, first: int = 0, **fields: Any) -> Surface:
+    """The faces of a grid of points, shape (along, across, 3), whose last column is beside the first if closed."""
+    numbers = np.arange(points[..., 0].size).reshape(points.shape[:2])
+    numbers = np.concatenate([numbers, numbers[:, :1]], axis=1) if closed else numbers
+    cuts = (slice(None, -1), slice(None, -1)), (slice(None, -1), slice(1, None)), (slice(1, None), slice(1, None))
+    corners = np.stack([numbers[cut] for cut in (*cuts, (slice(1, None), slice(None, -1)))], axis=-1).reshape(-1, 4)
+    corners, faces = np.roll(corners, -first, axis=1), len(corners)
+    described = {"title": "part", "patches": ("wall",), "patch": np.zeros(faces, np.int64), **fields}
+    return Surface(points=points.reshape(-1, 3), corners=corners.ravel(), ends=4 * np.arange(1, faces + 1), **described)
+
+
 def hump(along: int = 12, across: int = 4, *, mesh: bool = False) -> Surface:
     """A sinusoidal floor of quadrilaterals below a fluid, normals down; two patches."""
     x, y = np.meshgrid(np.linspace(0, 0.2, along + 1), np.linspace(0, 0.05, across + 1), indexing="ij")
-    points = np.stack([x, y, 0.02 * np.sin(np.pi * x / 0.2) ** 2], axis=-1).reshape(-1, 3)
-    i, j = np.meshgrid(np.arange(along), np.arange(across), indexing="ij")
-    first = (i * (across + 1) + j).ravel()
-    corners = np.stack([first, first + 1, first + across + 2, first + across + 1], axis=1).ravel()
-    faces = along * across
-    patch = (np.arange(faces) >= faces // 2).astype(np.int64)
-    mesh_face = np.arange(1000, 1000 + faces) if mesh else None
-    return Surface("hump", points, corners, 4 * np.arange(1, faces + 1), ("front", "back"), patch, mesh_face)
+    faces = np.arange(along * across)
+    return quadrilaterals(
+        np.stack([x, y, 0.02 * np.sin(np.pi * x / 0.2) ** 2], axis=-1),
+        title="hump",
+        patches=("front", "back"),
+        patch=(faces >= len(faces) // 2).astype(np.int64),
+        mesh_face=1000 + faces if mesh else None,
+    )
 
 
 def sand(surface: Surface, rows: int = 2000, seed: int = 0, **changes: Any) -> Table:
