@@ -163,7 +163,7 @@ class Incidence:
         if block.position is None:
             require_rows(*its, named | ~meets, lambda _: " names no face of the surface and no position.")
             return np.maximum(face, 0), distance, named
-        self._require_number(block, "position", np.isfinite(block.position).all(axis=1), "must be finite")
+        _require_numbers(block, "position")
         position = np.asarray(block.position, float)
         if (unnamed := np.flatnonzero(~named & meets)).size:
             face[unnamed], distance[unnamed] = surface.nearest(position[unnamed])
@@ -182,37 +182,54 @@ class Incidence:
 
     def _check(self, block: ImpactBlock) -> None:
         """Refuse rows that can be no impact."""
-        for name in ("mass", "diameter"):
-            values = getattr(block, name)
-            self._require_number(block, name, (values > 0) & np.isfinite(values), "must be positive and finite")
-        least = "must be a number of at least 0"
-        self._require_number(block, "count", (block.count >= 0) & np.isfinite(block.count), least)
-        if block.spin is not None:
-            self._require_number(block, "spin", np.isfinite(block.spin), "must be finite")
-        if block.velocity is not None:
-            if self.surface is None:
+        motion = ("speed", "alpha") if block.velocity is None else ("velocity",)
+        for name in ("mass", "diameter", "count", "spin", *motion):
+            if name == "velocity" and self.surface is None:
                 raise ImpactsError(
                     f"{block.source}: gives velocities, so the angle of attack needs the normals of a surface; "
                     "give one, or a table with columns of speed and angle."
                 )
-            self._require_number(block, "velocity", np.isfinite(block.velocity).all(axis=1), "must be finite")
-            return
-        if block.speed is None or block.alpha is None:
-            raise ImpactsError(f"{block.source}: must give velocities, or speeds and angles of attack, but does not.")
-        if self.restitution is not None:
-            raise ImpactsError(
-                f"{block.source}: gives speeds and angles, of which no rebound can be undone: Argument `restitution` "
-                "must be left out."
-            )
-        self._require_number(block, "speed", (block.speed >= 0) & np.isfinite(block.speed), least)
-        good = (block.alpha == 0) | are_angles(block.alpha)
-        self._require_number(block, "alpha", good, "must be in [0°, 90°]", _angle_in_words)
+            if name == "speed" and (block.speed is None or block.alpha is None):
+                raise ImpactsError(
+                    f"{block.source}: must give velocities, or speeds and angles of attack, but does not."
+                )
+            if name == "speed" and self.restitution is not None:
+                raise ImpactsError(
+                    f"{block.source}: gives speeds and angles, of which no rebound can be undone: Argument "
+                    "`restitution` must be left out."
+                )
+            _require_numbers(block, name)
 
-    def _require_number(
-        self, block: ImpactBlock, name: str, good: Any, must: str, in_words: Callable[[Any], str] = str
-    ) -> None:
-        what = f": `{name}` {must}, but is"
-        require_rows(block.source, block.first, good, lambda row: f"{what} {in_words(getattr(block, name)[row])}.")
+
+_DEGREES = " ({:g} rad; was the column in degrees?)"
+_Check = tuple[str, Callable[[np.ndarray], Any], Callable[[Any], str]]
+_FINITE: _Check = ("must be finite", lambda values: np.isfinite(values.reshape(len(values), -1)).all(axis=1), str)
+_POSITIVE: _Check = ("must be positive and finite", lambda values: (values > 0) & np.isfinite(values), str)
+_AT_LEAST_0: _Check = ("must be a number of at least 0", lambda values: (values >= 0) & np.isfinite(values), str)
+_CHECKS: Mapping[str, _Check] = {
+    "mass": _POSITIVE,
+    "diameter": _POSITIVE,
+    "count": _AT_LEAST_0,
+    "spin": _FINITE,
+    "velocity": _FINITE,
+    "speed": _AT_LEAST_0,
+    "alpha": (
+        "must be in [0°, 90°]",
+        lambda values: (values == 0) | are_angles(values),
+        lambda angle: f"{math.degrees(angle):g}°" + (_DEGREES.format(angle) if 2 <= angle <= 90 else ""),
+    ),
+    "position": _FINITE,
+}
+"""Of the numbers of a block: what they must be, which are so, and one in words."""
+
+
+def _require_numbers(block: ImpactBlock, name: str) -> None:
+    """Refuse the first row whose number is not good."""
+    if (values := getattr(block, name)) is not None:
+        must, are_good, in_words = _CHECKS[name]
+        good = are_good(np.asarray(values))
+        said = f": `{name}` {must}, but is"
+        require_rows(block.source, block.first, good, lambda row: f"{said} {in_words(values[row])}.")
 
 
 def limit_of(surface: Surface, face: np.ndarray, distance: np.ndarray, diameter: np.ndarray) -> np.ndarray:
@@ -232,12 +249,6 @@ def limit_of(surface: Surface, face: np.ndarray, distance: np.ndarray, diameter:
     if far.any():
         limit[far] = np.maximum(limit[far], surface.bulge[face[far]])
     return limit + diameter
-
-
-def _angle_in_words(angle: float) -> str:
-    """An angle in degrees; of one that may be in degrees already, that too."""
-    hint = f" ({angle:g} rad; was the column in degrees?)" if 2 <= angle <= 90 else ""
-    return f"{math.degrees(angle):g}°{hint}"
 
 
 def _dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -32,7 +32,6 @@ from erosion.cfd.rows import (
     weigh,
 )
 
-OPENFOAM_SUFFIXES, FLUENT_SUFFIXES = (".post", ".dat"), (".dpm",)
 _OF_OPENFOAM = {"nParticle": "count", "d": "diameter", "rho": "density", "facei": "mesh_face", "Time": "time",
                 "currentProc": "processor"}  # fmt: skip
 _VECTORS = {"U": VELOCITY, "position": POSITION}
@@ -236,12 +235,12 @@ def open_fluent(path: Path, density: float | None, duration: float | None) -> Te
 
 def is_openfoam(path: Path) -> bool:
     """Whether the name is one of a table of OpenFOAM, compressed or not."""
-    return _plain_name(path).suffix in OPENFOAM_SUFFIXES
+    return path.name.removesuffix(".gz").endswith((".post", ".dat"))
 
 
 def is_fluent(path: Path) -> bool:
     """Whether the name is one of a sample of Fluent, compressed or not."""
-    return _plain_name(path).suffix in FLUENT_SUFFIXES
+    return path.name.removesuffix(".gz").endswith(".dpm")
 
 
 def _files(folder: Path) -> list[Path]:
@@ -278,7 +277,7 @@ def _openfoam_table(path: Path) -> Table:
             if all(vector + axis in names for axis in axes):
                 columns |= {name: vector + axis for name, axis in zip(ours, axes, strict=True)}
     window = path.parent.name if _in_window(path) else ""
-    return Table(path, header[-1] + 1, names, columns, _plain_name(path).stem, window)
+    return Table(path, header[-1] + 1, names, columns, Path(path.name.removesuffix(".gz")).stem, window)
 
 
 def _head(path: Path) -> list[str]:
@@ -311,10 +310,6 @@ def _in_window(path: Path) -> bool:
 
 def _function_object(path: Path) -> Path:
     return path.parent.parent if _in_window(path) else path.parent
-
-
-def _plain_name(path: Path) -> Path:
-    return path.with_suffix("") if path.suffix == ".gz" else path
 
 
 def _most_stored(case: Path, table: Path) -> int | None:
