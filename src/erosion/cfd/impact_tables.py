@@ -117,7 +117,7 @@ class NamedImpacts(Impacts):
 
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
         """See `Impacts`; after the last block `warnings` has what is doubtful in its numbers."""
-        first, densities = 0, _Densities()
+        first, low, high, contradictions = 0, math.inf, 0.0, 0
         wanted = [column.name for column in self.columns.values()]
         for batch in (_parquet_batches if self.path.suffix == ".parquet" else _csv_batches)(self.path, wanted):
             columns = dict[str, np.ndarray]()
@@ -129,12 +129,18 @@ class NamedImpacts(Impacts):
             if not first:
                 self._require_weights(columns)
             for block in blocks(self.title, first, columns, rows, self.density, self.duration):
-                own = columns["density"][block.first - first :][: block.rows] if "density" in columns else None
-                densities.add(block, own)
+                with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                    density = block.mass / (math.pi / 6 * block.diameter**3)
+                    if "density" in columns:
+                        own = columns["density"][block.first - first :][: block.rows]
+                        contradictions += int((np.abs(np.log(density / own)) > math.log(_SAME)).sum())
+                known = density[np.isfinite(density) & (density > 0)]
+                low, high = float(known.min(initial=low)), float(known.max(initial=high))
                 yield block
             first += batch.num_rows
+        said = _doubtful_densities(low, high, contradictions, self.expected) if low <= high else []
         # Each once, as a table may be read again.
-        self.warnings = tuple(dict.fromkeys((*self.warnings, *densities.warnings(self.path.name, self.expected))))
+        self.warnings = tuple(dict.fromkeys((*self.warnings, *(f"{self.path.name}: {doubt}" for doubt in said))))
         if not first:
             raise ImpactsError(f"{self.path}: has no rows.")
 
@@ -187,39 +193,27 @@ def _gives_density(columns: Collection[str]) -> bool:
     return "density" in columns or {"mass", "diameter"} <= set(columns)
 
 
-class _Densities:
-    """The densities of the particles of a table, by their masses and diameters."""
+def _doubtful_densities(low: float, high: float, contradictions: int, expected: float | None) -> list[str]:
+    """What is doubtful in the densities of a table, from least to greatest [kg/m³].
 
-    def __init__(self) -> None:
-        self._least, self._greatest, self._contradictions = math.inf, 0.0, 0
-
-    def add(self, block: ImpactBlock, own: np.ndarray | None) -> None:
-        """Take note of a block; `own` are the densities that the table gives."""
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            density = block.mass / (math.pi / 6 * block.diameter**3)
-            if own is not None:
-                self._contradictions += int((np.abs(np.log(density / own)) > math.log(_SAME)).sum())
-        finite = density[np.isfinite(density) & (density > 0)]
-        self._least = min(self._least, float(finite.min(initial=math.inf)))
-        self._greatest = max(self._greatest, float(finite.max(initial=0.0)))
-
-    def warnings(self, table: str, expected: float | None) -> list[str]:
-        """What is doubtful in them, where `expected` is the density of the particle that the user names [kg/m³]."""
-        low, high = self._least, self._greatest
-        if low > high:
-            return []
-        between = f"{low:.4g} kg/m³" if high < _SAME * low else f"{low:.4g} to {high:.4g} kg/m³"
-        has = f"its particles have a density of {between},"
-        sentences = {
-            f"{has} less than any grain; is it a fluid's?": low < LIGHTEST,
-            f"{has} more than any solid; if a mass is that of all particles of a row, its column must be named "
-            "`parcel_mass`.": high > HEAVIEST,
-            f"in {self._contradictions:,} rows the density is not that of mass and diameter, which count.":
-                self._contradictions,
-            f"{has} which counts, but the particle that is named has {expected or 0:g} kg/m³.":
-                expected is not None and (low * _SAME < expected or high > _SAME * expected),
-        }  # fmt: skip
-        return [f"{table}: {sentence}" for sentence, is_so in sentences.items() if is_so]
+    Args:
+        low: the least, by masses and diameters.
+        high: the greatest.
+        contradictions: rows whose own density is another.
+        expected: the density of the particle that the user names.
+    """
+    between = f"{low:.4g} kg/m³" if high < _SAME * low else f"{low:.4g} to {high:.4g} kg/m³"
+    has = f"its particles have a density of {between},"
+    sentences = {
+        f"{has} less than any grain; is it a fluid's?": low < LIGHTEST,
+        f"{has} more than any solid; if a mass is that of all particles of a row, its column must be named "
+        "`parcel_mass`.": high > HEAVIEST,
+        f"in {contradictions:,} rows the density is not that of mass and diameter, which count.":
+            contradictions,
+        f"{has} which counts, but the particle that is named has {expected or 0:g} kg/m³.":
+            expected is not None and (low * _SAME < expected or high > _SAME * expected),
+    }  # fmt: skip
+    return [sentence for sentence, is_so in sentences.items() if is_so]
 
 
 def is_named(path: Path) -> bool:
