@@ -158,8 +158,6 @@ def sweep_problem(
         SweepInterrupted: after Ctrl-C, if there is a store.
     """
     require_float64()
-    if chunks is not None and (store is None or Path(store).suffix != ".zarr"):
-        raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
     if "ts" in options:
         raise ValueError("Argument `ts` must be left out of a sweep; make `t1` an axis.")
     known = [".".join(path_of(keys)) for keys, leaf in jax.tree_util.tree_flatten_with_path(args)[0] if is_number(leaf)]

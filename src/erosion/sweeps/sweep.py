@@ -87,8 +87,6 @@ def sweep(
         OutOfRangeWarning: where a correlation is used outside of its range, with the share of the impacts.
     """
     require_float64()
-    if chunks is not None and (store is None or check_path("store", store).suffix != ".zarr"):
-        raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
     grid = make_grid(model, p, axes, Outputs(derivatives, wrt, rtol, optimum), paired=paired)
     for message in grid.outside_of_range:
         warnings.warn(message, OutOfRangeWarning, stacklevel=2)
@@ -100,7 +98,10 @@ def prepare_sweep(
 ) -> "SweepJob":
     """Open the store of a grid, or make one; arguments and errors as of `sweep`."""
     path = None if store is None else check_path("store", store)
-    usual = _MEMORY_BLOCK if path is None or path.suffix != ".zarr" else _STORED_BLOCK
+    is_zarr = path is not None and path.suffix == ".zarr"
+    if chunks is not None and not is_zarr:
+        raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
+    usual = _STORED_BLOCK if is_zarr else _MEMORY_BLOCK
     block = block_shape(grid.lengths, chunks, _LEAST_BLOCK, usual)
     store_of_blocks = open_store(grid, block, path)
     missing = store_of_blocks.missing()
