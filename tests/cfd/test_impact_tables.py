@@ -202,7 +202,7 @@ count,diameter [um],density [g/cm^3],velocity_x [m/s],velocity_y [m/s],velocity_
 20,100,2.65,10,-20,30,1,2,3,first
 2.5,200,2.65,1,2,-3,4,5,6,second
 """
-ANGLES = "mass [ug],diameter [mm],Speed [km/s],alpha [deg],spin [rpm],mesh face,time [ms]\n50,0.1,0.1,30,60,7,250\n"
+INCIDENT = "mass [ug],diameter [mm],Speed [km/s],alpha [deg],spin [rpm],mesh face,time [ms]\n50,0.1,0.1,30,60,7,250\n"
 
 
 UNSTEADY = """\
@@ -241,7 +241,7 @@ WEIGHED = UNSTEADY.replace(" n-in-parcel", "").replace(" 20 ", " ").replace(" 3 
         ("a.csv", VECTORS, {}, OF_VECTORS),
         ("a.csv.gz", gzip.compress(VECTORS.encode()), {}, OF_VECTORS),
         ("a.csv", b"\xef\xbb\xbf" + VECTORS.replace("\n", "\r\n").encode(), {}, OF_VECTORS),
-        ("a.csv", ANGLES, {}, {"speed": [100], "alpha": [math.pi / 6], "spin": [2 * math.pi], "mass": [5e-8],
+        ("a.csv", INCIDENT, {}, {"speed": [100], "alpha": [math.pi / 6], "spin": [2 * math.pi], "mass": [5e-8],
                                "face": [7], "time": [0.25]}),
         ("a.csv", "mass [kg],speed [m/s],angle [rad],parcel_mass [kg]\n1e-9,100,0.5,3e-9\n",
          {"particle_density": 2650}, {"diameter": [np.cbrt(6e-9 / 2650 / math.pi)], "count": [3]}),
@@ -257,7 +257,7 @@ def test_a_file_is_read(tmp_path, name, content, options, expected):
 
 
 def test_what_a_table_says_of_itself(tmp_path):
-    impacts = read_impacts(written(tmp_path / "a.csv", ANGLES))
+    impacts = read_impacts(written(tmp_path / "a.csv", INCIDENT))
     assert impacts.mesh_faces
     assert impacts.warnings[0].startswith("a.csv has no column of the number of particles")
     unsteady = read_impacts(written(tmp_path / "wall.dpm", UNSTEADY))
@@ -307,8 +307,8 @@ def test_comments_and_what_cfd_post_writes_above_a_table(tmp_path, text, end):
         (VECTORS.replace("count", "d [m]"), "column 'diameter .um.' gives `diameter`, but so does 'd .m.'"),
         (VECTORS.replace("velocity_z [m/s]", "swirl"), "has no column velocity_z, but the others of the vector"),
         (VECTORS.replace("z [mm]", "depth"), "has no column position_z"),
-        (ANGLES.replace("alpha [deg]", "tilt"), "has no columns of the velocity"),
-        (ANGLES.replace("diameter [mm]", "width"), "has no column `diameter`"),
+        (INCIDENT.replace("alpha [deg]", "tilt"), "has no columns of the velocity"),
+        (INCIDENT.replace("diameter [mm]", "width"), "has no column `diameter`"),
         (VECTORS.replace("density [g/cm^3]", "gravity"), "has no column `mass` or `density`"),
         (VECTORS.replace("2.5,200", "2.5"), "the row '2.5,2.65,1,2,-3,4,5,6,second' has 9 fields"),
         (VECTORS.replace("2.5,200", "2.5,wide"), "row 2: column `diameter .um.` must be a number, but is 'wide'"),
@@ -318,9 +318,9 @@ def test_comments_and_what_cfd_post_writes_above_a_table(tmp_path, text, end):
         (VECTORS.replace("2.5,200", "2.5,1e99"), r"row 2: column `diameter` must be at most 1e\+20, but is 9"),
         (VECTORS.replace(",", ";"), "a.csv: must have commas between its columns"),
         (VECTORS.replace(",", "\t"), "a.csv: must have commas between its columns"),
-        (ANGLES.replace(",7,", ",7.5,"), "row 1: column `mesh_face` must be the number of a face, .*, but is 7.5"),
-        (ANGLES.replace(",7,", ",-2,"), "but is -2"),
-        (ANGLES.replace("time [ms]", "face"), "has both columns `face` and `mesh_face`"),
+        (INCIDENT.replace(",7,", ",7.5,"), "row 1: column `mesh_face` must be the number of a face, .*, but is 7.5"),
+        (INCIDENT.replace(",7,", ",-2,"), "but is -2"),
+        (INCIDENT.replace("time [ms]", "face"), "has both columns `face` and `mesh_face`"),
         (PART + PART, r"\[Name\] begins another part"),
         (f"{PART}\n[Faces]\n0, 1, 2, 3, 4\n", r"\[Faces\] begins another part"),
         (f"# {HEADER}{ROW.replace('a', '1')}", r"line 2 must name the columns, but is '1,100,2650,50,30'"),

@@ -399,7 +399,7 @@ def test_finnie_is_what_openfoam_summed(name: str) -> None:
     impacts = read_impacts(RUNS / name)
     wear = erosion_map("finnie", P, impacts, surface)
     (field,) = map(FoamFieldFile, (RUNS / name / "0.02").iterdir())
-    q = np.concatenate([np.asarray(field.boundary_field[patch].value) for patch in surface.patches])
+    q = np.concatenate([np.asarray(field["boundaryField", patch, "value"]) for patch in surface.patches])
     np.testing.assert_allclose(wear["volume"], q, rtol=1e-9)
     assert int(wear["total_impacts"]) > 400
     assert int((wear["impacts"] > 0).sum()) > 30

@@ -101,7 +101,7 @@ def test_a_store_of_something_else_is_refused(tmp_path, change: dict[str, Any], 
     given: dict[str, Any] = {"problem": BALL, "args": ARGS, "axes": axes, "store": tmp_path / "ball.nc", **OPTIONS}
     first = erosion.sweep_problem(**given)
     # A problem that is written again goes on with its store.
-    assert np.array_equal(erosion.sweep_problem(**given | {"problem": thrown()})["t"], first["t"])
+    assert np.array_equal(erosion.sweep_problem(**dict(given, problem=thrown()))["t"], first["t"])
     with pytest.raises(StoreError, match=said):
         erosion.sweep_problem(**given | change)
 

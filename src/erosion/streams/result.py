@@ -381,11 +381,11 @@ class Stream(Result):
         names = ", ".join(quantities(self.model)[name].symbol for name in self.particles.uncertain)
         error, scale = self.parameter_errors["erosion"], PER_MASS_SCALES["specific_volume"]
         size = scale.size / conversion_factor("volume per mass", self.particles.p.units, "si")
-        ends = self.per_mass.cutting_fraction * np.quantile(self.uncertainty.erosion, [0.025, 0.975])
+        low, high = self.per_mass.cutting_fraction * np.quantile(self.uncertainty.erosion, [0.025, 0.975])
         relative = 100 * error / self.erosion.value if self.erosion.value else math.nan
         return [
             Row("parameter_error", "", f"{relative:.3g}", "%", f"of E, by uncertain {names}; ± is by sampling alone"),
-            Row("", "", _interval(*ends, error, size), scale.unit, "the 95 % interval of E by them"),
+            Row("", "", _interval(low, high, error, size), scale.unit, "the 95 % interval of E by them"),
         ]
 
     @property

@@ -43,7 +43,7 @@ class AnyGrid(abc.ABC):
 
     axes: Mapping[str, np.ndarray]
 
-    @property
+    @functools.cached_property
     def outside_of_range(self) -> tuple[str, ...]:
         """Sentences on what lies outside of what a model is made for."""
         return ()
