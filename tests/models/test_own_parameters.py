@@ -8,7 +8,8 @@ import pytest
 
 import erosion
 from erosion.checks.verify import Subject
-from erosion.cli.run import _print, _print_sensitivities
+from erosion.cli.output import Output
+from erosion.cli.run import _show, _show_sensitivities
 from erosion.impacts.alpha_max import EndTime
 from erosion.models import Finnie, ForceLaw, Linearized, Torque
 from erosion.models.equations import flaw
@@ -161,8 +162,9 @@ def test_the_best_angle_knows_how_friction_moves_it(capsys):
     assert found.alpha == pytest.approx(np.arctan(ratio) / 2, abs=1e-9)
     assert list(found.sensitivities) == [*(name for name in quantities(MODEL) if name != "alpha")]
     assert found.sensitivities["friction"] == pytest.approx(-(ratio**2) / (1 + ratio**2) / 2, rel=1e-6)
-    _print("tip.py", found, erosion.PerMass())
-    _print_sensitivities(found)
+    output = Output("optimum", json=False)
+    _show(output, "tip.py", found, erosion.PerMass())
+    _show_sensitivities(output, found)
     out = capsys.readouterr().out
     assert "tip.py (friction = 0.2): the angle of greatest volume" in out
     assert [line.split()[:2] for line in out.splitlines() if "coefficient of friction" in line] == [["friction", "μ"]]
