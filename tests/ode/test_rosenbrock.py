@@ -135,7 +135,8 @@ def test_a_chain_of_doses() -> None:
     ]
     np.testing.assert_array_equal([end.count for end in ends], 3)
     np.testing.assert_allclose(ends[1].t, ends[0].t, rtol=1e-7)
-    np.testing.assert_allclose(ends[1].along("k").t, ends[0].along("k").t, rtol=1e-6)
+    # Hundreds of thousands of steps at the limit of stability: the derivatives of "explicit" err by 2e-6 for some k.
+    np.testing.assert_allclose(ends[1].along("k").t, ends[0].along("k").t, rtol=1e-5)
 
 
 def test_in_jax() -> None:

@@ -51,6 +51,20 @@ def test_the_next_step_follows_the_error(error: float, factor: float) -> None:
     assert (after.trials, after.rejected) == (1, 0 if moved else 1)
 
 
+def test_steps_that_get_shorter_go_on_so() -> None:
+    """Half of a step's shortening is expected of the next; nothing after longer steps, rejected ones and the first."""
+    foresees = LIMITS._replace(foresees=True)
+    wanted = FIRST * 0.8 * 0.5 ** (-1 / 8)
+    for before, shorter in ((0.0, 1.0), (wanted / 2, 1.0), (wanted * 2, 0.75)):
+        control = start()._replace(wanted=jnp.asarray(before))
+        after, _ = one_trial(control, 0.5, foresees)
+        assert after.trial == pytest.approx(shorter * wanted, rel=1e-12)
+        assert after.wanted == pytest.approx(wanted, rel=1e-12)
+        rejected, _ = one_trial(control, 100.0, foresees)
+        assert rejected.trial == pytest.approx(FIRST * 0.8 * 100 ** (-1 / 8), rel=1e-12)
+        assert rejected.wanted == before
+
+
 def test_a_step_cut_short_does_not_shorten_the_next() -> None:
     wanted = start()._replace(trial=jnp.asarray(FIRST / 100))
     after, moved = one_trial(wanted, 1e-4)

@@ -27,6 +27,7 @@ from erosion.ode.step_control import (
     Control,
     Limits,
     counted,
+    foreseen_step,
     given_up,
     goes_on,
     next_step,
@@ -305,7 +306,8 @@ def decide(
     if stiff:
         near, flat = _STIFF_NEAR * control.trial, _STIFF_FLAT * control.trial
     ended = fits & (jnp.abs(left) <= jnp.where(steep, near, flat))
-    step = jnp.where(locating, control.step, next_step(control, trial.error, good))
+    wanted = next_step(control, trial.error, good)
+    step = jnp.where(locating, control.step, foreseen_step(control, wanted, good, limits))
     if stiff:
         # The derivatives of a long step by its length err by far more than the step.
         ended = ended & (expected <= _PARTED * step)
@@ -327,6 +329,7 @@ def decide(
         mode=jnp.where(bracketed & ~lands, LOCATING, control.mode),
         step=step,
         trial=length,
+        wanted=jnp.where(accepted & ~locating, wanted, control.wanted),
         high=jnp.where(accepted, trial.high - control.trial, trial.high),
         event=jnp.where(ended, event, control.event),
         left=jnp.where(ended, expected if stiff else left, control.left),

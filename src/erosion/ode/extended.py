@@ -57,7 +57,8 @@ class Extended:
         given = self.options.sizes or ()
         self.sizes = [_TINY] * (len(state) - len(given)) + list(given) + [_TINY] * self.integrals
         scaled, clocked = layout.problem.time_scale is not None, self.options.clock
-        self.limits = Limits(self.options.max_steps, scaled and (not clocked or jnp.isinf(self.clock.t1)))
+        by_scale = scaled and (not clocked or jnp.isinf(self.clock.t1))
+        self.limits = Limits(self.options.max_steps, by_scale, foresees=self.options.waits and not is_stiff)
 
         # Each is traced once for all the places where it is called.
         @jax.jit

@@ -126,6 +126,7 @@ NOT_BEGUN, ARRIVED = -1, -2
 
 FIRST_STEP = 0.17  # of the time scale
 _SAFETY = 0.8  # of the step that would just do
+_TREND = 0.5  # of a step's shortening is expected of the next step, too
 LONGEST = 1e4  # of the time scale, where nothing else bounds a lane; later is "unfinished"
 _REJECTED = 256  # trials, and eight more for each accepted: then the error must be rounding
 _STUCK = 512  # trials at a pace that would take more than all of them for a 25th of the time scale: rounding, too
@@ -134,15 +135,17 @@ _SHORTEST = 1e-14  # of the time scale
 
 
 class Limits(NamedTuple):
-    """When a lane is given up.
+    """When a lane is given up, and how its steps follow one another.
 
     Args:
         trials: after so many.
         by_scale: whether the time scale says how long a lane may take at most, and how slow a pace is hopeless.
+        foresees: whether steps that get shorter are expected to go on so.
     """
 
     trials: int
     by_scale: Flag
+    foresees: bool = False
 
 
 class Control(NamedTuple):
@@ -158,6 +161,7 @@ class Control(NamedTuple):
     trials: Scalar
     rejected: Scalar  # trials whose error was too large
     margin: Scalar  # the least value to which an event function has dipped so far
+    wanted: Scalar  # the length that the error control asked for after the last accepted step; 0 before it
 
 
 def begin(scale: Scalar, begins: Flag, finite: Flag, first: float) -> Control:
@@ -175,6 +179,7 @@ def begin(scale: Scalar, begins: Flag, finite: Flag, first: float) -> Control:
         trials=0 * mode,
         rejected=0 * mode,
         margin=zero + jnp.inf,
+        wanted=zero,
     )
 
 
@@ -193,8 +198,9 @@ def go_on(control: Control, error: Scalar, scale: Scalar, limits: Limits) -> tup
         limits: when a lane is given up.
     """
     good = error <= 1
-    step = next_step(control, error, good)
-    after = counted(control, jnp.inf, good, good)
+    wanted = next_step(control, error, good)
+    step = foreseen_step(control, wanted, good, limits)
+    after = counted(control, jnp.inf, good, good)._replace(wanted=jnp.where(good, wanted, control.wanted))
     return given_up(after._replace(step=step, trial=step), scale, limits), good
 
 
@@ -209,6 +215,14 @@ def next_step(control: Control, error: Scalar, good: Flag) -> Scalar:
     wanted = jnp.where(jnp.isfinite(error), jnp.clip(factor, 0.2, 5.0), 0.2) * control.trial
     # A step shortened to end at a dip or an event says little about the next step.
     return jnp.where(good & (control.trial < control.step), jnp.maximum(wanted, control.step), wanted)
+
+
+def foreseen_step(control: Control, wanted: Scalar, good: Flag, limits: Limits) -> Scalar:
+    """The next step's length: shorter than the error control would like where it liked a longer one before."""
+    if not limits.foresees:
+        return wanted
+    shorter = jnp.minimum(wanted / control.wanted, 1.0)
+    return jnp.where(good, wanted * (1 - _TREND + _TREND * shorter), wanted)
 
 
 def counted(control: Control, lowest: Scalar, good: Flag, moved: Flag) -> Control:
