@@ -206,7 +206,7 @@ SWEEPS = [
     ("sweep case.toml", "Option `--output` must have a value"),
     ("sweep case.toml -o out.txt", "Option `--output` must end in .nc, .csv or .zarr, but is out.txt."),
     ("sweep case.toml --case case.toml -o x.nc", "The case must be given once"),
-    ("sweep -o x.nc", "must include an axis"),
+    ("sweep -o x.nc", "must include an axis, such as --alpha"),
     ("sweep -o x.nc --alpha 1deg:9deg", 'Option `--alpha` must be "first : last : count"'),
     ("sweep -o x.nc --alpha 1deg:9deg:1", 'Option `--alpha` must be "first : last : count"'),
     ("sweep -o x.nc --v0 1:2:3:4", 'Option `--v0` must be "first : last : count"'),

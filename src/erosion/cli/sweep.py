@@ -104,6 +104,8 @@ def sweep(
     values = _own_values(chosen, options, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
     single = {name: float(value) for name, value in values.items() if not value.ndim}
     axes |= {name: axis for name, axis in values.items() if axis.ndim}
+    if not (axes or isinstance(chosen, list)):
+        raise InputError('Options must include an axis, such as --alpha "1deg:90deg:90", or several models.')
     with user_errors(TypeError):
         outputs = _outputs(section, derivatives, wrt, optimum)
         together = paired or _listed(options, section, "paired", read_list) or ()
