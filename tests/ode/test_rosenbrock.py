@@ -209,6 +209,45 @@ def test_an_event_of_a_number_far_below_its_size_needs_sizes() -> None:
     np.testing.assert_allclose(ode.solve(decay, t1=1e4, sizes=1e-50, **STIFF).t, 100, rtol=1e-8)
 
 
+def test_the_program_finds_the_stiff_lanes() -> None:
+    """Each lane has the bits of the method that it is integrated by, whatever its neighbours are."""
+    args = {"mu": np.array([1.0, 1000.0, 3.0, 500.0])}
+    for order in range(3):
+        wrt = "mu" if order else ()
+        end, explicit, stiff = (
+            ode.solve(OSCILLATOR, args, t1=1e4, rtol=1e-7, wrt=wrt, derivatives=order, method=method, max_steps=2000)
+            for method in ("auto", "explicit", "rosenbrock")
+        )
+        np.testing.assert_array_equal(end.stiff, [False, True, False, True])
+        np.testing.assert_array_equal(end.ended_by, "zero")
+        np.testing.assert_array_equal(end.t, np.where(np.asarray(end.stiff), stiff.t, explicit.t))
+        for names in (("mu",), ("mu", "mu"))[:order]:
+            expected = np.where(np.asarray(end.stiff), stiff.along(*names).t, explicit.along(*names).t)
+            np.testing.assert_array_equal(end.along(*names).t, expected)
+    both = dataclasses.replace(OSCILLATOR, y0=lambda args: {"x": args["x0"], "v": 0.0})
+    end = ode.solve(both, {**args, "x0": 2.0}, t1=1e4, rtol=1e-7, wrt=("mu", "x0"))
+    np.testing.assert_array_equal(end.stiff, [False, True, False, True])
+    np.testing.assert_allclose(end.along("mu").t[1], 0.8068526, rtol=1e-3)
+
+
+def test_a_stiff_lane_of_the_program_in_jax() -> None:
+    slope = jax.grad(lambda mu: ode.solve(OSCILLATOR, {"mu": mu}, t1=1e4, rtol=1e-7).t)(1000.0)
+    end = ode.solve(OSCILLATOR, {"mu": 1000.0}, t1=1e4, rtol=1e-7, wrt="mu")
+    assert end.stiff
+    np.testing.assert_allclose(slope, end.along("mu").t, rtol=1e-12)
+
+
+def test_a_stiff_lane_that_the_method_does_not_take_stays_explicit() -> None:
+    kinked = ode.Problem(
+        y0={"y": 2.0},
+        vector_field=lambda t, y, args: {"y": -1e3 * jnp.abs(y["y"] - jnp.cos(t)) * jnp.sign(y["y"] - jnp.cos(t))},
+    )
+    end = ode.solve(kinked, t1=1.0, rtol=1e-6)
+    assert end.ended_by == "t1"
+    assert not end.stiff
+    np.testing.assert_allclose(end.y["y"], (1e6 * np.cos(1) + 1e3 * np.sin(1)) / (1e6 + 1), rtol=1e-5)
+
+
 def test_what_it_does_not_do_is_refused() -> None:
     kinked = ode.Problem(y0={"x": 1.0}, vector_field=lambda t, y, args: {"x": -jnp.abs(y["x"])})
     with pytest.raises(ValueError, match="smooth=True"):

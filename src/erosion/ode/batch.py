@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from erosion.arguments import Number, PerLane, Scalar
+from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import WIDTH, Compiled, compile_lanes, number, threads
 from erosion.ode.agreement import differ, sizes_of, units_of
 from erosion.ode.integrator import TIGHTEST, LaneEnd, integrate_lane
@@ -139,6 +140,8 @@ def integrate(
     empty = _empty(results, lanes, len(directions))
     batch = _Batch(layout, program, leaves, empty, np.zeros((len(empty.second_sizes), lanes)))
     batch.run(np.arange(lanes), np.asarray(rtol))
+    if layout.options.method == "auto":
+        _by_other_methods(batch, order, directions, rtol, again=again)
     if again:
         _check(batch, np.flatnonzero(batch.results.tolerance > rtol), rtol)
         doubtful = np.flatnonzero(batch.results.tolerance < rtol)
@@ -151,6 +154,35 @@ def integrate(
     if order:
         _with_fewer_derivatives(batch, order, directions, rtol, again=again)
     return batch.results
+
+
+def _by_other_methods(
+    batch: _Batch, order: int, directions: tuple[int | PerLane, ...], rtol: float, *, again: bool
+) -> None:
+    """Integrate lanes that turned out to be stiff, or took too many steps, by the method for stiff motions.
+
+    Where that has no result either, or cannot be compiled, a stiff lane is integrated as if it were not.
+    """
+    results, layout = batch.results, batch.layout
+    if results.stiff is None:
+        return
+    given_up = results.stiff > 0
+    lanes = np.flatnonzero(given_up | (results.trials > layout.options.max_steps))
+    for method in ("rosenbrock", "explicit"):
+        if not lanes.size:
+            return
+        numbers = layout.of_lanes(batch.leaves[: len(layout.shapes)], lanes)
+        along = tuple(each if isinstance(each, int) or not np.ndim(each) else each[lanes] for each in directions)
+        try:
+            found = integrate(layout.wanting(method=method), numbers, lanes.size, order, along, rtol, again=again)
+        except NotForLanesError:
+            lanes = lanes[given_up[lanes]]
+            continue
+        for name in ("outcome", "time", "outputs", "trials", "count", "at_once", "least"):
+            _put(getattr(results, name), getattr(found, name), lanes)
+        results.tolerance[lanes] = rtol
+        results.stiff[lanes] = method == "rosenbrock"
+        lanes = lanes[layout.has_no_result(found.outcome) & given_up[lanes]]
 
 
 def _with_fewer_derivatives(

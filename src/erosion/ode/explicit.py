@@ -7,13 +7,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.arguments import Scalar
+from erosion.arguments import Flag, Scalar
 from erosion.ode.extended import Extended
 from erosion.ode.reduction import Rows
 from erosion.ode.step_control import B_CHECK, B_ERROR, A, B, eighth_root
 
 _CHECK = 0.1  # of the second estimate, brought to the first one's order; benchmarks/TUNING.md
 _LOOKS = (5, 9)  # stages at 0.15 and 0.92 of a step: a cubic that errs between them errs at one of them
+# Times an eigenvalue: the method is stable up to 5.2, or 3.7 for undamped oscillations, which loose tolerances reach.
+_UNSTABLE, _UNSTABLE_TIGHT = 4.0, 3.0
+_TIGHT = 1e-6
+_TOLD = 1e-4  # tolerances: stages that differ by less say nothing about eigenvalues
+_TINY = 1e-200  # keeps 0/0 away
 SOON = 1e-3  # of the time scale: what a row changes within it counts as its size
 APART = 1e-6  # of a row's size is the least size of its derivatives, by a change of a number by its own size
 NOISE = 1e-15  # of a row's size: what rounding leaves in its derivatives
@@ -112,6 +117,32 @@ def _size(before: Scalar, after: Scalar, moved: Scalar, least: Scalar) -> Scalar
 @functools.partial(jax.jit, static_argnums=0)
 def _estimate(weights: tuple[float, ...], h: Scalar, slopes: Sequence[Scalar], size: Scalar) -> Scalar:
     return jnp.abs(h * _weighted(weights, slopes)) / size
+
+
+def is_stiff(
+    problem: Extended, greatest: Rows, rows: tuple[Rows, Rows], stages: list[Rows], h: Scalar, rtol: Scalar
+) -> Flag:
+    """Whether a step is as long as stability allows, rather than its error.
+
+    Two stages are at the step's end. Their slopes differ by an eigenvalue times their difference.
+
+    Args:
+        problem: the equations.
+        greatest: the greatest size so far of each row of the motion itself.
+        rows: before and after the step.
+        stages: the slopes of each row in the step.
+        h: its length.
+        rtol: the tolerance.
+    """
+    apart = slopes = 0.0 * h
+    for before, after, ks, size in zip(*rows, stages, greatest, strict=False):
+        one, other = (moved_by(A[i], before, h, ks[: i + 1]) for i in (-3, -2))
+        least = jnp.maximum(jnp.maximum(jnp.abs(before), jnp.abs(after)), LEAST * size) + _TINY
+        apart = jnp.maximum(apart, jnp.abs(other - one) / least)
+        slopes = jnp.maximum(slopes, jnp.abs(h * (ks[len(A) - 1] - ks[len(A) - 2])) / least)
+    # Differences of rounding say nothing.
+    most = jnp.where(rtol <= _TIGHT, _UNSTABLE_TIGHT, _UNSTABLE)
+    return (slopes > most * apart) & (apart > _TOLD * rtol)
 
 
 def short_step(problem: Extended, state: Rows, slope: Rows, h: Scalar) -> Rows:

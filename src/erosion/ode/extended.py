@@ -88,6 +88,7 @@ class Extended:
         self.rate = functools.partial(rate, self.numbers, places)
         self.rate_and_events = functools.partial(rate_and_events, self.numbers, places)
         self.rodas = Rodas(self) if is_stiff else None
+        self.watches = self.options.method == "auto" and not self.rough
 
     def members(self, rows: Rows) -> tuple[Augmented, ...]:
         """Value and derivatives of a state."""

@@ -21,7 +21,7 @@ from erosion.ode.extended import Extended
 from erosion.ode.landing import Flight, Lane, all_finite, landed
 from erosion.ode.problem import OTHER_ENDS
 from erosion.ode.reduction import Rows, corrected, is_broken
-from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FIRST_STEP, NOT_BEGUN, UNFINISHED, Control
+from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FIRST_STEP, NOT_BEGUN, STIFF, UNFINISHED, Control
 from erosion.ode.variational import (
     Along,
     AtEvent,
@@ -43,6 +43,8 @@ _GRAZE = 1e4  # tolerances: a dip this close to zero may be a fall, after many t
 TIGHTEST = 1e-13  # tolerance of a second integration: rounding is near
 _MANY_STEPS, _MANY_FACTOR = 64, 1e-2  # the errors of this many steps add up, and may grow from step to step
 _CHEAPER, _CHEAPEST = 1e4, 1e-2  # times the tolerance, at most: of an integration that tells how errors grow
+_MANY_STIFF = 12  # steps, more than others, that stability alone made short: the motion is stiff
+_FAR = 200  # steps: a nearer end is reached all the same
 _COARSER = 30.0  # times the tolerance: tells what second derivatives of a stiff motion err by
 _FIXED = 1e-10  # of its size, by a change of a parameter by its own size: rounding of a second derivative
 _LINEAR = 1e-3  # of that of a power: a second derivative this small is almost zero
@@ -69,6 +71,7 @@ class LaneEnd(NamedTuple):
         count: number of events on the way, that at the end included.
         at_once: for each event whether it happens at the end.
         least: where the whole state is wanted, a size of each of its elements below which it need not be known.
+        stiff: whether the lane was given up as stiff, or integrated by the method for that; where it is looked for.
         second_sizes: of a stiff motion, sizes of time and outputs relative to which their second derivatives should
             be known.
     """
@@ -82,6 +85,7 @@ class LaneEnd(NamedTuple):
     at_once: Sequence[PerImpact] = ()
     least: Sequence[PerImpact] = ()
     second_sizes: Sequence[PerImpact] = ()
+    stiff: PerImpact | None = None
 
 
 def integrate_lane(
@@ -164,7 +168,8 @@ def _to_its_event(
     largest = [0.0 * row for row in initial] if before is None or problem.rodas is None else before.greatest
     greatest = _greatest(problem, largest, initial)
     shift = stiff.no_shift(problem)
-    lane = Lane(_within(problem, control, until), events, initial, slope, watched, greatest, shift)
+    count = 0.0 * scale if problem.watches else None
+    lane = Lane(_within(problem, control, until), events, initial, slope, watched, greatest, shift, count)
     lane = lax.while_loop(
         lambda lane: step_control.goes_on(lane.control),
         lambda lane: _try_step(problem, rtol, until, lane),
@@ -245,6 +250,15 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
     if problem.rough and problem.order == 2:
         ends = (lane.state, lane.slope), (state, slope)
         state, slope = corrected(problem, *ends, stages, h, problem.time_scale)
+    count = lane.stiff
+    if count is not None:
+        stability = explicit.is_stiff(problem, lane.greatest, (lane.state, state), stages, h, rtol)
+        count = jnp.maximum(count + jnp.where(moved, jnp.where(stability, 1.0, -1.0), 0.0), 0.0)
+        far = until is None or until - control.time > _FAR * control.step
+        stops = step_control.goes_on(control) & (count >= _MANY_STIFF) & far
+        control = control._replace(
+            mode=jnp.where(stops, UNFINISHED, control.mode), event=jnp.where(stops, STIFF, control.event)
+        )
     control = _within(problem, control, until)
     if problem.rodas is not None:
         # The step that arrives is the last one, which a lane ends with.
@@ -256,7 +270,7 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
     greatest, shift = _greatest(problem, lane.greatest, state), lane.shift
     if shift:
         state, slope, shift = stiff.shifted(problem, greatest, state, slope, shift, stages, rtol)
-    after, before = (events, state, slope, watched, greatest, shift), tuple(lane[1:])
+    after, before = (events, state, slope, watched, greatest, shift, count), tuple(lane[1:])
     kept = jax.tree.map(lambda new, old: jnp.where(moved, new, old), after, before)
     return Lane(control, *kept)
 
@@ -336,6 +350,7 @@ def _finish(problem: Extended, motion: Flight, end: AtEvent, rtol: Scalar) -> La
         at_once=[lax.convert_element_type(each, np.int8) for each in motion.at_once] if problem.options.clock else [],
         least=least,
         second_sizes=second_sizes,
+        stiff=lax.convert_element_type(control.event == STIFF, np.int8) if problem.watches else None,
     )
 
 

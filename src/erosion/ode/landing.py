@@ -28,6 +28,8 @@ class Lane(NamedTuple):
 
     An event of the last step is one that counted where that step began: `watched`.
     `greatest` is the greatest size so far of each row of the motion itself, where the whole state is wanted.
+    `shift` holds the derivatives of the time by which a stiff motion was shifted, see `stiff.shifted`; `stiff` counts
+    steps that only stability made short, where they are watched.
     """
 
     control: Control
@@ -37,6 +39,7 @@ class Lane(NamedTuple):
     watched: list[Watched]
     greatest: Rows
     shift: Rows
+    stiff: Scalar | None
 
 
 class Flight(NamedTuple):

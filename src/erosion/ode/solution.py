@@ -84,6 +84,7 @@ class Solution(Result):
         count: the number of events, that at the end included.
         trials: the number of steps tried.
         at_once: by name whether an event happens at the end, as others may at the same time.
+        stiff: whether the method for stiff motions integrated the lane; None where JAX traces.
         derivatives: by names of one or two numbers; see `along`.
         times: the states at `ts`, or None.
     """
@@ -101,6 +102,7 @@ class Solution(Result):
     derivatives: Mapping[tuple[str, ...], Part] = dataclasses.field(repr=False)
     lanes: "Lanes" = dataclasses.field(repr=False)
     rtol: float
+    stiff: PerImpact | None = None
     times: Times | None = None
 
     @functools.cached_property

@@ -101,9 +101,9 @@ def solve(
         smooth: True says that the equations have no kinks although `sqrt` or `where` occurs; by default the
             arithmetic is looked at.
         max_steps: trials of steps after which a lane is "unfinished".
-        method: "explicit" ("auto" by default), a Runge-Kutta method of 8th order; or "rosenbrock", Rodas5P of 5th order
-            for stiff motions of up to some twenty unknowns without kinks. Its second derivatives are NaN where
-            they are not known to about 1e-4.
+        method: "explicit", a Runge-Kutta method of 8th order; "rosenbrock", Rodas5P of 5th order for stiff motions of
+            up to some twenty unknowns without kinks, whose second derivatives are NaN where they are not known to
+            about 1e-4; or "auto": explicit, and lanes that turn out to be stiff by the other (`Solution.stiff`).
         shared: paths of arrays that each lane has as a whole, such as tables and weights.
 
     Returns:
@@ -173,7 +173,7 @@ def checked_lanes(
         whole=True,
         smooth=smooth,
         max_steps=check_whole("max_steps", max_steps, 1),
-        method="rosenbrock" if method == "rosenbrock" else "explicit",
+        method=method,
     )
     clock = Clock(t0, math.inf if t1 is None else t1, max_step, max_events)
     if t1 is None and problem.time_scale is None:
@@ -314,6 +314,7 @@ def ends(lanes: Lanes, names: Sequence[str], order: int, rtol: float) -> tuple[L
         outcome=outcome,
         trials=results.trials.sum(axis=1),
         count=results.count[:, 0],
+        stiff=None if results.stiff is None else results.stiff.max(axis=1),
         at_once=[each[:, 0] for each in results.at_once],
     )
     return results, along
@@ -341,6 +342,9 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float) -> Sol
                 found[path] = part(kind, i)
     if ("t0",) in found:
         found[("t0",)] = found[("t0",)]._replace(t=found[("t0",)].t + 1.0)
+    stiff = np.full(lanes.size, lanes.layout.options.method == "rosenbrock")
+    if results.stiff is not None:
+        stiff = results.stiff > 0
     return Solution(
         problem=lanes.layout.problem,
         names=lanes.layout.end_names,
@@ -352,6 +356,7 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float) -> Sol
         count=results.count.reshape(lanes.shape)[()],
         trials=results.trials.reshape(lanes.shape)[()],
         at_once=named_events(lanes, [each.reshape(lanes.shape)[()] > 0 for each in results.at_once]),
+        stiff=stiff.reshape(lanes.shape)[()],
         derivatives=found,
         lanes=lanes,
         rtol=rtol,

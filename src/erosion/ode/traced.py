@@ -113,6 +113,9 @@ def _kind(order: int) -> str:
 def _solve(layout: Layout, rtol: float, numbers: Sequence[Number], order: int, places: _Places) -> Any:
     """Time and outputs, and codes; or the derivatives along each direction, shape (1 + outputs, directions)."""
     if by_xla():
+        if layout.options.method == "auto":
+            # No other method could follow there.
+            layout = layout.wanting(method="explicit")
         lane = functools.partial(integrate_lane, layout, list(numbers), rtol=rtol, order=order)
         if not places:
             end = lane(directions=())

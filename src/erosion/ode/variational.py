@@ -50,7 +50,8 @@ class Options(NamedTuple):
         smooth: the motion has no kinks, whatever its arithmetic looks like; None looks.
         max_steps: trials after which a lane is unfinished.
         sizes: of each number of the state: below a size times the tolerance it need not be known.
-        method: "explicit" or "rosenbrock".
+        method: "explicit", "rosenbrock", or "auto": an explicit lane that turns out to be stiff is given up, and
+            `batch` integrates it by the other.
     """
 
     waits: bool = False
