@@ -227,7 +227,7 @@ def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> 
              f"name parameters ({', '.join((*known, FRACTION))}), but has {name!r}."),
             (name == SCALE, f"not name `{SCALE}`, as the factor of data in units of its own is."),
             (name == FRACTION and name in known, f"not name `{FRACTION}`, as the share of particles that cut is."),
-            (name == "alpha" or name in data.conditions, f"not name `{name}`: the data has a column of it."),
+            (name in ("alpha", *data.conditions), f"not name `{name}`: the data has a column of it."),
         )  # fmt: skip
     if not names or len(set(names)) != len(names):
         raise ValueError(f"Argument `free` must name one or several different parameters, but is {free!r}.")
