@@ -137,6 +137,16 @@ def test_no_path_leads_out(place: str, path: str) -> None:
     assert "root:" not in answer.text
 
 
+@pytest.mark.parametrize("part", ["resources", "libraries", "components", "esm", "static", "dynamic_resources"])
+def test_no_folder_of_the_server_leads_out(place: str, part: str) -> None:
+    import nicegui
+
+    for climb in ("../" * 12, "..%2f" * 12, "%2e%2e%2f" * 12, "x/" + "../" * 12):
+        answer = ask(place, f"/_nicegui/{nicegui.__version__}/{part}/{climb}etc/passwd")
+        assert answer.status in (400, 403, 404)
+        assert "root:" not in answer.text
+
+
 @pytest.mark.parametrize("characters", [20_000, 60_000])
 def test_a_link_of_absurd_length_is_refused(place: str, characters: int) -> None:
     answer = ask(place, "/?alpha=" + "9" * characters)

@@ -97,6 +97,15 @@ def test_a_link_with_a_script_is_text(page: Page, address: str) -> None:
     assert page.evaluate("[window.bad, document.querySelectorAll('img').length]") == [None, 0]
 
 
+def test_a_link_that_could_never_be_read_stops_nobody(page: Page, address: str) -> None:
+    page.goto(f"{address}?v0=1 m/s*9**9**9**9")
+    expect(page.get_by_text("The link cannot be used: Field `v0` must be a speed")).to_be_visible()
+    page.goto(f"{address}?alpha={'9' * 50_000}")
+    expect(page.get_by_text("The address must have at most 16000 characters, but has 50007.")).to_be_visible()
+    page.goto(f"{address}?alpha=30deg")
+    settle(page, "alpha", "30")
+
+
 def test_a_page_outlives_its_server(context: BrowserContext) -> None:
     page = context.new_page()
     with served() as (process, address):

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -153,6 +154,19 @@ def test_bad_input_marks_the_field_and_changes_nothing(page: Page) -> None:
         expect(page.locator(f"#{name}-why")).to_be_empty()
 
 
+def test_two_tabs_have_separate_states(page: Page, address: str) -> None:
+    other = page.context.new_page()
+    other.goto(address)
+    other.wait_for_selector("main[data-ready=true]")
+    slide(page, "k", 0.5)
+    slide(other, "alpha", 60)
+    settle(page, "k", "8.944")
+    settle(other, "alpha", "60")
+    assert page.input_value("#alpha-entry") == "20"
+    assert other.input_value("#k-entry") == "2"
+    assert curve(page, "volumes", "linearized")[:, 1].max() != curve(other, "volumes", "linearized")[:, 1].max()
+
+
 def test_presets_and_reset(page: Page) -> None:
     far = page.locator(".view-numbers").get_by_text("g/kg is far from what tests on ductile metals find at 112 m/s")
     expect(far).to_have_count(0)  # nobody asks for amounts of the scenario's case
@@ -251,7 +265,7 @@ def test_a_plug_in_has_sliders_of_its_own_parameters(context: BrowserContext) ->
         page.close()
 
 
-def test_only_this_machine_is_spoken_to(page: Page, address: str) -> None:
+def test_only_this_machine_is_spoken_to(page: Page, server: tuple, address: str) -> None:
     asked = []
     other = page.context.new_page()
     other.on("request", lambda request: asked.append(request.url))
@@ -263,6 +277,22 @@ def test_only_this_machine_is_spoken_to(page: Page, address: str) -> None:
     assert [
         url for url in asked if not url.startswith((address, address.replace("http", "ws"), "data:", "blob:"))
     ] == []
+    port = int(address.rstrip("/").rsplit(":", 1)[1])
+    assert listening_on(server[0].pid) == {("127.0.0.1", port)}
+
+
+def listening_on(pid: int) -> set[tuple[str, int]]:
+    """Addresses that a process listens on, from Linux's own tables."""
+    own = {str(path.readlink()) for path in Path(f"/proc/{pid}/fd").iterdir() if path.is_symlink()}
+    addresses = set()
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]:
+            place, state, inode = (line.split()[i] for i in (1, 3, 9))
+            if state == "0A" and f"socket:[{inode}]" in own:
+                ip, port = place.split(":")
+                numeric = socket.inet_ntoa(bytes.fromhex(ip)[::-1]) if table == "tcp" else ip
+                addresses.add((numeric, int(port, 16)))
+    return addresses
 
 
 def test_stopping_it_while_it_compiles_says_one_line(browser: Browser, tmp_path: Path) -> None:
