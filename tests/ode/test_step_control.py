@@ -2,6 +2,7 @@
 
 import importlib
 import re
+from fractions import Fraction
 from pathlib import Path
 
 import jax
@@ -129,7 +130,7 @@ def test_the_readme_has_every_constant_of_step_control_as_it_is() -> None:
     for names, module, values in re.findall(r"^\| (`_?[A-Z].*?) \| `(\w+)` \| (.*?) \|", text, re.MULTILINE):
         code = importlib.import_module(f"erosion.ode.{module}")
         constants = [getattr(code, name) for name in re.findall(r"`(\w+)`", names)]
-        assert [float(value) for value in values.split(",")] == np.hstack(constants).tolist(), names
+        assert [float(Fraction(value)) for value in values.split(",")] == np.hstack(constants).tolist(), names
         told |= {(module, name) for name in re.findall(r"`(\w+)`", names)}
     assert told
     others = {"_KEYS", "_BINS", "_CROWDED", "_TINY", "_NONE"}
