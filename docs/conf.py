@@ -43,7 +43,7 @@ nb_output_stderr = "error"
 nb_merge_streams = True
 
 # What the cells' processes inherit: the command line of this environment, plain tables that fit
-# the page, and JAX's compiled programs, shared with the command line.
+# the page, and JAX's compiled programs of the last build.
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 os.environ |= {"COLUMNS": "88", "TTY_COMPATIBLE": "0"}
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(platformdirs.user_cache_path("erosion") / "compiled"))

@@ -92,7 +92,6 @@ def _models(
 
 
 def _units(p: "lazy.Parameters") -> dict[str, str]:
-
     units = {name: lazy.RESULTS[name].unit(p.units) for name in ("volume", "volume_max", "alpha_max")}
     return units | lazy.PER_MASS_UNITS | {f"{name}_max": unit for name, unit in lazy.PER_MASS_UNITS.items()}
 
@@ -135,7 +134,6 @@ def _show(
     weights: "Mapping[str, lazy.PerMass]",
     statements: list[str],
 ) -> None:
-
     largest = max(lazy.largest_of(line[name]) for line in lines for name in ("volume", "volume_max"))
     scale = lazy.table_scale("volume", p.units, largest)
 

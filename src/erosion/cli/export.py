@@ -138,7 +138,6 @@ def _parts(
 
 
 def _table(path: Path, dataset: "xr.Dataset", content: str, warnings: Sequence[str] = ()) -> _Part:
-
     sizes = {_OWN_NAMES[str(name)]: size for name, size in dataset.sizes.items()}
     line = f"{content} over {' x '.join(f'{size} {name}' for name, size in sizes.items())}"
     return _Part(path, lazy.to_csv(dataset), line, sizes, warnings)

@@ -170,14 +170,9 @@ def given_fit(
 
 def dimension_of(name: str, models: Sequence[Any], units: "lazy.System") -> "lazy.Dimension":
     """What a parameter is measured in: of an impact, of one of the models (names or models), or a factor."""
-    if name in lazy.QUANTITIES:
-        return lazy.QUANTITIES[name].dimension
-    for model in models:
-        with user_errors():
-            own = lazy.own_parameters(lazy.load_model(model))
-        if name in own:
-            return own[name].quantity.dimension
-    return "1"
+    with user_errors():
+        known = [lazy.QUANTITIES, *(lazy.quantities(lazy.load_model(model)) for model in models)]
+    return next((quantities[name].dimension for quantities in known if name in quantities), "1")
 
 
 WriteCaseOption = Annotated[

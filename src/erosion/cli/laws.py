@@ -293,7 +293,6 @@ def case_and_laws(
 
 
 def _number_or_law(name: str, text: Any, dimension: "lazy.Dimension", units: "lazy.System") -> Any:
-
     law = lazy.read_distribution(str(text), name, dimension, units)
     return lazy.read_quantity(str(text), dimension, units) if law is None else law
 

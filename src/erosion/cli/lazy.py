@@ -1,9 +1,8 @@
 """What the verbs use of the package, imported when a verb uses it: JAX alone takes a second. `lazy.pyi` lists it."""
 
 import importlib
-from pathlib import Path
 
-_STUB = Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+_STUB = __loader__.get_data(__file__ + "i").decode()  # pyright: ignore[reportOptionalMemberAccess]
 _LINES = [line.split() for line in _STUB.splitlines() if line.startswith("from ")]
 _MODULE_OF = {name: module for _, module, _, name, _, _ in _LINES}
 

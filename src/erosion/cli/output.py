@@ -177,7 +177,6 @@ def _case(p: "lazy.Parameters", file: Path | None, varied: Mapping[str, Any]) ->
 def _model(
     name: str, model: "lazy.CuttingModel", p: "lazy.Parameters | None", varied: Mapping[str, Any]
 ) -> dict[str, Any]:
-
     units = "si" if p is None else p.units
     own = {
         key: {"value": parameter.value, "unit": parameter.quantity.unit(units)}

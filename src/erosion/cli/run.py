@@ -135,7 +135,6 @@ def _angles(texts: list[str], p: "lazy.Parameters") -> tuple[float, float]:
 
 
 def _show(output: Output, model: str, best: "lazy.Optimum", per_mass: "lazy.PerMass") -> None:
-
     extreme = "least" if best.least else "greatest"
     title = f"{in_full(model, best.model, best.p.units)}: the angle of {extreme} {best.objective}"
     *rows, certificate = best.rows()
@@ -156,7 +155,6 @@ def _show(output: Output, model: str, best: "lazy.Optimum", per_mass: "lazy.PerM
 
 
 def _show_sensitivities(output: Output, best: "lazy.Optimum") -> None:
-
     known, size = lazy.quantities(best.model), lazy.sizes(best.model, best.p)
     rows = [
         lazy.Row(name, known[name].symbol, f"{math.degrees(rate * size[name]):.5g}", "°", known[name].meaning)

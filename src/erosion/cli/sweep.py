@@ -107,10 +107,17 @@ def sweep(
     if not (axes or isinstance(chosen, list)):
         raise InputError('Options must include an axis, such as --alpha "1deg:90deg:90", or several models.')
     with user_errors(TypeError):
-        outputs = _outputs(section, derivatives, wrt, optimum)
+        outputs = lazy.Outputs(
+            derivatives=section.get("derivatives", 0) if derivatives is None else derivatives,
+            wrt=wrt or section.get("wrt", "alpha"),
+            optimum=section.get("optimum", False) if optimum is None else optimum,
+        )
         together = paired or _listed(options, section, "paired", read_list) or ()
-        grid = lazy.make_grid(_references(chosen, options), p, axes, outputs, paired=together, own=single)
-    weights = _weights(grid, abrasive, options)
+        # Correlations are those that are made for the target; a single model's own values are the grid's.
+        made: Any = [*map(options.reference_as_set, chosen)] if isinstance(chosen, list) else options.reference(chosen)
+        grid = lazy.make_grid(made, p, axes, outputs, paired=together, own=single)
+    # By model, and of a single model by the key "".
+    weights = {name if grid.compared else "": weighing(each, abrasive, options) for name, each in grid.loaded().items()}
     with dask_cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
             job = lazy.prepare_sweep(grid, chunks=_chunks(chunks), store=output if table is None else None)
@@ -126,11 +133,6 @@ def _chosen(model: list[str] | None, options: CaseOptions, section: Mapping[str,
     """The model, or the models if they are several; the option overrules the case file."""
     chosen = chosen_models(model or _listed(options, section, "model", read_models)) or "linearized"
     return chosen[0] if isinstance(chosen, list) and len(chosen) == 1 else chosen
-
-
-def _weights(grid: "lazy.Grid", abrasive: PerMassOptions | None, options: CaseOptions) -> "dict[str, lazy.PerMass]":
-    """By model, how a volume becomes erosion per mass of abrasive; of a single model by the key ""."""
-    return {name if grid.compared else "": weighing(model, abrasive, options) for name, model in grid.loaded().items()}
 
 
 def _output(grid: "lazy.Grid", options: CaseOptions, *, json: bool) -> Output:
@@ -163,11 +165,6 @@ def _case_and_axes(options: CaseOptions, section: Mapping[str, Any]) -> "tuple[l
     return p, {name: value for name, value in values.items() if value.ndim}
 
 
-def _references(model: str | list[str], options: CaseOptions) -> Any:
-    """The same models, of correlations those that are made for the target; a single one's own values are the grid's."""
-    return [*map(options.reference_as_set, model)] if isinstance(model, list) else options.reference(model)
-
-
 def _own_values(model: Any, options: CaseOptions, given: Settings, p: "lazy.Parameters") -> dict[str, Any]:
     """The models' own parameters that are set: each a single value, shape (), or the values of an axis."""
     values: dict[str, Any] = {}
@@ -175,17 +172,6 @@ def _own_values(model: Any, options: CaseOptions, given: Settings, p: "lazy.Para
         for name in model if isinstance(model, list) else [model]:
             values = read_settings(name, options.load(name), given, p.units, lambda _, *of: lazy.read_axis(*of))
     return values
-
-
-def _outputs(
-    section: Mapping[str, Any], derivatives: int | None, wrt: str | None, optimum: bool | None
-) -> "lazy.Outputs":
-    """What to compute of each impact; options overrule the case file."""
-    return lazy.Outputs(
-        derivatives=section.get("derivatives", 0) if derivatives is None else derivatives,
-        wrt=wrt or section.get("wrt", "alpha"),
-        optimum=section.get("optimum", False) if optimum is None else optimum,
-    )
 
 
 def _chunks(items: list[str] | None) -> dict[str, int] | None:
@@ -273,7 +259,6 @@ def _per_mass_rows(of_mass: Mapping[str, float], *, is_beyond: bool) -> "list[la
 
 
 def _rows(dataset: Any, summary: dict[str, Any]) -> "list[lazy.Row]":
-
     rows = [
         lazy.Row(
             "impacts", "", f"{summary['impacts']:,}", "", " × ".join(f"{n} {dim}" for dim, n in dataset.sizes.items())
