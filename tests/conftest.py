@@ -9,6 +9,8 @@ import tempfile
 import pytest
 from jaxtyping import install_import_hook
 
+from tests.documents import run
+
 # One run's processes share what they compile; earlier runs and the user's own cache play no part.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = tempfile.mkdtemp(prefix="erosion-tests-")
@@ -35,3 +37,9 @@ def table(tmp_path):
         return path
 
     return write
+
+
+@pytest.fixture
+def shell(capsys):
+    """Runs a command line in this process; see `tests.documents.run`."""
+    return lambda words, status=0: run(words, status, capsys)

@@ -1,12 +1,47 @@
-"""Reading the JSON document that every verb prints."""
+"""Command lines in the tests' own process, and the JSON document that every verb prints."""
 
 import json
-from typing import Any
+import shlex
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+Shell = Callable[..., "Printed"]
+
+
+class Printed(NamedTuple):
+    """What a command printed."""
+
+    out: str
+    err: str
+
+    @property
+    def document(self) -> dict[str, Any]:
+        return json.loads(self.out)
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """The document's result, its numbers without their units."""
+        return _without_units(self.document["result"])
+
+
+def run(words: str | Sequence[str], status: int, capsys: Any) -> Printed:
+    """Run a command line as a shell does; it must end with this status, and say in one line what is wrong."""
+    from erosion.cli import _status
+
+    capsys.readouterr()
+    assert _status(shlex.split(words) if isinstance(words, str) else words) == status, capsys.readouterr().err
+    printed = Printed(*capsys.readouterr())
+    if status == 2:
+        *warnings, error = printed.err.splitlines()
+        assert error.startswith("erosion: "), printed
+        assert all(line.startswith("warning: ") for line in warnings), printed
+        assert printed.out == ""
+    return printed
 
 
 def result_of(text: str) -> dict[str, Any]:
     """The document's result, its numbers without their units."""
-    return _without_units(json.loads(text)["result"])
+    return Printed(text, "").result
 
 
 def _without_units(value: Any) -> Any:

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.cli import _have_room, _status
+from erosion.cli import _have_room
 from erosion.distributions import Samples
+from tests.documents import Shell
 
 P = erosion.TABLE_1
 
@@ -95,6 +96,7 @@ def test_a_forked_process_computes_or_says_why_not(first: list[str], then: list[
 COMMANDS = """
 import json, sys
 from erosion.cli import main
+from tests.documents import Shell
 for arguments in json.loads(sys.argv[1]):
     try:
         main(arguments)
@@ -185,13 +187,12 @@ def test_a_terminal_without_greek_letters_gets_words(environment: str) -> None:
     ],
 )
 def test_a_name_that_is_no_text_is_refused_by_every_verb(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell, words: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     name = os.fsdecode(b"caf\xe9.csv")
     Path(name).write_text("angle [deg], erosion [-]\n20,1\n")
-    assert _status([word.format(name) for word in words.split()]) == 2
-    printed = capsys.readouterr()
+    printed = shell([word.format(name) for word in words.split()], 2)
     assert printed.out == ""
     assert "caf\\xe9.csv" in printed.err
     assert "UTF-8" in printed.err

@@ -16,6 +16,7 @@ from erosion.explorer.state import PageCase, PageState
 from erosion.fits.measurements import HeaderError, read_header
 from erosion.parameters.quantities import read_axis
 from erosion.parameters.units import Dimension, UnitError, check_system, has_unit, read_quantity
+from tests.documents import Shell
 
 
 @pytest.fixture(autouse=True)
@@ -78,7 +79,7 @@ ENDLESS = ["1 m/s*9**9**9**9", "1" * 50_000 + "x"]
 
 
 @pytest.mark.parametrize("text", ENDLESS, ids=("power", "digits"))
-def test_every_door_refuses_them(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_door_refuses_them(text: str, tmp_path: Path, shell: Shell) -> None:
     file = tmp_path / "case.toml"
     file.write_text(f'v0 = "{text}"\n')
     with pytest.raises(erosion.CaseError, match="v0"):
@@ -92,8 +93,7 @@ def test_every_door_refuses_them(text: str, tmp_path: Path, capsys: pytest.Captu
         state.reading({"v0": text}, ["linearized"])
     for option in ("--v0", "--alpha-range"):
         verb = "run" if option == "--v0" else "optimum"
-        assert _status([verb, option, text, *([text] if verb == "optimum" else [])]) == 2
-        said = capsys.readouterr().err
+        said = shell([verb, option, text, *([text] if verb == "optimum" else [])], 2).err
         assert said.count("\n") == 1
         assert len(said) < 400
 
@@ -204,9 +204,8 @@ def test_a_law_of_bare_angles_is_refused_with_the_right_spelling(law: str, spell
     assert read_distribution("normal(1000, 5)", "phidot0", "angular speed", "si") is not None
 
 
-def test_every_law_of_a_bare_angle_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert _status(["stream", "--alpha", "normal(30, 5)"]) == 2
-    assert capsys.readouterr().err == (
+def test_every_law_of_a_bare_angle_is_one_line(shell: Shell) -> None:
+    assert shell("stream --alpha 'normal(30, 5)'", 2).err == (
         "erosion: Option `--alpha` must have units in its angles, such as normal(30deg, 5deg), "
         "but is 'normal(30, 5)'.\n"
     )

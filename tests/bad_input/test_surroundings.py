@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 import erosion
 from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.map_result import write_map
-from erosion.cli import _status
 from erosion.impacts.dataset_files import write_netcdf
 from erosion.output.files import write_whole
 from erosion.plotting.style import save_plot
@@ -120,15 +119,6 @@ def test_a_closed_output_is_no_error():
     assert (found.returncode, found.stderr) == (0, b"")
 
 
-@pytest.mark.slow
-def test_single_precision_is_refused():
-    environment = {**os.environ, "JAX_ENABLE_X64": "0"}
-    found = subprocess.run([*COMMAND, "run"], env=environment, capture_output=True, text=True, timeout=120, check=False)
-    assert found.returncode == 1
-    assert found.stderr.startswith("erosion: erosion needs float64, but JAX's 64-bit mode is off; unset JAX_ENABLE_X64")
-    assert found.stderr.count("\n") == 1
-
-
 # Ctrl-C comes in whatever the command is doing then; the work would take hours.
 INTERRUPTED = {
     "sweep": ["--alpha", "1deg:90deg:10000", "--v0", "10 m/s:900 m/s:3000", "-o", "out.nc"],
@@ -180,7 +170,7 @@ def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("heeds_ctrl_c")
-def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, capsys):
+def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, shell):
     """JAX collects garbage in a callback of Python's, which swallows what is raised in it."""
     import erosion.impacts.simulate
 
@@ -196,14 +186,12 @@ def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, capsys):
         return "never comes here"
 
     monkeypatch.setattr(erosion.impacts.simulate, "path", simulate)
-    assert _status(["run"]) == 130
-    assert capsys.readouterr().err == "erosion: interrupted\n"
+    assert shell("run", 130).err == "erosion: interrupted\n"
 
 
-def test_too_little_memory_is_one_sentence(monkeypatch, capsys):
+def test_too_little_memory_is_one_sentence(monkeypatch, shell):
     def too_large(*_, **__):
         raise MemoryError("Unable to allocate 58.2 TiB")
 
     monkeypatch.setattr("erosion.cli.app", too_large)
-    assert _status(["run"]) == 1
-    assert capsys.readouterr().err == "erosion: There is not enough memory for this.\n"
+    assert shell("run", 1).err == "erosion: There is not enough memory for this.\n"

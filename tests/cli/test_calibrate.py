@@ -14,7 +14,6 @@ from erosion.cli import _status
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.case_files import dump_case, load_case
 from erosion.parameters.parameters import TABLE_1
-from tests.documents import result_of
 from tests.fits.test_real_data import SAND, measured
 
 pytestmark = pytest.mark.slow
@@ -33,12 +32,11 @@ def table(tmp_path_factory):
     return path
 
 
-def test_a_fit_as_json_with_a_figure(table, tmp_path, capsys):
+def test_a_fit_as_json_with_a_figure(table, tmp_path, shell):
     figure = tmp_path / "fit.svg"
     options = ["--plot", str(figure), "--profile", "k"]
-    assert _status(["calibrate", str(table), "--free", "k,psi", "--json", *options, *GUESS]) == 0
-    captured = capsys.readouterr()
-    printed = result_of(captured.out)
+    captured = shell(["calibrate", str(table), "--free", "k,psi", "--json", *options, *GUESS])
+    printed = captured.result
     assert captured.err == ""
     assert printed["estimates"]["k"] == pytest.approx(2, abs=0.15)
     low, high = printed["intervals"]["k"]
@@ -50,43 +48,23 @@ def test_a_fit_as_json_with_a_figure(table, tmp_path, capsys):
     assert figure.read_text().startswith("<?xml")
 
 
-def test_a_profile_as_text(table, capsys):
-    assert _status(["calibrate", str(table), "--free", "k,psi", "--profile", "psi", *GUESS]) == 0
-    out = capsys.readouterr().out
-    below, profile = out.split("profile of psi")
-    assert "95%: " in below
-    assert "Δχ²" in profile
-    assert len([line for line in profile.splitlines() if line.strip()[:4] in ("0.03", "0.04")]) == 21
-
-
-def test_what_is_not_determined_is_a_warning(table, capsys):
-    assert _status(["calibrate", str(table), "--free", "psi,sigma", *GUESS]) == 0
-    captured = capsys.readouterr()
+def test_what_is_not_determined_is_a_warning(table, shell):
+    captured = shell(["calibrate", str(table), "--free", "psi,sigma", *GUESS])
     assert captured.err.startswith("warning: psi and sigma cannot be told apart: only psi·sigma is determined.")
     assert "not determined" in captured.out
-    assert _status(["calibrate", str(table), "--free", "psi,sigma", "--json", *GUESS]) == 0
-    printed = result_of(capsys.readouterr().out)
+    printed = shell(["calibrate", str(table), "--free", "psi,sigma", "--json", *GUESS]).result
     assert printed["undetermined"] == ["psi", "sigma"]
     assert printed["standard_errors"] == {"psi": None, "sigma": None}  # JSON has no infinity
 
 
-def test_several_models_are_ranked(table, capsys):
-    arguments = ["calibrate", str(table), "--model", "linearized,tan-alpha", "--free", "psi", *GUESS]
-    assert _status([*arguments, "--json"]) == 0
-    captured = capsys.readouterr()
-    assert [one["model"] for one in result_of(captured.out)["ranking"]] == ["linearized", "tan-alpha"]
-    assert _status(arguments) == 0
-    out = capsys.readouterr().out
-    assert "ΔAICc" in out
-    assert out.index("linearized") < out.index("tan-alpha")
-
-
-def test_columns_that_are_not_used_are_named(table, tmp_path, capsys):
+def test_columns_that_are_not_used_are_named(table, tmp_path, shell):
     text = "# from the lab\n" + "".join(f"{line},by hand\n" for line in table.read_text().splitlines())
     path = tmp_path / "notes.csv"
     path.write_text(text.replace("[in^3],by hand", "[in^3],how"))
-    assert _status(["calibrate", str(path), "--free", "k,psi", *GUESS]) == 0
-    assert capsys.readouterr().err == f"warning: {path}: columns that are not used: 'how'.\n"
+    assert (
+        shell(["calibrate", str(path), "--free", "k,psi", *GUESS]).err
+        == f"warning: {path}: columns that are not used: 'how'.\n"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -101,11 +79,10 @@ def sand(tmp_path_factory):
     return ["calibrate", str(data), "--case", str(case), "--density", "7850 kg/m^3", "--starts", "2"]
 
 
-def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, capsys):
+def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, shell):
     path = tmp_path / "fitted.toml"
     options = ["--free", "sigma,k", "--cutting-fraction", "0.3", "--bounds", "sigma=1 GPa:2 GPa,k=1:5"]
-    assert _status([*sand, *options, "--write-case", str(path), "--json"]) == 0
-    printed = result_of(capsys.readouterr().out)
+    printed = shell([*sand, *options, "--write-case", str(path), "--json"]).result
     assert printed["bounds"] == {"sigma": pytest.approx([1e9, 2e9]), "k": pytest.approx([1, 5])}
     assert (printed["degrees_of_freedom"], len(printed["residuals"])) == (22, 24)
     assert 10 < printed["chi2"] < 40
@@ -118,8 +95,10 @@ def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, capsys):
     case, _, advice = path.read_text().partition("\n[advise]\n")
     assert case.endswith('\ncutting_fraction = 0.3  # share of the particles that cut\nmodel = "linearized"\n')
     assert 'uncertain = { sigma = "lognormal(15' in advice
-    assert _status(["run", "--case", str(path), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["case"]["parameters"]["k"]["value"] == printed["estimates"]["k"]
+    assert (
+        shell(["run", "--case", str(path), "--json"]).document["case"]["parameters"]["k"]["value"]
+        == printed["estimates"]["k"]
+    )
 
 
 def test_an_estimate_at_a_bound_has_a_law_within_it_and_an_undetermined_one_none(sand, tmp_path):
@@ -137,27 +116,23 @@ def test_an_estimate_at_a_bound_has_a_law_within_it_and_an_undetermined_one_none
     )
 
 
-def test_bounds_that_are_touched_are_in_table_and_json(sand, capsys):
+def test_bounds_that_are_touched_are_in_table_and_json(sand, shell):
     options = ["--free", "k,cutting_fraction", "--bounds", "cutting_fraction=0.05:0.1"]
-    assert _status([*sand, *options]) == 0
-    captured = capsys.readouterr()
+    captured = shell([*sand, *options])
     assert "at its upper bound" in " ".join(captured.out.split())
     assert "warning: cutting_fraction is at its upper bound, 0.1: its error means nothing." in captured.err
-    assert _status([*sand, *options, "--json"]) == 0
-    touched = result_of(capsys.readouterr().out)["bounds_touched"]
+    touched = shell([*sand, *options, "--json"]).result["bounds_touched"]
     assert {"parameter": "cutting_fraction", "touches": ["estimate at upper", "interval at upper"]} in touched
 
 
-def test_what_a_ranking_says_is_in_its_json(sand, capsys):
-    assert _status([*sand, "--model", "linearized,finnie", "--json"]) == 0
-    warnings = json.loads(capsys.readouterr().out)["warnings"]
+def test_what_a_ranking_says_is_in_its_json(sand, shell):
+    warnings = shell([*sand, "--model", "linearized,finnie", "--json"]).document["warnings"]
     assert warnings == ["linearized and finnie give the same curve: these data cannot tell them apart."]
 
 
-def test_tables_fit_a_terminal_of_80_characters(sand, monkeypatch, capsys):
+def test_tables_fit_a_terminal_of_80_characters(sand, monkeypatch, shell):
     monkeypatch.setenv("COLUMNS", "80")
-    assert _status([*sand, "--model", "rotating,linearized,tan-alpha", "--free", "k,cutting_fraction"]) == 0
-    out = capsys.readouterr().out
+    out = shell([*sand, "--model", "rotating,linearized,tan-alpha", "--free", "k,cutting_fraction"]).out
     assert max(len(line) for line in out.splitlines()) <= 80
     assert "cutting_fraction" in out
 
@@ -186,29 +161,27 @@ def aluminium(tmp_path_factory):
 DEFORMATION = ["--model", "linearized-deformation"]
 
 
-def test_a_written_case_is_exported_for_cfd_codes(aluminium, tmp_path, monkeypatch, capsys):
+def test_a_written_case_is_exported_for_cfd_codes(aluminium, tmp_path, monkeypatch, shell):
     monkeypatch.chdir(tmp_path)
-    assert _status([*aluminium, *DEFORMATION, "--set", "threshold=8 m/s", "--write-case", "fitted.toml"]) == 0
-    *_, next_step = capsys.readouterr().out.splitlines()
+    *_, next_step = shell(
+        [*aluminium, *DEFORMATION, "--set", "threshold=8 m/s", "--write-case", "fitted.toml"]
+    ).out.splitlines()
     assert next_step == "for CFD codes: erosion export fitted.toml --fluent angles.csv"
-    assert _status([*shlex.split(next_step.partition(": erosion ")[2]), "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = json.loads(shell([*shlex.split(next_step.partition(": erosion ")[2]), "--json"]).out)
     own = {name: parameter["value"] for name, parameter in printed["model"]["own_parameters"].items()}
     share = tomllib.loads(Path("fitted.toml").read_text())["cutting_fraction"]
     fitted = load_model("linearized-deformation").replace(**own)
     form = to_fluent(fitted, load_case("fitted.toml"), cutting_fraction=share)
     assert printed["result"]["fluent"]["factor"] == pytest.approx(form.factor, rel=1e-12)
     assert Path("angles.csv").read_text().splitlines()[-10:] == form.text().splitlines()[-10:]
-    assert _status(["export", "fitted.toml", "--openfoam", "erosionDict"]) == 2
-    assert "use a table for Fluent (--fluent)" in capsys.readouterr().err
+    assert "use a table for Fluent (--fluent)" in shell("export fitted.toml --openfoam erosionDict", 2).err
     assert not Path("erosionDict").exists()
 
 
-def test_a_written_case_has_the_model_for_every_verb(aluminium, tmp_path, monkeypatch, capsys):
+def test_a_written_case_has_the_model_for_every_verb(aluminium, tmp_path, monkeypatch, shell):
     monkeypatch.chdir(tmp_path)
     options = [*aluminium, *DEFORMATION, "--set", "threshold=8 m/s", "--write-case", "fitted.toml"]
-    assert _status([*options, "--json"]) == 0
-    fitted = result_of(capsys.readouterr().out)["estimates"]["energy_ratio"]
+    fitted = shell([*options, "--json"]).result["estimates"]["energy_ratio"]
     assert "# The best angle of this fit: erosion optimum fitted.toml" in (tmp_path / "fitted.toml").read_text()
     of_fit = {"energy_ratio": pytest.approx(fitted, rel=1e-12), "threshold": 8.0}
     verbs = (
@@ -219,26 +192,24 @@ def test_a_written_case_has_the_model_for_every_verb(aluminium, tmp_path, monkey
         "export fitted.toml --table table.csv",
     )
     for line in verbs:
-        assert _status([*shlex.split(line), "--json"]) == 0
-        model = json.loads(capsys.readouterr().out)["model"]
+        model = shell([*shlex.split(line), "--json"]).document["model"]
         assert model["name"] == "linearized-deformation"
         assert {name: own["value"] for name, own in model["own_parameters"].items()} == of_fit
     # An option wins, and what is set is of the file's model.
-    assert _status(["optimum", "fitted.toml", "--set", "threshold=5 m/s", "--json"]) == 0
-    own = json.loads(capsys.readouterr().out)["model"]["own_parameters"]
+    own = shell("optimum fitted.toml --set 'threshold=5 m/s' --json").document["model"]["own_parameters"]
     assert own["threshold"]["value"] == 5.0
     assert own["energy_ratio"]["value"] == of_fit["energy_ratio"]
-    assert _status(["optimum", "fitted.toml", "--model", "rotating", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["model"]["name"] == "rotating"
-    assert _status(["optimum", "fitted.toml", "--units", "inch-pound"]) == 2
-    assert "cannot convert the field `set` of fitted.toml, which is in si" in capsys.readouterr().err
+    assert shell("optimum fitted.toml --model rotating --json").document["model"]["name"] == "rotating"
+    assert (
+        "cannot convert the field `set` of fitted.toml, which is in si"
+        in shell("optimum fitted.toml --units inch-pound", 2).err
+    )
 
 
-def test_models_are_ranked_though_one_lacks_a_parameter(aluminium, capsys):
+def test_models_are_ranked_though_one_lacks_a_parameter(aluminium, capsys, shell):
     options = ["--model", "linearized,linearized-deformation", "--bounds", "threshold=0:40 m/s,energy_ratio=0.5:5"]
     words = [*aluminium[:-1], "k,cutting_fraction,energy_ratio,threshold"]
-    assert _status([*words, *options, "--json"]) == 0
-    first, second = result_of(capsys.readouterr().out)["ranking"]
+    first, second = shell([*words, *options, "--json"]).result["ranking"]
     assert list(first["estimates"]) == ["k", "cutting_fraction", "energy_ratio", "threshold"]
     assert list(second["estimates"]) == ["k", "cutting_fraction"]
     assert _status([*aluminium[:-1], "k,friction", *options[:2]]) == 2
@@ -246,24 +217,18 @@ def test_models_are_ranked_though_one_lacks_a_parameter(aluminium, capsys):
     assert line in capsys.readouterr().err
 
 
-def test_an_end_without_a_unit_has_the_unit_of_the_other_end(table, capsys):
+def test_an_end_without_a_unit_has_the_unit_of_the_other_end(table, shell):
     for ends in ("100:300 kip/in^2", "100 kip/in^2:300"):
-        assert _status(["calibrate", str(table), "--free", "k,sigma", "--bounds", f"sigma={ends}", "--json"]) == 0
-        assert result_of(capsys.readouterr().out)["bounds"]["sigma"] == pytest.approx([1e5, 3e5])
-    assert _status(["calibrate", str(table), "--free", "k,sigma", "--bounds", "sigma=1:3 kg"]) == 2
-    assert "but is '3 kg', of dimension [mass]" in capsys.readouterr().err
+        assert shell(["calibrate", str(table), "--free", "k,sigma", "--bounds", f"sigma={ends}", "--json"]).result[
+            "bounds"
+        ]["sigma"] == pytest.approx([1e5, 3e5])
+    assert (
+        "but is '3 kg', of dimension [mass]"
+        in shell(["calibrate", str(table), "--free", "k,sigma", "--bounds", "sigma=1:3 kg"], 2).err
+    )
 
 
-def test_help_says_what_may_be_free_and_that_masses_are_read(monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", "400")
-    assert _status(["calibrate", "--help"]) == 0
-    text = " ".join(capsys.readouterr().out.split())
-    assert "of the case or the model's own" in text
-    assert "threshold=0:40 m/s" in text
-    assert "mass_loss [mg/kg]" in text
-
-
-def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, capsys):
+def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, shell):
     monkeypatch.setenv("COLUMNS", "96")
     page = (Path(__file__).parents[2] / "docs" / "calibration.md").read_text()
     _, data, _, case, *_ = aluminium
@@ -271,27 +236,25 @@ def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, caps
     monkeypatch.chdir(Path(data).parent)
     words = ["calibrate", Path(data).name, "--case", case, "--density", "2.7 g/cm^3", "--free"]
     models = ["--model", "linearized,linearized-deformation"]
-    assert _status([*words, "k,cutting_fraction,energy_ratio,threshold", *models]) == 0
-    tables, next_step = capsys.readouterr().out.split("\na nozzle's angle")
+    tables, next_step = shell([*words, "k,cutting_fraction,energy_ratio,threshold", *models]).out.split(
+        "\na nozzle's angle"
+    )
     assert tables.strip() in page
     assert next_step == ": --write-case fitted.toml, then erosion advise fitted.toml\n"
 
 
-def test_without_a_case_the_units_are_those_of_the_data(tmp_path, capsys):
+def test_without_a_case_the_units_are_those_of_the_data(tmp_path, shell):
     lines = ["angle [deg], speed [m/s], volume [mm^3]", *(f"{angle}, {speed}, {1e-3 * angle * speed}"
              for angle in (10, 20, 30, 40) for speed in (50, 100))]  # fmt: skip
     path = tmp_path / "sand.csv"
     path.write_text("\n".join(lines))
-    assert _status(["calibrate", str(path), "--starts", "1"]) == 0
-    out = capsys.readouterr().out
+    out = shell(["calibrate", str(path), "--starts", "1"]).out
     assert "mm³" in out
     assert "in³" not in out
     # --units wins.
-    assert _status(["calibrate", str(path), "--starts", "1", "--units", "inch-pound"]) == 0
-    assert "in³" in capsys.readouterr().out
+    assert "in³" in shell(["calibrate", str(path), "--starts", "1", "--units", "inch-pound"]).out
     # Bare numbers are in the same units.
-    assert _status(["calibrate", str(path), "--starts", "1", "--r", "1e-3", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = shell(["calibrate", str(path), "--starts", "1", "--r", "1e-3", "--json"]).document
     assert document["units"] == "si"
     assert document["case"]["parameters"]["r"] == {"value": 1e-3, "unit": "m"}
 
@@ -311,26 +274,23 @@ def two_speeds(tmp_path_factory):
     return folder
 
 
-def test_a_pipe_needs_units_beside_it(tmp_path, capsys):
+def test_a_pipe_needs_units_beside_it(tmp_path, shell):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    assert _status(["calibrate", str(pipe)]) == 2
-    assert capsys.readouterr().err == (
+    assert shell(["calibrate", str(pipe)], 2).err == (
         f"erosion: {pipe} is no file: beside it give `--units si`, `--units inch-pound` or a case file.\n"
     )
 
 
-def test_own_parameters_have_their_units_everywhere(two_speeds, monkeypatch, capsys):
+def test_own_parameters_have_their_units_everywhere(two_speeds, monkeypatch, shell):
     monkeypatch.chdir(two_speeds)
     monkeypatch.setenv("COLUMNS", "300")
     words = "calibrate sand.csv case.toml --model linearized,linearized-deformation --free k,threshold --starts 1"
     bounds = ["--bounds", "threshold=0:12 m/s", "--profile", "threshold", "--write-case", "fitted.toml"]
-    assert _status([*words.split(), *bounds]) == 0
-    out, err = capsys.readouterr()
+    out, err = shell([*words.split(), *bounds])
     assert "threshold = 12 m/s (at its upper bound)" in out
     assert "threshold [m/s]" in out
     assert "threshold is at its upper bound, 12 m/s: its error means nothing." in err
     assert ", threshold = 12 m/s, at v0 = " in Path("fitted.toml").read_text().splitlines()[1]
-    assert _status([*words.split(), "--profile", "threshold", "--json"]) == 0
-    profile = json.loads(capsys.readouterr().out)["result"]["profile"]
+    profile = shell([*words.split(), "--profile", "threshold", "--json"]).document["result"]["profile"]
     assert profile["values"]["unit"] == "m/s"

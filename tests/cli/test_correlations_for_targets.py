@@ -1,11 +1,10 @@
 """`--target` beside a correlation, in every verb: its member is chosen and named, or the two contradict each other."""
 
-import json
 from pathlib import Path
 
 import pytest
 
-from erosion.cli import _status
+from tests.documents import Shell
 
 pytestmark = pytest.mark.slow
 
@@ -35,11 +34,10 @@ def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_the_member_for_the_target_is_chosen_and_named_or_the_target_is_refused(
-    verb: str, capsys: pytest.CaptureFixture[str], in_folder: Path
+    verb: str, shell: Shell, in_folder: Path
 ) -> None:
     words = VERBS[verb]
-    assert _status([*words, "--model", "dnv", "--target", "aluminium 6061", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = shell([*words, "--model", "dnv", "--target", "aluminium 6061", "--json"]).document
     assert document["model"]["name"] == "dnv:aluminium"
     # A fit has a density of its own.
     assert verb == "calibrate" or document["model"]["own_parameters"]["density"]["value"] == 2700.0
@@ -49,86 +47,90 @@ def test_the_member_for_the_target_is_chosen_and_named_or_the_target_is_refused(
         ("dnv:duplex", "aluminium 6061", "dnv:aluminium is made for that"),
         ("ecrc", "aluminium 6061", "it is made for sand on carbon steel and nickel alloy"),
     ):
-        assert _status([*words, "--model", model, "--target", target]) == 2
-        error = capsys.readouterr().err
+        error = shell([*words, "--model", model, "--target", target], 2).err
         assert error.startswith(f"erosion: Model '{model}': is not made for the target {target}; ")
         assert known in error
         assert error.count("\n") == 1
 
 
 @pytest.mark.parametrize("verb", [verb for verb in VERBS if verb not in ("calibrate", "compare")])
-def test_a_density_that_is_set_beside_a_target_is_blamed(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_density_that_is_set_beside_a_target_is_blamed(verb: str, shell: Shell) -> None:
     words = [*VERBS[verb], "--model", "dnv", "--target", "aluminium 6061"]
-    assert _status([*words, "--set", "density=7800"]) == 2
-    error = capsys.readouterr().err
+    error = shell([*words, "--set", "density=7800"], 2).err
     assert error.startswith("erosion: Parameter `density` of dnv:aluminium is set to 7800 kg/m³ (`--set`")
     assert "`--target` is 2700 kg/m³" in error
     assert error.count("\n") == 1
     # Another density is not set: the option alone is wrong.
     if verb != "export":
-        assert _status([*words, "--density", "7.8 g/cm^3"]) == 2
-        assert capsys.readouterr().err.startswith("erosion: Option `--density` must be that of the target")
+        assert shell([*words, "--density", "7.8 g/cm^3"], 2).err.startswith(
+            "erosion: Option `--density` must be that of the target"
+        )
 
 
-def test_a_case_files_target_and_model_are_decided_in_the_same_way(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_case_files_target_and_model_are_decided_in_the_same_way(shell: Shell) -> None:
     case = 'particle = "garnet 0.3 mm"\ntarget = "{}"\nmodel = "{}"\nk = 2\nv0 = "30 m/s"\nalpha = "20 deg"\n'
     Path("case.toml").write_text(case.format("stainless steel 316", "oka"))
-    assert _status(["run", "case.toml", "--json"]) == 0
-    model = json.loads(capsys.readouterr().out)["model"]
+    model = shell("run case.toml --json").document["model"]
     assert model["name"] == "oka:stainless-steel"
     assert model["own_parameters"]["particle_density"]["value"] == 4190.0
     # Numbers that are set win over those of names.
-    assert _status(["run", "case.toml", "--set", "particle_density=2650", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["model"]["own_parameters"]["particle_density"]["value"] == 2650.0
+    assert (
+        shell("run case.toml --set particle_density=2650 --json").document["model"]["own_parameters"][
+            "particle_density"
+        ]["value"]
+        == 2650.0
+    )
     Path("case.toml").write_text(case.format("stainless steel 316", "dnv:duplex"))
-    assert _status(["run", "case.toml"]) == 2
-    assert "Model 'dnv:duplex': is not made for the target stainless steel 316" in capsys.readouterr().err
+    assert "Model 'dnv:duplex': is not made for the target stainless steel 316" in shell("run case.toml", 2).err
 
 
-def test_a_comparison_and_a_sweep_of_several_models_name_the_members(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_comparison_and_a_sweep_of_several_models_name_the_members(shell: Shell) -> None:
     names = ["linearized", "dnv:aluminium", "finnie-cfd"]
     words = ["--model", "linearized,dnv,finnie-cfd", "--target", "aluminium 6061", "--units", "si"]
-    assert _status(["compare", *words, "-o", "curves.csv", "--json"]) == 0
-    assert [line["model"] for line in json.loads(capsys.readouterr().out)["result"]["models"]] == names
+    assert [
+        line["model"] for line in shell(["compare", *words, "-o", "curves.csv", "--json"]).document["result"]["models"]
+    ] == names
     assert "dnv:aluminium" in Path("curves.csv").read_text()
-    assert _status(["sweep", *words, "--v0", "20 m/s, 30 m/s", "-o", "sweep.csv", "--json"]) == 0
-    models = json.loads(capsys.readouterr().out)["model"]
+    models = shell(["sweep", *words, "--v0", "20 m/s, 30 m/s", "-o", "sweep.csv", "--json"]).document["model"]
     assert [model["name"] for model in models] == names
     assert models[2]["own_parameters"]["flow_stress"]["value"] == pytest.approx(107 * 9.80665e6)
 
 
-def test_the_density_of_another_metal_is_refused_beside_a_correlation(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_density_of_another_metal_is_refused_beside_a_correlation(shell: Shell) -> None:
     for verb in ("run", "compare", "map"):
-        assert _status([*VERBS[verb], "--model", "dnv", "--density", "2.7 g/cm^3"]) == 2
-        assert "Option `--density` must be that of the target of dnv, 7800 kg/m³" in capsys.readouterr().err
-        assert _status([*VERBS[verb], "--model", "dnv:aluminium", "--density", "2.71 g/cm^3"]) == 0
-        capsys.readouterr()
+        assert (
+            "Option `--density` must be that of the target of dnv, 7800 kg/m³"
+            in shell([*VERBS[verb], "--model", "dnv", "--density", "2.7 g/cm^3"], 2).err
+        )
+        shell([*VERBS[verb], "--model", "dnv:aluminium", "--density", "2.71 g/cm^3"])
 
 
 @pytest.mark.parametrize("verb", [verb for verb in VERBS if verb != "export"])
-def test_the_density_of_another_metal_is_refused_beside_a_target(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_density_of_another_metal_is_refused_beside_a_target(verb: str, shell: Shell) -> None:
     words = [*VERBS[verb], "--model", "linearized", "--target", "aluminium 6061"]
-    assert _status([*words, "--density", "7.8 g/cm^3"]) == 2
-    error = capsys.readouterr().err
+    error = shell([*words, "--density", "7.8 g/cm^3"], 2).err
     assert "Option `--density` must be that of the target aluminium 6061, 2700 kg/m³, but is 7800 kg/m³" in error
     assert error.count("\n") == 1
 
 
-def test_the_density_of_another_metal_is_named_by_where_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_density_of_another_metal_is_named_by_where_it_stands(shell: Shell) -> None:
     body = "particle = 'quartz sand 0.2 mm'\ntarget = 'carbon steel 1018'\nk = 2\nalpha = '20 deg'\nphidot0 = 0\n"
     Path("own.toml").write_text(f"units = 'si'\n{body}v0 = '30 m/s'\ndensity = '2.7 g/cm^3'\n")
-    assert _status(["run", "own.toml", "--model", "dnv"]) == 2
     assert (
-        "own.toml: field `density` must be that of the target carbon steel 1018, 7870 kg/m³" in capsys.readouterr().err
+        "own.toml: field `density` must be that of the target carbon steel 1018, 7870 kg/m³"
+        in shell("run own.toml --model dnv", 2).err
     )
-    assert _status(["run", *SI, "--model", "dnv", "--target", "aluminium 6061", "--set", "density=5000"]) == 2
-    assert "the density of `--target` is 2700 kg/m³: leave one of them out" in capsys.readouterr().err
+    assert (
+        "the density of `--target` is 2700 kg/m³: leave one of them out"
+        in shell(["run", *SI, "--model", "dnv", "--target", "aluminium 6061", "--set", "density=5000"], 2).err
+    )
 
 
 @pytest.mark.parametrize("units", ["si", "inch-pound"])
-def test_own_parameters_of_correlations_have_their_units(units: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert _status(["run", "--model", "oka:aluminium", "--v0", "100 m/s", "--units", units, "--json"]) == 0
-    own = json.loads(capsys.readouterr().out)["model"]["own_parameters"]
+def test_own_parameters_of_correlations_have_their_units(units: str, shell: Shell) -> None:
+    own = shell(["run", "--model", "oka:aluminium", "--v0", "100 m/s", "--units", units, "--json"]).document["model"][
+        "own_parameters"
+    ]
     assert {name: parameter["unit"] for name, parameter in own.items()} == {
         "density": "kg/m^3",
         "particle_density": "kg/m^3",

@@ -9,7 +9,6 @@ import jsonschema
 import pytest
 
 import erosion
-from erosion.cli import _status
 
 pytestmark = pytest.mark.slow
 
@@ -23,12 +22,11 @@ def check(document) -> None:
 
 
 @pytest.fixture
-def document(capsys):
+def document(shell):
     """A verb's document, checked."""
 
     def of(*arguments: str, status: int = 0):
-        assert _status([*arguments, "--json"]) == status
-        printed = json.loads(capsys.readouterr().out)
+        printed = shell([*arguments, "--json"], status).document
         check(printed)
         assert printed["verb"] == arguments[0]
         assert printed["version"] == erosion.__version__
@@ -139,9 +137,8 @@ def test_validate(document, tmp_path) -> None:
     assert (tmp_path / "facts.svg").read_bytes().startswith(b"<?xml")
 
 
-def test_warnings_are_in_the_document_and_on_stderr(capsys) -> None:
-    assert _status(["run", "--model", "rotating-tan-alpha", "--json"]) == 0
-    said = capsys.readouterr()
-    document = json.loads(said.out)
+def test_warnings_are_in_the_document_and_on_stderr(shell) -> None:
+    said = shell("run --model rotating-tan-alpha --json")
+    document = said.document
     check(document)
     assert said.err == "".join(f"warning: {message}\n" for message in document["warnings"])

@@ -18,6 +18,7 @@ from erosion.fits.posterior_files import read_draws
 from erosion.joint_laws import CorrelatedLaws, Rows
 from erosion.parameters.quantities import QUANTITIES
 from tests.cli.test_document import SCHEMA
+from tests.documents import Shell
 
 pytestmark = pytest.mark.slow
 
@@ -62,9 +63,8 @@ def in_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
 
 
-def said(line: str, capsys: pytest.CaptureFixture[str]) -> tuple[dict[str, Any], str]:
-    assert _status(shlex.split(line)) == 0
-    out, err = capsys.readouterr()
+def said(line: str, shell: Shell) -> tuple[dict[str, Any], str]:
+    out, err = shell(line)
     jsonschema.Draft202012Validator(SCHEMA).validate(json.loads(out))
     return json.loads(out), err
 
@@ -74,8 +74,8 @@ def value(document: dict[str, Any], name: str) -> float:
     return number["value"] if isinstance(number, dict) else number
 
 
-def test_the_error_of_a_fit_goes_on_to_the_map(capsys: pytest.CaptureFixture[str]) -> None:
-    document, err = said("map impacts.csv --case sand.toml --uncertain post.nc --draws 256 --json", capsys)
+def test_the_error_of_a_fit_goes_on_to_the_map(shell: Shell) -> None:
+    document, err = said("map impacts.csv --case sand.toml --uncertain post.nc --draws 256 --json", shell)
     assert err == ""
     with xr.open_dataset("post.nc", group="posterior") as stored:
         factor = 1 / stored["psi"].values
@@ -87,13 +87,13 @@ def test_the_error_of_a_fit_goes_on_to_the_map(capsys: pytest.CaptureFixture[str
     assert value(document, "total_relative_error") == pytest.approx(both)
     assert document["case"]["varied"]["psi"] == "uncertain 1,000 values of post.nc, row by row of psi"
     assert document["seed"] == 0
-    plain, _ = said("map impacts.csv --case sand.toml --json", capsys)
+    plain, _ = said("map impacts.csv --case sand.toml --json", shell)
     assert value(plain, "total_relative_error") < value(document, "total_relative_error")
 
 
-def test_and_to_a_stream(capsys: pytest.CaptureFixture[str]) -> None:
+def test_and_to_a_stream(shell: Shell) -> None:
     line = f'stream sand.toml --v0 "lognormal(25 m/s, 0.1)" --uncertain post.nc {FEW}'
-    document, err = said(line, capsys)
+    document, err = said(line, shell)
     assert err == ""
     with xr.open_dataset("post.nc", group="posterior") as stored:
         factor = 1 / stored["psi"].values
@@ -102,26 +102,26 @@ def test_and_to_a_stream(capsys: pytest.CaptureFixture[str]) -> None:
     assert document["case"]["varied"]["psi"].startswith("uncertain 1,000 values of post.nc")
 
 
-def test_a_table_of_particles_is_taken_row_by_row(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_of_particles_is_taken_row_by_row(shell: Shell) -> None:
     angles, speeds = np.linspace(10.0, 60.0, 64), np.linspace(40.0, 20.0, 64)
     with Path("jet.csv").open("w") as file:
         csv.writer(file).writerows([("alpha [deg]", "v0 [m/s]"), *zip(angles, speeds, strict=True)])
-    document, _ = said(f"stream sand.toml --rows jet.csv {FEW}", capsys)
+    document, _ = said(f"stream sand.toml --rows jet.csv {FEW}", shell)
     p = erosion.load_case("sand.toml")
     exact = erosion.impact("linearized", p.replace(alpha=np.deg2rad(angles), v0=speeds)).volume.mean()
     assert value(document, "mean_volume") == pytest.approx(exact, rel=1e-9)
 
 
-def test_laws_are_correlated_in_options_and_in_a_case_file(capsys: pytest.CaptureFixture[str]) -> None:
+def test_laws_are_correlated_in_options_and_in_a_case_file(shell: Shell) -> None:
     laws = '--v0 "lognormal(25 m/s, 0.2)" --r "lognormal(0.125 mm, 0.2)"'
-    options, _ = said(f"stream sand.toml {laws} --correlation v0,r=0.8 {FEW}", capsys)
-    apart, _ = said(f"stream sand.toml {laws} {FEW}", capsys)
+    options, _ = said(f"stream sand.toml {laws} --correlation v0,r=0.8 {FEW}", shell)
+    apart, _ = said(f"stream sand.toml {laws} {FEW}", shell)
     # V goes with m v0² and m with r³: the logarithms add, and their covariance is 0.8·0.2².
     ratio = value(options, "mean_volume") / value(apart, "mean_volume")
     assert ratio == pytest.approx(np.exp(2 * 3 * 0.8 * 0.2**2), rel=0.02)
     section = '[stream]\nv0 = "lognormal(25 m/s, 0.2)"\nr = "lognormal(0.125 mm, 0.2)"\ncorrelation = {"v0, r" = 0.8}\n'
     Path("jet.toml").write_text(CASE + section)
-    of_file, _ = said(f"stream jet.toml {FEW}", capsys)
+    of_file, _ = said(f"stream jet.toml {FEW}", shell)
     assert of_file["result"] == options["result"]
     p = erosion.load_case("sand.toml")
     joint = CorrelatedLaws({"v0": LogNormal(25.0, 0.2), "r": LogNormal(0.000125, 0.2)}, {("v0", "r"): 0.8})
@@ -129,7 +129,7 @@ def test_laws_are_correlated_in_options_and_in_a_case_file(capsys: pytest.Captur
     assert value(options, "mean_volume") == pytest.approx(here.mean_volume.value, rel=1e-9)
 
 
-def test_uncertain_laws_are_a_table_of_a_case_file(capsys: pytest.CaptureFixture[str]) -> None:
+def test_uncertain_laws_are_a_table_of_a_case_file(shell: Shell) -> None:
     section = """[map]
 model = "rotating"
 phidot0 = "normal(0, 1e4 rad/s)"
@@ -139,12 +139,12 @@ k = "normal(2.4, 0.2)"
 psi = "lognormal(2, 0.1)"
 """
     Path("map.toml").write_text(CASE + section)
-    of_file, _ = said("map impacts.csv --case map.toml --draws 16 --json", capsys)
+    of_file, _ = said("map impacts.csv --case map.toml --draws 16 --json", shell)
     laws = '--uncertain "k=normal(2.4, 0.2)" --uncertain "psi=lognormal(2, 0.1)" --correlation k,psi=-0.9'
     line = (
         f'map impacts.csv --case sand.toml --model rotating --phidot0 "normal(0, 1e4 rad/s)" {laws} --draws 16 --json'
     )
-    options, _ = said(line, capsys)
+    options, _ = said(line, shell)
     assert of_file["result"] == options["result"]
     joint = CorrelatedLaws({"k": Normal(2.4, 0.2), "psi": LogNormal(2.0, 0.1)}, {("k", "psi"): -0.9})
     case, spin = erosion.load_case("sand.toml"), Normal(0.0, 1e4)
@@ -154,20 +154,20 @@ psi = "lognormal(2, 0.1)"
     assert value(options, "total_parameter_error") == pytest.approx(float(wear["total_parameter_error"]), rel=1e-9)
 
 
-def test_draws_in_a_csv_file_are_uncertain_together(capsys: pytest.CaptureFixture[str]) -> None:
+def test_draws_in_a_csv_file_are_uncertain_together(shell: Shell) -> None:
     psi = np.geomspace(1.5, 2.5, 64)
     with Path("draws.csv").open("w") as file:
         csv.writer(file).writerows([("sigma [GPa]", "psi", "chain"), *((3 / q, q, 0) for q in psi)])
-    document, _ = said("map impacts.csv --case sand.toml --uncertain draws.csv --json", capsys)
+    document, _ = said("map impacts.csv --case sand.toml --uncertain draws.csv --json", shell)
     # σψ is one number.
     assert value(document, "total_parameter_error") == pytest.approx(0, abs=1e-8)
 
 
-def test_impacts_take_spin_and_force_ratio_from_one_row(capsys: pytest.CaptureFixture[str]) -> None:
+def test_impacts_take_spin_and_force_ratio_from_one_row(shell: Shell) -> None:
     spin, k = np.linspace(-2e4, 2e4, 16), np.linspace(1.5, 3.0, 16)
     with Path("spins.csv").open("w") as file:
         csv.writer(file).writerows([("phidot0 [rad/s]", "k"), *zip(spin, k, strict=True)])
-    document, _ = said("map impacts.csv --case sand.toml --model rotating --rows spins.csv --seed 2 --json", capsys)
+    document, _ = said("map impacts.csv --case sand.toml --model rotating --rows spins.csv --seed 2 --json", shell)
     case, table = erosion.load_case("sand.toml"), erosion.read_impacts("impacts.csv")
     wear = erosion.erosion_map("rotating", case, table, seed=2, **Rows({"phidot0": spin, "k": k}))
     assert value(document, "total_volume") == pytest.approx(float(wear["total_volume"]), rel=1e-9)
@@ -175,23 +175,23 @@ def test_impacts_take_spin_and_force_ratio_from_one_row(capsys: pytest.CaptureFi
     assert document["seed"] == 2
 
 
-def test_the_share_that_cuts_is_a_factor_of_the_map(capsys: pytest.CaptureFixture[str]) -> None:
-    whole, _ = said("map impacts.csv --case sand.toml --json", capsys)
-    part, _ = said("map impacts.csv --case sand.toml --cutting-fraction 0.4 --json", capsys)
+def test_the_share_that_cuts_is_a_factor_of_the_map(shell: Shell) -> None:
+    whole, _ = said("map impacts.csv --case sand.toml --json", shell)
+    part, _ = said("map impacts.csv --case sand.toml --cutting-fraction 0.4 --json", shell)
     assert value(part, "total_volume") == pytest.approx(0.4 * value(whole, "total_volume"))
     Path("half.toml").write_text("cutting_fraction = 0.5\n" + CASE)
-    half, _ = said("map impacts.csv --case half.toml --json", capsys)
+    half, _ = said("map impacts.csv --case half.toml --json", shell)
     assert value(half, "total_volume") == pytest.approx(0.5 * value(whole, "total_volume"))
     line = "map impacts.csv --case half.toml --uncertain 'cutting_fraction=uniform(0.2, 0.4)' --json"
-    unknown, _ = said(line, capsys)
+    unknown, _ = said(line, shell)
     assert value(unknown, "total_volume") == pytest.approx(0.3 * value(whole, "total_volume"), rel=0.01)
 
 
-def test_a_case_that_is_not_the_fits_is_a_warning(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_case_that_is_not_the_fits_is_a_warning(shell: Shell) -> None:
     line = (
         "map impacts.csv --case sand.toml --uncertain post.nc --sigma '2 GPa' --cutting-fraction 0.5 --draws 4 --json"
     )
-    document, err = said(line, capsys)
+    document, err = said(line, shell)
     assert document["warnings"] == [
         "post.nc: the draws hold for σ = 1.5e+09 Pa, but the case has 2e+09 Pa.",
         "post.nc: the draws hold if 1 of the particles cut, but here 0.5 of them do.",
@@ -216,28 +216,14 @@ def test_draws_of_a_bad_fit_are_a_warning() -> None:
     assert {*bad.rows} == {"psi"}
 
 
-def test_own_parameters_must_be_those_of_the_fit(capsys: pytest.CaptureFixture[str]) -> None:
-    path = shlex.quote(str(Path(__file__).parents[2] / "models" / "coulomb_tip.py"))
-    fit = f"posterior tests.csv sand.toml --draws 125 --free psi --model {path} --set friction=0.3"
-    assert _status(shlex.split(f"{fit} -o own.nc")) == 0
-    capsys.readouterr()
-    line = f"map impacts.csv --case sand.toml --uncertain own.nc --draws 2 --model {path} --json"
-    document, _ = said(line, capsys)
-    (warning,) = (sentence for sentence in document["warnings"] if "own.nc: the draws hold" in sentence)
-    assert warning.startswith("own.nc: the draws hold for friction = 0.3, but the model has friction = ")
-    document, _ = said(f"{line} --set friction=0.3", capsys)
-    assert not any("the draws hold for" in sentence for sentence in document["warnings"])
-
-
-def test_own_parameters_may_be_those_of_the_fit_in_other_units(capsys: pytest.CaptureFixture[str]) -> None:
+def test_own_parameters_may_be_those_of_the_fit_in_other_units(shell: Shell) -> None:
     model = ["--model", "linearized-deformation", "--set", "threshold=12 m/s"]
     fit = ["posterior", "tests.csv", "sand.toml", "--draws", "125", "--free", "psi"]
-    assert _status([*fit, *model, "-o", "slow.nc"]) == 0
-    capsys.readouterr()
+    shell([*fit, *model, "-o", "slow.nc"])
     line = "map impacts.csv --case sand.toml --units inch-pound --uncertain slow.nc --draws 2 --json"
-    document, _ = said(f"{line} --model linearized-deformation --set 'threshold=12 m/s'", capsys)
+    document, _ = said(f"{line} --model linearized-deformation --set 'threshold=12 m/s'", shell)
     assert not any("the draws hold for" in sentence for sentence in document["warnings"])
-    document, _ = said(f"{line} --model linearized-deformation --set 'threshold=15 m/s'", capsys)
+    document, _ = said(f"{line} --model linearized-deformation --set 'threshold=15 m/s'", shell)
     (warning,) = (sentence for sentence in document["warnings"] if "slow.nc: the draws hold" in sentence)
     assert "threshold = 12 m/s, but the model has " in warning
     assert warning.endswith("threshold = 15 m/s.")
@@ -290,15 +276,11 @@ BAD = [
 
 
 @pytest.mark.parametrize(("line", "sentence"), BAD)
-def test_bad_laws_are_one_line(line: str, sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_laws_are_one_line(line: str, sentence: str, shell: Shell) -> None:
     Path("wrong.nc").write_text("psi")
     Path("speeds.csv").write_text("v0 [m/s]\n25\n30\n")
     xr.Dataset({"psi": ("draw", [1.0, 2.0])}).to_netcdf("other-tool.nc", group="posterior", engine="h5netcdf")
     Path("jet.toml").write_text(CASE + '[stream]\nv0 = "normal(25, 1)"\n')
     Path("bad.toml").write_text(CASE + '[stream]\nv0 = "normal(25, 1)"\ncorrelation = 0.5\n')
     Path("bad-map.toml").write_text(CASE + "[map]\nv0 = 30\n")
-    assert _status(shlex.split(line)) == 2
-    out, err = capsys.readouterr()
-    assert sentence in err
-    assert err.count("\n") == 1
-    assert out == ""
+    assert sentence in shell(line, 2).err

@@ -8,7 +8,7 @@ import pytest
 from erosion.cli import _status, app
 from erosion.cli.lists import chosen_models, read_list, read_models
 from erosion.models import usable_models
-from tests.documents import result_of
+from tests.documents import Shell
 
 
 def test_a_list_has_commas_between_its_items():
@@ -32,18 +32,16 @@ def test_all_names_every_usable_model():
 @pytest.mark.parametrize(
     "words", ["--model linearized,finnie", "--model linearized --model finnie", "--model linearized finnie"]
 )
-def test_models_are_named_with_commas_or_by_repeating(words, capsys):
-    assert _status(["compare", *words.split(), "--json"]) == 0
-    compared = result_of(capsys.readouterr().out)["models"]
+def test_models_are_named_with_commas_or_by_repeating(words, shell):
+    compared = shell(["compare", *words.split(), "--json"]).result["models"]
     assert [line["model"] for line in compared] == ["linearized", "finnie"]
 
 
 @pytest.mark.parametrize("name", ["-o", "--output", "--output="])
-def test_an_output_has_one_name_and_a_letter(name, tmp_path, capsys):
+def test_an_output_has_one_name_and_a_letter(name, tmp_path, shell):
     out = str(tmp_path / "out.nc")
     words = [name + out] if name.endswith("=") else [name, out]
-    assert _status(["sweep", "--alpha", "20deg, 30deg", *words, "--json"]) == 0
-    assert result_of(capsys.readouterr().out)["output"] == out
+    assert shell(["sweep", "--alpha", "20deg, 30deg", *words, "--json"]).result["output"] == out
 
 
 @pytest.mark.parametrize(
@@ -57,15 +55,13 @@ def test_an_output_has_one_name_and_a_letter(name, tmp_path, capsys):
         "map rows.csv --spin none",
     ],
 )
-def test_no_option_has_an_older_name(words, capsys):
-    assert _status(words.split()) == 2
-    assert f"Option `{words.split()[-2]}` is unknown." in capsys.readouterr().err
+def test_no_option_has_an_older_name(words, shell):
+    assert f"Option `{words.split()[-2]}` is unknown." in shell(words.split(), 2).err
 
 
 @pytest.mark.parametrize("words", [["20deg : 30deg"], ["20deg,30deg"], ["20deg", "30deg"]])
-def test_a_range_of_angles_is_one_text_or_two(words, capsys):
-    assert _status(["optimum", "--alpha-range", *words, "--json"]) == 0
-    best = result_of(capsys.readouterr().out)
+def test_a_range_of_angles_is_one_text_or_two(words, shell):
+    best = shell(["optimum", "--alpha-range", *words, "--json"]).result
     assert (best["kind"], best["alpha"]) == ("boundary", pytest.approx(0.5235987755982988))
 
 
@@ -84,30 +80,26 @@ GROUPS = {
 
 
 @pytest.mark.parametrize("verb", GROUPS)
-def test_the_help_of_a_big_verb_is_one_screen_in_groups(verb, capsys, monkeypatch):
+def test_the_help_of_a_big_verb_is_one_screen_in_groups(verb, shell, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    assert _status([*verb.split(), "--help"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = shell([*verb.split(), "--help"]).out.splitlines()
     assert len(lines) <= 52
     assert [line for line in lines if line in GROUPS[verb]] == GROUPS[verb]
 
 
 @pytest.mark.parametrize("verb", ["calibrate", "map"])
-def test_each_parameter_of_the_case_is_named_and_taken(verb, capsys):
-    assert _status([verb, "--help"]) == 0
-    printed = capsys.readouterr().out
+def test_each_parameter_of_the_case_is_named_and_taken(verb, shell):
+    printed = shell([verb, "--help"]).out
     for name in ("k", "psi", "r", "b", "m", "sigma", "phidot0", "inertia"):
         assert f"--{name}" in printed
-    assert _status([verb, "nowhere.csv", "--sigma", "1 m"]) == 2
-    assert "Option `--sigma` must be a stress" in capsys.readouterr().err
+    assert "Option `--sigma` must be a stress" in shell([verb, "nowhere.csv", "--sigma", "1 m"], 2).err
 
 
 @pytest.mark.parametrize("verb", ["compare", "calibrate tests.csv"])
 def test_two_names_of_one_model_are_refused(
-    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("tests.csv").write_text("angle [deg],mass_loss [mg/kg]\n10,2\n30,3\n60,2.5\n")
     names = ["--model", "dnv,dnv:carbon-steel", "--target", "carbon steel 1018", "--units", "si"]
-    assert _status([*verb.split(), *names]) == 2
-    assert "`dnv` and `dnv:carbon-steel` are the same here" in capsys.readouterr().err
+    assert "`dnv` and `dnv:carbon-steel` are the same here" in shell([*verb.split(), *names], 2).err

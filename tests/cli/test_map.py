@@ -16,6 +16,7 @@ from erosion.cfd.surface import Surface
 from erosion.cli import _status
 from tests.cfd.parts import PARTS, rows_on, write
 from tests.cli.test_document import SCHEMA
+from tests.documents import Shell
 
 pytestmark = pytest.mark.slow
 
@@ -50,11 +51,10 @@ def wear(model: str = "rotating", **options: Any) -> xr.Dataset:
     return erosion.erosion_map(model, erosion.load_case("sand.toml"), impacts, surface, **options)
 
 
-def test_the_command_is_the_function(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_is_the_function(shell: Shell) -> None:
     # Both patches are in the case's table, and only one of them in the surface.
     files = ["-o", "map.vtp", "--plot", "map.png"]
-    assert _status(["map", str(RUNS / "serial"), *OPTIONS, "--model", "rotating", *files]) == 0
-    out, err = capsys.readouterr()
+    out, err = shell(["map", str(RUNS / "serial"), *OPTIONS, "--model", "rotating", *files])
     assert err == ""
     assert "faces hit" in out
     assert out.endswith("map: map.vtp\nfigure: map.png\n")
@@ -75,10 +75,9 @@ def test_options_are_those_of_the_function() -> None:
     assert set(identity) == {"version", "case", "models", "table", "surface", "options"}
 
 
-def test_the_document_says_it_all(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_document_says_it_all(shell: Shell) -> None:
     given = ["--model", "dnv:duplex", "--phidot0", "uniform(0, 1)", "--seed", "2", "--json"]
-    assert _status(["map", str(RUNS / "serial"), *OPTIONS, *given]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = shell(["map", str(RUNS / "serial"), *OPTIONS, *given]).document
     jsonschema.Draft202012Validator(SCHEMA).validate(document)
     assert document["seed"] == 2
     assert document["case"]["varied"].keys() == {"alpha", "v0", "phidot0"}
@@ -88,7 +87,7 @@ def test_the_document_says_it_all(capsys: pytest.CaptureFixture[str]) -> None:
     assert document["result"]["patches"]["hump"]["impacts"] == int(expected["total_impacts"])
 
 
-def test_a_spin_that_is_given_takes_the_place_of_the_tables(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_spin_that_is_given_takes_the_place_of_the_tables(shell: Shell) -> None:
     """A spin for this verb, not the one that every case file has."""
     header = "diameter [um], density [kg/m^3], speed [m/s], angle [deg], spin [rad/s]\n"
     Path("spins.csv").write_text(header + "".join(f"200, 2650, 30, {5 + i}, 2e4\n" for i in range(20)))
@@ -98,8 +97,7 @@ def test_a_spin_that_is_given_takes_the_place_of_the_tables(capsys: pytest.Captu
     Path("of_map.toml").write_text(case + "\n[map]\nphidot0 = -1e4\n")
 
     def total(*words: str) -> float:
-        assert _status(["map", *words, "--model", "rotating", "--json"]) == 0
-        return json.loads(capsys.readouterr().out)["result"]["total_volume"]["value"]
+        return shell(["map", *words, "--model", "rotating", "--json"]).document["result"]["total_volume"]["value"]
 
     assert total("spins.csv", "--phidot0", "-1e4") == total("plain.csv", "--phidot0", "-1e4")
     assert total("spins.csv", "--case", "of_map.toml") == total("plain.csv", "--phidot0", "-1e4")
@@ -107,14 +105,13 @@ def test_a_spin_that_is_given_takes_the_place_of_the_tables(capsys: pytest.Captu
     assert total("plain.csv", "--case", "sand.toml") == total("plain.csv", "--phidot0", "-3e4")
 
 
-def test_a_table_of_angles_has_totals_and_sentences(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_of_angles_has_totals_and_sentences(shell: Shell) -> None:
     rows = [("diameter [um]", "density [kg/m^3]", "count", "speed [m/s]", "angle [deg]")]
     rows += [(200, 2650, 10, 0 if i == 0 else 30, 5 + i) for i in range(20)]
     with Path("rows.csv").open("w") as file:
         csv.writer(file).writerows(rows)
     given = ["--case", "sand.toml", "--duration", "60 s", "--density", "7800 kg/m^3", "-o", "totals.csv"]
-    assert _status(["map", "rows.csv", *given]) == 0
-    first, second = capsys.readouterr().err.splitlines()
+    first, second = shell(["map", "rows.csv", *given]).err.splitlines()
     assert first == "warning: 1 of 20 rows have no velocity, as parcels that stick to a wall, and are not counted."
     assert second.startswith("warning: 0.42 g/kg is far from what tests on ductile metals find at 30 m/s")
     assert Path("totals.csv").read_text().startswith("patch,volume [mm^3],mass [kg],erosion")
@@ -132,47 +129,40 @@ def positions_on(surface: Surface) -> Path:
 
 
 @pytest.mark.parametrize("part", ["pipe", "plate", "hump"])
-def test_a_surface_in_millimetres(part: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_surface_in_millimetres(part: str, shell: Shell) -> None:
     table = positions_on(PARTS[part])
     given = ["map", str(table), "--case", "sand.toml", "--duration", "1 s", "--surface"]
     write(PARTS[part], Path("metres.vtp"))
     write(PARTS[part], Path("part.stl"), 1000)
-    assert _status([*given, "metres.vtp", "--json"]) == 0
-    expected = json.loads(capsys.readouterr().out)["result"]
-    assert _status([*given, "part.stl"]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
+    expected = shell([*given, "metres.vtp", "--json"]).document["result"]
+    err = shell([*given, "part.stl"], 2).err
     assert "In mm it would fit: Option `--surface-unit` must then be 'mm'." in err or part == "plate"
     assert "Option `--surface-unit` must" in err
     assert "'mm'" in err
-    assert err.count("\n") == 1
-    assert _status([*given, "part.stl", "--surface-unit", "mm", "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)["result"]
+    result = shell([*given, "part.stl", "--surface-unit", "mm", "--json"]).document["result"]
     assert result["total_volume"]["value"] == pytest.approx(expected["total_volume"]["value"], rel=1e-6, abs=0)
 
 
-def test_a_larger_plate_and_rows_off_it_are_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_larger_plate_and_rows_off_it_are_said(shell: Shell) -> None:
     table = positions_on(PARTS["plate"])
     write(PARTS["plate"], Path("part.stl"), 2)
     given = ["map", str(table), "--case", "sand.toml", "--surface", "part.stl"]
-    assert _status(given) == 0
-    assert "lie as well on one that is 2 × smaller" in (err := capsys.readouterr().err)
+    assert "lie as well on one that is 2 × smaller" in (err := shell(given).err)
     assert "Option `--surface-unit` must be 'm'." in err
-    assert _status([*given, "--surface-unit", "m"]) == 0
-    assert "smaller" not in capsys.readouterr().err
+    assert "smaller" not in shell([*given, "--surface-unit", "m"]).err
     write(PARTS["plate"], Path("small.stl"), 0.9)
-    assert _status([*given[:-1], "small.stl"]) == 0
-    assert "rows lie farther from their face than the limit, and are not counted: " in capsys.readouterr().err
+    assert (
+        "rows lie farther from their face than the limit, and are not counted: "
+        in shell([*given[:-1], "small.stl"]).err
+    )
 
 
-def test_density_is_that_of_the_target_as_in_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
+def test_density_is_that_of_the_target_as_in_every_verb(shell: Shell) -> None:
     Path("grains.csv").write_text("diameter [um],speed [m/s],angle [deg]\n200,30,20\n200,30,40\n")
-    assert _status(["map", "grains.csv", "--density", "7.8 g/cm^3"]) == 2
-    assert "Option `--particle-density` must give it." in capsys.readouterr().err
+    assert "Option `--particle-density` must give it." in shell("map grains.csv --density '7.8 g/cm^3'", 2).err
 
     def totals(*words: str) -> dict[str, float]:
-        assert _status(["map", "grains.csv", *words, "--json"]) == 0
-        result = json.loads(capsys.readouterr().out)["result"]
+        result = shell(["map", "grains.csv", *words, "--json"]).document["result"]
         return {name: result[f"total_{name}"]["value"] for name in ("volume", "mass", "erodent")}
 
     sand = ["--particle-density", "2650 kg/m^3"]
@@ -224,11 +214,6 @@ BAD = [
 
 
 @pytest.mark.parametrize(("line", "sentence"), BAD)
-def test_bad_input_is_one_line(line: str, sentence: str, capsys: pytest.CaptureFixture[str], in_folder: Path) -> None:
-    assert _status(shlex.split(line.format(run=shlex.quote(str(RUNS / "serial"))))) == 2
-    out, err = capsys.readouterr()
-    assert sentence in err
-    assert err.startswith("erosion: ")
-    assert err.count("\n") == 1
-    assert out == ""
+def test_bad_input_is_one_line(line: str, sentence: str, shell: Shell, in_folder: Path) -> None:
+    assert sentence in shell(line.format(run=shlex.quote(str(RUNS / "serial"))), 2).err
     assert [path.name for path in in_folder.iterdir()] == ["sand.toml"]

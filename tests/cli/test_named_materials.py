@@ -11,6 +11,7 @@ import pytest
 import erosion
 from erosion.cli import _status
 from erosion.parameters.case_files import dump_case
+from tests.documents import Shell
 
 pytestmark = pytest.mark.slow
 
@@ -36,20 +37,18 @@ def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def document(words: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    assert _status([*words, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
+def document(words: list[str], shell: Shell) -> dict[str, Any]:
+    return shell([*words, "--json"]).document
 
 
-def test_a_name_says_which_fields_of_the_case_it_replaces(capsys: pytest.CaptureFixture[str], in_folder: Path):
+def test_a_name_says_which_fields_of_the_case_it_replaces(shell: Shell, in_folder: Path):
     fitted = erosion.TABLE_1.to("si").with_target("aluminium 6061").replace(psi=21.5)
     (in_folder / "fit.toml").write_text(erosion.dump_case(fitted))
-    assert _status(["optimum", "--case", "fit.toml", "--target", "aluminium 6061", "--json"]) == 0
     assert (
-        "warning: --target takes the place of psi in fit.toml; without --target they stay." in capsys.readouterr().err
+        "warning: --target takes the place of psi in fit.toml; without --target they stay."
+        in shell("optimum --case fit.toml --target 'aluminium 6061' --json").err
     )
-    assert _status(["optimum", "--case", "fit.toml", "--target", "aluminium 6061", "--psi", "21.5", "--json"]) == 0
-    assert "takes the place" not in capsys.readouterr().err
+    assert "takes the place" not in shell("optimum --case fit.toml --target 'aluminium 6061' --psi 21.5 --json").err
 
 
 @pytest.mark.parametrize(
@@ -65,19 +64,13 @@ def test_a_name_says_which_fields_of_the_case_it_replaces(capsys: pytest.Capture
         (["compare", "--model", "linearized,dnv", "--sigma", "300 MPa"], True),
     ],
 )
-def test_another_flow_stress_beside_a_metals_psi_is_said(
-    words: list[str], says: bool, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert _status([*words, *NAMES, *AT]) == 0
-    assert capsys.readouterr().err.count("ψ = 2 of aluminium 6061 stays beside another flow stress") == says
+def test_another_flow_stress_beside_a_metals_psi_is_said(words: list[str], says: bool, shell: Shell) -> None:
+    assert shell([*words, *NAMES, *AT]).err.count("ψ = 2 of aluminium 6061 stays beside another flow stress") == says
 
 
-def test_another_flow_stress_beside_a_metals_psi_is_said_of_a_case_file(
-    capsys: pytest.CaptureFixture[str], in_folder: Path
-) -> None:
+def test_another_flow_stress_beside_a_metals_psi_is_said_of_a_case_file(shell: Shell, in_folder: Path) -> None:
     (in_folder / "mine.toml").write_text(CASE + 'sigma = "300 MPa"\n')
-    assert _status(["run", "mine.toml"]) == 0
-    assert capsys.readouterr().err.count("stays beside another flow stress") == 1
+    assert shell("run mine.toml").err.count("stays beside another flow stress") == 1
 
 
 FITTED = (
@@ -88,9 +81,7 @@ set = { energy_ratio = 9.0, threshold = "8 m/s" }
 )
 
 
-def test_another_cutting_fraction_than_that_of_a_case_file_is_said(
-    capsys: pytest.CaptureFixture[str], in_folder: Path
-) -> None:
+def test_another_cutting_fraction_than_that_of_a_case_file_is_said(shell: Shell, in_folder: Path) -> None:
     (in_folder / "fitted.toml").write_text(FITTED)
     words = {
         "run": [], "optimum": [], "sweep": ["--alpha", "0.2, 0.3", "-o", "table.csv"],
@@ -98,20 +89,17 @@ def test_another_cutting_fraction_than_that_of_a_case_file_is_said(
         "compare": ["--model", "linearized,finnie"], "advise": [],
     }  # fmt: skip
     for verb, more in words.items():
-        assert _status([verb, "fitted.toml", *more, "--cutting-fraction", "0.5"]) == 0
         says = "--cutting-fraction takes the place of cutting_fraction = 0.03 in fitted.toml"
-        assert (verb, capsys.readouterr().err.count(says)) == (verb, 1)
-    assert _status(["run", "fitted.toml", "--cutting-fraction", "0.03"]) == 0
-    assert "takes the place" not in capsys.readouterr().err
+        printed = shell([verb, "fitted.toml", *more, "--cutting-fraction", "0.5"])
+        assert (verb, printed.err.count(says)) == (verb, 1)
+    assert "takes the place" not in shell("run fitted.toml --cutting-fraction 0.03").err
 
 
-def test_a_fitted_model_keeps_its_own_parameters_among_others(
-    capsys: pytest.CaptureFixture[str], in_folder: Path
-) -> None:
+def test_a_fitted_model_keeps_its_own_parameters_among_others(shell: Shell, in_folder: Path) -> None:
     (in_folder / "fitted.toml").write_text(FITTED)
-    alone = document(["run", "fitted.toml", "--alpha", "60 deg"], capsys)["result"]["volume"]["value"]
+    alone = document(["run", "fitted.toml", "--alpha", "60 deg"], shell)["result"]["volume"]["value"]
     both = ["--model", "linearized,linearized-deformation"]
-    compared = document(["compare", "fitted.toml", "--alpha", "60 deg", *both], capsys)["result"]["models"]
+    compared = document(["compare", "fitted.toml", "--alpha", "60 deg", *both], shell)["result"]["models"]
     assert compared[1]["volume"]["value"] == pytest.approx(alone, rel=1e-9, abs=0)
     assert _status(["sweep", "fitted.toml", "--alpha", "60 deg, 70 deg", "-o", "table.csv", *both]) == 0
     (row,) = [line for line in Path("table.csv").read_text().splitlines() if line.startswith("linearized-def")][:1]
@@ -131,10 +119,10 @@ VERBS = {
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_a_case_file_says_the_same_as_options(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_case_file_says_the_same_as_options(verb: str, shell: Shell) -> None:
     words, angle = VERBS[verb]
-    by_options = document([*words, *NAMES, *AT, *angle, *SHARE], capsys)
-    by_file = document([*words, "--case", "case.toml"], capsys)
+    by_options = document([*words, *NAMES, *AT, *angle, *SHARE], shell)
+    by_file = document([*words, "--case", "case.toml"], shell)
     for key in ("result", "warnings"):
         assert by_options[key] == by_file[key]
     assert "erosion_ratio" in json.dumps(by_file["result"])
@@ -142,57 +130,51 @@ def test_a_case_file_says_the_same_as_options(verb: str, capsys: pytest.CaptureF
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_that_weighs_says_where_erosion_is_far_from_tests(
-    verb: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_verb_that_weighs_says_where_erosion_is_far_from_tests(verb: str, shell: Shell) -> None:
     words, angle = VERBS[verb]
     share = ["--cutting-fraction", "0.9"]
-    (message,) = document([*words, *NAMES, "--v0", "100 m/s", *angle, *share], capsys)["warnings"]
+    (message,) = document([*words, *NAMES, "--v0", "100 m/s", *angle, *share], shell)["warnings"]
     assert "g/kg is far" in message
     assert "DNVGL-RP-O501, 2015, table 3-1" in message
-    (message,) = document([*words, *angle, *share], capsys)["warnings"]
+    (message,) = document([*words, *angle, *share], shell)["warnings"]
     assert "mm³/kg is far" in message
     # Nobody asks for amounts of the scenario's case, but advice is about them.
-    assert bool(document([*words, *angle], capsys)["warnings"]) == (verb == "advise")
+    assert bool(document([*words, *angle], shell)["warnings"]) == (verb == "advise")
 
 
 @pytest.mark.parametrize("verb", ["run", "optimum", "compare", "sweep", "stream", "map"])
-def test_an_amount_of_more_than_ten_times_all_tests_is_marked_in_every_table(
-    verb: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_amount_of_more_than_ten_times_all_tests_is_marked_in_every_table(verb: str, shell: Shell) -> None:
     Path("hits.csv").write_text(IMPACTS)
     words, angle = {**VERBS, "map": (["map", "hits.csv"], [])}[verb]
     words = [*words, *NAMES[:2], "--sigma", "255 MPa", "--psi", "0.04", "--density", "7850 kg/m^3", "--units", "si"]
     speed = [] if verb == "map" else ["--v0", "100 m/s"]
-    assert _status([*words, *angle, *speed]) == 0
-    out, err = capsys.readouterr()
+    out, err = shell([*words, *angle, *speed])
     assert "more than ten times what tests find" in " ".join(out.split())
     assert "g/kg is far from what tests" in err
     Path("table.csv").unlink(missing_ok=True)
     # A hard metal with ψ = 2 has none.
     hard = ["--psi", "2", "--sigma", "2 GPa"]
     words = [word for word in words if word not in ("--sigma", "255 MPa", "--psi", "0.04")]
-    assert _status([*words, *hard, *angle, *speed]) == 0
-    assert "more than ten times" not in capsys.readouterr().out
+    assert "more than ten times" not in shell([*words, *hard, *angle, *speed]).out
 
 
-def test_compare_says_once_of_all_models_that_are_far_from_tests(capsys: pytest.CaptureFixture[str]) -> None:
+def test_compare_says_once_of_all_models_that_are_far_from_tests(shell: Shell) -> None:
     names = "linearized,linearized-deformation,rotating,rotating-full-torque,finnie-cfd"
-    (message, *_) = document(["compare", "--model", names, "--cutting-fraction", "0.5"], capsys)["warnings"]
+    (message, *_) = document(["compare", "--model", names, "--cutting-fraction", "0.5"], shell)["warnings"]
     assert message.startswith("linearized, linearized-deformation, rotating and 1 more: ")
     few = [*AT, "--cutting-fraction", "0.002"]
-    (message,) = document(["compare", "--model", "linearized", *NAMES, *few], capsys)["warnings"]
+    (message,) = document(["compare", "--model", "linearized", *NAMES, *few], shell)["warnings"]
     assert message.startswith("linearized: 0.008 g/kg is far from what tests")
     assert message.endswith("table 3-1).")
 
 
-def test_a_jet_is_judged_by_its_own_mean_speed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_jet_is_judged_by_its_own_mean_speed(shell: Shell) -> None:
     words = ["stream", *NAMES, "--n", "256", "--no-best-angle", "--v0", "lognormal(100 m/s, 0.05)"]
-    (message,) = document(words, capsys)["warnings"]
+    (message,) = document(words, shell)["warnings"]
     assert FAR in message
 
 
-def test_calibrate_takes_the_density_of_the_target(capsys: pytest.CaptureFixture[str]) -> None:
+def test_calibrate_takes_the_density_of_the_target(shell: Shell) -> None:
     p = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061")
     alpha = np.deg2rad([10.0, 20, 30, 45, 60])
     volume = np.asarray(erosion.impact("linearized", p.replace(alpha=alpha, k=2.5)).volume)
@@ -208,22 +190,21 @@ def test_calibrate_takes_the_density_of_the_target(capsys: pytest.CaptureFixture
          "--cutting-fraction", "0.25", "--density", "2.7 g/cm^3"],
     ):  # fmt: skip
         Path("mine.toml").write_text(CASE.replace("0.03", "0.25").replace("v0 = 100", f"v0 = {float(p.v0)!r}"))
-        fits.append(document([*words, *of_target, "--write-case", "fitted.toml"], capsys)["result"])
+        fits.append(document([*words, *of_target, "--write-case", "fitted.toml"], shell)["result"])
     for fit in fits:
         assert fit["estimates"]["k"]["value"] == pytest.approx(2.5, rel=1e-6)
         assert fit["cutting_fraction"] == 0.25
-    assert _status([*words, "--units", "si"]) == 2
-    assert "density" in capsys.readouterr().err
+    assert "density" in shell([*words, "--units", "si"], 2).err
     # The file that calibrate writes has what g/kg need.
-    weighed = document(["run", "--case", "fitted.toml"], capsys)["result"]
+    weighed = document(["run", "--case", "fitted.toml"], shell)["result"]
     assert weighed["erosion_ratio"]["value"] == pytest.approx(float(np.interp(20, np.rad2deg(alpha), loss)) * 1e-6)
 
 
-def test_map_takes_densities_and_the_share_from_names_and_case_files(capsys: pytest.CaptureFixture[str]) -> None:
+def test_map_takes_densities_and_the_share_from_names_and_case_files(shell: Shell) -> None:
     Path("hits.csv").write_text(IMPACTS)
-    by_options = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2", *SHARE], capsys)["result"]
-    assert by_options == document(["map", "hits.csv", "--case", "case.toml"], capsys)["result"]
-    whole = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2"], capsys)["result"]
+    by_options = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2", *SHARE], shell)["result"]
+    assert by_options == document(["map", "hits.csv", "--case", "case.toml"], shell)["result"]
+    whole = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2"], shell)["result"]
     for name in ("total_volume", "total_mass", "total_erosion_ratio"):
         assert by_options[name]["value"] == pytest.approx(0.03 * whole[name]["value"], rel=1e-12)
     p = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061").replace(v0=100.0)
@@ -231,20 +212,20 @@ def test_map_takes_densities_and_the_share_from_names_and_case_files(capsys: pyt
     assert whole["total_mass"]["value"] == pytest.approx(2700 * float(np.sum(hits.volume)), rel=1e-9)
     assert whole["total_erodent"]["value"] == pytest.approx(2 * float(p.m), rel=1e-9)
     # A correlation is made for a metal of its own, and for all particles.
-    dnv = document(["map", "hits.csv", *NAMES, *SHARE, "--units", "si", "--model", "dnv"], capsys)["result"]
-    alone = document(["map", "hits.csv", *NAMES[:2], "--units", "si", "--model", "dnv:aluminium"], capsys)["result"]
+    dnv = document(["map", "hits.csv", *NAMES, *SHARE, "--units", "si", "--model", "dnv"], shell)["result"]
+    alone = document(["map", "hits.csv", *NAMES[:2], "--units", "si", "--model", "dnv:aluminium"], shell)["result"]
     assert dnv["total_mass"] == alone["total_mass"]
 
 
-def test_map_says_where_the_erosion_is_far_from_tests(capsys: pytest.CaptureFixture[str]) -> None:
+def test_map_says_where_the_erosion_is_far_from_tests(shell: Shell) -> None:
     Path("hits.csv").write_text(IMPACTS)
-    messages = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2"], capsys)["warnings"]
+    messages = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2"], shell)["warnings"]
     assert [message for message in messages if FAR in message]
-    messages = document(["map", "hits.csv", "--case", "case.toml", "--cutting-fraction", "0.1"], capsys)["warnings"]
+    messages = document(["map", "hits.csv", "--case", "case.toml", "--cutting-fraction", "0.1"], shell)["warnings"]
     assert not [message for message in messages if FAR in message]
 
 
-def test_export_writes_the_share_that_cuts(capsys: pytest.CaptureFixture[str]) -> None:
+def test_export_writes_the_share_that_cuts(shell: Shell) -> None:
     axes = ["--angles", "20deg", "--speeds", "100 m/s", "--diameters", "0.3 mm"]
     for path, words in (("whole.csv", [*NAMES, *AT]), ("part.csv", ["--case", "case.toml"])):
         assert _status(["export", "--model", "linearized", "--table", path, *axes, *words]) == 0
@@ -252,9 +233,8 @@ def test_export_writes_the_share_that_cuts(capsys: pytest.CaptureFixture[str]) -
         list(csv.DictReader(Path(path).read_text().splitlines())) for path in ("whole.csv", "part.csv")
     )
     assert float(part["volume [m^3]"]) == pytest.approx(0.03 * float(whole["volume [m^3]"]), rel=1e-9)
-    capsys.readouterr()
     forms = [
-        document(["export", "--model", "finnie", "--openfoam", path, *words], capsys)["result"]["openfoam"]
+        document(["export", "--model", "finnie", "--openfoam", path, *words], shell)["result"]["openfoam"]
         for path, words in (("whole.txt", [*NAMES, *AT]), ("part.txt", ["--case", "case.toml"]))
     ]
     assert forms[1]["p"]["value"] == pytest.approx(forms[0]["p"]["value"] / 0.03, rel=1e-6)
@@ -262,18 +242,17 @@ def test_export_writes_the_share_that_cuts(capsys: pytest.CaptureFixture[str]) -
     assert "cutting fraction" not in Path("whole.txt").read_text()
 
 
-def test_bare_numbers_beside_a_named_particle_are_in_si(capsys, tmp_path):
+def test_bare_numbers_beside_a_named_particle_are_in_si(shell, tmp_path):
     named = ["run", "--particle", "garnet 0.3 mm", "--json"]
     # Without a case file, and whatever the target; other cases say their own units.
-    assert _case([*named, "--v0", "100"], capsys)["v0"] == {"value": 100.0, "unit": "m/s"}
-    assert _case([*named, "--v0", "4400 in/s"], capsys)["v0"] == {"value": pytest.approx(111.76), "unit": "m/s"}
-    assert _case([*named, "--units", "inch-pound", "--v0", "4400"], capsys)["v0"] == {"value": 4400.0, "unit": "in/s"}
+    assert _case([*named, "--v0", "100"], shell)["v0"] == {"value": 100.0, "unit": "m/s"}
+    assert _case([*named, "--v0", "4400 in/s"], shell)["v0"] == {"value": pytest.approx(111.76), "unit": "m/s"}
+    assert _case([*named, "--units", "inch-pound", "--v0", "4400"], shell)["v0"] == {"value": 4400.0, "unit": "in/s"}
     case = tmp_path / "case.toml"
     case.write_text(dump_case(erosion.TABLE_1))
-    assert _case([*named, "--case", str(case), "--v0", "4400"], capsys)["v0"]["unit"] == "in/s"
-    assert _case(["run", "--target", "copper", "--v0", "4400", "--json"], capsys)["v0"]["unit"] == "in/s"
+    assert _case([*named, "--case", str(case), "--v0", "4400"], shell)["v0"]["unit"] == "in/s"
+    assert _case(["run", "--target", "copper", "--v0", "4400", "--json"], shell)["v0"]["unit"] == "in/s"
 
 
-def _case(line, capsys):
-    assert _status(line) == 0
-    return json.loads(capsys.readouterr().out)["case"]["parameters"]
+def _case(line, shell):
+    return shell(line).document["case"]["parameters"]

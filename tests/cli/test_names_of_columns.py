@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.cli import _status
+from tests.documents import Shell
 
 CASE = ["--units", "si", "--particle", "quartz 0.1 mm"]
 
@@ -17,41 +17,28 @@ def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def said_by(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    status = _status([*arguments])
-    said = capsys.readouterr()
-    return status, said.out, said.err
-
-
 IMPACTS = "diameter [um],density [kg/m^3],speed [m/s],angle [deg],{},note\n100,2650,50,30,13,a\n100,2650,60,20,13,b\n"
 
 
-def test_a_map_has_the_weights_of_its_rows_or_says_why_not(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_map_has_the_weights_of_its_rows_or_says_why_not(shell: Shell) -> None:
     pytest.importorskip("pyarrow")
     volumes = {}
-    for name in ("count", "frequency [1/s]", "hits", "note 2"):
+    for name in ("count", "frequency [1/s]", "note 2"):
         Path("a.csv").write_text(IMPACTS.format(name))
-        status, out, err = said_by(capsys, "map", "a.csv", *CASE, "--json")
-        if status == 0:
-            volumes[name] = json.loads(out)["result"]["total_volume"]["value"]
-        if name == "hits":
-            assert status == 2
-            assert "a.csv: column 'hits' is not understood" in err
-            continue
+        printed = shell(["map", "a.csv", *CASE, "--json"])
+        volumes[name], err = printed.result["total_volume"], printed.err
         assert "columns that are not used: " in err
         assert ("each row counts as one particle" in err) == (name == "note 2")
     assert volumes["frequency [1/s]"] == volumes["count"]
     np.testing.assert_allclose(volumes["count"], 13 * volumes["note 2"], rtol=1e-12)
     Path("a.csv").write_text(IMPACTS.format("hits"))
-    status, out, err = said_by(capsys, "map", "a.csv", *CASE, "--json", "--ignore", "hits,note")
-    assert (status, json.loads(out)["result"]["total_volume"]["value"]) == (0, volumes["note 2"])
-    assert "not used" not in err
-    status, _, err = said_by(capsys, "map", "a.csv", *CASE, "--ignore", "hit")
-    assert status == 2
-    assert "a.csv: has no column 'hit'" in err
+    assert "a.csv: column 'hits' is not understood" in shell(["map", "a.csv", *CASE], 2).err
+    printed = shell(["map", "a.csv", *CASE, "--json", "--ignore", "hits,note"])
+    assert (printed.result["total_volume"], "not used" in printed.err) == (volumes["note 2"], False)
+    assert "a.csv: has no column 'hit'" in shell(["map", "a.csv", *CASE, "--ignore", "hit"], 2).err
 
 
-def test_a_fit_has_the_speeds_of_its_rows_or_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fit_has_the_speeds_of_its_rows_or_is_refused(shell: Shell) -> None:
     p = erosion.TABLE_1.to("si").replace(psi=0.04)
     degrees, speeds = np.tile(np.linspace(10, 60, 9), 2), np.repeat([60.0, 120.0], 9)
     volumes = np.asarray(erosion.impact("linearized", p.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume)
@@ -59,49 +46,42 @@ def test_a_fit_has_the_speeds_of_its_rows_or_is_refused(capsys: pytest.CaptureFi
     free = ["--free", "psi", "--units", "si", "--json", "--starts", "2"]
     for name in ("speed [m/s]", "v [m/s]", "velocity [m/s]", "speed (m/s)"):
         Path("a.csv").write_text(f"angle [deg],volume [mm^3],{name}\n{rows}")
-        status, out, _ = said_by(capsys, "calibrate", "a.csv", *free)
-        assert status == 0
+        out, _ = shell(["calibrate", "a.csv", *free])
         assert json.loads(out)["result"]["estimates"]["psi"]["value"] == pytest.approx(0.04, rel=1e-3)
     Path("a.csv").write_text(f"angle [deg],volume [mm^3],jet velocity [m/s]\n{rows}")
-    status, _, err = said_by(capsys, "calibrate", "a.csv", *free)
-    assert status == 2
+    _, err = shell(["calibrate", "a.csv", *free], 2)
     assert "column 3 (jet velocity [m/s])" in err
     assert "`speed`" in err
     assert "Option `--ignore`" in err
-    status, _, err = said_by(capsys, "calibrate", "a.csv", *free, "--ignore", "jet velocity")
-    assert status == 0
-    assert "not used" not in err
+    assert "not used" not in shell(["calibrate", "a.csv", *free, "--ignore", "jet velocity"]).err
 
 
-def test_rows_of_a_stream_have_their_speeds_or_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_rows_of_a_stream_have_their_speeds_or_are_refused(shell: Shell) -> None:
     means = {}
     for name in ("v0 [m/s]", "Impact Velocity (m/s)"):
         Path("a.csv").write_text(f"alpha [deg],{name},cell\n20,200,1\n30,300,2\n")
-        status, out, err = said_by(capsys, "stream", "--units", "si", "--rows", "a.csv", "--n", "64", "--json")
-        assert status == 0
+        out, err = shell(["stream", "--units", "si", "--rows", "a.csv", "--n", "64", "--json"])
         assert "a.csv: columns that are not used: 'cell'." in err
         means[name] = json.loads(out)["result"]["mean_volume"]["value"]
     assert len({*means.values()}) == 1
     Path("a.csv").write_text("alpha [deg],v_rel [m/s]\n20,200\n30,300\n")
-    status, _, err = said_by(capsys, "stream", "--units", "si", "--rows", "a.csv", "--n", "64")
-    assert status == 2
-    assert "in a.csv 'v_rel [m/s]' has the unit of a speed" in err
+    refused = shell("stream --units si --rows a.csv --n 64", 2)
+    assert "in a.csv 'v_rel [m/s]' has the unit of a speed" in refused.err
 
 
-def test_draws_of_a_table_may_have_the_share_of_particles_that_cut(capsys: pytest.CaptureFixture[str]) -> None:
+def test_draws_of_a_table_may_have_the_share_of_particles_that_cut(shell: Shell) -> None:
     pytest.importorskip("pyarrow")
     Path("a.csv").write_text(IMPACTS.format("count"))
     volumes = []
     for share in (1.0, 0.25):
         Path("draws.csv").write_text(f"psi,cutting_fraction,chain\n0.04,{share},1\n0.05,{share},2\n")
         given = [*CASE, "--uncertain", "draws.csv", "--draws", "4"]
-        status, out, err = said_by(capsys, "map", "a.csv", *given, "--json")
-        assert status == 0
+        out, err = shell(["map", "a.csv", *given, "--json"])
         assert "draws.csv: columns that are not used: 'chain'." in err
         volumes.append(json.loads(out)["result"]["total_volume"]["value"])
     assert volumes[1] == pytest.approx(0.25 * volumes[0])
     # A stream takes a number alone for this share, whatever gives it.
-    assert said_by(capsys, "stream", "--v0", "normal(110, 5)", "--units", "si", "--uncertain", "draws.csv")[0] == 2
+    shell("stream --v0 'normal(110, 5)' --units si --uncertain draws.csv", 2)
 
 
 WEIGHTS = (
@@ -113,31 +93,30 @@ WEIGHTS = (
 @pytest.mark.parametrize("head", WEIGHTS)
 @pytest.mark.parametrize("how", [["--rows", "a.csv"], ["--v0", "samples(a.csv)"]])
 def test_rows_that_do_not_count_alike_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], head: str, how: list[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell, head: str, how: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.csv").write_text(f"v0 [m/s],{head}\n100,1\n300,1000\n")
-    assert _status(["stream", "--n", "64", "--no-best-angle", *how]) == 2
-    assert head in capsys.readouterr().err
+    assert head in shell(["stream", "--n", "64", "--no-best-angle", *how], 2).err
 
 
 @pytest.mark.parametrize("head", ["x [m]", "time [s]", "particle id", "omega [rad/s]", "phidot0 [rpm]", "k", "note"])
 def test_what_is_no_weight_may_stand_beside_samples(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], head: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell, head: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.csv").write_text(f"v0 [m/s],{head}\n100,1\n300,1000\n")
-    assert _status(["stream", "--n", "64", "--no-best-angle", "--v0", "samples(a.csv)"]) == 0
-    assert capsys.readouterr().err == ""
+    assert shell("stream --n 64 --no-best-angle --v0 'samples(a.csv)'").err == ""
 
 
 def test_columns_of_one_table_that_come_apart_are_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.csv").write_text("v0 [m/s],alpha [deg]\n100,20\n300,40\n")
     stream = ["stream", "--n", "64", "--no-best-angle"]
-    assert _status([*stream, "--v0", "samples(a.csv)", "--alpha", "samples(a.csv)"]) == 0
-    assert "are drawn independently of each other" in capsys.readouterr().err
-    assert _status([*stream, "--rows", "a.csv"]) == 0
-    assert capsys.readouterr().err == ""
+    assert (
+        "are drawn independently of each other"
+        in shell([*stream, "--v0", "samples(a.csv)", "--alpha", "samples(a.csv)"]).err
+    )
+    assert shell([*stream, "--rows", "a.csv"]).err == ""

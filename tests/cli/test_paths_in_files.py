@@ -11,7 +11,6 @@ from erosion.fits import calibrate, to_case
 from erosion.fits.posterior_files import model_of_draws
 from erosion.models import ProportionalDeformationWear, Rotating, TanAlpha
 from erosion.parameters.case_files import CaseFile, load_case
-from tests.documents import result_of
 
 PLUG_IN = """
 import erosion
@@ -77,41 +76,43 @@ def test_every_path_of_a_case_begins_at_its_folder(two_folders):
 
 
 @pytest.mark.parametrize("verb", ["run", "stream"])
-def test_a_case_gives_the_same_from_every_folder(two_folders, monkeypatch, capsys, verb):
+def test_a_case_gives_the_same_from_every_folder(two_folders, monkeypatch, shell, verb):
     def computed(case: str) -> str:
-        assert _status([verb, "--case", case, "--json"]) == 0
-        return json.dumps(result_of(capsys.readouterr().out))
+        return json.dumps(shell([verb, "--case", case, "--json"]).result)
 
     from_above = computed("cases/case.toml")
     monkeypatch.chdir(two_folders / "cases")
     assert computed("case.toml") == from_above
 
 
-def test_a_path_of_an_option_begins_at_the_working_folder(two_folders, capsys):
-    assert _status(["run", "--case", "cases/case.toml", "--model", "plug.py", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+def test_a_path_of_an_option_begins_at_the_working_folder(two_folders, shell):
+    document = shell("run --case cases/case.toml --model plug.py --json").document
     assert document["model"]["own_parameters"]["softness"]["value"] == 3.0
 
 
-def test_the_option_that_names_the_model_of_the_file_keeps_its_numbers(two_folders, capsys):
+def test_the_option_that_names_the_model_of_the_file_keeps_its_numbers(two_folders, shell):
     case = Path("cases/case.toml")
     case.write_text("set = {softness = 2.0}\n" + CASE)
-    assert _status(["run", "--case", str(case), "--model", "../" + Path.cwd().name + "/cases/plug.py", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = shell(
+        ["run", "--case", str(case), "--model", "../" + Path.cwd().name + "/cases/plug.py", "--json"]
+    ).document
     assert document["model"]["own_parameters"]["softness"]["value"] == 2.0
 
 
-def test_what_is_not_beside_the_case_is_named_where_it_was_looked_for(two_folders, capsys):
+def test_what_is_not_beside_the_case_is_named_where_it_was_looked_for(two_folders, shell):
     Path("cases/plug.py").unlink()
-    assert _status(["run", "--case", "cases/case.toml"]) == 2
-    assert "cases/plug.py" in capsys.readouterr().err
+    assert "cases/plug.py" in shell("run --case cases/case.toml", 2).err
 
 
-def test_many_models_are_no_path_that_is_too_long(tmp_path, monkeypatch, capsys):
+def test_many_models_are_no_path_that_is_too_long(tmp_path, monkeypatch, shell):
     monkeypatch.chdir(tmp_path)
     models = ",".join(f"rotating-{number}" for number in range(30))
-    assert _status(["sweep", "--model", models, "--alpha", "20deg:30deg:2", "-o", "out.csv"]) == 2
-    assert "rotating-0" in capsys.readouterr().err.partition("known are")[0]
+    assert (
+        "rotating-0"
+        in shell(["sweep", "--model", models, "--alpha", "20deg:30deg:2", "-o", "out.csv"], 2).err.partition(
+            "known are"
+        )[0]
+    )
 
 
 ROWS = "angle [deg], volume [mm^3], uncertainty [mm^3]\n10,2e-2,1e-3\n20,3e-2,1e-3\n30,2e-2,1e-3\n"

@@ -1,8 +1,6 @@
 """`erosion posterior` as a user types it."""
 
-import json
 import re
-import shlex
 import sys
 from pathlib import Path
 
@@ -15,7 +13,6 @@ from erosion.fits.posterior_files import model_of_draws
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.case_files import CaseFile
 from erosion.parameters.parameters import TABLE_1
-from tests.documents import result_of
 
 pytestmark = pytest.mark.slow
 
@@ -31,14 +28,13 @@ def table(tmp_path_factory):
     return path
 
 
-def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
+def test_the_table_and_the_files(table, tmp_path, shell, monkeypatch):
     monkeypatch.setenv("COLUMNS", "400")  # so that no cell takes two lines
     names = ("pairs.svg", "traces.png", "band.pdf", "best.svg", "draws.nc")
     options = ("--plot-pairs", "--plot-traces", "--plot-prediction", "--plot-best-angles", "-o")
     files = [text for option, name in zip(options, names, strict=True) for text in (option, str(tmp_path / name))]
     prior, speed = ["--prior", "psi=uniform(0.01, 0.2)"], ["--psi", "0.05", "--v0", "100 in/s"]
-    assert _status(["posterior", str(table), *speed, "--draws", "125", "--seed", "3", *prior, *files]) == 0
-    out = capsys.readouterr().out
+    out = shell(["posterior", str(table), *speed, "--draws", "125", "--seed", "3", *prior, *files]).out
     assert "linearized: the posterior from 10 rows of sand.csv" in out
     assert "prior: uniform(0.01, 0.2)" in out
     assert "prior: loguniform(0.02, 200), the default" in out
@@ -51,31 +47,27 @@ def test_the_table_and_the_files(table, tmp_path, capsys, monkeypatch):
     next_step = f"a nozzle's angle by this fit: erosion advise {case} --uncertain {tmp_path}/draws.nc"
     assert out.splitlines()[-1] == next_step
     # The model is that of the draws.
-    assert _status(shlex.split(next_step.partition("erosion ")[2])) == 0
-    advice = capsys.readouterr().out
+    advice = shell(next_step.partition("erosion ")[2]).out
     assert "linearized, k = " in advice
     assert "64 draws of" in advice
 
 
-def test_without_arviz_it_says_what_to_install(table, capsys, monkeypatch):
+def test_without_arviz_it_says_what_to_install(table, shell, monkeypatch):
     monkeypatch.setitem(sys.modules, "arviz_stats.base.array", None)
-    assert _status(["posterior", str(table), "--free", "psi", "--draws", "125"]) == 2
     assert (
-        capsys.readouterr().err
+        shell(["posterior", str(table), "--free", "psi", "--draws", "125"], 2).err
         == "erosion: The package arviz_stats is not installed: pip install 'erosion[posterior]'.\n"
     )
 
 
-def test_a_fit_alone_has_no_options_of_draws(table, capsys):
+def test_a_fit_alone_has_no_options_of_draws(table, shell):
     for option in ("--posterior", "--prior", "--draws", "--output", "--plot-pairs", "--next-experiment"):
-        assert _status(["calibrate", str(table), option]) == 2
-        assert f"Option `{option}` is unknown." in capsys.readouterr().err
+        assert f"Option `{option}` is unknown." in shell(["calibrate", str(table), option], 2).err
 
 
-def test_several_models_as_json(table, capsys):
+def test_several_models_as_json(table, shell):
     arguments = ["posterior", str(table), "--free", "psi", "--model", "linearized,tan-alpha"]
-    assert _status([*arguments, "--draws", "125", "--json"]) == 0
-    printed = result_of(capsys.readouterr().out)
+    printed = shell([*arguments, "--draws", "125", "--json"]).result
     assert printed["posterior"]["model"] == "linearized"
     # What misses the data is not drawn.
     assert [part["model"] for part in printed["posteriors"]] == ["linearized"]
@@ -83,22 +75,19 @@ def test_several_models_as_json(table, capsys):
     assert printed["ranking"][0]["model"] == "linearized"
 
 
-def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path, capsys):
+def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path, shell):
     line = ["posterior", str(table), "--free", "psi", "--draws", "125"]
     more = ["--next-speeds", "60 m/s,110 m/s", "--plot-next-experiment", str(tmp_path / "next.svg")]
-    assert _status([*line, *more]) == 0
-    out = capsys.readouterr().out
+    out = shell([*line, *more]).out
     assert "what one more row says, 68 candidates: linearized" in out
     sentence = out.splitlines()[-1]
     # Of one factor a row says most where the volume is greatest: at arctan(k)/2 = 31.7°, and at the greater speed.
     assert sentence.startswith("Measure next at 32.5° and 4331 in/s: one row there is expected to say ")
     assert (tmp_path / "next.svg").stat().st_size > 1000
-    assert _status([*line, "--next-experiment", "--json"]) == 0
-    printed = result_of(capsys.readouterr().out)["next_experiment"]
+    printed = shell([*line, "--next-experiment", "--json"]).result["next_experiment"]
     assert printed["sentence"].startswith("Measure next at 32.5° and 4400 in/s: ")
     assert len(printed["information"]) == 34
-    assert _status([*line, "--json"]) == 0
-    assert "next_experiment" not in result_of(capsys.readouterr().out)
+    assert "next_experiment" not in shell([*line, "--json"]).result
 
 
 @pytest.mark.parametrize(
@@ -117,31 +106,31 @@ def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path,
         (["--plot-pairs", "d.txt"], "must end in .svg, .png or .pdf"),
     ],
 )
-def test_mistakes_are_one_line(table, capsys, options, message):
-    assert _status(["posterior", str(table), "--starts", "1", *options]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+def test_mistakes_are_one_line(table, shell, options, message):
+    assert message in shell(["posterior", str(table), "--starts", "1", *options], 2).err
 
 
-def test_means_of_several_models_have_their_units(table, capsys, monkeypatch):
+def test_means_of_several_models_have_their_units(table, shell, monkeypatch):
     monkeypatch.setenv("COLUMNS", "300")
     models = ["--model", "linearized,linearized-deformation", "--free", "psi,threshold"]
     prior = ["--prior", "threshold=uniform(0, 500)", "--starts", "1"]
-    assert _status(["posterior", str(table), "--draws", "125", *models, *prior]) == 0
-    # The draws of the threshold crowd at zero: it has its median, and no deviation.
-    assert re.search(r"psi = [\d.]+ ± [\d.]+, threshold = [\d.]+ in/s$", capsys.readouterr().out, re.MULTILINE)
+    assert re.search(
+        r"psi = [\d.]+ ± [\d.]+, threshold = [\d.]+ in/s$",
+        shell(["posterior", str(table), "--draws", "125", *models, *prior]).out,
+        re.MULTILINE,
+    )
 
 
-def test_all_files_of_a_ranking_are_of_one_model(tmp_path, monkeypatch, capsys):
+def test_all_files_of_a_ranking_are_of_one_model(tmp_path, monkeypatch, shell):
     monkeypatch.chdir(tmp_path)
     Path("rows.csv").write_text("angle [deg], mass_loss [mg/kg]\n15,190\n30,240\n45,205\n60,150\n75,110\n90,95\n")
     # AICc prefers `rotating-deformation`, whose energy ratio is 10.9; this prior allows that of the other one alone.
     words = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s", "--starts", "8"]
     models = ["--model", "linearized-deformation,rotating-deformation,tan-alpha", "--free", "k,psi,energy_ratio"]
     draws = ["--draws", "125", "--prior", "energy_ratio=uniform(2, 5)", "-o", "post.nc"]
-    assert _status(["posterior", "rows.csv", *words, *models, *draws, "--write-case", "fitted.toml", "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = shell(
+        ["posterior", "rows.csv", *words, *models, *draws, "--write-case", "fitted.toml", "--json"]
+    ).document
     ranked = [fit["model"] for fit in printed["result"]["ranking"] if fit["not_ranked"] is None]
     assert ranked == ["rotating-deformation", "linearized-deformation"]
     # What misses the data is drawn no posterior of.

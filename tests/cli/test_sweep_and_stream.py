@@ -9,8 +9,6 @@ import pytest
 import xarray as xr
 
 import erosion
-from erosion.cli import _status
-from tests.documents import result_of
 
 CASE = (Path(__file__).parents[2] / "cases/table-1.toml").read_text()
 
@@ -26,10 +24,9 @@ def case(tmp_path) -> str:
     return str(path)
 
 
-def test_a_case_file_may_hold_a_sweep(case, tmp_path, capsys):
+def test_a_case_file_may_hold_a_sweep(case, tmp_path, shell):
     out = tmp_path / "out.nc"
-    assert _status(["sweep", case, "-o", str(out), "--json"]) == 0
-    printed = result_of(capsys.readouterr().out)
+    printed = shell(["sweep", case, "-o", str(out), "--json"]).result
     assert printed["dimensions"] == {"alpha": 4, "v0": 2}
     assert printed["ended_by"] == {"rebound": 8}
     stored = xr.load_dataset(out, engine="h5netcdf")
@@ -39,7 +36,7 @@ def test_a_case_file_may_hold_a_sweep(case, tmp_path, capsys):
     assert erosion.load_case(case).v0 == 4400
 
 
-def test_options_overrule_the_case_file(case, tmp_path, capsys):
+def test_options_overrule_the_case_file(case, tmp_path, shell):
     out = tmp_path / "out.nc"
     arguments = [
         "sweep",
@@ -54,25 +51,16 @@ def test_options_overrule_the_case_file(case, tmp_path, capsys):
         "--paired",
         "alpha,k",
     ]
-    assert _status([*arguments, "-o", str(out), "--plot", str(tmp_path / "curve.svg")]) == 2
-    assert "to be drawn" in capsys.readouterr().err
+    assert "to be drawn" in shell([*arguments, "-o", str(out), "--plot", str(tmp_path / "curve.svg")], 2).err
     stored = xr.load_dataset(out, engine="h5netcdf")
     assert dict(stored.sizes) == {"pair": 2}
     assert "v0 = 3937.0078740157483" in stored.attrs["case"]
 
 
-def test_a_sweep_is_drawn_and_told_as_a_table(case, tmp_path, capsys):
-    plot = tmp_path / "sweep.svg"
-    assert _status(["sweep", case, "-o", str(tmp_path / "out.zarr"), "--plot", str(plot)]) == 0
-    assert "8 rebound" in capsys.readouterr().out
-    assert plot.read_text().startswith("<?xml")
-
-
-def test_a_stream_is_told_as_json_and_drawn(case, tmp_path, capsys):
+def test_a_stream_is_told_as_json_and_drawn(case, tmp_path, shell):
     plot = tmp_path / "stream.svg"
     arguments = ["stream", case, "--no-best-angle", "-o", str(tmp_path / "jet.nc"), "--plot", str(plot), "--json"]
-    assert _status(arguments) == 0
-    printed = result_of(capsys.readouterr().out)
+    printed = shell(arguments).result
     assert printed["particles"] == 1024
     assert printed["mean_volume"] == pytest.approx(1.83e-4, rel=0.01)
     assert set(printed["sensitivities"]) == {"v0", "alpha"}
@@ -80,21 +68,7 @@ def test_a_stream_is_told_as_json_and_drawn(case, tmp_path, capsys):
     assert float(xr.load_dataset(tmp_path / "jet.nc", engine="h5netcdf").mean_volume) == printed["mean_volume"]
 
 
-def test_a_stream_is_told_as_a_table(case, capsys):
-    assert _status(["stream", case, "--no-best-angle", "--points", "random"]) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert said.startswith("linearized: a stream, v0 lognormal(4400 in/s, 0.1), alpha normal(20°, 2°)")
-    assert said.endswith("with interactions")
-
-
-def test_a_case_files_counts_are_checked(tmp_path, capsys):
-    path = tmp_path / "case.toml"
-    path.write_text(CASE + '\n[stream]\nn = 1.5\nalpha = "normal(20deg, 2deg)"\n')
-    assert _status(["stream", str(path)]) == 2
-    assert "field `n` of [stream] must be a whole number such as 1e6, but is 1.5." in capsys.readouterr().err
-
-
-def test_impacts_that_fail_among_others_are_a_warning(tmp_path, capsys):
+def test_impacts_that_fail_among_others_are_a_warning(tmp_path, shell):
     model = tmp_path / "steep.py"
     model.write_text(
         "import erosion, jax.numpy as jnp\n"
@@ -106,9 +80,8 @@ def test_impacts_that_fail_among_others_are_a_warning(tmp_path, capsys):
         "model = erosion.models.Linearized(force=F())\n"
     )
     arguments = ["sweep", "--model", str(model), "--alpha", "0.3, 0.4, 0.7", "-o", str(tmp_path / "out.nc"), "--json"]
-    assert _status(arguments) == 0
-    said = capsys.readouterr()
-    assert result_of(said.out)["ended_by"] == {"rebound": 2, "failed": 1}
+    said = shell(arguments)
+    assert said.result["ended_by"] == {"rebound": 2, "failed": 1}
     assert said.err == "warning: 1 of 3 impacts could not be computed.\n"
 
 
@@ -133,19 +106,18 @@ def test_impacts_that_fail_among_others_are_a_warning(tmp_path, capsys):
         ("nbformat", ["exercise"], "The package nbformat is not installed: pip install 'erosion[classroom]'."),
     ],
 )
-def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch, capsys, absent, arguments, message):
+def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch, shell, absent, arguments, message):
     monkeypatch.chdir(tmp_path)
     for module in [name for name in sys.modules if name.startswith("erosion.explorer")]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, absent, None)
-    assert _status(arguments) == 2
-    said = capsys.readouterr().err
+    said = shell(arguments, 2).err
     assert message in said
     assert said.count("\n") == 1
     assert not list(tmp_path.iterdir())
 
 
-def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, capsys, monkeypatch):
+def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, shell, monkeypatch):
     from erosion.sweeps import sweep
     from erosion.sweeps.grid import Grid
 
@@ -161,27 +133,24 @@ def test_ctrl_c_is_one_line_that_says_how_to_go_on(case, tmp_path, capsys, monke
     monkeypatch.setattr(Grid, "solve", interrupted)
     monkeypatch.setattr(sweep, "_MEMORY_BLOCK", 4)
     out = tmp_path / "out.nc"
-    assert _status(["sweep", case, "-o", str(out)]) == 130
-    said = capsys.readouterr().err
+    said = shell(["sweep", case, "-o", str(out)], 130).err
     assert said == f"erosion: interrupted: {out} holds 4 of 8 impacts; the same command goes on from there\n"
     assert int(np.isnan(xr.load_dataset(out, engine="h5netcdf").volume).sum()) == 4
-    assert _status(["sweep", case, "-o", str(out), "--json"]) == 0
-    assert result_of(capsys.readouterr().out)["ended_by"] == {"rebound": 8}
+    assert shell(["sweep", case, "-o", str(out), "--json"]).result["ended_by"] == {"rebound": 8}
 
 
 @pytest.mark.parametrize(("verb", "part"), [("sweep", "sweeps.grid.Grid.solve"), ("stream", "streams.stream._tally")])
-def test_what_breaks_inside_is_not_the_users_mistake(case, tmp_path, capsys, monkeypatch, verb, part):
+def test_what_breaks_inside_is_not_the_users_mistake(case, tmp_path, shell, monkeypatch, verb, part):
     def broken(*arguments: Any) -> Any:
         raise ValueError("all the king's horses")
 
     monkeypatch.setattr(f"erosion.{part}", broken)
-    assert _status([verb, case, "-o", str(tmp_path / "out.nc")]) == 1
-    assert capsys.readouterr().err == "erosion: ValueError: all the king's horses\n"
+    assert shell([verb, case, "-o", str(tmp_path / "out.nc")], 1).err == "erosion: ValueError: all the king's horses\n"
     assert not (tmp_path / "out.nc").exists()
 
 
 @pytest.mark.parametrize("drawn", [0, 1])
-def test_ctrl_c_shows_what_a_stream_has_drawn(case, tmp_path, capsys, monkeypatch, drawn):
+def test_ctrl_c_shows_what_a_stream_has_drawn(case, tmp_path, shell, monkeypatch, drawn):
     from erosion.streams import stream
 
     tally, left = stream._tally, drawn
@@ -196,8 +165,7 @@ def test_ctrl_c_shows_what_a_stream_has_drawn(case, tmp_path, capsys, monkeypatc
     monkeypatch.setattr(stream, "_tally", interrupted)
     monkeypatch.setattr(stream, "_BLOCK", 16)
     out = tmp_path / "jet.nc"
-    assert _status(["stream", case, "-o", str(out), "--json"]) == 130
-    said = capsys.readouterr()
+    said = shell(["stream", case, "-o", str(out), "--json"], 130)
     if not drawn:
         assert said.err == "erosion: interrupted before any of 1,024 particles was computed\n"
         assert (said.out, out.exists()) == ("", False)
@@ -205,6 +173,6 @@ def test_ctrl_c_shows_what_a_stream_has_drawn(case, tmp_path, capsys, monkeypatc
     assert said.err.endswith(
         f"erosion: interrupted after 256 of 1,024 particles; {out} holds them; the same command goes on from there\n"
     )
-    partial = result_of(said.out)
+    partial = said.result
     assert partial["particles"] == 256
     assert float(xr.load_dataset(out, engine="h5netcdf").mean_volume) == partial["mean_volume"]

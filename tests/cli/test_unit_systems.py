@@ -1,7 +1,6 @@
 """The same case in inch-pound and in SI: every verb gives the same numbers and the same sentences."""
 
 import functools
-import json
 import math
 import re
 from collections.abc import Iterator
@@ -13,7 +12,7 @@ import pint
 import pytest
 
 import erosion
-from erosion.cli import _status
+from tests.documents import Shell
 
 pytestmark = pytest.mark.slow
 
@@ -55,9 +54,8 @@ def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def document(words: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    assert _status([*words, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
+def document(words: list[str], shell: Shell) -> dict[str, Any]:
+    return shell([*words, "--json"]).document
 
 
 def numbers(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -110,12 +108,10 @@ def in_metres(text: Any) -> Any:
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_numbers_and_sentences_are_the_same_in_both_unit_systems(
-    verb: str, capsys: pytest.CaptureFixture[str], in_folder: Path
-) -> None:
+def test_numbers_and_sentences_are_the_same_in_both_unit_systems(verb: str, shell: Shell, in_folder: Path) -> None:
     documents, tables = {}, {}
     for units, case in BOTH.items():
-        documents[units] = document([*VERBS[verb], "--case", str(case)], capsys)
+        documents[units] = document([*VERBS[verb], "--case", str(case)], shell)
         assert documents[units].pop("units") == units
         del documents[units]["case"]["file"], documents[units]["case"]["name"]
         tables[units] = in_si((in_folder / "out.csv").read_text()) if (in_folder / "out.csv").exists() else []
@@ -139,15 +135,15 @@ def in_si(text: str) -> list[Any]:
     return cells
 
 
-def test_a_map_without_a_case_is_in_si(capsys: pytest.CaptureFixture[str]) -> None:
-    bare = document(["map", "impacts.csv"], capsys)
+def test_a_map_without_a_case_is_in_si(shell: Shell) -> None:
+    bare = document(["map", "impacts.csv"], shell)
     assert bare["units"] == "si"
-    by_file = document(["map", "impacts.csv", "--case", str(BOTH["si"])], capsys)
+    by_file = document(["map", "impacts.csv", "--case", str(BOTH["si"])], shell)
     assert differences(bare["result"], by_file["result"]) == {}
     speed = bare["result"]["total_v0_mean"]
     assert speed == {"value": pytest.approx(105.0), "unit": "m/s"}
     assert any("find at 105 m/s" in message for message in bare["warnings"])
     # Who asks for the other system gets it, of the numbers and of the same sentence.
-    inches = document(["map", "impacts.csv", "--units", "inch-pound"], capsys)
+    inches = document(["map", "impacts.csv", "--units", "inch-pound"], shell)
     assert inches["result"]["total_v0_mean"] == {"value": pytest.approx(105.0 / 0.0254), "unit": "in/s"}
     assert inches["warnings"] == bare["warnings"]
