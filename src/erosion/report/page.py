@@ -21,6 +21,7 @@ from matplotlib.ticker import Formatter
 from erosion.arguments import Progress, no_progress
 from erosion.impacts.simulate import TurnWarning
 from erosion.interrupts import unawaited_threads
+from erosion.ode.step_control import require_xla
 from erosion.output.files import write_whole
 from erosion.output.language import ENGLISH, Language, language
 from erosion.output.tables import Record, to_csv, to_json
@@ -218,6 +219,7 @@ def write_report(
     look = Look(_BRIEF if brief else _WHOLE, language(lang))
     validate(p)
     require_scalars(p)
+    require_xla()
     out = Path(out)
     with _naming(out), _folders(out):
         return _write(ReportCase(p, case_name, per_mass or PerMass()), keys, out, look, progress)
