@@ -67,7 +67,15 @@ def ours(case: StiffCase, lanes: Lanes, rtol: float, order: int = 0) -> ode.Solu
     """`ode.solve`."""
     wrt = case.wrt if order else ()
     return ode.solve(
-        _problem(case), lanes, t1=case.t1, rtol=rtol, method="rosenbrock", smooth=True, wrt=wrt, derivatives=order
+        _problem(case),
+        lanes,
+        t1=case.t1,
+        rtol=rtol,
+        method="rosenbrock",
+        smooth=True,
+        wrt=wrt,
+        derivatives=order,
+        max_steps=100_000,  # at 1e-12
     )
 
 
