@@ -129,9 +129,9 @@ def scipy_solution_of_model(model: CuttingModel, p: Parameters) -> ReferenceSolu
     structure, own = flow.layout(model, p), list(own_quantities(type(model)))
     names = list(model.events(flow.state_of(structure, start), p))
 
-    def own_rates(y: Array) -> Array:
+    def own_rates(y: Array | np.ndarray) -> Array:
         state = flow.state_of(structure, y)
-        return time * jnp.asarray([getattr(model, name)(state, p) for name in own])
+        return jnp.asarray([time * getattr(model, name)(state, p) for name in own])
 
     largest = np.maximum(*(np.abs(own_rates(y)) for y in (start, sizes)))
     own_sizes = np.where(largest > 0, largest, 1.0)

@@ -81,7 +81,7 @@ def end_times(computed: Computed, models: Collection[str]) -> Drawing:
         # No line is drawn across the jump of a candidate.
         before = np.flatnonzero(np.abs(np.diff(times)) > _APART * largest) + 1
         degrees, times = with_gaps(before, DEGREES, times / scale.size)
-        series.append(line(EVENT_LABELS.get(event, event), degrees, times, color, lineStyle=thin, z=1))
+        series.append(line(EVENT_LABELS.get(event) or event, degrees, times, color, lineStyle=thin, z=1))
     top = {"max": float(f"{1.5 * largest / scale.size:.1g}")} if largest else {}
     more = f"; dashed, when each event alone would end the cut of {computed.state.shown}"
     return _over_angles(computed, "t_c", scale, series, more, **top)

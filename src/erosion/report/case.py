@@ -255,7 +255,8 @@ class ReportCase:
     """
 
     def __init__(self, p: Parameters, name: str, per_mass: PerMass | None = None) -> None:
-        self.p, self.name, self.per_mass, self.units = p, name, per_mass or PerMass(), p.units
+        self.p, self.name, self.per_mass = p, name, per_mass or PerMass()
+        self.units: System = p.units
         self.alpha, self.omega = float(p.alpha), float(p.rate)
         self.cusp = float(np.arctan(p.k / 2))  # [rad]: cuts rebound up to this angle and stop above it
         self.model, self.closed = Linearized(), LinearizedCut()
