@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from erosion import ode
+from erosion.ode import rosenbrock
 from erosion.ode.rosenbrock import A, Sparse, columns_together, least_fill
 
 STIFF: Any = {"method": "rosenbrock"}
@@ -264,8 +265,22 @@ def test_the_factors_of_a_sparse_matrix() -> None:
     np.testing.assert_allclose((5.0 * np.eye(7) - j) @ np.array(x), np.arange(7.0), atol=1e-13)
 
 
-def test_a_pivot_that_cancels_is_not_sound() -> None:
-    assert not Sparse(np.ones((1, 1), bool)).factors([jnp.asarray(1.0)], jnp.asarray(1.0)).sound
+@pytest.mark.parametrize("entry", [1.0, 1.0 + 1e-15])
+def test_a_pivot_that_cancels_is_not_sound(entry: float) -> None:
+    assert not Sparse(np.ones((1, 1), bool)).factors([jnp.asarray(entry)], jnp.asarray(1.0)).sound
+
+
+def test_no_step_is_taken_whose_pivots_cancel(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rosenbrock, "_CANCELLED", 2.0)
+    decay = ode.Problem(y0={"y": 1.25}, vector_field=lambda t, y, args: {"y": -3.25 * y["y"]})
+    assert ode.solve(decay, t1=1.0, **STIFF).ended_by == "failed"
+
+
+def test_an_event_function_that_bends_far_more_than_the_motion() -> None:
+    bent = robertson(lambda y: jnp.expm1(3e3 * (y["c"] / 0.01 - 1)), 1)
+    end, expected = (ode.solve(each, {"k3": 1e4}, t1=1e11, wrt="k3", rtol=1e-7, **STIFF) for each in (bent, EARLY))
+    np.testing.assert_allclose(end.t, expected.t, rtol=1e-9)
+    np.testing.assert_allclose(end.along("k3").t, expected.along("k3").t, rtol=1e-7)
 
 
 def test_an_arrow_is_eliminated_without_fill() -> None:
