@@ -364,6 +364,8 @@ def test_many_lanes_of_a_chain_are_the_same_as_each_alone():
         (lambda y: jnp.where(y["x"] > 0.5, 1.0, -y["x"]), True),
         (lambda y: jnp.abs(y["on"] - 0.5) - y["x"], False),
         (lambda y: jnp.abs(y["x"]), True),
+        (lambda y: y["x"].astype(int) - y["x"], True),
+        (lambda y: 1.0 - y["x"] * (y["x"] > 0.5), True),
     ],
 )
 @pytest.mark.parametrize("still", [lambda y: 0.0, lambda y: 0.0 * y["x"], lambda y: jnp.zeros(())])

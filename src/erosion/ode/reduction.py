@@ -481,6 +481,8 @@ def _is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
         if not any(moves):
             continue
         varying |= set(equation.outvars)
+        if not all(np.issubdtype(getattr(made.aval, "dtype", float), np.floating) for made in equation.outvars):
+            return True  # whole numbers and truths jump
         if equation.params.get("name") in _SMOOTH_FUNCTIONS or equation.primitive.name in _SMOOTH:
             continue
         if equation.primitive.name == "select_n" and not moves[0]:
