@@ -182,7 +182,8 @@ def _is_own_class(owner: type) -> bool:
     is_python = bool(owner.__flags__ & 1 << 9)  # made by a class statement, or as one is
     if not is_python or (owner.__module__ in sys.builtin_module_names and owner.__module__ != "builtins"):
         return False
-    return is_own(getattr(sys.modules.get(owner.__module__), "__file__", ""))
+    # A script that a profiler or a test runner runs has their file for its own.
+    return owner.__module__ == "__main__" or is_own(getattr(sys.modules.get(owner.__module__), "__file__", ""))
 
 
 class _Names:
