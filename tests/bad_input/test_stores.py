@@ -160,21 +160,22 @@ def test_half_of_the_grid_under_the_right_identity_is_refused(tmp_path: Path) ->
             netcdf(path)
 
 
-@pytest.mark.slow
 def test_no_flipped_byte_of_a_netcdf_file_is_a_wrong_number(tmp_path: Path) -> None:
+    """Of its numbers; HDF5 never returns from some that are flipped in what it keeps beside them."""
     path = tmp_path / "out.nc"
     netcdf(path)
     content = path.read_bytes()
-    refused = 0
-    for at in range(0, len(content), 97):
-        path.write_bytes(content)
-        flip(path, at)
-        try:
-            assert_same_bits(netcdf(path), WHOLE)
-        except StoreError as error:
-            refused += 1
-            assert str(error).startswith(f"{path}: ")  # noqa: PT017
-    assert refused > 20
+    with h5py.File(path) as file:
+        arrays = [each.id for each in file.values() if isinstance(each, h5py.Dataset) and each.chunks]
+        chunks = [array.get_chunk_info(i) for array in arrays for i in range(array.get_num_chunks())]
+    assert len(chunks) >= len(WHOLE.data_vars)
+    for chunk in chunks:
+        for at in range(chunk.byte_offset, chunk.byte_offset + chunk.size, 41):
+            path.write_bytes(content)
+            flip(path, at)
+            with pytest.raises(StoreError) as caught:
+                netcdf(path)
+            assert str(caught.value).startswith(f"{path}: ")
 
 
 def test_hdf5_itself_sees_a_flipped_number(tmp_path: Path) -> None:
