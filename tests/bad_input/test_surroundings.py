@@ -126,12 +126,14 @@ INTERRUPTED = {
     "calibrate": ["sand.csv", "--model", "all", "--starts", "1000000"],
     "report": ["--output", "page"],
 }
+# Who sees that nothing happens presses again.
 PRESS = """
 import os, signal, sys, threading
 from erosion.cli import main
-timer = threading.Timer(3, os.kill, (os.getpid(), signal.SIGINT))
-timer.daemon = True
-timer.start()
+for seconds in (3, 9, 30):
+    timer = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT))
+    timer.daemon = True
+    timer.start()
 main(sys.argv[1:])
 """
 
