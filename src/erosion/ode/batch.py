@@ -172,7 +172,7 @@ def _by_other_methods(
         if not lanes.size:
             return
         numbers = layout.of_lanes(batch.leaves[: len(layout.shapes)], lanes)
-        along = tuple(each if isinstance(each, int) or not np.ndim(each) else each[lanes] for each in directions)
+        along = _of_lanes(directions, lanes)
         try:
             found = integrate(layout.wanting(method=method), numbers, lanes.size, order, along, rtol, again=again)
         except NotForLanesError:
@@ -197,7 +197,7 @@ def _with_fewer_derivatives(
     if not lost.size:
         return
     numbers = batch.layout.of_lanes(batch.leaves[: len(batch.layout.shapes)], lost)
-    along = tuple(each if isinstance(each, int) or not np.ndim(each) else each[lost] for each in directions)
+    along = _of_lanes(directions, lost)
     # Along two directions the first derivatives are two integrations.
     lower = [
         integrate(batch.layout, numbers, lost.size, order - 1, each, rtol, again=again)
@@ -212,6 +212,11 @@ def _with_fewer_derivatives(
             _put(parts.first, of_first.first, lost)
             for other in of_other:
                 _put(parts.other, other.first, lost)
+
+
+def _of_lanes(directions: tuple[int | PerLane, ...], lanes: np.ndarray) -> tuple[int | PerLane, ...]:
+    """The directions of some lanes."""
+    return tuple(each if isinstance(each, int) or not np.ndim(each) else each[lanes] for each in directions)
 
 
 def _put(arrays: PyTree, found: PyTree, lanes: np.ndarray) -> None:
@@ -296,8 +301,8 @@ def _require_agreement(
     numbers = batch.leaves[: len(layout.shapes)]
 
     def differing(lanes: np.ndarray, one: Derivatives) -> list[list[np.ndarray]]:
-        along = [each if isinstance(each, int) or not np.ndim(each) else each[lanes] for each in directions]
-        units = [units_of(layout, layout.of_lanes(numbers, lanes), each, lanes.size) for each in along]
+        own = layout.of_lanes(numbers, lanes)
+        units = [units_of(layout, own, each, lanes.size) for each in _of_lanes(directions, lanes)]
         time, *values = [value[lanes] for value in batch.quantities.value]
         sizes = [np.abs(time), *sizes_of(values, [part[lanes] for part in results.least])]
         return differ(one, batch.derivatives(lanes), sizes, (units[0], units[-1]))
