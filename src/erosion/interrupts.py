@@ -6,6 +6,9 @@ being made turns it into a RuntimeError. Before and after the verb there is noth
 
 Python runs a signal's handler between two of its own operations. XLA compiles for seconds without any, and a program
 of XLA's may run for ever; a thread sees that, and ends the process.
+
+KeyboardInterrupt may be lost: Python ignores what a destructor or a callback of its garbage collection raises, and
+JAX has an `except:` in `broadcast_shapes`, which every trace calls. A thread sees that, too, and presses again.
 """
 
 import _thread
@@ -13,6 +16,7 @@ import contextlib
 import os
 import select
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -27,7 +31,7 @@ INTERRUPTED = 130
 
 _AGAIN = 0.01  # s
 _LONGEST = 1.0  # s; a plug-in's own import may take for ever, and so may a program of XLA's
-_LOOKS = 20
+_LOOKS = 20  # in that time
 _IMPORTS = "<frozen importlib._bootstrap>"
 
 
@@ -45,6 +49,7 @@ class _Patient:
 
     def __init__(self) -> None:
         self._since: float | None = None  # the first of the signals that wait
+        self._over = threading.Event()
         self.unheeded, self._arrivals = os.pipe()  # a byte for each signal that was not handled yet
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
@@ -55,7 +60,23 @@ class _Patient:
             threading.Timer(_AGAIN, _press).start()
             return
         self._since = None
-        signal.default_int_handler(number, frame)
+        interrupt = KeyboardInterrupt()
+        threading.Thread(target=self._look_after, args=(interrupt,), daemon=True).start()
+        raise interrupt
+
+    def _look_after(self, interrupt: KeyboardInterrupt) -> None:
+        """Press again where nobody handles the interrupt, and the verb goes on."""
+        lost = 0
+        while lost < 2:  # between two handlers it may seem to be lost
+            if self._over.wait(_LONGEST / _LOOKS):
+                return
+            writes = signal.getsignal(signal.SIGINT) is not self
+            lost = 0 if writes or _is_handled(interrupt) else lost + 1
+        _press()
+
+    def end(self) -> None:
+        """The verb is over."""
+        self._over.set()
 
     @contextlib.contextmanager
     def watched(self) -> Iterator[None]:
@@ -101,6 +122,15 @@ def _press() -> None:
         _thread.interrupt_main()
 
 
+def _is_handled(interrupt: KeyboardInterrupt) -> bool:
+    """Whether the main thread is in an `except` or a `finally` that the interrupt, or an error after it, reached."""
+    handled: object = sys._current_exceptions().get(threading.main_thread().ident or 0)
+    error = handled[1] if isinstance(handled, tuple) else handled  # before Python 3.12 a tuple
+    while isinstance(error, BaseException) and error is not interrupt:
+        error = error.__context__
+    return error is interrupt
+
+
 def _imports(frame: FrameType | None) -> bool:
     """Whether an import is under way."""
     while frame is not None:
@@ -124,6 +154,7 @@ def between_imports() -> Iterator[None]:
         try:
             yield
         finally:
+            patient.end()
             signal.signal(signal.SIGINT, usual)
 
 

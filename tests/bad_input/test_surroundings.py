@@ -126,14 +126,12 @@ INTERRUPTED = {
     "calibrate": ["sand.csv", "--model", "all", "--starts", "1000000"],
     "report": ["--output", "page"],
 }
-# Who sees that nothing happens presses again.
 PRESS = """
 import os, signal, sys, threading
 from erosion.cli import main
-for seconds in (3, 9, 30):
-    timer = threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT))
-    timer.daemon = True
-    timer.start()
+timer = threading.Timer(3, os.kill, (os.getpid(), signal.SIGINT))
+timer.daemon = True
+timer.start()
 main(sys.argv[1:])
 """
 
@@ -170,25 +168,58 @@ def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path):
                 xr.load_dataset(tmp_path / verb / "out.nc", engine="h5netcdf")
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("heeds_ctrl_c")
-def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, shell):
+def in_a_destructor(_):
     """JAX collects garbage in a callback of Python's, which swallows what is raised in it."""
-    import erosion.impacts.simulate
 
     class Swallows:
         def __del__(self):
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
 
-    def simulate(*arguments):
-        thing = Swallows()
-        del thing
+    thing = Swallows()
+    del thing
+
+
+def in_a_bare_except(monkeypatch):
+    """JAX has one that every trace runs through."""
+    from jax import lax
+
+    def press(*_):
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("jax._src.lax.lax._broadcast_shapes_cached", press)
+    assert lax.broadcast_shapes((2, 1), (3,)) == (2, 3)
+
+
+@pytest.mark.usefixtures("heeds_ctrl_c")
+@pytest.mark.parametrize("lose", [in_a_destructor, in_a_bare_except])
+def test_an_interrupt_that_a_library_swallows_comes_again(monkeypatch, shell, lose):
+    def path(*_):
+        lose(monkeypatch)
         for _ in range(100):  # an interrupt of Python's own does not end a sleep
             time.sleep(0.1)
         return "never comes here"
 
-    monkeypatch.setattr(erosion.impacts.simulate, "path", simulate)
+    monkeypatch.setattr("erosion.impacts.simulate.path", path)
     assert shell("run", 130).err == "erosion: interrupted\n"
+
+
+@pytest.mark.usefixtures("heeds_ctrl_c")
+def test_one_ctrl_c_does_not_interrupt_what_it_ends(monkeypatch, shell):
+    cleaned = []
+
+    def path(*_):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            with contextlib.suppress(ValueError):
+                for _ in range(10):
+                    time.sleep(0.05)
+                raise ValueError
+            cleaned.append(True)
+
+    monkeypatch.setattr("erosion.impacts.simulate.path", path)
+    assert shell("run", 130).err == "erosion: interrupted\n"
+    assert cleaned
 
 
 def test_too_little_memory_is_one_sentence(monkeypatch, shell):

@@ -4,13 +4,11 @@ One verb a module; JAX loads only when a verb computes. Bad input is one line on
 exit status 2, a failed solve exit status 1, never a traceback.
 """
 
-import _thread
 import contextlib
 import gc
 import logging
 import os
 import sys
-import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -96,7 +94,7 @@ def _status(arguments: Sequence[str]) -> int:
     # Read when equinox is imported. With its error checks (host callbacks) in a program, JAX
     # would not keep the compiled program for the next start; every verb checks outcomes itself.
     os.environ.setdefault("EQX_ON_ERROR", "nan")
-    usual, sys.unraisablehook = sys.unraisablehook, _interrupt_again
+    usual, sys.unraisablehook = sys.unraisablehook, _unless_interrupted
     try:
         words = [_text(argument) for argument in arguments]
         with between_imports():
@@ -160,12 +158,9 @@ def _let_go(stream: Any) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _interrupt_again(unraisable: Any) -> None:
-    """A Ctrl-C that comes while JAX collects garbage is lost in its callback: press it again."""
-    if issubclass(unraisable.exc_type, KeyboardInterrupt):
-        # A moment later: at once, it would be raised in this hook, and be lost as well.
-        threading.Timer(0.01, _thread.interrupt_main).start()
-    else:
+def _unless_interrupted(unraisable: Any) -> None:
+    """Say nothing of a Ctrl-C that is lost in a callback: it comes again."""
+    if not issubclass(unraisable.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(unraisable)
 
 
