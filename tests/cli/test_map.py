@@ -87,6 +87,22 @@ def test_the_document_says_it_all(shell: Shell) -> None:
     assert document["result"]["patches"]["hump"]["impacts"] == int(expected["total_impacts"])
 
 
+def test_without_a_model_the_number_is_one_that_tests_find(shell: Shell) -> None:
+    given = ["map", str(RUNS / "serial"), *OPTIONS[:4]]
+    named = [*given, "--particle", "quartz sand 0.2 mm", "--target", "carbon steel 1018"]
+    out, err = shell(named)
+    assert err == ""
+    assert "dnv:carbon-steel is the usual correlation for carbon steel 1018" in " ".join(out.split())
+    assert "no-cut" not in out
+    ratio = shell([*named, "--json"]).document["result"]["total_erosion_ratio"]["value"]
+    assert 2.9e-6 < ratio < 29e-6  # what DNV's tests find at 22.9 m/s
+    assert shell([*given, "--target", "aluminium 6061", "--json"]).document["model"]["name"] == "dnv:aluminium"
+    assert shell([*given, "--json"]).document["model"]["name"] == "dnv:carbon-steel"
+    for cut in (["--k", "2"], ["--cutting-fraction", "0.5"], ["--case", "sand.toml"], ["--scaling", "none"]):
+        assert shell([*given, *cut, "--json"]).document["model"]["name"] == "linearized"
+    assert shell([*given, "--target", "titanium", "--json"]).document["model"]["name"] == "linearized"
+
+
 def test_a_spin_that_is_given_takes_the_place_of_the_tables(shell: Shell) -> None:
     """A spin for this verb, not the one that every case file has."""
     header = "diameter [um], density [kg/m^3], speed [m/s], angle [deg], spin [rad/s]\n"
@@ -162,7 +178,7 @@ def test_density_is_that_of_the_target_as_in_every_verb(shell: Shell) -> None:
     assert "Option `--particle-density` must give it." in shell("map grains.csv --density '7.8 g/cm^3'", 2).err
 
     def totals(*words: str) -> dict[str, float]:
-        result = shell(["map", "grains.csv", *words, "--json"]).document["result"]
+        result = shell(["map", "grains.csv", "--model", "linearized", *words, "--json"]).document["result"]
         return {name: result[f"total_{name}"]["value"] for name in ("volume", "mass", "erodent")}
 
     sand = ["--particle-density", "2650 kg/m^3"]

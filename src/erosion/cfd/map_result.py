@@ -275,7 +275,7 @@ class MapSummary(Result):
                 rows.append(row._replace(unit=FACES[name].fixed or row.unit, meaning=deepest))
         counts = data["ends"].sum("patch").values
         for end, count in zip(data["end"].values, counts, strict=True):
-            if count:
+            if count and not ("beyond_range" in data and end == "no-cut"):  # all impacts of a correlation
                 rows.append(Row(f"share {end}", "", f"{100 * count / counts.sum():.3g}", "%", "of the rows that hit"))
         for name, meaning in (("distance_median", "median"), ("distance_max", "greatest")):
             if name in data:

@@ -215,15 +215,17 @@ def map_(
 ) -> None:
     """Compute the wear of a surface by the impacts of a CFD run.
 
-    Speed, angle and mass are those of each row; the rest is the case's: Table 1 in
-    SI without one. A parameter may vary, --k "normal(2, 0.2)", or be --uncertain:
-    its error does not average out. Table [map] of a case file takes the same.
+    Speed, angle and mass are those of each row. Without --model and a case it is the
+    correlation of the --target, or of steel. A parameter may vary, --k "normal(2, 0.2)",
+    or be --uncertain. Table [map] of a case file takes the same.
     """
     target, rows, picture = target or _Surface(), rows or _Rows(), picture or _Picture()
     options = _in_si(case or EachRow())
     section = options.section("map", ("model", "set", *LAW_FIELDS))
     _refuse_replaced(options, section)
-    sand = case_and_laws(options, "map", section, model, own, joint)
+    has_cut = bool(options.case or options.given() or own or joint or rows.diameter or rows.scaling != "similar")
+    usual = None if model or has_cut or (abrasive and abrasive.cutting_fraction) else _usual_model(options)
+    sand = case_and_laws(options, "map", section, model or usual, own, joint)
     picture.check(has_surface=target.surface is not None)
     if output is not None:
         with user_errors():
@@ -249,13 +251,24 @@ def map_(
     printed.warn(*lazy.unused_columns({**varied, **uncertain}), *lazy.columns_apart(varied))
     for part in draws:
         printed.warn(*part.doubts(sand.model, sand.p, per_mass.cutting_fraction))
-    _show(dataset, job, printed, sand.name)
+    metal = options.names().get("target", "steel, as no --target is named")
+    sentences = [f"{sand.name} is the usual correlation for {metal}; --model takes others."] if usual else []
+    _show(dataset, job, printed, sand.name, sentences)
     printed.wrote(map=output, figure=picture.plot)
 
 
 def _in_si(case: EachRow) -> EachRow:
     """Without a case file and --units, Table 1 in SI, as tables and surfaces of CFD codes are."""
     return dataclasses.replace(case, units="si") if case.case is None and case.units is None else case
+
+
+def _usual_model(case: EachRow) -> str | None:
+    """The correlation of the target, steel without one; None where nobody has tests of it.
+
+    A model of the cut needs a share of the particles that cut, which nobody has named, to give an amount.
+    """
+    metal = case.materials()[1]
+    return next(iter(metal.correlations), None) if metal else "dnv:carbon-steel"
 
 
 def _refuse_replaced(options: EachRow, section: dict[str, Any]) -> None:
@@ -304,12 +317,12 @@ def _computed(job: "lazy.MapJob") -> "xr.Dataset":
                 raise
 
 
-def _show(dataset: "xr.Dataset", job: "lazy.MapJob", output: Output, model: str) -> None:
-    """Print the totals; sentences on what is left out are warnings."""
+def _show(dataset: "xr.Dataset", job: "lazy.MapJob", output: Output, model: str, sentences: list[str]) -> None:
+    """Print the totals, and sentences below them; those on what is left out are warnings."""
     summary = lazy.MapSummary(dataset)
     output.warn(*map(as_options, summary.warnings))
     content = summary.to_dict()
     units = content.pop("units")
     varied = {"alpha": "each row's", "v0": "each row's", **job.task.options.laws_in_words(job.task.model)}
     output.document(content, {model: job.task.model}, units, varied)
-    output.table(summary.title, summary.rows())
+    output.table(summary.title, summary.rows(), sentences=sentences)
