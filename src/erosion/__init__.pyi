@@ -25,6 +25,7 @@ from erosion.extras import MissingExtraError as MissingExtraError
 from erosion.fits import Calibration as Calibration
 from erosion.fits import CalibrationError as CalibrationError
 from erosion.fits import ConvergenceWarning as ConvergenceWarning
+from erosion.fits import ErrorModel as ErrorModel
 from erosion.fits import MeasurementError as MeasurementError
 from erosion.fits import Measurements as Measurements
 from erosion.fits import NextExperiment as NextExperiment

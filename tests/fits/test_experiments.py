@@ -61,7 +61,7 @@ def test_the_information_does_not_depend_on_the_unit(size):
 def test_a_candidate_without_a_prediction_is_not_the_best():
     nothing, something = np.array([np.nan, 0.5]), np.array([np.nan, 0.25])
     candidates = {"alpha": np.array([0.1, 0.2])}
-    answer = NextExperiment(candidates, nothing, something, 1.0, ("linearized", "rotating"), "si")
+    answer = NextExperiment(candidates, nothing, something, np.ones(2), ("linearized", "rotating"), "si")
     assert answer.best == answer.best_to_discriminate == {"alpha": 0.2}
 
 

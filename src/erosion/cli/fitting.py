@@ -45,6 +45,9 @@ class FitOptions(PerMassOptions):
     free: Annotated[list[str], LISTED, Parameter(help=_FREE, show_default=False)] = dataclasses.field(
         default_factory=lambda: ["k", "psi"]
     )
+    error: Annotated[
+        str | None, Parameter(help='Of a row, where no column has it: "0.3 mg/kg + 8 %", or one part of it.')
+    ] = None
     starts: Annotated[WholeOption, Parameter(help="Points to begin from; 32 without it.")] = None
 
     def names(self, measured: "lazy.Measurements") -> Sequence[str]:
@@ -92,7 +95,7 @@ class Fit:
 
     def measured(self, output: Output) -> "lazy.Measurements":
         """The measurements; columns that are not used are a warning."""
-        measured = lazy.read_measurements(self.data, self.p.units, ignore=self.ignore)
+        measured = lazy.read_measurements(self.data, self.p.units, ignore=self.ignore, error=self.fit.error)
         if measured.unused:
             output.warn(f"{self.data}: {lazy.unused_note(measured.unused)}.")
         return measured

@@ -12,6 +12,7 @@ from scipy import stats
 from erosion.arguments import check_level, check_whole
 from erosion.fits import doubts
 from erosion.fits.doubts import LEVEL, OPEN, TOUCH, Pattern, Profile, Ridge, are_noise, beyond_scatter, find_patterns
+from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import FACTORS, FRACTION, Forward, check_free
 from erosion.fits.least_squares import (
     LOSSES,
@@ -473,6 +474,7 @@ def calibrate(
     cutting_fraction: float = 1.0,
     loss: str = "linear",
     starts: int = 32,
+    error: ErrorModel | float | str | None = None,
 ) -> Calibration:
     """Fit parameters of a model to measured erosion, by least squares.
 
@@ -496,6 +498,7 @@ def calibrate(
             rows may be far off (`scipy.optimize.least_squares`).
         starts: number of points to begin from. V(α) of a turning body jumps, so the misfit
             has several valleys. The best fits with one parameter at its least value are further starts.
+        error: of a row, where the data have no column of it: "0.3 mg/kg + 8 %", see `read_measurements`.
 
     Returns:
         Estimates, their errors, and sentences on parameters that the data does not determine.
@@ -508,7 +511,7 @@ def calibrate(
         The cutting fraction: I. Finnie, Erosion of surfaces by solid particles, Wear 3 (1960)
         87-103: about half of the particles cut in the idealized manner.
     """
-    forward = make_forward(model, p, data, free, density, cutting_fraction)
+    forward = make_forward(model, p, data, free, density, cutting_fraction, error)
     if loss not in LOSSES:
         raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {loss!r}.")
     starts, data, free_count = check_whole("starts", starts, 1), forward.data, len(forward.names)
@@ -532,12 +535,13 @@ def make_forward(
     free: Sequence[str],
     density: float | str | None,
     cutting_fraction: float,
+    error: ErrorModel | float | str | None = None,
 ) -> Forward:
     """The model's prediction of what was measured; arguments and errors as of `calibrate`."""
     model = load_model(model)
     validate(p)
     require_one_impact(model, p)
-    measured = read_measurements(data, p.units)
+    measured = read_measurements(data, p.units, error=error)
     if not np.any(measured.erosion):
         raise ValueError("Argument `data` must have erosion other than zero.")
     share = PerMass(cutting_fraction=cutting_fraction).cutting_fraction

@@ -3,13 +3,13 @@
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
 from erosion.arguments import check_unmasked, refuse
+from erosion.fits.errors import ErrorModel
 from erosion.fits.posterior import Posterior
 from erosion.fits.ranking import PosteriorRanking
 from erosion.models import model_name
@@ -37,14 +37,14 @@ class NextExperiment(Result):
         information: about the parameters: the mean drop of the entropy of the posterior [bit]; of several models the
             mean over their probabilities.
         discrimination: about which model is right [bit]; zeros for one model.
-        noise: standard deviation of the row that was assumed, the mean over draws [of the data].
+        noise: standard deviation of the row that was assumed, the mean over draws [of the data], shape (candidates,).
         names: the models.
     """
 
     candidates: Mapping[str, np.ndarray]
     information: np.ndarray
     discrimination: np.ndarray
-    noise: float
+    noise: np.ndarray
     names: tuple[str, ...]
     units: Any
 
@@ -126,7 +126,7 @@ def next_experiment(
     source: Posterior | PosteriorRanking,
     candidates: Mapping[str, Any] | None = None,
     *,
-    noise: float | None = None,
+    noise: float | np.ndarray | ErrorModel | None = None,
     draws: int = _DRAWS,
 ) -> NextExperiment:
     """Which angle, and speed, to measure next: where a row is expected to say most.
@@ -140,7 +140,8 @@ def next_experiment(
         source: a posterior, or several models' (`rank_posteriors`), with their probabilities.
         candidates: values of α [rad] and other conditions of the case, such as {"alpha": …, "v0": …}, arrays that
             broadcast; 5° to 87.5° at the speeds of the case or of the data's first row without it.
-        noise: standard deviation of the row [of the data]; without it the sampled one, or the median of the data's.
+        noise: error of the row, a standard deviation [of the data], one for each candidate, or an `ErrorModel`; without
+            it that of the data at the erosion that is expected, or the sampled one.
         draws: of each posterior.
 
     Raises:
@@ -151,8 +152,11 @@ def next_experiment(
     """
     posteriors = source.posteriors if isinstance(source, PosteriorRanking) else (source,)
     weights = source.weights if isinstance(source, PosteriorRanking) else np.ones(1)
-    if noise is not None and not (isinstance(noise, Real) and np.isfinite(noise) and noise > 0):
-        raise ValueError(f"Argument `noise` must be positive and finite, but is {shown(noise)}.")
+    if not isinstance(noise, ErrorModel | None):
+        check_unmasked("noise", noise)
+        given = array_of(noise)
+        if given.dtype.kind not in "iuf" or not (np.isfinite(given) & (given > 0)).all():
+            raise ValueError(f"Argument `noise` must be positive and finite, but is {shown(noise)}.")
     if candidates is not None and not isinstance(candidates, Mapping):
         raise ValueError(f"Argument `candidates` must be such as {{'alpha': …, 'v0': …}}, but is {shown(candidates)}.")
     conditions = _conditions(posteriors, candidates)
@@ -160,19 +164,18 @@ def next_experiment(
     for posterior in posteriors:
         sampled = posterior.some(draws)
         predictions.append(posterior.likelihood.predict(sampled, conditions))
-        own = posterior.noise(sampled)
-        noises.append(np.full(len(own), noise) if noise is not None else own)
+        noises.append(posterior.noise(sampled, predictions[-1], noise))
     information, discrimination = np.zeros((2, len(conditions["alpha"])))
     for i in range(len(information)):
         # A draw whose impact fails at a candidate predicts nothing there.
         known = [np.isfinite(values[:, i]) for values in predictions]
-        shares = [(values[of, i], errors[of]) for values, errors, of in zip(predictions, noises, known, strict=True)]
+        shares = [(values[of, i], errors[of, i]) for values, errors, of in zip(predictions, noises, known, strict=True)]
         information[i], discrimination[i] = _gains(shares, weights)
     return NextExperiment(
         conditions,
         information,
         discrimination,
-        float(np.mean([errors.mean() for errors in noises])),
+        np.nanmean([np.nanmean(errors, axis=0) for errors in noises], axis=0),
         tuple(model_name(posterior.model) for posterior in posteriors),
         posteriors[0].p.units,
     )

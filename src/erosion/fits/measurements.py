@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from erosion.arguments import check_unmasked
+from erosion.fits.errors import ErrorModel
 from erosion.output.files import readable
 from erosion.parameters.headings import (
     ANGLE_WORDS,
@@ -44,6 +45,7 @@ from erosion.parameters.units import (
     Dimension,
     System,
     UnitError,
+    about,
     ascii_unit,
     check_system,
     conversion_factor,
@@ -148,7 +150,9 @@ def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ())
 def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], units: System) -> DataColumn:
     assert head is not None
     name, unit = head.name, head.unit
-    if name in REMOVALS and unit in ("%", "percent"):
+    if name == "uncertainty" and unit in _PERCENT:
+        return DataColumn(_SHARES, "1", 0.01)
+    if name in REMOVALS and unit in _PERCENT:
         raise HeaderError(index, "must not be a percentage, which may be one of the target's mass; write [mg/g]")
     if unit in NO_UNIT:
         if name == "erosion" and head.alias:
@@ -175,6 +179,9 @@ _QUANTITY_OF: dict[Dimension, str] = {
     "mass per mass": "erosion_ratio", "1": "relative_erosion",
 }  # fmt: skip
 
+_PERCENT = ("%", "percent")
+_SHARES = "uncertainty over erosion"
+
 _HEAVIEST = 0.02  # kg; a ball of steel of 17 mm, but less than the sand of a test
 
 _SKIPPED = re.compile(r'\s*(?:"?\s*#|$)')  # empty, or a comment; a spreadsheet puts one with a comma into quotes
@@ -199,6 +206,7 @@ class Measurements:
         units: the unit system of all of these.
         source: the file's name, for titles.
         unused: the headings of the columns that are not used.
+        error: what the uncertainties are made of; without it the two parts that come nearest to them.
     """
 
     angle: np.ndarray
@@ -210,6 +218,11 @@ class Measurements:
     units: System
     source: str
     unused: tuple[str, ...] = ()
+    error: ErrorModel | None = None
+
+    def __post_init__(self) -> None:
+        if self.error is None and self.uncertainty is not None:
+            object.__setattr__(self, "error", ErrorModel.nearest(self.erosion, self.uncertainty))
 
     def __len__(self) -> int:
         return len(self.angle)
@@ -252,6 +265,36 @@ class Measurements:
         given = {"alpha": self.angle, "v0": self.speed, "m": self.mass}
         return {name: values for name, values in given.items() if values is not None}
 
+    def at_conditions(self) -> tuple[np.ndarray, np.ndarray]:
+        """The distinct conditions, shape (parameters, conditions), and the one of each row, shape (n,)."""
+        values, places = np.unique(np.stack(list(self.conditions.values())), axis=1, return_inverse=True)
+        return values, places.ravel()
+
+    def with_error(self, error: "ErrorModel | float | str | None") -> "Measurements":
+        """The same rows with the uncertainties of an error model; its relative part is of the mean of repeats.
+
+        Args:
+            error: a model, a text such as "0.3 mg/kg + 8 %", or a standard deviation [of the erosion]; None leaves the
+                rows as they are.
+
+        Raises:
+            MeasurementError: for rows that have uncertainties already, and for an error of zero.
+        """
+        if error is None:
+            return self
+        if isinstance(error, str):
+            with about("Argument `error`", MeasurementError):
+                error = ErrorModel.read(error, self.dimension, self.units)
+        if not isinstance(error, ErrorModel):
+            error = ErrorModel(error)
+        if self.uncertainty is not None:
+            raise MeasurementError(f"Argument `error` must be left out: {self.source} has a column of uncertainties.")
+        _, places = self.at_conditions()
+        deviation = error.deviation((np.bincount(places, self.erosion) / np.bincount(places))[places])
+        if not deviation.all():
+            raise MeasurementError("Argument `error` must have an absolute part, as there are rows without erosion.")
+        return dataclasses.replace(self, uncertainty=deviation, error=error)
+
     def thinned(self, most: int) -> "Measurements":
         """At most `most` rows, drawn at random but always the same."""
         if len(self) <= most:
@@ -261,7 +304,9 @@ class Measurements:
         return dataclasses.replace(self, **arrays)
 
 
-def read_measurements(data: Any, units: str, *, ignore: Sequence[str] = ()) -> Measurements:
+def read_measurements(
+    data: Any, units: str, *, ignore: Sequence[str] = (), error: ErrorModel | float | str | None = None
+) -> Measurements:
     """Measured erosion from a CSV file, or from columns in memory.
 
     Args:
@@ -273,11 +318,15 @@ def read_measurements(data: Any, units: str, *, ignore: Sequence[str] = ()) -> M
             A column of another name that may be one of these is refused; `unused` of the result names all others.
         units: the unit system to convert to.
         ignore: columns that are left out, by their names: ("v_gas",).
+        error: of rows without uncertainties: "0.3 mg/kg + 8 %", an `ErrorModel`, or a number in the unit system.
 
     Raises:
         MeasurementError: one sentence with the file, the line and the column.
     """
-    system = check_system(units)
+    return _read(data, check_system(units), ignore).with_error(error)
+
+
+def _read(data: Any, system: System, ignore: Sequence[str]) -> Measurements:
     if isinstance(data, Measurements):
         if data.units != system:
             raise MeasurementError(f"Argument `data` must be in {system} units, as the case is, but is {data.units}.")
@@ -393,6 +442,11 @@ def _measurements(
             row = int(np.argmin(good))
             raise MeasurementError(f"{place(row, index)} {must}, but is {numbers[row]:g}.")
     removal = next(column for column in used.values() if column.name in REMOVALS)
+    if (shares := arrays.get(_SHARES)) is not None:
+        arrays["uncertainty"] = shares * np.abs(arrays[removal.name])
+        if not arrays["uncertainty"].all():
+            row = int(np.argmin(np.abs(arrays[removal.name])))
+            raise MeasurementError(f"{place(row, None)} must have an absolute uncertainty, as it has no erosion.")
     conditions = {name: arrays.get(name) for name in ("uncertainty", "speed", "mass")}
     return Measurements(
         angle=arrays["angle"],

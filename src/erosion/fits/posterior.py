@@ -15,6 +15,7 @@ from erosion.arguments import Progress, check_level, check_path, check_whole, no
 from erosion.extras import library
 from erosion.fits.calibration import make_forward
 from erosion.fits.doubts import LEVEL, POOR, rounded
+from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import FRACTION, SCALE
 from erosion.fits.least_squares import identify
 from erosion.fits.measurements import Measurements
@@ -322,27 +323,32 @@ class Posterior(Result):
         return BestAngles(alpha_max(*self.cases(count)))
 
     def predict(
-        self, alpha: Any, at: Mapping[str, float] | None = None, count: int = _SOME, *, noise: bool = False
+        self,
+        alpha: Any,
+        at: Mapping[str, Any] | None = None,
+        count: int = _SOME,
+        *,
+        noise: bool | float | np.ndarray | ErrorModel = False,
     ) -> np.ndarray:
         """The erosion at angles, for draws of the parameters.
 
         Args:
             alpha: α [rad], of any shape.
-            at: other parameters of the case than the sampled ones, such as {"v0": 60.0}.
+            at: other parameters of the case than the sampled ones, such as {"v0": 60.0}, or arrays.
             count: number of draws.
-            noise: also draw the error of a measurement: of the typical uncertainty, or of the sampled noise.
+            noise: True for a new measurement, with the data's error or the sampled noise; or another error, a standard
+                deviation [of the data], one for each angle, or an `ErrorModel`. Else the mean of measurements.
 
         Returns:
             In the data's dimension, draws first and then the shape of `alpha`.
         """
         angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
-        others = {name: np.full(angles.shape, value) for name, value in (at or {}).items()}
+        others = {name: np.broadcast_to(value, np.shape(alpha)).ravel() for name, value in (at or {}).items()}
         draws = self.some(count)
         erosion = self.likelihood.predict(draws, {"alpha": angles, **others})
-        if noise:
-            erosion = erosion + self.noise(draws)[:, None] * np.random.default_rng(self.seed).standard_normal(
-                erosion.shape
-            )
+        if noise is not False:
+            deviation = self.noise(draws, erosion, None if noise is True else noise)
+            erosion = erosion + deviation * np.random.default_rng(self.seed).standard_normal(erosion.shape)
         return erosion.reshape((-1, *np.shape(alpha)))
 
     def ends(self, alpha: Any, at: Mapping[str, float] | None = None, count: int = _SOME) -> np.ndarray:
@@ -354,11 +360,26 @@ class Posterior(Result):
         drawn = len(next(iter(draws.values())))
         return np.broadcast_to(ends, (drawn, angles.size)).reshape((drawn, *np.shape(alpha)))
 
-    def noise(self, draws: Mapping[str, np.ndarray]) -> np.ndarray:
-        """The standard deviation of a measurement at draws: sampled, or the median of the data's uncertainties."""
-        if self.data.uncertainty is None:
-            return draws[NOISE]
-        return np.full(len(next(iter(draws.values()))), float(np.median(self.data.uncertainty)))
+    def noise(
+        self, draws: Mapping[str, np.ndarray], erosion: np.ndarray, given: float | np.ndarray | ErrorModel | None = None
+    ) -> np.ndarray:
+        """The standard deviation of a measurement, of the shape of its mean `erosion` (draws, rows).
+
+        It is the one that is given, that of the data's error at this erosion, or the sampled one.
+        """
+        if given is None and self.data.error is None:
+            return np.broadcast_to(draws[NOISE][:, None], erosion.shape)
+        error = self.data.error if given is None else given
+        deviation = error.deviation(erosion) if isinstance(error, ErrorModel) else np.asarray(error, float)
+        return np.broadcast_to(deviation, erosion.shape)
+
+    @property
+    def row_errors(self) -> np.ndarray:
+        """The standard deviation of each row: its uncertainty, or the mean of the sampled one; shape (n,)."""
+        if self.data.uncertainty is not None:
+            return self.data.uncertainty
+        draws = self.some(_SOME)
+        return self.noise(draws, np.tile(self.data.erosion, (len(draws[NOISE]), 1))).mean(axis=0)
 
     def rows(self, level: float = LEVEL) -> list[Row]:
         """Means with deviations, or medians, intervals of `level` and priors; the evidence; the draws' quality."""
@@ -514,6 +535,7 @@ def posterior(
     priors: Mapping[str, Any] | None = None,
     density: float | str | None = None,
     cutting_fraction: float = 1.0,
+    error: ErrorModel | float | str | None = None,
     draws: int = 500,
     seed: int = 0,
     progress: Progress = no_progress,
@@ -536,6 +558,7 @@ def posterior(
             docs/posterior.md. The result names them all.
         density: of the target, as for `calibrate`.
         cutting_fraction: as for `calibrate`; where it is free, its prior counts alone.
+        error: as for `calibrate`.
         draws: of each of the 4 populations, 125 or more.
         seed: the same seed gives the same draws.
         progress: called with the name of the work, how much of it is done in percent, and 100.
@@ -552,7 +575,7 @@ def posterior(
         ConvergenceWarning: where the draws are not good enough; the result says so, too.
     """
     require_float64()
-    forward = make_forward(model, p, data, free, density, cutting_fraction)
+    forward = make_forward(model, p, data, free, density, cutting_fraction, error)
     likelihood = make_likelihood(forward, priors or {})
     draws, seed = check_whole("draws", draws, _LEAST), check_whole("seed", seed, 0)
     shape = CHAINS, draws, likelihood.priors.dimension

@@ -15,6 +15,7 @@ import numpy as np
 from erosion.arguments import Progress, no_progress
 from erosion.fits.calibration import Calibration, calibrate
 from erosion.fits.doubts import LEVEL, RARE, is_beyond_scatter, is_poor, variances_differ, worst_row
+from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import FRACTION
 from erosion.fits.least_squares import CalibrationError, with_noise
 from erosion.fits.measurements import conditions, read_measurements
@@ -210,6 +211,7 @@ def rank_models(
     models: Sequence[CuttingModel | str | Path] | None = None,
     progress: Progress = no_progress,
     bounds: Mapping[str, Sequence[float]] | None = None,
+    error: ErrorModel | float | str | None = None,
     **options: Any,
 ) -> Ranking:
     """Fit several models to the same data and order them by AICc; those whose misfit is no noise are not ranked.
@@ -222,6 +224,7 @@ def rank_models(
         progress: called before each fit with "fitting" and the model's name, how many models are done, and how
             many there are.
         bounds: as for `calibrate`; in each model those of its free parameters.
+        error: as for `calibrate`.
         options: `density`, `cutting_fraction`, `loss` (but "arctan") and `starts` of `calibrate`. A robust loss has the
             same noise for all models, the least of their fits: what is far off is the same for all.
 
@@ -231,7 +234,7 @@ def rank_models(
     """
     if options.get("loss") == "arctan":
         raise ValueError('Argument `loss` must have a likelihood to rank models, as "cauchy" has, but is "arctan".')
-    measured = read_measurements(data, p.units)
+    measured = read_measurements(data, p.units, error=error)
 
     def fitted(model: CuttingModel, own_free: Sequence[str], own_bounds: dict[str, Any], at: tuple[int, int]) -> Any:
         progress(f"fitting {model_name(model)}", *at)
@@ -463,6 +466,7 @@ def rank_posteriors(
     models: Sequence[CuttingModel | str | Path] | None = None,
     priors: Mapping[str, Any] | None = None,
     progress: Progress = no_progress,
+    error: ErrorModel | float | str | None = None,
     **options: Any,
 ) -> PosteriorRanking:
     """Draw the posteriors of several models from the same data, and order the models by their evidence.
@@ -477,6 +481,7 @@ def rank_posteriors(
         models: models, names or paths; every registered model without it.
         priors: as for `posterior`; in each model those of its free parameters.
         progress: as for `posterior`.
+        error: as for `calibrate`.
         options: `density`, `cutting_fraction`, `draws` and `seed` of `posterior`.
 
     Raises:
@@ -486,7 +491,7 @@ def rank_posteriors(
     References:
         R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90 (1995) 773-795.
     """
-    measured = read_measurements(data, p.units)
+    measured = read_measurements(data, p.units, error=error)
 
     def drawn(model: CuttingModel, own_free: Sequence[str], laws: dict[str, Any], at: tuple[int, int]) -> Any:
         def of_all(work: str, percent: int, total: int) -> None:

@@ -396,13 +396,13 @@ class Likelihood(Misfit):
     def parts(self) -> list["_RowPart"]:
         """The rows of each part, by conditions, in an order of chance that is always the same."""
         data = self.forward.data
-        values, places = np.unique(np.stack(list(data.conditions.values())), axis=1, return_inverse=True)
+        values, places = data.at_conditions()
         count = values.shape[1]
         weights = data.deviation**-2
-        weight = np.bincount(places.ravel(), weights, count)
-        mean = np.bincount(places.ravel(), weights * data.erosion, count) / weight
-        spread = np.bincount(places.ravel(), weights * (data.erosion - mean[places.ravel()]) ** 2, count)
-        rows = np.bincount(places.ravel(), minlength=count)
+        weight = np.bincount(places, weights, count)
+        mean = np.bincount(places, weights * data.erosion, count) / weight
+        spread = np.bincount(places, weights * (data.erosion - mean[places]) ** 2, count)
+        rows = np.bincount(places, minlength=count)
         ends, end = [], _FIRST
         while end < count:
             ends.append(end)

@@ -238,7 +238,6 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
     curves = [posterior.predict(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
     scale = readable_scale(data.dimension, data.units, max(float(np.nanmax(np.abs(curve))) for curve in curves))
     ends = [posterior.ends(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
-    noise = posterior.noise(posterior.some(_DRAWS)).mean()
     is_alone, are_same = len(groups) == 1, all(np.array_equal(ends[0], other) for other in ends)
     panels = (1.15,) if are_same else (0.72,) * len(groups)
     fig = new_figure(6.2, 4.2 + sum(panels))
@@ -253,9 +252,8 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
             look = {"color": INK, "fmt": "o", "label": _source(data)}
         _draw_bands(upper, curve / scale.size, color, labelled=is_alone)
         if group.rows.size:
-            errors = noise if data.uncertainty is None else data.uncertainty[group.rows]
-            rows = data.erosion[group.rows] / scale.size
-            _draw_rows(upper, data.angle[group.rows], rows, errors / scale.size, look)
+            rows, errors = data.erosion[group.rows], posterior.row_errors[group.rows]
+            _draw_rows(upper, data.angle[group.rows], rows / scale.size, errors / scale.size, look)
     if not is_alone:
         # One entry for a band, whatever its colour.
         for level, opacity in _BANDS:
