@@ -641,3 +641,38 @@ def test_of_a_jump_at_the_event_only_the_side_before_it_counts():
     np.testing.assert_allclose(end.y["x"], v0**2 / 4, rtol=1e-12)
     np.testing.assert_allclose(end.along("v0").y["x"], v0 / 2, rtol=1e-10)
     np.testing.assert_allclose(end.along("friction", "friction").y["x"], v0**2 / 8, rtol=1e-10)
+
+
+def test_a_mass_matrix_is_solved_in_the_rates():
+    """A double pendulum from its Lagrangian, M(q) q″ = -C(q, q′) - G(q), against M inverted by hand."""
+
+    def pieces(y, args):
+        (a, b), (u, v) = y["q"], y["v"]
+        mass = jnp.array([[1 + args["m"], args["m"] * jnp.cos(a - b)], [args["m"] * jnp.cos(a - b), args["m"]]])
+        bend = args["m"] * jnp.sin(a - b)
+        return mass, -jnp.array([bend * v**2 + (1 + args["m"]) * jnp.sin(a), -bend * u**2 + args["m"] * jnp.sin(b)])
+
+    def by_hand(mass, force):
+        determinant = mass[0, 0] * mass[1, 1] - mass[0, 1] ** 2
+        return jnp.array([
+            mass[1, 1] * force[0] - mass[0, 1] * force[1],
+            mass[0, 0] * force[1] - mass[0, 1] * force[0],
+        ]) / determinant  # fmt: skip
+
+    def end(solver):
+        problem = ode.Problem(
+            y0=lambda args: {"q": jnp.array([args["a"], 0.3]), "v": jnp.zeros(2)},
+            vector_field=lambda t, y, args: {"q": y["v"], "v": solver(*pieces(y, args))},
+            events={"upright": ode.Event(lambda t, y, args: y["q"][1], -1)},
+        )
+        return ode.solve(problem, {"a": np.linspace(0.2, 1.5, 9), "m": 0.7}, t1=9.0, wrt=("a", "m"), derivatives=2)
+
+    expected, solved = end(by_hand), end(jnp.linalg.solve)
+    assert (solved.ended_by == "upright").all()
+    # The exchange of rows is no kink.
+    assert solved.trials == pytest.approx(expected.trials, abs=1)
+    assert solved.t == pytest.approx(expected.t, rel=1e-9)
+    for names in ("a",), ("m",), ("a", "m"):
+        for part in "qv":
+            scale = np.abs(expected.along(*names).y[part]).max()
+            assert solved.along(*names).y[part] == pytest.approx(expected.along(*names).y[part], abs=1e-7 * scale)

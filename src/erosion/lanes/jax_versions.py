@@ -1,4 +1,4 @@
-"""What newer versions of JAX write in other ways: their new primitives, in terms of older ones."""
+"""What is written in terms of other primitives: what newer versions of JAX have, and linear algebra."""
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
@@ -10,6 +10,7 @@ from jax import Array
 from jax.extend.core import ClosedJaxpr, Jaxpr
 from jax.typing import ArrayLike
 
+from erosion.lanes.matrices import MATRICES
 from erosion.lanes.scalars import Equation, Params, aval_of
 
 
@@ -18,12 +19,17 @@ def _polynomial(x: Array, *coefficients: Array, **_: Any) -> Array:
     return functools.reduce(lambda higher, coefficient: higher * x + coefficient, reversed(coefficients))
 
 
-_EXPANSIONS: Mapping[str, Callable[..., Array]] = {
+_EXPANSIONS: Mapping[str, Callable[..., Any]] = {
+    **MATRICES,
+    "empty2": lambda *, dtype, **_: jnp.zeros((), dtype),  # what a branch leaves to the derivative of another
     "log2": lambda x, **_: jnp.log(x) / jnp.log(jnp.asarray(2.0, x.dtype)),
     "one_minus_square": lambda x: (1 + x) * (1 - x),
+    "platform_index": lambda *, platforms: jnp.int32(
+        [names is None or "cpu" in names for names in platforms].index(True)
+    ),
     "polynomial": _polynomial,
 }
-"""Primitives that came after JAX 0.10, by their name, in plain JAX."""
+"""Primitives, by their name, in plain JAX."""
 
 
 def expansion(equation: Equation) -> ClosedJaxpr | None:

@@ -414,6 +414,15 @@ def _program(layout: Layout, order: int, fixed: tuple[int, ...], directions: int
         return _compiled(layout, order, fixed, directions)
 
 
+def compile_ahead(layout: Layout, order: int, directions: int) -> None:
+    """Compile what `integrate` will need.
+
+    Raises:
+        NotForLanesError: for a problem that cannot be compiled; a callback would bury it under JAX's own words.
+    """
+    _program(layout.renewed(), order, (), directions)
+
+
 @functools.lru_cache(maxsize=256)
 def _compiled(layout: Layout, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Compiled, LaneEnd]:
     def lane(numbers: list[Number], places: tuple[Direction, ...], rtol: Scalar) -> LaneEnd:

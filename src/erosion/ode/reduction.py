@@ -439,6 +439,7 @@ _SMOOTH = frozenset({
     "logistic", "sin", "cos", "tan", "atan", "sinh", "cosh", "asinh", "erf", "erfc", "dot_general",
     "reduce_sum", "cumsum", "broadcast_in_dim", "reshape", "squeeze", "expand_dims", "transpose", "concatenate",
     "slice", "stack", "rev", "copy", "convert_element_type", "stop_gradient", "split", "pad",
+    "cholesky", "custom_linear_solve", "triangular_solve",
 })  # fmt: skip
 # Of the package: smooth, although its arithmetic has steps.
 _SMOOTH_FUNCTIONS = frozenset({"sincos"})
@@ -481,6 +482,8 @@ def _is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
         if not any(moves):
             continue
         varying |= set(equation.outvars)
+        if equation.primitive.name == "lu":
+            continue  # its order of rows serves `custom_linear_solve`
         if not all(np.issubdtype(getattr(made.aval, "dtype", float), np.floating) for made in equation.outvars):
             return True  # whole numbers and truths jump
         if equation.params.get("name") in _SMOOTH_FUNCTIONS or equation.primitive.name in _SMOOTH:

@@ -14,7 +14,7 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Number
 from erosion.lanes.lanewise import by_xla
-from erosion.ode.batch import integrate, integrate_along
+from erosion.ode.batch import compile_ahead, integrate, integrate_along
 from erosion.ode.integrator import LaneEnd, integrate_lane
 from erosion.ode.problem import Equations
 from erosion.ode.solution import Solution, Times
@@ -129,6 +129,7 @@ def _solve(layout: Layout, rtol: float, numbers: Sequence[Number], order: int, p
         shape: Any = jax.ShapeDtypeStruct((rows, len(places)), np.float64)
     else:
         shape = jax.ShapeDtypeStruct((rows,), np.float64), jax.ShapeDtypeStruct((codes,), np.int32)
+    compile_ahead(layout, order, len(places[0]) if places else 0)
     on_host = _callback(layout, layout.equations, rtol, order, places)
     return jax.pure_callback(on_host, shape, *numbers, vmap_method="expand_dims")
 
