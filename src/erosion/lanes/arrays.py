@@ -8,13 +8,14 @@ import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 
 from erosion.lanes.graph import BOOL, CannotCompileError, Graph, Value
+from erosion.lanes.large import Large, large
 from erosion.lanes.scalars import SCALARS, Equation, Kind, Params, Rule, aval_of, converted, type_of
 
 Elements = Any
 """An array of values. numpy's types do not say that an index gives one element of it."""
 
-Part = Value | np.ndarray
-"""A scalar, or an array of values."""
+Part = Value | np.ndarray | Large
+"""A scalar, or an array of values, or a large array."""
 
 Work = Callable[[Graph, list[Elements]], Sequence[Part]]
 """Computes an equation's outputs from its inputs, scalars and arrays."""
@@ -24,6 +25,8 @@ def whole(part: Part) -> Elements:
     """An array of values, of no dimension for a scalar."""
     if isinstance(part, np.ndarray):
         return part
+    if isinstance(part, Large):
+        return part.apart()
     array = np.empty((), object)
     array[()] = part
     return array
@@ -44,13 +47,31 @@ def constant(graph: Graph, number: ArrayLike, dtype: DTypeLike) -> Part:
     return part(made)
 
 
-def elementwise(rule: Rule, equation: Equation) -> Work:
-    """A rule of scalars for every element."""
+def elementwise(rule: Rule, equation: Equation, *, stored: bool = False) -> Work:
+    """A rule of scalars for every element; large arrays of results that are dear to compute are `stored`."""
     kind, shape = kind_of(equation), aval_of(equation.outvars[0]).shape
     if shape == ():
         return lambda graph, inputs: [rule(graph, kind, *inputs)]
 
+    def in_loops(graph: Graph, inputs: list[Part]) -> Large | None:
+        arrays = [large(graph, given) for given in inputs]
+        if any(array is None for array in arrays):
+            return None
+        known = [array for array in arrays if array is not None]
+
+        def at(index: Sequence[Value]) -> Value:
+            return rule(graph, kind, *(array.at(index if array.shape else ()) for array in known))
+
+        reads = [item for array in known for item in array.reads.items()]
+        both = {carried: all(same for other, same in reads if other is carried) for carried, _ in reads}
+        made = Large(graph, shape, type_of(kind.output), at, both)
+        return made.stored() if stored else made
+
     def work(graph: Graph, inputs: list[Part]) -> list[Part]:
+        if any(isinstance(given, Large) for given in inputs):
+            computed = in_loops(graph, inputs)
+            if computed is not None:
+                return [computed]
         made = np.empty(shape, object)
         arrays = [np.broadcast_to(whole(given), shape) for given in inputs]
         for index in np.ndindex(shape):
@@ -97,11 +118,11 @@ def _pad(params: Params, x: np.ndarray, padding: np.ndarray) -> np.ndarray:
 
 def _split(equation: Equation) -> Work:
     ends = np.cumsum(equation.params["sizes"])[:-1]
-    return lambda _, inputs: list(np.split(inputs[0], ends, axis=equation.params["axis"]))
+    return lambda _, inputs: list(np.split(whole(inputs[0]), ends, axis=equation.params["axis"]))
 
 
 def _unstack(equation: Equation) -> Work:
-    return lambda _, inputs: list(np.moveaxis(inputs[0], equation.params["axis"], 0))
+    return lambda _, inputs: list(np.moveaxis(whole(inputs[0]), equation.params["axis"], 0))
 
 
 def _iota(equation: Equation) -> Work:
@@ -144,7 +165,7 @@ def _cumulative(name: str) -> Callable[[Equation], Work]:
         axis, reverse, kind = equation.params["axis"], equation.params["reverse"], kind_of(equation)
 
         def work(graph: Graph, inputs: list[np.ndarray]) -> list[Part]:
-            rows = np.moveaxis(inputs[0], axis, 0)
+            rows = np.moveaxis(whole(inputs[0]), axis, 0)
             made = np.array(rows[::-1] if reverse else rows, object)
             for i in range(1, len(made)):
                 for index in np.ndindex(made.shape[1:]):
@@ -165,7 +186,7 @@ def _index_of_extreme(name: str) -> Callable[[Equation], Work]:
         type_ = type_of(equation.params["index_dtype"])
 
         def work(graph: Graph, inputs: list[np.ndarray]) -> list[Part]:
-            rows = np.moveaxis(inputs[0], axis, 0)
+            rows = np.moveaxis(whole(inputs[0]), axis, 0)
             made = np.empty(rows.shape[1:], object)
             for index in np.ndindex(made.shape):
                 best, where = rows[(0, *index)], graph.constant(0, type_)

@@ -9,13 +9,16 @@ from typing import TypeVar
 import equinox as eqx
 import jax
 import numpy as np
+from jax.core import ShapedArray
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var
 from jax.typing import ArrayLike
 
 from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, elementwise, part, whole
 from erosion.lanes.functions import FUNCTIONS
-from erosion.lanes.graph import BOOL, LONG, CannotCompileError, Graph, Value
+from erosion.lanes.graph import ARRAY, BOOL, DOUBLE, LONG, NUMBERS, CannotCompileError, Graph, Value
 from erosion.lanes.jax_versions import CALLS, called, carried_by_scan, expansion
+from erosion.lanes.large import LARGE, Large, as_memory, begin_carrying, carry_on, memory, parted
+from erosion.lanes.loops import in_loops
 from erosion.lanes.passes import PLACES, SCATTERS, finish, live, scatter
 from erosion.lanes.scalars import SCALARS, Atom, Equation, Kind, aval_of, converted
 
@@ -103,9 +106,11 @@ class Flattener:
         if equation.effects:
             raise CannotCompileError(f"`{name}` for what it does beside computing")
         if name in FUNCTIONS:
-            return elementwise(self._function(name, len(equation.invars)), equation)
-        if name in ARRAYS or name in PLACES:
-            return (ARRAYS if name in ARRAYS else PLACES)[name](equation)
+            return elementwise(self._function(name, len(equation.invars)), equation, stored=True)
+        if name in ARRAYS:
+            return in_loops(name, equation, ARRAYS[name](equation))
+        if name in PLACES:
+            return PLACES[name](equation)
         if name in SCATTERS:
             return scatter(equation, self.call)
         if (expanded := expansion(equation)) is not None:
@@ -147,14 +152,21 @@ class Flattener:
     ) -> list[Part]:
         """A loop. `condition` and `body` are functions of what it carries; what is `unchanged` is known before it."""
         graph, changing = self.graph, [i for i in range(len(initial)) if i not in unchanged]
+        # Large arrays lie in memory that the loop changes.
+        arrays = {i: each for i in changing if isinstance(each := initial[i], Large) and each.type == DOUBLE}
+        memories = {i: begin_carrying(array) for i, array in arrays.items()}
 
         def all_of(changed: Sequence[Value]) -> list[Part]:
-            carried = list(initial)
-            for i, new in zip(changing, _gathered(changed, [initial[i] for i in changing]), strict=True):
-                carried[i] = new
+            carried, rest = list(initial), iter(changed)
+            for i in changing:
+                if i in memories:
+                    memories[i].now = next(rest)
+                    carried[i] = memory(graph, memories[i].now, arrays[i].shape, memories[i])
+                else:
+                    (carried[i],) = _gathered([next(rest) for _ in range(whole(initial[i]).size)], [initial[i]])
             return carried
 
-        loop = graph.loop(_scalars([initial[i] for i in changing]))
+        loop = graph.loop(_scalars([memories[i].now if i in memories else initial[i] for i in changing]))
         carried = all_of(loop.arguments)
         goes_on = condition(carried)
         # A batch of loops within a lane goes on while any of its rows does; rows that are done keep their values.
@@ -162,8 +174,13 @@ class Flattener:
         graph.begin_body(loop, functools.reduce(lambda x, y: graph.op("or", BOOL, x, y), rows))
         after = body(carried)
         if isinstance(goes_on, np.ndarray):
-            after = [self._where_it_goes_on(goes_on, *pair) for pair in zip(after, carried, strict=True)]
-        return all_of(graph.end_loop(loop, _scalars([after[i] for i in changing])))
+            after = [
+                self._where_it_goes_on(goes_on, whole(new), whole(old)) for new, old in zip(after, carried, strict=True)
+            ]
+        held = {i: array for i in memories if isinstance(array := carried[i], Large)}
+        ready = {i: parted(array, as_memory(graph, after[i])) for i, array in held.items()}
+        after = [carry_on(held[i], ready[i]) if i in memories else after[i] for i in changing]
+        return all_of(graph.end_loop(loop, _scalars(after)))
 
     def _where_it_goes_on(self, goes_on: Elements, new: Elements, old: Elements) -> np.ndarray:
         """For a batch of loops: the new values in rows that go on, the old values in the others."""
@@ -241,16 +258,33 @@ class _Steps:
         self.results: list[int] = []
 
 
-def flatten(closed: ClosedJaxpr) -> Graph:
+def is_large(aval: ShapedArray) -> bool:
+    """Whether an argument stays in memory."""
+    return aval.dtype == _DOUBLE and math.prod(aval.shape) >= LARGE
+
+
+def flatten(closed: ClosedJaxpr, *, shared: bool = True) -> Graph:
     """The graph of a function: its inputs are float64 in memory, one place after another.
+
+    Args:
+        closed: the function.
+        shared: whether all lanes share the large arrays among its arguments.
 
     Raises:
         NotForLanesError: naming what lanes cannot do, and where it is.
     """
     graph = Graph()
     arguments: list[Part] = []
-    place = 0
-    for variable in closed.jaxpr.invars:
+    place, large = 0, [is_large(aval_of(variable)) for variable in closed.jaxpr.invars]
+    graph.rows = sum(math.prod(aval_of(variable).shape) for variable in closed.jaxpr.invars)
+    for variable, is_array in zip(closed.jaxpr.invars, large, strict=True):
+        shape = aval_of(variable).shape
+        if is_array:
+            array = graph.memory(graph.numbers if shared else place, NUMBERS if shared else ARRAY)
+            arguments.append(memory(graph, array, shape))
+            graph.numbers += math.prod(shape) * shared
+            place += math.prod(shape)
+            continue
         dtype = np.dtype(aval_of(variable).dtype)
         array = np.empty(aval_of(variable).shape, object)
         for index in np.ndindex(array.shape):
@@ -261,7 +295,13 @@ def flatten(closed: ClosedJaxpr) -> Graph:
         results = Flattener(graph).closed(closed, arguments)
     except CannotCompileError as error:
         raise NotForLanesError(f"The function uses {error}, which lanes cannot do.") from None
-    finish(graph, _scalars(results))
+    outputs: list[Value] = []
+    for result in results:
+        if isinstance(result, Large) and result.type == DOUBLE:
+            outputs.append(graph.op("output", ARRAY, result.copied(), extra=result.size))
+        else:
+            outputs += _scalars([result])
+    finish(graph, outputs)
     return graph
 
 

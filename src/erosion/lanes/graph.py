@@ -8,12 +8,14 @@ computed before it.
 
 import math
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Union
 
 import numpy as np
 
 DOUBLE, BOOL, LONG = "double", "i1", "i64"
+PLACE = "place"  # a whole number that is the same in all lanes
+ARRAY, NUMBERS = "array", "numbers"  # numbers in memory, of each lane or of all lanes together
 
 _MOST = 100_000  # operations of a function; the code generator takes a minute for them, and longer than in proportion
 _MOST_ASKED = 2_000_000  # operations asked for, of which many may be known already: some ten seconds
@@ -102,7 +104,20 @@ class Branch:
         self.results: list[Value] = []
 
 
-Step = Value | Loop | Branch
+class Counted:
+    """Runs for each index from 0 to a known length, in all lanes at once, and carries sums along."""
+
+    __slots__ = ("arguments", "body", "index", "initial", "length", "results", "updates")
+
+    def __init__(self, parent: Region, length: int, initial: Sequence[Value]) -> None:
+        self.length, self.initial, self.body = length, list(initial), Region(parent, is_loop=True)
+        self.index = Value("index", (), PLACE, self.body, self)
+        self.arguments = [Value("argument", (), value.type, self.body, self) for value in initial]
+        self.updates: list[Value] = []
+        self.results: list[Value] = []
+
+
+Step = Value | Loop | Branch | Counted
 
 
 class Graph:
@@ -118,6 +133,8 @@ class Graph:
     def __init__(self) -> None:
         self.root = self.region = Region(None)
         self.outputs: list[Value] = []
+        self.rows = 0  # of memory, each with a number of every lane; the first are the arguments
+        self.numbers = 0  # in memory after them, of arguments that all lanes share
         self._made = self._asked = 0  # operations
 
     def constant(self, number: float, type_: str) -> Value:
@@ -212,6 +229,68 @@ class Graph:
         assert self.region.parent is not None
         self.region = self.region.parent
 
+    def counted(
+        self, length: int, initial: Sequence[Value], body: Callable[[Value, list[Value]], Sequence[Value]]
+    ) -> list[Value]:
+        """What a loop over indices carries at its end; `body` gives what is carried on, from the index and what was."""
+        outer = self.region
+        loop = Counted(outer, length, initial)
+        self.region = loop.body
+        loop.updates, self.region = list(body(loop.index, loop.arguments)), outer
+        outer.steps.append(loop)
+        loop.results = [Value("result", (), value.type, outer, loop) for value in initial]
+        return loop.results
+
+    def place(self, terms: Iterable[tuple[Value, int]], offset: int = 0) -> Value:
+        """Σ index · stride + offset, the same in all lanes."""
+        total: Value | None = None
+        for index, stride in terms:
+            if index.is_constant or stride == 0:
+                offset += stride * (index.extra if index.is_constant else 0)
+                continue
+            term = index if stride == 1 else self.op("place mul", PLACE, index, self.constant(stride, PLACE))
+            total = term if total is None else self.op("place add", PLACE, total, term)
+        if total is None:
+            return self.constant(offset, PLACE)
+        return total if offset == 0 else self.op("place add", PLACE, total, self.constant(offset, PLACE))
+
+    def room(self, rows: int) -> Value:
+        """New memory for numbers of each lane."""
+        self.rows += rows
+        return self.memory(self.rows - rows, ARRAY)
+
+    def memory(self, first: int, type_: str) -> Value:
+        """Memory from a row on, or from one of the numbers that all lanes share."""
+        room = Value("room", (), type_, self.root, first)
+        self.root.steps.append(room)
+        return room
+
+    def rows_of(self, values: Sequence[Value]) -> Value:
+        """Memory with these numbers."""
+        key = ("rows", *values)
+        region: Region | None = self.region
+        while region is not None:
+            if key in region.known:
+                return region.known[key]
+            region = region.parent
+        room = self.room(len(values))
+        stores = [self.store(room, self.constant(i, PLACE), value) for i, value in enumerate(values)]
+        made = self.region.known[key] = self.filled(room, stores)
+        return made
+
+    def filled(self, array: Value, stores: Sequence[Value]) -> Value:
+        """The array with what `store` wrote into it."""
+        value = Value("filled", (array, *stores), ARRAY, self.region)
+        self.region.steps.append(value)
+        return value
+
+    def store(self, array: Value, place: Value, value: Value, *, masked: bool = False) -> Value:
+        """Write a number of each lane; of active lanes alone if `masked`."""
+        self._made += 1
+        store = Value("store", (array, place, value), "", self.region, masked)
+        self.region.steps.append(store)
+        return store
+
     def branch(self, selector: Value, cases: list[Region], outputs: list[list[Value]]) -> list[Value]:
         """The outputs of the case that each lane takes."""
         branch = Branch(selector, cases, outputs)
@@ -243,6 +322,8 @@ def _in_range(number: float, type_: str) -> float:
     """A number as its type holds it. LLVM's integers have no sign of their own, so all are read as signed."""
     if type_ in _FLOATS or type_ == BOOL:
         return _NUMPY[type_](number).item()
+    if type_ == PLACE:
+        return int(number)
     half = 1 << (int(type_[1:]) - 1)
     return (int(number) + half) % (2 * half) - half
 

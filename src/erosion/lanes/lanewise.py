@@ -12,10 +12,12 @@ from typing import Protocol, runtime_checkable
 
 import jax
 import numpy as np
+from jax.extend.core import ClosedJaxpr
 from jaxtyping import Array, PyTree
 
-from erosion.lanes.flatten import flatten
+from erosion.lanes.flatten import flatten, is_large
 from erosion.lanes.machine import MachineCode, Processor, without_garbage_collection
+from erosion.lanes.scalars import aval_of
 from erosion.lanes.vector_ir import vector_ir
 
 WIDTH = 8
@@ -49,8 +51,10 @@ class Lanewise:
     ) -> None:
         with without_garbage_collection():
             closed, shapes = jax.make_jaxpr(function, return_shape=True)(*examples)
-            graph = flatten(closed)
-            self._code = MachineCode(vector_ir(graph, width), target)
+            self._compile = functools.partial(_compiled, closed, width, target)
+            self._code, self._rows, self._numbers = self._compile(shared=True)
+        self._large = [is_large(aval_of(variable)) for variable in closed.jaxpr.invars]
+        self._own: tuple[MachineCode, int, int] | None = None
         self.inputs = [tuple(aval.shape) for aval in closed.in_avals]
         leaves, self.structure = jax.tree.flatten(shapes)
         self.outputs = [(tuple(leaf.shape), np.dtype(leaf.dtype)) for leaf in leaves]
@@ -88,11 +92,24 @@ class Lanewise:
         if not len(order):
             return
         order = np.ascontiguousarray(order, np.int64)
-        inputs = self._inputs()
+        together = [
+            leaf.ndim == len(shape) or leaf.strides[0] == 0 for leaf, shape in zip(leaves, self.inputs, strict=True)
+        ]
+        is_shared = all(same for same, large in zip(together, self._large, strict=True) if large)
+        if not is_shared and self._own is None:
+            with without_garbage_collection():
+                self._own = self._compile(shared=False)
+        code, rows, count = (self._code, self._rows, self._numbers) if is_shared or self._own is None else self._own
+        inputs, numbers = self._memory(rows, count)
         varying: list[int] = []
-        for leaf, shape, place in zip(leaves, self.inputs, self._places[:-1], strict=True):
-            if leaf.ndim == len(shape) or leaf.strides[0] == 0:
+        for leaf, shape, place, same, large in zip(
+            leaves, self.inputs, self._places[:-1], together, self._large, strict=True
+        ):
+            if same:
                 shared = leaf if leaf.ndim == len(shape) else leaf[0]
+                if large and is_shared:
+                    numbers[: shared.size], numbers = shared.ravel(), numbers[shared.size :]
+                    continue
                 inputs[place : place + shared.size] = shared.reshape(-1, 1)
                 continue
             address, stride = leaf.ctypes.data, leaf.strides[0]
@@ -111,7 +128,7 @@ class Lanewise:
         for begin in range(0, len(order), _PORTION):
             if stop is not None and stop[0]:
                 return
-            self._code.run(
+            code.run(
                 inputs.ctypes.data,
                 of_inputs.ctypes.data,
                 len(varying) // 3,
@@ -121,16 +138,23 @@ class Lanewise:
                 0 if stop is None else stop.ctypes.data,
             )
 
-    def _inputs(self) -> np.ndarray:
-        """Memory for one vector of arguments, shape (places, width).
+    def _memory(self, rows: int, numbers: int) -> tuple[np.ndarray, np.ndarray]:
+        """Memory for one vector of lanes, shape (rows, width), and for numbers that all lanes share.
 
         Each call has its own: a signal's handler may call the function while it runs, in the same thread.
         """
-        line = 64
-        size = int(self._places[-1]) * self._width
-        memory = np.empty(size + line // 8)
+        line, size = 64, rows * self._width
+        memory = np.empty(size + numbers + line // 8)
         begin = -memory.ctypes.data % line // 8
-        return memory[begin : begin + size].reshape(-1, self._width)
+        return memory[begin : begin + size].reshape(-1, self._width), memory[begin + size : begin + size + numbers]
+
+
+def _compiled(
+    closed: ClosedJaxpr, width: int, target: Processor | None, *, shared: bool
+) -> tuple[MachineCode, int, int]:
+    """Code of a function, and how many rows of memory and shared numbers it needs."""
+    graph = flatten(closed, shared=shared)
+    return MachineCode(vector_ir(graph, width), target), graph.rows, graph.numbers
 
 
 # On a CPU XLA would fuse every stage of an integrator with all before it, and compile for minutes.

@@ -8,7 +8,19 @@ from jax.extend.core import Jaxpr
 from jax.typing import ArrayLike
 
 from erosion.lanes.arrays import Elements, Part, Work, kind_of, part, whole
-from erosion.lanes.graph import BOOL, DOUBLE, LONG, Branch, CannotCompileError, Graph, Loop, Region, Step, Value
+from erosion.lanes.graph import (
+    BOOL,
+    DOUBLE,
+    LONG,
+    Branch,
+    CannotCompileError,
+    Counted,
+    Graph,
+    Loop,
+    Region,
+    Step,
+    Value,
+)
 from erosion.lanes.scalars import SCALARS, Equation, Kind, aval_of, converted, type_of
 
 
@@ -30,10 +42,11 @@ def live(outputs: Iterable[Value]) -> set[Value]:
             continue
         found.add(value)
         waiting += value.inputs
-        if isinstance(value.extra, Loop):
+        if isinstance(value.extra, Loop | Counted) and value.op != "index":
             loop = value.extra
             i = (loop.arguments if value.op == "argument" else loop.results).index(value)
-            waiting += (loop.condition, loop.initial[i], loop.updates[i], loop.arguments[i])
+            waiting += (loop.initial[i], loop.updates[i], loop.arguments[i])
+            waiting.append(loop.condition if isinstance(loop, Loop) else loop.index)
         elif isinstance(value.extra, Branch):
             branch = value.extra
             i = branch.results.index(value)
@@ -48,18 +61,18 @@ def _prune(region: Region, live: set[Value]) -> None:
             if step in live:
                 kept.append(step)
             continue
-        if isinstance(step, Loop):
+        if isinstance(step, Loop | Counted):
             # A value of a loop may be needed only inside the loop.
             indices = [i for i, argument in enumerate(step.arguments) if argument in live]
             for name in ("arguments", "initial", "updates", "results"):
                 setattr(step, name, [getattr(step, name)[i] for i in indices])
-            inner = [step.head, step.body]
+            inner = [step.head, step.body] if isinstance(step, Loop) else [step.body]
         else:
             indices = [i for i, result in enumerate(step.results) if result in live]
             step.results = [step.results[i] for i in indices]
             step.outputs = [[outputs[i] for i in indices] for outputs in step.outputs]
             inner = step.cases
-        if indices:
+        if indices or (isinstance(step, Counted) and step.index in live):
             kept.append(step)
             for part in inner:
                 _prune(part, live)
@@ -79,6 +92,9 @@ def _count_uses(graph: Graph) -> None:
             elif isinstance(step, Loop):
                 read((step.condition, *step.initial, *step.updates))
                 walk(step.head)
+                walk(step.body)
+            elif isinstance(step, Counted):
+                read((*step.initial, *step.updates))
                 walk(step.body)
             else:
                 read((step.selector, *(value for outputs in step.outputs for value in outputs)))
@@ -102,6 +118,8 @@ def _contract(region: Region) -> None:
     for step in region.steps:
         if isinstance(step, Loop):
             _contract(step.head)
+            _contract(step.body)
+        elif isinstance(step, Counted):
             _contract(step.body)
         elif isinstance(step, Branch):
             for case in step.cases:

@@ -7,7 +7,7 @@ no pass over the result, so its bits depend on the graph alone.
 
 import struct
 
-from erosion.lanes.graph import BOOL, Branch, Graph, Loop, Region, Value
+from erosion.lanes.graph import ARRAY, BOOL, NUMBERS, PLACE, Branch, Counted, Graph, Loop, Region, Value
 from erosion.lanes.surroundings import INTERRUPTED, look_for_a_stop
 
 ENTRY = "run"
@@ -24,7 +24,9 @@ def vector_ir(graph: Graph, width: int) -> str:
         void run(double* inputs, Varying* varying, i64 count, i64* order, i64 lanes, Place* outputs, i64* stop)
 
     For each group of `width` lanes order[:lanes] it copies the lanes' numbers into `inputs`, computes, and
-    writes the results. `inputs` is an array (places, width), which holds what all lanes share; `varying` says
+    writes the results. `inputs` is an array (rows, width), which holds what all lanes share in the first `places`
+    rows, and after them what the graph keeps in memory; large arrays that all lanes share follow, one number after
+    another. `varying` says
     for `count` places where a lane's number is found: an address, the bytes from lane to lane, the place.
     `outputs` has for each output an address, and the bytes from lane to lane. A group that is not full
     repeats its last lane. Truths are written as bytes. It is called with Python's lock held, and works without.
@@ -46,6 +48,7 @@ class _Writer:
         self.declared: dict[str, str] = {}
         self.tables: list[str] = []  # of constants
         self.memory: list[str] = []  # on the stack
+        self.shared: set[str] = set()  # tables that all lanes share
 
     # Text.
 
@@ -98,11 +101,11 @@ class _Writer:
         self.do("%thread = call ptr @PyEval_SaveThread()")
         self.do("%last = sub i64 %lanes, 1")
         last = self.splat("%last")
-        places = []
-        for i in range(len(self.graph.outputs)):
-            address, step = (f"getelementptr i64, ptr %outputs, i64 {2 * i + j}" for j in (0, 1))
-            stride = self.splat(self.get(f"load i64, ptr {self.get(step)}"))
-            places.append((self.get(f"load ptr, ptr {self.get(address)}"), stride))
+        places: list[tuple[str, str] | str] = []
+        count = 0
+        for output in self.graph.outputs:
+            places.append(self.place_of_output(str(count)) if output.type != ARRAY else str(count))
+            count += output.extra if output.type == ARRAY else 1
         self.do("br label %group")
         self.start("group")
         self.do("%at = phi i64 [ 0, %entry ], [ %next, %written ]")
@@ -114,16 +117,11 @@ class _Writer:
         lane = self.gather("i64", in_order)
         self.copy_inputs(lane)
         self.region(self.graph.root, all_lanes)
-        for (address, stride), value in zip(places, self.graph.outputs, strict=True):
-            to = self.get(f"getelementptr i8, ptr {address}, {longs} {self.get(f'mul {longs} {lane}, {stride}')}")
-            type_, name = self.stored(value)
-            vector, pointers, mask = self.vector(type_), self.vector("ptr"), self.vector(BOOL)
-            arguments = f"{vector}, {pointers}, i32, {mask}"
-            kind = self.kind(type_)
-            scatter = self.intrinsic(f"llvm.masked.scatter.{kind}.v{self.width}p0", "void", arguments)
-            self.do(
-                f"call void {scatter}({vector} {name}, {pointers} {to}, i32 {_BITS[type_] // 8}, {mask} {all_lanes})"
-            )
+        for place, value in zip(places, self.graph.outputs, strict=True):
+            if isinstance(place, tuple):
+                self.scatter(*self.stored(value), place[0], place[1], lane)
+            else:
+                self.write_array(value, place, lane)
         self.do("br label %written")
         self.start("written")
         self.do(f"%next = add i64 %at, {self.width}")
@@ -148,6 +146,37 @@ class _Writer:
             *self.lines[1:],
             "}",
         ])  # fmt: skip
+
+    def place_of_output(self, number: str) -> tuple[str, str]:
+        """The address of an output, and the bytes from lane to lane as a vector."""
+        row = self.get(f"mul i64 {number}, 2")
+        address = self.get(f"getelementptr i64, ptr %outputs, i64 {row}")
+        step = self.get(f"getelementptr i64, ptr %outputs, i64 {self.get(f'add i64 {row}, 1')}")
+        return self.get(f"load ptr, ptr {address}"), self.splat(self.get(f"load i64, ptr {step}"))
+
+    def scatter(self, type_: str, name: str, address: str, stride: str, lane: str) -> None:
+        """Write a number of each lane into an output."""
+        vector, pointers, mask, longs = self.vector(type_), self.vector("ptr"), self.vector(BOOL), self.vector("i64")
+        to = self.get(f"getelementptr i8, ptr {address}, {longs} {self.get(f'mul {longs} {lane}, {stride}')}")
+        arguments = f"{vector}, {pointers}, i32, {mask}"
+        scatter = self.intrinsic(f"llvm.masked.scatter.{self.kind(type_)}.v{self.width}p0", "void", arguments)
+        self.do(
+            f"call void {scatter}({vector} {name}, {pointers} {to}, i32 {_BITS[type_] // 8}, {mask} splat (i1 true))"
+        )
+
+    def write_array(self, array: Value, first: str, lane: str) -> None:
+        """Write the numbers of an array into outputs, the first of which is given."""
+        again, done, before, index = self.new("again"), self.new("done"), self.label, f"%{self.new()}"
+        self.do(f"br label %{again}")
+        self.start(again)
+        following = f"%{self.new()}"
+        self.do(f"{index} = phi i64 [ 0, %{before} ], [ {following}, %{again} ]")
+        place = self.place_of_output(self.get(f"add i64 {index}, {first}"))
+        row = self.get(f"getelementptr {self.vector('double')}, ptr {self.text(array.inputs[0])}, i64 {index}")
+        self.scatter("double", self.get(f"load {self.vector('double')}, ptr {row}"), *place, lane)
+        self.do(f"{following} = add i64 {index}, 1")
+        self.do(f"br i1 {self.get(f'icmp slt i64 {following}, {array.extra}')}, label %{again}, label %{done}")
+        self.start(done)
 
     def copy_inputs(self, lane: str) -> None:
         """Copy the numbers that vary from lane to lane into `inputs`, in a loop over their places."""
@@ -208,6 +237,8 @@ class _Writer:
             if value.type in ("double", "float"):
                 bits = struct.unpack("<Q", struct.pack("<d", value.extra))[0]
                 value.name = f"splat ({value.type} 0x{bits:016X})"
+            elif value.type == PLACE:
+                value.name = str(value.extra)
             elif value.type == BOOL:
                 value.name = f"splat (i1 {'true' if value.extra else 'false'})"
             else:
@@ -219,8 +250,14 @@ class _Writer:
         for step in region.steps:
             if isinstance(step, Loop):
                 self.loop(step, mask)
+            elif isinstance(step, Counted):
+                self.counted(step, mask)
             elif isinstance(step, Branch):
                 self.branch(step, mask)
+            elif step.op == "output":
+                pass
+            elif step.op in ("room", "filled", "row", "store", "place add", "place mul"):
+                self.in_memory(step, mask)
             else:
                 self.operation(step)
 
@@ -256,6 +293,54 @@ class _Writer:
         else:
             value.name = self.get(f"{op} {type_} {names[0]}, {names[1]}")
 
+    def in_memory(self, value: Value, mask: str) -> None:
+        """Numbers in memory, and the places of these."""
+        names, row = [self.text(operand) for operand in value.inputs], self.vector("double")
+        if value.op == "filled":
+            value.name = names[0]
+        elif value.op == "room":
+            place = value.extra * self.width
+            if value.type == NUMBERS:
+                place = value.extra + self.graph.rows * self.width
+            value.name = self.get(f"getelementptr double, ptr %inputs, i64 {place}")
+        elif value.op.startswith("place"):
+            value.name = self.get(f"{value.op[6:]} i64 {names[0]}, {names[1]}")
+        elif value.inputs[0].type == NUMBERS:
+            address = self.get(f"getelementptr double, ptr {names[0]}, i64 {names[1]}")
+            value.name = self.splat(self.get(f"load double, ptr {address}"), "double")
+        else:
+            address = self.get(f"getelementptr {row}, ptr {names[0]}, i64 {names[1]}")
+            if value.op == "row":
+                value.name = self.get(f"load {row}, ptr {address}")
+                return
+            if value.extra and mask != "splat (i1 true)":
+                # Volatile, or LLVM makes it a masked store, which takes ten times as long on some processors.
+                old = self.get(f"load volatile {row}, ptr {address}")
+                names[2] = self.get(f"select {self.vector(BOOL)} {mask}, {row} {names[2]}, {row} {old}")
+            self.do(f"store {row} {names[2]}, ptr {address}")
+
+    def counted(self, loop: Counted, mask: str) -> None:
+        """A loop over indices, in all lanes at once."""
+        again, done, before = self.new("again"), self.new("done"), self.label
+        self.do(f"br label %{again}")
+        self.start(again)
+        phis = len(self.lines)
+        for argument in (loop.index, *loop.arguments):
+            argument.name = f"%{self.new()}"
+        self.region(loop.body, mask)
+        following = self.get(f"add i64 {loop.index.name}, 1")
+        self.do(f"br i1 {self.get(f'icmp slt i64 {following}, {loop.length}')}, label %{again}, label %{done}")
+        lines = [f"  {loop.index.name} = phi i64 [ 0, %{before} ], [ {following}, %{self.label} ]"]
+        for argument, initial, update in zip(loop.arguments, loop.initial, loop.updates, strict=True):
+            lines.append(
+                f"  {argument.name} = phi {self.vector(argument.type)} [ {self.text(initial)}, %{before} ], "
+                f"[ {self.text(update)}, %{self.label} ]"
+            )
+        self.lines[phis:phis] = lines
+        self.start(done)
+        for update, result in zip(loop.updates, loop.results, strict=True):
+            result.name = self.text(update)
+
     def cast(self, value: Value) -> str:
         """A value as another type."""
         op, (of,) = value.op, value.inputs
@@ -277,10 +362,17 @@ class _Writer:
             value.name = f"@{self.new('table')}"
             numbers = ", ".join(self.number(element)[len("splat (") : -1] for element in elements)
             self.tables.append(f"{value.name} = private constant [{len(elements)} x {type_}] [{numbers}]")
-        elif all(element.op == "input" for element in elements) and places == list(
-            range(places[0], places[0] + len(places))
-        ):
+        elif all(element.op == "input" for element in elements) and _follow(places):
             value.name = self.get(f"getelementptr {self.vector(type_)}, ptr %inputs, i64 {places[0]}")
+        elif all(
+            element.op == "row" and element.inputs[0] is elements[0].inputs[0] for element in elements
+        ) and _follow([element.inputs[1].extra for element in elements]):
+            # What is in memory already.
+            array, first = elements[0].inputs
+            kind = type_ if array.type == NUMBERS else self.vector(type_)
+            value.name = self.get(f"getelementptr {kind}, ptr {self.text(array)}, i64 {first.extra}")
+            if array.type == NUMBERS:
+                self.shared.add(value.name)
         else:
             # Truths as bytes: a vector of them has no address for each.
             kept = "i8" if type_ == BOOL else type_
@@ -308,7 +400,7 @@ class _Writer:
             return chosen
         kept = "i8" if type_ == BOOL else type_
         flat = self.text(index)
-        if not table.name.startswith("@"):
+        if not table.name.startswith("@") and table.name not in self.shared:
             lanes = ", ".join(f"i64 {i}" for i in range(self.width))
             row = self.get(f"mul {longs} {flat}, splat (i64 {self.width})")
             flat = self.get(f"add {longs} {row}, <{lanes}>")
@@ -334,15 +426,19 @@ class _Writer:
         self.do(f"br label %{head}")
         self.start(head)
         phis = len(self.lines)
-        for argument in loop.arguments:
-            argument.name = f"%{self.new()}"
+        for argument, initial in zip(loop.arguments, loop.initial, strict=True):
+            # An array is changed where it is.
+            argument.name = self.text(initial) if argument.type == ARRAY else f"%{self.new()}"
         self.region(loop.head, mask)
         active = self.both(mask, self.text(loop.condition))
         self.do(f"br i1 {self.any_of(active)}, label %{body}, label %{done}")
         self.start(body)
         self.region(loop.body, active)
         updates = []
-        for argument, update in zip(loop.arguments, loop.updates, strict=True):
+        carried = [
+            each for each in zip(loop.arguments, loop.initial, loop.updates, strict=True) if each[0].type != ARRAY
+        ]
+        for argument, _, update in carried:
             type_ = self.vector(argument.type)
             updates.append(
                 self.get(f"select {self.vector(BOOL)} {active}, {type_} {self.text(update)}, {type_} {argument.name}")
@@ -353,7 +449,7 @@ class _Writer:
         self.lines[phis:phis] = [
             f"  {argument.name} = phi {self.vector(argument.type)} [ {self.text(initial)}, %{before} ], "
             f"[ {update}, %{again} ]"
-            for argument, initial, update in zip(loop.arguments, loop.initial, updates, strict=True)
+            for (argument, initial, _), update in zip(carried, updates, strict=True)
         ]
         self.start(done)
         for argument, result in zip(loop.arguments, loop.results, strict=True):
@@ -401,3 +497,8 @@ class _Writer:
             self.get(f"phi {self.vector(value.type)} [ {self.text(value)}, %{end} ], [ zeroinitializer, %{before} ]")
             for value in outputs
         ]
+
+
+def _follow(places: list[int]) -> bool:
+    """Whether places follow one another."""
+    return places == list(range(places[0], places[0] + len(places)))

@@ -1,0 +1,138 @@
+"""What operations of JAX do with large arrays: a rule for each, beside that for small ones."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from erosion.lanes.arrays import Part, Work, whole
+from erosion.lanes.graph import DOUBLE, Graph, Value
+from erosion.lanes.large import LARGE, Index, Large, large, sums
+from erosion.lanes.scalars import Equation, aval_of
+
+_MANY = 512  # products of two small arrays from which on they are taken in loops
+
+Rule = Callable[[Equation, Graph, list[Part]], Part | None]
+"""The result of an operation where an input is large; None where it knows only small ones."""
+
+
+def in_loops(name: str, equation: Equation, small: Work) -> Work:
+    """What computes an operation of arrays: in loops where they are large."""
+    rule = _LARGE.get(name)
+    if rule is None:
+        return small
+    worth = _products(equation) >= _MANY if name == "dot_general" else name == "broadcast_in_dim"
+
+    def work(graph: Graph, inputs: list[Part]) -> Sequence[Part]:
+        if worth or any(isinstance(given, Large) for given in inputs):
+            made = rule(equation, graph, inputs)
+            if made is not None:
+                return [made]
+        return small(graph, inputs)
+
+    return work
+
+
+def _products(equation: Equation) -> int:
+    (contracted, _), _ = equation.params["dimension_numbers"]
+    x = aval_of(equation.invars[0])
+    return int(np.prod(aval_of(equation.outvars[0]).shape)) * int(np.prod([x.shape[axis] for axis in contracted]))
+
+
+def _broadcast(equation: Equation, graph: Graph, inputs: list[Part]) -> Part | None:
+    shape, dimensions = equation.params["shape"], equation.params["broadcast_dimensions"]
+    (given,) = inputs
+    if not isinstance(given, Large) and (np.prod(shape, dtype=int) < LARGE or np.size(whole(given)) > 1):
+        return None
+    array = large(graph, given)
+    if array is None:
+        return None
+    axes = [axis if length == shape[axis] else None for axis, length in zip(dimensions, array.shape, strict=True)]
+    return array.moved(shape, axes, [0] * len(axes), [1] * len(axes))
+
+
+def _reshape(equation: Equation, _: Graph, inputs: list[Part]) -> Part | None:
+    array = inputs[0]
+    return array.reshaped(aval_of(equation.outvars[0]).shape) if isinstance(array, Large) else None
+
+
+def _transpose(equation: Equation, _: Graph, inputs: list[Part]) -> Part | None:
+    array, order = inputs[0], equation.params["permutation"]
+    if not isinstance(array, Large):
+        return None
+    axes = [order.index(axis) for axis in range(len(order))]
+    return array.moved([array.shape[axis] for axis in order], axes, [0] * len(axes), [1] * len(axes))
+
+
+def _slice(equation: Equation, _: Graph, inputs: list[Part]) -> Part | None:
+    array, params = inputs[0], equation.params
+    if not isinstance(array, Large):
+        return None
+    axes = range(len(array.shape))
+    part = array.moved(
+        aval_of(equation.outvars[0]).shape, list(axes), params["start_indices"], params["strides"] or [1] * len(axes)
+    )
+    return part if part.size >= LARGE else _small(part)
+
+
+def _reduce_sum(equation: Equation, graph: Graph, inputs: list[Part]) -> Part | None:
+    array, axes = inputs[0], equation.params["axes"]
+    if not isinstance(array, Large) or array.type != DOUBLE:
+        return None
+    free = [axis for axis in range(len(array.shape)) if axis not in axes]
+
+    def term(index: Index, along: Index) -> tuple[Value, None]:
+        return array.at(_joined(len(array.shape), (free, index), (axes, along))), None
+
+    return sums(graph, [array.shape[axis] for axis in free], [array.shape[axis] for axis in axes], term)
+
+
+def _dot_general(equation: Equation, graph: Graph, inputs: list[Part]) -> Part | None:
+    (left, right), (batch_left, batch_right) = equation.params["dimension_numbers"]
+    x, y = (large(graph, whole(given) if isinstance(given, Value) else given) for given in inputs)
+    if x is None or y is None or {x.type, y.type} != {DOUBLE}:
+        return None
+    free_x, free_y = (
+        [axis for axis in range(len(array.shape)) if axis not in (*contracted, *batch)]
+        for array, contracted, batch in ((x, left, batch_left), (y, right, batch_right))
+    )
+    # What is read again and again is computed once.
+    x, y = (array if not contracted else array.stored() for array, contracted in ((x, left), (y, right)))
+    batches = len(batch_left)
+
+    def term(index: Index, along: Index) -> tuple[Value, Value]:
+        batch, of_x, of_y = index[:batches], index[batches : batches + len(free_x)], index[batches + len(free_x) :]
+        return (
+            x.at(_joined(len(x.shape), (batch_left, batch), (free_x, of_x), (left, along))),
+            y.at(_joined(len(y.shape), (batch_right, batch), (free_y, of_y), (right, along))),
+        )
+
+    shape = aval_of(equation.outvars[0]).shape
+    if left:
+        return sums(graph, shape, [x.shape[axis] for axis in left], term)
+    product = Large(graph, shape, DOUBLE, lambda index: graph.op("fmul", DOUBLE, *term(index, ())))
+    product.reads = dict.fromkeys({**x.reads, **y.reads}, False)
+    return product if product.size >= LARGE else _small(product)
+
+
+def _joined(ndim: int, *parts: tuple[Sequence[int], Index]) -> list[Value]:
+    """An index of which some axes are given here and others there."""
+    by_axis = {axis: value for axes, index in parts for axis, value in zip(axes, index, strict=True)}
+    return [by_axis[axis] for axis in range(ndim)]
+
+
+def _small(array: Large) -> Part:
+    made = array.apart()
+    return made if made.shape else made[()]
+
+
+_LARGE: Mapping[str, Rule] = {
+    "broadcast_in_dim": _broadcast,
+    "dot_general": _dot_general,
+    "expand_dims": _reshape,
+    "reduce_sum": _reduce_sum,
+    "reshape": _reshape,
+    "slice": _slice,
+    "squeeze": _reshape,
+    "transpose": _transpose,
+}
+"""The rules for large arrays, by the names of operations."""
