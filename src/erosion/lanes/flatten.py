@@ -13,6 +13,7 @@ from jax.core import ShapedArray
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var
 from jax.typing import ArrayLike
 
+from erosion.lanes import tapes
 from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, elementwise, part, whole
 from erosion.lanes.functions import FUNCTIONS
 from erosion.lanes.graph import ARRAY, BOOL, DOUBLE, LONG, NUMBERS, CannotCompileError, Graph, Value
@@ -111,6 +112,9 @@ class Flattener:
             return in_loops(name, equation, ARRAYS[name](equation))
         if name in PLACES:
             return PLACES[name](equation)
+        if name in (tapes.WRITE, tapes.READ):
+            slot = equation.params["slot"]
+            return lambda graph, inputs: [graph.op(name, DOUBLE, *map(_one, inputs), extra=slot)]
         if name in SCATTERS:
             return scatter(equation, self.call)
         if (expanded := expansion(equation)) is not None:
@@ -256,6 +260,11 @@ class _Steps:
         self.literals: list[tuple[int, Part]] = []
         self.work: list[tuple[Work, list[int], list[int]]] = []
         self.results: list[int] = []
+
+
+def _one(scalar: Part) -> Value:
+    assert isinstance(scalar, Value)
+    return scalar
 
 
 def is_large(aval: ShapedArray) -> bool:

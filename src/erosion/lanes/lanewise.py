@@ -15,7 +15,7 @@ import numpy as np
 from jax.extend.core import ClosedJaxpr
 from jaxtyping import Array, PyTree
 
-from erosion.lanes.flatten import flatten, is_large
+from erosion.lanes.flatten import NotForLanesError, flatten, is_large
 from erosion.lanes.machine import MachineCode, Processor, without_garbage_collection
 from erosion.lanes.scalars import aval_of
 from erosion.lanes.vector_ir import vector_ir
@@ -36,6 +36,7 @@ class Lanewise:
         function: takes and returns pytrees of numbers and small arrays; written in plain JAX.
         examples: examples of its arguments, or `jax.ShapeDtypeStruct` of them.
         width, target: of the vectors, and the processor; for tests.
+        tapes: how many tapes the function has; see `erosion.lanes.tapes`.
 
     Raises:
         NotForLanesError: naming what in the function lanes cannot do.
@@ -48,10 +49,11 @@ class Lanewise:
         *,
         width: int = WIDTH,
         target: Processor | None = None,
+        tapes: int = 0,
     ) -> None:
         with without_garbage_collection():
             closed, shapes = jax.make_jaxpr(function, return_shape=True)(*examples)
-            self._compile = functools.partial(_compiled, closed, width, target)
+            self._compile = functools.partial(_compiled, closed, width, target, tapes)
             self._code, self._rows, self._numbers = self._compile(shared=True)
         self._large = [is_large(aval_of(variable)) for variable in closed.jaxpr.invars]
         self._own: tuple[MachineCode, int, int] | None = None
@@ -77,6 +79,7 @@ class Lanewise:
         order: np.ndarray,
         results: Sequence[np.ndarray],
         stop: np.ndarray | None = None,
+        tapes: Sequence[np.ndarray] = (),
     ) -> None:
         """Compute some lanes, in an order, and write their results; other threads run meanwhile.
 
@@ -88,6 +91,7 @@ class Lanewise:
             results: for each output an array (lanes, …) of its type, in C's order.
             stop: an int64, not 0 once the results are wanted no more. For a thread that signals do not reach: it
                 takes the place of looking for them.
+            tapes: for each tape an array (lanes, length) of float64, rows in C's order.
         """
         if not len(order):
             return
@@ -123,6 +127,8 @@ class Lanewise:
             address, stride, step = result.ctypes.data, result.strides[0], result.itemsize
             for i in range(result[0].size):
                 outputs += (address + i * step, stride)
+        for tape in tapes:
+            outputs += (tape.ctypes.data, tape.strides[0])
         of_inputs, of_outputs = np.array(varying, np.int64), np.array(outputs, np.int64)
         # In portions: better code may take over between two of them.
         for begin in range(0, len(order), _PORTION):
@@ -150,11 +156,11 @@ class Lanewise:
 
 
 def _compiled(
-    closed: ClosedJaxpr, width: int, target: Processor | None, *, shared: bool
+    closed: ClosedJaxpr, width: int, target: Processor | None, tapes: int, *, shared: bool
 ) -> tuple[MachineCode, int, int]:
     """Code of a function, and how many rows of memory and shared numbers it needs."""
     graph = flatten(closed, shared=shared)
-    return MachineCode(vector_ir(graph, width), target), graph.rows, graph.numbers
+    return MachineCode(vector_ir(graph, width, tapes), target), graph.rows, graph.numbers
 
 
 # On a CPU XLA would fuse every stage of an integrator with all before it, and compile for minutes.
@@ -183,9 +189,10 @@ class XlaLanes:
         order: np.ndarray,
         results: Sequence[np.ndarray],
         stop: np.ndarray | None = None,
+        tapes: Sequence[np.ndarray] = (),
     ) -> None:
         """Compute some lanes, in an order, and write their results; see `Lanewise.run`. XLA cannot be stopped."""
-        del stop
+        del stop, tapes
         if not len(order):
             return
         # A program for each power of two: the last lane is repeated.
@@ -217,14 +224,23 @@ class Compiled(Protocol):
         order: np.ndarray,
         results: Sequence[np.ndarray],
         stop: np.ndarray | None = None,
+        tapes: Sequence[np.ndarray] = (),
     ) -> None:
         """Compute some lanes; see `Lanewise.run`."""
         ...
 
 
-def compile_lanes(function: Callable[..., PyTree], examples: Sequence[PyTree]) -> Compiled:
-    """Compile a function of one lane's numbers; see `Lanewise`."""
-    return XlaLanes(function, examples) if by_xla() else Lanewise(function, examples)
+def compile_lanes(function: Callable[..., PyTree], examples: Sequence[PyTree], *, tapes: int = 0) -> Compiled:
+    """Compile a function of one lane's numbers; see `Lanewise`.
+
+    Raises:
+        NotForLanesError: for tapes where XLA compiles, on a GPU.
+    """
+    if not by_xla():
+        return Lanewise(function, examples, tapes=tapes)
+    if tapes:
+        raise NotForLanesError("The function writes on tapes, which XLA cannot do.")
+    return XlaLanes(function, examples)
 
 
 @functools.cache

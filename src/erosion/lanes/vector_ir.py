@@ -7,6 +7,7 @@ no pass over the result, so its bits depend on the graph alone.
 
 import struct
 
+from erosion.lanes import tapes
 from erosion.lanes.graph import ARRAY, BOOL, NUMBERS, PLACE, Branch, Counted, Graph, Loop, Region, Value
 from erosion.lanes.surroundings import INTERRUPTED, look_for_a_stop
 
@@ -18,7 +19,7 @@ _SATURATING = ("llvm.fptosi.sat", "llvm.fptoui.sat")
 _CASTS = {"sitofp", "uitofp", "fpext", "fptrunc", "sext", "zext", "trunc", "bitcast"}
 
 
-def vector_ir(graph: Graph, width: int) -> str:
+def vector_ir(graph: Graph, width: int, of_tapes: int = 0) -> str:
     """The text of a module with one function.
 
         void run(double* inputs, Varying* varying, i64 count, i64* order, i64 lanes, Place* outputs, i64* stop)
@@ -28,20 +29,23 @@ def vector_ir(graph: Graph, width: int) -> str:
     rows, and after them what the graph keeps in memory; large arrays that all lanes share follow, one number after
     another. `varying` says
     for `count` places where a lane's number is found: an address, the bytes from lane to lane, the place.
-    `outputs` has for each output an address, and the bytes from lane to lane. A group that is not full
-    repeats its last lane. Truths are written as bytes. It is called with Python's lock held, and works without.
-    It ends early where *stop is not 0, or, without `stop`, where a signal's handler raises an exception.
+    `outputs` has for each output, and then for each tape, an address, and the bytes from lane to lane. A group that is
+    not full repeats its last lane, which writes the same. Truths are written as bytes. It is called with Python's lock
+    held, and works without. It ends early where *stop is not 0, or, without `stop`, where a signal's handler raises an
+    exception.
 
     Args:
         graph: finished.
         width: lanes of a vector.
+        of_tapes: how many tapes there are.
     """
-    return _Writer(graph, width).module()
+    return _Writer(graph, width, of_tapes).module()
 
 
 class _Writer:
-    def __init__(self, graph: Graph, width: int) -> None:
-        self.graph, self.width = graph, width
+    def __init__(self, graph: Graph, width: int, of_tapes: int) -> None:
+        self.graph, self.width, self.of_tapes = graph, width, of_tapes
+        self.tapes: list[str] = []  # of each, where those of the lanes begin
         self.lines: list[str] = []
         self.label = ""  # of the block that is being written
         self.count = 0
@@ -106,6 +110,7 @@ class _Writer:
         for output in self.graph.outputs:
             places.append(self.place_of_output(str(count)) if output.type != ARRAY else str(count))
             count += output.extra if output.type == ARRAY else 1
+        tapes_at = [self.place_of_output(str(count + i)) for i in range(self.of_tapes)]
         self.do("br label %group")
         self.start("group")
         self.do("%at = phi i64 [ 0, %entry ], [ %next, %written ]")
@@ -115,11 +120,14 @@ class _Writer:
         position = self.get(f"call {longs} {least}({longs} {position}, {longs} {last})")
         in_order = self.get(f"getelementptr i64, ptr %order, {longs} {position}")
         lane = self.gather("i64", in_order)
+        for address, stride in tapes_at:
+            offset = self.get(f"mul {longs} {lane}, {stride}")
+            self.tapes.append(self.get(f"getelementptr i8, ptr {address}, {longs} {offset}"))
         self.copy_inputs(lane)
         self.region(self.graph.root, all_lanes)
         for place, value in zip(places, self.graph.outputs, strict=True):
             if isinstance(place, tuple):
-                self.scatter(*self.stored(value), place[0], place[1], lane)
+                self.write(*self.stored(value), place[0], place[1], lane)
             else:
                 self.write_array(value, place, lane)
         self.do("br label %written")
@@ -154,15 +162,36 @@ class _Writer:
         step = self.get(f"getelementptr i64, ptr %outputs, i64 {self.get(f'add i64 {row}, 1')}")
         return self.get(f"load ptr, ptr {address}"), self.splat(self.get(f"load i64, ptr {step}"))
 
-    def scatter(self, type_: str, name: str, address: str, stride: str, lane: str) -> None:
+    def write(self, type_: str, name: str, address: str, stride: str, lane: str) -> None:
         """Write a number of each lane into an output."""
-        vector, pointers, mask, longs = self.vector(type_), self.vector("ptr"), self.vector(BOOL), self.vector("i64")
+        longs = self.vector("i64")
         to = self.get(f"getelementptr i8, ptr {address}, {longs} {self.get(f'mul {longs} {lane}, {stride}')}")
+        self.scatter(type_, name, to, "splat (i1 true)")
+
+    def scatter(self, type_: str, name: str, addresses: str, active: str) -> None:
+        """Write the numbers of active lanes to addresses."""
+        vector, pointers, mask = self.vector(type_), self.vector("ptr"), self.vector(BOOL)
         arguments = f"{vector}, {pointers}, i32, {mask}"
         scatter = self.intrinsic(f"llvm.masked.scatter.{self.kind(type_)}.v{self.width}p0", "void", arguments)
         self.do(
-            f"call void {scatter}({vector} {name}, {pointers} {to}, i32 {_BITS[type_] // 8}, {mask} splat (i1 true))"
+            f"call void {scatter}({vector} {name}, {pointers} {addresses}, i32 {_BITS[type_] // 8}, {mask} {active})"
         )
+
+    def on_tape(self, value: Value, mask: str) -> None:
+        """Numbers of the lane's own memory; see `erosion.lanes.tapes`."""
+        token, place, *numbers = map(self.text, value.inputs)
+        pointers, longs, tape = self.vector("ptr"), self.vector("i64"), self.tapes[value.extra]
+        if value.inputs[1].type != "i64":
+            place = self.get(f"sext {self.vector(value.inputs[1].type)} {place} to {longs}")
+        at = self.get(f"getelementptr double, {pointers} {tape}, {longs} {place}")
+        if value.op == tapes.READ:
+            value.name = self.gather("double", at)
+            return
+        for i, number in enumerate(numbers):
+            self.scatter(
+                "double", number, self.get(f"getelementptr double, {pointers} {at}, {longs} splat (i64 {i})"), mask
+            )
+        value.name = token
 
     def write_array(self, array: Value, first: str, lane: str) -> None:
         """Write the numbers of an array into outputs, the first of which is given."""
@@ -173,7 +202,7 @@ class _Writer:
         self.do(f"{index} = phi i64 [ 0, %{before} ], [ {following}, %{again} ]")
         place = self.place_of_output(self.get(f"add i64 {index}, {first}"))
         row = self.get(f"getelementptr {self.vector('double')}, ptr {self.text(array.inputs[0])}, i64 {index}")
-        self.scatter("double", self.get(f"load {self.vector('double')}, ptr {row}"), *place, lane)
+        self.write("double", self.get(f"load {self.vector('double')}, ptr {row}"), *place, lane)
         self.do(f"{following} = add i64 {index}, 1")
         self.do(f"br i1 {self.get(f'icmp slt i64 {following}, {array.extra}')}, label %{again}, label %{done}")
         self.start(done)
@@ -254,6 +283,8 @@ class _Writer:
                 self.counted(step, mask)
             elif isinstance(step, Branch):
                 self.branch(step, mask)
+            elif step.op in (tapes.WRITE, tapes.READ):
+                self.on_tape(step, mask)
             elif step.op == "output":
                 pass
             elif step.op in ("room", "filled", "row", "store", "place add", "place mul"):
