@@ -71,11 +71,20 @@ def check_whole(name: str, value: Any, least: int) -> int:
     return int(value)
 
 
-def check_level(level: float) -> float:
-    """The level of an interval; a `ValueError` where it is no probability in (0, 1)."""
-    if not 0 < level < 1:
-        raise ValueError(f"Argument `level` must be in (0, 1), but is {level:g}.")
-    return level
+def check_level(level: Any) -> float:
+    """The level of an interval as a float; a `ValueError` where it is no probability in (0, 1)."""
+    if not isinstance(level, _NUMBERS) or not 0 < level < 1:
+        raise ValueError(f"Argument `level` must be in (0, 1), but is {level!r}.")
+    return float(level)
+
+
+def as_pair(pair: Any) -> tuple[float, float]:
+    """Two numbers, such as the ends of a range, as floats; NaN where it is something else."""
+    try:
+        first, second = (float(number) for number in pair)
+    except (TypeError, ValueError):
+        return np.nan, np.nan
+    return first, second
 
 
 def check_scalars(values: Mapping[str, Any], instead: str = "") -> None:

@@ -104,9 +104,9 @@ ROWS = [
     ("erosion.next_experiment(None, [0.3])", "ValueError", "Argument `candidates` must be such as {'alpha': …"),
     ("erosion.next_experiment(None, noise='1')", "ValueError", "`noise` must be positive and finite, but is '1'."),
     (
-        "erosion.next_experiment(None, noise=[1, 2])",
+        "erosion.next_experiment(None, noise=[1, -2])",
         "ValueError",
-        "`noise` must be positive and finite, but is [1, 2].",
+        "`noise` must be positive and finite, but is [1, -2].",
     ),
     ("erosion.PerMass('2700')", "TypeError", "Argument `density` must be a number, but is '2700'."),
     ("erosion.PerMass(cutting_fraction='50 %')", "TypeError", "`cutting_fraction` must be a number, but is '50 %'."),
@@ -286,6 +286,112 @@ ROWS = [
     ),
     ("erosion.read_measurements(DATA, 'cgs')", "ValueError", "Argument `units` must be one of 'inch-pound', 'si'"),
     ("erosion.available_models(3)", "TypeError", "Argument `path` must be a path, but is 3."),
+    (
+        "jax.jit(lambda k: erosion.impact('finnie', P.replace(k=k)))(0.3)",
+        "TypeError",
+        "Argument `k` must be a number or an array, but is traced",
+    ),
+    (
+        "jax.jit(lambda k: erosion.alpha_max('finnie', P.replace(k=k)))(0.3)",
+        "TypeError",
+        "Argument `k` must be a number or an array, but is traced",
+    ),
+    (
+        "jax.jit(lambda k: erosion.simulate('finnie', P.replace(k=k)))(0.3)",
+        "TypeError",
+        "Argument `k` must be a number or an array, but is traced",
+    ),
+    (
+        "jax.jit(lambda k: erosion.sweep('finnie', P.replace(k=k), alpha=[0.1]))(0.3)",
+        "TypeError",
+        "Argument `k` must be a number or an array, but is traced",
+    ),
+    (
+        "jax.jit(lambda k: erosion.sweep('finnie', P, alpha=[0.1, k]))(0.3)",
+        "TypeError",
+        "Argument `alpha` must be a number or an array, but is traced",
+    ),
+    (
+        "jax.jit(lambda k: erosion.regimes('finnie', P.replace(k=k)))(0.3)",
+        "TypeError",
+        "Argument `k` must be a number or an array, but is traced",
+    ),
+    (
+        "jax.jit(lambda k: erosion.stream('finnie', P.replace(k=k), v0=Normal(4400, 40)))(0.3)",
+        "TypeError",
+        "Argument `k` must be a number or an array, but is traced",
+    ),
+    (
+        "jax.jit(lambda k: erosion.calibrate('finnie', P.replace(k=k), DATA, ['psi']))(0.3)",
+        "TypeError",
+        "Argument `k` must be a number or an array, but is traced",
+    ),
+    (
+        "jax.jit(lambda k: erosion.impact(OWN.replace(friction=k), P))(0.3)",
+        "TypeError",
+        "Argument `friction` must be a number or an array, but is traced",
+    ),
+    (
+        "jax.jit(lambda k: erosion.alpha_max(OWN.replace(friction=k), P))(0.3)",
+        "TypeError",
+        "Argument `friction` must be a number or an array, but is traced",
+    ),
+    (
+        "jax.jit(lambda k: erosion.sweep(OWN.replace(friction=k), P, alpha=[0.1]))(0.3)",
+        "TypeError",
+        "Argument `friction` must be a number or an array, but is traced",
+    ),
+    (
+        "jax.jit(lambda k: erosion.simulate(OWN.replace(friction=k), P))(0.3)",
+        "TypeError",
+        "Argument `friction` must be a number or an array, but is traced",
+    ),
+    (
+        "jax.jit(lambda k: erosion.validate(P.replace(k=k)))(0.3)",
+        "TypeError",
+        "Argument `k` must be a number or an array, but is traced",
+    ),
+    ("erosion.calibrate('finnie', P, DATA, ['psi'], bounds=5)", "TypeError", "`bounds` must be a dictionary"),
+    (
+        "erosion.calibrate('finnie', P, DATA, ['psi'], bounds=[('psi', 1, 2)])",
+        "TypeError",
+        "`bounds` must be a dictionary",
+    ),
+    (
+        "erosion.calibrate('finnie', P, DATA, ['psi'], bounds={'psi': 5})",
+        "ValueError",
+        "`bounds` must give psi two ascending values",
+    ),
+    (
+        "erosion.calibrate('finnie', P, DATA, ['psi'], bounds={'psi': ('a', 'b')})",
+        "ValueError",
+        "`bounds` must give psi two ascending values",
+    ),
+    (
+        "erosion.calibrate('finnie', P, DATA, ['psi'], bounds={'psi': None})",
+        "ValueError",
+        "`bounds` must give psi two ascending values",
+    ),
+    (
+        "erosion.calibrate('finnie', P, DATA, ['psi'], bounds={'psi': (1, 2, 3)})",
+        "ValueError",
+        "`bounds` must give psi two ascending values",
+    ),
+    (
+        "erosion.calibrate('finnie', P, DATA, ['psi']).intervals('0.95')",
+        "ValueError",
+        "Argument `level` must be in (0, 1)",
+    ),
+    (
+        "erosion.calibrate('finnie', P, DATA, ['psi']).intervals(None)",
+        "ValueError",
+        "Argument `level` must be in (0, 1)",
+    ),
+    (
+        "erosion.calibrate('finnie', P, DATA, ['psi']).intervals([0.9])",
+        "ValueError",
+        "Argument `level` must be in (0, 1)",
+    ),
 ]
 
 

@@ -37,6 +37,7 @@ def main() -> None:
 
 
 def _raised(expression: str) -> list[str]:
+    import jax
     import jax.numpy as jnp
     import numpy as np
     import pandas as pd
@@ -46,6 +47,7 @@ def _raised(expression: str) -> list[str]:
 
     names = {
         "np": np,
+        "jax": jax,
         "jnp": jnp,
         "pd": pd,
         "xr": xr,

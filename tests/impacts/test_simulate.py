@@ -1,5 +1,6 @@
 import inspect
 
+import jax
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -274,3 +275,9 @@ def test_results_print_with_units():
     assert "in³" in str(cut)
     assert "1.81644" in str(cut)
     assert "<td>10⁻⁴ in³</td>" in cut._repr_html_()
+
+
+def test_shapes_broadcast_by_name_alone():
+    with jax.numpy_rank_promotion("raise"):
+        jax.clear_caches()
+        assert erosion.simulate("rotating", erosion.TABLE_1).volume == pytest.approx(1.0140853874622e-4, rel=1e-9)

@@ -427,8 +427,8 @@ class Calibration(Result):
 
     def ends(self, level: float) -> list[tuple[float, float]]:
         """The intervals as distances of θ from the estimates."""
+        rise = self.rise(level)
         if level not in self._offsets:
-            rise = self.rise(level)
             self._offsets[level] = [self._crossings(at, rise) for at in range(len(self.names))]
         return self._offsets[level]
 

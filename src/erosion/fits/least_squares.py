@@ -21,6 +21,7 @@ from scipy.linalg import null_space
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import qmc
 
+from erosion.arguments import as_pair
 from erosion.fits.forward import FRACTION, SCALE, Forward
 from erosion.fits.measurements import Measurements
 from erosion.models.own_parameters import own_parameters
@@ -260,15 +261,18 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequ
 
     Raises:
         ValueError: for bounds of no free parameter, or that make no sense.
+        TypeError: for bounds that name no parameters.
     """
+    if not isinstance(bounds, Mapping):
+        raise TypeError(f"Argument `bounds` must be a dictionary, such as {{'psi': (0.01, 10)}}, but is {bounds!r}.")
     signed = [name for name, log in zip(forward.names, forward.logarithmic, strict=True) if not log]
     least = {name: parameter.least for name, parameter in own_parameters(forward.model).items()}
     for name, pair in bounds.items():
         if name not in forward.names:
             raise ValueError(f"Argument `bounds` must name free parameters, but has {name!r}.")
-        above = name != FRACTION or pair[-1] <= 1
-        below = pair[0] >= least.get(name, -np.inf) if name in signed else pair[0] > 0
-        if not (len(pair) == 2 and pair[0] < pair[1] and below and above):
+        low, high = as_pair(pair)
+        below = low >= least.get(name, -np.inf) if name in signed else low > 0
+        if not (low < high and below and (name != FRACTION or high <= 1)):
             raise ValueError(f"Argument `bounds` must give {name} two ascending values in its range, but has {pair!r}.")
     lower, upper = forward.limits.T
     for i, name in enumerate(forward.names):

@@ -20,7 +20,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.arguments import Broadcast, ModelState, PerImpact
+from erosion.arguments import Broadcast, ModelState, PerImpact, as_pair
 from erosion.impacts.impact import PairDerivatives, impact, lanes_of, pair_derivatives
 from erosion.impacts.maxima import in_words, limit_at_zero, over_angles, shallowest
 from erosion.models import load_model, model_name
@@ -375,10 +375,7 @@ def _searched(
 
 
 def _checked_range(alpha_range: tuple[float, float]) -> tuple[float, float]:
-    try:
-        low, high = (float(end) for end in alpha_range)
-    except (TypeError, ValueError):
-        low = high = np.nan
+    low, high = as_pair(alpha_range)
     if not 0 <= low < high <= STEEPEST * (1 + 1e-12):
         raise ValueError(
             "Argument `alpha_range` must be two ascending angles within [0, 90°], but is "

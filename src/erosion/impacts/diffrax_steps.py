@@ -214,14 +214,14 @@ def solve(
     (ends, _), (scaled, last) = cast(Any, solution.ts), cast(Any, solution.ys)
     dense = cast(diffrax.DenseInterpolation, solution.interpolation)
     names = {field.name for field in dataclasses.fields(dense)} - {"interpolation_cls"}
-    return ends, scaled * sizes, last[0] * sizes, {name: getattr(dense, name) for name in sorted(names)}
+    return ends, scaled * sizes[None], last[0] * sizes, {name: getattr(dense, name) for name in sorted(names)}
 
 
 @seldom_run
 def interpolate(solver: diffrax.AbstractSolver, dense: Dense, sizes: Array, times: Array | np.ndarray) -> Array:
     """The vectors y at many times, from the dense output; shape (times, quantities)."""
     interpolation = diffrax.DenseInterpolation(interpolation_cls=solver.interpolation_cls, **dense)
-    return jax.vmap(interpolation.evaluate)(times) * sizes
+    return jax.vmap(interpolation.evaluate)(times) * sizes[None]
 
 
 @seldom_run

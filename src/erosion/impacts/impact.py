@@ -30,7 +30,7 @@ from erosion.ode.solve import Lanes, solution
 from erosion.ode.step_control import LONGEST, require_float64
 from erosion.ode.variational import Clock, Derivatives, Layout
 from erosion.output.tables import Record, Result, Row, abbreviate, format_number, to_plain
-from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, require_concrete, validate
+from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, validate
 from erosion.parameters.quantities import RESULTS, contact_rows, derivative_row, quantity_row, result_row
 
 OTHER_ENDS: Mapping[str, str] = {
@@ -275,7 +275,6 @@ def impact(
     require_float64()
     model = load_model(model)
     validate(p, batch=True)
-    require_concrete(p)
     if not isinstance(wrt, (str, Sequence)):
         raise TypeError(f"Argument `wrt` must be the name of a parameter, or several, but is {wrt!r}.")
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)

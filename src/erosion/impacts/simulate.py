@@ -31,7 +31,7 @@ from erosion.models.registry import impact_to_dict
 from erosion.ode.solution import path_of
 from erosion.ode.step_control import LONGEST, require_float64, require_xla
 from erosion.output.tables import Record, Result, Row, abbreviate, format_number, to_plain
-from erosion.parameters.parameters import Parameters, require_concrete, validate
+from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.quantities import RESULTS, contact_rows, result_row
 
 
@@ -268,7 +268,6 @@ def simulate(
     require_xla()
     model = load_model(model)
     validate(p)
-    require_concrete(p)
     require_one_impact(model, p, "; for many impacts use `erosion.impact`")
     rtol, points = check_tolerance(rtol), check_whole("points", points, 2)
     for name, given, kind in (

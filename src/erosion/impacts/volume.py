@@ -18,7 +18,7 @@ from erosion.ode.problem import Equations, is_number
 from erosion.ode.step_control import require_float64
 from erosion.ode.traced import traced_end
 from erosion.ode.variational import Layout, Options
-from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
+from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, require_concrete
 from erosion.parameters.units import System
 
 _NAMES = tuple(QUANTITIES)
@@ -71,6 +71,7 @@ def _array(leaf: Number) -> Array | np.ndarray:
 def lanes_of(model: CuttingModel, p: Parameters) -> tuple[Layout, list[np.ndarray], tuple[int, ...]]:
     """Layout, numbers and their broadcast shape; each number has one axis of lanes, or all lanes share it."""
     layout, numbers = split(model, p)
+    require_concrete(dict(zip(names_of(model), numbers, strict=True)))
     varies = [number.ndim > 0 and shape == () for number, shape in zip(numbers, layout.shapes, strict=True)]
     if not any(varies):
         return layout, numbers, ()
@@ -126,6 +127,6 @@ def volume(model: CuttingModel | str | Path, p: Parameters) -> Scalar:
     """
     require_float64()
     model = load_model(model)
-    require_one_impact(model, p, "; for many impacts use `erosion.impact`, or `jax.vmap`")
+    require_one_impact(model, p, "; for many impacts use `erosion.impact`, or `jax.vmap`", traced=True)
     layout, numbers = split(model, p)
     return traced_end(layout, numbers, _RTOL)[0][_VOLUME]

@@ -18,7 +18,7 @@ from jax.core import Tracer
 
 from erosion.arguments import Number, check_scalars, check_unmasked
 from erosion.output.tables import abbreviate
-from erosion.parameters.parameters import QUANTITIES, Parameters, require_parameters
+from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, require_parameters
 from erosion.parameters.quantities import RESULTS, Quantity
 from erosion.parameters.units import Dimension, System, conversion_factor
 
@@ -199,19 +199,24 @@ def converted(model: _Model, p: Parameters, units: str) -> tuple[_Model, Paramet
     return replaced(model, changes), there
 
 
-def require_one_impact(model: eqx.Module, p: Parameters, instead: str = "") -> None:
+def require_one_impact(model: eqx.Module, p: Parameters, instead: str = "", *, traced: bool = False) -> None:
     """Refuse parameters that are arrays, of the case or the model's own.
 
     Args:
         model: whose own parameters.
         p: the case.
         instead: what to use for arrays, added to the message.
+        traced: let pass what JAX traces.
 
     Raises:
         ValueError: naming the first parameter that is an array, and its shape.
+        TypeError: naming the first that is traced.
     """
     require_parameters(p)
-    check_scalars(values(model, p), instead)
+    numbers = values(model, p)
+    if not traced:
+        require_concrete(numbers)
+    check_scalars(numbers, instead)
 
 
 def quantities(model: eqx.Module) -> dict[str, Quantity]:

@@ -18,7 +18,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import PyTree
 
-from erosion.arguments import Number, PerImpact, PerLane, Scalar, check_whole
+from erosion.arguments import Number, PerImpact, PerLane, Scalar, as_pair, check_whole
 from erosion.lanes.digests import hashed
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import Compiled, compile_lanes
@@ -242,10 +242,7 @@ def _optima(
 
 
 def _checked_range(between: tuple[float, float]) -> tuple[float, float]:
-    try:
-        low, high = (float(end) for end in between)
-    except (TypeError, ValueError):
-        low = high = math.nan
+    low, high = as_pair(between)
     if not -math.inf < low < high < math.inf:
         raise ValueError(f"Argument `between` must be two ascending numbers, but is {between!r}.")
     return low, high

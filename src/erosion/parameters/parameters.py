@@ -275,7 +275,7 @@ def are_angles(values: np.ndarray) -> np.ndarray | np.bool_:
 
 
 def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> None:
-    """Check concrete parameter values; traced ones pass unseen.
+    """Check parameter values.
 
     Args:
         p: parameters whose leaves are numbers or arrays.
@@ -285,13 +285,13 @@ def validate(p: Parameters, what: str = "Argument", *, batch: bool = False) -> N
     Raises:
         ValueError: one sentence naming the first field that is not finite or out of range,
             its value and, in an array, the index; or leaves that do not broadcast.
+        TypeError: where JAX traces a field, whose value nobody knows.
     """
     require_parameters(p)
     # From the dictionary: equinox looks at each access to an attribute.
     fields = vars(p)
     leaves = {name: fields[name] for name in QUANTITIES}
-    if any(isinstance(leaf, Tracer) for leaf in leaves.values()):
-        return
+    require_concrete(leaves)
     for name, leaf in leaves.items():
         values = np.asarray(leaf)
         if name == "phidot0":
@@ -325,15 +325,14 @@ def require_scalars(p: Parameters, instead: str = "") -> None:
     check_scalars({name: getattr(p, name) for name in QUANTITIES}, instead)
 
 
-def require_concrete(p: Parameters) -> None:
-    """Refuse parameters that JAX is tracing.
+def require_concrete(numbers: Mapping[str, Any]) -> None:
+    """Refuse numbers that JAX is tracing.
 
     Raises:
-        TypeError: naming the first field that is traced, and what to use instead.
+        TypeError: naming the first that is traced, and what to use instead.
     """
-    fields = vars(p)
-    for name in QUANTITIES:
-        if isinstance(fields[name], Tracer):
+    for name, number in numbers.items():
+        if isinstance(number, Tracer):
             raise TypeError(
                 f"Argument `{name}` must be a number or an array, but is traced by JAX: "
                 "inside jit, vmap and grad use `erosion.volume`."

@@ -25,7 +25,7 @@ from erosion.models.equations import model_digest
 from erosion.models.identity import identity, numbers_in_words, provenance
 from erosion.models.own_parameters import own_in_words, own_quantities, quantities, require_one_impact, with_values
 from erosion.models.registry import BUILT_IN, require_loadable
-from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, validate
+from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, require_concrete, validate
 from erosion.parameters.quantities import RESULTS, Quantity
 from erosion.parameters.units import ascii_unit, derivative_unit
 
@@ -499,6 +499,8 @@ def _axis(name: str, values: Any, parameters: Sequence[str]) -> np.ndarray:
     if name not in parameters:
         raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(parameters)}.")
     check_unmasked(name, values)
+    for number in values if isinstance(values, list | tuple) else [values]:
+        require_concrete({name: number})
     try:
         array = np.asarray(values)
     except ValueError:  # lists of several lengths

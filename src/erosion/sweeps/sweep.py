@@ -20,7 +20,7 @@ from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.interrupts import keeping_results
 from erosion.models.identity import code_version, require_code
 from erosion.ode.step_control import require_float64
-from erosion.parameters.parameters import Parameters, require_scalars
+from erosion.parameters.parameters import Parameters, require_scalars, validate
 from erosion.parameters.quantities import QUARTER_DEGREES
 from erosion.sweeps.grid import AnyGrid, Model, Outputs, Region, block_shape, make_grid
 from erosion.sweeps.stores import Store, ZarrStore, open_store, write_block
@@ -221,6 +221,7 @@ def regimes(model: Model, p: Parameters, *, alpha: Any = None, phidot0: Any = No
         ValueError, TypeError: as `sweep`.
     """
     if phidot0 is None:
+        validate(p)
         require_scalars(p)
         phidot0 = np.linspace(-0.9, 0.9, _SPINS) * float(p.v0 / p.r)
     angles = QUARTER_DEGREES[1::2] if alpha is None else alpha
