@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -220,6 +221,22 @@ def test_one_ctrl_c_does_not_interrupt_what_it_ends(monkeypatch, shell):
     monkeypatch.setattr("erosion.impacts.simulate.path", path)
     assert shell("run", 130).err == "erosion: interrupted\n"
     assert cleaned
+
+
+def test_bad_settings_of_libraries_are_named(tmp_path, shell, monkeypatch):
+    (tmp_path / "matplotlibrc").write_bytes(b"\xff\xfe")
+    command = [*COMMAND, "optimum", "--plot", "x.png"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=240, check=False)
+    assert done.returncode == 2
+    assert "matplotlibrc" in done.stderr
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "noon")
+    assert "SOURCE_DATE_EPOCH must be whole seconds, but is 'noon'" in shell("run", 2).err
+
+
+def test_a_shells_own_pipe_is_read(tmp_path):
+    case = Path(__file__).parents[2] / "cases" / "table-1.toml"
+    command = f"{shlex.join(COMMAND)} run <(cat {shlex.quote(str(case))})"
+    assert subprocess.run(["bash", "-c", command], capture_output=True, timeout=240, check=False).returncode == 0
 
 
 def test_too_little_memory_is_one_sentence(monkeypatch, shell):

@@ -15,6 +15,7 @@ from erosion.cfd.openfoam import case_of, open_case
 from erosion.cfd.rows import Impacts, ImpactsError
 from erosion.cfd.surface import Surface, metres_of
 from erosion.extras import library
+from erosion.output.files import require_finite
 from erosion.parameters.units import about, read_quantity
 
 SURFACE_SUFFIXES = (".vtp", ".stl", ".vtu")
@@ -189,8 +190,7 @@ def _existing(name: str, value: Any) -> Path:
     path = check_path(name, value)
     if not path.exists():
         raise ImpactsError(f"{path}: is not there.")
-    if not (path.is_file() or path.is_dir()):  # a pipe waits for its writer
-        raise ImpactsError(f"{path}: is no file.")
+    require_finite(path, ImpactsError)
     return path
 
 

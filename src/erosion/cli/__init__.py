@@ -97,6 +97,9 @@ def _status(arguments: Sequence[str]) -> int:
     usual, sys.unraisablehook = sys.unraisablehook, _unless_interrupted
     try:
         words = [_text(argument) for argument in arguments]
+        moment = os.environ.get("SOURCE_DATE_EPOCH", "")  # numpy reads it, and matplotlib
+        if moment and not moment.isdecimal():
+            raise InputError(f"The environment variable SOURCE_DATE_EPOCH must be whole seconds, but is {moment!r}.")
         with between_imports():
             app(words, exit_on_error=False, print_error=False, result_action="return_value")
         if sys.stdout is not None:  # closed by the shell: `erosion run >&-`

@@ -68,6 +68,8 @@ def sentence(error: Exception) -> str:
     """What an error says, without Python's "[Errno 2]"."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename or 'The output cannot be written'}: {error.strerror}."
+    if isinstance(error, UnicodeDecodeError):
+        return "A file that a library reads is not text in UTF-8: look for a `matplotlibrc`."
     return str(error) or type(error).__name__
 
 

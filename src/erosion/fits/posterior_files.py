@@ -14,7 +14,7 @@ from erosion.fits.tempering import FACTORS, NOISE
 from erosion.joint_laws import Rows
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import converted, own_in_words
-from erosion.output.files import beside
+from erosion.output.files import beside, require_finite
 from erosion.output.tables import sentences
 from erosion.parameters.case_files import parse_case, with_paths
 from erosion.parameters.parameters import Parameters
@@ -133,8 +133,7 @@ def model_of_draws(path: str | Path) -> str:
 
 def _opened(path: Path) -> xr.Dataset:
     """The draws with the attributes that `Posterior.save` gives them."""
-    if path.exists() and not path.is_file():  # a pipe waits for its writer
-        raise ValueError(f"{path}: is no file.")
+    require_finite(path)
     try:
         with xr.open_dataset(path, group="posterior", engine="h5netcdf") as stored:
             dataset = stored.load()

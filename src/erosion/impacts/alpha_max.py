@@ -253,8 +253,7 @@ class Optimum(Result):
     def _certificate(self) -> Row:
         count, size = int(np.sum(self.certified)), np.size(self.certified)
         share = f"{count:,} of {size:,}" if np.ndim(self.certified) else "yes" if count else "no"
-        better = "smaller" if self.least else "greater"
-        return Row("certified", "", share, "", NOT_CERTIFIED if count < size else f"no {better} value was missed")
+        return Row("certified", "", share, "", NOT_CERTIFIED if count < size else "the search resolved all angles")
 
     def value_row(self, value: PerImpact) -> Row:
         """A value of the objective as a table row, in the unit of the greatest one."""

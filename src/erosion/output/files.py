@@ -83,9 +83,20 @@ def uninterrupted() -> Iterator[None]:
         raise KeyboardInterrupt
 
 
+def require_finite(path: Path, kind: type[ValueError] = ValueError) -> None:
+    """Refuse what may be read for ever: a device, and a named pipe, which waits for its writer.
+
+    A shell's own pipe (`<(…)`) has no name in any folder, and passes; so does what is not there.
+    """
+    place = Path(os.path.realpath(path))
+    if place.exists() and not (place.is_file() or place.is_dir()):
+        raise kind(f"{path}: is no file.")
+
+
 @contextlib.contextmanager
 def readable(path: Path, kind: type[ValueError] = ValueError) -> Iterator[None]:
-    """Read a text within; an error of that kind says where it cannot be read, or is not in UTF-8."""
+    """Read a text within; an error of that kind says where it cannot be read, may never end, or is not in UTF-8."""
+    require_finite(path, kind)
     try:
         yield
     except OSError as error:

@@ -279,8 +279,6 @@ def _folded(name: str) -> str:
 def _table(file: Path | None) -> Mapping[str, Mapping[str, dict[str, Any]]]:
     if file is None:
         return _built_in()
-    if file.exists() and not file.is_file():  # a pipe waits for its writer
-        raise ValueError(f"{file}: is no file.")
     content = read_toml(file)
     try:
         return _checked(content)
