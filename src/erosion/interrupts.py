@@ -1,5 +1,7 @@
 """Ctrl-C at the command line: when it is heeded, and what ends the process where nothing heeds it.
 
+SIGTERM and SIGHUP, by which batch systems and closed terminals end a process, are heeded as Ctrl-C is.
+
 While a verb works, Ctrl-C is Python's KeyboardInterrupt, so that drafts go and partial results are kept. It is never
 raised in the middle of an import: a C++ library that is being imported then aborts or crashes, and a class that is
 being made turns it into a RuntimeError. Before and after the verb there is nothing to lose, and the process ends.
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 """The exit status, that of shells."""
 
+ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""The signals that ask a process to end."""
+
 _AGAIN = 0.01  # s
 _LONGEST = 1.0  # s; a plug-in's own import may take for ever, and so may a program of XLA's
 _LOOKS = 20  # in that time
@@ -36,14 +41,14 @@ _IMPORTS = "<frozen importlib._bootstrap>"
 
 
 def stop_at_once(*_: object) -> None:
-    """A handler of SIGINT that says so and ends the process, whatever its threads do."""
+    """A handler of such a signal that says so and ends the process, whatever its threads do."""
     with contextlib.suppress(OSError):
         os.write(2, b"erosion: interrupted\n")  # a handler may run in the middle of another `print`
     os._exit(INTERRUPTED)
 
 
 class _Patient:
-    """A handler of SIGINT that raises KeyboardInterrupt once no import is under way."""
+    """A handler of these signals that raises KeyboardInterrupt once no import is under way."""
 
     keeping = 0  # verbs that have something to keep after a Ctrl-C
 
@@ -57,22 +62,22 @@ class _Patient:
         now = time.monotonic()
         since = self._since = now if self._since is None else self._since
         if _imports(frame) and now - since < _LONGEST:
-            threading.Timer(_AGAIN, _press).start()
+            threading.Timer(_AGAIN, _press, (number,)).start()
             return
         self._since = None
         interrupt = KeyboardInterrupt()
-        threading.Thread(target=self._look_after, args=(interrupt,), daemon=True).start()
+        threading.Thread(target=self._look_after, args=(interrupt, number), daemon=True).start()
         raise interrupt
 
-    def _look_after(self, interrupt: KeyboardInterrupt) -> None:
+    def _look_after(self, interrupt: KeyboardInterrupt, number: int) -> None:
         """Press again where nobody handles the interrupt, and the verb goes on."""
         lost = 0
         while lost < 2:  # between two handlers it may seem to be lost
             if self._over.wait(_LONGEST / _LOOKS):
                 return
-            writes = signal.getsignal(signal.SIGINT) is not self
+            writes = signal.getsignal(number) is not self
             lost = 0 if writes or _is_handled(interrupt) else lost + 1
-        _press()
+        _press(number)
 
     def end(self) -> None:
         """The verb is over."""
@@ -103,7 +108,7 @@ class _Patient:
                     os.close(self.unheeded)
                     return
                 # Another handler waits for a file that is being written, or for a server's end.
-                if signal.getsignal(signal.SIGINT) is self and not _Patient.keeping:
+                if any(signal.getsignal(number) is self for number in ENDING) and not _Patient.keeping:
                     stop_at_once()
 
     def _drain(self) -> bool:
@@ -114,12 +119,12 @@ class _Patient:
             return True
 
 
-def _press() -> None:
-    """Ctrl-C once more, which also wakes a main thread that sleeps."""
+def _press(number: int) -> None:
+    """The signal once more, which also wakes a main thread that sleeps."""
     if hasattr(signal, "pthread_kill"):
-        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
     else:
-        _thread.interrupt_main()
+        _thread.interrupt_main(signal.Signals(number))
 
 
 def _is_handled(interrupt: KeyboardInterrupt) -> bool:
@@ -142,20 +147,24 @@ def _imports(frame: FrameType | None) -> bool:
 
 @contextlib.contextmanager
 def between_imports() -> Iterator[None]:
-    """Let Ctrl-C wait for imports, where it is as Python or `stop_at_once` leaves it."""
+    """Let Ctrl-C wait for imports, where it is as Python, the system or `stop_at_once` leaves it."""
     alone = threading.current_thread() is threading.main_thread()
-    usual = signal.getsignal(signal.SIGINT)
-    if not alone or usual not in (signal.default_int_handler, stop_at_once):
+    handlers = {number: signal.getsignal(number) for number in ENDING}
+    usual = {number: handler for number, handler in handlers.items()
+             if handler in (signal.default_int_handler, signal.SIG_DFL, stop_at_once)}  # fmt: skip
+    if not alone or not usual:
         yield
         return
     patient = _Patient()
     with patient.watched() if hasattr(signal, "pthread_kill") else contextlib.nullcontext():
-        signal.signal(signal.SIGINT, patient)
+        for number in usual:
+            signal.signal(number, patient)
         try:
             yield
         finally:
             patient.end()
-            signal.signal(signal.SIGINT, usual)
+            for number, handler in usual.items():
+                signal.signal(number, handler)
 
 
 @contextlib.contextmanager

@@ -120,7 +120,7 @@ def test_a_closed_output_is_no_error():
     assert (found.returncode, found.stderr) == (0, b"")
 
 
-# Ctrl-C comes in whatever the command is doing then; the work would take hours.
+# Ctrl-C, or a batch system's signal, comes in whatever the command is doing then; the work would take hours.
 INTERRUPTED = {
     "sweep": ["--alpha", "1deg:90deg:10000", "--v0", "10 m/s:900 m/s:3000", "-o", "out.nc"],
     "stream": ["--v0", "normal(4400, 40)", "--n", "1e11", "-o", "out.nc"],
@@ -130,10 +130,10 @@ INTERRUPTED = {
 PRESS = """
 import os, signal, sys, threading
 from erosion.cli import main
-timer = threading.Timer(3, os.kill, (os.getpid(), signal.SIGINT))
+timer = threading.Timer(3, os.kill, (os.getpid(), getattr(signal, sys.argv[1])))
 timer.daemon = True
 timer.start()
-main(sys.argv[1:])
+main(sys.argv[2:])
 """
 
 
@@ -147,14 +147,15 @@ def heeds_ctrl_c():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("heeds_ctrl_c")
-def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path):
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path, name):
     with contextlib.ExitStack() as stack:
         running = {}
         for verb, arguments in INTERRUPTED.items():
             folder = tmp_path / verb
             folder.mkdir()
             (folder / "sand.csv").write_text("angle [deg], erosion [-]\n" + "".join(f"{i},{i}\n" for i in range(1, 90)))
-            command = [sys.executable, "-c", PRESS, verb, *arguments]
+            command = [sys.executable, "-c", PRESS, name, verb, *arguments]
             process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True)
             running[verb] = stack.enter_context(process)
             stack.callback(process.kill)

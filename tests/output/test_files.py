@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from erosion.interrupts import between_imports
 from erosion.output.files import require_writable, uninterrupted, write_whole, written_whole
 
 
@@ -146,6 +147,21 @@ def heeds_ctrl_c():
     yield
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     signal.signal(signal.SIGINT, usual)
+
+
+@pytest.mark.usefixtures("heeds_ctrl_c")
+def test_a_batch_systems_signal_waits_for_what_is_written() -> None:
+    reached = []
+
+    def write() -> None:
+        with between_imports(), uninterrupted():
+            os.kill(os.getpid(), signal.SIGTERM)
+            reached.append("the end")
+
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert reached == ["the end"]
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
 @pytest.mark.usefixtures("heeds_ctrl_c")

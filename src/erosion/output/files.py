@@ -14,6 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from erosion.interrupts import ENDING
+
 
 def digest(content: bytes) -> str:
     """Sixteen hexadecimal digits of the SHA-256 of the content."""
@@ -62,23 +64,24 @@ def uninterrupted() -> Iterator[None]:
     Raises:
         KeyboardInterrupt: at the end, after a Ctrl-C.
     """
-    # Python gives signals to the main thread alone. A handler of another language is left alone.
-    usual = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or usual is None:
-        yield
-        return
+    # Python gives signals to the main thread alone. What the system does, and handlers of other languages, stay.
+    usual = {number: handler for number in ENDING if callable(handler := signal.getsignal(number))}
+    if threading.current_thread() is not threading.main_thread():
+        usual = {}
     pressed = False
 
-    def note(*_: object) -> None:
+    def note(number: int, _: object) -> None:
         nonlocal pressed
         pressed = True
-        signal.signal(signal.SIGINT, usual)
+        signal.signal(number, usual[number])
 
-    signal.signal(signal.SIGINT, note)
+    for number in usual:
+        signal.signal(number, note)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, usual)
+        for number, handler in usual.items():
+            signal.signal(number, handler)
     if pressed:
         raise KeyboardInterrupt
 
