@@ -68,7 +68,7 @@ MASSES = {
     "mass per particle [g]": 1e3,
 }  # fmt: skip
 FOREIGN = [
-    "note", "particle id", "temperature [K]", "particle temperature [K]", "Pressure [Pa]", "age [s]", "injection",
+    "note", "material id", "temperature [K]", "particle temperature [K]", "Pressure [Pa]", "age [s]", "injection",
     "residence time [s]", "vtkValidPointMask", "date", "label", "viscosity [Pa s]",
 ]  # fmt: skip
 

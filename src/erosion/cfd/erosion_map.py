@@ -6,6 +6,7 @@ process portions follow one another, each on all cores; the workers of a Dask cl
 
 import dataclasses
 import functools
+import math
 import sys
 from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
@@ -16,9 +17,9 @@ import xarray as xr
 
 from erosion.arguments import Progress, no_progress
 from erosion.cfd.incidence import HIT, LEFT_OUT, RECEDING, Hits, Incidence, Nearness
-from erosion.cfd.map_result import to_dataset
+from erosion.cfd.map_result import Sand, to_dataset
 from erosion.cfd.options import FRACTION, MapOptions
-from erosion.cfd.rows import Impacts, ImpactsError
+from erosion.cfd.rows import ImpactBlock, Impacts, ImpactsError
 from erosion.cfd.surface import Surface
 from erosion.cfd.tally import FaceTally, Portion, portion_of
 from erosion.correlations import CORRELATIONS
@@ -132,16 +133,17 @@ class MapJob:
         task, table, surface, options = self.task, self.impacts, self.surface, self.task.options
         ends = end_names(task.model)
         tally = FaceTally(1 if surface is None else surface.faces, options.realisations)
-        nearness = Nearness(surface, self._limit)
+        nearness, times = Nearness(surface, self._limit), Times()
 
         def add(portion: Portion) -> None:
             tally.add(portion)
             progress("map", tally.rows, table.rows or 0)
 
-        self._compute(self._portions(nearness), add)
+        self._compute(self._portions(nearness, times), add)
         self._require_hits(tally)
         if not tally.sums["impacts"].any():
             raise SimulationError(f"{model_name(task.model)}: of {tally.hits:,} impacts none could be computed.")
+        sand = self._sand(tally, times)
         attributes = provenance(
             "a map",
             options.p,
@@ -151,10 +153,48 @@ class MapJob:
             surface_unit="" if surface is None else surface.unit or "taken in m",
             options=options.in_words(),
             far_rows=nearness.far_in_words(),
-            warnings=" ".join([*table.warnings, *nearness.warnings()]),
+            duration_from=sand.duration_from,
+            injected_from=sand.injected_from,
+            warnings=" ".join([*table.warnings, *nearness.warnings(), *sand.warnings]),
         )
         has_range = isinstance(task.model, Correlated)
-        return to_dataset(tally, options, surface, table.duration, ends, attributes, has_range=has_range)
+        return to_dataset(tally, options, surface, sand, ends, attributes, has_range=has_range)
+
+    def __post_init__(self) -> None:
+        """Refuse a rate of sand without the mass of sand that the run has, before anything is computed."""
+        options, table = self.task.options, self.impacts
+        if options.sand_rate is None or options.injected_in(table.duration) or table.injected or table.has_parcels:
+            return
+        raise ValueError(
+            f"Argument `sand_rate` needs the mass of sand that was injected in the run, which {table.title} does not "
+            'say: Argument `injected` must give it, such as "2 g".'
+        )
+
+    def _sand(self, tally: FaceTally, times: "Times") -> Sand:
+        """The mass of sand in the run, and the time that it is taken for."""
+        options, table, parcels = self.task.options, self.impacts, tally.parcels
+        duration, duration_from, warnings = times.of(table)
+        known, erodent = float(parcels.mass.sum()), float(tally.sums["erodent"].sum())
+        given = options.injected_in(duration)
+        sources = {"as given": given, "as the case of the run says": table.injected,
+                   f"the {len(parcels.known):,} parcels of the table, each once": known or None}  # fmt: skip
+        injected_from, injected = next(((name, mass) for name, mass in sources.items() if mass), ("", None))
+        if injected is not None and known > 1.001 * injected:
+            warnings.append(f"The parcels of the table have {known:.4g} kg, more than the {injected:.4g} kg injected.")
+        elif injected is not None and not table.has_parcels and erodent > 1.001 * injected:
+            warnings.append(
+                f"The rows that hit have {erodent / injected:.3g} × the mass of the sand injected: either parcels hit "
+                "several times, or `injected` is too small."
+            )
+        elif given is None and table.injected is None and options.sand_rate is not None:
+            warnings.append(
+                "Sand that hits no wall is not counted as injected, so the wear may be too large: Argument `injected` "
+                "gives the mass of all of it."
+            )
+        if options.sand_rate is not None and injected is not None:
+            duration = injected / options.sand_rate
+            duration_from = f"in which {injected:.4g} kg of sand come"
+        return Sand(duration, duration_from, injected, injected_from, tuple(warnings))
 
     def _compute(self, portions: Iterator[Hits], add: Callable[[Portion], None]) -> None:
         """Compute all portions, and add them in their order."""
@@ -191,8 +231,8 @@ class MapJob:
         limit, units = self.task.options.limit, self.task.options.p.units
         return None if limit is None else limit * conversion_factor("length", units, "si")
 
-    def _portions(self, nearness: Nearness) -> Iterator[Hits]:
-        """All rows, of which `nearness` takes note, in portions of a fixed number, the last one of what is left."""
+    def _portions(self, nearness: Nearness, times: "Times") -> Iterator[Hits]:
+        """All rows, noted by `nearness` and `times`, in portions of a fixed number, the last one of what is left."""
         options = self.task.options
         incidence = Incidence(self.surface, self.impacts.mesh_faces, options.restitution, self._limit)
         blocks, rows = self.impacts.blocks(_PORTION), max(1, _PORTION // options.realisations)
@@ -201,6 +241,7 @@ class MapJob:
             for block in blocks:
                 hits = incidence.hits(block)
                 nearness.add(block, hits)
+                times.add(block)
                 begin = 0
                 while begin < hits.rows:
                     part = hits.part(slice(begin, begin + rows - count))
@@ -253,6 +294,29 @@ class MapJob:
             raise ImpactsError(f"{title}: of {tally.rows:,} rows none hits: {words}.")
 
 
+class Times:
+    """The first and the last time of the rows that were read so far."""
+
+    def __init__(self) -> None:
+        self._first, self._last = math.inf, -math.inf
+
+    def add(self, block: ImpactBlock) -> None:
+        """Take note of the rows of a block."""
+        if block.time is not None and block.rows:
+            self._first = min(self._first, float(np.min(block.time)))
+            self._last = max(self._last, float(np.max(block.time)))
+
+    def of(self, table: Impacts) -> tuple[float | None, str, list[str]]:
+        """The duration of a table [s], who says so, and what is doubtful in it."""
+        span = self._last - self._first
+        if table.duration is None:
+            return (span, "from the first impact to the last", []) if 0 < span < math.inf else (None, "", [])
+        doubts = list[str]()
+        if 0 < span < math.inf and table.duration_from == "as given" and not 0.99 < table.duration / span < 1.1:
+            doubts.append(f"`duration` is {table.duration:g} s, but the impacts are from {span:g} s.")
+        return table.duration, table.duration_from, doubts
+
+
 def erosion_map(
     model: CuttingModel | str | Path,
     p: Parameters,
@@ -270,6 +334,8 @@ def erosion_map(
     uncertain: Mapping[str, Any] | None = None,
     draws: int = 64,
     cutting_fraction: float = 1.0,
+    sand_rate: float | str | None = None,
+    injected: float | str | None = None,
     progress: Progress = no_progress,
     **distributions: Any,
 ) -> xr.Dataset:
@@ -298,13 +364,18 @@ def erosion_map(
             too, or `posterior.rows_of_draws()`. What it does to the wear does not average out over impacts.
         draws: of what is uncertain; for each all impacts are computed. 64 know an error to 9 %.
         cutting_fraction: the share of the particles that cut, by which volumes are multiplied.
+        sand_rate: for rates of wear, the sand that comes: "100 kg/day", "50 ppm of 12 kg/s" (by mass), or [kg/s]. The
+            run then stands for the time in which so much sand comes as is `injected` in it.
+        injected: the mass of sand of the run, hits or not: "2 g", "0.1 g/s" (times the run's duration), or [kg]; else
+            what OpenFOAM's case says, else the parcels of the table, each once.
         progress: called with "map", the number of rows that are done, and of all (0 if not known).
         **distributions: parameter to its law from impact to impact, in the place of the case's value; see `stream`.
 
     Returns:
         Over "face": volume, depth, impacts, particles, erodent (mass that hits), erosion, alpha_mean, v0_mean,
-        relative_error (of the volume, √(Σ(wV)²)/ΣwV); mass, depth_rate, depth_per_year and mass_flux where density and
-        the table's duration are known. Over "patch" the totals, over "end" how impacts end. In the units of `p`.
+        relative_error (of the volume, √(Σ(wV)²)/ΣwV, where the bounces of a parcel, if it has a number, are one); mass,
+        depth_rate, depth_per_year, mass_per_year and mass_flux where density and duration are known. Over "patch" the
+        totals, injected_ratio (mass loss per sand injected) too, over "end" how impacts end. In the units of `p`.
         If something is uncertain: means over the draws, and `relative_error` = √(sampling_error² + parameter_error²).
 
     Raises:
@@ -314,7 +385,7 @@ def erosion_map(
     """
     options = MapOptions(
         p, scaling, diameter, spin, restitution, density, limit, seed, rtol, uncertain or {}, draws, cutting_fraction,
-        distributions,
+        sand_rate, injected, distributions,
     )  # fmt: skip
     return prepare_map(model, impacts, surface, options).run(progress)
 

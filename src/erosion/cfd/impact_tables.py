@@ -92,6 +92,8 @@ _KNOWN: Mapping[str, Known] = {
        for axis, (letter, name) in enumerate(zip("xyz", POSITION, strict=True))},
     "face": Known(("1",)), "mesh_face": Known(("1",), ("facei",)),
     "time": Known(("time",), ("flow time", "time of impact")),
+    "parcel": Known(("1",), ("parcel id", "particle id", "orig id")),
+    "origin": Known(("1",), ("orig proc", "orig proc id", "origin processor")),
 }  # fmt: skip
 
 
@@ -179,6 +181,7 @@ def open_named(path: Path, density: float | None, duration: float | None, ignore
         rows=rows,
         density=density,
         duration=duration,
+        has_parcels="parcel" in columns,
         mesh_faces="mesh_face" in columns,
         warnings=(*warnings, f"{path.name}: {unused_note(unused)}.") if unused else warnings,
     )

@@ -50,6 +50,7 @@ class Hits:
         distance: from the position to the face [m], NaN where the row has no position or is elsewhere.
         named: whether the row names its face, which else is the nearest.
         position: shape (rows, 3) [m], NaN where the row has none.
+        parcel: the number of the parcel; without a column of it each row has -1.
     """
 
     fate: np.ndarray
@@ -64,6 +65,7 @@ class Hits:
     distance: np.ndarray
     named: np.ndarray
     position: np.ndarray
+    parcel: np.ndarray
 
     @property
     def rows(self) -> int:
@@ -127,6 +129,7 @@ class Incidence:
             distance=distance,
             named=named,
             position=np.full((block.rows, 3), np.nan) if block.position is None else np.asarray(block.position, float),
+            parcel=np.full(block.rows, -1) if block.parcel is None else np.asarray(block.parcel),
         )
 
     def _motion(self, block: ImpactBlock, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

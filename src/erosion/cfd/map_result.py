@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -59,6 +59,8 @@ FACES: Mapping[str, Wear] = {
     "mass_flux": Wear("ṁ", "removed mass per area and time", "mass flux", "", "mass flux [kg/(m^2 s)]"),
     "erosion": Wear.like("erosion", "erosion [mm^3/kg]", 1e9),
     "erosion_ratio": Wear.like("erosion_ratio", "erosion ratio [kg/kg]"),
+    "injected_ratio": Wear("Δm/M₀", "mass loss per mass of sand injected", "mass per mass", "",
+                           "erosion ratio of sand injected [kg/kg]", of_total=True),
     "erodent": Wear("M", "mass of erodent that hits", "mass", "", "erodent [kg]", of_total=True),
     "impacts": Wear("n", "rows that hit", "1", "", "impacts", of_total=True),
     "particles": Wear("N", "particles that hit", "1", "", "particles", of_total=True),
@@ -70,12 +72,33 @@ FACES: Mapping[str, Wear] = {
                            "relative error by sampling", of_total=True),
     "parameter_error": Wear("s", "relative standard error by uncertain parameters", "1", "",
                             "relative error by parameters", of_total=True),
+    "mass_per_year": Wear("Δṁ", "removed mass per year", "1", "kg/year", "mass rate [kg/year]", of_total=True),
     "area": Wear("A", "area", "area", "", "area [mm^2]", 1e6),
 }  # fmt: skip
+_FLOW, _TIME = Quantity("Ṁ", "sand that comes", "mass flow"), Quantity("t", "duration", "time")
 """The variables over faces. `depth_per_year` is in mm/year in all unit systems."""
 
 _COLUMNS = sorted(FACES, key=lambda name: name != "depth")
 """The order of the columns in files: the depth first."""
+
+
+class Sand(NamedTuple):
+    """The sand of a run.
+
+    Args:
+        duration: that the impacts stand for [s]; None where it is not known.
+        duration_from: who says so.
+        injected: its mass [kg], hits or not; None where it is not known.
+        injected_from: who says so.
+        warnings: what is doubtful in these.
+    """
+
+    duration: float | None
+    duration_from: str
+    injected: float | None
+    injected_from: str
+    warnings: tuple[str, ...]
+
 
 Variables = dict[str, tuple[Any, ...]]
 """Dimensions, values and attributes by name."""
@@ -85,7 +108,7 @@ def to_dataset(
     tally: FaceTally,
     options: MapOptions,
     surface: Surface | None,
-    duration: float | None,
+    sand: Sand,
     ends: Sequence[str],
     attributes: Mapping[str, str],
     *,
@@ -97,15 +120,13 @@ def to_dataset(
         tally: the sums of all rows.
         options: of the map.
         surface: None for totals alone.
-        duration: that the table covers [s], where it is known.
+        sand: its mass, and the duration.
         ends: the outcomes, columns of the tally's `ends`.
         attributes: of the Dataset.
         has_range: whether the model is a correlation, which is made for a range of impacts.
     """
-    units, sums = options.p.units, tally.sums
+    units, sums, parcels = options.p.units, tally.sums, tally.parcels
     draws = tally.of_draws if options.uncertain else None
-    if draws is not None:
-        sums["common"] = draws.var(axis=0, ddof=1)
     sums["erodent"] = sums["erodent"] * conversion_factor("mass", "si", units)
     sums["speed"] = sums["speed"] * conversion_factor("speed", "si", units)
     density = None if options.density is None else options.density * conversion_factor("density", "si", units)
@@ -116,14 +137,21 @@ def to_dataset(
         """Sums over the faces of each patch, rounded once."""
         return np.array([math.fsum(values[patch == i]) for i in range(len(patches))])
 
+    grouped = {name: by_patch(values) for name, values in sums.items()}
+    whole = {name: np.array(math.fsum(values)) for name, values in grouped.items()}
+    # Bounces of a parcel are one event, also on several faces.
+    for of, group in ((sums, np.arange(len(patch))), (grouped, patch), (whole, np.zeros_like(patch))):
+        of["squares"] = of["squares"] + parcels.bounces(group, np.size(of["squares"])).reshape(np.shape(of["squares"]))
+    if sand.injected is not None:
+        grouped["injected"] = whole["injected"] = np.array(sand.injected * conversion_factor("mass", "si", units))
+    if draws is not None:
+        sums["common"] = draws.var(axis=0, ddof=1)
     variables: Variables = {}
     if surface is not None:
         variables |= _geometry(surface, units)
-        numbers = _numbers(sums, density, surface.area * conversion_factor("area", "si", units), duration, units)
+        numbers = _numbers(sums, density, surface.area * conversion_factor("area", "si", units), sand.duration, units)
         variables |= {name: ("face", numbers[name], FACES[name].attributes(units)) for name in FACES if name in numbers}
     variables["patch"] = ("patch", np.array(patches, dtype=object))
-    grouped = {name: by_patch(values) for name, values in sums.items() if name != "common"}
-    whole = {name: np.array(math.fsum(values)) for name, values in grouped.items()}
     if draws is not None:
         of_patches = np.array([by_patch(volume) for volume in draws])
         # What is common to all faces does not average out: the variance of a sum is not the sum of variances.
@@ -131,7 +159,7 @@ def to_dataset(
         total = FACES["volume"].attributes(units) | {"long_name": "removed volume of all faces for each draw"}
         variables["total_volume_of_draw"] = ("draw", of_patches.sum(axis=1), total)
     for prefix, dims, of in (("patch", ("patch",), grouped), ("total", (), whole)):
-        for name, value in _numbers(of, density).items():
+        for name, value in _numbers(of, density, None, sand.duration, units).items():
             if FACES[name].of_total:
                 variables[f"{prefix}_{name}"] = (dims, value, FACES[name].attributes(units))
     variables["end"] = ("end", np.array(ends, dtype=object))
@@ -139,8 +167,17 @@ def to_dataset(
     counts = tally.counts["ends"] if draws is None else tally.counts["ends"] / len(draws)
     variables["ends"] = (("patch", "end"), counts, {"long_name": "rows by how their impact ends", "units": "1"})
     variables |= _rows(tally, units, has_range=has_range)
-    if duration is not None:
-        variables["duration"] = ((), duration, {"long_name": "time that the impacts cover", "units": "s"})
+    if sand.duration is not None:
+        what = f"time that the impacts stand for, {sand.duration_from}"
+        variables["duration"] = ((), sand.duration, {"long_name": what, "units": "s"})
+    if "injected" in whole:
+        what = f"mass of sand injected, {sand.injected_from}"
+        variables["injected"] = ((), whole["injected"], {"long_name": what, "units": QUANTITIES["m"].unit(units)})
+    if options.sand_rate is not None:
+        rate = options.sand_rate * conversion_factor("mass flow", "si", units)
+        variables["sand_rate"] = ((), rate, {"long_name": "sand that comes", "units": _FLOW.unit(units)})
+    if len(parcels.known):
+        variables["parcels"] = ((), len(np.unique(parcels.parcel)), {"long_name": "parcels that hit"})
     # At once: xarray looks at all variables for each one that is added.
     return xr.Dataset(variables, attrs=attributes)
 
@@ -177,6 +214,10 @@ def _numbers(
             numbers["parameter_error"] = np.sqrt(sums["common"]) / sums["volume"]
     if density is not None:
         numbers |= {"mass": numbers["volume"] * density, "erosion_ratio": numbers["erosion"] * density}
+        if "injected" in sums:
+            numbers["injected_ratio"] = numbers["mass"] / sums["injected"]
+        if duration is not None:
+            numbers["mass_per_year"] = numbers["mass"] / duration * (YEAR * conversion_factor("mass", units, "si"))
     if area is None:
         return numbers
     numbers["depth"] = numbers["volume"] / area
@@ -257,6 +298,8 @@ class MapSummary(Result):
             "and by uncertain parameters" if "total_parameter_error" in data else "alone, all parameters taken as exact"
         )
         meaning = f"rows that hit; ± of totals is the standard error by sampling the impacts {by}"
+        if "parcels" in data:
+            meaning = meaning.replace("hit;", f"hit, of {int(data['parcels']):,} parcels;")
         rows = [Row("impacts", "", f"{int(data['total_impacts']):,}", "", meaning)]
         if "face" in data.dims:
             hit = int((data["impacts"] > 0).sum())
@@ -272,6 +315,8 @@ class MapSummary(Result):
             if name in data:
                 row = quantity_row(f"greatest {name}", FACES[name], float(data[name].max()), self.units)
                 deepest = f"at face {int(np.argmax(data[name].values)):,}"
+                if name == "depth_per_year":
+                    deepest += f"; {self._duration}"
                 rows.append(row._replace(unit=FACES[name].fixed or row.unit, meaning=deepest))
         counts = data["ends"].sum("patch").values
         for end, count in zip(data["end"].values, counts, strict=True):
@@ -283,14 +328,27 @@ class MapSummary(Result):
                 rows.append(length._replace(symbol="", meaning=f"{meaning} distance of rows that name no face"))
         return rows
 
+    @property
+    def _duration(self) -> str:
+        """The time that the impacts stand for, and who says so."""
+        row = quantity_row("", _TIME, float(self.dataset["duration"]), self.units)
+        return f"the impacts are those of {row.value} {row.unit} {self.dataset.attrs['duration_from']}"
+
     def _totals(self, prefix: str, suffix: str = "", index: tuple[int, ...] = ()) -> Iterator[Row]:
         """Volume, mass, erodent and erosion of everything, or of a patch."""
         error = float(self.dataset[f"{prefix}_relative_error"].values[index])
-        for name in ("volume", "mass", "erodent", "erosion", "erosion_ratio"):
+        if prefix == "total" and "injected" in self.dataset:
+            row = quantity_row("injected", QUANTITIES["m"], float(self.dataset["injected"]), self.units)
+            yield row._replace(symbol="M₀", meaning=f"sand injected, {self.dataset.attrs['injected_from']}")
+        if prefix == "total" and "sand_rate" in self.dataset:
+            a_day = float(self.dataset["sand_rate"]) * 86400 * conversion_factor("mass flow", self.units, "si")
+            yield Row("sand_rate", _FLOW.symbol, f"{a_day:.6g}", "kg/day", _FLOW.meaning)
+        for name in ("volume", "mass", "mass_per_year", "erodent", "injected_ratio", "erosion", "erosion_ratio"):
             if f"{prefix}_{name}" not in self.dataset:
                 continue
             value = float(self.dataset[f"{prefix}_{name}"].values[index])
             row = quantity_row(f"{name}{suffix}", FACES[name], value, self.units)
+            row = row._replace(unit=FACES[name].fixed or row.unit)
             if name in ("volume", "mass"):
                 # Patches are in the unit of the whole.
                 scale = table_scale(FACES[name].dimension, self.units, float(self.dataset[f"total_{name}"]))

@@ -1,7 +1,9 @@
 """How a map is made: the case, how its body follows the size of a row's particle, its spin, and laws."""
 
+import contextlib
 import dataclasses
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,7 +19,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.correlated import CorrelatedBySize
 from erosion.models.own_parameters import quantities, ranges, with_values
 from erosion.parameters.parameters import Parameters, validate
-from erosion.parameters.units import conversion_factor
+from erosion.parameters.units import Dimension, UnitError, about, conversion_factor, has_unit, read_quantity
 
 SCALINGS = ("similar", "none")
 SPINS = ("column", "case", "none")
@@ -36,8 +38,8 @@ class MapOptions:
 
     Args:
         p: the case, all scalars.
-        scaling, diameter, restitution, density, limit, seed, rtol, uncertain, draws, cutting_fraction: see
-            `erosion_map`.
+        scaling, diameter, restitution, density, limit, seed, rtol, uncertain, draws, cutting_fraction, sand_rate,
+            injected: see `erosion_map`.
         spin: see `erosion_map`; a law joins `laws`.
         laws: by parameter of the case or the model's own, its law from impact to impact.
 
@@ -57,6 +59,8 @@ class MapOptions:
     uncertain: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     draws: int = 64
     cutting_fraction: float = 1.0
+    sand_rate: Any = None
+    injected: Any = None
     laws: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -75,6 +79,9 @@ class MapOptions:
         check_whole("seed", self.seed, 0)
         check_whole("draws", self.draws, 2)
         validate(self.p)
+        object.__setattr__(self, "sand_rate", _read_sand_rate(self.sand_rate))
+        if self.injected is not None:
+            self.injected_in(1.0)
         for name in ("density", "limit", "diameter"):
             if (value := getattr(self, name)) is not None and not (_are_numbers(value) and 0 < value < np.inf):
                 raise ValueError(f"Argument `{name}` must be positive and finite, but is {value!r}.")
@@ -144,9 +151,26 @@ class MapOptions:
             "draws": self.draws if self.uncertain else None,
             "seed": self.seed_used,
             FRACTION: None if self.cutting_fraction == 1 else self.cutting_fraction,
-            **{name: getattr(self, name) for name in ("restitution", "density", "limit")},
+            **{name: getattr(self, name) for name in ("restitution", "density", "limit", "sand_rate", "injected")},
         }
         return ", ".join(f"{name} = {value}" for name, value in given.items() if value is not None)
+
+    def injected_in(self, duration: float | None) -> float | None:
+        """The mass of sand that is injected [kg], where `injected` is given.
+
+        Args:
+            duration: of the run [s], for a mass flow.
+
+        Raises:
+            ValueError: for what is neither a mass nor a mass flow, and a mass flow where the duration is not known.
+        """
+        if isinstance(self.injected, str):
+            with contextlib.suppress(UnitError):
+                read_quantity(self.injected, "mass flow", "si")
+                if duration is None and has_unit(self.injected):
+                    raise ValueError("Argument `injected` is a mass flow, so Argument `duration` must be given.")
+                return _read("injected", self.injected, "mass flow") * (duration or 1.0)
+        return None if self.injected is None else _read("injected", self.injected, "mass")
 
     def laws_in_words(self, model: CuttingModel) -> dict[str, str]:
         """By parameter, its law as a person reads it: "normal(2, 0.1)", "uncertain normal(2, 0.1)"."""
@@ -215,6 +239,32 @@ class MapOptions:
             # The table knows the size, for which the case alone has but a density to guess from.
             model = model.replace(particle_density=6 * hits.mass / (math.pi * hits.diameter**3))
         return model, p
+
+
+_PPM = re.compile(r"\s*(\S+?)\s*ppm(?:w| by mass)?\s+of\s+(.+)")
+_SUCH_AS: Mapping[str, str] = {"mass flow": "100 kg/day", "mass": "2 g"}
+
+
+def _read_sand_rate(rate: Any) -> float | None:
+    """The mass of sand in a second [kg/s]: "100 kg/day", or by mass "50 ppm of 12 kg/s"."""
+    of_flow = _PPM.fullmatch(rate) if isinstance(rate, str) else None
+    if of_flow is None:
+        return None if rate is None else _read("sand_rate", rate, "mass flow")
+    with about("Argument `sand_rate`"):
+        return read_quantity(of_flow[1], "1", "si") * 1e-6 * _read("sand_rate", of_flow[2], "mass flow")
+
+
+def _read(name: str, given: Any, dimension: Dimension) -> float:
+    """A positive number in SI units, or text with a unit."""
+    value = given
+    if isinstance(given, str):
+        with about(f"Argument `{name}`"):
+            if not has_unit(given):
+                raise ValueError(f"must have a unit, as {_SUCH_AS[dimension]!r} has, but is {given!r}")
+            value = read_quantity(given, dimension, "si")
+    if not (_are_numbers(value) and 0 < value < np.inf):
+        raise ValueError(f"Argument `{name}` must be positive and finite, but is {given!r}.")
+    return float(value)
 
 
 def _are_numbers(*values: Any) -> bool:

@@ -42,6 +42,7 @@ class ImpactBlock:
         position: shape (rows, 3) [m].
         face: index among the faces of the surface, -1 where the row names none of them, shape (rows,).
         time: shape (rows,) [s].
+        parcel: which parcel hits, the same number for all of its bounces, shape (rows,).
     """
 
     source: str
@@ -56,6 +57,7 @@ class ImpactBlock:
     position: Vectors | None = None
     face: Indices | None = None
     time: Numbers | None = None
+    parcel: Indices | None = None
 
     @property
     def rows(self) -> int:
@@ -72,6 +74,9 @@ class Impacts(abc.ABC):
         rows: their number, None where only reading all of them tells it.
         density: of the particles [kg/m³], where no column gives it.
         duration: time that the table covers [s], None where it does not say; rates need it.
+        duration_from: what says so, in words.
+        injected: mass of the particles that were injected [kg], None where the run does not say it.
+        has_parcels: whether rows say which parcel hits, so that bounces are known from new parcels.
         mesh_faces: whether `face` of its blocks counts the faces of the whole mesh (`Surface.face_of_mesh` leads from
             them to the surface's own).
         warnings: sentences on what the table does not say, and what is taken instead.
@@ -81,6 +86,9 @@ class Impacts(abc.ABC):
     rows: int | None = None
     density: float | None = None
     duration: float | None = None
+    duration_from: str = "as given"
+    injected: float | None = None
+    has_parcels: bool = False
     mesh_faces: bool = False
     warnings: tuple[str, ...] = ()
 
@@ -131,9 +139,10 @@ VELOCITY = ("velocity_x", "velocity_y", "velocity_z")
 POSITION = ("position_x", "position_y", "position_z")
 NAMES = (
     *(WEIGHTS := ("count", "parcel_mass", "mass_flow", "frequency")), "mass", "density", "diameter", *VELOCITY, "speed",
-    "angle", "spin", *POSITION, "face", "mesh_face", "processor", "time",
+    "angle", "spin", *POSITION, "face", "mesh_face", "processor", "time", "parcel", "origin",
 )  # fmt: skip
-"""Columns that a table may have. `parcel_mass` is of all particles of a row, `mass` of one of them."""
+"""Columns that a table may have. `parcel_mass` is of all particles of a row, `mass` of one of them. `origin` is the
+processor that injected a parcel, which may give the number of another one's again."""
 
 _RATES = {"mass_flow": "parcel_mass", "frequency": "count"}
 """Weights of a steady run, whose rows are streams: the mass and the number of particles that hit in 1 s."""
@@ -244,6 +253,13 @@ def blocks(
         must = f": column `{name}` must be the number of a face, or -1 for none, but is"
         good = (fields["face"] == values) & (fields["face"] >= -1)
         require_rows(source, first, good, lambda row: f"{must} {values[row]:g}.")
+    if "parcel" in columns:
+        number, origin = columns["parcel"], columns.get("origin", np.zeros(len(count)))
+        # Whole numbers below 2^53 are exact.
+        most = 2.0**53 if "origin" not in columns else 2.0**32
+        good = (number >= 0) & (number < most) & (origin >= 0) & (origin < 2.0**20) & ((number + origin) % 1 == 0)
+        require_rows(source, first, good, lambda row: f": `parcel` must be a number of one, but is {number[row]:g}.")
+        fields["parcel"] = (number + 2.0**32 * origin).astype(np.int64)
     for begin in range(0, len(count), rows):
         part = slice(begin, begin + rows)
         yield ImpactBlock(source, first + begin, **{name: values[part] for name, values in fields.items()})

@@ -7,7 +7,7 @@ neither the blocks in which a table is read nor the processes that compute the p
 
 import collections
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -22,6 +22,7 @@ w is a row's number of particles. V and V² are means over the draws of uncertai
 
 _SHORTEST, _LONGEST, _PER_DECADE = -12, 6, 400  # decades of a metre: bins of distances
 _BINS = (_LONGEST - _SHORTEST) * _PER_DECADE + 2
+_HELD = 1 << 20  # parcels of portions that are held before they are joined
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +37,7 @@ class Portion:
             `fates`, rows by fate; `lost_mass` of the rows of each fate [kg]; `outside_mass` of hits outside the range
             of a correlation [kg]; `distances`, a histogram of those of rows that name no face.
         farthest: the greatest of these distances [m].
+        parcels: None where rows have no numbers of parcels.
     """
 
     faces: np.ndarray
@@ -43,6 +45,56 @@ class Portion:
     of_draws: np.ndarray
     counts: Mapping[str, np.ndarray]
     farthest: float
+    parcels: "Parcels | None" = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Parcels:
+    """The rows of each parcel together, as its bounces depend on one another.
+
+    Args:
+        parcel, face: of each pair of both that rows have, ascending, shape (pairs,).
+        sums: ΣwV and Σ(wV)² of these rows, shape (2, pairs) [volume], [volume²].
+        known: the parcels of all rows, ascending, hits or not, shape (parcels,).
+        mass: of all particles of each of them, shape (parcels,) [kg].
+    """
+
+    parcel: np.ndarray
+    face: np.ndarray
+    sums: np.ndarray
+    known: np.ndarray
+    mass: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: Sequence["Parcels"]) -> "Parcels":
+        """The sums of all parts."""
+        parcel, face, known, mass = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in ("parcel", "face", "known", "mass")
+        )
+        sums = np.concatenate([part.sums for part in parts], axis=1)
+        order = np.lexsort((face, parcel))
+        parcel, face = parcel[order], face[order]
+        begins = np.flatnonzero((np.diff(parcel, prepend=-2) != 0) | (np.diff(face, prepend=-2) != 0))
+        if begins.size:
+            sums = np.add.reduceat(sums[:, order], begins, axis=1)
+        known, place = np.unique(known, return_inverse=True)
+        greatest = np.zeros(len(known))
+        np.maximum.at(greatest, place, mass)
+        return cls(parcel[begins], face[begins], sums, known, greatest)
+
+    def bounces(self, group: np.ndarray, groups: int) -> np.ndarray:
+        """Σ over parcels of (ΣwV)² - Σ(wV)², 0 where each parcel hits once, shape (groups,) [volume²].
+
+        Args:
+            group: of each face, shape (faces,).
+            groups: their number.
+        """
+        pairs = Parcels.joined([dataclasses.replace(self, face=group[self.face])])
+        return np.bincount(pairs.face, pairs.sums[0] ** 2 - pairs.sums[1], groups)
+
+
+_NONE = np.zeros(0, np.int64)
+_NO_PARCELS = Parcels(_NONE, _NONE, np.zeros((2, 0)), _NONE, np.zeros(0))
 
 
 def portion_of(
@@ -78,7 +130,13 @@ def portion_of(
         # The first bin holds the shortest.
         "distances": np.bincount(np.clip(place, 0, _BINS - 1).astype(np.int64), minlength=_BINS),
     }
-    return Portion(*_by_face(struck, volume), counts, float(near.max(initial=0.0)))
+    parcels = None
+    if hits.rows and hits.parcel[0] >= 0:
+        good = np.isfinite(volume).all(axis=0)
+        removed = struck.count[good] * volume[:, good].mean(axis=0)
+        rows = (struck.parcel[good], struck.face[good], np.array([removed, removed**2]))
+        parcels = Parcels.joined([Parcels(*rows, hits.parcel, hits.count * hits.mass)])
+    return Portion(*_by_face(struck, volume), counts, float(near.max(initial=0.0)), parcels)
 
 
 def _by_face(struck: Hits, volume: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -122,6 +180,7 @@ class FaceTally:
         self.of_draws = np.zeros((draws, faces))
         self.counts = collections.defaultdict[str, np.ndarray](lambda: np.zeros((), np.int64))
         self.farthest = 0.0
+        self._parcels, self._held = list[Parcels](), 0
 
     def add(self, portion: Portion) -> None:
         """Add a portion; the order of portions decides the last bits."""
@@ -135,6 +194,17 @@ class FaceTally:
         for name, values in portion.counts.items():
             self.counts[name] = self.counts[name] + values
         self.farthest = max(self.farthest, portion.farthest)
+        if portion.parcels is not None:
+            self._parcels.append(portion.parcels)
+            self._held += len(portion.parcels.known)
+            if self._held > 2 * len(self._parcels[0].known) + _HELD:
+                self._held = len(self.parcels.known)
+
+    @property
+    def parcels(self) -> Parcels:
+        """The rows of each parcel; none where the table does not name them."""
+        self._parcels = [Parcels.joined(self._parcels)] if self._parcels else []
+        return self._parcels[0] if self._parcels else _NO_PARCELS
 
     @property
     def sums(self) -> dict[str, np.ndarray]:

@@ -9,9 +9,9 @@ import dataclasses
 import hashlib
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from erosion.cfd.rows import (
 )
 
 _OF_OPENFOAM = {"nParticle": "count", "d": "diameter", "rho": "density", "facei": "mesh_face", "Time": "time",
-                "currentProc": "processor"}  # fmt: skip
+                "currentProc": "processor", "origId": "parcel", "origProc": "origin"}  # fmt: skip
 _VECTORS = {"U": VELOCITY, "position": POSITION}
 _AXES = ("012", "xyz")  # how versions name the components
 _WINDOW = re.compile(r"\d+\.?\d*(?:[eE][-+]?\d+)?")
@@ -195,16 +195,22 @@ def open_openfoam(path: Path, case: Path | None, density: float | None, duration
     if not {"mesh_face", POSITION[0]} & first.columns.keys():
         raise ImpactsError(f"{first.path}: names neither the face (`facei`) nor the position of an impact.")
     _, warnings_of_weights = weigh(str(first.path), first.columns, duration)
-    if duration is None and mesh is not None and (start := _start(mesh.case)) is not None:
-        end = max((float(table.window) for table in tables if table.window), default=start)
-        duration = end - start if end > start else None
+    given, covered = duration, _covered(path, tables, mesh)
+    if given is not None and covered is not None and not math.isclose(given, covered, rel_tol=0.01):
+        warnings_of_weights += (
+            f"Argument `duration`, {given:g} s, takes the place of the {covered:g} s of the windows of time.",
+        )
+    is_whole = path.is_dir() and not _WINDOW.fullmatch(path.name)
     return TextImpacts(
         title=str(path),
         tables=tuple(tables),
         mesh=mesh,
         most_stored=None if mesh is None else _most_stored(mesh.case, first.path),
         density=density,
-        duration=duration,
+        duration=covered if given is None else given,
+        duration_from="by the windows of time" if given is None else "as given",
+        injected=_injected(mesh.case, tables) if mesh is not None and is_whole else None,
+        has_parcels="parcel" in first.columns,
         mesh_faces="mesh_face" in first.columns,
         warnings=warnings_of_weights,
     )
@@ -316,11 +322,20 @@ def _most_stored(case: Path, table: Path) -> int | None:
     """`maxStoredParcels` of the function object of a table; None where the case does not say it."""
     folder = _function_object(table)
     content = dictionary(case / "constant" / f"{folder.parent.name}Properties")
-    try:
-        value = content["cloudFunctions"][folder.name]["maxStoredParcels"] if content else None
-    except (KeyError, TypeError):
-        return None
+    value = _entry(content, "cloudFunctions", folder.name, "maxStoredParcels")
     return int(value) if isinstance(value, (int, float)) else None
+
+
+def _covered(path: Path, tables: Sequence[Table], mesh: Mesh | None) -> float | None:
+    """The time that windows cover [s]: from the one before them, or the start of the run, to their ends."""
+    windows = [float(table.window) for table in tables if table.window]
+    if not windows:
+        return None
+    folder = _function_object(tables[0].path)
+    all_windows = sorted(float(one.name) for one in folder.iterdir() if one.is_dir() and _WINDOW.fullmatch(one.name))
+    before = [window for window in all_windows if window < min(windows)]
+    start = before[-1] if before else None if mesh is None else _start(mesh.case)
+    return max(windows) - start if start is not None and max(windows) > start else None
 
 
 def _start(case: Path) -> float | None:
@@ -328,3 +343,46 @@ def _start(case: Path) -> float | None:
     content = dictionary(case / "system" / "controlDict")
     start = content.get("startTime") if content and content.get("startFrom") == "startTime" else None
     return float(start) if isinstance(start, (int, float)) else None
+
+
+def _injected(case: Path, tables: Sequence[Table]) -> float | None:
+    """The mass that was injected until the end of the tables [kg]; None where the case does not say it."""
+    if _start(case) != 0:  # what an earlier run injected counts in OpenFOAM's sum
+        return None
+    last = max(tables, key=lambda table: float(table.window or 0))
+    cloud, end = _function_object(last.path).parent.name, last.window
+    stored = dictionary(case / end / "uniform" / "lagrangian" / cloud / f"{cloud}OutputProperties") if end else None
+    if masses := list(_entries(stored, "massInjected")):
+        return sum(masses) or None
+    content = dictionary(case / "constant" / f"{cloud}Properties")
+    models = _entry(content, "subModels", "injectionModels")
+    # What is injected at a constant rate, or all of it by now.
+    masses = [_injected_by(model, float(end or math.inf)) for model in models.values()] if models else [None]
+    return None if None in masses else sum(mass for mass in masses if mass is not None) or None
+
+
+def _injected_by(model: Any, end: float) -> float | None:
+    """The mass of an injection until a time [kg]."""
+    total, start, duration = (_entry(model, name) for name in ("massTotal", "SOI", "duration"))
+    if not all(isinstance(number, (int, float)) for number in (total, start, duration)):
+        return None
+    if model.get("parcelBasisType") != "mass" or not duration > 0:
+        return None
+    is_even = model.get("flowRateProfile") in (("constant", 1), ["constant", 1], 1)
+    done = min(max((end - start) / duration, 0.0), 1.0)
+    return total * done if is_even or done in (0, 1) else None
+
+
+def _entry(content: Any, *names: str) -> Any:
+    """An entry of a dictionary in dictionaries; None where it is not there."""
+    for name in names:
+        content = content.get(name) if isinstance(content, Mapping) else None
+    return content
+
+
+def _entries(content: Any, name: str) -> Iterator[float]:
+    """The numbers of all entries of a name."""
+    for key, value in content.items() if isinstance(content, Mapping) else ():
+        if key == name and isinstance(value, (int, float)):
+            yield float(value)
+        yield from _entries(value, name)

@@ -65,6 +65,10 @@ class _Rows:
         Parameter(help='Leave out rows that are farther from their face: "1 mm".'),
     ] = None
     duration: Annotated[str | None, Parameter(help='That the table covers, if it does not say it: "60 s".')] = None
+    sand_rate: Annotated[str | None, Parameter(help='For wear a year: "100 kg/day", "50 ppm of 12 kg/s" by mass.')] = (
+        None
+    )
+    injected: Annotated[str | None, Parameter(help='The sand of the run, if its case does not say it: "2 g".')] = None
     ignore: IgnoreOption = None
     particle_density: Annotated[str | None, Parameter(help='If no column gives it, nor --particle: "2650 kg/m^3".')] = (
         None
@@ -127,6 +131,8 @@ class _Rows:
                 uncertain=uncertain,
                 draws=64 if self.draws is None else self.draws,
                 cutting_fraction=share,
+                sand_rate=self.sand_rate,
+                injected=self.injected,
                 laws=laws,
             )
 

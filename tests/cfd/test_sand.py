@@ -1,0 +1,149 @@
+"""What a run stands for: its duration, the sand that was injected, and bounces of the same parcel."""
+
+import math
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import erosion
+from erosion.cfd.erosion_map import erosion_map
+from erosion.cfd.map_result import YEAR, MapSummary
+from erosion.cfd.rows import ImpactsError
+from tests.cfd.tables import hump, sand
+
+pytestmark = pytest.mark.slow
+
+P = erosion.TABLE_1.to("si")
+SURFACE = hump()
+TABLE = sand(SURFACE, 400)
+RUN = Path(__file__).parent / "openfoam" / "serial"
+
+
+def wear(table: Any = TABLE, **options: Any) -> xr.Dataset:
+    return erosion_map("dnv", P, table, SURFACE, **options)
+
+
+def test_a_rate_of_sand_makes_rates_of_wear() -> None:
+    plain, injected, rate = wear(), 0.4, 100 / 86400
+    data = wear(sand_rate="100 kg/day", injected="400 g")
+    assert float(data["duration"]) == pytest.approx(injected / rate, rel=1e-14)
+    a_year = rate / injected * YEAR
+    np.testing.assert_allclose(data["depth_per_year"], plain["depth"] * 1e3 * a_year, rtol=1e-13)
+    np.testing.assert_allclose(data["mass_flux"], plain["mass"] / plain["area"] * rate / injected, rtol=1e-13)
+    assert float(data["total_mass_per_year"]) == pytest.approx(float(plain["total_mass"]) * a_year, rel=1e-13)
+    assert float(data["total_injected_ratio"]) == pytest.approx(float(plain["total_mass"]) / injected, rel=1e-13)
+    np.testing.assert_allclose(data["patch_injected_ratio"].sum(), data["total_injected_ratio"], rtol=1e-13)
+    # The mass per hit stays beside it.
+    assert float(data["total_erosion_ratio"]) == float(plain["total_erosion_ratio"])
+    text = str(MapSummary(data))
+    for words in ("100   kg/day", "kg/year", "injected_ratio"):
+        assert words in text
+
+
+@pytest.mark.parametrize(
+    ("rate", "injected"),
+    [("5e-4 kg/s", "400 g"), ("50 ppm of 10 kg/s", 0.4), ("50 ppmw of 36 t/h", "0.2 kg/s"), (5e-4, "0.882 lb")],
+)
+def test_a_rate_is_a_mass_flow_or_a_share_of_one(rate: Any, injected: Any) -> None:
+    # The table covers 2 s.
+    assert float(wear(sand_rate=rate, injected=injected)["duration"]) == pytest.approx(800, rel=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"sand_rate": "100 kg/day"}, "`injected`"),
+        ({"sand_rate": "100"}, "`sand_rate` must have a unit"),
+        ({"sand_rate": "100 m/s"}, "`sand_rate` must be a mass flow"),
+        ({"sand_rate": -1.0}, "`sand_rate` must be positive"),
+        ({"sand_rate": "50 ppm of 10 m^3/s"}, "`sand_rate` must be a mass flow"),
+        ({"injected": "2 m"}, "`injected` must be a mass"),
+        ({"injected": "0 g"}, "`injected` must be positive"),
+    ],
+)
+def test_what_gives_no_rate_is_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        wear(**options)
+
+
+def test_more_sand_hits_than_was_injected() -> None:
+    erodent = float(wear()["total_erodent"])
+    assert any("2 × the mass" in sentence for sentence in MapSummary(wear(injected=erodent / 2)).warnings)
+    assert not any("the mass" in sentence for sentence in MapSummary(wear(injected=erodent)).warnings)
+    distinct = TABLE.replace(parcel=np.arange(400))
+    distinct.has_parcels = True
+    assert any("The parcels of the table" in said for said in MapSummary(wear(distinct, injected=erodent / 2)).warnings)
+
+
+PARCEL = np.random.default_rng(3).integers(0, 150, 400)
+
+
+@pytest.mark.parametrize("portion", [64, 2**18])
+def test_bounces_are_of_one_parcel(monkeypatch: pytest.MonkeyPatch, portion: int) -> None:
+    monkeypatch.setattr("erosion.cfd.erosion_map._PORTION", portion)
+    monkeypatch.setattr("erosion.cfd.tally._HELD", 10)
+    weight = TABLE.columns["count"][PARCEL]  # a parcel keeps its particles and their size
+    of_parcel = {"count": weight, "mass": TABLE.columns["mass"][PARCEL], "diameter": TABLE.columns["diameter"][PARCEL]}
+    table = TABLE.replace(parcel=PARCEL + 7, **of_parcel)
+    table.has_parcels = True
+    data, face = wear(table, sand_rate="1 kg/s"), table.columns["face"]
+    single = [float(wear(table.only([i]).replace(parcel=None))["total_volume"]) for i in range(400)]
+    groups = {"": face, "patch": SURFACE.patch[face], "total": np.zeros(400, int)}
+    for name, group in groups.items():
+        sums = np.zeros((group.max() + 1, 150))
+        np.add.at(sums, (group, PARCEL), single)
+        expected = np.sqrt((sums**2).sum(axis=1)) / sums.sum(axis=1)
+        np.testing.assert_allclose(data[f"{name}_relative_error".lstrip("_")].values.ravel(), expected, rtol=1e-10)
+    known = np.unique(PARCEL)
+    injected = math.fsum((TABLE.columns["count"] * TABLE.columns["mass"])[known])
+    assert float(data["injected"]) == pytest.approx(injected, rel=1e-13)
+    assert float(data["duration"]) == pytest.approx(injected, rel=1e-13)
+    assert int(data["parcels"]) == len(known)
+    assert any("hits no wall" in sentence for sentence in MapSummary(data).warnings)
+
+
+def test_openfoam_says_what_it_injected(tmp_path: Path) -> None:
+    table = erosion.read_impacts(RUN)
+    assert (table.injected, table.duration, table.has_parcels) == (1e-4, 0.02, True)
+    run = shutil.copytree(RUN, tmp_path / "run")
+    windows = run / "postProcessing" / "lagrangian" / "kinematicCloud" / "impacts"
+    one = erosion.read_impacts(windows / "0.02")
+    assert (one.injected, one.duration) == (None, pytest.approx(0.01))
+    properties = run / "constant" / "kinematicCloudProperties"
+    text = properties.read_text()
+    properties.write_text(text.replace("duration 0.016", "duration 0.04"))
+    assert erosion.read_impacts(run).injected == pytest.approx(0.5e-4)
+    properties.write_text(text.replace("constant 1", "table ((0 1) (0.04 2))").replace("duration 0.016", "duration 1"))
+    assert erosion.read_impacts(run).injected is None
+    # What the run itself wrote counts.
+    stored = run / "0.02" / "uniform" / "lagrangian" / "kinematicCloud" / "kinematicCloudOutputProperties"
+    stored.parent.mkdir(parents=True)
+    models = "injectionModel { sand { massInjected 3e-5; nInjections 4; } more { massInjected 1e-5; } }"
+    stored.write_text("FoamFile { version 2.0; format ascii; class dictionary; object x; }\n" + models)
+    assert erosion.read_impacts(run).injected == pytest.approx(4e-5)
+    control = run / "system" / "controlDict"
+    control.write_text(control.read_text().replace("startTime 0", "startTime 0.001"))
+    assert erosion.read_impacts(run).injected is None
+
+
+def test_the_duration_is_that_of_the_times() -> None:
+    times = np.linspace(3.0, 13.0, 400)
+    data = wear(sand(SURFACE, 400, duration=None, time=times))
+    assert float(data["duration"]) == pytest.approx(10)
+    assert "from the first impact to the last" in data["duration"].attrs["long_name"]
+    given = sand(SURFACE, 400, duration=60.0, time=times)
+    assert any("60 s" in sentence and "10 s" in sentence for sentence in MapSummary(wear(given)).warnings)
+    assert "duration" not in wear(sand(SURFACE, 400, duration=None))
+    run = erosion.read_impacts(RUN, duration=1.0)
+    assert any("1 s" in sentence and "0.02 s" in sentence for sentence in run.warnings)
+
+
+def test_the_number_of_a_parcel_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "rows.csv"
+    path.write_text("diameter [um],density [kg/m^3],speed [m/s],angle [deg],particle_id\n200,2650,30,20,1.5\n")
+    with pytest.raises(ImpactsError, match="row 1: `parcel`"):
+        list(erosion.read_impacts(path).blocks(10))
