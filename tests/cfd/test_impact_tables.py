@@ -316,8 +316,6 @@ def test_comments_and_what_cfd_post_writes_above_a_table(tmp_path, text, end):
         (VECTORS.replace("2.5,200", "2.5,nan"), "row 2: column `diameter .um.` has no number"),
         (VECTORS.replace("2.5,200", "2.5,inf"), "row 2: column `diameter` must be finite, but is inf"),
         (VECTORS.replace("2.5,200", "2.5,1e99"), r"row 2: column `diameter` must be at most 1e\+20, but is 9"),
-        (VECTORS.replace(",", ";"), "a.csv: must have commas between its columns"),
-        (VECTORS.replace(",", "\t"), "a.csv: must have commas between its columns"),
         (INCIDENT.replace(",7,", ",7.5,"), "row 1: column `mesh_face` must be the number of a face, .*, but is 7.5"),
         (INCIDENT.replace(",7,", ",-2,"), "but is -2"),
         (INCIDENT.replace("time [ms]", "face"), "has both columns `face` and `mesh_face`"),
@@ -411,3 +409,55 @@ def test_numbers_of_rows_are_no_numbers_of_particles(tmp_path, first):
     with pytest.raises(ImpactsError, match=r"column 'count' counts the rows, .* Argument `ignore`"):
         list(read_impacts(path).blocks(10))
     assert sum(block.rows for block in read_impacts(path, ignore=("count",)).blocks(10)) == 20
+
+
+PLAIN = "x,y,z,vel_x,vel_y,vel_z,diameter_um\n1.5,2,-3,30,0.5,-4,200\n2.5,2,-3,30,0.5,-4,100\n"
+MEANT = "x,y,z=mm, vel_x,vel_y,vel_z=m/s"
+SPELLINGS = {
+    "a.csv": PLAIN, "a.txt": PLAIN, "semicolons.txt": PLAIN.replace(",", ";"), "tabs.tsv": PLAIN.replace(",", "\t"),
+    "spaces.out": PLAIN.replace(",", "  "), "german.csv": PLAIN.replace(",", ";").replace(".", ","),
+    "commented.txt": "# of a run, 3 rows\n" + PLAIN,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SPELLINGS)
+def test_a_plain_table_needs_no_editing(tmp_path, name):
+    path = written(tmp_path / name, SPELLINGS[name])
+    with pytest.raises(ImpactsError, match="`columns` must give it"):
+        read_impacts(path, particle_density=2650)
+    block = block_of(path, particle_density=2650, columns=MEANT)
+    check(block, position=[[1.5e-3, 2e-3, -3e-3], [2.5e-3, 2e-3, -3e-3]], velocity=[[30, 0.5, -4]] * 2)
+    check(block, diameter=[2e-4, 1e-4])
+
+
+def test_meanings_come_from_a_file_and_of_any_name(tmp_path):
+    path = written(tmp_path / "a", "U rel,theta,D50\n30,20,200\n")
+    meant = {"U rel": "speed [m/s]", "theta": "angle [deg]", "D50": "diameter [um]"}
+    file = written(tmp_path / "names.toml", "".join(f"{head!r} = {text!r}\n" for head, text in meant.items()))
+    for columns in (meant, str(file), ", ".join(f"{head}={text}" for head, text in meant.items())):
+        check(block_of(path, particle_density=2650, columns=columns), speed=[30], alpha=[math.radians(20)])
+
+
+def test_other_endings_are_known_by_their_content(tmp_path):
+    for kind, suffix in (("csv", "x"), ("parquet", "y")):
+        table = a_table(tmp_path, kind, {**BODY, **MOTION})
+        check(block_of(table.rename(tmp_path / f"rows.{suffix}")), speed=[50])
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ("x,y,z", "such as"), ("x,,y=mm", "such as"), ("x=", "such as"), ("q=mm", "no column 'q'"),
+        ("x=kg", "unit of column 'x'"), ("diameter_um=m", "diameter_um"), ("nowhere.toml", "cannot be read as TOML"),
+    ],
+)  # fmt: skip
+def test_meanings_that_fit_no_column_are_refused(tmp_path, columns, words):
+    path = written(tmp_path / "a.csv", PLAIN)
+    with pytest.raises(ImpactsError, match=words):
+        read_impacts(path, particle_density=2650, columns=columns)
+
+
+def test_points_and_commas_are_one_too_many(tmp_path):
+    path = written(tmp_path / "a.csv", SPELLINGS["german.csv"].replace("100", "1.5"))
+    with pytest.raises(ImpactsError, match="with points and with commas"):
+        read_impacts(path, particle_density=2650, columns=MEANT)

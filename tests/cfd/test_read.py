@@ -95,7 +95,6 @@ def test_a_surface_that_cannot_be_read_is_one_sentence(tmp_path, suffix, content
         (read_surface, "x.vtp", {}, "x.vtp: is not there"),
         (read_surface, "volume.vtu", {}, "holds no polygons; extract the surface"),
         (read_surface, "box.vtp", {"patch": "wall"}, "has no patches, so Argument `patch` must be left out"),
-        (read_impacts, "a.txt", {}, "is no table of impacts; its name must end in .post, .dat, .dpm, .csv or .parquet"),
         (read_impacts, "none.csv", {}, "none.csv: is not there"),
         (read_impacts, "empty", {}, r"has no tables of impacts .*, but nothing"),
         (read_impacts, "a.csv", {"particle_density": "heavy"}, "Argument `particle_density` must be a density"),

@@ -7,6 +7,7 @@ import io
 import itertools
 import math
 import re
+import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,10 +20,12 @@ from erosion.cfd.rows import (
     ImpactBlock,
     Impacts,
     ImpactsError,
+    Plain,
     beginning,
     blocks,
     digest_of,
     first_wrong_field,
+    kind_of,
     open_table,
     require_columns,
     require_rows,
@@ -43,14 +46,14 @@ from erosion.parameters.headings import (
     HeaderError,
     Known,
     factor,
+    head_parts,
     matching,
     read_heads,
     unused_note,
 )
 from erosion.parameters.materials import HEAVIEST, LIGHTEST
-from erosion.parameters.units import about
+from erosion.parameters.units import about, shown
 
-TABLE_SUFFIXES = (".csv", ".parquet")
 _BLOCK = 1 << 22  # bytes of text, or 32 of a row of numbers, that are read at once
 _NUMBERED = 10  # rows whose weights are 1, 2, 3, …, from which on these are the numbers of the rows
 _SAME = 1.1  # ratio of densities of one solid
@@ -121,7 +124,7 @@ class NamedImpacts(Impacts):
         """See `Impacts`; after the last block `warnings` has what is doubtful in its numbers."""
         first, low, high, contradictions = 0, math.inf, 0.0, 0
         wanted = [column.name for column in self.columns.values()]
-        for batch in (_parquet_batches if self.path.suffix == ".parquet" else _csv_batches)(self.path, wanted):
+        for batch in (_parquet_batches if kind_of(self.path) == "parquet" else _csv_batches)(self.path, wanted):
             columns = dict[str, np.ndarray]()
             for name, (head, size) in self.columns.items():
                 is_number = batch.column(head).is_valid().to_numpy(zero_copy_only=False)
@@ -156,13 +159,19 @@ class NamedImpacts(Impacts):
             )
 
 
-def open_named(path: Path, density: float | None, duration: float | None, ignore: Sequence[str] = ()) -> NamedImpacts:
-    """A CSV or Parquet file, without the columns that `ignore` names.
+def open_named(
+    path: Path,
+    density: float | None,
+    duration: float | None,
+    ignore: Sequence[str] = (),
+    meant: Mapping[str, str] | None = None,
+) -> NamedImpacts:
+    """A CSV or Parquet file, without the columns that `ignore` names, some of which mean what `meant` says.
 
     Raises:
         ImpactsError: for a file that cannot be read, and columns or units that cannot be used.
     """
-    columns, unused, rows = _head(path, ignore)
+    columns, unused, rows = _head(path, ignore, meant)
     if density is not None and _gives_density(columns):
         own = [columns[name].name for name in ("density", "mass", "diameter") if name in columns]
         raise ImpactsError(
@@ -187,9 +196,9 @@ def open_named(path: Path, density: float | None, duration: float | None, ignore
     )
 
 
-def gives_density(path: Path, ignore: Sequence[str]) -> bool:
+def gives_density(path: Path, ignore: Sequence[str], meant: Mapping[str, str] | None = None) -> bool:
     """Whether this is a table with named columns that has the density of its particles; errors as of `open_named`."""
-    return is_named(path) and _gives_density(_head(path, ignore)[0])
+    return is_named(path) and _gives_density(_head(path, ignore, meant)[0])
 
 
 def _gives_density(columns: Collection[str]) -> bool:
@@ -220,18 +229,63 @@ def _doubtful_densities(low: float, high: float, contradictions: int, expected: 
 
 
 def is_named(path: Path) -> bool:
-    """Whether the name is one of a CSV file, compressed or not, or a Parquet file."""
-    return path.suffix in TABLE_SUFFIXES or path.name.endswith(".csv.gz")
+    """Whether it is a CSV file, compressed or not, or a Parquet file."""
+    return path.is_file() and kind_of(path) in ("csv", "parquet")
 
 
-def _head(path: Path, ignore: Sequence[str]) -> tuple[dict[str, Column], tuple[str, ...], int | None]:
+def read_meanings(given: str | Mapping[str, str] | None) -> dict[str, str]:
+    """What columns mean, of "x,y,z=mm, d50=diameter [um]", of a TOML file with such entries, or of a mapping.
+
+    Raises:
+        ImpactsError: for what is none of these.
+    """
+    if given is None or isinstance(given, Mapping):
+        return dict(given or {})
+    if given.endswith(".toml"):
+        try:
+            meant = tomllib.loads(Path(given).read_text())
+        except (OSError, ValueError) as error:
+            raise ImpactsError(f"{given}: cannot be read as TOML ({error}).") from error
+        if wrong := next((head for head, text in meant.items() if not isinstance(text, str)), None):
+            raise ImpactsError(f'{given}: {wrong!r} must be a text such as "mm".')
+        return meant
+    meant, heads = {}, list[str]()
+    for entry in given.split(","):
+        head, equals, text = (part.strip() for part in entry.partition("="))
+        heads.append(head)
+        if equals:
+            meant |= dict.fromkeys(heads, text)
+            heads = []
+    if heads or not all(meant) or not all(meant.values()):
+        raise ImpactsError(f'Argument `columns` must be such as "x,y,z=mm, d50=diameter [um]", but is {given!r}.')
+    return meant
+
+
+def _explained(path: Path, heads: Sequence[str], meant: Mapping[str, str]) -> list[str]:
+    """The heads of a table with the units or the names that a user gives them."""
+    explained = list(heads)
+    for name, text in meant.items():
+        at = [i for i, head in enumerate(heads) if head.strip() == name]
+        if not at:
+            known = shown(", ".join(head.strip() for head in heads))
+            raise ImpactsError(f"{path}: has no column {name!r}, which Argument `columns` names; it has {known}.")
+        if not text.endswith("]") and head_parts(name)[1]:
+            raise ImpactsError(f"{path}: column {name!r} has its unit, so Argument `columns` must not give it another.")
+        explained[at[0]] = text if text.endswith("]") else f"{name} [{text}]"
+    return explained
+
+
+def _head(
+    path: Path, ignore: Sequence[str], meant: Mapping[str, str] | None
+) -> tuple[dict[str, Column], tuple[str, ...], int | None]:
     """The columns that are used, by name, the heads of those that are left out, and the number of rows if known."""
-    if path.suffix == ".parquet":
+    if kind_of(path) == "parquet":
         heads, units, rows = _parquet_head(path)
     else:
-        heads, units, rows = _csv_header(path)[1], {}, None
+        heads, units, rows = _csv_header(path).heads, {}, None
+    texts = _explained(path, heads, meant or {})
     try:
-        table = read_heads(heads, _known(heads), ignore=ignore, units=units, also=("mass flux",))
+        table = read_heads(texts, _known(texts), ignore=ignore, units=units, also=("mass flux",))
     except HeaderError as error:
         at = "" if error.index is None else f" column {heads[error.index]!r}"
         raise ImpactsError(f"{path}:{at} {error}.") from error
@@ -267,14 +321,24 @@ def _factor(path: Path, head: str, name: str, unit: str) -> float:
         raise ImpactsError(f"{path}: column {head!r} must be a pure number, but has the unit {unit!r}.")
     if not unit:
         raise ImpactsError(
-            f"{path}: column {head!r} must carry its unit in brackets, as `{head.strip()} [{_EXAMPLES[dimension]}]`."
+            f"{path}: column {head!r} must carry its unit, as `{head.strip()} [{_EXAMPLES[dimension]}]`, or "
+            f'Argument `columns` must give it: "{head.strip()}={_EXAMPLES[dimension]}".'
         )
     with about(f"{path}: the unit of column {head!r}", ImpactsError):
         return factor(unit, dimension, "si")
 
 
-def _csv_header(path: Path) -> tuple[int, list[str]]:
-    """How many lines stand before the header, and its cells.
+class _Layout(NamedTuple):
+    """How a table of text is laid out: the lines before its header, the header's cells, and its punctuation."""
+
+    first: int
+    heads: list[str]
+    delimiter: str
+    decimal: str
+
+
+def _csv_header(path: Path) -> _Layout:
+    """The layout of a table of text.
 
     Empty lines, comments (#) and what CFD-Post writes before "[Data]" stand before it.
     """
@@ -288,24 +352,29 @@ def _csv_header(path: Path) -> tuple[int, list[str]]:
             break
     if first == len(lines):
         raise ImpactsError(f"{path}: has no line that names columns{'' if in_data else ', for [Data] is missing'}.")
+    counts = {mark: lines[first].count(mark) for mark in ("\t", ";", ",")}
+    delimiter = max(counts, key=lambda mark: counts[mark]) if any(counts.values()) else " "
     try:
-        heads = next(csv.reader(io.StringIO("".join(lines[first:]), newline="")))
+        text = io.StringIO("".join(lines[first:]), newline="")
+        heads = lines[first].split() if delimiter == " " else next(csv.reader(text, delimiter=delimiter))
     except csv.Error as error:
         raise ImpactsError(f"{path}: is no CSV file ({error}).") from error
-    if len(heads) == 1 and (";" in heads[0] or "\t" in heads[0]):
-        raise ImpactsError(f"{path}: must have commas between its columns, and points in its numbers.")
+    rows = "".join(line for line in lines[first + 1 :] if not line.lstrip(' "').startswith("#"))
+    decimal = "," if delimiter != "," and re.search(r"\d,\d", rows) else "."
+    if decimal == "," and re.search(r"\d\.\d", rows):
+        raise ImpactsError(f"{path}: has numbers with points and with commas; one of them must go.")
     if first and all(_NUMBER.fullmatch(head.strip()) for head in heads):
         raise ImpactsError(
             f"{path}: line {first + 1} must name the columns, but is {lines[first].strip()[:60]!r}; what begins with # "
             "is a comment, not a header."
         )
-    return first, heads
+    return _Layout(first, heads, delimiter, decimal)
 
 
 def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
     """Some rows at a time; comments among them are left out."""
     arrow, reader = library("pyarrow", "cfd"), library("pyarrow.csv", "cfd")
-    first, heads = _csv_header(path)
+    first, heads, delimiter, decimal = _csv_header(path)
     begins = [heads[0]] if heads[0] not in wanted and heads.count(heads[0]) == 1 else []
     wrong: list[Any] = []
 
@@ -318,11 +387,12 @@ def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
     with open_table(path) as file:
         try:
             batches = reader.open_csv(
-                arrow.PythonFile(file, mode="r"),
+                arrow.PythonFile(Plain(file) if delimiter == " " else file, mode="r"),
                 reader.ReadOptions(column_names=heads, skip_rows=first + 1, block_size=_BLOCK),
-                reader.ParseOptions(invalid_row_handler=refuse, newlines_in_values=False),
+                reader.ParseOptions(delimiter=delimiter, invalid_row_handler=refuse, newlines_in_values=False),
                 reader.ConvertOptions(
                     include_columns=[*wanted, *begins],
+                    decimal_point=decimal,
                     column_types=dict.fromkeys(wanted, arrow.float64()) | dict.fromkeys(begins, arrow.string()),
                 ),
             )
@@ -337,7 +407,9 @@ def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
             if not wrong:
                 with open_table(path) as text:
                     lines = (line.decode(errors="replace") for line in itertools.islice(text, first + 1, None))
-                    rows = (row for row in csv.reader(lines) if not (row and row[0].lstrip(' "').startswith("#")))
+                    plain = csv.reader(lines, delimiter=delimiter, skipinitialspace=delimiter == " ")
+                    points = ([field.replace(decimal, ".") for field in row] for row in plain)
+                    rows = (row for row in points if not (row and row[0].lstrip(' "').startswith("#")))
                     said = first_wrong_field(rows, heads, wanted, "cannot be read as CSV")
             elif _PART.fullmatch(wrong[0].text.strip()):
                 said = f"{wrong[0].text.strip()} begins another part; keep the table alone, to the line before"

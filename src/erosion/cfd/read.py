@@ -3,7 +3,7 @@
 import contextlib
 import logging
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from erosion.arguments import check_path
 from erosion.cfd import impact_tables, text_tables
 from erosion.cfd.openfoam import case_of, open_case
-from erosion.cfd.rows import Impacts, ImpactsError
+from erosion.cfd.rows import Impacts, ImpactsError, kind_of
 from erosion.cfd.surface import Surface, metres_of
 from erosion.extras import library
 from erosion.output.files import require_finite
@@ -83,7 +83,6 @@ def _quiet() -> Iterator[None]:
         logging.disable(before)
 
 
-_IMPACTS = ".post, .dat, .dpm, .csv or .parquet"
 _SURFACES = ".vtp, .stl or .vtu"
 
 
@@ -94,6 +93,7 @@ def read_impacts(
     particle_density: float | int | str | None = None,
     duration: float | int | None = None,
     ignore: Sequence[str] = (),
+    columns: str | Mapping[str, str] | None = None,
 ) -> Impacts:
     """Open a table of impacts of a CFD run.
 
@@ -104,12 +104,14 @@ def read_impacts(
         surface = erosion.read_surface("bend", patch="wall")
         dataset = erosion.erosion_map("rotating", p, impacts, surface)
 
-    Formats, by the name of the file, which may also end in ".gz" where it is text:
+    Formats, by the name of the file, which may also end in ".gz" where it is text; or, with another name such as
+    ".txt", by what it begins with:
 
     - `.post`, `.dat`: OpenFOAM's function objects `patchPostProcessing` and `particlePostProcessing`; a file, the
       folder of a function object with all its windows of time, or a case that has one. Columns are found by the header.
     - `.dpm`: a sample of Fluent. Of a steady run the rows are what hits within `duration`.
-    - `.csv`, `.parquet`: columns `diameter [um]`; `mass [ug]` or `density [kg/m^3]`; `velocity_x [m/s]`, `velocity_y`,
+    - `.csv`, `.parquet`: text with commas, semicolons, tabs or spaces between columns, or numbers: columns
+      `diameter [um]`; `mass [ug]` or `density [kg/m^3]`; `velocity_x [m/s]`, `velocity_y`,
       `velocity_z`, or `speed [m/s]` and `angle [deg]`; at will one of `count`, `parcel_mass [kg]`, and of a steady run
       `mass_flow [kg/s]`, `frequency [1/s]`; `position_x [m]`, …, `face` (of the surface) or `mesh_face` (of the mesh),
       from 0, `spin [rad/s]`, `time [s]`. A Parquet file may hold units in its columns' metadata (`units`). A column
@@ -124,6 +126,8 @@ def read_impacts(
         particle_density: of the particles, where no column gives it: a number [kg/m³], or "2.65 g/cm^3".
         duration: time that the table covers [s], where it does not say it or says it wrongly.
         ignore: columns of a CSV or Parquet file that are left out, by their names: ("frequency",).
+        columns: units of columns that carry none, and meanings of those whose names are not understood, by the names of
+            the file: "x,y,z=mm, vel_x,vel_y,vel_z=m/s, d50=diameter [um]", the same as a mapping, or a TOML file.
 
     Returns:
         The table; `blocks` of it reads the rows.
@@ -137,17 +141,15 @@ def read_impacts(
     if duration is not None and not (np.isfinite(duration) and duration > 0):
         raise ImpactsError(f"Argument `duration` must be positive and finite, but is {duration!r}.")
     seconds = None if duration is None else float(duration)
-    if ignore and not impact_tables.is_named(path):
-        raise ImpactsError(
-            f"{path}: is no table with named columns (.csv, .parquet), so Argument `ignore` must be left out."
-        )
-    if path.is_dir() or text_tables.is_openfoam(path):
+    if (ignore or columns) and not impact_tables.is_named(path):
+        given = "ignore" if ignore else "columns"
+        raise ImpactsError(f"{path}: is no table with named columns, so Argument `{given}` must be left out.")
+    kind = "openfoam" if path.is_dir() else kind_of(path)
+    if kind == "openfoam":
         return text_tables.open_openfoam(path, case, kilograms, seconds)
-    if impact_tables.is_named(path):
-        return impact_tables.open_named(path, kilograms, seconds, ignore)
-    if text_tables.is_fluent(path):
+    if kind == "fluent":
         return text_tables.open_fluent(path, kilograms, seconds)
-    raise ImpactsError(f"{path}: is no table of impacts; its name must end in {_IMPACTS}.")
+    return impact_tables.open_named(path, kilograms, seconds, ignore, impact_tables.read_meanings(columns))
 
 
 def read_surface(

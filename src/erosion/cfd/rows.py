@@ -299,6 +299,26 @@ def open_table(path: Path) -> Iterator[Any]:
         raise ImpactsError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from error
 
 
+_SUFFIXES = {"openfoam": (".post", ".dat"), "fluent": (".dpm",), "parquet": (".parquet",), "csv": (".csv",)}
+_BEGINS = {"openfoam": rb"^#\s*Time\b", "fluent": rb"^\s*\(+\s*x\s+y\s+z\b.*\bdiameter\b"}
+
+
+def kind_of(path: Path) -> str:
+    """Which table a file is, "openfoam", "fluent", "parquet" or "csv": by its name, or else by what it begins with.
+
+    Raises:
+        ImpactsError: as of `beginning`.
+    """
+    name = path.name.removesuffix(".gz")
+    if kind := next((kind for kind, suffixes in _SUFFIXES.items() if name.endswith(suffixes)), ""):
+        return kind
+    with open_table(path) as file:
+        if file.read(4) == b"PAR1":
+            return "parquet"
+    start = beginning(path)
+    return next((kind for kind, line in _BEGINS.items() if re.search(line, start, re.MULTILINE)), "csv")
+
+
 def beginning(path: Path) -> bytes:
     """The bytes in which a header must end, whole lines of them.
 
@@ -335,7 +355,7 @@ def batches(
             file.readline()
         try:
             reader = csv.open_csv(
-                arrow.PythonFile(_Plain(file), mode="r"),
+                arrow.PythonFile(Plain(file), mode="r"),
                 csv.ReadOptions(column_names=list(names), block_size=_CHUNK),
                 csv.ParseOptions(delimiter=" ", quote_char=False),
                 csv.ConvertOptions(
@@ -358,7 +378,7 @@ def batches(
                 raise ImpactsError(f"{path}: {wrong}.") from error
 
 
-class _Plain(io.RawIOBase):
+class Plain(io.RawIOBase):
     """The file without its parentheses, with one space between fields, for pyarrow's parser."""
 
     def __init__(self, file: io.BufferedIOBase):

@@ -239,23 +239,13 @@ def open_fluent(path: Path, density: float | None, duration: float | None) -> Te
     return TextImpacts(title=str(path), tables=(table,), duration=duration, warnings=warnings)
 
 
-def is_openfoam(path: Path) -> bool:
-    """Whether the name is one of a table of OpenFOAM, compressed or not."""
-    return path.name.removesuffix(".gz").endswith((".post", ".dat"))
-
-
-def is_fluent(path: Path) -> bool:
-    """Whether the name is one of a sample of Fluent, compressed or not."""
-    return path.name.removesuffix(".gz").endswith(".dpm")
-
-
 def _files(folder: Path) -> list[Path]:
     """The tables of a window, a function object or a whole case."""
     # Beside those of clouds a case has tables of forces, probes and others.
     roots = (folder / "postProcessing" / "lagrangian", folder / "lagrangian", folder)
     root = next(root for root in roots if root.is_dir())
-    files = sorted(file for file in root.rglob("*") if file.is_file() and is_openfoam(file) and _in_window(file))
-    files = files or sorted(file for file in root.iterdir() if file.is_file() and is_openfoam(file))
+    files = sorted(file for file in root.rglob("*") if file.is_file() and _is_table(file) and _in_window(file))
+    files = files or sorted(file for file in root.iterdir() if file.is_file() and _is_table(file))
     if not files:
         names = sorted(file.name + "/" * file.is_dir() for file in folder.iterdir())
         listed = f"{', '.join(names[:10])}{', …' if len(names) > 10 else ''}" if names else "nothing"
@@ -269,6 +259,10 @@ def _files(folder: Path) -> list[Path]:
     if twice := [file for file in files if file.suffix == ".gz" and file.with_suffix("") in files]:
         raise ImpactsError(f"{twice[0]}: is there twice, also as {twice[0].stem}; remove one of them.")
     return files
+
+
+def _is_table(file: Path) -> bool:
+    return file.name.removesuffix(".gz").endswith((".post", ".dat"))
 
 
 def _openfoam_table(path: Path) -> Table:

@@ -69,6 +69,9 @@ class _Rows:
         None
     )
     injected: Annotated[str | None, Parameter(help='The sand of the run, if its case does not say it: "2 g".')] = None
+    columns: Annotated[
+        str | None, Parameter(help='Units and meanings of columns: "x,y,z=mm, d50=diameter [um]", or .toml.')
+    ] = None
     ignore: IgnoreOption = None
     particle_density: Annotated[str | None, Parameter(help='If no column gives it, nor --particle: "2650 kg/m^3".')] = (
         None
@@ -85,11 +88,14 @@ class _Rows:
         """
         density = density_option("particle-density", self.particle_density)
         duration, ignore = self.number("duration", "time", p), self.ignore or ()
-        has_own = impacts.is_file() and lazy.gives_density(impacts, ignore)
+        meant = lazy.read_meanings(self.columns)
+        has_own = impacts.is_file() and lazy.gives_density(impacts, ignore, meant)
         # Samples of Fluent hold masses, and take no density.
-        if density is None and not (has_own or lazy.is_fluent(impacts)):
+        if density is None and not (has_own or (impacts.is_file() and lazy.kind_of(impacts) == "fluent")):
             density = named
-        table = lazy.read_impacts(impacts, case=of_mesh, particle_density=density, duration=duration, ignore=ignore)
+        table = lazy.read_impacts(
+            impacts, of_mesh, particle_density=density, duration=duration, ignore=ignore, columns=meant or None
+        )
         if isinstance(table, lazy.NamedImpacts) and has_own:
             table.expected = named
         return table
