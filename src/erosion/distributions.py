@@ -35,9 +35,17 @@ from erosion.parameters.headings import (
     read_heads,
     weight_among,
 )
-from erosion.parameters.quantities import QUANTITIES
-from erosion.parameters.scales import table_scale
-from erosion.parameters.units import Dimension, System, ascii_unit, has_unit, read_quantity, shown, unit_name
+from erosion.parameters.quantities import (
+    QUANTITIES,
+    Dimension,
+    System,
+    ascii_unit,
+    has_unit,
+    read_quantity,
+    shown,
+    table_scale,
+    unit_name,
+)
 
 Number = float | int
 

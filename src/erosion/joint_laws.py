@@ -24,8 +24,7 @@ from erosion.arguments import check_unmasked, refuse
 from erosion.distributions import MOST_OUTSIDE, Distribution, OfScipy, Samples, read_columns, shares_within
 from erosion.output.files import digest
 from erosion.parameters.headings import unused_note
-from erosion.parameters.quantities import Quantity
-from erosion.parameters.units import Dimension, System
+from erosion.parameters.quantities import Dimension, Quantity, System
 
 Ranges = Mapping[str, tuple[float, float]]
 """By parameter, the greatest number below its range, and the greatest number of it."""

@@ -14,8 +14,7 @@ from erosion.cli import _status
 from erosion.distributions import read_distribution
 from erosion.explorer.state import PageCase, PageState
 from erosion.fits.measurements import HeaderError, read_header
-from erosion.parameters.quantities import read_axis
-from erosion.parameters.units import Dimension, UnitError, check_system, has_unit, read_quantity
+from erosion.parameters.quantities import Dimension, UnitError, check_system, has_unit, read_axis, read_quantity
 from tests.documents import Shell
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import erosion
 from erosion.cli.options import CaseOptions, in_full, load_set, read_settings, settings
-from erosion.parameters.units import read_quantity
+from erosion.parameters.quantities import read_quantity
 
 ROOT = Path(__file__).parents[2]
 P = erosion.TABLE_1

@@ -6,7 +6,7 @@ import pytest
 
 from erosion.explorer.controls import read_materials
 from erosion.parameters.materials import known_particles, known_targets
-from erosion.parameters.units import System
+from erosion.parameters.quantities import System
 
 
 def test_own_tables_come_before_the_packages(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from erosion.fits import ErrorModel, MeasurementError, calibrate, read_measurements
 from erosion.parameters.parameters import TABLE_1
-from erosion.parameters.units import UnitError
+from erosion.parameters.quantities import UnitError
 
 
 @pytest.mark.parametrize(

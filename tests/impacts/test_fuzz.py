@@ -9,8 +9,7 @@ from hypothesis import given, settings, strategies as st
 import erosion
 from erosion.distributions import Distribution, read_distribution
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.quantities import read_axis
-from erosion.parameters.units import read_quantity
+from erosion.parameters.quantities import read_axis, read_quantity
 from tests.parameters.test_parameters import GOOD, case_text
 
 pytestmark = pytest.mark.slow

@@ -11,8 +11,7 @@ from hypothesis import given, strategies as st
 
 import erosion
 from erosion.parameters.case_files import with_paths
-from erosion.parameters.quantities import QUANTITIES
-from erosion.parameters.units import read_quantity
+from erosion.parameters.quantities import QUANTITIES, read_quantity
 
 P = erosion.TABLE_1
 CASES = Path(__file__).parents[2] / "cases"

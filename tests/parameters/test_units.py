@@ -7,20 +7,25 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from erosion.parameters.quantities import QUANTITIES, derivative_row, quantity_row, read_axis, result_row
-from erosion.parameters.scales import readable_scale, table_scale
-from erosion.parameters.units import (
+from erosion.parameters.quantities import (
     _EXAMPLES,
     _PINT_UNITS,
+    QUANTITIES,
     SYSTEMS,
     Dimension,
     UnitError,
     _registry,
     ascii_unit,
     conversion_factor,
+    derivative_row,
     derivative_unit,
     has_unit,
+    quantity_row,
+    read_axis,
     read_quantity,
+    readable_scale,
+    result_row,
+    table_scale,
     unit_name,
 )
 

@@ -8,7 +8,7 @@ from matplotlib.patches import Rectangle
 from erosion.impacts.simulate import Trajectory, simulate
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
-from erosion.parameters.scales import readable_scale
+from erosion.parameters.quantities import readable_scale
 from erosion.plotting.curves import plot_end_times, plot_volume
 from erosion.plotting.motion import plot_histories, plot_path, plot_removal_rate, plot_trajectory
 from erosion.plotting.style import new_axes, new_figure, save_plot

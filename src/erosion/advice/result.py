@@ -17,8 +17,7 @@ from erosion.output.tables import Record, Result, format_number, to_plain
 from erosion.parameters.materials import Particle, Target
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PER_MASS_SCALES, FarFromTests, PerMass, far_from_tests, two_digits
-from erosion.parameters.scales import Scale, table_scale
-from erosion.parameters.units import System
+from erosion.parameters.quantities import Scale, System, table_scale
 from erosion.streams.tally import Points
 
 DRAWS = 64

@@ -37,7 +37,7 @@ from erosion.models.registry import require_loadable
 from erosion.ode.step_control import require_float64
 from erosion.output.files import digest
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.units import conversion_factor
+from erosion.parameters.quantities import conversion_factor
 
 _PORTION = 2**18  # impacts, draws times rows: enough for all cores at once, a few tens of megabytes
 _WRONG_WAY = 0.9  # share of rows from behind that no table of real impacts reaches

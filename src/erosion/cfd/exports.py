@@ -20,8 +20,7 @@ from erosion.ode.step_control import require_float64
 from erosion.output import tables
 from erosion.parameters.parameters import Parameters, are_angles, validate
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import QUANTITIES, RESULTS
-from erosion.parameters.units import ascii_unit, conversion_factor, unit_name
+from erosion.parameters.quantities import QUANTITIES, RESULTS, ascii_unit, conversion_factor, unit_name
 from erosion.version import __version__
 
 _RTOL = 1e-12

@@ -52,7 +52,7 @@ from erosion.parameters.headings import (
     unused_note,
 )
 from erosion.parameters.materials import HEAVIEST, LIGHTEST
-from erosion.parameters.units import about, shown
+from erosion.parameters.quantities import about, shown
 
 _BLOCK = 1 << 22  # bytes of text, or 32 of a row of numbers, that are read at once
 _NUMBERED = 10  # rows whose weights are 1, 2, 3, …, from which on these are the numbers of the rows

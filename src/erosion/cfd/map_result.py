@@ -20,9 +20,15 @@ from erosion.models.identity import code_version
 from erosion.output.files import write_whole
 from erosion.output.tables import Record, Result, Row, to_csv, to_plain, with_error
 from erosion.parameters.per_mass import BEYOND_TESTS, FarFromTests, far_from_tests
-from erosion.parameters.quantities import QUANTITIES, RESULTS, Quantity, quantity_row
-from erosion.parameters.scales import table_scale
-from erosion.parameters.units import System, conversion_factor
+from erosion.parameters.quantities import (
+    QUANTITIES,
+    RESULTS,
+    Quantity,
+    System,
+    conversion_factor,
+    quantity_row,
+    table_scale,
+)
 
 YEAR = 365.25 * 86400.0
 """Seconds of a year (Julian)."""

@@ -19,7 +19,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.correlated import CorrelatedBySize
 from erosion.models.own_parameters import quantities, ranges, with_values
 from erosion.parameters.parameters import Parameters, validate
-from erosion.parameters.units import Dimension, UnitError, about, conversion_factor, has_unit, read_quantity
+from erosion.parameters.quantities import Dimension, UnitError, about, conversion_factor, has_unit, read_quantity
 
 SCALINGS = ("similar", "none")
 SPINS = ("column", "case", "none")

@@ -16,7 +16,7 @@ from erosion.cfd.rows import Impacts, ImpactsError, kind_of
 from erosion.cfd.surface import Surface, metres_of
 from erosion.extras import library
 from erosion.output.files import require_finite
-from erosion.parameters.units import about, read_quantity
+from erosion.parameters.quantities import about, read_quantity
 
 SURFACE_SUFFIXES = (".vtp", ".stl", ".vtu")
 _STL_HEAD = 256  # bytes, of which VTK tells text from numbers as well

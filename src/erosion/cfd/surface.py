@@ -10,7 +10,7 @@ import numpy as np
 from erosion.arguments import Indices, Numbers, Vectors
 from erosion.cfd.rows import GREATEST, ImpactsError
 from erosion.extras import library
-from erosion.parameters.units import about, read_quantity
+from erosion.parameters.quantities import about, read_quantity
 
 METRES: Mapping[str, float] = {
     "um": 1e-6, "mm": 1e-3, "cm": 0.01, "in": 0.0254, "dm": 0.1, "ft": 0.3048, "m": 1.0,

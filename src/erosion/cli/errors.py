@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import cyclopts
 from cyclopts import exceptions
 
-from erosion.parameters.units import about, shown
+from erosion.parameters.quantities import about, shown
 
 _POWERS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _SPELLED = {

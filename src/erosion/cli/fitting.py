@@ -27,7 +27,7 @@ from erosion.cli.options import (
     with_model_of_case,
 )
 from erosion.cli.output import Output, PerMassOptions, weighing
-from erosion.parameters.units import has_control_characters, shown
+from erosion.parameters.quantities import has_control_characters, shown
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or "angle [deg], speed [m/s], '

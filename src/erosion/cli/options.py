@@ -13,8 +13,7 @@ from cyclopts import Group, Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.parameters.quantities import QUANTITIES
-from erosion.parameters.units import example
+from erosion.parameters.quantities import QUANTITIES, example
 
 if TYPE_CHECKING:
     from cyclopts.help import HelpPanel

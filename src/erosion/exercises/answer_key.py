@@ -14,8 +14,7 @@ from erosion.impacts.maxima import Jump
 from erosion.models import Linearized
 from erosion.output.language import language
 from erosion.parameters.parameters import Parameters, require_scalars, validate
-from erosion.parameters.scales import known_scales
-from erosion.parameters.units import Dimension, System, conversion_factor, shown, unit_name
+from erosion.parameters.quantities import Dimension, System, conversion_factor, known_scales, shown, unit_name
 
 Rate = Callable[[np.ndarray], np.ndarray]
 

@@ -19,8 +19,15 @@ from erosion.impacts.impact import Impact
 from erosion.parameters.materials import Particle, Target, known_particles, known_targets, particle, target
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import QUANTITIES, Quantity
-from erosion.parameters.units import SYSTEMS, System, conversion_factor, read_quantity, unit_name
+from erosion.parameters.quantities import (
+    QUANTITIES,
+    SYSTEMS,
+    Quantity,
+    System,
+    conversion_factor,
+    read_quantity,
+    unit_name,
+)
 from erosion.plotting.labels import STYLES, broken
 
 _FACTOR = 20.0  # a slider reaches from 1/20 to 20 times the first value, if this value is positive

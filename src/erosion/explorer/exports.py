@@ -13,8 +13,7 @@ from erosion.models.base import State as Body
 from erosion.output.tables import to_csv, to_json
 from erosion.parameters.case_files import dump_case, dump_per_mass
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.quantities import RESULTS
-from erosion.parameters.units import Dimension, unit_name
+from erosion.parameters.quantities import RESULTS, Dimension, unit_name
 
 
 def curves_csv(answers: Answers, state: PageState) -> bytes:

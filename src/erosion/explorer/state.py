@@ -18,8 +18,7 @@ from erosion.models.own_parameters import own_parameters
 from erosion.parameters.materials import Target
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate
 from erosion.parameters.per_mass import PerMass, read_density
-from erosion.parameters.quantities import Quantity
-from erosion.parameters.units import System, about, conversion_factor, read_quantity
+from erosion.parameters.quantities import Quantity, System, about, conversion_factor, read_quantity
 
 _LONGEST = 300  # characters; a link or an entry may repeat as many as it likes
 

@@ -26,9 +26,7 @@ from erosion.impacts.impact import Impact
 from erosion.models.base import State as Body
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.per_mass import BEYOND_TESTS, PER_MASS_SCALES, models_far_from_tests
-from erosion.parameters.quantities import RESULTS
-from erosion.parameters.scales import Scale, readable_scale
-from erosion.parameters.units import Dimension, System, unit_name
+from erosion.parameters.quantities import RESULTS, Dimension, Scale, System, readable_scale, unit_name
 from erosion.plotting.labels import (
     AT_CONTACT,
     DIM,

@@ -32,9 +32,17 @@ from erosion.models.registry import impact_to_dict
 from erosion.output.tables import Result, Row, format_number, to_plain
 from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import Quantity, quantity_row
-from erosion.parameters.scales import table_scale
-from erosion.parameters.units import about, example, has_unit, read_quantity, shown, unit_name
+from erosion.parameters.quantities import (
+    Quantity,
+    about,
+    example,
+    has_unit,
+    quantity_row,
+    read_quantity,
+    shown,
+    table_scale,
+    unit_name,
+)
 
 _ROUNDING = 1e-9  # of leverages
 _PROFILED = 1.8  # intervals of that level, to either side of an estimate

@@ -22,8 +22,7 @@ from erosion.fits.least_squares import FitProblem, FitSolution, settle
 from erosion.fits.measurements import Condition, Measurements, conditions, describe
 from erosion.output.tables import Result, format_number, sentences
 from erosion.parameters.per_mass import far_from_tests, two_digits
-from erosion.parameters.scales import table_scale
-from erosion.parameters.units import conversion_factor
+from erosion.parameters.quantities import conversion_factor, table_scale
 
 if TYPE_CHECKING:
     from erosion.fits.calibration import Calibration

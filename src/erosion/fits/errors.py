@@ -8,8 +8,7 @@ import numpy as np
 from scipy import optimize
 
 from erosion.arguments import Number
-from erosion.parameters.scales import table_scale
-from erosion.parameters.units import Dimension, System, UnitError, has_unit, read_quantity, shown
+from erosion.parameters.quantities import Dimension, System, UnitError, has_unit, read_quantity, shown, table_scale
 
 _PLUS = re.compile(r"(?<![eE])\+")  # not that of 1e+3
 _SHARE = re.compile(r"(.*\S)\s*(?:%|percent)\s*")

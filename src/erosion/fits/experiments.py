@@ -15,9 +15,7 @@ from erosion.fits.ranking import PosteriorRanking
 from erosion.models import model_name
 from erosion.output.tables import Result, to_plain
 from erosion.parameters.parameters import are_angles, array_of
-from erosion.parameters.quantities import QUANTITIES
-from erosion.parameters.scales import table_scale
-from erosion.parameters.units import shown
+from erosion.parameters.quantities import QUANTITIES, shown, table_scale
 
 _DRAWS = 1000
 _PER_NOISE = 16  # points of the grid in one standard deviation: the entropy errs by 1e-4 bit

@@ -27,7 +27,7 @@ from erosion.output.tables import sentences
 from erosion.parameters.case_files import dump_case, dump_per_mass, toml_string, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.units import conversion_factor
+from erosion.parameters.quantities import conversion_factor
 from erosion.version import __version__
 
 _POINTS = 20

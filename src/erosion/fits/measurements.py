@@ -40,9 +40,11 @@ from erosion.parameters.headings import (
     read_heads,
 )
 from erosion.parameters.parameters import are_angles
-from erosion.parameters.quantities import QUANTITIES, RESULTS, Quantity
-from erosion.parameters.units import (
+from erosion.parameters.quantities import (
+    QUANTITIES,
+    RESULTS,
     Dimension,
+    Quantity,
     System,
     UnitError,
     about,

@@ -33,8 +33,7 @@ from erosion.output.files import require_writable, seen_from, write_whole
 from erosion.output.tables import Result, Row, format_number, sentences, to_plain
 from erosion.parameters.case_files import dump_case, with_paths
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import RESULTS, Quantity
-from erosion.parameters.scales import Scale, table_scale
+from erosion.parameters.quantities import RESULTS, Quantity, Scale, table_scale
 from erosion.version import __version__
 
 RHAT = 1.01

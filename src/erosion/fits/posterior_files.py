@@ -18,8 +18,7 @@ from erosion.output.files import beside, require_finite
 from erosion.output.tables import sentences
 from erosion.parameters.case_files import parse_case, with_paths
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import QUANTITIES, Quantity
-from erosion.parameters.units import System, check_system, conversion_factor
+from erosion.parameters.quantities import QUANTITIES, Quantity, System, check_system, conversion_factor
 
 SOURCE = "model_source"
 """The attribute with what loads the model again: its name, or its file, whose path begins at the draws."""

@@ -26,7 +26,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_in_words, quantities
 from erosion.output.tables import Record, Result, format_number, sentences, to_plain
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.scales import Scale, table_scale
+from erosion.parameters.quantities import Scale, table_scale
 
 _EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)
 _SAME = 1e-5  # of the typical erosion: fits that differ by less are the same curve

@@ -24,7 +24,7 @@ from erosion.arguments import Broadcast, Flag, ModelState, Scalar, Structure
 from erosion.models.base import CuttingModel, Events, cuts_at_all, event_rates
 from erosion.models.equations import equations_of
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.units import System
+from erosion.parameters.quantities import System
 
 _CLOSE = 4 * float(np.finfo(float).eps)  # of a time: nearer is the same
 _NEWTON_STEPS = 60  # from a cubic's accuracy two or three suffice; a graze needs bisection

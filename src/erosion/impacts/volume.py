@@ -19,7 +19,7 @@ from erosion.ode.step_control import require_float64
 from erosion.ode.traced import traced_end
 from erosion.ode.variational import Layout, Options
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, require_concrete
-from erosion.parameters.units import System
+from erosion.parameters.quantities import System
 
 _NAMES = tuple(QUANTITIES)
 

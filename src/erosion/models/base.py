@@ -17,7 +17,7 @@ from erosion.arguments import Broadcast, Flag, ModelState
 from erosion.models.own_parameters import check_least, converted, replaced
 from erosion.output.tables import abbreviate
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.units import System
+from erosion.parameters.quantities import System
 
 if TYPE_CHECKING:
     from erosion.ode.problem import Problem

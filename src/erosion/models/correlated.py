@@ -20,7 +20,7 @@ from erosion.parameters.materials import (
 )
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.units import conversion_factor, shown
+from erosion.parameters.quantities import conversion_factor, shown
 
 
 class Correlated(CuttingModel):

@@ -38,7 +38,7 @@ from erosion.ode.problem import (
     struct_of,
 )
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
-from erosion.parameters.units import System, shown
+from erosion.parameters.quantities import System, shown
 
 _PACKAGE = Path(__file__).parents[1]
 _PLAIN_NODES = (tuple, list, dict, type(None))  # of pytrees

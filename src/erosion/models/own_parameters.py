@@ -19,8 +19,7 @@ from jax.core import Tracer
 from erosion.arguments import Number, check_scalars, check_unmasked
 from erosion.output.tables import abbreviate
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, require_parameters
-from erosion.parameters.quantities import RESULTS, Quantity
-from erosion.parameters.units import Dimension, System, conversion_factor
+from erosion.parameters.quantities import RESULTS, Dimension, Quantity, System, conversion_factor
 
 _Model = TypeVar("_Model", bound=eqx.Module)
 _Method = TypeVar("_Method", bound=Callable[..., Any])

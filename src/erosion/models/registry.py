@@ -26,7 +26,7 @@ from erosion.models.rigid import AsPrinted, Finnie, Linearized, Rotating
 from erosion.ode.problem import named
 from erosion.output.tables import Record, to_plain
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.units import shown
+from erosion.parameters.quantities import shown
 
 _PARTS = {"force": ForceLaw, "torque": Torque, "kinematics": TipKinematics, "deformation": Deformation}
 

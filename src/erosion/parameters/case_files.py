@@ -28,7 +28,7 @@ from erosion.output.files import beside, is_file, read_toml
 from erosion.parameters.materials import Particle, Target, particle, target
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, warn_of_size
 from erosion.parameters.per_mass import PerMass, read_density
-from erosion.parameters.units import about, check_system, has_control_characters, has_unit, shown, unit_name
+from erosion.parameters.quantities import about, check_system, has_control_characters, has_unit, shown, unit_name
 
 TEXT_KEYS = ("title", "units", "particle", "target")
 PER_MASS_KEYS = ("density", "cutting_fraction")

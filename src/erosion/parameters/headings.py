@@ -13,7 +13,7 @@ import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple, get_args
 
-from erosion.parameters.units import Dimension, System, UnitError, read_quantity, shown
+from erosion.parameters.quantities import Dimension, System, UnitError, read_quantity, shown
 
 SPEEDS = (
     "v0", "speed", "velocity", "vel", "impact speed", "impact velocity", "speed of impact", "velocity of impact",

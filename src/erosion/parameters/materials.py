@@ -15,7 +15,7 @@ from typing import Any
 
 from erosion.arguments import refuse
 from erosion.output.files import read_toml
-from erosion.parameters.units import Dimension, System, about, conversion_factor, read_quantity, shown
+from erosion.parameters.quantities import Dimension, System, about, conversion_factor, read_quantity, shown
 
 MATERIALS: Mapping[str, float] = types.MappingProxyType(
     {"mild steel": 37e3, "brass": 27e3, "copper": 10e3, "stainless steel": 75e3, "titanium": 136e3}

@@ -28,8 +28,17 @@ from erosion.parameters.materials import (
     particle as read_particle,
     target as read_target,
 )
-from erosion.parameters.quantities import QUANTITIES, STEEPEST, quantity_row
-from erosion.parameters.units import System, about, check_system, conversion_factor, read_quantity, shown
+from erosion.parameters.quantities import (
+    QUANTITIES,
+    STEEPEST,
+    System,
+    about,
+    check_system,
+    conversion_factor,
+    quantity_row,
+    read_quantity,
+    shown,
+)
 
 if TYPE_CHECKING:
     Leaf = Any  # numbers, lists and arrays come in; what is kept is an array, or JAX's stand-in for one

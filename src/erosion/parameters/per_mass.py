@@ -13,9 +13,7 @@ from erosion.arguments import PerImpact
 from erosion.output.tables import Row, format_number
 from erosion.parameters.materials import target
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import DIGITS, RESULTS
-from erosion.parameters.scales import Scale
-from erosion.parameters.units import conversion_factor, has_unit, read_quantity, shown
+from erosion.parameters.quantities import DIGITS, RESULTS, Scale, conversion_factor, has_unit, read_quantity, shown
 
 PER_MASS_SCALES: Mapping[str, Scale] = types.MappingProxyType(
     {"specific_volume": Scale(1e-9, "mm³/kg"), "erosion_ratio": Scale(1e-3, "g/kg")}

@@ -15,9 +15,7 @@ from erosion.impacts.alpha_max import ASIDE, MEASURES, Optimum
 from erosion.impacts.impact import impact
 from erosion.models.base import NO_CUT
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.quantities import QUARTER_DEGREES, RESULTS
-from erosion.parameters.scales import Scale, readable_scale
-from erosion.parameters.units import System
+from erosion.parameters.quantities import QUARTER_DEGREES, RESULTS, Scale, System, readable_scale
 from erosion.plotting.labels import (
     AT_CONTACT,
     DIM,

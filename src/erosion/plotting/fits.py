@@ -15,9 +15,7 @@ from erosion.fits import Calibration, NextExperiment, Posterior
 from erosion.fits.measurements import MOST, Condition, Measurements, conditions, describe
 from erosion.fits.posterior import BestAngles
 from erosion.models import model_name
-from erosion.parameters.quantities import RESULTS
-from erosion.parameters.scales import Scale, readable_scale
-from erosion.parameters.units import unit_name
+from erosion.parameters.quantities import RESULTS, Scale, readable_scale, unit_name
 from erosion.plotting.labels import ENDS, INK, MARKS, PALETTE, STYLES
 from erosion.plotting.style import angle_axis, house_style, new_figure, typeset
 

@@ -21,9 +21,7 @@ from matplotlib.ticker import LogFormatter, PercentFormatter
 from erosion.cfd.map_result import FACES, to_polydata
 from erosion.extras import library
 from erosion.output.tables import with_error
-from erosion.parameters.quantities import RESULTS
-from erosion.parameters.scales import Scale, readable_scale, table_scale
-from erosion.parameters.units import System
+from erosion.parameters.quantities import RESULTS, Scale, System, readable_scale, table_scale
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
 from erosion.plotting.style import house_style, new_figure
 from erosion.streams.result import NozzleAngle, Stream

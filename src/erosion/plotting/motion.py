@@ -13,9 +13,7 @@ from erosion.impacts.simulate import Trajectory
 from erosion.models import model_name
 from erosion.models.base import NO_CUT, ClosedForm, State
 from erosion.ode.solution import Solution
-from erosion.parameters.quantities import RESULTS
-from erosion.parameters.scales import readable_scale
-from erosion.parameters.units import System
+from erosion.parameters.quantities import RESULTS, System, readable_scale
 from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, HISTORIES, INK, NOTHING, PALETTE
 from erosion.plotting.style import (
     axes_or_new,

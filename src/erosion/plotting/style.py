@@ -18,8 +18,7 @@ from matplotlib.figure import Figure
 
 from erosion.output.files import require_writable, write_whole
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.quantities import RESULTS
-from erosion.parameters.scales import Scale
+from erosion.parameters.quantities import RESULTS, Scale
 from erosion.plotting.labels import FAINT, INK
 
 _NO_DATES: Mapping[str, Mapping[str, None]] = {

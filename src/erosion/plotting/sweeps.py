@@ -14,8 +14,7 @@ from matplotlib.patches import Patch
 
 from erosion.checks import Validation
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.scales import readable_scale
-from erosion.parameters.units import System
+from erosion.parameters.quantities import System, readable_scale
 from erosion.plotting.curves import mark_best
 from erosion.plotting.labels import (
     AT_CONTACT,

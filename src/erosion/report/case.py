@@ -22,7 +22,7 @@ from erosion.output.tables import Record
 from erosion.parameters.materials import MATERIALS
 from erosion.parameters.parameters import QUANTITIES, Parameters
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.units import System, conversion_factor, unit_name
+from erosion.parameters.quantities import System, conversion_factor, unit_name
 from erosion.plotting.curves import AngleSeries, ShapeCurve, plot_best_angles, plot_family
 from erosion.plotting.labels import broken_at, leaps
 from erosion.plotting.style import new_axes

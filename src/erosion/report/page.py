@@ -27,8 +27,7 @@ from erosion.output.language import ENGLISH, Language, language
 from erosion.output.tables import Record, to_csv, to_json
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.scales import Scale, readable_scale, table_scale
-from erosion.parameters.units import System, shown, unit_name
+from erosion.parameters.quantities import Scale, System, readable_scale, shown, table_scale, unit_name
 from erosion.plotting.style import house_style, save_figure
 from erosion.report.case import Answer, ReportCase, question
 from erosion.report.frame import render_page

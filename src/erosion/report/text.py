@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from latex2mathml.converter import convert
 from markupsafe import Markup, escape
 
-from erosion.parameters.scales import Scale, readable_scale, superscript
-from erosion.parameters.units import Dimension, System, unit_name
+from erosion.parameters.quantities import Dimension, Scale, System, readable_scale, superscript, unit_name
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
 
 THEMES: Mapping[str, Mapping[str, str]] = {

@@ -25,9 +25,7 @@ from erosion.models.registry import impact_to_dict
 from erosion.output.tables import Record, Result, Row, largest_of, to_plain, with_error
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.per_mass import PER_MASS_SCALES, FarFromTests, PerMass, far_from_tests
-from erosion.parameters.quantities import RESULTS, Quantity, quantity_row, result_row
-from erosion.parameters.scales import table_scale
-from erosion.parameters.units import conversion_factor
+from erosion.parameters.quantities import RESULTS, Quantity, conversion_factor, quantity_row, result_row, table_scale
 from erosion.streams.tally import Estimate, Particles, Points, Tally
 
 _ANGLES = np.deg2rad(np.linspace(2.0, 90.0, 45))

@@ -26,8 +26,7 @@ from erosion.models.identity import identity, numbers_in_words, provenance
 from erosion.models.own_parameters import own_in_words, own_quantities, quantities, require_one_impact, with_values
 from erosion.models.registry import BUILT_IN, require_loadable
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, require_concrete, validate
-from erosion.parameters.quantities import RESULTS, Quantity
-from erosion.parameters.units import ascii_unit, derivative_unit
+from erosion.parameters.quantities import RESULTS, Quantity, ascii_unit, derivative_unit
 
 Region = tuple[slice, ...]
 """The place of a block in its grid: one slice for each dimension."""

@@ -10,8 +10,7 @@ from erosion.impacts.simulate import SimulationError, path
 from erosion.models import load_model
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.scales import readable_scale
-from erosion.parameters.units import Dimension, conversion_factor
+from erosion.parameters.quantities import Dimension, conversion_factor, readable_scale
 from erosion.plotting.curves import plot_end_times, plot_volume
 from erosion.plotting.motion import plot_histories, plot_path, plot_removal_rate
 from erosion.plotting.style import new_axes, new_figure
