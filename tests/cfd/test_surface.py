@@ -1,10 +1,16 @@
 """Polygons in space: centroids, areas, normals, the faces of a mesh, and the face nearest to a point."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import erosion
 from erosion.cfd.rows import ImpactsError
 from erosion.cfd.surface import Surface
+from tests.cfd.parts import PARTS, polygons, rows_on, write
+
+P = erosion.TABLE_1.to("si")
 
 TRIANGLE = [(0.0, 0.0, 0.0), (3.0, 0.0, 0.0), (0.0, 3.0, 0.0)]
 # In the plane x = 1, an L of three squares of side 1, its normal along +x.
@@ -87,3 +93,44 @@ def test_a_surface_that_cannot_be_one_is_refused(polygons, message):
 def test_corners_that_are_no_points_are_refused():
     with pytest.raises(ImpactsError, match="corners that are none of its 3 points"):
         Surface("wall", np.eye(3), np.array([0, 1, 3]), np.array([3]), ("wall",), np.zeros(1, int))
+
+
+def flipped(surface: Surface, share: float) -> tuple[Surface, np.ndarray]:
+    faces = np.random.default_rng(5).random(surface.faces) < share
+    return surface.reversed(faces), faces
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 1.0])
+@pytest.mark.parametrize("part", PARTS)
+def test_normals_that_are_mixed_are_known_and_turned_by_the_impacts(part: str, share: float, tmp_path: Path) -> None:
+    surface, table = PARTS[part], rows_on(PARTS[part])
+    mixed, faces = flipped(surface, share)
+    expected = set(np.flatnonzero(faces if share < 0.5 else ~faces))
+    if share in (0.0, 1.0):
+        assert not mixed.mixed.size
+    elif share != 0.5:
+        assert set(mixed.mixed) == expected
+    file = write(mixed, tmp_path / "part.vtp")
+    right = erosion.erosion_map("dnv", P, table, surface)
+    turned = erosion.erosion_map("dnv", P, table, erosion.read_surface(file, reverse="auto", unit="m"))
+    np.testing.assert_allclose(turned["depth"], right["depth"], rtol=1e-12)
+    if 0 < share < 0.9:
+        left = erosion.erosion_map("dnv", P, table, erosion.read_surface(file, unit="m"))
+        assert "normals against those of their neighbours" in left.attrs["warnings"]
+
+
+def test_a_strip_with_one_side_is_named() -> None:
+    turn = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    across, turn_of_half = np.array([-0.3, 0.3])[:, None], turn / 2
+    points = np.stack(
+        [(1 + across * np.cos(turn_of_half)) * np.cos(turn), (1 + across * np.cos(turn_of_half)) * np.sin(turn),
+         across * np.sin(turn_of_half)], axis=-1,
+    )  # fmt: skip
+    i = np.arange(12)
+    following = np.where(i == 11, 0, i + 1)
+    # The last piece joins each edge with the other one.
+    corners = np.stack([i, np.where(i == 11, 12, following), np.where(i == 11, 0, 12 + following), 12 + i], axis=1)
+    strip = polygons(points.reshape(-1, 3), corners)
+    with pytest.raises(ImpactsError, match="one side only"):
+        _ = strip.parts
+    assert strip.mixed.size

@@ -200,7 +200,7 @@ BAD = [
     ),
     ("map {run} --surface {run} --surface-unit ft", "it would fit: Option `--surface-unit` must then be 'm'."),
     ("map {run} --surface {run} --patch hmp", "has no patch 'hmp', but has inlet, outlet, floor, hump, roof, sides."),
-    ("map {run} --surface {run} --reverse", "n·U is not positive: these look like velocities after the rebound"),
+    ("map {run} --surface {run} --reverse all", "n·U is not positive: these look like velocities after the rebound"),
     ("map {run} --surface {run} --restitution 0.8,0.1", "Option `--restitution` must be left out."),
     ("map {run} --surface {run} --restitution 0.8", 'Option `--restitution` must be two numbers such as "0.8,0.1"'),
     ("map {run} --surface {run} --restitution 0,0", "Option `--restitution` must be (e, μ) with e in (0, 1]"),

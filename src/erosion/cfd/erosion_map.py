@@ -130,6 +130,8 @@ class MapJob:
 
     def run(self, progress: Progress = no_progress) -> xr.Dataset:
         """Read and compute the table; progress and errors as of `erosion_map`."""
+        if self.surface is not None and self.surface.turns_itself:
+            return dataclasses.replace(self, surface=self._turned(self.surface)).run(progress)
         task, table, surface, options = self.task, self.impacts, self.surface, self.task.options
         ends = end_names(task.model)
         tally = FaceTally(1 if surface is None else surface.faces, options.realisations)
@@ -155,7 +157,7 @@ class MapJob:
             far_rows=nearness.far_in_words(),
             duration_from=sand.duration_from,
             injected_from=sand.injected_from,
-            warnings=" ".join([*table.warnings, *nearness.warnings(), *sand.warnings]),
+            warnings=" ".join([*table.warnings, *nearness.warnings(), *self._normals_in_words(tally), *sand.warnings]),
         )
         has_range = isinstance(task.model, Correlated)
         return to_dataset(tally, options, surface, sand, ends, attributes, has_range=has_range)
@@ -261,6 +263,33 @@ class MapJob:
             # A reader may read ahead in a thread, which must end before the process does.
             if isinstance(blocks, Generator):
                 blocks.close()
+
+    def _turned(self, surface: Surface) -> Surface:
+        """The surface, each part of it turned so that most of the first rows approach it."""
+        blocks = self.impacts.blocks(_PORTION)
+        block = next(iter(blocks), None)
+        if isinstance(blocks, Generator):
+            blocks.close()
+        surface = dataclasses.replace(surface, turns_itself=False)
+        if block is None or block.velocity is None:
+            return surface
+        incidence = Incidence(surface, self.impacts.mesh_faces, self.task.options.restitution, self._limit)
+        hits = incidence.hits(block)
+        votes = np.where(hits.fate == HIT, 1.0, -1.0) * np.isin(hits.fate, (HIT, RECEDING))
+        part = surface.parts[0]
+        return surface.reversed((np.bincount(part[hits.face], votes, part.max() + 1) < 0)[part])
+
+    def _normals_in_words(self, tally: FaceTally) -> list[str]:
+        """That neighbours have opposite normals, where rows recede from some."""
+        surface = self.surface
+        if surface is None or not tally.counts["fates"][RECEDING] or not surface.mixed.size:
+            return []
+        first = ", ".join(map(str, surface.mixed[:3]))
+        return [
+            f"{surface.title}: {surface.mixed.size:,} of {surface.faces:,} faces have normals against those of their "
+            f"neighbours, the first are {first}; impacts on them are taken for rebounds. Argument `reverse` 'auto' "
+            "turns them."
+        ]
 
     def _require_right_way(self, fates: np.ndarray) -> None:
         """Refuse a table in which nearly all rows come from behind."""

@@ -1,6 +1,7 @@
 """Open tables of impacts and surfaces (VTK, STL, OpenFOAM) by the kind of their files."""
 
 import contextlib
+import dataclasses
 import logging
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -157,7 +158,7 @@ def read_surface(
     patch: str | Sequence[str] | None = None,
     *,
     unit: str | None = None,
-    reverse: bool = False,
+    reverse: bool | str = False,
 ) -> Surface:
     """Read the surface that particles hit.
 
@@ -167,7 +168,8 @@ def read_surface(
         unit: of the coordinates, "mm"; by default they are in metres, and `erosion_map` compares them with the
             positions of impacts.
         reverse: whether to turn the normals round, for a file whose normals point into the fluid. OpenFOAM's point
-            out of it. Where nearly all impacts come from behind, `erosion_map` says it.
+            out of it. Where nearly all impacts come from behind, `erosion_map` says it. "auto" makes the normals of
+            each connected part agree, so that most of the first impacts come from the fluid.
 
     Raises:
         ImpactsError: a ValueError that names the file and what is wrong with it.
@@ -185,6 +187,10 @@ def read_surface(
     else:
         raise ImpactsError(f"{path}: is no surface; it must be an OpenFOAM case, or its name must end in {_SURFACES}.")
     surface = surface.in_unit(unit)
+    if reverse not in (False, True, "auto"):
+        raise ImpactsError(f"Argument `reverse` must be True, False or 'auto', but is {reverse!r}.")
+    if reverse == "auto":
+        return dataclasses.replace(surface.reversed(surface.parts[1]), turns_itself=True)
     return surface.reversed() if reverse else surface
 
 

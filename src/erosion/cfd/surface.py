@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from erosion.arguments import Indices, Numbers, Vectors
 from erosion.cfd.rows import GREATEST, ImpactsError
@@ -38,6 +39,7 @@ class Surface:
         patch: of each face, an index of `patches`, shape (faces,).
         mesh_face: number of each face in the mesh of the CFD run, shape (faces,); None where there is none.
         unit: that of the file, of which `points` are in metres; None where nobody said it, and it is taken as metres.
+        turns_itself: whether `erosion_map` turns the normals of each connected part so that most impacts meet it.
 
     Raises:
         ImpactsError: for a surface without faces, coordinates that are not finite, corners that are no points, and
@@ -52,6 +54,7 @@ class Surface:
     patch: Indices
     mesh_face: Indices | None = None
     unit: str | None = "m"
+    turns_itself: bool = False
 
     def __post_init__(self) -> None:
         if not self.faces:
@@ -97,13 +100,39 @@ class Surface:
         """The unit normal of each face, out of the fluid, shape (faces, 3)."""
         return self.area_vector / self.area[:, None]
 
-    def reversed(self) -> "Surface":
-        """The same surface with the opposite normals."""
+    def reversed(self, faces: Any = True) -> "Surface":
+        """The same surface with the opposite normals, of all faces or of those of a mask."""
         starts = np.concatenate([[0], self.ends[:-1]])
         sizes = np.diff(self.ends, prepend=0)
         # Corner i of a face becomes its corner (size - 1 - i).
         mirrored = np.repeat(starts + self.ends - 1, sizes) - np.arange(len(self.corners))
-        return dataclasses.replace(self, corners=self.corners[mirrored])
+        turned = np.repeat(np.broadcast_to(faces, self.faces), sizes)
+        return dataclasses.replace(self, corners=self.corners[np.where(turned, mirrored, np.arange(len(mirrored)))])
+
+    @functools.cached_property
+    def parts(self) -> tuple[Indices, np.ndarray]:
+        """The connected part of each face, and whether its normal disagrees with most of the part's area.
+
+        Two faces agree where they run along the side that they share in opposite directions. Sides of three faces or
+        more connect nothing.
+
+        Raises:
+            ImpactsError: naming faces of a part that has one side only, as a Möbius strip.
+        """
+        one, other, are_along = self._shared_sides
+        # Each face twice, as it is and turned: a part falls into two, each of which is turned against the other.
+        first = np.concatenate([one, one + self.faces])
+        second = np.concatenate([other + are_along * self.faces, other + ~are_along * self.faces])
+        graph = sparse.coo_matrix((np.ones(len(first), np.int8), (first, second)), shape=[2 * self.faces] * 2)
+        _, label = sparse.csgraph.connected_components(graph, directed=False)
+        upright, turned = label[: self.faces], label[self.faces :]
+        if (upright == turned).any():
+            faces = ", ".join(map(str, np.flatnonzero(upright == turned)[:3]))
+            raise ImpactsError(f"{self.title}: has one side only, as a Möbius strip: faces {faces}, …; mend them.")
+        _, part = np.unique(np.minimum(upright, turned), return_inverse=True)
+        is_turned = upright > turned
+        areas = np.bincount(part, np.where(is_turned, self.area, -self.area))
+        return part.reshape(-1), is_turned ^ (areas > 0)[part.reshape(-1)]
 
     def in_unit(self, unit: str | None) -> "Surface":
         """The surface of a file whose numbers are in this unit, in metres; None takes them as metres.
@@ -179,13 +208,8 @@ class Surface:
         """
         sizes = np.diff(self.ends, prepend=0)
         face = np.repeat(np.arange(self.faces), sizes)
-        following, sides = self._sides
-        # Files may repeat a point for each of its faces.
-        points = np.unique(self.points[self.corners], axis=0, return_inverse=True)[1].reshape(-1)
-        ends = np.sort(np.stack([points, points[following]]), axis=0)
-        order = np.lexsort(ends)
-        shared = (np.diff(ends[:, order], axis=1) == 0).all(axis=0)
-        one, other = order[:-1][shared], order[1:][shared]
+        sides = self._sides[1]
+        one, other, _, _ = self._beside
         cosine = np.einsum("ij,ij->i", self.normal[face[one]], self.normal[face[other]])
         angle = np.arccos(np.clip(cosine, -1.0, 1.0))
         angle[angle > _SHARP] = 0.0
@@ -206,6 +230,37 @@ class Surface:
         following[self.ends - 1] = np.concatenate([[0], self.ends[:-1]])
         used = self.points[self.corners]
         return following, np.linalg.norm(used[following] - used, axis=1)
+
+    @functools.cached_property
+    def _beside(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Pairs of sides of the same ends, by the corners where they begin: whether they run alike, and alone."""
+        following, _ = self._sides
+        # Files may repeat a point for each of its faces.
+        points = np.unique(self.points[self.corners], axis=0, return_inverse=True)[1].reshape(-1)
+        ends = np.stack([points, points[following]])
+        order = np.lexsort(np.sort(ends, axis=0))
+        shared = (np.diff(np.sort(ends[:, order], axis=0), axis=1) == 0).all(axis=0)
+        alone = shared & ~np.append(shared[1:], False) & ~np.insert(shared[:-1], 0, False)
+        one, other = order[:-1][shared], order[1:][shared]
+        return one, other, points[one] == points[other], alone[shared]
+
+    @property
+    def _shared_sides(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pairs of faces that alone share a side, and whether they run along it in the same direction."""
+        face = np.repeat(np.arange(self.faces), np.diff(self.ends, prepend=0))
+        one, other, are_along, alone = self._beside
+        return face[one[alone]], face[other[alone]], are_along[alone]
+
+    @functools.cached_property
+    def mixed(self) -> Indices:
+        """Faces whose normals disagree with those of most of the faces that they are connected with."""
+        one, other, are_along = self._shared_sides
+        if not are_along.any():
+            return np.zeros(0, np.int64)
+        try:
+            return np.flatnonzero(self.parts[1])
+        except ImpactsError:
+            return np.unique([one[are_along], other[are_along]])
 
     @functools.cached_property
     def _triangles(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

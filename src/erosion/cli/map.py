@@ -2,7 +2,7 @@
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -41,8 +41,11 @@ class _Surface:
     ] = None
     surface_unit: Annotated[str | None, Parameter(help="Of its coordinates, such as mm; or metres.")] = None
     reverse: Annotated[
-        bool, Parameter(negative="", show_default=False, help="Turn round normals that point into the fluid.")
-    ] = False
+        Literal["auto", "all"] | None, Parameter(help='Turn round normals into the fluid: "auto", or "all" faces.')
+    ] = None
+
+
+_REVERSE = {None: False, "all": True, "auto": "auto"}
 
 
 @Parameter(name="*", group=IMPACTS)
@@ -312,7 +315,7 @@ def _job(
         surface = (
             None
             if name is None
-            else lazy.read_surface(name, target.patch, unit=target.surface_unit, reverse=target.reverse)
+            else lazy.read_surface(name, target.patch, unit=target.surface_unit, reverse=_REVERSE[target.reverse])
         )
         case = name if name is not None and name.is_dir() else None
         table = rows.table(impacts, case, p, named_density)
