@@ -3,7 +3,7 @@
 import concurrent.futures
 import functools
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -35,15 +35,18 @@ class _Batch(NamedTuple):
     program: Compiled
     leaves: list[np.ndarray]
     results: LaneEnd
+    used: np.ndarray  # tolerances of the results
     errors: np.ndarray  # of the second derivatives that are judged, relative to their sizes, shape (of them, lanes)
 
     def run(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
         """Integrate some lanes with their tolerances."""
+        self.used[lanes] = rtol
         _compute(self.program, [*self.leaves, rtol], lanes, self.outputs)
 
     def run_again(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
         """The same for lanes whose trials are known, by which they are ordered."""
         order = np.argsort(self.results.trials[lanes], kind="stable")
+        self.used[lanes] = rtol[lanes]
         _compute(self.program, [*self.leaves, rtol], lanes[order], self.outputs, ordered=True)
 
     @property
@@ -103,6 +106,11 @@ class _Batch(NamedTuple):
         """The arrays in the order of the program's results."""
         return jax.tree.leaves(self.results)
 
+    @property
+    def kept(self) -> list[np.ndarray]:
+        """The arrays that stay where an integration after the first is not taken."""
+        return [*self.outputs, self.used]
+
 
 def integrate(
     layout: Layout,
@@ -138,7 +146,7 @@ def integrate(
     places = () if fixed else tuple(np.asarray(direction, float) for direction in directions)
     leaves = [*(np.asarray(number, float) for number in numbers), *places]
     empty = _empty(results, lanes, len(directions))
-    batch = _Batch(layout, program, leaves, empty, np.zeros((len(empty.second_sizes), lanes)))
+    batch = _Batch(layout, program, leaves, empty, np.empty(lanes), np.zeros((len(empty.second_sizes), lanes)))
     batch.run(np.arange(lanes), np.asarray(rtol))
     if layout.options.method == "auto":
         _by_other_methods(batch, order, directions, rtol, again=again)
@@ -153,7 +161,7 @@ def integrate(
             second[error > _EXACT] = np.nan
     if order:
         _with_fewer_derivatives(batch, order, directions, rtol, again=again)
-    return batch.results
+    return batch.results._replace(tolerance=batch.used)
 
 
 def _by_other_methods(
@@ -180,7 +188,7 @@ def _by_other_methods(
             continue
         for name in ("outcome", "time", "outputs", "trials", "count", "at_once", "least"):
             _put(getattr(results, name), getattr(found, name), lanes)
-        results.tolerance[lanes] = rtol
+        results.tolerance[lanes], batch.used[lanes] = rtol, found.tolerance
         results.stiff[lanes] = method == "rosenbrock"
         lanes = lanes[layout.has_no_result(found.outcome) & given_up[lanes]]
 
@@ -232,12 +240,12 @@ def _check(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
     """
     if not lanes.size:
         return
-    kept, tolerances = [output[lanes] for output in batch.outputs], np.array(batch.results.tolerance)
+    kept, tolerances = [output[lanes] for output in batch.kept], np.array(batch.results.tolerance)
     greater = tolerances[lanes]
     before = batch.values(lanes)
     batch.run_again(lanes, tolerances)
     error = batch.error(lanes, before, rtol, rtol / greater)
-    for output, old in zip(batch.outputs, kept, strict=True):
+    for output, old in zip(batch.kept, kept, strict=True):
         output[lanes] = old
     with np.errstate(divide="ignore"):
         batch.results.tolerance[lanes] = np.maximum(np.minimum(rtol * rtol / error, rtol), TIGHTEST)
@@ -253,14 +261,14 @@ def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> np.ndarray:
         For each lane whether an integration after the first has a result.
     """
     repeated = np.zeros(batch.results.tolerance.size, bool)
-    results, outputs = batch.results, batch.outputs
+    results = batch.results
     used, following = np.full(lanes.size, rtol), results.tolerance[lanes]
     tolerances = np.array(results.tolerance)
     asked = lanes
     for _ in range(_REPEATED):
         if not lanes.size:
             break
-        previous = [output[lanes] for output in outputs]
+        previous = [output[lanes] for output in batch.kept]
         before = batch.values(lanes)
         tolerances[lanes] = following
         batch.run_again(lanes, tolerances)
@@ -269,7 +277,7 @@ def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> np.ndarray:
         errors = batch.errors[:, lanes[lost]]
         error = batch.error(lanes, before, rtol, following / used)
         batch.errors[:, lanes[lost]] = errors
-        for output, old_output in zip(outputs, previous, strict=True):
+        for output, old_output in zip(batch.kept, previous, strict=True):
             output[lanes[lost]] = old_output[lost]
         with np.errstate(all="ignore"):
             wanted = np.maximum(following * rtol / error, TIGHTEST)
@@ -311,12 +319,12 @@ def _require_agreement(
     lanes, repeated = lanes[doubtful], repeated[doubtful]
     if not lanes.size:
         return
-    kept, final = [output[lanes] for output in batch.outputs], batch.derivatives(lanes)
+    kept, final = [output[lanes] for output in batch.kept], batch.derivatives(lanes)
     tolerances = np.full(results.tolerance.shape, rtol)
     tolerances[lanes] *= np.where(repeated, *_ANOTHER)
     batch.run_again(lanes, tolerances)
     differs = differing(lanes, final)
-    for output, old in zip(batch.outputs, kept, strict=True):
+    for output, old in zip(batch.kept, kept, strict=True):
         output[lanes] = old
     quantities = batch.quantities
     for i, (of_first, *of_second) in enumerate(differs):
@@ -358,14 +366,25 @@ def _compute(
     ordered: bool = False,
 ) -> None:
     """Integrate some lanes, and write their results; unless they are `ordered`, similar ones side by side."""
-    each = functools.partial(_compute_block, program, leaves, outputs, ordered)
+    in_threads(functools.partial(_compute_block, program, leaves, outputs, ordered), lanes, _BLOCK, _FEW)
+
+
+def in_threads(each: Callable[[np.ndarray, np.ndarray | None], None], lanes: np.ndarray, block: int, few: int) -> None:
+    """Do something for blocks of lanes, by several threads where there are more than a few.
+
+    Args:
+        each: takes a block of lanes, and where it sees that it is to stop; see `Lanewise.run`.
+        lanes: all of them.
+        block: lanes of a block at most.
+        few: lanes that one thread computes sooner.
+    """
     count = threads()
-    if lanes.size <= _FEW or count == 1:
-        for begin in range(0, lanes.size, _BLOCK):
-            each(lanes[begin : begin + _BLOCK])
+    if lanes.size <= few or count == 1:
+        for begin in range(0, lanes.size, block):
+            each(lanes[begin : begin + block], None)
         return
     # Neighbours go to the threads in turn: they are similar, and so are their costs.
-    tables = np.array_split(lanes, -(-lanes.size // (_BLOCK * count)))
+    tables = np.array_split(lanes, -(-lanes.size // (block * count)))
     blocks = [table[i::count] for table in tables for i in range(count)]
     # Not kept for the next batch: a plug-in's own code may never return a thread.
     stop = np.zeros(1, np.int64)
@@ -384,7 +403,7 @@ def _compute_block(
     outputs: list[np.ndarray],
     ordered: bool,
     lanes: np.ndarray,
-    stop: np.ndarray | None = None,
+    stop: np.ndarray | None,
 ) -> None:
     if lanes.size > WIDTH and not ordered:
         inputs = zip(leaves, program.inputs, strict=True)

@@ -22,6 +22,7 @@ from erosion.ode.landing import Flight, Lane, all_finite, landed
 from erosion.ode.problem import OTHER_ENDS
 from erosion.ode.reduction import Rows, corrected, is_broken
 from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FIRST_STEP, NOT_BEGUN, STIFF, UNFINISHED, Control
+from erosion.ode.tape import Tape
 from erosion.ode.variational import (
     Along,
     AtEvent,
@@ -64,7 +65,8 @@ class LaneEnd(NamedTuple):
     Args:
         outcome: an index of `Layout.end_names`.
         tolerance: the tolerance that the lane needs for results as exact as asked for; a greater one than asked for
-            where an integration with that would tell whether it needs a smaller one.
+            where an integration with that would tell whether it needs a smaller one. After the
+            batch that of the results.
         time: from the start to the end, with derivatives.
         outputs: what is wanted there, with derivatives; see `erosion.ode.reduction`.
         trials: number of steps tried.
@@ -91,22 +93,38 @@ class LaneEnd(NamedTuple):
 def integrate_lane(
     layout: Layout, numbers: Sequence[Number], directions: tuple[Direction, ...], rtol: Scalar, *, order: int = 0
 ) -> LaneEnd:
-    """Integrate one lane to its end.
+    """Integrate one lane to its end; arguments as of `recorded_lane`."""
+    return recorded_lane(layout, numbers, directions, rtol, None, order=order)[0]
+
+
+def recorded_lane(
+    layout: Layout,
+    numbers: Sequence[Number],
+    directions: tuple[Direction, ...],
+    rtol: Scalar,
+    tape: Tape | None,
+    *,
+    order: int = 0,
+) -> tuple[LaneEnd, Tape | None]:
+    """Integrate one lane to its end, and write its steps on a tape.
 
     Args:
         layout: of problem and arguments.
         numbers: of this lane.
         directions: of the derivatives; see `Variational`.
         rtol: of outputs, end time and derivatives.
+        tape: of a lane without derivatives, by the explicit method; None where none is wanted.
         order: 0, 1 or 2 derivatives.
     """
     problem = Extended(layout, numbers, order, directions)
     if problem.chains:
-        return _chain(problem, rtol)
+        return _chain(problem, rtol, tape)
     until = problem.until
-    motion, along = _to_its_event(problem, problem.initial, until.value, rtol)
+    motion, along, tape = _to_its_event(problem, problem.initial, until.value, rtol, tape=tape)
     end = _at_its_event(problem, motion, along, _outputs, until)
-    return _finish(problem, motion, end, rtol)
+    if tape is not None:
+        tape = tape.with_event(motion.event, [], jax.tree.leaves(motion.members))
+    return _finish(problem, motion, end, rtol), tape
 
 
 def _at_its_event(problem: Extended, motion: "Flight", along: Along, outputs: OfMotion, until: Derivatives) -> AtEvent:
@@ -130,7 +148,8 @@ def _to_its_event(
     until: Scalar | None,
     rtol: Scalar,
     before: Flight | None = None,
-) -> tuple[Flight, Along]:
+    tape: Tape | None = None,
+) -> tuple[Flight, Along, Tape | None]:
     """Integrate from a state to the first event; with how it and what is wanted there depend on the event's time.
 
     Args:
@@ -139,6 +158,7 @@ def _to_its_event(
         until: stop after this time.
         rtol: relative tolerance.
         before: the motion before it in a chain.
+        tape: where its steps are written, the one that ends at the event as well.
     """
     slope, events = _at_start(problem, initial, problem.time_scale)
     scale = problem.scale_at_start(initial, slope)
@@ -170,12 +190,20 @@ def _to_its_event(
     shift = stiff.no_shift(problem)
     count = 0.0 * scale if problem.watches else None
     lane = Lane(_within(problem, control, until), events, initial, slope, watched, greatest, shift, count)
-    lane = lax.while_loop(
-        lambda lane: step_control.goes_on(lane.control),
-        lambda lane: _try_step(problem, rtol, until, lane),
-        lane,
-    )
-    return landed(problem, lane, until)
+
+    def tries(at: tuple[Lane, Tape | None]) -> tuple[Lane, Tape | None]:
+        lane, tape = at
+        after = _try_step(problem, rtol, until, lane)
+        if tape is not None:
+            moved = after.control.time != lane.control.time
+            tape = tape.with_step(after.control.time - lane.control.time, lane.state, moved)
+        return after, tape
+
+    lane, tape = lax.while_loop(lambda at: step_control.goes_on(at[0].control), tries, (lane, tape))
+    motion, along = landed(problem, lane, until)
+    if tape is not None:
+        tape = tape.with_step(motion.time - lane.control.time, lane.state, jnp.asarray(True))
+    return motion, along, tape
 
 
 def _greatest(problem: Extended, before: Rows, state: Rows) -> Rows:
@@ -390,15 +418,17 @@ class _Chain(NamedTuple):
         motion: the last one; its members are those from which the next begins, or at the end.
         elapsed: time since the start, with derivatives as the members of a state have them.
         amplification: the greatest so far.
+        tape: where the steps are written.
     """
 
     goes_on: Flag
     motion: Flight
     elapsed: tuple[Scalar, ...]
     amplification: Scalar
+    tape: Tape | None
 
 
-def _chain(problem: Extended, rtol: Scalar) -> LaneEnd:
+def _chain(problem: Extended, rtol: Scalar, tape: Tape | None) -> tuple[LaneEnd, Tape | None]:
     """Integrate one lane through events that it survives.
 
     At each event the state gets its total derivatives, those of the event's time included; the reset is pushed
@@ -410,11 +440,15 @@ def _chain(problem: Extended, rtol: Scalar) -> LaneEnd:
     def flown(chain: _Chain) -> _Chain:
         before = chain.motion
         rest = end_of(until, equations.unpack(chain.elapsed))
-        motion, along = _to_its_event(problem, jax.tree.leaves(before.members), rest.value, rtol, before)
+        motion, along, tape = _to_its_event(
+            problem, jax.tree.leaves(before.members), rest.value, rtol, before, chain.tape
+        )
         end = _at_its_event(problem, motion, along, lambda at, _: at, rest)
         members = equations.pack(end.outputs)
         elapsed = tuple(map(jnp.add, chain.elapsed, equations.pack(end.time)))
         last, count, happens = _in_turn(problem, members[0], motion, before.count)
+        if tape is not None:
+            tape = tape.with_event(motion.event, happens, jax.tree.leaves(members))
         survives = functools.reduce(jnp.logical_or, [last == i for i in problem.chains])
         typical = jnp.minimum(problem.time_scale, elapsed[0])
         soon = jnp.where(last == before.event, _ACCUMULATED * typical, _ROUNDING * elapsed[0])
@@ -423,20 +457,13 @@ def _chain(problem: Extended, rtol: Scalar) -> LaneEnd:
         mode = jnp.where(more & accumulates, UNFINISHED, motion.control.mode)
         goes_on = more & ~accumulates
 
-        def resets(at: Augmented, motion_here: Motion) -> tuple[Augmented, Augmented]:
-            """State and integrals before the last reset, and after it."""
-            met = at
-            for i, event_happens in enumerate(happens):
-                met, at = _chosen(event_happens, at, met), _chosen(event_happens, motion_here.after(i, at), at)
-            return met, at
-
-        both = equations.of(resets, members)
+        both = equations.of(functools.partial(resets, happens), members)
         met, after = (equations.pack(Derivatives(*(part and part[i] for part in both))) for i in range(2))
         members = _chosen(goes_on, after, met)
         control = motion.control._replace(mode=mode)
         amplification = jnp.maximum(chain.amplification, end.amplification)
         motion = motion._replace(control=control, members=members, event=last, count=count)
-        return _Chain(goes_on, motion, elapsed, amplification)
+        return _Chain(goes_on, motion, elapsed, amplification, tape)
 
     zero = 0.0 * problem.time_scale
     control = step_control.begin(problem.time_scale, jnp.asarray(True), jnp.asarray(True), FIRST_STEP)
@@ -446,10 +473,20 @@ def _chain(problem: Extended, rtol: Scalar) -> LaneEnd:
     shift = stiff.no_shift(problem)
     start = Flight(control, problem.members(problem.initial), none - 1, zero, none, nothing, sizes, shift)
     elapsed = tuple(zero for _ in problem.members(problem.initial))
-    chain = lax.while_loop(lambda chain: chain.goes_on, flown, _Chain(jnp.asarray(True), start, elapsed, zero + 1.0))
+    chain = lax.while_loop(
+        lambda chain: chain.goes_on, flown, _Chain(jnp.asarray(True), start, elapsed, zero + 1.0, tape)
+    )
     outputs = equations.of(_outputs, chain.motion.members)
     end = AtEvent(equations.unpack(chain.elapsed), outputs, chain.amplification)
-    return _finish(problem, chain.motion, end, rtol)
+    return _finish(problem, chain.motion, end, rtol), chain.tape
+
+
+def resets(happens: Sequence[Flag], at: Augmented, motion: Motion) -> tuple[Augmented, Augmented]:
+    """State and integrals before the last reset of the events that happen, and after it."""
+    met = at
+    for i, event_happens in enumerate(happens):
+        met, at = _chosen(event_happens, at, met), _chosen(event_happens, motion.after(i, at), at)
+    return met, at
 
 
 def _in_turn(problem: Extended, at: Augmented, motion: Flight, count: Scalar) -> tuple[Scalar, Scalar, list[Flag]]:

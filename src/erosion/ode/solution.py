@@ -87,6 +87,7 @@ class Solution(Result):
         stiff: whether the method for stiff motions integrated the lane; None where JAX traces.
         derivatives: by names of one or two numbers; see `along`.
         times: the states at `ts`, or None.
+        tolerance: of each lane's results, which may be less than `rtol`; None where there are derivatives.
     """
 
     problem: Problem
@@ -104,6 +105,7 @@ class Solution(Result):
     rtol: float
     stiff: PerImpact | None = None
     times: Times | None = None
+    tolerance: np.ndarray | None = dataclasses.field(default=None, repr=False)
 
     @functools.cached_property
     def ended_by(self) -> PerImpact:
@@ -118,8 +120,9 @@ class Solution(Result):
     def _require_numbers(self, name: str) -> None:
         if any(isinstance(each, Tracer) for each in (self.outcome, self.t, *self.lanes.numbers)):
             raise ValueError(
-                f"`{name}` holds words, and there are none where JAX traces; `outcome` is the index in `names` of what "
-                "ended a lane. For the time of the n-th event let it be the end, by `max_events=n`."
+                f"`{name}` needs numbers, or holds words, and there are none where JAX traces; `outcome` is the index "
+                "in `names` of what ended a lane. For the time of the n-th event let it be the end, by `max_events=n`; "
+                "for a gradient use `jax.grad`."
             )
 
     def along(self, *names: str) -> Part:
@@ -136,6 +139,43 @@ class Solution(Result):
                 "`wrt` and `derivatives=2` of `solve` ask for more."
             )
         return found
+
+    def gradient(self, *, t: Any = 0.0, y: PyTree = None, integrals: Mapping[str, Any] | None = None) -> PyTree:
+        """The derivatives of a number by all arguments at once, such as those of a loss by the weights of a network.
+
+        The number depends on times, states and integrals of all lanes. Its cost does not grow with the number of
+        arguments: each lane is integrated once more, and gone back through (the discrete adjoint). Lanes of stiff
+        motions, and of motions that may have kinks, go forwards instead, once for each argument.
+
+        Args:
+            t: by what the number changes with each lane's time; an array of the lanes' shape, or one number.
+            y: the same by the state, a pytree like it; None for zero.
+            integrals: the same by integrals, by name; what is left out is zero.
+
+        Returns:
+            A pytree like the arguments, of arrays of their shapes: an argument that lanes share has the sum over these.
+            Lanes without a result are NaN, and are left out of sums.
+
+        Raises:
+            ValueError: for what does not fit, and where JAX traces the solution (`jax.grad` does this there).
+
+        Example:
+            >>> import numpy as np
+            >>> from erosion import ode
+            >>> fall = ode.Problem(
+            ...     y0=lambda args: {"y": args["height"], "v": 0.0},
+            ...     vector_field=lambda t, y, args: {"y": y["v"], "v": -args["g"]},
+            ...     events={"ground": ode.Event(lambda t, y, args: y["y"], direction=-1)},
+            ... )
+            >>> end = ode.solve(fall, {"height": np.array([5.0, 20.0]), "g": 9.81}, t1=100.0)
+            >>> found = end.gradient(t=2 * end.t)  # of Σ t², which is Σ 2 height/g
+            >>> found["height"], float(found["g"])
+            (array([0.2038..., 0.2038...]), -0.5195...)
+        """
+        from erosion.ode.gradient import gradient_of
+
+        self._require_numbers("gradient")
+        return gradient_of(self, t, y, integrals or {})
 
     @property
     def ts(self) -> PerImpact:

@@ -31,12 +31,14 @@ class Lanes(NamedTuple):
         numbers: each with one axis of lanes, or of one lane's shape where all share it.
         shape: of the lanes.
         names: the path of each number, dots between.
+        given: the shape of each number as it was given.
     """
 
     layout: Layout
     numbers: list[PerLane]
     shape: tuple[int, ...]
     names: tuple[str, ...]
+    given: tuple[tuple[int, ...], ...] = ()
 
     @property
     def size(self) -> int:
@@ -245,7 +247,7 @@ def lanes_of(
     flat = numbers
     if not any(isinstance(number, Tracer) for number in numbers):
         flat = [_flat(number, own_shape, shape) for number, own_shape in zip(numbers, shapes, strict=True)]
-    return Lanes(layout, flat, shape, tuple(own))
+    return Lanes(layout, flat, shape, tuple(own), tuple(np.shape(number) for number in numbers))
 
 
 def _flat(number: Number, own: tuple[int, ...], shape: tuple[int, ...]) -> Any:
@@ -360,6 +362,7 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float) -> Sol
         derivatives=found,
         lanes=lanes,
         rtol=rtol,
+        tolerance=None if order else results.tolerance,
     )
 
 

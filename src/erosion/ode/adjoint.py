@@ -1,0 +1,198 @@
+"""The derivatives of one number by all arguments of a lane: its steps are gone through backwards.
+
+A lane that was integrated forwards has left its steps on a tape. What a number L at the lane's end changes by, where
+the state s there changes, are the cotangents s̄; a step back turns them into those of the state before it, and adds
+what L changes by with the arguments on the way. A step of the Runge-Kutta method is
+
+    Y_i = y + h Σ a_ij k_j,   k_i = f(Y_i),   y' = y + h Σ b_i k_i,
+
+and its transpose, for the cotangents λ of y',
+
+    k̄_i = h (b_i λ + Σ a_ji Ȳ_j),   Ȳ_i = f_y(Y_i)ᵀ k̄_i,   ȳ = λ + Σ Ȳ_i,   p̄ = Σ f_p(Y_i)ᵀ k̄_i.
+
+At an event g = 0 the time is a function of state and arguments, dt = -dg/ġ: with F the rates there, and t̄ the
+cotangent of the time, s̄ gains -(t̄ + s̄·F)/ġ g_s, and p̄ the same times g_p. A reset is transposed as it is.
+
+References:
+    J. M. Sanz-Serna, SIAM Review 58 (2016) 3-33, for the transpose of a Runge-Kutta method.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from erosion.arguments import Number, Scalar
+from erosion.ode import tape
+from erosion.ode.extended import Extended
+from erosion.ode.integrator import resets
+from erosion.ode.reduction import Rows, motion_of
+from erosion.ode.step_control import ARRIVED, A, B
+from erosion.ode.variational import Layout
+
+_STAGES = len(A)  # that at a step's end is not one of them
+
+
+class _Back(NamedTuple):
+    """On the way back.
+
+    Args:
+        row: of the tape, the next one.
+        state: cotangents of the state there.
+        time: the cotangent of the time so far.
+        sums: cotangents of the numbers.
+    """
+
+    row: Scalar
+    state: Rows
+    time: Scalar
+    sums: list[Number]
+
+
+def pulled_back(
+    layout: Layout, numbers: Sequence[Number], count: Scalar, time: Scalar, outputs: Sequence[Scalar], token: Scalar
+) -> list[Number]:
+    """The derivatives of a number by the lane's real numbers, shapes as of these.
+
+    Args:
+        layout: of the lane.
+        numbers: of the lane.
+        count: rows of its tape.
+        time: by what the number changes with the lane's time.
+        outputs: by what it changes with each of the lane's outputs.
+        token: see `erosion.lanes.tapes`.
+    """
+    return _Adjoint(layout, numbers, token).pulled_back(count, time, list(outputs))
+
+
+class _Adjoint:
+    def __init__(self, layout: Layout, numbers: Sequence[Number], token: Scalar) -> None:
+        self.problem = Extended(layout, numbers, 0, ())
+        self.token, self.width = token, self.problem.width
+        self.is_real = [dtype == "float64" for dtype in layout.dtypes]
+        self.all = list(numbers)
+        self.numbers = [number for number, real in zip(numbers, self.is_real, strict=True) if real]
+        self.motion = motion_of(layout)
+
+        def rate(numbers: list[Number], rows: Rows) -> Rows:
+            return jax.tree.leaves(self._at(numbers).rate(self._member(rows)))
+
+        self._rate = jax.jit(rate)  # traced once for all the places where it is called
+
+    def _at(self, numbers: list[Number]) -> Any:
+        rest = iter(numbers)
+        return self.motion([next(rest) if real else one for one, real in zip(self.all, self.is_real, strict=True)])
+
+    def _member(self, rows: Rows) -> Any:
+        (member,) = self.problem.members(rows)
+        return member
+
+    def pulled_back(self, count: Scalar, time: Scalar, outputs: Rows) -> list[Number]:
+        """See above."""
+        last = lax.convert_element_type(count, int) - 1
+        at_end = tape.read(self.token, last, self.width)
+        _, pull = jax.vjp(
+            lambda numbers, rows: self._at(numbers).outputs(self._member(rows)), self.numbers, at_end.state
+        )
+        sums, state = pull(outputs)
+        back = _Back(last, state, time, sums)
+        if self.problem.chains:
+            back = lax.while_loop(
+                lambda back: back.row >= 0, lambda back: self._steps(self._event(back, is_last=back.row == last)), back
+            )
+        else:
+            back = self._steps(self._event(back, is_last=jnp.asarray(True)))
+        _, pull = jax.vjp(lambda numbers: jax.tree.leaves(self._start(numbers)), self.numbers)
+        return _plus(back.sums, pull(back.state)[0])
+
+    def _start(self, numbers: list[Number]) -> Any:
+        state, integrals = self._at(numbers).initial()
+        return state, [jnp.asarray(begin, float) for begin in integrals]
+
+    def _event(self, back: _Back, *, is_last: Scalar) -> _Back:
+        """Before the event of a motion, from after it."""
+        digits, event, rows = tape.read(self.token, back.row, self.width)
+        state, sums = back.state, back.sums
+        if self.problem.chains:
+            happens = [jnp.floor(digits / 2.0**i) % 2 == 1 for i in range(len(self.problem.directions))]
+
+            def both(numbers: list[Number], rows: Rows) -> tuple[Rows, Rows]:
+                met, after = resets(happens, self._member(rows), self._at(numbers))
+                return jax.tree.leaves(met), jax.tree.leaves(after)
+
+            _, pull = jax.vjp(both, self.numbers, rows)
+            met = [jnp.where(is_last, bar, 0.0) for bar in state]
+            grads, state = pull((met, [jnp.where(is_last, 0.0, bar) for bar in state]))
+            sums = _plus(sums, grads)
+        flow = self._rate(self.numbers, rows)
+        total = back.time + _dot(state, flow)
+
+        def events(numbers: list[Number], rows: Rows) -> list[Scalar]:
+            return self._at(numbers).events(self._member(rows))
+
+        _, falls = jax.jvp(lambda rows: events(self.numbers, rows), (rows,), (flow,))
+        _, pull = jax.vjp(events, self.numbers, rows)
+        grads, more = pull([jnp.where(event == i, -total / fall, 0.0) for i, fall in enumerate(falls)])
+        sums, state = _plus(sums, grads), _plus(state, more)
+        time = back.time
+        if self.problem.options.clock:
+            # A lane without an event ends at a given time, and what came before took of it.
+            of_clock = jnp.where(event == ARRIVED, total, 0.0)
+            _, pull = jax.vjp(lambda numbers: self._at(numbers).clock.t1 - self._at(numbers).clock.t0, self.numbers)
+            sums, time = _plus(sums, pull(of_clock)[0]), time - of_clock
+        return _Back(back.row - 1, state, time, sums)
+
+    def _steps(self, back: _Back) -> _Back:
+        """Where a motion began, from its event."""
+
+        def step(at: tuple[_Back, tape.Row]) -> tuple[_Back, tape.Row]:
+            back, row = at
+            state, sums = self._step(row, back.state, back.sums)
+            before = back.row - 1
+            return _Back(before, state, back.time, sums), tape.read(self.token, jnp.maximum(before, 0), self.width)
+
+        def goes_on(at: tuple[_Back, tape.Row]) -> Scalar:
+            back, row = at
+            return (back.row >= 0) & (row.code == tape.STEP)
+
+        return lax.while_loop(goes_on, step, (back, tape.read(self.token, jnp.maximum(back.row, 0), self.width)))[0]
+
+    def _step(self, row: tape.Row, after: Rows, sums: list[Number]) -> tuple[Rows, list[Number]]:
+        """The cotangents before a step."""
+        h, slopes, pulls = row.length, [[] for _ in row.state], []
+        for i in range(_STAGES):
+            rows = [_moved(u, h, A[i - 1], ks) if i else u for u, ks in zip(row.state, slopes, strict=True)]
+            rates, pull = jax.vjp(self._rate, self.numbers, rows)
+            pulls.append(pull)
+            for ks, k in zip(slopes, rates, strict=True):
+                ks.append(k)
+        before, later = list(after), [[] for _ in range(_STAGES)]
+        for i in reversed(range(_STAGES)):
+            weights = np.array([B[i], *(A[j - 1][i] for j in range(i + 1, _STAGES))])
+            bars = [
+                h * _weighted(weights, [bar, *(later[j][r] for j in range(i + 1, _STAGES))])
+                for r, bar in enumerate(after)
+            ]
+            grads, later[i] = pulls[i](bars)
+            sums, before = _plus(sums, grads), _plus(before, later[i])
+        return before, sums
+
+
+def _moved(u: Scalar, h: Scalar, weights: np.ndarray, slopes: Rows) -> Scalar:
+    return u + h * _weighted(weights, slopes)
+
+
+def _weighted(weights: np.ndarray, values: Rows) -> Scalar:
+    terms = [float(weight) * value for weight, value in zip(weights, values, strict=False) if weight != 0]
+    return sum(terms[1:], terms[0])
+
+
+def _plus(these: Sequence[Any], those: Sequence[Any]) -> list[Any]:
+    return [one + other for one, other in zip(these, those, strict=True)]
+
+
+def _dot(these: Rows, those: Rows) -> Scalar:
+    return sum((one * other for one, other in zip(these, those, strict=True)), jnp.zeros(()))

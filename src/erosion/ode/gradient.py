@@ -1,0 +1,287 @@
+"""Derivatives of one number by all arguments of many lanes: forwards with a tape, and backwards.
+
+Lanes that the adjoint cannot go back through, of stiff motions and of motions that may have kinks, have their
+derivatives forwards, one lane for each argument. Sums over lanes are taken by pairs of neighbours, pairs of pairs and
+so on, so that their bits depend on the lanes alone.
+"""
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import PyTree
+
+from erosion.arguments import Number, PerLane, Scalar
+from erosion.lanes.lanewise import WIDTH, Compiled, by_xla, compile_lanes, number
+from erosion.ode.adjoint import pulled_back
+from erosion.ode.batch import compiling, in_threads, integrate, integrate_along
+from erosion.ode.extended import Extended
+from erosion.ode.integrator import recorded_lane
+from erosion.ode.reduction import may_have_kinks
+from erosion.ode.solution import Solution
+from erosion.ode.tape import BESIDE, Tape
+from erosion.ode.variational import Clock, Layout
+
+_ROWS = 64  # of a tape at first
+_CHUNK = 512  # lanes at most whose tapes are kept at once
+_MEMORY = 2**26  # bytes of tapes, and of derivatives by numbers that lanes share, at once
+_FEW = 64  # lanes that one thread computes sooner
+_FORWARD = 2**20  # lanes at once of derivatives forwards
+
+
+class Ends(NamedTuple):
+    """How lanes ended, arrays of shape (lanes,).
+
+    Args:
+        outcome: indices of `Layout.end_names`.
+        trials: of steps.
+        tolerance: of the results.
+        stiff: whether the method for stiff motions integrated them.
+    """
+
+    outcome: np.ndarray
+    trials: np.ndarray
+    tolerance: np.ndarray
+    stiff: np.ndarray
+
+
+def ends_of(layout: Layout, numbers: Sequence[PerLane], lanes: int, rtol: float) -> Ends:
+    """How lanes end."""
+    found = integrate(layout, numbers, lanes, 0, (), rtol)
+    stiff = np.zeros(lanes, bool) if found.stiff is None else found.stiff > 0
+    return Ends(found.outcome, found.trials, found.tolerance, stiff)
+
+
+def goes_back(layout: Layout) -> bool:
+    """Whether lanes of a layout have an adjoint; a stiff one among them may have none."""
+    return not (by_xla() or layout.options.method == "rosenbrock" or may_have_kinks(layout))
+
+
+def gradient(
+    layout: Layout, numbers: Sequence[PerLane], lanes: int, ends: Ends, bars: np.ndarray, *, spoils: bool
+) -> list[np.ndarray]:
+    """What a number L changes by with the numbers of lanes.
+
+    Args:
+        layout: of problem and arguments.
+        numbers: each an array with an axis of lanes, or of one lane's shape where all share it.
+        lanes: how many.
+        ends: of these lanes.
+        bars: by what L changes with each lane's time and outputs, shape (1 + outputs, lanes).
+        spoils: whether lanes without a result make the sums NaN; else they are left out of them.
+
+    Returns:
+        For each number the derivatives by it: of each lane, shape (lanes, …), or the sum over the lanes where they
+        share it. Zero where `bars` are zero, and NaN where a lane has no result.
+    """
+    layout = layout.renewed()
+    bars = np.asarray(bars, float)
+    lost = layout.has_no_result(ends.outcome)
+    # What does not count is zero, whatever the lane did.
+    counts = np.any(bars != 0, axis=0)
+    known = counts & ~lost
+    forwards = known & ends.stiff if goes_back(layout) else known
+    back = _Back(layout, [np.asarray(n, float) for n in numbers], ends, bars) if np.any(known & ~forwards) else None
+    shared = [number.ndim == len(shape) for number, shape in zip(numbers, layout.shapes, strict=True)]
+    found = [np.zeros(() if same else (lanes, *shape)) for same, shape in zip(shared, layout.shapes, strict=True)]
+    sums: list[list[np.ndarray]] = [[] for _ in found]
+    size = sum(math.prod(shape) for shape in layout.shapes)
+    block = max(WIDTH, 1 << int(math.log2(max(_MEMORY / 8 / size, 1))))
+    for begin in range(0, lanes, block):
+        some = np.arange(begin, min(begin + block, lanes))
+        parts = [np.zeros((some.size, *shape)) for shape in layout.shapes]
+        if back is not None:
+            back.fill(some[known[some] & ~forwards[some]], begin, parts)
+        if forwards[some].any():
+            _fill_forwards(layout, numbers, some[forwards[some]], ends, bars, begin, parts)
+        gone = (counts & lost)[some]
+        for i, (part, same) in enumerate(zip(parts, shared, strict=True)):
+            if layout.dtypes[i] != "float64":
+                continue
+            if spoils or not same:
+                part[gone] = np.nan
+            if same:
+                sums[i].append(summed(part))
+            else:
+                found[i][some] = part
+    for i, (of_blocks, same) in enumerate(zip(sums, shared, strict=True)):
+        if same:
+            found[i] = summed(np.array(of_blocks)) if of_blocks else np.zeros(layout.shapes[i])
+    return found
+
+
+def summed(rows: np.ndarray) -> np.ndarray:
+    """The sum along the first axis, by pairs of neighbours."""
+    while len(rows) > 1:
+        even = len(rows) // 2 * 2
+        rows = np.concatenate([rows[:even:2] + rows[1:even:2], rows[even:]])
+    return rows[0] if len(rows) else np.zeros(rows.shape[1:])
+
+
+class _Back:
+    """The way back through lanes.
+
+    Args: see `gradient`.
+    """
+
+    def __init__(self, layout: Layout, numbers: list[np.ndarray], ends: Ends, bars: np.ndarray) -> None:
+        layout = layout.wanting(method="explicit")
+        self.layout, self.numbers, self.ends, self.bars = layout, numbers, ends, bars
+        self.forwards, self.backwards, self.width = _programs(layout, len(bars) - 1)
+        self.rows = _ROWS
+
+    def fill(self, lanes: np.ndarray, begin: int, parts: Sequence[np.ndarray]) -> None:
+        """Compute some lanes, and write the derivatives of lane i into row i - begin of each part."""
+        lanes = lanes[np.argsort(self.ends.trials[lanes], kind="stable")]
+        in_threads(lambda block, stop: self._fill(block, self.rows, begin, parts, stop), lanes, _CHUNK, _FEW)
+
+    def _fill(
+        self, lanes: np.ndarray, rows: int, begin: int, parts: Sequence[np.ndarray], stop: np.ndarray | None
+    ) -> None:
+        length = rows * (BESIDE + self.width)
+        most = max(WIDTH, _MEMORY // (8 * length))
+        if lanes.size > most:
+            for first in range(0, lanes.size, most):
+                self._fill(lanes[first : first + most], rows, begin, parts, stop)
+            return
+        every = np.arange(lanes.size)
+        own = self.layout.of_lanes(self.numbers, lanes)
+        tapes = [np.empty((lanes.size, length))]
+        count, outcome, token = np.empty(lanes.size, int), np.empty(lanes.size, np.int8), np.empty(lanes.size)
+        zero = np.zeros(())
+        inputs = [*own, self.ends.tolerance[lanes], np.asarray(float(rows)), zero]
+        self.forwards.run(inputs, every, [count, outcome, token], stop, tapes)
+        fits = count <= rows
+        results = [np.empty((lanes.size, *shape)) for shape, real in self._real() if real]
+        bars = [np.ascontiguousarray(row[lanes]) for row in self.bars]
+        self.backwards.run([*own, count.astype(float), *bars, zero], every[fits], results, stop, tapes)
+        # A lane that ends otherwise has taken other steps; that is not known to happen.
+        other = outcome != self.ends.outcome[lanes]
+        found = iter(results)
+        for part, (_, real) in zip(parts, self._real(), strict=True):
+            if real:
+                rows_found = next(found)
+                rows_found[other] = np.nan
+                part[lanes[fits] - begin] = rows_found[fits]
+        if not fits.all():
+            self.rows = max(self.rows, int(np.quantile(count, 0.9)))
+            self._fill(lanes[~fits], int(count.max()), begin, parts, stop)
+
+    def _real(self) -> list[tuple[tuple[int, ...], bool]]:
+        return [
+            (shape, dtype == "float64") for shape, dtype in zip(self.layout.shapes, self.layout.dtypes, strict=True)
+        ]
+
+
+def _programs(layout: Layout, outputs: int) -> tuple[Compiled, Compiled, int]:
+    """Programs forwards and backwards, and how many numbers a state has."""
+    with compiling:
+        return _compiled(layout, outputs)
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(layout: Layout, outputs: int) -> tuple[Compiled, Compiled, int]:
+    def forwards(numbers: list[Number], rtol: Scalar, rows: Scalar, token: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+        tape = Tape(jnp.zeros((), int), lax.convert_element_type(rows, int), token)
+        end, tape = recorded_lane(layout, numbers, (), rtol, tape)
+        assert tape is not None
+        return tape.rows, end.outcome, tape.token
+
+    def backwards(numbers: list[Number], count: Scalar, bars: list[Scalar], token: Scalar) -> list[Number]:
+        time, *of_outputs = bars
+        return pulled_back(layout, numbers, count, time, of_outputs, token)
+
+    structs = layout.structs()
+    forth = compile_lanes(forwards, (structs, number, number, number), tapes=1)
+    back = compile_lanes(backwards, (structs, number, [number] * (1 + outputs), number), tapes=1)
+    width: list[int] = []
+    jax.eval_shape(lambda numbers: width.append(Extended(layout, numbers, 0, ()).width), structs)
+    return forth, back, width[0]
+
+
+def _fill_forwards(
+    layout: Layout,
+    numbers: Sequence[PerLane],
+    lanes: np.ndarray,
+    ends: Ends,
+    bars: np.ndarray,
+    begin: int,
+    parts: Sequence[np.ndarray],
+) -> None:
+    """The same as `_Back.fill`, one lane for each element of a number."""
+    clock = Clock._fields.index("max_step") - len(Clock._fields) if layout.options.clock else None
+    elements = [
+        (i, offset + j)
+        for i, (shape, offset) in enumerate(zip(layout.shapes[:clock], layout.offsets, strict=False))
+        for j in range(math.prod(shape))
+        if layout.dtypes[i] == "float64"
+    ]
+    places = np.array([[element for _, element in elements]], float)
+    rtol = float(np.min(ends.tolerance[lanes], initial=1.0))
+    some = max(1, _FORWARD // len(elements))
+    for first in range(0, lanes.size, some):
+        each = lanes[first : first + some]
+        slopes = integrate_along(layout, layout.of_lanes(numbers, each), each.size, 1, places, rtol)
+        along = [slopes.time.first, *slopes.outputs.first]
+        total = np.zeros((each.size, len(elements)))
+        for bar, slope in zip(bars, along, strict=True):
+            if np.any(bar[each]):
+                total += bar[each, None] * slope
+        for column, (i, element) in enumerate(elements):
+            part = parts[i][each - begin].reshape(each.size, -1)
+            part[:, element - layout.offsets[i]] = total[:, column]
+            parts[i][each - begin] = part.reshape(each.size, *layout.shapes[i])
+
+
+def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, Any]) -> PyTree:
+    """See `Solution.gradient`."""
+    lanes = solution.lanes
+    layout, shape = lanes.layout, lanes.shape
+    state = jax.tree.leaves(layout.state)
+    bars = [_bar("t", t, shape)]
+    if y is None:
+        bars += [np.zeros((*shape, *leaf.shape)) for leaf in state]
+    elif jax.tree.structure(y) != jax.tree.structure(layout.state):
+        raise ValueError(f"Argument `y` must be a pytree like the state, but is {jax.tree.structure(y)}.")
+    else:
+        bars += [_bar("y", part, (*shape, *leaf.shape)) for part, leaf in zip(jax.tree.leaves(y), state, strict=True)]
+    names = layout.problem.integrals
+    for name in integrals:
+        if name not in names:
+            raise ValueError(f"Argument `integrals` must name some of {', '.join(names) or 'none'}, but has {name!r}.")
+    bars += [_bar("integrals", integrals.get(name, 0.0), shape) for name in names]
+    rows = np.concatenate([bar.reshape(lanes.size, -1).T for bar in bars])
+    if solution.tolerance is None:
+        ends = ends_of(layout, lanes.numbers, lanes.size, solution.rtol)
+    else:
+        of_lanes = (solution.outcome, solution.trials, solution.tolerance, solution.stiff)
+        ends = Ends(*(np.reshape(np.asarray(each), -1) for each in of_lanes))
+    found = gradient(layout, lanes.numbers, lanes.size, ends, rows, spoils=False)
+    own = [
+        _as_given(part, shape, leaf, each) for part, leaf, each in zip(found, layout.shapes, lanes.given, strict=True)
+    ]
+    return layout.args(own)
+
+
+def _bar(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        return np.broadcast_to(np.asarray(given, float), shape)
+    except (TypeError, ValueError):
+        raise ValueError(f"Argument `{name}` must have the shape {shape}, but is {given!r}.") from None
+
+
+def _as_given(found: np.ndarray, lanes: tuple[int, ...], own: tuple[int, ...], given: tuple[int, ...]) -> np.ndarray:
+    """Derivatives by a number in the shape in which it was given; summed over the lanes that share an element."""
+    if own or not found.ndim:
+        return found.reshape(given)
+    found = found.reshape(lanes)
+    for axis in range(len(lanes)):
+        behind = len(lanes) - axis
+        if behind > len(given) or given[-behind] < lanes[axis]:
+            found = np.expand_dims(summed(np.moveaxis(found, axis, 0)), axis)
+    return found.reshape(given)

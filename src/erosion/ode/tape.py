@@ -1,0 +1,64 @@
+"""The tape of a lane: where each of its steps began, how long it was, and where its events were.
+
+Each row holds a length and a code, and then the state. A row of a step has the code `STEP`. After the steps of a motion
+comes a row with the code of what ended it and the state there, before any reset; its length is a number whose binary
+digits say which events happened there.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import lax
+
+from erosion.arguments import Flag, Scalar
+from erosion.lanes import tapes
+from erosion.ode.reduction import Rows
+
+STEP = -9.0
+BESIDE = 2  # numbers of a row before the state
+
+_SLOT = 0
+
+
+class Tape(NamedTuple):
+    """What is written so far.
+
+    Args:
+        rows: rows; more than `capacity` of them do not fit, and are written over the last.
+        capacity: of the tape, in rows.
+        token: see `erosion.lanes.tapes`.
+    """
+
+    rows: Scalar
+    capacity: Scalar
+    token: Scalar
+
+    def with_step(self, length: Scalar, state: Rows, moved: Flag) -> "Tape":
+        """With a step, which the next row replaces unless the lane moved."""
+        return self._with(length, jnp.full((), STEP), state, moved)
+
+    def with_event(self, event: Scalar, happens: Sequence[Flag], state: Rows) -> "Tape":
+        """With the end of a motion."""
+        digits = sum((2.0**i * flag for i, flag in enumerate(happens)), jnp.zeros(()))
+        return self._with(digits, lax.convert_element_type(event, float), state, jnp.asarray(True))
+
+    def _with(self, length: Scalar, code: Scalar, state: Rows, rowss: Flag) -> "Tape":
+        place = jnp.minimum(self.rows, self.capacity - 1) * (BESIDE + len(state))
+        token = tapes.write(_SLOT, self.token, place, length, code, *state)
+        return self._replace(rows=self.rows + jnp.where(rowss, 1, 0), token=token)
+
+
+class Row(NamedTuple):
+    """A row of a tape."""
+
+    length: Scalar
+    code: Scalar
+    state: Rows
+
+
+def read(token: Scalar, row: Scalar, width: int) -> Row:
+    """A row of states of a width."""
+    place = row * (BESIDE + width)
+    length, code, *state = (tapes.read(_SLOT, token, place + i) for i in range(BESIDE + width))
+    return Row(length, code, state)

@@ -1,0 +1,193 @@
+"""Gradients by the adjoint: closed forms, derivatives forwards, bits that depend on the lanes alone."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from benchmarks.ode_problems import CASES
+from erosion import ode
+from erosion.ode import batch, gradient
+
+FALL = ode.Problem(
+    y0=lambda args: {"y": args["height"], "v": 0.0},
+    vector_field=lambda t, y, args: {"y": y["v"], "v": -args["g"]},
+    events={"ground": ode.Event(lambda t, y, args: y["y"], direction=-1)},
+)
+RNG = np.random.default_rng(0)
+
+
+def bounces(n):
+    """A ball that is dropped, to its n-th contact; the way that it went, and its state."""
+    return ode.Problem(
+        y0=lambda args: {"y": args["height"], "v": 0.0 * args["height"]},
+        vector_field=lambda t, y, args: {"y": y["v"], "v": -args["g"] * (1 + 0.1 * jnp.sin(t))},
+        events={
+            "ground": ode.Event(
+                lambda t, y, args: y["y"], direction=-1, reset=lambda t, y, args: {"y": 0.0, "v": -args["e"] * y["v"]}
+            )
+        },
+        integrals={"work": lambda t, y, args: args["g"] * y["v"] ** 2},
+    ), {"t1": 100.0, "max_events": n}
+
+
+def learned(lanes=40):
+    """A pendulum with a learned torque, to where it hangs down first."""
+    shapes = {"a": 16, "b": 16, "m": (16, 16), "v": 16, "z": ()}
+    w = {name: RNG.normal(size=shape) / 4 for name, shape in shapes.items()}
+
+    def torque(w, x):
+        return w["v"] @ jnp.tanh(w["m"] @ jnp.tanh(w["a"] * x + w["b"])) / 4 + w["z"] / 9
+
+    problem = ode.Problem(
+        y0=lambda args: {"x": args["x0"], "v": 0.0},
+        vector_field=lambda t, y, args: {"x": y["v"], "v": -jnp.sin(y["x"]) + torque(args["w"], y["x"])},
+        events={"down": ode.Event(lambda t, y, args: y["x"], direction=-1)},
+    )
+    return problem, {"x0": RNG.uniform(0.3, 2.0, lanes), "w": w}, {"t1": 20.0, "shared": "w"}
+
+
+def forwards(problem, args, names, bars, **options):
+    """The same derivatives forwards, by each of some numbers, to the last digits."""
+    end = ode.solve(problem, args, wrt=names, rtol=1e-13, **options)
+    found = {}
+    for name in names:
+        part = end.along(name)
+        parts = [part.t, *(part.y[key] for key in part.y), *part.integrals.values()]
+        found[name] = sum(bar * each for bar, each in zip(bars, parts, strict=True))
+    return found
+
+
+def bars_of(end):
+    return RNG.normal(size=(1 + len(end.y) + len(end.integrals), *np.shape(end.t)))
+
+
+def by_adjoint(end, bars):
+    time, *rest = bars
+    y = dict(zip(end.y, rest[: len(end.y)], strict=True))
+    return end.gradient(t=time, y=y, integrals=dict(zip(end.integrals, rest[len(end.y) :], strict=True)))
+
+
+def test_closed_form_in_the_shapes_that_were_given():
+    """Σ t² of heights by gravities: t² = 2 h/g; a number that lanes share has the sum over them."""
+    height, g = np.array([[1.0], [2.0], [5.0]]), np.array([3.0, 9.0])
+    end = ode.solve(FALL, {"height": height, "g": g}, t1=100.0)
+    found = end.gradient(t=2 * end.t)
+    np.testing.assert_allclose(found["height"], np.sum(2 / g + 0 * height, axis=1, keepdims=True), rtol=1e-9)
+    np.testing.assert_allclose(found["g"], np.sum(-2 * height / g**2, axis=0), rtol=1e-9)
+    # The state at the ground: v = -√(2 g h).
+    found = end.gradient(y={"y": np.zeros(end.t.shape), "v": np.ones(end.t.shape)})
+    np.testing.assert_allclose(found["g"], np.sum(-np.sqrt(height / (2 * g)), axis=0), rtol=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 10])
+def test_through_bounces(n):
+    """With integral and state at the last contact; the times between depend on e alone."""
+    problem, options = bounces(n)
+    args = {"height": RNG.uniform(1.0, 3.0, 20), "g": RNG.uniform(5.0, 10.0, 20), "e": RNG.uniform(0.7, 0.9, 20)}
+    end = ode.solve(problem, args, **options)
+    assert (end.count == n).all()
+    bars = bars_of(end)
+    found, best = by_adjoint(end, bars), forwards(problem, args, tuple(args), bars, **options)
+    for name in args:
+        np.testing.assert_allclose(found[name], best[name], rtol=1e-8, atol=1e-8 * np.abs(best[name]).max())
+
+
+def test_a_chain_that_ends_at_a_time():
+    """What came before took of the time that was left."""
+    problem, _ = bounces(1)
+    args = {"height": RNG.uniform(1.0, 3.0, 9), "g": 9.0, "e": 0.8}
+    end = ode.solve(problem, args, t1=4.0)
+    assert set(end.ended_by) == {"t1"}
+    bars = bars_of(end)
+    found, best = by_adjoint(end, bars), forwards(problem, args, tuple(args), bars, t1=4.0)
+    np.testing.assert_allclose(found["height"], best["height"], rtol=1e-8)
+    for name in ("g", "e"):
+        np.testing.assert_allclose(found[name], best[name].sum(), rtol=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_standard_problems(name):
+    """Every lane relative to its own largest derivative by a number of its size: 1e-7 at 99 %."""
+    case, lanes = CASES[name], 200
+    problem, args = case.problem(integral=True), case.sample(lanes, np.random.default_rng(3))
+    end = ode.solve(problem, args, t1=case.t1, smooth=True)
+    bars = bars_of(end)
+    found = by_adjoint(end, bars)
+    best = forwards(problem, args, tuple(args), bars, t1=case.t1, smooth=True)
+    of_size = [np.array([part[key] * args[key] for key in args]) for part in (found, best)]
+    error = np.abs(of_size[0] - of_size[1]).max(axis=0) / np.abs(of_size[1]).max(axis=0)
+    assert np.quantile(error, 0.99) < 1e-7
+
+
+def test_sums_by_weights():
+    """Of a network whose matrix stays in memory, against each weight forwards."""
+    problem, args, options = learned()
+    end = ode.solve(problem, args, **options)
+    found = end.gradient(t=2 * (end.t - 1.7))
+    off = 2 * (ode.solve(problem, args, rtol=1e-13, **options).t - 1.7)
+    shapes = [(args["w"][name], found["w"][name]) for name in ("a", "m", "v")]
+    for weights, slopes in shapes:
+        assert slopes.shape == weights.shape
+        before = weights[3].copy()
+        ends = []
+        for step in (1e-4, -1e-4):
+            weights[3] = before + step
+            ends.append(ode.solve(problem, args, rtol=1e-13, **options).t)
+        weights[3] = before
+        np.testing.assert_allclose(np.sum(slopes[3]), np.sum(off * (ends[0] - ends[1])) / 2e-4, rtol=1e-6)
+
+
+def test_lanes_without_a_result_are_left_out_of_sums():
+    """They are NaN themselves."""
+    problem, args, options = learned()
+    kept = ode.solve(problem, args, **options)
+    expected = kept.gradient(t=kept.t)
+    more = {**args, "x0": np.concatenate([args["x0"], [np.nan, np.nan]])}
+    end = ode.solve(problem, more, **options)
+    found = end.gradient(t=end.t)
+    np.testing.assert_array_equal(found["w"]["m"], expected["w"]["m"])
+    np.testing.assert_array_equal(found["x0"], [*expected["x0"], np.nan, np.nan])
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "value"),
+    [
+        (batch, "threads", lambda: 1),
+        (gradient, "_FEW", 0),
+        (gradient, "_CHUNK", 16),
+        (gradient, "_MEMORY", 2**15),
+        (gradient, "_ROWS", 3),
+    ],
+)
+def test_bits_depend_on_the_lanes_alone(module, name, value, monkeypatch):
+    """Not on threads, blocks, or tapes that were too short at first."""
+    problem, args, options = learned(lanes=77)
+    end = ode.solve(problem, args, **options)
+    expected = end.gradient(t=end.t)
+    monkeypatch.setattr(module, name, value)
+    found = end.gradient(t=end.t)
+    for key in ("a", "m", "z"):
+        np.testing.assert_array_equal(found["w"][key], expected["w"][key])
+    np.testing.assert_array_equal(found["x0"], expected["x0"])
+
+
+@pytest.mark.parametrize("options", [{"method": "rosenbrock"}, {"smooth": False}])
+def test_what_has_no_adjoint_goes_forwards(options):
+    """Stiff motions, and those with kinks."""
+    args = {"height": np.array([1.0, 2.0]), "g": 9.0}
+    end = ode.solve(FALL, args, t1=100.0, **options)
+    found = end.gradient(t=np.ones(2))
+    np.testing.assert_allclose(found["height"], 1 / np.sqrt(2 * args["height"] * 9.0), rtol=1e-8)
+    np.testing.assert_allclose(found["g"], np.sum(-np.sqrt(args["height"] / 2) / 9.0**1.5), rtol=1e-8)
+
+
+def test_what_does_not_fit_is_refused():
+    """By its name."""
+    end = ode.solve(FALL, {"height": np.ones(3), "g": 9.0}, t1=9.0)
+    given: dict[str, Any] = {"t": np.ones(2), "y": np.ones(3), "integrals": {"work": 1.0}}
+    for name in given:
+        with pytest.raises(ValueError, match=f"`{name}`"):
+            end.gradient(**{name: given[name]})
