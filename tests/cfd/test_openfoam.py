@@ -368,6 +368,7 @@ def test_polyhedra_with_faces_of_many_corners(tmp_path):
         ("compact", "9 12)", "9 15)", "faces: is no list of faces: their corners do not follow one another"),
         ("compact", "5(0 3 6", "5(0 3.5 6", "faces: must hold whole numbers, but holds decimals"),
         ("compact", "12(0 2", "12(0 -2", "faces: has a face with the corner -2, but points are 0 to 3"),
+        ("faces", "1 2 3))", "1 2", "faces: cannot be read .* has 5 [(] and 3 [)], as a file that was cut off"),
         ("points", "(1 0 0)", "(1 0 nan)", "coordinates are not finite"),
         ("points", "(1 0 0)", "(1 0)", "points: is no list of points"),
         ("points", "4((0", "5((0", "points: says that its list has 5 items, but it has 4"),
@@ -380,6 +381,12 @@ def test_a_mesh_with_a_wrong_number_is_refused_by_its_file(tmp_path, name, old, 
     key = name.replace("compact", "faces")
     with pytest.raises(ImpactsError, match=message):
         read_surface(tetrahedron(tmp_path, **{key: parts[name].replace(old, new, 1)}), ["a", "b"])
+
+
+def test_a_long_list_that_is_cut_off_is_refused_at_once(tmp_path):
+    faces = "2000(" + " ".join("3(0 2 1)" for _ in range(1000))
+    with pytest.raises(ImpactsError, match=r"faces: cannot be read .* as a file that was cut off"):
+        read_surface(tetrahedron(tmp_path, faces=faces))
 
 
 @pytest.mark.parametrize("name", ["boundary", "faces", "points"])

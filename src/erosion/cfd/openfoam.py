@@ -3,7 +3,9 @@
 import contextlib
 import dataclasses
 import functools
+import gzip
 import itertools
+import re
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -168,6 +170,7 @@ def dictionary(path: Path) -> Any:
     if not _present(path):
         return None
     try:
+        _require_closed(_stored(path))
         return library("foamlib", "cfd").FoamFile(_stored(path)).as_dict()
     except (OSError, EOFError, ValueError):
         return None
@@ -206,10 +209,31 @@ def _stored(path: Path) -> Path:
     return compressed if compressed.is_file() and not path.is_file() else path
 
 
+_NO_BRACKETS = re.compile(rb'"[^"]*"|/\*.*?\*/|//[^\n]*', re.DOTALL)
+
+
+def _require_closed(stored: Path) -> None:
+    """Refuse a text whose brackets are not closed, as one that was cut off: foamlib would look for ever for their ends.
+
+    Raises:
+        ValueError: with their numbers.
+    """
+    with gzip.open(stored) if stored.suffix == ".gz" else stored.open("rb") as file:
+        content = file.read()
+    if re.search(rb"\bformat\s+binary\b", content[:2000]):
+        return
+    content = _NO_BRACKETS.sub(b"", content)
+    for opened, closed in ("()", "{}"):
+        counts = content.count(opened.encode()), content.count(closed.encode())
+        if counts[0] != counts[1]:
+            raise ValueError(f"it has {counts[0]:,} {opened} and {counts[1]:,} {closed}, as a file that was cut off")
+
+
 def _content(path: Path) -> Any:
     """What a file of OpenFOAM holds beside its header."""
     foamlib, stored = library("foamlib", "cfd"), _stored(path)
     try:
+        _require_closed(stored)
         # foamlib warns of an entry that is there twice.
         with warnings.catch_warnings():
             warnings.simplefilter("error", UserWarning)

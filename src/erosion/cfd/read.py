@@ -3,6 +3,8 @@
 import contextlib
 import dataclasses
 import logging
+import mmap
+import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,6 +22,7 @@ from erosion.output.files import require_finite
 from erosion.parameters.quantities import about, read_quantity
 
 SURFACE_SUFFIXES = (".vtp", ".stl", ".vtu")
+_MOST_PACKED = 1000  # numbers for each byte: so much packs zlib at most
 _STL_HEAD = 256  # bytes, of which VTK tells text from numbers as well
 _POLYGONS = (5, 7, 9)  # VTK's numbers of triangle, polygon and quadrilateral
 
@@ -31,8 +34,7 @@ def open_surface(path: Path) -> Surface:
         ImpactsError: for a file that cannot be read, or that holds no polygons.
     """
     pyvista = library("pyvista", "cfd")
-    if path.suffix.lower() == ".stl":
-        _require_whole_stl(path)
+    (_require_whole_stl if path.suffix.lower() == ".stl" else _require_counts)(path)
     try:
         with _quiet(), pyvista.vtk_verbosity("off"):
             mesh = pyvista.read(path)
@@ -69,6 +71,20 @@ def _require_whole_stl(path: Path) -> None:
             f"{path}: cannot be read; it is damaged, or no .stl file: a binary one of its {size:,} bytes has "
             f"{max(size - 84, 0) / 50:,.6g} facets, but it says that it has {facets:,}."
         )
+
+
+def _require_counts(path: Path) -> None:
+    """Refuse an XML file whose counts are more than it could hold: VTK makes room for as many, and ends the process."""
+    size = path.stat().st_size
+    if not size:
+        return
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        for what, count in re.findall(rb"(NumberOf\w+)\s*=\s*[\"']([^\"']*)", content):
+            if not count.strip().isdigit() or int(count) > _MOST_PACKED * size:
+                number = count[:20].decode("ascii", "replace")
+                raise ImpactsError(
+                    f"{path}: cannot be read; it is damaged: {what.decode()} is {number!r} in a file of {size:,} bytes."
+                )
 
 
 @contextlib.contextmanager
