@@ -13,6 +13,7 @@ from erosion.parameters.parameters import TABLE_1, Parameters
 from erosion.report.case import ReportCase
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.questions.linearized import midpoint_rule
+from erosion.report.questions.turning import turned_beyond
 
 N = 200
 RNG = np.random.default_rng(16)
@@ -65,7 +66,7 @@ CLAIMS = {
         "only falls with the angle",
         "depends on $k$ only",
         "The same angle follows",
-        "known to a factor",
+        "the most that they find",
         "about",
         "never meets",
         "times as much as",
@@ -105,6 +106,8 @@ CLAIMS = {
         "no longer hold",
         "no derivative",
         "The cut ends when",
+        "Where the body turns by more than 90°",
+        "where the model no longer holds",
     ),
     "a2": (
         "only falls",
@@ -248,3 +251,14 @@ def test_the_midpoint_rule_errs_by_the_square_of_its_panels() -> None:
         few, many = (midpoint_rule(case, panels) / case.volume - 1 for panels in (50, 100))
         assert few / many == pytest.approx(4, rel=0.05)
     assert p.k.size == N
+
+
+def test_every_cut_that_turns_by_more_than_90_degrees_is_counted() -> None:
+    spins = np.array([0.0, 0.3, 0.4333333333333333]) * float(TABLE_1.v0 / TABLE_1.r)
+    cuts = [path(load_model("rotating"), TABLE_1.replace(phidot0=spin)) for spin in spins]
+    beyond = [bool(np.abs(cut.phi - cut.phi[0]).max() > np.pi / 2) for cut in cuts]
+    assert turned_beyond("rotating", TABLE_1, phidot0=spins) == (sum(beyond), 3)
+    assert 0 < sum(beyond) < 3
+    # Where nothing is cut, nothing turns.
+    assert turned_beyond("rotating", TABLE_1, phidot0=-2 * spins[2:]) == (0, 1)
+    assert turned_beyond("rotating", TABLE_1, alpha=np.array([np.nan])) == (0, 1)

@@ -1,5 +1,6 @@
 """The report's page and its files: texts with computed values, index.html, figures, numbers.json."""
 
+import base64
 import contextlib
 import functools
 import math
@@ -317,6 +318,7 @@ def _write(case: ReportCase, keys: Sequence[str], out: Path, look: Look, progres
         question=question,
         drawings=drawings,
         wide=wide,
+        formula_font=base64.b64encode(Path(__file__).with_name("formulas.woff").read_bytes()).decode(),
     )
     write_whole(out / "index.html", page.encode())
     return out / "index.html"

@@ -1,6 +1,8 @@
 """Additional question 1: the body may turn."""
 
+import contextlib
 import dataclasses
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -8,10 +10,10 @@ from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.simulate import SimulationError, path
 from erosion.models import load_model
 from erosion.output.tables import Record
-from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters.parameters import QUANTITIES, Parameters
 from erosion.plotting.curves import plot_best_angles, plot_family, plot_turn
 from erosion.plotting.sweeps import plot_regimes
-from erosion.report.case import TORQUES, Answer, ReportCase, best_angle_over_k, family_numbers, panel
+from erosion.report.case import TORQUES, Answer, ReportCase, Spins, best_angle_over_k, family_numbers, panel
 
 MODEL = "rotating"
 NEEDS = (
@@ -107,6 +109,7 @@ def body_may_turn(case: ReportCase) -> Answer:
             for name, family in families.items()
         },
         "sensitivities": sensitivities(case),
+        "turned_beyond": _turned_beyond(case, spins, turn, over_reach),
     }
     return Answer(numbers, figures, fields)
 
@@ -115,12 +118,14 @@ def turns(case: ReportCase) -> Record:
     """How far the body turns, over the angle of attack and at the case's own [rad]."""
     best = float(case.optimum(MODEL).alpha)
     turned: list[tuple[float, float, str]] = []
+    beyond = 0
     for alpha in [*_TURN_ANGLES, case.alpha, *([best] if best > 0 else [])]:
         try:
             cut = path(load_model(MODEL), case.p.replace(alpha=alpha))
         except SimulationError:
             continue
         turned.append((float(alpha), float(cut.turn), cut.ended_by))
+        beyond += cut.turn_warning is not None
     alpha, turn, ended_by = zip(*sorted(turned), strict=True)
     own = dict(zip(alpha, turn, strict=True))
     return {
@@ -129,6 +134,54 @@ def turns(case: ReportCase) -> Record:
         "ended_by": list(ended_by),
         "at_case": own.get(case.alpha),
         "at_best": own.get(best),
+        "beyond": beyond,
+    }
+
+
+Counts = tuple[int, int]
+"""How many cuts turn the body by more than 90°, and of how many."""
+
+
+def turned_beyond(model: str, p: Parameters, **columns: np.ndarray) -> Counts:
+    """The cuts of the case with other parameters, arrays that broadcast; where nothing is cut, nothing turns."""
+    loaded = load_model(model)
+    beyond = total = 0
+    for values in zip(*(column.ravel().tolist() for column in np.broadcast_arrays(*columns.values())), strict=True):
+        total += 1
+        if np.isfinite(values).all():
+            with contextlib.suppress(SimulationError):
+                cut = path(loaded, dataclasses.replace(p, **dict(zip(columns, values, strict=True))))
+                beyond += cut.turn_warning is not None
+    return beyond, total
+
+
+def _turned_beyond(
+    case: ReportCase, spins: Sequence[Spins], turn: Record, over_reach: Mapping[str, np.ndarray]
+) -> dict[str, Counts]:
+    """The same for the cuts that each figure and table of the page shows."""
+    per_spin = float(case.p.v0 / case.p.r)
+
+    def best(*rows: np.ndarray) -> Counts:
+        each = [
+            turned_beyond(model, case.p, alpha=spin.alpha[at], phidot0=spin.values[at] * per_spin)
+            for model, spin, at in zip(TORQUES, spins, rows, strict=True)
+        ]
+        return sum(count for count, _ in each), sum(total for _, total in each)
+
+    r, alpha = over_reach["r"], over_reach["alpha_max"]
+    of_families = {
+        name: turned_beyond(MODEL, case.p, **{name: family.values, "alpha": family.alpha})
+        for name, family in case.families(MODEL).items()
+    }
+    told = np.isin(spins[0].values, _TOLD)
+    return of_families | {
+        "spins": best(*(np.full(spin.values.size, True) for spin in spins)),
+        "table": best(told, told),
+        "map": turned_beyond(
+            MODEL, case.p, alpha=_TURN_ANGLES[::2], phidot0=(spins[0].values[::3] * per_spin)[:, None]
+        ),
+        "angles": (turn["beyond"], len(turn["alpha"])),
+        "reach": turned_beyond(MODEL, case.p, r=r, alpha=alpha, phidot0=float(case.p.spin * case.p.v0) / r),
     }
 
 
@@ -138,7 +191,7 @@ def _over_reach(case: ReportCase) -> dict[str, np.ndarray]:
     reach = np.geomspace(reaches.min(), reaches.max(), _ON_LINE)
     r = reach * float(case.p.v0) / case.omega
     optimum = alpha_max(MODEL, dataclasses.replace(case.p, r=r, phidot0=float(case.p.spin * case.p.v0) / r))
-    return {"reach": reach, "alpha_max": optimum.alpha, "kind": optimum.kind}
+    return {"reach": reach, "r": r, "alpha_max": optimum.alpha, "kind": optimum.kind}
 
 
 def sensitivities(case: ReportCase) -> dict[str, list[float | None]]:
