@@ -74,6 +74,28 @@ def test_names_may_be_written_in_several_ways():
 
 
 @pytest.mark.parametrize(
+    ("text", "size"),
+    [
+        ("garnet 80 mesh", 0.180),
+        ("garnet 80mesh", 0.180),
+        ("Garnet mesh 80", 0.180),
+        ("quartz sand #80", 0.180),
+        ("aluminium oxide F80", 0.180),
+        # Passes 0.6 mm, stays on 0.25 mm.
+        ("garnet 30/60 mesh", math.sqrt(0.6 * 0.25)),
+        ("garnet 30/60", math.sqrt(0.6 * 0.25)),
+        ("garnet mesh 30 - 60", math.sqrt(0.6 * 0.25)),
+        ("garnet 200 mesh", 0.075),
+    ],
+)
+def test_a_mesh_is_read_as_the_opening_of_its_sieve(text, size):
+    particle = erosion.particle(text)
+    assert particle.size == pytest.approx(size * 1e-3, rel=2e-3)  # three digits
+    assert "ASTM E11" in particle.sieves
+    assert f"{size:.3g} mm" in str(particle)
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("garnet", "must be a material and a size such as \"garnet 0.3 mm\", but is 'garnet'"),
@@ -81,6 +103,8 @@ def test_names_may_be_written_in_several_ways():
         ("0.3 mm", "must be a material and a size"),
         ("granet 0.3 mm", "names 'granet'; did you mean 'garnet'?"),
         ("garnet 0.3 kg", "must be a length such as"),
+        ("garnet 81 mesh", "ASTM E11 (4, 5, 6,"),
+        ("garnet 0,18 mm", "'0,18 mm' cannot be read; a number has a point, no comma"),
         ("garnet 0 mm", "must have a positive size"),
         ("garnet 1e308 mm", "must have a size from 1e-10 m to 1e+06 m, but is 'garnet 1e308 mm'."),
         ("garnet 1e-300 mm", "must have a size from 1e-10 m to 1e+06 m"),

@@ -122,7 +122,7 @@ def test_the_german_advice_is_german(tmp_path: Path) -> None:
     without_sources = re.sub(r"\((?:MatWeb|webmineral)[^)]*\)?[^)]*\)", "", words)
     assert ENGLISH_WORD.findall(without_sources) == []
     assert re.findall(r"\d\.\d", without_sources) == []
-    assert "Granat 0,3 mm auf Aluminium 6061 bei 100\N{NO-BREAK SPACE}m/s" in words
+    assert "Granat 0,3 mm, Aluminium 6061, 100\N{NO-BREAK SPACE}m/s" in words
     assert "oka wird außerhalb des Bereichs verwendet" in words
     assert "liegt weit außerhalb dessen, was Versuche" in words
     figure = plot_advice(dataclasses.replace(advice, language=GERMAN))

@@ -1,10 +1,12 @@
 """The best angle of a nozzle, over models, correlations, the force ratio, the contact ratio and the jet."""
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from erosion.advice.job import Job
 from erosion.advice.result import DRAWS, NOZZLE_ANGLES, Advice, Curve, Uncertain
 from erosion.arguments import Progress, no_progress
 from erosion.correlations import CORRELATIONS
@@ -55,6 +57,8 @@ def advise(
     cutting_fraction: float | None = None,
     models: Sequence[str | CuttingModel] = MODELS,
     uncertain: Mapping[str, Any] | None = None,
+    job: Job | None = None,
+    compare: str | Particle | None = None,
     progress: Progress = no_progress,
 ) -> Advice:
     """The nozzle's angle that is good whichever model holds, and the erosion to expect there.
@@ -84,6 +88,8 @@ def advise(
         models: models, names or paths.
         uncertain: laws of what is one number for all particles, but not known, by parameter: of the metal (k, psi,
             sigma), of a model's own, or "cutting_fraction". A posterior gives them: `Posterior.rows_of_draws`.
+        job: what is to be removed, for the abrasive and the time that it takes.
+        compare: another abrasive, whose erosion is compared with that of `particle`.
         progress: called with "models", how many are done, and how many there are.
 
     Raises:
@@ -103,7 +109,17 @@ def advise(
         raise ValueError(f"Argument `models` must be a list of models, but is {models!r}.")
     chosen = [made_for(load_model(model), metal, grit) for model in models]
     loaded = {called(given, model): model for given, model in zip(models, chosen, strict=True)}
-    return advise_case(p, (grit, metal), (spread, speed_spread), per_mass, loaded, unknown, progress)
+    advice = advise_case(p, (grit, metal), (spread, speed_spread), per_mass, loaded, unknown, progress)
+    return dataclasses.replace(advice, job=job, other=compared_with(compare, grit, metal))
+
+
+def compared_with(other: str | Particle | None, grit: Particle | None, metal: Target | None) -> Particle | None:
+    """The other abrasive; a `ValueError` where there is nothing to compare it with."""
+    if other is None:
+        return None
+    if grit is None or metal is None:
+        raise ValueError("Argument `compare` needs a particle and a target, by name.")
+    return read_particle(other)
 
 
 def advise_case(

@@ -46,23 +46,38 @@ def sheet(advice: Advice, notes: Sequence[tuple[str, str]]) -> Figure:
         advice: of `erosion.advise`.
         notes: what it rests on: names with their texts.
     """
-    fig = Figure(figsize=_A4)
-    left, y = 0.09, 0.945
-    fig.text(left, y, advice.language.text("Advice on a nozzle's angle"), fontsize=10, color=DIM)
-    y = _paragraphs(fig, [advice.title], y - 0.006, width=52, size=15.0, weight="bold")
-    y = _paragraphs(fig, advice.conclusions, y - 0.005, width=99, size=9.5)
     texts = [f"{name}: {text}" for name, text in notes]
-    # The curves take what the table and the notes leave of the sheet.
-    below = _paragraphs(Figure(), texts, _table(Figure(), advice, y), width=128, size=7.5)
-    height = min(max(below - 0.18, 0.12), 0.3)
-    ax = fig.add_axes((left + 0.02, y - 0.015 - height, 0.8, height))
-    _draw(advice, ax)
-    ax.yaxis.label.set_fontsize(8)
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.035 / height), ncols=3, fontsize=8)
-    y = _table(fig, advice, y - height - 0.14)
-    _paragraphs(fig, texts, y - 0.005, width=128, size=7.5)
-    fig.text(left, 0.02, f"erosion {__version__}", fontsize=7.5, color=DIM)
+    # The curves take what the text leaves of the sheet; where that is too little, the text is smaller.
+    sizes = (0.05 * step for step in range(20, 10, -1))
+    scale = next((size for size in sizes if _texts(Figure(), advice, texts, size, 0.0) > _LEAST_CURVES), 0.55)
+    fig = Figure(figsize=_A4)
+    height = min(_texts(Figure(), advice, texts, scale, 0.0) - _BELOW_CURVES - _FOOT, 0.3)
+    _texts(fig, advice, texts, scale, height + _BELOW_CURVES)
+    fig.text(_LEFT, 0.02, f"erosion {__version__}", fontsize=7.5, color=DIM)
     return fig
+
+
+_LEFT = 0.09
+_FOOT = 0.045
+_BELOW_CURVES = 0.155  # what their axis and legend take
+_LEAST_CURVES = 0.13 + _BELOW_CURVES + _FOOT
+
+
+def _texts(fig: Figure, advice: Advice, notes: Sequence[str], scale: float, curves: float) -> float:
+    """Write the sheet's texts, and the curves where they get a share of its height; the height below all."""
+    y = 0.945
+    fig.text(_LEFT, y, advice.language.text("Advice on a nozzle's angle"), fontsize=10, color=DIM)
+    y = _paragraphs(fig, [advice.title], y - 0.006, width=52, size=15.0, weight="bold")
+    y = _paragraphs(fig, advice.answers, y - 0.005, width=round(88 / scale), size=10.5 * scale)
+    y = _paragraphs(fig, [*advice.warnings, *advice.reasons], y, width=round(110 / scale), size=8.5 * scale)
+    if curves:
+        height = curves - _BELOW_CURVES
+        ax = fig.add_axes((_LEFT + 0.02, y - 0.015 - height, 0.8, height))
+        _draw(advice, ax)
+        ax.yaxis.label.set_fontsize(8)
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.035 / height), ncols=3, fontsize=7.5)
+    y = _table(fig, advice, y - curves, scale)
+    return _paragraphs(fig, notes, y - 0.005, width=round(128 / scale), size=7.5 * scale)
 
 
 def _draw(advice: Advice, ax: Axes) -> None:
@@ -89,7 +104,7 @@ def _draw(advice: Advice, ax: Axes) -> None:
     ax.plot(best, advice.worst_shares.max(), "*", color=INK, markersize=13)
     angle_axis(ax, label=say("angle of the nozzle, from the surface"))
     ax.set(ylabel=say("erosion by the jet, over its own greatest"), ylim=(0, 1.03))
-    ax.yaxis.set_major_formatter(lambda value, _: advice.language.number(f"{value:.1f}"))
+    ax.yaxis.set_major_formatter(lambda value, _: advice.language.number(f"{value:.3g}"))
 
 
 def _paragraphs(
@@ -105,29 +120,33 @@ def _paragraphs(
     return y
 
 
-def _table(fig: Figure, advice: Advice, y: float) -> float:
+def _table(fig: Figure, advice: Advice, y: float, scale: float) -> float:
     """Write the table from the height y; the height below it."""
     for i, row in enumerate((advice.headings, *advice.rows())):
-        cells = [textwrap.wrap(cell, letters) for cell, (_, letters) in zip(row, _COLUMNS, strict=True)]
-        y -= 0.004
+        pairs = zip(row, _COLUMNS, strict=True)
+        cells = [textwrap.wrap(cell, round(letters / scale)) for cell, (_, letters) in pairs]
+        y -= 0.004 * scale
         for line in range(max(map(len, cells))):
-            y -= 0.0125
+            y -= 0.0125 * scale
             for (x, _), lines in zip(_COLUMNS, cells, strict=True):
-                fig.text(x, y, "".join(lines[line : line + 1]), fontsize=8.5, weight="bold" if i == 0 else "normal")
-        fig.add_artist(Line2D([_COLUMNS[0][0], 0.93], [y - 0.004, y - 0.004], color=FAINT, linewidth=0.7))
-    return y - 0.01
+                weight = "bold" if i == 0 else "normal"
+                fig.text(x, y, "".join(lines[line : line + 1]), fontsize=8.5 * scale, weight=weight)
+        rule = y - 0.004 * scale
+        fig.add_artist(Line2D([_COLUMNS[0][0], 0.93], [rule, rule], color=FAINT, linewidth=0.7))
+    return y - 0.01 * scale
 
 
 _DESCRIPTION = "Erosion by the jet over the angle of the nozzle, by every model and correlation, and the advised angle."
 
 
-def write_advice(advice: Advice, path: str | Path, lang: str = "en") -> Path:
+def write_advice(advice: Advice, path: str | Path, lang: str = "en", decimal: str | None = None) -> Path:
     """Write an advice as a page.
 
     Args:
         advice: of `erosion.advise`.
-        path: ends in .html, or in .pdf for one sheet of A4.
+        path: ends in .html, in .pdf for one sheet of A4, or in .csv for a table of angles that spreadsheets open.
         lang: the language: "en", or "de" for German.
+        decimal: of the table's numbers: "." or ","; without it that of the language.
 
     Raises:
         ValueError: for another suffix, or an unknown language.
@@ -136,6 +155,9 @@ def write_advice(advice: Advice, path: str | Path, lang: str = "en") -> Path:
     path = Path(path)
     require_page_path(path)
     advice = dataclasses.replace(advice, language=language(lang))
+    if path.suffix == ".csv":
+        write_whole(path, _spreadsheet(advice, decimal or ("," if advice.language.comma else ".")).encode("utf-8-sig"))
+        return path
     notes = notes_of(advice)
     if path.suffix == ".pdf":
         content = render(sheet(advice, notes), "pdf")
@@ -150,9 +172,32 @@ def write_advice(advice: Advice, path: str | Path, lang: str = "en") -> Path:
 
 def require_page_path(path: Path) -> None:
     """Check that `write_advice` can write to the path; errors as of `write_advice`."""
-    if path.suffix not in (".html", ".pdf"):
-        raise ValueError(f"{path}: the page's file name must end in .html or .pdf.")
+    if path.suffix not in (".html", ".pdf", ".csv"):
+        raise ValueError(f"{path}: the file name must end in .html, .pdf or .csv.")
     require_writable(path)
+
+
+def _spreadsheet(advice: Advice, decimal: str) -> str:
+    """Angles of 5° to 90°, the least and the greatest of the amounts that the advice trusts, and the worst share."""
+    if decimal not in (".", ","):
+        raise ValueError(f"Argument `decimal` must be . or a comma, but is {decimal!r}.")
+    text, unit = advice.language.text, advice.unit
+    at = slice(_FIRST, None, _STEP)
+    columns: dict[str, np.ndarray] = {f"{text('angle')} [°]": np.rad2deg(NOZZLE_ANGLES[at])}
+    if advice.trusted:
+        amounts = np.array([curve.erosion * (curve.density or 1.0) / advice.scale.size for curve in advice.trusted])
+        columns |= {f"{text('least')} [{unit}]": amounts.min(0)[at], f"{text('greatest')} [{unit}]": amounts.max(0)[at]}
+    columns[f"{text('least share of its own best')} [%]"] = 100 * advice.worst_shares[at]
+    rows = [list(columns), *([f"{value:.4g}" for value in row] for row in zip(*columns.values(), strict=True))]
+    # A spreadsheet with decimal commas takes semicolons between cells.
+    return "".join(
+        (";".join(row).replace(".", ",") if decimal == "," and number else (";" if decimal == "," else ",").join(row))
+        + "\r\n"
+        for number, row in enumerate(rows)
+    )
+
+
+_FIRST, _STEP = 8, 10  # NOZZLE_ANGLES are 1°, 1.5° …: 5°, 10° … are every tenth from the ninth
 
 
 def notes_of(advice: Advice) -> list[tuple[str, str]]:
@@ -165,7 +210,8 @@ def notes_of(advice: Advice) -> list[tuple[str, str]]:
         notes.append((name, advice.language.number(spreads)))
     if advice.particle is not None:
         grit = advice.particle
-        notes.append((text("Particle"), f"{advice.particle_name}, {grit.density:g} kg/m³ ({grit.source})"))
+        sieves = f" ({grit.sieves})" * bool(grit.sieves)
+        notes.append((text("Particle"), f"{advice.particle_name}{sieves}, {grit.density:g} kg/m³ ({grit.source})"))
     if advice.target is not None:
         metal = advice.target
         low, high = (f"{end / 1e6:.4g}" for end in metal.flow_stress_range)
@@ -175,7 +221,6 @@ def notes_of(advice: Advice) -> list[tuple[str, str]]:
     if advice.uncertain is None and any(not curve.fits for curve in advice.group("correlations")):
         count = text("those that are not made for this metal count for the angle, not for the amount")
         notes.append((text("Correlations"), count))
-    notes += [(text("Note"), sentence.rstrip(".")) for sentence in advice.warnings]
     if advice.uncertain is None:
         fraction = f"{advice.per_mass.cutting_fraction:.3g}"
         notes.append((text("Cutting particles"), say("{fraction} of all (Finnie: about one half)", fraction=fraction)))

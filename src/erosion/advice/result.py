@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from erosion.advice.abrasives import comparison, hardness_sentence
+from erosion.advice.job import Job
 from erosion.fits.forward import FACTORS, FRACTION
 from erosion.joint_laws import SHARE, LawSet, Member, Rows, require_units
 from erosion.models.base import CuttingModel
@@ -172,6 +174,8 @@ class Advice(Result):
         uncertain: the laws that took the place of the ranges of k and ψ, from a fit for example.
         language: of all texts but `to_dict`'s.
         doubts: sentences on the fit that it rests on, as the case file has them.
+        job: what is to be removed.
+        other: another abrasive, to compare with `particle`.
     """
 
     p: Parameters
@@ -185,6 +189,8 @@ class Advice(Result):
     uncertain: Uncertain | None = None
     language: Language = ENGLISH
     doubts: tuple[str, ...] = ()
+    job: Job | None = None
+    other: Particle | None = None
 
     @functools.cached_property
     def alpha(self) -> float:
@@ -238,10 +244,11 @@ class Advice(Result):
     @property
     def particle_name(self) -> str:
         """Material and size of the particle, in the language; "" without one."""
-        if self.particle is None:
-            return ""
-        size = str(self.particle).removeprefix(self.particle.name)
-        return self.language.text(self.particle.name) + self.language.number(size)
+        return "" if self.particle is None else self._name(self.particle)
+
+    def _name(self, particle: Particle) -> str:
+        size = str(particle).removeprefix(particle.name)
+        return self.language.text(particle.name) + self.language.number(size)
 
     @property
     def headings(self) -> Sequence[str]:
@@ -257,10 +264,11 @@ class Advice(Result):
     @property
     def unit(self) -> str:
         """Of erosion in the table, "g/kg", or "mm³/kg" where the density is not known."""
-        return self._scale.unit
+        return self.scale.unit
 
     @property
-    def _scale(self) -> Scale:
+    def scale(self) -> Scale:
+        """Of `unit`, in SI."""
         return PER_MASS_SCALES["specific_volume" if self.per_mass.density is None else "erosion_ratio"]
 
     def rows(self) -> list[tuple[str, ...]]:
@@ -320,20 +328,59 @@ class Advice(Result):
             return "–"
         if self._is_beyond(curves):
             return self.language.text("beyond tests")
-        amounts = sorted(curve.at(self.alpha) / self._scale.size for curve in curves)
+        amounts = sorted(curve.at(self.alpha) / self.scale.size for curve in curves)
         return self._between([two_digits(amount) for amount in amounts])
 
     @property
+    def trusted(self) -> Sequence[Curve]:
+        """The curves whose amounts count: the correlations of this metal, after a fit the draws, else the models.
+
+        None where the models' amount is more than ten times what tests find.
+        """
+        fitting = [curve for curve in self.group("correlations") if curve.fits]
+        if self.uncertain is None and fitting:
+            return fitting
+        models = [curve for curve in self.curves if curve.group != "correlations"]
+        return [] if self._is_beyond(models) else models
+
+    @property
     def conclusions(self) -> list[str]:
-        """The advice in sentences."""
-        sentences = [self._setting(), self._amount(), self._narrowing()]
+        """The advice in sentences: the answers, and their reasons."""
+        return [*self.answers, *self.reasons]
+
+    @property
+    def answers(self) -> list[str]:
+        """Angle, amount, the job, the other abrasive."""
+        say = self.language.say
+        mine = "" if self.uncertain is None else say("By your weighings:") + " "
+        sentences = [
+            mine + say("Set the nozzle to {angle} from the surface.", angle=degrees(self.alpha)),
+            self._amount(),
+        ]
+        if self.job is not None and self.trusted:
+            erosion = [curve.at(self.alpha) / (curve.density or 1.0) for curve in self.trusted]
+            sentences.append(self.job.sentence(erosion, self.per_mass.density, self.language))
+        if self.other is not None and self.particle is not None and self.target is not None:
+            names = (self.particle_name, self._name(self.other))
+            speed = float(self.p.to("si").v0)
+            sentences.append(comparison(self.particle, self.other, self.target, speed, names, self.language))
+        return [f"{sentence[0].upper()}{sentence[1:]}" for sentence in sentences]
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why this angle, what would narrow it, and what the abrasive does."""
+        sentences = [self._why(), self._narrowing()]
+        if self.particle is not None and self.target is not None:
+            name = self.language.text(self.particle.name)
+            sentences.append(hardness_sentence(self.particle, self.target, name, self.language))
         if self.particle is not None and self.particle.shape == "round":
             sentences.append(
                 self.language.say(
-                    "The models take a sharp edge; round particles plough more and cut less, so expect less."
+                    "The models take a sharp edge; round particles plough more and cut less, so expect less: 0.2 "
+                    "times by E/CRC's factor for rounded sand."
                 )
             )
-        return sentences
+        return [f"{sentence[0].upper()}{sentence[1:]}" for sentence in sentences]
 
     @property
     def warnings(self) -> list[str]:
@@ -347,21 +394,20 @@ class Advice(Result):
         name, gap, rest = message.partition(" ")
         return name + gap + self.language.text(rest) if message in self.outside else self.language.text(message)
 
-    def _setting(self) -> str:
-        """The advised angle, and what it is worth by the curves that count."""
+    def _why(self) -> str:
+        """What the advised angle is worth by the curves that count."""
         say = self.language.say
-        numbers = {"angle": degrees(self.alpha), "share": _percent(self.worst), "low": degrees(self.low),
-                   "high": degrees(self.high)}  # fmt: skip
+        numbers = {"share": _percent(self.worst), "low": degrees(self.low), "high": degrees(self.high)}
         if self.uncertain is None:
             return say(
-                "Set the nozzle to {angle} from the surface. There every model and correlation removes at least "
-                "{share}% of what it removes at its own best angle; these best angles lie from {low} to {high}.",
+                "At this angle every model and correlation removes at least {share}% of what it removes at its own "
+                "best angle; these best angles lie from {low} to {high}.",
                 **numbers,
             )
         return say(
-            "Set the nozzle to {angle} from the surface. There each of {count} draws of {source} removes at least "
-            "{share}% of what it removes at its own best angle; these best angles lie from {low} to {high}. The "
-            "correlations are shown beside them, but do not count.",
+            "At this angle each of {count} draws of {source} removes at least {share}% of what it removes at its "
+            "own best angle; these best angles lie from {low} to {high}. The correlations are shown beside them, "
+            "but do not count.",
             **numbers,
             count=str(len(self.group("draws"))),
             source=str(self.uncertain),
@@ -377,7 +423,7 @@ class Advice(Result):
         numbers |= {"tests": self.span(fitting)} if fitting else {}
         if self._is_beyond(models) and fitting:
             text = say(
-                "The correlations for this metal remove {tests} {unit} there. The models' amount is left out, because "
+                "Expect {tests} {unit}, by the correlations for this metal. The models' amount is left out, because "
                 "it is more than ten times what tests find.",
                 **numbers,
             )
@@ -388,18 +434,18 @@ class Advice(Result):
             )
         elif fitting and self.uncertain is not None:
             text = say(
-                "The draws remove {amount} {unit} there if {fraction} of the particles cut; the correlations for this "
-                "metal, which are made from other tests, {tests} {unit}.",
+                "Expect {amount} {unit}, by the draws, if {fraction} of the particles cut; the correlations for this "
+                "metal, which are made from other tests, say {tests} {unit}.",
                 **numbers,
             )
         elif fitting:
             text = say(
-                "The models remove {amount} {unit} there if {fraction} of the particles cut, and the correlations for "
-                "this metal {tests} {unit}: trust these more.",
+                "Expect {tests} {unit}, by the correlations for this metal. The models say {amount} {unit} if "
+                "{fraction} of the particles cut: trust the correlations more.",
                 **numbers,
             )
         else:
-            text = say("The models remove {amount} {unit} there if {fraction} of the particles cut.", **numbers)
+            text = say("Expect {amount} {unit}, by the models, if {fraction} of the particles cut.", **numbers)
         return text if self.per_mass.density else f"{text} {say('Name the target, or give its density, for g/kg.')}"
 
     def _narrowing(self) -> str:
@@ -408,6 +454,11 @@ class Advice(Result):
             return self.language.say(
                 "What would narrow it: more tests. “erosion posterior” with --next-experiment says at "
                 "which angle and speed one more test tells most."
+            )
+        if self.doubts:
+            return self.language.say(
+                "What would narrow it: your weighings leave parameters open, as the notes say; weigh at further "
+                "angles and speeds, and repeat."
             )
         models, text = self.group("models"), self.language.text
         spans = {text("the choice of the model"): _width(models)}

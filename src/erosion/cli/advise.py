@@ -5,13 +5,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
 from erosion.cli import lazy
-from erosion.cli.errors import user_errors
+from erosion.cli.errors import InputError, user_errors
 from erosion.cli.fitting import GivenFit, TestedFitOptions, section_of
 from erosion.cli.lists import ModelsOption, chosen_models
 from erosion.cli.options import (
+    OUTPUT,
     AllAngles,
     CaseArgument,
     JsonOption,
@@ -22,6 +23,29 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
+
+
+@Parameter(name="*", group=Group("Job", sort_key=7))
+@dataclasses.dataclass(frozen=True)
+class JobOptions:
+    """What is to be removed, and with what else."""
+
+    area: Annotated[str | None, Parameter(help='To remove from, for kg of abrasive: "2 m^2".')] = None
+    depth: Annotated[str | None, Parameter(help='To remove: "50 um".')] = None
+    feed: Annotated[str | None, Parameter(help='Abrasive, for the time: "5 kg/min".')] = None
+    compare: Annotated[str | None, Parameter(help='Another abrasive: "aluminium oxide 0.2 mm".')] = None
+
+    def job(self) -> "lazy.Job | None":
+        """The job, where there is one."""
+        area = read_option("area", self.area, "area", "si")
+        depth = read_option("depth", self.depth, "length", "si")
+        feed = read_option("feed", self.feed, "mass flow", "si")
+        if area is None and depth is None and feed is None:
+            return None
+        if area is None or depth is None:
+            raise InputError("--area and --depth belong together: give both.")
+        with user_errors():
+            return lazy.Job(area, depth, feed)
 
 
 def advise(
@@ -36,7 +60,11 @@ def advise(
     abrasive: PerMassOptions | None = None,
     model: ModelsOption = None,
     fit_of_tests: TestedFitOptions | None = None,
-    output: Annotated[Path | None, output_option("Also write it as a page: advice.html or advice.pdf.")] = None,
+    shop: JobOptions | None = None,
+    output: Annotated[
+        Path | None, output_option("Also write it as a page, .html or .pdf, or its angles as a table, .csv.")
+    ] = None,
+    decimal: Annotated[str | None, Parameter(group=OUTPUT, help='Of the table, "." or ","; that of --lang.')] = None,
     plot: PlotOption = None,
     lang: LangOption = "en",
     json: JsonOption = False,
@@ -56,6 +84,10 @@ def advise(
     p = options.parameters()
     deviation = read_option("spread", spread, "angle", "si")
     fit = GivenFit(fit_of_tests or TestedFitOptions(), options, section_of(options, model))
+    shop = shop or JobOptions()
+    job = shop.job()
+    with user_errors():
+        other = lazy.compared_with(shop.compare, *options.materials())
     _require(output, plot, (options.case, *fit.files, *(model or ())), lang)
     models = fit.models(chosen_models(model), p)
     abrasive = abrasive or PerMassOptions()
@@ -67,10 +99,10 @@ def advise(
         advice = lazy.advise_case(
             p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress
         )
-        advice = dataclasses.replace(advice, doubts=fit.doubts)
+        advice = dataclasses.replace(advice, doubts=fit.doubts, job=job, other=other)
     if output is not None:
         with user_errors():
-            lazy.write_advice(advice, output, lang)
+            lazy.write_advice(advice, output, lang, decimal)
     draw(plot, lambda: lazy.plot_advice(dataclasses.replace(advice, language=lazy.language(lang))))
     printed = Output("advise", p, options.case, json=json)
     printed.warn(*advice.warnings, *(lazy.unused_columns(uncertain.laws) if uncertain else ()))
@@ -78,7 +110,7 @@ def advise(
         for chosen in models.values():
             printed.warn(*part.doubts(chosen, advice.p, advice.per_mass.cutting_fraction))
     printed.document(advice.to_dict(), models, lazy.UNITS)
-    printed.table(advice.title, advice.rows(), advice.headings, (), advice.conclusions)
+    printed.table("", advice.rows(), advice.headings, (), advice.reasons, [advice.title, *advice.answers])
     printed.wrote(figure=plot, page=output)
 
 

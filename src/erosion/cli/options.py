@@ -102,7 +102,9 @@ class CaseOptions:
 
     case: Annotated[Path | None, Parameter(help="Case file (TOML); Table 1 without it.")] = None
     units: Annotated[str | None, Parameter(help='Convert the case, for bare numbers too: "inch-pound", "si".')] = None
-    particle: Annotated[str | None, Parameter(help='Material and diameter, for r, b and m: "garnet 0.3 mm".')] = None
+    particle: Annotated[
+        str | None, Parameter(help='Material and size, for r, b, m: "garnet 0.3 mm", "garnet 80 mesh".')
+    ] = None
     target: Annotated[
         str | None,
         Parameter(help='A metal, for σ: "aluminium 6061", see `erosion materials`.'),

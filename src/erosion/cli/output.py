@@ -131,6 +131,7 @@ class Output:
         headings: "Sequence[str] | None" = None,
         numbers: "Collection[int]" = (2,),
         sentences: Sequence[str] = (),
+        before: Sequence[str] = (),
     ) -> None:
         """Print a table, in colour where stdout is a terminal, and sentences below it; nothing beside JSON.
 
@@ -140,6 +141,7 @@ class Output:
             headings: of the columns.
             numbers: the columns that are flush right.
             sentences: each wrapped between words.
+            before: the same, above the table.
         """
         if self.json:
             return
@@ -150,6 +152,8 @@ class Output:
         width = console.width if console.is_terminal or "COLUMNS" in os.environ else lazy.WIDTH
         # rich would end the process, with status 1, where the reader of a pipe has gone.
         with console.capture() as captured:
+            for sentence in before:
+                console.print(sentence, markup=False, width=width)
             for line in lazy.to_lines(title, rows, headings or lazy.HEADINGS, numbers, width):
                 console.print(line, soft_wrap=True)
             for sentence in sentences:

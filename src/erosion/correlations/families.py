@@ -131,8 +131,8 @@ def _finnie(alpha: Values, v0: Values, force_ratio: Values, target: FinnieMateri
 REFERENCE_SPEED = 104.0  # v' [m/s]
 REFERENCE_DIAMETER = 326e-6  # D' [m]
 DIAMETER_EXPONENT = 0.19  # k₃ [-]
-_SAND = 65.0  # K [mm³/kg]
-_WEAR_EXPONENT = 0.12  # -k₁ [-]; EDEM's constant W is (a Hv)^-b, so that E₉₀ at v' and D' is K W^0.12
+SAND = 65.0  # K [mm³/kg]
+WEAR_EXPONENT = 0.12  # -k₁ [-]; EDEM's constant W is (a Hv)^-b, so that E₉₀ at v' and D' is K W^0.12
 
 
 @dataclass(frozen=True)
@@ -156,9 +156,9 @@ OKA_MATERIALS: Mapping[str, OkaMaterial] = types.MappingProxyType(
         # Ansys Fluent 2024 R2 Theory Guide, table 12.3, "sand - steel": E₉₀ = 6.154e-4 kg/kg, Hv = 1.8 GPa.
         "steel": OkaMaterial(6.154e-4 / 7800.0, 1.8, 7800.0),
         # Altair EDEM, The Oka Wear Model, table 2: W = 3 with Hv = 0.54 to 1.18 GPa; W = 10; W = 1000.
-        "carbon-steel": OkaMaterial(_SAND * 3.0**_WEAR_EXPONENT * 1e-9, 1.18, 7800.0),
-        "stainless-steel": OkaMaterial(_SAND * 10.0**_WEAR_EXPONENT * 1e-9, 1.77, 8000.0),
-        "aluminium": OkaMaterial(_SAND * 1000.0**_WEAR_EXPONENT * 1e-9, 0.36, 2700.0),
+        "carbon-steel": OkaMaterial(SAND * 3.0**WEAR_EXPONENT * 1e-9, 1.18, 7800.0),
+        "stainless-steel": OkaMaterial(SAND * 10.0**WEAR_EXPONENT * 1e-9, 1.77, 8000.0),
+        "aluminium": OkaMaterial(SAND * 1000.0**WEAR_EXPONENT * 1e-9, 0.36, 2700.0),
     }
 )
 """Targets of sand by name."""

@@ -34,17 +34,23 @@ Finnie took ψ = 2, from cutting tests on metals: Wear 3 (1960) 87-103. OpenFOAM
 
 _SPHERE = 0.4  # β = I/(m r²)
 
-_SIZED = re.compile(r"(?P<name>.+)\s+(?P<size>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*[^\d\s.]\S*)\s*")
+_SIZED = re.compile(r"(?P<name>.+)\s+(?P<size>(?:\d+[.,]?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*[^\d\s.,]\S*)\s*")
+# "garnet 80 mesh", "garnet 30/60", "garnet mesh 30-60", "garnet #80", "alumina F80"
+_SIEVED = re.compile(
+    r"(?P<name>.+?)\s+(?P<sieves>(?:#|F\s*|mesh\s+)\d{1,3}(?:\s*[/x-]\s*\d{1,3})?|\d{1,3}\s*[/x-]\s*\d{1,3}(?:\s*mesh)?|"
+    r"\d{1,3}\s*mesh)\s*",
+    re.IGNORECASE,
+)
 _FILED = re.compile(r"(?P<file>.+\.toml)\s*:\s*(?P<name>.+)", re.IGNORECASE | re.DOTALL)
 _FIELDS: Mapping[str, Mapping[str, Dimension]] = types.MappingProxyType(
     {
-        "particles": {"density": "density"},
+        "particles": {"density": "density", "vickers": "1"},
         "targets": {"density": "density", "vickers": "1", "flow_stress": "stress", "psi": "1"},
     }
 )
 _WORDS: Mapping[str, Mapping[str, Any]] = types.MappingProxyType(
     {
-        "particles": {"hardness": "", "shape": "", "source": "", "also": []},
+        "particles": {"hardness": "", "shape": "", "oka": "", "source": "", "also": []},
         "targets": {"source": "", "also": [], "correlations": []},
     }
 )
@@ -61,10 +67,13 @@ class Particle:
     Args:
         name: of the material.
         size: diameter d, for grains the width of the sieve's mesh [m].
+        sieves: the mesh by which the size was given, with its standard, or "".
         density: ρ [kg/m³].
         density_range: what the source spans [kg/m³].
         hardness: in words.
+        vickers: hardness [kgf/mm²], where it is known; the least of the source.
         shape: "angular", "round" or "".
+        oka: the name of the abrasive in the tests of Oka, or "".
         source: of the numbers.
     """
 
@@ -75,6 +84,9 @@ class Particle:
     hardness: str = ""
     shape: str = ""
     source: str = ""
+    sieves: str = ""
+    vickers: float | None = None
+    oka: str = ""
 
     @property
     def radius(self) -> float:
@@ -168,6 +180,8 @@ def particle(text: "str | Particle") -> Particle:
 
     Args:
         text: a name of the table and a diameter, "garnet 0.3 mm"; of a table of your own, "mine.toml: slag 0.5 mm".
+            Mesh numbers are read, too: "garnet 80 mesh" has the opening of the sieve, "garnet 30/60 mesh" the
+            geometric mean of both, "alumina F80" is as mesh 80.
 
     Raises:
         ValueError: for a material that the table lacks, a size that cannot be read, or a file that cannot be used.
@@ -175,18 +189,46 @@ def particle(text: "str | Particle") -> Particle:
     if isinstance(text, Particle):
         return text
     file, name = _split_file("particle", text)
+    if len(name) <= _LONGEST_NAME and (match := _SIEVED.fullmatch(name)):
+        entry = _particle_entry(match["name"], file)
+        return Particle(size=_median(match["sieves"]), sieves=f"{match['sieves']}, ASTM E11", **entry)
     match = _SIZED.fullmatch(name) if len(name) <= _LONGEST_NAME else None
     if match is None:
         raise ValueError(
             f'Argument `particle` must be a material and a size such as "garnet 0.3 mm", but is {shown(text)}.'
         )
-    entry = _entry("particle", match["name"], "particles", file)
+    entry = _particle_entry(match["name"], file)
     with about("Argument `particle`"):
         size = read_quantity(match["size"], "length", "si")
     wish = "positive size" if size <= 0 else f"size from {_SMALLEST:g} m to {_LARGEST:g} m"
     if not _SMALLEST <= size <= _LARGEST:
         raise ValueError(f"Argument `particle` must have a {wish}, but is {shown(text)}.")
     return Particle(size=size, **entry)
+
+
+def _particle_entry(name: str, file: Path | None) -> dict[str, Any]:
+    entry = _entry("particle", name, "particles", file)
+    del entry["vickers_range"]
+    return entry
+
+
+def _median(sieves: str) -> float:
+    """The middle of the grains that pass the first sieve and stay on the last [m]."""
+    openings = _sieves()
+    numbers = re.findall(r"\d+", sieves)
+    if unknown := [number for number in numbers if number not in openings]:
+        raise ValueError(
+            f"Argument `particle` must have the number of a sieve of ASTM E11 ({', '.join(openings)}) or a "
+            f"diameter, but has {shown(unknown[0])}."
+        )
+    # Rounded as catalogues have it: 30/60 is 0.387 mm.
+    return float(f"{math.prod(openings[number] for number in numbers) ** (1 / len(numbers)):.3g}") * 1e-3
+
+
+@functools.cache
+def _sieves() -> Mapping[str, float]:
+    """The openings of sieves by number [mm]."""
+    return tomllib.loads(importlib.resources.files("erosion.parameters").joinpath("sieves.toml").read_text("utf-8"))
 
 
 def target(text: "str | Target") -> Target:
