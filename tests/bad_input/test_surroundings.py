@@ -234,6 +234,13 @@ def test_bad_settings_of_libraries_are_named(tmp_path, shell, monkeypatch):
     assert "SOURCE_DATE_EPOCH must be whole seconds, but is 'noon'" in shell("run", 2).err
 
 
+def test_messages_hold_nothing_that_a_terminal_obeys_and_no_endless_word(tmp_path, shell):
+    (tmp_path / "case.toml").write_text('"\\u001b[31mred\\u202e" = 3\n')
+    assert r"field `\x1b[31mred\u202e` is unknown" in shell(f"run {tmp_path / 'case.toml'}", 2).err
+    (tmp_path / "case.toml").write_text("a" * 100_000 + " = 3\n")
+    assert len(shell(f"run {tmp_path / 'case.toml'}", 2).err) < 1000
+
+
 def test_a_shells_own_pipe_is_read(tmp_path):
     case = Path(__file__).parents[2] / "cases" / "table-1.toml"
     command = f"{shlex.join(COMMAND)} run <(cat {shlex.quote(str(case))})"

@@ -435,7 +435,7 @@ def _parquet_head(path: Path) -> tuple[list[str], dict[str, str], int]:
     with _open_parquet(path) as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
     units = {
-        field.name: field.metadata[key].decode()
+        field.name: field.metadata[key].decode(errors="replace")
         for field in schema
         for key in (b"units", b"unit")
         if field.metadata and key in field.metadata

@@ -18,7 +18,7 @@ from erosion.cli.advise import advise
 from erosion.cli.calibrate import calibrate
 from erosion.cli.checks import validate, verify
 from erosion.cli.compare import compare
-from erosion.cli.errors import InputError, explain, sentence, spell_out
+from erosion.cli.errors import InputError, explain, printable, sentence, spell_out
 from erosion.cli.export import export
 from erosion.cli.lists import materials, models
 from erosion.cli.map import map_
@@ -170,6 +170,6 @@ def _unless_interrupted(unraisable: Any) -> None:
 def _say(status: int, message: str) -> int:
     with contextlib.suppress(OSError):  # there may be no place to say it
         if sys.stderr is not None:
-            print("erosion:", " ".join(message.split()), file=sys.stderr, flush=True)
+            print("erosion:", printable(" ".join(message.split())), file=sys.stderr, flush=True)
     _let_go(sys.stderr)
     return status

@@ -4,6 +4,7 @@ import codecs
 import contextlib
 import re
 import sys
+import unicodedata
 from collections.abc import Iterator
 
 import cyclopts
@@ -18,6 +19,8 @@ _SPELLED = {
     "ẏ": "y'", "°": "deg", "₀": "0", "₁": "1", "₂": "2", "─": "-", "│": "|", "–": "-", "…": "...", "×": "x", "·": "*",
     "±": "+-", "≤": "<=", "≥": ">=", "→": "->", "✓": "+", "✗": "x", "√": "sqrt ", "½": "1/2", "∞": "inf",
 }  # fmt: skip
+
+_ENDLESS = 1000  # letters without a space; paths may be long
 
 
 def spell_out() -> None:
@@ -38,6 +41,15 @@ def _spelled(error: UnicodeError) -> tuple[str | bytes, int]:
     if text[at] in _SPELLED:
         return _SPELLED[text[at]], at + 1
     return codecs.backslashreplace_errors(UnicodeEncodeError(error.encoding, text, at, at + 1, error.reason))
+
+
+def printable(text: str) -> str:
+    """A message for a terminal: what a terminal would obey is escaped, and an endless word is cut."""
+    text = "".join(
+        letter.encode("unicode_escape").decode() if unicodedata.category(letter) in ("Cc", "Cf") else letter
+        for letter in text
+    )
+    return re.sub(rf"\S{{{_ENDLESS},}}", lambda word: f"{word[0][:40]}… ({len(word[0]):,} characters)", text)
 
 
 class InputError(ValueError):

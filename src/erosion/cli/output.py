@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli import lazy
-from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.errors import InputError, printable, reading, user_errors
 from erosion.cli.options import MODEL, CaseOptions
 from erosion.parameters.quantities import QUANTITIES
 from erosion.version import __version__
@@ -205,7 +205,7 @@ def _with_units(value: Any, units: Mapping[str, str]) -> Any:
 def warn(message: str) -> None:
     """A warning on stderr, where there is one."""
     if sys.stderr is not None:
-        print(f"warning: {message}", file=sys.stderr)
+        print(f"warning: {printable(message)}", file=sys.stderr)
 
 
 def draw(path: Path | None, figure: Callable[[], Any]) -> None:
