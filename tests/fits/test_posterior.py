@@ -12,8 +12,8 @@ from erosion.distributions import Normal, Uniform
 from erosion.fits import ConvergenceWarning, Posterior, SamplingError, tempering
 from erosion.fits.calibration import make_forward
 from erosion.fits.forward import Forward
+from erosion.fits.likelihood import make_likelihood
 from erosion.fits.posterior_files import read_draws
-from erosion.fits.tempering import make_likelihood
 from erosion.joint_laws import CorrelatedLaws
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
@@ -110,7 +110,7 @@ def test_a_file_has_arvizs_layout(result, tmp_path):
         np.testing.assert_array_equal(tree["constant_data"]["alpha"], data.angle)
         assert tree["posterior"].attrs["log_evidence"] == pytest.approx(result.log_evidence)
         assert tree["observed_data"]["erosion"].attrs["units"] == "in^3"
-        squares = ((data.erosion - result.predict(data.angle, count=800)) / data.uncertainty) ** 2
+        squares = ((data.erosion - result.predict(data.angle, count=800, discrepancy=False)) / data.uncertainty) ** 2
         logs = -0.5 * squares.sum(axis=1) - np.log(data.uncertainty * np.sqrt(2 * np.pi)).sum()
         np.testing.assert_allclose(np.ravel(tree["sample_stats"]["log_likelihood"]), logs, rtol=1e-9)
     with pytest.raises(ValueError, match=r"must end in \.nc"):
@@ -123,14 +123,15 @@ def erosion_at(model, p, alpha):
 
 def test_curves_and_best_angles_are_those_of_the_draws(result):
     angles = np.deg2rad([[10.0, 30.0]])
-    curves = result.predict(angles, count=50)
+    curves = result.predict(angles, count=50, discrepancy=False)
     assert curves.shape == (50, 1, 2)
     model, p = result.cases(50)
     np.testing.assert_allclose(curves[:, 0, 1], erosion_at(model, p, angles[0, 1]), rtol=1e-5)
-    noisy = result.predict(angles, count=800, noise=True) - result.predict(angles, count=800)
+    noisy = result.predict(angles, count=800, noise=True, discrepancy=False)
+    noisy = noisy - result.predict(angles, count=800, discrepancy=False)
     assert noisy.std() == pytest.approx(result.data.uncertainty[0], rel=0.1)
     assert result.derive(lambda model, p: erosion_at(model, p, 0.3), count=50).shape == (50,)
-    twice = result.predict(angles, {"v0": 2 * float(TABLE_1.v0)}, count=50)
+    twice = result.predict(angles, {"v0": 2 * float(TABLE_1.v0)}, count=50, discrepancy=False)
     np.testing.assert_allclose(twice, 4 * curves, rtol=1e-5)
     best = result.alpha_max(100)
     np.testing.assert_allclose(best.to_dict()["alpha"], np.arctan(result.some(100)["k"]) / 2, rtol=1e-6)
@@ -171,7 +172,7 @@ def test_a_scale_and_a_noise_are_sampled_where_data_leave_them_open():
     data = measured(10, known=False)
     data["erosion [-]"] = data.pop("volume [in^3]") * 1e7
     drawn = posterior("k", data=data)
-    assert drawn.names == ("k", "scale", "noise")
+    assert drawn.names == ("k", "scale", "noise", "relative_noise")
     assert drawn.means["scale"] == pytest.approx(1e7, rel=0.1)
 
 
@@ -189,7 +190,10 @@ def test_draws_that_are_not_good_are_never_silent(monkeypatch):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"priors": {"k": Uniform(1, 3)}}, "Argument `priors` must name free parameters \\(psi\\), but has 'k'"),
+        (
+            {"priors": {"k": Uniform(1, 3)}},
+            "`priors` must name free parameters \\(psi, error_factor\\), but has 'k'",
+        ),
         ({"priors": {"psi": 0.04}}, "Argument `priors` of `psi` must be a distribution such as"),
         ({"priors": {"psi": Normal(0.0, 0.1)}}, "Argument `priors` of `psi` must be positive, but 50.0% of Normal"),
         ({"priors": {"psi": stats.multivariate_normal([0, 0])}}, "`psi` must be a distribution"),
@@ -222,4 +226,4 @@ def test_rows_of_the_same_conditions_count_each():
     direct = np.sum(((predicted - forward.data.erosion) / error) ** 2, axis=1)
     assert likelihood.sizes == [40]
     assert len(likelihood.parts[0].mean) == 3
-    assert likelihood.chi2(points, 0) == pytest.approx(direct, rel=1e-5)
+    assert likelihood.squares(points, 0)[0] == pytest.approx(direct, rel=1e-5)

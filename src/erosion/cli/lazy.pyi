@@ -67,7 +67,9 @@ from erosion.fits.measurements import unit_system as unit_system
 from erosion.fits.posterior_files import Draws as Draws
 from erosion.fits.posterior_files import model_of_draws as model_of_draws
 from erosion.fits.posterior_files import read_draws as read_draws
-from erosion.fits.tempering import NOISE as NOISE
+from erosion.fits.likelihood import ERROR_FACTOR as ERROR_FACTOR
+from erosion.fits.likelihood import NOISE as NOISE
+from erosion.fits.likelihood import RELATIVE as RELATIVE
 from erosion.impacts.alpha_max import Optimum as Optimum
 from erosion.impacts.alpha_max import alpha_max as alpha_max
 from erosion.impacts.alpha_max import alpha_min as alpha_min

@@ -4,7 +4,7 @@ import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -36,7 +36,10 @@ from erosion.cli.options import (
 )
 from erosion.cli.output import Output, progress_bar, require_outputs
 
-_PRIOR = 'Law before the data, of a parameter or "noise": "psi=uniform(0.01, 0.2)"; repeatable.'
+_PRIOR = (
+    'Law before the data, of a parameter, "noise", "relative_noise" or "error_factor" (on stated errors): '
+    '"psi=uniform(0.01, 0.2)"; repeatable.'
+)
 
 
 @Parameter(name="*", group=OUTPUT)
@@ -105,6 +108,10 @@ def posterior(
     draws: Annotated[WholeOption, Parameter(group=DRAWS, help="Of each of 4 populations; 500 without it.")] = None,
     seed: Annotated[WholeOption, Parameter(group=DRAWS, help="The same seed gives the same draws.")] = None,
     level: Annotated[float, Parameter(group=DRAWS, help="Of the intervals.")] = 0.95,
+    discrepancy: Annotated[
+        Literal["averaged", "none"],
+        Parameter(group=DRAWS, help="What the model may lack, for predictions; averaged by evidence."),
+    ] = "averaged",
     next_experiment: Annotated[
         bool,
         Parameter(
@@ -138,18 +145,29 @@ def posterior(
         measured = task.measured(output)
         laws = _read_priors(prior or (), task.fit.names(measured), models, measured)
         ranking = task.ranking(measured, models, progress)
-        posteriors = _draw(task, ranking, laws, progress, draws=500 if draws is None else draws, seed=seed or 0)
+        options = {"draws": 500 if draws is None else draws, "seed": seed or 0}
+        posteriors = _draw(task, ranking, laws, progress, **options, discrepancy=discrepancy == "averaged")
+        predictor = posteriors.best.prepared(progress)
         ranking = ranking.preferring(posteriors.names[0])
         is_asked = next_experiment or speeds or files.plot_next_experiment
         experiment = _experiment(posteriors, speeds, task.p) if is_asked else None
-    output.warn(*ranking.warnings, *(f"posterior: {sentence}" for sentence in posteriors.warnings))
+    output.warn(
+        *ranking.warnings, *(f"posterior: {sentence}" for sentence in (*posteriors.warnings, *predictor.warnings))
+    )
     # Draws take longer than any file: they are shown first.
     parts = [as_json(part) for part in posteriors.to_dict(level)["posteriors"]]
     more = {} if experiment is None else {"next_experiment": experiment.to_dict()}
-    print_document(output, ranking, level, {"posterior": parts[0], "posteriors": parts, **more}, {})
+    print_document(
+        output,
+        ranking,
+        level,
+        {"posterior": parts[0], "posteriors": parts, "prediction": predictor.to_dict(), **more},
+        {},
+    )
     if len(posteriors.posteriors) > 1:
         output.table(posteriors.title, posteriors.rows(), posteriors.headings, (1, 2))
     output.table(posteriors.best.title, posteriors.best.rows(level))
+    output.table(predictor.title, predictor.rows())
     if experiment is not None:
         output.table(experiment.title, experiment.rows(), experiment.headings, range(len(experiment.headings)))
     files.write(task, ranking, posteriors, experiment)
@@ -159,7 +177,7 @@ def posterior(
 
 
 def _draw(
-    task: Fit, ranking: "lazy.Ranking", laws: Mapping[str, Any], progress: "lazy.Progress", *, draws: int, seed: int
+    task: Fit, ranking: "lazy.Ranking", laws: Mapping[str, Any], progress: "lazy.Progress", **options: Any
 ) -> "lazy.PosteriorRanking":
     """The posteriors of the models that are ranked."""
     free = [name for name in task.fit.free if any(name in ranked.names for ranked in ranking.ranked)]
@@ -174,8 +192,7 @@ def _draw(
             priors={name: law for name, law in laws.items() if name in free or name not in task.fit.free},
             progress=progress,
             **task.per_mass,
-            draws=draws,
-            seed=seed,
+            **options,
         )
 
 
@@ -205,7 +222,7 @@ def _read_priors(
     texts: Sequence[str], free: Sequence[str], models: Sequence[Any], measured: "lazy.Measurements"
 ) -> Mapping[str, Any]:
     """Laws such as "psi=uniform(0.01, 0.2)", by parameter."""
-    known = (*free, lazy.NOISE) if measured.uncertainty is None else free
+    known = (*free, *((lazy.NOISE, lazy.RELATIVE) if measured.uncertainty is None else (lazy.ERROR_FACTOR,)))
     laws: dict[str, Any] = {}
     for text in texts:
         name, _, law = (part.strip() for part in text.partition("="))

@@ -11,6 +11,7 @@ from scipy import ndimage
 from erosion.arguments import check_unmasked, refuse
 from erosion.fits.errors import ErrorModel
 from erosion.fits.posterior import Posterior
+from erosion.fits.prediction import deviations
 from erosion.fits.ranking import PosteriorRanking
 from erosion.models import model_name
 from erosion.output.tables import Result, to_plain
@@ -162,7 +163,7 @@ def next_experiment(
     for posterior in posteriors:
         sampled = posterior.some(draws)
         predictions.append(posterior.likelihood.predict(sampled, conditions))
-        noises.append(posterior.noise(sampled, predictions[-1], noise))
+        noises.append(deviations(posterior.data, sampled, predictions[-1], noise))
     information, discrimination = np.zeros((2, len(conditions["alpha"])))
     for i in range(len(information)):
         # A draw whose impact fails at a candidate predicts nothing there.

@@ -12,15 +12,21 @@ import xarray as xr
 from scipy import special, stats
 
 from erosion.arguments import Progress, check_level, check_path, check_whole, no_progress
-from erosion.extras import library
 from erosion.fits.calibration import make_forward
 from erosion.fits.doubts import LEVEL, POOR, rounded
 from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import FRACTION, SCALE
 from erosion.fits.least_squares import identify
+from erosion.fits.likelihood import (
+    OF_ERROR,
+    Likelihood,
+    make_likelihood,
+    sampled_quantities,
+)
 from erosion.fits.measurements import Measurements
 from erosion.fits.posterior_files import SOURCE, own_in_si
-from erosion.fits.tempering import NOISE, Likelihood, Run, make_likelihood, sample, sampled_quantities
+from erosion.fits.prediction import Noise, Predictor, deviations, make_predictor, of_model
+from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
 from erosion.impacts.alpha_max import Optimum, alpha_max
 from erosion.impacts.impact import impact
 from erosion.joint_laws import LawSet, Rows
@@ -35,35 +41,6 @@ from erosion.parameters.case_files import dump_case, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import RESULTS, Quantity, Scale, table_scale
 from erosion.version import __version__
-
-RHAT = 1.01
-"""The greatest R̂ of draws that agree (Vehtari et al. 2021)."""
-
-EFFECTIVE = 100
-"""The fewest effective draws of a chain, by which R̂ can be trusted (Vehtari et al. 2021)."""
-
-
-def rhats(draws: np.ndarray) -> np.ndarray:
-    """R̂ of ranks, shape (chains, draws, names) -> (names,): the spread of all chains over that of one.
-
-    References:
-        A. Vehtari, A. Gelman, D. Simpson, B. Carpenter, P.-C. Bürkner, Rank-normalization, folding, and localization:
-        an improved R̂ for assessing convergence of MCMC, Bayesian Analysis 16 (2021) 667-718.
-    """
-    return _of_each(draws, "rhat")
-
-
-def effective(draws: np.ndarray) -> np.ndarray:
-    """The number of independent draws that say as much of the middle, shape (chains, draws, names) -> (names,)."""
-    return _of_each(draws, "ess")
-
-
-def _of_each(draws: np.ndarray, name: str) -> np.ndarray:
-    function = getattr(library("arviz_stats.base.array", "posterior").array_stats, name)
-    # Draws that are all the same have no R̂: of a law of one value.
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.array([float(function(part, chain_axis=0, draw_axis=1)) for part in np.moveaxis(draws, -1, 0)])
-
 
 _EVIDENCE = 0.5  # standard error of ln Z, from which on a factor of evidence means little
 _END, _PILED = 0.01, 0.1  # an end of a prior, and the share of draws there that shows that the prior decides
@@ -133,11 +110,13 @@ class Posterior(Result):
         likelihood: the model, the data and the priors.
         run: the draws, as the sampler left them.
         seed: of the draws.
+        discrepancy: whether predictions hold what the model may lack.
     """
 
     likelihood: Likelihood
     run: Run
     seed: int
+    discrepancy: bool = True
 
     @property
     def model(self) -> CuttingModel:
@@ -166,7 +145,7 @@ class Posterior(Result):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The sampled parameters; "scale" and "noise" come last."""
+        """The sampled parameters; "scale" and those of the error come last."""
         return tuple(self.priors.laws)
 
     @functools.cached_property
@@ -271,7 +250,7 @@ class Posterior(Result):
                     f"{self._law_in_words(name)}: prior and data disagree, or the prior is too narrow."
                 )
         chi2, rows = -2 * self.run.log_likelihood, len(self.data)
-        if self.data.uncertainty is not None and float(stats.chi2.sf(chi2, rows).mean()) < POOR:
+        if self._has_known_errors and float(stats.chi2.sf(chi2, rows).mean()) < POOR:
             said.append(
                 f"The uncertainties do not explain the misfit: χ² is {np.median(chi2):.4g} for {rows:,} rows. The "
                 "intervals hold only if the model were right."
@@ -306,10 +285,10 @@ class Posterior(Result):
         """All draws as a joint law, for `uncertain` of `erosion.stream` and `erosion.erosion_map`.
 
         It has the parameters of an impact, and "cutting_fraction" if that was sampled: a map takes it, a stream does
-        not. "scale" and "noise" belong to the measurements and are left out. Values are in the units of the posterior's
-        case, which the case that takes them must have, too.
+        not. "scale" and the errors belong to the measurements and are left out. Values are in the units of the case,
+        which the case that takes them must have, too.
         """
-        names = [name for name in self.names if name not in (SCALE, NOISE)]
+        names = [name for name in self.names if name not in (SCALE, *OF_ERROR)]
         columns = {name: self.samples[name].values for name in names}
         return Rows(columns, f"the posterior of {self.data.source}", self.p.units)
 
@@ -327,9 +306,10 @@ class Posterior(Result):
         at: Mapping[str, Any] | None = None,
         count: int = _SOME,
         *,
-        noise: bool | float | np.ndarray | ErrorModel = False,
+        noise: Noise = False,
+        discrepancy: bool = True,
     ) -> np.ndarray:
-        """The erosion at angles, for draws of the parameters.
+        """The erosion at angles, also where the model misses: see `erosion.fits.prediction`.
 
         Args:
             alpha: α [rad], of any shape.
@@ -337,18 +317,31 @@ class Posterior(Result):
             count: number of draws.
             noise: True for a new measurement, with the data's error or the sampled noise; or another error, a standard
                 deviation [of the data], one for each angle, or an `ErrorModel`. Else the mean of measurements.
+            discrepancy: with what the model may lack, a discrepancy and an exponent of the speed; False for the
+                parameters alone.
 
         Returns:
             In the data's dimension, draws first and then the shape of `alpha`.
         """
-        angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
-        others = {name: np.broadcast_to(value, np.shape(alpha)).ravel() for name, value in (at or {}).items()}
-        draws = self.some(count)
-        erosion = self.likelihood.predict(draws, {"alpha": angles, **others})
-        if noise is not False:
-            deviation = self.noise(draws, erosion, None if noise is True else noise)
-            erosion = erosion + deviation * np.random.default_rng(self.seed).standard_normal(erosion.shape)
-        return erosion.reshape((-1, *np.shape(alpha)))
+        predictor = self.predictor if discrepancy else self._of_model
+        return predictor.predict(alpha, at, count, noise=noise)
+
+    @functools.cached_property
+    def predictor(self) -> Predictor:
+        """What `predict` asks; drawn when first asked for, which takes some times as long as the fit."""
+        return self.prepared(no_progress)
+
+    def prepared(self, progress: Progress) -> Predictor:
+        """The same, with the progress told."""
+        if "predictor" not in vars(self):
+            made = make_predictor(self._of_model, progress) if self.discrepancy else self._of_model
+            vars(self)["predictor"] = made
+        return vars(self)["predictor"]
+
+    @functools.cached_property
+    def _of_model(self) -> Predictor:
+        values = {name: self.samples[name].values.reshape(-1) for name in self.names}
+        return of_model(self.likelihood, values, self.run.log_evidence, self.seed)
 
     def ends(self, alpha: Any, at: Mapping[str, float] | None = None, count: int = _SOME) -> np.ndarray:
         """How the cuts end at angles, for draws of the parameters; arguments and shape as of `predict`."""
@@ -359,26 +352,18 @@ class Posterior(Result):
         drawn = len(next(iter(draws.values())))
         return np.broadcast_to(ends, (drawn, angles.size)).reshape((drawn, *np.shape(alpha)))
 
-    def noise(
-        self, draws: Mapping[str, np.ndarray], erosion: np.ndarray, given: float | np.ndarray | ErrorModel | None = None
-    ) -> np.ndarray:
-        """The standard deviation of a measurement, of the shape of its mean `erosion` (draws, rows).
-
-        It is the one that is given, that of the data's error at this erosion, or the sampled one.
-        """
-        if given is None and self.data.error is None:
-            return np.broadcast_to(draws[NOISE][:, None], erosion.shape)
-        error = self.data.error if given is None else given
-        deviation = error.deviation(erosion) if isinstance(error, ErrorModel) else np.asarray(error, float)
-        return np.broadcast_to(deviation, erosion.shape)
+    @property
+    def _has_known_errors(self) -> bool:
+        return not {*OF_ERROR} & {*self.names}
 
     @property
     def row_errors(self) -> np.ndarray:
         """The standard deviation of each row: its uncertainty, or the mean of the sampled one; shape (n,)."""
-        if self.data.uncertainty is not None:
-            return self.data.uncertainty
+        if self._has_known_errors:
+            return self.data.deviation
         draws = self.some(_SOME)
-        return self.noise(draws, np.tile(self.data.erosion, (len(draws[NOISE]), 1))).mean(axis=0)
+        erosion = np.tile(self.data.erosion, (draws[self.names[0]].size, 1))
+        return deviations(self.data, draws, erosion).mean(axis=0)
 
     def rows(self, level: float = LEVEL) -> list[Row]:
         """Means with deviations, or medians, intervals of `level` and priors; the evidence; the draws' quality."""
@@ -537,6 +522,7 @@ def posterior(
     error: ErrorModel | float | str | None = None,
     draws: int = 500,
     seed: int = 0,
+    discrepancy: bool = True,
     progress: Progress = no_progress,
 ) -> Posterior:
     """Draw a model's parameters as likely as measured erosion and priors leave them.
@@ -549,10 +535,12 @@ def posterior(
     Args:
         model: a model, its name, or the path of its file.
         p: the case: the values of all parameters that are not free, and the middle of default priors.
-        data: as for `calibrate`. Rows without uncertainties have normal errors of one unknown size, which is the
-            parameter "noise" [of the data]; erosion in units of its own has an unknown factor, "scale".
+        data: as for `calibrate`. Rows without uncertainties have normal errors of unknown size, √(a² + (b E)²) of their
+            erosion E: the parameters "noise", a [of the data], and "relative_noise", b. Erosion in units of its own has
+            an unknown factor, "scale".
         free: the parameters to draw, of the case or the model's own: ["k", "psi"]; or "cutting_fraction".
-        priors: by parameter, also "noise" and "scale": a law of `erosion.distributions` or any frozen distribution of
+        priors: by parameter, also "noise", "relative_noise", "scale", and for uncertainties that may be too small
+            "error_factor", on all of them: a law of `erosion.distributions` or any frozen distribution of
             scipy, in the case's units. Without one: all factors from 1/100 to 100 of the case's value alike, see
             docs/posterior.md. The result names them all.
         density: of the target, as for `calibrate`.
@@ -560,6 +548,8 @@ def posterior(
         error: as for `calibrate`.
         draws: of each of the 4 populations, 125 or more.
         seed: the same seed gives the same draws.
+        discrepancy: whether predictions hold a discrepancy and an exponent of the speed; draws of parameters never do,
+            they are conditional on the model.
         progress: called with the name of the work, how much of it is done in percent, and 100.
 
     Returns:
@@ -579,7 +569,7 @@ def posterior(
     draws, seed = check_whole("draws", draws, _LEAST), check_whole("seed", seed, 0)
     shape = CHAINS, draws, likelihood.priors.dimension
     run = sample(likelihood, shape, np.random.default_rng(seed), _are_good, progress)
-    result = Posterior(likelihood, run, seed)
+    result = Posterior(likelihood, run, seed, discrepancy)
     for sentence in result.not_converged:
         warnings.warn(sentence, ConvergenceWarning, stacklevel=2)
     return result

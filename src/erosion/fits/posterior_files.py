@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import check_path
-from erosion.fits.forward import FRACTION, SCALE
-from erosion.fits.tempering import FACTORS, NOISE
+from erosion.fits.forward import FACTORS, FRACTION, SCALE
+from erosion.fits.likelihood import OF_ERROR
 from erosion.joint_laws import Rows
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import converted, own_in_words
@@ -95,7 +95,7 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
     known = {**quantities, FRACTION: FACTORS[FRACTION]}
     columns = {}
     # The noise and the scale are of the measurements, not of an impact.
-    for name in map(str, dataset.drop_vars([NOISE, SCALE], errors="ignore").data_vars):
+    for name in map(str, dataset.drop_vars([*OF_ERROR, SCALE], errors="ignore").data_vars):
         values = dataset[name]
         if name not in known or values.attrs.get("units") != known[name].unit(before):
             raise ValueError(

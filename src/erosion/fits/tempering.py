@@ -1,8 +1,5 @@
 """Annealed sequential Monte Carlo: from draws of the prior to draws of the posterior, and the evidence.
 
-A row differs from the model by a normal error: of the row's uncertainty, or of one unknown size. This is what a least-
-squares fit assumes, too.
-
 Every parameter is a function of one standard normal number, value = law⁻¹(Φ(z)). In z the prior of all parameters is
 the same, so that one sampler fits all, and only the inverse distribution of a law is needed.
 
@@ -25,72 +22,13 @@ References:
 
 import abc
 import dataclasses
-import functools
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy import optimize, special
 
 from erosion.arguments import Progress
-from erosion.distributions import Distribution, LogUniform, Uniform, as_law
-from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
-from erosion.fits.least_squares import default_width
-from erosion.joint_laws import SHARE, LawSet, Member
-from erosion.models.own_parameters import quantities, ranges
-from erosion.parameters.quantities import Quantity
-
-NOISE = "noise"
-"""The standard deviation of a row, a parameter where the data give no uncertainties."""
-
-_NOISES = 1e-4, 10.0  # of the typical erosion: from the digits of a balance to a model that explains nothing
-
-
-def make_likelihood(forward: Forward, given: Mapping[str, Any]) -> "Likelihood":
-    """The data's likelihood under the laws that are given, and for all other parameters under default ones.
-
-    The default is as wide as a fit looks for a parameter: all factors from 1/100 to 100 of the case's value are alike;
-    a spin may differ from the case's by 2 v₀/r; a share of particles is anything up to 1. The scale of data in units of
-    its own, and the noise, have a size that only the data know: their defaults are wide laws about it.
-
-    Raises:
-        ValueError, TypeError: for laws of parameters that are not free, or that do not fit the parameter.
-    """
-    names = (*forward.names, NOISE) if forward.data.uncertainty is None else forward.names
-    for name, law in given.items():
-        if name not in names:
-            raise ValueError(f"Argument `priors` must name free parameters ({', '.join(names)}), but has {name!r}.")
-        if isinstance(law, Member):
-            raise ValueError(f"Argument `priors` must give {name} a law of its own, but gives {law}.")
-    laws = {name: as_law(given[name]) if name in given else _default(forward, name) for name in names}
-    positive = dict.fromkeys((SCALE, NOISE), (0.0, np.inf))
-    priors = LawSet(laws, {**ranges(forward.model), FRACTION: SHARE, **positive}, "`priors` of `{}`")
-    return Likelihood(forward, priors, tuple(given))
-
-
-def sampled_quantities(forward: Forward) -> dict[str, Quantity]:
-    """Symbol, meaning and dimension of all parameters that may be sampled."""
-    noise = Quantity("s_n", "standard deviation of a row", forward.data.dimension)
-    return {**quantities(forward.model), **FACTORS, NOISE: noise}
-
-
-def _default(forward: Forward, name: str) -> Distribution:
-    if name == FRACTION:
-        return Uniform(0.0, 1.0)
-    typical = float(np.sqrt(np.mean(forward.data.erosion**2)))
-    if name == NOISE:
-        return LogUniform(_NOISES[0] * typical, _NOISES[1] * typical)
-    at = forward.names.index(name)
-    start, width = forward.start[at], default_width(forward)[at]
-    if name == SCALE:
-        computed = np.nan_to_num(forward.predict_many(forward.start[None], forward.data.conditions)[0])
-        size = float(np.sqrt(np.mean(computed**2)))
-        start = np.log(typical / size if size > 0 else 1.0)
-    low, high = forward.limits[at]
-    low, high = (start - width if low == -np.inf else low), (start + width if high == np.inf else high)
-    law = LogUniform if forward.logarithmic[at] else Uniform
-    return law(float(forward.from_theta(name, low)), float(forward.from_theta(name, high)))
-
+from erosion.extras import library
 
 _EFFECTIVE = 0.5  # share of the draws that a step of τ leaves effective
 _HOPS = 0.1  # share of the moves by a whole difference, which leads from mode to mode
@@ -112,7 +50,11 @@ class SamplingError(RuntimeError):
 
 
 class Misfit(abc.ABC):
-    """Data with normal errors, in parts of the rows, under standard normal priors."""
+    """Data with normal errors, in parts of the rows, under standard normal priors.
+
+    Of a part, the log-likelihood is -½(χ² + ln |C|) but for a constant, where C is the covariance of its rows. Its
+    variance is |C|^(1/rows), to which the sampler adds its extra noise.
+    """
 
     @property
     @abc.abstractmethod
@@ -120,12 +62,11 @@ class Misfit(abc.ABC):
         """The number of rows of each part."""
 
     @abc.abstractmethod
-    def chi2(self, points: np.ndarray, part: int) -> np.ndarray:
-        """The sum of squares of one part at points (n, names), of the shape (n,); infinite where impacts fail."""
+    def squares(self, points: np.ndarray, part: int) -> tuple[np.ndarray, np.ndarray]:
+        """χ² times the variance, and the variance, of one part at points (n, names), both of the shape (n,).
 
-    @abc.abstractmethod
-    def variance(self, points: np.ndarray) -> np.ndarray:
-        """The variance of a row, in the unit of these squares, shape (n,)."""
+        The first is infinite where impacts fail.
+        """
 
 
 @dataclasses.dataclass(frozen=True)
@@ -258,11 +199,10 @@ class _Populations:
     def _evaluated(self, points: np.ndarray) -> np.ndarray:
         """Draws at points (chains, n, names), with all parts so far."""
         flat = points.reshape(-1, points.shape[2])
-        variance = self.misfit.variance(flat)
-        *earlier, chi2 = (self.misfit.chi2(flat, part) for part in range(self.part + 1))
+        *earlier, (chi2, variance) = (self.misfit.squares(flat, part) for part in range(self.part + 1))
         known = np.zeros(len(flat))
-        for squares, rows in zip(earlier, self.misfit.sizes, strict=False):
-            known += log_likelihood(squares, variance, rows)
+        for (squares, of_part), rows in zip(earlier, self.misfit.sizes, strict=False):
+            known += log_likelihood(squares, of_part, rows)
         draws = np.empty(len(flat), self.record)
         draws["point"], draws["variance"], draws["known"], draws["chi2"] = flat, variance, known, chi2
         return draws.reshape(points.shape[:2])
@@ -340,112 +280,30 @@ def _forget(populations: _Populations) -> None:
             break
 
 
-IMPACTS = 2**20
-"""Impacts of one batch: some 100 MB."""
+RHAT = 1.01
+"""The greatest R̂ of draws that agree (Vehtari et al. 2021)."""
 
-_RTOL = 1e-6  # of the volumes: a hundredth of the least default noise, and twice as fast as 1e-9
-_FIRST = 500  # conditions of the first part, as many as choose among the valleys of a fit
-_GROWTH = 5  # of the conditions from part to part
+EFFECTIVE = 100
+"""The fewest effective draws of a chain, by which R̂ can be trusted (Vehtari et al. 2021)."""
 
 
-@dataclasses.dataclass(frozen=True)
-class _RowPart:
-    """Rows that come in together. Those of the same conditions are one impact, and their mean says all of a model.
+def rhats(draws: np.ndarray) -> np.ndarray:
+    """R̂ of ranks, shape (chains, draws, names) -> (names,): the spread of all chains over that of one.
 
-    Args:
-        conditions: the distinct ones, each parameter of the shape (conditions,).
-        mean: erosion, weighted by the rows' uncertainties, shape (conditions,).
-        deviation: of this mean, shape (conditions,).
-        spread: the sum of squares of all rows about their means.
-        rows: number of all rows.
+    References:
+        A. Vehtari, A. Gelman, D. Simpson, B. Carpenter, P.-C. Bürkner, Rank-normalization, folding, and localization:
+        an improved R̂ for assessing convergence of MCMC, Bayesian Analysis 16 (2021) 667-718.
     """
-
-    conditions: dict[str, np.ndarray]
-    mean: np.ndarray
-    deviation: np.ndarray
-    spread: float
-    rows: int
+    return _of_each(draws, "rhat")
 
 
-@dataclasses.dataclass(frozen=True)
-class Likelihood(Misfit):
-    """The squares of a model's residuals, part by part of the rows.
+def effective(draws: np.ndarray) -> np.ndarray:
+    """The number of independent draws that say as much of the middle, shape (chains, draws, names) -> (names,)."""
+    return _of_each(draws, "ess")
 
-    Many conditions are added in parts: while the sampler is far from the answer, few of them say where to go.
 
-    Args:
-        forward: the model, and the data.
-        priors: the laws of the sampled parameters; "noise" is the last where the data give no uncertainties.
-        chosen: the parameters whose laws the user gave; the others are defaults.
-    """
-
-    forward: Forward
-    priors: LawSet
-    chosen: tuple[str, ...]
-
-    def values(self, points: np.ndarray) -> dict[str, np.ndarray]:
-        """The parameters at standard normal numbers, shape (…, names), by name; each of the shape (…)."""
-        return self.priors.draw(special.ndtr(points))
-
-    @property
-    def constant(self) -> float:
-        """What squares over the data's `deviation` leave out of the log-likelihood."""
-        return -float(np.sum(np.log(self.forward.data.deviation) + 0.5 * np.log(2 * np.pi)))
-
-    @functools.cached_property
-    def parts(self) -> list["_RowPart"]:
-        """The rows of each part, by conditions, in an order of chance that is always the same."""
-        data = self.forward.data
-        values, places = data.at_conditions()
-        count = values.shape[1]
-        weights = data.deviation**-2
-        weight = np.bincount(places, weights, count)
-        mean = np.bincount(places, weights * data.erosion, count) / weight
-        spread = np.bincount(places, weights * (data.erosion - mean[places]) ** 2, count)
-        rows = np.bincount(places, minlength=count)
-        ends, end = [], _FIRST
-        while end < count:
-            ends.append(end)
-            end *= _GROWTH
-        return [
-            _RowPart(
-                dict(zip(data.conditions, values[:, chosen], strict=True)),
-                mean[chosen],
-                weight[chosen] ** -0.5,
-                float(spread[chosen].sum()),
-                int(rows[chosen].sum()),
-            )
-            for chosen in np.split(np.random.default_rng(0).permutation(count), ends)
-        ]
-
-    @property
-    def sizes(self) -> list[int]:
-        """The number of rows of each part."""
-        return [part.rows for part in self.parts]
-
-    def chi2(self, points: np.ndarray, part: int) -> np.ndarray:
-        """The sum of squares of one part at points (n, names), of the shape (n,); infinite where impacts fail."""
-        pooled = self.parts[part]
-        predicted = self.predict(self.values(points), pooled.conditions)
-        with np.errstate(over="ignore", invalid="ignore"):
-            squares = pooled.spread + np.sum(((predicted - pooled.mean) / pooled.deviation) ** 2, axis=1)
-        return np.where(np.isnan(squares), np.inf, squares)
-
-    def variance(self, points: np.ndarray) -> np.ndarray:
-        """The variance of a row over that of `deviation`, shape (n,)."""
-        if self.forward.data.uncertainty is not None:
-            return np.ones(len(points))
-        return (self.values(points)[NOISE] / self.forward.data.deviation[0]) ** 2
-
-    def predict(self, values: dict[str, np.ndarray], conditions: dict[str, np.ndarray]) -> np.ndarray:
-        """The erosion without noise, shape (points, rows), in batches that the memory holds.
-
-        Args:
-            values: of all sampled parameters, shape (points,).
-            conditions: parameters that vary from row to row, each of shape (rows,).
-        """
-        count, rows = len(next(iter(values.values()))), len(conditions["alpha"])
-        size = max(IMPACTS // rows, 1)
-        of_model = {name: column for name, column in values.items() if name != NOISE}
-        parts = [{name: column[i : i + size] for name, column in of_model.items()} for i in range(0, count, size)]
-        return np.concatenate([self.forward.erosion(part, conditions, _RTOL) for part in parts])
+def _of_each(draws: np.ndarray, name: str) -> np.ndarray:
+    function = getattr(library("arviz_stats.base.array", "posterior").array_stats, name)
+    # Draws that are all the same have no R̂: of a law of one value.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.array([float(function(part, chain_axis=0, draw_axis=1)) for part in np.moveaxis(draws, -1, 0)])

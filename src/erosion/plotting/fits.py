@@ -264,7 +264,7 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
     upper.set_title(f"{model_name(posterior.model)}  {what}", fontsize=8.5, loc="left")
     upper.set_ylim(bottom=0)
     fig.align_ylabels()
-    _legend(fig, (upper, *lower), 4, "bands: of the curve, by the draws alone, without a row's error")
+    _legend(fig, (upper, *lower), 4, f"bands: of the mean, by {', '.join(posterior.predictor.parts)}")
     return fig
 
 

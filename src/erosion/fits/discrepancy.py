@@ -1,0 +1,248 @@
+"""What a model misses: an exponent of the speed, and a smooth discrepancy over angle and speed, integrated out.
+
+    y = μ (1 + δ) + e,   μ = η(α, v; θ) (v/v_ref)^(n-2) (sin α)^s
+
+η is the model, v_ref the fastest speed of the data, e the error of a row. δ is a Gaussian process of two parts, one of
+the angle alone and one of angle and speed:
+
+    τ₁² M(Δα/ℓ₁) + τ₂² M(√((Δα/ℓ₂)² + (Δln v/ℓ_v)²)),   M(r) = (1 + √5 r + 5r²/3) exp(-√5 r)
+
+So rows are normal about μ, with the covariance μμᵀ∘K and that of their errors, and nothing of δ need be sampled. μ may
+be zero, and rows near the error of a balance are no trouble, as no logarithm is taken.
+
+References:
+    M. C. Kennedy, A. O'Hagan, Bayesian calibration of computer models, J. R. Stat. Soc. B 63 (2001) 425-464.
+    C. E. Rasmussen, C. K. I. Williams, Gaussian processes for machine learning (2006), (2.25), (2.26), (4.17).
+"""
+
+import dataclasses
+import functools
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from erosion.distributions import Distribution, LogNormal, Normal
+from erosion.fits.likelihood import Likelihood
+from erosion.fits.tempering import Misfit
+from erosion.joint_laws import LawSet
+
+EXPONENT = "exponent"
+"""n, the exponent of the speed."""
+_SINE = "sine_exponent"
+_OF_ANGLE, _OF_BOTH = ("tau_angle", "length_angle"), ("tau", "length", "length_speed")
+
+PRIORS: Mapping[str, Distribution] = {
+    EXPONENT: Normal(2.4, 0.3),
+    _SINE: Normal(0.0, 0.5),
+    "tau_angle": LogNormal(0.4, np.log(1.5)),
+    "length_angle": LogNormal(np.deg2rad(25.0), np.log(1.6)),
+    "tau": LogNormal(0.07, np.log(1.6)),
+    "length": LogNormal(np.deg2rad(25.0), np.log(1.6)),
+    "length_speed": LogNormal(1.0, np.log(2.0)),
+}
+"""Of the exponents and the process; lengths in rad and in ln v. Others of twice the width predict alike."""
+_RANGES = {EXPONENT: (1.0, 4.0), _SINE: (-np.inf, np.inf), **dict.fromkeys((*_OF_ANGLE, *_OF_BOTH), (0.0, np.inf))}
+
+MOST = 200
+"""Conditions of one process; nearer ones of more are put together."""
+_NUMBERS = 2**22  # of the covariances of a batch: 32 MB
+_JITTER, _BLUR = 1e-9, 1e-8  # of a variance, of rows and of curves
+_STEP, _COARSER = np.deg2rad(1.0), 1.3  # of angles that are put together, and by which it grows
+_SPEED_STEP = 1 / np.deg2rad(25.0)  # of ln v for each of the angle, as the lengths
+
+
+@dataclasses.dataclass(frozen=True)
+class Discrepant(Misfit):
+    """The data's likelihood about a model with exponents, and with a discrepancy.
+
+    Args:
+        plain: that of the model alone, with at most `MOST` conditions.
+        has_exponent: whether the speed's exponent is sampled.
+        has_discrepancy: whether there is a process.
+    """
+
+    plain: Likelihood
+    has_exponent: bool
+    has_discrepancy: bool
+
+    @functools.cached_property
+    def priors(self) -> LawSet:
+        """The laws of the model's parameters, the errors, the exponents and the process."""
+        added = [EXPONENT] * self.has_exponent + [_SINE, *_OF_ANGLE, *_OF_BOTH] * self.has_discrepancy
+        laws, ranges = self.plain.priors.laws, self.plain.priors.ranges
+        return LawSet({**laws, **{name: PRIORS[name] for name in added}}, {**ranges, **_RANGES})
+
+    @functools.cached_property
+    def reference(self) -> float:
+        """v_ref, the fastest speed of the data or the case's [speed]."""
+        forward = self.plain.forward
+        return float(np.max(forward.data.conditions.get("v0", np.asarray(forward.p.v0))))
+
+    @property
+    def sizes(self) -> list[int]:
+        """All rows at once."""
+        return [len(self.plain.forward.data)]
+
+    def values(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """All parameters at standard normal numbers, by name."""
+        return self.priors.draw(special.ndtr(points))
+
+    def mean(self, values: Mapping[str, np.ndarray], conditions: Mapping[str, np.ndarray]) -> np.ndarray:
+        """μ, shape (n, conditions)."""
+        mean = self.plain.predict(values, conditions)
+        if self.has_exponent:
+            mean = mean * np.exp(np.multiply.outer(values[EXPONENT] - 2, self._log_speed(conditions)))
+        if self.has_discrepancy:
+            mean = mean * np.exp(np.multiply.outer(values[_SINE], np.log(np.sin(conditions["alpha"]))))
+        return mean
+
+    def squares(self, points: np.ndarray, part: int) -> tuple[np.ndarray, np.ndarray]:
+        """See `Misfit`; the unit of squares is that of `deviation`."""
+        pooled, values, count = self.plain.parts[part], self.values(points), len(points)
+        with np.errstate(over="ignore", invalid="ignore"):
+            mean = self.mean(values, pooled.conditions)
+            variances = self.plain.variances(values, mean)
+            variances = np.ones_like(mean) if variances is None else variances
+            works = np.isfinite(mean).all(axis=1) & (np.isfinite(variances) & (variances > 0)).all(axis=1)
+        chi2, variance = np.full(count, np.inf), np.ones(count)
+        rows = np.flatnonzero(works)
+        values = {name: column[rows] for name, column in values.items()}
+        mean, variances = mean[rows], variances[rows]
+        of_process, logs = self._of_process(values, mean, variances)
+        # What the rows of a condition say beside their mean.
+        of_process += np.sum(pooled.spread / variances, axis=1)
+        logs += np.log(variances) @ (pooled.counts - 1)
+        with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+            variance[rows] = np.exp(logs / pooled.rows)
+            chi2[rows] = of_process * variance[rows]
+        fails = ~(np.isfinite(chi2) & np.isfinite(variance) & (variance > 0))
+        return np.where(fails, np.inf, chi2), np.where(fails, 1.0, variance)
+
+    def _of_process(
+        self, values: Mapping[str, np.ndarray], mean: np.ndarray, variances: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """χ² of the conditions' means, and the logarithm of their covariance's determinant in units of `deviation`."""
+        pooled = self.plain.parts[0]
+        if not self.has_discrepancy:
+            squares = ((mean - pooled.mean) / pooled.deviation) ** 2 / variances
+            return squares.sum(axis=1), np.log(variances).sum(axis=1)
+        chi2, logs = np.empty((2, len(mean)))
+        for batch, factor, whitened, size in self._factored(values, mean, variances):
+            chi2[batch] = np.sum(whitened**2, axis=1)
+            diagonal = np.diagonal(factor, axis1=1, axis2=2)
+            logs[batch] = 2 * np.sum(np.log(diagonal) + np.log(size / pooled.deviation), axis=1)
+        return chi2, logs
+
+    def _factored(
+        self, values: Mapping[str, np.ndarray], mean: np.ndarray, variances: np.ndarray
+    ) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
+        """In batches: L of LLᵀ = C/(s sᵀ), L⁻¹ of the residuals over s, and s, the size of each condition's mean."""
+        pooled, process = self.plain.parts[0], self._between(self.plain.parts[0].conditions)
+        count = len(pooled.mean)
+        for batch in _batches(len(mean), count):
+            error = variances[batch] * pooled.deviation**2
+            size = np.sqrt(mean[batch] ** 2 + error)
+            scaled = mean[batch] / size
+            joint = np.empty((len(size), count + 1, count + 1))
+            joint[:, :count, :count] = process({name: column[batch] for name, column in values.items()})
+            joint[:, :count, :count] *= scaled[:, :, None] * scaled[:, None, :]
+            places = np.arange(count)
+            joint[:, places, places] = joint[:, places, places] * (1 + _JITTER) + error / size**2 + _JITTER
+            # The last row of the factor is the residuals' L⁻¹.
+            joint[:, count, :count] = joint[:, :count, count] = (pooled.mean - mean[batch]) / size
+            joint[:, count, count] = 1e300
+            factor = np.linalg.cholesky(joint)
+            yield batch, factor[:, :count, :count], factor[:, count, :count], size
+
+    def draw(
+        self, values: Mapping[str, np.ndarray], conditions: Mapping[str, np.ndarray], rng: np.random.Generator
+    ) -> np.ndarray:
+        """The erosion without error at conditions, a curve of the process for each draw.
+
+        Args:
+            values: of all parameters, shape (n,).
+            conditions: as for `Likelihood.predict`, shape (rows,).
+            rng: of the curves.
+
+        Returns:
+            Shape (n, rows); zero or more.
+        """
+        asked = self.mean(values, conditions)
+        if not self.has_discrepancy:
+            return asked
+        pooled, known = self.plain.parts[0], self.mean(values, self.plain.parts[0].conditions)
+        variances = self.plain.variances(values, known)
+        variances = np.ones_like(known) if variances is None else variances
+        # Rows of one angle and speed have one δ.
+        places = np.stack([conditions["alpha"], self._log_speed(conditions)])
+        distinct, index = np.unique(places, axis=1, return_inverse=True)
+        there: dict[str, np.ndarray] = {"alpha": distinct[0], "log_speed": distinct[1]}
+        own, across = self._between(there), self._between(there, pooled.conditions)
+        count, discrepancy = distinct.shape[1], np.empty((len(asked), distinct.shape[1]))
+        for batch, factor, whitened, size in self._factored(values, known, variances):
+            of_batch = {name: column[batch] for name, column in values.items()}
+            tie = across(of_batch) * (known[batch] / size)[:, None, :]
+            tie = np.linalg.solve(factor, tie.swapaxes(1, 2))
+            middle = np.einsum("nij,ni->nj", tie, whitened)
+            left = own(of_batch) - tie.swapaxes(1, 2) @ tie
+            places = np.arange(count)
+            left[:, places, places] += (
+                _BLUR * np.sum([of_batch[name] ** 2 for name in ("tau_angle", "tau")], axis=0)[:, None]
+            )
+            curves = np.linalg.cholesky(left) @ rng.standard_normal((len(middle), count, 1))
+            discrepancy[batch] = middle + curves[:, :, 0]
+        return asked * np.maximum(1 + discrepancy[:, index.ravel()], 0.0)
+
+    def _log_speed(self, conditions: Mapping[str, np.ndarray]) -> np.ndarray:
+        """ln(v/v_ref), shape (conditions,)."""
+        if "log_speed" in conditions:
+            return conditions["log_speed"]
+        speed = conditions.get("v0", np.asarray(float(np.max(self.plain.forward.p.v0))))
+        return np.broadcast_to(np.log(speed / self.reference), np.shape(conditions["alpha"]))
+
+    def _between(self, here: Mapping[str, np.ndarray], there: Mapping[str, np.ndarray] | None = None) -> Any:
+        """The process' covariance between two sets of conditions, as a function of the parameters' values."""
+        there = here if there is None else there
+        apart = np.abs(np.subtract.outer(here["alpha"], there["alpha"]))
+        faster = np.abs(np.subtract.outer(self._log_speed(here), self._log_speed(there)))
+        # Angles and speeds repeat, so that few distances are distinct.
+        pairs, index = np.unique(np.round([apart.ravel(), faster.ravel()], 12), axis=1, return_inverse=True)
+        shape, index = apart.shape, index.ravel()
+
+        def covariance(values: Mapping[str, np.ndarray]) -> np.ndarray:
+            part = {name: values[name][:, None] for name in (*_OF_ANGLE, *_OF_BOTH)}
+            of_angle = part["tau_angle"] ** 2 * _matern(pairs[0] / part["length_angle"])
+            both = np.hypot(pairs[0] / part["length"], pairs[1] / part["length_speed"])
+            return (of_angle + part["tau"] ** 2 * _matern(both))[:, index].reshape(-1, *shape)
+
+        return covariance
+
+
+def _matern(distance: np.ndarray) -> np.ndarray:
+    """Matérn's function of index 5/2."""
+    scaled = np.sqrt(5) * distance
+    return (1 + scaled + scaled**2 / 3) * np.exp(-scaled)
+
+
+def _batches(count: int, conditions: int) -> Iterator[slice]:
+    size = max(_NUMBERS // (conditions + 1) ** 2, 1)
+    return (slice(start, start + size) for start in range(0, count, size))
+
+
+def with_few_conditions(likelihood: Likelihood, most: int = MOST) -> Likelihood:
+    """The same rows, where there are more than `most` conditions with near ones put at their mean."""
+    data, log_steps = likelihood.forward.data, {"alpha": _STEP, "v0": _STEP * _SPEED_STEP, "m": 3 * _STEP * _SPEED_STEP}
+    columns, places = data.conditions, data.at_conditions()[1]
+    while places.max() >= most:
+        cells = [np.floor((column if name == "alpha" else np.log(column)) / log_steps[name])
+                 for name, column in columns.items()]  # fmt: skip
+        places = np.unique(np.stack(cells), axis=1, return_inverse=True)[1].ravel()
+        log_steps = {name: step * _COARSER for name, step in log_steps.items()}
+    if places.max() + 1 == data.at_conditions()[0].shape[1]:
+        return likelihood
+    counts = np.bincount(places)
+    middle = {name: (np.bincount(places, column) / counts)[places] for name, column in columns.items()}
+    rows = dataclasses.replace(data, angle=middle["alpha"], speed=middle.get("v0"), mass=middle.get("m"))
+    return dataclasses.replace(likelihood, forward=dataclasses.replace(likelihood.forward, data=rows))

@@ -1,0 +1,217 @@
+"""What the data say of a model's parameters: the likelihood of rows with normal errors, and the priors.
+
+A row differs from the model by a normal error: of the row's uncertainty, or of an unknown size with an absolute and a
+relative part.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from erosion.distributions import Distribution, LogUniform, Uniform, as_law
+from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
+from erosion.fits.least_squares import default_width
+from erosion.fits.tempering import Misfit
+from erosion.joint_laws import SHARE, LawSet, Member
+from erosion.models.own_parameters import quantities, ranges
+from erosion.parameters.quantities import Quantity
+
+NOISE, RELATIVE = "noise", "relative_noise"
+"""The absolute and the relative part of a row's standard deviation, parameters where the data give no uncertainties."""
+ERROR_FACTOR = "error_factor"
+"""By which all uncertainties are multiplied, a parameter if it has a prior."""
+OF_ERROR = (NOISE, RELATIVE, ERROR_FACTOR)
+
+_NOISES = {NOISE: (1e-4, 10.0), RELATIVE: (1e-4, 1.0)}
+"""Of the typical erosion, and of each: from the digits of a balance to a model that explains nothing."""
+
+
+def make_likelihood(forward: Forward, given: Mapping[str, Any]) -> "Likelihood":
+    """The data's likelihood under the laws that are given, and for all other parameters under default ones.
+
+    The default is as wide as a fit looks for a parameter: all factors from 1/100 to 100 of the case's value are alike;
+    a spin may differ from the case's by 2 v₀/r; a share of particles is anything up to 1. The scale of data in units of
+    its own, and the noise, have a size that only the data know: their defaults are wide laws about it. A factor on the
+    uncertainties is sampled if a law is given for it.
+
+    Raises:
+        ValueError, TypeError: for laws of parameters that are not free, or that do not fit the parameter.
+    """
+    of_error = (NOISE, RELATIVE) if forward.data.uncertainty is None else (ERROR_FACTOR,)
+    names = (*forward.names, *of_error)
+    for name, law in given.items():
+        if name not in names:
+            raise ValueError(f"Argument `priors` must name free parameters ({', '.join(names)}), but has {name!r}.")
+        if isinstance(law, Member):
+            raise ValueError(f"Argument `priors` must give {name} a law of its own, but gives {law}.")
+    names = tuple(name for name in names if name != ERROR_FACTOR or name in given)
+    laws = {name: as_law(given[name]) if name in given else _default(forward, name) for name in names}
+    positive = dict.fromkeys((SCALE, *of_error), (0.0, np.inf))
+    priors = LawSet(laws, {**ranges(forward.model), FRACTION: SHARE, **positive}, "`priors` of `{}`")
+    return Likelihood(forward, priors, tuple(given))
+
+
+def sampled_quantities(forward: Forward) -> dict[str, Quantity]:
+    """Symbol, meaning and dimension of all parameters that may be sampled."""
+    of_error = {
+        NOISE: Quantity("s_n", "absolute part of a row's standard deviation", forward.data.dimension),
+        RELATIVE: Quantity("s_r", "part of a row's standard deviation that grows with the erosion", "1"),
+        ERROR_FACTOR: Quantity("f", "true over stated errors", "1"),
+    }
+    return {**quantities(forward.model), **FACTORS, **of_error}
+
+
+def _default(forward: Forward, name: str) -> Distribution:
+    if name == FRACTION:
+        return Uniform(0.0, 1.0)
+    typical = float(np.sqrt(np.mean(forward.data.erosion**2)))
+    if name in _NOISES:
+        low, high = np.array(_NOISES[name]) * (typical if name == NOISE else 1.0)
+        return LogUniform(float(low), float(high))
+    at = forward.names.index(name)
+    start, width = forward.start[at], default_width(forward)[at]
+    if name == SCALE:
+        computed = np.nan_to_num(forward.predict_many(forward.start[None], forward.data.conditions)[0])
+        size = float(np.sqrt(np.mean(computed**2)))
+        start = np.log(typical / size if size > 0 else 1.0)
+    low, high = forward.limits[at]
+    low, high = (start - width if low == -np.inf else low), (start + width if high == np.inf else high)
+    law = LogUniform if forward.logarithmic[at] else Uniform
+    return law(float(forward.from_theta(name, low)), float(forward.from_theta(name, high)))
+
+
+IMPACTS = 2**20
+"""Impacts of one batch: some 100 MB."""
+
+_RTOL = 1e-6  # of the volumes: a hundredth of the least default noise, and twice as fast as 1e-9
+_FIRST = 500  # conditions of the first part, as many as choose among the valleys of a fit
+_GROWTH = 5  # of the conditions from part to part
+
+
+@dataclasses.dataclass(frozen=True)
+class _RowPart:
+    """Rows that come in together. Those of the same conditions are one impact, and their mean says all of a model.
+
+    Args:
+        conditions: the distinct ones, each parameter of the shape (conditions,).
+        mean: erosion, weighted by the rows' uncertainties, shape (conditions,).
+        deviation: of this mean, shape (conditions,).
+        spread: the sum of squares of the rows about their mean, shape (conditions,).
+        counts: number of rows, shape (conditions,).
+    """
+
+    conditions: dict[str, np.ndarray]
+    mean: np.ndarray
+    deviation: np.ndarray
+    spread: np.ndarray
+    counts: np.ndarray
+
+    @property
+    def rows(self) -> int:
+        """The number of all rows."""
+        return int(self.counts.sum())
+
+
+@dataclasses.dataclass(frozen=True)
+class Likelihood(Misfit):
+    """The squares of a model's residuals, part by part of the rows.
+
+    Many conditions are added in parts: while the sampler is far from the answer, few of them say where to go.
+
+    Args:
+        forward: the model, and the data.
+        priors: the laws of the sampled parameters; those of the error come last.
+        chosen: the parameters whose laws the user gave; the others are defaults.
+    """
+
+    forward: Forward
+    priors: LawSet
+    chosen: tuple[str, ...]
+
+    def values(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """The parameters at standard normal numbers, shape (…, names), by name; each of the shape (…)."""
+        return self.priors.draw(special.ndtr(points))
+
+    @property
+    def constant(self) -> float:
+        """What squares over the data's `deviation` leave out of the log-likelihood."""
+        return -float(np.sum(np.log(self.forward.data.deviation) + 0.5 * np.log(2 * np.pi)))
+
+    @functools.cached_property
+    def parts(self) -> list["_RowPart"]:
+        """The rows of each part, by conditions, in an order of chance that is always the same."""
+        data = self.forward.data
+        values, places = data.at_conditions()
+        count = values.shape[1]
+        weights = data.deviation**-2
+        weight = np.bincount(places, weights, count)
+        mean = np.bincount(places, weights * data.erosion, count) / weight
+        spread = np.bincount(places, weights * (data.erosion - mean[places]) ** 2, count)
+        rows = np.bincount(places, minlength=count)
+        ends, end = [], _FIRST
+        while end < count:
+            ends.append(end)
+            end *= _GROWTH
+        return [
+            _RowPart(
+                dict(zip(data.conditions, values[:, chosen], strict=True)),
+                mean[chosen],
+                weight[chosen] ** -0.5,
+                spread[chosen],
+                rows[chosen],
+            )
+            for chosen in np.split(np.random.default_rng(0).permutation(count), ends)
+        ]
+
+    @property
+    def sizes(self) -> list[int]:
+        """The number of rows of each part."""
+        return [part.rows for part in self.parts]
+
+    def squares(self, points: np.ndarray, part: int) -> tuple[np.ndarray, np.ndarray]:
+        """See `Misfit`; the unit of squares is that of `deviation`."""
+        pooled, values = self.parts[part], self.values(points)
+        predicted = self.predict(values, pooled.conditions)
+        variances = self.variances(values, predicted)
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares = ((predicted - pooled.mean) / pooled.deviation) ** 2
+            if variances is None:
+                chi2, variance = float(pooled.spread.sum()) + np.sum(squares, axis=1), np.ones(len(points))
+            else:
+                logs = np.log(variances) @ pooled.counts
+                chi2, variance = np.sum((squares + pooled.spread) / variances, axis=1), np.exp(logs / pooled.rows)
+                chi2 = chi2 * variance
+        failed = np.isnan(chi2) | ~(np.isfinite(variance) & (variance > 0))
+        return np.where(failed, np.inf, chi2), np.where(failed, 1.0, variance)
+
+    def variances(self, values: Mapping[str, np.ndarray], predicted: np.ndarray) -> np.ndarray | None:
+        """The variance of a row of each condition over that of `deviation`, shape (n, conditions); None for ones.
+
+        Args:
+            values: of the sampled parameters, shape (n,).
+            predicted: the erosion that is expected, shape (n, conditions).
+        """
+        data = self.forward.data
+        if data.uncertainty is None:
+            absolute, relative = (values[name][:, None] for name in (NOISE, RELATIVE))
+            return (absolute**2 + (relative * predicted) ** 2) / data.deviation[0] ** 2
+        if ERROR_FACTOR in values:
+            return np.broadcast_to(values[ERROR_FACTOR][:, None] ** 2, predicted.shape)
+        return None
+
+    def predict(self, values: Mapping[str, np.ndarray], conditions: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The erosion without noise, shape (points, rows), in batches that the memory holds.
+
+        Args:
+            values: of all sampled parameters, shape (points,).
+            conditions: parameters that vary from row to row, each of shape (rows,).
+        """
+        count, rows = len(next(iter(values.values()))), len(conditions["alpha"])
+        size = max(IMPACTS // rows, 1)
+        of_model = {name: values[name] for name in self.forward.names}
+        parts = [{name: column[i : i + size] for name, column in of_model.items()} for i in range(0, count, size)]
+        return np.concatenate([self.forward.erosion(part, conditions, _RTOL) for part in parts])

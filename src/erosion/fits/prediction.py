@@ -1,0 +1,225 @@
+"""Predictions whose intervals hold where the model misses the data: averaged over what a model may lack.
+
+Three ways to read the data are drawn: the model, the model with a free exponent of the speed, and that with a
+discrepancy too (`erosion.fits.discrepancy`). Each counts by its evidence. So a model that is right predicts almost as
+closely as by its parameters alone, and a model that misses does not hide it. A choice by χ² would.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from erosion.arguments import Progress, check_whole, no_progress
+from erosion.fits.discrepancy import EXPONENT, PRIORS, Discrepant, with_few_conditions
+from erosion.fits.errors import ErrorModel
+from erosion.fits.likelihood import ERROR_FACTOR, NOISE, RELATIVE, Likelihood
+from erosion.fits.measurements import Measurements
+from erosion.fits.tempering import rhats, sample
+from erosion.models.own_parameters import own_parameters
+from erosion.output.tables import Result, Row, sentences, to_plain
+
+CHAINS = 4
+_DRAWS = 150  # of each population of a way to read the data: ends of intervals are known to a tenth of their width
+_MIXED = 2000  # draws of the average
+_AGREE = 1.05  # R̂ of draws that are only averaged over
+_SPEED = 1e-6  # relative difference of speeds that are one
+Noise = bool | float | np.ndarray | ErrorModel
+
+
+@dataclasses.dataclass(frozen=True)
+class Way:
+    """One way to read the data.
+
+    Args:
+        misfit: the likelihood.
+        values: draws of all its parameters, shape (draws,).
+        log_evidence: of each population, but for a constant.
+        weight: its probability beside the others.
+    """
+
+    misfit: Discrepant
+    values: Mapping[str, np.ndarray]
+    log_evidence: np.ndarray
+    weight: float = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Predictor(Result):
+    """What a fit knows of the erosion between its rows and beyond them.
+
+    Args:
+        ways: the ways to read the data, by name: "discrepancy", "exponent" and "model", those that can be.
+        seed: of what is drawn for a prediction.
+    """
+
+    ways: Mapping[str, Way]
+    seed: int
+
+    @property
+    def data(self) -> Measurements:
+        """The measurements."""
+        return next(iter(self.ways.values())).misfit.plain.forward.data
+
+    @property
+    def weights(self) -> dict[str, float]:
+        """The probability of each way to read the data, if all were alike before."""
+        return {name: way.weight for name, way in self.ways.items()}
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """What the intervals hold, in words."""
+        has = [way.misfit for way in self.ways.values()]
+        return ("parameters", *sentences(
+            (any(way.has_discrepancy for way in has), "discrepancy"),
+            (any(way.has_exponent for way in has), "speed exponent"),
+        ))  # fmt: skip
+
+    def chosen(self, count: int) -> list[tuple[Way, dict[str, np.ndarray]]]:
+        """Draws of all parameters, from each way as many as it counts for; of one way no draw twice."""
+        ends = np.round(np.cumsum([0.0, *self.weights.values()]) * count).astype(int)
+        ways = []
+        for way, wanted in zip(self.ways.values(), np.diff(ends), strict=True):
+            total = len(next(iter(way.values.values())))
+            wanted = min(wanted, total) if len(self.ways) == 1 else wanted
+            rows = np.linspace(0, total, wanted, endpoint=False).astype(int)
+            ways.append((way, {name: column[rows] for name, column in way.values.items()}))
+        return ways
+
+    @property
+    def exponent(self) -> tuple[float, float] | None:
+        """Mean and standard deviation of the speed's exponent over the model's v², in the average; None without."""
+        if not any(way.misfit.has_exponent for way in self.ways.values()):
+            return None
+        draws = np.concatenate([values.get(EXPONENT, np.full(len(next(iter(values.values()))), 2.0))
+                                for _, values in self.chosen(_MIXED)])  # fmt: skip
+        return float(draws.mean()), float(draws.std())
+
+    def predict(
+        self, alpha: Any, at: Mapping[str, Any] | None = None, count: int = 400, *, noise: Noise = False
+    ) -> np.ndarray:
+        """Draws of the erosion; see `Posterior.predict`."""
+        angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
+        conditions = {name: np.broadcast_to(np.asarray(value, float), np.shape(alpha)).ravel()
+                      for name, value in (at or {}).items()}  # fmt: skip
+        conditions = {"alpha": angles, **conditions}
+        rng, curves = np.random.default_rng([self.seed, 1]), []
+        for way, values in self.chosen(check_whole("count", count, 1)):
+            if next(iter(values.values())).size:
+                drawn = way.misfit.draw(values, conditions, rng)
+                if noise is not False:
+                    deviation = deviations(self.data, values, drawn, None if noise is True else noise)
+                    drawn = drawn + deviation * rng.standard_normal(drawn.shape)
+                curves.append(drawn)
+        return np.concatenate(curves).reshape((-1, *np.shape(alpha)))
+
+    @property
+    def title(self) -> str:
+        """What intervals of predictions hold."""
+        return f"predictions hold {', '.join(self.parts)}"
+
+    def rows(self) -> list[Row]:
+        """The probability of each way to read the data, and the exponent of the speed."""
+        words = {"model": "that the model is right", "exponent": "that it is but for the speed's exponent",
+                 "discrepancy": "that it misses more, by a discrepancy over angle and speed"}  # fmt: skip
+        rows = [Row(name, "", f"{weight:.1%}", "", words[name]) for name, weight in self.weights.items()]
+        if self.exponent is None:
+            return rows
+        mean, deviation = self.exponent
+        return [*rows, Row("speed_exponent", "n", f"{mean:.2f} ± {deviation:.2f}", "", "factor (v₀/v_ref)^(n-2)")]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The probabilities of the ways, and the exponent of the speed with its standard deviation."""
+        mean, deviation = self.exponent or (2.0, 0.0)
+        return to_plain({
+            "parts": self.parts,
+            "weights": self.weights,
+            "exponent": mean,
+            "exponent_deviation": deviation,
+            "warnings": self.warnings,
+        })  # fmt: skip
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences on what predictions cannot know; none for good ones."""
+        misfit = next(iter(self.ways.values())).misfit
+        return sentences(
+            (self.exponent is not None and is_of_one_speed(misfit.plain),
+             "All rows are of one speed: at others the exponent of the speed is the prior's, "
+             f"{PRIORS[EXPONENT].in_words('1', self.data.units)}."),
+        )  # fmt: skip
+
+
+def of_model(
+    likelihood: Likelihood, values: Mapping[str, np.ndarray], log_evidence: np.ndarray, seed: int
+) -> Predictor:
+    """Predictions by the parameters alone.
+
+    Args:
+        likelihood: of the model.
+        values: draws of its parameters, shape (draws,).
+        log_evidence: of each population.
+        seed: see `Predictor`.
+    """
+    misfit = Discrepant(likelihood, has_exponent=False, has_discrepancy=False)
+    return Predictor({"model": Way(misfit, values, log_evidence)}, seed)
+
+
+def make_predictor(plain: Predictor, progress: Progress = no_progress) -> Predictor:
+    """The average of the ways to read the data, of which the model alone is drawn already."""
+    model, seed = plain.ways["model"], plain.seed
+    whole = model.misfit.plain
+    few, rng = with_few_conditions(whole), np.random.default_rng([seed, 2])
+    ways = {"model": model if few is whole else _drawn(Discrepant(few, False, False), rng, progress)}
+    exponent = "v0" not in whole.forward.free and EXPONENT not in own_parameters(whole.forward.model)
+    if exponent and is_of_one_speed(few):  # n has no influence on these data
+        count = len(next(iter(model.values.values())))
+        law = {**model.values, EXPONENT: PRIORS[EXPONENT].ppf((rng.permutation(count) + 0.5) / count)}
+        ways["exponent"] = Way(dataclasses.replace(ways["model"].misfit, has_exponent=True), law, model.log_evidence)
+    elif exponent:
+        ways["exponent"] = _drawn(Discrepant(few, True, False), rng, progress)
+    ways["discrepancy"] = _drawn(Discrepant(few, exponent, True), rng, progress)
+    logs = np.array([special.logsumexp(way.log_evidence) - np.log(len(way.log_evidence)) for way in ways.values()])
+    weights = special.softmax(logs).tolist()
+    return Predictor({name: dataclasses.replace(way, weight=weight)
+                      for (name, way), weight in zip(ways.items(), weights, strict=True)}, seed)  # fmt: skip
+
+
+def _drawn(misfit: Discrepant, rng: np.random.Generator, progress: Progress) -> Way:
+    run = sample(misfit, (CHAINS, _DRAWS, misfit.priors.dimension), rng, _agree, progress)
+    values = {name: column.reshape(-1) for name, column in misfit.values(run.points).items()}
+    return Way(misfit, values, run.log_evidence)
+
+
+def _agree(points: np.ndarray) -> bool:
+    return bool((rhats(points) <= _AGREE).all())
+
+
+def deviations(
+    data: Measurements,
+    values: Mapping[str, np.ndarray],
+    erosion: np.ndarray,
+    given: float | np.ndarray | ErrorModel | None = None,
+) -> np.ndarray:
+    """The standard deviation of a measurement, of the shape of its mean `erosion` (draws, rows).
+
+    Args:
+        data: the measurements; their error counts where none is given.
+        values: draws of the parameters, the sampled errors among them.
+        erosion: the mean.
+        given: another error, which counts instead.
+    """
+    if given is None and data.error is None:
+        return np.hypot(values[NOISE][:, None], values[RELATIVE][:, None] * erosion)
+    error = data.error if given is None else given
+    deviation = error.deviation(erosion) if isinstance(error, ErrorModel) else np.asarray(error, float)
+    factor = values[ERROR_FACTOR][:, None] if given is None and ERROR_FACTOR in values else 1.0
+    return np.broadcast_to(factor * deviation, erosion.shape)
+
+
+def is_of_one_speed(likelihood: Likelihood) -> bool:
+    """Whether all rows have one speed."""
+    speeds = likelihood.forward.data.conditions.get("v0", np.ones(1))
+    return float(np.ptp(np.log(speeds))) < _SPEED

@@ -1,0 +1,124 @@
+"""Discrepancy and exponent: the likelihood against dense matrices, curves against the closed posterior, what holds."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import erosion
+from erosion.fits import Posterior
+from erosion.fits.calibration import make_forward
+from erosion.fits.discrepancy import Discrepant, with_few_conditions
+from erosion.fits.errors import ErrorModel
+from erosion.fits.likelihood import make_likelihood
+from erosion.parameters.parameters import TABLE_1
+
+ERROR = ErrorModel(1e-6, 0.05)
+V0 = float(TABLE_1.v0)
+
+
+def rows(*, known: bool = True, degrees=(15.0, 30.0, 50.0)):
+    """Repeats at three angles and two speeds, of a curve that no model has."""
+    angle, speed = (part.ravel() for part in np.meshgrid(np.repeat(degrees, 2), (0.6 * V0, V0)))
+    true = 8e-5 * np.sin(np.deg2rad(2 * angle)) ** 0.6 * (speed / V0) ** 2.5
+    volume = true + ERROR.deviation(true) * np.random.default_rng(4).standard_normal(true.size)
+    table = {"angle [deg]": angle, "speed [in/s]": speed, "volume [in^3]": volume}
+    return make_forward("linearized", TABLE_1, table, ["k", "psi"], None, 1.0, ERROR if known else None)
+
+
+def dense(misfit: Discrepant, values: dict, i: int, asked=None):
+    """Mean and covariance of all rows, and of `asked` (α, v) if given, typed once more; rows without pooling."""
+    data, p = misfit.plain.forward.data, misfit.plain.forward.p
+    angle, speed = data.angle, data.conditions["v0"]
+    if asked is not None:
+        angle, speed = np.append(angle, asked[0]), np.append(speed, asked[1])
+    at = p.replace(alpha=angle, v0=speed, k=values["k"][i], psi=values["psi"][i])
+    mean = erosion.impact("linearized", at).volume * (speed / V0) ** (values["exponent"][i] - 2)
+    mean = mean * np.sin(angle) ** values["sine_exponent"][i]
+
+    def matern(r):
+        return (1 + np.sqrt(5) * r + 5 / 3 * r**2) * np.exp(-np.sqrt(5) * r)
+
+    apart, faster = np.subtract.outer(angle, angle), np.subtract.outer(np.log(speed), np.log(speed))
+    both = np.hypot(apart / values["length"][i], faster / values["length_speed"][i])
+    kernel = values["tau_angle"][i] ** 2 * matern(np.abs(apart) / values["length_angle"][i])
+    return mean, kernel + values["tau"][i] ** 2 * matern(both)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_likelihood_is_that_of_all_rows(known):
+    misfit = Discrepant(make_likelihood(rows(known=known), {}), True, True)
+    points = np.random.default_rng(1).standard_normal((5, misfit.priors.dimension)) / 2
+    squares, variance = misfit.squares(points, 0)
+    values, data = misfit.values(points), misfit.plain.forward.data
+    logs = misfit.plain.constant - 0.5 * (squares / variance + len(data) * np.log(variance))
+    for i, log in enumerate(logs):
+        mean, kernel = dense(misfit, values, i)
+        error = data.deviation**2 if known else values["noise"][i] ** 2 + (values["relative_noise"][i] * mean) ** 2
+        joint = stats.multivariate_normal(mean, np.outer(mean, mean) * kernel + np.diag(error))
+        assert log == pytest.approx(joint.logpdf(data.erosion), rel=1e-5)
+
+
+def test_curves_are_those_of_the_closed_posterior():
+    misfit = Discrepant(make_likelihood(rows(), {}), True, True)
+    one = misfit.values(np.full((1, misfit.priors.dimension), 0.2))
+    values = {name: np.repeat(value, 4000) for name, value in one.items()}
+    asked = np.deg2rad(70.0), 1.3 * V0
+    there = {"alpha": np.array([asked[0]]), "v0": np.array([asked[1]])}
+    drawn = misfit.draw(values, there, np.random.default_rng(0))[:, 0]
+    mean, kernel = dense(misfit, one, 0, asked)
+    data = misfit.plain.forward.data
+    joint = np.outer(mean, mean) * kernel
+    gain = np.linalg.solve(joint[:-1, :-1] + np.diag(data.deviation**2), joint[:-1, -1])
+    middle = mean[-1] + gain @ (data.erosion - mean[:-1])
+    deviation = np.sqrt(joint[-1, -1] - gain @ joint[:-1, -1])
+    # Of 4000 draws: 1.6 % of a deviation, and 1.1 % of it.
+    assert drawn.mean() == pytest.approx(middle, abs=0.06 * deviation)
+    assert drawn.std() == pytest.approx(deviation, rel=0.05)
+
+
+def test_many_conditions_are_put_together_and_no_row_is_lost():
+    likelihood = make_likelihood(rows(degrees=np.linspace(10, 80, 300)), {})
+    few = with_few_conditions(likelihood, 60)
+    before, after = likelihood.forward.data, few.forward.data
+    assert len(few.parts[0].mean) <= 60
+    np.testing.assert_array_equal(before.erosion, after.erosion)
+    assert np.abs(after.angle - before.angle).max() < np.deg2rad(3)
+    assert with_few_conditions(few, 60) is few
+
+
+@pytest.fixture(scope="module")
+def missed() -> Posterior:
+    forward = rows(degrees=(10.0, 20.0, 30.0, 45.0, 65.0, 85.0))
+    return erosion.posterior("linearized", TABLE_1, forward.data, ["k", "psi"], draws=125, seed=3)
+
+
+@pytest.mark.slow
+def test_a_model_that_misses_predicts_with_wide_intervals(missed):
+    degrees = np.array([15.0, 35.0, 55.0, 75.0])
+    true = 8e-5 * np.sin(np.deg2rad(2 * degrees)) ** 0.6
+    curves, alone = (missed.predict(np.deg2rad(degrees), {"v0": V0}, discrepancy=way) for way in (True, False))
+    low, high = np.quantile(curves, [0.025, 0.975], axis=0)
+    assert ((low < true) & (true < high)).all()
+    low, high = np.quantile(alone, [0.025, 0.975], axis=0)
+    assert not ((low < true) & (true < high)).all()
+    assert missed.predictor.weights["discrepancy"] > 0.99
+    assert missed.predictor.exponent == pytest.approx((2.5, 0.1), abs=0.2)
+    faster = missed.predict(np.deg2rad(degrees), {"v0": 2 * V0}) / (4 * true)
+    assert (faster.std(axis=0) > curves.std(axis=0) / true).all()
+    noisy = missed.predict(np.deg2rad(degrees), {"v0": V0}, 2000, noise=ErrorModel(2e-5))
+    assert noisy.std() > 2e-5
+
+
+@pytest.mark.slow
+def test_one_speed_leaves_the_exponent_to_its_prior_and_says_so():
+    degrees = np.array([10.0, 20.0, 30.0, 50.0, 70.0])
+    volume = erosion.impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees))).volume
+    noisy = volume * (1 + 0.05 * np.random.default_rng(2).standard_normal(5))
+    table = {"angle [deg]": degrees, "volume [in^3]": noisy}
+    drawn = erosion.posterior("linearized", TABLE_1, table, ["psi"], error=ErrorModel(1e-7, 0.05), draws=125)
+    predictor = drawn.predictor
+    assert predictor.weights["exponent"] == pytest.approx(predictor.weights["model"])
+    # A model that is right is the likeliest way to read the data.
+    assert predictor.weights["discrepancy"] < 0.5
+    assert any("exponent" in sentence for sentence in predictor.warnings)
+    assert drawn.predict(0.5, {"v0": V0}).std() < drawn.predict(0.5, {"v0": 2 * V0}).std() / 5
