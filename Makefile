@@ -10,7 +10,9 @@ UV := $(shell command -v uv 2>/dev/null || echo .uv/bin/uv)
 
 .PHONY: report test test-types test-lowest test-newest coverage bench docs lint format clean
 
-report: $(STAMP)
+# What one page needs, no more: the tools of development and the extras come with `make test`.
+report: | $(UV)
+	$(UV) sync --quiet --inexact --locked --no-default-groups --python $(PYTHON)
 	.venv/bin/erosion report
 
 test: $(STAMP)
