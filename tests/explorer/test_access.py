@@ -2,6 +2,7 @@
 
 import contextlib
 import http.client
+import socket
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -160,6 +161,20 @@ def test_megabytes_of_address_end_no_more_than_the_connection(place: str) -> Non
     assert ask(place).status == 200
 
 
+def test_idle_connections_of_one_device_keep_nobody_out(place: str) -> None:
+    host, port = place.split(":")
+    with contextlib.ExitStack() as stack:
+        idle = [stack.enter_context(socket.create_connection((host, int(port)), timeout=60)) for _ in range(1100)]
+        another = http.client.HTTPConnection(place, timeout=60, source_address=("127.0.0.2", 0))
+        with contextlib.closing(another) as connection:
+            connection.request("GET", "/")
+            assert connection.getresponse().status == 200
+        for connection in idle:
+            with contextlib.suppress(ConnectionError):
+                assert connection.recv(1) == b""
+    assert ask(place).status == 200
+
+
 def test_a_page_without_javascript_says_so(place: str) -> None:
     assert "<noscript><p>The explorer needs JavaScript.</p></noscript>" in ask(place).text
 
@@ -176,7 +191,7 @@ def test_requests_without_a_browser_leave_nothing(tmp_path: Path) -> None:
             ask(place, "/?k=3")
         after = memory(process.pid)
         time.sleep(3)
-    assert errors.read_text() == ""
+        assert errors.read_text() == ""
     # A tab takes nearly 1 MB: all of them took 270.
     assert after - before < 30
 

@@ -22,6 +22,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from erosion.explorer.computed import Answers, Preparation, all_ready, share_memory
 from erosion.explorer.controls import read_materials
@@ -134,6 +135,28 @@ def _refuse(sentence: str, names: Iterable[str]) -> PlainTextResponse:
     return PlainTextResponse(f"{sentence} {', '.join(names)[:200] or 'no host'}.\n", 403)
 
 
+_MOST = 100  # connections of one address; a tab of a browser holds at most seven
+_PATIENCE = 10.0  # s
+
+
+class _Connection(HttpToolsProtocol):
+    """A connection that must ask soon for something, one of a few of its address: idle ones keep nobody out."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:
+        """Take it, unless its address holds too many."""
+        super().connection_made(transport)
+        devices = [getattr(connection, "client", None) or ("",) for connection in self.connections]
+        if [address for address, *_ in devices].count((self.client or ("",))[0]) > _MOST:
+            transport.abort()
+        else:
+            self.loop.call_later(_PATIENCE, self._end_if_silent)
+
+    def _end_if_silent(self) -> None:
+        # A websocket's connection has another protocol by now.
+        if self.cycle is None and self in self.connections:
+            self.transport.abort()
+
+
 _PORT = 8080
 _SWITCH = 0.0005  # s
 # s; a browser that is silent for longer has left. NiceGUI's default of 3 s lets go of tabs on a busy machine.
@@ -194,6 +217,7 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
             show_welcome_message=False,
             language="en-US",
             reconnect_timeout=_SILENCE,
+            http=_Connection,
         )
     except SystemExit as error:
         sentence = f"must be free, but another program took {address.port} meanwhile."
