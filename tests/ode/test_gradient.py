@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -191,3 +192,54 @@ def test_what_does_not_fit_is_refused():
     for name in given:
         with pytest.raises(ValueError, match=f"`{name}`"):
             end.gradient(**{name: given[name]})
+
+
+def _alike(found, expected, rtol=1e-8):
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(one, other, rtol=rtol, atol=rtol * np.abs(other).max())
+
+
+def test_jax_goes_backwards():
+    """`grad`, within `jit` and `vmap` and around them, sums over lanes as `Solution.gradient` does."""
+    problem, args, options = learned(lanes=9)
+    end = ode.solve(problem, args, **options)
+    bars = bars_of(end)
+    expected = by_adjoint(end, bars)
+    at = jax.tree.map(jnp.asarray, args)
+
+    def loss(args, bars):
+        found = ode.solve(problem, args, **options)
+        return jnp.sum(bars[0] * found.t + sum(bar * y for bar, y in zip(bars[1:], found.y.values(), strict=True)))
+
+    _alike(jax.grad(loss)(at, bars), expected, 1e-12)
+    lane = {"x0": 0, "w": None}
+    of_lanes = jax.vmap(loss, (lane, 1))
+    _alike(jax.jit(jax.grad(lambda args: jnp.sum(of_lanes(args, bars))))(at), expected, 1e-12)
+    each = jax.vmap(jax.grad(loss), (lane, 1))(at, bars)["w"]
+    _alike(jax.tree.map(lambda leaf: leaf.sum(0), each), expected["w"], 1e-10)
+
+
+def test_jax_goes_backwards_and_forwards_to_the_same():
+    """First and second derivatives, in any order, of a state by arguments and times."""
+
+    def rate(q):
+        return ode.solve(FALL, {"height": q[0], "g": q[1]}, t0=q[2], t1=q[3]).y["v"]
+
+    at = jnp.array([5.0, 9.0, 0.2, 0.9])  # v = -g (t1 - t0)
+    _alike(jax.jacrev(rate)(at), np.array([0.0, -0.7, 9.0, -9.0]))
+    expected = np.zeros((4, 4))
+    expected[1, 2:] = expected[2:, 1] = 1.0, -1.0
+    for twice in (jax.hessian, lambda f: jax.jacrev(jax.jacfwd(f)), lambda f: jax.jacrev(jax.jacrev(f))):
+        _alike(twice(rate)(at), expected)
+
+
+def test_jax_makes_no_sum_nan_of_a_lane_that_does_not_count():
+    """A lane without a result whose cotangent is zero."""
+    problem, args, options = learned(lanes=3)
+
+    def loss(w, x0):
+        return jnp.nansum(ode.solve(problem, {"x0": x0, "w": w}, **options).t)
+
+    known = jnp.asarray(args["x0"])
+    found = jax.grad(loss)(args["w"], jnp.concatenate([known, jnp.array([jnp.nan])]))
+    _alike(found, jax.grad(loss)(args["w"], known), 1e-12)

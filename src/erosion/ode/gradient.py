@@ -21,7 +21,7 @@ from erosion.lanes.lanewise import WIDTH, Compiled, by_xla, compile_lanes, numbe
 from erosion.ode.adjoint import pulled_back
 from erosion.ode.batch import compiling, in_threads, integrate, integrate_along
 from erosion.ode.extended import Extended
-from erosion.ode.integrator import recorded_lane
+from erosion.ode.integrator import LaneEnd, recorded_lane
 from erosion.ode.reduction import may_have_kinks
 from erosion.ode.solution import Solution
 from erosion.ode.tape import BESIDE, Tape
@@ -49,12 +49,25 @@ class Ends(NamedTuple):
     tolerance: np.ndarray
     stiff: np.ndarray
 
+    @classmethod
+    def of(cls, found: LaneEnd) -> "Ends":
+        """The same of a batch."""
+        stiff = np.zeros(found.trials.shape, bool) if found.stiff is None else found.stiff > 0
+        return cls(found.outcome, found.trials, found.tolerance, stiff)
+
 
 def ends_of(layout: Layout, numbers: Sequence[PerLane], lanes: int, rtol: float) -> Ends:
     """How lanes end."""
-    found = integrate(layout, numbers, lanes, 0, (), rtol)
-    stiff = np.zeros(lanes, bool) if found.stiff is None else found.stiff > 0
-    return Ends(found.outcome, found.trials, found.tolerance, stiff)
+    return Ends.of(integrate(layout, numbers, lanes, 0, (), rtol))
+
+
+FEW = 3
+"""Elements by which derivatives are taken from which on going backwards costs less; benchmarks/RESULTS-ode.md."""
+
+
+def is_worth(layout: Layout, elements: int) -> bool:
+    """Whether derivatives by so many elements should go backwards."""
+    return elements >= FEW and goes_back(layout)
 
 
 def goes_back(layout: Layout) -> bool:

@@ -14,7 +14,9 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Number
 from erosion.lanes.lanewise import by_xla
+from erosion.ode import pushes
 from erosion.ode.batch import compile_ahead, integrate, integrate_along
+from erosion.ode.gradient import is_worth
 from erosion.ode.integrator import LaneEnd, integrate_lane
 from erosion.ode.problem import Equations
 from erosion.ode.solution import Solution, Times
@@ -169,9 +171,13 @@ def _end(layout: Layout, rtol: float, numbers: list[Number]) -> tuple[Array, Arr
 def _end_jvp(layout: Layout, rtol: float, primals: _Numbers, tangents: _Numbers) -> Any:
     (numbers,), (rates,) = primals, tangents
     vector, codes = _end(layout, rtol, numbers)
-    moving, moved = _moving(layout, rates)
     still = np.zeros(codes.shape, jax.dtypes.float0)
-    return (vector, codes), (_slopes(layout, rtol, moving, numbers) @ moved, still)
+    moving = _moving(layout, rates)
+    elements, moved = _elements(layout, moving), [jnp.asarray(rates[i]) for i in moving]
+    if is_worth(layout, len(elements)):
+        ends = pushes.Ends(layout, rtol, moving, vector.size, _slopes)
+        return (vector, codes), (pushes.pushed(ends, numbers, moved), still)
+    return (vector, codes), (_slopes(layout, rtol, elements, numbers) @ _flat(moved), still)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
@@ -185,8 +191,9 @@ def _slopes_jvp(
     layout: Layout, rtol: float, elements: tuple[int, ...], primals: _Numbers, tangents: _Numbers
 ) -> tuple[Array, Array]:
     (numbers,), (rates,) = primals, tangents
-    moving, moved = _moving(layout, rates)
-    return _slopes(layout, rtol, elements, numbers), _curvatures(layout, rtol, elements, moving, numbers) @ moved
+    moving = _moving(layout, rates)
+    others, moved = _elements(layout, moving), _flat([jnp.asarray(rates[i]) for i in moving])
+    return _slopes(layout, rtol, elements, numbers), _curvatures(layout, rtol, elements, others, numbers) @ moved
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2, 3))
@@ -205,9 +212,16 @@ def _curvatures_jvp(*_: Any) -> NoReturn:
     raise NotImplementedError("There are derivatives of ends up to the second; the third is not available.")
 
 
-def _moving(layout: Layout, rates: list[PyTree]) -> tuple[tuple[int, ...], Array]:
-    """The elements whose tangents are not zero by construction, and these tangents."""
+def _moving(layout: Layout, rates: list[PyTree]) -> tuple[int, ...]:
+    """The numbers whose tangents are not zero by construction."""
     zero = jax.custom_derivatives.SymbolicZero
-    moving = [i for i, rate in enumerate(rates) if not isinstance(rate, zero) and layout.dtypes[i] == "float64"]
-    elements = [j for i in moving for j in range(layout.offsets[i], layout.offsets[i + 1])]
-    return tuple(elements), jnp.concatenate([jnp.ravel(jnp.asarray(rates[i])) for i in moving])
+    return tuple(i for i, rate in enumerate(rates) if not isinstance(rate, zero) and layout.dtypes[i] == "float64")
+
+
+def _elements(layout: Layout, numbers: Sequence[int]) -> tuple[int, ...]:
+    """The elements of some numbers."""
+    return tuple(j for i in numbers for j in range(layout.offsets[i], layout.offsets[i + 1]))
+
+
+def _flat(parts: Sequence[Array]) -> Array:
+    return jnp.concatenate([jnp.ravel(part) for part in parts])
