@@ -67,6 +67,25 @@ REPORTED: Mapping[str, _Law] = {
     "kink": _law(320.0, lambda d: np.minimum(d / 22.0, 1.0) * _cos(d) ** 1.7, _bulk(0.35, 2.5, 2.7), 2.7),
 }
 
+
+def _of_package(k: float, psi: float, energy_ratio: float) -> _Law:
+    """A model of the package, which is right."""
+    model = erosion.load_model("linearized-deformation").replace(energy_ratio=energy_ratio)
+
+    def law(degrees: np.ndarray, v: np.ndarray) -> np.ndarray:
+        p = CASE.replace(alpha=np.deg2rad(degrees), v0=np.asarray(v, float), k=k, psi=psi)
+        return 1e6 * DENSITY / float(CASE.m) * np.asarray(erosion.impact(model, p).volume)
+
+    return law
+
+
+RIGHT: Mapping[str, _Law] = {
+    "right, steep": _of_package(2.6, 0.35, 1.4),
+    "right, usual": _of_package(2.0, 0.4, 2.0),
+    "right, flat": _of_package(1.3, 0.5, 2.8),
+}
+LAWS = {"tuned": TUNED, "reported": REPORTED, "right": RIGHT}
+
 DESIGNS: Mapping[str, tuple[Sequence[float], int]] = {
     "10 angles, 2 repeats": ((10, 15, 20, 25, 30, 40, 50, 60, 75, 90), 2),
     "6 angles": ((10, 20, 30, 45, 65, 90), 1),
@@ -159,18 +178,20 @@ def main() -> None:
     """Print a line for each law and method, and for all laws together."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sets", type=int, default=20, help="of each law")
-    parser.add_argument("--laws", choices=("tuned", "reported"), default="reported")
+    parser.add_argument("--laws", choices=tuple(LAWS), default="reported")
+    parser.add_argument("--draws", type=int, default=150, help="of each population")
     parser.add_argument("--model", default="linearized-deformation")
     parser.add_argument("--free", default="k,psi,energy_ratio")
     arguments = parser.parse_args()
-    laws, free = TUNED if arguments.laws == "tuned" else REPORTED, arguments.free.split(",")
+    laws, free = LAWS[arguments.laws], arguments.free.split(",")
+    first = sum(len(of) for of in [*LAWS.values()][: [*LAWS].index(arguments.laws)])
     everything: dict[str, list[Outcome]] = {"averaged": [], "without discrepancy": []}
     begun = time.perf_counter()
-    for key, (name, law) in enumerate(laws.items(), start=0 if arguments.laws == "tuned" else len(TUNED)):
+    for key, (name, law) in enumerate(laws.items(), start=first):
         since, of_law = time.perf_counter(), {kind: [] for kind in everything}
         for index in range(arguments.sets):
             tests = made_up(law, index, key)
-            posterior = drawn(tests, arguments.model, free)
+            posterior = drawn(tests, arguments.model, free, draws=arguments.draws)
             of_law["averaged"].append(outcome(law, tests, in_milligrams(posterior)))
             of_law["without discrepancy"].append(outcome(law, tests, in_milligrams(posterior, discrepancy=False)))
         for kind, outcomes in of_law.items():

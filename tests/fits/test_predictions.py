@@ -10,6 +10,7 @@ from erosion.fits.calibration import make_forward
 from erosion.fits.discrepancy import Discrepant, with_few_conditions
 from erosion.fits.errors import ErrorModel
 from erosion.fits.likelihood import make_likelihood
+from erosion.fits.posterior_files import read_predictor
 from erosion.parameters.parameters import TABLE_1
 
 ERROR = ErrorModel(1e-6, 0.05)
@@ -107,6 +108,14 @@ def test_a_model_that_misses_predicts_with_wide_intervals(missed):
     assert (faster.std(axis=0) > curves.std(axis=0) / true).all()
     noisy = missed.predict(np.deg2rad(degrees), {"v0": V0}, 2000, noise=ErrorModel(2e-5))
     assert noisy.std() > 2e-5
+
+
+@pytest.mark.slow
+def test_predictions_are_kept_in_the_file_of_draws(missed, tmp_path):
+    again = read_predictor(missed.save(tmp_path / "draws.nc"))
+    asked = np.deg2rad([20.0, 70.0]), {"v0": np.array([V0, 1.5 * V0])}
+    np.testing.assert_allclose(again.predict(*asked, noise=True), missed.predict(*asked, noise=True), rtol=1e-9)
+    assert again.weights == missed.predictor.weights
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from erosion.fits.likelihood import (
     sampled_quantities,
 )
 from erosion.fits.measurements import Measurements
-from erosion.fits.posterior_files import SOURCE, own_in_si
+from erosion.fits.posterior_files import SOURCE, own_in_si, prediction_groups
 from erosion.fits.prediction import Noise, Predictor, deviations, make_predictor, of_model
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
 from erosion.impacts.alpha_max import Optimum, alpha_max
@@ -471,6 +471,7 @@ class Posterior(Result):
             "sample_stats": stats,
             "observed_data": xr.Dataset(observed),
             "constant_data": xr.Dataset(constant),
+            **prediction_groups(self.predictor),
         })  # fmt: skip
 
     def save(self, path: str | Path) -> Path:

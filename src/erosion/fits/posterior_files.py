@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import json
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
@@ -9,17 +10,22 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import check_path
-from erosion.fits.forward import FACTORS, FRACTION, SCALE
+from erosion.fits.errors import ErrorModel
+from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
 from erosion.fits.likelihood import OF_ERROR
+from erosion.fits.measurements import Measurements
+from erosion.fits.prediction import Predictor, predictor_of
 from erosion.joint_laws import Rows
+from erosion.models import load_model
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import converted, own_in_words
+from erosion.models.own_parameters import converted, own_in_words, own_parameters
 from erosion.output.files import beside, require_finite
 from erosion.output.tables import sentences
 from erosion.parameters.case_files import parse_case, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import QUANTITIES, Quantity, System, check_system, conversion_factor
 
+_PREDICTION, _EVIDENCE = "prediction", "log_evidence"
 SOURCE = "model_source"
 """The attribute with what loads the model again: its name, or its file, whose path begins at the draws."""
 _OF_METAL = ("k", "psi", "sigma")  # those that a case must share with the data
@@ -121,6 +127,66 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         has_scale=SCALE in dataset,
         converged=bool(attrs.get("converged", 1)),
     )
+
+
+def prediction_groups(predictor: Predictor) -> dict[str, xr.Dataset]:
+    """What `read_predictor` needs beside the draws' file itself, by group: the draws of each way to read the data."""
+    forward = predictor.forward
+    own = {name: float(parameter.value) for name, parameter in own_parameters(forward.model).items()}
+    error = forward.data.error
+    described = {
+        "free": list(forward.free),
+        "seed": predictor.seed,
+        "own": json.dumps(own),
+        "dimension": forward.data.dimension,
+        "cutting_fraction": forward.cutting_fraction,
+        **({} if forward.density is None else {"density": forward.density}),
+        **({} if error is None else {"error": [error.absolute, error.relative]}),
+    }
+    groups = {_PREDICTION: xr.Dataset(attrs=described)}
+    for name, way in predictor.ways.items():
+        values = {of: ("draw", column) for of, column in way.values.items()}
+        groups[f"{_PREDICTION}/{name}"] = xr.Dataset({**values, _EVIDENCE: ("chain", way.log_evidence)},
+                                                     attrs={"weight": way.weight})  # fmt: skip
+    return groups
+
+
+def read_predictor(path: str | Path) -> Predictor:
+    """The predictions of a posterior from the file that `Posterior.save` wrote; they are those before it was saved.
+
+    Args:
+        path: of the file (.nc).
+
+    Raises:
+        ValueError: for a file that holds something else, or draws without predictions.
+    """
+    path = check_path("path", path)
+    attrs = _opened(path).attrs
+    model, p = load_model(model_of_draws(path)), parse_case(attrs["case"])
+    with xr.open_datatree(path, engine="h5netcdf") as tree:
+        if _PREDICTION not in tree.children:
+            raise ValueError(f"{path}: has draws without predictions, of an earlier version.")
+        about, ways = tree[_PREDICTION].attrs, tree[_PREDICTION].children
+        rows = {**tree["observed_data"].data_vars, **tree["constant_data"].data_vars}
+        columns = {name: values.values for name, values in rows.items()}
+        error = about.get("error")
+        data = Measurements(
+            columns["alpha"], columns["erosion"], about["dimension"], columns.get("uncertainty"), columns.get("v0"),
+            columns.get("m"), p.units, attrs["data"], error=None if error is None else ErrorModel(*map(float, error)),
+        )  # fmt: skip
+        density = None if "density" not in about else float(about["density"])
+        names = tuple(np.atleast_1d(about["free"]).tolist())
+        forward = Forward(model.replace(**json.loads(about["own"])), p, names, data, density,
+                          float(about["cutting_fraction"]))  # fmt: skip
+        read = {
+            str(name): (
+                {str(of): column.values for of, column in way.data_vars.items() if of != _EVIDENCE},
+                np.asarray(way.dataset[_EVIDENCE]),
+                float(way.attrs["weight"]),
+            )
+            for name, way in ways.items()
+        }
+    return predictor_of(forward, read, int(about["seed"]))
 
 
 def model_of_draws(path: str | Path) -> str:

@@ -15,9 +15,11 @@ from scipy import special
 from erosion.arguments import Progress, check_whole, no_progress
 from erosion.fits.discrepancy import EXPONENT, PRIORS, Discrepant, with_few_conditions
 from erosion.fits.errors import ErrorModel
+from erosion.fits.forward import Forward
 from erosion.fits.likelihood import ERROR_FACTOR, NOISE, RELATIVE, Likelihood
 from erosion.fits.measurements import Measurements
 from erosion.fits.tempering import rhats, sample
+from erosion.joint_laws import LawSet
 from erosion.models.own_parameters import own_parameters
 from erosion.output.tables import Result, Row, sentences, to_plain
 
@@ -59,9 +61,14 @@ class Predictor(Result):
     seed: int
 
     @property
+    def forward(self) -> Forward:
+        """The model, the case and the data; rows of many conditions are put together."""
+        return self.ways["model"].misfit.plain.forward
+
+    @property
     def data(self) -> Measurements:
         """The measurements."""
-        return next(iter(self.ways.values())).misfit.plain.forward.data
+        return self.forward.data
 
     @property
     def weights(self) -> dict[str, float]:
@@ -165,6 +172,19 @@ def of_model(
     """
     misfit = Discrepant(likelihood, has_exponent=False, has_discrepancy=False)
     return Predictor({"model": Way(misfit, values, log_evidence)}, seed)
+
+
+def predictor_of(
+    forward: Forward, ways: Mapping[str, tuple[Mapping[str, np.ndarray], np.ndarray, float]], seed: int
+) -> Predictor:
+    """Predictions by draws that were kept: by way, its values, evidences and weight."""
+    whole = Likelihood(forward, LawSet({}, {}), ())
+    few = with_few_conditions(whole) if len(ways) > 1 else whole
+    kept = {}
+    for name, (values, log_evidence, weight) in ways.items():
+        misfit = Discrepant(few, EXPONENT in values, name == "discrepancy")
+        kept[name] = Way(misfit, values, log_evidence, weight)
+    return Predictor(kept, seed)
 
 
 def make_predictor(plain: Predictor, progress: Progress = no_progress) -> Predictor:
