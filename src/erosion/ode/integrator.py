@@ -200,7 +200,7 @@ def _to_its_event(
         return after, tape
 
     lane, tape = lax.while_loop(lambda at: step_control.goes_on(at[0].control), tries, (lane, tape))
-    motion, along = landed(problem, lane, until)
+    motion, along = landed(problem, lane, until, rtol)
     if tape is not None:
         tape = tape.with_step(motion.time - lane.control.time, lane.state, jnp.asarray(True))
     return motion, along, tape
