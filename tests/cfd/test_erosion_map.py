@@ -267,7 +267,7 @@ def test_the_summary_reads_well(wear: xr.Dataset) -> None:
     summary = MapSummary(wear)
     text, numbers = str(summary), summary.to_dict()
     assert text.startswith("rotating: table on hump")
-    for words in ("48 of 48", "volume front", "greatest depth_per_year", "mm/year", "share rebound", " ± "):
+    for words in ("48 of 48", "volume front", "greatest depth per year", "mm/year", "share rebound", " ± "):
         assert words in text
     assert "by sampling the impacts alone" in summary.rows()[0].meaning
     assert sum(patch["volume"] for patch in numbers["patches"].values()) == pytest.approx(

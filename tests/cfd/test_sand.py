@@ -40,7 +40,7 @@ def test_a_rate_of_sand_makes_rates_of_wear() -> None:
     # The mass per hit stays beside it.
     assert float(data["total_erosion_ratio"]) == float(plain["total_erosion_ratio"])
     text = str(MapSummary(data))
-    for words in ("100   kg/day", "kg/year", "injected_ratio"):
+    for words in ("100   kg/day", "kg/year", "injected ratio"):
         assert words in text
 
 

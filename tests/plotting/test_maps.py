@@ -61,13 +61,32 @@ def test_the_deepest_face_is_yellow_and_one_without_impacts_grey(capfd: pytest.C
 
 def test_labels_have_the_quantity_and_its_unit() -> None:
     wear = erosion_map("rotating", P, sand(SURFACE, 50), SURFACE)
-    figure = plot_map(wear)
+    figure = plot_map(wear, "depth")
     assert [axes.get_xlabel() for axes in figure.axes][1].startswith("h  depth of wear, volume over area [")
-    assert figure.axes[0].get_title("left").startswith("rotating: ")
+    title = figure.axes[0].get_title("left")
+    assert title.startswith("Depth of wear, volume over area; ")
+    assert "by rotating\nimpacts of 2 s" in title
+    figure = plot_map(wear.assign_attrs(target="brass"))
+    face = int(np.argmax(wear["depth"].values))
+    deepest = f"{float(wear['depth_per_year'][face]):.3g} mm/year at ("
+    assert next(text.get_text() for text in figure.axes[0].texts if text.get_text().startswith(deepest)).endswith(
+        f"face {face}"
+    )
+    assert "target brass, by rotating" in figure.axes[0].get_title("left")
     figure = plot_map(wear, "depth_per_year", view=(1, 1, 1), log=True, zoom=1.5)
     assert figure.axes[1].get_xlabel() == "ḣ  depth per year [mm/year]"
     assert figure.axes[1].get_xscale() == "log"
     assert plot_map(wear, "relative_error", view="+x").axes[1].get_xlabel().endswith("of the volume")
+
+
+def test_a_wide_range_has_colours_by_the_logarithm() -> None:
+    wear, depth = two_faces(1.0, 1.0), np.array([1.0, 100.0]) * 1e-9
+    assert plot_map(wear.assign(depth=("face", depth)), "depth").axes[1].get_xscale() == "linear"
+    wear = erosion_map("rotating", P, sand(hump(), 50), hump())
+    depth = np.where(np.arange(48) == 3, 1e-6, 1e-9)
+    wide = wear.assign(depth=("face", depth), impacts=("face", np.ones(48, int)))
+    assert plot_map(wide, "depth").axes[1].get_xscale() == "log"
+    assert plot_map(wide, "depth", log=False).axes[1].get_xscale() == "linear"
 
 
 def test_equal_numbers_and_zeros_can_be_drawn() -> None:

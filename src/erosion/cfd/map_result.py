@@ -328,11 +328,11 @@ class MapSummary(Result):
         for end, count in zip(data["end"].values, counts, strict=True):
             if count and not ("beyond_range" in data and end == "no-cut"):  # all impacts of a correlation
                 rows.append(Row(f"share {end}", "", f"{100 * count / counts.sum():.3g}", "%", "of the rows that hit"))
-        for name, meaning in (("distance_median", "median"), ("distance_max", "greatest")):
+        for name, meaning in (("distance_median", "median distance"), ("distance_max", "greatest distance")):
             if name in data:
-                length = quantity_row(name, QUANTITIES["r"], float(data[name]), self.units)
-                rows.append(length._replace(symbol="", meaning=f"{meaning} distance of rows that name no face"))
-        return rows
+                length = quantity_row(meaning, QUANTITIES["r"], float(data[name]), self.units)
+                rows.append(length._replace(symbol="", meaning="of rows that name no face, from the nearest"))
+        return [row._replace(name=row.name.replace("_", " ")) for row in rows]
 
     @property
     def _duration(self) -> str:

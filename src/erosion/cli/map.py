@@ -167,12 +167,19 @@ class _Picture:
     """What is drawn, and how."""
 
     plot: PlotOption = None
-    quantity: Annotated[str, Parameter(help="What to draw, such as depth_per_year or alpha_mean.")] = "depth"
+    quantity: Annotated[
+        str | None, Parameter(help="What to draw, such as alpha_mean; or the depth, a year if it can be.")
+    ] = None
     view: Annotated[
-        str, Parameter(help='"iso", +x, -x, … -z, or "1,-1,0.5" towards the eye.', allow_leading_hyphen=True)
-    ] = "iso"
+        str,
+        Parameter(
+            help='Of the "worst" face, "iso", +x, -x, … -z, or "1,-1,0.5" towards the eye.', allow_leading_hyphen=True
+        ),
+    ] = "worst"
     zoom: Annotated[float, Parameter(help="2 shows the middle half.")] = 1.0
-    log: Annotated[bool, Parameter(negative="", show_default=False, help="Colours by the logarithm.")] = False
+    log: Annotated[
+        bool | None, Parameter(negative="--no-log", show_default=False, help="Colours by the logarithm; or as fits.")
+    ] = None
 
     @property
     def direction(self) -> Any:
@@ -189,7 +196,7 @@ class _Picture:
 
         if not has_surface:
             raise InputError("Option `--plot` needs `--surface`: without it there is nothing to draw.")
-        if self.quantity not in lazy.FACES:
+        if self.quantity is not None and self.quantity not in lazy.FACES:
             raise InputError(f"Option `--quantity` must be one of {', '.join(lazy.FACES)}, but is {self.quantity!r}.")
         with user_errors():
             lazy.require_view(self.direction, self.zoom)
@@ -257,7 +264,7 @@ def map_(
     with dask_cluster(workers, scheduler):
         job = _job(impacts, target, rows, None if grit is None else grit.density, made, (sand.reference, sand.numbers))
         picture.check_surface(job.surface)
-        dataset = _computed(job)
+        dataset = _computed(job).assign_attrs(options.names())
     if output is not None:
         with user_errors():
             lazy.write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)

@@ -291,7 +291,7 @@ _POUND = 0.45359237 / conversion_factor("mass", "inch-pound", "si")  # lb in sli
 _NAMED: Mapping[tuple[str, str], Sequence[tuple[str, float]]] = {
     **{("time", units): (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6), ("ns", 1e-9)) for units in SYSTEMS},
     **{("mass per mass", units): (("g/kg", 1e-3), ("mg/kg", 1e-6), ("µg/kg", 1e-9)) for units in SYSTEMS},
-    ("length", "si"): (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9)),
+    ("length", "si"): (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9), ("pm", 1e-12), ("fm", 1e-15)),
     ("area", "si"): (("m²", 1.0), ("mm²", 1e-6), ("µm²", 1e-12)),
     ("volume", "si"): (("m³", 1.0), ("mm³", 1e-9), ("µm³", 1e-18)),
     ("mass", "si"): (("kg", 1.0), ("g", 1e-3), ("mg", 1e-6), ("µg", 1e-9), ("ng", 1e-12)),

@@ -21,7 +21,7 @@ from matplotlib.ticker import LogFormatter, PercentFormatter
 from erosion.cfd.map_result import FACES, to_polydata
 from erosion.extras import library
 from erosion.output.tables import with_error
-from erosion.parameters.quantities import RESULTS, Scale, System, readable_scale, table_scale
+from erosion.parameters.quantities import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
 from erosion.plotting.style import house_style, new_figure
 from erosion.streams.result import NozzleAngle, Stream
@@ -41,26 +41,32 @@ _FLATTEST, _TALLEST = 0.25, 1.2  # height over width of the picture
 _EDGE_ON = 1e-3  # cosine of the angle between a face's normal and the view
 _STRIP = 0.15  # height of the strip below the picture over the picture's width
 _RENDERERS = ("libEGL.so.1", "libOSMesa.so.8")  # which VTK looks for on Linux where there is no screen
+_WIDE = 30.0  # greatest value over the median from which on colours are by the logarithm
 _EDGES = 4000  # faces: with more of them lines between faces would hide the colours
 
 
 @house_style()
 def plot_map(
     wear: xr.Dataset,
-    quantity: str = "depth",
+    quantity: str | None = None,
     *,
-    view: str | Sequence[float | int] = "iso",
+    view: str | Sequence[float | int] = "worst",
     zoom: float | int = 1.0,
-    log: bool = False,
+    log: bool | None = None,
 ) -> Figure:
     """Draw a map: the surface, coloured by one of the numbers of its faces; faces that nothing hits are grey.
 
+    The face with the greatest number is marked, with its value, its place and its number.
+
     Args:
         wear: what `erosion_map` returns, of a surface.
-        quantity: a variable over "face": "depth", "depth_per_year", "alpha_mean", "relative_error", ….
-        view: "iso", "+x", "-x", …, or the direction from the surface to the eye, (x, y, z).
+        quantity: a variable over "face": "depth", "depth_per_year", "alpha_mean", "relative_error", …; without it the
+            depth per year where the duration is known, else the depth.
+        view: "worst" shows the deepest face; "iso", "+x", "-x", …, or the direction from the surface to the
+            eye, (x, y, z).
         zoom: 2 shows the middle half of the surface.
-        log: colours by the logarithm, over the three decades below the greatest value.
+        log: colours by the logarithm, over the three decades below the greatest value; without it where the greatest is
+            more than 30 times the median.
 
     Raises:
         ValueError: for a map without a surface, an unknown variable or view, and a view that shows nothing.
@@ -70,20 +76,30 @@ def plot_map(
     require_view(view, zoom)
     if "face" not in wear.dims:
         raise ValueError("Argument `wear` must be the map of a surface, but holds totals alone.")
+    quantity = quantity or ("depth_per_year" if "depth_per_year" in wear else "depth")
     if quantity not in FACES or quantity not in wear:
         known = ", ".join(name for name in FACES if name in wear)
         raise ValueError(f"Argument `quantity` must be one of {known}, but is {quantity!r}.")
     scale, values = _in_scale(wear, quantity)
     greatest = float(np.max(values, where=np.isfinite(values), initial=0.0))
-    norm = _norm(values, from_zero=quantity not in ("alpha_mean", "v0_mean"), log=log)
+    is_amount = quantity not in ("alpha_mean", "v0_mean")
+    if log is None:
+        hit = values[np.isfinite(values) & (values > 0)]
+        log = bool(is_amount and hit.size and greatest > _WIDE * np.median(hit))
+    norm = _norm(values, from_zero=is_amount, log=log)
     is_hit = (wear["impacts"].values > 0) & np.isfinite(values)
     colours = mpl.colormaps[_COLORS](np.clip(norm(np.where(is_hit, values, greatest)).filled(0.0), 0.0, 1.0))[:, :3]
     colours[~is_hit] = to_rgb(_UNTOUCHED)
+    if isinstance(view, str) and view == "worst":
+        view = _view_of_worst(wear)
     camera = _camera(wear["point"].values[wear["corner"].values], view, zoom)
     fig = new_figure(6.4, min(6.4 * (camera.height / camera.width + _STRIP) + 1.0, 8.5))
     ax = fig.subplots()
     ax.imshow(_picture(wear, colours, camera), extent=(0, camera.width, 0, camera.height))
     _add_ruler_and_axes(ax, camera)
+    unit = f" {scale.unit}" if scale.unit else ""
+    if is_hit.any():
+        _mark(ax, camera, wear, int(np.argmax(np.where(is_hit, values, -np.inf))), f"{greatest:.3g}{unit}")
     if not is_hit.all():
         handles = [Patch(color=_UNTOUCHED, label="no impacts")]
         ax.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.0), borderaxespad=0.3)
@@ -93,7 +109,7 @@ def plot_map(
         ScalarMappable(norm, _COLORS), ax=ax, orientation="horizontal", aspect=40, shrink=0.9, pad=0.01,
         extend="min" if low else "neither", label=f"{FACES[quantity].symbol}  {FACES[quantity].meaning}{unit}",
     )  # fmt: skip
-    ax.set_title(_title(wear), fontsize=10, loc="left")
+    ax.set_title(_title(wear, FACES[quantity].meaning), fontsize=10, loc="left")
     return fig
 
 
@@ -105,8 +121,8 @@ def require_view(view: str | Sequence[float | int], zoom: float | int, normals: 
         zoom: see `plot_map`.
         normals: of the faces, shape (faces, 3), where they are known.
     """
-    direction = _direction(view)
-    if normals is not None and np.abs(normals @ direction).max() < _EDGE_ON:
+    direction = None if isinstance(view, str) and view == "worst" else _direction(view)
+    if direction is not None and normals is not None and np.abs(normals @ direction).max() < _EDGE_ON:
         raise ValueError("Argument `view` must show the surface, but sees it edge on.")
     if not (isinstance(zoom, (int, float)) and math.isfinite(zoom) and zoom > 0):
         raise ValueError(f"Argument `zoom` must be positive and finite, but is {zoom!r}.")
@@ -133,6 +149,40 @@ def _direction(view: str | Sequence[float | int]) -> np.ndarray:
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise ValueError(f"Argument `view` must be a direction (x, y, z) other than (0, 0, 0), but is {view!r}.")
     return direction / np.linalg.norm(direction)
+
+
+def _view_of_worst(wear: xr.Dataset) -> tuple[float, float, float]:
+    """A direction from the deepest face to the eye: from the fluid, or from outside where a wall is in between."""
+    surface, face = to_polydata(wear), int(np.nanargmax(wear["depth"].values))
+    normal = np.asarray(surface.compute_normals(
+        point_normals=False, consistent_normals=False, auto_orient_normals=False)["Normals"][face], float)  # fmt: skip
+    centre, length = wear["centre"].values[face], surface.length
+    sides = [-normal, normal]
+    free = [not len(surface.ray_trace(centre + 1e-3 * length * side, centre + 2 * length * side)[0]) for side in sides]
+    towards = sides[1] if free[1] and not free[0] else sides[0]
+    # A little from above, or from the side, shows the shape.
+    aside = np.array([0.3, -0.4, 0.0]) if abs(normal[2]) > 0.8 else np.array([0.0, 0.0, 0.5])
+    x, y, z = map(float, towards + aside)
+    return x, y, z
+
+
+def _mark(ax: Axes, camera: _Camera, wear: xr.Dataset, face: int, value: str) -> None:
+    """A ring around a face, with its value and its place."""
+    centre = wear["centre"].values[face]
+    size = np.array([camera.width, camera.height])
+    at = np.stack([camera.right, camera.up]) @ (centre - camera.middle) + size / 2
+    if not ((at > 0) & (at < size)).all():
+        return
+    scale = readable_scale("length", "si", float(np.abs(centre).max()) or 1.0)
+    place = ", ".join(f"{number / scale.size:.4g}" for number in centre)
+    ax.plot(*at, "o", markersize=11, markerfacecolor="none", markeredgecolor="white", markeredgewidth=3.0)
+    ax.plot(*at, "o", markersize=11, markerfacecolor="none", markeredgecolor=PALETTE["vermillion"], markeredgewidth=1.6)
+    is_left = at[0] < size[0] / 2
+    ax.annotate(
+        f"{value} at ({place}) {scale.unit}, face {face:,}", tuple(at), (14 if is_left else -14, 16),
+        textcoords="offset points", ha="left" if is_left else "right", fontsize=9,
+        bbox={"facecolor": "white", "edgecolor": FAINT, "alpha": 0.9, "boxstyle": "round,pad=0.25"},
+    )  # fmt: skip
 
 
 def _camera(points: np.ndarray, view: str | Sequence[float | int], zoom: float | int) -> _Camera:
@@ -245,12 +295,30 @@ def _add_ruler_and_axes(ax: Axes, camera: _Camera) -> None:
         ax.annotate(name, tuple(origin + 1.35 * arm * shown), ha="center", va="center", fontsize=9)
 
 
-def _title(wear: xr.Dataset) -> str:
-    """The model, and the total with its standard error."""
-    total, error = float(wear["total_volume"]), float(wear["total_relative_error"])
-    scale = table_scale("volume", wear.attrs["unit_system"], total)
+def _title(wear: xr.Dataset, meaning: str) -> str:
+    """What is drawn, the total with its standard error, and for which sand and metal."""
+    units, error = wear.attrs["unit_system"], float(wear["total_relative_error"])
+    name = next(name for name in ("mass_per_year", "mass", "volume") if f"total_{name}" in wear)
+    total = float(wear[f"total_{name}"])
+    scale = Scale(1.0, FACES[name].fixed) if FACES[name].fixed else table_scale(FACES[name].dimension, units, total)
     by = "sampling and uncertain parameters" if "total_parameter_error" in wear else "sampling alone"
-    return f"{wear.attrs['model']}: {scale.beside(with_error(total, total * error, scale.size))} in all (± by {by})"
+    amount = scale.beside(with_error(total, total * error, scale.size))
+    return "\n".join([f"{meaning[0].upper()}{meaning[1:]}; {amount} in all (± by {by})", *described(wear)])
+
+
+def described(wear: xr.Dataset) -> list[str]:
+    """Lines on metal, particle and model of a map, and on its sand and its duration."""
+    attrs = wear.attrs
+    named = [f"{name} {attrs[name]}" for name in ("target", "particle") if attrs.get(name)]
+    lines = [", ".join([*named, f"by {attrs['model']}"])]
+    sand = []
+    if "sand_rate" in wear:
+        a_day = float(wear["sand_rate"]) * 86400 * conversion_factor("mass flow", attrs["unit_system"], "si")
+        sand.append(f"{a_day:.4g} kg of sand a day")
+    if "duration" in wear:
+        time = table_scale("time", "si", float(wear["duration"]))
+        sand.append(f"impacts of {float(wear['duration']) / time.size:.4g} {time.unit} {attrs['duration_from']}")
+    return [*lines, ", ".join(sand)] if sand else lines
 
 
 @house_style()
