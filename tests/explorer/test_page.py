@@ -57,6 +57,17 @@ def test_the_cut_plays_and_is_scrubbed(page: Page) -> None:
     assert page.locator(".cut .grain").get_attribute("points") != grain
 
 
+def test_no_grain_is_drawn_in_metal_and_the_axis_is_above_the_fold(page: Page) -> None:
+    page.set_viewport_size({"width": 1366, "height": 768})
+    drawn_by = "one => one.closest('[clip-path]').getAttribute('clip-path')"
+    assert page.locator(".cut .grain").evaluate(drawn_by) == "url(#cut-open)"
+    # Open is what is above the surface, and the groove that is cut so far.
+    assert page.locator("#cut-open polygon").get_attribute("points") == page.locator(".removed").get_attribute("points")
+    box = page.locator(".view-volumes .plot").bounding_box()
+    assert box is not None
+    assert box["y"] + box["height"] <= 768
+
+
 def test_the_angle_is_dragged_in_the_plot(page: Page) -> None:
     handle = page.get_by_role("slider", name="angle of attack, in the plot").first
     box = handle.bounding_box()

@@ -195,6 +195,12 @@ def test_several_commas_and_points_are_no_number(text: str) -> None:
         CASE.read("k", text)
 
 
+@pytest.mark.parametrize("text", ["200", "0", "-5", "90,5"])
+def test_an_angle_out_of_range_is_refused_in_degrees(text: str) -> None:
+    with pytest.raises(ValueError, match=rf"Field `alpha` .*degrees.*90, but is {text.replace(',', '.')}"):
+        CASE.read("alpha", text)
+
+
 def test_texts_are_short_and_angles_in_degrees() -> None:
     assert (text_of("alpha", CASE), unit_of("alpha", CASE)) == ("20", "°")
     assert (text_of("m", CASE), unit_of("m", CASE)) == ("2.855e-7", "slinch")

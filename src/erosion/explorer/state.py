@@ -160,6 +160,8 @@ class PageCase(NamedTuple):
         """
         text = with_point(name, text)
         in_degrees = self.quantities()[name].dimension == "angle" and _is_number(text)
+        if name == "alpha" and in_degrees and not 0 < float(text) <= 90:
+            raise ValueError(f"Field `alpha` must be in degrees, above 0 and up to 90, but is {text.strip()}.")
         return self.reading({name: f"{text} deg" if in_degrees else text})
 
     def to(self, units: str) -> "PageCase":

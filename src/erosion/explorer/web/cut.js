@@ -11,11 +11,15 @@ export default {
       <rect class="target" :x="box[0]" y="0" :width="box[2]" :height="Math.max(0, box[1] + box[3])" />
       <polygon class="all" :points="area(1)" /><polygon class="removed" :points="area(fraction)" />
       <line class="surface" :x1="box[0]" :x2="box[0] + box[2]" y1="0" y2="0" />
-      <polygon v-for="g in ghosts" :key="g" class="ghost" :points="grain(g)" />
+      <clipPath id="cut-open"><rect :x="box[0]" :y="box[1]" :width="box[2]" :height="Math.max(0, -box[1])" />
+        <polygon :points="area(fraction)" /></clipPath>
+      <g clip-path="url(#cut-open)"><polygon v-for="g in ghosts" :key="g" class="ghost" :points="grain(g)" /></g>
       <polyline class="path" :points="path()" />
-      <polygon class="grain" :points="grain(fraction)" />
+      <g clip-path="url(#cut-open)"><polygon class="grain" :points="grain(fraction)" /></g>
       <line class="arm" v-bind="arm()" /><circle class="mass" v-bind="mass()" :r="size * 0.05" />
       <circle class="tip" v-bind="tip()" :r="size * 0.05" />
+      <text class="cut-note" :x="box[0] + box[2] * 0.01" :y="box[1] + letters * 1.2" :font-size="letters * 0.85">
+        Only the tip cuts: what else of the grain would be in the metal is not drawn.</text>
       <g v-if="bar" class="bar" :transform="'translate(' + (box[0] + box[2] * 0.98 - bar.size) + ' ' + (box[1] + box[3] * 0.93) + ')'">
         <line x1="0" :x2="bar.size" y1="0" y2="0" />
         <text :x="bar.size" :y="-box[3] * 0.025" :font-size="letters" text-anchor="end">{{ bar.text }}</text></g>
