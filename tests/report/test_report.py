@@ -415,6 +415,15 @@ def test_a_handout_fits_on_one_sheet_with_readable_figures(
     assert len(re.findall(rb"/Type\s*/Page\b(?!s)", pdf)) == 1
 
 
+@pytest.mark.browser
+def test_the_whole_report_prints_on_20_pages(whole: Path, browser: Browser) -> None:
+    sheet = browser.new_page()
+    sheet.goto((whole / "index.html").as_uri())
+    pages = re.findall(rb"/Type\s*/Page\b(?!s)", sheet.pdf(prefer_css_page_size=True))
+    sheet.close()
+    assert 10 < len(pages) <= 20
+
+
 def test_a_long_legend_stays_on_a_handout() -> None:
     fig, ax = new_axes()
     for i in range(4):
