@@ -68,3 +68,22 @@ def test_a_fit_weighs_rows_by_the_error():
     by_column = calibrate("linearized", TABLE_1, {**columns, "uncertainty [in^3]": uncertainty}, ["k", "psi"])
     assert by_option.estimates == pytest.approx(by_column.estimates, rel=1e-12)
     assert by_option.chi2 == pytest.approx(by_column.chi2, rel=1e-12)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_repeats_show_what_a_model_misses(known):
+    """The ratio is that of the analysis of variance, typed once more."""
+    degrees, random = np.repeat([10.0, 20.0, 40.0, 60.0, 80.0], 3), np.random.default_rng(5)
+    volume = 1e-4 * np.sin(np.deg2rad(degrees)) + 2e-6 * random.standard_normal(15)
+    data = {"angle [deg]": degrees, "volume [in^3]": volume}
+    fit = calibrate("linearized", TABLE_1, data, ["k", "psi"], error=1e-6 if known else None)
+    means = volume.reshape(5, 3).mean(axis=1)
+    pure = np.sum((volume.reshape(5, 3) - means[:, None]) ** 2) / 10
+    misses = 3 * np.sum((means - fit.fitted.reshape(5, 3)[:, 0]) ** 2) / 3
+    lack = fit.lack_of_fit
+    assert lack is not None
+    assert lack.ratio == pytest.approx(misses / pure, rel=1e-9)
+    assert lack.probability < 1e-3
+    assert lack.scatter == pytest.approx(np.sqrt(pure) / (1e-6 if known else 1.0))
+    assert "lack_of_fit" in str(fit)
+    assert calibrate("linearized", TABLE_1, {n: v[::3] for n, v in data.items()}, ["psi"]).lack_of_fit is None

@@ -34,6 +34,7 @@ from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import (
     Quantity,
+    Scale,
     about,
     example,
     has_unit,
@@ -271,6 +272,13 @@ class Calibration(Result):
         return tests if scatter is None else (scatter, *tests)
 
     @property
+    def lack_of_fit(self) -> doubts.LackOfFit | None:
+        """The test of the fit against the scatter of repeats; None without repeats, and for a robust loss."""
+        if self.problem.loss != "linear":
+            return None
+        return doubts.lack_of_fit(self.data, self.fitted, self.identifiability.rank)
+
+    @property
     def bounds(self) -> dict[str, tuple[float, float]]:
         """The least and the greatest value that each parameter may take."""
         problem, value = self.problem, self.problem.forward.from_theta
@@ -370,8 +378,18 @@ class Calibration(Result):
             Row("rms", "", rms, scale.unit, f"of the residuals; {self.error_meaning}"),
             Row("leave_one_out", "", "–" if open_row else left_out, scale.unit, of_left_out),
             *([] if self.data.uncertainty is None else [chi2]),
+            *self._row_of_repeats(scale),
             Row("aicc", "", "–" if self.aicc == np.inf else format_number(self.aicc, 5), "", of_aicc),
         ]
+
+    def _row_of_repeats(self, scale: Scale) -> list[Row]:
+        lack = self.lack_of_fit
+        if lack is None:
+            return []
+        known = self.data.uncertainty is not None
+        size = f"{lack.scatter:.2g} stated errors" if known else scale.beside(f"{lack.scatter / scale.size:.3g}")
+        words = f"of lack of fit, probability {lack.probability:.2g}; repeats scatter by {size}"
+        return [Row("lack_of_fit", "F", format_number(lack.ratio, 4), "", words)]
 
     @property
     def title(self) -> str:

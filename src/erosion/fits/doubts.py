@@ -13,7 +13,7 @@ variance are a pattern too (Fisher), which few rows show where their signs say n
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -304,6 +304,41 @@ def worst_row(data: Measurements, fitted: np.ndarray, groups: Sequence[Condition
     label = next((group.label for group in groups if row in group.rows), "")
     where = f"{np.rad2deg(data.angle[row]):.3g}°{f' and {label}' if label else ''}"
     return f"at {where} the fit has {of_fit}, the data have {of_data}"
+
+
+class LackOfFit(NamedTuple):
+    """The misfit of repeats' means against the scatter of repeats, which no model can explain.
+
+    Args:
+        ratio: of the two variances, F.
+        probability: that a model that is right has such a ratio or a greater one.
+        scatter: root of the repeats' variance, over the stated errors if there are any [of the data without].
+        freedom: of the scatter.
+    """
+
+    ratio: float
+    probability: float
+    scatter: float
+    freedom: int
+
+
+def lack_of_fit(data: Measurements, fitted: np.ndarray, rank: int) -> LackOfFit | None:
+    """Fisher's test by repeats; None where too few rows or conditions are repeated.
+
+    Args:
+        data: the measurements.
+        fitted: the erosion of the fit, shape (rows,).
+        rank: the determined combinations of parameters.
+    """
+    values, places = data.at_conditions()
+    weight = np.ones(len(data)) if data.uncertainty is None else data.uncertainty**-2
+    means = (np.bincount(places, weight * data.erosion) / np.bincount(places, weight))[places]
+    freedom, of_means = len(data) - values.shape[1], values.shape[1] - rank
+    scatter, misfit = weight @ (data.erosion - means) ** 2, weight @ (means - fitted) ** 2
+    if freedom < 1 or of_means < 1 or not scatter > 0:
+        return None
+    ratio = float(misfit / of_means / (scatter / freedom))
+    return LackOfFit(ratio, float(stats.f.sf(ratio, of_means, freedom)), float(np.sqrt(scatter / freedom)), freedom)
 
 
 def are_noise(residuals: np.ndarray, erosion: np.ndarray) -> bool:
