@@ -194,6 +194,7 @@ class ParticleErosion:
             f"// Finnie's curve differs from the model's by up to {self.misfit:.2%} of its maximum,\n"
             f"// by {self.rms:.2%} in the mean of squares over all angles.\n"
             f"{commented(self.losses.statement, '//')}"
+            "// It goes into `cloudFunctions` of the cloud's properties, such as constant/kinematicCloudProperties.\n"
             "particleErosion1\n"
             "{\n"
             "    type        particleErosion;\n"
