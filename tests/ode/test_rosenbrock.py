@@ -231,6 +231,18 @@ def test_the_program_finds_the_stiff_lanes() -> None:
     np.testing.assert_allclose(end.along("mu").t[1], 0.8068526, rtol=1e-3)
 
 
+def test_a_lane_out_of_steps_shows_what_the_explicit_method_reached() -> None:
+    swing = ode.Problem({"x": 1.0, "v": 0.0}, lambda t, y, args: {"x": y["v"], "v": -args["k"] * y["x"]})
+    auto, explicit = (
+        ode.solve(swing, {"k": np.array([1.0, 2.0])}, t1=1e4, max_steps=60, method=each)
+        for each in ("auto", "explicit")
+    )
+    assert np.all(auto.ended_by == "unfinished")
+    assert not np.any(auto.stiff)
+    np.testing.assert_array_equal(auto.t, explicit.t)
+    np.testing.assert_array_equal(auto.y["x"], explicit.y["x"])
+
+
 def test_a_stiff_lane_of_the_program_in_jax() -> None:
     slope = jax.grad(lambda mu: ode.solve(OSCILLATOR, {"mu": mu}, t1=1e4, rtol=1e-7).t)(1000.0)
     end = ode.solve(OSCILLATOR, {"mu": 1000.0}, t1=1e4, rtol=1e-7, wrt="mu")

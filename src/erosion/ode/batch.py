@@ -169,7 +169,8 @@ def _by_other_methods(
 ) -> None:
     """Integrate lanes that turned out to be stiff, or took too many steps, by the method for stiff motions.
 
-    Where that has no result either, or cannot be compiled, a stiff lane is integrated as if it were not.
+    Where that has no result either, or cannot be compiled, a stiff lane is integrated as if it were not, and one of
+    too many steps shows what it had reached.
     """
     results, layout = batch.results, batch.layout
     if results.stiff is None:
@@ -186,11 +187,16 @@ def _by_other_methods(
         except NotForLanesError:
             lanes = lanes[given_up[lanes]]
             continue
+        lost = layout.has_no_result(found.outcome)
+        better = given_up[lanes] | ~lost
+        those = lanes[better]
         for name in ("outcome", "time", "outputs", "trials", "count", "at_once", "least"):
-            _put(getattr(results, name), getattr(found, name), lanes)
-        results.tolerance[lanes], batch.used[lanes] = rtol, found.tolerance
-        results.stiff[lanes] = method == "rosenbrock"
-        lanes = lanes[layout.has_no_result(found.outcome) & given_up[lanes]]
+            _put(
+                getattr(results, name), jax.tree.map(lambda part, kept=better: part[kept], getattr(found, name)), those
+            )
+        results.tolerance[those], batch.used[those] = rtol, found.tolerance[better]
+        results.stiff[those] = method == "rosenbrock"
+        lanes = lanes[lost & given_up[lanes]]
 
 
 def _with_fewer_derivatives(
