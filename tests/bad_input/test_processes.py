@@ -164,7 +164,6 @@ def test_a_terminal_without_greek_letters_gets_words(environment: str) -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        "run --case {}",
         "run {}",
         "run --plot {}",
         "run --plot={}",
@@ -180,7 +179,7 @@ def test_a_terminal_without_greek_letters_gets_words(environment: str) -> None:
         "export --table {}",
         "advise -o {}",
         "report -o {}",
-        "exercise --case {} -o tasks.ipynb",
+        "exercise {} -o tasks.ipynb",
         "models --path {}",
         "materials {}",
         "explore --materials {}",

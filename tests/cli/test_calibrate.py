@@ -76,7 +76,7 @@ def sand(tmp_path_factory):
     rows = zip(*columns.values(), strict=True)
     data.write_text("# 0.3 mm\n" + ",".join(columns) + "\n" + "\n".join(",".join(map(str, row)) for row in rows))
     case.write_text(dump_case(SAND.replace(v0=110.0)))
-    return ["calibrate", str(data), "--case", str(case), "--density", "7850 kg/m^3", "--starts", "2"]
+    return ["calibrate", str(data), str(case), "--density", "7850 kg/m^3", "--starts", "2"]
 
 
 def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, shell):
@@ -95,10 +95,7 @@ def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, shell):
     case, _, advice = path.read_text().partition("\n[advise]\n")
     assert case.endswith('\ncutting_fraction = 0.3  # share of the particles that cut\nmodel = "linearized"\n')
     assert 'uncertain = { sigma = "lognormal(15' in advice
-    assert (
-        shell(["run", "--case", str(path), "--json"]).document["case"]["parameters"]["k"]["value"]
-        == printed["estimates"]["k"]
-    )
+    assert shell(["run", str(path), "--json"]).document["case"]["parameters"]["k"]["value"] == printed["estimates"]["k"]
 
 
 def test_an_estimate_at_a_bound_has_a_law_within_it_and_an_undetermined_one_none(sand, tmp_path):
@@ -154,7 +151,7 @@ def aluminium(tmp_path_factory):
         lines += [f"{angle:g},{speed:g},{one:.2f},{error:.2f}" for angle, one in zip(degrees, noisy, strict=True)]
     data.write_text("\n".join(lines))
     case.write_text(dump_case(p.replace(k=2.0)))
-    words = ["calibrate", str(data), "--case", str(case), "--density", "2.7 g/cm^3", "--starts", "4"]
+    words = ["calibrate", str(data), str(case), "--density", "2.7 g/cm^3", "--starts", "4"]
     return [*words, "--free", "k,cutting_fraction,energy_ratio"]
 
 
@@ -234,7 +231,7 @@ def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, shel
     _, data, _, case, *_ = aluminium
     assert "\n".join(Path(data).read_text().splitlines()[:3]).replace(",", ", ").replace(",  ", ", ") in page
     monkeypatch.chdir(Path(data).parent)
-    words = ["calibrate", Path(data).name, "--case", case, "--density", "2.7 g/cm^3", "--free"]
+    words = ["calibrate", Path(data).name, case, "--density", "2.7 g/cm^3", "--free"]
     models = ["--model", "linearized,linearized-deformation"]
     tables, next_step = shell([*words, "k,cutting_fraction,energy_ratio,threshold", *models]).out.split(
         "\na nozzle's angle"

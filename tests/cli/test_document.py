@@ -97,7 +97,7 @@ def test_calibrate(document, tmp_path) -> None:
     volumes = [erosion.impact("linearized", p.replace(alpha=math.radians(angle))).volume * 1e9 for angle in angles]
     rows = "\n".join(f"{angle}, {volume:.6g}" for angle, volume in zip(angles, volumes, strict=True))
     data.write_text(f"angle [deg], volume [mm^3]\n{rows}\n")
-    printed = document("calibrate", str(data), "--case", CASE, "--model", "linearized,finnie")
+    printed = document("calibrate", str(data), CASE, "--model", "linearized,finnie")
     # Both have the same curve, `finnie` at three times the k; rounding of the rows decides which is first.
     first, second = (model["name"] for model in printed["model"])
     assert {first, second} == {"linearized", "finnie"}

@@ -75,7 +75,7 @@ def value(document: dict[str, Any], name: str) -> float:
 
 
 def test_the_error_of_a_fit_goes_on_to_the_map(shell: Shell) -> None:
-    document, err = said("map impacts.csv --case sand.toml --uncertain post.nc --draws 256 --json", shell)
+    document, err = said("map impacts.csv sand.toml --uncertain post.nc --draws 256 --json", shell)
     assert err == ""
     with xr.open_dataset("post.nc", group="posterior") as stored:
         factor = 1 / stored["psi"].values
@@ -87,7 +87,7 @@ def test_the_error_of_a_fit_goes_on_to_the_map(shell: Shell) -> None:
     assert value(document, "total_relative_error") == pytest.approx(both)
     assert document["case"]["varied"]["psi"] == "uncertain 1,000 values of post.nc, row by row of psi"
     assert document["seed"] == 0
-    plain, _ = said("map impacts.csv --case sand.toml --json", shell)
+    plain, _ = said("map impacts.csv sand.toml --json", shell)
     assert value(plain, "total_relative_error") < value(document, "total_relative_error")
 
 
@@ -139,11 +139,9 @@ k = "normal(2.4, 0.2)"
 psi = "lognormal(2, 0.1)"
 """
     Path("map.toml").write_text(CASE + section)
-    of_file, _ = said("map impacts.csv --case map.toml --draws 16 --json", shell)
+    of_file, _ = said("map impacts.csv map.toml --draws 16 --json", shell)
     laws = '--uncertain "k=normal(2.4, 0.2)" --uncertain "psi=lognormal(2, 0.1)" --correlation k,psi=-0.9'
-    line = (
-        f'map impacts.csv --case sand.toml --model rotating --phidot0 "normal(0, 1e4 rad/s)" {laws} --draws 16 --json'
-    )
+    line = f'map impacts.csv sand.toml --model rotating --phidot0 "normal(0, 1e4 rad/s)" {laws} --draws 16 --json'
     options, _ = said(line, shell)
     assert of_file["result"] == options["result"]
     joint = CorrelatedLaws({"k": Normal(2.4, 0.2), "psi": LogNormal(2.0, 0.1)}, {("k", "psi"): -0.9})
@@ -158,7 +156,7 @@ def test_draws_in_a_csv_file_are_uncertain_together(shell: Shell) -> None:
     psi = np.geomspace(1.5, 2.5, 64)
     with Path("draws.csv").open("w") as file:
         csv.writer(file).writerows([("sigma [GPa]", "psi", "chain"), *((3 / q, q, 0) for q in psi)])
-    document, _ = said("map impacts.csv --case sand.toml --uncertain draws.csv --json", shell)
+    document, _ = said("map impacts.csv sand.toml --uncertain draws.csv --json", shell)
     # σψ is one number.
     assert value(document, "total_parameter_error") == pytest.approx(0, abs=1e-8)
 
@@ -167,7 +165,7 @@ def test_impacts_take_spin_and_force_ratio_from_one_row(shell: Shell) -> None:
     spin, k = np.linspace(-2e4, 2e4, 16), np.linspace(1.5, 3.0, 16)
     with Path("spins.csv").open("w") as file:
         csv.writer(file).writerows([("phidot0 [rad/s]", "k"), *zip(spin, k, strict=True)])
-    document, _ = said("map impacts.csv --case sand.toml --model rotating --rows spins.csv --seed 2 --json", shell)
+    document, _ = said("map impacts.csv sand.toml --model rotating --rows spins.csv --seed 2 --json", shell)
     case, table = erosion.load_case("sand.toml"), erosion.read_impacts("impacts.csv")
     wear = erosion.erosion_map("rotating", case, table, seed=2, **Rows({"phidot0": spin, "k": k}))
     assert value(document, "total_volume") == pytest.approx(float(wear["total_volume"]), rel=1e-9)
@@ -176,21 +174,19 @@ def test_impacts_take_spin_and_force_ratio_from_one_row(shell: Shell) -> None:
 
 
 def test_the_share_that_cuts_is_a_factor_of_the_map(shell: Shell) -> None:
-    whole, _ = said("map impacts.csv --case sand.toml --json", shell)
-    part, _ = said("map impacts.csv --case sand.toml --cutting-fraction 0.4 --json", shell)
+    whole, _ = said("map impacts.csv sand.toml --json", shell)
+    part, _ = said("map impacts.csv sand.toml --cutting-fraction 0.4 --json", shell)
     assert value(part, "total_volume") == pytest.approx(0.4 * value(whole, "total_volume"))
     Path("half.toml").write_text("cutting_fraction = 0.5\n" + CASE)
-    half, _ = said("map impacts.csv --case half.toml --json", shell)
+    half, _ = said("map impacts.csv half.toml --json", shell)
     assert value(half, "total_volume") == pytest.approx(0.5 * value(whole, "total_volume"))
-    line = "map impacts.csv --case half.toml --uncertain 'cutting_fraction=uniform(0.2, 0.4)' --json"
+    line = "map impacts.csv half.toml --uncertain 'cutting_fraction=uniform(0.2, 0.4)' --json"
     unknown, _ = said(line, shell)
     assert value(unknown, "total_volume") == pytest.approx(0.3 * value(whole, "total_volume"), rel=0.01)
 
 
 def test_a_case_that_is_not_the_fits_is_a_warning(shell: Shell) -> None:
-    line = (
-        "map impacts.csv --case sand.toml --uncertain post.nc --sigma '2 GPa' --cutting-fraction 0.5 --draws 4 --json"
-    )
+    line = "map impacts.csv sand.toml --uncertain post.nc --sigma '2 GPa' --cutting-fraction 0.5 --draws 4 --json"
     document, err = said(line, shell)
     assert document["warnings"] == [
         "post.nc: the draws hold for σ = 1.5e+09 Pa, but the case has 2e+09 Pa.",
@@ -220,7 +216,7 @@ def test_own_parameters_may_be_those_of_the_fit_in_other_units(shell: Shell) -> 
     model = ["--model", "linearized-deformation", "--set", "threshold=12 m/s"]
     fit = ["posterior", "tests.csv", "sand.toml", "--draws", "125", "--free", "psi"]
     shell([*fit, *model, "-o", "slow.nc"])
-    line = "map impacts.csv --case sand.toml --units inch-pound --uncertain slow.nc --draws 2 --json"
+    line = "map impacts.csv sand.toml --units inch-pound --uncertain slow.nc --draws 2 --json"
     document, _ = said(f"{line} --model linearized-deformation --set 'threshold=12 m/s'", shell)
     assert not any("the draws hold for" in sentence for sentence in document["warnings"])
     document, _ = said(f"{line} --model linearized-deformation --set 'threshold=15 m/s'", shell)
@@ -245,7 +241,7 @@ def test_draws_are_read_in_other_units() -> None:
         erosion.stream("linearized", p, n=64, uncertain=drawn.rows_of_draws())
 
 
-MAP, STREAM = "map impacts.csv --case sand.toml", "stream sand.toml --v0 'normal(25, 1)' --r 'normal(0.1 mm, 0.01 mm)'"
+MAP, STREAM = "map impacts.csv sand.toml", "stream sand.toml --v0 'normal(25, 1)' --r 'normal(0.1 mm, 0.01 mm)'"
 BAD = [
     (f"{MAP} --uncertain nowhere.nc", "Option `--uncertain`: nowhere.nc: is not there."),
     (f"{MAP} --uncertain tests.csv", "must be left out: each row of the table has its own."),
@@ -271,7 +267,7 @@ BAD = [
     (f"{STREAM} --rows nowhere.csv", "Option `--rows` must name a CSV file, but 'nowhere.csv' cannot be read"),
     (f"{STREAM} --rows speeds.csv", "Option `--rows` must give v0 alone, but v0 has another law, too."),
     ("stream bad.toml", "bad.toml: field `correlation` of [stream] must be a table such as"),
-    ("map impacts.csv --case bad-map.toml", "bad-map.toml: field `v0` of [map] has no meaning here"),
+    ("map impacts.csv bad-map.toml", "bad-map.toml: field `v0` of [map] has no meaning here"),
 ]  # fmt: skip
 
 

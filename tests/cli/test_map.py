@@ -35,7 +35,7 @@ inertia = 0.5
 v0 = 25.0
 alpha = 0.44
 """
-OPTIONS = ["--surface", str(RUNS / "serial"), "--patch", "hump", "--case", "sand.toml"]
+OPTIONS = ["--surface", str(RUNS / "serial"), "--patch", "hump", "sand.toml"]
 
 
 @pytest.fixture(autouse=True)
@@ -98,7 +98,7 @@ def test_without_a_model_the_number_is_one_that_tests_find(shell: Shell) -> None
     assert 2.9e-6 < ratio < 29e-6  # what DNV's tests find at 22.9 m/s
     assert shell([*given, "--target", "aluminium 6061", "--json"]).document["model"]["name"] == "dnv:aluminium"
     assert shell([*given, "--json"]).document["model"]["name"] == "dnv:carbon-steel"
-    for cut in (["--k", "2"], ["--cutting-fraction", "0.5"], ["--case", "sand.toml"], ["--scaling", "none"]):
+    for cut in (["--k", "2"], ["--cutting-fraction", "0.5"], ["sand.toml"], ["--scaling", "none"]):
         assert shell([*given, *cut, "--json"]).document["model"]["name"] == "linearized"
     assert shell([*given, "--target", "titanium", "--json"]).document["model"]["name"] == "linearized"
 
@@ -116,9 +116,9 @@ def test_a_spin_that_is_given_takes_the_place_of_the_tables(shell: Shell) -> Non
         return shell(["map", *words, "--model", "rotating", "--json"]).document["result"]["total_volume"]["value"]
 
     assert total("spins.csv", "--phidot0", "-1e4") == total("plain.csv", "--phidot0", "-1e4")
-    assert total("spins.csv", "--case", "of_map.toml") == total("plain.csv", "--phidot0", "-1e4")
-    assert total("spins.csv", "--case", "sand.toml") == total("plain.csv", "--phidot0", "2e4")
-    assert total("plain.csv", "--case", "sand.toml") == total("plain.csv", "--phidot0", "-3e4")
+    assert total("spins.csv", "of_map.toml") == total("plain.csv", "--phidot0", "-1e4")
+    assert total("spins.csv", "sand.toml") == total("plain.csv", "--phidot0", "2e4")
+    assert total("plain.csv", "sand.toml") == total("plain.csv", "--phidot0", "-3e4")
 
 
 def test_a_table_of_angles_has_totals_and_sentences(shell: Shell) -> None:
@@ -126,7 +126,7 @@ def test_a_table_of_angles_has_totals_and_sentences(shell: Shell) -> None:
     rows += [(200, 2650, 10, 0 if i == 0 else 30, 5 + i) for i in range(20)]
     with Path("rows.csv").open("w") as file:
         csv.writer(file).writerows(rows)
-    given = ["--case", "sand.toml", "--duration", "60 s", "--density", "7800 kg/m^3", "-o", "totals.csv"]
+    given = ["sand.toml", "--duration", "60 s", "--density", "7800 kg/m^3", "-o", "totals.csv"]
     first, second = shell(["map", "rows.csv", *given]).err.splitlines()
     assert first == "warning: 1 of 20 rows have no velocity, as parcels that stick to a wall, and are not counted."
     assert second.startswith("warning: 0.42 g/kg is far from what tests on ductile metals find at 30 m/s")
@@ -147,7 +147,7 @@ def positions_on(surface: Surface) -> Path:
 @pytest.mark.parametrize("part", ["pipe", "plate", "hump"])
 def test_a_surface_in_millimetres(part: str, shell: Shell) -> None:
     table = positions_on(PARTS[part])
-    given = ["map", str(table), "--case", "sand.toml", "--duration", "1 s", "--surface"]
+    given = ["map", str(table), "sand.toml", "--duration", "1 s", "--surface"]
     write(PARTS[part], Path("metres.vtp"))
     write(PARTS[part], Path("part.stl"), 1000)
     expected = shell([*given, "metres.vtp", "--json"]).document["result"]
@@ -162,7 +162,7 @@ def test_a_surface_in_millimetres(part: str, shell: Shell) -> None:
 def test_a_larger_plate_and_rows_off_it_are_said(shell: Shell) -> None:
     table = positions_on(PARTS["plate"])
     write(PARTS["plate"], Path("part.stl"), 2)
-    given = ["map", str(table), "--case", "sand.toml", "--surface", "part.stl"]
+    given = ["map", str(table), "sand.toml", "--surface", "part.stl"]
     assert "lie as well on one that is 2 × smaller" in (err := shell(given).err)
     assert "Option `--surface-unit` must be 'm'." in err
     assert "smaller" not in shell([*given, "--surface-unit", "m"]).err

@@ -46,9 +46,9 @@ def test_a_name_says_which_fields_of_the_case_it_replaces(shell: Shell, in_folde
     (in_folder / "fit.toml").write_text(erosion.dump_case(fitted))
     assert (
         "warning: --target takes the place of psi in fit.toml; without --target they stay."
-        in shell("optimum --case fit.toml --target 'aluminium 6061' --json").err
+        in shell("optimum fit.toml --target 'aluminium 6061' --json").err
     )
-    assert "takes the place" not in shell("optimum --case fit.toml --target 'aluminium 6061' --psi 21.5 --json").err
+    assert "takes the place" not in shell("optimum fit.toml --target 'aluminium 6061' --psi 21.5 --json").err
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ VERBS = {
 def test_a_case_file_says_the_same_as_options(verb: str, shell: Shell) -> None:
     words, angle = VERBS[verb]
     by_options = document([*words, *NAMES, *AT, *angle, *SHARE], shell)
-    by_file = document([*words, "--case", "case.toml"], shell)
+    by_file = document([words[0], "case.toml", *words[1:]], shell)
     for key in ("result", "warnings"):
         assert by_options[key] == by_file[key]
     assert "erosion_ratio" in json.dumps(by_file["result"])
@@ -185,7 +185,7 @@ def test_calibrate_takes_the_density_of_the_target(shell: Shell) -> None:
     fits = []
     for of_target in (
         [*NAMES, "--units", "si", "--cutting-fraction", "0.25"],
-        ["--case", "mine.toml"],
+        ["mine.toml"],
         [*NAMES[:2], "--sigma", f"{float(p.sigma)!r} Pa", "--psi", "2", "--units", "si",
          "--cutting-fraction", "0.25", "--density", "2.7 g/cm^3"],
     ):  # fmt: skip
@@ -196,14 +196,14 @@ def test_calibrate_takes_the_density_of_the_target(shell: Shell) -> None:
         assert fit["cutting_fraction"] == 0.25
     assert "density" in shell([*words, "--units", "si"], 2).err
     # The file that calibrate writes has what g/kg need.
-    weighed = document(["run", "--case", "fitted.toml"], shell)["result"]
+    weighed = document(["run", "fitted.toml"], shell)["result"]
     assert weighed["erosion_ratio"]["value"] == pytest.approx(float(np.interp(20, np.rad2deg(alpha), loss)) * 1e-6)
 
 
 def test_map_takes_densities_and_the_share_from_names_and_case_files(shell: Shell) -> None:
     Path("hits.csv").write_text(IMPACTS)
     by_options = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2", *SHARE], shell)["result"]
-    assert by_options == document(["map", "hits.csv", "--case", "case.toml"], shell)["result"]
+    assert by_options == document(["map", "hits.csv", "case.toml"], shell)["result"]
     whole = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2"], shell)["result"]
     for name in ("total_volume", "total_mass", "total_erosion_ratio"):
         assert by_options[name]["value"] == pytest.approx(0.03 * whole[name]["value"], rel=1e-12)
@@ -221,13 +221,13 @@ def test_map_says_where_the_erosion_is_far_from_tests(shell: Shell) -> None:
     Path("hits.csv").write_text(IMPACTS)
     messages = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2"], shell)["warnings"]
     assert [message for message in messages if FAR in message]
-    messages = document(["map", "hits.csv", "--case", "case.toml", "--cutting-fraction", "0.1"], shell)["warnings"]
+    messages = document(["map", "hits.csv", "case.toml", "--cutting-fraction", "0.1"], shell)["warnings"]
     assert not [message for message in messages if FAR in message]
 
 
 def test_export_writes_the_share_that_cuts(shell: Shell) -> None:
     axes = ["--angles", "20deg", "--speeds", "100 m/s", "--diameters", "0.3 mm"]
-    for path, words in (("whole.csv", [*NAMES, *AT]), ("part.csv", ["--case", "case.toml"])):
+    for path, words in (("whole.csv", [*NAMES, *AT]), ("part.csv", ["case.toml"])):
         assert _status(["export", "--model", "linearized", "--table", path, *axes, *words]) == 0
     (whole,), (part,) = (
         list(csv.DictReader(Path(path).read_text().splitlines())) for path in ("whole.csv", "part.csv")
@@ -235,7 +235,7 @@ def test_export_writes_the_share_that_cuts(shell: Shell) -> None:
     assert float(part["volume [m^3]"]) == pytest.approx(0.03 * float(whole["volume [m^3]"]), rel=1e-9)
     forms = [
         document(["export", "--model", "finnie", "--openfoam", path, *words], shell)["result"]["openfoam"]
-        for path, words in (("whole.txt", [*NAMES, *AT]), ("part.txt", ["--case", "case.toml"]))
+        for path, words in (("whole.txt", [*NAMES, *AT]), ("part.txt", ["case.toml"]))
     ]
     assert forms[1]["p"]["value"] == pytest.approx(forms[0]["p"]["value"] / 0.03, rel=1e-6)
     assert "cutting fraction 0.03 is part of what is written here" in Path("part.txt").read_text()
@@ -250,7 +250,7 @@ def test_bare_numbers_beside_a_named_particle_are_in_si(shell, tmp_path):
     assert _case([*named, "--units", "inch-pound", "--v0", "4400"], shell)["v0"] == {"value": 4400.0, "unit": "in/s"}
     case = tmp_path / "case.toml"
     case.write_text(dump_case(erosion.TABLE_1))
-    assert _case([*named, "--case", str(case), "--v0", "4400"], shell)["v0"]["unit"] == "in/s"
+    assert _case([*named, str(case), "--v0", "4400"], shell)["v0"]["unit"] == "in/s"
     assert _case(["run", "--target", "copper", "--v0", "4400", "--json"], shell)["v0"]["unit"] == "in/s"
 
 

@@ -78,7 +78,7 @@ def test_every_path_of_a_case_begins_at_its_folder(two_folders):
 @pytest.mark.parametrize("verb", ["run", "stream"])
 def test_a_case_gives_the_same_from_every_folder(two_folders, monkeypatch, shell, verb):
     def computed(case: str) -> str:
-        return json.dumps(shell([verb, "--case", case, "--json"]).result)
+        return json.dumps(shell([verb, case, "--json"]).result)
 
     from_above = computed("cases/case.toml")
     monkeypatch.chdir(two_folders / "cases")
@@ -86,22 +86,20 @@ def test_a_case_gives_the_same_from_every_folder(two_folders, monkeypatch, shell
 
 
 def test_a_path_of_an_option_begins_at_the_working_folder(two_folders, shell):
-    document = shell("run --case cases/case.toml --model plug.py --json").document
+    document = shell("run cases/case.toml --model plug.py --json").document
     assert document["model"]["own_parameters"]["softness"]["value"] == 3.0
 
 
 def test_the_option_that_names_the_model_of_the_file_keeps_its_numbers(two_folders, shell):
     case = Path("cases/case.toml")
     case.write_text("set = {softness = 2.0}\n" + CASE)
-    document = shell(
-        ["run", "--case", str(case), "--model", "../" + Path.cwd().name + "/cases/plug.py", "--json"]
-    ).document
+    document = shell(["run", str(case), "--model", "../" + Path.cwd().name + "/cases/plug.py", "--json"]).document
     assert document["model"]["own_parameters"]["softness"]["value"] == 2.0
 
 
 def test_what_is_not_beside_the_case_is_named_where_it_was_looked_for(two_folders, shell):
     Path("cases/plug.py").unlink()
-    assert "cases/plug.py" in shell("run --case cases/case.toml", 2).err
+    assert "cases/plug.py" in shell("run cases/case.toml", 2).err
 
 
 def test_many_models_are_no_path_that_is_too_long(tmp_path, monkeypatch, shell):

@@ -74,7 +74,7 @@ def test_a_stream_of_another_model_is_another_stream(harder, shell):
     words = ["stream", "--model", harder, "--n", "64", "--no-best-angle", "--v0", "normal(4400, 40)", "-o", "jet.nc"]
     case = erosion.dump_case(P) + "\n[stream]\nset.factor = 2\n"
     Path("case.toml").write_text(case)
-    printed = shell([*words, "--case", "case.toml", "--json"]).document
+    printed = shell([*words, "case.toml", "--json"]).document
     assert printed["model"]["own_parameters"]["factor"]["value"] == 2.0
     assert printed["result"]["mean_volume"]["value"] == pytest.approx(1.816436352531e-4 / 2, rel=0.01)
     import xarray as xr

@@ -40,7 +40,6 @@ def test_options_overrule_the_case_file(case, tmp_path, shell):
     out = tmp_path / "out.nc"
     arguments = [
         "sweep",
-        "--case",
         case,
         "--v0",
         "100 m/s",

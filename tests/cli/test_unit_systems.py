@@ -111,7 +111,7 @@ def in_metres(text: Any) -> Any:
 def test_numbers_and_sentences_are_the_same_in_both_unit_systems(verb: str, shell: Shell, in_folder: Path) -> None:
     documents, tables = {}, {}
     for units, case in BOTH.items():
-        documents[units] = document([*VERBS[verb], "--case", str(case)], shell)
+        documents[units] = document([*VERBS[verb], str(case)], shell)
         assert documents[units].pop("units") == units
         del documents[units]["case"]["file"], documents[units]["case"]["name"]
         tables[units] = in_si((in_folder / "out.csv").read_text()) if (in_folder / "out.csv").exists() else []
@@ -138,7 +138,7 @@ def in_si(text: str) -> list[Any]:
 def test_a_map_without_a_case_is_in_si(shell: Shell) -> None:
     bare = document(["map", "impacts.csv"], shell)
     assert bare["units"] == "si"
-    by_file = document(["map", "impacts.csv", "--case", str(BOTH["si"])], shell)
+    by_file = document(["map", "impacts.csv", str(BOTH["si"])], shell)
     assert differences(bare["result"], by_file["result"]) == {}
     speed = bare["result"]["total_v0_mean"]
     assert speed == {"value": pytest.approx(105.0), "unit": "m/s"}

@@ -237,7 +237,7 @@ def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pyte
     exported = json.loads(download("All numbers (JSON)").read_text())
     case = download("The case (TOML)")
     capsys.readouterr()
-    assert _status(["run", "--case", str(case), "--model", "rotating", "--json"]) == 0
+    assert _status(["run", str(case), "--model", "rotating", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     numbers = {name: quantity["value"] for name, quantity in printed["case"]["parameters"].items()}
     assert exported["parameters"] == {"units": printed["units"], **numbers}

@@ -15,6 +15,8 @@ from erosion.cli.options import (
     LAWS,
     OUTPUT,
     SURFACE,
+    CaseArgument,
+    CaseOptions,
     EachRow,
     JsonOption,
     PlotOption,
@@ -22,12 +24,16 @@ from erosion.cli.options import (
     WholeOption,
     output_option,
     read_option,
+    with_file,
 )
 from erosion.cli.output import Output, PerMassOptions, density_option, draw, progress_bar, require_outputs, weighing
 from erosion.cli.sweep import dask_cluster
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+_CASE = "Case file; without it, --target's correlation, or steel's."
 
 
 @Parameter(name="*", group=SURFACE)
@@ -218,6 +224,7 @@ class _Picture:
 
 def map_(
     impacts: Annotated[Path, Parameter(help="OpenFOAM case, .post, .dat, Fluent's .dpm, .csv, .parquet.")],
+    file: Annotated[CaseArgument, Parameter(help=_CASE)] = None,
     /,
     *,
     target: _Surface | None = None,
@@ -237,12 +244,10 @@ def map_(
 ) -> None:
     """Compute the wear of a surface by the impacts of a CFD run.
 
-    Speed, angle and mass are those of each row. Without --model and a case it is the
-    correlation of the --target, or of steel. A parameter may vary, --k "normal(2, 0.2)",
-    or be --uncertain. Table [map] of a case file takes the same.
+    A parameter may vary: --k "normal(2, 0.2)", as in a case file's table [map].
     """
     target, rows, picture = target or _Surface(), rows or _Rows(), picture or _Picture()
-    options = _in_si(case or EachRow())
+    options = _in_si(with_file(case, file))
     section = options.section("map", ("model", "set", *LAW_FIELDS))
     _refuse_replaced(options, section)
     has_cut = bool(options.case or options.given() or own or joint or rows.diameter or rows.scaling != "similar")
@@ -279,12 +284,12 @@ def map_(
     printed.wrote(map=output, figure=picture.plot)
 
 
-def _in_si(case: EachRow) -> EachRow:
+def _in_si(case: CaseOptions) -> CaseOptions:
     """Without a case file and --units, Table 1 in SI, as tables and surfaces of CFD codes are."""
     return dataclasses.replace(case, units="si") if case.case is None and case.units is None else case
 
 
-def _usual_model(case: EachRow) -> str | None:
+def _usual_model(case: CaseOptions) -> str | None:
     """The correlation of the target, steel without one; None where nobody has tests of it.
 
     A model of the cut needs a share of the particles that cut, which nobody has named, to give an amount.
@@ -293,7 +298,7 @@ def _usual_model(case: EachRow) -> str | None:
     return next(iter(metal.correlations), None) if metal else "dnv:carbon-steel"
 
 
-def _refuse_replaced(options: EachRow, section: dict[str, Any]) -> None:
+def _refuse_replaced(options: CaseOptions, section: dict[str, Any]) -> None:
     """Refuse what each row has of its own."""
     options.refuse_angle("each row of the table has its own")
     if "v0" in options.given():

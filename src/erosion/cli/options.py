@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 def _in_short(without: Collection[str]) -> str:
     """The options of a case's parameters in one line, for verbs that have many others."""
-    names = ", ".join(f"--{name}" for name in QUANTITIES if name not in without)
-    return f"Also {names}: see `erosion run --help`."
+    return " ".join(f"--{name}" for name in QUANTITIES if name not in without)
 
 
 # In the order in which help shows them.
@@ -62,7 +61,7 @@ class Help:
                 text.append(" (needed)", "red")
             table.add_row(Text(f" {' '.join(entry.display_labels)}", "cyan"), text)
         if words := _plain(panel.description):
-            table.add_row("", Text(words))
+            table.add_row(Text(" see `run --help`", "dim"), Text(words))
         console.print(Text(str(panel.title), "bold"))
         console.print(table)
 
@@ -100,7 +99,7 @@ def _with_quantities(options: type[_Options], *, show: bool = True) -> type[_Opt
 class CaseOptions:
     """Which impact: a case file, and changes to it."""
 
-    case: Annotated[Path | None, Parameter(help="Case file (TOML); Table 1 without it.")] = None
+    case: Annotated[Path | None, Parameter(parse=False)] = None
     units: Annotated[str | None, Parameter(help='Convert the case, for bare numbers too: "inch-pound", "si".')] = None
     particle: Annotated[
         str | None, Parameter(help='Material and size, for r, b, m: "garnet 0.3 mm", "garnet 80 mesh".')
@@ -308,6 +307,11 @@ class CaseOptions:
                 raise InputError(f"{self.case}: field `{name}` of [{verb}] is unknown; they are {', '.join(known)}.")
         return section
 
+    def fields(self, verb: str, section: Mapping[str, Any], **options: Any) -> dict[str, str]:
+        """By name, words for the field of the verb's section that gives what no option does."""
+        absent = [name for name, option in options.items() if option is None and name in section]
+        return {name: f"{self.case}: field `{name}` of [{verb}]" for name in absent}
+
     def texts(self, verb: str, section: Mapping[str, Any]) -> dict[str, tuple[str, Any]]:
         """By parameter, where the verb's section or an option sets it, and to what; options win."""
         in_file = {
@@ -330,15 +334,12 @@ class EachRow(CaseOptions):
     """Which impact, whose angle and speed a table has."""
 
 
-CaseArgument = Annotated[Path | None, Parameter(help="Case file (TOML), the same as --case.")]
+CaseArgument = Annotated[Path | None, Parameter(help="Case file (TOML); Table 1 without it.")]
 
 
 def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:
-    """The case's options, where its file may also stand alone before them."""
-    options = options or CaseOptions()
-    if file is not None and options.case is not None:
-        raise InputError(f"The case must be given once, but is both {file} and {options.case}.")
-    return options if file is None else dataclasses.replace(options, case=file)
+    """The case of a file and of the options that change it."""
+    return dataclasses.replace(options or CaseOptions(), case=file)
 
 
 def ending(*suffixes: str) -> Callable[[Any, Path | None], None]:

@@ -68,7 +68,7 @@ def results_json(answers: Answers, state: PageState) -> bytes:
 
 
 def case_toml(_: Answers, state: PageState) -> bytes:
-    """The case as a file for `erosion run --case`."""
+    """The case as a file for `erosion run`."""
     return (dump_case(state.case.parameters(), "From the explorer") + dump_per_mass(state.per_mass)).encode()
 
 
