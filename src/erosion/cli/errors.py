@@ -5,7 +5,7 @@ import contextlib
 import re
 import sys
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import cyclopts
 from cyclopts import exceptions
@@ -52,23 +52,28 @@ def printable(text: str) -> str:
     return re.sub(rf"\S{{{_ENDLESS},}}", lambda word: f"{word[0][:40]}… ({len(word[0]):,} characters)", text)
 
 
+_NO_FIELDS: Mapping[str, str] = {}
+
+
 class InputError(ValueError):
     """Something the user gave that cannot be used; the message is one sentence."""
 
 
 @contextlib.contextmanager
-def user_errors(*also: type[Exception]) -> Iterator[None]:
-    """Errors of what the user gave become `InputError`; Python's arguments are options here."""
+def user_errors(*also: type[Exception], fields: Mapping[str, str] = _NO_FIELDS) -> Iterator[None]:
+    """Errors of what the user gave become `InputError`; Python's arguments are options here, or fields of a file."""
     try:
         yield
     except (ValueError, OSError, *also) as error:
-        raise InputError(as_options(sentence(error))) from error
+        raise InputError(as_options(sentence(error), fields)) from error
 
 
-def as_options(text: str) -> str:
-    """A sentence about Python's arguments as one about options."""
+def as_options(text: str, fields: Mapping[str, str] = _NO_FIELDS) -> str:
+    """A sentence about Python's arguments as one about options, or about the fields of a file that give them."""
     # What a plug-in's own code says after "ValueError: " is not about options.
-    return re.sub(r"(?<!Error: )\bArgument `(\w+)`", _as_option, text)
+    return re.sub(
+        r"(?<!Error: )\bArgument `(\w+)`", lambda argument: fields.get(argument[1]) or _as_option(argument), text
+    )
 
 
 def reading(source: str) -> contextlib.AbstractContextManager[None]:

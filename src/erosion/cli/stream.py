@@ -67,7 +67,7 @@ def stream(
     varied, uncertain, draws = jet.read_laws()
     if not (varied or uncertain):
         raise InputError(_NO_LAW)
-    with user_errors(TypeError):
+    with user_errors(TypeError, fields=options.fields("stream", section, n=n, seed=seed, points=points)):
         made = lazy.StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output)
         job = lazy.prepare_stream(jet.model, jet.p, varied, made, uncertain)
     per_mass = weighing(jet.model, abrasive, options)

@@ -106,7 +106,8 @@ def sweep(
     axes |= {name: axis for name, axis in values.items() if axis.ndim}
     if not (axes or isinstance(chosen, list)):
         raise InputError('Options must include an axis, such as --alpha "1deg:90deg:90", or several models.')
-    with user_errors(TypeError):
+    in_file = options.fields("sweep", section, paired=paired, derivatives=derivatives, wrt=wrt, optimum=optimum)
+    with user_errors(TypeError, fields=in_file):
         outputs = lazy.Outputs(
             derivatives=section.get("derivatives", 0) if derivatives is None else derivatives,
             wrt=wrt or section.get("wrt", "alpha"),
