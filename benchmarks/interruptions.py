@@ -66,7 +66,7 @@ _SERVED = 12.0  # s
 _WRITE = [name for name, words in COMMANDS.items() if any(word.startswith(("-o", "--plot")) for word in words)]
 
 
-class Outcome(NamedTuple):
+class Ending(NamedTuple):
     """How a command that was killed or stopped ended, and what it left."""
 
     moment: float  # s after its start
@@ -157,7 +157,7 @@ def main() -> int:
     return 1 if faults else 0
 
 
-Log = Callable[[Outcome], None]
+Log = Callable[[Ending], None]
 _KILL_HEAD = "command | whole [s] | kills | before a file | with files | with drafts | drafts after | not the same"
 _STOP_HEAD = (
     "command | whole [s] | stops | status 130 | other | one line | wall [s] | worst | CPU [s] | worst | "
@@ -225,7 +225,7 @@ def _at_draft(count: int) -> Callable[[Path], Iterator[bool]]:
     return moments
 
 
-def _killed(name: str, place: Place, folder: Path, moment: Callable[[Path], Iterator[bool]]) -> Outcome | None:
+def _killed(name: str, place: Place, folder: Path, moment: Callable[[Path], Iterator[bool]]) -> Ending | None:
     begin = time.monotonic()
     process = place.start(name, folder)
     for has_come in moment(folder):
@@ -240,7 +240,7 @@ def _killed(name: str, place: Place, folder: Path, moment: Callable[[Path], Iter
     _, said = process.communicate()
     if process.returncode != -signal.SIGKILL:
         return None
-    return Outcome(seconds, process.returncode, said, 0.0, 0.0, place.left(folder), _drafts(folder))
+    return Ending(seconds, process.returncode, said, 0.0, 0.0, place.left(folder), _drafts(folder))
 
 
 def _files_of(name: str, place: Place) -> tuple[float, int]:
@@ -282,7 +282,7 @@ def _stop(name: str, place: Place, times: int, chance: random.Random, log: Log) 
     return [name, f"{span:.1f}", *_stop_counts(outcomes), str(wrong)], faults
 
 
-def _stop_counts(outcomes: list[Outcome]) -> list[str]:
+def _stop_counts(outcomes: list[Ending]) -> list[str]:
     statuses = collections.Counter(one.status for one in outcomes)
     others = " ".join(f"{status}×{count}" for status, count in statuses.items() if status != 130)
     lines = sum(one.said.count("\n") == 1 for one in outcomes)
@@ -294,7 +294,7 @@ def _stop_counts(outcomes: list[Outcome]) -> list[str]:
     return [*map(str, (len(outcomes), statuses[130])), others or "0", str(lines), *seconds, left or "0", str(drafts)]
 
 
-def _stopped(name: str, place: Place, folder: Path, wait: float) -> Outcome | None:
+def _stopped(name: str, place: Place, folder: Path, wait: float) -> Ending | None:
     process = place.start(name, folder)
     try:
         process.wait(wait)
@@ -317,7 +317,7 @@ def _stopped(name: str, place: Place, folder: Path, wait: float) -> Outcome | No
         status = process.returncode
     if status == 0:  # it was at its end
         return None
-    return Outcome(wait, status, said, seconds, computed, place.left(folder), _drafts(folder))
+    return Ending(wait, status, said, seconds, computed, place.left(folder), _drafts(folder))
 
 
 def _next_run(name: str, place: Place, folder: Path, expected: dict[str, str]) -> list[str]:
@@ -348,7 +348,7 @@ def _drafts(folder: Path) -> list[str]:
 
 
 def _logger(name: str, *, shown: bool) -> Log:
-    def log(outcome: Outcome) -> None:
+    def log(outcome: Ending) -> None:
         if shown:
             print(name, *(f"{field:.2f}" if isinstance(field, float) else field for field in outcome), file=sys.stderr)
 

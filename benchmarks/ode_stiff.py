@@ -132,7 +132,7 @@ def with_event(case: StiffCase, count: int) -> Lanes:
     return first({name: values[ends] for name, values in lanes.items()}, count)
 
 
-class Contender(NamedTuple):
+class Entrant(NamedTuple):
     """Who computes times of events.
 
     Args:
@@ -145,13 +145,13 @@ class Contender(NamedTuple):
 
 
 CONTENDERS = {
-    "t": Contender(20_000, lambda case, lanes, rtol: time_of(ours(case, lanes, rtol))),
-    "t, t′": Contender(20_000, lambda case, lanes, rtol: time_of(ours(case, lanes, rtol, 1))),
-    "t, t′, t″": Contender(20_000, lambda case, lanes, rtol: time_of(ours(case, lanes, rtol, 2))),
-    "CVODE": Contender(100, lambda case, lanes, rtol: cvode(case, rtol, rtol * case.absolute)(lanes)[0]),
-    "CVODES, t′": Contender(100, lambda case, lanes, rtol: cvode(case, rtol, rtol * case.absolute, 1)(lanes)[0]),
-    "Radau": Contender(8, radau),
-    "Kvaerno5": Contender(8, lambda case, lanes, rtol: kvaerno(case)(lanes, rtol)),
+    "t": Entrant(20_000, lambda case, lanes, rtol: time_of(ours(case, lanes, rtol))),
+    "t, t′": Entrant(20_000, lambda case, lanes, rtol: time_of(ours(case, lanes, rtol, 1))),
+    "t, t′, t″": Entrant(20_000, lambda case, lanes, rtol: time_of(ours(case, lanes, rtol, 2))),
+    "CVODE": Entrant(100, lambda case, lanes, rtol: cvode(case, rtol, rtol * case.absolute)(lanes)[0]),
+    "CVODES, t′": Entrant(100, lambda case, lanes, rtol: cvode(case, rtol, rtol * case.absolute, 1)(lanes)[0]),
+    "Radau": Entrant(8, radau),
+    "Kvaerno5": Entrant(8, lambda case, lanes, rtol: kvaerno(case)(lanes, rtol)),
 }
 SELDOM = ("Radau", "Kvaerno5")
 
