@@ -317,6 +317,13 @@ def as_law(law: Any) -> Any:
     return OfScipy(law) if is_foreign else law
 
 
+def as_laws(given: Any, argument: str = "laws") -> dict[str, Any]:
+    """Laws by parameter, each as `as_law` gives it; a `TypeError` naming the argument where they are no mapping."""
+    if not isinstance(given, Mapping):
+        raise TypeError(f"Argument `{argument}` must be a mapping of parameters to laws, but is {given!r}.")
+    return {name: as_law(law) for name, law in given.items()}
+
+
 LAWS: Mapping[str, type[Any]] = {
     "normal": Normal,
     "lognormal": LogNormal,

@@ -21,7 +21,7 @@ import numpy as np
 from scipy import special
 
 from erosion.arguments import check_unmasked, refuse
-from erosion.distributions import MOST_OUTSIDE, Distribution, OfScipy, Samples, read_columns, shares_within
+from erosion.distributions import MOST_OUTSIDE, Distribution, OfScipy, Samples, as_laws, read_columns, shares_within
 from erosion.output.files import digest
 from erosion.parameters.headings import unused_note
 from erosion.parameters.quantities import Dimension, Quantity, System
@@ -194,6 +194,7 @@ class CorrelatedLaws(JointLaw):
     correlation: Mapping[tuple[str, str], float]
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "laws", as_laws(self.laws))
         for pair, value in self.correlation.items():
             refuse(
                 "Argument `correlation` must ",

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import stats
 
 import erosion
 import erosion.cfd.erosion_map
@@ -107,6 +108,13 @@ def test_it_is_a_map_for_each_draw() -> None:
     assert float(wear["total_parameter_error"]) == pytest.approx(totals.std(ddof=1) / totals.mean(), rel=1e-6)
     ends = np.mean([part["ends"].values for part in maps], axis=0)
     np.testing.assert_allclose(wear["ends"], ends, rtol=1e-12)
+
+
+def test_frozen_laws_of_scipy_are_taken() -> None:
+    ours: dict[str, Any] = {"uncertain": {"psi": Uniform(0.03, 0.05)}, "spin": Normal(0.0, 1e4), "draws": 4}
+    scipys = {**ours, "uncertain": {"psi": stats.uniform(0.03, 0.02)}, "spin": stats.norm(0.0, 1e4)}
+    volumes = [erosion_map("rotating", P, TABLE, SURFACE, **options)["volume"] for options in (ours, scipys)]
+    np.testing.assert_allclose(*volumes, rtol=1e-9)
 
 
 @pytest.mark.parametrize("block", [7, 100])

@@ -39,6 +39,18 @@ def test_correlated_speed_and_size_remove_more():
     assert ratio == pytest.approx(np.exp(2 * 3 * 0.8 * 0.2**2), rel=0.01)
 
 
+def test_frozen_laws_of_scipy_are_taken():
+    def means(speed: Any, k: Any) -> list[float]:
+        tied = CorrelatedLaws({"v0": speed, "r": LogNormal(0.04, 0.2)}, {("v0", "r"): 0.8})
+        return [
+            stream("linearized", TABLE_1, n=256, **FEW, v0=speed, uncertain={"k": k}).mean_volume.value,
+            stream("linearized", TABLE_1, n=256, **FEW, **tied).mean_volume.value,
+        ]
+
+    ours = means(Normal(4400.0, 400.0), Uniform(1.5, 2.5))
+    assert means(stats.norm(4400.0, 400.0), stats.uniform(1.5, 1.0)) == pytest.approx(ours, rel=1e-9, abs=0)
+
+
 def test_a_joint_law_is_one_input_of_the_sensitivities(tmp_path):
     laws = {"v0": LogNormal(4400.0, 0.05), "m": LogNormal(float(TABLE_1.m), 0.1)}
 

@@ -10,7 +10,7 @@ from erosion.advice.job import Job
 from erosion.advice.result import DRAWS, NOZZLE_ANGLES, Advice, Curve, Uncertain
 from erosion.arguments import Progress, no_progress
 from erosion.correlations import CORRELATIONS
-from erosion.distributions import Normal
+from erosion.distributions import Normal, as_laws
 from erosion.fits.forward import FRACTION
 from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.impact import impact
@@ -101,7 +101,7 @@ def advise(
     metal = None if target is None else read_target(target)
     p = p if grit is None else p.with_particle(grit)
     p = p if metal is None else p.with_target(metal)
-    unknown = None if uncertain is None else Uncertain(uncertain)
+    unknown = None if uncertain is None else Uncertain(as_laws(uncertain, "uncertain"))
     if cutting_fraction is None:
         cutting_fraction = CUTTING_FRACTION if unknown is None else FRACTION_OF_A_FIT
     per_mass = PerMass(density if metal is None else metal.density_beside(density), cutting_fraction)

@@ -13,7 +13,7 @@ from scipy.stats import qmc
 from erosion.arguments import check_tolerance, check_whole
 from erosion.cfd.incidence import Hits
 from erosion.cfd.rows import ImpactsError
-from erosion.distributions import Distribution
+from erosion.distributions import Distribution, as_law, as_laws
 from erosion.joint_laws import SHARE, LawSet, require_units
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import CorrelatedBySize
@@ -64,6 +64,9 @@ class MapOptions:
     laws: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "laws", as_laws(self.laws))
+        object.__setattr__(self, "uncertain", as_laws(self.uncertain, "uncertain"))
+        object.__setattr__(self, "spin", as_law(self.spin))
         if self.scaling not in SCALINGS:
             raise ValueError(f"Argument `scaling` must be one of {', '.join(SCALINGS)}, but is {self.scaling!r}.")
         if not (self.spin is None or isinstance(self.spin, Distribution) or self.spin in SPINS):
@@ -99,8 +102,6 @@ class MapOptions:
 
     def _check_names(self) -> None:
         """Refuse laws of what has another value already."""
-        if not isinstance(self.uncertain, Mapping):
-            raise TypeError(f"Argument `uncertain` must be a mapping of parameters to laws, but is {self.uncertain!r}.")
         for name in OF_ROWS:
             if name in self.all_laws:
                 raise ValueError(f"Argument `{name}` must be left out: each row of the table has its own.")

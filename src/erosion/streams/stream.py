@@ -14,6 +14,7 @@ import numpy as np
 
 from erosion.arguments import Progress, check_path, check_tolerance, check_whole, no_progress
 from erosion.correlations.ranges import OutOfRangeWarning
+from erosion.distributions import as_laws
 from erosion.impacts.dataset_files import read_netcdf, write_netcdf
 from erosion.impacts.impact import end_names, impact
 from erosion.impacts.simulate import SimulationError
@@ -82,8 +83,8 @@ def stream(
             their `parameter_errors`.
         progress: called with the name of the work, how much of it is done, and how much there is.
         **distributions: parameter name, of the case or the model's own, to its law from particle to particle, see
-            `erosion.distributions` and `erosion.joint_laws`. Laws of positive parameters of the case are restricted to
-            x > 0; the ranges of own parameters are not known.
+            `erosion.distributions` and `erosion.joint_laws`, or a frozen one of scipy. Laws of positive parameters of
+            the case are restricted to x > 0; the ranges of own parameters are not known.
 
     Returns:
         Mean and total volume, means of the quantities of the model's own, erosion per mass, shares of the outcomes,
@@ -149,9 +150,8 @@ def prepare_stream(
     model = load_model(model)
     validate(p)
     require_one_impact(model, p)
-    if uncertain is not None and not isinstance(uncertain, Mapping):
-        raise TypeError(f"Argument `uncertain` must be a mapping of parameters to laws, but is {uncertain!r}.")
-    particles = Particles(model, p, laws, uncertain or {})
+    unknown = {} if uncertain is None else as_laws(uncertain, "uncertain")
+    particles = Particles(model, p, as_laws(laws), unknown)
     path = options.path
     if path is None:
         return StreamJob(particles, options, {}, None, None)
