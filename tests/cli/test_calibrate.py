@@ -228,7 +228,7 @@ def test_an_end_without_a_unit_has_the_unit_of_the_other_end(table, shell):
 def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, shell):
     monkeypatch.setenv("COLUMNS", "96")
     page = (Path(__file__).parents[2] / "docs" / "calibration.md").read_text()
-    _, data, _, case, *_ = aluminium
+    _, data, case, *_ = aluminium
     assert "\n".join(Path(data).read_text().splitlines()[:3]).replace(",", ", ").replace(",  ", ", ") in page
     monkeypatch.chdir(Path(data).parent)
     words = ["calibrate", Path(data).name, case, "--density", "2.7 g/cm^3", "--free"]

@@ -78,9 +78,7 @@ class _Rows:
         None
     )
     injected: Annotated[str | None, Parameter(help='The sand of the run, if its case does not say it: "2 g".')] = None
-    columns: Annotated[
-        str | None, Parameter(help='Units and meanings of columns: "x,y,z=mm, d50=diameter [um]", or .toml.')
-    ] = None
+    columns: Annotated[str | None, Parameter(help='Units, names: "x,y,z=mm, d50=diameter [um]"; or a .toml.')] = None
     ignore: IgnoreOption = None
     particle_density: Annotated[str | None, Parameter(help='If no column gives it, nor --particle: "2650 kg/m^3".')] = (
         None
@@ -173,14 +171,10 @@ class _Picture:
     """What is drawn, and how."""
 
     plot: PlotOption = None
-    quantity: Annotated[
-        str | None, Parameter(help="What to draw, such as alpha_mean; or the depth, a year if it can be.")
-    ] = None
+    quantity: Annotated[str | None, Parameter(help="Drawn, such as alpha_mean; else depth, a year if it can.")] = None
     view: Annotated[
         str,
-        Parameter(
-            help='Of the "worst" face, "iso", +x, -x, … -z, or "1,-1,0.5" towards the eye.', allow_leading_hyphen=True
-        ),
+        Parameter(help='Of the worst face, "iso", +x, … -z, or from "1,-1,0.5".', allow_leading_hyphen=True),
     ] = "worst"
     zoom: Annotated[float, Parameter(help="2 shows the middle half.")] = 1.0
     log: Annotated[

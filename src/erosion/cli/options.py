@@ -101,9 +101,7 @@ class CaseOptions:
 
     case: Annotated[Path | None, Parameter(parse=False)] = None
     units: Annotated[str | None, Parameter(help='Convert the case, for bare numbers too: "inch-pound", "si".')] = None
-    particle: Annotated[
-        str | None, Parameter(help='Material and size, for r, b, m: "garnet 0.3 mm", "garnet 80 mesh".')
-    ] = None
+    particle: Annotated[str | None, Parameter(help='For r, b, m: "garnet 0.3 mm" or "garnet 80 mesh".')] = None
     target: Annotated[
         str | None,
         Parameter(help='A metal, for σ: "aluminium 6061", see `erosion materials`.'),
