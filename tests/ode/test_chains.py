@@ -377,3 +377,27 @@ def test_a_switch_that_only_resets_change_is_no_kink(rate, rough: bool, still) -
     )
     layout = lanes_of(problem, None, Clock(0.0, 1.0, np.inf, np.inf), Options(waits=True, clock=True)).layout
     assert may_have_kinks(layout) == rough
+
+
+def test_derivatives_at_times_pass_through_resets_and_a_start_of_their_own():
+    """At the very time of an event the state is that before its reset."""
+    t0, args, d = 0.3, {"h": 2.0, "g": 9.81, "e": 0.8}, 1e-5
+    ts = t0 + np.linspace(0.05, 1.95, 20)
+    end = ode.solve(BALL, args, t0=t0, t1=2.5, ts=ts, wrt=("e", "h"), derivatives=2)
+    counts = (end.events.t < ts[:, None]).sum(-1)
+
+    def heights(**other):
+        p = args | other
+        each = zip(ts - t0, counts, strict=True)
+        return np.array([height(p, t, n)[0] if n else p["h"] - p["g"] * t**2 / 2 for t, n in each])
+
+    assert end.times is not None
+    np.testing.assert_allclose(end.ys["y"], heights(), rtol=0, atol=1e-12)
+    for name in ("e", "h"):
+        slope = (heights(**{name: args[name] + d}) - heights(**{name: args[name] - d})) / (2 * d)
+        np.testing.assert_allclose(end.times.along(name).ys["y"], slope, rtol=0, atol=1e-8)
+    d = 1e-3
+    mixed = sum(i * j * heights(e=0.8 + i * d, h=2 + j * d) for i in (1, -1) for j in (1, -1)) / (2 * d) ** 2
+    np.testing.assert_allclose(end.times.along("e", "h").ys["y"], mixed, rtol=0, atol=1e-4)
+    there = ode.solve(BALL, args, t0=t0, t1=2.5, ts=end.events.t[:2])
+    np.testing.assert_allclose(there.ys["v"], end.events.y["v"][:2], rtol=1e-9)

@@ -696,3 +696,25 @@ def test_a_mass_matrix_is_solved_in_the_rates():
         for part in "qv":
             scale = np.abs(expected.along(*names).y[part]).max()
             assert solved.along(*names).y[part] == pytest.approx(expected.along(*names).y[part], abs=1e-7 * scale)
+
+
+def test_no_time_up_to_the_end_is_missed_whatever_the_start():
+    """As exact as a lane that ends at the time; by t0 the time since the start changes."""
+    k = np.linspace(1.0, 3.0, 60)
+    spring = ode.Problem(
+        {"x": 1.0, "v": 0.0},
+        lambda t, y, k: {"x": y["v"], "v": -k * y["x"]},
+        {"low": ode.Event(lambda t, y, k: y["x"], -1)},
+    )
+    t = np.asarray(ode.solve(spring, k, t0=123.4, t1=130.0).t)
+    ts = np.sort(np.concatenate([t, np.linspace(123.4, 125.1, 200)]))
+    end = ode.solve(spring, k, t0=123.4, t1=130.0, ts=ts, wrt="t0", derivatives=2)
+    root, since = np.sqrt(k)[:, None], ts - 123.4
+    there = ts <= t[:, None]
+    assert end.times is not None
+    for ys, exact in (
+        (end.ys, np.cos(root * since)),
+        (end.times.along("t0").ys, root * np.sin(root * since)),
+        (end.times.along("t0", "t0").ys, -k[:, None] * np.cos(root * since)),
+    ):
+        np.testing.assert_allclose(ys["x"], np.where(there, exact, np.nan), rtol=0, atol=1e-9)

@@ -12,7 +12,7 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Number, PerLane, Scalar
 from erosion.lanes.flatten import NotForLanesError
-from erosion.lanes.lanewise import WIDTH, Compiled, compile_lanes, number, threads
+from erosion.lanes.lanewise import WIDTH, Compiled, by_xla, compile_lanes, number, threads
 from erosion.ode.agreement import differ, sizes_of, units_of
 from erosion.ode.integrator import TIGHTEST, LaneEnd, integrate_lane
 from erosion.ode.reduction import may_have_kinks
@@ -29,7 +29,10 @@ _FEW = 2048  # lanes: fewer are computed sooner by one thread than by several
 
 
 class _Batch(NamedTuple):
-    """A program, its arguments, and the arrays that it fills."""
+    """A program, its arguments, and the arrays that it fills.
+
+    Where states at times are wanted there are two tapes, see `dense`: the times, and what is wanted there.
+    """
 
     layout: Layout
     program: Compiled
@@ -37,17 +40,18 @@ class _Batch(NamedTuple):
     results: LaneEnd
     used: np.ndarray  # tolerances of the results
     errors: np.ndarray  # of the second derivatives that are judged, relative to their sizes, shape (of them, lanes)
+    tapes: Sequence[np.ndarray] = ()
 
     def run(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
         """Integrate some lanes with their tolerances."""
         self.used[lanes] = rtol
-        _compute(self.program, [*self.leaves, rtol], lanes, self.outputs)
+        _compute(self.program, [*self.leaves, rtol], lanes, self.outputs, self.tapes)
 
     def run_again(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
         """The same for lanes whose trials are known, by which they are ordered."""
         order = np.argsort(self.results.trials[lanes], kind="stable")
         self.used[lanes] = rtol[lanes]
-        _compute(self.program, [*self.leaves, rtol], lanes[order], self.outputs, ordered=True)
+        _compute(self.program, [*self.leaves, rtol], lanes[order], self.outputs, self.tapes, ordered=True)
 
     @property
     def is_known(self) -> np.ndarray:
@@ -76,9 +80,23 @@ class _Batch(NamedTuple):
         return jax.tree.map(lambda part: part[lanes], self.quantities._replace(value=None))
 
     def values(self, lanes: np.ndarray) -> list[np.ndarray]:
-        """How some lanes ended, and then their outputs and times, and the second derivatives that are judged."""
+        """How some lanes ended, and then their outputs and times, and the second derivatives that are judged.
+
+        Where states at times are wanted they are the last, shape (lanes, times, outputs).
+        """
         results = self.results
-        return [part[lanes] for part in (results.outcome, *results.outputs.value, results.time.value, *self.judged)]
+        values = results.outcome, *results.outputs.value, results.time.value, *self.judged
+        return [part[lanes] for part in values] + [self.saved[lanes, :, 0] for _ in self.tapes[1:]]
+
+    @property
+    def times(self) -> np.ndarray | None:
+        """The times at which states are wanted."""
+        return self.tapes[0][0, :-1] if self.tapes else None
+
+    @property
+    def saved(self) -> np.ndarray:
+        """Outputs at times and their derivatives, shape (lanes, times, members, outputs)."""
+        return self.tapes[1]
 
     def error(self, lanes: np.ndarray, before: list[np.ndarray], rtol: float, ratio: np.ndarray) -> np.ndarray:
         """The greatest relative error of some lanes' values, a `ratio` of their change; 1 where they end otherwise.
@@ -86,8 +104,14 @@ class _Batch(NamedTuple):
         Second derivatives may err by more than the tolerance: their errors count as if they might not.
         """
         (old, *before), (outcome, *found) = before, self.values(lanes)
-        judged, results = len(self.judged), self.results
+        judged, results, of_times = len(self.judged), self.results, 0.0
         with np.errstate(all="ignore"):
+            if self.tapes:
+                # Relative to the greatest size among the times: a state may pass through zero there.
+                *before, saved_before = before
+                *found, saved = found
+                sizes = np.nan_to_num(np.abs(saved)).max(1, initial=0.0, keepdims=True)
+                of_times = np.nan_to_num(np.abs(saved - saved_before) / sizes).max((1, 2), initial=0.0) * ratio
             sizes = [np.abs(new) for new in found[: len(found) - judged]]
             # At an event a part of the state may be zero by definition, and nothing is known relative to it.
             is_event = outcome < len(self.layout.event_names)
@@ -99,7 +123,7 @@ class _Batch(NamedTuple):
             if judged:
                 self.errors[:, lanes] = changes[-judged:]
                 changes[-judged:] *= rtol / _EXACT
-            return changes.max(0)
+            return np.maximum(changes.max(0), of_times)
 
     @property
     def outputs(self) -> list[np.ndarray]:
@@ -109,7 +133,7 @@ class _Batch(NamedTuple):
     @property
     def kept(self) -> list[np.ndarray]:
         """The arrays that stay where an integration after the first is not taken."""
-        return [*self.outputs, self.used]
+        return [*self.outputs, self.used, *self.tapes[1:]]
 
 
 def integrate(
@@ -121,6 +145,7 @@ def integrate(
     rtol: float,
     *,
     again: bool = True,
+    times: np.ndarray | None = None,
 ) -> LaneEnd:
     """Integrate lanes to their ends, and lanes of doubtful accuracy again.
 
@@ -136,24 +161,37 @@ def integrate(
             Arrays of places are numbers, so one program serves all of them.
         rtol: relative tolerance of outputs, end time and derivatives.
         again: False leaves doubtful lanes as they are.
+        times: at which the outputs are wanted as well; rising, and none before a lane's start.
 
     Returns:
         The lanes' results, arrays of shape (lanes,).
     """
     layout = layout.renewed()
+    rough = may_have_kinks(layout)
+    if times is not None and (by_xla() or layout.options.method == "rosenbrock" or (rough and order)):
+        # XLA has no tapes, the method for stiff motions nothing as exact between its steps, and of derivatives across
+        # a kink only two integrations tell whether they exist.
+        results = integrate(layout, numbers, lanes, order, directions, rtol, again=again)
+        return results._replace(saved=_one_by_one(layout, numbers, lanes, order, directions, rtol, times))
+    layout = layout.wanting(saves=times is not None)
     fixed = tuple(direction for direction in directions if isinstance(direction, int))
     program, results = _program(layout, order, fixed, 0 if fixed else len(directions))
     places = () if fixed else tuple(np.asarray(direction, float) for direction in directions)
     leaves = [*(np.asarray(number, float) for number in numbers), *places]
     empty = _empty(results, lanes, len(directions))
-    batch = _Batch(layout, program, leaves, empty, np.empty(lanes), np.zeros((len(empty.second_sizes), lanes)))
+    tapes: list[np.ndarray] = []
+    if times is not None:
+        members = 4 if len(directions) == 2 else order + 1
+        shared = np.broadcast_to(np.append(times, np.inf), (lanes, times.size + 1))
+        tapes = [shared, np.full((lanes, times.size, members, len(empty.outputs.value)), np.nan)]
+    batch = _Batch(layout, program, leaves, empty, np.empty(lanes), np.zeros((len(empty.second_sizes), lanes)), tapes)
     batch.run(np.arange(lanes), np.asarray(rtol))
     if layout.options.method == "auto":
         _by_other_methods(batch, order, directions, rtol, again=again)
     if again:
         _check(batch, np.flatnonzero(batch.results.tolerance > rtol), rtol)
         doubtful = np.flatnonzero(batch.results.tolerance < rtol)
-        first = batch.derivatives(doubtful) if order and may_have_kinks(layout) else None
+        first = batch.derivatives(doubtful) if order and rough else None
         repeated = _repeat(batch, doubtful, rtol)
         if first is not None and doubtful.size:
             _require_agreement(batch, doubtful, first, repeated, directions, rtol)
@@ -161,7 +199,32 @@ def integrate(
             second[error > _EXACT] = np.nan
     if order:
         _with_fewer_derivatives(batch, order, directions, rtol, again=again)
-    return batch.results._replace(tolerance=batch.used)
+    results = batch.results._replace(tolerance=batch.used)
+    return results if times is None else results._replace(saved=batch.saved)
+
+
+def _one_by_one(
+    layout: Layout,
+    numbers: Sequence[PerLane],
+    lanes: int,
+    order: int,
+    directions: tuple[int | PerLane, ...],
+    rtol: float,
+    times: np.ndarray,
+) -> np.ndarray:
+    """Outputs at times and their derivatives from lanes that end there, shape (lanes, times, members, outputs)."""
+    which = np.repeat(np.arange(lanes), times.size)
+    own = layout.of_lanes(numbers, which)
+    place = len(own) - len(Clock._fields) + Clock._fields.index("t1")
+    own[place] = np.minimum(np.tile(times, lanes), own[place])
+    results = integrate(layout, own, which.size, order, _of_lanes(directions, which), rtol)
+    value, first, other, second = (part and np.stack(part, -1) for part in results.outputs)
+    members = [value, first, second][: order + 1] if len(directions) < 2 else [value, first, other, second]
+    # A given time does not change with the lane's own end.
+    for along, changes in zip((directions[0], directions[-1]) if directions else (), ((1, -1), (-2, -1)), strict=False):
+        for i in changes if len(members) > 1 else ():
+            members[i][np.broadcast_to(np.asarray(along) == layout.offsets[place], which.size)] = 0.0
+    return np.stack(members, 1).reshape(lanes, times.size, len(members), -1)
 
 
 def _by_other_methods(
@@ -183,7 +246,9 @@ def _by_other_methods(
         numbers = layout.of_lanes(batch.leaves[: len(layout.shapes)], lanes)
         along = _of_lanes(directions, lanes)
         try:
-            found = integrate(layout.wanting(method=method), numbers, lanes.size, order, along, rtol, again=again)
+            found = integrate(
+                layout.wanting(method=method), numbers, lanes.size, order, along, rtol, again=again, times=batch.times
+            )
         except NotForLanesError:
             lanes = lanes[given_up[lanes]]
             continue
@@ -194,6 +259,8 @@ def _by_other_methods(
             _put(
                 getattr(results, name), jax.tree.map(lambda part, kept=better: part[kept], getattr(found, name)), those
             )
+        if batch.tapes:
+            batch.saved[those] = np.asarray(found.saved)[better]
         results.tolerance[those], batch.used[those] = rtol, found.tolerance[better]
         results.stiff[those] = method == "rosenbrock"
         lanes = lanes[lost & given_up[lanes]]
@@ -214,7 +281,7 @@ def _with_fewer_derivatives(
     along = _of_lanes(directions, lost)
     # Along two directions the first derivatives are two integrations.
     lower = [
-        integrate(batch.layout, numbers, lost.size, order - 1, each, rtol, again=again)
+        integrate(batch.layout, numbers, lost.size, order - 1, each, rtol, again=again, times=batch.times)
         for each in ([(direction,) for direction in along] if order == 2 else [()])
     ]
     for name in ("outcome", "trials", "count", "at_once"):
@@ -226,6 +293,12 @@ def _with_fewer_derivatives(
             _put(parts.first, of_first.first, lost)
             for other in of_other:
                 _put(parts.other, other.first, lost)
+    if batch.tapes:
+        batch.saved[lost] = np.nan
+        for i, each in enumerate(lower):
+            # The other first derivative follows the first.
+            found = np.asarray(each.saved)
+            batch.saved[lost, :, 0], batch.saved[lost, :, i + 1 : i + order] = found[:, :, 0], found[:, :, 1:]
 
 
 def _of_lanes(directions: tuple[int | PerLane, ...], lanes: np.ndarray) -> tuple[int | PerLane, ...]:
@@ -341,7 +414,14 @@ def _require_agreement(
 
 
 def integrate_along(
-    layout: Layout, numbers: Sequence[PerLane], lanes: int, order: int, places: np.ndarray, rtol: float
+    layout: Layout,
+    numbers: Sequence[PerLane],
+    lanes: int,
+    order: int,
+    places: np.ndarray,
+    rtol: float,
+    *,
+    times: np.ndarray | None = None,
 ) -> LaneEnd:
     """Derivatives along several directions.
 
@@ -352,6 +432,7 @@ def integrate_along(
         order: 1 or 2 derivatives.
         places: places of elements, see `Variational`; shape (1 or 2, n).
         rtol: relative tolerance.
+        times: as in `integrate`.
 
     Returns:
         Arrays of shape (lanes, n).
@@ -359,8 +440,8 @@ def integrate_along(
     count = places.shape[1]
     repeated = layout.of_lanes(numbers, np.repeat(np.arange(lanes), count))
     directions = tuple(np.tile(row.astype(float), lanes) for row in places)
-    results = integrate(layout, repeated, lanes * count, order, directions, rtol)
-    return jax.tree.map(lambda part: part.reshape(lanes, count), results)
+    results = integrate(layout, repeated, lanes * count, order, directions, rtol, times=times)
+    return jax.tree.map(lambda part: part.reshape(lanes, count, *part.shape[1:]), results)
 
 
 def _compute(
@@ -368,11 +449,12 @@ def _compute(
     leaves: list[np.ndarray],
     lanes: np.ndarray,
     outputs: list[np.ndarray],
+    tapes: Sequence[np.ndarray],
     *,
     ordered: bool = False,
 ) -> None:
     """Integrate some lanes, and write their results; unless they are `ordered`, similar ones side by side."""
-    in_threads(functools.partial(_compute_block, program, leaves, outputs, ordered), lanes, _BLOCK, _FEW)
+    in_threads(functools.partial(_compute_block, program, leaves, outputs, tapes, ordered), lanes, _BLOCK, _FEW)
 
 
 def in_threads(each: Callable[[np.ndarray, np.ndarray | None], None], lanes: np.ndarray, block: int, few: int) -> None:
@@ -407,6 +489,7 @@ def _compute_block(
     program: Compiled,
     leaves: list[np.ndarray],
     outputs: list[np.ndarray],
+    tapes: Sequence[np.ndarray],
     ordered: bool,
     lanes: np.ndarray,
     stop: np.ndarray | None,
@@ -416,7 +499,7 @@ def _compute_block(
         varying = [leaf[lanes] for leaf, shape in inputs if shape == () and leaf.ndim and leaf.strides != (0,)]
         if varying:
             lanes = lanes[alike_together(varying, WIDTH)]
-    program.run(leaves, lanes, outputs, stop)
+    program.run(leaves, lanes, outputs, stop, tapes)
 
 
 def _empty(results: LaneEnd, lanes: int, directions: int) -> LaneEnd:
@@ -454,7 +537,7 @@ def _compiled(layout: Layout, order: int, fixed: tuple[int, ...], directions: in
         return integrate_lane(layout, numbers, fixed or places, rtol, order=order)
 
     arguments = (layout.structs(), (number,) * directions, number)
-    program = compile_lanes(lane, arguments)
+    program = compile_lanes(lane, arguments, tapes=2 if layout.options.saves else 0)
     return program, jax.eval_shape(lane, *arguments)
 
 

@@ -16,6 +16,7 @@ from jaxtyping import PyTree
 from erosion.arguments import Flag, Number, PerImpact, Scalar
 from erosion.ode import crossings, explicit, step_control, stiff
 from erosion.ode.crossings import Ends
+from erosion.ode.dense import Saved, Writer
 from erosion.ode.explicit import APART, LEAST, NOISE
 from erosion.ode.extended import Extended
 from erosion.ode.landing import Flight, Lane, all_finite, landed
@@ -76,6 +77,8 @@ class LaneEnd(NamedTuple):
         stiff: whether the lane was given up as stiff, or integrated by the method for that; where it is looked for.
         second_sizes: of a stiff motion, sizes of time and outputs relative to which their second derivatives should
             be known.
+        saved: the token of what is written at times; after the batch outputs there and their derivatives, in the
+            order of `Variational.pack`, shape (lanes, times, members, outputs).
     """
 
     outcome: PerImpact
@@ -88,6 +91,7 @@ class LaneEnd(NamedTuple):
     least: Sequence[PerImpact] = ()
     second_sizes: Sequence[PerImpact] = ()
     stiff: PerImpact | None = None
+    saved: PerImpact | None = None
 
 
 def integrate_lane(
@@ -117,14 +121,15 @@ def recorded_lane(
         order: 0, 1 or 2 derivatives.
     """
     problem = Extended(layout, numbers, order, directions)
+    saved = Saved(jnp.zeros((), int), 0.0 * rtol) if layout.options.saves else None
     if problem.chains:
-        return _chain(problem, rtol, tape)
+        return _chain(problem, rtol, tape, saved)
     until = problem.until
-    motion, along, tape = _to_its_event(problem, problem.initial, until.value, rtol, tape=tape)
+    motion, along, tape, saved = _to_its_event(problem, problem.initial, until.value, rtol, tape, saved)
     end = _at_its_event(problem, motion, along, _outputs, until)
     if tape is not None:
         tape = tape.with_event(motion.event, [], jax.tree.leaves(motion.members))
-    return _finish(problem, motion, end, rtol), tape
+    return _finish(problem, motion, end, rtol, saved), tape
 
 
 def _at_its_event(problem: Extended, motion: "Flight", along: Along, outputs: OfMotion, until: Derivatives) -> AtEvent:
@@ -147,9 +152,12 @@ def _to_its_event(
     initial: Rows,
     until: Scalar | None,
     rtol: Scalar,
+    tape: Tape | None,
+    saved: Saved | None,
+    *,
     before: Flight | None = None,
-    tape: Tape | None = None,
-) -> tuple[Flight, Along, Tape | None]:
+    elapsed: tuple[Scalar, ...] = (),
+) -> tuple[Flight, Along, Tape | None, Saved | None]:
     """Integrate from a state to the first event; with how it and what is wanted there depend on the event's time.
 
     Args:
@@ -157,8 +165,10 @@ def _to_its_event(
         initial: the state with derivatives.
         until: stop after this time.
         rtol: relative tolerance.
-        before: the motion before it in a chain.
         tape: where its steps are written, the one that ends at the event as well.
+        saved: the states at times so far; None where none are wanted.
+        before: the motion before it in a chain.
+        elapsed: the time since the chain began, with derivatives.
     """
     slope, events = _at_start(problem, initial, problem.time_scale)
     scale = problem.scale_at_start(initial, slope)
@@ -190,20 +200,21 @@ def _to_its_event(
     shift = stiff.no_shift(problem)
     count = 0.0 * scale if problem.watches else None
     lane = Lane(_within(problem, control, until), events, initial, slope, watched, greatest, shift, count)
+    writer = Writer(problem, elapsed)
 
-    def tries(at: tuple[Lane, Tape | None]) -> tuple[Lane, Tape | None]:
-        lane, tape = at
+    def tries(at: tuple[Lane, Tape | None, Saved | None]) -> tuple[Lane, Tape | None, Saved | None]:
+        lane, tape, saved = at
         after = _try_step(problem, rtol, until, lane)
         if tape is not None:
             moved = after.control.time != lane.control.time
             tape = tape.with_step(after.control.time - lane.control.time, lane.state, moved)
-        return after, tape
+        return after, tape, saved and writer.after_step(saved, lane, after)
 
-    lane, tape = lax.while_loop(lambda at: step_control.goes_on(at[0].control), tries, (lane, tape))
+    lane, tape, saved = lax.while_loop(lambda at: step_control.goes_on(at[0].control), tries, (lane, tape, saved))
     motion, along = landed(problem, lane, until, rtol)
     if tape is not None:
         tape = tape.with_step(motion.time - lane.control.time, lane.state, jnp.asarray(True))
-    return motion, along, tape
+    return motion, along, tape, saved and writer.after_landing(saved, lane, motion)
 
 
 def _greatest(problem: Extended, before: Rows, state: Rows) -> Rows:
@@ -328,7 +339,7 @@ def _within(problem: Extended, control: Control, until: Scalar | None) -> Contro
     return crossings.stop_at(control._replace(trial=jnp.minimum(control.trial, problem.clock.max_step)), until)
 
 
-def _finish(problem: Extended, motion: Flight, end: AtEvent, rtol: Scalar) -> LaneEnd:
+def _finish(problem: Extended, motion: Flight, end: AtEvent, rtol: Scalar, saved: Saved | None) -> LaneEnd:
     """The results where a lane ended, or at its start where it does not begin; NaN where one of them is not finite."""
     control, equations, event = motion.control, problem.equations, motion.event
     begun = event != NOT_BEGUN if problem.options.begins else jnp.asarray(True)
@@ -379,6 +390,7 @@ def _finish(problem: Extended, motion: Flight, end: AtEvent, rtol: Scalar) -> La
         least=least,
         second_sizes=second_sizes,
         stiff=lax.convert_element_type(control.event == STIFF, np.int8) if problem.watches else None,
+        saved=saved and saved.token,
     )
 
 
@@ -419,6 +431,7 @@ class _Chain(NamedTuple):
         elapsed: time since the start, with derivatives as the members of a state have them.
         amplification: the greatest so far.
         tape: where the steps are written.
+        saved: the states at times so far.
     """
 
     goes_on: Flag
@@ -426,9 +439,10 @@ class _Chain(NamedTuple):
     elapsed: tuple[Scalar, ...]
     amplification: Scalar
     tape: Tape | None
+    saved: Saved | None
 
 
-def _chain(problem: Extended, rtol: Scalar, tape: Tape | None) -> tuple[LaneEnd, Tape | None]:
+def _chain(problem: Extended, rtol: Scalar, tape: Tape | None, saved: Saved | None) -> tuple[LaneEnd, Tape | None]:
     """Integrate one lane through events that it survives.
 
     At each event the state gets its total derivatives, those of the event's time included; the reset is pushed
@@ -440,9 +454,10 @@ def _chain(problem: Extended, rtol: Scalar, tape: Tape | None) -> tuple[LaneEnd,
     def flown(chain: _Chain) -> _Chain:
         before = chain.motion
         rest = end_of(until, equations.unpack(chain.elapsed))
-        motion, along, tape = _to_its_event(
-            problem, jax.tree.leaves(before.members), rest.value, rtol, before, chain.tape
-        )
+        motion, along, tape, saved = _to_its_event(
+            problem, jax.tree.leaves(before.members), rest.value, rtol, chain.tape, chain.saved,
+            before=before, elapsed=chain.elapsed,
+        )  # fmt: skip
         end = _at_its_event(problem, motion, along, lambda at, _: at, rest)
         members = equations.pack(end.outputs)
         elapsed = tuple(map(jnp.add, chain.elapsed, equations.pack(end.time)))
@@ -463,7 +478,7 @@ def _chain(problem: Extended, rtol: Scalar, tape: Tape | None) -> tuple[LaneEnd,
         control = motion.control._replace(mode=mode)
         amplification = jnp.maximum(chain.amplification, end.amplification)
         motion = motion._replace(control=control, members=members, event=last, count=count)
-        return _Chain(goes_on, motion, elapsed, amplification, tape)
+        return _Chain(goes_on, motion, elapsed, amplification, tape, saved)
 
     zero = 0.0 * problem.time_scale
     control = step_control.begin(problem.time_scale, jnp.asarray(True), jnp.asarray(True), FIRST_STEP)
@@ -473,12 +488,11 @@ def _chain(problem: Extended, rtol: Scalar, tape: Tape | None) -> tuple[LaneEnd,
     shift = stiff.no_shift(problem)
     start = Flight(control, problem.members(problem.initial), none - 1, zero, none, nothing, sizes, shift)
     elapsed = tuple(zero for _ in problem.members(problem.initial))
-    chain = lax.while_loop(
-        lambda chain: chain.goes_on, flown, _Chain(jnp.asarray(True), start, elapsed, zero + 1.0, tape)
-    )
+    chain = _Chain(jnp.asarray(True), start, elapsed, zero + 1.0, tape, saved)
+    chain = lax.while_loop(lambda chain: chain.goes_on, flown, chain)
     outputs = equations.of(_outputs, chain.motion.members)
     end = AtEvent(equations.unpack(chain.elapsed), outputs, chain.amplification)
-    return _finish(problem, chain.motion, end, rtol), chain.tape
+    return _finish(problem, chain.motion, end, rtol, chain.saved), chain.tape
 
 
 def resets(happens: Sequence[Flag], at: Augmented, motion: Motion) -> tuple[Augmented, Augmented]:

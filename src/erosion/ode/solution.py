@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -46,11 +46,17 @@ class Times(NamedTuple):
         ts: shape (n,).
         ys: a pytree like the state, of arrays (…, n); NaN after a lane's end.
         integrals: by name, of that shape.
+        derivatives: at fixed times, by names of one or two numbers; see `along`.
     """
 
     ts: PerImpact
     ys: PyTree
     integrals: Mapping[str, np.ndarray]
+    derivatives: "Mapping[tuple[str, ...], Times]" = {}
+
+    def along(self, *names: str) -> "Times":
+        """Derivatives of states and integrals, as `Solution.along`."""
+        return _among(self.derivatives, names)
 
 
 class Passed(NamedTuple):
@@ -131,14 +137,7 @@ class Solution(Result):
         Raises:
             ValueError: where they were not asked for by `wrt` and `derivatives`.
         """
-        found = self.derivatives.get(names) or self.derivatives.get(names[::-1])
-        if found is None:
-            known = ", ".join(" and ".join(key) for key in self.derivatives) or "none"
-            raise ValueError(
-                f"Arguments of `along` must be among the derivatives ({known}), but are {names}; "
-                "`wrt` and `derivatives=2` of `solve` ask for more."
-            )
-        return found
+        return _among(self.derivatives, names)
 
     def gradient(self, *, t: Any = 0.0, y: PyTree = None, integrals: Mapping[str, Any] | None = None) -> PyTree:
         """The derivatives of a number by all arguments at once, such as those of a loss by the weights of a network.
@@ -280,6 +279,8 @@ class Solution(Result):
             content["d " + " ".join(map(_label, path))] = self._parts(part)
         if self.times is not None:
             content["at"] = {"t": self.times.ts, **self.named(self.times), **self._named_integrals(self.times)}
+            for path, part in self.times.derivatives.items():
+                content["at d " + " ".join(map(_label, path))] = {**self.named(part), **self._named_integrals(part)}
         return to_plain(content)
 
     def to_dataset(self) -> "xr.Dataset":
@@ -312,6 +313,8 @@ class Solution(Result):
             suffix = label + "_d".join(_label(name).replace(".", "_") for name in path)
             variables[suffix.format("t")] = (axes, part.t)
             put(suffix, part)
+            if self.times is not None and path in self.times.derivatives:
+                put(f"{suffix}_at", self.times.derivatives[path], ("time",))
         coordinates = {}
         if self.times is not None:
             put("{}_at", self.times, ("time",))
@@ -325,3 +328,18 @@ class Solution(Result):
 def _label(name: str) -> str:
     """A number's name in print; arguments that are a number alone have none."""
     return name or "args"
+
+
+_Of = TypeVar("_Of")
+
+
+def _among(derivatives: Mapping[tuple[str, ...], _Of], names: tuple[str, ...]) -> _Of:
+    """The derivatives by some numbers."""
+    found = derivatives.get(names) or derivatives.get(names[::-1])
+    if found is None:
+        known = ", ".join(" and ".join(key) for key in derivatives) or "none"
+        raise ValueError(
+            f"Arguments of `along` must be among the derivatives ({known}), but are {names}; "
+            "`wrt` and `derivatives=2` of `solve` ask for more."
+        )
+    return found

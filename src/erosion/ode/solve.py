@@ -95,7 +95,7 @@ def solve(
         rtol: relative tolerance of times, states, integrals and their derivatives.
         start: "wait": an event function that is zero or beyond its event at the start counts once it has returned;
             "end": such a lane ends at its start.
-        ts: times at which the state is wanted as well, shape (n,).
+        ts: times at which the state is wanted as well, shape (n,); at an event that before its reset.
         max_step: no step is longer; a pulse of an event function shorter than a step may go unseen.
         max_events: a chain of events that the motion survives ends with this one.
         sizes: typical sizes of y, a pytree like it or one number: a state need not be known to better than
@@ -139,8 +139,7 @@ def solve(
         from erosion.ode.traced import traced_solution
 
         return traced_solution(lanes, names, order, rtol, ts)
-    found = solution(lanes, names, order, rtol)
-    return found if ts is None else found.with_times(_at_times(lanes, ts, rtol, found))
+    return solution(lanes, names, order, rtol, None if ts is None else _checked_times(lanes, ts))
 
 
 def checked_lanes(
@@ -300,15 +299,17 @@ def _sizes(layout: Layout, sizes: PyTree) -> tuple[float, ...]:
     return values
 
 
-def ends(lanes: Lanes, names: Sequence[str], order: int, rtol: float) -> tuple[LaneEnd, list[tuple[str, ...]]]:
+def ends(
+    lanes: Lanes, names: Sequence[str], order: int, rtol: float, times: np.ndarray | None = None
+) -> tuple[LaneEnd, list[tuple[str, ...]]]:
     """The ends of lanes, and along which names the last axis of their derivatives is, where there are several."""
     layout, numbers, count = lanes.layout, lanes.numbers, lanes.size
     if order == 0 or len(names) == 1:
         places = (lanes.element_of(names[0]),) if order else ()
-        return integrate(layout, numbers, count, order, places, rtol), [(*names, *names)[:order]]
+        return integrate(layout, numbers, count, order, places, rtol, times=times), [(*names, *names)[:order]]
     along = [(name,) for name in names] if order == 1 else list(itertools.combinations_with_replacement(names, 2))
     places = np.array([[lanes.element_of(name) for name in each] for each in along], float).T
-    results = integrate_along(layout, numbers, count, order, places, rtol)
+    results = integrate_along(layout, numbers, count, order, places, rtol, times=times)
     # A lane that fails along one direction fails in all.
     failed = np.any(layout.has_no_result(results.outcome), axis=1)
     outcome = np.where(failed, results.outcome.max(axis=1), results.outcome[:, 0])
@@ -322,9 +323,10 @@ def ends(lanes: Lanes, names: Sequence[str], order: int, rtol: float) -> tuple[L
     return results, along
 
 
-def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float) -> Solution:
-    """The solution of lanes, with derivatives of an order along all pairs of names."""
-    results, along = ends(lanes, names, order, rtol)
+def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np.ndarray | None = None) -> Solution:
+    """The solution of lanes, with derivatives of an order along all pairs of names, and states at times."""
+    known = None if ts is None else np.unique(ts[np.isfinite(ts)])
+    results, along = ends(lanes, names, order, rtol, known)
     several = results.time.value.ndim > 1
 
     def part(kind: str, column: int) -> Part:
@@ -344,6 +346,8 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float) -> Sol
                 found[path] = part(kind, i)
     if ("t0",) in found:
         found[("t0",)] = found[("t0",)]._replace(t=found[("t0",)].t + 1.0)
+    t = (value.t + t0)[()]
+    times = None if ts is None or results.saved is None else _at_times(lanes, ts, t, results.saved, along)
     stiff = np.full(lanes.size, lanes.layout.options.method == "rosenbrock")
     if results.stiff is not None:
         stiff = results.stiff > 0
@@ -352,7 +356,7 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float) -> Sol
         names=lanes.layout.end_names,
         wrt=tuple(names),
         outcome=results.outcome.reshape(lanes.shape)[()],
-        t=(value.t + t0)[()],
+        t=t,
         y=value.y,
         integrals=value.integrals,
         count=results.count.reshape(lanes.shape)[()],
@@ -363,6 +367,7 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float) -> Sol
         lanes=lanes,
         rtol=rtol,
         tolerance=None if order else results.tolerance,
+        times=times,
     )
 
 
@@ -393,8 +398,8 @@ def again(lanes: Lanes, copies: int, rtol: float, **clock: PerLane) -> LaneEnd:
     return integrate(lanes.layout, numbers, which.size, 0, (), rtol)
 
 
-def _at_times(lanes: Lanes, ts: Any, rtol: float, found: Solution) -> Times:
-    """The states at times; NaN after the end."""
+def _checked_times(lanes: Lanes, ts: Any) -> np.ndarray:
+    """Times at which states are wanted."""
     try:
         times = np.asarray(ts, float)
     except (TypeError, ValueError):
@@ -404,13 +409,36 @@ def _at_times(lanes: Lanes, ts: Any, rtol: float, found: Solution) -> Times:
     t0 = np.broadcast_to(np.asarray(lanes.numbers[-len(Clock._fields)]), lanes.size)
     if times.size and np.nanmin(times) < t0.max():
         raise ValueError(f"Argument `ts` must hold no times before `t0`, but has {np.nanmin(times):g}.")
-    until = np.broadcast_to(times, (lanes.size, times.size))
-    results = again(lanes, times.size, rtol, t1=until)
-    # The end itself is among the times; after it there is no state.
-    late = until > np.asarray(found.t).reshape(-1, 1)
-    wide = lanes._replace(shape=(*lanes.shape, times.size))
-    outputs = [
-        np.where(late, np.nan, output.reshape(until.shape)).reshape(wide.shape) for output in results.outputs.value
-    ]
-    part = shaped(wide, np.broadcast_to(times, wide.shape), outputs)
-    return Times(times, part.y, part.integrals)
+    return times
+
+
+def _at_times(lanes: Lanes, ts: np.ndarray, t: Any, saved: np.ndarray, along: Sequence[tuple[str, ...]]) -> Times:
+    """The states at times and their derivatives; NaN after the end, which is among the times itself.
+
+    Args:
+        lanes: the lanes.
+        ts: the times in the order asked for.
+        t: the end of each lane.
+        saved: at each finite time once, in rising order; see `LaneEnd`.
+        along: the names of the derivatives.
+    """
+    known, wide = np.isfinite(ts), lanes._replace(shape=(*lanes.shape, ts.size))
+    places = np.unique(ts[known], return_inverse=True)[1]
+    late = ts > np.reshape(t, (-1, 1))
+
+    def part(column: int, member: int) -> Times:
+        of_along = saved if saved.ndim == 4 else saved[:, column]
+        rows = np.full((lanes.size, ts.size, saved.shape[-1]), np.nan)
+        rows[:, known] = of_along[:, places, member]
+        rows[late] = np.nan
+        outputs = [row.reshape(wide.shape) for row in np.moveaxis(rows, -1, 0)]
+        y, integrals = shaped(wide, np.broadcast_to(ts, wide.shape), outputs)[1:]
+        return Times(ts, y, integrals)
+
+    members, found = saved.shape[-2], {}
+    for column, names in enumerate(along if members > 1 else []):
+        for name, member in zip(names, (1, 2 if members == 4 else 1), strict=False):
+            found.setdefault((name,), part(column, member))
+        if len(names) == 2:
+            found[names] = part(column, members - 1)
+    return part(0, 0)._replace(derivatives=found)

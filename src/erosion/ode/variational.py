@@ -52,6 +52,7 @@ class Options(NamedTuple):
         sizes: of each number of the state: below a size times the tolerance it need not be known.
         method: "explicit", "rosenbrock", or "auto": an explicit lane that turns out to be stiff is given up, and
             `batch` integrates it by the other.
+        saves: the state is wanted at times as well, see `dense`.
     """
 
     waits: bool = False
@@ -62,6 +63,7 @@ class Options(NamedTuple):
     max_steps: int = 20_000
     sizes: tuple[float, ...] | None = None
     method: str = "explicit"
+    saves: bool = False
 
 
 class Layout:

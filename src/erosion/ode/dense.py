@@ -1,0 +1,150 @@
+"""States of a lane at many times, written on its tape on the way.
+
+A step that has a time within it takes one more step of half its length from the same start. The polynomial of degree 8
+through the states, the rates and the second derivatives at the start, in the middle and at the end is about as exact as
+the step. Where the motion may have kinks its second derivatives may be none, and each time has a step of its own from
+the start of the step around it. What is left between the last step and the end has the step that ends a lane.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from erosion.arguments import Scalar
+from erosion.lanes import tapes
+from erosion.ode import explicit
+from erosion.ode.extended import Extended
+from erosion.ode.landing import Flight, Lane
+from erosion.ode.reduction import Rows
+from erosion.ode.step_control import ARRIVED
+from erosion.ode.variational import AlongFlow, Augmented, Motion, at_event
+
+TIMES, STATES = 0, 1
+"""Tapes: the times, rising, ∞ the last of them, which all lanes share; and for each time a lane's row of numbers."""
+
+_ROUNDING = 2e-15  # of the times so far: a time that is this much later than the end is the end
+
+
+class Saved(NamedTuple):
+    """What is written so far.
+
+    Args:
+        following: the index of the next time.
+        token: see `erosion.lanes.tapes`.
+    """
+
+    following: Scalar
+    token: Scalar
+
+
+class Writer:
+    """Writes the states of one motion of a lane.
+
+    Args:
+        problem: the equations, by the explicit method.
+        elapsed: of a chain, the time since the lane began, with derivatives as the members of a state have them.
+    """
+
+    def __init__(self, problem: Extended, elapsed: tuple[Scalar, ...] = ()) -> None:
+        self.problem, self.elapsed = problem, problem.equations.unpack(elapsed) if elapsed else None
+
+    def after_step(self, saved: Saved, before: Lane, after: Lane) -> Saved:
+        """With the states at the times up to the end of a trial, if the lane moved there."""
+        end = after.control.time
+        due = (end > before.control.time) & (self._time(saved.following) <= end)
+        return lax.cond(due, lambda: self._written(saved, end, self._within(before, after)), lambda: saved)
+
+    def after_landing(self, saved: Saved, lane: Lane, motion: Flight) -> Saved:
+        """With those up to the end of the motion, which may lie before or after that of the last step."""
+        end, problem = motion.time, self.problem
+        if problem.chains:
+            # Another motion begins there, and writes what is later.
+            following = lax.while_loop(
+                lambda k: (k > 0) & (self._time(jnp.maximum(k - 1, 0)) > end), lambda k: k - 1, saved.following
+            )
+            saved = saved._replace(following=following)
+        last: Rows = jax.tree.leaves(motion.members)
+
+        def rows_at(time: Scalar) -> Rows:
+            there = time >= end
+            passed = jnp.where(there, 0.0, time - lane.control.time)
+            rows = explicit.short_step(problem, lane.state, lane.slope, passed)
+            return [jnp.where(there, at_end, row) for at_end, row in zip(last, rows, strict=True)]
+
+        so_far = jnp.abs(problem.clock.t0) + end + (0.0 if self.elapsed is None else self.elapsed.value)
+        return self._written(saved, end + _ROUNDING * so_far, rows_at)
+
+    def _time(self, index: Scalar) -> Scalar:
+        """A time, since the motion began."""
+        time = tapes.read(TIMES, np.zeros(()), index) - self.problem.clock.t0
+        return time if self.elapsed is None else time - self.elapsed.value
+
+    def _written(self, saved: Saved, until: Scalar, rows_at: Callable[[Scalar], Rows]) -> Saved:
+        def writes(saved: Saved) -> Saved:
+            numbers = self._numbers(rows_at(self._time(saved.following)))
+            token = tapes.write(STATES, saved.token, saved.following * len(numbers), *numbers)
+            return Saved(saved.following + 1, token)
+
+        return lax.while_loop(lambda saved: self._time(saved.following) <= until, writes, saved)
+
+    def _numbers(self, rows: Rows) -> list[Scalar]:
+        """What is wanted of a state, and its derivatives at a fixed time, of a motion that began at any."""
+        problem, equations = self.problem, self.problem.equations
+        members = problem.members(rows)
+        if problem.order == 0:
+            return equations.at(problem.numbers).outputs(members[0])
+        began = equations.of(lambda _, motion: motion.clock.t0, ())
+        if self.elapsed is not None:
+            began = jax.tree.map(jnp.add, began, self.elapsed)
+        since = jax.tree.map(lambda number: -1.0 * number, began)
+        outputs = at_event(AlongFlow(equations, members), jnp.full((), ARRIVED), 0.0 * rows[0], _outputs, since).outputs
+        return jax.tree.leaves(equations.pack(equations.per_unit(outputs)))
+
+    def _within(self, before: Lane, after: Lane) -> Callable[[Scalar], Rows]:
+        """The state at a time within a step."""
+        problem, begin, h = self.problem, before.control.time, before.control.trial
+        if problem.rough:
+            return lambda time: explicit.step(problem, before.state, before.slope, time - begin)[0]
+        middle, *_ = explicit.step(problem, before.state, before.slope, 0.5 * h)
+        flow = problem.rate(middle)
+        points = (before.state, before.slope), (middle, flow), (after.state, after.slope)
+        curves = [jax.jvp(problem.rate, (rows,), (slope,))[1] for rows, slope in points]
+        columns = zip(*(rows for rows, _ in points), *(slope for _, slope in points), *curves, strict=True)
+        polynomials = [_polynomial(h, column) for column in columns]
+
+        def rows_at(time: Scalar) -> Rows:
+            x = 2.0 * ((time - begin) / h) - 1.0
+            return [u + x * functools.reduce(lambda sum_, c: sum_ * x + c, cs) for u, cs in polynomials]
+
+        return rows_at
+
+
+def _outputs(at: Augmented, motion: Motion) -> list[Scalar]:
+    return motion.outputs(at)
+
+
+# From the values at -1, 0 and 1, and the first and second derivatives, to the coefficients of 1, x, … x⁸, all of them
+# sixteenths.
+_POWERS = np.arange(9)
+_CONDITIONS = [
+    [np.prod(k - np.arange(order)) * float(x) ** max(k - order, 0) for k in _POWERS]
+    for order in range(3)
+    for x in (-1, 0, 1)
+]
+_WEIGHTS = np.round(16 * np.linalg.inv(np.array(_CONDITIONS))) / 16
+
+
+@jax.jit
+def _polynomial(h: Scalar, column: Sequence[Scalar]) -> tuple[Scalar, list[Scalar]]:
+    """The value in the middle of a step, and the coefficients of x⁸, … x; x is -1 at its start and 1 at its end."""
+    start, middle, end, *others = column
+    half = 0.5 * h
+    slopes, curves = [half * slope for slope in others[:3]], [half * half * curve for curve in others[3:]]
+    data = [start - middle, end - middle, *slopes, *curves]
+    rows = np.delete(_WEIGHTS, 1, axis=1)[:0:-1]
+    return middle, [sum(float(w) * d for w, d in zip(row, data, strict=True) if w != 0) for row in rows]
