@@ -208,3 +208,32 @@ def test_a_condition_that_leaves_a_doubt_is_refused(table, name):
 def test_what_leaves_a_doubt_is_refused(table, head, cells, options, message):
     with pytest.raises(MeasurementError, match=message):
         read(table, head, cells, **options)
+
+
+MESSY = "Impact angle (°);v [m/s];mass loss [mg/kg];note\n15;60;10,5;\n30;60;n.a.;größer\n45;;9,5;\n90;60;7;\n"
+
+
+def test_rows_without_a_number_are_left_out_and_named(table):
+    measured = read_measurements(table(MESSY), "si")
+    np.testing.assert_allclose([np.rad2deg(measured.angle), measured.erosion * 1e6], [[15, 90], [10.5, 7]])
+    assert [measured.row_in_words(row) for row in range(2)] == ["line 2", "line 5"]
+    assert len(measured.notes) == 1
+    assert "line 3 (mass loss [mg/kg]), line 4 (v [m/s])" in measured.notes[0]
+    in_memory = read_measurements({"angle [deg]": [20, 30, 40], "erosion [-]": [1, np.nan, 2]}, "si")
+    assert (len(in_memory), "row 1 (erosion [-])" in in_memory.notes[0]) == (2, True)
+    with pytest.raises(MeasurementError, match="line 5, column 1"):
+        read_measurements(table(MESSY.replace("90;", "95;")), "si")
+    with pytest.raises(MeasurementError, match="no row with all"):
+        read_measurements(table("angle [deg],erosion [-]\n20,n.a.\n"), "si")
+
+
+@pytest.mark.parametrize(("encoding", "notes"), [("utf-8", 1), ("utf-16", 1), ("cp1252", 2)])
+def test_characters_of_other_programs_are_read_or_named(table, encoding, notes):
+    measured = read_measurements(table(MESSY, encoding), "si")
+    assert (len(measured), len(measured.notes)) == (2, notes)
+    assert notes == 1 or "Windows-1252" in measured.notes[0]
+
+
+def test_a_table_without_an_angle_says_what_it_has(table):
+    with pytest.raises(MeasurementError, match=r"`angle \[deg\]`.*Angel, mass loss.*'Angel' comes nearest"):
+        read_measurements(table("Angel,mass loss [mg/kg]\n20,5\n"), "si")

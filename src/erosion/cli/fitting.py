@@ -98,6 +98,7 @@ class Fit:
         measured = lazy.read_measurements(self.data, self.p.units, ignore=self.ignore, error=self.fit.error)
         if measured.unused:
             output.warn(f"{self.data}: {lazy.unused_note(measured.unused)}.")
+        output.warn(*measured.notes)
         return measured
 
     @property

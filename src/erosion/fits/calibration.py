@@ -218,14 +218,18 @@ class Calibration(Result):
         return max(self.identifiability.rank, self._rank_at_first) + (self.data.uncertainty is None)
 
     @functools.cached_property
+    def leverage(self) -> np.ndarray:
+        """How much each row draws the fit to itself, between 0 and 1, shape (rows,): the hat matrix's diagonal."""
+        return np.sum((self.solution.jacobian @ self.identifiability.modes) ** 2, axis=1)
+
+    @functools.cached_property
     def leave_one_out(self) -> float:
         """Root mean square of the errors at rows left out of the fit, in the data's dimension.
 
         From the leverage of each row (Allen's PRESS): exact for linear models, and to first
         order in the noise for these. Infinite where one row alone determines a parameter.
         """
-        leverage = np.sum((self.solution.jacobian @ self.identifiability.modes) ** 2, axis=1)
-        rest = 1 - leverage
+        rest = 1 - self.leverage
         if np.min(rest) < _ROUNDING:
             return np.inf
         return float(np.sqrt(np.mean((self.residuals / rest) ** 2)))

@@ -20,6 +20,7 @@ from scipy import stats
 
 from erosion.fits.least_squares import FitProblem, FitSolution, settle
 from erosion.fits.measurements import Condition, Measurements, conditions, describe
+from erosion.fits.outliers import far_rows
 from erosion.output.tables import Result, format_number, sentences
 from erosion.parameters.per_mass import far_from_tests, two_digits
 from erosion.parameters.quantities import conversion_factor, table_scale
@@ -455,7 +456,7 @@ def doubts(fit: "Calibration") -> tuple[str, ...]:
         "of freedom. The errors and intervals hold only if the model were right."
     )
     open_ones = (*_undetermined(fit), *_undecided(fit), *_at_bounds(fit))
-    return (*_far_from_tests(fit), *open_ones, *sentences((is_poor(fit), poor)),
+    return (*_far_from_tests(fit), *open_ones, *sentences((is_poor(fit), poor)), *far_rows(fit),
             *(pattern.sentence for pattern in patterns), *of_speed)  # fmt: skip
 
 

@@ -5,16 +5,16 @@
 
 Cells are separated by commas, or by semicolons or tabs, and then a comma in a number is a
 decimal comma. Lines that start with # are comments. Columns of other names are not used, unless they may be one of
-those that are: such a table is refused.
+those that are: such a table is refused. A row without one of its numbers ("n.a.", an empty cell) is left out, and
+`Measurements.notes` names it.
 """
 
 import array
 import contextlib
-import csv
 import dataclasses
-import itertools
+import difflib
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ import numpy as np
 
 from erosion.arguments import check_unmasked
 from erosion.fits.errors import ErrorModel
+from erosion.fits.tables import MeasurementError, lines_of, numbers_of, place_of, text_of
 from erosion.output.files import readable
 from erosion.parameters.headings import (
     ANGLE_WORDS,
@@ -36,6 +37,7 @@ from erosion.parameters.headings import (
     HeaderError,
     Known,
     factor,
+    head_parts,
     matching,
     read_heads,
 )
@@ -51,6 +53,7 @@ from erosion.parameters.quantities import (
     ascii_unit,
     check_system,
     conversion_factor,
+    shown,
     unit_name,
 )
 
@@ -135,7 +138,7 @@ def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ())
     names = ["" if head is None else head.name for head in heads]
     removals = [name for name in names if name in REMOVALS]
     if "angle" not in names:
-        raise HeaderError(None, "has no column `angle [deg]`")
+        raise HeaderError(None, f"has no column `angle [deg]`{_instead(cells)}")
     if len(removals) != 1:
         present = f"has {' and '.join(removals)}" if removals else "has none"
         remedy = "; Argument `ignore` may name the others" if removals else ""
@@ -147,6 +150,15 @@ def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ())
     columns = [removal if i == at else head and _column(i, head, expected[head.name], units)
                for i, head in enumerate(heads)]  # fmt: skip
     return Header(columns, unused)
+
+
+def _instead(cells: Sequence[str]) -> str:
+    """The columns that a table has in place of the one that is looked for, as a clause."""
+    listed = [cell.strip() for cell in cells if cell.strip()]
+    names = {head_parts(cell)[0].lower(): cell for cell in listed}
+    near = difflib.get_close_matches("angle", names, 1, 0.5) or difflib.get_close_matches("impact angle", names, 1, 0.5)
+    nearest = f"; {shown(names[near[0]])} comes nearest to it" if near else ""
+    return f"; its columns are {shown(', '.join(listed))}{nearest}"
 
 
 def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], units: System) -> DataColumn:
@@ -186,12 +198,6 @@ _SHARES = "uncertainty over erosion"
 
 _HEAVIEST = 0.02  # kg; a ball of steel of 17 mm, but less than the sand of a test
 
-_SKIPPED = re.compile(r'\s*(?:"?\s*#|$)')  # empty, or a comment; a spreadsheet puts one with a comma into quotes
-
-
-class MeasurementError(ValueError):
-    """Data that cannot be used; the message names the file, line and column."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Measurements:
@@ -209,6 +215,8 @@ class Measurements:
         source: the file's name, for titles.
         unused: the headings of the columns that are not used.
         error: what the uncertainties are made of; without it the two parts that come nearest to them.
+        lines: of the file, of each row; None for tables in memory.
+        notes: sentences on how the table was read: rows that are left out, its characters.
     """
 
     angle: np.ndarray
@@ -221,6 +229,8 @@ class Measurements:
     source: str
     unused: tuple[str, ...] = ()
     error: ErrorModel | None = None
+    lines: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.error is None and self.uncertainty is not None:
@@ -267,6 +277,10 @@ class Measurements:
         given = {"alpha": self.angle, "v0": self.speed, "m": self.mass}
         return {name: values for name, values in given.items() if values is not None}
 
+    def row_in_words(self, row: int) -> str:
+        """A row as its reader finds it: "line 7" of a file; rows of tables in memory count from 0."""
+        return f"row {row}" if self.lines is None else f"line {self.lines[row]}"
+
     def at_conditions(self) -> tuple[np.ndarray, np.ndarray]:
         """The distinct conditions, shape (parameters, conditions), and the one of each row, shape (n,)."""
         values, places = np.unique(np.stack(list(self.conditions.values())), axis=1, return_inverse=True)
@@ -301,7 +315,10 @@ class Measurements:
         """At most `most` rows, drawn at random but always the same."""
         if len(self) <= most:
             return self
-        rows = np.sort(np.random.default_rng(0).choice(len(self), most, replace=False))
+        return self.of_rows(np.sort(np.random.default_rng(0).choice(len(self), most, replace=False)))
+
+    def of_rows(self, rows: np.ndarray) -> "Measurements":
+        """Some rows, by their indexes."""
         arrays = {name: values[rows] for name, values in vars(self).items() if isinstance(values, np.ndarray)}
         return dataclasses.replace(self, **arrays)
 
@@ -350,8 +367,7 @@ def unit_system(path: Path, ignore: Sequence[str] = ()) -> System | None:
     if not path.is_file():
         return None
     with contextlib.suppress(MeasurementError, HeaderError), readable(path, MeasurementError):
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            cells = next(_lines(file, path)[0])[1]
+        cells = next(lines_of(text_of(path)[0], path)[0])[1]
         heads = matching(cells, _KNOWN, ignore=ignore)
         units = [head.unit for name in (*REMOVALS, "speed", "mass") for head in heads if head and head.name == name]
         known = [{*re.findall(r"[^\W\d_]+", unit)} for unit in units if unit not in NO_UNIT]
@@ -387,18 +403,21 @@ def _read_columns(table: dict[str, Any], system: System, ignore: Sequence[str]) 
 
 
 def _read_file(path: Path, system: System, ignore: Sequence[str]) -> Measurements:
-    with readable(path, MeasurementError), path.open(encoding="utf-8-sig", newline="") as file:
-        rows, delimiter = _lines(file, path)
-        first, cells = next(rows)
-        lines = array.array("q")
+    with readable(path, MeasurementError):
+        file, notes = text_of(path)
+    rows, delimiter = lines_of(file, path)
+    first, cells = next(rows)
+    lines = array.array("q")
 
-        def place(row: int | None, column: int | None) -> str:
-            return _place(path, first if row is None else lines[row], column, cells)
+    def place(row: int | None, column: int | None) -> str:
+        if row is not None and column is None:
+            return f"{path}, line {lines[row]},"
+        return place_of(path, first if row is None else lines[row], column, cells)
 
-        def read(used: Sequence[int]) -> list[np.ndarray]:
-            return [np.frombuffer(column) for column in _numbers(rows, cells, used, delimiter, path, lines)]
+    def read(used: Sequence[int]) -> list[np.ndarray]:
+        return [np.frombuffer(column) for column in numbers_of(rows, cells, used, delimiter, path, lines)]
 
-        return _measurements(cells, read, place, system, ignore, path.name)
+    return _measurements(cells, read, place, system, ignore, path.name, lines, notes)
 
 
 def _measurements(
@@ -408,6 +427,8 @@ def _measurements(
     system: System,
     ignore: Sequence[str],
     source: str,
+    lines: array.array | None = None,
+    notes: tuple[str, ...] = (),
 ) -> Measurements:
     """The measurements of a table, in consistent units, every number in its range.
 
@@ -418,6 +439,8 @@ def _measurements(
         system: the unit system to convert to.
         ignore: columns that are left out, by their names.
         source: the table's name.
+        lines: of its rows, filled by `read`; None for a table in memory.
+        notes: on how it was read.
     """
     try:
         header = read_header(heads, system, ignore)
@@ -428,6 +451,13 @@ def _measurements(
     columns = read([*used])
     if not columns[0].size:
         raise MeasurementError(f"{place(None, None)} has no rows of data.")
+    missing = np.isnan(np.stack(columns))
+    kept = ~missing.any(axis=0)
+    if not kept.any():
+        raise MeasurementError(f"{place(None, None)} has no row with all of its numbers.")
+    notes = (*notes, *_left_out(missing, [heads[i].strip() for i in used], lines, source))
+    rows = np.flatnonzero(kept)
+    columns = [column[rows] for column in columns]
     arrays: dict[str, Any] = {}
     for (index, column), numbers in zip(used.items(), columns, strict=True):
         values = arrays[column.name] = numbers * column.factor
@@ -442,13 +472,15 @@ def _measurements(
             good, must = good & (values > 0), "must be positive and finite"
         if not np.all(good):
             row = int(np.argmin(good))
-            raise MeasurementError(f"{place(row, index)} {must}, but is {numbers[row]:g}.")
+            raise MeasurementError(f"{place(int(rows[row]), index)} {must}, but is {numbers[row]:g}.")
     removal = next(column for column in used.values() if column.name in REMOVALS)
     if (shares := arrays.get(_SHARES)) is not None:
         arrays["uncertainty"] = shares * np.abs(arrays[removal.name])
         if not arrays["uncertainty"].all():
             row = int(np.argmin(np.abs(arrays[removal.name])))
-            raise MeasurementError(f"{place(row, None)} must have an absolute uncertainty, as it has no erosion.")
+            raise MeasurementError(
+                f"{place(int(rows[row]), None)} must have an absolute uncertainty, as it has no erosion."
+            )
     conditions = {name: arrays.get(name) for name in ("uncertainty", "speed", "mass")}
     return Measurements(
         angle=arrays["angle"],
@@ -458,71 +490,26 @@ def _measurements(
         units=system,
         source=source,
         unused=header.unused,
+        lines=None if lines is None else np.frombuffer(lines, np.int64)[rows],
+        notes=notes,
     )
 
 
-def _lines(file: Iterable[str], path: Path) -> tuple[Iterator[tuple[int, list[str]]], str]:
-    """The cells of each line with the line's number, the header first, and what separates them."""
-    numbered = ((i, text) for i, text in enumerate(file, start=1) if not _SKIPPED.match(text))
-    first = next(numbered, None)
-    if first is None:
-        raise MeasurementError(f"{path}: is empty.")
-    delimiter = next((mark for mark in (";", "\t") if mark in first[1]), ",")
-    return _rows(itertools.chain([first], numbered), delimiter, path), delimiter
+_NAMED = 8  # rows that a note lists
 
 
-def _rows(numbered: Iterable[tuple[int, str]], delimiter: str, path: Path) -> Iterator[tuple[int, list[str]]]:
-    """The cells of each line that is neither empty nor a comment, with the line's number."""
-    line = 0
-
-    def texts() -> Iterator[str]:
-        nonlocal line
-        for number, text in numbered:
-            line = number
-            yield text
-
-    try:
-        for cells in csv.reader(texts(), delimiter=delimiter, skipinitialspace=True, strict=True):
-            if any(cells):
-                yield line, cells
-    except csv.Error as error:
-        raise MeasurementError(f"{path}, line {line}: cannot be read ({error}).") from error
-
-
-def _numbers(
-    rows: Iterable[tuple[int, list[str]]],
-    header: Sequence[str],
-    used: Sequence[int],
-    delimiter: str,
-    path: Path,
-    lines: array.array,
-) -> list[array.array]:
-    """The columns of numbers that are used; the line of each row goes to `lines`."""
-    columns, width, decimal_comma = [array.array("d") for _ in used], len(header), delimiter != ","
-    for line, cells in rows:
-        if len(cells) != width:
-            place = f"{path}, line {line}, column {min(len(cells), width) + (len(cells) > width)}"
-            hint = "; columns of numbers with decimal commas are separated by semicolons" if len(cells) > width else ""
-            raise MeasurementError(f"{place}: there are {len(cells)} cells for {width} columns{hint}.")
-        for column, index in zip(columns, used, strict=True):
-            cell = cells[index]
-            text = cell.replace(",", ".") if decimal_comma and "." not in cell else cell
-            try:
-                if "_" in text:  # Python would read 1_000
-                    raise ValueError
-                column.append(float(text))
-            except ValueError:
-                hint = "" if decimal_comma or "," not in cell else " (with decimal commas, separate columns by ;)"
-                raise MeasurementError(
-                    f"{_place(path, line, index, header)} must be a number, but is {cell.strip()!r}{hint}."
-                ) from None
-        lines.append(line)
-    return columns
-
-
-def _place(path: Path, line: int, column: int | None, header: Sequence[str]) -> str:
-    of_line = f"{path}, line {line},"
-    return f"{of_line} the header" if column is None else f"{of_line} column {column + 1} ({header[column].strip()})"
+def _left_out(missing: np.ndarray, heads: Sequence[str], lines: array.array | None, source: str) -> list[str]:
+    """A sentence on the rows in which a number is missing, shape (columns, rows); none where all are there."""
+    rows = np.flatnonzero(missing.any(axis=0))
+    if not len(rows):
+        return []
+    words = [
+        f"{f'row {row}' if lines is None else f'line {lines[row]}'} ({heads[int(np.argmax(missing[:, row]))]})"
+        for row in rows[:_NAMED].tolist()
+    ]
+    more = f" and {len(rows) - _NAMED:,} more" if len(rows) > _NAMED else ""
+    which = "a row is" if len(rows) == 1 else f"{len(rows):,} rows are"
+    return [f"{source}: {which} left out, where a number is missing: {', '.join(words)}{more}."]
 
 
 MOST = 12  # groups that a figure can tell apart

@@ -19,6 +19,7 @@ from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import FRACTION
 from erosion.fits.least_squares import CalibrationError, with_noise
 from erosion.fits.measurements import conditions, read_measurements
+from erosion.fits.outliers import FEW_PER_CENT
 from erosion.fits.posterior import Posterior, posterior
 from erosion.fits.tempering import SamplingError
 from erosion.models import load_model, model_name, usable_models
@@ -30,7 +31,6 @@ from erosion.parameters.quantities import Scale, table_scale
 
 _EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)
 _SAME = 1e-5  # of the typical erosion: fits that differ by less are the same curve
-_FEW_PER_CENT = 0.05  # of the greatest erosion: residuals that erosion tests seldom go below
 
 
 @dataclasses.dataclass(frozen=True)
@@ -305,7 +305,7 @@ def _beside_others(fit: Calibration, fits: Sequence[Calibration]) -> str:
     rows be far off: then variances say nothing.
     """
     linear = fit.data.uncertainty is None and fit.problem.loss == "linear"
-    if not linear or fit.rms <= _FEW_PER_CENT * float(np.abs(fit.data.erosion).max()):
+    if not linear or fit.rms <= FEW_PER_CENT * float(np.abs(fit.data.erosion).max()):
         return ""
     own, erosion = (fit.variance, fit.degrees_of_freedom), fit.data.erosion / fit.data.deviation
     tests = [(*variances_differ(own, (other.variance, other.degrees_of_freedom), erosion), other) for other in fits]
