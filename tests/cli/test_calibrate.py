@@ -96,6 +96,9 @@ def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, shell):
     assert case.endswith('\ncutting_fraction = 0.3  # share of the particles that cut\nmodel = "linearized"\n')
     assert 'uncertain = { sigma = "lognormal(15' in advice
     assert shell(["run", str(path), "--json"]).document["case"]["parameters"]["k"]["value"] == printed["estimates"]["k"]
+    said = shell(["optimum", str(path), "--v0", "600 m/s", "--json"]).document["warnings"]
+    fastest = tomllib.loads(path.read_text())["advise"]["tested"]["v0"][1].removesuffix(" m/s")
+    assert f"{path}: 600 m/s is {600 / float(fastest):.3g} × the fastest test." in said
 
 
 def test_an_estimate_at_a_bound_has_a_law_within_it_and_an_undetermined_one_none(sand, tmp_path):
@@ -107,7 +110,7 @@ def test_an_estimate_at_a_bound_has_a_law_within_it_and_an_undetermined_one_none
     assert 1e9 <= low < high == pytest.approx(1.4e9)
     assert _status([*sand, "--model", "tan-alpha", "--free", "k,sigma", "--write-case", str(path)]) == 0
     of_advice = tomllib.loads(path.read_text())["advise"]
-    assert [*of_advice] == ["warning"]
+    assert [*of_advice] == ["warning", "tested"]
     assert of_advice["warning"].startswith(
         "k has no influence on these data and cannot be determined. Fix it. The model does"
     )

@@ -104,7 +104,7 @@ def advise(
         with user_errors():
             lazy.write_advice(advice, output, lang, decimal)
     draw(plot, lambda: lazy.plot_advice(dataclasses.replace(advice, language=lazy.language(lang))))
-    printed = Output("advise", p, options.case, json=json)
+    printed = Output("advise", p, options, json=json)
     printed.warn(*advice.warnings, *(lazy.unused_columns(uncertain.laws) if uncertain else ()))
     for part in draws:
         for chosen in models.values():

@@ -52,7 +52,7 @@ def calibrate(
     task = given_fit(data, with_file(case, file), fit, model, own, ignore)
     require_outputs(case_file, plot=plot, inputs=task.inputs)
     models = task.models()
-    output = Output("calibrate", task.p, task.options.case, json=json)
+    output = Output("calibrate", task.p, task.options, json=json)
     with user_errors(), progress_bar("reading") as progress:
         lazy.check_level(level)
         measured = task.measured(output)

@@ -68,7 +68,7 @@ def compare(
                     lazy.write_csv(curves, output, p, weights)
                 else:
                     lazy.write_netcdf(curves, output, _COMPARISON)
-    said = Output("compare", p, options.case, json=json)
+    said = Output("compare", p, options, json=json)
     said.warn(*outside, *(f"{name}: its impact could not be computed." for name in lost))
     said.warn(*lazy.models_far_from_tests(weights, {line["model"]: line["volume_max"] for line in lines}, p))
     statements = _spread(lines)

@@ -98,7 +98,7 @@ def export(
         with user_errors():
             for part in parts.values():
                 lazy.write_whole(part.path, part.text.encode())
-    output = Output("export", p, options.case, json=json)
+    output = Output("export", p, options, json=json)
     for part in parts.values():
         output.warn(*part.warnings)
     result = {form: {"file": str(part.path), **part.numbers} for form, part in parts.items()}

@@ -27,7 +27,6 @@ from erosion.cli.options import (
     with_model_of_case,
 )
 from erosion.cli.output import Output, PerMassOptions, weighing
-from erosion.parameters.quantities import has_control_characters, shown
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or "angle [deg], speed [m/s], '
@@ -231,7 +230,7 @@ def as_json(numbers: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in numbers.items() if name not in ("own_parameters", "parameters", "warnings")}
 
 
-FIELDS = ("model", "set", "uncertain", "correlation", "warning")
+FIELDS = ("model", "set", "uncertain", "correlation", "warning", "tested")
 """The fields of [advise] in a case file."""
 
 _UNCERTAIN = (
@@ -324,14 +323,9 @@ class GivenFit:
     @property
     def doubts(self) -> tuple[str, ...]:
         """The warning of the case file's table, that the tests were in units of their own for example."""
-        warning = self.section.get("warning")
-        if warning is None:
-            return ()
-        if not isinstance(warning, str) or not warning.strip() or has_control_characters(warning):
-            raise InputError(
-                f"{self.case.case}: field `warning` of [advise] must be a sentence, but is {shown(warning)}."
-            )
-        return (f"{self.case.case}: {warning}",)
+        with user_errors():
+            said = None if self.case.file is None else self.case.file.doubt
+        return () if said is None else (said,)
 
     @property
     def _model_of_file(self) -> list[str] | None:

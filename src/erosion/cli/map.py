@@ -268,7 +268,7 @@ def map_(
         with user_errors():
             lazy.write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
     picture.draw(dataset)
-    printed = Output("map", sand.p, options.case, json=json, seed=made.seed_used)
+    printed = Output("map", sand.p, options, json=json, seed=made.seed_used)
     printed.warn(*lazy.unused_columns({**varied, **uncertain}), *lazy.columns_apart(varied))
     for part in draws:
         printed.warn(*part.doubts(sand.model, sand.p, per_mass.cutting_fraction))

@@ -68,7 +68,7 @@ class Output:
     Args:
         verb: its name.
         p: the case; None for a verb without one.
-        case: the case's file; None for Table 1.
+        options: of the case; where a fit wrote its file, the fit's doubts are the first warnings.
         json: whether to print JSON and nothing else.
         seed: of the random numbers, where there are any.
     """
@@ -77,15 +77,25 @@ class Output:
         self,
         verb: str,
         p: "lazy.Parameters | None" = None,
-        case: Path | None = None,
+        options: CaseOptions | None = None,
         *,
         json: bool,
         seed: int | None = None,
     ) -> None:
-        self.verb, self.p, self.case, self.json, self.seed = verb, p, case, json, seed
+        self.verb, self.p, self.json, self.seed = verb, p, json, seed
+        self.case = None if options is None else options.case
         self.warnings: list[str] = []
         if p is not None and p.size_warning:
             self.warn(p.size_warning)
+        # A new fit has doubts of its own.
+        if (
+            p is not None
+            and options is not None
+            and options.file is not None
+            and verb not in ("calibrate", "posterior")
+        ):
+            with user_errors():
+                self.warn(options.file.doubt, *options.file.outside(p, angle=verb == "run"))
 
     def warn(self, *messages: str | None) -> None:
         """Warnings, each once: on stderr at once, and in the document."""

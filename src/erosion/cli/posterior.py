@@ -139,7 +139,7 @@ def posterior(
     files.require_writable(task.inputs)
     speeds = _speeds(next_speeds or (), task.p)
     models = task.models()
-    output = Output("posterior", task.p, task.options.case, json=json, seed=seed or 0)
+    output = Output("posterior", task.p, task.options, json=json, seed=seed or 0)
     with user_errors(), progress_bar("reading") as progress:
         lazy.check_level(level)
         measured = task.measured(output)

@@ -43,7 +43,7 @@ def run(
         require_outputs(plot=plot, inputs=(options.case, name))
         trajectory = lazy.path(chosen, p)
         draw(plot, lambda: lazy.plot_trajectory(trajectory))
-    output = Output("run", p, options.case, json=json)
+    output = Output("run", p, options, json=json)
     output.warn(*trajectory.warnings, per_mass.warning(trajectory.volume, p))
     if trajectory.dvolume is None or not math.isfinite(trajectory.dvolume):
         output.warn("dV/dα could not be computed")
@@ -108,7 +108,7 @@ def optimum(
             raise RuntimeError(f"{name}: no impact could be computed, at any angle.")
         draw(plot, lambda: lazy.plot_optimum(best))
         rates = best.sensitivities if sensitivities else {}
-    output = Output("optimum", p, options.case, json=json)
+    output = Output("optimum", p, options, json=json)
     if not best.certified:
         output.warn("some impacts failed or have no derivatives: a greater value may have been missed")
     if sensitivities and best.without_sensitivities:

@@ -63,7 +63,7 @@ def stream(
     count = _count(options, section) if n is None else n
     require_outputs(plot=plot, inputs=jet.inputs)
     number = section.get("seed", 0) if seed is None else seed
-    printed = Output("stream", jet.p, options.case, json=json, seed=number)
+    printed = Output("stream", jet.p, options, json=json, seed=number)
     varied, uncertain, draws = jet.read_laws()
     if not (varied or uncertain):
         raise InputError(_NO_LAW)

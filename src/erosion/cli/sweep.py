@@ -138,7 +138,7 @@ def _chosen(model: list[str] | None, options: CaseOptions, section: Mapping[str,
 
 def _output(grid: "lazy.Grid", options: CaseOptions, *, json: bool) -> Output:
     """What the verb says; it warns where the sizes of the axes do not fit the mass."""
-    output = Output("sweep", grid.p, options.case, json=json)
+    output = Output("sweep", grid.p, options, json=json)
     sizes = {name: grid.axes[name] for name in ("r", "b") if name in grid.axes and grid.axes[name].ndim}
     for name, values in sizes.items():
         message = dataclasses.replace(grid.p, **{name: values}).size_warning

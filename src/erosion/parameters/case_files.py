@@ -29,6 +29,7 @@ from erosion.parameters.materials import Particle, Target, particle, target
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, warn_of_size
 from erosion.parameters.per_mass import PerMass, read_density
 from erosion.parameters.quantities import about, check_system, has_control_characters, has_unit, shown, unit_name
+from erosion.parameters.tested import Tested
 
 TEXT_KEYS = ("title", "units", "particle", "target")
 PER_MASS_KEYS = ("density", "cutting_fraction")
@@ -37,7 +38,7 @@ MODEL_KEYS = ("model", "set")
 """The case's usual model and that model's own parameters; see `CaseFile.model`."""
 SECTIONS = ("sweep", "stream", "map", "advise")
 """Tables that a case file may have for the verbs of these names; see `CaseFile.section`."""
-_WORDS = ("title", "units", "warning")
+_WORDS = ("title", "units", "warning", "tested")
 """Fields whose text is never a path."""
 _WITH_A_PATH = (
     re.compile(r"(\s*+samples\s*+\(\s*+)(.+)(\)\s*)", re.DOTALL),  # a law
@@ -160,6 +161,38 @@ class CaseFile:
             kind=CaseError,
         )
         return words or self.path.stem
+
+    @property
+    def doubt(self) -> str | None:
+        """What is doubtful in the fit that wrote the file, its table [advise] says it.
+
+        Raises:
+            CaseError: for a field `warning` that is no sentence.
+        """
+        warning = self.section("advise").get("warning")
+        if warning is None:
+            return None
+        if not isinstance(warning, str) or not warning.strip() or has_control_characters(warning):
+            raise CaseError(f"{self.path}: field `warning` of [advise] must be a sentence, but is {shown(warning)}.")
+        return f"{self.path}: {warning}"
+
+    def outside(self, p: Parameters, *, angle: bool = False) -> list[str]:
+        """Sentences on how far a case lies outside the tests of the fit that wrote the file.
+
+        Args:
+            p: the case.
+            angle: whether its angle counts.
+
+        Raises:
+            CaseError: for a field `tested` that cannot be read.
+        """
+        tested, there = self.section("advise").get("tested", {}), p.to("si")
+        try:
+            ranges = Tested.read(tested)
+        except ValueError as error:
+            raise CaseError(f"{self.path}: field `tested` of [advise] {error}.") from error
+        names = ("v0", "m", "alpha") if angle else ("v0", "m")
+        return [f"{self.path}: {words}" for words in ranges.outside({name: getattr(there, name) for name in names})]
 
     def section(self, name: str) -> dict[str, Any]:
         """The table `[name]`, empty where there is none.
