@@ -417,7 +417,7 @@ def _read_file(path: Path, system: System, ignore: Sequence[str]) -> Measurement
     def read(used: Sequence[int]) -> list[np.ndarray]:
         return [np.frombuffer(column) for column in numbers_of(rows, cells, used, delimiter, path, lines)]
 
-    return _measurements(cells, read, place, system, ignore, path.name, lines, notes)
+    return _measurements(cells, read, place, system, ignore, path.name, lines=lines, notes=notes)
 
 
 def _measurements(
@@ -427,6 +427,7 @@ def _measurements(
     system: System,
     ignore: Sequence[str],
     source: str,
+    *,
     lines: array.array | None = None,
     notes: tuple[str, ...] = (),
 ) -> Measurements:
