@@ -130,7 +130,7 @@ def test_what_is_no_such_quantity_is_refused(text: str, dimension: Dimension, me
         ("length", "inch-pound", 2e-4, 1e-6, "µin"),
         ("length", "inch-pound", 2e-9, 1e-9, "10⁻³ µin"),
         ("length", "si", 8e-4, 1e-3, "mm"),
-        ("length", "si", 2e-12, 1e-12, "10⁻³ nm"),
+        ("length", "si", 2e-12, 1e-12, "pm"),
         ("speed", "inch-pound", 4400.0, 1.0, "in/s"),
         ("volume", "inch-pound", 2.1e-4, 1e-4, "10⁻⁴ in³"),
         ("volume", "inch-pound", 1e-4, 1e-4, "10⁻⁴ in³"),
