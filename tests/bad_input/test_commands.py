@@ -258,6 +258,10 @@ STREAMS = [
     ("stream --v0 normal(4400,40) --points halton", 'Option `--points` must be "sobol" or "random"'),
 ]
 FITS = [
+    ("predict", "Option `FITTED` must have a value, but has none."),
+    ("predict folder", "folder: must hold the draws of a posterior, but cannot be read as such."),
+    ("predict case.toml", "case.toml: must hold the draws of a posterior, but cannot be read as such."),
+    ("predict nowhere.nc", "nowhere.nc: is not there."),
     ("calibrate", "Option `DATA` must have a value"),
     ("calibrate nowhere.csv", "nowhere.csv: cannot be read (No such file or directory)."),
     ("calibrate folder", "folder: cannot be read (Is a directory)."),

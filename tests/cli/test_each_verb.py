@@ -28,6 +28,7 @@ COMMANDS = {
     "stream --n 512 --v0 'normal(4400, 40)' --alpha 'normal(20 deg, 2 deg)' -o jet.nc --plot jet.svg": "jet.nc jet.svg",
     f"calibrate {FIT} --plot fit.svg --write-case fit.toml": "fit.svg fit.toml",
     f"posterior {FIT} --draws 125 -o draws.nc --plot-pairs pairs.svg": "draws.nc pairs.svg",
+    "predict draws.nc --alpha 20deg,40deg -o wear.csv --plot wear.svg": "wear.csv wear.svg",
     "map impacts.csv --surface plate.stl -o map.vtp --plot map.png": "map.vtp map.png",
     "map impacts.parquet --surface plate.stl -o map.nc": "map.nc",
     f"map {CHANNEL} --surface {CHANNEL} -o channel.csv": "channel.csv",

@@ -25,6 +25,7 @@ from erosion.cli.map import map_
 from erosion.cli.options import OPTIONS, Help
 from erosion.cli.pages import exercise, explore, report
 from erosion.cli.posterior import posterior
+from erosion.cli.predict import predict
 from erosion.cli.run import optimum, run
 from erosion.cli.stream import stream
 from erosion.cli.sweep import sweep
@@ -48,12 +49,12 @@ app = cyclopts.App(
 )
 _VERBS = {
     "Compute": (run, optimum, compare, sweep, stream),
-    "Fit": (calibrate, posterior, advise),
+    "Fit": (calibrate, posterior, predict, advise),
     "CFD": (map_, export),
     "Teach": (report, exercise, explore),
     "Check": (verify, validate, models, materials),
 }
-_WITHOUT_EPILOGUE = (map_, verify, validate, models, materials)  # which say it themselves, or have no case
+_WITHOUT_EPILOGUE = (predict, map_, verify, validate, models, materials)  # which say it themselves, or have no case
 for at, (title, verbs) in enumerate(_VERBS.items()):
     group = cyclopts.Group(title, sort_key=at)
     for place, verb in enumerate(verbs):

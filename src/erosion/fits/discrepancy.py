@@ -136,12 +136,15 @@ class Discrepant(Misfit):
         return chi2, logs
 
     def _factored(
-        self, values: Mapping[str, np.ndarray], mean: np.ndarray, variances: np.ndarray
+        self, values: Mapping[str, np.ndarray], mean: np.ndarray, variances: np.ndarray, asked: int = 0
     ) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
-        """In batches: L of LLᵀ = C/(s sᵀ), L⁻¹ of the residuals over s, and s, the size of each condition's mean."""
+        """In batches: L of LLᵀ = C/(s sᵀ), L⁻¹ of the residuals over s, and s, the size of each condition's mean.
+
+        Batches leave room for the covariances of as many conditions that are asked.
+        """
         pooled, process = self.plain.parts[0], self._between(self.plain.parts[0].conditions)
         count = len(pooled.mean)
-        for batch in _batches(len(mean), count):
+        for batch in _batches(len(mean), max(count, asked)):
             error = variances[batch] * pooled.deviation**2
             size = np.sqrt(mean[batch] ** 2 + error)
             scaled = mean[batch] / size
@@ -181,7 +184,7 @@ class Discrepant(Misfit):
         there: dict[str, np.ndarray] = {"alpha": distinct[0], "log_speed": distinct[1]}
         own, across = self._between(there), self._between(there, pooled.conditions)
         count, discrepancy = distinct.shape[1], np.empty((len(asked), distinct.shape[1]))
-        for batch, factor, whitened, size in self._factored(values, known, variances):
+        for batch, factor, whitened, size in self._factored(values, known, variances, distinct.shape[1]):
             of_batch = {name: column[batch] for name, column in values.items()}
             tie = across(of_batch) * (known[batch] / size)[:, None, :]
             tie = np.linalg.solve(factor, tie.swapaxes(1, 2))

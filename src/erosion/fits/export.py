@@ -27,8 +27,7 @@ from erosion.output.tables import sentences
 from erosion.parameters.case_files import dump_case, dump_per_mass, toml_string, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import QUANTITIES, conversion_factor
-from erosion.parameters.tested import Tested
+from erosion.parameters.quantities import conversion_factor
 from erosion.version import __version__
 
 _POINTS = 20
@@ -194,17 +193,9 @@ def _for_advice(calibration: Calibration, warnings: Sequence[str]) -> str:
         (said, f"warning = {toml_string(said)}"),
         (laws, f"uncertain = {{ {listed} }}"),
         (pairs, f"correlation = {{ {tied} }}"),
-        (True, f"tested = {_tested(calibration).dump()}"),
+        (True, f"tested = {calibration.problem.forward.tested.dump()}"),
     )
     return "\n".join(["", "[advise]", *lines, ""])
-
-
-def _tested(calibration: Calibration) -> Tested:
-    """The ranges of the rows; speed and mass are the case's where the rows have none, and left out where fitted."""
-    data, p = calibration.data, calibration.p
-    values = {name: getattr(p, name) for name in ("v0", "m") if name not in calibration.names} | data.conditions
-    in_si = {name: rows * conversion_factor(QUANTITIES[name].dimension, p.units, "si") for name, rows in values.items()}
-    return Tested({name: (float(np.min(rows)), float(np.max(rows))) for name, rows in in_si.items()})
 
 
 def _laws(calibration: Calibration) -> dict[str, str]:

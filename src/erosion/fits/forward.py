@@ -21,6 +21,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
 from erosion.parameters.parameters import QUANTITIES, Parameters
 from erosion.parameters.quantities import Quantity
+from erosion.parameters.tested import Tested
 
 SCALE = "scale"
 """The free parameter of data in units of its own: measured erosion over the model's volume."""
@@ -81,6 +82,12 @@ class Forward:
         """θ of the case, shape (names,); 0 for the scale."""
         of_case = {**values(self.model, self.p), FRACTION: self.cutting_fraction, SCALE: 1.0}
         return self.theta({name: float(of_case[name]) for name in self.names})
+
+    @property
+    def tested(self) -> Tested:
+        """The ranges of the rows; speed and mass are the case's where the rows have none, and left out where fitted."""
+        values = {name: getattr(self.p, name) for name in ("v0", "m") if name not in self.names} | self.data.conditions
+        return Tested.of(values, self.p.units)
 
     @property
     def own_stresses(self) -> np.ndarray:

@@ -25,7 +25,7 @@ from erosion.fits.likelihood import (
 )
 from erosion.fits.measurements import Measurements
 from erosion.fits.posterior_files import SOURCE, own_in_si, prediction_groups
-from erosion.fits.prediction import Noise, Predictor, deviations, make_predictor, of_model
+from erosion.fits.prediction import Noise, Predictor, make_predictor, of_model
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
 from erosion.impacts.alpha_max import Optimum, alpha_max
 from erosion.impacts.impact import impact
@@ -355,15 +355,6 @@ class Posterior(Result):
     @property
     def _has_known_errors(self) -> bool:
         return not {*OF_ERROR} & {*self.names}
-
-    @property
-    def row_errors(self) -> np.ndarray:
-        """The standard deviation of each row: its uncertainty, or the mean of the sampled one; shape (n,)."""
-        if self._has_known_errors:
-            return self.data.deviation
-        draws = self.some(_SOME)
-        erosion = np.tile(self.data.erosion, (draws[self.names[0]].size, 1))
-        return deviations(self.data, draws, erosion).mean(axis=0)
 
     def rows(self, level: float = LEVEL) -> list[Row]:
         """Means with deviations, or medians, intervals of `level` and priors; the evidence; the draws' quality."""

@@ -16,7 +16,7 @@ from erosion.arguments import Progress, check_whole, no_progress
 from erosion.fits.discrepancy import EXPONENT, PRIORS, Discrepant, with_few_conditions
 from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import Forward
-from erosion.fits.likelihood import ERROR_FACTOR, NOISE, RELATIVE, Likelihood
+from erosion.fits.likelihood import ERROR_FACTOR, NOISE, OF_ERROR, RELATIVE, Likelihood
 from erosion.fits.measurements import Measurements
 from erosion.fits.tempering import rhats, sample
 from erosion.joint_laws import LawSet
@@ -26,6 +26,7 @@ from erosion.output.tables import Result, Row, sentences, to_plain
 CHAINS = 4
 _DRAWS = 150  # of each population of a way to read the data: ends of intervals are known to a tenth of their width
 _MIXED = 2000  # draws of the average
+_SOME = 400
 _AGREE = 1.05  # R̂ of draws that are only averaged over
 _SPEED = 1e-6  # relative difference of speeds that are one
 Noise = bool | float | np.ndarray | ErrorModel
@@ -105,7 +106,7 @@ class Predictor(Result):
         return float(draws.mean()), float(draws.std())
 
     def predict(
-        self, alpha: Any, at: Mapping[str, Any] | None = None, count: int = 400, *, noise: Noise = False
+        self, alpha: Any, at: Mapping[str, Any] | None = None, count: int = _SOME, *, noise: Noise = False
     ) -> np.ndarray:
         """Draws of the erosion; see `Posterior.predict`."""
         angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
@@ -121,6 +122,23 @@ class Predictor(Result):
                     drawn = drawn + deviation * rng.standard_normal(drawn.shape)
                 curves.append(drawn)
         return np.concatenate(curves).reshape((-1, *np.shape(alpha)))
+
+    def outside(self, alpha: Any, at: Mapping[str, Any] | None = None) -> tuple[str, ...]:
+        """How far a question lies outside the tests, in sentences such as "120 m/s is 1.22 × the fastest test".
+
+        Arguments as of `predict`; a speed or a mass that is not given is the case's.
+        """
+        given = {name: getattr(self.forward.p, name) for name in self.forward.tested.ranges}
+        return tuple(self.forward.tested.outside({**given, **(at or {}), "alpha": alpha}, self.data.units))
+
+    @property
+    def row_errors(self) -> np.ndarray:
+        """The standard deviation of each row: its uncertainty, or the mean of the sampled one; shape (n,)."""
+        if not {*OF_ERROR} & {*self.ways["model"].values}:
+            return self.data.deviation
+        drawn = [deviations(self.data, values, np.tile(self.data.erosion, (len(next(iter(values.values()))), 1)))
+                 for _, values in self.chosen(_SOME)]  # fmt: skip
+        return np.concatenate(drawn).mean(axis=0)
 
     @property
     def title(self) -> str:

@@ -186,13 +186,14 @@ class CaseFile:
         Raises:
             CaseError: for a field `tested` that cannot be read.
         """
-        tested, there = self.section("advise").get("tested", {}), p.to("si")
+        tested = self.section("advise").get("tested", {})
         try:
             ranges = Tested.read(tested)
         except ValueError as error:
             raise CaseError(f"{self.path}: field `tested` of [advise] {error}.") from error
         names = ("v0", "m", "alpha") if angle else ("v0", "m")
-        return [f"{self.path}: {words}" for words in ranges.outside({name: getattr(there, name) for name in names})]
+        said = ranges.outside({name: getattr(p, name) for name in names}, p.units)
+        return [f"{self.path}: {words}" for words in said]
 
     def section(self, name: str) -> dict[str, Any]:
         """The table `[name]`, empty where there is none.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.quantities import UnitError, has_unit, read_quantity, shown
+from erosion.parameters.quantities import System, UnitError, conversion_factor, has_unit, read_quantity, shown
 
 _WORDS = {"alpha": ("flattest", "steepest"), "v0": ("slowest", "fastest"), "m": ("lightest", "heaviest")}
 _UNITS = {"alpha": ("deg", 180 / np.pi), "v0": ("m/s", 1.0), "m": ("kg", 1.0)}
@@ -23,6 +23,12 @@ class Tested:
     """
 
     ranges: Mapping[str, tuple[float, float]]
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any], units: System) -> "Tested":
+        """Of numbers or arrays by name, in a unit system."""
+        in_si = _in_si(values, units)
+        return cls({name: (float(np.min(rows)), float(np.max(rows))) for name, rows in in_si.items()})
 
     @classmethod
     def read(cls, table: Any) -> "Tested":
@@ -55,9 +61,9 @@ class Tested:
             listed.append(f"{name} = [{low}, {high}]")
         return f"{{ {', '.join(listed)} }}"
 
-    def outside(self, values: Mapping[str, Any]) -> list[str]:
-        """Sentences on values in SI, numbers or arrays, that lie outside: "120 m/s is 1.33 × the fastest test"."""
-        said = []
+    def outside(self, values: Mapping[str, Any], units: System = "si") -> list[str]:
+        """Sentences on values, numbers or arrays by name, that lie outside: "120 m/s is 1.33 × the fastest test"."""
+        said, values = [], _in_si(values, units)
         for name, (low, high) in self.ranges.items():
             if name in values:
                 least, most = float(np.min(values[name])), float(np.max(values[name]))
@@ -67,3 +73,8 @@ class Tested:
                 if least < low * (1 - _SAME):
                     said.append(f"{quantity.in_words(least, 'si')} is {least / low:.3g} × the {lower} test.")
         return said
+
+
+def _in_si(values: Mapping[str, Any], units: System) -> dict[str, Any]:
+    return {name: np.asarray(value) * conversion_factor(QUANTITIES[name].dimension, units, "si")
+            for name, value in values.items()}  # fmt: skip

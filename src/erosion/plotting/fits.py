@@ -14,6 +14,7 @@ from scipy import stats
 from erosion.fits import Calibration, NextExperiment, Posterior
 from erosion.fits.measurements import MOST, Condition, Measurements, conditions, describe
 from erosion.fits.posterior import BestAngles
+from erosion.fits.prediction import Predictor
 from erosion.models import model_name
 from erosion.parameters.quantities import RESULTS, Scale, readable_scale, unit_name
 from erosion.plotting.labels import ENDS, INK, MARKS, PALETTE, STYLES
@@ -231,12 +232,9 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
             a colour of its own, and its rows; of more than six, those of similar energy share one. They have a panel on
             their ends together where these are the same, as without rotation, else one each.
     """
-    data = posterior.data
-    groups = _drawn_groups(posterior, at)
-    curves = [posterior.predict(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
-    scale = readable_scale(data.dimension, data.units, max(float(np.nanmax(np.abs(curve))) for curve in curves))
+    groups = _drawn_groups(posterior.data, None if at is None else [at])
     ends = [posterior.ends(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
-    is_alone, are_same = len(groups) == 1, all(np.array_equal(ends[0], other) for other in ends)
+    are_same = all(np.array_equal(ends[0], other) for other in ends)
     panels = (1.15,) if are_same else (0.72,) * len(groups)
     fig = new_figure(6.2, 4.2 + sum(panels))
     upper, *lower = fig.subplots(1 + len(panels), 1, sharex=True, height_ratios=(3.7, *panels))
@@ -244,37 +242,58 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
         _draw_ends(ax, of_group)
         ax.set_ylabel("share of draws" if are_same else "share")
         ax.set_title("" if are_same else group.label, fontsize=8, loc="left", pad=2)
-    for group, curve, color, mark in zip(groups, curves, PALETTE.values(), MARKS, strict=False):
-        look = {"color": color, "fmt": mark, "label": group.label}
+    _draw_means([upper, *lower], posterior.predictor, groups)
+    return fig
+
+
+@house_style()
+def plot_means(predictor: Predictor, at: Sequence[Mapping[str, float]]) -> Figure:
+    """The bands of the mean over all angles, at other parameters of the case, in a colour for each."""
+    fig = new_figure(6.2, 4.2)
+    _draw_means([fig.subplots()], predictor, _drawn_groups(predictor.data, at))
+    return fig
+
+
+def _drawn_groups(data: Measurements, asked: Sequence[Mapping[str, float]] | None) -> list[Condition]:
+    """The rows of each speed and mass; or what is asked for, with its rows if it was measured."""
+    groups = conditions(data, len(PALETTE))
+    if asked is None:
+        return groups
+    of_rows = {tuple(sorted(group.values.items())): group.rows for group in groups}
+    return [Condition(of_rows.get(tuple(sorted(at.items())), np.zeros(0, int)), at, describe(at, data.units))
+            for at in asked]  # fmt: skip
+
+
+def _draw_means(axes: Sequence[Axes], predictor: Predictor, groups: Sequence[Condition]) -> None:
+    """The bands and the rows of each group on the first of the axes, the angles below the last, and the legend."""
+    fig: Any = axes[0].figure
+    (upper, *lower), data = axes, predictor.data
+    curves = [predictor.predict(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
+    scale = readable_scale(data.dimension, data.units, float(np.abs(data.erosion).max()))
+    is_alone, errors = len(groups) == 1, predictor.row_errors
+    for i, (group, curve, mark) in enumerate(zip(groups, curves, cycle(MARKS), strict=False)):
+        look = {"color": _color(i, len(groups)), "fmt": mark, "label": group.label}
+        _draw_bands(upper, curve / scale.size, look["color"], labelled=is_alone)
         if is_alone:
             look = {"color": INK, "fmt": "o", "label": _source(data)}
-        _draw_bands(upper, curve / scale.size, color, labelled=is_alone)
         if group.rows.size:
-            rows, errors = data.erosion[group.rows], posterior.row_errors[group.rows]
-            _draw_rows(upper, data.angle[group.rows], rows / scale.size, errors / scale.size, look)
+            angle, erosion, error = (values[group.rows] for values in (data.angle, data.erosion, errors))
+            _draw_rows(upper, angle, erosion / scale.size, error / scale.size, look)
+        elif not is_alone:
+            upper.plot([], [], color=look["color"], label=group.label)
     if not is_alone:
         # One entry for a band, whatever its colour.
         for level, opacity in _BANDS:
             upper.fill_between([], [], color=INK, alpha=opacity, linewidth=0, label=f"{level:.0%}")
         upper.plot([], [], color=INK, label="median")
-    angle_axis(lower[-1])
-    lower[-1].set_xlim(0, _RIGHT)
+    angle_axis(axes[-1])
+    axes[-1].set_xlim(0, _RIGHT)
     upper.set_ylabel(f"{typeset(data.quantity.symbol)}  {data.quantity.meaning} {_unit(scale)}".rstrip())
     what = groups[0].label if is_alone else data.source
-    upper.set_title(f"{model_name(posterior.model)}  {what}", fontsize=8.5, loc="left")
+    upper.set_title(f"{model_name(predictor.forward.model)}  {what}", fontsize=8.5, loc="left")
     upper.set_ylim(bottom=0)
     fig.align_ylabels()
-    _legend(fig, (upper, *lower), 4, f"bands: of the mean, by {', '.join(posterior.predictor.parts)}")
-    return fig
-
-
-def _drawn_groups(posterior: Posterior, at: Mapping[str, float] | None) -> list[Condition]:
-    """The rows of each speed and mass; or what is asked for, with its rows if it was measured."""
-    groups = conditions(posterior.data, len(PALETTE))
-    if at is None:
-        return groups
-    asked = Condition(np.zeros(0, int), dict(at), describe(at, posterior.data.units))
-    return [next((group for group in groups if dict(group.values) == dict(at)), asked)]
+    _legend(fig, (upper, *lower), 4, f"bands: of the mean, by {', '.join(predictor.parts)}")
 
 
 @house_style()
