@@ -92,3 +92,21 @@ def test_an_array_that_a_loop_has_changed_is_not_read():
 
     with pytest.raises(NotForLanesError, match="after a loop has changed it"):
         Lanewise(function, (STRUCTS["a"], number))
+
+
+@pytest.mark.parametrize(
+    "start", [lambda x: jnp.arange(float(H)), lambda x: jnp.stack([x * i for i in range(H)])], ids=["constant", "stack"]
+)
+def test_a_loop_reads_what_it_carries_before_it_changes(start):
+    """Of two arrays that a loop carries one is kept in memory, and the other is computed from it."""
+
+    def function(a, x):
+        def body(at):
+            return at[0] + 1.0, 2.0 * at[1], at[1] + 1.0
+
+        return lax.while_loop(lambda at: at[0] < 3.0 + x, body, (0.0, a, start(x)))
+
+    results = Lanewise(function, (STRUCTS["a"], number))(np.tile(WEIGHTS["a"], (X.size, 1)), X)
+    expected = [function(jnp.asarray(WEIGHTS["a"]), x) for x in X]
+    for made, *leaves in zip(results, *expected, strict=True):
+        np.testing.assert_allclose(made, np.stack(leaves), rtol=1e-12)

@@ -125,6 +125,10 @@ FUNCTIONS = {
     "median": lambda x: jnp.median(_array(x)),
     "percentile": lambda x: jnp.percentile(_array(x), 30.0),
     "top_k": lambda x: lax.top_k(_ties(x), 5),
+    "top_k of bytes": lambda x: [
+        lax.top_k(jnp.array(numbers, dtype) + (0 * x).astype(dtype), 2)
+        for numbers, dtype in (([0, 5, 9], jnp.uint8), ([-128, 5, 9], jnp.int8))
+    ],
     "top_k of whole numbers": lambda x: lax.top_k((_array(x) * 10).astype(int), 2),
     "derivative of a branch": lambda x: jax.grad(lambda u: lax.cond(u > 0.5, lambda u: u**2, lambda u: u**3, u))(x),
     "hessian": lambda x: jax.hessian(lambda u: jnp.asin(u) * jnp.atanh(u))(0.5 * x),

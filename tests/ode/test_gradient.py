@@ -243,3 +243,65 @@ def test_jax_makes_no_sum_nan_of_a_lane_that_does_not_count():
     known = jnp.asarray(args["x0"])
     found = jax.grad(loss)(args["w"], jnp.concatenate([known, jnp.array([jnp.nan])]))
     _alike(found, jax.grad(loss)(args["w"], known), 1e-12)
+
+
+def _ball():
+    """It bounces, and is pushed at times by what is infinite at the ground."""
+    return ode.Problem(
+        y0=lambda args: {"x": args["h"], "v": 0.0, "w": 0.3},
+        vector_field=lambda t, y, args: {"x": y["v"], "v": -args["g"], "w": 1.0},
+        events={
+            "ground": ode.Event(
+                lambda t, y, args: y["x"], -1, reset=lambda t, y, args: {**y, "x": 0.0, "v": -args["u"] * y["v"]}
+            ),
+            "push": ode.Event(
+                lambda t, y, args: y["w"] - 1.0,
+                reset=lambda t, y, args: {"x": y["x"], "v": y["v"] + 0.1 / y["x"], "w": y["w"] - 1.0},
+            ),
+        },
+    )
+
+
+def _iterated():
+    """Rates with a loop that JAX cannot go back through."""
+
+    def root(x):
+        return jax.lax.while_loop(lambda at: at[0] < 5, lambda at: (at[0] + 1, (at[1] + x / at[1]) / 2), (0, x))[1]
+
+    return ode.Problem(
+        y0=lambda args: {"x": args["h"], "v": 0.0},
+        vector_field=lambda t, y, args: {"x": y["v"], "v": -args["g"] - args["u"] * root(2.0 + y["v"] ** 2)},
+        events={"ground": ode.Event(lambda t, y, args: y["x"], -1)},
+    )
+
+
+@pytest.mark.parametrize(("problem", "options"), [(_ball(), {}), (_iterated(), {"smooth": True})])
+def test_where_an_adjoint_is_unknown_it_goes_forwards(problem, options):
+    args = {"h": 1.0, "g": 9.81, "u": 0.8}
+
+    def speed(args):
+        return ode.solve(problem, args, t1=1.2, **options).y["v"]
+
+    end = ode.solve(problem, args, t1=1.2, **options)
+    found = end.gradient(y={name: float(name == "v") for name in end.y})
+    for name, expected in jax.jacfwd(speed)(args).items():
+        assert float(jax.grad(speed)(args)[name]) == pytest.approx(float(expected), rel=1e-8)
+        assert float(found[name]) == pytest.approx(float(expected), rel=1e-8)
+
+
+def test_a_lane_without_a_result_is_left_out_along_each_axis():
+    args = {"height": np.array([[1.0], [np.nan]]), "g": np.array([[9.81, 20.0]])}
+    found = ode.solve(FALL, args, t1=10.0).gradient(t=1.0)
+    alone = ode.solve(FALL, args | {"height": 1.0}, t1=10.0).gradient(t=1.0)
+    np.testing.assert_allclose(found["g"], alone["g"])
+    np.testing.assert_array_equal(np.isnan(found["height"]), [[False], [True]])
+
+
+def test_a_row_of_a_jacobian_integrates_its_own_lane(monkeypatch):
+    counts = []
+    ends_of = gradient.ends_of
+    monkeypatch.setattr("erosion.ode.pushes.ends_of", lambda *given: counts.append(given[2]) or ends_of(*given))
+    times = jax.jacrev(lambda heights: ode.solve(FALL, {"height": heights, "g": 9.81}, t1=10.0).t)
+    heights = jnp.linspace(1.0, 2.0, 20)
+    np.testing.assert_allclose(times(heights), np.diag(1 / np.sqrt(2 * 9.81 * heights)), rtol=1e-9, atol=1e-12)
+    assert all(count <= 20 for count in counts)

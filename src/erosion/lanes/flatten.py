@@ -183,8 +183,10 @@ class Flattener:
             ]
         held = {i: array for i in memories if isinstance(array := carried[i], Large)}
         ready = {i: parted(array, as_memory(graph, after[i])) for i, array in held.items()}
-        after = [carry_on(held[i], ready[i]) if i in memories else after[i] for i in changing]
-        return all_of(graph.end_loop(loop, _scalars(after)))
+        # What is not kept in memory is computed before the memory that it may be read from changes.
+        scalars = {i: _scalars([after[i]]) for i in changing if i not in memories}
+        scalars |= {i: _scalars([carry_on(held[i], ready[i])]) for i in changing if i in memories}
+        return all_of(graph.end_loop(loop, [value for i in changing for value in scalars[i]]))
 
     def _where_it_goes_on(self, goes_on: Elements, new: Elements, old: Elements) -> np.ndarray:
         """For a batch of loops: the new values in rows that go on, the old values in the others."""

@@ -115,8 +115,8 @@ def _is_less(x: Array, y: Array) -> Array:
 def _top_k(array: Array, *, axis: int, **params: Any) -> list[Array]:
     """The greatest k, and their places; NaN is the greatest."""
     places = lax.broadcasted_iota(jnp.int32, array.shape, axis)
-    exact = jnp.issubdtype(array.dtype, jnp.integer)
-    keys = [-array] if exact else [(~jnp.isnan(array)).astype(jnp.int32), -array]
+    exact = not jnp.issubdtype(array.dtype, jnp.floating)
+    keys = [~array] if exact else [(~jnp.isnan(array)).astype(jnp.int32), -array]
     *_, values, places = _sort(*keys, array, places, dimension=axis, num_keys=len(keys))
     return [lax.slice_in_dim(part, 0, params["k"], axis=axis) for part in (values, places)]
 

@@ -114,7 +114,8 @@ class _Adjoint:
 
     def _event(self, back: _Back, *, is_last: Scalar) -> _Back:
         """Before the event of a motion, from after it."""
-        digits, event, rows = tape.read(self.token, back.row, self.width)
+        # Lanes that are done go on beside others, and read the first row.
+        digits, event, rows = tape.read(self.token, jnp.maximum(back.row, 0), self.width)
         state, sums = back.state, back.sums
         if self.problem.chains:
             happens = [jnp.floor(digits / 2.0**i) % 2 == 1 for i in range(len(self.problem.directions))]

@@ -17,11 +17,12 @@ from jax import lax
 from jaxtyping import PyTree
 
 from erosion.arguments import Number, PerLane, Scalar
+from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import WIDTH, Compiled, by_xla, compile_lanes, number
 from erosion.ode.adjoint import pulled_back
 from erosion.ode.batch import compiling, in_threads, integrate, integrate_along
 from erosion.ode.extended import Extended
-from erosion.ode.integrator import LaneEnd, recorded_lane
+from erosion.ode.integrator import recorded_lane
 from erosion.ode.reduction import may_have_kinks
 from erosion.ode.solution import Solution
 from erosion.ode.tape import BESIDE, Tape
@@ -42,37 +43,40 @@ class Ends(NamedTuple):
         trials: of steps.
         tolerance: of the results.
         stiff: whether the method for stiff motions integrated them.
+        rtol: that was asked for.
     """
 
     outcome: np.ndarray
     trials: np.ndarray
     tolerance: np.ndarray
     stiff: np.ndarray
-
-    @classmethod
-    def of(cls, found: LaneEnd) -> "Ends":
-        """The same of a batch."""
-        stiff = np.zeros(found.trials.shape, bool) if found.stiff is None else found.stiff > 0
-        return cls(found.outcome, found.trials, found.tolerance, stiff)
+    rtol: float
 
 
 def ends_of(layout: Layout, numbers: Sequence[PerLane], lanes: int, rtol: float) -> Ends:
     """How lanes end."""
-    return Ends.of(integrate(layout, numbers, lanes, 0, (), rtol))
+    found = integrate(layout, numbers, lanes, 0, (), rtol)
+    stiff = np.zeros(lanes, bool) if found.stiff is None else found.stiff > 0
+    return Ends(found.outcome, found.trials, found.tolerance, stiff, rtol)
 
 
 FEW = 3
 """Elements by which derivatives are taken from which on going backwards costs less; benchmarks/RESULTS-ode.md."""
 
 
-def is_worth(layout: Layout, elements: int) -> bool:
-    """Whether derivatives by so many elements should go backwards."""
-    return elements >= FEW and goes_back(layout)
+def is_worth(layout: Layout, elements: int, rows: int) -> bool:
+    """Whether derivatives of so many rows, time and outputs, by so many elements should go backwards."""
+    return elements >= FEW and goes_back(layout, rows)
 
 
-def goes_back(layout: Layout) -> bool:
-    """Whether lanes of a layout have an adjoint; a stiff one among them may have none."""
-    return not (by_xla() or layout.options.method == "rosenbrock" or may_have_kinks(layout))
+def goes_back(layout: Layout, rows: int) -> bool:
+    """Whether lanes of a layout have an adjoint; a stiff one among them may have none.
+
+    JAX cannot go backwards through a `while_loop` of the rates.
+    """
+    if by_xla() or layout.options.method == "rosenbrock" or may_have_kinks(layout):
+        return False
+    return _is_traced(layout.renewed().wanting(method="explicit"), rows - 1)
 
 
 def gradient(
@@ -86,11 +90,11 @@ def gradient(
         lanes: how many.
         ends: of these lanes.
         bars: by what L changes with each lane's time and outputs, shape (1 + outputs, lanes).
-        spoils: whether lanes without a result make the sums NaN; else they are left out of them.
+        spoils: whether derivatives of lanes without a result are NaN, and the sums with them; else they are zero.
 
     Returns:
         For each number the derivatives by it: of each lane, shape (lanes, …), or the sum over the lanes where they
-        share it. Zero where `bars` are zero, and NaN where a lane has no result.
+        share it. Zero where `bars` are zero.
     """
     layout = layout.renewed()
     bars = np.asarray(bars, float)
@@ -98,8 +102,13 @@ def gradient(
     # What does not count is zero, whatever the lane did.
     counts = np.any(bars != 0, axis=0)
     known = counts & ~lost
-    forwards = known & ends.stiff if goes_back(layout) else known
-    back = _Back(layout, [np.asarray(n, float) for n in numbers], ends, bars) if np.any(known & ~forwards) else None
+    back = None
+    if np.any(known & ~ends.stiff) and goes_back(layout, len(bars)):
+        explicit = layout.wanting(method="explicit")
+        programs = _programs(explicit, len(bars) - 1)
+        if programs is not None:
+            back = _Back(explicit, programs, [np.asarray(number, float) for number in numbers], ends, bars)
+    forwards = known & ends.stiff if back is not None else known
     shared = [number.ndim == len(shape) for number, shape in zip(numbers, layout.shapes, strict=True)]
     found = [np.zeros(() if same else (lanes, *shape)) for same, shape in zip(shared, layout.shapes, strict=True)]
     sums: list[list[np.ndarray]] = [[] for _ in found]
@@ -110,13 +119,16 @@ def gradient(
         parts = [np.zeros((some.size, *shape)) for shape in layout.shapes]
         if back is not None:
             back.fill(some[known[some] & ~forwards[some]], begin, parts)
+            # What did not happen, such as the reset of another event, may have made 0·∞ of an adjoint.
+            unknown = [~np.isfinite(part).all(axis=tuple(range(1, part.ndim))) for part in parts]
+            forwards[some] |= known[some] & np.any(unknown, axis=0)
         if forwards[some].any():
             _fill_forwards(layout, numbers, some[forwards[some]], ends, bars, begin, parts)
         gone = (counts & lost)[some]
         for i, (part, same) in enumerate(zip(parts, shared, strict=True)):
             if layout.dtypes[i] != "float64":
                 continue
-            if spoils or not same:
+            if spoils:
                 part[gone] = np.nan
             if same:
                 sums[i].append(summed(part))
@@ -142,10 +154,11 @@ class _Back:
     Args: see `gradient`.
     """
 
-    def __init__(self, layout: Layout, numbers: list[np.ndarray], ends: Ends, bars: np.ndarray) -> None:
-        layout = layout.wanting(method="explicit")
+    def __init__(
+        self, layout: Layout, programs: "_Programs", numbers: list[np.ndarray], ends: Ends, bars: np.ndarray
+    ) -> None:
         self.layout, self.numbers, self.ends, self.bars = layout, numbers, ends, bars
-        self.forwards, self.backwards, self.width = _programs(layout, len(bars) - 1)
+        self.forwards, self.backwards, self.width = programs
         self.rows = _ROWS
 
     def fill(self, lanes: np.ndarray, begin: int, parts: Sequence[np.ndarray]) -> None:
@@ -169,6 +182,8 @@ class _Back:
         zero = np.zeros(())
         inputs = [*own, self.ends.tolerance[lanes], np.asarray(float(rows)), zero]
         self.forwards.run(inputs, every, [count, outcome, token], stop, tapes)
+        if stop is not None and stop[0]:
+            return
         fits = count <= rows
         results = [np.empty((lanes.size, *shape)) for shape, real in self._real() if real]
         bars = [np.ascontiguousarray(row[lanes]) for row in self.bars]
@@ -191,27 +206,47 @@ class _Back:
         ]
 
 
-def _programs(layout: Layout, outputs: int) -> tuple[Compiled, Compiled, int]:
-    """Programs forwards and backwards, and how many numbers a state has."""
+_Programs = tuple[Compiled, Compiled, int]
+"""Programs forwards and backwards, and how many numbers a state has."""
+
+
+def _programs(layout: Layout, outputs: int) -> _Programs | None:
+    """None where lanes cannot do what the way back needs."""
     with compiling:
         return _compiled(layout, outputs)
 
 
+def _backwards(layout: Layout, numbers: list[Number], count: Scalar, bars: list[Scalar], token: Scalar) -> list[Number]:
+    time, *of_outputs = bars
+    return pulled_back(layout, numbers, count, time, of_outputs, token)
+
+
+@functools.lru_cache(maxsize=256)
+def _is_traced(layout: Layout, outputs: int) -> bool:
+    """Whether JAX can go back through a step."""
+    try:
+        back = functools.partial(_backwards, layout)
+        jax.eval_shape(back, layout.structs(), number, [number] * (1 + outputs), number)
+    except ValueError:
+        return False
+    return True
+
+
 @functools.lru_cache(maxsize=64)
-def _compiled(layout: Layout, outputs: int) -> tuple[Compiled, Compiled, int]:
+def _compiled(layout: Layout, outputs: int) -> _Programs | None:
     def forwards(numbers: list[Number], rtol: Scalar, rows: Scalar, token: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         tape = Tape(jnp.zeros((), int), lax.convert_element_type(rows, int), token)
         end, tape = recorded_lane(layout, numbers, (), rtol, tape)
         assert tape is not None
         return tape.rows, end.outcome, tape.token
 
-    def backwards(numbers: list[Number], count: Scalar, bars: list[Scalar], token: Scalar) -> list[Number]:
-        time, *of_outputs = bars
-        return pulled_back(layout, numbers, count, time, of_outputs, token)
-
     structs = layout.structs()
+    arguments = (structs, number, [number] * (1 + outputs), number)
+    try:
+        back = compile_lanes(functools.partial(_backwards, layout), arguments, tapes=1)
+    except NotForLanesError:
+        return None
     forth = compile_lanes(forwards, (structs, number, number, number), tapes=1)
-    back = compile_lanes(backwards, (structs, number, [number] * (1 + outputs), number), tapes=1)
     width: list[int] = []
     jax.eval_shape(lambda numbers: width.append(Extended(layout, numbers, 0, ()).width), structs)
     return forth, back, width[0]
@@ -235,11 +270,10 @@ def _fill_forwards(
         if layout.dtypes[i] == "float64"
     ]
     places = np.array([[element for _, element in elements]], float)
-    rtol = float(np.min(ends.tolerance[lanes], initial=1.0))
     some = max(1, _FORWARD // len(elements))
     for first in range(0, lanes.size, some):
         each = lanes[first : first + some]
-        slopes = integrate_along(layout, layout.of_lanes(numbers, each), each.size, 1, places, rtol)
+        slopes = integrate_along(layout, layout.of_lanes(numbers, each), each.size, 1, places, ends.rtol)
         along = [slopes.time.first, *slopes.outputs.first]
         total = np.zeros((each.size, len(elements)))
         for bar, slope in zip(bars, along, strict=True):
@@ -268,15 +302,17 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
         if name not in names:
             raise ValueError(f"Argument `integrals` must name some of {', '.join(names) or 'none'}, but has {name!r}.")
     bars += [_bar("integrals", integrals.get(name, 0.0), shape) for name in names]
-    rows = np.concatenate([bar.reshape(lanes.size, -1).T for bar in bars])
+    rows = np.concatenate([bar.reshape(lanes.size, math.prod(bar.shape[len(shape) :])).T for bar in bars])
     if solution.tolerance is None:
         ends = ends_of(layout, lanes.numbers, lanes.size, solution.rtol)
     else:
         of_lanes = (solution.outcome, solution.trials, solution.tolerance, solution.stiff)
-        ends = Ends(*(np.reshape(np.asarray(each), -1) for each in of_lanes))
+        outcome, trials, tolerance, stiff = (np.reshape(np.asarray(each), -1) for each in of_lanes)
+        ends = Ends(outcome, trials, tolerance, stiff, solution.rtol)
     found = gradient(layout, lanes.numbers, lanes.size, ends, rows, spoils=False)
+    gone = np.asarray(layout.has_no_result(ends.outcome) & np.any(rows != 0, axis=0)).reshape(shape)
     own = [
-        _as_given(part, shape, leaf, each) for part, leaf, each in zip(found, layout.shapes, lanes.given, strict=True)
+        _as_given(part, gone, leaf, each) for part, leaf, each in zip(found, layout.shapes, lanes.given, strict=True)
     ]
     return layout.args(own)
 
@@ -288,13 +324,20 @@ def _bar(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
         raise ValueError(f"Argument `{name}` must have the shape {shape}, but is {given!r}.") from None
 
 
-def _as_given(found: np.ndarray, lanes: tuple[int, ...], own: tuple[int, ...], given: tuple[int, ...]) -> np.ndarray:
-    """Derivatives by a number in the shape in which it was given; summed over the lanes that share an element."""
-    if own or not found.ndim:
+def _as_given(found: np.ndarray, gone: np.ndarray, own: tuple[int, ...], given: tuple[int, ...]) -> np.ndarray:
+    """Derivatives by a number in the shape in which it was given; summed over the lanes that share an element.
+
+    NaN where none of these lanes has a result: they are `gone`.
+    """
+    if found.ndim == len(own):
+        return np.full(given, np.nan) if gone.size and gone.all() else found.reshape(given)
+    if own:
+        found = np.where(gone.reshape(-1, *[1] * len(own)), np.nan, found)
         return found.reshape(given)
-    found = found.reshape(lanes)
-    for axis in range(len(lanes)):
-        behind = len(lanes) - axis
-        if behind > len(given) or given[-behind] < lanes[axis]:
+    found = found.reshape(gone.shape)
+    for axis in range(gone.ndim):
+        behind = gone.ndim - axis
+        if behind > len(given) or given[-behind] < gone.shape[axis]:
             found = np.expand_dims(summed(np.moveaxis(found, axis, 0)), axis)
-    return found.reshape(given)
+            gone = np.all(gone, axis=axis, keepdims=True)
+    return np.where(gone, np.nan, found).reshape(given)

@@ -125,12 +125,19 @@ def _on_host(ends: Ends, axes: int, shapes: tuple[tuple[int, ...], ...], *given:
         # A number that all lanes share, and whose derivative is the sum over them.
         together = math.prod(array.shape[:axes]) == 1 == math.prod(wanted.get(i, ())[:axes])
         flat.append(array.reshape(own) if together else np.broadcast_to(array, (*leading, *own)).reshape(lanes, *own))
-    of_lanes = np.broadcast_to(bars, (*leading, ends.rows)).reshape(lanes, -1).T
-    found = gradient(layout, flat, lanes, ends_of(layout, flat, lanes, ends.rtol), of_lanes, spoils=True)
+    of_lanes = np.broadcast_to(bars, (*leading, ends.rows)).reshape(lanes, ends.rows).T
+    # A row of `jacrev` counts in one lane of all.
+    some = np.flatnonzero(np.any(of_lanes != 0, axis=0))
+    given_some = layout.of_lanes(flat, some)
+    found = gradient(
+        layout, given_some, some.size, ends_of(layout, given_some, some.size, ends.rtol), of_lanes[:, some], spoils=True
+    )
     made = []
     for i, shape in wanted.items():
         part, own = found[i], layout.shapes[i]
         if part.ndim > len(own):
+            part = np.zeros((lanes, *own))
+            part[some] = found[i]
             part = part.reshape(*leading, *own)
             for axis, length in enumerate(shape[:axes]):
                 if length < leading[axis]:

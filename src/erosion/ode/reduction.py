@@ -479,13 +479,19 @@ def _is_always_zero(value: Atom, made_by: Mapping[Var, Equation]) -> bool:
 def _is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
     """Whether an operation on the arguments that vary is not smooth."""
     varying = {variable for variable, moves in zip(jaxpr.invars, varies, strict=True) if moves}
+    pivoted: set[Atom] = set()  # jumps where rows are exchanged; a solution of the system does not
     for equation in jaxpr.eqns:
         moves = [not isinstance(atom, Literal) and atom in varying for atom in equation.invars]
         if not any(moves):
             continue
         varying |= set(equation.outvars)
         if equation.primitive.name == "lu":
-            continue  # its order of rows serves `custom_linear_solve`
+            pivoted |= set(equation.outvars)
+            continue
+        if equation.primitive.name != "custom_linear_solve" and not pivoted.isdisjoint(
+            atom for atom in equation.invars if not isinstance(atom, Literal)
+        ):
+            return True
         if not all(np.issubdtype(getattr(made.aval, "dtype", float), np.floating) for made in equation.outvars):
             return True  # whole numbers and truths jump
         if equation.params.get("name") in _SMOOTH_FUNCTIONS or equation.primitive.name in _SMOOTH:
@@ -498,7 +504,7 @@ def _is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
             return True
         if _is_rough(inner[0], moves):
             return True
-    return False
+    return not pivoted.isdisjoint(atom for atom in jaxpr.outvars if not isinstance(atom, Literal))
 
 
 def _inner(parameters: dict[str, Any]) -> Iterator[Jaxpr]:
