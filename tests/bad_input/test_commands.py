@@ -267,7 +267,7 @@ FITS = [
     ("calibrate folder", "folder: cannot be read (Is a directory)."),
     ("calibrate bytes.csv", "bytes.csv: is not a text file in UTF-8."),
     ("calibrate empty.csv", "empty.csv: is empty."),
-    ("calibrate case.toml", "case.toml, line 1, the header has no column `angle [deg]`."),
+    ("calibrate case.toml", "case.toml, line 1, the header has no column `angle [deg]`"),
     ("calibrate bad.csv", "bad.csv, line 3, column 1 (angle [deg]) must be above 0° and at most 90°, but is 95."),
     ("calibrate sand.csv sand.csv", "sand.csv: is not valid TOML"),
     ("calibrate sand.csv --free nu", "Option `--free` must name parameters"),
@@ -324,7 +324,7 @@ ADVICE = [
     (f"advise {JET} --spread '3 m'", "Option `--spread` must be an angle"),
     (f"advise {JET} --spread '0 deg'", "Option `--spread` must be above 0°"),
     (f"advise {JET} --speed-spread 2", "Option `--speed-spread` must be at least 0"),
-    (f"advise {JET} -o advice.doc", "must end in .html or .pdf"),
+    (f"advise {JET} -o advice.doc", "must end in .html, .pdf or .csv"),
     (f"advise {JET} --alpha 20deg", "Option `--alpha` has no meaning here"),
     (f"advise {JET} --density 2.7", "Option `--density` must be a density with its unit"),
 ]

@@ -135,7 +135,7 @@ class MapJob:
         task, table, surface, options = self.task, self.impacts, self.surface, self.task.options
         ends = end_names(task.model)
         tally = FaceTally(1 if surface is None else surface.faces, options.realisations)
-        nearness, times = Nearness(surface, self._limit), Times()
+        nearness, times = Nearness(surface, self._limit), TimeSpan()
 
         def add(portion: Portion) -> None:
             tally.add(portion)
@@ -172,7 +172,7 @@ class MapJob:
             'say: Argument `injected` must give it, such as "2 g".'
         )
 
-    def _sand(self, tally: FaceTally, times: "Times") -> Sand:
+    def _sand(self, tally: FaceTally, times: "TimeSpan") -> Sand:
         """The mass of sand in the run, and the time that it is taken for."""
         options, table, parcels = self.task.options, self.impacts, tally.parcels
         duration, duration_from, warnings = times.of(table)
@@ -233,7 +233,7 @@ class MapJob:
         limit, units = self.task.options.limit, self.task.options.p.units
         return None if limit is None else limit * conversion_factor("length", units, "si")
 
-    def _portions(self, nearness: Nearness, times: "Times") -> Iterator[Hits]:
+    def _portions(self, nearness: Nearness, times: "TimeSpan") -> Iterator[Hits]:
         """All rows, noted by `nearness` and `times`, in portions of a fixed number, the last one of what is left."""
         options = self.task.options
         incidence = Incidence(self.surface, self.impacts.mesh_faces, options.restitution, self._limit)
@@ -323,7 +323,7 @@ class MapJob:
             raise ImpactsError(f"{title}: of {tally.rows:,} rows none hits: {words}.")
 
 
-class Times:
+class TimeSpan:
     """The first and the last time of the rows that were read so far."""
 
     def __init__(self) -> None:

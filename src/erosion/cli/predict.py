@@ -39,7 +39,8 @@ def predict(
     """Predict the wear from a fit, with honest intervals.
 
     The table has the mean at each angle and speed, the interval of the mean and
-    that of a new weighing. A warning says how far a question lies outside the tests.
+    that of a new weighing. A warning says how far a question lies outside the
+    tests.
     """
     import numpy as np
 

@@ -450,12 +450,13 @@ def _measurements(
         raise MeasurementError(f"{at} {error}.") from error
     used = {index: column for index, column in enumerate(header.columns) if column is not None}
     columns = read([*used])
+    table = place(None, None).rsplit(", line ", 1)[0]  # its header's place without the line
     if not columns[0].size:
-        raise MeasurementError(f"{place(None, None)} has no rows of data.")
+        raise MeasurementError(f"{table} has no rows of data.")
     missing = np.isnan(np.stack(columns))
     kept = ~missing.any(axis=0)
     if not kept.any():
-        raise MeasurementError(f"{place(None, None)} has no row with all of its numbers.")
+        raise MeasurementError(f"{table} has no row with all of its numbers.")
     notes = (*notes, *_left_out(missing, [heads[i].strip() for i in used], lines, source))
     rows = np.flatnonzero(kept)
     columns = [column[rows] for column in columns]

@@ -149,19 +149,19 @@ class _Adjoint:
     def _steps(self, back: _Back) -> _Back:
         """Where a motion began, from its event."""
 
-        def step(at: tuple[_Back, tape.Row]) -> tuple[_Back, tape.Row]:
+        def step(at: tuple[_Back, tape.Entry]) -> tuple[_Back, tape.Entry]:
             back, row = at
             state, sums = self._step(row, back.state, back.sums)
             before = back.row - 1
             return _Back(before, state, back.time, sums), tape.read(self.token, jnp.maximum(before, 0), self.width)
 
-        def goes_on(at: tuple[_Back, tape.Row]) -> Scalar:
+        def goes_on(at: tuple[_Back, tape.Entry]) -> Scalar:
             back, row = at
             return (back.row >= 0) & (row.code == tape.STEP)
 
         return lax.while_loop(goes_on, step, (back, tape.read(self.token, jnp.maximum(back.row, 0), self.width)))[0]
 
-    def _step(self, row: tape.Row, after: Rows, sums: list[Number]) -> tuple[Rows, list[Number]]:
+    def _step(self, row: tape.Entry, after: Rows, sums: list[Number]) -> tuple[Rows, list[Number]]:
         """The cotangents before a step."""
         h, slopes, pulls = row.length, [[] for _ in row.state], []
         for i in range(_STAGES):

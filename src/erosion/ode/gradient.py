@@ -35,7 +35,7 @@ _FEW = 64  # lanes that one thread computes sooner
 _FORWARD = 2**20  # lanes at once of derivatives forwards
 
 
-class Ends(NamedTuple):
+class Ended(NamedTuple):
     """How lanes ended, arrays of shape (lanes,).
 
     Args:
@@ -53,11 +53,11 @@ class Ends(NamedTuple):
     rtol: float
 
 
-def ends_of(layout: Layout, numbers: Sequence[PerLane], lanes: int, rtol: float) -> Ends:
+def ends_of(layout: Layout, numbers: Sequence[PerLane], lanes: int, rtol: float) -> Ended:
     """How lanes end."""
     found = integrate(layout, numbers, lanes, 0, (), rtol)
     stiff = np.zeros(lanes, bool) if found.stiff is None else found.stiff > 0
-    return Ends(found.outcome, found.trials, found.tolerance, stiff, rtol)
+    return Ended(found.outcome, found.trials, found.tolerance, stiff, rtol)
 
 
 FEW = 3
@@ -80,7 +80,7 @@ def goes_back(layout: Layout, rows: int) -> bool:
 
 
 def gradient(
-    layout: Layout, numbers: Sequence[PerLane], lanes: int, ends: Ends, bars: np.ndarray, *, spoils: bool
+    layout: Layout, numbers: Sequence[PerLane], lanes: int, ends: Ended, bars: np.ndarray, *, spoils: bool
 ) -> list[np.ndarray]:
     """What a number L changes by with the numbers of lanes.
 
@@ -107,7 +107,7 @@ def gradient(
         explicit = layout.wanting(method="explicit")
         programs = _programs(explicit, len(bars) - 1)
         if programs is not None:
-            back = _Back(explicit, programs, [np.asarray(number, float) for number in numbers], ends, bars)
+            back = _WayBack(explicit, programs, [np.asarray(number, float) for number in numbers], ends, bars)
     forwards = known & ends.stiff if back is not None else known
     shared = [number.ndim == len(shape) for number, shape in zip(numbers, layout.shapes, strict=True)]
     found = [np.zeros(() if same else (lanes, *shape)) for same, shape in zip(shared, layout.shapes, strict=True)]
@@ -148,14 +148,14 @@ def summed(rows: np.ndarray) -> np.ndarray:
     return rows[0] if len(rows) else np.zeros(rows.shape[1:])
 
 
-class _Back:
+class _WayBack:
     """The way back through lanes.
 
     Args: see `gradient`.
     """
 
     def __init__(
-        self, layout: Layout, programs: "_Programs", numbers: list[np.ndarray], ends: Ends, bars: np.ndarray
+        self, layout: Layout, programs: "_Programs", numbers: list[np.ndarray], ends: Ended, bars: np.ndarray
     ) -> None:
         self.layout, self.numbers, self.ends, self.bars = layout, numbers, ends, bars
         self.forwards, self.backwards, self.width = programs
@@ -256,12 +256,12 @@ def _fill_forwards(
     layout: Layout,
     numbers: Sequence[PerLane],
     lanes: np.ndarray,
-    ends: Ends,
+    ends: Ended,
     bars: np.ndarray,
     begin: int,
     parts: Sequence[np.ndarray],
 ) -> None:
-    """The same as `_Back.fill`, one lane for each element of a number."""
+    """The same as `_WayBack.fill`, one lane for each element of a number."""
     clock = Clock._fields.index("max_step") - len(Clock._fields) if layout.options.clock else None
     elements = [
         (i, offset + j)
@@ -308,7 +308,7 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
     else:
         of_lanes = (solution.outcome, solution.trials, solution.tolerance, solution.stiff)
         outcome, trials, tolerance, stiff = (np.reshape(np.asarray(each), -1) for each in of_lanes)
-        ends = Ends(outcome, trials, tolerance, stiff, solution.rtol)
+        ends = Ended(outcome, trials, tolerance, stiff, solution.rtol)
     found = gradient(layout, lanes.numbers, lanes.size, ends, rows, spoils=False)
     gone = np.asarray(layout.has_no_result(ends.outcome) & np.any(rows != 0, axis=0)).reshape(shape)
     own = [

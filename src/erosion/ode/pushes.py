@@ -23,7 +23,7 @@ from erosion.ode.gradient import ends_of, gradient, summed
 from erosion.ode.variational import Layout
 
 
-class Ends(NamedTuple):
+class EndFunction(NamedTuple):
     """What ends depend on.
 
     Args:
@@ -47,7 +47,7 @@ class Ends(NamedTuple):
         return tuple(j for i in self.moving for j in range(offsets[i], offsets[i + 1]))
 
 
-def pushed(ends: Ends, numbers: Sequence[ArrayLike], tangents: Sequence[ArrayLike]) -> Any:
+def pushed(ends: EndFunction, numbers: Sequence[ArrayLike], tangents: Sequence[ArrayLike]) -> Any:
     """The tangents of time and outputs."""
     return _push.bind(*numbers, *tangents, ends=ends, axes=0)
 
@@ -56,12 +56,12 @@ _push, _pull = Primitive("erosion_push"), Primitive("erosion_pull")
 _pull.multiple_results = True
 
 
-def _leading(ends: Ends, axes: int, arrays: Sequence[Any]) -> tuple[int, ...]:
+def _leading(ends: EndFunction, axes: int, arrays: Sequence[Any]) -> tuple[int, ...]:
     """The axes of `vmap` before those of the numbers and what follows them."""
     return np.broadcast_shapes(*(np.shape(array)[:axes] for array in arrays))
 
 
-def _slopes(ends: Ends, axes: int, numbers: Sequence[Any]) -> Array:
+def _slopes(ends: EndFunction, axes: int, numbers: Sequence[Any]) -> Array:
     """The derivatives forwards, shape (…, rows, elements), of the numbers' own axes of `vmap`."""
     if axes == 0:
         return ends.slopes(ends.layout, ends.rtol, ends.elements, list(numbers))
@@ -73,7 +73,7 @@ def _slopes(ends: Ends, axes: int, numbers: Sequence[Any]) -> Array:
     return jax.vmap(within, ([0 if many else None for many in varies],))(given)
 
 
-def _flat(ends: Ends, axes: int, parts: Sequence[Any]) -> Array:
+def _flat(ends: EndFunction, axes: int, parts: Sequence[Any]) -> Array:
     """Tangents of numbers as those of elements, shape (…, elements)."""
     leading = _leading(ends, axes, parts)
     flat = [
@@ -83,14 +83,14 @@ def _flat(ends: Ends, axes: int, parts: Sequence[Any]) -> Array:
     return jnp.concatenate(flat, axis=-1)
 
 
-def _push_forwards(*arrays: Any, ends: Ends, axes: int) -> Array:
+def _push_forwards(*arrays: Any, ends: EndFunction, axes: int) -> Array:
     numbers, tangents = arrays[: len(ends.layout.shapes)], arrays[len(ends.layout.shapes) :]
     slopes, flat = _slopes(ends, axes, numbers), _flat(ends, axes, tangents)
     made = jnp.einsum("...re,...e->...r", slopes, flat)
     return jnp.broadcast_to(made, (*_leading(ends, axes, arrays), ends.rows))
 
 
-def _pull_forwards(*arrays: Any, ends: Ends, axes: int, shapes: tuple[tuple[int, ...], ...]) -> list[Array]:
+def _pull_forwards(*arrays: Any, ends: EndFunction, axes: int, shapes: tuple[tuple[int, ...], ...]) -> list[Array]:
     """The transpose of `_push_forwards`."""
     *numbers, bars = arrays
     flat = jnp.einsum("...re,...r->...e", _slopes(ends, axes, numbers), bars)
@@ -103,19 +103,19 @@ def _pull_forwards(*arrays: Any, ends: Ends, axes: int, shapes: tuple[tuple[int,
     return made
 
 
-def _pull_back(*arrays: Any, ends: Ends, axes: int, shapes: tuple[tuple[int, ...], ...]) -> list[Array]:
+def _pull_back(*arrays: Any, ends: EndFunction, axes: int, shapes: tuple[tuple[int, ...], ...]) -> list[Array]:
     results = [jax.ShapeDtypeStruct(shape, np.float64) for shape in shapes]
     on_host = _callback(ends, ends.layout.equations, axes, shapes)
     return jax.pure_callback(on_host, results, *arrays)
 
 
 @functools.lru_cache(maxsize=256)
-def _callback(ends: Ends, equations: Any, axes: int, shapes: tuple[tuple[int, ...], ...]) -> Callable[..., Any]:
+def _callback(ends: EndFunction, equations: Any, axes: int, shapes: tuple[tuple[int, ...], ...]) -> Callable[..., Any]:
     """The same object each time, as JAX compiles a program for each; but each problem follows its own code."""
     return functools.partial(_on_host, ends, axes, shapes)
 
 
-def _on_host(ends: Ends, axes: int, shapes: tuple[tuple[int, ...], ...], *given: Any) -> list[np.ndarray]:
+def _on_host(ends: EndFunction, axes: int, shapes: tuple[tuple[int, ...], ...], *given: Any) -> list[np.ndarray]:
     layout = ends.layout
     *numbers, bars = (np.asarray(array) for array in given)
     leading = _leading(ends, axes, [*numbers, bars])
@@ -157,12 +157,12 @@ def _batched(arrays: Sequence[Any], dims: Sequence[int | None]) -> list[Any]:
     ]
 
 
-def _push_batched(arrays: Sequence[Any], dims: Sequence[Any], *, ends: Ends, axes: int) -> tuple[Any, int]:
+def _push_batched(arrays: Sequence[Any], dims: Sequence[Any], *, ends: EndFunction, axes: int) -> tuple[Any, int]:
     return _push.bind(*_batched(arrays, dims), ends=ends, axes=axes + 1), 0
 
 
 def _pull_batched(
-    arrays: Sequence[Any], dims: Sequence[Any], *, ends: Ends, axes: int, shapes: tuple[tuple[int, ...], ...]
+    arrays: Sequence[Any], dims: Sequence[Any], *, ends: EndFunction, axes: int, shapes: tuple[tuple[int, ...], ...]
 ) -> tuple[Any, list[int]]:
     given = _batched(arrays, dims)
     length = max(array.shape[0] for array in given)
@@ -206,7 +206,7 @@ def _pull_jvp(primals: Sequence[Any], rates: Sequence[Any], **params: Any) -> tu
     return made, [jnp.zeros_like(each) for each in made] if changes is None else changes
 
 
-def _push_transposed(bars: Any, *arrays: Any, ends: Ends, axes: int) -> list[Any]:
+def _push_transposed(bars: Any, *arrays: Any, ends: EndFunction, axes: int) -> list[Any]:
     numbers, tangents = arrays[: len(ends.layout.shapes)], arrays[len(ends.layout.shapes) :]
     unknown = [ad.is_undefined_primal(each) for each in tangents]
     shapes = tuple(
@@ -217,7 +217,7 @@ def _push_transposed(bars: Any, *arrays: Any, ends: Ends, axes: int) -> list[Any
 
 
 def _pull_transposed(
-    tangents: Sequence[Any], *arrays: Any, ends: Ends, axes: int, shapes: tuple[tuple[int, ...], ...]
+    tangents: Sequence[Any], *arrays: Any, ends: EndFunction, axes: int, shapes: tuple[tuple[int, ...], ...]
 ) -> list[Any]:
     *numbers, bars = arrays
     made = _push.bind(*numbers, *map(ad.instantiate_zeros, tangents), ends=ends, axes=axes)

@@ -49,7 +49,7 @@ class Tape(NamedTuple):
         return self._replace(rows=self.rows + jnp.where(rowss, 1, 0), token=token)
 
 
-class Row(NamedTuple):
+class Entry(NamedTuple):
     """A row of a tape."""
 
     length: Scalar
@@ -57,8 +57,8 @@ class Row(NamedTuple):
     state: Rows
 
 
-def read(token: Scalar, row: Scalar, width: int) -> Row:
+def read(token: Scalar, row: Scalar, width: int) -> Entry:
     """A row of states of a width."""
     place = row * (BESIDE + width)
     length, code, *state = (tapes.read(_SLOT, token, place + i) for i in range(BESIDE + width))
-    return Row(length, code, state)
+    return Entry(length, code, state)

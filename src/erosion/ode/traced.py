@@ -175,7 +175,7 @@ def _end_jvp(layout: Layout, rtol: float, primals: _Numbers, tangents: _Numbers)
     moving = _moving(layout, rates)
     elements, moved = _elements(layout, moving), [jnp.asarray(rates[i]) for i in moving]
     if is_worth(layout, len(elements), vector.size):
-        ends = pushes.Ends(layout, rtol, moving, vector.size, _slopes)
+        ends = pushes.EndFunction(layout, rtol, moving, vector.size, _slopes)
         return (vector, codes), (pushes.pushed(ends, numbers, moved), still)
     return (vector, codes), (_slopes(layout, rtol, elements, numbers) @ _flat(moved), still)
 
