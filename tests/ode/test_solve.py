@@ -718,3 +718,16 @@ def test_no_time_up_to_the_end_is_missed_whatever_the_start():
         (end.times.along("t0", "t0").ys, -k[:, None] * np.cos(root * since)),
     ):
         np.testing.assert_allclose(ys["x"], np.where(there, exact, np.nan), rtol=0, atol=1e-9)
+
+
+def test_derivatives_at_times_of_a_motion_with_kinks():
+    """x″ = -|x|/x by hand: x = x0 - t²/2, with a rate that may have kinks."""
+    problem = ode.Problem(
+        y0=lambda args: {"x": args["x0"], "v": 0.0},
+        vector_field=lambda t, y, args: {"x": y["v"], "v": -jnp.abs(y["x"]) / y["x"]},
+        events={"ground": ode.Event(lambda t, y, args: y["x"], -1)},
+    )
+    ts = np.linspace(0.0, 1.0, 4)
+    end = ode.solve(problem, {"x0": np.array([1.0, 2.0, 3.0])}, t1=9.0, wrt="x0", ts=ts)
+    np.testing.assert_allclose(end.ys["x"], np.array([[1.0], [2.0], [3.0]]) - ts**2 / 2, **CLOSE)
+    np.testing.assert_allclose(end.times.along("x0").ys["x"], np.ones((3, 4)), **SLOPES)

@@ -217,7 +217,8 @@ def _one_by_one(
     own = layout.of_lanes(numbers, which)
     place = len(own) - len(Clock._fields) + Clock._fields.index("t1")
     own[place] = np.minimum(np.tile(times, lanes), own[place])
-    results = integrate(layout, own, which.size, order, _of_lanes(directions, which), rtol)
+    directions = _of_lanes(directions, which)
+    results = integrate(layout, own, which.size, order, directions, rtol)
     value, first, other, second = (part and np.stack(part, -1) for part in results.outputs)
     members = [value, first, second][: order + 1] if len(directions) < 2 else [value, first, other, second]
     # A given time does not change with the lane's own end.
