@@ -139,7 +139,7 @@ def test_a_link_carries_the_whole_state(page: Page) -> None:
 BAD_INPUT = [
     ("v0", "fast", "must be a speed"),
     ("v0", "-3", "must be positive and finite, but is -3"),
-    ("alpha", "95", "must be in (0, 90°]"),
+    ("alpha", "95", "must be in degrees, above 0 and up to 90"),
     ("k", "2 kg", "must be a pure number"),
     ("phidot0", "nan", "must be a finite number"),
     ("sigma", "", "must be a stress"),
