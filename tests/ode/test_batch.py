@@ -37,6 +37,7 @@ class Program:
         lanes: np.ndarray,
         outputs: Sequence[np.ndarray],
         stop: np.ndarray | None = None,
+        tapes: Sequence[np.ndarray] = (),
     ) -> None:
         own = [
             np.broadcast_to(leaf, lanes.max(initial=0) + 1)[lanes] if leaf.ndim == 0 else leaf[lanes] for leaf in leaves
