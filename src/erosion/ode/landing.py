@@ -23,7 +23,6 @@ _BESIDE = 1e-12  # the same beside an end at which a rate has a kink or a jump
 _LOOSE = 1e-9  # the tolerance at which this is so; it goes with its root
 _WITHIN = 0.9  # of a place beside an end
 _SHARE = 0.98  # of the way to it is a step, by Newton's method
-_STEPS = 64  # of Newton's method at most: rounding may keep it from the place
 
 
 class Lane(NamedTuple):
@@ -208,16 +207,16 @@ def _to_the_end(problem: Extended, lane: Lane, rtol: Scalar, scale: Scalar) -> t
         times = (jnp.where(lane.control.event == i, -end.value / end.rate, 0.0) for i, end in enumerate(events))
         return sum(times, jnp.zeros(()))
 
-    def nearer(at: tuple[Scalar, Rows, Rows, Scalar, Scalar]) -> tuple[Scalar, Rows, Rows, Scalar, Scalar]:
-        passed, rows, slope, fall, steps = at
+    def nearer(at: tuple[Scalar, Rows, Rows, Scalar]) -> tuple[Scalar, Rows, Rows, Scalar]:
+        passed, rows, slope, fall = at
         length = jnp.minimum(_SHARE * fall, fall - _WITHIN * beside)
         rows = short_step(problem, rows, slope, length)
         slope, events = problem.rate_and_events(rows)
-        return passed + length, rows, slope, remaining(events), steps + 1
+        return passed + length, rows, slope, remaining(events)
 
     def inside() -> tuple[Scalar, Rows, Flag]:
-        start = (0.0 * left, lane.state, lane.slope, jnp.minimum(remaining(lane.events), left), jnp.zeros((), int))
-        passed, rows, *_ = lax.while_loop(lambda at: (at[3] > beside) & (at[4] < _STEPS), nearer, start)
+        start = (0.0 * left, lane.state, lane.slope, jnp.minimum(remaining(lane.events), left))
+        passed, rows, *_ = lax.while_loop(lambda at: at[-1] > beside, nearer, start)
         return passed, rows, jnp.asarray(False)
 
     slope, events = problem.rate_and_events(state)
