@@ -20,8 +20,6 @@ from erosion.ode.variational import Along, AlongFlow, Augmented
 
 _INSIDE = 1e-10  # of the time scale: as near to an end beyond which the motion is not defined
 _BESIDE = 1e-12  # the same beside an end at which a rate has a kink or a jump
-_LOOSE = 1e-9  # the tolerance at which this is so; it goes with its root
-_WITHIN = 0.9  # of a place beside an end
 _SHARE = 0.98  # of the way to it is a step, by Newton's method
 
 
@@ -67,18 +65,16 @@ class Flight(NamedTuple):
     shift: Rows
 
 
-def landed(problem: Extended, lane: Lane, until: Scalar | None, rtol: Scalar) -> tuple[Flight, Along]:
+def landed(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:
     """The motion to where its last step found its end; with how what is wanted there depends on the event's time."""
-    if problem.rodas is not None:
-        return _by_the_last_step(problem, lane, until)
-    return _by_a_short_step(problem, lane, until, rtol)
+    return (_by_a_short_step if problem.rodas is None else _by_the_last_step)(problem, lane, until)
 
 
-def _by_a_short_step(problem: Extended, lane: Lane, until: Scalar | None, rtol: Scalar) -> tuple[Flight, Along]:
+def _by_a_short_step(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:
     """The motion where its last step found its end."""
     control, options = lane.control, problem.options
     scale = problem.scale_near(control.step, FIRST_STEP)
-    left, state, moves = _to_the_end(problem, lane, rtol, scale)
+    left, state, moves = _to_the_end(problem, lane, scale)
     slope, events = problem.rate_and_events(state)
     if options.waits:
         # An event function may bend more than the motion: one more short step before Newton's last.
@@ -192,7 +188,7 @@ def _motion(lane: Lane, members: tuple[Augmented, ...], event: Scalar, time: Sca
     return Flight(lane.control, members, event, time, count, at_once, lane.greatest, lane.shift)
 
 
-def _to_the_end(problem: Extended, lane: Lane, rtol: Scalar, scale: Scalar) -> tuple[Scalar, Rows, Flag]:
+def _to_the_end(problem: Extended, lane: Lane, scale: Scalar) -> tuple[Scalar, Rows, Flag]:
     """The time from the last trial to the end, the state there, and whether it may move to the event itself.
 
     A force such as depth^1.5 is not defined above the surface, and |v| has another slope beyond v = 0. At such an event
@@ -209,24 +205,22 @@ def _to_the_end(problem: Extended, lane: Lane, rtol: Scalar, scale: Scalar) -> t
 
     def nearer(at: tuple[Scalar, Rows, Rows, Scalar]) -> tuple[Scalar, Rows, Rows, Scalar]:
         passed, rows, slope, fall = at
-        length = jnp.minimum(_SHARE * fall, fall - _WITHIN * beside)
+        length = _SHARE * fall
         rows = short_step(problem, rows, slope, length)
         slope, events = problem.rate_and_events(rows)
         return passed + length, rows, slope, remaining(events)
 
     def inside() -> tuple[Scalar, Rows, Flag]:
         start = (0.0 * left, lane.state, lane.slope, jnp.minimum(remaining(lane.events), left))
+        beside = jnp.where(defined, _BESIDE, _INSIDE) * scale
         passed, rows, *_ = lax.while_loop(lambda at: at[-1] > beside, nearer, start)
         return passed, rows, jnp.asarray(False)
 
     slope, events = problem.rate_and_events(state)
     event = [u + remaining(events) * k for u, k in zip(state, slope, strict=True)]
-    at_event = problem.rate(event)
-    defined = all_finite([*state, *slope, *at_event])
-    # Integrations with two tolerances end at two places: what is rounding alone there differs.
-    beside = jnp.where(defined, _BESIDE * jnp.clip(jnp.sqrt(rtol / _LOOSE), 0.01, 10.0), _INSIDE) * scale
+    defined = all_finite([*state, *slope, *problem.rate(event)])
     happens = (lane.control.mode == ENDED) & (lane.control.event >= 0)
-    kinked = happens & is_kinked(problem, event, slope, at_event, scale)
+    kinked = happens & is_kinked(problem, event, slope, scale)
     return lax.cond(defined & ~kinked, lambda: (left, state, jnp.asarray(True)), inside)
 
 

@@ -356,14 +356,13 @@ def is_broken(problem: Flow, before: Rows, stages: list[Rows], h: Scalar, scale:
     return broken & (h < _SHORT * scale)
 
 
-def is_kinked(problem: Flow, event: Rows, slope: Rows, there: Rows, scale: Scalar) -> Flag:
-    """Whether a rate, of the motion or of its derivatives, is another one before an event than at it or after it.
+def is_kinked(problem: Flow, event: Rows, slope: Rows, scale: Scalar) -> Flag:
+    """Whether a rate, of the motion or of its derivatives, is another one after an event than before it.
 
     Args:
         problem: the equations.
         event: the state at the event.
         slope: its rate near the event.
-        there: and at it.
         scale: the time scale.
     """
     moment = _MOMENT * scale
@@ -371,10 +370,9 @@ def is_kinked(problem: Flow, event: Rows, slope: Rows, there: Rows, scale: Scala
         problem.rate([u + time * k for u, k in zip(event, slope, strict=True)]) for time in (-moment, moment)
     )
     kinked: Flag = jnp.asarray(False)
-    for u, one, at, other in zip(event, before, there, after, strict=True):
+    for u, one, other in zip(event, before, after, strict=True):
         size = jnp.maximum(jnp.maximum(jnp.abs(one), jnp.abs(other)), jnp.abs(u) / scale)
-        change = jnp.maximum(jnp.abs(other - one), jnp.abs(at - one))
-        kinked = kinked | ~(change <= _OTHER * size)  # a rate that is NaN there, too
+        kinked = kinked | (jnp.abs(other - one) > _OTHER * size)
     return kinked
 
 

@@ -213,7 +213,6 @@ def _event_names(layout: Layout) -> tuple[str, ...]:
 
 
 _FIXED = 1e-9  # of its terms: a first derivative that is smaller is zero by definition
-_CANCELLED = 1e10  # times its size are the terms of a second derivative: rounding leaves too few of its digits
 
 Direction = int | Scalar
 """The place of an element among the elements of all numbers, see `Layout`; traced, or part of the program."""
@@ -526,7 +525,6 @@ def at_event(
             jnp.abs(other) < _FIXED * jnp.abs(flow * t_other)
         )
         worst = jnp.maximum(worst, jnp.where(fixed, 1.0, cancelled))
-        v_second[-1] = jnp.where(cancelled > _CANCELLED, jnp.where(fixed, v_second[-1], jnp.nan), v_second[-1])
     v_second = jax.tree.unflatten(jax.tree.structure(wanted.value), v_second)
     return AtEvent(
         Derivatives(time, t_first, t_other, t_second),
