@@ -710,4 +710,5 @@ def test_derivatives_at_times_of_a_motion_with_kinks():
     ts = np.linspace(0.0, 1.0, 4)
     end = ode.solve(problem, {"x0": np.array([1.0, 2.0, 3.0])}, t1=9.0, wrt="x0", ts=ts)
     np.testing.assert_allclose(end.ys["x"], np.array([[1.0], [2.0], [3.0]]) - ts**2 / 2, **CLOSE)
+    assert end.times is not None
     np.testing.assert_allclose(end.times.along("x0").ys["x"], np.ones((3, 4)), **SLOPES)
