@@ -333,7 +333,7 @@ class Advice(Result):
 
     @property
     def trusted(self) -> Sequence[Curve]:
-        """The curves whose amounts count: the correlations of this metal, after a fit the draws, else the models.
+        """The curves whose amounts count, of correlations of this metal, of the draws of a fit, or of models.
 
         None where the models' amount is more than ten times what tests find.
         """
@@ -345,7 +345,7 @@ class Advice(Result):
 
     @property
     def conclusions(self) -> list[str]:
-        """The advice in sentences: the answers, and their reasons."""
+        """The answers and their reasons, in sentences."""
         return [*self.answers, *self.reasons]
 
     @property

@@ -219,7 +219,7 @@ class Calibration(Result):
 
     @functools.cached_property
     def leverage(self) -> np.ndarray:
-        """How much each row draws the fit to itself, between 0 and 1, shape (rows,): the hat matrix's diagonal."""
+        """The hat matrix's diagonal, which is how much each row draws the fit to itself; shape (rows,)."""
         return np.sum((self.solution.jacobian @ self.identifiability.modes) ** 2, axis=1)
 
     @functools.cached_property

@@ -49,7 +49,7 @@ class ErrorModel:
             units: of the result.
 
         Raises:
-            UnitError: with a clause that starts with "must", to follow the text's name.
+            ValueError: The text is no sum of an amount and a share; a clause that starts with "must".
         """
         parts = {"absolute": 0.0, "relative": 0.0}
         texts = _PLUS.split(text)

@@ -133,7 +133,7 @@ class Predictor(Result):
 
     @property
     def row_errors(self) -> np.ndarray:
-        """The standard deviation of each row: its uncertainty, or the mean of the sampled one; shape (n,)."""
+        """Standard deviations of the rows, given or the mean of the sampled ones; shape (n,)."""
         if not {*OF_ERROR} & {*self.ways["model"].values}:
             return self.data.deviation
         drawn = [deviations(self.data, values, np.tile(self.data.erosion, (len(next(iter(values.values()))), 1)))
