@@ -29,7 +29,7 @@ LEVEL = 0.9
 # The parameters that shape each model's curve; K = tan α leaves k without influence.
 FREE = {"linearized": ("k", "psi"), "rotating": ("k", "psi"), "rotating-tan-alpha": ("r", "psi")}
 PRIORS: Mapping[str, Any] = {"k": LogNormal(2.0, 0.3), "psi": LogNormal(0.04, 0.3), "r": LogNormal(0.04, 0.3)}
-NOISES = LogUniform(1e-6, 2e-5)
+NOISES = {"noise": LogUniform(1e-6, 2e-5), "relative_noise": LogUniform(0.01, 0.2)}
 
 
 class Ranks(NamedTuple):
@@ -62,7 +62,7 @@ def calibrated(model: str, sets: int, *, known: bool, seed: int = 0) -> Ranks:
         seed: of truths, data and draws.
     """
     free = FREE[model]
-    laws = {name: PRIORS[name] for name in free} | ({} if known else {"noise": NOISES})
+    laws = {name: PRIORS[name] for name in free} | ({} if known else NOISES)
     ranks, covered = np.empty((2, sets, len(laws)))
     for i in range(sets):
         rng = np.random.default_rng([seed, i])
@@ -70,12 +70,10 @@ def calibrated(model: str, sets: int, *, known: bool, seed: int = 0) -> Ranks:
         # Each set has its own angles: a jump of V(α) may lie between any two rows.
         degrees = np.sort(rng.uniform(5.0, 85.0, ROWS))
         p = dataclasses.replace(erosion.TABLE_1, alpha=np.deg2rad(degrees), **{name: truth[name] for name in free})
-        error = truth.get("noise", ERROR)
-        data = {
-            "angle [deg]": degrees,
-            "volume [in^3]": erosion.impact(model, p).volume + error * rng.standard_normal(ROWS),
-        }
-        data |= {"uncertainty [in^3]": np.full(ROWS, error)} if known else {}
+        volume = erosion.impact(model, p).volume
+        error = np.full(ROWS, ERROR) if known else np.hypot(truth["noise"], truth["relative_noise"] * volume)
+        data = {"angle [deg]": degrees, "volume [in^3]": volume + error * rng.standard_normal(ROWS)}
+        data |= {"uncertainty [in^3]": error} if known else {}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", erosion.ConvergenceWarning)  # R̂ of 125 draws passes 1.01 by chance
             drawn = erosion.posterior(
