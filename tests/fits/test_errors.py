@@ -87,3 +87,9 @@ def test_repeats_show_what_a_model_misses(known):
     assert lack.scatter == pytest.approx(np.sqrt(pure) / (1e-6 if known else 1.0))
     assert "lack_of_fit" in str(fit)
     assert calibrate("linearized", TABLE_1, {n: v[::3] for n, v in data.items()}, ["psi"]).lack_of_fit is None
+
+
+def test_a_part_that_matters_in_no_row_is_none():
+    erosion = np.array([10e-6, 40e-6, 90e-6, 120e-6])
+    assert ErrorModel.nearest(erosion, np.full(4, 0.2e-6) * (1 + 1e-12 * np.arange(4))).relative == 0
+    assert ErrorModel.nearest(erosion, 0.08 * erosion).absolute == 0

@@ -12,6 +12,7 @@ from erosion.parameters.quantities import Dimension, System, UnitError, has_unit
 
 _PLUS = re.compile(r"(?<![eE])\+")  # not that of 1e+3
 _SHARE = re.compile(r"(.*\S)\s*(?:%|percent)\s*")
+_NOTHING = 1e-3  # of the greater part
 _EXAMPLE = '"0.3 mg/kg + 8 %"'
 
 
@@ -73,7 +74,10 @@ class ErrorModel:
         sizes = np.linalg.norm(of_rows, axis=0)
         sizes[sizes == 0] = 1.0
         squares, _ = optimize.nnls(of_rows / sizes, np.ones(len(erosion)))
-        return cls(*np.sqrt(squares / sizes).tolist())
+        parts = np.sqrt(squares / sizes)
+        # Rounding leaves a part that matters in no row.
+        shares = parts * np.array([1.0, np.abs(erosion).max()])
+        return cls(*np.where(shares < _NOTHING * shares.max(), 0.0, parts).tolist())
 
     def deviation(self, erosion: np.ndarray | Number) -> Any:
         """One standard deviation at an erosion, of its shape."""
