@@ -38,9 +38,11 @@ def test_the_numbers_are_those_of_the_predictor(fitted, shell, tmp_path):
     assert [line["v0"] for line in lines] == [60, 60, 120, 120]
     np.testing.assert_allclose([line["alpha"] for line in lines], asked.ravel())
     np.testing.assert_allclose([line["mean"] for line in lines], of_mean.mean(axis=0).ravel())
-    for what, draws in (("mean", of_mean), ("weighing", of_weighing)):
-        ends = [[line[f"{what}_{end}"] for line in lines] for end in ("low", "high")]
-        np.testing.assert_allclose(ends, np.quantile(draws, [0.05, 0.95], axis=0).reshape(2, -1))
+    # Weighings are drawn here, not there: of 2000 draws an end is known to some percents of the interval.
+    for what, draws, part in (("mean", of_mean, 1e-9), ("weighing", of_weighing, 0.05)):
+        ends = np.array([[line[f"{what}_{end}"] for line in lines] for end in ("low", "high")])
+        drawn = np.quantile(draws, [0.05, 0.95], axis=0).reshape(2, -1)
+        assert (np.abs(ends - drawn) <= part * (drawn[1] - drawn[0])).all()
     check(printed.document)
     assert result["weights"] == pytest.approx(predictor.weights)
     assert result["parts"] == list(predictor.parts)

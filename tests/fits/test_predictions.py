@@ -5,12 +5,13 @@ import pytest
 from scipy import stats
 
 import erosion
-from erosion.fits import Posterior
+from erosion.fits import Posterior, prediction
 from erosion.fits.calibration import make_forward
 from erosion.fits.discrepancy import Discrepant, with_few_conditions
 from erosion.fits.errors import ErrorModel
 from erosion.fits.likelihood import make_likelihood
 from erosion.fits.posterior_files import read_predictor
+from erosion.fits.predicted import _end_of_weighing, predictions
 from erosion.parameters.parameters import TABLE_1
 
 ERROR = ErrorModel(1e-6, 0.05)
@@ -131,3 +132,29 @@ def test_one_speed_leaves_the_exponent_to_its_prior_and_says_so():
     assert predictor.weights["discrepancy"] < 0.5
     assert any("exponent" in sentence for sentence in predictor.warnings)
     assert drawn.predict(0.5, {"v0": V0}).std() < drawn.predict(0.5, {"v0": 2 * V0}).std() / 5
+
+
+def test_an_end_of_a_weighing_is_that_of_the_sum_of_both_errors():
+    means = 3 * stats.norm.ppf((np.arange(20000) + 0.5) / 20000)[:, None]
+    assert _end_of_weighing(means, np.full_like(means, 4.0), 0.975) == pytest.approx(5 * stats.norm.ppf(0.975), 1e-3)
+    # An error that is nothing leaves the mean's end.
+    assert _end_of_weighing(means, np.zeros_like(means), 0.975) == pytest.approx(3 * stats.norm.ppf(0.975), 1e-3)
+
+
+@pytest.mark.slow
+def test_rows_that_are_put_together_keep_evidence_and_ranges_and_those_that_are_missed_are_named(monkeypatch):
+    monkeypatch.setattr(prediction, "with_few_conditions", lambda likelihood: with_few_conditions(likelihood, 6))
+    degrees = np.array([14.0, 15.0, 25.0, 26.0, 40.0, 41.0, 65.0, 88.5, 90.0])
+    volume = np.maximum(erosion.impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees))).volume, 1e-5)
+    volume[-1] *= 3  # which a model without deformation has not
+    table = {"angle [deg]": degrees, "volume [in^3]": volume}
+    drawn = erosion.posterior("linearized", TABLE_1, table, ["psi"], error=ErrorModel(1e-6, 0.05), draws=125)
+    predictor = drawn.predictor
+    # At one speed the exponent has no influence.
+    assert predictor.weights["exponent"] == pytest.approx(predictor.weights["model"])
+    assert not predictor.outside(np.deg2rad([14.0, 90.0]))
+    (missed,) = (sentence for sentence in predictor.warnings if "miss" in sentence)
+    assert "row 8 (90°)" in missed
+    assert "deformation" in missed
+    asked = predictions(predictor, np.deg2rad([40.0, 90.0]))
+    assert any("90°" in sentence and sentence not in predictor.warnings for sentence in asked.warnings)

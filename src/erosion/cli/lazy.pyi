@@ -138,16 +138,13 @@ from erosion.parameters.quantities import RESULTS as RESULTS
 from erosion.parameters.quantities import Dimension as Dimension
 from erosion.parameters.quantities import Scale as Scale
 from erosion.parameters.quantities import System as System
-from erosion.parameters.quantities import ascii_unit as ascii_unit
 from erosion.parameters.quantities import check_system as check_system
 from erosion.parameters.quantities import conversion_factor as conversion_factor
-from erosion.parameters.quantities import known_scales as known_scales
 from erosion.parameters.quantities import quantity_row as quantity_row
 from erosion.parameters.quantities import read_axis as read_axis
 from erosion.parameters.quantities import read_quantity as read_quantity
 from erosion.parameters.quantities import result_row as result_row
 from erosion.parameters.quantities import table_scale as table_scale
-from erosion.parameters.quantities import unit_name as unit_name
 from erosion.parameters.quantities import unit_of as unit_of
 from erosion.plotting.curves import plot_against_correlations as plot_against_correlations
 from erosion.plotting.curves import plot_optimum as plot_optimum
@@ -182,3 +179,4 @@ from erosion.sweeps.grid import in_words as in_words
 from erosion.sweeps.grid import make_grid as make_grid
 from erosion.sweeps.sweep import compare as compare
 from erosion.sweeps.sweep import prepare_sweep as prepare_sweep
+from erosion.fits.predicted import predictions as predictions

@@ -281,6 +281,11 @@ class Measurements:
         """A row as its reader finds it: "line 7" of a file; rows of tables in memory count from 0."""
         return f"row {row}" if self.lines is None else f"line {self.lines[row]}"
 
+    def where(self, row: int) -> str:
+        """A row with its angle and condition: "line 7 (30°, v₀ = 60 m/s)"."""
+        label = next((group.label for group in conditions(self) if row in group.rows), "")
+        return f"{self.row_in_words(row)} ({np.rad2deg(self.angle[row]):.3g}°{', ' * bool(label)}{label})"
+
     def at_conditions(self) -> tuple[np.ndarray, np.ndarray]:
         """The distinct conditions, shape (parameters, conditions), and the one of each row, shape (n,)."""
         values, places = np.unique(np.stack(list(self.conditions.values())), axis=1, return_inverse=True)

@@ -8,7 +8,6 @@ import numpy as np
 from scipy import stats
 
 from erosion.fits.least_squares import Loss, settle
-from erosion.fits.measurements import conditions
 from erosion.output.tables import format_number
 from erosion.parameters.quantities import table_scale
 
@@ -92,7 +91,7 @@ def _outlier(fit: "Calibration", row: int, distance: float, probability: float) 
         else f"{abs(distance):.1f} standard errors (probability {probability:.1g})"
     )
     return (
-        f"{data.source}, {_where(fit, row)}, is an outlier: it has {measured}, the fit has {fitted}, "
+        f"{data.source}, {data.where(row)}, is an outlier: it has {measured}, the fit has {fitted}, "
         f"{errors}.{changes} See that it is written down right; the loss soft_l1 holds it back."
     )
 
@@ -102,12 +101,7 @@ def _held_back(fit: "Calibration", weights: np.ndarray) -> list[str]:
     rows = [int(row) for row in np.argsort(weights) if weights[row] < _HELD_BACK]
     if not rows:
         return []
-    listed = ", ".join(f"{_where(fit, row)} (to {weights[row]:.0%})" for row in rows[:_LISTED])
+    data = fit.data
+    listed = ", ".join(f"{data.where(row)} (to {weights[row]:.0%})" for row in rows[:_LISTED])
     more = f" and {len(rows) - _LISTED:,} more" if len(rows) > _LISTED else ""
-    return [f"{fit.data.source}: the loss {fit.problem.loss} weighs down {listed}{more}."]
-
-
-def _where(fit: "Calibration", row: int) -> str:
-    """The row with its angle and condition: "line 7 (30°, v₀ = 60 m/s)"."""
-    label = next((group.label for group in conditions(fit.data) if row in group.rows), "")
-    return f"{fit.data.row_in_words(row)} ({np.rad2deg(fit.data.angle[row]):.3g}°{', ' * bool(label)}{label})"
+    return [f"{data.source}: the loss {fit.problem.loss} weighs down {listed}{more}."]

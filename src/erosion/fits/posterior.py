@@ -24,7 +24,7 @@ from erosion.fits.likelihood import (
     sampled_quantities,
 )
 from erosion.fits.measurements import Measurements
-from erosion.fits.posterior_files import SOURCE, own_in_si, prediction_groups
+from erosion.fits.posterior_files import LINE, SOURCE, own_in_si, prediction_groups
 from erosion.fits.prediction import Noise, Predictor, make_predictor, of_model
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
 from erosion.impacts.alpha_max import Optimum, alpha_max
@@ -441,6 +441,8 @@ class Posterior(Result):
             observed["uncertainty"] = ("row", self.data.uncertainty, {"units": self.data.erosion_unit})
         constant = {name: ("row", values, known[name].attributes(units))
                     for name, values in self.data.conditions.items()}  # fmt: skip
+        if self.data.lines is not None:
+            constant[LINE] = ("row", self.data.lines, {"long_name": f"line of {self.data.source}"})
         described = {
             "inference_library": "erosion",
             "inference_library_version": __version__,

@@ -26,6 +26,8 @@ from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import QUANTITIES, Quantity, System, check_system, conversion_factor
 
 _PREDICTION, _EVIDENCE = "prediction", "log_evidence"
+LINE = "line"
+"""The variable with each row's line of the file of data."""
 SOURCE = "model_source"
 """The attribute with what loads the model again: its name, or its file, whose path begins at the draws."""
 _OF_METAL = ("k", "psi", "sigma")  # those that a case must share with the data
@@ -146,8 +148,8 @@ def prediction_groups(predictor: Predictor) -> dict[str, xr.Dataset]:
     groups = {_PREDICTION: xr.Dataset(attrs=described)}
     for name, way in predictor.ways.items():
         values = {of: ("draw", column) for of, column in way.values.items()}
-        groups[f"{_PREDICTION}/{name}"] = xr.Dataset({**values, _EVIDENCE: ("chain", way.log_evidence)},
-                                                     attrs={"weight": way.weight})  # fmt: skip
+        about = {"weight": way.weight, "converged": int(way.converged)}
+        groups[f"{_PREDICTION}/{name}"] = xr.Dataset({**values, _EVIDENCE: ("chain", way.log_evidence)}, attrs=about)
     return groups
 
 
@@ -173,17 +175,19 @@ def read_predictor(path: str | Path) -> Predictor:
         data = Measurements(
             columns["alpha"], columns["erosion"], about["dimension"], columns.get("uncertainty"), columns.get("v0"),
             columns.get("m"), p.units, attrs["data"], error=None if error is None else ErrorModel(*map(float, error)),
+            lines=columns.get(LINE),
         )  # fmt: skip
         density = None if "density" not in about else float(about["density"])
         names = tuple(np.atleast_1d(about["free"]).tolist())
         forward = Forward(model.replace(**json.loads(about["own"])), p, names, data, density,
                           float(about["cutting_fraction"]))  # fmt: skip
         read = {
-            str(name): (
-                {str(of): column.values for of, column in way.data_vars.items() if of != _EVIDENCE},
-                np.asarray(way.dataset[_EVIDENCE]),
-                float(way.attrs["weight"]),
-            )
+            str(name): {
+                "values": {str(of): column.values for of, column in way.data_vars.items() if of != _EVIDENCE},
+                "log_evidence": np.asarray(way.dataset[_EVIDENCE]),
+                "weight": float(way.attrs["weight"]),
+                "converged": bool(way.attrs.get("converged", 1)),
+            }
             for name, way in ways.items()
         }
     return predictor_of(forward, read, int(about["seed"]))

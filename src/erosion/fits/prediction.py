@@ -6,11 +6,12 @@ closely as by its parameters alone, and a model that misses does not hide it. A 
 """
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy import special
+from scipy import special, stats
 
 from erosion.arguments import Progress, check_whole, no_progress
 from erosion.fits.discrepancy import EXPONENT, PRIORS, Discrepant, with_few_conditions
@@ -21,13 +22,18 @@ from erosion.fits.measurements import Measurements
 from erosion.fits.tempering import rhats, sample
 from erosion.joint_laws import LawSet
 from erosion.models.own_parameters import own_parameters
-from erosion.output.tables import Result, Row, sentences, to_plain
+from erosion.output.tables import Result, Row, format_number, largest_of, sentences, to_plain
+from erosion.parameters.quantities import table_scale
 
 CHAINS = 4
 _DRAWS = 150  # of each population of a way to read the data: ends of intervals are known to a tenth of their width
 _MIXED = 2000  # draws of the average
 _SOME = 400
 _AGREE = 1.05  # R̂ of draws that are only averaged over
+_UNLIKELY = 0.01  # probability that any of the rows is so far off by its error
+_NOTHING = 0.05  # of a row's erosion, which the model does not have
+_LISTED = 4  # rows that a sentence lists
+_COUNTS = 0.01  # probability of a way whose draws matter
 _SPEED = 1e-6  # relative difference of speeds that are one
 Noise = bool | float | np.ndarray | ErrorModel
 
@@ -41,12 +47,14 @@ class Way:
         values: draws of all its parameters, shape (draws,).
         log_evidence: of each population, but for a constant.
         weight: its probability beside the others.
+        converged: whether its populations agree.
     """
 
     misfit: Discrepant
     values: Mapping[str, np.ndarray]
     log_evidence: np.ndarray
     weight: float = 1.0
+    converged: bool = True
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,17 +62,15 @@ class Predictor(Result):
     """What a fit knows of the erosion between its rows and beyond them.
 
     Args:
-        ways: the ways to read the data, by name: "discrepancy", "exponent" and "model", those that can be.
+        forward: the model, the case and the data.
+        ways: the ways to read the data, by name: "discrepancy", "exponent" and "model", those that can be; rows of many
+            conditions are put together there.
         seed: of what is drawn for a prediction.
     """
 
+    forward: Forward
     ways: Mapping[str, Way]
     seed: int
-
-    @property
-    def forward(self) -> Forward:
-        """The model, the case and the data; rows of many conditions are put together."""
-        return self.ways["model"].misfit.plain.forward
 
     @property
     def data(self) -> Measurements:
@@ -101,27 +107,41 @@ class Predictor(Result):
         """Mean and standard deviation of the speed's exponent over the model's v², in the average; None without."""
         if not any(way.misfit.has_exponent for way in self.ways.values()):
             return None
-        draws = np.concatenate([values.get(EXPONENT, np.full(len(next(iter(values.values()))), 2.0))
-                                for _, values in self.chosen(_MIXED)])  # fmt: skip
+        draws = [values.get(EXPONENT, np.full(_size(values), 2.0)) for _, values in self.chosen(_MIXED)]
+        draws = np.concatenate(draws)
         return float(draws.mean()), float(draws.std())
 
     def predict(
         self, alpha: Any, at: Mapping[str, Any] | None = None, count: int = _SOME, *, noise: Noise = False
     ) -> np.ndarray:
         """Draws of the erosion; see `Posterior.predict`."""
+        if noise is False:
+            return self._means(alpha, at, count)[0]
+        means, deviation = self.with_errors(alpha, at, count, noise=noise)
+        return means + deviation * np.random.default_rng([self.seed, 3]).standard_normal(means.shape)
+
+    def with_errors(
+        self, alpha: Any, at: Mapping[str, Any] | None = None, count: int = _SOME, *, noise: Noise = True
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Draws of the mean, and the standard deviation of a new weighing about each; arguments as of `predict`."""
+        means, ways = self._means(alpha, at, count)
+        given = None if noise is True else noise
+        parts = np.split(means.reshape(len(means), -1), np.cumsum([_size(values) for values in ways])[:-1])
+        about = [deviations(self.data, values, part, given) for values, part in zip(ways, parts, strict=True)]
+        return means, np.concatenate(about).reshape(means.shape)
+
+    def _means(
+        self, alpha: Any, at: Mapping[str, Any] | None, count: int
+    ) -> tuple[np.ndarray, list[dict[str, np.ndarray]]]:
+        """Draws of the mean, and the parameters of those of each way."""
         angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
         conditions = {name: np.broadcast_to(np.asarray(value, float), np.shape(alpha)).ravel()
                       for name, value in (at or {}).items()}  # fmt: skip
         conditions = {"alpha": angles, **conditions}
-        rng, curves = np.random.default_rng([self.seed, 1]), []
-        for way, values in self.chosen(check_whole("count", count, 1)):
-            if next(iter(values.values())).size:
-                drawn = way.misfit.draw(values, conditions, rng)
-                if noise is not False:
-                    deviation = deviations(self.data, values, drawn, None if noise is True else noise)
-                    drawn = drawn + deviation * rng.standard_normal(drawn.shape)
-                curves.append(drawn)
-        return np.concatenate(curves).reshape((-1, *np.shape(alpha)))
+        rng, chosen = np.random.default_rng([self.seed, 1]), self.chosen(check_whole("count", count, 1))
+        chosen = [(way, values) for way, values in chosen if _size(values)]
+        curves = [way.misfit.draw(values, conditions, rng) for way, values in chosen]
+        return np.concatenate(curves).reshape((-1, *np.shape(alpha))), [values for _, values in chosen]
 
     def outside(self, alpha: Any, at: Mapping[str, Any] | None = None) -> tuple[str, ...]:
         """How far a question lies outside the tests, in sentences such as "120 m/s is 1.22 × the fastest test".
@@ -136,7 +156,7 @@ class Predictor(Result):
         """Standard deviations of the rows, given or the mean of the sampled ones; shape (n,)."""
         if not {*OF_ERROR} & {*self.ways["model"].values}:
             return self.data.deviation
-        drawn = [deviations(self.data, values, np.tile(self.data.erosion, (len(next(iter(values.values()))), 1)))
+        drawn = [deviations(self.data, values, np.tile(self.data.erosion, (_size(values), 1)))
                  for _, values in self.chosen(_SOME)]  # fmt: skip
         return np.concatenate(drawn).mean(axis=0)
 
@@ -166,11 +186,37 @@ class Predictor(Result):
             "warnings": self.warnings,
         })  # fmt: skip
 
+    @functools.cached_property
+    def _missed(self) -> str:
+        """A sentence on the rows that a new weighing would not give; empty where it would give all."""
+        data, few = self.data, self.ways["model"].misfit.plain.forward.data
+        at = dict(few.conditions)
+        means, errors = self.with_errors(at.pop("alpha"), at)
+        middle = means.mean(axis=0)
+        distance = np.abs(data.erosion - middle) / np.sqrt(means.var(axis=0) + (errors**2).mean(axis=0))
+        rows = np.flatnonzero(2 * len(data) * stats.norm.sf(distance) < _UNLIKELY)
+        if not len(rows):
+            return ""
+        scale = table_scale(data.dimension, data.units, largest_of(data.erosion))
+        measured, predicted = ([scale.beside(format_number(value, 3, scale.size)) for value in values]
+                               for values in (data.erosion, middle))  # fmt: skip
+        listed = [f"{data.where(row)}: {measured[row]}, predicted {predicted[row]}"
+                  for row in rows[np.argsort(-distance[rows])][:_LISTED].tolist()]  # fmt: skip
+        more = f" and {len(rows) - _LISTED:,} more" if len(rows) > _LISTED else ""
+        nothing = (middle[rows] < _NOTHING * data.erosion[rows]).any()
+        remedy = " The model removes next to nothing there: take one with deformation." if nothing else ""
+        return (f"Predictions miss {len(rows):,} of {len(data):,} rows of {data.source}, near which intervals do not "
+                f"hold: {'; '.join(listed)}{more}.{remedy}")  # fmt: skip
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what predictions cannot know; none for good ones."""
         misfit = next(iter(self.ways.values())).misfit
+        bad = [name for name, way in self.ways.items() if not way.converged and way.weight > _COUNTS]
         return sentences(
+            (bad, f"The populations of draws disagree for predictions by {' and '.join(bad)}: their intervals may be "
+                  "wrong."),
+            (self._missed, self._missed),
             (self.exponent is not None and is_of_one_speed(misfit.plain),
              "All rows are of one speed: at others the exponent of the speed is the prior's, "
              f"{PRIORS[EXPONENT].in_words('1', self.data.units)}."),
@@ -189,20 +235,16 @@ def of_model(
         seed: see `Predictor`.
     """
     misfit = Discrepant(likelihood, has_exponent=False, has_discrepancy=False)
-    return Predictor({"model": Way(misfit, values, log_evidence)}, seed)
+    return Predictor(likelihood.forward, {"model": Way(misfit, values, log_evidence)}, seed)
 
 
-def predictor_of(
-    forward: Forward, ways: Mapping[str, tuple[Mapping[str, np.ndarray], np.ndarray, float]], seed: int
-) -> Predictor:
-    """Predictions by draws that were kept: by way, its values, evidences and weight."""
+def predictor_of(forward: Forward, ways: Mapping[str, Mapping[str, Any]], seed: int) -> Predictor:
+    """Predictions by draws that were kept: by way, the arguments of `Way` but for its likelihood."""
     whole = Likelihood(forward, LawSet({}, {}), ())
     few = with_few_conditions(whole) if len(ways) > 1 else whole
-    kept = {}
-    for name, (values, log_evidence, weight) in ways.items():
-        misfit = Discrepant(few, EXPONENT in values, name == "discrepancy")
-        kept[name] = Way(misfit, values, log_evidence, weight)
-    return Predictor(kept, seed)
+    kept = {name: Way(Discrepant(few, EXPONENT in way["values"], name == "discrepancy"), **way)
+            for name, way in ways.items()}  # fmt: skip
+    return Predictor(forward, kept, seed)
 
 
 def make_predictor(plain: Predictor, progress: Progress = no_progress) -> Predictor:
@@ -213,22 +255,29 @@ def make_predictor(plain: Predictor, progress: Progress = no_progress) -> Predic
     ways = {"model": model if few is whole else _drawn(Discrepant(few, False, False), rng, progress)}
     exponent = "v0" not in whole.forward.free and EXPONENT not in own_parameters(whole.forward.model)
     if exponent and is_of_one_speed(few):  # n has no influence on these data
-        count = len(next(iter(model.values.values())))
+        model, count = ways["model"], _size(ways["model"].values)
         law = {**model.values, EXPONENT: PRIORS[EXPONENT].ppf((rng.permutation(count) + 0.5) / count)}
-        ways["exponent"] = Way(dataclasses.replace(ways["model"].misfit, has_exponent=True), law, model.log_evidence)
+        misfit = dataclasses.replace(model.misfit, has_exponent=True)
+        ways["exponent"] = dataclasses.replace(model, misfit=misfit, values=law)
     elif exponent:
         ways["exponent"] = _drawn(Discrepant(few, True, False), rng, progress)
     ways["discrepancy"] = _drawn(Discrepant(few, exponent, True), rng, progress)
     logs = np.array([special.logsumexp(way.log_evidence) - np.log(len(way.log_evidence)) for way in ways.values()])
     weights = special.softmax(logs).tolist()
-    return Predictor({name: dataclasses.replace(way, weight=weight)
-                      for (name, way), weight in zip(ways.items(), weights, strict=True)}, seed)  # fmt: skip
+    weighed = {name: dataclasses.replace(way, weight=weight)
+               for (name, way), weight in zip(ways.items(), weights, strict=True)}  # fmt: skip
+    return Predictor(whole.forward, weighed, seed)
+
+
+def _size(values: Mapping[str, np.ndarray]) -> int:
+    """The number of draws."""
+    return len(next(iter(values.values())))
 
 
 def _drawn(misfit: Discrepant, rng: np.random.Generator, progress: Progress) -> Way:
     run = sample(misfit, (CHAINS, _DRAWS, misfit.priors.dimension), rng, _agree, progress)
     values = {name: column.reshape(-1) for name, column in misfit.values(run.points).items()}
-    return Way(misfit, values, run.log_evidence)
+    return Way(misfit, values, run.log_evidence, converged=_agree(run.points))
 
 
 def _agree(points: np.ndarray) -> bool:

@@ -1,0 +1,181 @@
+"""A table of predictions: the mean at angles, speeds and sizes, its interval, and that of a new weighing."""
+
+import dataclasses
+import functools
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from erosion.arguments import check_level
+from erosion.fits.prediction import Predictor
+from erosion.models.registry import model_name
+from erosion.output.tables import Result, largest_of, sentences, to_plain
+from erosion.parameters.quantities import (
+    QUANTITIES,
+    Dimension,
+    Scale,
+    ascii_unit,
+    known_scales,
+    table_scale,
+    unit_name,
+)
+
+_DRAWS = 2000  # the ends of an interval are known to some percents of its width
+_TOGETHER = 60  # questions of one batch, as the time of curves grows with the third power
+_HALVINGS = 50  # of the bracket of an end
+_FURTHEST = 10.0  # standard deviations of a weighing from its mean
+_NOTHING = 1e-3  # of the greatest prediction
+
+COMPUTED = ("mean", "mean_low", "mean_high", "weighing_low", "weighing_high")
+"""The columns that are computed."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Predictions(Result):
+    """The wear at each question, with two intervals.
+
+    Args:
+        predictor: what predicts.
+        columns: what is asked, "alpha" and others, and `COMPUTED`; each of shape (n,), in the units of the data.
+        level: of the intervals.
+        lost: share of the impacts that could not be computed and are left out.
+    """
+
+    predictor: Predictor
+    columns: Mapping[str, np.ndarray]
+    level: float
+    lost: float
+
+    def dimension(self, name: str) -> Dimension:
+        """Of a column."""
+        return self.predictor.data.dimension if name in COMPUTED else QUANTITIES[name].dimension
+
+    @property
+    def asked(self) -> dict[str, np.ndarray]:
+        """The columns that are asked."""
+        return {name: column for name, column in self.columns.items() if name not in COMPUTED}
+
+    @functools.cached_property
+    def _scales(self) -> dict[str, Scale]:
+        """The unit in which each column reads well; what is computed has that of the tests."""
+        largest = {name: largest_of(part) for name, part in self.columns.items()}
+        largest |= dict.fromkeys(COMPUTED, largest_of(self.predictor.data.erosion))
+        units = self.predictor.data.units
+        return {name: table_scale(self.dimension(name), units, most) for name, most in largest.items()}
+
+    @property
+    def title(self) -> str:
+        """The model, what it predicts, and the tests."""
+        data = self.predictor.data
+        name = model_name(self.predictor.forward.model)
+        return f"{name}: {data.quantity.meaning} by the fit to {len(data):,} rows of {data.source}"
+
+    @property
+    def headings(self) -> Sequence[str]:
+        """The columns, with their units."""
+        heads = [f"{QUANTITIES[name].symbol} [{self._scales[name].unit}]" for name in self.asked]
+        share = f"{100 * self.level:g} %"
+        return [*heads, f"mean [{self._scales['mean'].unit or '1'}]", f"{share} of the mean",
+                f"{share} of a new weighing"]  # fmt: skip
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """The numbers to four digits."""
+        cells = {name: [_digits(value / self._scales[name].size) for value in part]
+                 for name, part in self.columns.items()}  # fmt: skip
+        intervals = ([f"{low} … {high}" for low, high in zip(cells[f"{of}_low"], cells[f"{of}_high"], strict=True)]
+                     for of in ("mean", "weighing"))  # fmt: skip
+        return [*zip(*(cells[name] for name in (*self.asked, "mean")), *intervals, strict=True)]
+
+    @property
+    def conclusions(self) -> tuple[str, ...]:
+        """What each interval holds."""
+        data, parts = self.predictor.data, ", ".join(self.predictor.parts)
+        known = None if data.error is None else data.error.in_words(data.dimension, data.units)
+        error = "the error that the fit found" if known is None else f"its error, {known}"
+        return (f"The interval of the mean holds {parts}; that of a new weighing also {error}.",)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the predictor cannot know, how far questions are outside the tests, and what is lost."""
+        at = self.asked
+        high, means = self.columns["mean_high"], self.columns["mean"]
+        nothing = np.rad2deg(np.unique(at["alpha"][high <= _NOTHING * np.nanmax(means)]))
+        listed = ", ".join(f"{angle:.4g}°" for angle in nothing)
+        return (
+            *self.predictor.warnings,
+            *self.predictor.outside(at.pop("alpha"), at),
+            *sentences(
+                (nothing.size, f"The model removes next to nothing at {listed}, and what it lacks is a share of that: "
+                               "the intervals there say nothing. Take a model with deformation."),
+                (self.lost, f"{self.lost:.1%} of the impacts could not be computed and are left out."),
+            ),
+        )  # fmt: skip
+
+    def in_csv(self) -> Iterator[tuple[str, list[float]]]:
+        """Headings such as "mean [mg/kg]", and their numbers."""
+        for name, scale in self._scales.items():
+            known = known_scales(self.dimension(name), self.predictor.data.units)
+            size, unit = scale if scale in known else known[0]
+            yield f"{name} [{ascii_unit(unit).replace('°', 'deg')}]", (self.columns[name] / size).tolist()
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Of the numbers in `to_dict`."""
+        units = self.predictor.data.units
+        return {name: ascii_unit(unit_name(self.dimension(name), units)) for name in self.columns}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The level, a record for each question, and the numbers of the predictor."""
+        lines = zip(*(part.tolist() for part in self.columns.values()), strict=True)
+        records = [dict(zip(self.columns, line, strict=True)) for line in lines]
+        return to_plain({"level": self.level, "predictions": records}) | self.predictor.to_dict() | {
+            "warnings": self.warnings
+        }  # fmt: skip
+
+
+def predictions(
+    predictor: Predictor, alpha: Any, at: Mapping[str, Any] | None = None, level: float = 0.95
+) -> Predictions:
+    """The mean of the erosion at questions, with an interval of the mean and one of a new weighing.
+
+    Args:
+        predictor: of a fit.
+        alpha: α [rad], of any shape.
+        at: other parameters of the case, numbers or arrays that broadcast with `alpha`.
+        level: of the intervals.
+    """
+    given = {"alpha": alpha, **(at or {})}
+    shape = np.broadcast_shapes(*map(np.shape, given.values()))
+    asked = {name: np.broadcast_to(np.asarray(value, float), shape).ravel() for name, value in given.items()}
+    shares = (1 - check_level(level)) / 2, (1 + level) / 2
+    parts, lost = [], []
+    for start in range(0, len(asked["alpha"]), _TOGETHER):
+        some = {name: column[start : start + _TOGETHER] for name, column in asked.items()}
+        means, errors = predictor.with_errors(some.pop("alpha"), some, _DRAWS)
+        lost.append(np.isnan(means).mean(axis=0))
+        low, high = np.nanquantile(means, shares, axis=0)
+        # The ends of the mean are known by draws: by chance they may lie beyond those of a weighing.
+        outer = [np.minimum(low, _end_of_weighing(means, errors, shares[0])),
+                 np.maximum(high, _end_of_weighing(means, errors, shares[1]))]  # fmt: skip
+        parts.append(np.stack([np.nanmean(means, axis=0), low, high, *outer]))
+    columns = {name: column for name, column in asked.items() if name in ("alpha", "v0", "m")}
+    columns |= dict(zip(COMPUTED, np.concatenate(parts, axis=1), strict=True))
+    return Predictions(predictor, columns, level, float(np.concatenate(lost).mean()))
+
+
+def _end_of_weighing(means: np.ndarray, errors: np.ndarray, share: float) -> np.ndarray:
+    """Below which this share of weighings lies, each normal about its draw of the mean; (draws, n) -> (n,)."""
+    low, high = np.nanmin(means - _FURTHEST * errors, axis=0), np.nanmax(means + _FURTHEST * errors, axis=0)
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        certain = np.where(middle >= means, np.inf, -np.inf)
+        distance = np.divide(middle - means, errors, where=errors > 0, out=certain)
+        below = np.mean(special.ndtr(distance), axis=0, where=np.isfinite(means))
+        low, high = np.where(below < share, middle, low), np.where(below < share, high, middle)
+    return (low + high) / 2
+
+
+def _digits(value: float) -> str:
+    return f"{float(f'{value:.4g}'):.10g}"
