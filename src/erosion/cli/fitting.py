@@ -33,7 +33,7 @@ _DATA = (
     'mass_loss [mg/kg]" with --target or --density.'
 )
 DataFile = Annotated[Path, Parameter(help=_DATA)]
-_FREE = 'Parameters of the case or the model\'s own: "k,energy_ratio".'
+_FREE = 'Of case or model, "k,energy_ratio"; k and ψ without it.'
 
 
 @Parameter(name="*", group=FIT)
@@ -44,9 +44,7 @@ class FitOptions(PerMassOptions):
     free: Annotated[list[str], LISTED, Parameter(help=_FREE, show_default=False)] = dataclasses.field(
         default_factory=lambda: ["k", "psi"]
     )
-    error: Annotated[
-        str | None, Parameter(help='Of a row, where no column has it: "0.3 mg/kg + 8 %", or one part of it.')
-    ] = None
+    error: Annotated[str | None, Parameter(help='If no column has it: "0.3 mg/kg + 8 %", or one part.')] = None
     starts: Annotated[WholeOption, Parameter(help="Points to begin from; 32 without it.")] = None
 
     def names(self, measured: "lazy.Measurements") -> Sequence[str]:

@@ -4,7 +4,7 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, as_options, user_errors
@@ -22,6 +22,7 @@ from erosion.cli.options import (
     PlotOption,
     SetOption,
     WholeOption,
+    in_short,
     output_option,
     read_option,
     with_file,
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+_LAWS = Group("Laws", help=in_short("stream", "rows", "uncertain", "correlation", "seed"), sort_key=LAWS.sort_key)
+_OUTPUT = Group("Output", help=in_short("sweep", "workers", "scheduler", "json"), sort_key=OUTPUT.sort_key)
 _CASE = "Case file; without it, --target's correlation, or steel's."
 
 
@@ -64,8 +67,8 @@ class _Rows:
         str | None,
         Parameter(help='Of the sphere with r and b of the case: "0.2 mm".'),
     ] = None
-    seed: Annotated[WholeOption, Parameter(group=LAWS, help="Of laws.")] = None
-    draws: Annotated[WholeOption, Parameter(group=LAWS, help="Of what is uncertain, a map each; 64 without it.")] = None
+    seed: Annotated[WholeOption, Parameter(show=False)] = None
+    draws: Annotated[WholeOption, Parameter(group=_LAWS, help="Of what is uncertain, a map each; or 64.")] = None
     restitution: Annotated[str | None, Parameter(help="e,μ of the wall, for velocities after the rebound: 0.8,0.1")] = (
         None
     )
@@ -165,16 +168,16 @@ class _Rows:
         return normal, friction
 
 
-@Parameter(name="*", group=OUTPUT)
+@Parameter(name="*", group=_OUTPUT)
 @dataclasses.dataclass(frozen=True)
 class _Picture:
     """What is drawn, and how."""
 
-    plot: PlotOption = None
+    plot: Annotated[PlotOption, Parameter(group=_OUTPUT)] = None
     quantity: Annotated[str | None, Parameter(help="Drawn, such as alpha_mean; else depth, a year if it can.")] = None
     view: Annotated[
         str,
-        Parameter(help='Of the worst face, "iso", +x, … -z, or from "1,-1,0.5".', allow_leading_hyphen=True),
+        Parameter(help='Of the worst face, "iso", +x, …, or "1,-1,0.5".', allow_leading_hyphen=True),
     ] = "worst"
     zoom: Annotated[float, Parameter(help="2 shows the middle half.")] = 1.0
     log: Annotated[
@@ -223,18 +226,18 @@ def map_(
     *,
     target: _Surface | None = None,
     case: EachRow | None = None,
-    model: ModelOption | None = None,
-    own: SetOption = None,
-    joint: LawOptions | None = None,
+    model: Annotated[ModelOption | None, Parameter(show=False)] = None,
+    own: Annotated[SetOption, Parameter(show=False)] = None,
+    joint: Annotated[LawOptions | None, Parameter(show=False, group=_LAWS)] = None,
     rows: _Rows | None = None,
-    abrasive: PerMassOptions | None = None,
-    output: Annotated[Path | None, output_option("map.vtp (for ParaView), map.csv, or map.nc.")] = None,
-    picture: _Picture | None = None,
-    workers: Annotated[WholeOption, Parameter(group=OUTPUT, help="Work in this many processes.")] = None,
-    scheduler: Annotated[
-        str | None, Parameter(group=OUTPUT, help="Work on this Dask cluster: tcp://host:8786.")
+    abrasive: Annotated[PerMassOptions | None, Parameter(show=False)] = None,
+    output: Annotated[
+        Path | None, output_option("map.vtp (for ParaView), map.csv, or map.nc."), Parameter(group=_OUTPUT)
     ] = None,
-    json: JsonOption = False,
+    picture: _Picture | None = None,
+    workers: Annotated[WholeOption, Parameter(show=False)] = None,
+    scheduler: Annotated[str | None, Parameter(show=False)] = None,
+    json: Annotated[JsonOption, Parameter(show=False, group=_OUTPUT)] = False,
 ) -> None:
     """Compute the wear of a surface by the impacts of a CFD run.
 

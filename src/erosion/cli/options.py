@@ -20,17 +20,22 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
 
 
-def _in_short(without: Collection[str]) -> str:
-    """The options of a case's parameters in one line, for verbs that have many others."""
-    return " ".join(f"--{name}" for name in QUANTITIES if name not in without)
+def in_short(verb: str, *names: str, without: Collection[str] = ()) -> str:
+    """A group's last line: names of options, and with `without` those of a case's parameters, that a verb explains."""
+    parameters = [name for name in QUANTITIES if name not in without] if without else []
+    return f"see {verb} --help|{' '.join(f'--{name}' for name in (*names, *parameters))}"
 
 
 # In the order in which help shows them.
 SURFACE = Group("Surface", sort_key=1)
 IMPACTS = Group("Impacts", sort_key=2)
 CASE = Group("Case", sort_key=3)
-_CASE_AT_ALL_ANGLES = Group("Case", help=_in_short(["alpha"]), sort_key=3)
-_CASE_OF_ROWS = Group("Case", help=_in_short(["alpha", "v0"]), sort_key=3)
+_CASE_AT_ALL_ANGLES = Group("Case", help=in_short("run", without=["alpha"]), sort_key=3)
+_CASE_OF_ROWS = Group(
+    "Case",
+    help=in_short("run", "model", "set", "density", "cutting-fraction", without=["alpha", "v0"]),
+    sort_key=3,
+)
 MODEL = Group("Model", sort_key=4)
 LAWS = Group("Laws", sort_key=5)
 FIT = Group("Fit", sort_key=6)
@@ -61,14 +66,15 @@ class Help:
                 text.append(" (needed)", "red")
             table.add_row(Text(f" {' '.join(entry.display_labels)}", "cyan"), text)
         if words := _plain(panel.description):
-            table.add_row(Text(" see `run --help`", "dim"), Text(words))
-        console.print(Text(str(panel.title), "bold"))
+            where, _, names = words.partition("|")
+            table.add_row(Text(f" {where}", "dim"), Text(names))
+        if panel.title != "Arguments":  # stand below the sentence that needs them
+            console.print(Text(str(panel.title), "bold"))
         console.print(table)
 
     def render_usage(self, console: "Console", options: "ConsoleOptions", usage: Any) -> None:
         """Print the first line."""
         console.print(f"Usage: {usage}".rstrip("\n"), markup=False, highlight=False)
-        console.print()
 
 
 def _plain(text: Any) -> str:
