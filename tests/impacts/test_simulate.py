@@ -1,12 +1,16 @@
+import copy
 import inspect
+import pickle
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import erosion
-from erosion.impacts.simulate import SimulationError, TurnWarning
+from erosion.impacts.simulate import SimulationError, TurnWarning, path
 from tests.reference import AS_PRINTED, AT_20_DEGREES, CLOSED, closed_form
 
 pytestmark = pytest.mark.slow
@@ -281,3 +285,38 @@ def test_shapes_broadcast_by_name_alone():
     with jax.numpy_rank_promotion("raise"):
         jax.clear_caches()
         assert erosion.simulate("rotating", erosion.TABLE_1).volume == pytest.approx(1.0140853874622e-4, rel=1e-9)
+
+
+@pytest.mark.parametrize("copied", [lambda cut: pickle.loads(pickle.dumps(cut)), copy.deepcopy])
+@pytest.mark.parametrize("follow", [quietly, path])
+def test_a_copied_or_pickled_trajectory_tells_the_same(follow, copied):
+    for alpha in (0.3, np.pi / 2):  # at 90° the printed moment lets nothing be cut
+        cut = follow(erosion.load_model("linearized"), P.replace(alpha=alpha))
+        read = copied(cut)
+        times = cut.t_c * np.array([0.1, 0.77, 1.0])
+        np.testing.assert_array_equal(read.at(times).y, cut.at(times).y)
+        assert read.to_dict() == cut.to_dict()
+        np.testing.assert_array_equal(read.removed, cut.removed)
+
+
+class Factor(erosion.models.ForceLaw):
+    """A force ratio that a function gives, which need not have a hash."""
+
+    function: Any
+
+    def __call__(self, state, tip, p):
+        force = -p.stiffness * tip.depth
+        return force, jnp.polyval(self.function.coeffs, p.k) * force
+
+    def typical_ratio(self, p):
+        return p.k
+
+
+def test_a_function_without_a_hash_is_part_of_a_model():
+    twice = np.poly1d([2.0, 0.0])
+    model = erosion.models.Rotating(force=Factor(twice))
+    for factor in (2.0, 3.0):
+        twice.coeffs[0] = factor  # as the code is now
+        expected = quietly("rotating", P.replace(k=factor * P.k)).volume
+        assert quietly(model, P).volume == pytest.approx(expected, rel=1e-11)
+        assert erosion.impact(model, P).volume == pytest.approx(expected, rel=1e-9)

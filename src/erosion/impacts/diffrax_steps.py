@@ -23,6 +23,7 @@ from jaxtyping import PyTree
 from erosion.arguments import Broadcast, Flag, ModelState, Scalar, Structure
 from erosion.models.base import CuttingModel, Events, cuts_at_all, event_rates
 from erosion.models.equations import equations_of
+from erosion.ode.problem import Same
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import System
 
@@ -110,7 +111,10 @@ def seldom_run(function: _Function) -> _Function:
 
     @functools.cache
     def program() -> Callable[..., PyTree]:
-        return jit(lambda _, *arguments: function(*arguments), compiler_options=_accepted(tuple(_QUICK.items())))
+        def run(_: PyTree, *arguments: PyTree) -> PyTree:
+            return function(*jax.tree.map(lambda leaf: leaf.thing if isinstance(leaf, Same) else leaf, arguments))
+
+        return jit(run, compiler_options=_accepted(tuple(_QUICK.items())))
 
     @functools.wraps(function)
     def call(*arguments: PyTree) -> PyTree:
@@ -118,9 +122,20 @@ def seldom_run(function: _Function) -> _Function:
         parts = jax.tree.leaves(arguments, is_leaf=lambda part: isinstance(part, (CuttingModel, Parameters)))
         units: set[System] = {part.units for part in parts if isinstance(part, Parameters)} or {"inch-pound"}
         models = [part for part in parts if isinstance(part, CuttingModel)]
-        return program()([equations_of(model, one).digest for model in models for one in units], *arguments)
+        digests = [equations_of(model, one).digest for model in models for one in units]
+        return program()(digests, *jax.tree.map(_with_hash, arguments))
 
     return cast(_Function, call)
+
+
+def _with_hash(leaf: object) -> object:
+    """The leaf, or, for JAX, what stands for a function that has no hash, such as `np.poly1d`."""
+    if callable(leaf):
+        try:
+            hash(leaf)
+        except TypeError:
+            return Same(leaf)
+    return leaf
 
 
 @functools.cache

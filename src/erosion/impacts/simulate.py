@@ -298,7 +298,7 @@ def _follow(
         raise SimulationError(f"{model_name(model)}: state and volume are not finite at contact.")
     if not begins:
         ys = np.asarray(start)[None]
-        return _trajectory(model, given, structure, np.zeros(1), ys, NO_CUT, lambda t: np.repeat(ys, len(t), 0))
+        return _trajectory(model, given, structure, np.zeros(1), ys, NO_CUT, functools.partial(_at_rest, ys))
     if controller is None:
         controller = diffrax.PIDController(rtol=rtol, atol=_ATOL, dtmax=_LONGEST_STEP * time)
     # Numpy from here: JAX would compile a program for every number of steps.
@@ -306,10 +306,7 @@ def _follow(
     ends, states, _, interpolant = flow.solve(problem, start, 0.0 * time, LONGEST * time)
     ends = np.asarray(ends)
     ends = np.append(0.0, ends[np.isfinite(ends)])
-
-    def dense(t: np.ndarray) -> np.ndarray:
-        return np.asarray(flow.interpolate(solver, interpolant, sizes, _padded(t)))[: len(t)]
-
+    dense = functools.partial(_interpolated, solver, interpolant, sizes)
     fall = _first_event(model, p, dense, ends, float(time))
     name = fall.name
 
@@ -332,6 +329,23 @@ def _follow(
     # The ends of the histories are known better than the dense output gives them.
     ys = np.concatenate([dense(t)[:-1], np.asarray(reach(t_c))[None]])
     return _trajectory(model, given, structure, t, ys, name, dense)
+
+
+# Functions of the module, as a trajectory keeps them and is pickled.
+def _at_rest(ys: np.ndarray, t: np.ndarray) -> np.ndarray:
+    return np.repeat(ys, len(t), 0)
+
+
+def _interpolated(solver: diffrax.AbstractSolver, interpolant: flow.Dense, sizes: Array, t: np.ndarray) -> np.ndarray:
+    return np.asarray(flow.interpolate(solver, interpolant, sizes, _padded(t)))[: len(t)]
+
+
+def _as_states(states: ModelState, dense: Callable[[np.ndarray], np.ndarray], t: np.ndarray) -> ModelState:
+    return flow.state_of(jax.tree.structure(states), dense(t))
+
+
+def _integrated(model: CuttingModel, p: Parameters, t: np.ndarray) -> ModelState:
+    return states_at(model, p, t, _RTOL).state
 
 
 def _first_event(
@@ -389,11 +403,12 @@ def _trajectory(
 ) -> Trajectory:
     _, _, tip, removal_rate = _looked(model, dataclasses.replace(p, units=units_within(model, p)), ys)
     x_tip, depth, vx_tip, vdepth = tip
+    states = flow.state_of(structure, ys)
     return Trajectory(
         model=model,
         p=p,
         t=t,
-        states=flow.state_of(structure, ys),
+        states=states,
         x_tip=x_tip,
         depth=depth,
         vx_tip=vx_tip,
@@ -403,7 +418,7 @@ def _trajectory(
         t_c=float(t[-1]),
         ended_by=name,
         volume=float(ys[-1, -1]),
-        _interpolate=lambda t: flow.state_of(structure, dense(t)),
+        _interpolate=functools.partial(_as_states, states, dense),
     )
 
 
@@ -444,5 +459,5 @@ def path(model: CuttingModel, p: Parameters, points: int = 201) -> Trajectory:
         ended_by=name,
         volume=float(end.volume[0]),
         dvolume=float(end.dvolume[0]),
-        _interpolate=lambda t: states_at(model, p, t, _RTOL).state,
+        _interpolate=functools.partial(_integrated, model, p),
     )

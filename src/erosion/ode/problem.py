@@ -204,23 +204,23 @@ def _exactly(value: Any) -> Hashable:
     if dataclasses.is_dataclass(value) and not isinstance(value, (type, eqx.Module)):
         slots = [name for one in kind.__mro__ for name in vars(one).get("__slots__", ()) if hasattr(value, name)]
         return kind, *((name, _exactly(getattr(value, name))) for name in (*getattr(value, "__dict__", ()), *slots))
-    return _Same(value)
+    return Same(value)
 
 
-class _Same:
+class Same:
     """Equal where it holds the same object."""
 
-    def __init__(self, thing: object) -> None:
-        self._thing = thing
+    def __init__(self, thing: Any) -> None:
+        self.thing = thing
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self._thing is other._thing
+        return isinstance(other, Same) and self.thing is other.thing
 
     def __hash__(self) -> int:
-        return id(self._thing)
+        return id(self.thing)
 
     def __repr__(self) -> str:
-        return repr(self._thing) if isinstance(self._thing, type) else f"{self._thing!r} {id(self._thing)}"
+        return repr(self.thing) if isinstance(self.thing, type) else f"{self.thing!r} {id(self.thing)}"
 
 
 def _said(error: BaseException) -> str:
