@@ -119,16 +119,18 @@ class Fit:
     def next_steps(self, ranking: "lazy.Ranking", case_file: Path | None, draws: Path | None = None) -> list[str]:
         """The commands for the best angle, the advice and CFD codes, by the files that are written."""
         uncertain = [] if draws is None else ["--uncertain", str(draws)]
+        wear = [] if draws is None else [f"wear at other angles and speeds: {lazy.command('predict', str(draws))}"]
         if case_file is not None:
             path = str(case_file)
             return [
+                *wear,
                 f"the best angle of this fit: {lazy.command('optimum', path)}",
                 f"a nozzle's angle by this fit: {lazy.command('advise', path, *uncertain)}",
                 f"for CFD codes: {lazy.command('export', path, '--fluent', 'angles.csv')}",
             ]
         if draws is not None:
             words = self.options.words(ranking.best.names)
-            return [f"a nozzle's angle by this fit: {lazy.command('advise', *words, *uncertain)}"]
+            return [*wear, f"a nozzle's angle by this fit: {lazy.command('advise', *words, *uncertain)}"]
         return ["a nozzle's angle: --write-case fitted.toml, then erosion advise fitted.toml"]
 
 

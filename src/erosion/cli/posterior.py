@@ -49,7 +49,7 @@ class _Files:
 
     output: Annotated[
         Path | None,
-        output_option("Keep the draws in this file (.nc), for --uncertain of map, stream and advise.", ".nc"),
+        output_option("Keep the draws in this file (.nc), for predict, and --uncertain of other verbs.", ".nc"),
     ] = None
     case_file: WriteCaseOption = None
     plot_pairs: Annotated[Path | None, Parameter(help="Draw each pair of parameters.")] = None
