@@ -46,7 +46,13 @@ def test_a_rate_of_sand_makes_rates_of_wear() -> None:
 
 @pytest.mark.parametrize(
     ("rate", "injected"),
-    [("5e-4 kg/s", "400 g"), ("50 ppm of 10 kg/s", 0.4), ("50 ppmw of 36 t/h", "0.2 kg/s"), (5e-4, "0.882 lb")],
+    [
+        ("5e-4 kg/s", "400 g"),
+        ("5e-7 t/s", "4e-4 metric_ton"),
+        ("50 ppm of 10 kg/s", 0.4),
+        ("50 ppmw of 36 t/h", "0.2 kg/s"),
+        (5e-4, "0.882 lb"),
+    ],
 )
 def test_a_rate_is_a_mass_flow_or_a_share_of_one(rate: Any, injected: Any) -> None:
     # The table covers 2 s.
@@ -61,6 +67,13 @@ def test_a_rate_is_a_mass_flow_or_a_share_of_one(rate: Any, injected: Any) -> No
         ({"sand_rate": "100 m/s"}, "`sand_rate` must be a mass flow"),
         ({"sand_rate": -1.0}, "`sand_rate` must be positive"),
         ({"sand_rate": "50 ppm of 10 m^3/s"}, "`sand_rate` must be a mass flow"),
+        ({"sand_rate": "-50 ppm of 12 kg/s"}, "`sand_rate` must have a share above 0"),
+        ({"sand_rate": "nan ppm of 12 kg/s"}, "`sand_rate` must have a share above 0"),
+        ({"sand_rate": "2e6 ppm of 12 kg/s"}, "`sand_rate` must have a share above 0"),
+        ({"sand_rate": "1 ton/day"}, "`sand_rate` must say which ton"),
+        ({"sand_rate": "1 mt/day"}, "`sand_rate` must say which ton"),
+        ({"injected": "2"}, "`injected` must have a unit, as '2 g'"),
+        ({"injected": "2 g/s", "table": sand(SURFACE, 400, duration=None)}, "`injected` is a mass flow, so"),
         ({"injected": "2 m"}, "`injected` must be a mass"),
         ({"injected": "0 g"}, "`injected` must be positive"),
     ],
@@ -106,6 +119,16 @@ def test_bounces_are_of_one_parcel(monkeypatch: pytest.MonkeyPatch, portion: int
     assert any("hits no wall" in sentence for sentence in MapSummary(data).warnings)
 
 
+def test_parcels_that_change_their_mass_are_others() -> None:
+    numbers = {"one": np.full(400, 7), "given again": np.arange(400) % 100}
+    for parcel in numbers.values():
+        table = TABLE.replace(parcel=parcel)
+        table.has_parcels = True
+        changing = len(np.unique(parcel))
+        (sentence,) = MapSummary(wear(table)).warnings
+        assert f"{changing} of the {changing} parcels of the table have rows of different masses" in sentence
+
+
 def test_openfoam_says_what_it_injected(tmp_path: Path) -> None:
     table = erosion.read_impacts(RUN)
     assert (table.injected, table.duration, table.has_parcels) == (1e-4, 0.02, True)
@@ -138,6 +161,8 @@ def test_the_duration_is_that_of_the_times() -> None:
     given = sand(SURFACE, 400, duration=60.0, time=times)
     assert any("60 s" in sentence and "10 s" in sentence for sentence in MapSummary(wear(given)).warnings)
     assert "duration" not in wear(sand(SURFACE, 400, duration=None))
+    (few,) = MapSummary(wear(sand(SURFACE, 10, duration=None, time=np.linspace(3.0, 13.0, 10)))).warnings
+    assert "10 impacts, 10 s, is less than" in few
     run = erosion.read_impacts(RUN, duration=1.0)
     assert any("1 s" in sentence and "0.02 s" in sentence for sentence in run.warnings)
 

@@ -40,6 +40,7 @@ from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import conversion_factor
 
 _PORTION = 2**18  # impacts, draws times rows: enough for all cores at once, a few tens of megabytes
+_FEW = 100  # impacts at random times, of which the first and the last are 2 % of the time off its ends, on average
 _WRONG_WAY = 0.9  # share of rows from behind that no table of real impacts reaches
 
 
@@ -165,7 +166,7 @@ class MapJob:
     def __post_init__(self) -> None:
         """Refuse a rate of sand without the mass of sand that the run has, before anything is computed."""
         options, table = self.task.options, self.impacts
-        if options.sand_rate is None or options.injected_in(table.duration) or table.injected or table.has_parcels:
+        if options.injected_in(table.duration) or options.sand_rate is None or table.injected or table.has_parcels:
             return
         raise ValueError(
             f"Argument `sand_rate` needs the mass of sand that was injected in the run, which {table.title} does not "
@@ -181,6 +182,12 @@ class MapJob:
         sources = {"as given": given, "as the case of the run says": table.injected,
                    f"the {len(parcels.known):,} parcels of the table, each once": known or None}  # fmt: skip
         injected_from, injected = next(((name, mass) for name, mass in sources.items() if mass), ("", None))
+        if changing := int((parcels.mass > 1.001 * parcels.least_mass).sum()):
+            warnings.append(
+                f"{changing:,} of the {len(parcels.known):,} parcels of the table have rows of different masses: its "
+                "numbers of parcels may be those of something else, or given again to new parcels, which makes the "
+                "sand injected too little. Argument `ignore` leaves a column out."
+            )
         if injected is not None and known > 1.001 * injected:
             warnings.append(f"The parcels of the table have {known:.4g} kg, more than the {injected:.4g} kg injected.")
         elif injected is not None and not table.has_parcels and erodent > 1.001 * injected:
@@ -327,20 +334,28 @@ class TimeSpan:
     """The first and the last time of the rows that were read so far."""
 
     def __init__(self) -> None:
-        self._first, self._last = math.inf, -math.inf
+        self._first, self._last, self._rows = math.inf, -math.inf, 0
 
     def add(self, block: ImpactBlock) -> None:
         """Take note of the rows of a block."""
         if block.time is not None and block.rows:
             self._first = min(self._first, float(np.min(block.time)))
             self._last = max(self._last, float(np.max(block.time)))
+            self._rows += block.rows
 
     def of(self, table: Impacts) -> tuple[float | None, str, list[str]]:
         """The duration of a table [s], who says so, and what is doubtful in it."""
         span = self._last - self._first
-        if table.duration is None:
-            return (span, "from the first impact to the last", []) if 0 < span < math.inf else (None, "", [])
         doubts = list[str]()
+        if table.duration is None and not 0 < span < math.inf:
+            return None, "", []
+        if table.duration is None:
+            if self._rows < _FEW:
+                doubts.append(
+                    f"The time from the first to the last of {self._rows} impacts, {span:.3g} s, is less than that of "
+                    "the run: Argument `duration` gives it."
+                )
+            return span, "from the first impact to the last", doubts
         if 0 < span < math.inf and table.duration_from == "as given" and not 0.99 < table.duration / span < 1.1:
             doubts.append(f"`duration` is {table.duration:g} s, but the impacts are from {span:g} s.")
         return table.duration, table.duration_from, doubts

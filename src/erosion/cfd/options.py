@@ -165,13 +165,16 @@ class MapOptions:
         Raises:
             ValueError: for what is neither a mass nor a mass flow, and a mass flow where the duration is not known.
         """
-        if isinstance(self.injected, str):
-            with contextlib.suppress(UnitError):
-                read_quantity(self.injected, "mass flow", "si")
-                if duration is None and has_unit(self.injected):
-                    raise ValueError("Argument `injected` is a mass flow, so Argument `duration` must be given.")
-                return _read("injected", self.injected, "mass flow") * (duration or 1.0)
-        return None if self.injected is None else _read("injected", self.injected, "mass")
+        if self.injected is None:
+            return None
+        is_flow = False
+        with contextlib.suppress(UnitError):
+            is_flow = isinstance(self.injected, str) and bool(read_quantity(self.injected, "mass flow", "si"))
+        if not (is_flow and has_unit(self.injected)):
+            return _read("injected", self.injected, "mass")
+        if duration is None:
+            raise ValueError("Argument `injected` is a mass flow, so Argument `duration` must be given.")
+        return _read("injected", self.injected, "mass flow") * duration
 
     def laws_in_words(self, model: CuttingModel) -> dict[str, str]:
         """By parameter, its law as a person reads it: "normal(2, 0.1)", "uncertain normal(2, 0.1)"."""
@@ -243,6 +246,8 @@ class MapOptions:
 
 
 _PPM = re.compile(r"\s*(\S+?)\s*ppm(?:w| by mass)?\s+of\s+(.+)")
+# As pint reads them, a ton has 907 kg, and mt is a thousandth of a tonne.
+_SOME_TON = re.compile(r"(?<![a-zA-Z_])(tons?|mt)(?![a-zA-Z])")
 _SUCH_AS: Mapping[str, str] = {"mass flow": "100 kg/day", "mass": "2 g"}
 
 
@@ -252,7 +257,10 @@ def _read_sand_rate(rate: Any) -> float | None:
     if of_flow is None:
         return None if rate is None else _read("sand_rate", rate, "mass flow")
     with about("Argument `sand_rate`"):
-        return read_quantity(of_flow[1], "1", "si") * 1e-6 * _read("sand_rate", of_flow[2], "mass flow")
+        share = read_quantity(of_flow[1], "1", "si") * 1e-6
+        if not 0 < share <= 1:
+            raise ValueError(f"must have a share above 0 and of at most 1e6 ppm, but is {rate!r}")
+    return share * _read("sand_rate", of_flow[2], "mass flow")
 
 
 def _read(name: str, given: Any, dimension: Dimension) -> float:
@@ -262,6 +270,8 @@ def _read(name: str, given: Any, dimension: Dimension) -> float:
         with about(f"Argument `{name}`"):
             if not has_unit(given):
                 raise ValueError(f"must have a unit, as {_SUCH_AS[dimension]!r} has, but is {given!r}")
+            if _SOME_TON.search(given):
+                raise ValueError(f"must say which ton, t (1000 kg), short_ton or long_ton, but is {given!r}")
             value = read_quantity(given, dimension, "si")
     if not (_are_numbers(value) and 0 < value < np.inf):
         raise ValueError(f"Argument `{name}` must be positive and finite, but is {given!r}.")

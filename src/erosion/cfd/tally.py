@@ -56,7 +56,8 @@ class Parcels:
         parcel, face: of each pair of both that rows have, ascending, shape (pairs,).
         sums: ΣwV and Σ(wV)² of these rows, shape (2, pairs) [volume], [volume²].
         known: the parcels of all rows, ascending, hits or not, shape (parcels,).
-        mass: of all particles of each of them, shape (parcels,) [kg].
+        mass: of all particles of each of them, the greatest of its rows, shape (parcels,) [kg].
+        least_mass: the same, the least of its rows.
     """
 
     parcel: np.ndarray
@@ -64,12 +65,14 @@ class Parcels:
     sums: np.ndarray
     known: np.ndarray
     mass: np.ndarray
+    least_mass: np.ndarray
 
     @classmethod
     def joined(cls, parts: Sequence["Parcels"]) -> "Parcels":
         """The sums of all parts."""
-        parcel, face, known, mass = (
-            np.concatenate([getattr(part, name) for part in parts]) for name in ("parcel", "face", "known", "mass")
+        names = ("parcel", "face", "known", "mass", "least_mass")
+        parcel, face, known, mass, least_mass = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in names
         )
         sums = np.concatenate([part.sums for part in parts], axis=1)
         order = np.lexsort((face, parcel))
@@ -78,9 +81,10 @@ class Parcels:
         if begins.size:
             sums = np.add.reduceat(sums[:, order], begins, axis=1)
         known, place = np.unique(known, return_inverse=True)
-        greatest = np.zeros(len(known))
+        greatest, least = np.zeros(len(known)), np.full(len(known), np.inf)
         np.maximum.at(greatest, place, mass)
-        return cls(parcel[begins], face[begins], sums, known, greatest)
+        np.minimum.at(least, place, least_mass)
+        return cls(parcel[begins], face[begins], sums, known, greatest, least)
 
     def bounces(self, group: np.ndarray, groups: int) -> np.ndarray:
         """Σ over parcels of (ΣwV)² - Σ(wV)², 0 where each parcel hits once, shape (groups,) [volume²].
@@ -94,7 +98,7 @@ class Parcels:
 
 
 _NONE = np.zeros(0, np.int64)
-_NO_PARCELS = Parcels(_NONE, _NONE, np.zeros((2, 0)), _NONE, np.zeros(0))
+_NO_PARCELS = Parcels(_NONE, _NONE, np.zeros((2, 0)), _NONE, np.zeros(0), np.zeros(0))
 
 
 def portion_of(
@@ -135,7 +139,8 @@ def portion_of(
         good = np.isfinite(volume).all(axis=0)
         removed = struck.count[good] * volume[:, good].mean(axis=0)
         rows = (struck.parcel[good], struck.face[good], np.array([removed, removed**2]))
-        parcels = Parcels.joined([Parcels(*rows, hits.parcel, hits.count * hits.mass)])
+        mass = hits.count * hits.mass
+        parcels = Parcels.joined([Parcels(*rows, hits.parcel, mass, mass)])
     return Portion(*_by_face(struck, volume), counts, float(near.max(initial=0.0)), parcels)
 
 
