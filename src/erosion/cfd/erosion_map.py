@@ -287,8 +287,15 @@ class MapJob:
         return surface.reversed((np.bincount(part[hits.face], votes, part.max() + 1) < 0)[part])
 
     def _normals_in_words(self, tally: FaceTally) -> list[str]:
-        """That neighbours have opposite normals, where rows recede from some."""
+        """That most normals were turned, or that neighbours have opposite ones, where rows recede from some."""
         surface = self.surface
+        if surface is not None and np.mean(surface.turned) > 0.5:
+            when, then = ("after", "undo it") if self.task.options.restitution is None else ("before", "be left out")
+            return [
+                f"{surface.title}: the normals of {np.broadcast_to(surface.turned, surface.faces).sum():,} of "
+                f"{surface.faces:,} faces are turned, as Argument `reverse` asks. If the velocities are those {when} "
+                f"the rebound, they should not be: Argument `restitution` must then {then}."
+            ]
         if surface is None or not tally.counts["fates"][RECEDING] or not surface.mixed.size:
             return []
         first = ", ".join(map(str, surface.mixed[:3]))

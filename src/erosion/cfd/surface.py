@@ -39,6 +39,7 @@ class Surface:
         patch: of each face, an index of `patches`, shape (faces,).
         mesh_face: number of each face in the mesh of the CFD run, shape (faces,); None where there is none.
         unit: that of the file, of which `points` are in metres; None where nobody said it, and it is taken as metres.
+        turned: whether the normals are against those of the file, shape (faces,), or of all faces.
         turns_itself: whether `erosion_map` turns the normals of each connected part so that most impacts meet it.
 
     Raises:
@@ -54,6 +55,7 @@ class Surface:
     patch: Indices
     mesh_face: Indices | None = None
     unit: str | None = "m"
+    turned: Any = False
     turns_itself: bool = False
 
     def __post_init__(self) -> None:
@@ -106,8 +108,9 @@ class Surface:
         sizes = np.diff(self.ends, prepend=0)
         # Corner i of a face becomes its corner (size - 1 - i).
         mirrored = np.repeat(starts + self.ends - 1, sizes) - np.arange(len(self.corners))
-        turned = np.repeat(np.broadcast_to(faces, self.faces), sizes)
-        return dataclasses.replace(self, corners=self.corners[np.where(turned, mirrored, np.arange(len(mirrored)))])
+        mask = np.repeat(np.broadcast_to(faces, self.faces), sizes)
+        corners = self.corners[np.where(mask, mirrored, np.arange(len(mirrored)))]
+        return dataclasses.replace(self, corners=corners, turned=np.not_equal(self.turned, faces))
 
     @functools.cached_property
     def parts(self) -> tuple[Indices, np.ndarray]:
