@@ -13,6 +13,7 @@ from erosion.cli.run import _show, _show_sensitivities
 from erosion.impacts.alpha_max import EndTime
 from erosion.models import Finnie, ForceLaw, Linearized, Torque
 from erosion.models.equations import flaw
+from erosion.models.forces import ConstantRatio
 from erosion.models.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
 from erosion.ode import batch
 from tests.reference import closed_form
@@ -250,12 +251,32 @@ class Nameless(Lip):
     reach: float = 0.01
 
 
-@pytest.mark.parametrize("model", [Linearized(force=Lip()), erosion.load_model("models/rate_dependent.py")])
+class Dragged(ConstantRatio):
+    """F_x = -c · depth - γ ẋ."""
+
+    drag: float = erosion.own_parameter(1e-3, "γ", "drag", "M/T")
+
+    def __call__(self, state, tip, p):
+        horizontal, vertical = super().__call__(state, tip, p)
+        return horizontal - self.drag * state.vx, vertical
+
+
+class NamelessDrag(Dragged):
+    """The same, but does not say that it is a mass over a time."""
+
+    drag: float = 1e-3
+
+
+@pytest.mark.parametrize(
+    "model",
+    [Linearized(force=Lip()), Linearized(force=Dragged()), erosion.load_model("models/rate_dependent.py")],
+)
 def test_own_parameters_convert_with_the_case(model):
     there, p = model.to("si", P)
     assert p == P.to("si")
     changed = {name: one.value / values(model, P)[name] for name, one in own_parameters(there).items()}
-    assert changed in ({"reach": pytest.approx(0.0254)}, {"rate": 1.0, "exponent": 1.0})
+    slinch = pytest.approx(175.126835246, rel=1e-11)
+    assert changed in ({"reach": pytest.approx(0.0254)}, {"drag": slinch}, {"rate": 1.0, "exponent": 1.0})
     cubic_inch = 0.0254**3
     assert erosion.impact(there, p).volume == pytest.approx(erosion.impact(model, P).volume * cubic_inch, rel=1e-9)
     back, again = there.to("inch-pound", p)
@@ -267,8 +288,14 @@ def test_arrays_convert_too():
     assert own_parameters(model)["reach"].value == pytest.approx([0.01 * 0.0254, 0.02 * 0.0254])
 
 
+def test_a_force_that_adds_to_a_built_in_one_has_no_closed_form():
+    assert Linearized().closed_form() is not None
+    assert Linearized(force=Dragged()).closed_form() is None
+
+
 @pytest.mark.slow
-def test_the_check_of_units_knows_declared_dimensions():
-    declared, nameless = (Subject("lip", Linearized(force=force), registered=False) for force in (Lip(), Nameless()))
+@pytest.mark.parametrize("forces", [(Lip(), Nameless()), (Dragged(), NamelessDrag())])
+def test_the_check_of_units_knows_declared_dimensions(forces):
+    declared, nameless = (Subject("own", Linearized(force=force), registered=False) for force in forces)
     assert declared.worst(declared.checks()["units"]())[0] < 1e-9
     assert nameless.worst(nameless.checks()["units"]())[0] > 1e-3

@@ -2,18 +2,17 @@
 
 import itertools
 import math
-from typing import get_args
 
 import numpy as np
 import pytest
 
+from erosion.parameters.dimensions import DIMENSIONS, Dimension, read_dimension
 from erosion.parameters.quantities import (
     _EXAMPLES,
-    _PINT_UNITS,
     QUANTITIES,
     SYSTEMS,
-    Dimension,
     UnitError,
+    _pint_unit,
     _registry,
     ascii_unit,
     conversion_factor,
@@ -29,12 +28,44 @@ from erosion.parameters.quantities import (
     unit_name,
 )
 
+_PRODUCTS = ("mass/time", "1/speed", "stress * time²", "energy/speed/mass flow^2", "[mass] * [length]**2")
+_ALL: list[Dimension] = [*DIMENSIONS, *map(read_dimension, _PRODUCTS)]
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension"),
+    [
+        ("M/T", "mass/time"),
+        ("[mass] / [time]", "mass/time"),
+        ("L**2·mass", "length^2*mass"),
+        ("1/angular speed", "1/angular speed"),
+        (" stress ", "stress"),
+    ],
+)
+def test_dimensions_are_read(text: str, dimension: str) -> None:
+    assert read_dimension(text) == dimension
+
+
+@pytest.mark.parametrize("text", ["", "kg/s", "mass/", "mass time", "length^0.5", "mass//time", "lengths"])
+def test_what_is_no_dimension_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="'mass/time', but is"):
+        read_dimension(text)
+
+
+def test_numbers_of_products_have_their_unit() -> None:
+    drag = read_dimension("mass/time")
+    assert read_quantity("2 g/ms", drag, "si") == 2
+    assert read_quantity("1 kg/s", drag, "inch-pound") == pytest.approx(1 / 175.126835246, rel=1e-11)
+    assert unit_name(read_dimension("stress/speed^2"), "si") == "Pa/(m/s)²"
+    with pytest.raises(UnitError, match="a mass/time such as \"2 slinch/s\", but is '2 kg'"):
+        read_quantity("2 kg", drag, "inch-pound")
+
 
 def test_unit_names_are_as_persons_and_programs_write_them() -> None:
     """pint reads every one of them as the unit that it names."""
     assert unit_name("stress", "inch-pound") == "lbf/in²"
-    for system, dimension in itertools.product(SYSTEMS, get_args(Dimension)):
-        unit = _registry().parse_units(_PINT_UNITS[system][dimension] or "dimensionless")
+    for system, dimension in itertools.product(SYSTEMS, _ALL):
+        unit = _registry().parse_units(_pint_unit(dimension, system) or "dimensionless")
         name = ascii_unit(unit_name(dimension, system))
         assert name.isascii()
         assert _registry().parse_units("dimensionless" if name == "1" else name) == unit
@@ -56,10 +87,10 @@ def test_derivatives_have_units_of_both(of: Dimension, by: list[Dimension], unit
     assert derivative_unit(of, by, "inch-pound") == unit
 
 
-@pytest.mark.parametrize("dimension", get_args(Dimension))
+@pytest.mark.parametrize("dimension", _ALL)
 def test_conversions_are_pints(dimension: Dimension) -> None:
-    one = _registry().Quantity(1.0, _PINT_UNITS["inch-pound"][dimension])
-    factor = one.to(_PINT_UNITS["si"][dimension]).magnitude
+    one = _registry().Quantity(1.0, _pint_unit(dimension, "inch-pound"))
+    factor = one.to(_pint_unit(dimension, "si")).magnitude
     assert conversion_factor(dimension, "inch-pound", "si") == pytest.approx(factor, rel=1e-14)
     assert conversion_factor(dimension, "si", "inch-pound") == pytest.approx(1 / factor, rel=1e-14)
     assert conversion_factor(dimension, "si", "si") == 1

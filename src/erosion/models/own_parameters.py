@@ -7,7 +7,6 @@ name means: which leaf of the model it is, what it is called, and the same model
 import dataclasses
 import functools
 import math
-import typing
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple, TypeGuard, TypeVar
 
@@ -18,8 +17,9 @@ from jax.core import Tracer
 
 from erosion.arguments import Number, check_scalars, check_unmasked
 from erosion.output.tables import abbreviate
+from erosion.parameters.dimensions import read_dimension
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, require_parameters
-from erosion.parameters.quantities import RESULTS, Dimension, Quantity, System, conversion_factor
+from erosion.parameters.quantities import RESULTS, Quantity, System, about, conversion_factor
 
 _Model = TypeVar("_Model", bound=eqx.Module)
 _Method = TypeVar("_Method", bound=Callable[..., Any])
@@ -44,9 +44,7 @@ class OwnParameter(NamedTuple):
     least: float
 
 
-def own_parameter(
-    default: float, symbol: str, meaning: str, dimension: Dimension = "1", *, least: float = -math.inf
-) -> Any:
+def own_parameter(default: float, symbol: str, meaning: str, dimension: str = "1", *, least: float = -math.inf) -> Any:
     """Declare a field of a model, or of its parts, with what it is called in tables and on axes.
 
         friction: float = erosion.own_parameter(0.2, "μ", "coefficient of friction")
@@ -58,8 +56,8 @@ def own_parameter(
         default: the value of a model made without another.
         symbol: "μ".
         meaning: "coefficient of friction".
-        dimension: "1", "length", "rate", …; the value is in the units of the case, which
-            `CuttingModel.to` converts together with the case.
+        dimension: "1", "length", "rate", …, or made of them, "mass/time" or "M/T"; the value is in the units of the
+            case, which `CuttingModel.to` converts together with the case.
         least: the least value; `CuttingModel.replace` and the commands refuse a smaller one. In an array it
             passes, and the model must make that impact fail by a NaN.
     """
@@ -72,7 +70,7 @@ def fixed_parameter(default: float, symbol: str, meaning: str, unit: str) -> Any
     return eqx.field(default=default, metadata={"quantity": quantity, "least": -math.inf})
 
 
-def own_quantity(symbol: str, meaning: str, dimension: Dimension = "1") -> Callable[[_Method], _Method]:
+def own_quantity(symbol: str, meaning: str, dimension: str = "1") -> Callable[[_Method], _Method]:
     """Declare a method of a model as the rate of a quantity that is integrated along the cut, beside the volume.
 
     For example::
@@ -87,7 +85,7 @@ def own_quantity(symbol: str, meaning: str, dimension: Dimension = "1") -> Calla
     Args:
         symbol: "W".
         meaning: "work of the tip".
-        dimension: of the integral: "1", "length", "energy", …
+        dimension: of the integral: "1", "length", "energy", "mass*length", …
     """
     quantity = _declared(symbol, meaning, dimension)
 
@@ -116,11 +114,9 @@ def own_quantities(kind: type[eqx.Module]) -> dict[str, Quantity]:
     return own
 
 
-def _declared(symbol: str, meaning: str, dimension: Dimension) -> Quantity:
-    known = typing.get_args(Dimension)
-    if dimension not in known:
-        raise ValueError(f"Argument `dimension` must be one of {', '.join(known)}, but is {dimension!r}.")
-    return Quantity(symbol, meaning, dimension)
+def _declared(symbol: str, meaning: str, dimension: str) -> Quantity:
+    with about("Argument `dimension`"):
+        return Quantity(symbol, meaning, read_dimension(dimension))
 
 
 def own_parameters(model: eqx.Module) -> dict[str, OwnParameter]:

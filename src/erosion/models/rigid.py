@@ -128,9 +128,9 @@ class Linearized(RigidErodent):
     def closed_form(self) -> ClosedForm | None:
         if self.torque != NoTorque() or self.kinematics != CentreOfMassTip():
             return None
-        if isinstance(self.force, ConstantRatio):
+        if type(self.force) is ConstantRatio:  # a class of a user's that derives from it may add a drag
             return with_deformation(LinearizedCut(), self.deformation)
-        if isinstance(self.force, (TanAlpha, VelocityAligned)):
+        if type(self.force) in (TanAlpha, VelocityAligned):
             return with_deformation(StraightCut(), self.deformation)
         return None
 

@@ -11,9 +11,10 @@ import contextlib
 import re
 import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
-from erosion.parameters.quantities import Dimension, System, UnitError, read_quantity, shown
+from erosion.parameters.dimensions import DIMENSIONS, Dimension
+from erosion.parameters.quantities import System, UnitError, read_quantity, shown
 
 SPEEDS = (
     "v0", "speed", "velocity", "vel", "impact speed", "impact velocity", "speed of impact", "velocity of impact",
@@ -47,7 +48,6 @@ _HARMLESS = {
     "remarks", "type", "date", "day", "temperature", "temp", "pressure", "material", "operator", "run", "reynolds",
 }  # fmt: skip
 _PLACES = re.compile(r"(position|pos|points|coordinates?)?:?[xyz012](position|coordinate)?")
-_DIMENSIONS: Sequence[Dimension] = get_args(Dimension)
 _HARMLESS_DIMENSIONS: Sequence[Dimension] = ("time", "stress")  # ages, pressures
 
 # Units that may end a name without brackets, "angle_deg", "speed m/s"; of those in a column's name that pint reads in
@@ -307,7 +307,7 @@ def _doubt(text: str, unit: str, known: Mapping[str, Known], also: Collection[Di
         name, own_unit = start, "m"  # "depth_m" is in metres, no mass
     unit = own_unit or unit or (name if "/" in name else "")  # a unit alone, "kg/s"
     used: list[Dimension] = [dimension for entry in known.values() for dimension in entry.dimensions]
-    dimension = None if unit in NO_UNIT else _dimension(unit, dict.fromkeys((*used, *also, *_DIMENSIONS)))
+    dimension = None if unit in NO_UNIT else _dimension(unit, dict.fromkeys((*used, *also, *DIMENSIONS)))
     if dimension == "mass per mass" and "/" not in unit:  # a percentage may be of anything
         dimension = None
     if _PLACES.fullmatch(_key(name)) and dimension in (None, "length"):

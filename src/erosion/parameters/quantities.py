@@ -23,23 +23,19 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from erosion.parameters.dimensions import Dimension, Named, Product, factors
+
 if TYPE_CHECKING:
     import pint
 
     from erosion.output.tables import Row
 
 System = Literal["inch-pound", "si"]
-Dimension = Literal[
-    "1", "length", "area", "volume", "mass", "time", "speed", "stress", "angle", "angular speed",
-    "rate", "volume per angle", "volume per angle²", "density", "volume per mass", "mass per mass",
-    "mass flux", "mass flow", "energy",
-]  # fmt: skip
-
 SYSTEMS: tuple[System, ...] = get_args(System)
 
 # pint's name of each dimension's unit. The inch-pound-second system is consistent only with
 # mass in slinch ("dozens of slugs", lbf s²/in), 1 slinch = 175.126835246 kg.
-_PINT_UNITS: Mapping[System, Mapping[Dimension, str]] = types.MappingProxyType(
+_PINT_UNITS: Mapping[System, Mapping[Named, str]] = types.MappingProxyType(
     {
         "inch-pound": {
             "1": "", "length": "inch", "area": "inch**2", "volume": "inch**3", "mass": "slinch",
@@ -63,7 +59,7 @@ _PINT_UNITS: Mapping[System, Mapping[Dimension, str]] = types.MappingProxyType(
 # By definition, exactly; a test compares with pint, which would take half a second to ask.
 _INCH, _POUND_FORCE = 0.0254, 4.4482216152605  # m, N
 _SLINCH = _POUND_FORCE / _INCH  # kg
-_INCH_POUND_IN_SI: Mapping[Dimension, float] = types.MappingProxyType(
+_INCH_POUND_IN_SI: Mapping[Named, float] = types.MappingProxyType(
     {
         "length": _INCH, "area": _INCH**2, "volume": _INCH**3, "mass": _SLINCH, "speed": _INCH,
         "stress": _POUND_FORCE / _INCH**2, "volume per angle": _INCH**3, "volume per angle²": _INCH**3,
@@ -96,9 +92,20 @@ def check_system(units: str) -> System:
     raise ValueError(f"Argument `units` must be one of {', '.join(map(repr, SYSTEMS))}, but is {shown(units)}.")
 
 
+def _pint_unit(dimension: Dimension, system: System) -> str:
+    if not isinstance(dimension, Product):
+        return _PINT_UNITS[system][dimension]
+    text = ""
+    for sign, name, power in factors(dimension):
+        unit = _PINT_UNITS[system][name] or "1"
+        is_compound = re.search("[*/]", unit) and (sign or power != 1)
+        text += sign + (f"({unit})" if is_compound else unit) + (f"**{power}" if power != 1 else "")
+    return text
+
+
 def unit_name(dimension: Dimension, system: System) -> str:
     """The unit as a person writes it: "in³", "slinch", "" for a pure number."""
-    name = re.sub(r"\binch\b", "in", _PINT_UNITS[system][dimension])
+    name = re.sub(r"\binch\b", "in", _pint_unit(dimension, system))
     for ascii_power, superscript in _SUPERSCRIPTS.items():
         name = name.replace(ascii_power, superscript)
     return name
@@ -121,7 +128,13 @@ def conversion_factor(dimension: Dimension, source: System, target: System) -> f
     """What a number in `source` units is multiplied by to be in `target` units."""
     if source == target:
         return 1.0
-    factor = _INCH_POUND_IN_SI.get(dimension, 1.0)
+    if isinstance(dimension, Product):
+        sizes = [
+            (sign, conversion_factor(name, "inch-pound", "si") ** power) for sign, name, power in factors(dimension)
+        ]
+        factor = math.prod(1 / size if sign == "/" else size for sign, size in sizes)
+    else:
+        factor = _INCH_POUND_IN_SI.get(dimension, 1.0)
     return factor if target == "si" else 1 / factor
 
 
@@ -138,6 +151,8 @@ def unit_of(text: str) -> str:
 
 def example(dimension: Dimension, system: System) -> str:
     """A quantity of this dimension as text, in quotes where it has a unit."""
+    if isinstance(dimension, Product):
+        return f'"2 {ascii_unit(unit_name(dimension, system))}"'
     return _EXAMPLES[system].get(dimension, "2")
 
 
@@ -152,7 +167,7 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     import pint
 
     registry = _registry()
-    unit = _PINT_UNITS[system][dimension]
+    unit = _pint_unit(dimension, system)
     article = "an" if dimension[0] == "a" else "a"
     expected = f"{article} {dimension if unit else 'pure number'} such as {example(dimension, system)}"
     # Number and unit are taken apart here: pint reads "44 00 in" as a product.
