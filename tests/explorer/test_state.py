@@ -53,6 +53,9 @@ def test_a_metal_has_its_density_and_its_stress() -> None:
     state = STATE.of_metal(copper)
     assert state.per_mass.density == copper.density
     assert state.case.numbers()["sigma"] == TABLE_1.with_target(copper).sigma
+    # 10⁴ lbf/in²; ψ is 2 · 52 kgf/mm² over it.
+    assert state.changes(STATE) == "ψ = 14.7923, σ = 10000 lbf/in², density = 8940 kg/m³"
+    assert state.changes(state) == ""
 
 
 def test_a_link_may_say_little_and_use_units() -> None:

@@ -360,7 +360,7 @@ class Controls:
             self._particle_menu(materials)
             with ui.button("Metal").props(_MENU), ui.menu():
                 for name, metal in materials.targets.items():
-                    item = ui.menu_item(name, lambda _, metal=metal: self._go(self._state.of_metal(metal)))
+                    item = ui.menu_item(name, partial(self._take_metal, name, metal))
                     item.tooltip(metal.source)
             with ui.button("Spin").props(_MENU), ui.menu():
                 for s in SPIN_PRESETS:
@@ -471,6 +471,11 @@ class Controls:
         state = self._state
         case = state.case.with_parameters(TABLE_1.to(state.case.units))
         self._go(dataclasses.replace(state, case=case, per_mass=PerMass()))
+
+    def _take_metal(self, name: str, metal: Target) -> None:
+        state = self._state.of_metal(metal)
+        ui.notify(f"{name}: {state.changes(self._state) or 'no number changed'}")
+        self._go(state)
 
     def _particle_menu(self, materials: Materials) -> None:
         """A material and a size, from which r, b, m and β follow."""

@@ -208,6 +208,15 @@ class PageState:
         per_mass = dataclasses.replace(self.per_mass, density=metal.density)
         return dataclasses.replace(self, case=case, per_mass=per_mass)
 
+    def changes(self, before: "PageState") -> str:
+        """The numbers of the case that another state of the same units had otherwise: "σ = 1049 MPa, ψ = 2"."""
+        numbers, had, units = self.case.numbers(), before.case.numbers(), self.case.units
+        changed = [f"{quantity.symbol} = {quantity.in_words(numbers[name], units, 6)}"
+                   for name, quantity in QUANTITIES.items() if numbers[name] != had[name]]  # fmt: skip
+        if self.per_mass.density not in (None, before.per_mass.density):
+            changed.append(f"density = {self.per_mass.density:.4g} kg/m³")
+        return ", ".join(changed)
+
     def query(self) -> str:
         """The state as the query of a link, exact to the last bit, without models that are not checked."""
         own = tuple(number for number in self.case.own if number.model in self.models)
