@@ -630,6 +630,30 @@ def test_derivatives_through_a_singular_rate_at_the_event_are_right_or_nan(path)
         np.testing.assert_allclose(found[known], exact[known], rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    "ratio",
+    [lambda v: jnp.sin(v) / v, lambda v: jax.jit(lambda u: u**-2 * (u * jnp.expm1(u)))(v)],
+    ids=["quotient", "power"],
+)
+def test_derivatives_are_nan_where_a_rate_divides_by_what_vanishes_at_the_event(ratio):
+    problem = ode.Problem(
+        y0=lambda args: {"v": args["v0"]},
+        vector_field=lambda t, y, args: {"v": -args["g"]},
+        events={"low": ode.Event(lambda t, y, args: y["v"] - args["at"], direction=-1)},
+        integrals={"path": lambda t, y, args: ratio(y["v"])},
+    )
+    args = {"v0": np.linspace(0.5, 3.0, 8), "g": 9.81, "at": 0.0}
+    end = ode.solve(problem, args, t1=50.0, wrt=("v0", "g"), derivatives=2)
+    assert np.all(end.ended_by == "low")
+    assert np.all(np.isfinite(end.integrals["path"]))
+    assert all(np.all(np.isnan(end.along(*by).integrals["path"])) for by in [("v0",), ("g",), ("v0", "g")])
+    backwards = jax.grad(lambda g: ode.solve(problem, {**args, "g": g}, t1=50.0).integrals["path"].sum())(9.81)
+    assert np.isnan(backwards)
+    # A little above it they are right.
+    above = ode.solve(problem, {**args, "at": 0.1}, t1=50.0, wrt=("v0",))
+    np.testing.assert_allclose(above.along("v0").integrals["path"], ratio(args["v0"]) / 9.81, rtol=1e-9)
+
+
 def test_of_a_jump_at_the_event_only_the_side_before_it_counts():
     rubbed = ode.Problem(
         y0=lambda args: {"x": 0.0, "v": args["v0"]},

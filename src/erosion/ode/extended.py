@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from erosion.arguments import Number, Scalar
 from erosion.ode.crossings import Ends
-from erosion.ode.reduction import Rows, may_have_kinks, motion_of
+from erosion.ode.reduction import Rows, divisors, may_have_kinks, motion_of
 from erosion.ode.rosenbrock import Rodas
 from erosion.ode.step_control import Limits
 from erosion.ode.variational import Augmented, Derivatives, Direction, Layout, Variational
@@ -83,6 +83,10 @@ class Extended:
         def motion_rate(numbers: Sequence[Number], rows: Rows) -> Rows:
             return jax.tree.leaves(motion(numbers).rate(self.members(rows)[0]))
 
+        def dividing(rows: Rows) -> list[Scalar]:
+            return divisors(jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
+
+        self.dividing = dividing
         self.motion_rate = functools.partial(motion_rate, self.numbers)
         self.events = functools.partial(events, self.numbers)
         self.rate = functools.partial(rate, self.numbers, places)

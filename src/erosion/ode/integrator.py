@@ -211,7 +211,7 @@ def _to_its_event(
         return after, tape, saved and writer.after_step(saved, lane, after)
 
     lane, tape, saved = lax.while_loop(lambda at: step_control.goes_on(at[0].control), tries, (lane, tape, saved))
-    motion, along = landed(problem, lane, until)
+    motion, along = landed(problem, lane, until, differentiates=problem.order > 0 or tape is not None)
     if tape is not None:
         tape = tape.with_step(motion.time - lane.control.time, lane.state, jnp.asarray(True))
     return motion, along, tape, saved and writer.after_landing(saved, lane, motion)

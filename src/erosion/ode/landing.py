@@ -15,11 +15,12 @@ from erosion.ode.crossings import Ends, Watched
 from erosion.ode.explicit import SOON, short_step
 from erosion.ode.extended import Extended
 from erosion.ode.reduction import Rows, is_kinked
-from erosion.ode.step_control import ENDED, FIRST_STEP, NOT_BEGUN, Control
+from erosion.ode.step_control import ENDED, FAILED, FIRST_STEP, NOT_BEGUN, Control
 from erosion.ode.variational import Along, AlongFlow, Augmented
 
 _INSIDE = 1e-10  # of the time scale: as near to an end beyond which the motion is not defined
 _BESIDE = 1e-12  # the same beside an end at which a rate has a kink or a jump
+_VANISHES = 1e-5  # of the time scale: a divisor that is zero as soon leaves too few digits of second derivatives
 _SHARE = 0.98  # of the way to it is a step, by Newton's method
 
 
@@ -65,9 +66,25 @@ class Flight(NamedTuple):
     shift: Rows
 
 
-def landed(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:
+def landed(problem: Extended, lane: Lane, until: Scalar | None, *, differentiates: bool) -> tuple[Flight, Along]:
     """The motion to where its last step found its end; with how what is wanted there depends on the event's time."""
-    return (_by_a_short_step if problem.rodas is None else _by_the_last_step)(problem, lane, until)
+    motion, along = (_by_a_short_step if problem.rodas is None else _by_the_last_step)(problem, lane, until)
+    if problem.rough or not (differentiates and problem.options.waits):
+        return motion, along
+    lost = (motion.control.mode == ENDED) & _divides_by_zero(problem, motion)
+    control = motion.control._replace(mode=jnp.where(lost, FAILED, motion.control.mode))
+    at_once = [event & ~lost for event in motion.at_once]
+    return motion._replace(control=control, at_once=at_once, count=jnp.where(lost, 0, motion.count)), along
+
+
+def _divides_by_zero(problem: Extended, motion: Flight) -> Flag:
+    """Whether a rate divides by what vanishes at the end: of derivatives of sin(v)/v nothing but rounding is left."""
+    rows: Rows = jax.tree.leaves(motion.members[0])
+    flow = problem.motion_rate(rows)
+    scale = problem.scale_near(motion.control.step, FIRST_STEP)
+    ends = zip(*jax.jvp(problem.dividing, (rows,), (flow,)), strict=True)
+    vanish = (~(jnp.abs(value) > _VANISHES * scale * jnp.abs(rate)) for value, rate in ends)
+    return functools.reduce(jnp.logical_or, vanish, jnp.asarray(False))
 
 
 def _by_a_short_step(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:

@@ -376,6 +376,22 @@ def is_kinked(problem: Flow, event: Rows, slope: Rows, scale: Scalar) -> Flag:
     return kinked
 
 
+def divisors(closed: ClosedJaxpr, operands: Sequence[Scalar], varies: Sequence[bool]) -> list[Scalar]:
+    """What a function divides by, where that depends on the operands that vary."""
+    jaxpr, found, parts = closed.jaxpr, [], []
+    known = _known(jaxpr, {variable for variable, moves in zip(jaxpr.invars, varies, strict=True) if moves})
+    for equation in jaxpr.eqns:
+        moves = [not isinstance(atom, Literal) and atom not in known for atom in equation.invars]
+        inner = equation.params.get("jaxpr")
+        if any(moves) and isinstance(inner, ClosedJaxpr) and equation.primitive.name in ("jit", "pjit"):
+            parts += divisors(inner, _evaluate(closed, list(equation.invars))(*operands), moves)
+        elif equation.primitive.name == "div" and moves[1]:
+            found.append(equation.invars[1])
+        elif equation.primitive.name == "integer_pow" and moves[0] and equation.params["y"] < 0:
+            found.append(equation.invars[0])
+    return _elements(_evaluate(closed, found)(*operands)) + parts
+
+
 def corrected(
     problem: Flow,
     before: tuple[Rows, Rows],
