@@ -194,6 +194,34 @@ def test_what_does_not_fit_is_refused():
             end.gradient(**{name: given[name]})
 
 
+def test_whole_numbers_that_lanes_share_have_no_derivatives():
+    """As in JAX; a number of each lane is a real one, however it is written."""
+
+    def pull(t, y, args):
+        return {"y": y["v"], "v": -jnp.sum(args["w"])}
+
+    problem = ode.Problem(FALL.y0, pull, FALL.events)
+    found = ode.solve(problem, {"height": np.array([8, 2]), "w": np.array([3, 1])}, t1=9.0, shared="w").gradient(t=1.0)
+    assert (found["w"].dtype, found["w"].shape) == (jax.dtypes.float0, (2,))
+    np.testing.assert_allclose(found["height"], [1 / 8, 1 / 4], rtol=1e-9)
+
+
+@pytest.mark.parametrize("transform", [lambda f: f, jax.jit])
+def test_no_lanes_have_no_derivatives(transform):
+    """And sums over them are zero."""
+    none = jnp.zeros(0)
+
+    def loss(q, g):
+        return jnp.sum(ode.solve(FALL, {"height": q[:, 0], "g": g}, t0=q[:, 1], t1=q[:, 2]).t)
+
+    of_lanes, of_all = transform(jax.grad(loss, (0, 1)))(jnp.zeros((0, 3)), 9.0)
+    assert (of_lanes.shape, float(of_all)) == ((0, 3), 0.0)
+    assert transform(jax.hessian(loss))(jnp.zeros((0, 3)), 9.0).shape == (0, 3, 0, 3)
+    end = transform(lambda h: ode.solve(FALL, {"height": h, "g": 9.0}, t1=9.0, ts=jnp.ones(2)).ys)
+    assert end(none)["v"].shape == (0, 2)
+    assert ode.solve(FALL, {"height": none, "g": 9.0}, t1=9.0, ts=[1.0, 2.0]).ys["v"].shape == (0, 2)
+
+
 def _alike(found, expected, rtol=1e-8):
     for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(one, other, rtol=rtol, atol=rtol * np.abs(other).max())

@@ -70,6 +70,21 @@ def test_jit_of_one_lane_and_of_times():
     assert np.isnan(inside["y"][2])
 
 
+def test_a_time_before_the_start_is_refused_or_nan():
+    """A lane whose start is unknown refuses none."""
+    t0 = np.array([0.0, 0.2, np.nan])
+    early, fine = [0.3, 0.1], [0.3, 0.2, np.nan]
+    with pytest.raises(ValueError, match=r"`ts`.*`t0`.*0\.1"):
+        ode.solve(BALL, ARGS, t0=t0, t1=10.0, ts=early)
+    for ts in (early, fine):
+        ys = jax.jit(lambda ts: ode.solve(BALL, ARGS, t0=t0, t1=10.0, ts=ts).ys)(jnp.array(ts))
+        np.testing.assert_array_equal(np.isnan(ys["y"][:, :2]), [[False] * 2, [False, ts is early], [True] * 2])
+    close(ode.solve(BALL, ARGS, t0=t0, t1=10.0, ts=fine).ys, ys)
+    square = ARGS | {"h": np.array([[1.0, 2.0], [3.0, 1.5]])}
+    slopes = jax.jacfwd(lambda ts: ode.solve(BALL, square, t1=10.0, ts=ts).ys["y"])(jnp.array([0.1, 0.2]))
+    close(slopes, np.broadcast_to(np.diag([2.0 - 0.981, 2.0 - 1.962]), (2, 2, 2, 2)))
+
+
 def test_solution_in_jit_tells_outcome_and_end():
     def code(h):
         end = ode.solve(BALL, ARGS | {"h": h}, t1=0.6)

@@ -312,7 +312,8 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
     found = gradient(layout, lanes.numbers, lanes.size, ends, rows, spoils=False)
     gone = np.asarray(layout.has_no_result(ends.outcome) & np.any(rows != 0, axis=0)).reshape(shape)
     own = [
-        _as_given(part, gone, leaf, each) for part, leaf, each in zip(found, layout.shapes, lanes.given, strict=True)
+        _as_given(part, gone, leaf, each) if dtype == "float64" else np.zeros(each, jax.dtypes.float0)
+        for part, leaf, dtype, each in zip(found, layout.shapes, layout.dtypes, lanes.given, strict=True)
     ]
     return layout.args(own)
 

@@ -65,7 +65,7 @@ def _slopes(ends: EndFunction, axes: int, numbers: Sequence[Any]) -> Array:
     """The derivatives forwards, shape (…, rows, elements), of the numbers' own axes of `vmap`."""
     if axes == 0:
         return ends.slopes(ends.layout, ends.rtol, ends.elements, list(numbers))
-    varies = [array.shape[0] > 1 for array in numbers]
+    varies = [array.shape[0] != 1 for array in numbers]
     within = functools.partial(_slopes, ends, axes - 1)
     if not any(varies):
         return within([array[0] for array in numbers])[None]
@@ -76,10 +76,10 @@ def _slopes(ends: EndFunction, axes: int, numbers: Sequence[Any]) -> Array:
 def _flat(ends: EndFunction, axes: int, parts: Sequence[Any]) -> Array:
     """Tangents of numbers as those of elements, shape (…, elements)."""
     leading = _leading(ends, axes, parts)
-    flat = [
-        jnp.broadcast_to(part.reshape(*part.shape[:axes], -1), (*leading, math.prod(part.shape[axes:])))
-        for part in parts
-    ]
+    flat = []
+    for part in parts:
+        size = math.prod(part.shape[axes:])
+        flat.append(jnp.broadcast_to(part.reshape(*part.shape[:axes], size), (*leading, size)))
     return jnp.concatenate(flat, axis=-1)
 
 
@@ -98,7 +98,7 @@ def _pull_forwards(*arrays: Any, ends: EndFunction, axes: int, shapes: tuple[tup
     for shape in shapes:
         size = math.prod(shape[axes:])
         part, first = flat[..., first : first + size], first + size
-        same = tuple(i for i, (length, all_) in enumerate(zip(shape, leading, strict=False)) if length < all_)
+        same = tuple(i for i, (length, all_) in enumerate(zip(shape, leading, strict=False)) if length != all_)
         made.append(part.sum(same, keepdims=True).reshape(shape))
     return made
 
@@ -140,7 +140,7 @@ def _on_host(ends: EndFunction, axes: int, shapes: tuple[tuple[int, ...], ...], 
             part[some] = found[i]
             part = part.reshape(*leading, *own)
             for axis, length in enumerate(shape[:axes]):
-                if length < leading[axis]:
+                if length != leading[axis]:
                     part = np.expand_dims(summed(np.moveaxis(part, axis, 0)), axis)
         made.append(part.reshape(shape))
     return made
@@ -165,7 +165,7 @@ def _pull_batched(
     arrays: Sequence[Any], dims: Sequence[Any], *, ends: EndFunction, axes: int, shapes: tuple[tuple[int, ...], ...]
 ) -> tuple[Any, list[int]]:
     given = _batched(arrays, dims)
-    length = max(array.shape[0] for array in given)
+    (length,) = np.broadcast_shapes(*(array.shape[:1] for array in given))
     wide = tuple((length, *shape) for shape in shapes)
     return _pull.bind(*given, ends=ends, axes=axes + 1, shapes=wide), [0] * len(shapes)
 
@@ -221,7 +221,7 @@ def _pull_transposed(
 ) -> list[Any]:
     *numbers, bars = arrays
     made = _push.bind(*numbers, *map(ad.instantiate_zeros, tangents), ends=ends, axes=axes)
-    same = tuple(i for i in range(axes) if bars.aval.shape[i] < made.shape[i])
+    same = tuple(i for i in range(axes) if bars.aval.shape[i] != made.shape[i])
     return [None] * len(numbers) + [made.sum(same, keepdims=True)]
 
 

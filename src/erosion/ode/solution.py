@@ -153,7 +153,9 @@ class Solution(Result):
 
         Returns:
             A pytree like the arguments, of arrays of their shapes: an argument that lanes share has the sum over these.
-            Lanes without a result are NaN, and are left out of sums.
+            Lanes without a result are NaN, and are left out of sums. A shared array of whole numbers has no
+            derivatives: its part has JAX's type for that, `float0`, with which nothing can be computed. Give weights
+            as floats.
 
         Raises:
             ValueError: for what does not fit, and where JAX traces the solution (`jax.grad` does this there).

@@ -95,7 +95,8 @@ def solve(
         rtol: relative tolerance of times, states, integrals and their derivatives.
         start: "wait": an event function that is zero or beyond its event at the start counts once it has returned;
             "end": such a lane ends at its start.
-        ts: times at which the state is wanted as well, shape (n,); at an event that before its reset.
+        ts: times at which the state is wanted as well, shape (n,), none before `t0`; at an event that before its
+            reset. Where JAX traces nothing can be refused: a state before `t0` is NaN.
         max_step: no step is longer; a pulse of an event function shorter than a step may go unseen.
         max_events: a chain of events that the motion survives ends with this one.
         sizes: typical sizes of y, a pytree like it or one number: a state need not be known to better than
@@ -135,7 +136,7 @@ def solve(
         problem, args, t1=t1, t0=t0, rtol=rtol, start=start, max_step=max_step, max_events=max_events, sizes=sizes,
         smooth=smooth, max_steps=max_steps, method=method, shared=shared,
     )  # fmt: skip
-    if any(isinstance(number, Tracer) for number in lanes.numbers):
+    if any(isinstance(number, Tracer) for number in (*lanes.numbers, *jax.tree.leaves(ts))):
         from erosion.ode.traced import traced_solution
 
         return traced_solution(lanes, names, order, rtol, ts)
@@ -407,8 +408,9 @@ def _checked_times(lanes: Lanes, ts: Any) -> np.ndarray:
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must be one row of times, but has shape {times.shape}.")
     t0 = np.broadcast_to(np.asarray(lanes.numbers[-len(Clock._fields)]), lanes.size)
-    if times.size and np.nanmin(times) < t0.max():
-        raise ValueError(f"Argument `ts` must hold no times before `t0`, but has {np.nanmin(times):g}.")
+    early = times[times < np.fmax.reduce(t0, initial=-math.inf)]
+    if early.size:
+        raise ValueError(f"Argument `ts` must hold no times before `t0`, but has {early.min():g}.")
     return times
 
 

@@ -55,6 +55,12 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
         raise ValueError("Argument `wrt` must be left out where JAX traces: use `jax.grad` and its like.")
     layout, shape = lanes.layout, lanes.shape
     own = [len(numbers) for numbers in layout.shapes]
+    # Where `ts` alone is traced the numbers have one axis of lanes already.
+    numbers = [
+        jnp.reshape(number, shape) if np.ndim(number) > ndim and np.shape(number) == (lanes.size,) else number
+        for number, ndim in zip(lanes.numbers, own, strict=True)
+    ]
+    lanes = lanes._replace(numbers=numbers)
 
     def many(numbers: Sequence[Number]) -> tuple[Array, Array]:
         """The ends of all lanes, each with its numbers."""
@@ -67,7 +73,7 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
             vector, codes = traced_end(layout, flat, rtol)
             return jnp.broadcast_to(vector, (*shape, vector.size)), jnp.broadcast_to(codes, (*shape, codes.size))
         vectors, codes = jax.vmap(lambda one: traced_end(layout, one, rtol), (axes,))(flat)
-        return vectors.reshape(*shape, -1), codes.reshape(*shape, -1)
+        return vectors.reshape(*shape, vectors.shape[-1]), codes.reshape(*shape, codes.shape[-1])
 
     vector, codes = many(lanes.numbers)
     clock = layout.clock(lanes.numbers)
@@ -89,7 +95,7 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
     def at(time: Array) -> Array:
         numbers: list[Number] = list(lanes.numbers)
         numbers[place] = jnp.where(time < solution.t, time, solution.t)
-        return jnp.where((time > solution.t)[..., None], jnp.nan, many(numbers)[0])
+        return jnp.where((time <= solution.t)[..., None], many(numbers)[0], jnp.nan)
 
     vectors = jax.vmap(at, out_axes=-2)(times)
     wide = lanes._replace(shape=(*shape, times.size))
