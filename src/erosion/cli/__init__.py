@@ -16,11 +16,10 @@ import cyclopts
 
 from erosion.cli.advise import advise
 from erosion.cli.calibrate import calibrate
-from erosion.cli.checks import validate, verify
 from erosion.cli.compare import compare
 from erosion.cli.errors import InputError, explain, printable, sentence, spell_out
 from erosion.cli.export import export
-from erosion.cli.lists import materials, models
+from erosion.cli.lists import materials, models, validate, verify
 from erosion.cli.map import map_
 from erosion.cli.options import OPTIONS, Help
 from erosion.cli.pages import exercise, explore, report

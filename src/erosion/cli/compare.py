@@ -140,7 +140,9 @@ def _show(
     def volume(value: float) -> str:
         return f"{value / scale.size:.5g}"
 
-    key, (size, unit) = _weighed(lines)
+    # The erosion per mass of abrasive that every line has.
+    key = "erosion_ratio" if all("erosion_ratio" in line for line in lines) else "specific_volume"
+    size, unit = lazy.PER_MASS_SCALES[key]
 
     def weighed(line: dict[str, Any], end: str) -> str:
         mark = " *" if weights[line["model"]].is_beyond_tests(line["volume" + end], p) else ""
@@ -166,12 +168,6 @@ def _show(
     headings = ("model", "V", "E", "ends by", "α_max", "V_max", "E_max", "kind", "ends by")
     marked = any(cell.endswith("*") for row in rows for cell in row)
     output.table(title, rows, headings, (1, 2, 4, 5, 6), [*statements, *[f"* {lazy.BEYOND_TESTS}."] * marked])
-
-
-def _weighed(lines: list[dict[str, Any]]) -> "tuple[str, lazy.Scale]":
-    """The erosion per mass of abrasive that every line has: its key, and its unit."""
-    key = "erosion_ratio" if all("erosion_ratio" in line for line in lines) else "specific_volume"
-    return key, lazy.PER_MASS_SCALES[key]
 
 
 def _spread(lines: list[dict[str, Any]]) -> list[str]:

@@ -70,9 +70,12 @@ def user_errors(*also: type[Exception], fields: Mapping[str, str] = _NO_FIELDS) 
 
 def as_options(text: str, fields: Mapping[str, str] = _NO_FIELDS) -> str:
     """A sentence about Python's arguments as one about options, or about the fields of a file that give them."""
+    names = {**_OPTIONS, **fields}
     # What a plug-in's own code says after "ValueError: " is not about options.
     return re.sub(
-        r"(?<!Error: )\bArgument `(\w+)`", lambda argument: fields.get(argument[1]) or _as_option(argument), text
+        r"(?<!Error: )\bArgument `(\w+)`",
+        lambda argument: names.get(argument[1], f"Option `--{argument[1].replace('_', '-')}`"),
+        text,
     )
 
 
@@ -99,10 +102,6 @@ _OPTIONS = {
     "unit": "Option `--surface-unit`",
 }
 """Python's arguments that have another name on the command line."""
-
-
-def _as_option(argument: re.Match[str]) -> str:
-    return _OPTIONS.get(argument[1], f"Option `--{argument[1].replace('_', '-')}`")
 
 
 _NEGATIVE = re.compile(r"-[\d.]")

@@ -13,7 +13,6 @@ from erosion.cli.lists import ModelOption
 from erosion.cli.options import (
     AllAngles,
     CaseArgument,
-    CaseOptions,
     JsonOption,
     SetOption,
     in_full,
@@ -90,7 +89,9 @@ def export(
         name, chosen = named_model(model, own, options, p.units)
         weighing(chosen, None, options)  # refuses the density of another metal than a correlation's
         axes = _axes({"alpha": angles, "v0": speeds, "d": diameters}, p)
-        particles = _particles(particle_density, cutting_fraction, options)
+        share = PerMassOptions(cutting_fraction=cutting_fraction).per_mass(options).cutting_fraction
+        density = density_option("particle-density", particle_density)
+        particles = {"particle_density": density, "cutting_fraction": share}
         require_outputs(*outputs, inputs=(options.case, name))
         with user_errors(), _named():
             parts = _parts(chosen, p, outputs, axes, particles)
@@ -152,12 +153,6 @@ def _axes(texts: dict[str, str | None], p: "lazy.Parameters") -> dict[str, Any]:
         with reading(f"Option `--{_OWN_NAMES[name]}`"):
             axes[name] = lazy.read_axis(text, {**QUANTITIES, **RESULTS}[name].dimension, p.units)
     return axes
-
-
-def _particles(particle_density: str | None, cutting_fraction: float | None, options: CaseOptions) -> dict[str, Any]:
-    """The arguments of the functions that export on the particles of the CFD run."""
-    share = PerMassOptions(cutting_fraction=cutting_fraction).per_mass(options).cutting_fraction
-    return {"particle_density": density_option("particle-density", particle_density), "cutting_fraction": share}
 
 
 @contextlib.contextmanager

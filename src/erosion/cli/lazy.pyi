@@ -136,7 +136,6 @@ from erosion.parameters.quantities import QUANTITIES as QUANTITIES
 from erosion.parameters.quantities import QUARTER_DEGREES as QUARTER_DEGREES
 from erosion.parameters.quantities import RESULTS as RESULTS
 from erosion.parameters.quantities import Dimension as Dimension
-from erosion.parameters.quantities import Scale as Scale
 from erosion.parameters.quantities import System as System
 from erosion.parameters.quantities import check_system as check_system
 from erosion.parameters.quantities import conversion_factor as conversion_factor

@@ -244,7 +244,9 @@ def map_(
     A parameter may vary: --k "normal(2, 0.2)", as in a case file's table [map].
     """
     target, rows, picture = target or _Surface(), rows or _Rows(), picture or _Picture()
-    options = _in_si(with_file(case, file))
+    options = with_file(case, file)
+    if options.case is None and options.units is None:  # Table 1 in SI, as tables and surfaces of CFD codes are
+        options = dataclasses.replace(options, units="si")
     section = options.section("map", ("model", "set", *LAW_FIELDS))
     _refuse_replaced(options, section)
     has_cut = bool(options.case or options.given() or own or joint or rows.diameter or rows.scaling != "similar")
@@ -279,11 +281,6 @@ def map_(
     sentences = [f"{sand.name} is the usual correlation for {metal}; --model takes others."] if usual else []
     _show(dataset, job, printed, sand.name, sentences)
     printed.wrote(map=output, figure=picture.plot)
-
-
-def _in_si(case: CaseOptions) -> CaseOptions:
-    """Without a case file and --units, Table 1 in SI, as tables and surfaces of CFD codes are."""
-    return dataclasses.replace(case, units="si") if case.case is None and case.units is None else case
 
 
 def _usual_model(case: CaseOptions) -> str | None:

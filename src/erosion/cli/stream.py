@@ -2,7 +2,7 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -60,7 +60,8 @@ def stream(
     options = with_file(case, file)
     section = options.section("stream", ("model", "n", "seed", "points", "set", *LAW_FIELDS))
     jet = case_and_laws(options, "stream", section, model, own, joint)
-    count = _count(options, section) if n is None else n
+    with reading(f"{options.case}: field `n` of [stream]"):
+        count = read_whole(section.get("n", 2**20)) if n is None else n
     require_outputs(plot=plot, inputs=jet.inputs)
     number = section.get("seed", 0) if seed is None else seed
     printed = Output("stream", jet.p, options, json=json, seed=number)
@@ -83,12 +84,6 @@ def stream(
         raise
     draw(plot, lambda: lazy.plot_stream(result))
     _show(result, jet.name, printed)
-
-
-def _count(options: CaseOptions, section: dict[str, Any]) -> int:
-    """The number of particles that the case file gives; 2^20 without it."""
-    with reading(f"{options.case}: field `n` of [stream]"):
-        return read_whole(section.get("n", 2**20))
 
 
 def _show(result: "lazy.Stream", name: str, output: Output) -> None:

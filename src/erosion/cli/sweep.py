@@ -98,7 +98,8 @@ def sweep(
             f"Options `--chunks`, `--workers` and `--scheduler` need `--output` to end in .zarr, not {output}."
         )
     p, axes = _case_and_axes(options, section)
-    chosen = _chosen(model, options, section)
+    chosen = chosen_models(model or _listed(options, section, "model", read_models)) or "linearized"
+    chosen = chosen[0] if isinstance(chosen, list) and len(chosen) == 1 else chosen
     table = output if output.suffix == ".csv" else None
     require_outputs(table, plot=plot, inputs=(options.case, *(chosen if isinstance(chosen, list) else [chosen])))
     values = _own_values(chosen, options, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
@@ -128,12 +129,6 @@ def sweep(
             lazy.write_csv(dataset, table, p, weights)
     draw(plot, lambda: lazy.plot_sweep(dataset))
     _show(dataset, grid, output, _output(grid, options, json=json), weights)
-
-
-def _chosen(model: list[str] | None, options: CaseOptions, section: Mapping[str, Any]) -> str | list[str]:
-    """The model, or the models if they are several; the option overrules the case file."""
-    chosen = chosen_models(model or _listed(options, section, "model", read_models)) or "linearized"
-    return chosen[0] if isinstance(chosen, list) and len(chosen) == 1 else chosen
 
 
 def _output(grid: "lazy.Grid", options: CaseOptions, *, json: bool) -> Output:
