@@ -106,7 +106,8 @@ def test_an_event_that_is_no_number_is_refused(function, words):
     refused("`integrals['zero']`", *words, problem=ode.Problem(START, field, integrals={"zero": function}))
 
 
-@pytest.mark.parametrize("y0", [{}, None, "rest", {"x": "rest"}, 1j, {"x": True}, lambda args: args["none"]])
+@pytest.mark.parametrize("y0", [{}, None, "rest", {"x": "rest"}, 1j, {"x": True}, {"x": np.zeros(0)},
+                                lambda args: args["none"]])  # fmt: skip
 def test_a_start_that_is_no_number_is_refused(y0):
     refused("`y0`", problem=ode.Problem(y0, lambda t, y, args: y))
 
@@ -157,6 +158,10 @@ def test_shapes_must_broadcast():
     refused("`args`", "shared", args={"k": np.ones(3), "table": np.ones(5)})
 
 
+def test_numbers_are_those_of_double_precision():
+    refused("`args`", "k", args={"k": 10**400})
+
+
 @pytest.mark.parametrize("name", ["t1", "t0", "max_step", "max_events"])
 @pytest.mark.parametrize("value", ["soon", True, ["soon"], {}, 1j])
 def test_times_must_be_numbers(name, value):
@@ -169,6 +174,7 @@ def test_times_run_forwards():
     refused("`max_step`", max_step=0.0)
     refused("`max_step`", max_step=np.nan)
     refused("`max_events`", max_events=0)
+    refused("`max_events`", max_events=1.5)
     refused("`t1`", t1=None)
     refused("`t1`", t1=np.inf)
     refused("`t1`", t1=np.nan)

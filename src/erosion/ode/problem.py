@@ -170,12 +170,13 @@ def require_numbers(name: str, given: PyTree, *, scalars: bool = True, double: b
     if not parts:
         raise FlawError(f"`{name}` must give numbers, but gives none")
     for path, leaf in parts:
-        if (leaf.shape and scalars) or leaf.dtype.kind not in "fiu":
-            part = jax.tree_util.keystr(path).lstrip(".") or "it"
-            what = f"type {leaf.dtype}" if leaf.dtype.kind not in "fiu" else f"shape {leaf.shape}"
+        part, kind = jax.tree_util.keystr(path).lstrip(".") or "it", leaf.dtype.kind
+        if (leaf.shape and scalars) or kind not in "fiu":
+            what = f"type {leaf.dtype}" if kind not in "fiu" else f"shape {leaf.shape}"
             raise FlawError(f"`{name}` must give real {'scalars' if scalars else 'numbers'}, but {part} has {what}")
-        if double and leaf.dtype.kind == "f" and leaf.dtype.itemsize < 8:
-            part = jax.tree_util.keystr(path).lstrip(".") or "it"
+        if not leaf.size:
+            raise FlawError(f"`{name}` must give numbers, but {part} has shape {leaf.shape}")
+        if double and kind == "f" and leaf.dtype.itemsize < 8:
             raise FlawError(f"`{name}` must give numbers of double precision, but {part} has type {leaf.dtype}")
 
 

@@ -215,6 +215,8 @@ def lanes_of(
         check_unmasked(f"args.{name}" if name else "args", leaf)
         array = leaf if isinstance(leaf, (Tracer, jax.Array)) else np.asarray(leaf)
         shape, kind = (array.shape if together else ()), np.dtype(array.dtype).kind
+        if kind == "O":
+            raise ValueError(f"Argument `args` must hold numbers below 1e308, but {name or 'it'} is greater.")
         structs.append(jax.ShapeDtypeStruct(shape, array.dtype if together and kind != "f" else np.float64))
         numbers.append(array)
         own.append(name)
@@ -278,8 +280,9 @@ def _check_clock(clock: Clock, *, endless: bool) -> None:
         raise ValueError(f"Argument `t1` must be finite where the problem has no `time_scale`, but is {clock.t1!r}.")
     if not np.all(np.asarray(clock.max_step) > 0):
         raise ValueError(f"Argument `max_step` must be positive, but is {clock.max_step!r}.")
-    if not np.all(np.asarray(clock.max_events) >= 1):
-        raise ValueError(f"Argument `max_events` must be at least 1, but is {clock.max_events!r}.")
+    most = np.asarray(clock.max_events)
+    if not np.all((most >= 1) & (most == np.floor(most))):
+        raise ValueError(f"Argument `max_events` must be a whole number of at least 1, but is {clock.max_events!r}.")
 
 
 def _sizes(layout: Layout, sizes: PyTree) -> tuple[float, ...]:
