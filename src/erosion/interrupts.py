@@ -55,19 +55,26 @@ class _Patient:
     def __init__(self) -> None:
         self._since: float | None = None  # the first of the signals that wait
         self._over = threading.Event()
+        self._pressing = list[threading.Thread]()
         self.unheeded, self._arrivals = os.pipe()  # a byte for each signal that was not handled yet
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         self._drain()
+        if self._over.is_set():
+            return
         now = time.monotonic()
         since = self._since = now if self._since is None else self._since
         if _imports(frame) and now - since < _LONGEST:
-            threading.Timer(_AGAIN, _press, (number,)).start()
+            self._start(threading.Timer(_AGAIN, _press, (number,)))
             return
         self._since = None
         interrupt = KeyboardInterrupt()
-        threading.Thread(target=self._look_after, args=(interrupt, number), daemon=True).start()
+        self._start(threading.Thread(target=self._look_after, args=(interrupt, number), daemon=True))
         raise interrupt
+
+    def _start(self, thread: threading.Thread) -> None:
+        thread.start()  # in which the next signal may come
+        self._pressing.append(thread)
 
     def _look_after(self, interrupt: KeyboardInterrupt, number: int) -> None:
         """Press again where nobody handles the interrupt, and the verb goes on."""
@@ -80,8 +87,10 @@ class _Patient:
         _press(number)
 
     def end(self) -> None:
-        """The verb is over."""
+        """The verb is over; whoever would press again has done so: afterwards the signal may end the process."""
         self._over.set()
+        for thread in self._pressing:
+            thread.join()
 
     @contextlib.contextmanager
     def watched(self) -> Iterator[None]:
