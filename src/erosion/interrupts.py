@@ -170,6 +170,10 @@ def between_imports() -> Iterator[None]:
             signal.signal(number, patient)
         try:
             yield
+        except Exception as error:
+            if isinstance(error.__cause__, KeyboardInterrupt):  # Python's, of a class that was being made
+                raise error.__cause__ from None
+            raise
         finally:
             patient.end()
             for number, handler in usual.items():

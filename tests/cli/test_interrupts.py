@@ -48,6 +48,12 @@ def _import_slow_module():
         time.sleep(1)
 
 
+def test_an_error_that_python_made_of_ctrl_c_is_ctrl_c():
+    """As of one in `__set_name__`, while a class is made."""
+    with pytest.raises(KeyboardInterrupt), between_imports():
+        raise RuntimeError from KeyboardInterrupt()
+
+
 @pytest.mark.usefixtures("usual")
 def test_an_import_that_never_ends_is_interrupted(tmp_path, monkeypatch):
     (tmp_path / "endless_module.py").write_text(SLOW.replace("0.1", "30"))
