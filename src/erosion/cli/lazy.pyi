@@ -70,6 +70,7 @@ from erosion.fits.posterior_files import Draws as Draws
 from erosion.fits.posterior_files import model_of_draws as model_of_draws
 from erosion.fits.posterior_files import read_draws as read_draws
 from erosion.fits.posterior_files import read_predictor as read_predictor
+from erosion.fits.predicted import predictions as predictions
 from erosion.fits.prediction import Predictor as Predictor
 from erosion.fits.likelihood import ERROR_FACTOR as ERROR_FACTOR
 from erosion.fits.likelihood import NOISE as NOISE
@@ -178,4 +179,3 @@ from erosion.sweeps.grid import in_words as in_words
 from erosion.sweeps.grid import make_grid as make_grid
 from erosion.sweeps.sweep import compare as compare
 from erosion.sweeps.sweep import prepare_sweep as prepare_sweep
-from erosion.fits.predicted import predictions as predictions
