@@ -13,6 +13,7 @@ from erosion.correlations import FinnieMaterial
 from erosion.models import Correlated, correlated, made_for, model_name
 from erosion.models.correlated import CorrelatedByFlowStress, CorrelatedBySize, per_mass_of
 from erosion.models.equations import flaw
+from erosion.models.own_parameters import own_parameters
 from erosion.parameters.materials import known_targets
 
 P = erosion.TABLE_1
@@ -213,6 +214,44 @@ def test_a_named_particle_has_its_density():
         float(p.alpha), float(p.v0), 3e-4, material="aluminium", units="mm3/impact", mass=float(p.m)
     )
     assert float(erosion.impact(oka, p).volume) == pytest.approx(float(volume) * 1e-9, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("particle", "shape"), [("garnet", "sharp"), ("quartz sand", "sharp"), ("steel shot", "rounded")]
+)
+@pytest.mark.parametrize("family", ["ecrc", "mclaury", "arabnejad"])
+def test_a_named_particle_has_the_factor_of_its_shape(family, particle, shape):
+    formula: Any = getattr(erosion.correlations, family)
+    p = SI.with_particle(f"{particle} 0.3 mm").replace(alpha=0.5, v0=160.0)
+    for target, material in (
+        (None, {}),
+        ("mild steel", {"material": "carbon-steel-1018"} if family == "arabnejad" else {}),
+    ):
+        made = made_for(erosion.load_model(family), target, f"{particle} 0.3 mm")
+        ratio = per_mass_of(made, erosion.PerMass()).erosion_ratio(erosion.impact(made, p).volume, p)
+        assert ratio == pytest.approx(float(formula(0.5, 160.0, sharpness=shape, **material)), rel=1e-9)
+    # A factor that is set stays, also the usual one, for other targets too.
+    for factor in (0.53, 0.4):
+        of_hand = made_for(erosion.load_model(family).replace(sharpness=factor), "mild steel", f"{particle} 0.3 mm")
+        assert own_parameters(of_hand)["sharpness"].value == factor
+
+
+def test_without_a_shape_the_factor_is_the_functions_own(tmp_path):
+    table = tmp_path / "mine.toml"
+    table.write_text("[particles.mine]\ndensity = 3000\n[particles.river]\ndensity = 2650\nshape = 'semi-rounded'")
+    grains = [
+        (family, made_for(correlated(family), None, grit).grains)  # type: ignore[attr-defined]
+        for family in ("ecrc", "arabnejad")
+        for grit in (None, f"{table}: mine 0.2 mm", f"{table}: river 0.2 mm")
+    ]
+    assert [words for family, words in grains if family == "ecrc"] == ["semi-rounded grains"] * 3
+    assert [words for family, words in grains if family == "arabnejad"] == [
+        *["angular grains"] * 2,
+        "semi-rounded grains",
+    ]
+    table.write_text("[particles.mine]\ndensity = 3000\nshape = 'rounded'")
+    with pytest.raises(ValueError, match="field `shape` must be angular, semi-rounded or round, but is 'rounded'"):
+        erosion.particle(f"{table}: mine 0.2 mm")
 
 
 def test_a_table_of_ones_own_names_the_correlations_of_its_targets(tmp_path):

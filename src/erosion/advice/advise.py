@@ -17,7 +17,7 @@ from erosion.impacts.impact import impact
 from erosion.impacts.simulate import SimulationError
 from erosion.models import called, load_model
 from erosion.models.base import CuttingModel
-from erosion.models.correlated import Correlated, correlated, made_for, members, per_mass_of
+from erosion.models.correlated import Correlated, CorrelatedByShape, correlated, made_for, members, per_mass_of
 from erosion.ode.step_control import require_float64
 from erosion.parameters.materials import Particle, Target, particle as read_particle, target as read_target
 from erosion.parameters.parameters import Parameters, require_scalars, validate
@@ -226,7 +226,8 @@ class _Jet:
         """The curve of a correlation, whose absolute numbers may be made for another target."""
         per_mass = per_mass_of(model, PerMass())
         (erosion,) = self._erosion(name, model, per_mass, {"k": np.array([float(self._p.k)])})
-        return Curve(name, "correlations", "", erosion, per_mass.density if known else None, fits)
+        grains = model.grains if isinstance(model, CorrelatedByShape) else ""
+        return Curve(name, "correlations", grains, erosion, per_mass.density if known else None, fits)
 
     def _erosion(self, name: str, model: CuttingModel, per_mass: PerMass, varied: dict[str, np.ndarray]) -> np.ndarray:
         """Volume per mass of abrasive at each setting and angle of the nozzle, shape (settings, angles) [m³/kg]."""

@@ -121,7 +121,7 @@ class Curve:
     Args:
         name: of the model or correlation.
         group: "models", "k", "psi", "draws" or "correlations": what differs within the group.
-        setting: what differs from the case, "k = 1" or "draw 3", or "".
+        setting: what differs from the case, "k = 1" or "draw 3", the shape that a correlation counts, or "".
         erosion: volume per mass of abrasive at `NOZZLE_ANGLES`, shape (n,) [m³/kg].
         density: of the target [kg/m³], or None.
         fits: whether the absolute numbers are made for this target.
@@ -291,7 +291,9 @@ class Advice(Result):
         correlations = self.group("correlations")
         if correlations:
             rows.append(self._row(say("{count} correlations of tests", count=str(len(correlations))), correlations))
-            rows += [self._row(f"· {curve.name}", [curve]) for curve in correlations]
+            for curve in correlations:
+                grains = f", {text(curve.setting)}" if curve.setting else ""
+                rows.append(self._row(f"· {curve.name}{grains}", [curve]))
         singles = [curve.single for curve in models if curve.single is not None]
         alone = (
             text("without the spread of the jet")

@@ -13,7 +13,9 @@ Among harder ones no effect of hardness on the erosion of a ductile metal was fo
 alumina, silicon and tungsten carbide, and diamond on stainless steel: Z. Feng, A. Ball, Wear 233-235 (1999) 674-684.
 """
 
-SHAPES: Mapping[str, str] = types.MappingProxyType({"angular": "sharp", "round": "rounded"})
+SHAPES: Mapping[str, str] = types.MappingProxyType(
+    {"angular": "sharp", "semi-rounded": "semi-rounded", "round": "rounded"}
+)
 """The shape of a grain as E/CRC names it, by the shape of a particle; `SHARPNESS` has the factors."""
 
 

@@ -67,7 +67,7 @@ def of_table(table: Mapping[str, _Material], material: str | _Material, kind: ty
 
 
 SHARPNESS: Mapping[str, float] = types.MappingProxyType({"sharp": 1.0, "semi-rounded": 0.53, "rounded": 0.2})
-"""F_s [-] by the shape of sand (Edwards et al. 2000; Autodesk CFD 2023, Erosion)."""
+"""F_s [-] by the shape of sand (Edwards et al. 2000; Autodesk CFD 2023, Erosion; GEMINI geothermal suite, TULSA.py)."""
 
 
 def sharpness_factor(sharpness: str | Values) -> Values:

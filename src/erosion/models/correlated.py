@@ -1,16 +1,20 @@
 """A correlation as a model: compared, swept and streamed like a model of the cut."""
 
+import dataclasses
+import functools
 import math
 import warnings
+from collections.abc import Callable, Mapping
 
 import equinox as eqx
 import numpy as np
 
 from erosion.arguments import Broadcast, Number, Scalar
 from erosion.correlations import CORRELATIONS, FINNIE_MATERIALS
-from erosion.correlations.ranges import OutOfRangeWarning, outside_in_words
+from erosion.correlations.abrasives import SHAPES
+from erosion.correlations.ranges import SHARPNESS, OutOfRangeWarning, outside_in_words
 from erosion.models.base import CuttingModel, Tip
-from erosion.models.own_parameters import fixed_parameter
+from erosion.models.own_parameters import fixed_parameter, own_parameter
 from erosion.parameters.materials import (
     ANOTHER_METAL,
     Particle,
@@ -120,6 +124,34 @@ class CorrelatedByFlowStress(Correlated):
         return steel.density * self.flow_stress / steel.flow_stress
 
 
+class CorrelatedByShape(Correlated):
+    """The same for a correlation with a factor of the shape of the grains.
+
+    Args:
+        sharpness: F_s [-], a number of `SHARPNESS` or another.
+        is_set: whether `replace` has set it, so that the shape of a named particle does not.
+    """
+
+    sharpness: float = own_parameter(
+        SHARPNESS["semi-rounded"], "F_s", "shape of the grains: 1 angular, 0.53 semi-rounded, 0.2 round", least=0.0
+    )
+    is_set: bool = eqx.field(static=True, default=False)
+
+    @property
+    def grains(self) -> str:
+        """What the factor stands for: "angular grains"."""
+        words = {SHARPNESS[sharpness]: shape for shape, sharpness in SHAPES.items()}
+        factor = float(self.sharpness)
+        return f"{words[factor]} grains" if factor in words else f"F_s = {factor:g}"
+
+    def replace(self, **changes: object) -> CuttingModel:
+        changed = super().replace(**changes)
+        return dataclasses.replace(changed, is_set=self.is_set or "sharpness" in changes)
+
+    def _factors(self, p: Parameters) -> dict[str, object]:
+        return {**super()._factors(p), "sharpness": self.sharpness}
+
+
 def per_mass_of(model: CuttingModel, per_mass: PerMass) -> PerMass:
     """How a model's volume becomes erosion per mass: a correlation has a density and all particles in it already.
 
@@ -145,23 +177,28 @@ def made_for(
         made_for(erosion.load_model("dnv"), "aluminium 6061")  # dnv:aluminium
 
     Finnie's form takes the constants of any target. A correlation that depends on the size of the particle takes the
-    density of the particle. Other models stay as they are: their target and their particle are in the case.
+    density of the particle, one with a factor of the shape of the grains that of its shape, unless
+    `model.replace(sharpness=…)` has set it. Other models stay as they are: target and particle are in the case.
 
     Args:
         model: any model.
         target: a name or a `Target`; None leaves the correlation's own.
-        particle: a name with a size or a `Particle`; None leaves quartz.
+        particle: a name with a size or a `Particle`; None leaves quartz, and the correlation's usual shape.
 
     Raises:
         ValueError: where the family has no constants for this target, or the model names another of its targets.
     """
     if not isinstance(model, Correlated):
         return model
-    if target is not None:
-        model = _of_target(model, read_target(target))
-    if particle is not None and isinstance(model, CorrelatedBySize):
-        model = model.replace(particle_density=read_particle(particle).density)
-    return model
+    made = model if target is None else _of_target(model, read_target(target))
+    if isinstance(model, CorrelatedByShape) and model.is_set:
+        return made.replace(sharpness=model.sharpness)
+    grit = None if particle is None else read_particle(particle)
+    if grit is not None and isinstance(made, CorrelatedBySize):
+        made = made.replace(particle_density=grit.density)
+    if grit is not None and isinstance(made, CorrelatedByShape) and grit.shape in SHAPES:
+        made = dataclasses.replace(made, sharpness=SHARPNESS[SHAPES[grit.shape]])
+    return made
 
 
 def members(name: str, target: Target) -> list[str]:
@@ -213,8 +250,8 @@ def correlated(name: str, material: str | None = None) -> Correlated:
         material: a target in the table of the correlation; its default without one.
 
     Returns:
-        A model with the own parameter `density`, `particle_density` where the size counts, and `flow_stress` where
-        that is a constant of the correlation.
+        A model with the own parameter `density`, `particle_density` where the size counts, `sharpness` where the
+        shape does, and `flow_stress` where that is a constant of the correlation.
 
     Raises:
         ValueError: for an unknown correlation or material.
@@ -229,4 +266,10 @@ def correlated(name: str, material: str | None = None) -> Correlated:
     return _KINDS.get(name, Correlated)(name, material, density)
 
 
-_KINDS = {"oka": CorrelatedBySize, "finnie-cfd": CorrelatedByFlowStress}
+_KINDS: Mapping[str, Callable[..., Correlated]] = {
+    "oka": CorrelatedBySize,
+    "finnie-cfd": CorrelatedByFlowStress,
+    "ecrc": CorrelatedByShape,
+    "mclaury": CorrelatedByShape,
+    "arabnejad": functools.partial(CorrelatedByShape, sharpness=SHARPNESS["sharp"]),
+}

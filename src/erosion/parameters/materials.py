@@ -72,7 +72,7 @@ class Particle:
         density_range: what the source spans [kg/m³].
         hardness: in words.
         vickers: hardness [kgf/mm²], where it is known; the least of the source.
-        shape: "angular", "round" or "".
+        shape: "angular", "semi-rounded", "round" or "".
         oka: the name of the abrasive in the tests of Oka, or "".
         source: of the numbers.
     """
@@ -384,8 +384,11 @@ def _read_entry(kind: str, entry: Mapping[str, Any]) -> dict[str, Any]:
             (odd, f"text in quotes, but is {shown(odd[0] if odd else '')}"),
         )
         fields[name] = tuple(value) if is_list else value
+    shape = fields.get("shape", "")
     refuse(
         "field ",
+        (shape not in ("", "angular", "semi-rounded", "round"),
+         f"`shape` must be angular, semi-rounded or round, but is {shown(shape)}"),
         (kind == "particles" and fields["density"] is None, "`density` is missing"),
         (kind == "targets" and fields.get("flow_stress") is fields.get("vickers") is None,
          "`vickers` or `flow_stress` is missing"),
