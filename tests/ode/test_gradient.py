@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.ode_problems import CASES
+from benchmarks.stiff_problems import Hires
 from erosion import ode
 from erosion.ode import batch, gradient
 
@@ -17,6 +18,7 @@ FALL = ode.Problem(
     events={"ground": ode.Event(lambda t, y, args: y["y"], direction=-1)},
 )
 RNG = np.random.default_rng(0)
+HIRES = Hires()
 
 
 def bounces(n):
@@ -49,9 +51,9 @@ def learned(lanes=40):
     return problem, {"x0": RNG.uniform(0.3, 2.0, lanes), "w": w}, {"t1": 20.0, "shared": "w"}
 
 
-def forwards(problem, args, names, bars, **options):
+def forwards(problem, args, names, bars, rtol=1e-13, **options):
     """The same derivatives forwards, by each of some numbers, to the last digits."""
-    end = ode.solve(problem, args, wrt=names, rtol=1e-13, **options)
+    end = ode.solve(problem, args, wrt=names, rtol=rtol, **options)
     found = {}
     for name in names:
         part = end.along(name)
@@ -160,7 +162,7 @@ def test_lanes_without_a_result_are_left_out_of_sums():
         (gradient, "_FEW", 0),
         (gradient, "_CHUNK", 16),
         (gradient, "_MEMORY", 2**15),
-        (gradient, "_ROWS", 3),
+        (gradient, "_BESIDE_STEPS", -8),
     ],
 )
 def test_bits_depend_on_the_lanes_alone(module, name, value, monkeypatch):
@@ -175,14 +177,86 @@ def test_bits_depend_on_the_lanes_alone(module, name, value, monkeypatch):
     np.testing.assert_array_equal(found["x0"], expected["x0"])
 
 
-@pytest.mark.parametrize("options", [{"method": "rosenbrock"}, {"smooth": False}])
-def test_what_has_no_adjoint_goes_forwards(options):
-    """Stiff motions, and those with kinks."""
+def test_motions_with_kinks_go_forwards():
     args = {"height": np.array([1.0, 2.0]), "g": 9.0}
-    end = ode.solve(FALL, args, t1=100.0, **options)
+    end = ode.solve(FALL, args, t1=100.0, smooth=False)
     found = end.gradient(t=np.ones(2))
     np.testing.assert_allclose(found["height"], 1 / np.sqrt(2 * args["height"] * 9.0), rtol=1e-8)
     np.testing.assert_allclose(found["g"], np.sum(-np.sqrt(args["height"] / 2) / 9.0**1.5), rtol=1e-8)
+
+
+def _fails(*_, **__):
+    raise AssertionError("This goes forwards.")
+
+
+RELAXING = ode.Problem(
+    y0=lambda args: {"y": args["start"], "slow": 1.0},
+    vector_field=lambda t, y, args: {
+        "y": -args["rate"] * (y["y"] - jnp.cos(args["w"] * t)),
+        "slow": -y["slow"] * y["y"],
+    },
+    events={"low": ode.Event(lambda t, y, args: y["y"] - args["level"], direction=-1)},
+    integrals={"work": lambda t, y, args: y["slow"] ** 2 * args["w"]},
+)
+DOSED = ode.Problem(
+    y0=lambda args: {"blood": args["dose"], "tissue": 0.0},
+    vector_field=lambda t, y, args: {
+        "blood": -args["rate"] * (y["blood"] - y["tissue"]) - args["k"] * y["blood"],
+        "tissue": args["rate"] * (y["blood"] - y["tissue"]),
+    },
+    events={
+        "low": ode.Event(
+            lambda t, y, args: y["blood"] - 0.1,
+            direction=-1,
+            reset=lambda t, y, args: {"blood": y["blood"] + args["dose"], "tissue": y["tissue"]},
+        )
+    },
+)
+STIFF: list[Any] = [
+    (RELAXING, {"start": 1.0, "rate": 1e5, "w": np.array([0.7, 1.0, 1.3]), "level": 0.3}, {"t1": 5.0}),
+    (RELAXING, {"start": 1.0, "rate": 1e5, "w": np.array([0.7, 1.0, 1.3]), "level": -2.0}, {"t1": 0.8}),
+    (DOSED, {"dose": 1.0, "rate": 1e4, "k": np.array([0.5, 1.0])}, {"t1": 1e3, "max_events": 3}),
+    (DOSED, {"dose": 1.0, "rate": 1e4, "k": np.array([0.5, 1.0])}, {"t1": 20.0}),
+    (HIRES.problem(integral=True), HIRES.sample(5, np.random.default_rng(0)), {"t1": 1e3}),
+]
+
+
+@pytest.mark.parametrize(("problem", "args", "options"), STIFF, ids=["event", "t1", "doses", "doses to t1", "HIRES"])
+def test_stiff_motions_go_backwards(problem, args, options, monkeypatch):
+    """To events, to times, through resets; with time in the rates, and integrals."""
+    monkeypatch.setattr(gradient, "_fill_forwards", _fails)
+    end = ode.solve(problem, args, method="rosenbrock", **options)
+    bars = bars_of(end)
+    found = by_adjoint(end, bars)
+    best = forwards(problem, args, tuple(args), bars, rtol=1e-11, method="rosenbrock", **options)
+    greatest = np.sum([np.abs(best[name] * args[name]) for name in args], axis=0)
+    for name in args:
+        expected = best[name] if np.ndim(args[name]) else best[name].sum()
+        size = greatest if np.ndim(args[name]) else greatest.sum()
+        np.testing.assert_allclose(found[name] * args[name] / size, expected * args[name] / size, rtol=0, atol=1e-7)
+
+
+def test_each_lane_goes_back_by_its_own_method(monkeypatch):
+    """By "auto", with the bits of that method; in JAX, too."""
+    monkeypatch.setattr(gradient, "_fill_forwards", _fails)
+    oscillator = ode.Problem(
+        y0=lambda args: {"x": args["x0"], "v": 0.0},
+        vector_field=lambda t, y, args: {
+            "x": y["v"],
+            "v": args["mu"] * (1 - y["x"] ** 2) * y["v"] - args["k"] * y["x"],
+        },
+        events={"zero": ode.Event(lambda t, y, args: y["x"])},
+    )
+    args = {"x0": 2.0, "k": np.ones(4), "mu": np.array([1.0, 1000.0, 3.0, 500.0])}
+    end, explicit, stiff = (
+        ode.solve(oscillator, args, t1=1e4, rtol=1e-7, method=method) for method in ("auto", "explicit", "rosenbrock")
+    )
+    found, of_explicit, of_stiff = (each.gradient(t=1.0) for each in (end, explicit, stiff))
+    np.testing.assert_array_equal(end.stiff, [False, True, False, True])
+    for name in ("mu", "k"):
+        np.testing.assert_array_equal(found[name], np.where(np.asarray(end.stiff), of_stiff[name], of_explicit[name]))
+    loss = lambda args: jnp.sum(ode.solve(oscillator, args, t1=1e4, rtol=1e-7).t)  # noqa: E731
+    _alike(jax.grad(loss)(jax.tree.map(jnp.asarray, args)), found, 1e-12)
 
 
 def test_what_does_not_fit_is_refused():

@@ -10,13 +10,22 @@ and its transpose, for the cotangents λ of y',
 
     k̄_i = h (b_i λ + Σ a_ji Ȳ_j),   Ȳ_i = f_y(Y_i)ᵀ k̄_i,   ȳ = λ + Σ Ȳ_i,   p̄ = Σ f_p(Y_i)ᵀ k̄_i.
 
+A step of the Rosenbrock method, of which `rosenbrock` has the coefficients, solves W u_i = r_i with W = d - J(y),
+
+    r_i = f(Y_i) + Σ c_ij u_j / h,   Y_i = y + Σ a_ij u_j,   y' = y + Σ b_i u_i,
+
+and its transpose solves Wᵀ w_i = ū_i, which is r̄_i: Ȳ_i = f_y(Y_i)ᵀ w_i, and ū_j gains a_ij Ȳ_i + c_ij w_i / h. The
+cotangents of the entries of J are those of Σ w_i u_iᵀ.
+
 At an event g = 0 the time is a function of state and arguments, dt = -dg/ġ: with F the rates there, and t̄ the
-cotangent of the time, s̄ gains -(t̄ + s̄·F)/ġ g_s, and p̄ the same times g_p. A reset is transposed as it is.
+cotangent of the time, s̄ gains -(t̄ + s̄·F)/ġ g_s, and p̄ the same times g_p. Of a stiff motion F is what the state
+changes by with the length of the last step; see `stiff`. A reset is transposed as it is.
 
 References:
     J. M. Sanz-Serna, SIAM Review 58 (2016) 3-33, for the transpose of a Runge-Kutta method.
 """
 
+import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -26,7 +35,7 @@ import numpy as np
 from jax import lax
 
 from erosion.arguments import Number, Scalar
-from erosion.ode import tape
+from erosion.ode import rosenbrock, stiff, tape
 from erosion.ode.extended import Extended
 from erosion.ode.integrator import resets
 from erosion.ode.reduction import Rows, motion_of
@@ -80,11 +89,20 @@ class _Adjoint:
         def rate(numbers: list[Number], rows: Rows) -> Rows:
             return jax.tree.leaves(self._at(numbers).rate(self._member(rows)))
 
-        self._rate = jax.jit(rate)  # traced once for all the places where it is called
+        # Each is traced once for all the places where it is called.
+        self._rate = jax.jit(rate)
+        if self.problem.rodas is not None:
+            rodas = self.problem.rodas
+            self._entries = jax.jit(lambda numbers, rows: rodas.entries(rows, self._with_whole(numbers)))
+            self._solve, self._solve_transposed = jax.jit(rodas.sparse.solve), jax.jit(rodas.sparse.solve_transposed)
 
     def _at(self, numbers: list[Number]) -> Any:
+        return self.motion(self._with_whole(numbers))
+
+    def _with_whole(self, numbers: list[Number]) -> list[Number]:
+        """All numbers of the lane, from the real ones."""
         rest = iter(numbers)
-        return self.motion([next(rest) if real else one for one, real in zip(self.all, self.is_real, strict=True)])
+        return [next(rest) if real else one for one, real in zip(self.all, self.is_real, strict=True)]
 
     def _member(self, rows: Rows) -> Any:
         (member,) = self.problem.members(rows)
@@ -128,7 +146,7 @@ class _Adjoint:
             met = [jnp.where(is_last, bar, 0.0) for bar in state]
             grads, state = pull((met, [jnp.where(is_last, 0.0, bar) for bar in state]))
             sums = _plus(sums, grads)
-        flow = self._rate(self.numbers, rows)
+        flow = self._flow(back.row, rows)
         total = back.time + _dot(state, flow)
 
         def events(numbers: list[Number], rows: Rows) -> list[Scalar]:
@@ -146,12 +164,24 @@ class _Adjoint:
             sums, time = _plus(sums, pull(of_clock)[0]), time - of_clock
         return _Back(back.row - 1, state, time, sums)
 
+    def _flow(self, event: Scalar, rows: Rows) -> Rows:
+        """What the state at an event changes by with its time."""
+        rodas = self.problem.rodas
+        if rodas is None:
+            return self._rate(self.numbers, rows)
+        last = tape.read(self.token, jnp.maximum(event - 1, 0), self.width)
+        h = stiff.length_of(last.length, self.problem.time_scale)
+        return jax.jvp(
+            lambda h: rodas.step(last.state, self._rate(self.numbers, last.state), h)[0], (h,), (1.0 + 0 * h,)
+        )[1]
+
     def _steps(self, back: _Back) -> _Back:
         """Where a motion began, from its event."""
 
         def step(at: tuple[_Back, tape.Entry]) -> tuple[_Back, tape.Entry]:
             back, row = at
-            state, sums = self._step(row, back.state, back.sums)
+            one = self._step if self.problem.rodas is None else functools.partial(self._stiff_step, self.problem.rodas)
+            state, sums = one(row, back.state, back.sums)
             before = back.row - 1
             return _Back(before, state, back.time, sums), tape.read(self.token, jnp.maximum(before, 0), self.width)
 
@@ -181,12 +211,49 @@ class _Adjoint:
             sums, before = _plus(sums, grads), _plus(before, later[i])
         return before, sums
 
+    def _stiff_step(
+        self, rodas: rosenbrock.Rodas, row: tape.Entry, after: Rows, sums: list[Number]
+    ) -> tuple[Rows, list[Number]]:
+        """The same by the Rosenbrock method; a motion that ends where it began takes no step."""
+        moved = row.length > 0
+        inverse = 1.0 / stiff.length_of(row.length, self.problem.time_scale)
+        entries, pull_entries = jax.vjp(self._entries, self.numbers, row.state)
+        factors = rodas.factors(entries, inverse * (1 / rosenbrock.GAMMA))
+        stages, pulls = [], []
+        for a, c in zip(((), *rosenbrock.A), ((), *rosenbrock.C), strict=True):
+            increments = list(zip(*stages, strict=True)) or [()] * self.width
+            rows = [u + _weighted(a, us) if a else u for u, us in zip(row.state, increments, strict=True)]
+            right, pull = jax.vjp(self._rate, self.numbers, rows)
+            if c:
+                right = [r + inverse * _weighted(c, us) for r, us in zip(right, increments, strict=True)]
+            stages.append(self._solve(factors, right))
+            pulls.append(pull)
+        before, gone, rights, moves = list(after), sums, [[] for _ in stages], [[] for _ in stages]
+        for i in reversed(range(len(stages))):
+            later = range(i + 1, len(stages))
+            weights = [rosenbrock.B[i], *(rosenbrock.A[j - 1][i] for j in later)]
+            others = [rosenbrock.C[j - 1][i] for j in later]
+            bars = []
+            for r, bar in enumerate(after):
+                total = _weighted(weights, [bar, *(moves[j][r] for j in later)])
+                bars.append(total + inverse * _weighted(others, [rights[j][r] for j in later]) if others else total)
+            rights[i] = self._solve_transposed(factors, bars)
+            grads, moves[i] = pulls[i](rights[i])
+            gone, before = _plus(gone, grads), _plus(before, moves[i])
+        of_entries = [
+            sum((w[i] * u[j] for w, u in zip(rights, stages, strict=True)), jnp.zeros(()))
+            for i, j in rodas.sparse.places
+        ]
+        grads, more = pull_entries(of_entries)
+        found = _plus(before, more), _plus(gone, grads)
+        return jax.tree.map(functools.partial(jnp.where, moved), found, (list(after), sums))
+
 
 def _moved(u: Scalar, h: Scalar, weights: np.ndarray, slopes: Rows) -> Scalar:
     return u + h * _weighted(weights, slopes)
 
 
-def _weighted(weights: np.ndarray, values: Rows) -> Scalar:
+def _weighted(weights: Sequence[float] | np.ndarray, values: Sequence[Scalar]) -> Scalar:
     terms = [float(weight) * value for weight, value in zip(weights, values, strict=False) if weight != 0]
     return sum(terms[1:], terms[0])
 

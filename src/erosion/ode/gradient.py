@@ -1,6 +1,6 @@
 """Derivatives of one number by all arguments of many lanes: forwards with a tape, and backwards.
 
-Lanes that the adjoint cannot go back through, of stiff motions and of motions that may have kinks, have their
+Lanes that the adjoint cannot go back through, of motions that may have kinks, have their
 derivatives forwards, one lane for each argument. Sums over lanes are taken by pairs of neighbours, pairs of pairs and
 so on, so that their bits depend on the lanes alone.
 """
@@ -28,7 +28,7 @@ from erosion.ode.solution import Solution
 from erosion.ode.tape import BESIDE, Tape
 from erosion.ode.variational import Clock, Layout
 
-_ROWS = 64  # of a tape at first
+_BESIDE_STEPS = 8  # rows of a tape beside one for each trial: those of events, and of the steps that end there
 _CHUNK = 512  # lanes at most whose tapes are kept at once
 _MEMORY = 2**26  # bytes of tapes, and of derivatives by numbers that lanes share, at once
 _FEW = 64  # lanes that one thread computes sooner
@@ -70,13 +70,14 @@ def is_worth(layout: Layout, elements: int, rows: int) -> bool:
 
 
 def goes_back(layout: Layout, rows: int) -> bool:
-    """Whether lanes of a layout have an adjoint; a stiff one among them may have none.
+    """Whether lanes of a layout have an adjoint.
 
     JAX cannot go backwards through a `while_loop` of the rates.
     """
-    if by_xla() or layout.options.method == "rosenbrock" or may_have_kinks(layout):
+    if by_xla() or may_have_kinks(layout):
         return False
-    return _is_traced(layout.renewed().wanting(method="explicit"), rows - 1)
+    method = "rosenbrock" if layout.options.method == "rosenbrock" else "explicit"
+    return _is_traced(layout.renewed().wanting(method=method), rows - 1)
 
 
 def gradient(
@@ -102,13 +103,18 @@ def gradient(
     # What does not count is zero, whatever the lane did.
     counts = np.any(bars != 0, axis=0)
     known = counts & ~lost
-    back = None
-    if np.any(known & ~ends.stiff) and goes_back(layout, len(bars)):
-        explicit = layout.wanting(method="explicit")
-        programs = _programs(explicit, len(bars) - 1)
+    stiff = ends.stiff | (layout.options.method == "rosenbrock")
+    ways: list[tuple[_WayBack, np.ndarray]] = []
+    forwards = known.copy()
+    for method, those in (("explicit", known & ~stiff), ("rosenbrock", known & stiff)):
+        wanted = layout.wanting(method=method)
+        if not np.any(those) or not goes_back(wanted, len(bars)):
+            continue
+        programs = _programs(wanted, len(bars) - 1)
         if programs is not None:
-            back = _WayBack(explicit, programs, [np.asarray(number, float) for number in numbers], ends, bars)
-    forwards = known & ends.stiff if back is not None else known
+            real = [np.asarray(number, float) for number in numbers]
+            ways.append((_WayBack(wanted, programs, real, ends, bars), those))
+            forwards &= ~those
     shared = [number.ndim == len(shape) for number, shape in zip(numbers, layout.shapes, strict=True)]
     found = [np.zeros(() if same else (lanes, *shape)) for same, shape in zip(shared, layout.shapes, strict=True)]
     sums: list[list[np.ndarray]] = [[] for _ in found]
@@ -117,8 +123,9 @@ def gradient(
     for begin in range(0, lanes, block):
         some = np.arange(begin, min(begin + block, lanes))
         parts = [np.zeros((some.size, *shape)) for shape in layout.shapes]
-        if back is not None:
-            back.fill(some[known[some] & ~forwards[some]], begin, parts)
+        for back, those in ways:
+            back.fill(some[those[some]], begin, parts)
+        if ways:
             # What did not happen, such as the reset of another event, may have made 0·∞ of an adjoint.
             unknown = [~np.isfinite(part).all(axis=tuple(range(1, part.ndim))) for part in parts]
             forwards[some] |= known[some] & np.any(unknown, axis=0)
@@ -159,21 +166,21 @@ class _WayBack:
     ) -> None:
         self.layout, self.numbers, self.ends, self.bars = layout, numbers, ends, bars
         self.forwards, self.backwards, self.width = programs
-        self.rows = _ROWS
 
     def fill(self, lanes: np.ndarray, begin: int, parts: Sequence[np.ndarray]) -> None:
         """Compute some lanes, and write the derivatives of lane i into row i - begin of each part."""
         lanes = lanes[np.argsort(self.ends.trials[lanes], kind="stable")]
-        in_threads(lambda block, stop: self._fill(block, self.rows, begin, parts, stop), lanes, _CHUNK, _FEW)
+        in_threads(lambda block, stop: self._fill(block, begin, parts, stop), lanes, _CHUNK, _FEW)
 
     def _fill(
-        self, lanes: np.ndarray, rows: int, begin: int, parts: Sequence[np.ndarray], stop: np.ndarray | None
+        self, lanes: np.ndarray, begin: int, parts: Sequence[np.ndarray], stop: np.ndarray | None, rows: int = 0
     ) -> None:
+        rows = rows or int(self.ends.trials[lanes].max()) + _BESIDE_STEPS
         length = rows * (BESIDE + self.width)
         most = max(WIDTH, _MEMORY // (8 * length))
         if lanes.size > most:
             for first in range(0, lanes.size, most):
-                self._fill(lanes[first : first + most], rows, begin, parts, stop)
+                self._fill(lanes[first : first + most], begin, parts, stop, rows)
             return
         every = np.arange(lanes.size)
         own = self.layout.of_lanes(self.numbers, lanes)
@@ -197,8 +204,7 @@ class _WayBack:
                 rows_found[other] = np.nan
                 part[lanes[fits] - begin] = rows_found[fits]
         if not fits.all():
-            self.rows = max(self.rows, int(np.quantile(count, 0.9)))
-            self._fill(lanes[~fits], int(count.max()), begin, parts, stop)
+            self._fill(lanes[~fits], begin, parts, stop, int(count.max()))
 
     def _real(self) -> list[tuple[tuple[int, ...], bool]]:
         return [

@@ -151,6 +151,21 @@ class Sparse:
         place = {i: k for k, i in enumerate(self.order)}
         return [x[place[i]] for i in range(len(x))]
 
+    def solve_transposed(self, factors: Factors, right: Sequence[Scalar]) -> list[Scalar]:
+        """X of (d - J)ᵀ x = right."""
+        x = [right[i] for i in self.order]
+        for j, columns in enumerate(self._row):
+            x[j] = x[j] * factors.inverse[j]
+            for i in columns:
+                if i > j:
+                    x[i] = x[i] - factors.entries[self._at[j, i]] * x[j]
+        for j in reversed(range(len(x))):
+            for i in self._row[j]:
+                if i < j:
+                    x[i] = x[i] - factors.entries[self._at[j, i]] * x[j]
+        place = {i: k for k, i in enumerate(self.order)}
+        return [x[place[i]] for i in range(len(x))]
+
     def add_product(self, entries: Sequence[Scalar], u: Sequence[Scalar], to: Sequence[Scalar]) -> list[Scalar]:
         """To + J u."""
         total = list(to)
@@ -249,20 +264,22 @@ class Rodas:
         def stage(js: list[list[Scalar]], factors: Factors, d: Scalar, rate: Rows) -> Rows:
             return _solved(sparse, width, js, factors, d, rate)
 
-        self._jacobians = functools.partial(jacobians, problem.numbers, problem.places)
-        self._factors, self._stage = jax.jit(sparse.factors), stage
+        self._jacobians = jacobians
+        self.factors, self._stage = jax.jit(sparse.factors), stage
 
-    def entries(self, rows: Rows) -> list[Scalar]:
-        """The entries of the Jacobian of the motion itself."""
-        return self._jacobians(rows[: self.width], False)[0]
+    def entries(self, rows: Rows, numbers: Sequence[Number] | None = None) -> list[Scalar]:
+        """The entries of the Jacobian of the motion itself, with the lane's numbers or others."""
+        problem = self.problem
+        given = problem.numbers if numbers is None else numbers
+        return self._jacobians(given, problem.places, rows[: self.width], False)[0]
 
     def step(self, rows: Rows, slope: Rows, h: Scalar) -> tuple[Rows, Stages]:
         """The rows after a step; `rows` are those of the motion itself, or all."""
         whole = len(rows) > self.width
         inverse = 1.0 / h
         d = inverse * (1 / GAMMA)
-        js = self._jacobians(rows, whole)
-        factors = self._factors(js[0], lax.stop_gradient(d))
+        js = self._jacobians(self.problem.numbers, self.problem.places, rows, whole)
+        factors = self.factors(js[0], lax.stop_gradient(d))
         rates = [[k] for k in slope]
         increments = [[u] for u in self._stage(js, factors, d, slope)]
         for a, c in zip(A, C, strict=True):

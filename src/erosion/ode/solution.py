@@ -143,8 +143,8 @@ class Solution(Result):
         """The derivatives of a number by all arguments at once, such as those of a loss by the weights of a network.
 
         The number depends on times, states and integrals of all lanes. Its cost does not grow with the number of
-        arguments: each lane is integrated once more, and gone back through (the discrete adjoint). Lanes of stiff
-        motions, and of motions that may have kinks, go forwards instead, once for each argument.
+        arguments: each lane is integrated once more, and gone back through (the discrete adjoint). Lanes of
+        motions that may have kinks go forwards instead, once for each argument.
 
         Args:
             t: by what the number changes with each lane's time; an array of the lanes' shape, or one number.
