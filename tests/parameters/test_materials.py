@@ -53,19 +53,36 @@ def test_metals_of_table_2_keep_their_flow_stress_and_have_the_contact_ratio_of_
 
 
 def test_every_particle_and_target_can_be_named_and_has_a_source():
+    assert len(known_targets()) >= 40
+    assert len(known_particles()) >= 15
     for name in known_particles():
         particle = erosion.particle(f"{name} 100 um")
+        assert particle.vickers
         low, high = particle.density_range
         assert 1000 < low <= particle.density <= high < 20000
         assert particle.source
         assert P.with_particle(particle).size_warning is None
     for target in map(erosion.target, known_targets()):
         assert target.source
+        assert target.density
+        assert target.vickers
         assert 1e6 < target.flow_stress < 1e10
         assert all(map(erosion.load_model, target.correlations))
 
 
 def test_names_may_be_written_in_several_ways():
+    for name, english in {
+        "St52": "steel S355",
+        "C45": "steel 1045",
+        "Kugelgraphitguss": "ductile iron EN-GJS-400-15",
+    }.items():
+        assert erosion.target(name).name == english
+    for name, english in {
+        "Walnussschalen": "walnut shell",
+        "Olivinsand": "olivine",
+        "Natron": "sodium bicarbonate",
+    }.items():
+        assert erosion.particle(f"{name} 0.3 mm").name == english
     for name in ("aluminum 6061", "Aluminium  6061-t6", "6061", "ALUMINIUM-6061"):
         assert erosion.target(name).name == "aluminium 6061"
     for text in ("garnet 0.3mm", "Garnet 300 µm", " garnet  3e-4 m ", "almandine .3 mm"):
