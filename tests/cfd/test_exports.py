@@ -88,6 +88,20 @@ def test_fluent_gets_the_exponent_that_the_model_has(model, exponent):
     assert form == pytest.approx(exact, rel=0.01)
 
 
+def test_fluents_constant_is_a_number_where_the_density_is_known():
+    # E = K v0^n F(α), so that C is K times the greatest F; a correlation has its density.
+    table = erosion.to_fluent("dnv", P)
+    constant, unit = table.constant(table.factor).split(" ", 1)
+    assert float(constant) == pytest.approx(2e-9 * erosion.CORRELATIONS["dnv"].peak, rel=1e-5)
+    assert (table.density, unit) == (7800.0, "(s/m)^2.6")
+    assert f"C = {constant} (s/m)^2.6, for a target of 7800 kg/m^3, the same" in table.text()
+    unknown, known = erosion.to_fluent("finnie", P), erosion.to_fluent("finnie", P, density=2700.0)
+    assert float(known.constant(known.factor).split()[0]) == pytest.approx(2700.0 * unknown.factor, rel=1e-6)
+    assert unknown.constant(unknown.factor).endswith("x density of the target")
+    with pytest.raises(ValueError, match="Argument `density` must be that of the target of dnv"):
+        erosion.to_fluent("dnv", P, density=2700.0)
+
+
 def test_fluents_diameter_function_is_that_of_oka():
     table, turning = erosion.to_fluent("oka", P), erosion.to_fluent("rotating", P)
     # Oka: E grows as D^0.19; the diameter is that of the erodent's density.

@@ -3,6 +3,8 @@
 import csv
 import json
 import re
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ pytestmark = pytest.mark.slow
 
 P = erosion.TABLE_1
 SI = P.to("si")
+OPENFOAM = Path(__file__).parents[1] / "cfd" / "openfoam"
 
 
 def rows_of(path) -> list[dict[str, str]]:
@@ -48,6 +51,23 @@ def test_the_document_has_the_coefficients(tmp_path, shell):
     assert printed["file"] == str(path)
     assert (printed["p"], printed["K"]) == pytest.approx((float(SI.sigma), 2.0), rel=1e-9)
     assert printed["misfit"] < 1e-12
+
+
+def test_in_an_openfoam_case_the_entry_names_its_walls(tmp_path, shell):
+    mesh = tmp_path / "case" / "constant" / "polyMesh"
+    mesh.mkdir(parents=True)
+    shutil.copy(OPENFOAM / "serial" / "constant" / "polyMesh" / "boundary", mesh)
+    for folder, patches in ((tmp_path, "(walls);"), (mesh.parent, "(floor hump roof sides);")):
+        shell(["export", "--model", "finnie", "--openfoam", str(folder / "p.txt")])
+        assert f"    patches     {patches}" in (folder / "p.txt").read_text()
+
+
+def test_fluents_constant_is_finished_for_a_named_target(tmp_path, shell):
+    path = tmp_path / "f.csv"
+    words = ["export", "--units", "si", "--model", "finnie", "--target", "mild steel", "--fluent", str(path)]
+    table = erosion.to_fluent("finnie", SI.with_target("mild steel"), density=7850.0)
+    assert f"C = {table.factor * 7850.0:.6e} (s/m)^2" in shell(words).out
+    assert "for a target of 7850 kg/m^3" in path.read_text()
 
 
 def test_the_density_sets_the_diameter(tmp_path, capsys):

@@ -32,7 +32,7 @@ _EXACT = 1e-9  # an exponent as near to 2 is 2, a speed as near to the case's, r
 class AngleTable:
     """Fluent's generic model of erosion, for a wall: Σ ṁ C(d) f(α) v^b / A, in kg/(m² s).
 
-    C is a factor times the density of the target, with v in m/s.
+    C is a factor times the density of the target, with v in m/s; `text` has their product where the density is known.
 
     Args:
         angle: ascending, shape (points,) [rad].
@@ -43,6 +43,7 @@ class AngleTable:
         misfit: greatest difference between table and curve at the case's speed, over the curve's maximum [-].
         losses: what is lost at other speeds and diameters.
         comment: model and case, or data and estimates, for the file.
+        density: of the target [kg/m³], or None.
     """
 
     angle: np.ndarray
@@ -54,6 +55,13 @@ class AngleTable:
     misfit: float
     losses: Losses
     comment: str
+    density: float | None = None
+
+    def constant(self, factor: float) -> str:
+        """C with its unit: a number, or without a density what it is to be multiplied by."""
+        if self.density is None:
+            return f"{factor:.6e} m^3/kg (s/m)^{self.exponent:.6g} x density of the target"
+        return f"{factor * self.density:.6e} (s/m)^{self.exponent:.6g}"
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -63,13 +71,9 @@ class AngleTable:
     def text(self) -> str:
         """A CSV table, one point a line, angles in degrees."""
         lines = [f"{np.rad2deg(angle):.4f},{f:.6f}" for angle, f in zip(self.angle, self.f, strict=True)]
-        unit = f"m^3/kg (s/m)^{self.exponent:.6g}"
-        by_size = [f"{d:.6e} m: C = {c:.6e} {unit} x density of the target"
-                   for d, c in zip(self.diameter, self.factors, strict=True)]  # fmt: skip
-        function = (
-            f"Velocity exponent b = {self.exponent:.6g}; "
-            f"diameter function C = {self.factor:.6e} {unit} x density of the target"
-        )
+        by_size = [f"{d:.6e} m: C = {self.constant(c)}" for d, c in zip(self.diameter, self.factors, strict=True)]
+        of = "" if self.density is None else f", for a target of {self.density:.6g} kg/m^3"
+        function = f"Velocity exponent b = {self.exponent:.6g}; diameter function C = {self.constant(self.factor)}{of}"
         if np.ptp(self.factors) > _SAME * self.factor:
             function = "\n".join([f"{function} at {self.losses.diameter:.6g} m, piecewise-linear:", *by_size])
         else:
@@ -83,7 +87,9 @@ class AngleTable:
         )
 
 
-def angle_table(particle: ExportedParticle, reach: Reach, comment: str, points: int) -> AngleTable:
+def angle_table(
+    particle: ExportedParticle, reach: Reach, comment: str, points: int, density: float | None = None
+) -> AngleTable:
     """The model's curve at the case's speed as a table, with the exponent and the diameter function that fit best.
 
     Args:
@@ -91,6 +97,7 @@ def angle_table(particle: ExportedParticle, reach: Reach, comment: str, points: 
         reach: speeds and diameters over which the form is to hold.
         comment: for the file.
         points: of the table; each is added where the table's error is greatest.
+        density: of the target [kg/m³], where it is known.
 
     Raises:
         ValueError: for fewer than 2 points or more than Fluent takes.
@@ -121,6 +128,7 @@ def angle_table(particle: ExportedParticle, reach: Reach, comment: str, points: 
         misfit=misfit,
         losses=losses("Fluent", form, particle, reach),
         comment=comment,
+        density=density,
     )
 
 
@@ -168,6 +176,7 @@ class ParticleErosion:
         rms: root mean square of that difference over all angles [-].
         losses: what is lost at other speeds and diameters.
         comment: model and case, or data and estimates, for the file.
+        patches: that erode; without them the entry has a name to be replaced.
     """
 
     p: float
@@ -177,6 +186,7 @@ class ParticleErosion:
     rms: float
     losses: Losses
     comment: str
+    patches: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -189,6 +199,8 @@ class ParticleErosion:
 
     def text(self) -> str:
         """An entry for the `cloudFunctions` of a case's cloud properties."""
+        named = f"({' '.join(self.patches)});"
+        patches = named if self.patches else "(walls);    // name the eroding patches here"
         return (
             f"{commented(self.comment, '//')}"
             f"// Finnie's curve differs from the model's by up to {self.misfit:.2%} of its maximum,\n"
@@ -198,7 +210,7 @@ class ParticleErosion:
             "particleErosion1\n"
             "{\n"
             "    type        particleErosion;\n"
-            "    patches     (walls);    // name the eroding patches here\n"
+            f"    patches     {patches}\n"
             f"    p           {self.p:.12g};    // Pa\n"
             f"    psi         {self.psi:.12g};\n"
             f"    K           {self.K:.12g};\n"

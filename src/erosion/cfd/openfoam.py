@@ -105,14 +105,18 @@ class Mesh:
                     raise ImpactsError(f"{path}: numbers faces from 1, but has a 0.")
         return addressing
 
+    @property
+    def walls(self) -> list[str]:
+        """The names of the patches of type wall; errors as of `patches`."""
+        return [name for name, its in self.patches.items() if its.kind == "wall"]
+
     def surface(self, patch: str | Sequence[str] | None) -> Surface:
         """One or more patches, by default all walls.
 
         Raises:
             ImpactsError: naming the patches of the mesh, for one that is not among them.
         """
-        walls = [name for name, its in self.patches.items() if its.kind == "wall"]
-        names = walls if patch is None else [patch] if isinstance(patch, str) else list(dict.fromkeys(patch))
+        names = self.walls if patch is None else [patch] if isinstance(patch, str) else list(dict.fromkeys(patch))
         for name in names:
             if name not in self.patches:
                 raise ImpactsError(f"{self.case}: has no patch {name!r}, but has {', '.join(self.patches)}.")

@@ -87,14 +87,14 @@ def export(
     with progress_bar("computing"):
         p = options.parameters()
         name, chosen = named_model(model, own, options, p.units)
-        weighing(chosen, None, options)  # refuses the density of another metal than a correlation's
+        of_target = weighing(chosen, None, options).density
         axes = _axes({"alpha": angles, "v0": speeds, "d": diameters}, p)
         share = PerMassOptions(cutting_fraction=cutting_fraction).per_mass(options).cutting_fraction
         density = density_option("particle-density", particle_density)
         particles = {"particle_density": density, "cutting_fraction": share}
         require_outputs(*outputs, inputs=(options.case, name))
         with user_errors(), _named():
-            parts = _parts(chosen, p, outputs, axes, particles)
+            parts = _parts(chosen, p, outputs, axes, particles, of_target)
         # What cannot be represented is refused before anything is written.
         with user_errors():
             for part in parts.values():
@@ -109,21 +109,29 @@ def export(
 
 
 def _parts(
-    model: "lazy.CuttingModel", p: "lazy.Parameters", outputs: _Outputs, axes: dict[str, Any], particles: dict[str, Any]
+    model: "lazy.CuttingModel",
+    p: "lazy.Parameters",
+    outputs: _Outputs,
+    axes: dict[str, Any],
+    particles: dict[str, Any],
+    density: float | None,
 ) -> dict[str, _Part]:
-    """What is asked for, computed."""
+    """What is asked for, computed, for a target of this density [kg/m³]."""
     reach, parts = {name: axes[name] for name in ("v0", "d")}, {}
     if outputs.openfoam is not None:
-        form = lazy.to_openfoam(model, p, **reach, **particles)
+        # In an OpenFOAM case the entry names its walls.
+        of_mesh = lazy.case_of(outputs.openfoam.parent)
+        walls = () if of_mesh is None else lazy.open_case(of_mesh).walls
+        form = lazy.to_openfoam(model, p, **reach, **particles, patches=walls)
         numbers = {name: getattr(form, name) for name in ("p", "psi", "K", "misfit", "rms")}
         line = f"OpenFOAM: p = {form.p:.6g} Pa, psi = {form.psi:.6g}, K = {form.K:.6g}; off by {form.misfit:.2%}"
         numbers["misfit_over_speeds"] = form.losses.worst
         parts["openfoam"] = _Part(outputs.openfoam, form.text(), line, numbers, form.warnings)
     if outputs.fluent is not None:
-        shape = lazy.to_fluent(model, p, **reach, **particles)
+        shape = lazy.to_fluent(model, p, **reach, **particles, density=density)
         numbers = {"exponent": shape.exponent, "factor": shape.factor, "misfit": shape.misfit}
         numbers["misfit_over_speeds"] = shape.losses.worst
-        line = f"Fluent: {len(shape.angle)} angles, b = {shape.exponent:.6g}, C = {shape.factor:.6g} x density"
+        line = f"Fluent: {len(shape.angle)} angles, b = {shape.exponent:.6g}, C = {shape.constant(shape.factor)}"
         parts["fluent"] = _Part(outputs.fluent, shape.text(), line, numbers, shape.warnings)
     if outputs.table is not None:
         volumes = lazy.volume_table(model, p, **axes, **particles)

@@ -26,6 +26,8 @@ from erosion.cfd.map_result import FACES as FACES
 from erosion.cfd.map_result import MapSummary as MapSummary
 from erosion.cfd.map_result import require_map_path as require_map_path
 from erosion.cfd.map_result import write_map as write_map
+from erosion.cfd.openfoam import case_of as case_of
+from erosion.cfd.openfoam import open_case as open_case
 from erosion.cfd.options import MapOptions as MapOptions
 from erosion.cfd.read import read_impacts as read_impacts
 from erosion.cfd.read import read_surface as read_surface

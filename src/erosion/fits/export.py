@@ -21,6 +21,7 @@ from erosion.fits.measurements import MOST, conditions
 from erosion.impacts.impact import impact
 from erosion.models import model_name, model_source
 from erosion.models.base import CuttingModel
+from erosion.models.correlated import per_mass_of
 from erosion.models.own_parameters import own_parameters
 from erosion.output.files import seen_from
 from erosion.output.tables import sentences
@@ -45,6 +46,7 @@ def to_openfoam(
     d: Any = None,
     particle_density: float | None = None,
     cutting_fraction: float = 1.0,
+    patches: Sequence[str] = (),
 ) -> ParticleErosion:
     """The coefficients p and K with which Finnie's curve comes nearest to the model's.
 
@@ -61,6 +63,7 @@ def to_openfoam(
         d: diameters over which they must hold, shape (n,) [length].
         particle_density: of the particles in the code [kg/m³]; without it the case's particle has the diameter 2 r.
         cutting_fraction: the share of the particles that cut, see `PerMass`; a calibration has its own.
+        patches: that erode, for the entry.
 
     Raises:
         ExportError: where the curve is not of Finnie's shape (the best coefficients are off by more than 15 % of its
@@ -68,7 +71,7 @@ def to_openfoam(
         ValueError: for parameters that are arrays or out of range, or speeds and diameters that are not positive.
     """
     particle, comment, case = _particle(model, p, particle_density, cutting_fraction)
-    return coefficients(particle, Reach.of(particle, case, v0, d), comment)
+    return dataclasses.replace(coefficients(particle, Reach.of(particle, case, v0, d), comment), patches=tuple(patches))
 
 
 def to_fluent(
@@ -80,6 +83,7 @@ def to_fluent(
     d: Any = None,
     particle_density: float | None = None,
     cutting_fraction: float = 1.0,
+    density: float | None = None,
 ) -> AngleTable:
     """The model's curve as Fluent's angle function, with the velocity exponent and the diameter function that fit best.
 
@@ -94,6 +98,7 @@ def to_fluent(
         d: diameters over which it must hold, shape (n,) [length].
         particle_density: of the particles in the code [kg/m³]; without it the case's particle has the diameter 2 r.
         cutting_fraction: the share of the particles that cut, see `PerMass`; a calibration has its own.
+        density: of the target [kg/m³], for C as a number; a correlation has its own.
 
     Raises:
         ExportError: where the form is off by more than 15 % of the maximum at one of the speeds and diameters that
@@ -101,7 +106,8 @@ def to_fluent(
         ValueError: for fewer than 2 points or more than Fluent takes; else as `to_openfoam`.
     """
     particle, comment, case = _particle(model, p, particle_density, cutting_fraction)
-    return angle_table(particle, Reach.of(particle, case, v0, d), comment, points)
+    target = per_mass_of(particle.model, PerMass(density)).density
+    return angle_table(particle, Reach.of(particle, case, v0, d), comment, points, target)
 
 
 def _particle(
