@@ -158,6 +158,11 @@ def test_the_duration_is_that_of_the_times() -> None:
     data = wear(sand(SURFACE, 400, duration=None, time=times))
     assert float(data["duration"]) == pytest.approx(10)
     assert "from the first impact to the last" in data["duration"].attrs["long_name"]
+    # Beside rates of mass, too, where there is no surface and so no depth.
+    for of_run in (data, data.drop_dims("face")):
+        (row,) = [row for row in MapSummary(of_run).rows() if row.name == "duration"]
+        assert (row.value, row.unit) == ("10", "s")
+        assert "from the first impact to the last" in row.meaning
     given = sand(SURFACE, 400, duration=60.0, time=times)
     assert any("60 s" in sentence and "10 s" in sentence for sentence in MapSummary(wear(given)).warnings)
     assert "duration" not in wear(sand(SURFACE, 400, duration=None))

@@ -321,8 +321,6 @@ class MapSummary(Result):
             if name in data:
                 row = quantity_row(f"greatest {name}", FACES[name], float(data[name].max()), self.units)
                 deepest = f"at face {int(np.argmax(data[name].values)):,}"
-                if name == "depth_per_year":
-                    deepest += f"; {self._duration}"
                 rows.append(row._replace(unit=FACES[name].fixed or row.unit, meaning=deepest))
         counts = data["ends"].sum("patch").values
         for end, count in zip(data["end"].values, counts, strict=True):
@@ -334,15 +332,12 @@ class MapSummary(Result):
                 rows.append(length._replace(symbol="", meaning="of rows that name no face, from the nearest"))
         return [row._replace(name=row.name.replace("_", " ")) for row in rows]
 
-    @property
-    def _duration(self) -> str:
-        """The time that the impacts stand for, and who says so."""
-        row = quantity_row("", _TIME, float(self.dataset["duration"]), self.units)
-        return f"the impacts are those of {row.value} {row.unit} {self.dataset.attrs['duration_from']}"
-
     def _totals(self, prefix: str, suffix: str = "", index: tuple[int, ...] = ()) -> Iterator[Row]:
         """Volume, mass, erodent and erosion of everything, or of a patch."""
         error = float(self.dataset[f"{prefix}_relative_error"].values[index])
+        if prefix == "total" and "duration" in self.dataset:
+            row = quantity_row("duration", _TIME, float(self.dataset["duration"]), self.units)
+            yield row._replace(meaning=f"that the impacts stand for, {self.dataset.attrs['duration_from']}")
         if prefix == "total" and "injected" in self.dataset:
             row = quantity_row("injected", QUANTITIES["m"], float(self.dataset["injected"]), self.units)
             yield row._replace(symbol="M₀", meaning=f"sand injected, {self.dataset.attrs['injected_from']}")
