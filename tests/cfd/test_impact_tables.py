@@ -416,7 +416,7 @@ MEANT = "x,y,z=mm, vel_x,vel_y,vel_z=m/s"
 SPELLINGS = {
     "a.csv": PLAIN, "a.txt": PLAIN, "semicolons.txt": PLAIN.replace(",", ";"), "tabs.tsv": PLAIN.replace(",", "\t"),
     "spaces.out": PLAIN.replace(",", "  "), "german.csv": PLAIN.replace(",", ";").replace(".", ","),
-    "commented.txt": "# of a run, 3 rows\n" + PLAIN,
+    "commented.txt": "# of a run, 3 rows\n" + PLAIN, "hits.dat": PLAIN,
 }  # fmt: skip
 
 

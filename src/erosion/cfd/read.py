@@ -122,9 +122,9 @@ def read_impacts(
         dataset = erosion.erosion_map("rotating", p, impacts, surface)
 
     Formats, by the name of the file, which may also end in ".gz" where it is text; or, with another name such as
-    ".txt", by what it begins with:
+    ".dat" or ".txt", by what it begins with:
 
-    - `.post`, `.dat`: OpenFOAM's function objects `patchPostProcessing` and `particlePostProcessing`; a file, the
+    - `.post`: OpenFOAM's function objects `patchPostProcessing` and `particlePostProcessing`; a file, the
       folder of a function object with all its windows of time, or a case that has one. Columns are found by the header.
     - `.dpm`: a sample of Fluent. Of a steady run the rows are what hits within `duration`.
     - `.csv`, `.parquet`: text with commas, semicolons, tabs or spaces between columns, or numbers: columns

@@ -299,7 +299,7 @@ def open_table(path: Path) -> Iterator[Any]:
         raise ImpactsError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from error
 
 
-_SUFFIXES = {"openfoam": (".post", ".dat"), "fluent": (".dpm",), "parquet": (".parquet",), "csv": (".csv",)}
+_SUFFIXES = {"openfoam": (".post",), "fluent": (".dpm",), "parquet": (".parquet",), "csv": (".csv",)}
 _BEGINS = {"openfoam": rb"^#\s*Time\b", "fluent": rb"^\s*\(+\s*x\s+y\s+z\b.*\bdiameter\b"}
 
 
