@@ -2,8 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
+from erosion.distributions import Uniform
 from erosion.fits import ErrorModel, MeasurementError, calibrate, read_measurements
+from erosion.fits.calibration import make_forward
+from erosion.fits.errors import errors_at
+from erosion.fits.likelihood import make_likelihood
+from erosion.impacts.impact import impact
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import UnitError
 
@@ -59,15 +65,45 @@ def test_the_parts_of_a_column_are_found(error):
     np.testing.assert_allclose([found.absolute, found.relative], [error.absolute, error.relative], atol=1e-12)
 
 
-def test_a_fit_weighs_rows_by_the_error():
-    degrees = np.array([10.0, 20.0, 40.0, 60.0, 75.0])
-    columns = {"angle [deg]": degrees, "volume [in^3]": [6e-5, 9e-5, 5e-5, 3e-5, 1e-5]}
-    error = ErrorModel(1e-6, 0.1)
-    by_option = calibrate("linearized", TABLE_1, columns, ["k", "psi"], error=error)
-    uncertainty = error.deviation(np.array(columns["volume [in^3]"]))
-    by_column = calibrate("linearized", TABLE_1, {**columns, "uncertainty [in^3]": uncertainty}, ["k", "psi"])
-    assert by_option.estimates == pytest.approx(by_column.estimates, rel=1e-12)
-    assert by_option.chi2 == pytest.approx(by_column.chi2, rel=1e-12)
+DEGREES = np.array([10.0, 10.0, 20.0, 40.0, 60.0, 75.0])
+TRUE = impact("linearized", TABLE_1.replace(alpha=np.deg2rad(DEGREES))).volume
+SHARES = 1 + 0.2 * np.array([1.5, -0.5, -1.2, 0.3, 1.0, -1.6])
+"""Measured over true erosion; with ψ free alone, the fit with relative errors is the mean of them."""
+
+
+@pytest.mark.parametrize("column", [True, False])
+def test_a_relative_error_is_of_the_fit(column):
+    """Of the measured erosion, the fit would be low by 2 b²: 9 % here."""
+    columns = {"angle [deg]": DEGREES, "volume [in^3]": TRUE * SHARES}
+    more = {"uncertainty [%]": np.full(6, 20.0)} if column else {}
+    fit = calibrate("linearized", TABLE_1, columns | more, ["psi"], error=None if column else ErrorModel(0.0, 0.2))
+    assert fit.estimates["psi"] == pytest.approx(TABLE_1.psi / SHARES.mean(), rel=1e-5)
+    assert fit.chi2 == pytest.approx(np.sum((SHARES / SHARES.mean() - 1) ** 2) / 0.2**2, rel=1e-4)
+    deviance = (
+        fit.chi2 + 12 * np.log(SHARES.mean()) - 2 * np.log(np.prod(np.append(SHARES[2:], [SHARES[:2].mean()] * 2)))
+    )
+    assert fit.aicc == pytest.approx(deviance + 2 + 4 / 4, rel=1e-3)
+
+
+@pytest.mark.parametrize("factor", [None, 1.7])
+def test_the_likelihood_has_the_error_of_what_is_expected(factor):
+    error = ErrorModel(2e-6, 0.1)
+    columns = {"angle [deg]": DEGREES, "volume [in^3]": TRUE * SHARES}
+    forward = make_forward("linearized", TABLE_1, columns, ["psi"], None, 1.0, error)
+    likelihood = make_likelihood(forward, {} if factor is None else {"error_factor": Uniform(1.0, 2.0)})
+    points = np.array([[0.02, 0.524][: 1 if factor is None else 2]])
+    values = likelihood.values(points)
+    expected = TRUE * float(TABLE_1.psi / values["psi"][0])
+    squares, variance = likelihood.squares(points, 0)
+    log = likelihood.constant - 0.5 * (squares / variance + 6 * np.log(variance))
+    deviation = error.deviation(expected) * values.get("error_factor", np.ones(1))
+    assert log[0] == pytest.approx(stats.norm.logpdf(TRUE * SHARES, expected, deviation).sum(), rel=1e-6)
+    assert likelihood.chi2(points)[0] == pytest.approx(np.sum(((TRUE * SHARES - expected) / deviation) ** 2), rel=1e-5)
+
+
+def test_a_model_without_erosion_at_a_row_has_an_error_there():
+    parts = np.array([[0.0, 0.1], [3e-6, 0.1]])
+    np.testing.assert_allclose(errors_at(parts, np.zeros(2), np.full(2, 8e-5)), [4e-6, 5e-6])
 
 
 @pytest.mark.parametrize("known", [True, False])

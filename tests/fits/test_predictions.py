@@ -55,7 +55,11 @@ def test_the_likelihood_is_that_of_all_rows(known):
     logs = misfit.plain.constant - 0.5 * (squares / variance + len(data) * np.log(variance))
     for i, log in enumerate(logs):
         mean, kernel = dense(misfit, values, i)
-        error = data.deviation**2 if known else values["noise"][i] ** 2 + (values["relative_noise"][i] * mean) ** 2
+        error = (
+            data.weighed(mean).deviation ** 2
+            if known
+            else values["noise"][i] ** 2 + (values["relative_noise"][i] * mean) ** 2
+        )
         joint = stats.multivariate_normal(mean, np.outer(mean, mean) * kernel + np.diag(error))
         assert log == pytest.approx(joint.logpdf(data.erosion), rel=1e-5)
 
@@ -70,7 +74,7 @@ def test_curves_are_those_of_the_closed_posterior():
     mean, kernel = dense(misfit, one, 0, asked)
     data = misfit.plain.forward.data
     joint = np.outer(mean, mean) * kernel
-    gain = np.linalg.solve(joint[:-1, :-1] + np.diag(data.deviation**2), joint[:-1, -1])
+    gain = np.linalg.solve(joint[:-1, :-1] + np.diag(data.weighed(mean[:-1]).deviation ** 2), joint[:-1, -1])
     middle = mean[-1] + gain @ (data.erosion - mean[:-1])
     deviation = np.sqrt(joint[-1, -1] - gain @ joint[:-1, -1])
     # Of 4000 draws: 1.6 % of a deviation, and 1.1 % of it.

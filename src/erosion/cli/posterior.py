@@ -146,7 +146,7 @@ def posterior(
         laws = _read_priors(prior or (), task.fit.names(measured), models, measured)
         ranking = task.ranking(measured, models, progress)
         options = {"draws": 500 if draws is None else draws, "seed": seed or 0}
-        posteriors = _draw(task, ranking, laws, progress, **options, discrepancy=discrepancy == "averaged")
+        posteriors = _draw(task, ranking, measured, laws, progress, **options, discrepancy=discrepancy == "averaged")
         predictor = posteriors.best.prepared(progress)
         ranking = ranking.preferring(posteriors.names[0])
         is_asked = next_experiment or speeds or files.plot_next_experiment
@@ -177,7 +177,12 @@ def posterior(
 
 
 def _draw(
-    task: Fit, ranking: "lazy.Ranking", laws: Mapping[str, Any], progress: "lazy.Progress", **options: Any
+    task: Fit,
+    ranking: "lazy.Ranking",
+    measured: "lazy.Measurements",
+    laws: Mapping[str, Any],
+    progress: "lazy.Progress",
+    **options: Any,
 ) -> "lazy.PosteriorRanking":
     """The posteriors of the models that are ranked."""
     free = [name for name in task.fit.free if any(name in ranked.names for ranked in ranking.ranked)]
@@ -186,7 +191,7 @@ def _draw(
         warnings.simplefilter("ignore", lazy.ConvergenceWarning)
         return lazy.rank_posteriors(
             task.p,
-            ranking.best.data,
+            measured,
             free,
             models=[ranked.problem.forward.model for ranked in ranking.ranked],
             priors={name: law for name, law in laws.items() if name in free or name not in task.fit.free},

@@ -201,6 +201,8 @@ class Calibration(Result):
             misfit = 2 * (self.solution.cost / noise**2 + rows * float(np.log(noise)))
         if rows < self.rows_for_aicc or self.problem.loss == "arctan":
             return np.inf
+        # Relative errors are of the fit: those of a larger fit are less likely to be this small.
+        misfit += 2 * float(np.sum(np.log(self.problem.data.deviation / self.problem.forward.data.deviation)))
         return misfit + 2 * free + 2 * free * (free + 1) / (rows - free - 1)
 
     @property

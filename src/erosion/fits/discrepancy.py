@@ -103,7 +103,7 @@ class Discrepant(Misfit):
         pooled, values, count = self.plain.parts[part], self.values(points), len(points)
         with np.errstate(over="ignore", invalid="ignore"):
             mean = self.mean(values, pooled.conditions)
-            variances = self.plain.variances(values, mean)
+            variances = self.plain.variances(values, mean, pooled)
             variances = np.ones_like(mean) if variances is None else variances
             works = np.isfinite(mean).all(axis=1) & (np.isfinite(variances) & (variances > 0)).all(axis=1)
         chi2, variance = np.full(count, np.inf), np.ones(count)
@@ -176,7 +176,7 @@ class Discrepant(Misfit):
         if not self.has_discrepancy:
             return asked
         pooled, known = self.plain.parts[0], self.mean(values, self.plain.parts[0].conditions)
-        variances = self.plain.variances(values, known)
+        variances = self.plain.variances(values, known, pooled)
         variances = np.ones_like(known) if variances is None else variances
         # Rows of one angle and speed have one δ.
         places = np.stack([conditions["alpha"], self._log_speed(conditions)])
@@ -247,5 +247,5 @@ def with_few_conditions(likelihood: Likelihood, most: int = MOST) -> Likelihood:
         return likelihood
     counts = np.bincount(places)
     middle = {name: (np.bincount(places, column) / counts)[places] for name, column in columns.items()}
-    rows = dataclasses.replace(data, angle=middle["alpha"], speed=middle.get("v0"), mass=middle.get("m"))
+    rows = dataclasses.replace(data, angle=middle["alpha"], speed=middle.get("v0"), mass=middle.get("m")).weighed()
     return dataclasses.replace(likelihood, forward=dataclasses.replace(likelihood.forward, data=rows))

@@ -13,12 +13,13 @@ from erosion.parameters.quantities import Dimension, System, UnitError, has_unit
 _PLUS = re.compile(r"(?<![eE])\+")  # not that of 1e+3
 _SHARE = re.compile(r"(.*\S)\s*(?:%|percent)\s*")
 _NOTHING = 1e-3  # of the greater part
+_LEAST = 0.5  # of a measured erosion, whose error a model has that is far below it
 _EXAMPLE = '"0.3 mg/kg + 8 %"'
 
 
 @dataclasses.dataclass(frozen=True)
 class ErrorModel:
-    """The standard deviation of a row, √(a² + (b E)²) of its erosion E.
+    """The standard deviation of a row, √(a² + (b E)²) of its erosion E, which is that of the model.
 
         erosion.ErrorModel(0.3e-6, 0.08).deviation(100e-6)  # of 0.3 mg/kg + 8 % in SI
 
@@ -88,3 +89,17 @@ class ErrorModel:
         scale = table_scale(dimension, units, self.absolute)
         absolute = scale.beside(f"{self.absolute / scale.size:.4g}")
         return " + ".join([absolute] * (self.absolute > 0) + [f"{100 * self.relative:.4g} %"] * (self.relative > 0))
+
+
+def errors_at(parts: np.ndarray, expected: Any, measured: np.ndarray) -> Any:
+    """Standard deviations of rows whose relative part is of the model's erosion; of the measured one it biases a fit.
+
+    Rows that are low by chance would count more, and a fit would be low by about 2 b². A model that has next to nothing
+    at a row would have no error there: its least is that of half of the measured erosion.
+
+    Args:
+        parts: absolute and relative part of each row, shape (n, 2).
+        expected: the model's erosion, shape (…, n).
+        measured: the mean of repeats, shape (n,).
+    """
+    return np.hypot(parts[:, 0], parts[:, 1] * np.maximum(np.abs(expected), _LEAST * np.abs(measured)))

@@ -189,6 +189,7 @@ _RHO: Mapping[Loss, Callable[[np.ndarray], np.ndarray]] = {
     "arctan": np.arctan,
 }  # of scipy.optimize.least_squares
 _NOISES, _SAME_NOISE = 10, 0.01  # rounds of a robust fit and its noise; the relative change that ends them
+_REWEIGHTED, _SAME_ERRORS = 10, 1e-3  # rounds of a fit and its relative errors; the relative change that ends them
 _MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
 
 
@@ -324,7 +325,7 @@ def fit(problem: FitProblem, loss: Loss, starts: int) -> tuple[FitProblem, FitSo
     best = next(solution for solution in solutions if solution.cost <= least * (1 + rough) + 1e-20)
     problem = dataclasses.replace(problem, loss=loss)
     if loss == "linear" or problem.data.uncertainty is not None:
-        return with_noise(problem, best.theta, problem.noise)
+        return _reweighted(*with_noise(problem, best.theta, problem.noise))
     # What plain least squares finds, far rows may have moved to another valley, or to where most residuals are great.
     begins = [*begins, *(solution.theta for solution in solutions)]
     few = dataclasses.replace(few, loss=loss, noise=float(np.nanmin([_noise(few, theta) for theta in begins])))
@@ -345,6 +346,16 @@ def with_noise(problem: FitProblem, theta: np.ndarray, noise: float) -> tuple[Fi
     solution = settle(problem, theta)
     if solution is None:
         raise CalibrationError("The model could not be fitted: impacts failed at the best start.")
+    return problem, solution
+
+
+def _reweighted(problem: FitProblem, solution: FitSolution) -> tuple[FitProblem, FitSolution]:
+    """The fit whose relative errors are of its own erosion, by fits with the errors of the one before."""
+    for _ in range(_REWEIGHTED if problem.data.parts is not None else 0):
+        data = problem.data.weighed(problem.forward.predict(solution.theta, problem.data.conditions)[0])
+        if np.allclose(data.deviation, problem.data.deviation, rtol=_SAME_ERRORS, atol=0.0):
+            break
+        problem, solution = with_noise(dataclasses.replace(problem, data=data), solution.theta, problem.noise)
     return problem, solution
 
 

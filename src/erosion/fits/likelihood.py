@@ -13,6 +13,7 @@ import numpy as np
 from scipy import special
 
 from erosion.distributions import Distribution, LogUniform, Uniform, as_law
+from erosion.fits.errors import errors_at
 from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
 from erosion.fits.least_squares import default_width
 from erosion.fits.tempering import Misfit
@@ -102,6 +103,7 @@ class _RowPart:
         deviation: of this mean, shape (conditions,).
         spread: the sum of squares of the rows about their mean, shape (conditions,).
         counts: number of rows, shape (conditions,).
+        parts: of a row's error over its `deviation`, shape (conditions, 2); None where it is one number.
     """
 
     conditions: dict[str, np.ndarray]
@@ -109,6 +111,7 @@ class _RowPart:
     deviation: np.ndarray
     spread: np.ndarray
     counts: np.ndarray
+    parts: np.ndarray | None
 
     @property
     def rows(self) -> int:
@@ -152,6 +155,8 @@ class Likelihood(Misfit):
         mean = np.bincount(places, weights * data.erosion, count) / weight
         spread = np.bincount(places, weights * (data.erosion - mean[places]) ** 2, count)
         rows = np.bincount(places, minlength=count)
+        first = np.unique(places, return_index=True)[1]
+        parts = None if data.parts is None else (data.parts / data.deviation[:, None])[first]
         ends, end = [], _FIRST
         while end < count:
             ends.append(end)
@@ -163,6 +168,7 @@ class Likelihood(Misfit):
                 weight[chosen] ** -0.5,
                 spread[chosen],
                 rows[chosen],
+                None if parts is None else parts[chosen],
             )
             for chosen in np.split(np.random.default_rng(0).permutation(count), ends)
         ]
@@ -176,7 +182,7 @@ class Likelihood(Misfit):
         """See `Misfit`; the unit of squares is that of `deviation`."""
         pooled, values = self.parts[part], self.values(points)
         predicted = self.predict(values, pooled.conditions)
-        variances = self.variances(values, predicted)
+        variances = self.variances(values, predicted, pooled)
         with np.errstate(over="ignore", invalid="ignore"):
             squares = ((predicted - pooled.mean) / pooled.deviation) ** 2
             if variances is None:
@@ -188,20 +194,30 @@ class Likelihood(Misfit):
         failed = np.isnan(chi2) | ~(np.isfinite(variance) & (variance > 0))
         return np.where(failed, np.inf, chi2), np.where(failed, 1.0, variance)
 
-    def variances(self, values: Mapping[str, np.ndarray], predicted: np.ndarray) -> np.ndarray | None:
+    def variances(
+        self, values: Mapping[str, np.ndarray], predicted: np.ndarray, pooled: "_RowPart"
+    ) -> np.ndarray | None:
         """The variance of a row of each condition over that of `deviation`, shape (n, conditions); None for ones.
 
         Args:
             values: of the sampled parameters, shape (n,).
             predicted: the erosion that is expected, shape (n, conditions).
+            pooled: the rows.
         """
         data = self.forward.data
         if data.uncertainty is None:
             absolute, relative = (values[name][:, None] for name in (NOISE, RELATIVE))
             return (absolute**2 + (relative * predicted) ** 2) / data.deviation[0] ** 2
-        if ERROR_FACTOR in values:
-            return np.broadcast_to(values[ERROR_FACTOR][:, None] ** 2, predicted.shape)
-        return None
+        factor = values[ERROR_FACTOR][:, None] ** 2 if ERROR_FACTOR in values else None
+        if pooled.parts is not None:
+            own = errors_at(pooled.parts, predicted, pooled.mean) ** 2
+            return own if factor is None else factor * own
+        return None if factor is None else np.broadcast_to(factor, predicted.shape)
+
+    def chi2(self, points: np.ndarray) -> np.ndarray:
+        """χ² of all rows at points, shape (n, names) -> (n,)."""
+        of_parts = [self.squares(points, part) for part in range(len(self.parts))]
+        return np.sum([squares / variance for squares, variance in of_parts], axis=0)
 
     def predict(self, values: Mapping[str, np.ndarray], conditions: Mapping[str, np.ndarray]) -> np.ndarray:
         """The erosion without noise, shape (points, rows), in batches that the memory holds.

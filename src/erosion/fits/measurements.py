@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from erosion.arguments import check_unmasked
-from erosion.fits.errors import ErrorModel
+from erosion.fits.errors import ErrorModel, errors_at
 from erosion.fits.tables import MeasurementError, lines_of, numbers_of, place_of, text_of
 from erosion.output.files import readable
 from erosion.parameters.headings import (
@@ -208,13 +208,14 @@ class Measurements:
         erosion: the removal per impact or per mass of erodent, as `dimension` says.
         dimension: "volume", "volume per mass", "mass", "mass per mass"; or "1" for units of
             its own, known up to a factor.
-        uncertainty: one standard deviation of each `erosion`, or None where unknown.
+        uncertainty: one standard deviation of each `erosion`, or None where unknown; see `weighed`.
         speed: impact speed of each row [speed]; None for the case's.
         mass: mass of each erodent [mass]; None for the case's.
         units: the unit system of all of these.
         source: the file's name, for titles.
         unused: the headings of the columns that are not used.
         error: what the uncertainties are made of; without it the two parts that come nearest to them.
+        parts: absolute and relative part of each uncertainty, shape (n, 2); None where it is one number.
         lines: of the file, of each row; None for tables in memory.
         notes: sentences on how the table was read: rows that are left out, its characters.
     """
@@ -229,6 +230,7 @@ class Measurements:
     source: str
     unused: tuple[str, ...] = ()
     error: ErrorModel | None = None
+    parts: np.ndarray | None = None
     lines: np.ndarray | None = None
     notes: tuple[str, ...] = ()
 
@@ -292,7 +294,7 @@ class Measurements:
         return values, places.ravel()
 
     def with_error(self, error: "ErrorModel | float | str | None") -> "Measurements":
-        """The same rows with the uncertainties of an error model; its relative part is of the mean of repeats.
+        """The same rows with the uncertainties of an error model.
 
         Args:
             error: a model, a text such as "0.3 mg/kg + 8 %", or a standard deviation [of the erosion]; None leaves the
@@ -310,11 +312,21 @@ class Measurements:
             error = ErrorModel(error)
         if self.uncertainty is not None:
             raise MeasurementError(f"Argument `error` must be left out: {self.source} has a column of uncertainties.")
-        _, places = self.at_conditions()
-        deviation = error.deviation((np.bincount(places, self.erosion) / np.bincount(places))[places])
-        if not deviation.all():
+        parts = np.tile([error.absolute, error.relative], (len(self), 1))
+        rows = dataclasses.replace(self, error=error, parts=parts).weighed()
+        if not rows.deviation.all():
             raise MeasurementError("Argument `error` must have an absolute part, as there are rows without erosion.")
-        return dataclasses.replace(self, uncertainty=deviation, error=error)
+        return rows
+
+    def weighed(self, expected: np.ndarray | None = None) -> "Measurements":
+        """The same rows, relative parts of whose uncertainties are of this erosion, or of the mean of repeats."""
+        if self.parts is None:
+            return self
+        _, places = self.at_conditions()
+        mean = (np.bincount(places, self.erosion) / np.bincount(places))[places]
+        return dataclasses.replace(
+            self, uncertainty=errors_at(self.parts, mean if expected is None else expected, mean)
+        )
 
     def thinned(self, most: int) -> "Measurements":
         """At most `most` rows, drawn at random but always the same."""
@@ -483,12 +495,13 @@ def _measurements(
     removal = next(column for column in used.values() if column.name in REMOVALS)
     if (shares := arrays.get(_SHARES)) is not None:
         arrays["uncertainty"] = shares * np.abs(arrays[removal.name])
+        arrays["parts"] = np.stack([np.zeros(len(shares)), shares], axis=1)
         if not arrays["uncertainty"].all():
             row = int(np.argmin(np.abs(arrays[removal.name])))
             raise MeasurementError(
                 f"{place(int(rows[row]), None)} must have an absolute uncertainty, as it has no erosion."
             )
-    conditions = {name: arrays.get(name) for name in ("uncertainty", "speed", "mass")}
+    conditions = {name: arrays.get(name) for name in ("uncertainty", "speed", "mass", "parts")}
     return Measurements(
         angle=arrays["angle"],
         erosion=arrays[removal.name],
@@ -499,7 +512,7 @@ def _measurements(
         unused=header.unused,
         lines=None if lines is None else np.frombuffer(lines, np.int64)[rows],
         notes=notes,
-    )
+    ).weighed()
 
 
 _NAMED = 8  # rows that a note lists

@@ -249,7 +249,8 @@ class Posterior(Result):
                     f"{share:.0%} of the draws of {name} lie in the {end} hundredth of its prior, "
                     f"{self._law_in_words(name)}: prior and data disagree, or the prior is too narrow."
                 )
-        chi2, rows = -2 * self.run.log_likelihood, len(self.data)
+        points, rows = self.run.points.reshape(-1, len(self.names)), len(self.data)
+        chi2 = self.likelihood.chi2(points[:: max(len(points) // _SOME, 1)]) if self._has_known_errors else np.zeros(1)
         if self._has_known_errors and float(stats.chi2.sf(chi2, rows).mean()) < POOR:
             said.append(
                 f"The uncertainties do not explain the misfit: χ² is {np.median(chi2):.4g} for {rows:,} rows. The "
@@ -436,9 +437,11 @@ class Posterior(Result):
             {"log_likelihood": (("chain", "draw"), self.run.log_likelihood + self.likelihood.constant)}, chains
         )
         known, units = sampled_quantities(self.likelihood.forward), self.p.units
-        observed = {"erosion": ("row", self.data.erosion, self.data.quantity.attributes(units))}
+        observed: dict[str, Any] = {"erosion": ("row", self.data.erosion, self.data.quantity.attributes(units))}
         if self.data.uncertainty is not None:
             observed["uncertainty"] = ("row", self.data.uncertainty, {"units": self.data.erosion_unit})
+        if self.data.parts is not None:
+            observed["parts"] = (("row", "part"), self.data.parts, {"long_name": "absolute and relative part"})
         constant = {name: ("row", values, known[name].attributes(units))
                     for name, values in self.data.conditions.items()}  # fmt: skip
         if self.data.lines is not None:

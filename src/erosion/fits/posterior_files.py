@@ -175,7 +175,7 @@ def read_predictor(path: str | Path) -> Predictor:
         data = Measurements(
             columns["alpha"], columns["erosion"], about["dimension"], columns.get("uncertainty"), columns.get("v0"),
             columns.get("m"), p.units, attrs["data"], error=None if error is None else ErrorModel(*map(float, error)),
-            lines=columns.get(LINE),
+            parts=columns.get("parts"), lines=columns.get(LINE),
         )  # fmt: skip
         density = None if "density" not in about else float(about["density"])
         names = tuple(np.atleast_1d(about["free"]).tolist())
