@@ -9,7 +9,7 @@ import pytest
 import erosion
 from erosion.checks.verify import Subject
 from erosion.cli.output import Output
-from erosion.cli.run import _show, _show_sensitivities
+from erosion.cli.run import _show_optimum, _show_sensitivities
 from erosion.impacts.alpha_max import EndTime
 from erosion.models import Finnie, ForceLaw, Linearized, Torque
 from erosion.models.equations import flaw
@@ -164,7 +164,7 @@ def test_the_best_angle_knows_how_friction_moves_it(capsys):
     assert list(found.sensitivities) == [*(name for name in quantities(MODEL) if name != "alpha")]
     assert found.sensitivities["friction"] == pytest.approx(-(ratio**2) / (1 + ratio**2) / 2, rel=1e-6)
     output = Output("optimum", json=False)
-    _show(output, "tip.py", found, erosion.PerMass())
+    _show_optimum(output, "tip.py", found, erosion.PerMass())
     _show_sensitivities(output, found)
     out = capsys.readouterr().out
     assert "tip.py (friction = 0.2): the angle of greatest volume" in out

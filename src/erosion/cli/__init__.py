@@ -1,6 +1,6 @@
 """The command line: arguments to the public API to printed text.
 
-One verb a module; JAX loads only when a verb computes. Bad input is one line on stderr and
+Verbs that share much share a module; JAX loads only when a verb computes. Bad input is one line on stderr and
 exit status 2, a failed solve exit status 1, never a traceback.
 """
 
@@ -16,18 +16,15 @@ import cyclopts
 
 from erosion.cli.advise import advise
 from erosion.cli.calibrate import calibrate
-from erosion.cli.compare import compare
 from erosion.cli.errors import InputError, explain, printable, sentence, spell_out
 from erosion.cli.export import export
 from erosion.cli.lists import materials, models, validate, verify
 from erosion.cli.map import map_
 from erosion.cli.options import OPTIONS, Help
 from erosion.cli.pages import exercise, explore, report
-from erosion.cli.posterior import posterior
-from erosion.cli.predict import predict
-from erosion.cli.run import optimum, run
-from erosion.cli.stream import stream
-from erosion.cli.sweep import sweep
+from erosion.cli.posterior import posterior, predict
+from erosion.cli.run import compare, optimum, run
+from erosion.cli.sweep import stream, sweep
 from erosion.extras import MissingExtraError
 from erosion.interrupts import INTERRUPTED, between_imports
 from erosion.version import __version__
