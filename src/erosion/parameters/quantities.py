@@ -177,6 +177,9 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     number, given = float(parts["number"]), _POWERLESS.sub(r"\1^\2", parts["unit"].strip())
     if not given:
         return number
+    # pint passes over what it does not know, such as the sign that stands for a µ which was lost.
+    if _NO_UNIT.search(given):
+        raise UnitError(f"must be {expected}, but {_unreadable(text)}")
     try:
         _check_powers(pint.util.string_preprocessor(given))
         units = registry.parse_units(given)
@@ -227,6 +230,7 @@ def _check_powers(units: str) -> None:
 
 _LONGEST = 200  # characters of a quantity, of which any that a person types has far fewer
 _GREATEST_POWER = 100
+_NO_UNIT = re.compile(r"[^\w\s*/^().·⋅×+\-−⁻⁺°%‰'\"]")
 # "m3" for m³, which pint takes for a name. It knows no unit of letters and one digit, 2 or 3.
 _POWERLESS = re.compile(r"(?<![\w])([^\W\d_]+)([23])(?!\w)")
 # One or two digits before the point, or in brackets also a ratio of two such; no other power follows.
