@@ -438,6 +438,17 @@ def test_meanings_come_from_a_file_and_of_any_name(tmp_path):
         check(block_of(path, particle_density=2650, columns=columns), speed=[30], alpha=[math.radians(20)])
 
 
+def test_a_micrometre_of_windows_is_one(tmp_path):
+    path = tmp_path / "a.csv"
+    text = "diameter [µm],density [kg/m^3],speed [m/s],angle [deg]\n200,2650,50,30\n"
+    for encoding in ("utf-8", "utf-8-sig", "cp1252"):
+        path.write_bytes(text.encode(encoding))
+        check(block_of(path), diameter=[2e-4])
+    path.write_text(text.replace("µ", "?"))  # as programs write what they lack
+    with pytest.raises(ImpactsError, match="unit of column"):
+        read_impacts(path)
+
+
 def test_other_endings_are_known_by_their_content(tmp_path):
     for kind, suffix in (("csv", "x"), ("parquet", "y")):
         table = a_table(tmp_path, kind, {**BODY, **MOTION})

@@ -342,7 +342,12 @@ def _csv_header(path: Path) -> _Layout:
 
     Empty lines, comments (#) and what CFD-Post writes before "[Data]" stand before it.
     """
-    lines = beginning(path).decode(errors="replace").splitlines(keepends=True)
+    start = beginning(path)
+    try:
+        text = start.decode()
+    except UnicodeDecodeError:
+        text = start.decode("cp1252", errors="replace")  # as spreadsheets on Windows write "µm"
+    lines = text.splitlines(keepends=True)
     first, in_data = len(lines), True
     for number, line in enumerate(map(str.strip, lines)):
         if _PART.fullmatch(line):
