@@ -5,15 +5,13 @@ import erosion
 from erosion.impacts.impact import pair_derivatives
 from erosion.ode import batch
 from erosion.parameters.parameters import QUANTITIES
-from tests.reference import AT_20_DEGREES
 
 P = erosion.TABLE_1
-ANGLES = np.deg2rad(np.linspace(0.3, 89.9, 300))
-SPINS = np.linspace(-0.9, 0.9, 7)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [n for n in AT_20_DEGREES if n.startswith("rotating")])
+# Every model's are compared with coarser differences in its contract.
+@pytest.mark.parametrize("name", ["rotating-full-torque", "rotating-velocity-aligned"])
 def test_derivatives_equal_differences(name):
     # Away from jumps: one angle, one spin; steps that balance rounding and truncation.
     p = P.replace(phidot0=0.1 * P.v0 / P.r)

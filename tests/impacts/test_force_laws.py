@@ -1,6 +1,5 @@
-"""Force laws that are more than a formula: a loop, a table, a small network; against diffrax."""
+"""Force laws that are more than a formula: a loop, a table, a small network; against scipy."""
 
-import warnings
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -11,6 +10,7 @@ import pytest
 from jax import lax
 
 import erosion
+from tests.fine_steps import scipy_cut
 
 pytestmark = pytest.mark.slow
 
@@ -87,19 +87,15 @@ LAWS = {
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_the_batch_is_diffraxs(name):
+def test_the_batch_is_scipys(name):
     model = LAWS[name]()
-    angles = [0.3, 0.6, 1.1]
-    hits = erosion.impact(model, P.replace(alpha=angles))
-    # At the kinks of a table both take short steps, and more errors add up.
-    tolerance = 1e-7 if name == "table" else 1e-8
-    for i, alpha in enumerate(angles):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", erosion.TurnWarning)
-            cut = erosion.simulate(model, P.replace(alpha=alpha))
-        assert hits.ended_by[i] == cut.ended_by
-        assert hits.volume[i] == pytest.approx(cut.volume, rel=tolerance)
-        assert hits.t_c[i] == pytest.approx(cut.t_c, rel=tolerance)
+    p = P.replace(alpha=[0.3, 0.6, 1.1])
+    hits = erosion.impact(model, p)
+    for i, alpha in enumerate(p.alpha):
+        volume, ended_by, t_c = scipy_cut(model, P.replace(alpha=alpha), DEPTHS[1:].tolist() if name == "table" else [])
+        assert hits.ended_by[i] == ended_by
+        assert hits.volume[i] == pytest.approx(volume, rel=1e-8)
+        assert hits.t_c[i] == pytest.approx(t_c, rel=1e-8)
 
 
 @pytest.mark.parametrize("name", ["implicit", "network"])
