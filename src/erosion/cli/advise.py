@@ -1,26 +1,31 @@
 """`erosion advise`: the nozzle's angle and the erosion to expect, on one page."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Group, Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, user_errors
-from erosion.cli.fitting import GivenFit, TestedFitOptions, section_of
+from erosion.cli.laws import LawOptions, require_same_model
 from erosion.cli.lists import ModelsOption, chosen_models
 from erosion.cli.options import (
     OUTPUT,
     AllAngles,
     CaseArgument,
+    CaseOptions,
     JsonOption,
     LangOption,
     PlotOption,
+    SetOption,
+    load_set,
     output_option,
     read_option,
+    settings,
     with_file,
+    with_model_of_case,
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 
@@ -46,6 +51,94 @@ class JobOptions:
             raise InputError("--area and --depth belong together: give both.")
         with user_errors():
             return lazy.Job(area, depth, feed)
+
+
+FIELDS = ("model", "set", "uncertain", "correlation", "warning", "tested")
+"""The fields of [advise] in a case file."""
+
+_UNCERTAIN = (
+    "In place of the ranges of k and ψ: the file of `posterior -o` (.nc), draws in a .csv file, or "
+    '"k=normal(2, 0.2)"; repeat it for other parameters.'
+)
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class TestedFitOptions:
+    """What tests have said of the metal; texts as they are typed."""
+
+    uncertain: Annotated[list[str] | None, Parameter(negative="", help=_UNCERTAIN)] = None
+    own: SetOption = None
+
+
+class GivenFit:
+    """The options with the table [advise] of the case file; options win.
+
+    Args:
+        options: of the fit.
+        case: of the impact.
+        models: the option --model, which wins over the model that the file names.
+    """
+
+    def __init__(self, options: TestedFitOptions, case: CaseOptions, models: Sequence[str] | None) -> None:
+        self._options, self._case = options, case
+        section = case.section("advise", FIELDS, parameters=False)
+        self._section = with_model_of_case(section, case, models)
+        with user_errors():
+            doubt = None if case.file is None else case.file.doubt
+        # That the tests were in units of their own, for example.
+        self.doubts = () if doubt is None else (doubt,)
+        # Without laws in the options those of the case file, with their correlation.
+        of_file = self._section if options.uncertain is None else {}
+        laws = LawOptions(uncertain=options.uncertain)
+        self._laws = laws.with_section(of_file, f"{case.case}: field `{{}}` of [advise]")
+        self.files = self._laws.files
+
+    def models(self, names: Sequence[str] | None, p: "lazy.Parameters") -> "dict[str, lazy.CuttingModel]":
+        """The models by name: those of --model, of the case file, of the draws, or the usual ones."""
+        named = self._section.get("model")
+        if not (named is None or isinstance(named, str)):
+            raise InputError(f"{self._case.case}: field `model` of [advise] must be a name, but is {named!r}.")
+        draws = [path for path in self.files if path.endswith(".nc")][:1]
+        with user_errors():
+            of_fit = [lazy.model_of_draws(path) for path in draws] if named is None else [named]
+        chosen = list(names or of_fit or lazy.MODELS)
+        own = settings(self._options.own, self._section, f"{self._case.case}: `set` of [advise]")
+        if own and len(chosen) > 1:
+            raise InputError(f"{next(iter(own.values()))[0]} needs one model, but there are {', '.join(chosen)}.")
+        loaded = {name: load_set(name, own, self._case, p.units) for name in chosen}
+        return {lazy.called(name, model): model for name, model in loaded.items()}
+
+    def uncertain(
+        self, models: "Mapping[str, lazy.CuttingModel]", p: "lazy.Parameters", *, has_fraction: bool
+    ) -> "tuple[lazy.Uncertain | None, list[lazy.Draws]]":
+        """The laws, or None where there are none, and the posteriors' files that were read.
+
+        Args:
+            models: by name.
+            p: the case.
+            has_fraction: whether --cutting-fraction is given.
+
+        Raises:
+            InputError: also for an option that sets what has a law: one of the two would be left aside.
+        """
+        where = self._laws.uncertain[0]
+        _, laws, draws = self._laws.read(next(iter(models.values())), p.units, {})
+        for model in models.values():
+            require_same_model(draws, model, where)
+        if not laws:
+            return None, draws
+        uncertain = lazy.Uncertain(laws, str(self._case.case) if self._options.uncertain is None else "")
+        with user_errors():
+            uncertain.require_of_metal(models, where)
+        options = {name: name for name in self._case.given()}
+        options |= {text.partition("=")[0].strip(): "set" for text in self._options.own or ()}
+        options |= {lazy.FRACTION: "cutting-fraction"} if has_fraction else {}
+        options |= {"sigma": "target"} if self._options.uncertain is None and self._case.target is not None else {}
+        for name, option in options.items():
+            if name in laws:
+                raise InputError(f"Option `--{option}` cannot set {name}, which has a law in {uncertain}.")
+        return uncertain, draws
 
 
 def advise(
@@ -83,16 +176,22 @@ def advise(
     options.refuse_angle("all angles of the nozzle are compared")
     p = options.parameters()
     deviation = read_option("spread", spread, "angle", "si")
-    fit = GivenFit(fit_of_tests or TestedFitOptions(), options, section_of(options, model))
+    fit = GivenFit(fit_of_tests or TestedFitOptions(), options, model)
     shop = shop or JobOptions()
     job = shop.job()
     with user_errors():
         other = lazy.compared_with(shop.compare, *options.materials())
-    _require(output, plot, (options.case, *fit.files, *(model or ())), lang)
+        lazy.language(lang)
+    require_outputs(output, plot=plot, inputs=(options.case, *fit.files, *(model or ())))
+    if output is not None:
+        with user_errors():
+            lazy.require_page_path(output)
     models = fit.models(chosen_models(model), p)
     abrasive = abrasive or PerMassOptions()
     uncertain, draws = fit.uncertain(models, p, has_fraction=abrasive.cutting_fraction is not None)
-    per_mass = abrasive.per_mass(options, _usual_fraction(uncertain, draws))
+    of_draws = [part.cutting_fraction for part in draws if part.cutting_fraction is not None]
+    usual = lazy.CUTTING_FRACTION if uncertain is None else [*of_draws, lazy.FRACTION_OF_A_FIT][0]
+    per_mass = abrasive.per_mass(options, usual)
     for chosen in models.values():
         weighing(chosen, abrasive, options)  # refuses the density of another metal than a correlation's
     with progress_bar("advise") as progress, user_errors():
@@ -112,20 +211,3 @@ def advise(
     printed.document(advice.to_dict(), models, lazy.UNITS)
     printed.table("", advice.rows(), advice.headings, (), advice.reasons, [advice.title, *advice.answers])
     printed.wrote(figure=plot, page=output)
-
-
-def _usual_fraction(uncertain: "lazy.Uncertain | None", draws: "Sequence[lazy.Draws]") -> float:
-    """The share of the particles that cut, where nothing gives it: that of the fit, or Finnie's."""
-    if uncertain is None:
-        return lazy.CUTTING_FRACTION
-    return next((part.cutting_fraction for part in draws if part.cutting_fraction is not None), lazy.FRACTION_OF_A_FIT)
-
-
-def _require(output: Path | None, plot: Path | None, inputs: Sequence[Any], lang: str) -> None:
-    """Know before computing that the page and the figure can be written, in the language."""
-    with user_errors():
-        lazy.language(lang)
-    require_outputs(output, plot=plot, inputs=inputs)
-    if output is not None:
-        with user_errors():
-            lazy.require_page_path(output)

@@ -1,26 +1,232 @@
 """`erosion calibrate`: a model against measured erosion."""
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.cli.fitting import (
-    DataFile,
-    FitOptions,
-    WriteCaseOption,
-    dimension_of,
-    given_fit,
-    print_document,
-    ranks_several,
-    write_case,
+from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption, chosen_models, refuse_same
+from erosion.cli.options import (
+    FIT,
+    OUTPUT,
+    AllAngles,
+    CaseArgument,
+    CaseOptions,
+    JsonOption,
+    SetOption,
+    Settings,
+    WholeOption,
+    load_set,
+    model_and_settings,
+    with_file,
 )
-from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption
-from erosion.cli.options import FIT, OUTPUT, AllAngles, CaseArgument, JsonOption, SetOption, with_file
-from erosion.cli.output import Output, draw, progress_bar, require_outputs
+from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
+
+_DATA = (
+    'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or "angle [deg], speed [m/s], '
+    'mass_loss [mg/kg]" with --target or --density.'
+)
+DataFile = Annotated[Path, Parameter(help=_DATA)]
+_FREE = 'Of case or model, "k,energy_ratio"; k and ψ without it.'
+
+
+@Parameter(name="*", group=FIT)
+@dataclasses.dataclass(frozen=True)
+class FitOptions(PerMassOptions):
+    """What is fitted."""
+
+    free: Annotated[list[str], LISTED, Parameter(help=_FREE, show_default=False)] = dataclasses.field(
+        default_factory=lambda: ["k", "psi"]
+    )
+    error: Annotated[str | None, Parameter(help='If no column has it: "0.3 mg/kg + 8 %", or one part.')] = None
+    starts: Annotated[WholeOption, Parameter(help="Points to begin from; 32 without it.")] = None
+
+    def names(self, measured: "lazy.Measurements") -> Sequence[str]:
+        """All that is fitted: the free parameters, and a scale where the data has one of its own."""
+        return (*self.free, lazy.SCALE) if measured.free_scale else self.free
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+    """Data, case and models of a fit; `given_fit` makes it of the options.
+
+    Args:
+        data: the file of measurements.
+        ignore: its columns that are left out.
+        options: the case.
+        p: the same as numbers.
+        fit: what is free, with the density and the cutting fraction of the case where the options give none.
+        names: the models.
+        own: what is set of the only model.
+    """
+
+    data: Path
+    ignore: Sequence[str]
+    options: CaseOptions
+    p: "lazy.Parameters"
+    fit: FitOptions
+    names: list[str]
+    own: Settings
+
+    @property
+    def inputs(self) -> tuple[Any, ...]:
+        """What is read."""
+        return self.data, self.options.case, *self.names
+
+    def models(self) -> "list[lazy.CuttingModel]":
+        """The models, all of them different and of the target's metal."""
+        if len(self.names) == 1:
+            models = [load_set(self.names[0], self.own, self.options, self.p.units)]
+        else:
+            models = list(map(self.options.load_as_set, self.names))
+        refuse_same(dict(zip(self.names, models, strict=True)))
+        for model in models:
+            weighing(model, self.fit, self.options)  # refuses the density of another metal than a correlation's
+        return models
+
+    def measured(self, output: Output) -> "lazy.Measurements":
+        """The measurements; columns that are not used are a warning."""
+        measured = lazy.read_measurements(self.data, self.p.units, ignore=self.ignore, error=self.fit.error)
+        if measured.unused:
+            output.warn(f"{self.data}: {lazy.unused_note(measured.unused)}.")
+        output.warn(*measured.notes)
+        return measured
+
+    @property
+    def per_mass(self) -> dict[str, Any]:
+        """The arguments of a fit and of a posterior on erosion per mass."""
+        return {"density": self.fit.density, "cutting_fraction": self.fit.cutting_fraction}
+
+    def ranking(
+        self,
+        measured: "lazy.Measurements",
+        models: "Sequence[lazy.CuttingModel]",
+        progress: "lazy.Progress",
+        **options: Any,
+    ) -> "lazy.Ranking":
+        """The fits of the models; `options` are those of `rank_models`."""
+        starts = 32 if self.fit.starts is None else self.fit.starts
+        return lazy.rank_models(
+            self.p, measured, self.fit.free, models=models, progress=progress, starts=starts, **self.per_mass, **options
+        )
+
+    def next_steps(self, ranking: "lazy.Ranking", case_file: Path | None, draws: Path | None = None) -> list[str]:
+        """The commands for the best angle, the advice and CFD codes, by the files that are written."""
+        uncertain = [] if draws is None else ["--uncertain", str(draws)]
+        wear = [] if draws is None else [f"wear at other angles and speeds: {lazy.command('predict', str(draws))}"]
+        if case_file is not None:
+            path = str(case_file)
+            return [
+                *wear,
+                f"the best angle of this fit: {lazy.command('optimum', path)}",
+                f"a nozzle's angle by this fit: {lazy.command('advise', path, *uncertain)}",
+                f"for CFD codes: {lazy.command('export', path, '--fluent', 'angles.csv')}",
+            ]
+        if draws is not None:
+            words = self.options.words(ranking.best.names)
+            return [*wear, f"a nozzle's angle by this fit: {lazy.command('advise', *words, *uncertain)}"]
+        return ["a nozzle's angle: --write-case fitted.toml, then erosion advise fitted.toml"]
+
+
+def given_fit(
+    data: Path,
+    case: CaseOptions,
+    fit: FitOptions | None,
+    model: list[str] | None,
+    own: list[str] | None,
+    ignore: list[str] | None,
+) -> Fit:
+    """The fit that options ask for.
+
+    Args:
+        data: the file of measurements.
+        case: without a file and --units, Table 1 in the unit system of the data.
+        fit: what is free.
+        model: the option --model.
+        own: the options --set.
+        ignore: the options --ignore.
+    """
+    if case.case is None and case.units is None:
+        if data.is_fifo():
+            raise InputError(f"{data} is no file: beside it give `--units si`, `--units inch-pound` or a case file.")
+        case = dataclasses.replace(case, units=lazy.unit_system(data, ignore or ()))
+    case.refuse_angle("the angles are those of the data")
+    fit = fit or FitOptions()
+    p = case.parameters(free=fit.free)
+    per_mass = fit.per_mass(case)
+    density = None if per_mass.density is None else f"{per_mass.density!r} kg/m^3"
+    fit = dataclasses.replace(fit, density=density, cutting_fraction=per_mass.cutting_fraction)
+    usual, of_model = model_and_settings(None if model is None else model[0], own, case)
+    names = [usual] if model is None else chosen_models(model)
+    if len(set(names)) != len(names):
+        raise InputError(f"Option `--model` must name one or several different models, but is {','.join(names)!r}.")
+    if own and len(names) > 1:
+        raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
+    return Fit(data, ignore or (), case, p, fit, names, of_model)
+
+
+def dimension_of(name: str, models: Sequence[Any], units: "lazy.System") -> "lazy.Dimension":
+    """What a parameter is measured in: of an impact, of one of the models (names or models), or a factor."""
+    with user_errors():
+        known = [lazy.QUANTITIES, *(lazy.quantities(lazy.load_model(model)) for model in models)]
+    return next((quantities[name].dimension for quantities in known if name in quantities), "1")
+
+
+WriteCaseOption = Annotated[
+    Path | None,
+    Parameter(name="--write-case", group=OUTPUT, help="Write the best fit as a case file, for all verbs."),
+]
+
+
+def write_case(path: Path, ranking: "lazy.Ranking", options: CaseOptions) -> None:
+    """Write the best fit as a case file."""
+    with user_errors(lazy.CalibrationError):
+        text = lazy.to_case(ranking.best, str(path), **options.names(), warnings=ranking.warnings_of_best)
+        lazy.write_whole(path, text.encode())
+
+
+def ranks_several(ranking: "lazy.Ranking") -> bool:
+    """Whether there are several models, some of which may have failed."""
+    return len(ranking.fits) + len(ranking.failures) > 1
+
+
+def print_document(
+    output: Output, ranking: "lazy.Ranking", level: float, more: Mapping[str, Any], units: Mapping[str, str]
+) -> None:
+    """The best fit and the ranking of several models as JSON.
+
+    Args:
+        output: of the verb.
+        ranking: the fits.
+        level: of the confidence intervals.
+        more: what the verb has found beside.
+        units: of numbers in `more`.
+    """
+    fits = dict(zip(ranking.names, ranking.fits, strict=True))
+    of_fits = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
+               for name, quantity in lazy.quantities(fit.model).items()}  # fmt: skip
+    of_fits |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.erosion_unit)
+    content = _fit_as_json(ranking.best, level)
+    if ranks_several(ranking):
+        content["ranking"] = [
+            {"model": name, **_fit_as_json(fit, level), **ranking.standing(at)}
+            for at, (name, fit) in enumerate(fits.items())
+        ]
+    output.document({**content, **more}, {name: fit.model for name, fit in fits.items()}, {**of_fits, **units})
+
+
+def _fit_as_json(fit: "lazy.Calibration", level: float) -> dict[str, Any]:
+    return {name: value for name, value in as_json(fit.to_dict(level)).items() if name != "model"}
+
+
+def as_json(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Without what the document says elsewhere."""
+    return {name: value for name, value in numbers.items() if name not in ("own_parameters", "parameters", "warnings")}
+
 
 _BOUNDS = 'Least and greatest: "psi=0.01:0.3,threshold=0:40 m/s".'
 

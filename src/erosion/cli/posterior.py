@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from erosion.cli import lazy
-from erosion.cli.errors import InputError, reading, user_errors
-from erosion.cli.fitting import (
+from erosion.cli.calibrate import (
     DataFile,
     Fit,
     FitOptions,
@@ -21,6 +20,7 @@ from erosion.cli.fitting import (
     print_document,
     write_case,
 )
+from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption
 from erosion.cli.options import (
     DRAWS,
