@@ -1,7 +1,6 @@
 """`erosion export`: a model and a case in the forms that CFD codes take."""
 
-import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -27,15 +26,7 @@ if TYPE_CHECKING:
 
 
 _OWN_NAMES = {"alpha": "angles", "v0": "speeds", "d": "diameters"}
-
-
-class _Outputs(NamedTuple):
-    """The files that are asked for."""
-
-    openfoam: Path | None
-    fluent: Path | None
-    table: Path | None
-    restitution: Path | None
+_OPTIONS = {name: f"Option `--{option}`" for name, option in _OWN_NAMES.items()}
 
 
 class _Part(NamedTuple):
@@ -81,19 +72,24 @@ def export(
     """
     options = with_file(case, file)
     options.refuse_angle("the forms hold all angles; --angles are those of the tables")
-    outputs = _Outputs(openfoam, fluent, table, restitution)
-    if not any(outputs):
+    given = {"openfoam": openfoam, "fluent": fluent, "table": table, "restitution": restitution}
+    outputs = {form: path for form, path in given.items() if path is not None}
+    if not outputs:
         raise InputError("Give one or more of `--openfoam`, `--fluent`, `--table` and `--restitution`.")
     with progress_bar("computing"):
         p = options.parameters()
         name, chosen = named_model(model, own, options, p.units)
         of_target = weighing(chosen, None, options).density
-        axes = _axes({"alpha": angles, "v0": speeds, "d": diameters}, p)
+        axes: dict[str, Any] = {"alpha": angles, "v0": speeds, "d": diameters}
+        for axis, text in axes.items():
+            with reading(_OPTIONS[axis]):
+                dimension = {**QUANTITIES, **RESULTS}[axis].dimension
+                axes[axis] = None if text is None else lazy.read_axis(text, dimension, p.units)
         share = PerMassOptions(cutting_fraction=cutting_fraction).per_mass(options).cutting_fraction
         density = density_option("particle-density", particle_density)
         particles = {"particle_density": density, "cutting_fraction": share}
-        require_outputs(*outputs, inputs=(options.case, name))
-        with user_errors(), _named():
+        require_outputs(*outputs.values(), inputs=(options.case, name))
+        with user_errors(fields=_OPTIONS):
             parts = _parts(chosen, p, outputs, axes, particles, of_target)
         # What cannot be represented is refused before anything is written.
         with user_errors():
@@ -111,38 +107,38 @@ def export(
 def _parts(
     model: "lazy.CuttingModel",
     p: "lazy.Parameters",
-    outputs: _Outputs,
+    outputs: Mapping[str, Path],
     axes: dict[str, Any],
     particles: dict[str, Any],
     density: float | None,
 ) -> dict[str, _Part]:
     """What is asked for, computed, for a target of this density [kg/m³]."""
     reach, parts = {name: axes[name] for name in ("v0", "d")}, {}
-    if outputs.openfoam is not None:
+    if "openfoam" in outputs:
         # In an OpenFOAM case the entry names its walls.
-        of_mesh = lazy.case_of(outputs.openfoam.parent)
+        of_mesh = lazy.case_of(outputs["openfoam"].parent)
         walls = () if of_mesh is None else lazy.open_case(of_mesh).walls
         form = lazy.to_openfoam(model, p, **reach, **particles, patches=walls)
         numbers = {name: getattr(form, name) for name in ("p", "psi", "K", "misfit", "rms")}
         line = f"OpenFOAM: p = {form.p:.6g} Pa, psi = {form.psi:.6g}, K = {form.K:.6g}; off by {form.misfit:.2%}"
         numbers["misfit_over_speeds"] = form.losses.worst
-        parts["openfoam"] = _Part(outputs.openfoam, form.text(), line, numbers, form.warnings)
-    if outputs.fluent is not None:
+        parts["openfoam"] = _Part(outputs["openfoam"], form.text(), line, numbers, form.warnings)
+    if "fluent" in outputs:
         shape = lazy.to_fluent(model, p, **reach, **particles, density=density)
         numbers = {"exponent": shape.exponent, "factor": shape.factor, "misfit": shape.misfit}
         numbers["misfit_over_speeds"] = shape.losses.worst
         line = f"Fluent: {len(shape.angle)} angles, b = {shape.exponent:.6g}, C = {shape.constant(shape.factor)}"
-        parts["fluent"] = _Part(outputs.fluent, shape.text(), line, numbers, shape.warnings)
-    if outputs.table is not None:
+        parts["fluent"] = _Part(outputs["fluent"], shape.text(), line, numbers, shape.warnings)
+    if "table" in outputs:
         volumes = lazy.volume_table(model, p, **axes, **particles)
-        parts["table"] = _table(outputs.table, volumes, "V")
-    if outputs.restitution is not None:
+        parts["table"] = _table(outputs["table"], volumes, "V")
+    if "restitution" in outputs:
         rebounds = lazy.restitution(model, p, alpha=axes["alpha"], v0=axes["v0"])
         lost = int(rebounds.e_n.isnull().sum())
         if lost == rebounds.e_n.size:
             raise RuntimeError(f"of {lost:,} impacts none has a rebound: nothing is cut, or they fail.")
         warning = f"{lost:,} of {rebounds.e_n.size:,} impacts have no rebound (nan): nothing is cut, or they fail."
-        parts["restitution"] = _table(outputs.restitution, rebounds, "e_n, e_t and spin", [warning] * bool(lost))
+        parts["restitution"] = _table(outputs["restitution"], rebounds, "e_n, e_t and spin", [warning] * bool(lost))
     return parts
 
 
@@ -150,26 +146,3 @@ def _table(path: Path, dataset: "xr.Dataset", content: str, warnings: Sequence[s
     sizes = {_OWN_NAMES[str(name)]: size for name, size in dataset.sizes.items()}
     line = f"{content} over {' x '.join(f'{size} {name}' for name, size in sizes.items())}"
     return _Part(path, lazy.to_csv(dataset), line, sizes, warnings)
-
-
-def _axes(texts: dict[str, str | None], p: "lazy.Parameters") -> dict[str, Any]:
-    """The values of --angles, --speeds and --diameters, None where they are not given."""
-    axes: dict[str, Any] = dict.fromkeys(texts)
-    for name, text in texts.items():
-        if text is None:
-            continue
-        with reading(f"Option `--{_OWN_NAMES[name]}`"):
-            axes[name] = lazy.read_axis(text, {**QUANTITIES, **RESULTS}[name].dimension, p.units)
-    return axes
-
-
-@contextlib.contextmanager
-def _named() -> Iterator[None]:
-    """Python's names of axes are other options here."""
-    try:
-        yield
-    except ValueError as error:
-        text = str(error)
-        for name, option in _OWN_NAMES.items():
-            text = text.replace(f"Argument `{name}`", f"Argument `{option}`")
-        raise ValueError(text) from error
