@@ -17,8 +17,7 @@ from erosion.output.language import language
 from erosion.parameters.quantities import QUANTITIES, quantity_row
 from erosion.plotting.labels import DIM, FAINT, INK, STYLES
 from erosion.plotting.style import angle_axis, house_style, new_axes, render
-from erosion.report.frame import render_page
-from erosion.report.text import inline_svg
+from erosion.report.text import inline_svg, render_page
 from erosion.version import __version__
 
 _DASHES: Sequence[Any] = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6, 2, 1, 2, 1, 2)))
@@ -202,12 +201,22 @@ _FIRST, _STEP = 8, 10  # NOZZLE_ANGLES are 1°, 1.5° …: 5°, 10° … are eve
 
 def notes_of(advice: Advice) -> list[tuple[str, str]]:
     """What the advice rests on, names with their texts."""
-    say, text = advice.language.say, advice.language.text
-    notes = [(text("The case"), _case(advice)), (text("The jet"), _jet(advice))]
+    say, text, p = advice.language.say, advice.language.text, advice.p.to("si")
+    case, spread = [], degrees(advice.spread)
+    for name in ("k", "psi", "r", "b", "m", "v0", "sigma", "inertia", "phidot0"):
+        row = quantity_row(name, QUANTITIES[name], getattr(p, name), "si")
+        number = f"{row.symbol} = {float(row.value):.4g} {row.unit}".rstrip()
+        case.append(f"{text(row.meaning)} {advice.language.number(number)}")
+    jet = say("angles deviate by {spread} (standard deviation), all speeds are equal", spread=spread)
+    if advice.speed_spread:
+        share = f"{100 * advice.speed_spread:.0f}"
+        jet = say("angles deviate by {spread} (standard deviation), speeds by {share}%", spread=spread, share=share)
+    # A comma between numbers that have decimal commas would be read with them.
+    comma = "; " if advice.language.comma else ", "
+    notes = [(text("The case"), comma.join(case)), (text("The jet"), jet)]
     if advice.uncertain is not None:
-        spreads = (", " if not advice.language.comma else "; ").join(advice.uncertain.values)
         name = say("{source}, each median with 95% of the values", source=str(advice.uncertain))
-        notes.append((name, advice.language.number(spreads)))
+        notes.append((name, advice.language.number(comma.join(advice.uncertain.values))))
     if advice.particle is not None:
         grit = advice.particle
         sieves = f" ({grit.sieves})" * bool(grit.sieves)
@@ -225,27 +234,3 @@ def notes_of(advice: Advice) -> list[tuple[str, str]]:
         fraction = f"{advice.per_mass.cutting_fraction:.3g}"
         notes.append((text("Cutting particles"), say("{fraction} of all (Finnie: about one half)", fraction=fraction)))
     return notes
-
-
-def _case(advice: Advice) -> str:
-    p = advice.p.to("si")
-    shown = ("k", "psi", "r", "b", "m", "v0", "sigma", "inertia", "phidot0")
-    rows = [quantity_row(name, QUANTITIES[name], getattr(p, name), "si") for name in shown]
-    numbers = [f"{row.symbol} = {float(row.value):.4g} {row.unit}".rstrip() for row in rows]
-    named = [
-        f"{advice.language.text(row.meaning)} {advice.language.number(number)}"
-        for row, number in zip(rows, numbers, strict=True)
-    ]
-    # A comma between numbers that have decimal commas would be read with them.
-    return ("; " if advice.language.comma else ", ").join(named)
-
-
-def _jet(advice: Advice) -> str:
-    say, spread = advice.language.say, degrees(advice.spread)
-    if not advice.speed_spread:
-        return say("angles deviate by {spread} (standard deviation), all speeds are equal", spread=spread)
-    return say(
-        "angles deviate by {spread} (standard deviation), speeds by {share}%",
-        spread=spread,
-        share=f"{100 * advice.speed_spread:.0f}",
-    )

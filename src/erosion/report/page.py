@@ -31,9 +31,8 @@ from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import Scale, System, readable_scale, shown, table_scale, unit_name
 from erosion.plotting.style import house_style, save_figure
 from erosion.report.case import Answer, ReportCase, question
-from erosion.report.frame import render_page
 from erosion.report.questions import QUESTIONS, text_file
-from erosion.report.text import blocks, degrees, inline, inline_svg, number, quantity, to_html
+from erosion.report.text import blocks, degrees, inline, inline_svg, number, quantity, render_page, to_html
 from erosion.version import __version__
 
 _FOLDER = Path(__file__).parent
@@ -216,23 +215,13 @@ def write_report(
         OSError: one sentence, where a file cannot be written.
     """
     keys = chosen_questions(only)
-    look = Look(_BRIEF if brief else _WHOLE, language(lang))
+    translation = language(lang)
     validate(p)
     require_scalars(p)
     require_xla()
     out = Path(out)
     with _naming(out), _folders(out):
-        return _write(ReportCase(p, case_name, per_mass or PerMass()), keys, out, look, progress)
-
-
-_WHOLE, _BRIEF = "page.html", "handout.html"
-
-
-class Look(NamedTuple):
-    """How a page looks: the file of its frame, and its language."""
-
-    template: str
-    language: Language
+        return _write(ReportCase(p, case_name, per_mass), keys, out, translation, progress, brief=brief)
 
 
 PARTS = ("index.html", "numbers.json", "numbers.csv", "figures")
@@ -275,7 +264,9 @@ def _naming(out: Path) -> Iterator[None]:
         raise type(error)(f"{out}: the report cannot be written there ({reason}).") from error
 
 
-def _write(case: ReportCase, keys: Sequence[str], out: Path, look: Look, progress: Progress) -> Path:
+def _write(
+    case: ReportCase, keys: Sequence[str], out: Path, language: Language, progress: Progress, *, brief: bool
+) -> Path:
     numbers: Record = {}
     texts: dict[str, Text] = {}
     drawings: dict[str, Markup] = {}
@@ -288,11 +279,11 @@ def _write(case: ReportCase, keys: Sequence[str], out: Path, look: Look, progres
             progress(question(key), done, len(keys))
             answer = QUESTIONS[key].answer(case)
             numbers[key] = answer.numbers
-            texts[key] = write_text(text_file(key), case, answer, look.language)
+            texts[key] = write_text(text_file(key), case, answer, language)
             for name, _, description in texts[key].illustrations:
                 figure = answer.figures[name]
-                translate_figure(figure, look.language)
-                if look.template == _BRIEF:
+                translate_figure(figure, language)
+                if brief:
                     fit_on_sheet(figure)
                 if is_wide(figure):
                     wide.add(name)
@@ -307,13 +298,14 @@ def _write(case: ReportCase, keys: Sequence[str], out: Path, look: Look, progres
         "answers": numbers,
     }
     write_whole(out / "numbers.json", (to_json(record) + "\n").encode())
-    write_whole(out / "numbers.csv", _csv(record).encode())
+    names, values = zip(*_lines("", record), strict=True)
+    write_whole(out / "numbers.csv", to_csv({"name": names, "value": values}).encode())
     page = render_page(
-        look.template,
-        look.language,
+        "handout.html" if brief else "page.html",
+        language,
         case_name=case.name,
         system=_SYSTEMS[case.units],
-        parameters=_parameter_rows(case.p, look.language),
+        parameters=_parameter_rows(case.p, language),
         texts=texts,
         question=question,
         drawings=drawings,
@@ -348,13 +340,8 @@ def _parameter_rows(p: Parameters, language: Language) -> list[tuple[str, str, s
     return rows
 
 
-def _csv(record: Mapping[str, Any]) -> str:
-    """A line for each number, with the path to it: "answers.q5.alpha_max.0", 0.5535…."""
-    names, values = zip(*_lines("", record), strict=True)
-    return to_csv({"name": names, "value": values})
-
-
 def _lines(path: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Each number with the path to it: "answers.q5.alpha_max.0", 0.5535…."""
     if isinstance(value, Mapping):
         for name, item in value.items():
             yield from _lines(f"{path}.{name}".lstrip("."), item)

@@ -1,14 +1,18 @@
-"""Numbers, formulas, figures and Markdown as parts of an HTML page."""
+"""Numbers, formulas, figures and Markdown as parts of an HTML page, and the frame that all pages share."""
 
 import math as maths
 import re
 from collections.abc import Mapping
+from typing import Any
 
+import jinja2
 from latex2mathml.converter import convert
 from markupsafe import Markup, escape
 
+from erosion.output.language import Language
 from erosion.parameters.quantities import Dimension, Scale, System, readable_scale, superscript, unit_name
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
+from erosion.version import __version__
 
 THEMES: Mapping[str, Mapping[str, str]] = {
     "light": {**PALETTE, "ink": INK, "faint": FAINT, "dim": DIM, "paper": "#ffffff", "page": "#f4f5f7",
@@ -195,3 +199,25 @@ def _table(caption: str, head: str, rule: str, *rows: str) -> Markup:
         '<div class="table" tabindex="0"><table><caption>{}</caption><thead>{}</thead><tbody>{}</tbody></table></div>'
     ).format(inline(caption.removeprefix("Table:").strip()), headings, Markup("").join(body))
     return table if "-:" in rule else Markup('<div class="wordy">{}</div>').format(table)
+
+
+def render_page(template: str, language: Language, *, package: str = "erosion.report", **fields: Any) -> str:
+    """The text of a page.
+
+    Args:
+        template: a file of the package, which extends "frame.html".
+        language: of the page; templates translate by `_`.
+        package: that has the file.
+        fields: of the template.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(name, ".") for name in (package, "erosion.report")]),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template(template).render(
+        _=language.text, lang=language.tag, themes=THEMES, version=__version__, **fields
+    )
