@@ -9,8 +9,8 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import erosion
+from erosion.advice.abrasives import Job
 from erosion.advice.advise import MODELS
-from erosion.advice.job import Job
 from erosion.advice.page import notes_of, plot_advice, sheet, write_advice
 from erosion.advice.result import NOZZLE_ANGLES
 from erosion.correlations import OutOfRangeWarning

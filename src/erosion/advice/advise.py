@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from erosion.advice.job import Job
+from erosion.advice.abrasives import Job
 from erosion.advice.result import DRAWS, NOZZLE_ANGLES, Advice, Curve, Uncertain
 from erosion.arguments import Progress, no_progress
 from erosion.correlations import CORRELATIONS

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from erosion.advice.abrasives import comparison, hardness_sentence
-from erosion.advice.job import Job
+from erosion.advice.abrasives import Job, between, comparison, hardness_sentence
 from erosion.fits.forward import FACTORS, FRACTION
 from erosion.joint_laws import SHARE, LawSet, Member, Rows, require_units
 from erosion.models.base import CuttingModel
@@ -300,19 +299,14 @@ class Advice(Result):
             if len(models) == 1
             else text("the models without the spread of the jet")
         )
-        rows.append((alone, self._between([degrees(alpha) for alpha in sorted(singles)]), "", ""))
+        rows.append((alone, between(map(degrees, sorted(singles)), self.language), "", ""))
         return rows
 
     def _row(self, what: str, curves: Sequence[Curve]) -> tuple[str, ...]:
-        best = self._between([degrees(alpha) for alpha in sorted(curve.best for curve in curves)])
+        best = between(map(degrees, sorted(curve.best for curve in curves)), self.language)
         share = _percent(min(curve.share(self.alpha) for curve in curves))
         least = self.language.say("{share}%" if len(curves) == 1 else "at least {share}%", share=share)
         return what, best, least, self.span([curve for curve in curves if curve.fits])
-
-    def _between(self, texts: Sequence[str]) -> str:
-        """From the first to the last of some texts in order; one text where they are the same."""
-        low, high = texts[0], texts[-1]
-        return self.language.number(low) if low == high else self.language.say("{low} to {high}", low=low, high=high)
 
     def _far(self, curves: Sequence[Curve]) -> FarFromTests | None:
         """The greatest erosion of curves at the advised angle, where it is far from what tests find."""
@@ -331,7 +325,7 @@ class Advice(Result):
         if self._is_beyond(curves):
             return self.language.text("beyond tests")
         amounts = sorted(curve.at(self.alpha) / self.scale.size for curve in curves)
-        return self._between([two_digits(amount) for amount in amounts])
+        return between(map(two_digits, amounts), self.language)
 
     @property
     def trusted(self) -> Sequence[Curve]:

@@ -71,10 +71,6 @@ def _sphere_depth(v0: float) -> Number:
     return path(load_model("linearized"), sphere(v0, 45.0)).max_depth * 1e6
 
 
-def _depth_exponent() -> Number:
-    return math.log(_sphere_depth(18.0) / _sphere_depth(10.0)) / math.log(1.8)
-
-
 def _share_at_90(model: str) -> Number:
     steep = impact(model, TABLE_1.replace(alpha=np.pi / 2)).volume
     return steep / alpha_max(model, TABLE_1).volume
@@ -108,7 +104,7 @@ FACTS: tuple[Fact, ...] = (
     ),
     Fact("Crater, speed exponent", 1.137, "1", "measured", _CAO, "model linearized",
          "Between the slowest and the fastest of the five; depth is proportional to the speed in every model of a "
-         "constant stress.", _depth_exponent),
+         "constant stress.", lambda: math.log(_sphere_depth(18.0) / _sphere_depth(10.0)) / math.log(1.8)),
     *(
         Fact(f"Share at 90°, {words}", share, "1", "correlation", source, f"model {model}",
              "A cut at 90° removes nothing." if model == "rotating" else _DEFORMATION,
@@ -140,6 +136,11 @@ class Comparison:
 
     fact: Fact
     computed: float
+
+    @property
+    def source(self) -> str:
+        """Kind and source of the published number."""
+        return f"{self.fact.kind}: {self.fact.source}"
 
     @property
     def ratio(self) -> float:
@@ -179,7 +180,7 @@ class Validation(Result):
     @property
     def sources(self) -> tuple[str, ...]:
         """Kind and source of the numbers, each once, in the order in which the table numbers them."""
-        return tuple(dict.fromkeys(_source(comparison.fact) for comparison in self.comparisons))
+        return tuple(dict.fromkeys(comparison.source for comparison in self.comparisons))
 
     def rows(self) -> list[tuple[str, ...]]:
         """A line for each fact."""
@@ -190,7 +191,7 @@ class Validation(Result):
                 f"{comparison.computed:.4g}",
                 _UNITS.get(comparison.fact.unit, comparison.fact.unit),
                 comparison.off,
-                f"[{self.sources.index(_source(comparison.fact)) + 1}]",
+                f"[{self.sources.index(comparison.source) + 1}]",
             )
             for comparison in self.comparisons
         ]
@@ -209,28 +210,27 @@ class Validation(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Every fact, with published and computed numbers and their unit."""
-        return to_plain({"facts": [_described(comparison) for comparison in self.comparisons]})
+        return to_plain(
+            {
+                "facts": [
+                    {
+                        "name": fact.name,
+                        "published": {"value": fact.published, "unit": fact.unit},
+                        "computed": {"value": comparison.computed, "unit": fact.unit},
+                        "by": fact.by,
+                        "kind": fact.kind,
+                        "meaning": KINDS[fact.kind],
+                        "source": fact.source,
+                        "note": fact.note,
+                    }
+                    for comparison in self.comparisons
+                    for fact in [comparison.fact]
+                ]
+            }
+        )
 
     def __repr__(self) -> str:
         return f"Validation({self.title!r})"
-
-
-def _described(comparison: Comparison) -> dict[str, Any]:
-    fact = comparison.fact
-    return {
-        "name": fact.name,
-        "published": {"value": fact.published, "unit": fact.unit},
-        "computed": {"value": comparison.computed, "unit": fact.unit},
-        "by": fact.by,
-        "kind": fact.kind,
-        "meaning": KINDS[fact.kind],
-        "source": fact.source,
-        "note": fact.note,
-    }
-
-
-def _source(fact: Fact) -> str:
-    return f"{fact.kind}: {fact.source}"
 
 
 def against_published() -> Validation:

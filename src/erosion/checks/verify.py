@@ -435,12 +435,23 @@ def verify(
         checks += [Check(name, "engines", float("inf"), info.error) for name, info in available.items() if info.error]
     elif isinstance(models, (CuttingModel, str, Path)):
         models = [models]
-    subjects = [_subject(model) for model in models]
+    loaded = [load_model(model) for model in models]
+    names = [model_name(model) if isinstance(model, CuttingModel) else str(model) for model in models]
+    subjects = [
+        Subject(name, model, registered=name in EQUATIONS_OF) for name, model in zip(names, loaded, strict=True)
+    ]
     done = 0
 
     def examined(subject: Subject) -> list[Check]:
         nonlocal done
-        checks = _examine(subject)
+        checks, name = list[Check](), "closed form"
+        try:
+            for name, errors in subject.checks().items():
+                checks.append(Check(subject.name, name, *subject.worst(errors())))
+        # A plug-in's own code may raise anything. A model that fails in one check would fail in the others too.
+        except Exception as error:  # noqa: BLE001
+            said = " ".join(str(error).split()) or type(error).__name__
+            checks.append(Check(subject.name, name, float("inf"), said))
         done += 1
         progress(subject.name, done, len(subjects))
         return checks
@@ -451,21 +462,3 @@ def verify(
         for of_model in pool.map(examined, subjects):
             checks += of_model
     return Verification(tuple(checks), () if has_heyoka() else ("heyoka",))
-
-
-def _subject(model: CuttingModel | str | Path) -> Subject:
-    loaded = load_model(model)
-    name = model_name(loaded) if isinstance(model, CuttingModel) else str(model)
-    return Subject(name, loaded, registered=name in EQUATIONS_OF)
-
-
-def _examine(subject: Subject) -> list[Check]:
-    checks: list[Check] = []
-    name = "closed form"
-    try:
-        for name, errors in subject.checks().items():
-            checks.append(Check(subject.name, name, *subject.worst(errors())))
-    # A plug-in's own code may raise anything. A model that fails in one check would fail in the others too.
-    except Exception as error:  # noqa: BLE001
-        checks.append(Check(subject.name, name, float("inf"), " ".join(str(error).split()) or type(error).__name__))
-    return checks

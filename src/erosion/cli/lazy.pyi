@@ -6,7 +6,7 @@ from erosion.advice.advise import FRACTION_OF_A_FIT as FRACTION_OF_A_FIT
 from erosion.advice.advise import MODELS as MODELS
 from erosion.advice.advise import advise_case as advise_case
 from erosion.advice.advise import compared_with as compared_with
-from erosion.advice.job import Job as Job
+from erosion.advice.abrasives import Job as Job
 from erosion.advice.page import plot_advice as plot_advice
 from erosion.advice.page import require_page_path as require_page_path
 from erosion.advice.page import write_advice as write_advice
