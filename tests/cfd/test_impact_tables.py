@@ -89,7 +89,9 @@ UNDERSTOOD = [
 def a_table(folder: Path, kind: str, columns: dict[str, Any], units: dict[str, str] | None = None) -> Path:
     path = folder / f"impacts.{kind}"
     fields = [pa.field(head, pa.float64(), metadata={"units": (units or {}).get(head, "")}) for head in columns]
-    table = pa.Table.from_arrays([pa.array([float(value)]) for value in columns.values()], schema=pa.schema(fields))
+    table = pa.Table.from_arrays(
+        [pa.array(np.atleast_1d(np.asarray(value, float))) for value in columns.values()], schema=pa.schema(fields)
+    )
     (pq.write_table if kind == "parquet" else pyarrow.csv.write_csv)(table, path)
     return path
 
@@ -385,8 +387,8 @@ def test_a_density_beside_that_of_the_table_is_refused(tmp_path, column):
 @pytest.mark.parametrize(
     ("column", "number", "sentence"),
     [
-        ("density [kg/m^3]", "1.2", "a density of 1.2 kg/m³, less than any grain"),
-        ("density [kg/m^3],mass [ng]", "2650,500", "in 1 rows the density is not that of mass and diameter"),
+        ("density [kg/m^3]", "1.2", "a density of 1.2 kg/m³, which a fluid has"),
+        ("density [kg/m^3],mass [ng]", "2650,600", "in 1 rows the density is not that of mass and diameter"),
         ("density [kg/m^3]", "4000", "a density of 4000 kg/m³, which counts, but the particle that is named has 2650"),
         ("mass [ng]", "13875", "a density of 2.65e+04 kg/m³, more than any solid; if a mass is that of all particles"),
         ("density [kg/m^3],mass [ng]", "2650,1387.537", None),
@@ -409,6 +411,48 @@ def test_numbers_of_rows_are_no_numbers_of_particles(tmp_path, first):
     with pytest.raises(ImpactsError, match=r"column 'count' counts the rows, .* Argument `ignore`"):
         list(read_impacts(path).blocks(10))
     assert sum(block.rows for block in read_impacts(path, ignore=("count",)).blocks(10)) == 20
+
+
+def doubtful(**changed: Any) -> dict[str, np.ndarray]:
+    """A table of 200 rows in which nothing is doubtful, but for what is changed."""
+    rng = np.random.default_rng(0)
+    own = {"count": rng.uniform(1, 100, 200), "diameter [um]": rng.uniform(100, 300, 200),
+           "density [kg/m^3]": np.full(200, 2650.0), "speed [m/s]": rng.uniform(20, 40, 200),
+           "angle [deg]": rng.uniform(5, 85, 200), **{f"{axis} [m]": rng.random(200) for axis in "xyz"}}  # fmt: skip
+    heads = {head.split(" ")[0]: head for head in own}
+    return own | {heads[name]: change(own[heads[name]]) for name, change in changed.items()}
+
+
+DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
+    "nothing": ({}, ""),
+    "whole numbers of particles": ({"count": np.round}, ""),
+    "numbers of rows": ({"count": lambda count: np.random.default_rng(1).permutation(len(count))}, "or of rows?"),
+    "mm as µm": ({"diameter": lambda size: size / 1e3}, "diameters of 1e-07 to 2.99e-07 m, as no sand has"),
+    "water": ({"density": lambda density: 0 * density + 998}, "998 kg/m³, which a fluid has, but hardly a grain"),
+    "two solids": ({"density": lambda density: np.where(np.arange(200) < 50, 4190, density)}, "2650 to 4190 kg/m³, so"),
+    "radians": ({"angle": np.radians}, "no angle is above 1.48°; are they in radians?"),
+    "repeated": (dict.fromkeys(["count", "diameter", "speed", "angle", "x", "y", "z"], lambda values: np.where(
+        np.arange(200) < 180, values, np.roll(values, 180))), "20 of 200 rows repeat another one, number for number"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+@pytest.mark.parametrize("name", DOUBTS)
+def test_numbers_that_leave_a_doubt_are_said(tmp_path, name, kind):
+    changed, sentence = DOUBTS[name]
+    impacts = read_impacts(a_table(tmp_path, kind, doubtful(**changed)))
+    for _ in range(2):
+        assert sum(block.rows for block in impacts.blocks(64)) == 200
+    (said,) = impacts.warnings or ("",)
+    assert sentence in said
+    assert bool(sentence) == bool(said)
+
+
+def test_a_table_that_may_be_cut_is_said(tmp_path):
+    text = GRAINS.format("count,density [kg/m^3]", "1,2650").rstrip("\n")
+    assert read_impacts(written(tmp_path / "a.csv", text + "\n")).warnings == ()
+    (said,) = read_impacts(written(tmp_path / "b.csv", text)).warnings
+    assert said == "b.csv does not end with the end of a line; is it there to its end?"
 
 
 PLAIN = "x,y,z,vel_x,vel_y,vel_z,diameter_um\n1.5,2,-3,30,0.5,-4,200\n2.5,2,-3,30,0.5,-4,100\n"

@@ -17,6 +17,7 @@ import numpy as np
 from erosion.cfd.rows import (
     POSITION,
     VELOCITY,
+    Columns,
     ImpactBlock,
     Impacts,
     ImpactsError,
@@ -51,12 +52,17 @@ from erosion.parameters.headings import (
     read_heads,
     unused_note,
 )
-from erosion.parameters.materials import HEAVIEST, LIGHTEST
+from erosion.parameters.materials import HEAVIEST
 from erosion.parameters.quantities import about, shown
 
 _BLOCK = 1 << 22  # bytes of text, or 32 of a row of numbers, that are read at once
 _NUMBERED = 10  # rows whose weights are 1, 2, 3, …, from which on these are the numbers of the rows
 _SAME = 1.1  # ratio of densities of one solid
+_LIQUID = 1010.0  # kg/m³; the lightest grain of the package's table, walnut shell, has 1200
+_FINEST, _COARSEST = 1e-6, 1e-2  # diameters of grains [m]
+_DISTINCT = 100  # rows of whole numbers of particles, of which hardly ever no two are the same
+_COMPARED = 1_000_000  # rows among which those that repeat others are looked for
+_REPEATED = 0.01  # share of rows above which they are said
 _PART = re.compile(r"\[\w+\]")
 """The line with which CFD-Post begins a part of a file."""
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -122,7 +128,7 @@ class NamedImpacts(Impacts):
 
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
         """See `Impacts`; after the last block `warnings` has what is doubtful in its numbers."""
-        first, low, high, contradictions = 0, math.inf, 0.0, 0
+        first, noted = 0, _Noted(self.columns)
         wanted = [column.name for column in self.columns.values()]
         for batch in (_parquet_batches if kind_of(self.path) == "parquet" else _csv_batches)(self.path, wanted):
             columns = dict[str, np.ndarray]()
@@ -133,21 +139,16 @@ class NamedImpacts(Impacts):
                 columns[name] = np.asarray(batch.column(head).to_numpy(zero_copy_only=False), float) * size
             if not first:
                 self._require_weights(columns)
+            noted.add_rows(columns)
             for block in blocks(self.title, first, columns, rows, self.density, self.duration):
-                with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                    density = block.mass / (math.pi / 6 * block.diameter**3)
-                    if "density" in columns:
-                        own = columns["density"][block.first - first :][: block.rows]
-                        contradictions += int((np.abs(np.log(density / own)) > math.log(_SAME)).sum())
-                known = density[np.isfinite(density) & (density > 0)]
-                low, high = float(known.min(initial=low)), float(known.max(initial=high))
+                noted.add_sizes(block, columns.get("density", np.zeros(0))[block.first - first :][: block.rows])
                 yield block
             first += batch.num_rows
-        said = _doubtful_densities(low, high, contradictions, self.expected) if low <= high else []
-        # Each once, as a table may be read again.
-        self.warnings = tuple(dict.fromkeys((*self.warnings, *(f"{self.path.name}: {doubt}" for doubt in said))))
         if not first:
             raise ImpactsError(f"{self.path}: has no rows.")
+        # Each once, as a table may be read again.
+        said = (f"{self.path.name}: {doubt}" for doubt in noted.doubts(self.expected))
+        self.warnings = tuple(dict.fromkeys((*self.warnings, *said)))
 
     def _require_weights(self, columns: Mapping[str, np.ndarray]) -> None:
         """Refuse numbers of rows as numbers of particles."""
@@ -183,6 +184,8 @@ def open_named(
     if rows == 0:
         raise ImpactsError(f"{path}: has no rows.")
     duration, warnings = weigh(str(path), columns, duration)
+    if not _ends_with_a_line(path):
+        warnings += (f"{path.name} does not end with the end of a line; is it there to its end?",)
     return NamedImpacts(
         title=str(path),
         path=path,
@@ -196,6 +199,15 @@ def open_named(
     )
 
 
+def _ends_with_a_line(path: Path) -> bool:
+    """Whether its last line is complete; True of what is compressed or no text."""
+    if path.suffix == ".gz" or kind_of(path) != "csv":
+        return True
+    with path.open("rb") as file:
+        file.seek(-1, io.SEEK_END)
+        return file.read(1) in (b"\n", b"\r")
+
+
 def gives_density(path: Path, ignore: Sequence[str], meant: Mapping[str, str] | None = None) -> bool:
     """Whether this is a table with named columns that has the density of its particles; errors as of `open_named`."""
     return is_named(path) and _gives_density(_head(path, ignore, meant)[0])
@@ -205,27 +217,82 @@ def _gives_density(columns: Collection[str]) -> bool:
     return "density" in columns or {"mass", "diameter"} <= set(columns)
 
 
-def _doubtful_densities(low: float, high: float, contradictions: int, expected: float | None) -> list[str]:
-    """What is doubtful in the densities of a table, from least to greatest [kg/m³].
+class _Noted:
+    """What is doubtful in the numbers of a table, noted while its rows are read."""
 
-    Args:
-        low: the least, by masses and diameters.
-        high: the greatest.
-        contradictions: rows whose own density is another.
-        expected: the density of the particle that the user names.
-    """
-    between = f"{low:.4g} kg/m³" if high < _SAME * low else f"{low:.4g} to {high:.4g} kg/m³"
-    has = f"its particles have a density of {between},"
-    sentences = {
-        f"{has} less than any grain; is it a fluid's?": low < LIGHTEST,
-        f"{has} more than any solid; if a mass is that of all particles of a row, its column must be named "
-        "`parcel_mass`.": high > HEAVIEST,
-        f"in {contradictions:,} rows the density is not that of mass and diameter, which count.":
-            contradictions,
-        f"{has} which counts, but the particle that is named has {expected or 0:g} kg/m³.":
-            expected is not None and (low * _SAME < expected or high > _SAME * expected),
-    }  # fmt: skip
-    return [sentence for sentence, is_so in sentences.items() if is_so]
+    def __init__(self, columns: Mapping[str, Column]) -> None:
+        self._columns = columns
+        self._density, self._size = [math.inf, 0.0], [math.inf, 0.0]  # the least and the greatest [kg/m³], [m]
+        self._contradictions, self._steepest, self._numbered = 0, 0.0, False
+        self._rows, self._digests = 0, list[np.ndarray]()
+
+    def add_rows(self, columns: Columns) -> None:
+        """Note what rows have in their columns."""
+        if not self._rows:
+            count = columns.get("count", np.zeros(0))
+            self._numbered = bool(
+                len(count) >= _DISTINCT and (count % 1 == 0).all() and len(np.unique(count)) == len(count)
+            )
+        self._steepest = max(self._steepest, float(columns.get("angle", np.zeros(1)).max(initial=0.0)))
+        if POSITION[0] in columns and self._rows < _COMPARED:
+            digest = np.zeros(len(columns[POSITION[0]]), np.uint64)
+            for values in columns.values():
+                digest = (digest ^ np.ascontiguousarray(values).view(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
+                digest ^= digest >> np.uint64(32)
+            self._digests.append(digest)
+        self._rows += len(next(iter(columns.values())))
+
+    def add_sizes(self, block: ImpactBlock, own: np.ndarray) -> None:
+        """Note particles, and their `own` densities where the table has them."""
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            density = block.mass / (math.pi / 6 * block.diameter**3)
+            if len(own):
+                self._contradictions += int((np.abs(np.log(density / own)) > math.log(_SAME)).sum())
+        for ends, values in ((self._density, density), (self._size, block.diameter)):
+            known = values[np.isfinite(values) & (values > 0)]
+            ends[:] = float(known.min(initial=ends[0])), float(known.max(initial=ends[1]))
+
+    def doubts(self, expected: float | None) -> Iterator[str]:
+        """Sentences; `expected` is the density of the particle that the user names [kg/m³]."""
+        low, high = self._density
+        between = f"{low:.4g} kg/m³" if high < _SAME * low else f"{low:.4g} to {high:.4g} kg/m³"
+        has = f"its particles have a density of {between},"
+        if high > HEAVIEST:
+            yield (
+                f"{has} more than any solid; if a mass is that of all particles of a row, its column must be named "
+                "`parcel_mass`."
+            )
+        elif expected is not None and (low * _SAME < expected or high > _SAME * expected):
+            yield f"{has} which counts, but the particle that is named has {expected:g} kg/m³."
+        elif low < _LIQUID:
+            yield f"{has} which a fluid has, but hardly a grain; is it the fluid's?"
+        elif high > _SAME * low:
+            yield f"{has} so they are of several solids, or a column is none of theirs."
+        if self._contradictions:
+            yield f"in {self._contradictions:,} rows the density is not that of mass and diameter, which count."
+        least, largest = self._size
+        if least < _FINEST or largest > _COARSEST:
+            yield f"its particles have diameters of {least:.3g} to {largest:.3g} m, as no sand has; is the unit right?"
+        if self._numbered:
+            yield (
+                f"column {self._columns['count'].name!r} has another whole number in each row; are these numbers of "
+                "particles, or of rows?"
+            )
+        angle = self._columns.get("angle")
+        if (
+            angle is not None
+            and angle.factor < 1
+            and self._rows >= _NUMBERED
+            and self._steepest <= math.pi / 2 * angle.factor
+        ):
+            yield f"no angle is above {math.degrees(self._steepest):.3g}°; are they in radians?"
+        compared = np.concatenate([np.zeros(0, np.uint64), *self._digests])
+        repeated = len(compared) - len(np.unique(compared))
+        if repeated > _REPEATED * len(compared):
+            yield (
+                f"{repeated:,} of {len(compared):,} rows repeat another one, number for number; is a part of the run "
+                "in the table twice?"
+            )
 
 
 def is_named(path: Path) -> bool:
