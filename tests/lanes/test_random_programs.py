@@ -1,6 +1,6 @@
 """Random functions: to the bit what NumPy computes, lane by lane, with vectors of every width, for every processor.
 
-250 are tried each time. More, here ten thousand (seeds 1000 to 8999, and 0 to 1999 of whole numbers), take minutes:
+125 are tried each time. More, here ten thousand (seeds 1000 to 8999, and 0 to 1999 of whole numbers), take minutes:
 
     EROSION_RANDOM_FUNCTIONS=10000 .venv/bin/pytest -n 2 tests/lanes/test_random_programs.py
 """
@@ -23,7 +23,7 @@ _SPECIAL = np.array([
     2.0**63, 2.0**64, 255.5, -128.0, 127.0, 3.0, 1e-40, 1e39, 63.0, 64.0, 65.0,
 ])  # fmt: skip
 _SIZE = 8
-_BLOCKS = int(os.environ.get("EROSION_RANDOM_FUNCTIONS", "250")) // 25  # of 25 functions
+_BLOCKS = int(os.environ.get("EROSION_RANDOM_FUNCTIONS", "125")) // 25  # of 25 functions
 _TARGETS = [None, Processor("x86-64-v3", ""), Processor("x86-64", "")] if "x86" in _machine() else [None]
 
 
