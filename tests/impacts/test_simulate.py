@@ -1,5 +1,6 @@
 import copy
 import inspect
+import itertools
 import pickle
 from typing import Any
 
@@ -64,7 +65,7 @@ def test_motion_equals_the_closed_form(name, degrees):
 def test_no_wrong_end_near_the_cusp(name, ratio):
     cusp = np.arctan(ratio / 2)
     exact = closed_form(name)
-    aside = np.geomspace(1e-4, 2, 40)  # the tie itself has no right answer
+    aside = np.geomspace(1e-4, 2, 10)  # the tie itself has no right answer
     for offset in (*aside, *-aside):
         p = P.replace(alpha=cusp + np.deg2rad(offset))
         cut = quietly(name, p, points=2)
@@ -72,8 +73,7 @@ def test_no_wrong_end_near_the_cusp(name, ratio):
         assert cut.t_c == pytest.approx(float(exact.t_c(p)), rel=1e-9), offset  # its slope diverges at the cusp
 
 
-@pytest.mark.parametrize("name", ROTATING)
-@pytest.mark.parametrize("s", [-0.5, 0.0, 0.5])
+@pytest.mark.parametrize(("name", "s"), [*zip(ROTATING, itertools.cycle([-0.5, 0.0, 0.5]))])
 def test_against_scipy(name, s):
     p = P.replace(phidot0=s * P.v0 / P.r, alpha=0.6)
     cut = quietly(name, p)
@@ -283,7 +283,6 @@ def test_results_print_with_units():
 
 def test_shapes_broadcast_by_name_alone():
     with jax.numpy_rank_promotion("raise"):
-        jax.clear_caches()
         assert erosion.simulate("rotating", erosion.TABLE_1).volume == pytest.approx(1.0140853874622e-4, rel=1e-9)
 
 

@@ -74,7 +74,10 @@ def test_scales_are_positive(model):
         assert scales.length > 0
 
 
-def test_both_engines_follow_it_to_the_same_end(model):
+# Built-in models are followed by both in tests/impacts/test_simulate.py and test_impact.py.
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
+def test_both_engines_follow_a_plug_in_to_the_same_end(file):
+    model = load_model(str(file))
     for p in CASES:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", erosion.TurnWarning)
