@@ -8,14 +8,19 @@ STAMP := .venv/.synced
 # A uv of one's own is used if there is one; else a private copy is installed beside .venv.
 UV := $(shell command -v uv 2>/dev/null || echo .uv/bin/uv)
 
-.PHONY: report test test-types test-lowest test-newest coverage bench docs lint format clean
+.PHONY: report test test-all test-types test-lowest test-newest coverage bench docs lint format clean
 
 # What one page needs, no more: the tools of development and the extras come with `make test`.
 report: | $(UV)
 	$(UV) sync --quiet --inexact --locked --no-default-groups --python $(PYTHON)
 	.venv/bin/erosion report
 
+# All but what is marked `slow`.
 test: $(STAMP)
+	.venv/bin/pytest --numprocesses 2 --dist worksteal -m "not slow"
+
+# What CI runs.
+test-all: $(STAMP)
 	.venv/bin/pytest --numprocesses 2 --dist worksteal
 
 # Every call's shapes and types are checked, which takes three times as long: a nightly job.

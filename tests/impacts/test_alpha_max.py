@@ -11,8 +11,6 @@ from erosion.ode.resolve import Cells, Scan, joined
 from erosion.output.tables import to_json
 from tests.reference import closed_form
 
-pytestmark = pytest.mark.slow
-
 P = erosion.TABLE_1
 
 

@@ -9,8 +9,6 @@ from erosion.impacts.volume import split
 from erosion.ode.batch import integrate
 from tests.fine_steps import wrong_ends
 
-pytestmark = pytest.mark.slow
-
 P = erosion.TABLE_1
 
 
