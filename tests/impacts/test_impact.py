@@ -1,5 +1,3 @@
-import inspect
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -218,19 +216,6 @@ def test_an_empty_batch_is_empty():
 def test_bad_arguments_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         erosion.impact("rotating", P, **options)
-
-
-def test_arguments_of_the_wrong_type_get_one_sentence():
-    # As outside of the tests, where nothing checks types before the functions themselves.
-    impact, volume = map(inspect.unwrap, (erosion.impact, erosion.volume))
-    with pytest.raises(ValueError, match=r"`derivatives` must be 0, 1 or 2, but is 1\.0"):
-        impact("rotating", P, derivatives=1.0)
-    with pytest.raises(TypeError, match="`wrt` must be the name of a parameter, or several, but is None"):
-        impact("rotating", P, wrt=None)
-    with pytest.raises(ValueError, match=r"`alpha` must be a scalar here, but has shape \(2,\); .* `erosion.impact`"):
-        volume("rotating", P.replace(alpha=[0.1, 0.2]))
-    with pytest.raises(TypeError, match=r"`alpha` must be a number .* use `erosion\.volume`"):
-        jax.jit(lambda a: impact("rotating", P.replace(alpha=a)).volume)(0.3)
 
 
 def test_results_print_with_units():

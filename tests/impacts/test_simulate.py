@@ -1,5 +1,4 @@
 import copy
-import inspect
 import itertools
 import pickle
 from typing import Any
@@ -252,17 +251,6 @@ def test_an_endless_cut_is_an_error():
 def test_bad_parameters_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         erosion.simulate("linearized", P.replace(**changes))
-
-
-def test_arguments_of_the_wrong_type_get_one_sentence():
-    # As outside of the tests, where nothing checks types before the functions themselves.
-    simulate = inspect.unwrap(erosion.simulate)
-    with pytest.raises(ValueError, match=r"`points` must be a whole number of at least 2, but is 2\.5"):
-        simulate("linearized", P, points=2.5)
-    with pytest.raises(ValueError, match="`model` must be a model, its name or a path, but is None"):
-        inspect.unwrap(erosion.load_model)(None)
-    with pytest.raises(TypeError, match="`p` must be Parameters, but is None"):
-        inspect.unwrap(erosion.validate)(None)
 
 
 def test_numbers_far_from_one_are_as_good():
