@@ -36,7 +36,7 @@ def test_sensitivity_of_a_jump_is_how_the_jump_moves():
         q = getattr(p, name)
         ends = erosion.alpha_max("rotating", p.replace(**{name: q * np.array([1 - h, 1 + h])})).alpha
         # Central differences err by h², and by the 1e-11 rad of a jump over 2h.
-        assert best.sensitivities[name] * q == pytest.approx((ends[1] - ends[0]) / (2 * h), rel=1e-6)
+        assert best.sensitivities[name] * q == pytest.approx((ends[1] - ends[0]) / (2 * h), rel=1e-6, abs=0)
 
 
 def test_sensitivity_of_an_interior_maximum_is_how_it_moves():
@@ -45,13 +45,13 @@ def test_sensitivity_of_an_interior_maximum_is_how_it_moves():
     for name in ("k", "v0", "inertia"):
         q = getattr(P, name)
         ends = erosion.alpha_max("rotating", P.replace(**{name: q * np.array([1 - h, 1 + h])})).alpha
-        assert best.sensitivities[name] * q == pytest.approx((ends[1] - ends[0]) / (2 * h), rel=1e-4)
+        assert best.sensitivities[name] * q == pytest.approx((ends[1] - ends[0]) / (2 * h), rel=1e-4, abs=0)
 
 
 def test_a_supremum_that_is_never_reached_is_a_boundary():
     best = erosion.alpha_max("tan-alpha", P)
     assert (best.kind, best.alpha, best.attained) == ("boundary", 0.0, False)
-    assert best.volume == pytest.approx(float(P.volume_scale) / 2, rel=1e-9)
+    assert best.volume == pytest.approx(float(P.volume_scale) / 2, rel=1e-9, abs=0)
     assert len(best.candidates) == 1
     assert all(rate == 0 for rate in best.sensitivities.values())
 
@@ -80,7 +80,7 @@ def test_a_range_has_ends_that_are_reached():
     assert (most.kind, most.attained) == (least.kind, least.attained) == ("boundary", True)
     assert (most.alpha, least.alpha) == (low, high)
     exact = closed_form("linearized").volume(P.replace(alpha=low))
-    assert most.volume == pytest.approx(float(exact), rel=1e-9)
+    assert most.volume == pytest.approx(float(exact), rel=1e-9, abs=0)
 
 
 def test_least_within_a_band_may_be_a_jump():
@@ -95,7 +95,7 @@ def test_other_objectives():
     # Linearized: the deepest point v₀ sin α/ω √(1 - …) grows until the stop cuts it short, and
     # the longest cut is every rebound, π/ω.
     per_mass = erosion.alpha_max("linearized", P, objective="volume per mass")
-    assert per_mass.value == pytest.approx(per_mass.volume / float(P.m), rel=1e-9)
+    assert per_mass.value == pytest.approx(per_mass.volume / float(P.m), rel=1e-9, abs=0)
     assert per_mass.alpha == pytest.approx(np.arctan(2) / 2, abs=1e-10)
     deepest = erosion.alpha_max("linearized", P, objective="depth")
     # y = (v₀ sin α/ω) sin ωt reaches its crest if cos ωt = 1 - k cot α is 0 later: tan α ≤ k.
@@ -103,10 +103,10 @@ def test_other_objectives():
     crest = (np.pi - np.arctan(2 / float(P.k))) / 2
     depth = np.sqrt(2 * P.k * np.sin(crest) * np.cos(crest) - (P.k * np.cos(crest)) ** 2) * P.v0 / P.rate
     assert deepest.alpha == pytest.approx(max(crest, np.arctan(2)), abs=1e-8)
-    assert deepest.value == pytest.approx(float(depth), rel=1e-9)
+    assert deepest.value == pytest.approx(float(depth), rel=1e-9, abs=0)
     cut = erosion.simulate("linearized", P.replace(alpha=deepest.alpha))
-    assert deepest.value == pytest.approx(cut.max_depth, rel=1e-8)
-    assert deepest.volume == pytest.approx(cut.volume, rel=1e-8)
+    assert deepest.value == pytest.approx(cut.max_depth, rel=1e-8, abs=0)
+    assert deepest.volume == pytest.approx(cut.volume, rel=1e-8, abs=0)
 
 
 def test_a_tip_that_stops_where_it_is_deepest_has_a_certified_depth():
@@ -150,7 +150,7 @@ def test_a_jump_known_only_to_a_wide_cell_is_looked_at_from_outside_the_cell():
     ((case, candidate),) = search.at_jumps(scanned, np.array([True]))
     assert (case, candidate.kind, candidate.side) == (0, "jump", "below")
     assert candidate.at == pytest.approx(jump - 2.5e-8, abs=1e-11)
-    assert candidate.value == pytest.approx(1.77719894e-4, rel=1e-4)  # V rises like a root towards the jump
+    assert candidate.value == pytest.approx(1.77719894e-4, rel=1e-4, abs=0)  # V rises like a root towards the jump
 
 
 def test_an_optimum_is_numbers_by_name():
@@ -170,7 +170,7 @@ def test_candidates_and_jumps_of_a_minimum_have_the_sign_of_the_objective():
     least = erosion.alpha_min("rotating", p, alpha_range=(low, high))
     most = erosion.alpha_max("rotating", p, alpha_range=(low, high))
     assert all(0 <= candidate.value <= most.value for candidate in least.candidates)
-    assert [jump.below for jump in least.jumps] == pytest.approx([jump.below for jump in most.jumps], rel=1e-6)
+    assert [jump.below for jump in least.jumps] == pytest.approx([jump.below for jump in most.jumps], rel=1e-6, abs=0)
 
 
 def test_a_jump_whose_sides_differ_by_rounding_is_one():
