@@ -72,7 +72,7 @@ def test_the_models_own_closed_form_is_the_same():
             p = P.replace(alpha=ALPHA[i], k=P_RANDOM.k[i], v0=P_RANDOM.v0[i])
             exact = make(deformation=DeformationWear(float(ENERGY[i]), float(THRESHOLD[i]))).closed_form()
             expected = removed(kind, p.alpha, p.k, p.v0, ENERGY[i], THRESHOLD[i])
-            assert float(exact.volume(p)) == pytest.approx(float(expected), rel=1e-13)
+            assert float(exact.volume(p)) == pytest.approx(float(expected), rel=1e-13, abs=0)
 
 
 def test_at_90_degrees_deformation_alone_removes():
@@ -81,10 +81,10 @@ def test_at_90_degrees_deformation_alone_removes():
     alone = float(P.m * P.v0**2) * 0.75**2 / (2 * STRESS)
     hit = erosion.impact(model, p, derivatives=2, wrt=("threshold", "specific_energy"))
     assert (hit.ended_by, hit.t_c) == ("no-cut", 0.0)
-    assert hit.volume == pytest.approx(alone, rel=1e-14)
-    assert hit.dvolume * np.array([float(P.v0), STRESS]) / alone == pytest.approx([-2 / 0.75, -1.0], rel=1e-13)
+    assert hit.volume == pytest.approx(alone, rel=1e-14, abs=0)
+    assert hit.dvolume * np.array([float(P.v0), STRESS]) / alone == pytest.approx([-2 / 0.75, -1.0], rel=1e-13, abs=0)
     followed = erosion.simulate(model, p)
-    assert (followed.ended_by, followed.volume) == ("no-cut", pytest.approx(alone, rel=1e-14))
+    assert (followed.ended_by, followed.volume) == ("no-cut", pytest.approx(alone, rel=1e-14, abs=0))
 
 
 @pytest.mark.slow
@@ -96,22 +96,22 @@ def test_histories_start_at_what_deformation_removes(degrees):
     cut = erosion.simulate(Rotating(), p)
     both = erosion.simulate(Rotating(deformation=deformation), p)
     assert (alone > 0) == (degrees > 12)
-    assert both.removed[0] == pytest.approx(alone, rel=1e-14)
-    assert both.removed == pytest.approx(cut.removed + alone, rel=1e-10)
-    assert both.t_c == pytest.approx(cut.t_c, rel=1e-12)
+    assert both.removed[0] == pytest.approx(alone, rel=1e-14, abs=0)
+    assert both.removed == pytest.approx(cut.removed + alone, rel=1e-10, abs=0)
+    assert both.t_c == pytest.approx(cut.t_c, rel=1e-12, abs=0)
     hit = erosion.impact(Rotating(deformation=deformation), p)
-    assert hit.volume == pytest.approx(both.volume, rel=1e-9)
-    assert (hit.ended_by, hit.t_c) == (both.ended_by, pytest.approx(both.t_c, rel=1e-9))
+    assert hit.volume == pytest.approx(both.volume, rel=1e-9, abs=0)
+    assert (hit.ended_by, hit.t_c) == (both.ended_by, pytest.approx(both.t_c, rel=1e-9, abs=0))
 
 
 def test_own_parameters_convert_with_the_case():
     model = Linearized(deformation=DeformationWear(STRESS, 0.25 * float(P.v0)))
     in_si, p = model.to("si", P)
     own = {name: parameter.value for name, parameter in own_parameters(in_si).items()}
-    assert own["specific_energy"] == pytest.approx(STRESS * 6894.757293168361, rel=1e-12)
-    assert own["threshold"] == pytest.approx(0.25 * float(P.v0) * 0.0254, rel=1e-14)
+    assert own["specific_energy"] == pytest.approx(STRESS * 6894.757293168361, rel=1e-12, abs=0)
+    assert own["threshold"] == pytest.approx(0.25 * float(P.v0) * 0.0254, rel=1e-14, abs=0)
     volumes = [float(erosion.impact(*pair).volume) for pair in ((model, P), (in_si, p))]
-    assert volumes[1] == pytest.approx(volumes[0] * 0.0254**3, rel=1e-10)
+    assert volumes[1] == pytest.approx(volumes[0] * 0.0254**3, rel=1e-10, abs=0)
     # e of the registered models has no unit.
     proportional = erosion.load_model("linearized-deformation").to("si", P)[0]
     assert proportional == erosion.load_model("linearized-deformation")
@@ -188,7 +188,7 @@ def test_streams_and_sweeps_take_its_numbers():
     # At 90° V is V* sin²α/(2e), and the mean of v₀² is its mean's square and its variance.
     stream = erosion.stream(model, p, n=2**12, v0=Normal(float(P.v0), 400.0), best_angle=False, sensitivities=False)
     expected = float(P.volume_scale) / 3.2 * (1 + (400 / float(P.v0)) ** 2)
-    assert stream.mean_volume.value == pytest.approx(expected, rel=5e-4)
+    assert stream.mean_volume.value == pytest.approx(expected, rel=5e-4, abs=0)
     assert stream.shares["no-cut"].value == 1
     assert stream.tally.bins[0] == 0  # no particle removes nothing
     sweep = erosion.sweep(model, p, alpha=np.deg2rad([30.0, 90.0]), energy_ratio=[1.0, 4.0], threshold=[0.0, 2200.0])
