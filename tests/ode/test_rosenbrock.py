@@ -114,6 +114,45 @@ def test_an_end_without_an_event_and_states_on_the_way() -> None:
     np.testing.assert_allclose(end.ys["y"], follows(times), rtol=1e-8)
 
 
+@pytest.mark.parametrize("rtol", [1e-5, 1e-7, 1e-9])
+def test_an_end_a_little_before_an_event(rtol: float) -> None:
+    """Or steps that may not be as long as the way to the event."""
+    event = ode.solve(EARLY, {"k3": 1e4}, t1=1e3, rtol=rtol, **STIFF)
+    before = np.array([1e-6, 1e-4, 1e-3, 1e-2, 0.05])
+    end = ode.solve(EARLY, {"k3": 1e4}, t1=event.t * (1 - before), rtol=rtol, **STIFF)
+    assert set(end.ended_by) == {"t1"}
+    expected = ode.solve(EARLY, {"k3": 1e4}, t1=event.t * (1 - before), rtol=1e-10, method="explicit")
+    np.testing.assert_allclose(end.y["c"], expected.y["c"], rtol=1e-8)
+    for steps in (2.1, 3.3, 10.1):
+        end = ode.solve(EARLY, {"k3": 1e4}, t1=1e3, max_step=event.t / steps, rtol=rtol, **STIFF)
+        assert end.ended_by == "root"
+        np.testing.assert_allclose(end.t, event.t, rtol=1e-7)
+
+
+@pytest.mark.parametrize("wrt", [(), "k3"])
+def test_states_at_times_are_those_of_lanes_that_end_there(wrt: Any) -> None:
+    """To the event, and none after it; a lane out of steps has none that it did not reach."""
+    end = ode.solve(EARLY, {"k3": np.array([1e4, 2e4])}, t1=1e3, wrt=wrt, **STIFF)
+    times = np.array([0.0, 1e-9, 1e-4, 0.01, 0.26, *np.sort(end.t) * (1 - 1e-9), 0.3])
+
+    def found(**options: Any) -> ode.Solution:
+        return ode.solve(EARLY, {"k3": np.array([1e4, 2e4])}, t1=1e3, ts=times, wrt=wrt, **STIFF, **options)
+
+    states = found()
+    at_times: Any = states.times
+    assert set(found(max_steps=3).ended_by) == {"unfinished"}
+    assert np.isnan(found(max_steps=3).ys["c"]).tolist() == [[False, *[True] * 7]] * 2
+    for i, k3 in enumerate((1e4, 2e4)):
+        for j, time in enumerate(times):
+            if time > end.t[i]:
+                assert np.isnan(states.ys["c"][i, j])
+                continue
+            alone = ode.solve(EARLY, {"k3": k3}, t1=time, wrt=wrt, **STIFF)
+            part, expected = (at_times.along(wrt).ys, alone.along(wrt).y) if wrt else (states.ys, alone.y)
+            for name in "abc":
+                np.testing.assert_allclose(part[name][i, j], expected[name], rtol=1e-6, atol=1e-16)
+
+
 def test_a_chain_of_doses() -> None:
     dosed = ode.Problem(
         y0={"blood": 1.0, "tissue": 0.0},

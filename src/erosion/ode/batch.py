@@ -168,9 +168,10 @@ def integrate(
     """
     layout = layout.renewed()
     rough = may_have_kinks(layout)
-    if times is not None and (by_xla() or layout.options.method == "rosenbrock" or (rough and order)):
-        # XLA has no tapes, the method for stiff motions nothing as exact between its steps, and of derivatives across
-        # a kink only two integrations tell whether they exist.
+    stiff = layout.options.method == "rosenbrock"
+    if times is not None and (by_xla() or (stiff and order == 2) or (rough and order)):
+        # XLA has no tapes, second derivatives of a stiff motion are taken at times that follow the parameters, and of
+        # derivatives across a kink only two integrations tell whether they exist.
         results = integrate(layout, numbers, lanes, order, directions, rtol, again=again)
         return results._replace(saved=_one_by_one(layout, numbers, lanes, order, directions, rtol, times))
     layout = layout.wanting(saves=times is not None)
@@ -225,7 +226,9 @@ def _one_by_one(
     for along, changes in zip((directions[0], directions[-1]) if directions else (), ((1, -1), (-2, -1)), strict=False):
         for i in changes if len(members) > 1 else ():
             members[i][np.broadcast_to(np.asarray(along) == layout.offsets[place], which.size)] = 0.0
-    return np.stack(members, 1).reshape(lanes, times.size, len(members), -1)
+    # An unfinished lane has a state, but at another time.
+    saved = np.where(layout.has_no_result(results.outcome)[:, None, None], np.nan, np.stack(members, 1))
+    return saved.reshape(lanes, times.size, len(members), -1)
 
 
 def _by_other_methods(

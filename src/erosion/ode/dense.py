@@ -2,8 +2,9 @@
 
 A step that has a time within it takes one more step of half its length from the same start. The polynomial of degree 8
 through the states, the rates and the second derivatives at the start, in the middle and at the end is about as exact as
-the step. Where the motion may have kinks its second derivatives may be none, and each time has a step of its own from
-the start of the step around it. What is left between the last step and the end has the step that ends a lane.
+the step. Where the motion may have kinks its second derivatives may be none, and where it is stiff no polynomial is as
+exact: each time has a step of its own from the start of the step around it. What is left between the last step and the
+end has the step that ends a lane.
 """
 
 import functools
@@ -17,12 +18,12 @@ from jax import lax
 
 from erosion.arguments import Scalar
 from erosion.lanes import tapes
-from erosion.ode import explicit
+from erosion.ode import explicit, stiff
 from erosion.ode.extended import Extended
 from erosion.ode.landing import Flight, Lane
 from erosion.ode.reduction import Rows
 from erosion.ode.step_control import ARRIVED
-from erosion.ode.variational import AlongFlow, Augmented, Motion, at_event
+from erosion.ode.variational import Along, AlongFlow, Augmented, Motion, at_event
 
 TIMES, STATES = 0, 1
 """Tapes: the times, rising, ∞ the last of them, which all lanes share; and for each time a lane's row of numbers."""
@@ -46,7 +47,7 @@ class Writer:
     """Writes the states of one motion of a lane.
 
     Args:
-        problem: the equations, by the explicit method.
+        problem: the equations; of a stiff motion without second derivatives.
         elapsed: of a chain, the time since the lane began, with derivatives as the members of a state have them.
     """
 
@@ -70,46 +71,56 @@ class Writer:
             saved = saved._replace(following=following)
         last: Rows = jax.tree.leaves(motion.members)
 
-        def rows_at(time: Scalar) -> Rows:
+        def at(time: Scalar) -> Along:
+            if problem.rodas is not None:
+                return self._by_a_step(lane, jnp.minimum(time, end))
             there = time >= end
             passed = jnp.where(there, 0.0, time - lane.control.time)
             rows = explicit.short_step(problem, lane.state, lane.slope, passed)
-            return [jnp.where(there, at_end, row) for at_end, row in zip(last, rows, strict=True)]
+            return self._along([jnp.where(there, at_end, row) for at_end, row in zip(last, rows, strict=True)])
 
         so_far = jnp.abs(problem.clock.t0) + end + (0.0 if self.elapsed is None else self.elapsed.value)
-        return self._written(saved, end + _ROUNDING * so_far, rows_at)
+        return self._written(saved, end + _ROUNDING * so_far, at)
 
     def _time(self, index: Scalar) -> Scalar:
         """A time, since the motion began."""
         time = tapes.read(TIMES, np.zeros(()), index) - self.problem.clock.t0
         return time if self.elapsed is None else time - self.elapsed.value
 
-    def _written(self, saved: Saved, until: Scalar, rows_at: Callable[[Scalar], Rows]) -> Saved:
+    def _written(self, saved: Saved, until: Scalar, at: Callable[[Scalar], Along]) -> Saved:
         def writes(saved: Saved) -> Saved:
-            numbers = self._numbers(rows_at(self._time(saved.following)))
+            numbers = self._numbers(at(self._time(saved.following)))
             token = tapes.write(STATES, saved.token, saved.following * len(numbers), *numbers)
             return Saved(saved.following + 1, token)
 
         return lax.while_loop(lambda saved: self._time(saved.following) <= until, writes, saved)
 
-    def _numbers(self, rows: Rows) -> list[Scalar]:
+    def _numbers(self, along: Along) -> list[Scalar]:
         """What is wanted of a state, and its derivatives at a fixed time, of a motion that began at any."""
         problem, equations = self.problem, self.problem.equations
-        members = problem.members(rows)
         if problem.order == 0:
-            return equations.at(problem.numbers).outputs(members[0])
+            return along.here(_outputs).value
         began = equations.of(lambda _, motion: motion.clock.t0, ())
         if self.elapsed is not None:
             began = jax.tree.map(jnp.add, began, self.elapsed)
         since = jax.tree.map(lambda number: -1.0 * number, began)
-        outputs = at_event(AlongFlow(equations, members), jnp.full((), ARRIVED), 0.0 * rows[0], _outputs, since).outputs
+        outputs = at_event(along, jnp.full((), ARRIVED), 0.0 * problem.time_scale, _outputs, since).outputs
         return jax.tree.leaves(equations.pack(equations.per_unit(outputs)))
 
-    def _within(self, before: Lane, after: Lane) -> Callable[[Scalar], Rows]:
+    def _along(self, rows: Rows) -> Along:
+        return AlongFlow(self.problem.equations, self.problem.members(rows))
+
+    def _by_a_step(self, before: Lane, time: Scalar) -> Along:
+        passed = time - before.control.time
+        if self.problem.rodas is not None:
+            return stiff.step_of(self.problem, before.state, before.slope, before.greatest, passed)
+        return self._along(explicit.step(self.problem, before.state, before.slope, passed)[0])
+
+    def _within(self, before: Lane, after: Lane) -> Callable[[Scalar], Along]:
         """The state at a time within a step."""
         problem, begin, h = self.problem, before.control.time, before.control.trial
-        if problem.rough:
-            return lambda time: explicit.step(problem, before.state, before.slope, time - begin)[0]
+        if problem.rough or problem.rodas is not None:
+            return functools.partial(self._by_a_step, before)
         middle, *_ = explicit.step(problem, before.state, before.slope, 0.5 * h)
         flow = problem.rate(middle)
         points = (before.state, before.slope), (middle, flow), (after.state, after.slope)
@@ -117,11 +128,11 @@ class Writer:
         columns = zip(*(rows for rows, _ in points), *(slope for _, slope in points), *curves, strict=True)
         polynomials = [_polynomial(h, column) for column in columns]
 
-        def rows_at(time: Scalar) -> Rows:
+        def at(time: Scalar) -> Along:
             x = 2.0 * ((time - begin) / h) - 1.0
-            return [u + x * functools.reduce(lambda sum_, c: sum_ * x + c, cs) for u, cs in polynomials]
+            return self._along([u + x * functools.reduce(lambda sum_, c: sum_ * x + c, cs) for u, cs in polynomials])
 
-        return rows_at
+        return at
 
 
 def _outputs(at: Augmented, motion: Motion) -> list[Scalar]:

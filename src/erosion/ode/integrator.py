@@ -278,7 +278,8 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
             trial = crossings.look_directed(watched, *looked, clear=clear, rough=rough)
         else:
             trial = crossings.look(*looked, clear=clear, rough=rough)
-        return crossings.decide(lane.control, trial, scale, limits, rough=rough, stiff=problem.rodas is not None)
+        longest = None if problem.rodas is None else _longest(problem, lane.control, until)
+        return crossings.decide(lane.control, trial, scale, limits, rough=rough, longest=longest)
 
     clear = crossings.are_clear(watched, h, lane.events, events, within, _GRAZE * rtol, rough=rough)
     quiet = functools.reduce(jnp.logical_and, clear, lane.control.mode == ADVANCING)
@@ -331,6 +332,11 @@ def _tried(
     apart = jnp.maximum(APART, NOISE / rtol) if problem.layout.problem.typical is None else 1.0
     error = stiff.error_of(problem, lane.greatest, apart, (before, state), found, h, rtol)
     return (state, slope, found), events, problem.rodas.within(before, state, found), error
+
+
+def _longest(problem: Extended, control: Control, until: Scalar | None) -> Scalar:
+    """How long a step may be, as is asked for."""
+    return jnp.asarray(jnp.inf) if until is None else jnp.minimum(problem.clock.max_step, until - control.time)
 
 
 def _within(problem: Extended, control: Control, until: Scalar | None) -> Control:

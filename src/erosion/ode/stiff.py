@@ -236,6 +236,12 @@ def last_step(problem: Extended, state: Rows, slope: Rows, greatest: Rows, h: Sc
     return LastStep(problem, at, rates, curves, greatest)
 
 
+def step_of(problem: Extended, state: Rows, slope: Rows, greatest: Rows, passed: Scalar) -> LastStep:
+    """The state a time after a step began, 0 or later."""
+    step = last_step(problem, state, slope, greatest, length_of(passed, problem.time_scale))
+    return step._replace(rows=[jnp.where(passed > 0, new, old) for new, old in zip(step.rows, state, strict=True)])
+
+
 def length_of(left: Scalar, scale: Scalar) -> Scalar:
     """The length of the last step; a lane that takes none may take its derivatives by a very short one."""
     return jnp.where(left > 0, left, _SHORTEST * scale)

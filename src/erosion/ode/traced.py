@@ -95,7 +95,9 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
     def at(time: Array) -> Array:
         numbers: list[Number] = list(lanes.numbers)
         numbers[place] = jnp.where(time < solution.t, time, solution.t)
-        return jnp.where((time <= solution.t)[..., None], many(numbers)[0], jnp.nan)
+        vector, codes = many(numbers)
+        known = (time <= solution.t) & ~layout.has_no_result(codes[..., 0])
+        return jnp.where(known[..., None], vector, jnp.nan)
 
     vectors = jax.vmap(at, out_axes=-2)(times)
     wide = lanes._replace(shape=(*shape, times.size))

@@ -146,7 +146,7 @@ class Layout:
         """What a code of an outcome means."""
         return (*self.event_names, *OTHER_ENDS)
 
-    def has_no_result(self, codes: np.ndarray) -> np.ndarray:
+    def has_no_result(self, codes: Any) -> Any:
         """Whether lanes failed or are unfinished."""
         names = self.end_names
         return (codes == names.index("failed")) | (codes == names.index("unfinished"))
