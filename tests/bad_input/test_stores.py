@@ -23,8 +23,7 @@ from erosion.impacts.dataset_files import write_netcdf
 from erosion.models.identity import StoreError
 from erosion.output.files import claimed
 from erosion.sweeps.grid import make_grid
-from erosion.sweeps.stores import ZarrStore
-from erosion.sweeps.sweep import SweepInterrupted, sweep
+from erosion.sweeps.sweep import SweepInterrupted, ZarrStore, sweep
 from tests.documents import Shell
 from tests.sweeps.test_sweep import assert_same_bits
 
@@ -401,7 +400,7 @@ def test_a_zarr_store_that_another_process_makes_at_the_same_moment(
         monkeypatch.setattr("erosion.sweeps.sweep._LEAST_BLOCK", 6)
         ZarrStore(make_grid(theirs, P, AXES), (3, 2), path)
 
-    monkeypatch.setattr("erosion.sweeps.stores.require_writable", checked)
+    monkeypatch.setattr("erosion.sweeps.sweep.require_writable", checked)
     if theirs == "linearized":
         assert_same_bits(zarr(path).compute(), WHOLE)
     else:

@@ -22,7 +22,7 @@ from erosion.impacts.dataset_files import write_netcdf
 from erosion.output.files import write_whole
 from erosion.plotting.style import save_plot
 from erosion.sweeps.grid import make_grid
-from erosion.sweeps.stores import ZarrStore
+from erosion.sweeps.sweep import ZarrStore
 from tests.cfd.tables import hump, sand
 
 

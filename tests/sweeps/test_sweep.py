@@ -12,8 +12,7 @@ import xarray as xr
 import erosion
 from erosion.models.identity import StoreError
 from erosion.sweeps.grid import make_grid
-from erosion.sweeps.stores import MemoryStore
-from erosion.sweeps.sweep import SweepInterrupted, sweep
+from erosion.sweeps.sweep import MemoryStore, SweepInterrupted, sweep
 
 P = erosion.TABLE_1
 # 24 000 impacts: two blocks of the least size.

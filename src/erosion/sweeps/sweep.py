@@ -1,14 +1,22 @@
-"""Sweeps: an xarray Dataset of impacts over axes of parameters and models.
+"""Sweeps: an xarray Dataset of impacts over axes of parameters and models, and the stores of its blocks.
 
 A grid is computed block by block. In memory the blocks follow one another, each on all cores.
 For a Zarr store the workers of a Dask cluster may compute them.
+
+With a store an interrupted sweep goes on where it stopped. A block is missing while its `ended_by`
+is "not-computed", the code 0. Of each block `ended_by` is written last, and a file gets its name
+when it is whole: a block counts only when it is complete, and while each of its chunks is as it
+was written.
 """
 
+import contextlib
 import dataclasses
+import json
 import math
+import re
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +25,277 @@ import xarray as xr
 
 from erosion.arguments import Progress, check_path, no_progress
 from erosion.correlations.ranges import OutOfRangeWarning
+from erosion.extras import library
+from erosion.impacts.dataset_files import read_netcdf, write_netcdf
 from erosion.interrupts import keeping_results
-from erosion.models.identity import code_version, require_code
+from erosion.models.identity import IDENTITY, StoreError, code_version, require_code, require_same
 from erosion.ode.step_control import require_float64
+from erosion.output.files import claimed, require_writable, trace, written_whole
 from erosion.parameters.parameters import Parameters, require_scalars, validate
 from erosion.parameters.quantities import QUARTER_DEGREES
-from erosion.sweeps.grid import AnyGrid, Model, Outputs, Region, block_shape, make_grid
-from erosion.sweeps.stores import Store, ZarrStore, open_store, write_block
+from erosion.sweeps.grid import AnyGrid, Model, Outputs, Region, block_shape, make_grid, regions
+
+# zarr's own name for a chunk that it is writing: the chunk's place and a random UUID.
+_DRAFT_OF_CHUNK = re.compile(r"(c|\d+)\.[0-9a-f]{12}4[0-9a-f]{3}[89ab][0-9a-f]{15}\.partial")
+
+
+class MemoryStore:
+    """Arrays in memory; with a path, also a netCDF file that `save` writes.
+
+    Raises:
+        StoreError: for a file that exists and holds something else.
+        OSError: where no file can be written.
+    """
+
+    def __init__(self, grid: AnyGrid, block: Sequence[int], path: Path | None = None) -> None:
+        self._grid, self._block, self._path = grid, block, path
+        self._since = None if path is None else trace(path)
+        if path is not None and self._since is not None:
+            self._dataset = read_netcdf(path, grid.identity)
+            return
+        self._dataset = grid.labelled(
+            {
+                name: np.full([grid.lengths[dim] for dim in variable.dims], variable.empty)
+                for name, variable in grid.variables().items()
+            }
+        )
+
+    def missing(self) -> list[Region]:
+        """The regions of the blocks that are still to be computed."""
+        codes = self._dataset["ended_by"].values
+        return [region for region in regions(self._grid.shape, self._block) if not codes[region].all()]
+
+    def require_writable(self) -> None:
+        """Find out whether blocks can be stored; an `OSError` that names the path where they cannot."""
+        if self._path is not None:
+            require_writable(self._path)
+
+    def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
+        """Store the arrays of a block, by name."""
+        along = dict(zip(self._grid.dims, region, strict=True))
+        for name, block in values.items():
+            array = self._dataset[name]
+            array.values[tuple(along[str(dim)] for dim in array.dims)] = block
+
+    def save(self) -> None:
+        """Make the stored blocks outlast this process."""
+        if self._path is not None:
+            self._since = write_netcdf(self._dataset, self._path, self._grid.identity, self._since)
+
+    def dataset(self) -> xr.Dataset:
+        """All blocks, labelled."""
+        return self._dataset
+
+
+class ZarrStore:
+    """A Zarr folder (format 3), with one chunk of each array for a block; any process may write.
+
+    Every chunk carries a checksum. A chunk that is lost or damaged is missing, and is computed again. Methods are those
+    of `MemoryStore`.
+
+    Raises:
+        StoreError: for a folder that exists and holds something else, or lacks an array.
+    """
+
+    def __init__(self, grid: AnyGrid, block: Sequence[int], path: Path) -> None:
+        for module in ("dask.array", "zarr"):
+            library(module, "dask")
+        self._grid, self._path, self._variables = grid, path, grid.variables()
+        self._lengths = dict(zip(grid.dims, zip(grid.shape, block, strict=True), strict=True))
+        identity = grid.identity | {"chunks": f"{dict(zip(grid.dims, block, strict=True))}"}
+        if not path.exists():
+            self._create(identity)
+        # Another process may have made it at the same moment.
+        require_same(path, _zarr_identity(path), identity)
+        self._arrays = _arrays(path, {**self._variables, **grid.labels})
+        self._require_frame()
+        self._clear_drafts()
+
+    def missing(self) -> list[Region]:
+        """See `MemoryStore`."""
+        shape, block = zip(*self._lengths.values(), strict=True)
+        return [region for region in regions(shape, block) if not self._holds(region)]
+
+    def require_writable(self) -> None:
+        """See `MemoryStore`."""
+        for name in self._variables:
+            require_writable(self._path / name / "probe")
+
+    def write(self, region: Region, values: Mapping[str, np.ndarray]) -> None:
+        """See `MemoryStore`."""
+        write_block(self._path, dict(zip(self._grid.dims, region, strict=True)), values)
+
+    def save(self) -> None:
+        """Every block is on the disk already."""
+
+    def dataset(self) -> xr.Dataset:
+        """See `MemoryStore`; lazy."""
+        stored = xr.open_zarr(self._path, consolidated=False)
+        return stored[list(self._variables)]  # zarr lists them in any order
+
+    def _holds(self, region: Region) -> bool:
+        """Whether each array has its chunk of this block, as it was written."""
+        along = dict(zip(self._grid.dims, region, strict=True))
+        for name, variable in self._variables.items():
+            # An array without the dimension "alpha" is computed by the first block along it.
+            if any(along[dim].start for dim in self._grid.dims if dim not in variable.dims):
+                continue
+            values = self._chunk(name, tuple(along[dim] for dim in variable.dims))
+            if values is None or (name == "ended_by" and not np.all(values)):
+                return False
+        return True
+
+    def _chunk(self, name: str, cut: tuple[slice, ...]) -> np.ndarray | None:
+        """A chunk of an array; None where it was not written, or is damaged.
+
+        Raises:
+            StoreError: where the system does not let it be read.
+        """
+        array = self._arrays[name]
+        place = tuple(along.start // length for along, length in zip(cut, array.chunks, strict=True))
+        file = self._path / name / array.metadata.encode_chunk_key(place)
+        try:
+            return np.asarray(array[cut]) if file.is_file() else None
+        except OSError as error:
+            reason = f"cannot be read ({error.strerror or error})"
+            raise StoreError(f"{file}: {reason}; the store is left as it is.") from error
+        except (ValueError, RuntimeError):  # of the checksum, or of what unpacks
+            return None
+
+    def _require_frame(self) -> None:
+        """Refuse a store whose arrays are not of the grid's shape, or whose axes are not the grid's."""
+        labels, damaged = self._grid.labels, list[str]()
+        for name, array in self._arrays.items():
+            if name in labels:
+                stored = self._chunk(name, (slice(0, len(labels[name])),))
+                is_whole = stored is not None and np.array_equal(stored, labels[name])
+            else:
+                variable = self._variables[name]
+                shape, chunks = _shapes(variable.dims, self._lengths)
+                shapes = array.metadata.dimension_names, array.shape, array.chunks
+                is_whole = shapes == (variable.dims, shape, chunks) and array.dtype == np.asarray(variable.empty).dtype
+            damaged += [] if is_whole else [name]
+        if damaged:
+            raise StoreError(f"{self._path}: its array `{damaged[0]}` is damaged; the store is left as it is.")
+
+    def _clear_drafts(self) -> None:
+        """Remove the chunks that a killed process left half-written, unless another one is writing."""
+        with claimed(self._path, alone=True) as is_alone:
+            names = self._variables if is_alone else ()
+            for draft in (file for name in names for file in (self._path / name).rglob("*.partial")):
+                if _DRAFT_OF_CHUNK.fullmatch(draft.name):
+                    with contextlib.suppress(OSError):
+                        draft.unlink()
+
+    def _create(self, identity: Mapping[str, str]) -> None:
+        import dask.array
+        from zarr.codecs import Crc32cCodec, ZstdCodec
+
+        lazy = {}
+        for name, variable in self._variables.items():
+            shape, chunks = _shapes(variable.dims, self._lengths)
+            lazy[name] = dask.array.full(shape, variable.empty, chunks=chunks)
+        template = self._grid.labelled(lazy).assign_attrs({IDENTITY: json.dumps(identity)})
+        # A checksum at the end of every chunk.
+        encoding = {str(name): {"compressors": (ZstdCodec(), Crc32cCodec())} for name in template.variables}
+        for name, variable in self._variables.items():
+            encoding[name]["fill_value"] = variable.empty
+        require_writable(self._path)  # zarr would make folders
+        try:
+            with written_whole(self._path) as draft:
+                # Coordinates and metadata alone: no block is computed.
+                template.to_zarr(
+                    draft,
+                    mode="w-",
+                    compute=False,
+                    encoding=encoding,
+                    consolidated=False,
+                    zarr_format=3,
+                    write_empty_chunks=True,  # of coordinates: zeros are there too
+                )
+        except OSError:
+            if not self._path.exists():
+                raise
+
+
+Store = MemoryStore | ZarrStore
+
+
+def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.ndarray]) -> None:
+    """Write a block into a Zarr store, in the order of `values`; the same block may come twice.
+
+    Args:
+        path: of the store.
+        along: the slice of the block along each dimension.
+        values: its arrays by name, `ended_by` last.
+
+    Raises:
+        OSError: naming a file or the store, where the block cannot be written.
+    """
+    import zarr
+
+    # A chunk of NaN is a result too: it must be there.
+    with claimed(path), zarr.config.set({"array.write_empty_chunks": True}):
+        arrays = _arrays(path, values)
+        for name, block in values.items():
+            array = arrays[name]
+            try:
+                array[tuple(along[dim] for dim in array.metadata.dimension_names)] = block
+            except OSError as error:
+                error.filename = error.filename or str(path)  # of a full disk zarr names no file
+                raise
+
+
+def open_store(grid: AnyGrid, block: Sequence[int], path: Path | None) -> Store:
+    """The store that the suffix of the path names, .zarr or .nc; the memory without a path.
+
+    Raises:
+        ValueError: for another suffix.
+        StoreError: where the path holds something else.
+    """
+    if path is None or path.suffix == ".nc":
+        return MemoryStore(grid, block, path)
+    if path.suffix == ".zarr":
+        return ZarrStore(grid, block, path)
+    raise ValueError(f"Argument `store` must end in .nc or .zarr, but is {path}.")
+
+
+def _arrays(path: Path, names: Iterable[str]) -> dict[str, Any]:
+    """The arrays of a Zarr store by name.
+
+    Raises:
+        StoreError: where one is not there, or its description cannot be read.
+    """
+    import zarr
+
+    group, arrays = zarr.open_group(path, mode="r+"), {}
+    for name in names:
+        try:
+            arrays[name] = group[name]
+            arrays[name].metadata.dimension_names  # noqa: B018 (a group has none)
+        except _UNREADABLE as error:
+            raise StoreError(f"{path}: its array `{name}` cannot be read; the store is left as it is.") from error
+    return arrays
+
+
+def _shapes(dims: Sequence[str], lengths: Mapping[str, tuple[int, int]]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The shape of an array over some dimensions, and of its chunks."""
+    shape, chunks = (tuple(lengths[dim][i] for dim in dims) for i in (0, 1))
+    return shape, chunks
+
+
+# What zarr raises for a description that is damaged depends on where.
+_UNREADABLE = (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError)
+
+
+def _zarr_identity(path: Path) -> str | None:
+    import zarr
+
+    try:
+        return str(zarr.open_group(path, mode="r").attrs.get(IDENTITY))
+    except _UNREADABLE as error:
+        raise StoreError(f"{path}: is there already and is no Zarr group; it is left as it is.") from error
+
 
 _LEAST_BLOCK = 10_000  # impacts
 _STORED_BLOCK = 2**17  # impacts: a fraction of a second's work, a megabyte a variable
