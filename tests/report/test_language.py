@@ -16,7 +16,7 @@ from erosion.advice.page import plot_advice, write_advice
 from erosion.cli import _status
 from erosion.exercises import AnswerKey, notebook
 from erosion.exercises.answer_key import IN_OTHER_UNITS, NO_NUMBER, SLIPS, TASKS, UNKNOWN_TASK
-from erosion.output.language import ENGLISH, Language, catalogue_path, language, languages, message_blocks
+from erosion.output.language import ENGLISH, Language, catalogue_path, language, languages
 from erosion.parameters.materials import known_particles, known_targets
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.report import page, write_report
@@ -27,7 +27,23 @@ TEXTS = [*(text_file(key) for key in QUESTIONS), text_file("q1").parent.parent /
 ENGLISH_WORD = re.compile(r"\b(the|of|and|is|at|with|ends|by|rebound|stop|interior|jump|angle|volume|removed|for)\b")
 
 
+NO_WORDS = re.compile(r"\{[{%#].*?[}%#]\}|\$\$.*?\$\$|\A## Derivation\Z", re.DOTALL)
 CODE = re.compile(r"^```python.*?^```$", re.MULTILINE | re.DOTALL)
+
+
+def message_blocks(source: str) -> list[str]:
+    """The blocks of a text's file that hold words, which a catalogue is to translate."""
+    in_formula, in_field = r"\\text\{[^}{]*[a-z]{3}", r'\{\{[^}]*"[^"]*[a-z] [a-z][^"]*"'
+    blocks = [block.strip() for block in re.split(r"\n\s*\n", source)]
+    return [
+        block
+        for block in blocks
+        if re.search(in_formula, block)
+        or re.search(in_field, block)
+        or re.search(r"[^\W\d_]{2}", NO_WORDS.sub(" ", block))
+    ]
+
+
 TASK_BLOCKS = message_blocks(CODE.sub("", notebook.TEXT.read_text("utf-8")))
 SOURCE = Path(notebook.__file__).parents[1]
 

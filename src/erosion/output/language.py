@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import re
 import reprlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 _FOLDER = Path(__file__).parents[1] / "locale"
@@ -96,22 +96,3 @@ def _read(tag: str) -> Language:
 def catalogue_path(tag: str) -> Path:
     """The file of a language's catalogue."""
     return _FOLDER / f"{tag}.po"
-
-
-def message_blocks(source: str) -> list[str]:
-    """The blocks of a text's file that hold words, which a catalogue is to translate."""
-    return [block.strip() for block in _BETWEEN_BLOCKS.split(source) if _has_words(block)]
-
-
-_NO_WORDS: tuple[Callable[[str], str], ...] = tuple(
-    functools.partial(re.compile(pattern, re.DOTALL).sub, " ")
-    for pattern in (r"\{[{%#].*?[}%#]\}", r"\$\$.*?\$\$", r"^## Derivation$")
-)
-
-
-def _has_words(block: str) -> bool:
-    in_formula = re.search(r"\\text\{[^}{]*[a-z]{3}", block)
-    in_field = re.search(r'\{\{[^}]*"[^"]*[a-z] [a-z][^"]*"', block)
-    for remove in _NO_WORDS:
-        block = remove(block.strip())
-    return bool(in_formula or in_field or re.search(r"[^\W\d_]{2}", block))
