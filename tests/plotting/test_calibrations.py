@@ -10,8 +10,7 @@ from matplotlib.text import Text
 from erosion.fits import calibrate
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
-from erosion.plotting.fits import plot_calibration, plot_profile
-from erosion.plotting.style import new_axes
+from erosion.plotting.fits import plot_calibration
 
 pytestmark = pytest.mark.slow
 
@@ -94,19 +93,3 @@ def test_labels_and_notes_are_whole(at_two_speeds):
         box = text.get_window_extent()
         assert fig.bbox.x0 <= box.x0 <= box.x1 <= fig.bbox.x1
         assert fig.bbox.y0 <= box.y0 <= box.y1 <= fig.bbox.y1
-
-
-def test_a_profile_shows_where_it_crosses(fit):
-    ax = plot_profile(new_axes()[1], fit, "k", 0.9)
-    profile = fit.profile("k")
-    np.testing.assert_array_equal(drawn(ax, "profile"), [profile.values, profile.rise])
-    np.testing.assert_allclose(drawn(ax, "90%")[1], 1.644854**2, rtol=1e-6)
-    ends = sorted(float(np.asarray(line.get_xdata())[0]) for line in ax.lines[2:])
-    assert ends == list(fit.intervals(0.9)["k"])
-    rises = np.interp(ends, profile.values, profile.rise)
-    np.testing.assert_allclose(rises, 1.644854**2, rtol=0.1)  # between 21 points of a parabola
-
-
-def test_an_open_interval_has_no_lines(fit):
-    loose = calibrate("linearized", TABLE_1, fit.data, ["psi", "sigma"], starts=1)
-    assert len(plot_profile(new_axes()[1], loose, "sigma").lines) == 2

@@ -88,22 +88,6 @@ def _legend(fig: Figure, axes: Sequence[Axes], ncols: int, title: str | None = N
     fig.legend([*entries.values()], [*entries], loc="outside lower center", ncols=min(len(entries), ncols), title=title)
 
 
-@house_style()
-def plot_profile(ax: Axes, fit: Calibration, name: str, level: float = 0.95) -> Axes:
-    """The profile likelihood of one parameter, with its interval."""
-    profile, height = fit.profile(name), fit.rise(level)
-    ax.plot(profile.values, profile.rise, color=PALETTE["blue"], marker="o", markersize=3.5, label="profile")
-    ax.axhline(height, color=PALETTE["vermillion"], linewidth=1.2, label=f"{level:.0%}")
-    for end in fit.intervals(level)[name]:
-        if 0 < abs(end) < np.inf:
-            ax.axvline(end, color=PALETTE["vermillion"], linewidth=1.2, linestyle=(0, (4, 3)))
-    ax.set_xlabel(typeset(fit.quantities[name].symbol) + (f" [{profile.unit}]" if profile.unit else ""))
-    ax.set_ylabel("Δχ² above the best fit")
-    ax.set_ylim(0, 2.5 * height)
-    ax.legend()
-    return ax
-
-
 def _draw_curves(
     ax: Axes, fits: Sequence[Calibration], groups: Sequence[Condition], scale: Scale, width: float
 ) -> None:
