@@ -180,10 +180,6 @@ def cases() -> list[Parameters]:
     ]
 
 
-def _stacked(cases: Sequence[Parameters]) -> Parameters:
-    return dataclasses.replace(cases[0], **{q: np.array([float(getattr(p, q)) for p in cases]) for q in QUANTITIES})
-
-
 class Subject:
     """A model that is checked, and the results that several checks share."""
 
@@ -239,7 +235,8 @@ class Subject:
         return [simulate(self.model, p, points=3) for p in self.cases]
 
     def _impact(self, cases: Sequence[Parameters], model: CuttingModel | None = None) -> Impact:
-        return impact(model or self.model, _stacked(cases), derivatives=2, rtol=_RTOL)
+        columns = {q: np.array([float(getattr(p, q)) for p in cases]) for q in QUANTITIES}
+        return impact(model or self.model, dataclasses.replace(cases[0], **columns), derivatives=2, rtol=_RTOL)
 
     def _closed_form(self) -> Iterator[_Errors]:
         exact, hits = self.model.closed_form(), self.hits

@@ -177,10 +177,6 @@ class AnswerKind(NamedTuple):
     program: str = ""
 
 
-def _point(answers: "Answers", name: str, case: PageCase) -> Impact:
-    return impact(answers.model(name, case), case.parameters(), derivatives=2)
-
-
 def _curve(answers: "Answers", name: str, case: PageCase) -> Impact:
     # With second derivatives, as `alpha_max` computes V: so the best angle lies on the curve to the last bit.
     return impact(answers.model(name, case), case.parameters().replace(alpha=ANGLES), derivatives=2)
@@ -195,7 +191,8 @@ def _spins(answers: "Answers", name: str, case: PageCase) -> SpinCurves:
 _ANY_ANGLE = {"alpha": 1.0}
 KINDS: Mapping[str, AnswerKind] = {
     "cut": AnswerKind(lambda answers, name, case: path(answers.model(name, case), case.parameters())),
-    "point": AnswerKind(_point, program="curve"),
+    "point": AnswerKind(lambda answers, name, case: impact(answers.model(name, case), case.parameters(), derivatives=2),
+                        program="curve"),
     "curve": AnswerKind(_curve, _ANY_ANGLE),
     "best": AnswerKind(lambda answers, name, case: alpha_max(answers.model(name, case), case.parameters()), _ANY_ANGLE,
                  "curve"),

@@ -159,15 +159,19 @@ class Field(ui.element, component="web/field.js"):
         self.run_method("complain", why)
 
 
-class Prose(ui.element, component="web/prose.js"):
+class Drawn(ui.element):
+    """An element that the browser draws."""
+
+    def draw(self, *content: Any, key: str) -> None:
+        """Draw what a view gives; then the element's attribute `data-drawn` is `key`."""
+        self.run_method("draw", *content, key)
+
+
+class Prose(Drawn, component="web/prose.js"):
     """HTML that changes often."""
 
-    def draw(self, content: str, key: str) -> None:
-        """Show the HTML; then the element's attribute `data-drawn` is `key`."""
-        self.run_method("draw", content, key)
 
-
-class CutDrawing(ui.element, component="web/cut.js"):
+class CutDrawing(Drawn, component="web/cut.js"):
     """The cut drawn to scale, as an animation.
 
     Args:
@@ -180,13 +184,9 @@ class CutDrawing(ui.element, component="web/cut.js"):
         self.props["instant"] = instant
         self.on("instant", partial(_tell, on_instant, _SHARES))
 
-    def draw(self, content: Mapping[str, Any], key: str) -> None:
-        """Draw a cut; then the element's attribute `data-drawn` is `key`."""
-        self.run_method("draw", content, key)
 
-
-class Plot(ui.element, component="web/plot.js"):
-    """An ECharts plot with vertical handles.
+class Plot(Drawn, component="web/plot.js"):
+    """An ECharts plot with vertical handles; without an option to draw, only the handles move.
 
     Args:
         height: the height of the plot, in CSS.
@@ -200,12 +200,6 @@ class Plot(ui.element, component="web/plot.js"):
         self.props.update({"height": height, "follows": follows})
         if moved is not None:
             self.on("pick", partial(_tell, partial(on_pick, moved), range_of(moved)))
-
-    def draw(
-        self, option: Mapping[str, Any] | None, handles: Sequence[Mapping[str, Any]], label: str, key: str
-    ) -> None:
-        """Draw an option of ECharts, or only move the handles if there is none; `key` as in `CutDrawing.draw`."""
-        self.run_method("draw", option, handles, label, key)
 
 
 def _tell(listener: Callable[[float], None], range_: SliderRange, event: GenericEventArguments) -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import atexit
+import contextlib
 import errno
 import gc
 import logging
@@ -124,11 +125,9 @@ def _uninvited(headers: Headers, address: Address, scope: Scope) -> Response | N
 
 
 def _cookie(headers: Headers, name: str) -> str:
-    try:
-        cookies = SimpleCookie("; ".join(headers.getlist("cookie")))
-    except CookieError:
-        return ""
-    return cookies[name].value if name in cookies else ""
+    with contextlib.suppress(CookieError, KeyError):
+        return SimpleCookie("; ".join(headers.getlist("cookie")))[name].value
+    return ""
 
 
 def _refuse(sentence: str, names: Iterable[str]) -> PlainTextResponse:

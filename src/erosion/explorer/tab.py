@@ -163,14 +163,13 @@ class Tab:
         with ui.element("section").classes(f"panel view-{name}").props(f'aria-label="{_TITLES[name]}"'):
             ui.html(_TITLES[name], tag="h2", sanitize=False)
             if name == "cut":
-                return CutDrawing(self.state.instant, self._stay_at)
+                return CutDrawing(
+                    self.state.instant, lambda instant: self._go(dataclasses.replace(self.state, instant=instant))
+                )
             if name == "numbers":
                 return Prose()
             moved = {"volumes": "alpha", "end_times": "alpha", "spins": "phidot0"}.get(name)
             return Plot("400px", follows=name == "histories", moved=moved, on_pick=self._pick)
-
-    def _stay_at(self, instant: float) -> None:
-        self._go(dataclasses.replace(self.state, instant=instant))
 
     def _pick(self, parameter: str, at: float) -> None:
         self._controls.change(lambda case: at_position(parameter, at, case, self.service.start.case))
@@ -257,10 +256,10 @@ class Tab:
             if isinstance(element, Plot):
                 option, handles, label = content
                 unchanged = self._drawn.get(name) == option
-                element.draw(None if unchanged else option, handles, label, key)
+                element.draw(None if unchanged else option, handles, label, key=key)
                 self._drawn[name] = option
             else:
-                element.draw(*content, key)
+                element.draw(*content, key=key)
 
     def _tell_progress(self, computed: Computed) -> None:
         preparation = self.service.preparation

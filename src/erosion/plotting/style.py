@@ -104,20 +104,12 @@ def save_figure(fig: Figure, stem: Path) -> list[Path]:
     """Write `stem`.svg and `stem`.png on a white background; returns their paths."""
     svg, png = (stem.with_name(f"{stem.name}.{suffix}") for suffix in ("svg", "png"))
     save_plot(fig, svg)
-    with _layout_kept(fig):
-        save_plot(fig, png)
-    return [svg, png]
-
-
-@contextlib.contextmanager
-def _layout_kept(fig: Figure) -> Iterator[None]:
-    """Leave everything where it was drawn last: to lay a figure out takes as long as to draw it."""
+    # Everything stays where it was drawn: to lay a figure out takes as long as to draw it.
     engine = fig.get_layout_engine()
     fig.set_layout_engine("none")
-    try:
-        yield
-    finally:
-        fig.set_layout_engine(engine)
+    save_plot(fig, png)
+    fig.set_layout_engine(engine)
+    return [svg, png]
 
 
 def save_plot(fig: Figure, path: str | Path) -> Path:

@@ -178,17 +178,15 @@ def _multiples(name: str, p: Parameters) -> dict[float, str]:
     return {factor * own: f"{written}{QUANTITIES[name].symbol}" for factor, written in _FACTORS.items()}
 
 
-def _metals(p: Parameters) -> dict[float, str]:
-    to_own = conversion_factor("stress", "inch-pound", p.units)
-    return {float(p.sigma): "this case"} | {sigma * to_own: metal for metal, sigma in MATERIALS.items()}
-
-
 _VALUES: Mapping[str, Callable[[Parameters], dict[float, str]]] = types.MappingProxyType(
     {
         "v0": lambda p: _with_unit("v0", p, _SPEEDS[p.units]),
         "r": lambda p: _multiples("r", p),
         "m": lambda p: _multiples("m", p),
-        "sigma": _metals,
+        "sigma": lambda p: (
+            {float(p.sigma): "this case"}
+            | {sigma * conversion_factor("stress", "inch-pound", p.units): metal for metal, sigma in MATERIALS.items()}
+        ),
         "psi": lambda p: _with_unit("psi", p, _CONTACTS),
         "k": lambda p: _with_unit("k", p, _RATIOS),
     }
