@@ -13,8 +13,7 @@ from scipy import integrate
 
 import erosion
 from erosion.exercises import answer_key
-from erosion.exercises.answer_key import TASKS, at_contact, euler, linearized_rate, rk4
-from erosion.exercises.notebook import notebook
+from erosion.exercises.answer_key import TASKS, at_contact, euler, linearized_rate, notebook, rk4
 
 KEY = erosion.AnswerKey(erosion.TABLE_1)
 P = erosion.TABLE_1

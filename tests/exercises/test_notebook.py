@@ -15,7 +15,7 @@ import pytest
 import erosion
 from erosion.cli import _status
 from erosion.exercises import AnswerKey, Verdict
-from erosion.exercises.notebook import cells_of, notebook
+from erosion.exercises.answer_key import cells_of, notebook
 
 pytestmark = pytest.mark.slow
 

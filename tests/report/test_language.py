@@ -14,7 +14,7 @@ from matplotlib.text import Text
 import erosion
 from erosion.advice.page import plot_advice, write_advice
 from erosion.cli import _status
-from erosion.exercises import AnswerKey, notebook
+from erosion.exercises import AnswerKey, answer_key
 from erosion.exercises.answer_key import IN_OTHER_UNITS, NO_NUMBER, SLIPS, TASKS, UNKNOWN_TASK
 from erosion.output.language import ENGLISH, Language, catalogue_path, language, languages
 from erosion.parameters.materials import known_particles, known_targets
@@ -44,8 +44,8 @@ def message_blocks(source: str) -> list[str]:
     ]
 
 
-TASK_BLOCKS = message_blocks(CODE.sub("", notebook.TEXT.read_text("utf-8")))
-SOURCE = Path(notebook.__file__).parents[1]
+TASK_BLOCKS = message_blocks(CODE.sub("", answer_key.TEXT.read_text("utf-8")))
+SOURCE = Path(answer_key.__file__).parents[1]
 
 
 def messages_of_code(path: Path) -> list[str]:
@@ -63,7 +63,12 @@ def messages_of_code(path: Path) -> list[str]:
 
 @pytest.mark.parametrize(
     "path",
-    [*(SOURCE / "advice").glob("*.py"), *(SOURCE / "exercises").glob("*.py"), *SOURCE.glob("*/*.html"), notebook.TEXT],
+    [
+        *(SOURCE / "advice").glob("*.py"),
+        *(SOURCE / "exercises").glob("*.py"),
+        *SOURCE.glob("*/*.html"),
+        answer_key.TEXT,
+    ],
     ids=lambda path: f"{path.parent.name}/{path.name}",
 )
 def test_every_message_of_the_code_is_translated_with_its_fields(path: Path) -> None:
@@ -112,7 +117,7 @@ def test_what_a_key_says_is_translated() -> None:
 
 def test_the_german_notebook_is_german_and_its_code_the_same() -> None:
     german, english = (
-        nbformat.reads(notebook.notebook(AnswerKey(TABLE_1, lang), title="Table 1", solved=True), as_version=4)
+        nbformat.reads(answer_key.notebook(AnswerKey(TABLE_1, lang), title="Table 1", solved=True), as_version=4)
         for lang in ("de", "en")
     )
     words = " ".join(cell.source for cell in german.cells if cell.cell_type == "markdown")

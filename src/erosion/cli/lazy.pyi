@@ -42,7 +42,7 @@ from erosion.correlations import OutOfRangeWarning as OutOfRangeWarning
 from erosion.distributions import LAWS as LAWS
 from erosion.distributions import read_distribution as read_distribution
 from erosion.exercises import AnswerKey as AnswerKey
-from erosion.exercises.notebook import notebook as notebook
+from erosion.exercises.answer_key import notebook as notebook
 from erosion.explorer.server import free_address as free_address
 from erosion.explorer.server import offer as offer
 from erosion.explorer.server import serve as serve
