@@ -192,26 +192,17 @@ class _Picture:
         except ValueError as error:
             raise InputError(f'Option `--view` must be such as iso, +x or "1,-1,0.5", but is {self.view!r}.') from error
 
-    def check(self, *, has_surface: bool) -> None:
-        """Know before computing that it can be drawn."""
+    def check(self, *, has_surface: bool, surface: "lazy.Surface | None" = None) -> None:
+        """Know before computing that it can be drawn, and where the surface is known that something can be seen."""
         if self.plot is None:
             return
-
         if not has_surface:
             raise InputError("Option `--plot` needs `--surface`: without it there is nothing to draw.")
         if self.quantity is not None and self.quantity not in lazy.FACES:
             raise InputError(f"Option `--quantity` must be one of {', '.join(lazy.FACES)}, but is {self.quantity!r}.")
         with user_errors():
-            lazy.require_view(self.direction, self.zoom)
+            lazy.require_view(self.direction, self.zoom, None if surface is None else surface.normal)
         lazy.require_renderer()
-
-    def check_surface(self, surface: "lazy.Surface | None") -> None:
-        """Know before computing that something can be seen."""
-        if self.plot is None or surface is None:
-            return
-
-        with user_errors():
-            lazy.require_view(self.direction, self.zoom, surface.normal)
 
     def draw(self, dataset: "xr.Dataset") -> None:
         """Draw the map into its file, if there is one."""
@@ -257,29 +248,36 @@ def map_(
         with user_errors():
             lazy.require_map_path(output, has_surface=target.surface is not None)
     require_outputs(output, plot=picture.plot, inputs=(impacts, target.surface, *sand.inputs))
-    varied, uncertain, draws = sand.read_laws()
+    laws, uncertain, draws = sand.read_laws()
     abrasive = abrasive or PerMassOptions()
     per_mass = weighing(sand.model, abrasive, options)
     # A share that is uncertain has its law alone, if no option gives it too.
     share = 1.0 if "cutting_fraction" in uncertain and abrasive.cutting_fraction is None else per_mass.cutting_fraction
     has_spin = "phidot0" in {**section, **options.given()}
-    made = rows.options(sand.p, varied, uncertain, share, per_mass, has_spin=has_spin)
+    made = rows.options(sand.p, laws, uncertain, share, per_mass, has_spin=has_spin)
     grit, _ = options.materials()
     with dask_cluster(workers, scheduler):
         job = _job(impacts, target, rows, None if grit is None else grit.density, made, (sand.reference, sand.numbers))
-        picture.check_surface(job.surface)
+        picture.check(has_surface=job.surface is not None, surface=job.surface)
         dataset = _computed(job).assign_attrs(options.names())
     if output is not None:
         with user_errors():
             lazy.write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
     picture.draw(dataset)
     printed = Output("map", sand.p, options, json=json, seed=made.seed_used)
-    printed.warn(*lazy.unused_columns({**varied, **uncertain}), *lazy.columns_apart(varied))
+    printed.warn(*lazy.unused_columns({**laws, **uncertain}), *lazy.columns_apart(laws))
     for part in draws:
         printed.warn(*part.doubts(sand.model, sand.p, per_mass.cutting_fraction))
     metal = options.names().get("target", "steel, as no --target is named")
     sentences = [f"{sand.name} is the usual correlation for {metal}; --model takes others."] if usual else []
-    _show(dataset, job, printed, sand.name, sentences)
+    # What is left out is a warning.
+    summary = lazy.MapSummary(dataset)
+    printed.warn(*map(as_options, summary.warnings))
+    content = summary.to_dict()
+    units = content.pop("units")
+    varied = {"alpha": "each row's", "v0": "each row's", **made.laws_in_words(job.task.model)}
+    printed.document(content, {sand.name: job.task.model}, units, varied)
+    printed.table(summary.title, summary.rows(), sentences=sentences)
     printed.wrote(map=output, figure=picture.plot)
 
 
@@ -336,14 +334,3 @@ def _computed(job: "lazy.MapJob") -> "xr.Dataset":
         except lazy.ImpactsError:
             with user_errors():
                 raise
-
-
-def _show(dataset: "xr.Dataset", job: "lazy.MapJob", output: Output, model: str, sentences: list[str]) -> None:
-    """Print the totals, and sentences below them; those on what is left out are warnings."""
-    summary = lazy.MapSummary(dataset)
-    output.warn(*map(as_options, summary.warnings))
-    content = summary.to_dict()
-    units = content.pop("units")
-    varied = {"alpha": "each row's", "v0": "each row's", **job.task.options.laws_in_words(job.task.model)}
-    output.document(content, {model: job.task.model}, units, varied)
-    output.table(summary.title, summary.rows(), sentences=sentences)

@@ -2,7 +2,7 @@
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -181,9 +181,8 @@ def _show_sweep(
 ) -> None:
     """Show a summary; some impacts that could not be computed are a warning, all of them an error."""
     summary = _summary(dataset)
-    of_mass = _per_mass(dataset, grid.p, weights)
+    of_mass, volumes, at = _per_mass(dataset, grid.p, weights)
     lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
-    volumes, at = _greatest(dataset, grid.p, weights)
     output.warn(*grid.outside_of_range, *lazy.models_far_from_tests(weights, volumes, at))
     if 0 < lost < summary["impacts"]:
         output.warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
@@ -216,29 +215,28 @@ def _summary(dataset: Any) -> dict[str, Any]:
     }
 
 
-def _per_mass(dataset: Any, p: "lazy.Parameters", weights: "Mapping[str, lazy.PerMass]") -> dict[str, float]:
-    """The least and the greatest erosion per mass of abrasive, of all models [SI]."""
-    masses = dataset["m"] if "m" in dataset else float(p.m)
+def _per_mass(
+    dataset: Any, p: "lazy.Parameters", weights: "Mapping[str, lazy.PerMass]"
+) -> "tuple[dict[str, float], dict[str, Any], lazy.Parameters]":
+    """The least and the greatest erosion per mass of abrasive, of all models [SI].
+
+    And by model the greatest volumes at each speed, of a particle of mass 1, with the case that they belong to.
+    """
+    per_particle_mass = dataset.volume / (dataset["m"] if "m" in dataset else float(p.m))
+    speeds, one = dataset.get("v0"), dataclasses.replace(p, m=1.0)
+    volumes: dict[str, Any] = {}
     ends: dict[str, list[float]] = {}
     for model, weight in weights.items():
-        per_particle_mass = (dataset.volume.sel(model=model) if model else dataset.volume) / masses
-        for end in (float(per_particle_mass.min()), float(per_particle_mass.max())):
-            for name, value in weight.to_dict(end, dataclasses.replace(p, m=1.0)).items():
+        of_model = per_particle_mass.sel(model=model) if model else per_particle_mass
+        volumes[model] = of_model.max([dim for dim in of_model.dims if speeds is None or dim not in speeds.dims]).values
+        for end in (float(of_model.min()), float(of_model.max())):
+            for name, value in weight.to_dict(end, one).items():
                 ends.setdefault(name, []).append(float(value))
     # Where only some models have a density, their ratios are not those of all.
     common = {name: values for name, values in ends.items() if len(values) == 2 * len(weights)}
-    return {f"{name}_{end}": of(values) for name, values in common.items()
-            for end, of in (("least", min), ("greatest", max))}  # fmt: skip
-
-
-def _greatest(dataset: Any, p: "lazy.Parameters", names: Iterable[str]) -> "tuple[dict[str, Any], lazy.Parameters]":
-    """By model, the greatest volumes at each speed, of a particle of mass 1; and the case that they belong to."""
-    speeds = dataset.get("v0")
-    per_particle_mass = dataset.volume / (dataset["m"] if "m" in dataset else float(p.m))
-    kept = {"model"} | set(() if speeds is None else speeds.dims)
-    greatest = per_particle_mass.max([dim for dim in per_particle_mass.dims if dim not in kept])
-    at = dataclasses.replace(p, m=1.0, v0=p.v0 if speeds is None else speeds.values)
-    return {name: (greatest.sel(model=name) if name else greatest).values for name in names}, at
+    of_mass = {f"{name}_{end}": of(values) for name, values in common.items()
+               for end, of in (("least", min), ("greatest", max))}  # fmt: skip
+    return of_mass, volumes, one if speeds is None else dataclasses.replace(one, v0=speeds.values)
 
 
 def _per_mass_rows(of_mass: Mapping[str, float], *, is_beyond: bool) -> "list[lazy.Row]":

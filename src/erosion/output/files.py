@@ -40,7 +40,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     _require_replaceable(path)
     with _draft(path) as draft:
         yield draft
-        target = _target(path)
+        target = Path(os.path.realpath(path))
         if target.is_file():
             shutil.copymode(target, draft)
         draft.replace(target)
@@ -208,18 +208,13 @@ def _require_replaceable(path: Path) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
 
 
-def _target(path: Path) -> Path:
-    """Where the links of `path` end."""
-    return Path(os.path.realpath(path))
-
-
 @contextlib.contextmanager
 def _draft(path: Path) -> Iterator[Path]:
     """A path in a hidden folder beside the file, of its own for each writer, which goes afterwards; errors name `path`.
 
     A program that is killed while it writes leaves the folder, `.NAME.RANDOM.part`.
     """
-    target = _target(path)
+    target = Path(os.path.realpath(path))  # where links end
     try:
         with tempfile.TemporaryDirectory(
             prefix=f".{target.name[:40]}.", suffix=".part", dir=target.parent, ignore_cleanup_errors=True
