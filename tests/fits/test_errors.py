@@ -6,8 +6,8 @@ from scipy import stats
 
 from erosion.distributions import Uniform
 from erosion.fits import ErrorModel, MeasurementError, calibrate, read_measurements
-from erosion.fits.calibration import make_forward
 from erosion.fits.errors import errors_at
+from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
 from erosion.impacts.impact import impact
 from erosion.parameters.parameters import TABLE_1

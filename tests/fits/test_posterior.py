@@ -10,8 +10,7 @@ from scipy import stats
 import erosion
 from erosion.distributions import Normal, Uniform
 from erosion.fits import ConvergenceWarning, Posterior, SamplingError, tempering
-from erosion.fits.calibration import make_forward
-from erosion.fits.forward import Forward
+from erosion.fits.forward import Forward, make_forward
 from erosion.fits.likelihood import make_likelihood
 from erosion.fits.posterior_files import read_draws
 from erosion.joint_laws import CorrelatedLaws

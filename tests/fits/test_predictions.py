@@ -1,14 +1,16 @@
 """Discrepancy and exponent: the likelihood against dense matrices, curves against the closed posterior, what holds."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy import stats
 
 import erosion
-from erosion.fits import Posterior, prediction
-from erosion.fits.calibration import make_forward
+from erosion.fits import Calibration, Posterior, least_squares, prediction
 from erosion.fits.discrepancy import Discrepant, with_few_conditions
 from erosion.fits.errors import ErrorModel
+from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
 from erosion.fits.posterior_files import read_predictor
 from erosion.fits.predicted import _end_of_weighing, predictions
@@ -162,3 +164,33 @@ def test_rows_that_are_put_together_keep_evidence_and_ranges_and_those_that_are_
     assert "deformation" in missed
     asked = predictions(predictor, np.deg2rad([40.0, 90.0]))
     assert any("90°" in sentence and sentence not in predictor.warnings for sentence in asked.warnings)
+
+
+def test_a_speed_that_is_not_asked_for_is_that_of_most_rows():
+    forward = dataclasses.replace(rows(), p=TABLE_1.replace(v0=7 * V0))
+    fit = Calibration(*least_squares.fit(least_squares.make_problem(forward, forward.data, {}), "linear", 4))
+    degrees = np.deg2rad([20.0, 60.0])
+    table = fit.predict(degrees)
+    np.testing.assert_array_equal(table.columns["v0"], V0)
+    assert not any("fastest" in sentence for sentence in table.warnings)
+    np.testing.assert_allclose(table.columns["mean"], fit.curve(degrees, {"v0": V0})[0], rtol=0.01)
+    np.testing.assert_array_equal(fit.predict(degrees, {"v0": 2 * V0}).columns["v0"], 2 * V0)
+    assert any("2 × the fastest" in sentence for sentence in fit.predict(degrees, {"v0": 2 * V0}).warnings)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_fit_predicts_by_its_errors(known):
+    """ψ is a factor: the interval of the mean is that of ψ, and a weighing adds its own error."""
+    degrees = np.array([15.0, 25.0, 35.0, 45.0, 55.0, 65.0])
+    volume = erosion.impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees))).volume
+    table = {"angle [deg]": degrees, "volume [in^3]": volume + 2e-6 * np.array([1.0, -1.0, 0.5, 0.5, -1.0, 1.0])}
+    fit = erosion.calibrate("linearized", TABLE_1, table, ["psi"], error=2e-6 if known else None)
+    mean, error = fit.curve(np.deg2rad(30.0))
+    asked = {name: column[0] for name, column in fit.predict(np.deg2rad(30.0)).columns.items()}
+    half = stats.norm.ppf(0.975)
+    # Of 2000 draws an end is known to 4 % of the half width.
+    assert asked["mean"] == pytest.approx(float(mean), abs=0.1 * float(error))
+    assert (asked["mean_high"] - asked["mean_low"]) / 2 == pytest.approx(half * error, rel=0.06)
+    noise = 2e-6 if known else np.sqrt(fit.variance) * fit.data.deviation[0]
+    whole = (asked["weighing_high"] - asked["weighing_low"]) / 2
+    assert whole == pytest.approx(half * np.hypot(error, noise), rel=0.03)

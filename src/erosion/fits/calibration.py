@@ -13,7 +13,7 @@ from erosion.arguments import check_level, check_whole
 from erosion.fits import doubts
 from erosion.fits.doubts import LEVEL, OPEN, TOUCH, Pattern, Profile, Ridge, are_noise, beyond_scatter, find_patterns
 from erosion.fits.errors import ErrorModel
-from erosion.fits.forward import FACTORS, FRACTION, Forward, check_free
+from erosion.fits.forward import FACTORS, FRACTION, make_forward
 from erosion.fits.least_squares import (
     LOSSES,
     CalibrationError,
@@ -24,23 +24,19 @@ from erosion.fits.least_squares import (
     identify,
     make_problem,
 )
-from erosion.fits.measurements import Measurements, conditions, read_measurements
-from erosion.models import load_model, model_name
+from erosion.fits.measurements import Measurements, conditions
+from erosion.fits.predicted import Predictions, predictions
+from erosion.fits.prediction import of_fit
+from erosion.models import model_name
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_parameters, quantities, require_one_impact
+from erosion.models.own_parameters import own_parameters, quantities
 from erosion.models.registry import impact_to_dict
 from erosion.output.tables import Result, Row, format_number, to_plain
-from erosion.parameters.parameters import Parameters, validate
-from erosion.parameters.per_mass import PerMass
+from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import (
     Quantity,
     Scale,
-    about,
-    example,
-    has_unit,
     quantity_row,
-    read_quantity,
-    shown,
     table_scale,
     unit_name,
 )
@@ -326,6 +322,21 @@ class Calibration(Result):
         errors = np.sqrt(spread * self.variance)
         return erosion.reshape(np.shape(alpha)), errors.reshape(np.shape(alpha))
 
+    def predict(self, alpha: Any, at: Mapping[str, Any] | None = None, level: float = LEVEL) -> Predictions:
+        """The mean at angles with its interval, and that of a new weighing, if the model is right.
+
+        Args:
+            alpha: α [rad], of any shape.
+            at: other parameters of the case, numbers or arrays; a speed or a mass without it as for `usual_condition`.
+            level: of the intervals, by the errors of the estimates; those of `Posterior.predictor` also hold what the
+                model may lack.
+        """
+        steps = self.identifiability.modes * np.sqrt(self.variance)
+        known = self.data.uncertainty is not None
+        noise = None if known else float(np.sqrt(self.variance) * self.data.deviation[0])
+        predictor = of_fit(self.problem.forward, self.solution.theta, steps, noise)
+        return predictions(predictor, alpha, at, level)
+
     def profile(self, name: str, points: int = 21) -> Profile:
         """The likelihood's profile along one parameter, with all others fitted again at each value.
 
@@ -558,42 +569,3 @@ def calibrate(
         raise ValueError(f"Argument `data` must have erosion that a metal can have, but has {greatest:g} (SI) at most.")
     problem = make_problem(forward, data, bounds or {})
     return Calibration(*fit(problem, loss, starts))
-
-
-def make_forward(
-    model: CuttingModel | str | Path,
-    p: Parameters,
-    data: Any,
-    free: Sequence[str],
-    density: float | str | None,
-    cutting_fraction: float,
-    error: ErrorModel | float | str | None = None,
-) -> Forward:
-    """The model's prediction of what was measured; arguments and errors as of `calibrate`."""
-    model = load_model(model)
-    validate(p)
-    require_one_impact(model, p)
-    measured = read_measurements(data, p.units, error=error)
-    if not np.any(measured.erosion):
-        raise ValueError("Argument `data` must have erosion other than zero.")
-    share = PerMass(cutting_fraction=cutting_fraction).cutting_fraction
-    names = check_free(free, measured, model)
-    return Forward(model, p, names, measured, _density(density, measured, p), share)
-
-
-def _density(density: float | str | None, data: Measurements, p: Parameters) -> float | None:
-    if density is None:
-        if data.needs_density:
-            raise ValueError(
-                "Argument `density` of the target must be given, as the data has mass losses: a model removes volume."
-            )
-        return None
-    if isinstance(density, str):
-        if not has_unit(density):
-            such_as = example("density", p.units)
-            raise ValueError(f"Argument `density` must carry its unit, such as {such_as}, but is {shown(density)}.")
-        with about("Argument `density`"):
-            density = read_quantity(density, "density", p.units)
-    if not isinstance(density, (int, float, np.number)) or not (np.isfinite(density) and density > 0):
-        raise ValueError(f"Argument `density` must be positive and finite, but is {density!r}.")
-    return float(density)

@@ -17,7 +17,7 @@ from erosion.cfd.exports import ANGLES, ExportedParticle, Reach, commented, part
 from erosion.fits.calibration import Calibration
 from erosion.fits.doubts import LEVEL
 from erosion.fits.forward import SCALE
-from erosion.fits.measurements import MOST, conditions
+from erosion.fits.measurements import MOST, conditions, usual_condition
 from erosion.impacts.impact import impact
 from erosion.models import model_name, model_source
 from erosion.models.base import CuttingModel
@@ -236,15 +236,8 @@ def command(*words: str) -> str:
 
 
 def exported_case(calibration: Calibration) -> Parameters:
-    """The fitted case at a speed and a mass that the data has.
-
-    They are those of most rows, of the greatest speed among equals; or the case's own, where the data has these.
-    """
-    p, groups = calibration.p, conditions(calibration.data)
-    own = [group for group in groups if all(np.isclose(float(getattr(p, name)), value, rtol=1e-3)
-                                            for name, value in group.values.items())]  # fmt: skip
-    chosen = max(own or groups, key=lambda group: (len(group.rows), *group.values.values()))
-    return dataclasses.replace(p, **chosen.values)
+    """The fitted case at a speed and a mass that the data has, see `usual_condition`."""
+    return dataclasses.replace(calibration.p, **usual_condition(calibration.data, calibration.p))
 
 
 def _comment(calibration: Calibration) -> str:

@@ -10,17 +10,29 @@ speed of the data, whatever it starts from.
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from erosion.arguments import refuse
-from erosion.fits.measurements import Measurements
+from erosion.fits.errors import ErrorModel
+from erosion.fits.measurements import Measurements, read_measurements
 from erosion.impacts.impact import Impact, impact
+from erosion.models import load_model
 from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
-from erosion.parameters.parameters import QUANTITIES, Parameters
-from erosion.parameters.quantities import Quantity
+from erosion.models.own_parameters import (
+    own_parameters,
+    quantities,
+    replaced,
+    require_one_impact,
+    sizes,
+    values,
+    with_values,
+)
+from erosion.parameters.parameters import QUANTITIES, Parameters, validate
+from erosion.parameters.per_mass import PerMass
+from erosion.parameters.quantities import Quantity, about, example, has_unit, read_quantity, shown
 from erosion.parameters.tested import Tested
 
 SCALE = "scale"
@@ -241,3 +253,42 @@ def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> 
     # So that an own parameter that cannot be an array is refused before anything is computed.
     replaced(model, {name: np.zeros(1) for name in names if name not in (*QUANTITIES, FRACTION)})
     return names
+
+
+def make_forward(
+    model: CuttingModel | str | Path,
+    p: Parameters,
+    data: Any,
+    free: Sequence[str],
+    density: float | str | None,
+    cutting_fraction: float,
+    error: ErrorModel | float | str | None = None,
+) -> Forward:
+    """The model's prediction of what was measured; arguments and errors as of `calibrate`."""
+    model = load_model(model)
+    validate(p)
+    require_one_impact(model, p)
+    measured = read_measurements(data, p.units, error=error)
+    if not np.any(measured.erosion):
+        raise ValueError("Argument `data` must have erosion other than zero.")
+    share = PerMass(cutting_fraction=cutting_fraction).cutting_fraction
+    names = check_free(free, measured, model)
+    return Forward(model, p, names, measured, _density(density, measured, p), share)
+
+
+def _density(density: float | str | None, data: Measurements, p: Parameters) -> float | None:
+    if density is None:
+        if data.needs_density:
+            raise ValueError(
+                "Argument `density` of the target must be given, as the data has mass losses: a model removes volume."
+            )
+        return None
+    if isinstance(density, str):
+        if not has_unit(density):
+            such_as = example("density", p.units)
+            raise ValueError(f"Argument `density` must carry its unit, such as {such_as}, but is {shown(density)}.")
+        with about("Argument `density`"):
+            density = read_quantity(density, "density", p.units)
+    if not isinstance(density, (int, float, np.number)) or not (np.isfinite(density) and density > 0):
+        raise ValueError(f"Argument `density` must be positive and finite, but is {density!r}.")
+    return float(density)

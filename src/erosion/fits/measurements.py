@@ -41,7 +41,7 @@ from erosion.parameters.headings import (
     matching,
     read_heads,
 )
-from erosion.parameters.parameters import are_angles
+from erosion.parameters.parameters import Parameters, are_angles
 from erosion.parameters.quantities import (
     QUANTITIES,
     RESULTS,
@@ -577,6 +577,14 @@ def conditions(data: Measurements, most: int | None = None) -> list[Condition]:
         Condition(rows, middle, describe({name: middle[name] for name in varying}, data.units, sign))
         for rows, middle in zip(parts, middles, strict=True)
     ]
+
+
+def usual_condition(data: Measurements, p: Parameters) -> Mapping[str, float]:
+    """Speed and mass of most rows, the greatest among equals; or the case's own, where the data has these."""
+    groups = conditions(data)
+    own = [group for group in groups if all(np.isclose(float(getattr(p, name)), value, rtol=1e-3)
+                                            for name, value in group.values.items())]  # fmt: skip
+    return max(own or groups, key=lambda group: (len(group.rows), *group.values.values())).values
 
 
 def describe(values: Mapping[str, float], units: System, sign: str = "=") -> str:

@@ -12,10 +12,9 @@ import xarray as xr
 from scipy import special, stats
 
 from erosion.arguments import Progress, check_level, check_path, check_whole, no_progress
-from erosion.fits.calibration import make_forward
 from erosion.fits.doubts import LEVEL, POOR, rounded
 from erosion.fits.errors import ErrorModel
-from erosion.fits.forward import FRACTION, SCALE
+from erosion.fits.forward import FRACTION, SCALE, make_forward
 from erosion.fits.least_squares import identify
 from erosion.fits.likelihood import (
     OF_ERROR,
@@ -314,7 +313,8 @@ class Posterior(Result):
 
         Args:
             alpha: α [rad], of any shape.
-            at: other parameters of the case than the sampled ones, such as {"v0": 60.0}, or arrays.
+            at: other parameters of the case than the sampled ones, such as {"v0": 60.0}, or arrays. Speed and mass
+                without it are the case's, or where data without these have their own those of most rows.
             count: number of draws.
             noise: True for a new measurement, with the data's error or the sampled noise; or another error, a standard
                 deviation [of the data], one for each angle, or an `ErrorModel`. Else the mean of measurements.
@@ -349,7 +349,7 @@ class Posterior(Result):
         angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
         draws, of_impact = self.some(count), self.likelihood.forward.of_impact
         model, p = with_values(self.model, self.p, {name: draws[name][:, None] for name in of_impact})
-        ends = impact(model, dataclasses.replace(p, alpha=angles, **(at or {}))).ended_by
+        ends = impact(model, dataclasses.replace(p, alpha=angles, **{**self._of_model.usual, **(at or {})})).ended_by
         drawn = len(next(iter(draws.values())))
         return np.broadcast_to(ends, (drawn, angles.size)).reshape((drawn, *np.shape(alpha)))
 

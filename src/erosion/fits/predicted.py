@@ -143,10 +143,11 @@ def predictions(
     Args:
         predictor: of a fit.
         alpha: α [rad], of any shape.
-        at: other parameters of the case, numbers or arrays that broadcast with `alpha`.
+        at: other parameters of the case, numbers or arrays that broadcast with `alpha`; a speed or a mass that is not
+            given and differs from row to row is that of `Predictor.usual`, and the table has it.
         level: of the intervals.
     """
-    given = {"alpha": alpha, **(at or {})}
+    given = {"alpha": alpha, **predictor.usual, **(at or {})}
     shape = np.broadcast_shapes(*map(np.shape, given.values()))
     asked = {name: np.broadcast_to(np.asarray(value, float), shape).ravel() for name, value in given.items()}
     shares = (1 - check_level(level)) / 2, (1 + level) / 2

@@ -18,7 +18,7 @@ from erosion.fits.discrepancy import EXPONENT, PRIORS, Discrepant, with_few_cond
 from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import Forward
 from erosion.fits.likelihood import ERROR_FACTOR, NOISE, OF_ERROR, RELATIVE, Likelihood
-from erosion.fits.measurements import Measurements
+from erosion.fits.measurements import Measurements, usual_condition
 from erosion.fits.tempering import rhats, sample
 from erosion.joint_laws import LawSet
 from erosion.models.own_parameters import own_parameters
@@ -76,6 +76,11 @@ class Predictor(Result):
     def data(self) -> Measurements:
         """The measurements."""
         return self.forward.data
+
+    @functools.cached_property
+    def usual(self) -> Mapping[str, float]:
+        """Speed and mass where none is asked for, if the data have their own."""
+        return usual_condition(self.data, self.forward.p)
 
     @property
     def weights(self) -> dict[str, float]:
@@ -137,7 +142,8 @@ class Predictor(Result):
         angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
         conditions = {name: np.broadcast_to(np.asarray(value, float), np.shape(alpha)).ravel()
                       for name, value in (at or {}).items()}  # fmt: skip
-        conditions = {"alpha": angles, **conditions}
+        usual = {name: np.full(len(angles), value) for name, value in self.usual.items()}
+        conditions = {"alpha": angles, **usual, **conditions}
         rng, chosen = np.random.default_rng([self.seed, 1]), self.chosen(check_whole("count", count, 1))
         chosen = [(way, values) for way, values in chosen if _size(values)]
         curves = [way.misfit.draw(values, conditions, rng) for way, values in chosen]
@@ -146,9 +152,9 @@ class Predictor(Result):
     def outside(self, alpha: Any, at: Mapping[str, Any] | None = None) -> tuple[str, ...]:
         """How far a question lies outside the tests, in sentences such as "120 m/s is 1.22 × the fastest test".
 
-        Arguments as of `predict`; a speed or a mass that is not given is the case's.
+        Arguments as of `predict`.
         """
-        given = {name: getattr(self.forward.p, name) for name in self.forward.tested.ranges}
+        given = {name: getattr(self.forward.p, name) for name in self.forward.tested.ranges} | dict(self.usual)
         return tuple(self.forward.tested.outside({**given, **(at or {}), "alpha": alpha}, self.data.units))
 
     @property
@@ -236,6 +242,23 @@ def of_model(
     """
     misfit = Discrepant(likelihood, has_exponent=False, has_discrepancy=False)
     return Predictor(likelihood.forward, {"model": Way(misfit, values, log_evidence)}, seed)
+
+
+def of_fit(forward: Forward, theta: np.ndarray, steps: np.ndarray, noise: float | None) -> Predictor:
+    """Predictions by normal errors of a fit.
+
+    Args:
+        forward: of the model.
+        theta: of the fit, shape (names,).
+        steps: directions of θ that are determined, each one standard deviation long, shape (names, directions).
+        noise: standard deviation of a row without an error of its own.
+    """
+    drawn = theta + np.random.default_rng(0).standard_normal((_MIXED, steps.shape[1])) @ steps.T
+    values = {name: forward.from_theta(name, np.clip(column, *ends))
+              for name, column, ends in zip(forward.names, drawn.T, forward.limits, strict=True)}  # fmt: skip
+    if noise is not None:
+        values |= {NOISE: np.full(_MIXED, noise), RELATIVE: np.zeros(_MIXED)}
+    return predictor_of(forward, {"model": {"values": values, "log_evidence": np.zeros(1)}}, 0)
 
 
 def predictor_of(forward: Forward, ways: Mapping[str, Mapping[str, Any]], seed: int) -> Predictor:
