@@ -8,12 +8,13 @@ from scipy import stats
 
 import erosion
 from erosion.fits import Calibration, Posterior, least_squares, prediction
-from erosion.fits.discrepancy import Discrepant, with_few_conditions
+from erosion.fits.discrepancy import PRIORS, Discrepant, with_few_conditions
 from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
 from erosion.fits.posterior_files import read_predictor
 from erosion.fits.predicted import _end_of_weighing, predictions
+from erosion.fits.prediction import predictor_of
 from erosion.parameters.parameters import TABLE_1
 
 ERROR = ErrorModel(1e-6, 0.05)
@@ -194,3 +195,16 @@ def test_a_fit_predicts_by_its_errors(known):
     noise = 2e-6 if known else np.sqrt(fit.variance) * fit.data.deviation[0]
     whole = (asked["weighing_high"] - asked["weighing_low"]) / 2
     assert whole == pytest.approx(half * np.hypot(error, noise), rel=0.03)
+
+
+def test_populations_that_disagree_are_named_where_they_count():
+    apart = np.random.default_rng(0).standard_normal((4, 150, 2))
+    assert prediction._agree(apart)
+    assert not prediction._agree(apart + np.array([0.0, 0.0, 0.0, 1.0])[:, None, None])
+    values = {"k": np.full(4, 2.0), "psi": np.full(4, 0.05)}
+    ways = {name: {"values": values | more, "log_evidence": np.zeros(4), "weight": weight, "converged": name == "model"}
+            for name, more, weight in (("model", {}, 0.595), ("exponent", {"exponent": np.full(4, 2.4)}, 0.4),
+                                       ("discrepancy", dict.fromkeys(PRIORS, np.full(4, 0.5)), 0.005))}  # fmt: skip
+    (sentence,) = (said for said in predictor_of(rows(), ways, 0).warnings if "disagree" in said)
+    assert "exponent" in sentence
+    assert "discrepancy" not in sentence
