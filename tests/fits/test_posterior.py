@@ -132,7 +132,7 @@ def test_curves_and_best_angles_are_those_of_the_draws(result):
     assert result.derive(lambda model, p: erosion_at(model, p, 0.3), count=50).shape == (50,)
     twice = result.predict(angles, {"v0": 2 * float(TABLE_1.v0)}, count=50, discrepancy=False)
     np.testing.assert_allclose(twice, 4 * curves, rtol=1e-5)
-    best = result.alpha_max(100)
+    best = result.alpha_max(100, discrepancy=False)
     np.testing.assert_allclose(best.to_dict()["alpha"], np.arctan(result.some(100)["k"]) / 2, rtol=1e-6)
     assert best.kinds == {"interior": 1.0}
     assert "interior" in str(best)

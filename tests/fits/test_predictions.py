@@ -112,6 +112,11 @@ def test_a_model_that_misses_predicts_with_wide_intervals(missed):
     assert not ((low < true) & (true < high)).all()
     assert missed.predictor.weights["discrepancy"] > 0.99
     assert missed.predictor.exponent == pytest.approx((2.5, 0.1), abs=0.2)
+    best = missed.alpha_max()
+    low, high = np.quantile(best.alpha, [0.025, 0.975])
+    assert low < np.deg2rad(45.0) < high  # of the law
+    assert np.ptp(np.quantile(best.of_model, [0.025, 0.975])) < (high - low) / 2
+    assert "discrepancy" in str(best)
     faster = missed.predict(np.deg2rad(degrees), {"v0": 2 * V0}) / (4 * true)
     assert (faster.std(axis=0) > curves.std(axis=0) / true).all()
     noisy = missed.predict(np.deg2rad(degrees), {"v0": V0}, 2000, noise=ErrorModel(2e-5))

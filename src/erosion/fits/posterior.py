@@ -24,9 +24,10 @@ from erosion.fits.likelihood import (
 )
 from erosion.fits.measurements import Measurements
 from erosion.fits.posterior_files import LINE, SOURCE, own_in_si, prediction_groups
+from erosion.fits.predicted import ANGLES, BestAngles, highest
 from erosion.fits.prediction import Noise, Predictor, make_predictor, of_model
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
-from erosion.impacts.alpha_max import Optimum, alpha_max
+from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.impact import impact
 from erosion.joint_laws import LawSet, Rows
 from erosion.models import model_name, model_source
@@ -38,59 +39,11 @@ from erosion.output.files import require_writable, seen_from, write_whole
 from erosion.output.tables import Result, Row, format_number, sentences, to_plain
 from erosion.parameters.case_files import dump_case, with_paths
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import RESULTS, Quantity, Scale, table_scale
+from erosion.parameters.quantities import Quantity, Scale, table_scale
 from erosion.version import __version__
 
 _EVIDENCE = 0.5  # standard error of ln Z, from which on a factor of evidence means little
 _END, _PILED = 0.01, 0.1  # an end of a prior, and the share of draws there that shows that the prior decides
-
-
-@dataclasses.dataclass(frozen=True)
-class BestAngles(Result):
-    """The angle of greatest removal at each draw of a posterior.
-
-    Args:
-        optimum: the certified answers, whose fields have the shape (draws,).
-    """
-
-    optimum: Optimum
-
-    @property
-    def alpha(self) -> np.ndarray:
-        """The angles [rad], shape (draws,); NaN where nothing is removed."""
-        return np.atleast_1d(np.asarray(self.optimum.alpha))
-
-    @property
-    def kinds(self) -> dict[str, float]:
-        """What the greatest removal is, as `Optimum.kind` has it: the share of the draws."""
-        kinds, counts = np.unique(np.atleast_1d(self.optimum.kind), return_counts=True)
-        return {str(kind): float(count / counts.sum()) for kind, count in zip(kinds, counts, strict=True)}
-
-    @property
-    def title(self) -> str:
-        """How many draws."""
-        return f"the angle of greatest removal, {len(self.alpha):,} draws"
-
-    def rows(self) -> list[Row]:
-        """Median and interval of angle and volume, and the shares of the kinds."""
-        rows = []
-        for name, values in (("alpha_max", self.alpha), ("volume_max", np.atleast_1d(self.optimum.volume))):
-            quantity = RESULTS[name]
-            low, middle, high = np.nanquantile(values, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
-            scale = table_scale(quantity.dimension, self.optimum.p.units, float(middle))
-            ends = f"{LEVEL:.0%} of the draws: {low / scale.size:.4g} … {high / scale.size:.4g}"
-            rows.append(Row(name, quantity.symbol, f"{middle / scale.size:.4g}", scale.unit, f"the median; {ends}"))
-        rows += [Row(kind, "", f"{share:.1%}", "", "of the draws") for kind, share in self.kinds.items()]
-        return rows
-
-    def to_dict(self) -> dict[str, Any]:
-        """The angles [rad], the volumes and their kinds, draw by draw."""
-        return to_plain({
-            "alpha": self.alpha,
-            "volume": np.atleast_1d(self.optimum.volume),
-            "kind": np.atleast_1d(self.optimum.kind),
-            "kinds": self.kinds,
-        })  # fmt: skip
 
 
 _FACTOR = 1.5  # by which a deviation and an interval may differ to be shown together
@@ -296,9 +249,13 @@ class Posterior(Result):
         """A function of model and case at draws; it gets arrays of shape (count,): see `cases`."""
         return function(*self.cases(count))
 
-    def alpha_max(self, count: int = _SOME) -> BestAngles:
-        """The angle of greatest removal at draws of the parameters, at jumps of V(α) too."""
-        return BestAngles(alpha_max(*self.cases(count)))
+    def alpha_max(self, count: int = _SOME, *, discrepancy: bool = True) -> BestAngles:
+        """The angle of greatest removal at draws, at a speed and a mass of the data; arguments as of `predict`."""
+        model, p = self.cases(count)
+        optimum = alpha_max(model, dataclasses.replace(p, **self._of_model.usual))
+        if not (discrepancy and self.discrepancy):
+            return BestAngles(optimum)
+        return BestAngles(optimum, highest(self.predict(ANGLES, count=count)), self.predictor.parts)
 
     def predict(
         self,

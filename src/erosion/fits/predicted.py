@@ -1,4 +1,4 @@
-"""A table of predictions: the mean at angles, speeds and sizes, its interval, and that of a new weighing."""
+"""Tables of predictions: the mean at angles, speeds and sizes, that of a new weighing, the best angles."""
 
 import dataclasses
 import functools
@@ -9,11 +9,14 @@ import numpy as np
 from scipy import special
 
 from erosion.arguments import check_level
+from erosion.fits.doubts import LEVEL
 from erosion.fits.prediction import Predictor
+from erosion.impacts.alpha_max import Optimum
 from erosion.models.registry import model_name
-from erosion.output.tables import Result, largest_of, sentences, to_plain
+from erosion.output.tables import Result, Row, largest_of, sentences, to_plain
 from erosion.parameters.quantities import (
     QUANTITIES,
+    RESULTS,
     Dimension,
     Scale,
     ascii_unit,
@@ -180,3 +183,83 @@ def _end_of_weighing(means: np.ndarray, errors: np.ndarray, share: float) -> np.
 
 def _digits(value: float) -> str:
     return f"{float(f'{value:.4g}'):.10g}"
+
+
+@dataclasses.dataclass(frozen=True)
+class BestAngles(Result):
+    """The angle of greatest removal at each draw of a posterior.
+
+    Args:
+        optimum: the certified answers of the model alone, whose fields have the shape (draws,).
+        predicted: the angles [rad] of curves that also hold what the model may lack, shape (draws,); None without.
+        parts: what the curves hold, in words.
+    """
+
+    optimum: Optimum
+    predicted: np.ndarray | None = None
+    parts: tuple[str, ...] = ("parameters",)
+
+    @property
+    def alpha(self) -> np.ndarray:
+        """The angles [rad], shape (draws,), with all `parts`; NaN where nothing is removed."""
+        return self.of_model if self.predicted is None else self.predicted
+
+    @property
+    def of_model(self) -> np.ndarray:
+        """The certified angles of the model alone [rad], shape (draws,)."""
+        return np.atleast_1d(np.asarray(self.optimum.alpha))
+
+    @property
+    def kinds(self) -> dict[str, float]:
+        """What the greatest removal is, as `Optimum.kind` has it: the share of the draws."""
+        kinds, counts = np.unique(np.atleast_1d(self.optimum.kind), return_counts=True)
+        return {str(kind): float(count / counts.sum()) for kind, count in zip(kinds, counts, strict=True)}
+
+    @property
+    def title(self) -> str:
+        """How many draws."""
+        return f"the angle of greatest removal, {len(self.alpha):,} draws"
+
+    def rows(self) -> list[Row]:
+        """Median and interval of angle and volume, and the shares of the kinds."""
+        rows, alone = [], "the model alone: "
+        volume = "volume_max", alone, np.atleast_1d(self.optimum.volume)
+        angles = [("alpha_max", f"with {', '.join(self.parts)}: ", self.alpha)]
+        angles += [] if self.predicted is None else [("alpha_max", alone, self.of_model)]
+        for name, what, values in (*angles, volume):
+            quantity = RESULTS[name]
+            low, middle, high = np.nanquantile(values, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
+            scale = table_scale(quantity.dimension, self.optimum.p.units, float(middle))
+            ends = f"{LEVEL:.0%} of the draws: {low / scale.size:.4g} … {high / scale.size:.4g}"
+            rows.append(
+                Row(name, quantity.symbol, f"{middle / scale.size:.4g}", scale.unit, f"{what}the median; {ends}")
+            )
+        rows += [
+            Row(kind, "", f"{share:.1%}", "", "of the draws, the model alone") for kind, share in self.kinds.items()
+        ]
+        return rows
+
+    def to_dict(self) -> dict[str, Any]:
+        """The angles [rad], and of the model alone the angles, the volumes and their kinds, draw by draw."""
+        return to_plain({
+            "alpha": self.alpha,
+            "parts": self.parts,
+            "alpha_of_model": self.of_model,
+            "volume": np.atleast_1d(self.optimum.volume),
+            "kind": np.atleast_1d(self.optimum.kind),
+            "kinds": self.kinds,
+        })  # fmt: skip
+
+
+ANGLES = np.deg2rad(np.arange(1.0, 91.0))
+"""Of the curves whose highest points are looked for."""
+
+
+def highest(curves: np.ndarray) -> np.ndarray:
+    """The angle at which each curve over `ANGLES` is highest, by the parabola of three points; NaN without removal."""
+    rows, step = np.arange(len(curves)), ANGLES[1] - ANGLES[0]
+    middle = np.clip(np.nan_to_num(curves).argmax(axis=1), 1, len(ANGLES) - 2)
+    before, there, after = (curves[rows, middle + shift] for shift in (-1, 0, 1))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        vertex = 0.5 * (before - after) / (before - 2 * there + after)
+    return np.clip(ANGLES[middle] + step * np.clip(vertex, -1, 1), *ANGLES[[0, -1]])

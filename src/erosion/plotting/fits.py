@@ -13,7 +13,7 @@ from scipy import stats
 
 from erosion.fits import Calibration, NextExperiment, Posterior
 from erosion.fits.measurements import MOST, Condition, Measurements, conditions, describe
-from erosion.fits.posterior import BestAngles
+from erosion.fits.predicted import BestAngles
 from erosion.fits.prediction import Predictor
 from erosion.models import model_name
 from erosion.parameters.quantities import RESULTS, Scale, readable_scale, unit_name
@@ -282,17 +282,23 @@ def _draw_means(axes: Sequence[Axes], predictor: Predictor, groups: Sequence[Con
 
 @house_style()
 def plot_best_angles(best: BestAngles) -> Figure:
-    """The angle of greatest removal at each draw, and the removal there, coloured by the kind of the maximum."""
+    """The angle of greatest removal at each draw, and the removal there, coloured by the kind of the maximum.
+
+    Bars and points are of the model alone; a line shows the angles with what the model may lack.
+    """
     optimum = best.optimum
     volume, kinds = np.atleast_1d(optimum.volume), np.atleast_1d(optimum.kind)
     scale = readable_scale("volume", optimum.p.units, float(np.nanmax(volume)))
     fig = new_figure(5.4, 4.6)
     upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(0.4, 0.6))
-    degrees = np.rad2deg(best.alpha)
-    bins = np.linspace(np.nanmin(degrees), np.nanmax(degrees) + 1e-9, _BINS)
+    degrees, predicted = np.rad2deg(best.of_model), np.rad2deg(best.alpha)
+    together = np.append(degrees, predicted)
+    bins = np.linspace(np.nanmin(together), np.nanmax(together) + 1e-9, _BINS)
     parts = [degrees[(kinds == kind) & np.isfinite(degrees)] for kind in best.kinds]
     labels = [f"{kind}: {share:.1%} of the draws" for kind, share in best.kinds.items()]
     upper.hist(parts, bins, stacked=True, color=[*PALETTE.values()][: len(parts)], label=labels)
+    if best.predicted is not None:
+        upper.hist(predicted, bins, histtype="step", color=INK, label=f"with {', '.join(best.parts)}")
     for kind, color in zip(best.kinds, PALETTE.values(), strict=False):
         of_kind = kinds == kind
         lower.plot(degrees[of_kind], volume[of_kind] / scale.size, ".", color=color, markersize=4, alpha=0.5)
