@@ -75,7 +75,7 @@ def test_draws_are_labelled_arrays_and_numbers_for_programs(result):
     assert numbers["correlation"][0][1] == pytest.approx(
         np.corrcoef(np.ravel(result.samples["k"]), np.ravel(psi))[0, 1]
     )
-    assert numbers["priors"][1] == {"parameter": "psi", "law": "loguniform(0.0004, 4), the default"}
+    assert numbers["priors"][0] == {"parameter": "k", "law": "loguniform(0.03, 300), the default"}
 
 
 def test_the_same_seed_gives_the_same_draws(result):
@@ -226,3 +226,12 @@ def test_rows_of_the_same_conditions_count_each():
     assert likelihood.sizes == [40]
     assert len(likelihood.parts[0].mean) == 3
     assert likelihood.squares(points, 0)[0] == pytest.approx(direct, rel=1e-5)
+
+
+def test_a_default_prior_reaches_what_the_amounts_ask_for():
+    """Weighings of a whole jet are often far below the cuts of the case: ψ is then hundreds of times the case's."""
+    data = measured(8)
+    data |= {name: data[name] / 300 for name in ("volume [in^3]", "uncertainty [in^3]")}
+    drawn = posterior("k", "psi", data=data)
+    assert drawn.means["psi"] == pytest.approx(300 * TABLE_1.psi, rel=0.1)
+    assert not any("psi" in sentence for sentence in drawn.warnings)

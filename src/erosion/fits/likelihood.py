@@ -15,7 +15,7 @@ from scipy import special
 from erosion.distributions import Distribution, LogUniform, Uniform, as_law
 from erosion.fits.errors import errors_at
 from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
-from erosion.fits.least_squares import default_width
+from erosion.fits.least_squares import default_width, make_problem
 from erosion.fits.tempering import Misfit
 from erosion.joint_laws import SHARE, LawSet, Member
 from erosion.models.own_parameters import quantities, ranges
@@ -34,10 +34,11 @@ _NOISES = {NOISE: (1e-4, 10.0), RELATIVE: (1e-4, 1.0)}
 def make_likelihood(forward: Forward, given: Mapping[str, Any]) -> "Likelihood":
     """The data's likelihood under the laws that are given, and for all other parameters under default ones.
 
-    The default is as wide as a fit looks for a parameter: all factors from 1/100 to 100 of the case's value are alike;
-    a spin may differ from the case's by 2 v₀/r; a share of particles is anything up to 1. The scale of data in units of
-    its own, and the noise, have a size that only the data know: their defaults are wide laws about it. A factor on the
-    uncertainties is sampled if a law is given for it.
+    The default is as wide as a fit looks for a parameter: all factors from 1/100 to 100 of the fit's first guess are
+    alike: of the case's value, but of ψ or σ of the value that gives the data's size. A spin may differ from the case's
+    by 2 v₀/r; a share of particles is anything up to 1. The scale of data in units of its own, and the noise, have a
+    size that only the data know: their defaults are wide laws about it. A factor on the uncertainties is sampled if a
+    law is given for it.
 
     Raises:
         ValueError, TypeError: for laws of parameters that are not free, or that do not fit the parameter.
@@ -75,6 +76,8 @@ def _default(forward: Forward, name: str) -> Distribution:
         return LogUniform(float(low), float(high))
     at = forward.names.index(name)
     start, width = forward.start[at], default_width(forward)[at]
+    if forward.logarithmic[at]:
+        start = make_problem(forward, forward.data, {}).start[at]
     if name == SCALE:
         computed = np.nan_to_num(forward.predict_many(forward.start[None], forward.data.conditions)[0])
         size = float(np.sqrt(np.mean(computed**2)))

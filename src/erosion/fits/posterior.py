@@ -495,7 +495,7 @@ def posterior(
         free: the parameters to draw, of the case or the model's own: ["k", "psi"]; or "cutting_fraction".
         priors: by parameter, also "noise", "relative_noise", "scale", and for uncertainties that may be too small
             "error_factor", on all of them: a law of `erosion.distributions` or any frozen distribution of
-            scipy, in the case's units. Without one: all factors from 1/100 to 100 of the case's value alike, see
+            scipy, in the case's units. Without one: all factors from 1/100 to 100 of the fit's first guess alike, see
             docs/posterior.md. The result names them all.
         density: of the target, as for `calibrate`.
         cutting_fraction: as for `calibrate`; where it is free, its prior counts alone.
