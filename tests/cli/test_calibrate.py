@@ -294,3 +294,17 @@ def test_own_parameters_have_their_units_everywhere(two_speeds, monkeypatch, she
     assert ", threshold = 12 m/s, at v0 = " in Path("fitted.toml").read_text().splitlines()[1]
     profile = shell([*words.split(), "--profile", "threshold", "--json"]).document["result"]["profile"]
     assert profile["values"]["unit"] == "m/s"
+
+
+@pytest.mark.parametrize(("deforms", "best"), [(0.0, "linearized"), (3e-9, "linearized-deformation")])
+def test_without_model_and_parameters_wear_at_steep_angles_is_tried(tmp_path, shell, deforms, best):
+    """Metals lose much at 90°, where a cut removes nothing."""
+    degrees, random = np.array([10.0, 20.0, 30.0, 45.0, 60.0, 75.0, 90.0]), np.random.default_rng(3)
+    p = TABLE_1.to("si")
+    volume = impact("linearized", p.replace(alpha=np.deg2rad(degrees))).volume
+    volume = volume * (1 + 0.02 * random.standard_normal(7)) + deforms * np.sin(np.deg2rad(degrees)) ** 2
+    rows = "\n".join(f"{angle}, {removed}, 3e-11" for angle, removed in zip(degrees, volume, strict=True))
+    (path := tmp_path / "steel.csv").write_text(f"angle [deg], volume [m^3], uncertainty [m^3]\n{rows}\n")
+    printed = shell(["calibrate", str(path), "--starts", "4", "--json"])
+    assert printed.result["ranking"][0]["model"] == best
+    assert ("energy_ratio" in printed.result["estimates"]) == (best == "linearized-deformation")

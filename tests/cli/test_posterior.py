@@ -28,13 +28,16 @@ def table(tmp_path_factory):
     return path
 
 
+FREE = ["--free", "k,psi"]
+
+
 def test_the_table_and_the_files(table, tmp_path, shell, monkeypatch):
     monkeypatch.setenv("COLUMNS", "400")  # so that no cell takes two lines
     names = ("pairs.svg", "traces.png", "band.pdf", "best.svg", "draws.nc")
     options = ("--plot-pairs", "--plot-traces", "--plot-prediction", "--plot-best-angles", "-o")
     files = [text for option, name in zip(options, names, strict=True) for text in (option, str(tmp_path / name))]
     prior, speed = ["--prior", "psi=uniform(0.01, 0.2)"], ["--psi", "0.05", "--v0", "100 in/s"]
-    out = shell(["posterior", str(table), *speed, "--draws", "125", "--seed", "3", *prior, *files]).out
+    out = shell(["posterior", str(table), *FREE, *speed, "--draws", "125", "--seed", "3", *prior, *files]).out
     assert "linearized: the posterior from 10 rows of sand.csv" in out
     assert "prior: uniform(0.01, 0.2)" in out
     assert "prior: loguniform(0.02, 200), the default" in out
@@ -97,7 +100,7 @@ def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path,
         (["-o", "sand.csv"], "Option `--output` must end in .nc, but is sand.csv."),
         (["--next-speeds", "60 kg"], "Option `--next-speeds` must be a speed such as"),
         (["--next-speeds", "0 m/s"], "Option `--next-speeds` must list positive speeds, but is 0 m/s."),
-        (["--prior", "r=uniform(0, 1)"], "of k, psi, error_factor, but is 'r=uniform(0, 1)'."),
+        (["--prior", "r=uniform(0, 1)"], "of k, psi, energy_ratio, error_factor, but is 'r=uniform(0, 1)'."),
         (["--prior", "psi=4"], "Option `--prior`, psi, must be a law (normal, "),
         (["--prior", "psi=uniform(4)"], "Option `--prior`, psi, must be uniform(low, high), but is"),
         (["--prior", "psi=normal(0, 1)"], "Option `--prior` of `psi` must be positive, but 50.0%"),

@@ -32,6 +32,8 @@ _DATA = (
 )
 DataFile = Annotated[Path, Parameter(help=_DATA)]
 _FREE = 'Of case or model, "k,energy_ratio"; k and ψ without it.'
+_USUAL = "linearized", "linearized-deformation"
+"""The models where neither they nor parameters are named: at steep angles metals wear by deformation."""
 
 
 @Parameter(name="*", group=FIT)
@@ -40,7 +42,7 @@ class FitOptions(PerMassOptions):
     """What is fitted."""
 
     free: Annotated[list[str], LISTED, Parameter(help=_FREE, show_default=False)] = dataclasses.field(
-        default_factory=lambda: ["k", "psi"]
+        default_factory=list
     )
     error: Annotated[str | None, Parameter(help='If no column has it: "0.3 mg/kg + 8 %", or one part.')] = None
     starts: Annotated[WholeOption, Parameter(help="Points to begin from; 32 without it.")] = None
@@ -146,7 +148,7 @@ def given_fit(
         data: the file of measurements.
         case: without a file and --units, Table 1 in the unit system of the data.
         fit: what is free.
-        model: the option --model.
+        model: the option --model; without it and free parameters `_USUAL`, with the energy ratio free.
         own: the options --set.
         ignore: the options --ignore.
     """
@@ -156,12 +158,14 @@ def given_fit(
         case = dataclasses.replace(case, units=lazy.unit_system(data, ignore or ()))
     case.refuse_angle("the angles are those of the data")
     fit = fit or FitOptions()
+    is_usual = model is None and not own and not fit.free and case.model()[0] is None
+    fit = dataclasses.replace(fit, free=fit.free or ["k", "psi", *["energy_ratio"] * is_usual])
     p = case.parameters(free=fit.free)
     per_mass = fit.per_mass(case)
     density = None if per_mass.density is None else f"{per_mass.density!r} kg/m^3"
     fit = dataclasses.replace(fit, density=density, cutting_fraction=per_mass.cutting_fraction)
     usual, of_model = model_and_settings(None if model is None else model[0], own, case)
-    names = [usual] if model is None else chosen_models(model)
+    names = [*_USUAL] if is_usual else [usual] if model is None else chosen_models(model)
     if len(set(names)) != len(names):
         raise InputError(f"Option `--model` must name one or several different models, but is {','.join(names)!r}.")
     if own and len(names) > 1:
@@ -251,7 +255,7 @@ def calibrate(
 ) -> None:
     """Fit a model to measured erosion, or rank several models.
 
-    Without --model, the model is linearized; without --free, k and ψ are fitted.
+    Without --model and --free, linearized is fitted with and without deformation.
     Without a case file and --units, bare numbers and what is printed are in the
     units of the data. `erosion posterior` draws all values that data leave.
     """
