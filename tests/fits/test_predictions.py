@@ -123,6 +123,14 @@ def test_a_model_that_misses_predicts_with_wide_intervals(missed):
     assert noisy.std() > 2e-5
 
 
+def test_a_row_is_as_far_off_as_it_is_from_its_repeats():
+    forward = rows()
+    forward.data.erosion[:2] = 6e-5, 9e-5  # each less far from the middle, where the prediction lies
+    assert prediction._from_repeats(forward.data, np.full(12, 4e-6))[:2] == pytest.approx(3e-5 / 4e-6 / np.sqrt(2))
+    three = dataclasses.replace(forward.data.of_rows(np.array([0, 0, 1, 3])), erosion=np.array([1.0, 1.0, 4.0, 9.0]))
+    assert prediction._from_repeats(three, np.ones(4)) == pytest.approx(np.array([1.5, 1.5, 3.0, 0.0]) / np.sqrt(1.5))
+
+
 @pytest.mark.slow
 def test_predictions_are_kept_in_the_file_of_draws(missed, tmp_path):
     again = read_predictor(missed.save(tmp_path / "draws.nc"))

@@ -200,6 +200,7 @@ class Predictor(Result):
         means, errors = self.with_errors(at.pop("alpha"), at)
         middle = means.mean(axis=0)
         distance = np.abs(data.erosion - middle) / np.sqrt(means.var(axis=0) + (errors**2).mean(axis=0))
+        distance = np.maximum(distance, _from_repeats(data, np.sqrt((errors**2).mean(axis=0))))
         rows = np.flatnonzero(2 * len(data) * stats.norm.sf(distance) < _UNLIKELY)
         if not len(rows):
             return ""
@@ -227,6 +228,15 @@ class Predictor(Result):
              "All rows are of one speed: at others the exponent of the speed is the prior's, "
              f"{PRIORS[EXPONENT].in_words('1', self.data.units)}."),
         )  # fmt: skip
+
+
+def _from_repeats(data: Measurements, errors: np.ndarray) -> np.ndarray:
+    """How far each row is from the mean of its repeats, over the error of their difference; 0 without, shape (n,)."""
+    _, places = data.at_conditions()
+    others = np.bincount(places)[places] - 1
+    sums = np.bincount(places, data.erosion)[places] - data.erosion
+    apart = np.abs(data.erosion - sums / np.maximum(others, 1)) / (errors * np.sqrt(1 + 1 / np.maximum(others, 1)))
+    return np.where(others > 0, apart, 0.0)
 
 
 def of_model(
