@@ -12,8 +12,8 @@ from erosion.models.closed_forms import LinearizedCut, StraightCut
 from erosion.parameters.parameters import TABLE_1, Parameters
 from erosion.report.case import ReportCase
 from erosion.report.questions import QUESTIONS, text_file
+from erosion.report.questions.additional import turned_beyond
 from erosion.report.questions.linearized import midpoint_rule
-from erosion.report.questions.turning import turned_beyond
 
 N = 200
 RNG = np.random.default_rng(16)

@@ -23,7 +23,7 @@ from erosion.plotting.style import legend_below, new_axes
 from erosion.report import write_report
 from erosion.report.case import Answer, ReportCase
 from erosion.report.page import PARTS, fit_on_sheet, write_text
-from erosion.report.questions import QUESTIONS, text_file, turning
+from erosion.report.questions import QUESTIONS, additional, text_file
 from erosion.report.text import degrees
 
 pytestmark = pytest.mark.slow
@@ -171,8 +171,8 @@ def test_rotation_answers_with_the_settled_figures(whole: Path) -> None:
 
 
 def test_the_spin_has_a_sensitivity_where_the_body_spins() -> None:
-    assert "phidot0" not in turning.sensitivities(ReportCase(TABLE_1, "Table 1"))
-    rates = turning.sensitivities(ReportCase(TABLE_1.replace(phidot0=0.1 * TABLE_1.v0 / TABLE_1.r), "spinning"))
+    assert "phidot0" not in additional.sensitivities(ReportCase(TABLE_1, "Table 1"))
+    rates = additional.sensitivities(ReportCase(TABLE_1.replace(phidot0=0.1 * TABLE_1.v0 / TABLE_1.r), "spinning"))
     without, rate = rates["phidot0"]
     assert without == 0
     # 0.1 more spin takes α from 22.27° to about 20.4° at 0.25, see above.
@@ -358,7 +358,7 @@ def test_where_the_tip_moves_backward_nothing_is_cut_and_that_is_said(tmp_path: 
 @pytest.fixture(scope="module")
 def backward() -> tuple[ReportCase, Answer]:
     case = ReportCase(BACKWARD, "backward")
-    return case, turning.body_may_turn(case)
+    return case, additional.body_may_turn(case)
 
 
 def test_rotation_that_cuts_nothing_has_no_best_angle_and_no_jump(backward: tuple[ReportCase, Answer]) -> None:
@@ -370,7 +370,7 @@ def test_rotation_that_cuts_nothing_has_no_best_angle_and_no_jump(backward: tupl
 
 def test_a_body_that_hardly_turns_is_told_as_one(backward: tuple[ReportCase, Answer]) -> None:
     heavy = ReportCase(TABLE_1.replace(inertia=50.0), "heavy")
-    turn, alpha = turning.turns(heavy)["at_best"], float(heavy.optimum("rotating").alpha)
+    turn, alpha = additional.turns(heavy)["at_best"], float(heavy.optimum("rotating").alpha)
     assert abs(turn) < np.deg2rad(5)
     _, answer = backward
     turned = {**answer.fields, "turned": [(turn, alpha)], "farthest": abs(turn), "greatest_volume": 1.0}

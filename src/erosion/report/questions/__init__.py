@@ -1,4 +1,4 @@
-"""The scenario's questions in three chapters. The Markdown file of a question tells what its chapter computes."""
+"""The scenario's questions in two chapters. The Markdown file of a question tells what its chapter computes."""
 
 import types
 from collections.abc import Callable, Mapping
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from erosion.report.case import Answer, Need, ReportCase
-from erosion.report.questions import linearized, other_equations, turning
+from erosion.report.questions import additional, linearized
 
 
 class Question(NamedTuple):
@@ -26,11 +26,11 @@ QUESTIONS: Mapping[str, Question] = types.MappingProxyType(
         "q6": Question(linearized.sizes_and_masses, linearized.NEEDS),
         "q7": Question(linearized.materials, linearized.NEEDS),
         "q8": Question(linearized.guesses, linearized.NEEDS),
-        "a1": Question(turning.body_may_turn, turning.NEEDS),
-        "a2": Question(other_equations.ratio_is_tan_alpha, other_equations.NEEDS_OF_TAN_ALPHA),
-        "a3": Question(other_equations.force_opposes_motion, other_equations.NEEDS_OF_PAIRS),
-        "slips": Question(other_equations.slips, other_equations.NEEDS_OF_READINGS),
-        "models": Question(other_equations.all_models, other_equations.NEEDS_OF_MODELS),
+        "a1": Question(additional.body_may_turn, additional.NEEDS),
+        "a2": Question(additional.ratio_is_tan_alpha, additional.NEEDS_OF_TAN_ALPHA),
+        "a3": Question(additional.force_opposes_motion, additional.NEEDS_OF_PAIRS),
+        "slips": Question(additional.slips, additional.NEEDS_OF_READINGS),
+        "models": Question(additional.all_models, additional.NEEDS_OF_MODELS),
     }
 )
 """By key, in the order of the page: a new question is a function, a text in this folder and a line here."""
