@@ -112,6 +112,15 @@ def test_a_start_that_is_no_number_is_refused(y0):
     refused("`y0`", problem=ode.Problem(y0, lambda t, y, args: y))
 
 
+def test_a_word_is_named_as_what_it_is():
+    refused("`y0`", "type str, which is no number", problem=ode.Problem({"x": "rest"}, lambda t, y, args: y))
+
+
+def test_an_event_of_whole_numbers_is_refused():
+    event = ode.Event(lambda t, y, args: jnp.floor(y).astype(int) - 1)
+    refused("`events['low']`", "whole numbers", problem=ode.Problem(3.0, lambda t, y, args: -y, {"low": event}))
+
+
 def test_single_precision_is_a_start_but_no_rate():
     """Numbers of single precision are computed with in double; rates of single precision would be too rough."""
     end = ode.solve(ode.Problem(np.float32(1.0), lambda t, y, args: -args * y), np.float32(1.0), t1=1.0)

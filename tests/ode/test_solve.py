@@ -106,6 +106,36 @@ def test_lanes_that_fail_leave_the_others_as_they_are(start):
         np.testing.assert_array_equal(one.y["v"], other.y["v"][kept])
 
 
+def test_an_event_function_that_is_no_number_at_the_start_fails_its_lane_alone():
+    """Where it is none later the motion ends before that."""
+    logarithm = ode.Problem(
+        lambda args: {"x": args["x0"]},
+        lambda t, y, args: {"x": -1.0},
+        {"low": ode.Event(lambda t, y, args: jnp.log(y["x"]) + 2.0)},
+    )
+    end = ode.solve(logarithm, {"x0": np.array([1.0, -1.0, 2.0])}, t1=5.0)
+    np.testing.assert_array_equal(end.ended_by, ["low", "failed", "low"])
+    np.testing.assert_allclose(end.t, [1 - np.exp(-2), np.nan, 2 - np.exp(-2)], rtol=1e-9)
+
+
+@pytest.mark.parametrize("t1", [6.0, 1e7])
+def test_a_motion_at_rest_is_pushed_at_a_time(t1):
+    """The step response of an oscillator: 4x = 1 - e^-st (cos wt + s/w sin wt), w² = 4 - s²."""
+    s, on = 0.2, np.linspace(0.3, 3.0, 7)
+    pushed = ode.Problem(
+        {"x": 0.0, "v": 0.0},
+        lambda t, y, args: {
+            "x": y["v"],
+            "v": jnp.where(t < args["on"], 0.0, 1.0) - 4 * y["x"] - 2 * s * y["v"],
+        },
+        {"up": ode.Event(lambda t, y, args: y["x"] - 0.1, direction=1)},
+    )
+    end = ode.solve(pushed, {"on": on}, t1=t1)
+    w, t = np.sqrt(4 - s**2), end.t - on
+    np.testing.assert_array_equal(end.ended_by, "up")
+    np.testing.assert_allclose((1 - np.exp(-s * t) * (np.cos(w * t) + s / w * np.sin(w * t))) / 4, 0.1, rtol=1e-9)
+
+
 def test_of_events_at_once_the_first_by_order_counts_and_all_are_told():
     end = ode.solve(LINE, {"speed": 1.0, "other": np.array([1.0, 0.5, 2.0])}, t1=10.0)
     assert list(end.ended_by) == ["one", "other", "one"]

@@ -199,7 +199,8 @@ def _to_its_event(
     greatest = _greatest(problem, largest, initial)
     shift = stiff.no_shift(problem)
     count = 0.0 * scale if problem.watches else None
-    lane = Lane(_within(problem, control, until), events, initial, slope, watched, greatest, shift, count)
+    longest = 0.0 * scale if problem.rough and problem.layout.problem.time_scale is None else None
+    lane = Lane(_within(problem, control, until), events, initial, slope, watched, greatest, shift, count, longest)
     writer = Writer(problem, elapsed)
 
     def tries(at: tuple[Lane, Tape | None, Saved | None]) -> tuple[Lane, Tape | None, Saved | None]:
@@ -262,7 +263,9 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
     """Try one step, and decide what follows."""
     scale = problem.scale_near(lane.control.step, FIRST_STEP)
     h = lane.control.trial
-    (state, slope, stages), events, within, error = _tried(problem, rtol, lane, scale)
+    longest = lane.longest
+    of_rows = scale if longest is None else problem.scale_near(jnp.maximum(lane.control.step, longest), FIRST_STEP)
+    (state, slope, stages), events, within, error = _tried(problem, rtol, lane, of_rows)
     for event in events:
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
         error = error + 0.0 * event.value + 0.0 * event.rate
@@ -310,7 +313,8 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
     greatest, shift = _greatest(problem, lane.greatest, state), lane.shift
     if shift:
         state, slope, shift = stiff.shifted(problem, greatest, state, slope, shift, stages, rtol)
-    after, before = (events, state, slope, watched, greatest, shift, count), tuple(lane[1:])
+    longest = longest if longest is None else jnp.maximum(longest, h)
+    after, before = (events, state, slope, watched, greatest, shift, count, longest), tuple(lane[1:])
     kept = jax.tree.map(lambda new, old: jnp.where(moved, new, old), after, before)
     return Lane(control, *kept)
 

@@ -30,7 +30,8 @@ class Lane(NamedTuple):
     An event of the last step is one that counted where that step began: `watched`.
     `greatest` is the greatest size so far of each row of the motion itself, where the whole state is wanted.
     `shift` holds the derivatives of the time by which a stiff motion was shifted, see `stiff.shifted`; `stiff` counts
-    steps that only stability made short, where they are watched.
+    steps that only stability made short, where they are watched. `longest` is the longest step so far, where a rate may
+    jump and the problem names no time scale: a row at zero that begins to move there has a size in it.
     """
 
     control: Control
@@ -41,6 +42,7 @@ class Lane(NamedTuple):
     greatest: Rows
     shift: Rows
     stiff: Scalar | None
+    longest: Scalar | None
 
 
 class Flight(NamedTuple):

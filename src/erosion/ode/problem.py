@@ -7,6 +7,7 @@ wherever its source is. A helper that is defined anew gives another digest; an e
 import abc
 import dataclasses
 import functools
+import re
 import struct
 import traceback
 import types
@@ -232,6 +233,9 @@ def _said(error: BaseException) -> str:
             "it asks for the value of a number while JAX traces it; write `jnp.where(condition, a, b)` for `if`, "
             "and functions of jax.numpy for those of numpy and math"
         )
+    no_number = re.search(r"returned a value of type <class '([\w.]+)'>.*not a valid JAX type", str(error))
+    if no_number:
+        return f"it gives a value of type {no_number[1]}, which is no number"
     return named(error)
 
 
@@ -421,6 +425,9 @@ class _ProblemKind(TreeKind):
                 if jax.tree.structure(given).num_leaves != 1:
                     raise FlawError(f"`{name}` must give one number, but gives {jax.tree.structure(given)}")
                 require_numbers(name, given, double=True)
+                kind = jax.tree.leaves(given)[0].dtype
+                if name.startswith("events[") and kind.kind != "f":
+                    raise FlawError(f"`{name}` must pass through zero, but gives whole numbers ({kind})")
         if problem.integrals0 is not None:
             given = trace.given("integrals0", problem.integrals0)
             require_numbers("integrals0", given)
