@@ -9,6 +9,7 @@ import erosion
 from erosion import ode
 from erosion.impacts.simulate import path as follow
 from erosion.models.base import CuttingModel, Tip
+from erosion.plotting.motion import plot_trajectory
 
 ALPHAS = np.linspace(0.05, 1.5, 7)
 P = erosion.TABLE_1.replace(k=1.0, alpha=ALPHAS)
@@ -74,6 +75,18 @@ def test_a_state_of_a_model_s_own_is_balanced() -> None:
     slope = hit.end.along("alpha").y
     of_loss = -P.m * (P.v0**2 * np.cos(ALPHAS) * np.sin(ALPHAS) + hit.state["vx"] * slope["vx"])
     assert np.allclose(slope["heat"], of_loss, rtol=1e-6, atol=1e-6 * np.max(np.abs(of_loss)))
+
+
+def test_a_state_of_a_model_s_own_is_shown_and_drawn() -> None:
+    one = erosion.TABLE_1.replace(k=1.0, alpha=0.3)
+    cut, hit = erosion.simulate(Melting(), one), erosion.impact(Melting(), one)
+    shown = {row.name: row.value for row in cut.rows()}
+    assert "turn" not in shown
+    assert float(shown["heat"]) == pytest.approx(float(hit.state["heat"]), rel=1e-6)
+    assert cut.to_dict()["state"]["heat"] == pytest.approx(float(hit.state["heat"]), rel=1e-8)
+    assert "nan" not in str(cut)
+    lines = [np.asarray(line.get_ydata(), float) for axes in plot_trajectory(cut).axes for line in axes.lines]
+    assert sum(line.size == cut.t.size and bool(np.isfinite(line).all()) for line in lines) >= 2
 
 
 def test_one_impact_and_one_that_cuts_nothing() -> None:
