@@ -215,38 +215,40 @@ class _Adjoint:
         self, rodas: rosenbrock.Rodas, row: tape.Entry, after: Rows, sums: list[Number]
     ) -> tuple[Rows, list[Number]]:
         """The same by the Rosenbrock method; a motion that ends where it began takes no step."""
-        moved = row.length > 0
+        steps = row.length > 0
         inverse = 1.0 / stiff.length_of(row.length, self.problem.time_scale)
         entries, pull_entries = jax.vjp(self._entries, self.numbers, row.state)
         factors = rodas.factors(entries, inverse * (1 / rosenbrock.GAMMA))
-        stages, pulls = [], []
+        increments, pulls = [], []
         for a, c in zip(((), *rosenbrock.A), ((), *rosenbrock.C), strict=True):
-            increments = list(zip(*stages, strict=True)) or [()] * self.width
-            rows = [u + _weighted(a, us) if a else u for u, us in zip(row.state, increments, strict=True)]
+            so_far = list(zip(*increments, strict=True)) or [()] * self.width
+            rows = [u + _weighted(a, us) if a else u for u, us in zip(row.state, so_far, strict=True)]
             right, pull = jax.vjp(self._rate, self.numbers, rows)
             if c:
-                right = [r + inverse * _weighted(c, us) for r, us in zip(right, increments, strict=True)]
-            stages.append(self._solve(factors, right))
+                right = [r + inverse * _weighted(c, us) for r, us in zip(right, so_far, strict=True)]
+            increments.append(self._solve(factors, right))
             pulls.append(pull)
-        before, gone, rights, moves = list(after), sums, [[] for _ in stages], [[] for _ in stages]
-        for i in reversed(range(len(stages))):
-            later = range(i + 1, len(stages))
+        count = len(increments)
+        before, total, of_rights, of_states = list(after), sums, [[] for _ in pulls], [[] for _ in pulls]
+        for i in reversed(range(count)):
+            later = range(i + 1, count)
             weights = [rosenbrock.B[i], *(rosenbrock.A[j - 1][i] for j in later)]
             others = [rosenbrock.C[j - 1][i] for j in later]
             bars = []
             for r, bar in enumerate(after):
-                total = _weighted(weights, [bar, *(moves[j][r] for j in later)])
-                bars.append(total + inverse * _weighted(others, [rights[j][r] for j in later]) if others else total)
-            rights[i] = self._solve_transposed(factors, bars)
-            grads, moves[i] = pulls[i](rights[i])
-            gone, before = _plus(gone, grads), _plus(before, moves[i])
+                of_state = _weighted(weights, [bar, *(of_states[j][r] for j in later)])
+                of_right = _weighted(others, [of_rights[j][r] for j in later]) if others else 0.0
+                bars.append(of_state + inverse * of_right)
+            of_rights[i] = self._solve_transposed(factors, bars)
+            grads, of_states[i] = pulls[i](of_rights[i])
+            total, before = _plus(total, grads), _plus(before, of_states[i])
         of_entries = [
-            sum((w[i] * u[j] for w, u in zip(rights, stages, strict=True)), jnp.zeros(()))
+            sum((w[i] * u[j] for w, u in zip(of_rights, increments, strict=True)), jnp.zeros(()))
             for i, j in rodas.sparse.places
         ]
-        grads, more = pull_entries(of_entries)
-        found = _plus(before, more), _plus(gone, grads)
-        return jax.tree.map(functools.partial(jnp.where, moved), found, (list(after), sums))
+        grads, of_state = pull_entries(of_entries)
+        with_step = _plus(before, of_state), _plus(total, grads)
+        return jax.tree.map(functools.partial(jnp.where, steps), with_step, (list(after), sums))
 
 
 def _moved(u: Scalar, h: Scalar, weights: np.ndarray, slopes: Rows) -> Scalar:
