@@ -153,6 +153,36 @@ def test_states_at_times_are_those_of_lanes_that_end_there(wrt: Any) -> None:
                 np.testing.assert_allclose(part[name][i, j], expected[name], rtol=1e-6, atol=1e-16)
 
 
+@pytest.mark.parametrize("derivatives", [0, 1, 2])
+def test_a_number_that_is_always_zero(derivatives: int) -> None:
+    """Such as a switch that is off; the motion is that without it."""
+
+    def falling(**more: float) -> Any:
+        def rates(t: Any, y: Any, args: Any) -> Any:
+            moving = {"z": args["v"] + y["tilt"], "tilt": -1e4 * (y["tilt"] - jnp.sin(y["z"]))}
+            return moving | {key: 0.0 * y[key] for key in more}
+
+        problem = ode.Problem(
+            {"z": 50.0, "tilt": 0.3, **more}, rates, {"ground": ode.Event(lambda t, y, args: y["z"], direction=-1)}
+        )
+        wrt = {"wrt": "v", "derivatives": derivatives} if derivatives else {}
+        return ode.solve(problem, {"v": -5.0}, t1=60.0, **wrt)
+
+    end, without = falling(switch=0.0), falling()
+    assert (end.ended_by, end.stiff) == ("ground", True)
+    np.testing.assert_allclose(end.t, without.t, rtol=1e-9)
+    for path in [("v",), ("v", "v")][:derivatives]:
+        np.testing.assert_allclose(end.along(*path).t, without.along(*path).t, rtol=1e-5)
+
+
+def test_an_unfinished_lane_of_a_stiff_motion_with_kinks_says_what_to_write() -> None:
+    rates = lambda t, y, args: {"y": -1e6 * jnp.hypot(y["y"] - jnp.cos(t), 1e-6)}  # noqa: E731
+    end = ode.solve(ode.Problem({"y": 2.0}, rates), t1=100.0, max_steps=300)
+    assert end.ended_by == "unfinished"
+    assert "`smooth=True`" in " ".join(end.warnings)
+    assert not ode.solve(OSCILLATOR, {"mu": 1e3}, t1=1e4, max_steps=3).warnings
+
+
 def test_a_chain_of_doses() -> None:
     dosed = ode.Problem(
         y0={"blood": 1.0, "tissue": 0.0},

@@ -12,6 +12,7 @@ from jaxtyping import PyTree
 
 from erosion.arguments import PerImpact
 from erosion.ode.problem import Problem
+from erosion.ode.reduction import may_have_kinks
 from erosion.output.tables import Record, Result, format_number, to_plain
 
 if TYPE_CHECKING:
@@ -229,8 +230,15 @@ class Solution(Result):
 
     @property
     def warnings(self) -> Sequence[str]:
-        """In how many lanes that have a result a derivative of it is not known."""
+        """In how many lanes that have a result a derivative of it is not known, and why many may be unfinished."""
         sentences = []
+        layout = self.lanes.layout
+        unfinished = np.count_nonzero(np.asarray(self.ended_by) == "unfinished")
+        if unfinished and layout.options.method == "auto" and may_have_kinks(layout):
+            sentences.append(
+                f"{unfinished:,} of {self.title} unfinished. If the motion is stiff, say `smooth=True`: the rates may "
+                "have kinks (`sqrt`, `abs`, `where` …), and the method for stiff motions takes none."
+            )
         for path, part in self.derivatives.items():
             lost = np.count_nonzero(np.isfinite(self.t) & np.isnan(part.t))
             if lost:

@@ -55,7 +55,11 @@ class Lanes(NamedTuple):
         if self.names.count(name) > 1:
             raise ValueError(f"Argument `wrt` must say which {name!r} is meant: there is one among `args` as well.")
         if name not in known:
-            raise ValueError(f"Argument `wrt` must name numbers of `args` ({', '.join(known)}), but has {name!r}.")
+            inside = name.rpartition(".")[0] in self.names
+            hint = "; for elements of an array that lanes share, see `Solution.gradient`" if inside else ""
+            raise ValueError(
+                f"Argument `wrt` must name numbers of `args` ({', '.join(known)}), but has {name!r}{hint}."
+            )
         return self.layout.offsets[self.names.index(name)]
 
 

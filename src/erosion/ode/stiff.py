@@ -24,7 +24,7 @@ from erosion.ode.variational import Derivatives, Motion, OfMotion, Variational
 
 _FIRST = 0.1  # of the time in which a number of the state changes by its own size, alone or by its own feedback
 _SOONEST = 1e-9  # of the time scale: the shortest first step
-_TINY = 1e-200  # keeps 0/0 away
+_TINY, _SMALL = 1e-200, 1e-100  # keep 0/0 away, and a square above 0
 _ROUNDING = 1e-15  # of the terms of a rate
 NEAR = 0.1  # of the last step: Newton's method moves its end by less
 _SHORTEST = 1e-14  # of the time scale: the last step of a lane that takes none
@@ -53,7 +53,7 @@ def first_step(problem: Extended, initial: Rows, slope: Rows, scale: Scalar) -> 
 def least_sizes(problem: Extended, greatest: Rows) -> list[Scalar]:
     """Sizes of the rows of the motion itself below which these need not be known: as given, or of their greatest."""
     given = problem.options.sizes is not None
-    return [np.float64(least) if given and least > _TINY else LEAST * size
+    return [np.float64(least) if given and least > _TINY else jnp.maximum(LEAST * size, _TINY)
             for least, size in zip(problem.sizes, greatest, strict=True)]  # fmt: skip
 
 
@@ -117,7 +117,7 @@ def shifted(
     width = problem.width
     count = width - problem.integrals
     sizes = map(jnp.maximum, least_sizes(problem, greatest)[:count], map(jnp.abs, state))
-    weights = [1.0 / (size + _TINY) ** 2 for size in sizes]
+    weights = [1.0 / jnp.maximum(size, _SMALL) ** 2 for size in sizes]
     f = slope[:width]
 
     def product(one: Sequence[Scalar], other: Sequence[Scalar]) -> Scalar:
