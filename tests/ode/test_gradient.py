@@ -236,6 +236,23 @@ def test_stiff_motions_go_backwards(problem, args, options, monkeypatch):
         np.testing.assert_allclose(found[name] * args[name] / size, expected * args[name] / size, rtol=0, atol=1e-7)
 
 
+@pytest.mark.parametrize("method", ["auto", "rosenbrock"])
+def test_where_a_motion_rests_its_steps_are_too_long_for_an_adjoint(method):
+    """Its value needs none: y' = k (c - y) stays at c, or falls to it, beside what still moves."""
+    relaxing = ode.Problem(
+        y0=lambda args: {"y": args["s"], "z": 2.0},
+        vector_field=lambda t, y, args: {"y": args["k"] * (args["c"] - y["y"]), "z": -0.1 * (y["z"] - y["y"])},
+    )
+    k, t1 = np.array([10.0, -3.0, 1.0, 3.0]), np.array([10.0, 3.0, 1000.0, 1e-3])
+    args = {"s": np.array([1.0, 1.0, 2.0, 1.0]), "k": k, "c": 1.0}
+    end = ode.solve(relaxing, args, t1=t1, method=method)
+    found = end.gradient(y={"y": 1.0, "z": 0.0})
+    decay = np.exp(-k * t1)
+    np.testing.assert_allclose(found["s"], decay, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found["k"], -t1 * (args["s"] - 1.0) * decay, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found["c"], np.sum(1 - decay), rtol=1e-6)
+
+
 def test_each_lane_goes_back_by_its_own_method(monkeypatch):
     """By "auto", with the bits of that method; in JAX, too."""
     monkeypatch.setattr(gradient, "_fill_forwards", _fails)

@@ -136,6 +136,19 @@ def test_a_motion_at_rest_is_pushed_at_a_time(t1):
     np.testing.assert_allclose((1 - np.exp(-s * t) * (np.cos(w * t) + s / w * np.sin(w * t))) / 4, 0.1, rtol=1e-9)
 
 
+def test_a_fast_end_after_a_slow_start_is_exact_where_rates_may_have_kinks():
+    """A sphere that collapses by ṙ = -r^(-3/2) has the radius r at 2/5 (1 - r^(5/2)); ∫ r^(-1/2) dt is (1 - r²)/2."""
+    collapse = ode.Problem(
+        {"r": 1.0},
+        lambda t, y, args: {"r": -(jnp.maximum(y["r"], 1e-12) ** -1.5)},
+        {"small": ode.Event(lambda t, y, args: jnp.log(y["r"] / 1e-4), direction=-1)},
+        {"passed": lambda t, y, args: jnp.maximum(y["r"], 1e-12) ** -0.5},
+    )
+    end = ode.solve(collapse, t1=1.0)
+    np.testing.assert_allclose(end.t, 0.4 * (1 - 1e-10), rtol=1e-11)
+    np.testing.assert_allclose(end.integrals["passed"], 0.5 * (1 - 1e-8), rtol=1e-11)
+
+
 def test_of_events_at_once_the_first_by_order_counts_and_all_are_told():
     end = ode.solve(LINE, {"speed": 1.0, "other": np.array([1.0, 0.5, 2.0])}, t1=10.0)
     assert list(end.ended_by) == ["one", "other", "one"]

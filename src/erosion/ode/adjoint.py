@@ -17,6 +17,10 @@ A step of the Rosenbrock method, of which `rosenbrock` has the coefficients, sol
 and its transpose solves Wᵀ w_i = ū_i, which is r̄_i: Ȳ_i = f_y(Y_i)ᵀ w_i, and ū_j gains a_ij Ȳ_i + c_ij w_i / h. The
 cotangents of the entries of J are those of Σ w_i u_iᵀ.
 
+The steps are those that the value needs. Where it rests, or hardly depends on what is fast, they may be far too long
+for the cotangents. The pair's second solution, transposed as well, tells by how much these err: the difference in the
+weights b makes that in ȳ. Derivatives of a lane in which it is too great are NaN.
+
 At an event g = 0 the time is a function of state and arguments, dt = -dg/ġ: with F the rates there, and t̄ the
 cotangent of the time, s̄ gains -(t̄ + s̄·F)/ġ g_s, and p̄ the same times g_p. Of a stiff motion F is what the state
 changes by with the length of the last step; see `stiff`. A reset is transposed as it is.
@@ -39,10 +43,16 @@ from erosion.ode import rosenbrock, stiff, tape
 from erosion.ode.extended import Extended
 from erosion.ode.integrator import resets
 from erosion.ode.reduction import Rows, motion_of
-from erosion.ode.step_control import ARRIVED, A, B
+from erosion.ode.step_control import ARRIVED, B_ERROR, A, B
 from erosion.ode.variational import Layout
 
 _STAGES = len(A)  # that at a step's end is not one of them
+# A cotangent is not known that errs by so many tolerances of the greatest that it had, which counts as so much of the
+# greatest effect of a row by its own size, at least. The estimate for stiff motions, of 4th order, is far greater than
+# the error, and counts effects alone.
+_LOST, _LEAST = 1e3, 1e-6
+_LOST_STIFF, _LOST_AT_MOST, _LEAST_STIFF = 1e6, 0.01, 1.0
+_TINY = 1e-200  # keeps 0/0 away
 
 
 class _Back(NamedTuple):
@@ -53,28 +63,43 @@ class _Back(NamedTuple):
         state: cotangents of the state there.
         time: the cotangent of the time so far.
         sums: cotangents of the numbers.
+        greatest: the greatest size so far of each row's cotangent.
+        error: the greatest relative error of a cotangent in a step.
     """
 
     row: Scalar
     state: Rows
     time: Scalar
     sums: list[Number]
+    greatest: Rows
+    error: Scalar
 
 
 def pulled_back(
-    layout: Layout, numbers: Sequence[Number], count: Scalar, time: Scalar, outputs: Sequence[Scalar], token: Scalar
+    layout: Layout,
+    numbers: Sequence[Number],
+    rtol: Scalar,
+    count: Scalar,
+    time: Scalar,
+    outputs: Sequence[Scalar],
+    token: Scalar,
 ) -> list[Number]:
     """The derivatives of a number by the lane's real numbers, shapes as of these.
 
     Args:
         layout: of the lane.
         numbers: of the lane.
+        rtol: with which it was integrated.
         count: rows of its tape.
         time: by what the number changes with the lane's time.
         outputs: by what it changes with each of the lane's outputs.
         token: see `erosion.lanes.tapes`.
     """
-    return _Adjoint(layout, numbers, token).pulled_back(count, time, list(outputs))
+    adjoint = _Adjoint(layout, numbers, token)
+    gradient, error = adjoint.pulled_back(count, time, list(outputs))
+    is_stiff = adjoint.problem.rodas is not None
+    most = jnp.minimum(_LOST_STIFF * rtol, _LOST_AT_MOST) if is_stiff else _LOST * rtol
+    return [jnp.where(error <= most, each, jnp.nan) for each in gradient]
 
 
 class _Adjoint:
@@ -108,15 +133,15 @@ class _Adjoint:
         (member,) = self.problem.members(rows)
         return member
 
-    def pulled_back(self, count: Scalar, time: Scalar, outputs: Rows) -> list[Number]:
-        """See above."""
+    def pulled_back(self, count: Scalar, time: Scalar, outputs: Rows) -> tuple[list[Number], Scalar]:
+        """The derivatives, and their error."""
         last = lax.convert_element_type(count, int) - 1
         at_end = tape.read(self.token, last, self.width)
         _, pull = jax.vjp(
             lambda numbers, rows: self._at(numbers).outputs(self._member(rows)), self.numbers, at_end.state
         )
         sums, state = pull(outputs)
-        back = _Back(last, state, time, sums)
+        back = _Back(last, state, time, sums, [jnp.abs(bar) for bar in state], 0.0 * time)
         if self.problem.chains:
             back = lax.while_loop(
                 lambda back: back.row >= 0, lambda back: self._steps(self._event(back, is_last=back.row == last)), back
@@ -124,7 +149,7 @@ class _Adjoint:
         else:
             back = self._steps(self._event(back, is_last=jnp.asarray(True)))
         _, pull = jax.vjp(lambda numbers: jax.tree.leaves(self._start(numbers)), self.numbers)
-        return _plus(back.sums, pull(back.state)[0])
+        return _plus(back.sums, pull(back.state)[0]), back.error
 
     def _start(self, numbers: list[Number]) -> Any:
         state, integrals = self._at(numbers).initial()
@@ -162,7 +187,8 @@ class _Adjoint:
             of_clock = jnp.where(event == ARRIVED, total, 0.0)
             _, pull = jax.vjp(lambda numbers: self._at(numbers).clock.t1 - self._at(numbers).clock.t0, self.numbers)
             sums, time = _plus(sums, pull(of_clock)[0]), time - of_clock
-        return _Back(back.row - 1, state, time, sums)
+        greatest = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
+        return _Back(back.row - 1, state, time, sums, greatest, back.error)
 
     def _flow(self, event: Scalar, rows: Rows) -> Rows:
         """What the state at an event changes by with its time."""
@@ -180,10 +206,20 @@ class _Adjoint:
 
         def step(at: tuple[_Back, tape.Entry]) -> tuple[_Back, tape.Entry]:
             back, row = at
-            one = self._step if self.problem.rodas is None else functools.partial(self._stiff_step, self.problem.rodas)
-            state, sums = one(row, back.state, back.sums)
-            before = back.row - 1
-            return _Back(before, state, back.time, sums), tape.read(self.token, jnp.maximum(before, 0), self.width)
+            state, gained, errors, slope = one(row, back.state)
+            greatest = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
+            moved = [jnp.abs(row.length * k) for k in slope]
+            sizes = list(map(jnp.maximum, map(jnp.abs, row.state), moved))
+            most = functools.reduce(jnp.maximum, [bar * size for bar, size in zip(greatest, sizes, strict=True)])
+            error, share = back.error, _LEAST if self.problem.rodas is None else _LEAST_STIFF
+            for e, bar, size in zip(errors, greatest, sizes, strict=True):
+                least = jnp.where(size > 0, share * most / (size + _TINY), 0.0)
+                error = jnp.maximum(error, jnp.abs(e) / (jnp.maximum(bar, least) + _TINY))
+            place = back.row - 1
+            after = _Back(place, state, back.time, _plus(back.sums, gained), greatest, error)
+            return after, tape.read(self.token, jnp.maximum(place, 0), self.width)
+
+        one = self._step if self.problem.rodas is None else self._stiff_step
 
         def goes_on(at: tuple[_Back, tape.Entry]) -> Scalar:
             back, row = at
@@ -191,8 +227,8 @@ class _Adjoint:
 
         return lax.while_loop(goes_on, step, (back, tape.read(self.token, jnp.maximum(back.row, 0), self.width)))[0]
 
-    def _step(self, row: tape.Entry, after: Rows, sums: list[Number]) -> tuple[Rows, list[Number]]:
-        """The cotangents before a step."""
+    def _step(self, row: tape.Entry, after: Rows) -> tuple[Rows, list[Number], Rows, Rows]:
+        """The cotangents before a step, what those of the numbers gain, errors of the former, and the slope there."""
         h, slopes, pulls = row.length, [[] for _ in row.state], []
         for i in range(_STAGES):
             rows = [_moved(u, h, A[i - 1], ks) if i else u for u, ks in zip(row.state, slopes, strict=True)]
@@ -200,55 +236,71 @@ class _Adjoint:
             pulls.append(pull)
             for ks, k in zip(slopes, rates, strict=True):
                 ks.append(k)
-        before, later = list(after), [[] for _ in range(_STAGES)]
-        for i in reversed(range(_STAGES)):
-            weights = np.array([B[i], *(A[j - 1][i] for j in range(i + 1, _STAGES))])
-            bars = [
-                h * _weighted(weights, [bar, *(later[j][r] for j in range(i + 1, _STAGES))])
-                for r, bar in enumerate(after)
-            ]
-            grads, later[i] = pulls[i](bars)
-            sums, before = _plus(sums, grads), _plus(before, later[i])
-        return before, sums
 
-    def _stiff_step(
-        self, rodas: rosenbrock.Rodas, row: tape.Entry, after: Rows, sums: list[Number]
-    ) -> tuple[Rows, list[Number]]:
+        def transposed(b: np.ndarray) -> tuple[Rows, list[Number]]:
+            gained, total = _zeros(self.numbers), _zeros(after)
+            later: dict[int, Rows] = {}
+            for i in reversed(range(_STAGES)):
+                weights = np.array([b[i], *(A[j - 1][i] for j in range(i + 1, _STAGES))])
+                bars = [
+                    h * _weighted(weights, [bar, *(later[j][r] for j in range(i + 1, _STAGES))])
+                    for r, bar in enumerate(after)
+                ]
+                grads, later[i] = pulls[i](bars)
+                gained, total = _plus(gained, grads), _plus(total, later[i])
+            return total, gained
+
+        moved, gained = transposed(B)
+        return _plus(after, moved), gained, transposed(B_ERROR)[0], [ks[0] for ks in slopes]
+
+    def _stiff_step(self, row: tape.Entry, after: Rows) -> tuple[Rows, list[Number], Rows, Rows]:
         """The same by the Rosenbrock method; a motion that ends where it began takes no step."""
-        steps = row.length > 0
+        rodas, steps = stiff.rodas_of(self.problem), row.length > 0
         inverse = 1.0 / stiff.length_of(row.length, self.problem.time_scale)
         entries, pull_entries = jax.vjp(self._entries, self.numbers, row.state)
         factors = rodas.factors(entries, inverse * (1 / rosenbrock.GAMMA))
+        slope: Rows = []
         increments, pulls = [], []
         for a, c in zip(((), *rosenbrock.A), ((), *rosenbrock.C), strict=True):
             so_far = list(zip(*increments, strict=True)) or [()] * self.width
             rows = [u + _weighted(a, us) if a else u for u, us in zip(row.state, so_far, strict=True)]
             right, pull = jax.vjp(self._rate, self.numbers, rows)
+            slope = slope or right
             if c:
                 right = [r + inverse * _weighted(c, us) for r, us in zip(right, so_far, strict=True)]
             increments.append(self._solve(factors, right))
             pulls.append(pull)
         count = len(increments)
-        before, total, of_rights, of_states = list(after), sums, [[] for _ in pulls], [[] for _ in pulls]
-        for i in reversed(range(count)):
-            later = range(i + 1, count)
-            weights = [rosenbrock.B[i], *(rosenbrock.A[j - 1][i] for j in later)]
-            others = [rosenbrock.C[j - 1][i] for j in later]
-            bars = []
-            for r, bar in enumerate(after):
-                of_state = _weighted(weights, [bar, *(of_states[j][r] for j in later)])
-                of_right = _weighted(others, [of_rights[j][r] for j in later]) if others else 0.0
-                bars.append(of_state + inverse * of_right)
-            of_rights[i] = self._solve_transposed(factors, bars)
-            grads, of_states[i] = pulls[i](of_rights[i])
-            total, before = _plus(total, grads), _plus(before, of_states[i])
-        of_entries = [
-            sum((w[i] * u[j] for w, u in zip(of_rights, increments, strict=True)), jnp.zeros(()))
-            for i, j in rodas.sparse.places
-        ]
-        grads, of_state = pull_entries(of_entries)
-        with_step = _plus(before, of_state), _plus(total, grads)
-        return jax.tree.map(functools.partial(jnp.where, steps), with_step, (list(after), sums))
+
+        def transposed(b: Sequence[float]) -> tuple[Rows, list[Number]]:
+            gained, total = _zeros(self.numbers), _zeros(after)
+            of_rights: dict[int, Rows] = {}
+            of_states: dict[int, Rows] = {}
+            for i in reversed(range(count)):
+                later = range(i + 1, count)
+                weights = [b[i], *(rosenbrock.A[j - 1][i] for j in later)]
+                others = [rosenbrock.C[j - 1][i] for j in later]
+                bars = []
+                for r, bar in enumerate(after):
+                    of_state = _weighted(weights, [bar, *(of_states[j][r] for j in later)])
+                    of_right = _weighted(others, [of_rights[j][r] for j in later]) if others else 0.0
+                    bars.append(of_state + inverse * of_right)
+                of_rights[i] = self._solve_transposed(factors, bars)
+                grads, of_states[i] = pulls[i](of_rights[i])
+                gained, total = _plus(gained, grads), _plus(total, of_states[i])
+            of_entries = [
+                sum((of_rights[k][i] * increments[k][j] for k in range(count)), jnp.zeros(()))
+                for i, j in rodas.sparse.places
+            ]
+            grads, of_state = pull_entries(of_entries)
+            return _plus(total, of_state), _plus(gained, grads)
+
+        moved, gained = transposed(rosenbrock.B)
+        # What is damped within the step is no error of what comes before: W^-T d takes it away.
+        errors = self._solve_transposed(factors, transposed((*[0.0] * (count - 1), 1.0))[0])
+        results = _plus(after, moved), gained, [inverse * (1 / rosenbrock.GAMMA) * e for e in errors]
+        nothing = list(after), _zeros(gained), _zeros(after)
+        return *jax.tree.map(functools.partial(jnp.where, steps), results, nothing), slope
 
 
 def _moved(u: Scalar, h: Scalar, weights: np.ndarray, slopes: Rows) -> Scalar:
@@ -257,7 +309,11 @@ def _moved(u: Scalar, h: Scalar, weights: np.ndarray, slopes: Rows) -> Scalar:
 
 def _weighted(weights: Sequence[float] | np.ndarray, values: Sequence[Scalar]) -> Scalar:
     terms = [float(weight) * value for weight, value in zip(weights, values, strict=False) if weight != 0]
-    return sum(terms[1:], terms[0])
+    return sum(terms[1:], terms[0]) if terms else 0.0 * values[0]
+
+
+def _zeros(these: Sequence[Any]) -> list[Any]:
+    return [jnp.zeros(jnp.shape(each)) for each in these]
 
 
 def _plus(these: Sequence[Any], those: Sequence[Any]) -> list[Any]:

@@ -281,7 +281,7 @@ def look(
 
 
 def decide(
-    control: Control, trial: Trial, scale: Scalar, limits: Limits, *, rough: bool = False, longest: Scalar | None = None
+    control: Control, trial: Trial, scale: Scalar, limits: Limits, *, rough: bool = False, reach: Scalar | None = None
 ) -> tuple[Control, Flag]:
     """The control after a trial near an event, and whether the lane moves to the trial's end.
 
@@ -290,10 +290,10 @@ def decide(
     Where a dip may reach below zero, the next step ends there before anything else is decided. Where a body
     turns by radians within a step, the cubic says little: the step is too long if an event may be in it.
 
-    Where the motion is stiff, its steps may be as long as `longest`, the lane stays at the start of the step that ends
-    it, and that step is no short one.
+    Of a stiff motion, which has a `reach`, the longest step that is allowed, the lane stays at the start of the step
+    that ends it, and that step is no short one.
     """
-    stiff = longest is not None
+    stiff = reach is not None
     too_long = (control.mode == ADVANCING) & trial.hidden
     trial = trial._replace(error=jnp.where(too_long, jnp.maximum(trial.error, _TOO_LONG), trial.error))
     locating, past = control.mode == LOCATING, trial.past
@@ -319,7 +319,7 @@ def decide(
     accepted = fits & ~past & ~ended
     if stiff:
         # A trial that ends a little before the event is tried again with the whole length to it.
-        accepted = accepted & ~(steep & (left > 0) & (left < _LAST_STEP * control.trial) & (expected <= longest))
+        accepted = accepted & ~(steep & (left > 0) & (left < _LAST_STEP * control.trial) & (expected <= reach))
 
     aim = jnp.where(accepted, left, expected) if stiff else jnp.where(past, expected, left)
     if rough:

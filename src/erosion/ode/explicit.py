@@ -62,7 +62,7 @@ def error_of(
     rows: tuple[Rows, Rows],
     stages: list[Rows],
     h: Scalar,
-    scale: Scalar,
+    scales: tuple[Scalar, Scalar],
     rtol: Scalar,
 ) -> Scalar:
     """The largest error of a row, relative to the row's size in this step.
@@ -76,7 +76,7 @@ def error_of(
         rows: before and after the step.
         stages: the slopes of each row in the step.
         h: its length.
-        scale: the time scale.
+        scales: the time scale, and that of a row at zero.
         rtol: the tolerance, for the rounding of derivatives.
     """
     before, state = rows
@@ -94,6 +94,7 @@ def error_of(
             # A number may matter far less than by its own size, and its derivatives are wanted all the same.
             sizes = [jnp.maximum(APART, NOISE / rtol) * size for size in of_motion]
         for i, row in enumerate(member):
+            scale = scales[0] if scales[0] is scales[1] else jnp.where(before[row] == 0, scales[1], scales[0])
             moved = jnp.maximum(jnp.abs(h * stages[row][0]), jnp.abs(SOON * scale * stages[row][late]))
             sizes[i] = _size(before[row], state[row], moved, sizes[i])
         # What another step of this length would add to an integral counts as well: most lanes go on.

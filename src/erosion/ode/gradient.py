@@ -1,7 +1,7 @@
 """Derivatives of one number by all arguments of many lanes: forwards with a tape, and backwards.
 
-Lanes that the adjoint cannot go back through, of motions that may have kinks, have their
-derivatives forwards, one lane for each argument. Sums over lanes are taken by pairs of neighbours, pairs of pairs and
+Lanes of motions that may have kinks, and those of which the adjoint is not known well enough, have their derivatives
+forwards, one lane for each argument. Sums over lanes are taken by pairs of neighbours, pairs of pairs and
 so on, so that their bits depend on the lanes alone.
 """
 
@@ -194,7 +194,8 @@ class _WayBack:
         fits = count <= rows
         results = [np.empty((lanes.size, *shape)) for shape, real in self._real() if real]
         bars = [np.ascontiguousarray(row[lanes]) for row in self.bars]
-        self.backwards.run([*own, count.astype(float), *bars, zero], every[fits], results, stop, tapes)
+        inputs = [*own, self.ends.tolerance[lanes], count.astype(float), *bars, zero]
+        self.backwards.run(inputs, every[fits], results, stop, tapes)
         # A lane that ends otherwise has taken other steps; that is not known to happen.
         other = outcome != self.ends.outcome[lanes]
         found = iter(results)
@@ -222,9 +223,11 @@ def _programs(layout: Layout, outputs: int) -> _Programs | None:
         return _compiled(layout, outputs)
 
 
-def _backwards(layout: Layout, numbers: list[Number], count: Scalar, bars: list[Scalar], token: Scalar) -> list[Number]:
+def _backwards(
+    layout: Layout, numbers: list[Number], rtol: Scalar, count: Scalar, bars: list[Scalar], token: Scalar
+) -> list[Number]:
     time, *of_outputs = bars
-    return pulled_back(layout, numbers, count, time, of_outputs, token)
+    return pulled_back(layout, numbers, rtol, count, time, of_outputs, token)
 
 
 @functools.lru_cache(maxsize=256)
@@ -232,7 +235,7 @@ def _is_traced(layout: Layout, outputs: int) -> bool:
     """Whether JAX can go back through a step."""
     try:
         back = functools.partial(_backwards, layout)
-        jax.eval_shape(back, layout.structs(), number, [number] * (1 + outputs), number)
+        jax.eval_shape(back, layout.structs(), number, number, [number] * (1 + outputs), number)
     except ValueError:
         return False
     return True
@@ -247,7 +250,7 @@ def _compiled(layout: Layout, outputs: int) -> _Programs | None:
         return tape.rows, end.outcome, tape.token
 
     structs = layout.structs()
-    arguments = (structs, number, [number] * (1 + outputs), number)
+    arguments = (structs, number, number, [number] * (1 + outputs), number)
     try:
         back = compile_lanes(functools.partial(_backwards, layout), arguments, tapes=1)
     except NotForLanesError:

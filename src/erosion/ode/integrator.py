@@ -264,8 +264,8 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
     scale = problem.scale_near(lane.control.step, FIRST_STEP)
     h = lane.control.trial
     longest = lane.longest
-    of_rows = scale if longest is None else problem.scale_near(jnp.maximum(lane.control.step, longest), FIRST_STEP)
-    (state, slope, stages), events, within, error = _tried(problem, rtol, lane, of_rows)
+    at_rest = scale if longest is None else problem.scale_near(jnp.maximum(lane.control.step, longest), FIRST_STEP)
+    (state, slope, stages), events, within, error = _tried(problem, rtol, lane, (scale, at_rest))
     for event in events:
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
         error = error + 0.0 * event.value + 0.0 * event.rate
@@ -281,8 +281,8 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
             trial = crossings.look_directed(watched, *looked, clear=clear, rough=rough)
         else:
             trial = crossings.look(*looked, clear=clear, rough=rough)
-        longest = None if problem.rodas is None else _longest(problem, lane.control, until)
-        return crossings.decide(lane.control, trial, scale, limits, rough=rough, longest=longest)
+        reach = None if problem.rodas is None else _reach(problem, lane.control, until)
+        return crossings.decide(lane.control, trial, scale, limits, rough=rough, reach=reach)
 
     clear = crossings.are_clear(watched, h, lane.events, events, within, _GRAZE * rtol, rough=rough)
     quiet = functools.reduce(jnp.logical_and, clear, lane.control.mode == ADVANCING)
@@ -320,7 +320,7 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
 
 
 def _tried(
-    problem: Extended, rtol: Scalar, lane: Lane, scale: Scalar
+    problem: Extended, rtol: Scalar, lane: Lane, scales: tuple[Scalar, Scalar]
 ) -> tuple[tuple[Rows, Rows, Any], list[Ends], list[tuple[float, list[Scalar]]], Scalar]:
     """State, slope and all slopes of a trial; the events at its end and within; its error over the tolerance."""
     h, before = lane.control.trial, lane.state
@@ -329,7 +329,7 @@ def _tried(
         slope, events = problem.rate_and_events(state)
         stages = [[*ks, k] for ks, k in zip(stages, slope, strict=True)]
         slack = _SLACK_WHOLE[problem.order] if problem.options.whole else _SLACK
-        error = explicit.error_of(problem, lane.greatest, (before, state), stages, h, scale, rtol) / (slack * rtol)
+        error = explicit.error_of(problem, lane.greatest, (before, state), stages, h, scales, rtol) / (slack * rtol)
         return (state, slope, stages), events, within, error
     state, found = problem.rodas.step(before, lane.slope, h)
     slope, events = problem.rate_and_events(state)
@@ -338,7 +338,7 @@ def _tried(
     return (state, slope, found), events, problem.rodas.within(before, state, found), error
 
 
-def _longest(problem: Extended, control: Control, until: Scalar | None) -> Scalar:
+def _reach(problem: Extended, control: Control, until: Scalar | None) -> Scalar:
     """How long a step may be, as is asked for."""
     return jnp.asarray(jnp.inf) if until is None else jnp.minimum(problem.clock.max_step, until - control.time)
 

@@ -31,7 +31,7 @@ class Lane(NamedTuple):
     `greatest` is the greatest size so far of each row of the motion itself, where the whole state is wanted.
     `shift` holds the derivatives of the time by which a stiff motion was shifted, see `stiff.shifted`; `stiff` counts
     steps that only stability made short, where they are watched. `longest` is the longest step so far, where a rate may
-    jump and the problem names no time scale: a row at zero that begins to move there has a size in it.
+    jump and the problem names no time scale: what a row at zero gains in it is its size.
     """
 
     control: Control

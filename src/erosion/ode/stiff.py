@@ -238,6 +238,7 @@ def last_step(problem: Extended, state: Rows, slope: Rows, greatest: Rows, h: Sc
 
 def step_of(problem: Extended, state: Rows, slope: Rows, greatest: Rows, passed: Scalar) -> LastStep:
     """The state a time after a step began, 0 or later."""
+    passed = jnp.where(passed > _SMALL * problem.time_scale, passed, 0.0)
     step = last_step(problem, state, slope, greatest, length_of(passed, problem.time_scale))
     return step._replace(rows=[jnp.where(passed > 0, new, old) for new, old in zip(step.rows, state, strict=True)])
 

@@ -25,7 +25,7 @@ class Tape(NamedTuple):
     """What is written so far.
 
     Args:
-        rows: rows; more than `capacity` of them do not fit, and are written over the last.
+        rows: how many rows; more than `capacity` of them do not fit, and are written over the last.
         capacity: of the tape, in rows.
         token: see `erosion.lanes.tapes`.
     """
@@ -43,10 +43,10 @@ class Tape(NamedTuple):
         digits = sum((2.0**i * flag for i, flag in enumerate(happens)), jnp.zeros(()))
         return self._with(digits, lax.convert_element_type(event, float), state, jnp.asarray(True))
 
-    def _with(self, length: Scalar, code: Scalar, state: Rows, rowss: Flag) -> "Tape":
+    def _with(self, length: Scalar, code: Scalar, state: Rows, is_kept: Flag) -> "Tape":
         place = jnp.minimum(self.rows, self.capacity - 1) * (BESIDE + len(state))
         token = tapes.write(_SLOT, self.token, place, length, code, *state)
-        return self._replace(rows=self.rows + jnp.where(rowss, 1, 0), token=token)
+        return self._replace(rows=self.rows + jnp.where(is_kept, 1, 0), token=token)
 
 
 class Entry(NamedTuple):
