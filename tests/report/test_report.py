@@ -443,7 +443,7 @@ def test_every_question_has_its_text_and_every_text_its_question() -> None:
 def test_a_report_that_is_interrupted_leaves_no_empty_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, made: str
 ) -> None:
-    def interrupted(*_: object) -> None:
+    def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("erosion.report.page._write", interrupted)

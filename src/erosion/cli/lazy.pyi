@@ -85,7 +85,6 @@ from erosion.impacts.dataset_files import read_netcdf as read_netcdf
 from erosion.impacts.dataset_files import write_csv as write_csv
 from erosion.impacts.dataset_files import write_netcdf as write_netcdf
 from erosion.impacts.simulate import SimulationError as SimulationError
-from erosion.impacts.simulate import Trajectory as Trajectory
 from erosion.impacts.simulate import path as path
 from erosion.joint_laws import SHARE as SHARE
 from erosion.joint_laws import LawSet as LawSet

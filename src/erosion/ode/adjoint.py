@@ -187,7 +187,7 @@ class _Adjoint:
             of_clock = jnp.where(event == ARRIVED, total, 0.0)
             _, pull = jax.vjp(lambda numbers: self._at(numbers).clock.t1 - self._at(numbers).clock.t0, self.numbers)
             sums, time = _plus(sums, pull(of_clock)[0]), time - of_clock
-        greatest = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
+        greatest: Rows = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
         return _Back(back.row - 1, state, time, sums, greatest, back.error)
 
     def _flow(self, event: Scalar, rows: Rows) -> Rows:
@@ -207,7 +207,7 @@ class _Adjoint:
         def step(at: tuple[_Back, tape.Entry]) -> tuple[_Back, tape.Entry]:
             back, row = at
             state, gained, errors, slope = one(row, back.state)
-            greatest = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
+            greatest: Rows = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
             moved = [jnp.abs(row.length * k) for k in slope]
             sizes = list(map(jnp.maximum, map(jnp.abs, row.state), moved))
             most = functools.reduce(jnp.maximum, [bar * size for bar, size in zip(greatest, sizes, strict=True)])
