@@ -192,14 +192,11 @@ class _Adjoint:
 
     def _flow(self, event: Scalar, rows: Rows) -> Rows:
         """What the state at an event changes by with its time."""
-        rodas = self.problem.rodas
-        if rodas is None:
+        if self.problem.rodas is None:
             return self._rate(self.numbers, rows)
         last = tape.read(self.token, jnp.maximum(event - 1, 0), self.width)
         h = stiff.length_of(last.length, self.problem.time_scale)
-        return jax.jvp(
-            lambda h: rodas.step(last.state, self._rate(self.numbers, last.state), h)[0], (h,), (1.0 + 0 * h,)
-        )[1]
+        return stiff.last_step(self.problem, last.state, self._rate(self.numbers, last.state), [], h).rates
 
     def _steps(self, back: _Back) -> _Back:
         """Where a motion began, from its event."""

@@ -145,7 +145,7 @@ class Solution(Result):
 
         The number depends on times, states and integrals of all lanes. Its cost does not grow with the number of
         arguments: each lane is integrated once more, and gone back through (the discrete adjoint). Lanes of
-        motions that may have kinks go forwards instead, once for each argument.
+        motions that may have kinks, and those that rest, go forwards instead, once for each argument.
 
         Args:
             t: by what the number changes with each lane's time; an array of the lanes' shape, or one number.
