@@ -142,6 +142,8 @@ def test_states_at_times_are_those_of_lanes_that_end_there(wrt: Any) -> None:
     at_times: Any = states.times
     assert set(found(max_steps=3).ended_by) == {"unfinished"}
     assert np.isnan(found(max_steps=3).ys["c"]).tolist() == [[False, *[True] * 7]] * 2
+    second = ode.solve(EARLY, {"k3": 1e4}, t1=1e3, ts=times, wrt="k3", derivatives=2, max_steps=3, **STIFF)
+    assert np.isnan(second.ys["c"][3:]).all()
     for i, k3 in enumerate((1e4, 2e4)):
         for j, time in enumerate(times):
             if time > end.t[i]:
