@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import erosion
 import erosion.cfd.erosion_map
 from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.map_result import MapSummary
+from erosion.cfd.read import read_impacts
 from erosion.cfd.rows import ImpactsError
 from erosion.correlations import CORRELATIONS
 from erosion.distributions import Normal
@@ -48,6 +50,33 @@ TABLE = sand(SURFACE, 300)
 @pytest.fixture(scope="module")
 def wear() -> xr.Dataset:
     return erosion_map("rotating", P, TABLE, SURFACE, density=2700.0)
+
+
+HEADS = ("diameter_um", "density [kg/m^3]", "u [m/s]", "v [m/s]", "w [m/s]", "x [mm]", "y [mm]", "z [mm]", "count")
+UNDERSTOOD = {
+    "right": ({}, "of 100.1 to 498.8 um, 0.008171 kg in all, at 20.01 to 79.72 m/s, on average 49.69 m/s", ""),
+    "mm/s": ({"u": 1e3, "v": 1e3, "w": 1e3}, "on average 4.969e+04 m/s", "The mean speed is 4.97e+04 m/s, at which"),
+    "ft/s": ({"u": 3.2808, "v": 3.2808, "w": 3.2808}, "on average 163 m/s", ""),
+    "slow": ({"u": 1e-3, "v": 1e-3, "w": 1e-3}, "on average 0.04969 m/s", "The mean speed is 0.0497 m/s, at which"),
+    "radii": ({"diameter_um": 0.5}, "of 50.06 to 249.4 um, 0.001021 kg in all", ""),
+    "in m": ({"diameter_um": 1e-6}, "of 0.0001001 to 0.0004988 um", "diameters of 1e-10 to 4.99e-10 m, as no"),
+    "a cut file": ({}, "Read: 150 rows, diameter from diameter_um in um; density from density in kg/m^3; velocity", ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", UNDERSTOOD)
+def test_how_a_table_was_understood_is_said(tmp_path: Path, name: str) -> None:
+    """With the numbers in the units of the table, so that a wrong unit shows."""
+    changed, words, doubt = UNDERSTOOD[name]
+    of, rows = TABLE.columns, 150 if name == "a cut file" else 300
+    columns = [of["diameter"] * 1e6, np.full(300, 2650.0), *of["velocity"].T, *of["position"].T * 1e3, of["count"]]
+    numbers = [values * changed.get(head.split(" ")[0], 1.0) for head, values in zip(HEADS, columns, strict=True)]
+    np.savetxt(tmp_path / "a.csv", np.column_stack(numbers)[:rows], delimiter=",", header=",".join(HEADS), comments="")
+    summary = MapSummary(erosion_map("dnv", P, read_impacts(tmp_path / "a.csv"), SURFACE))
+    assert words in summary.to_dict()["read_as"]
+    said = [sentence for sentence in summary.warnings if "far from what tests" not in sentence]
+    assert doubt in " ".join(said)
+    assert bool(said) == bool(doubt) or "outside the range" in " ".join(said)
 
 
 def test_faces_patches_and_totals_are_the_sums_of_the_rows(wear: xr.Dataset) -> None:

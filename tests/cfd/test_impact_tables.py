@@ -427,7 +427,6 @@ DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
     "nothing": ({}, ""),
     "whole numbers of particles": ({"count": np.round}, ""),
     "numbers of rows": ({"count": lambda count: np.random.default_rng(1).permutation(len(count))}, "or of rows?"),
-    "mm as µm": ({"diameter": lambda size: size / 1e3}, "diameters of 1e-07 to 2.99e-07 m, as no sand has"),
     "water": ({"density": lambda density: 0 * density + 998}, "998 kg/m³, which a fluid has, but hardly a grain"),
     "two solids": ({"density": lambda density: np.where(np.arange(200) < 50, 4190, density)}, "2650 to 4190 kg/m³, so"),
     "radians": ({"angle": np.radians}, "no angle is above 1.48°; are they in radians?"),

@@ -37,10 +37,12 @@ from erosion.models.registry import require_loadable
 from erosion.ode.step_control import require_float64
 from erosion.output.files import digest
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import conversion_factor
+from erosion.parameters.quantities import Scale, conversion_factor, readable_scale
 
 _PORTION = 2**18  # impacts, draws times rows: enough for all cores at once, a few tens of megabytes
 _FEW = 100  # impacts at random times, of which the first and the last are 2 % of the time off its ends, on average
+_FINEST, _COARSEST = 1e-6, 5e-3  # diameters of grains [m]
+_SLOWEST, _FASTEST = 0.5, 300.0  # mean speeds at which sand wears [m/s]
 _WRONG_WAY = 0.9  # share of rows from behind that no table of real impacts reaches
 
 
@@ -136,17 +138,18 @@ class MapJob:
         task, table, surface, options = self.task, self.impacts, self.surface, self.task.options
         ends = end_names(task.model)
         tally = FaceTally(1 if surface is None else surface.faces, options.realisations)
-        nearness, times = Nearness(surface, self._limit), TimeSpan()
+        nearness, ranges = Nearness(surface, self._limit), Ranges()
 
         def add(portion: Portion) -> None:
             tally.add(portion)
             progress("map", tally.rows, table.rows or 0)
 
-        self._compute(self._portions(nearness, times), add)
+        self._compute(self._portions(nearness, ranges), add)
         self._require_hits(tally)
         if not tally.sums["impacts"].any():
             raise SimulationError(f"{model_name(task.model)}: of {tally.hits:,} impacts none could be computed.")
-        sand = self._sand(tally, times)
+        sand = self._sand(tally, ranges)
+        read_as, doubts = ranges.in_words(table, tally)
         attributes = provenance(
             "a map",
             options.p,
@@ -158,7 +161,10 @@ class MapJob:
             far_rows=nearness.far_in_words(),
             duration_from=sand.duration_from,
             injected_from=sand.injected_from,
-            warnings=" ".join([*table.warnings, *nearness.warnings(), *self._normals_in_words(tally), *sand.warnings]),
+            read_as=read_as,
+            warnings=" ".join(
+                [*table.warnings, *doubts, *nearness.warnings(), *self._normals_in_words(tally), *sand.warnings]
+            ),
         )
         has_range = isinstance(task.model, Correlated)
         return to_dataset(tally, options, surface, sand, ends, attributes, has_range=has_range)
@@ -173,10 +179,10 @@ class MapJob:
             'say: Argument `injected` must give it, such as "2 g".'
         )
 
-    def _sand(self, tally: FaceTally, times: "TimeSpan") -> Sand:
+    def _sand(self, tally: FaceTally, ranges: "Ranges") -> Sand:
         """The mass of sand in the run, and the time that it is taken for."""
         options, table, parcels = self.task.options, self.impacts, tally.parcels
-        duration, duration_from, warnings = times.of(table)
+        duration, duration_from, warnings = ranges.duration_of(table, tally.rows)
         known, erodent = float(parcels.mass.sum()), float(tally.sums["erodent"].sum())
         given = options.injected_in(duration)
         sources = {"as given": given, "as the case of the run says": table.injected,
@@ -240,8 +246,8 @@ class MapJob:
         limit, units = self.task.options.limit, self.task.options.p.units
         return None if limit is None else limit * conversion_factor("length", units, "si")
 
-    def _portions(self, nearness: Nearness, times: "TimeSpan") -> Iterator[Hits]:
-        """All rows, noted by `nearness` and `times`, in portions of a fixed number, the last one of what is left."""
+    def _portions(self, nearness: Nearness, ranges: "Ranges") -> Iterator[Hits]:
+        """All rows, noted by `nearness` and `ranges`, in portions of a fixed number, the last one of what is left."""
         options = self.task.options
         incidence = Incidence(self.surface, self.impacts.mesh_faces, options.restitution, self._limit)
         blocks, rows = self.impacts.blocks(_PORTION), max(1, _PORTION // options.realisations)
@@ -250,7 +256,7 @@ class MapJob:
             for block in blocks:
                 hits = incidence.hits(block)
                 nearness.add(block, hits)
-                times.add(block)
+                ranges.add(block, hits)
                 begin = 0
                 while begin < hits.rows:
                     part = hits.part(slice(begin, begin + rows - count))
@@ -337,35 +343,68 @@ class MapJob:
             raise ImpactsError(f"{title}: of {tally.rows:,} rows none hits: {words}.")
 
 
-class TimeSpan:
-    """The first and the last time of the rows that were read so far."""
+class Ranges:
+    """The least and the greatest numbers of the rows read so far: times of all rows, the rest of those that hit."""
 
     def __init__(self) -> None:
-        self._first, self._last, self._rows = math.inf, -math.inf, 0
+        self._ends = dict.fromkeys(("time", "diameter", "speed", "alpha"), (math.inf, -math.inf))
 
-    def add(self, block: ImpactBlock) -> None:
+    def add(self, block: ImpactBlock, hits: Hits) -> None:
         """Take note of the rows of a block."""
-        if block.time is not None and block.rows:
-            self._first = min(self._first, float(np.min(block.time)))
-            self._last = max(self._last, float(np.max(block.time)))
-            self._rows += block.rows
+        struck, time = hits.fate == HIT, np.zeros(0) if block.time is None else np.asarray(block.time)
+        rows = {"time": time, **{name: getattr(hits, name)[struck] for name in ("diameter", "speed", "alpha")}}
+        for name, (least, greatest) in self._ends.items():
+            self._ends[name] = float(rows[name].min(initial=least)), float(rows[name].max(initial=greatest))
 
-    def of(self, table: Impacts) -> tuple[float | None, str, list[str]]:
+    def in_words(self, table: Impacts, tally: FaceTally) -> tuple[str, list[str]]:
+        """How the table was understood, in its own units, and what no sand has of it."""
+        (fine, coarse), (slow, fast), (flat, steep) = (self._ends[name] for name in ("diameter", "speed", "alpha"))
+        total = {name: math.fsum(values) for name, values in tally.sums.items()}
+        of_particle = 1 / total["particles"] if total["particles"] else math.nan
+        speed, angle = total["speed"] * of_particle, math.degrees(total["angle"] * of_particle)
+        own_units = table.own_units or {}
+        length = own_units.get("length") or readable_scale("length", "si", coarse)
+        velocity = own_units.get("speed") or Scale(1.0, "m/s")
+        read_as = (
+            f"Read: {tally.rows:,} rows, {table.read_as or 'in SI units'}. What hits is {total['particles']:,.6g} "
+            f"particles of {_range(fine, coarse, length)}, {total['erodent']:.4g} kg in all, at "
+            f"{_range(slow, fast, velocity)}, on average {speed / velocity.size:.4g} {velocity.unit}, and at "
+            f"{_range(flat, steep, Scale(math.pi / 180, '°'))} to the wall, on average {angle:.3g}°."
+        )
+        doubts = list[str]()
+        if fine < _FINEST or coarse > _COARSEST:
+            doubts.append(
+                f"Particles have diameters of {fine:.3g} to {coarse:.3g} m, as no sand has; is the unit right?"
+            )
+        if not _SLOWEST <= speed <= _FASTEST:
+            doubts.append(
+                f"The mean speed is {speed:.3g} m/s, at which no sand is blasted or carried; is the unit right?"
+            )
+        return read_as, doubts
+
+    def duration_of(self, table: Impacts, rows: int) -> tuple[float | None, str, list[str]]:
         """The duration of a table [s], who says so, and what is doubtful in it."""
-        span = self._last - self._first
+        first, last = self._ends["time"]
+        span = last - first
         doubts = list[str]()
         if table.duration is None and not 0 < span < math.inf:
             return None, "", []
         if table.duration is None:
-            if self._rows < _FEW:
+            if rows < _FEW:
                 doubts.append(
-                    f"The time from the first to the last of {self._rows} impacts, {span:.3g} s, is less than that of "
+                    f"The time from the first to the last of {rows} impacts, {span:.3g} s, is less than that of "
                     "the run: Argument `duration` gives it."
                 )
             return span, "from the first impact to the last", doubts
         if 0 < span < math.inf and table.duration_from == "as given" and not 0.99 < table.duration / span < 1.1:
             doubts.append(f"`duration` is {table.duration:g} s, but the impacts are from {span:g} s.")
         return table.duration, table.duration_from, doubts
+
+
+def _range(least: float, greatest: float, scale: Scale) -> str:
+    """Such as "30 to 42 m/s", or "30 m/s"."""
+    low, high = f"{least / scale.size:.4g}", f"{greatest / scale.size:.4g}"
+    return f"{low if low == high else f'{low} to {high}'} {scale.unit}".replace(" °", "°")
 
 
 def erosion_map(

@@ -53,13 +53,12 @@ from erosion.parameters.headings import (
     unused_note,
 )
 from erosion.parameters.materials import HEAVIEST
-from erosion.parameters.quantities import about, shown
+from erosion.parameters.quantities import Scale, about, shown
 
 _BLOCK = 1 << 22  # bytes of text, or 32 of a row of numbers, that are read at once
 _NUMBERED = 10  # rows whose weights are 1, 2, 3, …, from which on these are the numbers of the rows
 _SAME = 1.1  # ratio of densities of one solid
 _LIQUID = 1010.0  # kg/m³; the lightest grain of the package's table, walnut shell, has 1200
-_FINEST, _COARSEST = 1e-6, 1e-2  # diameters of grains [m]
 _DISTINCT = 100  # rows of whole numbers of particles, of which hardly ever no two are the same
 _COMPARED = 1_000_000  # rows among which those that repeat others are looked for
 _REPEATED = 0.01  # share of rows above which they are said
@@ -107,10 +106,11 @@ _KNOWN: Mapping[str, Known] = {
 
 
 class Column(NamedTuple):
-    """A column of the file: number in the file × factor = number in SI units."""
+    """A column of the file: number in the file × factor = number in SI units; `unit` as the file or the user has it."""
 
     name: str
     factor: float
+    unit: str = ""
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -132,7 +132,7 @@ class NamedImpacts(Impacts):
         wanted = [column.name for column in self.columns.values()]
         for batch in (_parquet_batches if kind_of(self.path) == "parquet" else _csv_batches)(self.path, wanted):
             columns = dict[str, np.ndarray]()
-            for name, (head, size) in self.columns.items():
+            for name, (head, size, _) in self.columns.items():
                 is_number = batch.column(head).is_valid().to_numpy(zero_copy_only=False)
                 lacking = f": column `{head}` has no number."
                 require_rows(self.title, first, is_number, lambda _, lacking=lacking: lacking)
@@ -196,7 +196,21 @@ def open_named(
         has_parcels="parcel" in columns,
         mesh_faces="mesh_face" in columns,
         warnings=(*warnings, f"{path.name}: {unused_note(unused)}.") if unused else warnings,
-    )
+        read_as=_in_words(columns),
+        own_units={dimension: Scale(columns[name].factor, columns[name].unit)
+                   for name, dimension in (("diameter", "length"), ("speed", "speed"), (VELOCITY[0], "speed"))
+                   if name in columns},
+    )  # fmt: skip
+
+
+def _in_words(columns: Mapping[str, Column]) -> str:
+    """Which columns are what, and in which units: "velocity from u, v, w in m/s, diameter from d in um"."""
+    groups = dict[tuple[str, str], list[str]]()
+    for name, column in columns.items():
+        what = name[:-2] if name in (*VELOCITY, *POSITION) else name.replace("_", " ")
+        groups.setdefault((what, column.unit), []).append(head_parts(column.name)[0] or column.name.strip())
+    parts = (f"{what} from {', '.join(heads)}{f' in {unit}' * bool(unit)}" for (what, unit), heads in groups.items())
+    return "; ".join(parts)
 
 
 def _ends_with_a_line(path: Path) -> bool:
@@ -222,7 +236,7 @@ class _Noted:
 
     def __init__(self, columns: Mapping[str, Column]) -> None:
         self._columns = columns
-        self._density, self._size = [math.inf, 0.0], [math.inf, 0.0]  # the least and the greatest [kg/m³], [m]
+        self._density = math.inf, 0.0  # the least and the greatest [kg/m³]
         self._contradictions, self._steepest, self._numbered = 0, 0.0, False
         self._rows, self._digests = 0, list[np.ndarray]()
 
@@ -248,9 +262,8 @@ class _Noted:
             density = block.mass / (math.pi / 6 * block.diameter**3)
             if len(own):
                 self._contradictions += int((np.abs(np.log(density / own)) > math.log(_SAME)).sum())
-        for ends, values in ((self._density, density), (self._size, block.diameter)):
-            known = values[np.isfinite(values) & (values > 0)]
-            ends[:] = float(known.min(initial=ends[0])), float(known.max(initial=ends[1]))
+        (low, high), known = self._density, density[np.isfinite(density) & (density > 0)]
+        self._density = float(known.min(initial=low)), float(known.max(initial=high))
 
     def doubts(self, expected: float | None) -> Iterator[str]:
         """Sentences; `expected` is the density of the particle that the user names [kg/m³]."""
@@ -270,9 +283,6 @@ class _Noted:
             yield f"{has} so they are of several solids, or a column is none of theirs."
         if self._contradictions:
             yield f"in {self._contradictions:,} rows the density is not that of mass and diameter, which count."
-        least, largest = self._size
-        if least < _FINEST or largest > _COARSEST:
-            yield f"its particles have diameters of {least:.3g} to {largest:.3g} m, as no sand has; is the unit right?"
         if self._numbered:
             yield (
                 f"column {self._columns['count'].name!r} has another whole number in each row; are these numbers of "
@@ -357,7 +367,7 @@ def _head(
         at = "" if error.index is None else f" column {heads[error.index]!r}"
         raise ImpactsError(f"{path}:{at} {error}.") from error
     columns = {
-        column.name: Column(head, _factor(path, head, column.name, column.unit))
+        column.name: Column(head, _factor(path, head, column.name, column.unit), column.unit)
         for head, column in zip(heads, table.columns, strict=True)
         if column is not None
     }

@@ -413,6 +413,7 @@ class MapSummary(Result):
         }
         numbers["ends"] = dict(zip(data["end"].values, data["ends"].sum("patch").values, strict=True))
         numbers["left_out"] = dict(zip(data["reason"].values, data["left_out"].values, strict=True))
+        numbers["read_as"] = data.attrs["read_as"]
         numbers["units"] = {name: unit for name, unit in units.items() if unit != "1"}
         return to_plain(numbers)
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from erosion.arguments import Indices, Numbers, Vectors
 from erosion.extras import library
+from erosion.parameters.quantities import Scale
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,6 +81,8 @@ class Impacts(abc.ABC):
         mesh_faces: whether `face` of its blocks counts the faces of the whole mesh (`Surface.face_of_mesh` leads from
             them to the surface's own).
         warnings: sentences on what the table does not say, and what is taken instead.
+        read_as: how its columns are understood, in words.
+        own_units: of diameters and speeds as the table has them, by "length" and "speed"; else those that read well.
     """
 
     title: str
@@ -91,6 +94,8 @@ class Impacts(abc.ABC):
     has_parcels: bool = False
     mesh_faces: bool = False
     warnings: tuple[str, ...] = ()
+    read_as: str = ""
+    own_units: Mapping[str, Scale] | None = None
 
     @abc.abstractmethod
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:

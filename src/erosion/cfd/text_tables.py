@@ -35,6 +35,7 @@ from erosion.cfd.rows import (
 _OF_OPENFOAM = {"nParticle": "count", "d": "diameter", "rho": "density", "facei": "mesh_face", "Time": "time",
                 "currentProc": "processor", "origId": "parcel", "origProc": "origin"}  # fmt: skip
 _VECTORS = {"U": VELOCITY, "position": POSITION}
+_READ_AS = "columns of {} in SI units"
 _AXES = ("012", "xyz")  # how versions name the components
 _WINDOW = re.compile(r"\d+\.?\d*(?:[eE][-+]?\d+)?")
 _OF_FLUENT = {
@@ -213,6 +214,7 @@ def open_openfoam(path: Path, case: Path | None, density: float | None, duration
         has_parcels="parcel" in first.columns,
         mesh_faces="mesh_face" in first.columns,
         warnings=warnings_of_weights,
+        read_as=_READ_AS.format("OpenFOAM"),
     )
 
 
@@ -236,7 +238,8 @@ def open_fluent(path: Path, density: float | None, duration: float | None) -> Te
     duration, warnings = weigh(str(path), columns.keys() - {"time"}, duration)
     require_columns(str(path), columns)
     table = Table(path, numbers[0] + 1, names, columns)
-    return TextImpacts(title=str(path), tables=(table,), duration=duration, warnings=warnings)
+    read_as = _READ_AS.format("Fluent")
+    return TextImpacts(title=str(path), tables=(table,), duration=duration, warnings=warnings, read_as=read_as)
 
 
 def _files(folder: Path) -> list[Path]:

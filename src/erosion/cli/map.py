@@ -1,6 +1,7 @@
 """`erosion map`: the wear of a surface by the impacts of a CFD run."""
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -273,12 +274,29 @@ def map_(
     # What is left out is a warning.
     summary = lazy.MapSummary(dataset)
     printed.warn(*map(as_options, summary.warnings))
+    if grit is not None:
+        printed.warn(_size_doubt(dataset, grit.size, grit.density))
     content = summary.to_dict()
     units = content.pop("units")
     varied = {"alpha": "each row's", "v0": "each row's", **made.laws_in_words(job.task.model)}
     printed.document(content, {sand.name: job.task.model}, units, varied)
-    printed.table(summary.title, summary.rows(), sentences=sentences)
+    printed.table(summary.title, summary.rows(), sentences=[dataset.attrs["read_as"], *sentences])
     printed.wrote(map=output, figure=picture.plot)
+
+
+_SAME_SIZE = 1.5  # ratio of the mean diameter of the table to that of the particle that is named
+
+
+def _size_doubt(dataset: "xr.Dataset", named: float, density: float) -> str | None:
+    """That the particles of the table are of another size than the one that is named [m], as radii are."""
+    mass = lazy.conversion_factor("mass", dataset.attrs["unit_system"], "si") * float(dataset["total_erodent"])
+    mean = (6 * mass / (math.pi * density * float(dataset["total_particles"]))) ** (1 / 3)
+    if 1 / _SAME_SIZE < mean / named < _SAME_SIZE:
+        return None
+    return (
+        f"The particles of the table are of {mean * 1e3:.3g} mm by their mean mass, and count, but the one that is "
+        f"named has {named * 1e3:.3g} mm. Does the table hold diameters?"
+    )
 
 
 def _usual_model(case: CaseOptions) -> str | None:
