@@ -145,3 +145,21 @@ def test_a_solution_is_pickled_with_all_that_it_can_tell() -> None:
     read = pickle.loads(pickle.dumps(kept))
     assert read.to_dataset().identical(kept.to_dataset())
     np.testing.assert_array_equal(read.events.t, kept.events.t)
+
+
+@pytest.mark.parametrize("read", [lambda end: end.events.t, lambda end: end.gradient(t=1.0)])
+def test_what_is_computed_later_belongs_to_what_was_solved(read) -> None:
+    """Elsewhere the newest code counts; here it would give another motion's numbers beside those of the solution."""
+    rate = {"k": 1.0}
+    decay = ode.Problem(
+        y0=lambda args: {"y": args["start"]},
+        vector_field=lambda t, y, args: {"y": -rate["k"] * y["y"]},
+        events={"half": ode.Event(lambda t, y, args: y["y"] - 0.5, -1)},
+    )
+    for derivatives, wrt in ((0, ()), (1, "start")):
+        end = ode.solve(decay, {"start": 1.0}, t1=9.0, wrt=wrt, derivatives=derivatives)
+        rate["k"] = 2.0
+        with pytest.raises(ValueError, match="solve it again"):
+            read(end)
+        rate["k"] = 1.0
+        assert read(end)

@@ -93,6 +93,7 @@ class Solution(Result):
         at_once: by name whether an event happens at the end, as others may at the same time.
         stiff: whether the method for stiff motions integrated the lane; None where JAX traces.
         derivatives: by names of one or two numbers; see `along`.
+        digest: of what the problem computed.
         times: the states at `ts`, or None.
         tolerance: of each lane's results, which may be less than `rtol`; None where there are derivatives.
     """
@@ -110,6 +111,7 @@ class Solution(Result):
     derivatives: Mapping[tuple[str, ...], Part] = dataclasses.field(repr=False)
     lanes: "Lanes" = dataclasses.field(repr=False)
     rtol: float
+    digest: str = dataclasses.field(repr=False)
     stiff: PerImpact | None = None
     times: Times | None = None
     tolerance: np.ndarray | None = dataclasses.field(default=None, repr=False)
@@ -130,6 +132,13 @@ class Solution(Result):
                 f"`{name}` needs numbers, or holds words, and there are none where JAX traces; `outcome` is the index "
                 "in `names` of what ended a lane. For the time of the n-th event let it be the end, by `max_events=n`; "
                 "for a gradient use `jax.grad`."
+            )
+
+    def _require_problem(self, name: str) -> None:
+        if self.lanes.layout.renewed().equations.digest != self.digest:
+            raise ValueError(
+                f"`{name}` needs the problem as it was solved, but its functions compute something else since; "
+                "solve it again."
             )
 
     def along(self, *names: str) -> Part:
@@ -159,7 +168,8 @@ class Solution(Result):
             as floats.
 
         Raises:
-            ValueError: for what does not fit, and where JAX traces the solution (`jax.grad` does this there).
+            ValueError: for what does not fit, where the problem computes something else since, and where JAX traces
+                the solution (`jax.grad` does this there).
 
         Example:
             >>> import numpy as np
@@ -177,6 +187,7 @@ class Solution(Result):
         from erosion.ode.gradient import gradient_of
 
         self._require_numbers("gradient")
+        self._require_problem("gradient")
         return gradient_of(self, t, y, integrals or {})
 
     @property
@@ -201,11 +212,12 @@ class Solution(Result):
         derivatives: for those of the n-th event let it be the end, by `max_events=n`.
 
         Raises:
-            ValueError: where JAX traces the solution.
+            ValueError: where JAX traces the solution, and where the problem computes something else since.
         """
         from erosion.ode.solve import again, named_events, shaped
 
         self._require_numbers("events")
+        self._require_problem("events")
 
         most = int(np.max(self.count, initial=0))
         wide = self.lanes._replace(shape=(*self.lanes.shape, most))

@@ -374,6 +374,7 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np
         derivatives=found,
         lanes=lanes,
         rtol=rtol,
+        digest=lanes.layout.equations.digest,
         tolerance=None if order else results.tolerance,
         times=times,
     )

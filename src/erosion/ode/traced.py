@@ -83,7 +83,7 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
         problem=layout.problem, names=layout.end_names, wrt=(), outcome=codes[..., 0], t=part.t + t0, y=part.y,
         integrals=part.integrals, count=codes[..., 1], trials=codes[..., 2],
         at_once=named_events(lanes, [codes[..., i] > 0 for i in range(3, codes.shape[-1])]), derivatives={},
-        lanes=lanes, rtol=rtol,
+        lanes=lanes, rtol=rtol, digest=layout.equations.digest,
     )  # fmt: skip
     if ts is None:
         return solution
