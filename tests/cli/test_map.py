@@ -63,6 +63,25 @@ def test_the_command_is_the_function(shell: Shell) -> None:
     assert Path("map.png").read_bytes()[1:4] == b"PNG"
 
 
+def test_a_page_is_one_of_the_files(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = ["map", str(RUNS / "serial"), *OPTIONS[:4], "-o", "page.html", "--quantity", "alpha_mean"]
+    assert shell(given).out.endswith("map: page.html\n")
+    assert "The worst 10 faces" in Path("page.html").read_text()
+    assert "a .html file holds a surface" in shell(["map", "none.csv", "-o", "page.html"], 2).err
+    assert "must end in .vtp, .csv, .nc, .html, .pdf." in shell(["map", "none.csv", "-o", "page.doc"], 2).err
+    # A page needs what draws pictures, which is known before anything is computed.
+    monkeypatch.setattr("erosion.cli.lazy.require_renderer", lambda: (_ for _ in ()).throw(RuntimeError("No screen.")))
+    assert "No screen." in shell(["map", "none.csv", "--surface", "none.stl", "-o", "page.pdf"], 1).err
+
+
+def test_a_size_that_is_not_the_named_one_is_said(shell: Shell) -> None:
+    rows = "".join(f"{200 + i}, 30, {5 + i}\n" for i in range(20))
+    Path("a.csv").write_text("diameter [um], speed [m/s], angle [deg]\n" + rows)
+    for size, is_said in (("0.2 mm", False), ("0.4 mm", True), ("0.1 mm", True)):
+        err = shell(["map", "a.csv", "--particle", f"quartz sand {size}"]).err
+        assert ("Does the table hold diameters?" in err) == is_said
+
+
 def test_options_are_those_of_the_function() -> None:
     given = ["--density", "7.8 g/cm^3", "--diameter", "0.2 mm", "--phidot0", "normal(0, 1e5)", "--seed", "4"]
     assert _status(["map", str(RUNS / "serial"), *OPTIONS, "--model", "rotating", *given, "-o", "map.nc"]) == 0
@@ -215,7 +234,10 @@ BAD = [
     ("map {run} --surface {run} --phidot0 slow", "Option `--phidot0` must be an angular speed"),
     ("map {run} --surface {run} --phidot0 'normal(0)'", "Option `--phidot0` must be normal(mean, deviation)"),
     ("map {run} --surface {run} --scaling big", "Option `--scaling` must be one of similar, none, but is 'big'."),
-    ("map {run} --surface {run} -o map.vtk", "map.vtk: the name of a map's file must end in .vtp, .csv, .nc."),
+    (
+        "map {run} --surface {run} -o map.vtk",
+        "map.vtk: the name of a map's file must end in .vtp, .csv, .nc, .html, .pdf.",
+    ),
     ("map {run} -o map.vtp", "map.vtp: a .vtp file holds a surface, but there is none"),
     ("map {run} --plot map.png", "Option `--plot` needs `--surface`"),
     ("map {run} --surface {run} --plot map.png --view top", "Option `--view` must be one of iso, +x, "),

@@ -1,6 +1,8 @@
 """Pictures of maps: the right colours at the right places, and nothing on stderr."""
 
+import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +12,9 @@ from matplotlib.figure import Figure
 import erosion
 from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.surface import Surface
+from erosion.output.tables import with_error
 from erosion.plotting import maps
-from erosion.plotting.maps import plot_map, require_view
+from erosion.plotting.maps import plot_map, require_view, write_map_page
 from tests.cfd.tables import Table, hump, sand
 
 pytestmark = pytest.mark.slow
@@ -68,7 +71,8 @@ def test_labels_have_the_quantity_and_its_unit() -> None:
     assert "by rotating\nimpacts of 2 s" in title
     figure = plot_map(wear.assign_attrs(target="brass"))
     face = int(np.argmax(wear["depth"].values))
-    deepest = f"{float(wear['depth_per_year'][face]):.3g} mm/year at ("
+    greatest = float(wear["depth_per_year"][face])
+    deepest = f"{with_error(greatest, greatest * float(wear['relative_error'][face]))} mm/year at ("
     assert next(text.get_text() for text in figure.axes[0].texts if text.get_text().startswith(deepest)).endswith(
         f"face {face}"
     )
@@ -77,6 +81,26 @@ def test_labels_have_the_quantity_and_its_unit() -> None:
     assert figure.axes[1].get_xlabel() == "ḣ  depth per year [mm/year]"
     assert figure.axes[1].get_xscale() == "log"
     assert plot_map(wear, "relative_error", view="+x").axes[1].get_xlabel().endswith("of the volume")
+
+
+def test_a_page_has_the_worst_faces_the_totals_and_the_warnings(tmp_path: Path) -> None:
+    surface = hump()
+    wear = erosion_map("dnv", P, sand(surface, 400), surface, sand_rate="100 kg/day", injected="1 g")
+    page = write_map_page(wear, tmp_path / "a.html").read_text()
+    assert 'src="data:image/png;base64,iVBOR' in page
+    worst = [int(face) for face in re.findall(r"<tr><td>(\d+)</td><td>(?:front|back)</td>", page)]
+    assert worst == np.argsort(-wear["depth"].values)[:10].tolist()
+    greatest, error = (float(wear[name][worst[0]]) for name in ("depth_per_year", "relative_error"))
+    x, y, z = wear["centre"].values[worst[0]] * 1e3
+    assert f"<td>{x:.4g}, {y:.4g}, {z:.4g}</td><td>{with_error(greatest, greatest * error)}</td>" in page
+    for words in ("kg/day", "mass per year", "Read: 400 rows", "⚠ ", "has not worn", "dnv"):
+        assert words in page
+    sheet = write_map_page(wear, tmp_path / "a.pdf").read_bytes()
+    assert sheet.startswith(b"%PDF")
+    assert sheet.count(b"/Type /Page ") == 1
+    assert sheet == write_map_page(wear, tmp_path / "b.pdf").read_bytes()
+    with pytest.raises(ValueError, match=r"must end in \.html, \.pdf"):
+        write_map_page(wear, tmp_path / "a.vtp")
 
 
 def test_a_wide_range_has_colours_by_the_logarithm() -> None:

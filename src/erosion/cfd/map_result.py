@@ -319,9 +319,12 @@ class MapSummary(Result):
             rows.append(next(self._totals("patch", f" {patch}", (i,))))
         for name in ("depth", "depth_per_year"):
             if name in data:
-                row = quantity_row(f"greatest {name}", FACES[name], float(data[name].max()), self.units)
-                deepest = f"at face {int(np.argmax(data[name].values)):,}"
-                rows.append(row._replace(unit=FACES[name].fixed or row.unit, meaning=deepest))
+                face, greatest = int(np.argmax(data[name].values)), float(data[name].max())
+                scale = table_scale(FACES[name].dimension, self.units, greatest)
+                shown = with_error(greatest, greatest * float(data["relative_error"][face]), scale.size)
+                deepest = f"at face {face:,}, of {int(data['impacts'][face]):,} rows"
+                unit = FACES[name].fixed or scale.unit
+                rows.append(Row(f"greatest {name}", FACES[name].symbol, shown, unit, deepest))
         counts = data["ends"].sum("patch").values
         for end, count in zip(data["end"].values, counts, strict=True):
             if count and not ("beyond_range" in data and end == "no-cut"):  # all impacts of a correlation
@@ -418,7 +421,7 @@ class MapSummary(Result):
         return to_plain(numbers)
 
 
-SUFFIXES = (".vtp", ".csv", ".nc")
+SUFFIXES, PAGES = (".vtp", ".csv", ".nc"), (".html", ".pdf")
 
 
 def write_map(dataset: xr.Dataset, path: str | Path, identity: Mapping[str, str] | None = None) -> Path:
@@ -450,13 +453,13 @@ def write_map(dataset: xr.Dataset, path: str | Path, identity: Mapping[str, str]
     return path
 
 
-def require_map_path(path: str | Path, *, has_surface: bool = True) -> Path:
+def require_map_path(path: str | Path, *, has_surface: bool = True, suffixes: Sequence[str] = SUFFIXES) -> Path:
     """The path of a map's file; errors as of `write_map`."""
     path = check_path("path", path)
-    if path.suffix not in SUFFIXES:
-        raise ValueError(f"{path}: the name of a map's file must end in {', '.join(SUFFIXES)}.")
-    if path.suffix == ".vtp" and not has_surface:
-        raise ValueError(f"{path}: a .vtp file holds a surface, but there is none; a .csv file holds totals.")
+    if path.suffix not in suffixes:
+        raise ValueError(f"{path}: the name of a map's file must end in {', '.join(suffixes)}.")
+    if path.suffix in (".vtp", *PAGES) and not has_surface:
+        raise ValueError(f"{path}: a {path.suffix} file holds a surface, but there is none; a .csv file holds totals.")
     return path
 
 

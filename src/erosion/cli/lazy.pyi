@@ -23,6 +23,8 @@ from erosion.cfd.impact_tables import NamedImpacts as NamedImpacts
 from erosion.cfd.impact_tables import gives_density as gives_density
 from erosion.cfd.impact_tables import read_meanings as read_meanings
 from erosion.cfd.map_result import FACES as FACES
+from erosion.cfd.map_result import PAGES as PAGES
+from erosion.cfd.map_result import SUFFIXES as SUFFIXES
 from erosion.cfd.map_result import MapSummary as MapSummary
 from erosion.cfd.map_result import require_map_path as require_map_path
 from erosion.cfd.map_result import write_map as write_map
@@ -160,6 +162,7 @@ from erosion.plotting.maps import plot_map as plot_map
 from erosion.plotting.maps import plot_stream as plot_stream
 from erosion.plotting.maps import require_renderer as require_renderer
 from erosion.plotting.maps import require_view as require_view
+from erosion.plotting.maps import write_map_page as write_map_page
 from erosion.plotting.motion import plot_trajectory as plot_trajectory
 from erosion.plotting.style import require_plot_path as require_plot_path
 from erosion.plotting.style import save_plot as save_plot

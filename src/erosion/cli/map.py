@@ -193,9 +193,9 @@ class _Picture:
         except ValueError as error:
             raise InputError(f'Option `--view` must be such as iso, +x or "1,-1,0.5", but is {self.view!r}.') from error
 
-    def check(self, *, has_surface: bool, surface: "lazy.Surface | None" = None) -> None:
+    def check(self, *, has_surface: bool, has_page: bool = False, surface: "lazy.Surface | None" = None) -> None:
         """Know before computing that it can be drawn, and where the surface is known that something can be seen."""
-        if self.plot is None:
+        if self.plot is None and not has_page:
             return
         if not has_surface:
             raise InputError("Option `--plot` needs `--surface`: without it there is nothing to draw.")
@@ -205,10 +205,10 @@ class _Picture:
             lazy.require_view(self.direction, self.zoom, None if surface is None else surface.normal)
         lazy.require_renderer()
 
-    def draw(self, dataset: "xr.Dataset") -> None:
-        """Draw the map into its file, if there is one."""
-        look = {"view": self.direction, "zoom": self.zoom, "log": self.log}
-        draw(self.plot, lambda: lazy.plot_map(dataset, self.quantity, **look))
+    @property
+    def look(self) -> dict[str, Any]:
+        """The arguments of `plot_map`."""
+        return {"quantity": self.quantity, "view": self.direction, "zoom": self.zoom, "log": self.log}
 
 
 def map_(
@@ -224,7 +224,7 @@ def map_(
     rows: _Rows | None = None,
     abrasive: Annotated[PerMassOptions | None, Parameter(show=False)] = None,
     output: Annotated[
-        Path | None, output_option("map.vtp (for ParaView), map.csv, or map.nc."), Parameter(group=_OUTPUT)
+        Path | None, output_option("map.vtp (ParaView), .csv, .nc; a page .html, .pdf"), Parameter(group=_OUTPUT)
     ] = None,
     picture: _Picture | None = None,
     workers: Annotated[WholeOption, Parameter(show=False)] = None,
@@ -244,10 +244,12 @@ def map_(
     has_cut = bool(options.case or options.given() or own or joint or rows.diameter or rows.scaling != "similar")
     usual = None if model or has_cut or (abrasive and abrasive.cutting_fraction) else _usual_model(options)
     sand = case_and_laws(options, "map", section, model or usual, own, joint)
-    picture.check(has_surface=target.surface is not None)
+    is_page = output is not None and output.suffix in lazy.PAGES
     if output is not None:
         with user_errors():
-            lazy.require_map_path(output, has_surface=target.surface is not None)
+            suffixes = (*lazy.SUFFIXES, *lazy.PAGES)
+            lazy.require_map_path(output, has_surface=target.surface is not None, suffixes=suffixes)
+    picture.check(has_surface=target.surface is not None, has_page=is_page)
     require_outputs(output, plot=picture.plot, inputs=(impacts, target.surface, *sand.inputs))
     laws, uncertain, draws = sand.read_laws()
     abrasive = abrasive or PerMassOptions()
@@ -259,12 +261,14 @@ def map_(
     grit, _ = options.materials()
     with dask_cluster(workers, scheduler):
         job = _job(impacts, target, rows, None if grit is None else grit.density, made, (sand.reference, sand.numbers))
-        picture.check(has_surface=job.surface is not None, surface=job.surface)
+        picture.check(has_surface=job.surface is not None, has_page=is_page, surface=job.surface)
         dataset = _computed(job).assign_attrs(options.names())
-    if output is not None:
-        with user_errors():
+    with user_errors():
+        if is_page and output is not None:
+            lazy.write_map_page(dataset, output, **picture.look)
+        elif output is not None:
             lazy.write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
-    picture.draw(dataset)
+    draw(picture.plot, lambda: lazy.plot_map(dataset, **picture.look))
     printed = Output("map", sand.p, options, json=json, seed=made.seed_used)
     printed.warn(*lazy.unused_columns({**laws, **uncertain}), *lazy.columns_apart(laws))
     for part in draws:

@@ -1,11 +1,16 @@
-"""Figures of maps and streams: a surface coloured by its wear, and the volumes that single particles remove."""
+"""Figures of maps and streams: a surface coloured by its wear, its page, and the volumes that particles remove."""
 
+import base64
 import contextlib
 import ctypes
+import html
 import math
 import os
+import re
 import sys
-from collections.abc import Mapping, Sequence
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -18,13 +23,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogFormatter, PercentFormatter
 
-from erosion.cfd.map_result import FACES, to_polydata
+from erosion.cfd.map_result import FACES, PAGES, MapSummary, require_map_path, to_polydata
 from erosion.extras import library
-from erosion.output.tables import with_error
+from erosion.output.files import write_whole
+from erosion.output.tables import to_html, with_error
 from erosion.parameters.quantities import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
-from erosion.plotting.style import house_style, new_figure
+from erosion.plotting.style import house_style, new_figure, render
 from erosion.streams.result import NozzleAngle, Stream
+from erosion.version import __version__
 
 VIEWS: Mapping[str, tuple[float, float, float]] = {
     "iso": (1.0, -1.4, 0.9), "+x": (1.0, 0.0, 0.0), "-x": (-1.0, 0.0, 0.0), "+y": (0.0, 1.0, 0.0),
@@ -76,7 +83,17 @@ def plot_map(
     require_view(view, zoom)
     if "face" not in wear.dims:
         raise ValueError("Argument `wear` must be the map of a surface, but holds totals alone.")
-    quantity = quantity or ("depth_per_year" if "depth_per_year" in wear else "depth")
+    return _draw(None, wear, quantity, view, zoom, log)
+
+
+def _depth_of(wear: xr.Dataset) -> str:
+    """The depth a year where the duration is known, else the depth."""
+    return "depth_per_year" if "depth_per_year" in wear else "depth"
+
+
+def _draw(into: Any, wear: xr.Dataset, quantity: str | None, view: Any, zoom: float, log: bool | None) -> Any:
+    """The picture in a part of a figure, or in one of its own; see `plot_map`."""
+    quantity = quantity or _depth_of(wear)
     if quantity not in FACES or quantity not in wear:
         known = ", ".join(name for name in FACES if name in wear)
         raise ValueError(f"Argument `quantity` must be one of {known}, but is {quantity!r}.")
@@ -93,13 +110,15 @@ def plot_map(
     if isinstance(view, str) and view == "worst":
         view = _view_of_worst(wear)
     camera = _camera(wear["point"].values[wear["corner"].values], view, zoom)
-    fig = new_figure(6.4, min(6.4 * (camera.height / camera.width + _STRIP) + 1.0, 8.5))
+    fig = into or new_figure(6.4, min(6.4 * (camera.height / camera.width + _STRIP) + 1.0, 8.5))
     ax = fig.subplots()
     ax.imshow(_picture(wear, colours, camera), extent=(0, camera.width, 0, camera.height))
     _add_ruler_and_axes(ax, camera)
     unit = f" {scale.unit}" if scale.unit else ""
     if is_hit.any():
-        _mark(ax, camera, wear, int(np.argmax(np.where(is_hit, values, -np.inf))), f"{greatest:.3g}{unit}")
+        worst = int(np.argmax(np.where(is_hit, values, -np.inf)))
+        error = greatest * float(wear["relative_error"][worst]) if quantity.startswith("depth") else 0.0
+        _mark(ax, camera, wear, worst, f"{with_error(greatest, error) if error else f'{greatest:.3g}'}{unit}")
     if not is_hit.all():
         handles = [Patch(color=_UNTOUCHED, label="no impacts")]
         ax.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.0), borderaxespad=0.3)
@@ -177,10 +196,10 @@ def _mark(ax: Axes, camera: _Camera, wear: xr.Dataset, face: int, value: str) ->
     place = ", ".join(f"{number / scale.size:.4g}" for number in centre)
     ax.plot(*at, "o", markersize=11, markerfacecolor="none", markeredgecolor="white", markeredgewidth=3.0)
     ax.plot(*at, "o", markersize=11, markerfacecolor="none", markeredgecolor=PALETTE["vermillion"], markeredgewidth=1.6)
-    is_left = at[0] < size[0] / 2
+    line = {"arrowstyle": "-", "color": INK, "linewidth": 0.7, "shrinkB": 6}
     ax.annotate(
-        f"{value} at ({place}) {scale.unit}, face {face:,}", tuple(at), (14 if is_left else -14, 16),
-        textcoords="offset points", ha="left" if is_left else "right", fontsize=9,
+        f"{value} at ({place}) {scale.unit}, face {face:,}", tuple(at), (size[0] / 2, -0.025 * size[0]),
+        ha="center", va="center", fontsize=9, arrowprops=line,
         bbox={"facecolor": "white", "edgecolor": FAINT, "alpha": 0.9, "boxstyle": "round,pad=0.25"},
     )  # fmt: skip
 
@@ -319,6 +338,121 @@ def described(wear: xr.Dataset) -> list[str]:
         time = table_scale("time", "si", float(wear["duration"]))
         sand.append(f"impacts of {float(wear['duration']) / time.size:.4g} {time.unit} {attrs['duration_from']}")
     return [*lines, ", ".join(sand)] if sand else lines
+
+
+_A4 = (8.27, 11.69)  # in
+_WORST = 10  # faces that a page lists
+_HEAD, _PICTURE = 0.05, 0.4  # of the page's height
+_PLACES = {7: (0.07, 0.15, 0.29, 0.5, 0.7, 0.77, 0.87), 4: (0.07, 0.24, 0.38, 0.47)}
+"""Where the columns of a table of so many begin."""
+_LETTERS, _OF_MEANING = 128, 74  # of a line of the page, and of a meaning
+_ASSUMED = (
+    "Each impact meets a plane, smooth wall that has not worn; impacts do not know of each other. ± is the standard "
+    "error of the sample of impacts: it knows no error of the flow, of the velocities or of the model."
+)
+_STYLE = (
+    "body{font:15px/1.45 system-ui,sans-serif;max-width:60rem;margin:1.5rem auto;padding:0 1rem;color:#1d2329}"
+    "img{max-width:100%}table{border-collapse:collapse;margin:1rem 0;font-size:.9rem}caption{text-align:left;"
+    "font-weight:600}th,td{border-bottom:1px solid #d9dde2;padding:.15rem .8rem .15rem 0;text-align:left;"
+    "vertical-align:top;white-space:nowrap}td:last-child{white-space:normal}"
+    "@media print{@page{size:A4;margin:12mm}body{font-size:9pt;margin:0}img{max-width:15cm}}"
+)
+
+
+def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = None, **look: Any) -> Path:
+    """Write a map as one page: the picture, the worst ten faces, totals, what is assumed, and warnings.
+
+    Args:
+        wear: what `erosion_map` returns, of a surface.
+        path: ends in .html, with the picture in it, or in .pdf for one sheet of A4.
+        quantity: of the picture, see `plot_map`.
+        look: view, zoom and log of `plot_map`.
+
+    Raises:
+        ValueError: for another suffix, and as of `plot_map`.
+        OSError: where the file cannot be written.
+    """
+    path = require_map_path(path, has_surface="face" in wear.dims, suffixes=PAGES)
+    title = f"Wear of {Path(wear.attrs['surface']).name}"
+    tables, summary = [_worst_faces(wear), _totals(wear)], MapSummary(wear)
+    options = re.sub(r"\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", wear.attrs["options"])
+    source = "; ".join(filter(None, [summary.title, options, f"erosion {__version__}"]))
+    notes = [*(f"⚠ {warning}" for warning in summary.warnings), wear.attrs["read_as"], _ASSUMED, source]
+    if path.suffix == ".pdf":
+        content = render(_sheet(wear, title, tables, notes, {"quantity": quantity, **look}), "pdf")
+    else:
+        picture = base64.b64encode(render(plot_map(wear, quantity, **look), "png")).decode()
+        content = "\n".join([
+            f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>',
+            f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>',
+            f"<h1>{html.escape(title)}</h1>",
+            f'<img alt="The surface, coloured by its wear." src="data:image/png;base64,{picture}">',
+            *(to_html(*table) for table in tables), *(f"<p>{html.escape(note)}</p>" for note in notes),
+            "</body></html>",
+        ]).encode()  # fmt: skip
+    write_whole(path, content)
+    return path
+
+
+_Table = tuple[str, Sequence[Sequence[str]], Sequence[str]]
+"""Title, rows and headings."""
+
+
+def _worst_faces(wear: xr.Dataset) -> _Table:
+    """The faces with the greatest depth, with their places."""
+    name = _depth_of(wear)
+    scale, depth = _in_scale(wear, name)
+    errors, centre = depth * wear["relative_error"].values, wear["centre"].values
+    length = readable_scale("length", "si", float(np.abs(centre).max()))
+    speed = conversion_factor("speed", wear.attrs["unit_system"], "si")
+    rows = []
+    for face in [face for face in np.argsort(-np.nan_to_num(depth), kind="stable")[:_WORST] if depth[face] > 0]:
+        patch = wear["patch"].values[wear["face_patch"].values[face]]
+        place = ", ".join(f"{number / length.size:.4g}" for number in centre[face])
+        rows.append([
+            f"{face:,}", str(patch), place, with_error(float(depth[face]), float(errors[face])),
+            f"{int(wear['impacts'][face]):,}", f"{math.degrees(float(wear['alpha_mean'][face])):.3g}°",
+            f"{float(wear['v0_mean'][face]) * speed:.3g}",
+        ])  # fmt: skip
+    headings = ["face", "patch", f"x, y, z [{length.unit}]", f"{FACES[name].meaning.split(',')[0]} [{scale.unit}]",
+                "rows", "mean angle", "speed [m/s]"]  # fmt: skip
+    return f"The worst {len(rows)} faces", rows, headings
+
+
+def _totals(wear: xr.Dataset) -> _Table:
+    rows = [(row.name, row.value, row.unit, row.meaning) for row in MapSummary(wear).rows()]
+    return "Totals", rows, ["quantity", "value", "unit", "meaning"]
+
+
+@house_style()
+def _sheet(wear: xr.Dataset, title: str, tables: Sequence[_Table], notes: Sequence[str], look: Any) -> Figure:
+    """The page as one sheet of A4; where its text is long, it is small."""
+    fig = new_figure(*_A4)
+    parts: Any = fig.subfigures(3, 1, height_ratios=[_HEAD, _PICTURE, 1 - _HEAD - _PICTURE])
+    head, top, bottom = parts
+    head.text(0.07, 0.2, title, fontsize=15, weight="bold")
+    _draw(top, wear, look["quantity"], look.get("view", "worst"), look.get("zoom", 1.0), look.get("log"))
+    lines = list(_lines(tables, notes))
+    step = min(0.0245, 0.97 / len(lines))
+    for i, (cells, is_bold) in enumerate(lines):
+        for x, cell in zip(_PLACES.get(len(cells), (0.07,)), cells, strict=True):
+            weight = "bold" if is_bold else "normal"
+            bottom.text(x, 0.99 - (i + 1) * step, cell, fontsize=8 * step / 0.0245, weight=weight, parse_math=False)
+    return fig
+
+
+def _lines(tables: Sequence[_Table], notes: Sequence[str]) -> Iterator[tuple[Sequence[str], bool]]:
+    """The lines of a sheet, each with whether it is bold."""
+    for title, rows, headings in tables:
+        yield from (([title], True), (headings, True))
+        for row in rows:
+            *cells, last = row
+            first, *others = textwrap.wrap(last, _OF_MEANING) or [""]
+            yield [*cells, first], False
+            yield from (([""] * len(cells) + [other], False) for other in others)
+        yield [""], False
+    for note in notes:
+        yield from (([line], False) for line in textwrap.wrap(note, _LETTERS))
 
 
 @house_style()
