@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from erosion.distributions import Normal, Uniform
-from erosion.fits import next_experiment, posterior, rank_posteriors
+from erosion.fits import calibrate, next_experiment, posterior, rank_posteriors
 from erosion.fits.experiments import NextExperiment, _gains
 from erosion.impacts.impact import impact
 from erosion.models.closed_forms import LinearizedCut
@@ -120,21 +120,58 @@ def drawn():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"candidates": {"alpha": []}}, "at least one candidate, but gives none"),
-        ({"candidates": {"alpha": np.zeros((0, 3)), "v0": 1.0}}, "at least one candidate, but gives none"),
-        ({"candidates": {"alpha": ["20 deg"]}}, "must give numbers for 'alpha', but gives"),
-        ({"candidates": {"alpha": [[0.1], [0.2, 0.3]]}}, "must give numbers for 'alpha', but gives"),
-        ({"candidates": {"alpha": 0.3 + 1j}}, "must give numbers for 'alpha', but gives"),
-        ({"candidates": {"alpha": None}}, "must give numbers for 'alpha', but gives None"),
-        ({"candidates": {"alpha": np.ma.masked_array([0.3, 0.4], [True, False])}}, "must have no masked values"),
-        ({"candidates": {"alpha": [0.1, 2.0]}}, r"values of alpha in \(0, π/2\]"),
         ({"candidates": {"v0": [1.0]}}, "must give angles"),
-        ({"candidates": {"alpha": [0.1], "psi": 0.1}}, "parameters of the case that are known, but has 'psi'"),
-        ({"candidates": {"alpha": [0.1], "v0": -1.0}}, "values of v0 positive and finite"),
-        ({"candidates": {"alpha": [0.1, 0.2], "v0": [1.0, 2.0, 3.0]}}, "must be arrays that broadcast"),
         ({"noise": 0.0}, "`noise` must be positive"),
     ],
 )
 def test_what_makes_no_sense_is_refused(drawn, options, message):
     with pytest.raises(ValueError, match=message):
         next_experiment(drawn, **options)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "at", "message"),
+    [
+        ([], {}, "`alpha` must hold at least one angle"),
+        (np.zeros((0, 3)), {"v0": 1.0}, "`alpha` must hold at least one angle"),
+        (["20 deg"], {}, "`alpha` must hold real numbers"),
+        ([[0.1], [0.2, 0.3]], {}, "`alpha` must hold real numbers"),
+        (0.3 + 1j, {}, "`alpha` must be a number"),
+        (None, {}, "`alpha` must be a number"),
+        (np.nan, {}, "`alpha` must be in"),
+        (np.ma.masked_array([0.3, 0.4], [True, False]), {}, "must have no masked values"),
+        ([0.1, 2.0], {}, r"`alpha` must be in \(0, 90°\]"),
+        ([0.1], {"psi": 0.1}, "parameters of the case that are known, but has 'psi'"),
+        ([0.1], {"speed": 0.1}, "parameters of the case that are known, but has 'speed'"),
+        ([0.1], {"v0": -1.0}, "`v0` must be positive and finite"),
+        ([0.1], {"v0": "60 m/s"}, "`v0` must be a number"),
+        ([0.1, 0.2], {"v0": [1.0, 2.0, 3.0]}, "must broadcast"),
+    ],
+)
+def test_a_condition_that_makes_no_sense_is_refused_wherever_it_is_asked_for(drawn, alpha, at, message):
+    """A sampled parameter among the conditions would take the place of its draws, without a word."""
+    fit = calibrate("linearized", TABLE_1, drawn.data, ["psi"])
+    for ask in (
+        lambda: next_experiment(drawn, {"alpha": alpha, **at}),
+        lambda: drawn.predict(alpha, at),
+        lambda: drawn.ends(alpha, at),
+        lambda: fit.predict(alpha, at),
+        lambda: fit.curve(alpha, at),
+    ):
+        with pytest.raises((ValueError, TypeError), match=message):
+            ask()
+
+
+@pytest.mark.parametrize("at", [3, "v0", {"alpha": 0.2}])
+def test_other_conditions_are_named_beside_the_angle(drawn, at):
+    with pytest.raises(ValueError, match="`at` must be such as"):
+        drawn.predict(0.3, at)
+
+
+def test_conditions_broadcast_with_angles(drawn):
+    both = drawn.predict([[0.3], [0.5]], {"v0": [3000.0, 4000.0]}, 5)
+    assert both.shape == (5, 2, 2)
+    alone = drawn.predict(0.5, {"v0": 3000.0}, 5, discrepancy=False)
+    np.testing.assert_array_equal(
+        drawn.predict([[0.3], [0.5]], {"v0": [3000.0, 4000.0]}, 5, discrepancy=False)[:, 1, 0], alone
+    )

@@ -314,13 +314,13 @@ class Calibration(Result):
             Erosion and one standard deviation of it (of the fit, without the noise of a
             measurement), each of the shape of `alpha`.
         """
-        angles = np.atleast_1d(np.asarray(alpha, float))
-        others = {name: np.full(angles.shape, value) for name, value in (at or {}).items()}
-        erosion, rates = self.problem.forward.predict(self.solution.theta, {"alpha": angles, **others})
+        asked = self.problem.forward.conditions(alpha, at)
+        flat = {name: column.ravel() for name, column in asked.items()}
+        erosion, rates = self.problem.forward.predict(self.solution.theta, flat)
         # Directions without influence on any row have no influence on the curve either.
         spread = np.sum((rates @ self.identifiability.modes) ** 2, axis=1)
         errors = np.sqrt(spread * self.variance)
-        return erosion.reshape(np.shape(alpha)), errors.reshape(np.shape(alpha))
+        return erosion.reshape(asked["alpha"].shape), errors.reshape(asked["alpha"].shape)
 
     def predict(self, alpha: Any, at: Mapping[str, Any] | None = None, level: float = LEVEL) -> Predictions:
         """The mean at angles with its interval, and that of a new weighing, if the model is right.

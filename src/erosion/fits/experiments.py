@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from erosion.arguments import check_unmasked, refuse
+from erosion.arguments import check_unmasked
 from erosion.fits.errors import ErrorModel
 from erosion.fits.posterior import Posterior
 from erosion.fits.prediction import deviations
 from erosion.fits.ranking import PosteriorRanking
 from erosion.models import model_name
 from erosion.output.tables import Result, to_plain
-from erosion.parameters.parameters import are_angles, array_of
+from erosion.parameters.parameters import array_of
 from erosion.parameters.quantities import QUANTITIES, shown, table_scale
 
 _DRAWS = 1000
@@ -182,36 +182,14 @@ def next_experiment(
 
 def _conditions(posteriors: Sequence[Posterior], candidates: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
     """The candidates, flat."""
-    data, candidates = posteriors[0].data, {"alpha": np.deg2rad(DEGREES)} if candidates is None else candidates
-    free = {name for posterior in posteriors for name in posterior.likelihood.forward.of_impact}
-    # What the rows of the data had, a new row needs as well.
-    fixed = {name: values[0] for name, values in data.conditions.items() if name != "alpha"}
-    arrays = {}
-    for name, values in {**fixed, **candidates}.items():
-        check_unmasked("candidates", values)
-        numbers = array_of(values)
-        if numbers.dtype.kind not in "iuf":
-            raise ValueError(f"Argument `candidates` must give numbers for {shown(name)}, but gives {shown(values)}.")
-        arrays[name] = numbers = numbers.astype(float)
-        wish, is_good = "positive and finite", np.isfinite(numbers) & ((numbers > 0) | (name == "phidot0"))
-        if name == "alpha":
-            wish, is_good = "in (0, π/2]", are_angles(numbers)
-        is_known = name in QUANTITIES and name not in free
-        refuse(
-            "Argument `candidates` must ",
-            (not is_known, f"name parameters of the case that are known, but has {name!r}."),
-            (not np.all(is_good), f"give values of {name} {wish}, but does not."),
-        )
-    if "alpha" not in arrays:
+    others = {"alpha": np.deg2rad(DEGREES)} if candidates is None else dict(candidates)
+    if "alpha" not in others:
         raise ValueError("Argument `candidates` must give angles, `alpha`, but gives none.")
-    try:
-        together = np.broadcast_arrays(*arrays.values())
-    except ValueError:
-        shapes = ", ".join(f"{name} {values.shape}" for name, values in arrays.items())
-        raise ValueError(f"Argument `candidates` must be arrays that broadcast, but shapes are {shapes}.") from None
-    if not together[0].size:
-        raise ValueError("Argument `candidates` must give at least one candidate, but gives none.")
-    return {name: values.reshape(-1) for name, values in zip(arrays, together, strict=True)}
+    # What the rows of the data had, a new row needs as well.
+    usual = {name: values[0] for name, values in posteriors[0].data.conditions.items() if name != "alpha"}
+    alpha = others.pop("alpha")
+    checked, *_ = [posterior.likelihood.forward.conditions(alpha, others, usual) for posterior in posteriors]
+    return {name: values.reshape(-1) for name, values in checked.items()}
 
 
 def _gains(shares: Sequence[tuple[np.ndarray, np.ndarray]], weights: np.ndarray) -> tuple[float, float]:

@@ -139,6 +139,35 @@ class Forward:
         values = self.values(theta)
         return with_values(self.model, self.p, {name: values[name] for name in self.of_impact})
 
+    def conditions(
+        self, alpha: Any, at: Mapping[str, Any] | None, usual: Mapping[str, Any] | None = None
+    ) -> dict[str, np.ndarray]:
+        """The conditions of a question, as arrays of one shape.
+
+        Args:
+            alpha: α [rad].
+            at: other parameters of the case, by name.
+            usual: those that count where `at` has none.
+
+        Raises:
+            ValueError, TypeError: for fitted or unknown parameters, and for values that they cannot have.
+        """
+        others = {} if at is None else at
+        if not isinstance(others, Mapping) or "alpha" in others:
+            raise ValueError(f"Argument `at` must be such as {{'v0': 60.0}}, without `alpha`, but is {shown(at)}.")
+        for name in others:
+            if name not in QUANTITIES or name in self.free:
+                raise ValueError(
+                    f"Argument `at` must name parameters of the case that are known, but has {shown(name)}."
+                )
+        given = {"alpha": alpha, **(usual or {}), **others}
+        p = dataclasses.replace(self.p, **given)
+        validate(p)
+        columns = np.broadcast_arrays(*(np.asarray(getattr(p, name)) for name in given))
+        if not columns[0].size:
+            raise ValueError("Argument `alpha` must hold at least one angle, but holds none.")
+        return dict(zip(given, columns, strict=True))
+
     def predict(self, theta: np.ndarray, conditions: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """The erosion at θ and its derivatives.
 

@@ -301,14 +301,15 @@ class Posterior(Result):
         values = {name: self.samples[name].values.reshape(-1) for name in self.names}
         return of_model(self.likelihood, values, self.run.log_evidence, self.seed)
 
-    def ends(self, alpha: Any, at: Mapping[str, float] | None = None, count: int = _SOME) -> np.ndarray:
+    def ends(self, alpha: Any, at: Mapping[str, Any] | None = None, count: int = _SOME) -> np.ndarray:
         """How the cuts end at angles, for draws of the parameters; arguments and shape as of `predict`."""
-        angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
+        asked = self._of_model.question(alpha, at)
         draws, of_impact = self.some(count), self.likelihood.forward.of_impact
         model, p = with_values(self.model, self.p, {name: draws[name][:, None] for name in of_impact})
-        ends = impact(model, dataclasses.replace(p, alpha=angles, **{**self._of_model.usual, **(at or {})})).ended_by
+        shape, flat = asked["alpha"].shape, {name: column.ravel() for name, column in asked.items()}
+        ends = impact(model, dataclasses.replace(p, **flat)).ended_by
         drawn = len(next(iter(draws.values())))
-        return np.broadcast_to(ends, (drawn, angles.size)).reshape((drawn, *np.shape(alpha)))
+        return np.broadcast_to(ends, (drawn, flat["alpha"].size)).reshape((drawn, *shape))
 
     @property
     def _has_known_errors(self) -> bool:

@@ -150,9 +150,7 @@ def predictions(
             given and differs from row to row is that of `Predictor.usual`, and the table has it.
         level: of the intervals.
     """
-    given = {"alpha": alpha, **predictor.usual, **(at or {})}
-    shape = np.broadcast_shapes(*map(np.shape, given.values()))
-    asked = {name: np.broadcast_to(np.asarray(value, float), shape).ravel() for name, value in given.items()}
+    asked = {name: column.ravel() for name, column in predictor.question(alpha, at).items()}
     shares = (1 - check_level(level)) / 2, (1 + level) / 2
     parts, lost = [], []
     for start in range(0, len(asked["alpha"]), _TOGETHER):

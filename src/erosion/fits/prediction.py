@@ -139,23 +139,24 @@ class Predictor(Result):
         self, alpha: Any, at: Mapping[str, Any] | None, count: int
     ) -> tuple[np.ndarray, list[dict[str, np.ndarray]]]:
         """Draws of the mean, and the parameters of those of each way."""
-        angles = np.atleast_1d(np.asarray(alpha, float)).ravel()
-        conditions = {name: np.broadcast_to(np.asarray(value, float), np.shape(alpha)).ravel()
-                      for name, value in (at or {}).items()}  # fmt: skip
-        usual = {name: np.full(len(angles), value) for name, value in self.usual.items()}
-        conditions = {"alpha": angles, **usual, **conditions}
+        asked = self.question(alpha, at)
+        conditions = {name: column.ravel() for name, column in asked.items()}
         rng, chosen = np.random.default_rng([self.seed, 1]), self.chosen(check_whole("count", count, 1))
         chosen = [(way, values) for way, values in chosen if _size(values)]
         curves = [way.misfit.draw(values, conditions, rng) for way, values in chosen]
-        return np.concatenate(curves).reshape((-1, *np.shape(alpha))), [values for _, values in chosen]
+        return np.concatenate(curves).reshape((-1, *asked["alpha"].shape)), [values for _, values in chosen]
+
+    def question(self, alpha: Any, at: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
+        """What is asked, speed and mass among it, as arrays of one shape; arguments as of `predict`."""
+        return self.forward.conditions(alpha, at, self.usual)
 
     def outside(self, alpha: Any, at: Mapping[str, Any] | None = None) -> tuple[str, ...]:
         """How far a question lies outside the tests, in sentences such as "120 m/s is 1.22 × the fastest test".
 
         Arguments as of `predict`.
         """
-        given = {name: getattr(self.forward.p, name) for name in self.forward.tested.ranges} | dict(self.usual)
-        return tuple(self.forward.tested.outside({**given, **(at or {}), "alpha": alpha}, self.data.units))
+        given = {name: getattr(self.forward.p, name) for name in self.forward.tested.ranges}
+        return tuple(self.forward.tested.outside(given | self.question(alpha, at), self.data.units))
 
     @property
     def row_errors(self) -> np.ndarray:
