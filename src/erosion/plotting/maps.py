@@ -110,7 +110,7 @@ def _draw(into: Any, wear: xr.Dataset, quantity: str | None, view: Any, zoom: fl
     if isinstance(view, str) and view == "worst":
         view = _view_of_worst(wear)
     camera = _camera(wear["point"].values[wear["corner"].values], view, zoom)
-    fig = into or new_figure(6.4, min(6.4 * (camera.height / camera.width + _STRIP) + 1.0, 8.5))
+    fig = into or new_figure(6.4, min(6.4 * (camera.height / camera.width + _STRIP) + 1.5, 9.0))
     ax = fig.subplots()
     ax.imshow(_picture(wear, colours, camera), extent=(0, camera.width, 0, camera.height))
     _add_ruler_and_axes(ax, camera)
