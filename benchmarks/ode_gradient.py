@@ -62,7 +62,7 @@ def of_erosion(size: int, rtol: float) -> Callable[[], tuple[float, Weights]]:
     args = {"angle": angles(), "w": w}
 
     def gradient() -> tuple[float, Weights]:
-        end = ode.solve(problem, args, t1=T1, rtol=rtol, shared="w")
+        end = ode.solve(problem, args, t1=T1, rtol=rtol, shared="w", gradient=True)
         off = end.t - MEAN
         return float(np.mean(off**2)), end.gradient(t=2 * off / LANES)["w"]
 

@@ -425,3 +425,43 @@ def test_a_row_of_a_jacobian_integrates_its_own_lane(monkeypatch):
     heights = jnp.linspace(1.0, 2.0, 20)
     np.testing.assert_allclose(times(heights), np.diag(1 / np.sqrt(2 * 9.81 * heights)), rtol=1e-9, atol=1e-12)
     assert all(count <= 20 for count in counts)
+
+
+def test_what_is_recorded_with_the_values_is_not_integrated_again(monkeypatch):
+    """It changes no bit."""
+    (problem, options), args = bounces(5), {"height": RNG.uniform(1.0, 3.0, 9), "g": 9.0, "e": 0.8}
+    one, other = (ode.solve(problem, args, method="explicit", gradient=kept, **options) for kept in (False, True))
+    bars = bars_of(one)
+    expected = by_adjoint(one, bars)
+    monkeypatch.setattr(gradient, "integrator_of", _fails)
+    list(map(np.testing.assert_array_equal, *map(jax.tree.leaves, (by_adjoint(other, bars), expected))))
+
+
+def test_doubtful_lanes_are_recorded_with_their_tolerance(monkeypatch):
+    """And those whose steps do not fit once more: results and gradients keep their bits."""
+    for module in (batch, gradient):
+        monkeypatch.setattr(module, "ROWS", 48)
+    case = CASES["ThreeBodies"]
+    problem, args = case.problem(integral=True), case.sample(60, np.random.default_rng(3))
+    one, other = (
+        ode.solve(problem, args, t1=case.t1, smooth=True, method="explicit", gradient=kept) for kept in (False, True)
+    )
+    results = [(end.t, end.y, end.integrals, end.trials, end.tolerance) for end in (one, other)]
+    list(map(np.testing.assert_array_equal, *map(jax.tree.leaves, results)))
+    assert other.recorded is not None
+    assert other.tolerance is not None
+    fits, doubtful = other.recorded.rows <= 48, other.tolerance < other.rtol
+    assert np.all([np.any(fits & doubtful), np.any(fits & ~doubtful), np.any(~fits)])
+    bars = bars_of(one)
+    list(map(np.testing.assert_array_equal, *map(jax.tree.leaves, (by_adjoint(end, bars) for end in (one, other)))))
+
+
+def test_jax_integrates_once(monkeypatch):
+    """The way back takes the steps of the way forth."""
+    problem, args, options = learned(lanes=9)
+    end = ode.solve(problem, args, **options)
+    for name in ("integrate", "integrator_of"):
+        monkeypatch.setattr(gradient, name, _fails)
+    _, found = jax.jit(jax.value_and_grad(lambda args: jnp.sum(ode.solve(problem, args, **options).t)))(args)
+    monkeypatch.undo()
+    _alike(found, end.gradient(t=1.0), 1e-12)

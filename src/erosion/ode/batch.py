@@ -16,6 +16,7 @@ from erosion.lanes.lanewise import WIDTH, Compiled, by_xla, compile_lanes, numbe
 from erosion.ode.agreement import differ, sizes_of, units_of
 from erosion.ode.integrator import TIGHTEST, LaneEnd, integrate_lane
 from erosion.ode.reduction import may_have_kinks
+from erosion.ode.tape import row_width
 from erosion.ode.variational import Clock, Derivatives, Direction, Layout
 
 _BLOCK = 2**16  # lanes that are ordered together: their numbers fit the second-level cache
@@ -25,13 +26,15 @@ _KEYS = 2**16  # whole numbers of two bytes, which numpy sorts digit by digit
 _BINS = 2**12
 _CROWDED = 1 / 16  # share of the lanes in one bin, above which lanes are ranked instead
 _EXACT = 3e-5  # of its size: an estimated error of a second derivative of a stiff motion, so that none errs by 1e-4
+ROWS, _RECORDED = 64, 2**12  # of the tape of a lane that is recorded, and how many lanes are at most
 _FEW = 2048  # lanes: fewer are computed sooner by one thread than by several
 
 
 class _Batch(NamedTuple):
     """A program, its arguments, and the arrays that it fills.
 
-    Where states at times are wanted there are two tapes, see `dense`: the times, and what is wanted there.
+    Where states at times are wanted there are two tapes, see `dense`: the times, and what is wanted there. Where the
+    steps are recorded there is one for them.
     """
 
     layout: Layout
@@ -91,7 +94,7 @@ class _Batch(NamedTuple):
     @property
     def times(self) -> np.ndarray | None:
         """The times at which states are wanted."""
-        return self.tapes[0][0, :-1] if self.tapes else None
+        return self.tapes[0][0, :-1] if len(self.tapes) > 1 else None
 
     @property
     def saved(self) -> np.ndarray:
@@ -106,7 +109,7 @@ class _Batch(NamedTuple):
         (old, *before), (outcome, *found) = before, self.values(lanes)
         judged, results, of_times = len(self.judged), self.results, 0.0
         with np.errstate(all="ignore"):
-            if self.tapes:
+            if self.times is not None:
                 # Relative to the greatest size among the times: a state may pass through zero there.
                 *before, saved_before = before
                 *found, saved = found
@@ -133,7 +136,7 @@ class _Batch(NamedTuple):
     @property
     def kept(self) -> list[np.ndarray]:
         """The arrays that stay where an integration after the first is not taken."""
-        return [*self.outputs, self.used, *self.tapes[1:]]
+        return [*self.outputs, self.used, *self.tapes[-1:]]
 
 
 def integrate(
@@ -166,7 +169,8 @@ def integrate(
     Returns:
         The lanes' results, arrays of shape (lanes,).
     """
-    layout = layout.renewed()
+    records = layout.options.records and order == 0 and times is None and lanes <= _RECORDED
+    layout = layout.renewed().wanting(records=records)
     rough = may_have_kinks(layout)
     stiff = layout.options.method == "rosenbrock"
     if times is not None and (by_xla() or (stiff and order == 2) or (rough and order)):
@@ -176,11 +180,13 @@ def integrate(
         return results._replace(saved=_one_by_one(layout, numbers, lanes, order, directions, rtol, times))
     layout = layout.wanting(saves=times is not None)
     fixed = tuple(direction for direction in directions if isinstance(direction, int))
-    program, results = _program(layout, order, fixed, 0 if fixed else len(directions))
+    program, results = integrator_of(layout, order, fixed, 0 if fixed else len(directions))
     places = () if fixed else tuple(np.asarray(direction, float) for direction in directions)
     leaves = [*(np.asarray(number, float) for number in numbers), *places]
     empty = _empty(results, lanes, len(directions))
     tapes: list[np.ndarray] = []
+    if layout.options.records:
+        leaves, tapes = [*leaves, np.asarray(float(ROWS))], [np.empty((lanes, ROWS * row_width(layout)))]
     if times is not None:
         members = 4 if len(directions) == 2 else order + 1
         shared = np.broadcast_to(np.append(times, np.inf), (lanes, times.size + 1))
@@ -201,6 +207,8 @@ def integrate(
     if order:
         _with_fewer_derivatives(batch, order, directions, rtol, again=again)
     results = batch.results._replace(tolerance=batch.used)
+    if results.recorded is not None:
+        return results._replace(recorded=results.recorded._replace(tapes=batch.tapes[0]))
     return results if times is None else results._replace(saved=batch.saved)
 
 
@@ -251,8 +259,9 @@ def _by_other_methods(
         along = _of_lanes(directions, lanes)
         try:
             found = integrate(
-                layout.wanting(method=method), numbers, lanes.size, order, along, rtol, again=again, times=batch.times
-            )
+                layout.wanting(method=method, records=False),
+                numbers, lanes.size, order, along, rtol, again=again, times=batch.times,
+            )  # fmt: skip
         except NotForLanesError:
             lanes = lanes[given_up[lanes]]
             continue
@@ -263,8 +272,10 @@ def _by_other_methods(
             _put(
                 getattr(results, name), jax.tree.map(lambda part, kept=better: part[kept], getattr(found, name)), those
             )
-        if batch.tapes:
+        if batch.times is not None:
             batch.saved[those] = np.asarray(found.saved)[better]
+        if results.recorded is not None:
+            results.recorded.rows[those] = 0
         results.tolerance[those], batch.used[those] = rtol, found.tolerance[better]
         results.stiff[those] = method == "rosenbrock"
         lanes = lanes[lost & given_up[lanes]]
@@ -297,7 +308,7 @@ def _with_fewer_derivatives(
             _put(parts.first, of_first.first, lost)
             for other in of_other:
                 _put(parts.other, other.first, lost)
-    if batch.tapes:
+    if batch.times is not None:
         batch.saved[lost] = np.nan
         for i, each in enumerate(lower):
             # The other first derivative follows the first.
@@ -520,7 +531,7 @@ compiling = threading.RLock()
 """While one thread compiles, others wait: each program is compiled once."""
 
 
-def _program(layout: Layout, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Compiled, LaneEnd]:
+def integrator_of(layout: Layout, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Compiled, LaneEnd]:
     """The compiled integrator, and shapes and types of a lane's results."""
     with compiling:
         return _compiled(layout, order, fixed, directions)
@@ -532,16 +543,17 @@ def compile_ahead(layout: Layout, order: int, directions: int) -> None:
     Raises:
         NotForLanesError: for a problem that cannot be compiled; a callback would bury it under JAX's own words.
     """
-    _program(layout.renewed(), order, (), directions)
+    integrator_of(layout.renewed(), order, (), directions)
 
 
 @functools.lru_cache(maxsize=256)
 def _compiled(layout: Layout, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Compiled, LaneEnd]:
-    def lane(numbers: list[Number], places: tuple[Direction, ...], rtol: Scalar) -> LaneEnd:
-        return integrate_lane(layout, numbers, fixed or places, rtol, order=order)
+    def lane(numbers: list[Number], places: tuple[Direction, ...], rows: list[Scalar], rtol: Scalar) -> LaneEnd:
+        return integrate_lane(layout, numbers, fixed or places, rtol, order=order, rows=rows[0] if rows else 0)
 
-    arguments = (layout.structs(), (number,) * directions, number)
-    program = compile_lanes(lane, arguments, tapes=2 if layout.options.saves else 0)
+    saves, records = layout.options.saves, layout.options.records
+    arguments = (layout.structs(), (number,) * directions, [number] if records else [], number)
+    program = compile_lanes(lane, arguments, tapes=2 if saves else int(records))
     return program, jax.eval_shape(lane, *arguments)
 
 

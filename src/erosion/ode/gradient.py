@@ -5,27 +5,25 @@ forwards, one lane for each argument. Sums over lanes are taken by pairs of neig
 so on, so that their bits depend on the lanes alone.
 """
 
+import collections
 import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import PyTree
 
 from erosion.arguments import Number, PerLane, Scalar
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import WIDTH, Compiled, by_xla, compile_lanes, number
 from erosion.ode.adjoint import pulled_back
-from erosion.ode.batch import compiling, in_threads, integrate, integrate_along
-from erosion.ode.extended import Extended
-from erosion.ode.integrator import recorded_lane
+from erosion.ode.batch import ROWS, compiling, in_threads, integrate, integrate_along, integrator_of
+from erosion.ode.integrator import LaneEnd
 from erosion.ode.reduction import may_have_kinks
 from erosion.ode.solution import Solution
-from erosion.ode.tape import BESIDE, Tape
+from erosion.ode.tape import Recorded, row_width
 from erosion.ode.variational import Clock, Layout
 
 _BESIDE_STEPS = 8  # rows of a tape beside one for each trial: those of events, and of the steps that end there
@@ -44,6 +42,7 @@ class Ended(NamedTuple):
         tolerance: of the results.
         stiff: whether the method for stiff motions integrated them.
         rtol: that was asked for.
+        recorded: their steps, where some are.
     """
 
     outcome: np.ndarray
@@ -51,25 +50,50 @@ class Ended(NamedTuple):
     tolerance: np.ndarray
     stiff: np.ndarray
     rtol: float
+    recorded: Recorded | None = None
+
+
+class _Known(NamedTuple):
+    layout: Layout
+    numbers: list[PerLane]
+    ended: Ended
+
+
+_known: collections.deque[_Known] = collections.deque(maxlen=4)
+"""What JAX integrated last, whose derivatives it may want."""
 
 
 def ends_of(layout: Layout, numbers: Sequence[PerLane], lanes: int, rtol: float) -> Ended:
-    """How lanes end."""
-    found = integrate(layout, numbers, lanes, 0, (), rtol)
-    stiff = np.zeros(lanes, bool) if found.stiff is None else found.stiff > 0
-    return Ended(found.outcome, found.trials, found.tolerance, stiff, rtol)
+    """How lanes end, with their steps."""
+    layout = layout.renewed().wanting(records=True)
+    for known in list(_known):
+        alike = known.layout == layout and known.ended.rtol == rtol and known.ended.outcome.size == lanes
+        if alike and all(np.array_equal(*pair, equal_nan=True) for pair in zip(known.numbers, numbers, strict=True)):
+            return known.ended
+    return _ended(integrate(layout, numbers, lanes, 0, (), rtol), rtol)
+
+
+def _ended(found: LaneEnd, rtol: float) -> Ended:
+    stiff = np.zeros(found.outcome.shape, bool) if found.stiff is None else found.stiff > 0
+    return Ended(found.outcome, found.trials, found.tolerance, stiff, rtol, found.recorded)
+
+
+def keep(layout: Layout, numbers: Sequence[PerLane], found: LaneEnd, rtol: float) -> None:
+    """Keep lanes, for `ends_of` them."""
+    if found.recorded is not None:
+        _known.append(_Known(layout.renewed(), [np.array(number) for number in numbers], _ended(found, rtol)))
 
 
 FEW = 3
 """Elements by which derivatives are taken from which on going backwards costs less; benchmarks/RESULTS-ode.md."""
 
 
-def is_worth(layout: Layout, elements: int, rows: int) -> bool:
-    """Whether derivatives of so many rows, time and outputs, by so many elements should go backwards."""
-    return elements >= FEW and goes_back(layout, rows)
+def is_worth(layout: Layout, elements: int) -> bool:
+    """Whether derivatives by so many elements should go backwards."""
+    return elements >= FEW and goes_back(layout)
 
 
-def goes_back(layout: Layout, rows: int) -> bool:
+def goes_back(layout: Layout) -> bool:
     """Whether lanes of a layout have an adjoint.
 
     JAX cannot go backwards through a `while_loop` of the rates.
@@ -77,7 +101,7 @@ def goes_back(layout: Layout, rows: int) -> bool:
     if by_xla() or may_have_kinks(layout):
         return False
     method = "rosenbrock" if layout.options.method == "rosenbrock" else "explicit"
-    return _is_traced(layout.renewed().wanting(method=method), rows - 1)
+    return _is_traced(layout.renewed().wanting(method=method))
 
 
 def gradient(
@@ -97,7 +121,7 @@ def gradient(
         For each number the derivatives by it: of each lane, shape (lanes, …), or the sum over the lanes where they
         share it. Zero where `bars` are zero.
     """
-    layout = layout.renewed()
+    layout = layout.renewed().wanting(records=False)
     bars = np.asarray(bars, float)
     lost = layout.has_no_result(ends.outcome)
     # What does not count is zero, whatever the lane did.
@@ -108,12 +132,12 @@ def gradient(
     forwards = known.copy()
     for method, those in (("explicit", known & ~stiff), ("rosenbrock", known & stiff)):
         wanted = layout.wanting(method=method)
-        if not np.any(those) or not goes_back(wanted, len(bars)):
+        if not np.any(those) or not goes_back(wanted):
             continue
-        programs = _programs(wanted, len(bars) - 1)
-        if programs is not None:
+        back = _back(wanted)
+        if back is not None:
             real = [np.asarray(number, float) for number in numbers]
-            ways.append((_WayBack(wanted, programs, real, ends, bars), those))
+            ways.append((_WayBack(wanted, back, real, ends, bars), those))
             forwards &= ~those
     shared = [number.ndim == len(shape) for number, shape in zip(numbers, layout.shapes, strict=True)]
     found = [np.zeros(() if same else (lanes, *shape)) for same, shape in zip(shared, layout.shapes, strict=True)]
@@ -123,8 +147,8 @@ def gradient(
     for begin in range(0, lanes, block):
         some = np.arange(begin, min(begin + block, lanes))
         parts = [np.zeros((some.size, *shape)) for shape in layout.shapes]
-        for back, those in ways:
-            back.fill(some[those[some]], begin, parts)
+        for way, those in ways:
+            way.fill(some[those[some]], begin, parts)
         if ways:
             # What did not happen, such as the reset of another event, may have made 0·∞ of an adjoint.
             unknown = [~np.isfinite(part).all(axis=tuple(range(1, part.ndim))) for part in parts]
@@ -162,50 +186,68 @@ class _WayBack:
     """
 
     def __init__(
-        self, layout: Layout, programs: "_Programs", numbers: list[np.ndarray], ends: Ended, bars: np.ndarray
+        self, layout: Layout, back: Compiled, numbers: list[np.ndarray], ends: Ended, bars: np.ndarray
     ) -> None:
         self.layout, self.numbers, self.ends, self.bars = layout, numbers, ends, bars
-        self.forwards, self.backwards, self.width = programs
+        self.back = back
 
     def fill(self, lanes: np.ndarray, begin: int, parts: Sequence[np.ndarray]) -> None:
         """Compute some lanes, and write the derivatives of lane i into row i - begin of each part."""
         lanes = lanes[np.argsort(self.ends.trials[lanes], kind="stable")]
-        in_threads(lambda block, stop: self._fill(block, begin, parts, stop), lanes, _CHUNK, _FEW)
+        recorded = self.ends.recorded
+        if recorded is not None:
+            is_known = (recorded.rows[lanes] > 0) & (recorded.rows[lanes] <= ROWS)
 
-    def _fill(
+            def from_known(block: np.ndarray, stop: np.ndarray | None) -> None:
+                self._fill(block, begin, parts, stop, Recorded(recorded.rows[block], recorded.tapes[block]))
+
+            in_threads(from_known, lanes[is_known], _CHUNK, _FEW)
+            lanes = lanes[~is_known]
+        in_threads(lambda block, stop: self._record_and_fill(block, begin, parts, stop), lanes, _CHUNK, _FEW)
+
+    def _record_and_fill(
         self, lanes: np.ndarray, begin: int, parts: Sequence[np.ndarray], stop: np.ndarray | None, rows: int = 0
     ) -> None:
         rows = rows or int(self.ends.trials[lanes].max()) + _BESIDE_STEPS
-        length = rows * (BESIDE + self.width)
+        layout = self.layout.wanting(records=True)
+        length = rows * row_width(layout)
         most = max(WIDTH, _MEMORY // (8 * length))
         if lanes.size > most:
             for first in range(0, lanes.size, most):
-                self._fill(lanes[first : first + most], begin, parts, stop, rows)
+                self._record_and_fill(lanes[first : first + most], begin, parts, stop, rows)
             return
-        every = np.arange(lanes.size)
-        own = self.layout.of_lanes(self.numbers, lanes)
-        tapes = [np.empty((lanes.size, length))]
-        count, outcome, token = np.empty(lanes.size, int), np.empty(lanes.size, np.int8), np.empty(lanes.size)
-        zero = np.zeros(())
-        inputs = [*own, self.ends.tolerance[lanes], np.asarray(float(rows)), zero]
-        self.forwards.run(inputs, every, [count, outcome, token], stop, tapes)
+        forwards, results = integrator_of(layout, 0, (), 0)
+        found = jax.tree.map(lambda leaf: np.empty(lanes.size, leaf.dtype), results)
+        tapes = np.empty((lanes.size, length))
+        inputs = [*layout.of_lanes(self.numbers, lanes), np.asarray(float(rows)), self.ends.tolerance[lanes]]
+        forwards.run(inputs, np.arange(lanes.size), jax.tree.leaves(found), stop, [tapes])
         if stop is not None and stop[0]:
             return
-        fits = count <= rows
-        results = [np.empty((lanes.size, *shape)) for shape, real in self._real() if real]
-        bars = [np.ascontiguousarray(row[lanes]) for row in self.bars]
-        inputs = [*own, self.ends.tolerance[lanes], count.astype(float), *bars, zero]
-        self.backwards.run(inputs, every[fits], results, stop, tapes)
+        count = found.recorded.rows
         # A lane that ends otherwise has taken other steps; that is not known to happen.
-        other = outcome != self.ends.outcome[lanes]
+        count[found.outcome != self.ends.outcome[lanes]] = 0
+        fits = count <= rows
+        self._fill(lanes[fits], begin, parts, stop, Recorded(count[fits], tapes[fits]))
+        if not fits.all():
+            self._record_and_fill(lanes[~fits], begin, parts, stop, int(count.max()))
+
+    def _fill(
+        self,
+        lanes: np.ndarray,
+        begin: int,
+        parts: Sequence[np.ndarray],
+        stop: np.ndarray | None,
+        recorded: Recorded,
+    ) -> None:
+        results = [np.full((lanes.size, *shape), np.nan) for shape, real in self._real() if real]
+        bars = [np.ascontiguousarray(row[lanes]) for row in self.bars]
+        own = self.layout.of_lanes(self.numbers, lanes)
+        inputs = [*own, self.ends.tolerance[lanes], recorded.rows.astype(float), *bars, np.zeros(())]
+        self.back.run(inputs, np.flatnonzero(recorded.rows), results, stop, [recorded.tapes])
         found = iter(results)
         for part, (_, real) in zip(parts, self._real(), strict=True):
             if real:
-                rows_found = next(found)
-                rows_found[other] = np.nan
-                part[lanes[fits] - begin] = rows_found[fits]
-        if not fits.all():
-            self._fill(lanes[~fits], begin, parts, stop, int(count.max()))
+                part[lanes - begin] = next(found)
 
     def _real(self) -> list[tuple[tuple[int, ...], bool]]:
         return [
@@ -213,14 +255,10 @@ class _WayBack:
         ]
 
 
-_Programs = tuple[Compiled, Compiled, int]
-"""Programs forwards and backwards, and how many numbers a state has."""
-
-
-def _programs(layout: Layout, outputs: int) -> _Programs | None:
-    """None where lanes cannot do what the way back needs."""
+def _back(layout: Layout) -> Compiled | None:
+    """The program that goes back; None where lanes cannot do what it needs."""
     with compiling:
-        return _compiled(layout, outputs)
+        return _compiled(layout)
 
 
 def _backwards(
@@ -231,34 +269,23 @@ def _backwards(
 
 
 @functools.lru_cache(maxsize=256)
-def _is_traced(layout: Layout, outputs: int) -> bool:
+def _is_traced(layout: Layout) -> bool:
     """Whether JAX can go back through a step."""
     try:
         back = functools.partial(_backwards, layout)
-        jax.eval_shape(back, layout.structs(), number, number, [number] * (1 + outputs), number)
+        jax.eval_shape(back, layout.structs(), number, number, [number] * layout.rows, number)
     except ValueError:
         return False
     return True
 
 
 @functools.lru_cache(maxsize=64)
-def _compiled(layout: Layout, outputs: int) -> _Programs | None:
-    def forwards(numbers: list[Number], rtol: Scalar, rows: Scalar, token: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-        tape = Tape(jnp.zeros((), int), lax.convert_element_type(rows, int), token)
-        end, tape = recorded_lane(layout, numbers, (), rtol, tape)
-        assert tape is not None
-        return tape.rows, end.outcome, tape.token
-
-    structs = layout.structs()
-    arguments = (structs, number, number, [number] * (1 + outputs), number)
+def _compiled(layout: Layout) -> Compiled | None:
+    arguments = (layout.structs(), number, number, [number] * layout.rows, number)
     try:
-        back = compile_lanes(functools.partial(_backwards, layout), arguments, tapes=1)
+        return compile_lanes(functools.partial(_backwards, layout), arguments, tapes=1)
     except NotForLanesError:
         return None
-    forth = compile_lanes(forwards, (structs, number, number, number), tapes=1)
-    width: list[int] = []
-    jax.eval_shape(lambda numbers: width.append(Extended(layout, numbers, 0, ()).width), structs)
-    return forth, back, width[0]
 
 
 def _fill_forwards(
@@ -317,7 +344,7 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
     else:
         of_lanes = (solution.outcome, solution.trials, solution.tolerance, solution.stiff)
         outcome, trials, tolerance, stiff = (np.reshape(np.asarray(each), -1) for each in of_lanes)
-        ends = Ended(outcome, trials, tolerance, stiff, solution.rtol)
+        ends = Ended(outcome, trials, tolerance, stiff, solution.rtol, solution.recorded)
     found = gradient(layout, lanes.numbers, lanes.size, ends, rows, spoils=False)
     gone = np.asarray(layout.has_no_result(ends.outcome) & np.any(rows != 0, axis=0)).reshape(shape)
     own = [

@@ -19,11 +19,11 @@ from erosion.ode.crossings import Ends
 from erosion.ode.dense import Saved, Writer
 from erosion.ode.explicit import APART, LEAST, NOISE
 from erosion.ode.extended import Extended
-from erosion.ode.landing import Flight, Lane, all_finite, landed
+from erosion.ode.landing import Flight, Lane, all_finite, has_no_derivatives, landed
 from erosion.ode.problem import OTHER_ENDS
 from erosion.ode.reduction import Rows, corrected, is_broken
 from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FIRST_STEP, NOT_BEGUN, STIFF, UNFINISHED, Control
-from erosion.ode.tape import Tape
+from erosion.ode.tape import Recorded, Tape
 from erosion.ode.variational import (
     Along,
     AtEvent,
@@ -79,6 +79,7 @@ class LaneEnd(NamedTuple):
             be known.
         saved: the token of what is written at times; after the batch outputs there and their derivatives, in the
             order of `Variational.pack`, shape (lanes, times, members, outputs).
+        recorded: the steps, where they are recorded.
     """
 
     outcome: PerImpact
@@ -92,36 +93,34 @@ class LaneEnd(NamedTuple):
     second_sizes: Sequence[PerImpact] = ()
     stiff: PerImpact | None = None
     saved: PerImpact | None = None
+    recorded: Recorded | None = None
 
 
 def integrate_lane(
-    layout: Layout, numbers: Sequence[Number], directions: tuple[Direction, ...], rtol: Scalar, *, order: int = 0
-) -> LaneEnd:
-    """Integrate one lane to its end; arguments as of `recorded_lane`."""
-    return recorded_lane(layout, numbers, directions, rtol, None, order=order)[0]
-
-
-def recorded_lane(
     layout: Layout,
     numbers: Sequence[Number],
     directions: tuple[Direction, ...],
     rtol: Scalar,
-    tape: Tape | None,
     *,
     order: int = 0,
-) -> tuple[LaneEnd, Tape | None]:
-    """Integrate one lane to its end, and write its steps on a tape.
+    rows: Scalar = 0,
+) -> LaneEnd:
+    """Integrate one lane to its end.
 
     Args:
         layout: of problem and arguments.
         numbers: of this lane.
         directions: of the derivatives; see `Variational`.
         rtol: of outputs, end time and derivatives.
-        tape: of a lane without derivatives, by the explicit method; None where none is wanted.
         order: 0, 1 or 2 derivatives.
+        rows: of the tape, where the steps are recorded.
     """
     problem = Extended(layout, numbers, order, directions)
-    saved = Saved(jnp.zeros((), int), 0.0 * rtol) if layout.options.saves else None
+    tape = saved = None
+    if layout.options.saves:
+        saved = Saved(jnp.zeros((), int), 0.0 * rtol)
+    if layout.options.records:
+        tape = Tape(jnp.zeros((), int), lax.convert_element_type(rows, int), 0.0 * rtol, jnp.asarray(True))
     if problem.chains:
         return _chain(problem, rtol, tape, saved)
     until = problem.until
@@ -129,7 +128,7 @@ def recorded_lane(
     end = _at_its_event(problem, motion, along, _outputs, until)
     if tape is not None:
         tape = tape.with_event(motion.event, [], jax.tree.leaves(motion.members))
-    return _finish(problem, motion, end, rtol, saved), tape
+    return _finish(problem, motion, end, rtol, saved, tape)
 
 
 def _at_its_event(problem: Extended, motion: "Flight", along: Along, outputs: OfMotion, until: Derivatives) -> AtEvent:
@@ -212,9 +211,10 @@ def _to_its_event(
         return after, tape, saved and writer.after_step(saved, lane, after)
 
     lane, tape, saved = lax.while_loop(lambda at: step_control.goes_on(at[0].control), tries, (lane, tape, saved))
-    motion, along = landed(problem, lane, until, differentiates=problem.order > 0 or tape is not None)
+    motion, along = landed(problem, lane, until)
     if tape is not None:
         tape = tape.with_step(motion.time - lane.control.time, lane.state, jnp.asarray(True))
+        tape = tape._replace(has_derivatives=tape.has_derivatives & ~has_no_derivatives(problem, motion))
     return motion, along, tape, saved and writer.after_landing(saved, lane, motion)
 
 
@@ -349,7 +349,9 @@ def _within(problem: Extended, control: Control, until: Scalar | None) -> Contro
     return crossings.stop_at(control._replace(trial=jnp.minimum(control.trial, problem.clock.max_step)), until)
 
 
-def _finish(problem: Extended, motion: Flight, end: AtEvent, rtol: Scalar, saved: Saved | None) -> LaneEnd:
+def _finish(
+    problem: Extended, motion: Flight, end: AtEvent, rtol: Scalar, saved: Saved | None, tape: Tape | None
+) -> LaneEnd:
     """The results where a lane ended, or at its start where it does not begin; NaN where one of them is not finite."""
     control, equations, event = motion.control, problem.equations, motion.event
     begun = event != NOT_BEGUN if problem.options.begins else jnp.asarray(True)
@@ -401,6 +403,7 @@ def _finish(problem: Extended, motion: Flight, end: AtEvent, rtol: Scalar, saved
         second_sizes=second_sizes,
         stiff=lax.convert_element_type(control.event == STIFF, np.int8) if problem.watches else None,
         saved=saved and saved.token,
+        recorded=tape and Recorded(jnp.where(tape.has_derivatives, tape.rows, 0), tape.token),
     )
 
 
@@ -452,7 +455,7 @@ class _Chain(NamedTuple):
     saved: Saved | None
 
 
-def _chain(problem: Extended, rtol: Scalar, tape: Tape | None, saved: Saved | None) -> tuple[LaneEnd, Tape | None]:
+def _chain(problem: Extended, rtol: Scalar, tape: Tape | None, saved: Saved | None) -> LaneEnd:
     """Integrate one lane through events that it survives.
 
     At each event the state gets its total derivatives, those of the event's time included; the reset is pushed
@@ -502,7 +505,7 @@ def _chain(problem: Extended, rtol: Scalar, tape: Tape | None, saved: Saved | No
     chain = lax.while_loop(lambda chain: chain.goes_on, flown, chain)
     outputs = equations.of(_outputs, chain.motion.members)
     end = AtEvent(equations.unpack(chain.elapsed), outputs, chain.amplification)
-    return _finish(problem, chain.motion, end, rtol, chain.saved), chain.tape
+    return _finish(problem, chain.motion, end, rtol, chain.saved, chain.tape)
 
 
 def resets(happens: Sequence[Flag], at: Augmented, motion: Motion) -> tuple[Augmented, Augmented]:

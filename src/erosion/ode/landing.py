@@ -68,15 +68,22 @@ class Flight(NamedTuple):
     shift: Rows
 
 
-def landed(problem: Extended, lane: Lane, until: Scalar | None, *, differentiates: bool) -> tuple[Flight, Along]:
+def landed(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:
     """The motion to where its last step found its end; with how what is wanted there depends on the event's time."""
     motion, along = (_by_a_short_step if problem.rodas is None else _by_the_last_step)(problem, lane, until)
-    if problem.rough or not (differentiates and problem.options.waits):
+    if not problem.order:
         return motion, along
-    lost = (motion.control.mode == ENDED) & _divides_by_zero(problem, motion)
+    lost = has_no_derivatives(problem, motion)
     control = motion.control._replace(mode=jnp.where(lost, FAILED, motion.control.mode))
     at_once = [event & ~lost for event in motion.at_once]
     return motion._replace(control=control, at_once=at_once, count=jnp.where(lost, 0, motion.count)), along
+
+
+def has_no_derivatives(problem: Extended, motion: Flight) -> Flag:
+    """Whether derivatives at the end of a motion are not defined, as far as nothing else tells."""
+    if problem.rough or not problem.options.waits:
+        return jnp.asarray(False)
+    return (motion.control.mode == ENDED) & _divides_by_zero(problem, motion)
 
 
 def _divides_by_zero(problem: Extended, motion: Flight) -> Flag:

@@ -13,6 +13,7 @@ from jaxtyping import PyTree
 from erosion.arguments import PerImpact
 from erosion.ode.problem import Problem
 from erosion.ode.reduction import may_have_kinks
+from erosion.ode.tape import Recorded
 from erosion.output.tables import Record, Result, format_number, to_plain
 
 if TYPE_CHECKING:
@@ -96,6 +97,7 @@ class Solution(Result):
         digest: of what the problem computed.
         times: the states at `ts`, or None.
         tolerance: of each lane's results, which may be less than `rtol`; None where there are derivatives.
+        recorded: the steps of lanes, for `gradient`; None where they were not recorded.
     """
 
     problem: Problem
@@ -115,6 +117,7 @@ class Solution(Result):
     stiff: PerImpact | None = None
     times: Times | None = None
     tolerance: np.ndarray | None = dataclasses.field(default=None, repr=False)
+    recorded: Recorded | None = dataclasses.field(default=None, repr=False)
 
     @functools.cached_property
     def ended_by(self) -> PerImpact:
@@ -153,8 +156,9 @@ class Solution(Result):
         """The derivatives of a number by all arguments at once, such as those of a loss by the weights of a network.
 
         The number depends on times, states and integrals of all lanes. Its cost does not grow with the number of
-        arguments: each lane is integrated once more, and gone back through (the discrete adjoint). Lanes of
-        motions that may have kinks, and those that rest, go forwards instead, once for each argument.
+        arguments: each lane is gone back through (the discrete adjoint), after it was integrated once more where
+        `ode.solve` was not told by `gradient=True`. Lanes of motions that may have kinks, and those that rest, go
+        forwards instead, once for each argument.
 
         Args:
             t: by what the number changes with each lane's time; an array of the lanes' shape, or one number.

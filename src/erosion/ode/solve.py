@@ -81,6 +81,7 @@ def solve(
     max_steps: int = 20_000,
     method: str = "auto",
     shared: str | Sequence[str] = (),
+    gradient: bool = False,
 ) -> Solution:
     """Integrate lanes, each to the first event that ends it, or to `t1`.
 
@@ -112,6 +113,7 @@ def solve(
             up to some twenty unknowns without kinks, whose second derivatives are NaN where they are not known to
             about 1e-4; or "auto": explicit, and lanes that turn out to be stiff by the other (`Solution.stiff`).
         shared: paths of arrays that each lane has as a whole, such as tables and weights.
+        gradient: whether `Solution.gradient` follows; it then takes the steps of this integration.
 
     Returns:
         What the lanes ended by, when, in which state; see `Solution`.
@@ -144,7 +146,7 @@ def solve(
         from erosion.ode.traced import traced_solution
 
         return traced_solution(lanes, names, order, rtol, ts)
-    return solution(lanes, names, order, rtol, None if ts is None else _checked_times(lanes, ts))
+    return solution(lanes, names, order, rtol, None if ts is None else _checked_times(lanes, ts), records=gradient)
 
 
 def checked_lanes(
@@ -308,10 +310,20 @@ def _sizes(layout: Layout, sizes: PyTree) -> tuple[float, ...]:
 
 
 def ends(
-    lanes: Lanes, names: Sequence[str], order: int, rtol: float, times: np.ndarray | None = None
+    lanes: Lanes,
+    names: Sequence[str],
+    order: int,
+    rtol: float,
+    times: np.ndarray | None = None,
+    *,
+    records: bool = False,
 ) -> tuple[LaneEnd, list[tuple[str, ...]]]:
     """The ends of lanes, and along which names the last axis of their derivatives is, where there are several."""
     layout, numbers, count = lanes.layout, lanes.numbers, lanes.size
+    if records:
+        from erosion.ode.gradient import goes_back
+
+        layout = layout.wanting(records=goes_back(layout))
     if order == 0 or len(names) == 1:
         places = (lanes.element_of(names[0]),) if order else ()
         return integrate(layout, numbers, count, order, places, rtol, times=times), [(*names, *names)[:order]]
@@ -331,10 +343,18 @@ def ends(
     return results, along
 
 
-def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np.ndarray | None = None) -> Solution:
+def solution(
+    lanes: Lanes,
+    names: Sequence[str],
+    order: int,
+    rtol: float,
+    ts: np.ndarray | None = None,
+    *,
+    records: bool = False,
+) -> Solution:
     """The solution of lanes, with derivatives of an order along all pairs of names, and states at times."""
     known = None if ts is None else np.unique(ts[np.isfinite(ts)])
-    results, along = ends(lanes, names, order, rtol, known)
+    results, along = ends(lanes, names, order, rtol, known, records=records)
     several = results.time.value.ndim > 1
 
     def part(kind: str, column: int) -> Part:
@@ -376,6 +396,7 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np
         rtol=rtol,
         digest=lanes.layout.equations.digest,
         tolerance=None if order else results.tolerance,
+        recorded=results.recorded,
         times=times,
     )
 

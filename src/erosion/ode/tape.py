@@ -5,15 +5,19 @@ comes a row with the code of what ended it and the state there, before any reset
 digits say which events happened there.
 """
 
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
-from erosion.arguments import Flag, Scalar
+from erosion.arguments import Flag, PerImpact, Scalar
 from erosion.lanes import tapes
+from erosion.ode.extended import Extended
 from erosion.ode.reduction import Rows
+from erosion.ode.variational import Layout
 
 STEP = -9.0
 BESIDE = 2  # numbers of a row before the state
@@ -28,11 +32,13 @@ class Tape(NamedTuple):
         rows: how many rows; more than `capacity` of them do not fit, and are written over the last.
         capacity: of the tape, in rows.
         token: see `erosion.lanes.tapes`.
+        has_derivatives: whether the results of what is written have any.
     """
 
     rows: Scalar
     capacity: Scalar
     token: Scalar
+    has_derivatives: Flag
 
     def with_step(self, length: Scalar, state: Rows, moved: Flag) -> "Tape":
         """With a step, which the next row replaces unless the lane moved."""
@@ -47,6 +53,26 @@ class Tape(NamedTuple):
         place = jnp.minimum(self.rows, self.capacity - 1) * (BESIDE + len(state))
         token = tapes.write(_SLOT, self.token, place, length, code, *state)
         return self._replace(rows=self.rows + jnp.where(is_kept, 1, 0), token=token)
+
+
+class Recorded(NamedTuple):
+    """What was recorded of lanes.
+
+    Args:
+        rows: of each lane's tape, which may be more than fit; 0 where the lane has no derivatives, or was not recorded.
+        tapes: the token of a lane's tape; after the batch the tapes, shape (lanes, length).
+    """
+
+    rows: PerImpact
+    tapes: PerImpact
+
+
+@functools.lru_cache(maxsize=256)
+def row_width(layout: Layout) -> int:
+    """How many numbers a row has."""
+    width: list[int] = []
+    jax.eval_shape(lambda numbers: width.append(Extended(layout, numbers, 0, ()).width), layout.structs())
+    return BESIDE + width[0]
 
 
 class Entry(NamedTuple):

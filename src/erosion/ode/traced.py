@@ -16,7 +16,7 @@ from erosion.arguments import Number
 from erosion.lanes.lanewise import by_xla
 from erosion.ode import pushes
 from erosion.ode.batch import compile_ahead, integrate, integrate_along
-from erosion.ode.gradient import is_worth
+from erosion.ode.gradient import is_worth, keep
 from erosion.ode.integrator import LaneEnd, integrate_lane
 from erosion.ode.problem import Equations
 from erosion.ode.solution import Solution, Times
@@ -132,9 +132,8 @@ def _solve(layout: Layout, rtol: float, numbers: Sequence[Number], order: int, p
             return jnp.stack(_rows(end, "value")), jnp.stack([code.astype(np.int32) for code in _codes(end)])
         along = jax.vmap(lambda row: jnp.stack(_rows(lane(directions=tuple(row)), _kind(order))), out_axes=-1)
         return along(jnp.asarray(places, float))
-    clocked, state = layout.options.clock, jax.tree.leaves(layout.state) if layout.options.whole else []
-    rows = 1 + sum(math.prod(leaf.shape) for leaf in state) + len(layout.problem.integrals)
-    codes = len(("outcome", "count", "trials")) + (len(layout.event_names) if clocked else 0)
+    rows = layout.rows
+    codes = len(("outcome", "count", "trials")) + (len(layout.event_names) if layout.options.clock else 0)
     if places:
         shape: Any = jax.ShapeDtypeStruct((rows, len(places)), np.float64)
     else:
@@ -164,6 +163,7 @@ def _on_host(layout: Layout, rtol: float, order: int, places: _Places, *given: N
     ]
     if not places:
         end = integrate(layout, numbers, lanes, 0, (), rtol)
+        keep(layout, numbers, end, rtol)
         vector = np.stack(_rows(end, "value"), -1).reshape(*batch, -1)
         return vector, np.stack(_codes(end), -1).astype(np.int32).reshape(*batch, -1)
     end = integrate_along(layout, numbers, lanes, order, np.array(places, float).T, rtol)
@@ -178,11 +178,12 @@ def _end(layout: Layout, rtol: float, numbers: list[Number]) -> tuple[Array, Arr
 @functools.partial(_end.defjvp, symbolic_zeros=True)
 def _end_jvp(layout: Layout, rtol: float, primals: _Numbers, tangents: _Numbers) -> Any:
     (numbers,), (rates,) = primals, tangents
-    vector, codes = _end(layout, rtol, numbers)
-    still = np.zeros(codes.shape, jax.dtypes.float0)
     moving = _moving(layout, rates)
     elements, moved = _elements(layout, moving), [jnp.asarray(rates[i]) for i in moving]
-    if is_worth(layout, len(elements), vector.size):
+    goes_back = is_worth(layout, len(elements))
+    vector, codes = _end(layout.wanting(records=goes_back), rtol, numbers)
+    still = np.zeros(codes.shape, jax.dtypes.float0)
+    if goes_back:
         ends = pushes.EndFunction(layout, rtol, moving, vector.size, _slopes)
         return (vector, codes), (pushes.pushed(ends, numbers, moved), still)
     return (vector, codes), (_slopes(layout, rtol, elements, numbers) @ _flat(moved), still)

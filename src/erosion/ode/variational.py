@@ -53,6 +53,7 @@ class Options(NamedTuple):
         method: "explicit", "rosenbrock", or "auto": an explicit lane that turns out to be stiff is given up, and
             `batch` integrates it by the other.
         saves: the state is wanted at times as well, see `dense`.
+        records: the steps of a lane without derivatives are written on a tape, see `tape`.
     """
 
     waits: bool = False
@@ -64,6 +65,7 @@ class Options(NamedTuple):
     sizes: tuple[float, ...] | None = None
     method: str = "explicit"
     saves: bool = False
+    records: bool = False
 
 
 class Layout:
@@ -140,6 +142,12 @@ class Layout:
         """Shapes and types of one lane's state."""
         known = self.equations.state
         return jax.eval_shape(lambda n: self.problem.start(self.args(n)), self.structs()) if known is None else known
+
+    @property
+    def rows(self) -> int:
+        """How many numbers the time at the end and the outputs are."""
+        state = jax.tree.leaves(self.state) if self.options.whole else []
+        return 1 + sum(math.prod(leaf.shape) for leaf in state) + len(self.problem.integrals)
 
     @property
     def end_names(self) -> tuple[str, ...]:
