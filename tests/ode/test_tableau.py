@@ -48,3 +48,11 @@ def test_the_pair_is_that_of_diffrax():
     assert [list(row) for row in step_control.A] == [list(row) for row in pair.a_lower]
     assert list(step_control.B) == list(pair.b_sol)
     assert list(step_control.B_ERROR) == list(pair.b_error)
+
+
+def test_of_the_second_stage_the_transposed_step_leaves_terms_of_seventh_order():
+    """Of one Jacobian J, Ȳ = Σ (h J)ᵏ⁺¹ (Aᵀ)ᵏ b there: it estimates what a cotangent errs by."""
+    a = np.array([np.pad(row, (0, len(step_control.A) - row.size)) for row in (np.zeros(0), *step_control.A[:-1])])
+    powers = [np.linalg.matrix_power(a.T, k) @ step_control.B[:-1] for k in range(7)]
+    assert np.abs([power[1] for power in powers[:6]]).max() < 1e-15
+    assert abs(powers[6][1]) > 1e-5
