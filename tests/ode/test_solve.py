@@ -609,6 +609,32 @@ def test_a_motion_that_dies_away_is_not_integrated_again_for_digits_that_do_not_
     assert early.y["x"] == pytest.approx(np.exp(-damping * 5) * (np.cos(5) + damping * np.sin(5)), rel=2e-9)
 
 
+@pytest.mark.parametrize(
+    ("force", "work", "infinite"),
+    [
+        (lambda x: x**1.5, lambda x: x**2.5 / 2.5, False),
+        (jnp.sqrt, lambda x: x**1.5 / 1.5, False),
+        (lambda x: x**-0.5, lambda x: 2 * x**0.5, True),
+    ],
+)
+def test_no_lane_fails_where_the_motion_is_not_defined_beyond_its_event(force, work, infinite):
+    fall = ode.Problem(
+        y0=lambda args: {"x": args["height"], "v": 0.0},
+        vector_field=lambda t, y, args: {"x": y["v"], "v": force(y["x"]) - 9.81},
+        events={"ground": ode.Event(lambda t, y, args: y["x"], direction=-1)},
+    )
+    height = np.linspace(0.5, 3, 200)
+    speed = np.sqrt(2 * (9.81 * height - work(height)))
+    for order in range(3):
+        end = ode.solve(fall, {"height": height}, t1=50.0, wrt="height" if order else (), derivatives=order)
+        assert (end.ended_by == "ground").all()
+        assert (end.events.name == "ground").all()
+        np.testing.assert_allclose(-end.y["v"], speed, rtol=1e-9)
+        found = end.along("height").y["v"] if order else np.nan
+        right = np.isclose(-found, (9.81 - force(height)) / speed, rtol=1e-7)
+        assert (right | (np.isnan(found) if infinite else order == 0)).all()
+
+
 def thrown(path, *, smooth=None):
     """A throw up to its apex, the path by an integral."""
     problem = ode.Problem(

@@ -238,13 +238,16 @@ def _to_the_end(problem: Extended, lane: Lane, scale: Scalar) -> tuple[Scalar, R
 
     def inside() -> tuple[Scalar, Rows, Flag]:
         start = (0.0 * left, lane.state, lane.slope, jnp.minimum(remaining(lane.events), left))
-        beside = jnp.where(defined, _BESIDE, _INSIDE) * scale
+        beside = jnp.where(reached, _BESIDE, _INSIDE) * scale
         passed, rows, *_ = lax.while_loop(lambda at: at[-1] > beside, nearer, start)
         return passed, rows, jnp.asarray(False)
 
     slope, events = problem.rate_and_events(state)
     event = [u + remaining(events) * k for u, k in zip(state, slope, strict=True)]
-    defined = all_finite([*state, *slope, *problem.rate(event)])
+    beyond = [u + _BESIDE * scale * k for u, k in zip(event, slope, strict=True)]
+    reached = all_finite([*state, *slope, *problem.rate(event)])
+    # Where the event is the edge of what is defined, rounding would decide whether the event itself is.
+    defined = reached & all_finite(problem.rate(beyond))
     happens = (lane.control.mode == ENDED) & (lane.control.event >= 0)
     kinked = happens & is_kinked(problem, event, slope, scale)
     return lax.cond(defined & ~kinked, lambda: (left, state, jnp.asarray(True)), inside)
