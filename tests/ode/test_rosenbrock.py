@@ -185,6 +185,22 @@ def test_an_unfinished_lane_of_a_stiff_motion_with_kinks_says_what_to_write() ->
     assert not ode.solve(OSCILLATOR, {"mu": 1e3}, t1=1e4, max_steps=3).warnings
 
 
+def test_an_unfinished_lane_that_rests_at_its_event_says_what_to_write() -> None:
+    rates = lambda t, y, args: {"h": -args["k"] * jnp.sqrt(y["h"])}  # noqa: E731  Torricelli's law: a tank runs dry
+    dry, almost = (
+        ode.Problem({"h": 1.0}, rates, {"dry": ode.Event(lambda t, y, args, rest=rest: y["h"] - rest, direction=-1)})
+        for rest in (0.0, 1e-12)
+    )
+    k = np.array([0.5, 2.0])
+    said = ode.solve(dry, {"k": k}, t1=100.0)
+    assert (said.ended_by == "unfinished").all()
+    assert "`h - 1e-12`" in " ".join(said.warnings)
+    end, t = ode.solve(almost, {"k": k}, t1=100.0, wrt="k"), 2 * (1 - 1e-6) / k
+    assert (end.ended_by == "dry").all()
+    np.testing.assert_allclose(end.t, t, rtol=1e-12)
+    np.testing.assert_allclose(end.along("k").t, -t / k, rtol=1e-10)
+
+
 def test_a_chain_of_doses() -> None:
     dosed = ode.Problem(
         y0={"blood": 1.0, "tissue": 0.0},

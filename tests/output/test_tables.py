@@ -17,6 +17,7 @@ P = erosion.TABLE_1
 def test_numbers_arrays_and_names_are_told_in_few_words():
     assert format_number(1.5e-4) == "0.00015"
     assert format_number(np.array([0.25, np.nan, 0.75])) == "[3] 0.25 … 0.75"
+    assert format_number(np.array([np.nan, np.nan])) == "[2] nan … nan"
     assert format_number(np.zeros((0, 3))) == "[0, 3] empty"
     assert format_number("stop") == "stop"
     assert format_number(np.array(["stop", "rebound", "stop"])) == "1 rebound, 2 stop"

@@ -253,7 +253,8 @@ class Solution(Result):
         if unfinished and layout.options.method == "auto" and may_have_kinks(layout):
             sentences.append(
                 f"{unfinished:,} of {self.title} unfinished. If the motion is stiff, say `smooth=True`: the rates may "
-                "have kinks (`sqrt`, `abs`, `where` …), and the method for stiff motions takes none."
+                "have kinks (`sqrt`, `abs`, `where` …), and the method for stiff motions takes none. If it comes to "
+                "rest at its event, as h' = -√h does, let the event be a little before: `h - 1e-12`."
             )
         for path, part in self.derivatives.items():
             lost = np.count_nonzero(np.isfinite(self.t) & np.isnan(part.t))

@@ -64,7 +64,9 @@ def format_number(value: Any, digits: int = 10, size: float = 1.0) -> str:
         return f"{float(array):.{digits}g}"
     if not array.size:
         return f"{list(array.shape)} empty"
-    return f"{list(array.shape)} {np.nanmin(array):.{digits}g} … {np.nanmax(array):.{digits}g}"
+    # NumPy's own least and greatest of nothing but NaN warn of it.
+    least, greatest = np.fmin.reduce(array, axis=None), np.fmax.reduce(array, axis=None)
+    return f"{list(array.shape)} {least:.{digits}g} … {greatest:.{digits}g}"
 
 
 def largest_of(value: object) -> float:
