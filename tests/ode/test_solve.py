@@ -805,3 +805,22 @@ def test_derivatives_at_times_of_a_motion_with_kinks():
     np.testing.assert_allclose(end.ys["x"], np.array([[1.0], [2.0], [3.0]]) - ts**2 / 2, **CLOSE)
     assert end.times is not None
     np.testing.assert_allclose(end.times.along("x0").ys["x"], np.ones((3, 4)), **SLOPES)
+
+
+def test_results_that_rounding_spoils_are_told() -> None:
+    """Lorenz's motion from starts one unit in the last place apart, whose distance no method can avoid."""
+    lorenz = ode.Problem(
+        y0=lambda args: {"x": args, "y": 1.0, "z": 1.0},
+        vector_field=lambda t, y, args: {
+            "x": 10 * (y["y"] - y["x"]),
+            "y": y["x"] * (28 - y["z"]) - y["y"],
+            "z": y["x"] * y["y"] - 8 / 3 * y["z"],
+        },
+    )
+    end, other = (
+        ode.solve(lorenz, start, t1=np.array([15.0, 20.0, 40.0, 60.0])) for start in (1.0, np.nextafter(1, 2))
+    )
+    apart = np.abs(end.y["x"] - other.y["x"]) / 17
+    assert list(end.inexact) == list(other.inexact) == list(apart > 1e-7) == [False, False, True, True]
+    assert "2 of 4 lanes err by more than 1e-07" in end.warnings[0]
+    assert ode.solve(lorenz, 1.0, t1=40.0, wrt=("", "t1")).inexact

@@ -14,6 +14,7 @@ from erosion.arguments import Number, PerLane, Scalar
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import WIDTH, Compiled, by_xla, compile_lanes, number, threads
 from erosion.ode.agreement import differ, sizes_of, units_of
+from erosion.ode.explicit import LEAST
 from erosion.ode.integrator import TIGHTEST, LaneEnd, integrate_lane
 from erosion.ode.reduction import may_have_kinks
 from erosion.ode.tape import row_width
@@ -42,7 +43,7 @@ class _Batch(NamedTuple):
     leaves: list[np.ndarray]
     results: LaneEnd
     used: np.ndarray  # tolerances of the results
-    errors: np.ndarray  # of the second derivatives that are judged, relative to their sizes, shape (of them, lanes)
+    errors: np.ndarray  # of second derivatives that are judged, and last of values, by their greatest sizes
     tapes: Sequence[np.ndarray] = ()
 
     def run(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
@@ -60,8 +61,7 @@ class _Batch(NamedTuple):
     def is_known(self) -> np.ndarray:
         """Whether all numbers of the arguments of a lane are finite, shape (lanes,)."""
         known = np.ones(self.results.tolerance.size, bool)
-        clock = len(Clock._fields) if self.layout.options.clock else 0
-        own = len(self.layout.shapes) - clock
+        own = len(self.layout.shapes) - (len(Clock._fields) if self.layout.options.clock else 0)
         for leaf, shape in zip(self.leaves[:own], self.program.inputs, strict=False):
             known &= np.isfinite(leaf).all(axis=tuple(range(leaf.ndim - len(shape), leaf.ndim)))
         return known
@@ -69,8 +69,7 @@ class _Batch(NamedTuple):
     @property
     def judged(self) -> list[np.ndarray]:
         """The second derivatives whose errors are estimated, and those are told that are small."""
-        results = self.results
-        return [results.time.second, *results.outputs.second] if results.second_sizes else []
+        return [self.results.time.second, *self.results.outputs.second] if self.results.second_sizes else []
 
     @property
     def quantities(self) -> Derivatives:
@@ -83,10 +82,7 @@ class _Batch(NamedTuple):
         return jax.tree.map(lambda part: part[lanes], self.quantities._replace(value=None))
 
     def values(self, lanes: np.ndarray) -> list[np.ndarray]:
-        """How some lanes ended, and then their outputs and times, and the second derivatives that are judged.
-
-        Where states at times are wanted they are the last, shape (lanes, times, outputs).
-        """
+        """How some lanes ended, their outputs and times, the second derivatives that are judged, states at times."""
         results = self.results
         values = results.outcome, *results.outputs.value, results.time.value, *self.judged
         return [part[lanes] for part in values] + [self.saved[lanes, :, 0] for _ in self.tapes[1:]]
@@ -104,10 +100,10 @@ class _Batch(NamedTuple):
     def error(self, lanes: np.ndarray, before: list[np.ndarray], rtol: float, ratio: np.ndarray) -> np.ndarray:
         """The greatest relative error of some lanes' values, a `ratio` of their change; 1 where they end otherwise.
 
-        Second derivatives may err by more than the tolerance: their errors count as if they might not.
+        Second derivatives may err by more: their errors count as if they might not. The last of `errors` is of values.
         """
         (old, *before), (outcome, *found) = before, self.values(lanes)
-        judged, results, of_times = len(self.judged), self.results, 0.0
+        judged, events, results, of_times = len(self.judged), len(self.layout.event_names), self.results, 0.0
         with np.errstate(all="ignore"):
             if self.times is not None:
                 # Relative to the greatest size among the times: a state may pass through zero there.
@@ -116,15 +112,18 @@ class _Batch(NamedTuple):
                 sizes = np.nan_to_num(np.abs(saved)).max(1, initial=0.0, keepdims=True)
                 of_times = np.nan_to_num(np.abs(saved - saved_before) / sizes).max((1, 2), initial=0.0) * ratio
             sizes = [np.abs(new) for new in found[: len(found) - judged]]
+            greatest = [*sizes]
             # At an event a part of the state may be zero by definition, and nothing is known relative to it.
-            is_event = outcome < len(self.layout.event_names)
             for i, least in enumerate(results.least):
-                sizes[i] = np.where(is_event, np.inf, np.maximum(sizes[i], least[lanes]))
+                greatest[i] = np.maximum(sizes[i], least[lanes] / LEAST)
+                sizes[i] = np.where(outcome < events, np.inf, np.maximum(sizes[i], least[lanes]))
             sizes += [size[lanes] for size in results.second_sizes]
-            changes = np.abs(np.array(found) - np.array(before)) / np.array(sizes)
+            moved = np.abs(np.array(found) - np.array(before))
+            changes = np.concatenate([moved / np.array(sizes), moved[: len(greatest)] / np.array(greatest)])
             changes = np.where(outcome == old, np.nan_to_num(changes, posinf=1.0), 1.0) * ratio
+            changes, self.errors[-1, lanes] = changes[: len(sizes)], changes[len(sizes) :].max(0)
             if judged:
-                self.errors[:, lanes] = changes[-judged:]
+                self.errors[:-1, lanes] = changes[-judged:]
                 changes[-judged:] *= rtol / _EXACT
             return np.maximum(changes.max(0), of_times)
 
@@ -191,7 +190,8 @@ def integrate(
         members = 4 if len(directions) == 2 else order + 1
         shared = np.broadcast_to(np.append(times, np.inf), (lanes, times.size + 1))
         tapes = [shared, np.full((lanes, times.size, members, len(empty.outputs.value)), np.nan)]
-    batch = _Batch(layout, program, leaves, empty, np.empty(lanes), np.zeros((len(empty.second_sizes), lanes)), tapes)
+    errors = np.zeros((len(empty.second_sizes) + 1, lanes))
+    batch = _Batch(layout, program, leaves, empty, np.empty(lanes), errors, tapes)
     batch.run(np.arange(lanes), np.asarray(rtol))
     if layout.options.method == "auto":
         _by_other_methods(batch, order, directions, rtol, again=again)
@@ -202,11 +202,11 @@ def integrate(
         repeated = _repeat(batch, doubtful, rtol)
         if first is not None and doubtful.size:
             _require_agreement(batch, doubtful, first, repeated, directions, rtol)
-        for second, error in zip(batch.judged, batch.errors, strict=True):
+        for second, error in zip(batch.judged, batch.errors, strict=False):
             second[error > _EXACT] = np.nan
     if order:
         _with_fewer_derivatives(batch, order, directions, rtol, again=again)
-    results = batch.results._replace(tolerance=batch.used)
+    results = batch.results._replace(tolerance=batch.used, error=batch.errors[-1])
     if results.recorded is not None:
         return results._replace(recorded=results.recorded._replace(tapes=batch.tapes[0]))
     return results if times is None else results._replace(saved=batch.saved)
@@ -256,11 +256,10 @@ def _by_other_methods(
         if not lanes.size:
             return
         numbers = layout.of_lanes(batch.leaves[: len(layout.shapes)], lanes)
-        along = _of_lanes(directions, lanes)
         try:
             found = integrate(
                 layout.wanting(method=method, records=False),
-                numbers, lanes.size, order, along, rtol, again=again, times=batch.times,
+                numbers, lanes.size, order, _of_lanes(directions, lanes), rtol, again=again, times=batch.times,
             )  # fmt: skip
         except NotForLanesError:
             lanes = lanes[given_up[lanes]]
@@ -269,14 +268,14 @@ def _by_other_methods(
         better = given_up[lanes] | ~lost
         those = lanes[better]
         for name in ("outcome", "time", "outputs", "trials", "count", "at_once", "least"):
-            _put(
-                getattr(results, name), jax.tree.map(lambda part, kept=better: part[kept], getattr(found, name)), those
-            )
+            part = jax.tree.map(lambda each, kept=better: each[kept], getattr(found, name))
+            _put(getattr(results, name), part, those)
         if batch.times is not None:
             batch.saved[those] = np.asarray(found.saved)[better]
         if results.recorded is not None:
             results.recorded.rows[those] = 0
         results.tolerance[those], batch.used[those] = rtol, found.tolerance[better]
+        batch.errors[-1, those] = np.asarray(found.error)[better]
         results.stiff[those] = method == "rosenbrock"
         lanes = lanes[lost & given_up[lanes]]
 
@@ -301,6 +300,7 @@ def _with_fewer_derivatives(
     ]
     for name in ("outcome", "trials", "count", "at_once"):
         _put(getattr(results, name), getattr(lower[0], name), lost)
+    batch.errors[-1, lost] = np.asarray(lower[0].error)
     for name in ("time", "outputs"):
         parts, (of_first, *of_other) = getattr(results, name), [getattr(each, name) for each in lower]
         _put(parts.value, of_first.value, lost)

@@ -77,6 +77,7 @@ class LaneEnd(NamedTuple):
         stiff: whether the lane was given up as stiff, or integrated by the method for that; where it is looked for.
         second_sizes: of a stiff motion, sizes of time and outputs relative to which their second derivatives should
             be known.
+        error: after the batch, what the values err by as two integrations tell; 0 where there was one.
         saved: the token of what is written at times; after the batch outputs there and their derivatives, in the
             order of `Variational.pack`, shape (lanes, times, members, outputs).
         recorded: the steps, where they are recorded.
@@ -92,6 +93,7 @@ class LaneEnd(NamedTuple):
     least: Sequence[PerImpact] = ()
     second_sizes: Sequence[PerImpact] = ()
     stiff: PerImpact | None = None
+    error: PerImpact | None = None
     saved: PerImpact | None = None
     recorded: Recorded | None = None
 

@@ -97,6 +97,8 @@ class Solution(Result):
         digest: of what the problem computed.
         times: the states at `ts`, or None.
         tolerance: of each lane's results, which may be less than `rtol`; None where there are derivatives.
+        inexact: whether a lane's results err by a hundred times `rtol` or more, by an estimate, as those of a chaotic
+            motion do in the end; False where JAX traces.
         recorded: the steps of lanes, for `gradient`; None where they were not recorded.
     """
 
@@ -117,6 +119,7 @@ class Solution(Result):
     stiff: PerImpact | None = None
     times: Times | None = None
     tolerance: np.ndarray | None = dataclasses.field(default=None, repr=False)
+    inexact: PerImpact = False
     recorded: Recorded | None = dataclasses.field(default=None, repr=False)
 
     @functools.cached_property
@@ -255,6 +258,12 @@ class Solution(Result):
                 f"{unfinished:,} of {self.title} unfinished. If the motion is stiff, say `smooth=True`: the rates may "
                 "have kinks (`sqrt`, `abs`, `where` …), and the method for stiff motions takes none. If it comes to "
                 "rest at its event, as h' = -√h does, let the event be a little before: `h - 1e-12`."
+            )
+        inexact = np.count_nonzero(self.inexact)
+        if inexact:
+            sentences.append(
+                f"{inexact:,} of {self.title} err by more than {100 * self.rtol:g}, even as exactly as doubles allow: "
+                "their errors grow as those of a chaotic motion do."
             )
         for path, part in self.derivatives.items():
             lost = np.count_nonzero(np.isfinite(self.t) & np.isnan(part.t))

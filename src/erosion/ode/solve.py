@@ -18,6 +18,7 @@ from erosion.ode.solution import Part, Solution, Times, path_of
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Layout, Options
 
+_INEXACT = 100.0  # tolerances: results that err by more are told
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
 _STARTS = ("wait", "end")
 _METHODS = ("auto", "explicit", "rosenbrock")
@@ -338,6 +339,7 @@ def ends(
         trials=results.trials.sum(axis=1),
         count=results.count[:, 0],
         stiff=None if results.stiff is None else results.stiff.max(axis=1),
+        error=np.max(np.asarray(results.error), axis=1),
         at_once=[each[:, 0] for each in results.at_once],
     )
     return results, along
@@ -396,6 +398,7 @@ def solution(
         rtol=rtol,
         digest=lanes.layout.equations.digest,
         tolerance=None if order else results.tolerance,
+        inexact=np.reshape(np.asarray(results.error) > _INEXACT * rtol, lanes.shape)[()],
         recorded=results.recorded,
         times=times,
     )
