@@ -4,6 +4,7 @@ import json
 import pickle
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -163,3 +164,29 @@ def test_what_is_computed_later_belongs_to_what_was_solved(read) -> None:
             read(end)
         rate["k"] = 1.0
         assert read(end)
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        {"a": {"b": 1.0}, "a_b": 2.0, "a.b": 3.0},
+        {"a": 1.0, "a_at": 2.0},
+        {"a": np.array([1.0, 2.0]), "a_0": 3.0},
+        {"{a}": 1.0, "t": 2.0},
+    ],
+)
+def test_a_dataset_holds_all_parts_whatever_they_are_called(start) -> None:
+    """Dots become underscores there, and the same name twice was one variable."""
+    problem = ode.Problem(
+        start, lambda t, y, args: jax.tree.map(lambda part: args["{k}.l"] * args["{k}"]["l"] * part, y)
+    )
+    end = ode.solve(problem, {"{k}.l": 2.0, "{k}": {"l": 3.0}, "{k}_l": 1.0}, t1=0.1, wrt="{k}_l", ts=[0.0, 0.1])
+    dataset, parts = end.to_dataset(), len(jax.tree.leaves(start))
+    # ended_by, t, count; its derivative; and each part four times: at the end, at times, and both differentiated.
+    assert len(dataset.data_vars) == 4 + 4 * parts
+    kept = sorted(values.size for values in dataset.data_vars.values())
+    assert kept == sorted(
+        [1] * 4
+        + 2 * [np.size(part) for part in jax.tree.leaves(start)]
+        + 2 * [2 * np.size(part) for part in jax.tree.leaves(start)]
+    )

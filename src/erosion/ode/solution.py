@@ -338,16 +338,18 @@ class Solution(Result):
         }
 
         def put(suffix: str, part: Any, more: tuple[str, ...] = ()) -> None:
-            for name, values in (self.named(part) | self._named_integrals(part)).items():
-                name = name.replace(".", "_")
+            names = dict.fromkeys(axes)
+            for path, values in (self.named(part) | self._named_integrals(part)).items():
+                name = _free(path.replace(".", "_"), names)
                 own = tuple(f"{name}_{i}" for i in range(np.ndim(values) - len(axes) - len(more)))
-                variables[suffix.format(name)] = ((*axes, *more, *own), values)
+                names |= dict.fromkeys((name, *own))
+                variables[_free(suffix.replace("{}", name, 1), variables)] = ((*axes, *more, *own), values)
 
         put("{}", self)
         for path, part in self.derivatives.items():
             label = "d2{}_d" if len(path) == 2 else "d{}_d"
             suffix = label + "_d".join(_label(name).replace(".", "_") for name in path)
-            variables[suffix.format("t")] = (axes, part.t)
+            variables[_free(suffix.replace("{}", "t", 1), variables)] = (axes, part.t)
             put(suffix, part)
             if self.times is not None and path in self.times.derivatives:
                 put(f"{suffix}_at", self.times.derivatives[path], ("time",))
@@ -364,6 +366,13 @@ class Solution(Result):
 def _label(name: str) -> str:
     """A number's name in print; arguments that are a number alone have none."""
     return name or "args"
+
+
+def _free(name: str, taken: Mapping[str, Any]) -> str:
+    """The name, with underscores after it where it is taken: "a.b" and "a_b" are both "a_b" in a dataset."""
+    while name in taken:
+        name += "_"
+    return name
 
 
 _Of = TypeVar("_Of")
