@@ -1,6 +1,6 @@
 """Types and checks of arguments that many verbs take: arrays, tolerances, whole numbers, paths, progress."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,6 +76,14 @@ def check_level(level: Any) -> float:
     if not isinstance(level, _NUMBERS) or not 0 < level < 1:
         raise ValueError(f"Argument `level` must be in (0, 1), but is {level!r}.")
     return float(level)
+
+
+def as_names(argument: str, given: Any) -> tuple[str, ...]:
+    """One name or several as a tuple; a `TypeError` where they are something else."""
+    names = (given,) if isinstance(given, str) or not isinstance(given, Iterable) else tuple(given)
+    if not all(isinstance(name, str) for name in names):
+        raise TypeError(f"Argument `{argument}` must be a name or a list of names, but is {given!r}.")
+    return names
 
 
 def as_pair(pair: Any) -> tuple[float, float]:

@@ -280,10 +280,13 @@ def test_each_lane_goes_back_by_its_own_method(monkeypatch):
 def test_what_does_not_fit_is_refused():
     """By its name."""
     end = ode.solve(FALL, {"height": np.ones(3), "g": 9.0}, t1=9.0)
-    given: dict[str, Any] = {"t": np.ones(2), "y": np.ones(3), "integrals": {"work": 1.0}}
-    for name in given:
-        with pytest.raises(ValueError, match=f"`{name}`"):
-            end.gradient(**{name: given[name]})
+    masked = np.ma.array(np.ones(3), mask=[False, True, False])
+    given: list[tuple[str, Any]] = [
+        ("t", np.ones(2)), ("t", None), ("t", masked), ("y", np.ones(3)), ("integrals", {"z": 1.0}), ("integrals", 3),
+    ]  # fmt: skip
+    for name, value in given:
+        with pytest.raises((ValueError, TypeError), match=f"`{name}`"):
+            end.gradient(**{name: value})
 
 
 def test_whole_numbers_that_lanes_share_have_no_derivatives():

@@ -313,6 +313,9 @@ def test_a_maximum_prints_and_is_numbers_by_name() -> None:
         ({"of": lambda end: float(end.t)}, ValueError, "Argument `of` .*jnp.where"),
         ({"points": 1}, ValueError, "Argument `points`"),
         ({"rtol": 1e-6}, ValueError, "Argument `rtol`"),
+        ({"rtol": "tight"}, ValueError, "Argument `rtol`"),
+        ({"over": 3}, TypeError, "Argument `over`"),
+        ({"shared": 3}, TypeError, "Argument `shared`"),
         ({"start": "now"}, ValueError, "Argument `start`"),
         ({"t1": None}, ValueError, "Argument `t1`"),
         ({"over": "t0", "between": (0.0, 200.0)}, ValueError, "`t1` must not be before `t0`"),
@@ -327,3 +330,10 @@ def test_what_does_not_fit_is_refused(changes, error, message) -> None:
 def test_a_search_is_not_traced() -> None:
     with pytest.raises(TypeError, match="JAX"):
         jax.grad(lambda v: farthest(CANNON, SHOT | {"v": v}).value)(50.0)
+
+
+def test_an_infinite_quantity_is_none() -> None:
+    """A pole has no greatest value, and none of NumPy's words is heard; warnings are errors."""
+    pole = farthest(CANNON, SHOT, of=lambda end: 1 / (end.args["angle"] - 0.75) + 0.0 * end.t, between=(0.5, 1.0))
+    assert not pole.certified
+    assert np.isfinite(pole.value)

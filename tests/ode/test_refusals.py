@@ -150,6 +150,10 @@ def test_names_must_be_known():
     refused("`derivatives`", "3", wrt="k", derivatives=3)
     refused("`shared`", "k", "'weights'", shared=("weights",))
     refused("`wrt`", "t1", "args", args={"k": 1.0, "t1": 2.0}, wrt="t1")
+    for names in (3, None, [3]):
+        refused("`wrt`", "list of names", error=TypeError, wrt=names)
+        refused("`shared`", "list of names", error=TypeError, shared=names)
+    refused("`args`", "keys of one kind", args={"k": 1.0, 2: 2.0})
     refused("`wrt`", args={"k": 1.0, "table": np.ones(2)}, wrt="table", shared=("table",))
 
 
@@ -172,7 +176,7 @@ def test_numbers_are_those_of_double_precision():
 
 
 @pytest.mark.parametrize("name", ["t1", "t0", "max_step", "max_events"])
-@pytest.mark.parametrize("value", ["soon", True, ["soon"], {}, 1j])
+@pytest.mark.parametrize("value", ["soon", True, ["soon"], {}, 1j, 10**400])
 def test_times_must_be_numbers(name, value):
     refused(f"`{name}`", error=TypeError, **{name: value})
 
@@ -205,6 +209,7 @@ def test_tolerances(rtol):
 
 def test_options():
     refused("`start`", "'wait'", start="now")
+    refused("`start`", "'wait'", start=np.array(["wait", "end"]))
     refused("`method`", "'explicit'", method="magic")
     refused("`smooth`", error=TypeError, smooth="yes")
     refused("`max_steps`", error=(TypeError, ValueError), max_steps=0)
@@ -216,6 +221,8 @@ def test_masked_arrays_are_refused():
     """A masked number has no value."""
     refused("`args.k`", args={"k": np.ma.array([1.0, 2.0], mask=[False, True])})
     refused("`t1`", t1=np.ma.array([1.0, 2.0], mask=[False, True]))
+    refused("`ts`", ts=np.ma.array([0.1, 0.2], mask=[False, True]))
+    refused("`sizes`", sizes={"x": np.ma.array(1.0, mask=True), "v": 1.0})
 
 
 def test_complex_arguments_are_refused():
@@ -235,6 +242,8 @@ def test_names_that_are_taken(name):
         (lambda: ode.Event(field, 2), "direction"),
         (lambda: ode.Event(field, True), "direction"),
         (lambda: EVENT(field, "up"), "direction"),
+        (lambda: EVENT(field, np.array([1, -1])), "direction"),
+        (lambda: PROBLEM({"x": 1.0, 2: 2.0}, field), "keys of one kind"),
         (lambda: EVENT(field, reset={"x": 0.0}), "reset"),
         (lambda: PROBLEM(START, START), "vector_field"),
         (lambda: PROBLEM(START, field, [ode.Event(field)]), "events"),

@@ -33,5 +33,7 @@ def test_what_cannot_be_drawn_is_refused() -> None:
         plot_solution(ode.solve(SPRING, {"c": 1.0}, t1=1.0))
     with pytest.raises(ValueError, match="names"):
         plot_solution(ode.solve(SPRING, {"c": 1.0}, t1=1.0, ts=[0.5]), ["z"])
+    with pytest.raises(ValueError, match="has 0"):
+        plot_solution(ode.solve(SPRING, {"c": np.ones(0)}, t1=1.0, ts=[0.5]))
     with pytest.raises(ValueError, match="lanes"):
         plot_solution(ode.solve(SPRING, {"c": np.ones(13)}, t1=1.0, ts=[0.5]))

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from erosion.arguments import Number, PerLane, Scalar
+from erosion.arguments import Number, PerLane, Scalar, check_unmasked
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import WIDTH, Compiled, by_xla, compile_lanes, number
 from erosion.ode.adjoint import pulled_back
@@ -334,6 +334,8 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
     else:
         bars += [_bar("y", part, (*shape, *leaf.shape)) for part, leaf in zip(jax.tree.leaves(y), state, strict=True)]
     names = layout.problem.integrals
+    if not isinstance(integrals, Mapping):
+        raise TypeError(f"Argument `integrals` must give numbers by name, but is {integrals!r}.")
     for name in integrals:
         if name not in names:
             raise ValueError(f"Argument `integrals` must name some of {', '.join(names) or 'none'}, but has {name!r}.")
@@ -355,8 +357,9 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
 
 
 def _bar(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
+    check_unmasked(name, given)
     try:
-        return np.broadcast_to(np.asarray(given, float), shape)
+        return np.broadcast_to(np.asarray(given).astype(float, casting="same_kind"), shape)
     except (TypeError, ValueError):
         raise ValueError(f"Argument `{name}` must have the shape {shape}, but is {given!r}.") from None
 

@@ -18,14 +18,14 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import PyTree
 
-from erosion.arguments import Number, PerImpact, PerLane, Scalar, as_pair, check_whole
+from erosion.arguments import Number, PerImpact, PerLane, Scalar, as_names, as_pair, check_tolerance, check_whole
 from erosion.lanes.digests import hashed
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import Compiled, compile_lanes
 from erosion.ode.batch import compiling
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.maxima import LOOSE, TIGHT, Maxima, QuantityAlong, Search, SearchRange, columns, searched
-from erosion.ode.problem import FlawError, Problem, Traced, is_number, require_numbers
+from erosion.ode.problem import FlawError, Problem, Traced, flattened, is_number, require_numbers
 from erosion.ode.resolve import Ruler
 from erosion.ode.solution import path_of
 from erosion.ode.solve import Lanes, checked_lanes, shaped
@@ -206,6 +206,7 @@ def maximum(
     """
     require_float64()
     low, high = _checked_range(between)
+    shared, rtol = as_names("shared", shared), check_tolerance(rtol)
     if not rtol <= LOOSE:
         raise ValueError(f"Argument `rtol` must be {LOOSE:g} or less, to tell jumps from slopes, but is {rtol!r}.")
     grid = np.unique(np.linspace(low, high, check_whole("points", points, 2)))
@@ -248,11 +249,13 @@ def _checked_range(between: tuple[float, float]) -> tuple[float, float]:
     return low, high
 
 
-def _with_number(args: PyTree, over: str, number: float, shared: str | Sequence[str]) -> PyTree:
+def _with_number(args: PyTree, over: str, number: float, shared: Sequence[str]) -> PyTree:
     """The arguments with a number in the place of the one that is varied."""
+    if not isinstance(over, str):
+        raise TypeError(f"Argument `over` must be the name of a number, but is {over!r}.")
     if any(over == one or over.startswith(f"{one}.") for one in shared):
         raise ValueError(f"Argument `over` must name one number of each lane, but {over!r} is among `shared`.")
-    paths, structure = jax.tree_util.tree_flatten_with_path(args)
+    paths, structure = flattened("args", args)
     names = [".".join(path_of(keys)) for keys, _ in paths]
     leaves = [leaf for _, leaf in paths]
     known = [name for name, leaf in zip(names, leaves, strict=True) if is_number(leaf)]
@@ -309,7 +312,8 @@ class _Quantity:
         leaves = [np.asarray(number, float) for number in [*numbers, *itertools.chain.from_iterable(parts)]]
         found = [np.empty(lanes) for _ in parts]
         program.run(leaves, np.arange(lanes), found)
-        failed = self._lanes.layout.has_no_result(np.asarray(results.outcome))
+        # An infinite quantity is none.
+        failed = self._lanes.layout.has_no_result(np.asarray(results.outcome)) | ~np.isfinite(found[0])
         value, *slopes = (np.where(failed, np.nan, part) for part in found)
         first, second = slopes or (None, None)
         return Derivatives(value, first, first, second)

@@ -62,6 +62,16 @@ def is_number(leaf: object) -> TypeGuard[Number]:
     return isinstance(leaf, (np.ndarray, np.generic, jax.Array, Tracer)) and np.dtype(leaf.dtype).kind in "fiub"
 
 
+def flattened(argument: str, tree: PyTree) -> tuple[list[tuple[Any, Any]], Structure]:
+    """The leaves of a pytree with their paths, and its structure; a `ValueError` where JAX cannot sort its keys."""
+    try:
+        return jax.tree_util.tree_flatten_with_path(tree)
+    except ValueError:
+        raise ValueError(
+            f"Argument `{argument}` must have keys of one kind in each dictionary, such as words, but is {tree!r}."
+        ) from None
+
+
 def struct_of(leaf: Number) -> jax.ShapeDtypeStruct:
     """Shape and type of a number."""
     dtype = np.asarray(leaf).dtype if not isinstance(leaf, (jax.Array, Tracer)) else leaf.dtype
@@ -279,7 +289,8 @@ class Event:
             given = getattr(self, name)
             if not callable(given) and not (name == "reset" and given is None):
                 raise TypeError(f"Argument `{name}` must be a function of (t, y, args), but is {given!r}.")
-        if isinstance(self.direction, bool) or self.direction not in (-1, 0, 1):
+        is_one = isinstance(self.direction, (int, float, np.number)) and not isinstance(self.direction, bool)
+        if not is_one or self.direction not in (-1, 0, 1):
             raise ValueError(f"Argument `direction` must be -1, 0 or 1, but is {self.direction!r}.")
 
 
@@ -319,6 +330,8 @@ class Problem:
             raise TypeError(
                 f"Argument `vector_field` must be a function of (t, y, args), but is {self.vector_field!r}."
             )
+        if not callable(self.y0):
+            flattened("y0", self.y0)
         for name, kind in (("events", Event), ("integrals", None)):
             given = getattr(self, name)
             if not isinstance(given, Mapping):

@@ -10,10 +10,10 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import PyTree
 
-from erosion.arguments import Number, PerLane, check_order, check_tolerance, check_unmasked, check_whole
+from erosion.arguments import Number, PerLane, as_names, check_order, check_tolerance, check_unmasked, check_whole
 from erosion.ode.batch import integrate, integrate_along
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.problem import Problem, is_number
+from erosion.ode.problem import Problem, flattened, is_number
 from erosion.ode.solution import Part, Solution, Times, path_of
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Layout, Options
@@ -135,7 +135,7 @@ def solve(
         (1.427843..., 'ground')
     """
     require_float64()
-    names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    names = as_names("wrt", wrt)
     order = check_order((1 if names else 0) if derivatives is None else derivatives)
     if (order > 0) != bool(names) or len(set(names)) != len(names):
         raise ValueError(f"Argument `wrt` must name different numbers, as many as derivatives need, but is {wrt!r}.")
@@ -168,7 +168,7 @@ def checked_lanes(
 ) -> tuple[Lanes, float]:
     """Lanes of arguments that fit, and the tolerance; see `solve`, also for what is raised."""
     for name, given, known in (("start", start, _STARTS), ("method", method, _METHODS)):
-        if given not in known:
+        if not isinstance(given, str) or given not in known:
             raise ValueError(f"Argument `{name}` must be one of {', '.join(map(repr, known))}, but is {given!r}.")
     if smooth is not None and not isinstance(smooth, bool):
         raise TypeError(f"Argument `smooth` must be True, False or None, but is {smooth!r}.")
@@ -203,10 +203,10 @@ def lanes_of(
     Raises:
         ValueError, TypeError: for numbers that do not broadcast, or functions that cannot be computed.
     """
-    paths, structure = jax.tree_util.tree_flatten_with_path(args)
+    paths, structure = flattened("args", args)
     names = [".".join(path_of(keys)) for keys, _ in paths]
     leaves = [leaf for _, leaf in paths]
-    shared = (shared,) if isinstance(shared, str) else shared
+    shared = as_names("shared", shared)
     whole = [any(name == one or name.startswith(f"{one}.") for one in shared) for name in names]
     for one in shared:
         if not any(name == one or name.startswith(f"{one}.") for name in names):
@@ -230,7 +230,7 @@ def lanes_of(
     own += Clock._fields
     for name, value in zip(Clock._fields, clock, strict=True):
         value = np.asarray(value) if isinstance(value, (list, tuple)) else value
-        if not is_number(value) or isinstance(value, bool):
+        if not is_number(value) or isinstance(value, bool) or (not isinstance(value, Tracer) and _is_huge(value)):
             raise TypeError(f"Argument `{name}` must be a number or an array, but is {value!r}.")
         check_unmasked(name, value)
         numbers.append(value if isinstance(value, (Tracer, jax.Array)) else np.asarray(value, float))
@@ -294,6 +294,8 @@ def _check_clock(clock: Clock, *, endless: bool) -> None:
 
 def _sizes(layout: Layout, sizes: PyTree) -> tuple[float, ...]:
     """A size for each element of the state."""
+    for size in jax.tree.leaves(sizes):
+        check_unmasked("sizes", size)
     leaves, structure = jax.tree.flatten(layout.state)
     if is_number(sizes) and np.ndim(sizes) == 0:
         sizes = jax.tree.unflatten(structure, [sizes] * len(leaves))
@@ -431,8 +433,14 @@ def again(lanes: Lanes, copies: int, rtol: float, **clock: PerLane) -> LaneEnd:
     return integrate(lanes.layout, numbers, which.size, 0, (), rtol)
 
 
+def _is_huge(value: Number) -> bool:
+    """Whether a whole number is beyond all floats."""
+    return np.asarray(value).dtype.kind == "O"
+
+
 def _checked_times(lanes: Lanes, ts: Any) -> np.ndarray:
     """Times at which states are wanted."""
+    check_unmasked("ts", ts)
     try:
         times = np.asarray(ts, float)
     except (TypeError, ValueError):

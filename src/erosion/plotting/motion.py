@@ -158,8 +158,8 @@ def plot_solution(solution: Solution, names: Sequence[str] = (), ax: Axes | None
     for name in names:
         if name not in parts:
             raise ValueError(f"Argument `names` must be parts of the state ({', '.join(parts)}), but has {name!r}.")
-    if np.size(solution.t) > _MOST:
-        raise ValueError(f"Argument `solution` must have at most {_MOST} lanes, but has {np.size(solution.t):,}.")
+    if not 0 < np.size(solution.t) <= _MOST:
+        raise ValueError(f"Argument `solution` must have 1 to {_MOST} lanes, but has {np.size(solution.t):,}.")
     _, ax = axes_or_new(ax, 6.4, 3.6)
     times, last = solution.times.ts, np.ravel(solution.t)
     chosen = list(names or parts)

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import PyTree
 
-from erosion.arguments import Progress, no_progress
+from erosion.arguments import Progress, check_unmasked, no_progress
 from erosion.models.identity import code_version, numbers_in_words
 from erosion.ode.problem import OTHER_ENDS, Problem, is_number
 from erosion.ode.solution import Part, Solution, path_of
@@ -179,6 +179,7 @@ def _axis(name: str, values: Any, known: Sequence[str]) -> np.ndarray:
     """The values of an axis."""
     if name not in known:
         raise ValueError(f"Argument `axes` must name numbers of `args` ({', '.join(known)}), but has {name!r}.")
+    check_unmasked("axes", values)
     try:
         array = np.asarray(values, float)
     except (TypeError, ValueError):
