@@ -13,7 +13,7 @@ import erosion
 from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.map_result import YEAR, MapSummary
 from erosion.cfd.rows import ImpactsError
-from tests.cfd.tables import hump, sand
+from tests.cfd.tables import hump, sand, warnings_of
 
 pytestmark = pytest.mark.slow
 
@@ -57,6 +57,14 @@ def test_a_rate_of_sand_makes_rates_of_wear() -> None:
 def test_a_rate_is_a_mass_flow_or_a_share_of_one(rate: Any, injected: Any) -> None:
     # The table covers 2 s.
     assert float(wear(sand_rate=rate, injected=injected)["duration"]) == pytest.approx(800, rel=2e-4)
+
+
+def test_each_row_may_be_another_parcel() -> None:
+    mass = float(np.sum(TABLE.columns["count"] * TABLE.columns["mass"]))
+    data, given = (wear(sand_rate="100 kg/day", injected=injected) for injected in ("rows", mass))
+    assert float(data["injected"]) == pytest.approx(mass, rel=1e-13)
+    np.testing.assert_allclose(data["depth_per_year"], given["depth_per_year"], rtol=1e-13)
+    assert "Each row counts as sand of its own" in " ".join(warnings_of(data))
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ import xarray as xr
 from erosion.arguments import Progress, no_progress
 from erosion.cfd.incidence import HIT, LEFT_OUT, RECEDING, Hits, Incidence, Nearness
 from erosion.cfd.map_result import Sand, to_dataset
-from erosion.cfd.options import FRACTION, MapOptions
+from erosion.cfd.options import FRACTION, ROWS, MapOptions
 from erosion.cfd.rows import ImpactBlock, Impacts, ImpactsError
 from erosion.cfd.surface import Surface
 from erosion.cfd.tally import FaceTally, Portion, portion_of
@@ -172,11 +172,12 @@ class MapJob:
     def __post_init__(self) -> None:
         """Refuse a rate of sand without the mass of sand that the run has, before anything is computed."""
         options, table = self.task.options, self.impacts
-        if options.injected_in(table.duration) or options.sand_rate is None or table.injected or table.has_parcels:
+        given = options.injected == ROWS or options.injected_in(table.duration)
+        if given or options.sand_rate is None or table.injected or table.has_parcels:
             return
         raise ValueError(
             f"Argument `sand_rate` needs the mass of sand that was injected in the run, which {table.title} does not "
-            'say: Argument `injected` must give it, such as "2 g".'
+            'say: Argument `injected` must give it, such as "2 g", or "rows" if each row is another parcel.'
         )
 
     def _sand(self, tally: FaceTally, ranges: "Ranges") -> Sand:
@@ -185,7 +186,8 @@ class MapJob:
         duration, duration_from, warnings = ranges.duration_of(table, tally.rows)
         known, erodent = float(parcels.mass.sum()), float(tally.sums["erodent"].sum())
         given = options.injected_in(duration)
-        sources = {"as given": given, "as the case of the run says": table.injected,
+        rows = float(tally.counts["lost_mass"].sum()) if options.injected == ROWS else None
+        sources = {"as given": given, "all rows of the table": rows, "as the case of the run says": table.injected,
                    f"the {len(parcels.known):,} parcels of the table, each once": known or None}  # fmt: skip
         injected_from, injected = next(((name, mass) for name, mass in sources.items() if mass), ("", None))
         if changing := int((parcels.mass > 1.001 * parcels.least_mass).sum()):
@@ -200,6 +202,11 @@ class MapJob:
             warnings.append(
                 f"The rows that hit have {erodent / injected:.3g} × the mass of the sand injected: either parcels hit "
                 "several times, or `injected` is too small."
+            )
+        elif rows:
+            warnings.append(
+                "Each row counts as sand of its own: if parcels hit several times the wear is too small, if some hit "
+                "no wall it is too large. Argument `injected` may give the mass of all sand instead."
             )
         elif given is None and table.injected is None and options.sand_rate is not None:
             warnings.append(
@@ -456,8 +463,8 @@ def erosion_map(
         cutting_fraction: the share of the particles that cut, by which volumes are multiplied.
         sand_rate: for rates of wear, the sand that comes: "100 kg/day", "50 ppm of 12 kg/s" (by mass), or [kg/s]. The
             run then stands for the time in which so much sand comes as is `injected` in it.
-        injected: the mass of sand of the run, hits or not: "2 g", "0.1 g/s" (times the run's duration), or [kg]; else
-            what OpenFOAM's case says, else the parcels of the table, each once.
+        injected: the mass of sand of the run, hits or not: "2 g", "0.1 g/s" (times the run's duration), or [kg]; or
+            "rows", each another parcel; else what OpenFOAM's case says, else the table's parcels, each once.
         progress: called with "map", the number of rows that are done, and of all (0 if not known).
         **distributions: parameter to its law from impact to impact, in the place of the case's value; see `stream`.
 

@@ -371,6 +371,7 @@ def _head(
         for head, column in zip(heads, table.columns, strict=True)
         if column is not None
     }
+    _require_units(path, columns)
     if {"face", "mesh_face"} <= columns.keys():
         raise ImpactsError(f"{path}: has both columns `face` and `mesh_face`; keep one.")
     # The velocity and the surface give both better.
@@ -390,6 +391,21 @@ def _known(heads: Sequence[str]) -> Mapping[str, Known]:
     }
 
 
+def _require_units(path: Path, columns: Mapping[str, Column]) -> None:
+    """Refuse all columns at once that lack their units, each with one as an example."""
+    lacking = dict[str, list[str]]()
+    for name, column in columns.items():
+        if math.isnan(column.factor):
+            lacking.setdefault(_EXAMPLES[_KNOWN[name].dimensions[0]], []).append(column.name.strip())
+    if lacking:
+        unit, (first, *_) = next(iter(lacking.items()))
+        named = ", ".join(repr(head) for heads in lacking.values() for head in heads)
+        meant = ", ".join(f"{','.join(heads)}={unit}" for unit, heads in lacking.items())
+        raise ImpactsError(
+            f'{path}: {named} must have a unit, as `{first} [{unit}]`, or from Argument `columns`, such as "{meant}".'
+        )
+
+
 def _factor(path: Path, head: str, name: str, unit: str) -> float:
     (dimension,) = _KNOWN[name].dimensions
     if dimension == "1":
@@ -397,10 +413,7 @@ def _factor(path: Path, head: str, name: str, unit: str) -> float:
             return 1.0
         raise ImpactsError(f"{path}: column {head!r} must be a pure number, but has the unit {unit!r}.")
     if not unit:
-        raise ImpactsError(
-            f"{path}: column {head!r} must carry its unit, as `{head.strip()} [{_EXAMPLES[dimension]}]`, or "
-            f'Argument `columns` must give it: "{head.strip()}={_EXAMPLES[dimension]}".'
-        )
+        return math.nan
     with about(f"{path}: the unit of column {head!r}", ImpactsError):
         return factor(unit, dimension, "si")
 

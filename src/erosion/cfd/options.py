@@ -23,6 +23,8 @@ from erosion.parameters.quantities import Dimension, UnitError, about, conversio
 
 SCALINGS = ("similar", "none")
 SPINS = ("column", "case", "none")
+ROWS = "rows"
+"""The mass of sand injected, where each row is another parcel."""
 OF_ROWS = ("alpha", "v0", "m")
 """The parameters that each row has of its own."""
 FRACTION = "cutting_fraction"
@@ -165,7 +167,7 @@ class MapOptions:
         Raises:
             ValueError: for what is neither a mass nor a mass flow, and a mass flow where the duration is not known.
         """
-        if self.injected is None:
+        if self.injected in (None, ROWS):
             return None
         is_flow = False
         with contextlib.suppress(UnitError):
