@@ -468,3 +468,85 @@ def test_jax_integrates_once(monkeypatch):
     _, found = jax.jit(jax.value_and_grad(lambda args: jnp.sum(ode.solve(problem, args, **options).t)))(args)
     monkeypatch.undo()
     _alike(found, end.gradient(t=1.0), 1e-12)
+
+
+PREY = ode.Problem(
+    y0=lambda args: {"prey": args["prey"], "hunters": args["hunters"]},
+    vector_field=lambda t, y, args: {
+        "prey": y["prey"] * (args["grows"] - args["eaten"] * y["hunters"]),
+        "hunters": y["hunters"] * (args["feeds"] * y["prey"] - args["dies"]),
+    },
+)
+DRIVEN = ode.Problem(
+    y0=lambda args: {"x": args["x"], "v": args["v"]},
+    vector_field=lambda t, y, args: {"x": y["v"], "v": -args["k"] * y["x"] + jnp.cos(args["w"] * t)},
+    events={"down": ode.Event(lambda t, y, args: y["x"] + 0.5, direction=-1)},
+)
+
+
+def numbers(lanes, **ranges):
+    return {name: RNG.uniform(*ends, lanes) for name, ends in ranges.items()}
+
+
+OF_PREY = numbers(
+    9, prey=(0.8, 1.2), hunters=(0.4, 0.6), grows=(1, 1.2), eaten=(0.3, 0.5), feeds=(0.1, 0.2), dies=(0.3, 0.5)
+)
+OF_DRIVEN = numbers(9, x=(0.8, 1.2), v=(-1, 1), k=(1, 3), w=(0.5, 2))
+OF_BALL = {"height": RNG.uniform(1.0, 3.0, 9), "g": RNG.uniform(8.0, 10.0, 9), "e": RNG.uniform(0.7, 0.9, 9)}
+SEEN = [
+    pytest.param(PREY, OF_PREY, {"t0": 0.5, "t1": 20.0}, np.linspace(0.5, 20.0, 40), id="autonomous"),
+    pytest.param(DRIVEN, OF_DRIVEN, {"t0": -1.0, "t1": 6.0}, np.linspace(-1.0, 6.0, 23)[::-1], id="driven"),
+    pytest.param(bounces(1)[0], OF_BALL, {"t1": 4.0}, np.array([2.0, np.nan, 0.3, 3.9, 4.0, 0.0, 0.3]), id="chain"),
+    pytest.param(Hires().problem(), Hires().sample(3, RNG), {"t1": 50.0}, np.array([0.5, 20.0, 50.0]), id="stiff"),
+]
+
+
+@pytest.mark.parametrize(("problem", "args", "options", "ts"), SEEN)
+def test_states_at_times_count(problem, args, options, ts):
+    """Against derivatives forwards, with the state at the end beside them; times after a lane's end do not count."""
+    end = ode.solve(problem, args, ts=ts, **options)
+    best = ode.solve(problem, args, ts=ts, rtol=1e-12, wrt=tuple(args), **options)
+    weights = {name: RNG.normal(size=part.shape) for name, part in end.ys.items()}
+    name = next(iter(end.ys))
+    found = end.gradient(ys=weights, y={key: (key == name) * np.ones(end.t.shape) for key in end.y})
+    for key in args:
+        at_times = best.times.along(key).ys
+        exact = best.along(key).y[name] + sum(np.nansum(weights[part] * at_times[part], axis=-1) for part in weights)
+        np.testing.assert_allclose(found[key], exact, rtol=1e-7, atol=1e-7 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize(("problem", "args", "options", "ts"), SEEN[:3])
+def test_states_at_times_count_in_jax(problem, args, options, ts):
+    """Backwards by all numbers and by where lanes begin, forwards, and twice."""
+
+    def loss(args, t0):
+        ys = ode.solve(problem, args, ts=ts, **options | {"t0": t0}).ys
+        return sum(jnp.nansum(jnp.sin(part)) for part in ys.values())
+
+    t0 = options.get("t0", 0.0) - 1e-3  # none of the times is before it
+    back, forth = (jax.jit(of(loss, argnums=(0, 1)))(args, t0) for of in (jax.grad, jax.jacfwd))
+    for one, other in zip(jax.tree.leaves(back), jax.tree.leaves(forth), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-7 * np.abs(other).max())
+    h = 1e-4
+    name = next(iter(args))
+    up, down = (jax.grad(loss)(args | {name: args[name] + s * h}, t0)[name] for s in (1, -1))
+    curve = jax.jacfwd(lambda x: jax.grad(loss)(args | {name: x}, t0)[name].sum())(args[name])
+    np.testing.assert_allclose(curve, (up - down) / (2 * h), rtol=1e-5, atol=1e-5 * np.abs(curve).max())
+
+
+def test_states_at_times_have_gradients_under_vmap():
+    ts = np.linspace(0.0, 5.0, 6)
+
+    def loss(args):
+        return jnp.nansum(ode.solve(DRIVEN, args, t1=5.0, ts=ts).ys["x"] ** 2)
+
+    each = jax.vmap(jax.grad(loss))(OF_DRIVEN)
+    for i in range(3):
+        alone = jax.grad(loss)({name: values[i] for name, values in OF_DRIVEN.items()})
+        for name in alone:
+            np.testing.assert_allclose(each[name][i], alone[name], rtol=1e-12)
+
+
+def test_gradients_of_states_need_times():
+    with pytest.raises(ValueError, match="`ts`"):
+        ode.solve(FALL, {"height": 1.0, "g": 9.81}, t1=10.0).gradient(ys={"y": 1.0, "v": 0.0})

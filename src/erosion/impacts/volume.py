@@ -16,7 +16,7 @@ from erosion.models.equations import CUT, Case, whole_cut
 from erosion.models.own_parameters import own_parameters, require_one_impact
 from erosion.ode.problem import Equations, is_number
 from erosion.ode.step_control import require_float64
-from erosion.ode.traced import traced_end
+from erosion.ode.traced import Wanted, traced_end
 from erosion.ode.variational import Layout, Options
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, require_concrete
 from erosion.parameters.quantities import System
@@ -129,4 +129,4 @@ def volume(model: CuttingModel | str | Path, p: Parameters) -> Scalar:
     model = load_model(model)
     require_one_impact(model, p, "; for many impacts use `erosion.impact`, or `jax.vmap`", traced=True)
     layout, numbers = split(model, p)
-    return traced_end(layout, numbers, _RTOL)[0][_VOLUME]
+    return traced_end(Wanted(layout, _RTOL), numbers)[0][_VOLUME]

@@ -22,6 +22,8 @@ for the cotangents. The Ȳ of the second stage tells by how much these err: the 
 Ȳ only products of seven Jacobians are left, h⁷, where λ errs by h⁹. Of a Rosenbrock step the embedded solution tells,
 transposed as well. Derivatives of a lane in which the error is too great are NaN.
 
+A state at a time within a step is that of a shorter step from the same start, so its cotangents go back through that.
+
 At an event g = 0 the time is a function of state and arguments, dt = -dg/ġ: with F the rates there, and t̄ the
 cotangent of the time, s̄ gains -(t̄ + s̄·F)/ġ g_s, and p̄ the same times g_p. Of a stiff motion F is what the state
 changes by with the length of the last step; see `stiff`. A reset is transposed as it is.
@@ -31,7 +33,7 @@ References:
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -40,6 +42,7 @@ import numpy as np
 from jax import lax
 
 from erosion.arguments import Number, Scalar
+from erosion.lanes import tapes
 from erosion.ode import rosenbrock, stiff, tape
 from erosion.ode.extended import Extended
 from erosion.ode.integrator import resets
@@ -56,6 +59,10 @@ _LOST_STIFF, _LOST_AT_MOST, _LEAST_STIFF = 1e6, 0.01, 1.0
 _TINY = 1e-200  # keeps 0/0 away
 
 
+STEPS, TIMES, BARS = 0, 1, 2
+"""Tapes: steps; times, rising, which all lanes share; for each time the cotangents of a lane's outputs there."""
+
+
 class _Back(NamedTuple):
     """On the way back.
 
@@ -66,6 +73,9 @@ class _Back(NamedTuple):
         sums: cotangents of the numbers.
         greatest: the greatest size so far of each row's cotangent.
         error: the greatest relative error of a cotangent in a step.
+        until: when the next step on the way ends.
+        due: how many times are left.
+        there: cotangents of the state where that step begins, of those at times within it.
     """
 
     row: Scalar
@@ -74,6 +84,9 @@ class _Back(NamedTuple):
     sums: list[Number]
     greatest: Rows
     error: Scalar
+    until: Scalar
+    due: Scalar
+    there: Rows
 
 
 def pulled_back(
@@ -84,6 +97,7 @@ def pulled_back(
     time: Scalar,
     outputs: Sequence[Scalar],
     token: Scalar,
+    due: Scalar | None = None,
 ) -> list[Number]:
     """The derivatives of a number by the lane's real numbers, shapes as of these.
 
@@ -95,18 +109,33 @@ def pulled_back(
         time: by what the number changes with the lane's time.
         outputs: by what it changes with each of the lane's outputs.
         token: see `erosion.lanes.tapes`.
+        due: how many times the lane reaches, whose states count as well; None where none do.
     """
-    adjoint = _Adjoint(layout, numbers, token)
-    gradient, error = adjoint.pulled_back(count, time, list(outputs))
+    adjoint = _Adjoint(layout, numbers, token, timed=due is not None)
+    gradient, error = adjoint.pulled_back(count, time, list(outputs), due)
     is_stiff = adjoint.problem.rodas is not None
     most = jnp.minimum(_LOST_STIFF * rtol, _LOST_AT_MOST) if is_stiff else (_LOST * rtol) ** (1 / _POWER)
     return [jnp.where(error <= most, each, jnp.nan) for each in gradient]
 
 
+class _Step(NamedTuple):
+    """A step that is gone back through.
+
+    Args:
+        end: the state there; nothing of a stiff motion.
+        slope: the rates where it began.
+        back: from cotangents at its end those at its start, what those of the numbers gain, and errors of the former.
+    """
+
+    end: Rows
+    slope: Rows
+    back: Callable[[Rows], tuple[Rows, list[Number], Rows]]
+
+
 class _Adjoint:
-    def __init__(self, layout: Layout, numbers: Sequence[Number], token: Scalar) -> None:
+    def __init__(self, layout: Layout, numbers: Sequence[Number], token: Scalar, *, timed: bool) -> None:
         self.problem = Extended(layout, numbers, 0, ())
-        self.token, self.width = token, self.problem.width
+        self.token, self.width, self.timed, self.outputs = token, self.problem.width, timed, layout.rows - 1
         self.is_real = [dtype == "float64" for dtype in layout.dtypes]
         self.all = list(numbers)
         self.numbers = [number for number, real in zip(numbers, self.is_real, strict=True) if real]
@@ -134,15 +163,18 @@ class _Adjoint:
         (member,) = self.problem.members(rows)
         return member
 
-    def pulled_back(self, count: Scalar, time: Scalar, outputs: Rows) -> tuple[list[Number], Scalar]:
+    def pulled_back(
+        self, count: Scalar, time: Scalar, outputs: Rows, due: Scalar | None
+    ) -> tuple[list[Number], Scalar]:
         """The derivatives, and their error."""
         last = lax.convert_element_type(count, int) - 1
         at_end = tape.read(self.token, last, self.width)
-        _, pull = jax.vjp(
-            lambda numbers, rows: self._at(numbers).outputs(self._member(rows)), self.numbers, at_end.state
-        )
-        sums, state = pull(outputs)
-        back = _Back(last, state, time, sums, [jnp.abs(bar) for bar in state], 0.0 * time)
+        sums, state = self._from_outputs(at_end.state, outputs)
+        until, left = 0.0 * time, lax.convert_element_type(0.0 * time if due is None else due, int)
+        if self.timed:
+            until = self._end(last)
+        greatest: Rows = [jnp.abs(bar) for bar in state]
+        back = _Back(last, state, time, sums, greatest, 0.0 * time, until, left, _zeros(state))
         if self.problem.chains:
             back = lax.while_loop(
                 lambda back: back.row >= 0, lambda back: self._steps(self._event(back, is_last=back.row == last)), back
@@ -150,7 +182,24 @@ class _Adjoint:
         else:
             back = self._steps(self._event(back, is_last=jnp.asarray(True)))
         _, pull = jax.vjp(lambda numbers: jax.tree.leaves(self._start(numbers)), self.numbers)
-        return _plus(back.sums, pull(back.state)[0]), back.error
+        # A time before the first step, which a lane that ends at its start has not.
+        error = jnp.where(back.due > 0, jnp.inf, back.error)
+        return _plus(back.sums, pull(back.state)[0]), error
+
+    def _from_outputs(self, rows: Rows, bars: Rows) -> tuple[list[Number], Rows]:
+        """Cotangents of the numbers and of the state, from those of the outputs there."""
+        _, pull = jax.vjp(lambda numbers, rows: self._at(numbers).outputs(self._member(rows)), self.numbers, rows)
+        return pull(bars)
+
+    def _end(self, last: Scalar) -> Scalar:
+        """When the lane ends."""
+
+        def longer(at: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+            row, time = at
+            entry = tape.read(self.token, row, self.width)
+            return row + 1, time + jnp.where(entry.code == tape.STEP, entry.length, 0.0)
+
+        return lax.while_loop(lambda at: at[0] < last, longer, (0 * last, 1.0 * self.problem.clock.t0))[1]
 
     def _start(self, numbers: list[Number]) -> Any:
         state, integrals = self._at(numbers).initial()
@@ -189,7 +238,7 @@ class _Adjoint:
             _, pull = jax.vjp(lambda numbers: self._at(numbers).clock.t1 - self._at(numbers).clock.t0, self.numbers)
             sums, time = _plus(sums, pull(of_clock)[0]), time - of_clock
         greatest: Rows = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
-        return _Back(back.row - 1, state, time, sums, greatest, back.error)
+        return back._replace(row=back.row - 1, state=state, time=time, sums=sums, greatest=greatest)
 
     def _flow(self, event: Scalar, rows: Rows) -> Rows:
         """What the state at an event changes by with its time."""
@@ -201,23 +250,12 @@ class _Adjoint:
 
     def _steps(self, back: _Back) -> _Back:
         """Where a motion began, from its event."""
+        one = self._step if self.problem.rodas is None else self._stiff_step
 
         def step(at: tuple[_Back, tape.Entry]) -> tuple[_Back, tape.Entry]:
             back, row = at
-            state, gained, errors, slope = one(row, back.state)
-            greatest: Rows = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
-            moved = [jnp.abs(row.length * k) for k in slope]
-            sizes = list(map(jnp.maximum, map(jnp.abs, row.state), moved))
-            most = functools.reduce(jnp.maximum, [bar * size for bar, size in zip(greatest, sizes, strict=True)])
-            error, share = back.error, _LEAST if self.problem.rodas is None else _LEAST_STIFF
-            for e, bar, size in zip(errors, greatest, sizes, strict=True):
-                least = jnp.where(size > 0, share * most / (size + _TINY), 0.0)
-                error = jnp.maximum(error, jnp.abs(e) / (jnp.maximum(bar, least) + _TINY))
-            place = back.row - 1
-            after = _Back(place, state, back.time, _plus(back.sums, gained), greatest, error)
-            return after, tape.read(self.token, jnp.maximum(place, 0), self.width)
-
-        one = self._step if self.problem.rodas is None else self._stiff_step
+            after = self._at_time(back, row) if self.timed else self._before(back, row, one(row))
+            return after, tape.read(self.token, jnp.maximum(after.row, 0), self.width)
 
         def goes_on(at: tuple[_Back, tape.Entry]) -> Scalar:
             back, row = at
@@ -225,8 +263,50 @@ class _Adjoint:
 
         return lax.while_loop(goes_on, step, (back, tape.read(self.token, jnp.maximum(back.row, 0), self.width)))[0]
 
-    def _step(self, row: tape.Entry, after: Rows) -> tuple[Rows, list[Number], Rows, Rows]:
-        """The cotangents before a step, what those of the numbers gain, errors of the former, and the slope there."""
+    def _before(self, back: _Back, row: tape.Entry, step: _Step) -> _Back:
+        """Where a step began, from its end."""
+        state, gained, errors = step.back(back.state)
+        if self.timed:
+            state = _plus(state, back.there)
+        greatest: Rows = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
+        moved = [jnp.abs(row.length * k) for k in step.slope]
+        sizes = list(map(jnp.maximum, map(jnp.abs, row.state), moved))
+        most = functools.reduce(jnp.maximum, [bar * size for bar, size in zip(greatest, sizes, strict=True)])
+        error, share = back.error, _LEAST if self.problem.rodas is None else _LEAST_STIFF
+        for e, bar, size in zip(errors, greatest, sizes, strict=True):
+            least = jnp.where(size > 0, share * most / (size + _TINY), 0.0)
+            error = jnp.maximum(error, jnp.abs(e) / (jnp.maximum(bar, least) + _TINY))
+        return back._replace(
+            row=back.row - 1, state=state, sums=_plus(back.sums, gained), greatest=greatest, error=error,
+            until=back.until - row.length, there=_zeros(back.there),
+        )  # fmt: skip
+
+    def _at_time(self, back: _Back, row: tape.Entry) -> _Back:
+        """The same, or the cotangents there of the last time within the step, if one is left.
+
+        Both take a step from the same start, which is written once.
+        """
+        place = jnp.maximum(back.due - 1, 0)
+        passed = tapes.read(TIMES, np.zeros(()), place) - (back.until - row.length)
+        within = (back.due > 0) & ((passed > 0) | (back.row == 0))
+        step = self._step(row._replace(length=jnp.where(within, jnp.clip(passed, 0.0, row.length), row.length)))
+        count = self.outputs
+        bars = [tapes.read(BARS, self.token, place * count + i) for i in range(count)]
+        of_outputs, there = self._from_outputs(step.end, bars)
+        of_time = _dot(there, self._rate(self.numbers, step.end))
+        _, pull = jax.vjp(lambda numbers: self._at(numbers).clock.t0, self.numbers)
+        state = [jnp.where(within, bar, other) for bar, other in zip(there, back.state, strict=True)]
+        before = self._before(
+            back._replace(state=state, there=[jnp.where(within, 0.0, bar) for bar in back.there]), row, step
+        )
+        # The state at a time began at another, as late as the motions before it took.
+        at_time = back._replace(
+            sums=_plus(before.sums, _plus(of_outputs, pull(-of_time)[0])), time=back.time - of_time,
+            due=back.due - 1, there=_plus(back.there, before.state), error=before.error,
+        )  # fmt: skip
+        return jax.tree.map(functools.partial(jnp.where, within), at_time, before)
+
+    def _step(self, row: tape.Entry) -> _Step:
         h, slopes, pulls = row.length, [[] for _ in row.state], []
         for i in range(_STAGES):
             rows = [u + h * _weighted(A[i - 1], ks) if i else u for u, ks in zip(row.state, slopes, strict=True)]
@@ -234,20 +314,25 @@ class _Adjoint:
             pulls.append(pull)
             for ks, k in zip(slopes, rates, strict=True):
                 ks.append(k)
-        # Of the second stage's cotangents nothing but terms of 7th order is left.
-        gained, total = _zeros(self.numbers), _zeros(after)
-        later: dict[int, Rows] = {}
-        for i in reversed(range(_STAGES)):
-            weights = np.array([B[i], *(A[j - 1][i] for j in range(i + 1, _STAGES))])
-            bars = [
-                h * _weighted(weights, [bar, *(later[j][r] for j in range(i + 1, _STAGES))])
-                for r, bar in enumerate(after)
-            ]
-            grads, later[i] = pulls[i](bars)
-            gained, total = _plus(gained, grads), _plus(total, later[i])
-        return _plus(after, total), gained, later[1], [ks[0] for ks in slopes]
 
-    def _stiff_step(self, row: tape.Entry, after: Rows) -> tuple[Rows, list[Number], Rows, Rows]:
+        def back(after: Rows) -> tuple[Rows, list[Number], Rows]:
+            # Of the second stage's cotangents nothing but terms of 7th order is left.
+            gained, total = _zeros(self.numbers), _zeros(after)
+            later: dict[int, Rows] = {}
+            for i in reversed(range(_STAGES)):
+                weights = np.array([B[i], *(A[j - 1][i] for j in range(i + 1, _STAGES))])
+                bars = [
+                    h * _weighted(weights, [bar, *(later[j][r] for j in range(i + 1, _STAGES))])
+                    for r, bar in enumerate(after)
+                ]
+                grads, later[i] = pulls[i](bars)
+                gained, total = _plus(gained, grads), _plus(total, later[i])
+            return _plus(after, total), gained, later[1]
+
+        end = [u + h * _weighted(B, ks) for u, ks in zip(row.state, slopes, strict=True)]
+        return _Step(end, [ks[0] for ks in slopes], back)
+
+    def _stiff_step(self, row: tape.Entry) -> _Step:
         """The same by the Rosenbrock method; a motion that ends where it began takes no step."""
         rodas, steps = stiff.rodas_of(self.problem), row.length > 0
         inverse = 1.0 / stiff.length_of(row.length, self.problem.time_scale)
@@ -266,7 +351,7 @@ class _Adjoint:
             pulls.append(pull)
         count = len(increments)
 
-        def transposed(b: Sequence[float]) -> tuple[Rows, list[Number]]:
+        def transposed(b: Sequence[float], after: Rows) -> tuple[Rows, list[Number]]:
             gained, total = _zeros(self.numbers), _zeros(after)
             of_rights: dict[int, Rows] = {}
             of_states: dict[int, Rows] = {}
@@ -289,12 +374,15 @@ class _Adjoint:
             grads, of_state = pull_entries(of_entries)
             return _plus(total, of_state), _plus(gained, grads)
 
-        moved, gained = transposed(rosenbrock.B)
-        # What is damped within the step is no error of what comes before: W^-T d takes it away.
-        errors = self._solve_transposed(factors, transposed((*[0.0] * (count - 1), 1.0))[0])
-        results = _plus(after, moved), gained, [inverse * (1 / rosenbrock.GAMMA) * e for e in errors]
-        nothing = list(after), _zeros(gained), _zeros(after)
-        return *jax.tree.map(functools.partial(jnp.where, steps), results, nothing), slope
+        def back(after: Rows) -> tuple[Rows, list[Number], Rows]:
+            moved, gained = transposed(rosenbrock.B, after)
+            # What is damped within the step is no error of what comes before: W^-T d takes it away.
+            errors = self._solve_transposed(factors, transposed((*[0.0] * (count - 1), 1.0), after)[0])
+            results = _plus(after, moved), gained, [inverse * (1 / rosenbrock.GAMMA) * e for e in errors]
+            nothing = list(after), _zeros(gained), _zeros(after)
+            return jax.tree.map(functools.partial(jnp.where, steps), results, nothing)
+
+        return _Step([], slope, back)
 
 
 def _weighted(weights: Sequence[float] | np.ndarray, values: Sequence[Scalar]) -> Scalar:

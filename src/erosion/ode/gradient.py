@@ -30,6 +30,7 @@ _BESIDE_STEPS = 8  # rows of a tape beside one for each trial: those of events, 
 _CHUNK = 512  # lanes at most whose tapes are kept at once
 _MEMORY = 2**26  # bytes of tapes, and of derivatives by numbers that lanes share, at once
 _FEW = 64  # lanes that one thread computes sooner
+_ROUNDING = 4e-15  # of the times so far: a time this much later than the end is the end
 _FORWARD = 2**20  # lanes at once of derivatives forwards
 
 
@@ -38,6 +39,7 @@ class Ended(NamedTuple):
 
     Args:
         outcome: indices of `Layout.end_names`.
+        time: since their start.
         trials: of steps.
         tolerance: of the results.
         stiff: whether the method for stiff motions integrated them.
@@ -46,11 +48,33 @@ class Ended(NamedTuple):
     """
 
     outcome: np.ndarray
+    time: np.ndarray
     trials: np.ndarray
     tolerance: np.ndarray
     stiff: np.ndarray
     rtol: float
     recorded: Recorded | None = None
+
+
+class AtTimes(NamedTuple):
+    """What a number changes by with the outputs of lanes at times.
+
+    Args:
+        times: rising, shape (n,).
+        due: how many of them each lane reaches, shape (lanes,).
+        bars: zero where a lane does not, shape (lanes, n, outputs).
+    """
+
+    times: np.ndarray
+    due: np.ndarray
+    bars: np.ndarray
+
+    @classmethod
+    def of(cls, times: np.ndarray, bars: np.ndarray, t0: Any, ends: "Ended") -> "AtTimes":
+        """With how many times these lanes reach, which began at some."""
+        end = np.asarray(t0 + ends.time)
+        due = np.count_nonzero(times <= (end + _ROUNDING * (np.abs(t0) + np.abs(end)))[:, None], axis=1)
+        return cls(times, due, np.where((np.arange(times.size) < due[:, None])[..., None], bars, 0.0))
 
 
 class _Known(NamedTuple):
@@ -75,7 +99,7 @@ def ends_of(layout: Layout, numbers: Sequence[PerLane], lanes: int, rtol: float)
 
 def _ended(found: LaneEnd, rtol: float) -> Ended:
     stiff = np.zeros(found.outcome.shape, bool) if found.stiff is None else found.stiff > 0
-    return Ended(found.outcome, found.trials, found.tolerance, stiff, rtol, found.recorded)
+    return Ended(found.outcome, found.time.value, found.trials, found.tolerance, stiff, rtol, found.recorded)
 
 
 def keep(layout: Layout, numbers: Sequence[PerLane], found: LaneEnd, rtol: float) -> None:
@@ -105,7 +129,14 @@ def goes_back(layout: Layout) -> bool:
 
 
 def gradient(
-    layout: Layout, numbers: Sequence[PerLane], lanes: int, ends: Ended, bars: np.ndarray, *, spoils: bool
+    layout: Layout,
+    numbers: Sequence[PerLane],
+    lanes: int,
+    ends: Ended,
+    bars: np.ndarray,
+    *,
+    spoils: bool,
+    at: AtTimes | None = None,
 ) -> list[np.ndarray]:
     """What a number L changes by with the numbers of lanes.
 
@@ -116,6 +147,7 @@ def gradient(
         ends: of these lanes.
         bars: by what L changes with each lane's time and outputs, shape (1 + outputs, lanes).
         spoils: whether derivatives of lanes without a result are NaN, and the sums with them; else they are zero.
+        at: by what L changes with the outputs at times.
 
     Returns:
         For each number the derivatives by it: of each lane, shape (lanes, …), or the sum over the lanes where they
@@ -126,18 +158,21 @@ def gradient(
     lost = layout.has_no_result(ends.outcome)
     # What does not count is zero, whatever the lane did.
     counts = np.any(bars != 0, axis=0)
+    if at is not None:
+        counts |= np.any(at.bars != 0, axis=(1, 2))
     known = counts & ~lost
     stiff = ends.stiff | (layout.options.method == "rosenbrock")
     ways: list[tuple[_WayBack, np.ndarray]] = []
     forwards = known.copy()
     for method, those in (("explicit", known & ~stiff), ("rosenbrock", known & stiff)):
         wanted = layout.wanting(method=method)
-        if not np.any(those) or not goes_back(wanted):
+        # At times, a stiff motion's states have rates of which few digits are left.
+        if not np.any(those) or not goes_back(wanted) or (at is not None and method == "rosenbrock"):
             continue
-        back = _back(wanted)
+        back = _back(wanted, timed=at is not None)
         if back is not None:
             real = [np.asarray(number, float) for number in numbers]
-            ways.append((_WayBack(wanted, back, real, ends, bars), those))
+            ways.append((_WayBack(wanted, back, real, ends, bars, at), those))
             forwards &= ~those
     shared = [number.ndim == len(shape) for number, shape in zip(numbers, layout.shapes, strict=True)]
     found = [np.zeros(() if same else (lanes, *shape)) for same, shape in zip(shared, layout.shapes, strict=True)]
@@ -154,7 +189,7 @@ def gradient(
             unknown = [~np.isfinite(part).all(axis=tuple(range(1, part.ndim))) for part in parts]
             forwards[some] |= known[some] & np.any(unknown, axis=0)
         if forwards[some].any():
-            _fill_forwards(layout, numbers, some[forwards[some]], ends, bars, begin, parts)
+            _fill_forwards(layout, numbers, some[forwards[some]], ends, bars, at, begin, parts)
         gone = (counts & lost)[some]
         for i, (part, same) in enumerate(zip(parts, shared, strict=True)):
             if layout.dtypes[i] != "float64":
@@ -186,9 +221,15 @@ class _WayBack:
     """
 
     def __init__(
-        self, layout: Layout, back: Compiled, numbers: list[np.ndarray], ends: Ended, bars: np.ndarray
+        self,
+        layout: Layout,
+        back: Compiled,
+        numbers: list[np.ndarray],
+        ends: Ended,
+        bars: np.ndarray,
+        at: AtTimes | None,
     ) -> None:
-        self.layout, self.numbers, self.ends, self.bars = layout, numbers, ends, bars
+        self.layout, self.numbers, self.ends, self.bars, self.at = layout, numbers, ends, bars, at
         self.back = back
 
     def fill(self, lanes: np.ndarray, begin: int, parts: Sequence[np.ndarray]) -> None:
@@ -243,7 +284,11 @@ class _WayBack:
         bars = [np.ascontiguousarray(row[lanes]) for row in self.bars]
         own = self.layout.of_lanes(self.numbers, lanes)
         inputs = [*own, self.ends.tolerance[lanes], recorded.rows.astype(float), *bars, np.zeros(())]
-        self.back.run(inputs, np.flatnonzero(recorded.rows), results, stop, [recorded.tapes])
+        tapes = [recorded.tapes]
+        if self.at is not None:
+            times = np.broadcast_to(self.at.times, (lanes.size, self.at.times.size))
+            inputs, tapes = [*inputs, self.at.due[lanes].astype(float)], [*tapes, times, self.at.bars[lanes]]
+        self.back.run(inputs, np.flatnonzero(recorded.rows), results, stop, tapes)
         found = iter(results)
         for part, (_, real) in zip(parts, self._real(), strict=True):
             if real:
@@ -255,17 +300,23 @@ class _WayBack:
         ]
 
 
-def _back(layout: Layout) -> Compiled | None:
+def _back(layout: Layout, *, timed: bool) -> Compiled | None:
     """The program that goes back; None where lanes cannot do what it needs."""
     with compiling:
-        return _compiled(layout)
+        return _compiled(layout, timed=timed)
 
 
 def _backwards(
-    layout: Layout, numbers: list[Number], rtol: Scalar, count: Scalar, bars: list[Scalar], token: Scalar
+    layout: Layout,
+    numbers: list[Number],
+    rtol: Scalar,
+    count: Scalar,
+    bars: list[Scalar],
+    token: Scalar,
+    due: Scalar | None = None,
 ) -> list[Number]:
     time, *of_outputs = bars
-    return pulled_back(layout, numbers, rtol, count, time, of_outputs, token)
+    return pulled_back(layout, numbers, rtol, count, time, of_outputs, token, due)
 
 
 @functools.lru_cache(maxsize=256)
@@ -280,10 +331,10 @@ def _is_traced(layout: Layout) -> bool:
 
 
 @functools.lru_cache(maxsize=64)
-def _compiled(layout: Layout) -> Compiled | None:
-    arguments = (layout.structs(), number, number, [number] * layout.rows, number)
+def _compiled(layout: Layout, *, timed: bool) -> Compiled | None:
+    arguments = (layout.structs(), number, number, [number] * layout.rows, number, *[number] * timed)
     try:
-        return compile_lanes(functools.partial(_backwards, layout), arguments, tapes=1)
+        return compile_lanes(functools.partial(_backwards, layout), arguments, tapes=3 if timed else 1)
     except NotForLanesError:
         return None
 
@@ -294,6 +345,7 @@ def _fill_forwards(
     lanes: np.ndarray,
     ends: Ended,
     bars: np.ndarray,
+    at: AtTimes | None,
     begin: int,
     parts: Sequence[np.ndarray],
 ) -> None:
@@ -306,33 +358,32 @@ def _fill_forwards(
         if layout.dtypes[i] == "float64"
     ]
     places = np.array([[element for _, element in elements]], float)
-    some = max(1, _FORWARD // len(elements))
+    times = None if at is None else at.times
+    some = max(1, _FORWARD // (len(elements) * (1 if times is None else 2 * times.size + 1)))
     for first in range(0, lanes.size, some):
         each = lanes[first : first + some]
-        slopes = integrate_along(layout, layout.of_lanes(numbers, each), each.size, 1, places, ends.rtol)
+        own = layout.of_lanes(numbers, each)
+        slopes = integrate_along(layout, own, each.size, 1, places, ends.rtol, times=times)
         along = [slopes.time.first, *slopes.outputs.first]
         total = np.zeros((each.size, len(elements)))
         for bar, slope in zip(bars, along, strict=True):
             if np.any(bar[each]):
                 total += bar[each, None] * slope
+        if at is not None:
+            assert slopes.saved is not None
+            weights = at.bars[each][:, None]
+            total += np.sum(np.where(weights != 0, weights * slopes.saved[:, :, :, 1], 0.0), axis=(2, 3))
         for column, (i, element) in enumerate(elements):
             part = parts[i][each - begin].reshape(each.size, -1)
             part[:, element - layout.offsets[i]] = total[:, column]
             parts[i][each - begin] = part.reshape(each.size, *layout.shapes[i])
 
 
-def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, Any]) -> PyTree:
+def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, Any], ys: PyTree = None) -> PyTree:
     """See `Solution.gradient`."""
     lanes = solution.lanes
     layout, shape = lanes.layout, lanes.shape
-    state = jax.tree.leaves(layout.state)
-    bars = [_bar("t", t, shape)]
-    if y is None:
-        bars += [np.zeros((*shape, *leaf.shape)) for leaf in state]
-    elif jax.tree.structure(y) != jax.tree.structure(layout.state):
-        raise ValueError(f"Argument `y` must be a pytree like the state, but is {jax.tree.structure(y)}.")
-    else:
-        bars += [_bar("y", part, (*shape, *leaf.shape)) for part, leaf in zip(jax.tree.leaves(y), state, strict=True)]
+    bars = [_bar("t", t, shape), *_state_bars("y", y, layout, shape)]
     names = layout.problem.integrals
     if not isinstance(integrals, Mapping):
         raise TypeError(f"Argument `integrals` must give numbers by name, but is {integrals!r}.")
@@ -344,16 +395,45 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
     if solution.tolerance is None:
         ends = ends_of(layout, lanes.numbers, lanes.size, solution.rtol)
     else:
-        of_lanes = (solution.outcome, solution.trials, solution.tolerance, solution.stiff)
-        outcome, trials, tolerance, stiff = (np.reshape(np.asarray(each), -1) for each in of_lanes)
-        ends = Ended(outcome, trials, tolerance, stiff, solution.rtol, solution.recorded)
-    found = gradient(layout, lanes.numbers, lanes.size, ends, rows, spoils=False)
-    gone = np.asarray(layout.has_no_result(ends.outcome) & np.any(rows != 0, axis=0)).reshape(shape)
+        of_lanes = (solution.outcome, solution.t, solution.trials, solution.tolerance, solution.stiff)
+        outcome, t, trials, tolerance, stiff = (np.reshape(np.asarray(each), -1) for each in of_lanes)
+        time = t - layout.clock(lanes.numbers).t0
+        ends = Ended(outcome, time, trials, tolerance, stiff, solution.rtol, solution.recorded)
+    at = None if ys is None else _at_times(solution, ends, ys)
+    found = gradient(layout, lanes.numbers, lanes.size, ends, rows, spoils=False, at=at)
+    counts = np.any(rows != 0, axis=0) if at is None else np.any(rows != 0, axis=0) | np.any(at.bars != 0, axis=(1, 2))
+    gone = np.asarray(layout.has_no_result(ends.outcome) & counts).reshape(shape)
     own = [
         _as_given(part, gone, leaf, each) if dtype == "float64" else np.zeros(each, jax.dtypes.float0)
         for part, leaf, dtype, each in zip(found, layout.shapes, layout.dtypes, lanes.given, strict=True)
     ]
     return layout.args(own)
+
+
+def _state_bars(name: str, given: PyTree, layout: Layout, shape: tuple[int, ...]) -> list[np.ndarray]:
+    """By what a number changes with each part of a state, arrays of a shape and the part's own; zeros for None."""
+    state = jax.tree.leaves(layout.state)
+    if given is None:
+        return [np.zeros((*shape, *leaf.shape)) for leaf in state]
+    if jax.tree.structure(given) != jax.tree.structure(layout.state):
+        raise ValueError(f"Argument `{name}` must be a pytree like the state, but is {jax.tree.structure(given)}.")
+    return [_bar(name, part, (*shape, *leaf.shape)) for part, leaf in zip(jax.tree.leaves(given), state, strict=True)]
+
+
+def _at_times(solution: Solution, ends: Ended, ys: PyTree) -> AtTimes:
+    """The same with states at times; integrals there do not count."""
+    lanes, layout = solution.lanes, solution.lanes.layout
+    if solution.times is None:
+        raise ValueError("Argument `ys` needs states at times, but the solution has none: give `solve` times, `ts`.")
+    ts = np.asarray(solution.times.ts)
+    parts = _state_bars("ys", ys, layout, (*lanes.shape, ts.size))
+    given = np.concatenate([part.reshape(lanes.size, ts.size, -1) for part in parts], axis=-1)
+    known = np.isfinite(ts)
+    times, places = np.unique(ts[known], return_inverse=True)
+    bars = np.zeros((lanes.size, times.size, layout.rows - 1))
+    for place, bar in zip(places, np.moveaxis(given[:, known], 1, 0), strict=True):
+        bars[:, place, : bar.shape[-1]] += bar
+    return AtTimes.of(times, bars, layout.clock(lanes.numbers).t0, ends)
 
 
 def _bar(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:

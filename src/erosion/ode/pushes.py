@@ -8,7 +8,7 @@ of length 1 where they are the same along it, and `_pull` sums along these.
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,26 +19,35 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jax.typing import ArrayLike
 
-from erosion.ode.gradient import ends_of, gradient, summed
+from erosion.ode.gradient import AtTimes, ends_of, gradient, summed
 from erosion.ode.variational import Layout
+
+if TYPE_CHECKING:
+    from erosion.ode.traced import Wanted
 
 
 class EndFunction(NamedTuple):
     """What ends depend on.
 
     Args:
-        layout: of the numbers.
-        rtol: relative tolerance.
+        wanted: of the lanes, and the layout of their numbers.
         moving: which numbers have tangents.
-        rows: time and outputs.
-        slopes: of (layout, rtol, elements, numbers), derivatives of all rows by elements, shape (rows, elements).
+        slopes: of (wanted, elements, numbers), derivatives of all rows by elements, shape (rows, elements).
     """
 
-    layout: Layout
-    rtol: float
+    wanted: "Wanted"
     moving: tuple[int, ...]
-    rows: int
     slopes: Callable[..., Array]
+
+    @property
+    def layout(self) -> Layout:
+        """Of the numbers."""
+        return self.wanted.layout
+
+    @property
+    def rows(self) -> int:
+        """How many numbers depend on them."""
+        return self.wanted.rows
 
     @property
     def elements(self) -> tuple[int, ...]:
@@ -64,7 +73,7 @@ def _leading(ends: EndFunction, axes: int, arrays: Sequence[Any]) -> tuple[int, 
 def _slopes(ends: EndFunction, axes: int, numbers: Sequence[Any]) -> Array:
     """The derivatives forwards, shape (…, rows, elements), of the numbers' own axes of `vmap`."""
     if axes == 0:
-        return ends.slopes(ends.layout, ends.rtol, ends.elements, list(numbers))
+        return ends.slopes(ends.wanted, ends.elements, list(numbers))
     varies = [array.shape[0] != 1 for array in numbers]
     within = functools.partial(_slopes, ends, axes - 1)
     if not any(varies):
@@ -128,10 +137,12 @@ def _on_host(ends: EndFunction, axes: int, shapes: tuple[tuple[int, ...], ...], 
     of_lanes = np.broadcast_to(bars, (*leading, ends.rows)).reshape(lanes, ends.rows).T
     # A row of `jacrev` counts in one lane of all.
     some = np.flatnonzero(np.any(of_lanes != 0, axis=0))
-    given_some = layout.of_lanes(flat, some)
-    found = gradient(
-        layout, given_some, some.size, ends_of(layout, given_some, some.size, ends.rtol), of_lanes[:, some], spoils=True
-    )
+    given_some, bars = layout.of_lanes(flat, some), of_lanes[:, some]
+    ended, at = ends_of(layout, given_some, some.size, ends.wanted.rtol), None
+    if ends.wanted.times:
+        bars, of_times = bars[: layout.rows], bars[layout.rows :].T.reshape(some.size, -1, layout.rows - 1)
+        at = AtTimes.of(np.array(ends.wanted.times), of_times, layout.clock(given_some).t0, ended)
+    found = gradient(layout, given_some, some.size, ended, bars, spoils=True, at=at)
     made = []
     for i, shape in wanted.items():
         part, own = found[i], layout.shapes[i]

@@ -155,7 +155,9 @@ class Solution(Result):
         """
         return _among(self.derivatives, names)
 
-    def gradient(self, *, t: Any = 0.0, y: PyTree = None, integrals: Mapping[str, Any] | None = None) -> PyTree:
+    def gradient(
+        self, *, t: Any = 0.0, y: PyTree = None, integrals: Mapping[str, Any] | None = None, ys: PyTree = None
+    ) -> PyTree:
         """The derivatives of a number by all arguments at once, such as those of a loss by the weights of a network.
 
         The number depends on times, states and integrals of all lanes. Its cost does not grow with the number of
@@ -167,6 +169,7 @@ class Solution(Result):
             t: by what the number changes with each lane's time; an array of the lanes' shape, or one number.
             y: the same by the state, a pytree like it; None for zero.
             integrals: the same by integrals, by name; what is left out is zero.
+            ys: the same by the states at `ts`, a pytree like `ys`; after a lane's end it does not count.
 
         Returns:
             A pytree like the arguments, of arrays of their shapes: an argument that lanes share has the sum over these.
@@ -195,7 +198,7 @@ class Solution(Result):
 
         self._require_numbers("gradient")
         self._require_problem("gradient")
-        return gradient_of(self, t, y, integrals or {})
+        return gradient_of(self, t, y, integrals or {}, ys)
 
     @property
     def ts(self) -> PerImpact:

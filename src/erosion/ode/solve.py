@@ -147,7 +147,7 @@ def solve(
         from erosion.ode.traced import traced_solution
 
         return traced_solution(lanes, names, order, rtol, ts)
-    return solution(lanes, names, order, rtol, None if ts is None else _checked_times(lanes, ts), records=gradient)
+    return solution(lanes, names, order, rtol, None if ts is None else checked_times(lanes, ts), records=gradient)
 
 
 def checked_lanes(
@@ -438,7 +438,7 @@ def _is_huge(value: Number) -> bool:
     return np.asarray(value).dtype.kind == "O"
 
 
-def _checked_times(lanes: Lanes, ts: Any) -> np.ndarray:
+def checked_times(lanes: Lanes, ts: Any) -> np.ndarray:
     """Times at which states are wanted."""
     check_unmasked("ts", ts)
     try:
@@ -447,7 +447,8 @@ def _checked_times(lanes: Lanes, ts: Any) -> np.ndarray:
         raise TypeError(f"Argument `ts` must be one row of times, but is {ts!r}.") from None
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must be one row of times, but has shape {times.shape}.")
-    t0 = np.broadcast_to(np.asarray(lanes.numbers[-len(Clock._fields)]), lanes.size)
+    t0 = lanes.layout.clock(lanes.numbers).t0
+    t0 = np.broadcast_to(-math.inf if isinstance(t0, Tracer) else np.asarray(t0), lanes.size)
     early = times[times < np.fmax.reduce(t0, initial=-math.inf)]
     if early.size:
         raise ValueError(f"Argument `ts` must hold no times before `t0`, but has {early.min():g}.")

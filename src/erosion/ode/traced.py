@@ -4,12 +4,13 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.core import Tracer
 from jaxtyping import PyTree
 
 from erosion.arguments import Number
@@ -27,20 +28,40 @@ if TYPE_CHECKING:
 
 # For each derivative the places of one or two elements, see `Variational`.
 _Places = tuple[tuple[int, ...], ...]
+
+
+class Wanted(NamedTuple):
+    """What is wanted of lanes.
+
+    Args:
+        layout: of problem and arguments.
+        rtol: relative tolerance.
+        times: at which outputs are wanted as well, rising.
+    """
+
+    layout: Layout
+    rtol: float
+    times: tuple[float, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """The time at the end, the outputs there, and those at times."""
+        return self.layout.rows + len(self.times) * (self.layout.rows - 1)
+
+
 # What JAX gives to a rule of derivatives: the numbers, or their tangents, of which some are symbols for zero.
 _Numbers = tuple[list[PyTree]]
 
 
-def traced_end(layout: Layout, numbers: Sequence[Number], rtol: float) -> tuple[Array, Array]:
-    """Time since the start and outputs of a lane, shape (1 + outputs,), and codes: see `_codes`.
+def traced_end(wanted: Wanted, numbers: Sequence[Number]) -> tuple[Array, Array]:
+    """Time since the start and outputs of a lane, and those at times, in one row, and codes: see `_codes`.
 
     Args:
-        layout: of problem and arguments.
+        wanted: what of it.
         numbers: of one lane, of which some are traced.
-        rtol: relative tolerance.
     """
-    arrays = [jnp.asarray(number, dtype) for number, dtype in zip(numbers, layout.dtypes, strict=True)]
-    return _end(layout, rtol, arrays)
+    arrays = [jnp.asarray(number, dtype) for number, dtype in zip(numbers, wanted.layout.dtypes, strict=True)]
+    return _end(wanted, arrays)
 
 
 def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float, ts: Any) -> Solution:
@@ -49,11 +70,14 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
     Raises:
         ValueError: where it asks for what only numbers have.
     """
-    from erosion.ode.solve import named_events, shaped
+    from erosion.ode.solve import checked_times, named_events, shaped
 
     if wrt or order:
         raise ValueError("Argument `wrt` must be left out where JAX traces: use `jax.grad` and its like.")
     layout, shape = lanes.layout, lanes.shape
+    known = None if ts is None or isinstance(ts, Tracer) or by_xla() else checked_times(lanes, ts)
+    places = None if known is None else np.unique(known[np.isfinite(known)], return_inverse=True)
+    wanted = Wanted(layout, rtol, () if places is None else tuple(places[0].tolist()))
     own = [len(numbers) for numbers in layout.shapes]
     # Where `ts` alone is traced the numbers have one axis of lanes already.
     numbers = [
@@ -70,15 +94,16 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
             flat.append(jnp.ravel(jnp.broadcast_to(number, shape)) if varies else number)
             axes.append(0 if varies else None)
         if all(axis is None for axis in axes):
-            vector, codes = traced_end(layout, flat, rtol)
+            vector, codes = traced_end(wanted, flat)
             return jnp.broadcast_to(vector, (*shape, vector.size)), jnp.broadcast_to(codes, (*shape, codes.size))
-        vectors, codes = jax.vmap(lambda one: traced_end(layout, one, rtol), (axes,))(flat)
+        vectors, codes = jax.vmap(lambda one: traced_end(wanted, one), (axes,))(flat)
         return vectors.reshape(*shape, vectors.shape[-1]), codes.reshape(*shape, codes.shape[-1])
 
     vector, codes = many(lanes.numbers)
     clock = layout.clock(lanes.numbers)
     t0 = jnp.broadcast_to(jnp.asarray(clock.t0), shape)
-    part = shaped(lanes, vector[..., 0], [vector[..., i] for i in range(1, vector.shape[-1])])
+    vector, at_times = vector[..., : layout.rows], vector[..., layout.rows :]
+    part = shaped(lanes, vector[..., 0], [vector[..., i] for i in range(1, layout.rows)])
     solution = Solution(
         problem=layout.problem, names=layout.end_names, wrt=(), outcome=codes[..., 0], t=part.t + t0, y=part.y,
         integrals=part.integrals, count=codes[..., 1], trials=codes[..., 2],
@@ -87,6 +112,13 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
     )  # fmt: skip
     if ts is None:
         return solution
+    if known is not None and places is not None:
+        rows = at_times.reshape(*shape, -1, layout.rows - 1)
+        vectors = jnp.full((*shape, known.size, layout.rows - 1), jnp.nan)
+        vectors = vectors.at[..., np.isfinite(known), :].set(rows[..., places[1], :])
+        is_within = (known >= t0[..., None]) & (known <= solution.t[..., None])
+        vectors = jnp.where(is_within[..., None], vectors, jnp.nan)
+        return solution.with_times(_times_of(lanes, known, vectors))
     times = jnp.asarray(ts, float)
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must be one row of times, but has shape {times.shape}.")
@@ -97,12 +129,18 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
         numbers[place] = jnp.where(time < solution.t, time, solution.t)
         vector, codes = many(numbers)
         known = (time <= solution.t) & ~layout.has_no_result(codes[..., 0])
-        return jnp.where(known[..., None], vector, jnp.nan)
+        return jnp.where(known[..., None], vector[..., 1:], jnp.nan)
 
-    vectors = jax.vmap(at, out_axes=-2)(times)
-    wide = lanes._replace(shape=(*shape, times.size))
-    of_times = shaped(wide, vectors[..., 0], [vectors[..., i] for i in range(1, vectors.shape[-1])])
-    return solution.with_times(Times(times, of_times.y, of_times.integrals))
+    return solution.with_times(_times_of(lanes, times, jax.vmap(at, out_axes=-2)(times)))
+
+
+def _times_of(lanes: "Lanes", times: Any, vectors: Array) -> Times:
+    """States at times from the outputs there, shape (…, times, outputs)."""
+    from erosion.ode.solve import shaped
+
+    wide = lanes._replace(shape=(*lanes.shape, len(times)))
+    of_times = shaped(wide, vectors[..., 0], [vectors[..., i] for i in range(vectors.shape[-1])])
+    return Times(times, of_times.y, of_times.integrals)
 
 
 def _rows(end: LaneEnd, kind: str) -> list[Any]:
@@ -120,8 +158,9 @@ def _kind(order: int) -> str:
     return ("value", "first", "second")[order]
 
 
-def _solve(layout: Layout, rtol: float, numbers: Sequence[Number], order: int, places: _Places) -> Any:
-    """Time and outputs, and codes; or the derivatives along each direction, shape (1 + outputs, directions)."""
+def _solve(wanted: Wanted, numbers: Sequence[Number], order: int, places: _Places) -> Any:
+    """The row of numbers, and codes; or the derivatives along each direction, shape (rows, directions)."""
+    layout, rtol, _ = wanted
     if by_xla():
         if layout.options.method == "auto":
             # No other method could follow there.
@@ -132,25 +171,27 @@ def _solve(layout: Layout, rtol: float, numbers: Sequence[Number], order: int, p
             return jnp.stack(_rows(end, "value")), jnp.stack([code.astype(np.int32) for code in _codes(end)])
         along = jax.vmap(lambda row: jnp.stack(_rows(lane(directions=tuple(row)), _kind(order))), out_axes=-1)
         return along(jnp.asarray(places, float))
-    rows = layout.rows
+    rows = wanted.rows
     codes = len(("outcome", "count", "trials")) + (len(layout.event_names) if layout.options.clock else 0)
     if places:
         shape: Any = jax.ShapeDtypeStruct((rows, len(places)), np.float64)
     else:
         shape = jax.ShapeDtypeStruct((rows,), np.float64), jax.ShapeDtypeStruct((codes,), np.int32)
     compile_ahead(layout, order, len(places[0]) if places else 0)
-    on_host = _callback(layout, layout.equations, rtol, order, places)
+    on_host = _callback(wanted, layout.equations, order, places)
     return jax.pure_callback(on_host, shape, *numbers, vmap_method="expand_dims")
 
 
 @functools.lru_cache(maxsize=256)
-def _callback(layout: Layout, equations: Equations, rtol: float, order: int, places: _Places) -> Callable[..., Any]:
+def _callback(wanted: Wanted, equations: Equations, order: int, places: _Places) -> Callable[..., Any]:
     """The same object each time, as JAX compiles a program for each; but each problem follows its own code."""
-    return functools.partial(_on_host, layout, rtol, order, places)
+    return functools.partial(_on_host, wanted, order, places)
 
 
-def _on_host(layout: Layout, rtol: float, order: int, places: _Places, *given: Number) -> Any:
+def _on_host(wanted: Wanted, order: int, places: _Places, *given: Number) -> Any:
     """`_solve` by the batch, for numbers that may have axes of `vmap` before their own."""
+    layout, rtol, _ = wanted
+    times = np.array(wanted.times) if wanted.times else None
     arrays = [np.asarray(number) for number in given]
     leading = [array.shape[: array.ndim - len(shape)] for array, shape in zip(arrays, layout.shapes, strict=True)]
     batch = np.broadcast_shapes(*leading)
@@ -162,58 +203,65 @@ def _on_host(layout: Layout, rtol: float, order: int, places: _Places, *given: N
         for array, before, shape in zip(arrays, leading, layout.shapes, strict=True)
     ]
     if not places:
-        end = integrate(layout, numbers, lanes, 0, (), rtol)
+        end = integrate(layout, numbers, lanes, 0, (), rtol, times=times)
         keep(layout, numbers, end, rtol)
-        vector = np.stack(_rows(end, "value"), -1).reshape(*batch, -1)
-        return vector, np.stack(_codes(end), -1).astype(np.int32).reshape(*batch, -1)
-    end = integrate_along(layout, numbers, lanes, order, np.array(places, float).T, rtol)
-    return np.stack(_rows(end, _kind(order)), 1).reshape(*batch, -1, len(places))
+        vector = np.stack(_rows(end, "value"), -1)
+        if end.saved is not None:
+            vector = np.concatenate([vector, end.saved[:, :, 0].reshape(lanes, -1)], -1)
+        return vector.reshape(*batch, -1), np.stack(_codes(end), -1).astype(np.int32).reshape(*batch, -1)
+    end = integrate_along(layout, numbers, lanes, order, np.array(places, float).T, rtol, times=times)
+    slopes = np.stack(_rows(end, _kind(order)), 1)
+    if times is not None and end.saved is not None:
+        # What comes before a lane's start or after its end is no number, and has no cotangents.
+        t0 = np.reshape(layout.clock(numbers).t0, (-1, 1, 1))
+        outside = (times < t0) | (times > t0 + end.time.value[..., None])
+        saved = np.where(outside[..., None], 0.0, end.saved[:, :, :, -1])
+        slopes = np.concatenate([slopes, np.moveaxis(saved, 1, -1).reshape(lanes, -1, len(places))], 1)
+    return slopes.reshape(*batch, -1, len(places))
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def _end(layout: Layout, rtol: float, numbers: list[Number]) -> tuple[Array, Array]:
-    return _solve(layout, rtol, numbers, 0, ())
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _end(wanted: Wanted, numbers: list[Number]) -> tuple[Array, Array]:
+    return _solve(wanted, numbers, 0, ())
 
 
 @functools.partial(_end.defjvp, symbolic_zeros=True)
-def _end_jvp(layout: Layout, rtol: float, primals: _Numbers, tangents: _Numbers) -> Any:
-    (numbers,), (rates,) = primals, tangents
+def _end_jvp(wanted: Wanted, primals: _Numbers, tangents: _Numbers) -> Any:
+    (numbers,), (rates,), layout = primals, tangents, wanted.layout
     moving = _moving(layout, rates)
     elements, moved = _elements(layout, moving), [jnp.asarray(rates[i]) for i in moving]
     goes_back = is_worth(layout, len(elements))
-    vector, codes = _end(layout.wanting(records=goes_back), rtol, numbers)
+    vector, codes = _end(wanted._replace(layout=layout.wanting(records=goes_back)), numbers)
     still = np.zeros(codes.shape, jax.dtypes.float0)
     if goes_back:
-        ends = pushes.EndFunction(layout, rtol, moving, vector.size, _slopes)
+        ends = pushes.EndFunction(wanted, moving, _slopes)
         return (vector, codes), (pushes.pushed(ends, numbers, moved), still)
-    return (vector, codes), (_slopes(layout, rtol, elements, numbers) @ _flat(moved), still)
+    return (vector, codes), (_slopes(wanted, elements, numbers) @ _flat(moved), still)
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
-def _slopes(layout: Layout, rtol: float, elements: tuple[int, ...], numbers: list[Number]) -> Array:
-    """∂(time, outputs)/∂(element i) for each i of `elements`, shape (1 + outputs, elements)."""
-    return _solve(layout, rtol, numbers, 1, tuple((i,) for i in elements))
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _slopes(wanted: Wanted, elements: tuple[int, ...], numbers: list[Number]) -> Array:
+    """The row's derivatives by element i for each i of `elements`, shape (rows, elements)."""
+    return _solve(wanted, numbers, 1, tuple((i,) for i in elements))
 
 
 @functools.partial(_slopes.defjvp, symbolic_zeros=True)
 def _slopes_jvp(
-    layout: Layout, rtol: float, elements: tuple[int, ...], primals: _Numbers, tangents: _Numbers
+    wanted: Wanted, elements: tuple[int, ...], primals: _Numbers, tangents: _Numbers
 ) -> tuple[Array, Array]:
     (numbers,), (rates,) = primals, tangents
-    moving = _moving(layout, rates)
-    others, moved = _elements(layout, moving), _flat([jnp.asarray(rates[i]) for i in moving])
-    return _slopes(layout, rtol, elements, numbers), _curvatures(layout, rtol, elements, others, numbers) @ moved
+    moving = _moving(wanted.layout, rates)
+    others, moved = _elements(wanted.layout, moving), _flat([jnp.asarray(rates[i]) for i in moving])
+    return _slopes(wanted, elements, numbers), _curvatures(wanted, elements, others, numbers) @ moved
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2, 3))
-def _curvatures(
-    layout: Layout, rtol: float, elements: tuple[int, ...], others: tuple[int, ...], numbers: list[Number]
-) -> Array:
-    """∂²/∂(element i)∂(element j), i of `elements` and j of `others`; shape (1 + outputs, elements, others)."""
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
+def _curvatures(wanted: Wanted, elements: tuple[int, ...], others: tuple[int, ...], numbers: list[Number]) -> Array:
+    """∂²/∂(element i)∂(element j), i of `elements` and j of `others`; shape (rows, elements, others)."""
     # One direction twice is cheaper than a pair.
     alone = elements == others and len(elements) == 1
     pairs = (elements,) if alone else tuple(itertools.product(elements, others))
-    return _solve(layout, rtol, numbers, 2, pairs).reshape(-1, len(elements), len(others))
+    return _solve(wanted, numbers, 2, pairs).reshape(-1, len(elements), len(others))
 
 
 @_curvatures.defjvp
