@@ -485,7 +485,7 @@ DRIVEN = ode.Problem(
 
 
 def numbers(lanes, **ranges):
-    return {name: RNG.uniform(*ends, lanes) for name, ends in ranges.items()}
+    return {name: RNG.uniform(low, high, lanes) for name, (low, high) in ranges.items()}
 
 
 OF_PREY = numbers(
@@ -506,6 +506,7 @@ def test_states_at_times_count(problem, args, options, ts):
     """Against derivatives forwards, with the state at the end beside them; times after a lane's end do not count."""
     end = ode.solve(problem, args, ts=ts, **options)
     best = ode.solve(problem, args, ts=ts, rtol=1e-12, wrt=tuple(args), **options)
+    assert best.times is not None
     weights = {name: RNG.normal(size=part.shape) for name, part in end.ys.items()}
     name = next(iter(end.ys))
     found = end.gradient(ys=weights, y={key: (key == name) * np.ones(end.t.shape) for key in end.y})

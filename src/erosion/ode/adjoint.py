@@ -329,7 +329,7 @@ class _Adjoint:
                 gained, total = _plus(gained, grads), _plus(total, later[i])
             return _plus(after, total), gained, later[1]
 
-        end = [u + h * _weighted(B, ks) for u, ks in zip(row.state, slopes, strict=True)]
+        end: Rows = [u + h * _weighted(B, ks) for u, ks in zip(row.state, slopes, strict=True)]
         return _Step(end, [ks[0] for ks in slopes], back)
 
     def _stiff_step(self, row: tape.Entry) -> _Step:
@@ -386,7 +386,7 @@ class _Adjoint:
 
 
 def _weighted(weights: Sequence[float] | np.ndarray, values: Sequence[Scalar]) -> Scalar:
-    terms = [float(weight) * value for weight, value in zip(weights, values, strict=False) if weight != 0]
+    terms: Rows = [float(weight) * value for weight, value in zip(weights, values, strict=False) if weight != 0]
     return sum(terms[1:], terms[0]) if terms else 0.0 * values[0]
 
 
