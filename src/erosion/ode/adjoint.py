@@ -97,6 +97,7 @@ def pulled_back(
     time: Scalar,
     outputs: Sequence[Scalar],
     token: Scalar,
+    *,
     due: Scalar | None = None,
 ) -> list[Number]:
     """The derivatives of a number by the lane's real numbers, shapes as of these.

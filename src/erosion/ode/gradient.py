@@ -189,7 +189,7 @@ def gradient(
             unknown = [~np.isfinite(part).all(axis=tuple(range(1, part.ndim))) for part in parts]
             forwards[some] |= known[some] & np.any(unknown, axis=0)
         if forwards[some].any():
-            _fill_forwards(layout, numbers, some[forwards[some]], ends, bars, at, begin, parts)
+            _fill_forwards(layout, numbers, some[forwards[some]], ends, bars, begin, parts, at=at)
         gone = (counts & lost)[some]
         for i, (part, same) in enumerate(zip(parts, shared, strict=True)):
             if layout.dtypes[i] != "float64":
@@ -316,7 +316,7 @@ def _backwards(
     due: Scalar | None = None,
 ) -> list[Number]:
     time, *of_outputs = bars
-    return pulled_back(layout, numbers, rtol, count, time, of_outputs, token, due)
+    return pulled_back(layout, numbers, rtol, count, time, of_outputs, token, due=due)
 
 
 @functools.lru_cache(maxsize=256)
@@ -345,9 +345,10 @@ def _fill_forwards(
     lanes: np.ndarray,
     ends: Ended,
     bars: np.ndarray,
-    at: AtTimes | None,
     begin: int,
     parts: Sequence[np.ndarray],
+    *,
+    at: AtTimes | None,
 ) -> None:
     """The same as `_WayBack.fill`, one lane for each element of a number."""
     clock = Clock._fields.index("max_step") - len(Clock._fields) if layout.options.clock else None

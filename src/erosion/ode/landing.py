@@ -244,10 +244,11 @@ def _to_the_end(problem: Extended, lane: Lane, scale: Scalar) -> tuple[Scalar, R
 
     slope, events = problem.rate_and_events(state)
     event = [u + remaining(events) * k for u, k in zip(state, slope, strict=True)]
-    beyond = [u + _BESIDE * scale * k for u, k in zip(event, slope, strict=True)]
-    reached = all_finite([*state, *slope, *problem.rate(event)])
-    # Where the event is the edge of what is defined, rounding would decide whether the event itself is.
-    defined = reached & all_finite(problem.rate(beyond))
+    reached = defined = all_finite([*state, *slope, *problem.rate(event)])
+    if problem.options.waits:
+        # One more short step follows: where the event is the edge of what is defined, rounding might pass over it.
+        beyond = [u + _BESIDE * scale * k for u, k in zip(event, slope, strict=True)]
+        defined = defined & all_finite(problem.rate(beyond))
     happens = (lane.control.mode == ENDED) & (lane.control.event >= 0)
     kinked = happens & is_kinked(problem, event, slope, scale)
     return lax.cond(defined & ~kinked, lambda: (left, state, jnp.asarray(True)), inside)
