@@ -1,5 +1,6 @@
 """Gradients by the adjoint: closed forms, derivatives forwards, bits that depend on the lanes alone."""
 
+import functools
 from typing import Any
 
 import jax
@@ -551,3 +552,60 @@ def test_states_at_times_have_gradients_under_vmap():
 def test_gradients_of_states_need_times():
     with pytest.raises(ValueError, match="`ts`"):
         ode.solve(FALL, {"height": 1.0, "g": 9.81}, t1=10.0).gradient(ys={"y": 1.0, "v": 0.0})
+
+
+DOSED = ode.Problem(
+    y0=lambda args: {"x": args["x"]},
+    vector_field=lambda t, y, args: {"x": -args["k"] * y["x"]},
+    events={
+        "dose": ode.Event(
+            lambda t, y, args: jnp.sin(jnp.pi * t / args["p"]), reset=lambda t, y, args: {"x": y["x"] + args["d"]}
+        )
+    },
+)
+
+
+def test_times_at_resets_have_the_gradient_of_what_was_before():
+    args, ts = {"x": np.array([1.0, 2.0]), "k": 0.3, "p": 1.0, "d": np.array([0.5, 0.7])}, [1.0, 2.0, 3.0]
+    end = ode.solve(DOSED, args, t1=6.5, max_events=1e9, ts=ts, wrt="d")
+    assert end.times is not None
+    found = end.gradient(ys={"x": 1.0})["d"]
+    np.testing.assert_allclose(found, np.sum(end.times.along("d").ys["x"], axis=-1), rtol=1e-8)
+    loss = lambda args: jnp.sum(ode.solve(DOSED, args, t1=6.5, max_events=1e9, ts=ts).ys["x"])  # noqa: E731
+    np.testing.assert_allclose(jax.grad(loss)(args)["d"], found, rtol=1e-8)
+
+
+def test_gradients_at_times_are_as_exact_as_the_states():
+    """Chaos until t = 8, and then a rest that hardly depends on it: the end alone would ask for less."""
+
+    def rates(t, y, args):
+        x, u, z = y["x"], y["u"], y["z"]
+        on = 0.5 - 0.5 * jnp.tanh(20 * (t - 8.0))
+        slopes = (args["s"] * (u - x), x * (args["r"] - z) - u, x * u - args["b"] * z)
+        return {name: on * slope - (1 - on) * y[name] for name, slope in zip(("x", "u", "z"), slopes, strict=True)}
+
+    forgetful = ode.Problem({"x": 1.0, "u": 1.0, "z": 20.0}, rates)
+    args = {"s": np.linspace(9.5, 10.5, 4), "r": 28.0 + np.zeros(4), "b": 8 / 3 + np.zeros(4)}
+
+    def loss(args, rtol=1e-9):
+        return jnp.sum(ode.solve(forgetful, args, t1=40.0, ts=np.linspace(0, 7.5, 6), rtol=rtol).ys["x"])
+
+    found, best = jax.grad(loss)(args), jax.grad(functools.partial(loss, rtol=1e-12))(args)
+    for name in args:
+        np.testing.assert_allclose(found[name], best[name], rtol=2e-8, atol=2e-8 * np.abs(best[name]).max())
+
+
+def test_lanes_without_a_result_have_no_gradient_of_the_states_before():
+    """The first is infinite before its end."""
+    burst = ode.Problem({"x": 1.0}, lambda t, y, args: {"x": args["k"] * y["x"] ** 2})
+    end = ode.solve(burst, {"k": np.array([1.0, 0.1])}, t1=3.0, ts=[0.1, 0.5])
+    assert end.ended_by[1] == "t1"
+    found = end.gradient(ys={"x": 1.0})["k"]  # x = 1/(1 - k t)
+    assert np.isnan(found[0])
+    np.testing.assert_allclose(found[1], sum(t / (1 - 0.1 * t) ** 2 for t in (0.1, 0.5)), rtol=1e-8)
+
+
+def test_no_times_have_no_gradient():
+    end = ode.solve(PREY, OF_PREY, t1=5.0, ts=[])
+    found = end.gradient(ys={"prey": 1.0, "hunters": 1.0}, y={"prey": 1.0, "hunters": 0.0})
+    np.testing.assert_array_equal(found["dies"], end.gradient(y={"prey": 1.0, "hunters": 0.0})["dies"])

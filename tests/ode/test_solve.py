@@ -824,3 +824,14 @@ def test_results_that_rounding_spoils_are_told() -> None:
     assert list(end.inexact) == list(other.inexact) == list(apart > 1e-7) == [False, False, True, True]
     assert "2 of 4 lanes err by more than 1e-07" in end.warnings[0]
     assert ode.solve(lorenz, 1.0, t1=40.0, wrt=("", "t1")).inexact
+
+
+def test_the_end_is_a_time_among_others():
+    """t0 + (t1 - t0) is another number for one pair in twelve."""
+    still = ode.Problem({"x": 1.0}, lambda t, y, args: {"x": -y["x"]})
+    for t0, t1 in ((-0.7, 2.4), (0.1, 0.7), (-1.3, 0.2), (0.3, 2.9)):
+        end = ode.solve(still, t0=t0, t1=t1, ts=[t0, t1])
+        assert end.t == t1
+        np.testing.assert_allclose(end.ys["x"], [1.0, np.exp(t0 - t1)], rtol=1e-9)
+        inside = jax.jit(lambda t1, t0=t0: ode.solve(still, t0=t0, t1=t1, ts=[t0, t1]).ys["x"])(t1)
+        np.testing.assert_allclose(inside, end.ys["x"], rtol=1e-9)

@@ -73,7 +73,7 @@ class _Back(NamedTuple):
         sums: cotangents of the numbers.
         greatest: the greatest size so far of each row's cotangent.
         error: the greatest relative error of a cotangent in a step.
-        until: when the next step on the way ends.
+        until: when the next step on the way ends, since the start of a lane of one motion.
         due: how many times are left.
         there: cotangents of the state where that step begins, of those at times within it.
     """
@@ -110,7 +110,7 @@ def pulled_back(
         time: by what the number changes with the lane's time.
         outputs: by what it changes with each of the lane's outputs.
         token: see `erosion.lanes.tapes`.
-        due: how many times the lane reaches, whose states count as well; None where none do.
+        due: how many times the lane, which has no resets, reaches, whose states count as well; None where none do.
     """
     adjoint = _Adjoint(layout, numbers, token, timed=due is not None)
     gradient, error = adjoint.pulled_back(count, time, list(outputs), due)
@@ -193,14 +193,14 @@ class _Adjoint:
         return pull(bars)
 
     def _end(self, last: Scalar) -> Scalar:
-        """When the lane ends."""
+        """When the lane ends, since its start."""
 
         def longer(at: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
             row, time = at
             entry = tape.read(self.token, row, self.width)
             return row + 1, time + jnp.where(entry.code == tape.STEP, entry.length, 0.0)
 
-        return lax.while_loop(lambda at: at[0] < last, longer, (0 * last, 1.0 * self.problem.clock.t0))[1]
+        return lax.while_loop(lambda at: at[0] < last, longer, (0 * last, jnp.zeros(())))[1]
 
     def _start(self, numbers: list[Number]) -> Any:
         state, integrals = self._at(numbers).initial()
@@ -288,7 +288,8 @@ class _Adjoint:
         Both take a step from the same start, which is written once.
         """
         place = jnp.maximum(back.due - 1, 0)
-        passed = tapes.read(TIMES, np.zeros(()), place) - (back.until - row.length)
+        time = tapes.read(TIMES, np.zeros(()), place) - self.problem.clock.t0
+        passed = time - (back.until - row.length)
         within = (back.due > 0) & ((passed > 0) | (back.row == 0))
         step = self._step(row._replace(length=jnp.where(within, jnp.clip(passed, 0.0, row.length), row.length)))
         count = self.outputs
@@ -300,9 +301,9 @@ class _Adjoint:
         before = self._before(
             back._replace(state=state, there=[jnp.where(within, 0.0, bar) for bar in back.there]), row, step
         )
-        # The state at a time began at another, as late as the motions before it took.
+        # At a given time it is later since the start, where that is earlier.
         at_time = back._replace(
-            sums=_plus(before.sums, _plus(of_outputs, pull(-of_time)[0])), time=back.time - of_time,
+            sums=_plus(before.sums, _plus(of_outputs, pull(-of_time)[0])),
             due=back.due - 1, there=_plus(back.there, before.state), error=before.error,
         )  # fmt: skip
         return jax.tree.map(functools.partial(jnp.where, within), at_time, before)

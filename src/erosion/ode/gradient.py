@@ -74,7 +74,8 @@ class AtTimes(NamedTuple):
         """With how many times these lanes reach, which began at some."""
         end = np.asarray(t0 + ends.time)
         due = np.count_nonzero(times <= (end + _ROUNDING * (np.abs(t0) + np.abs(end)))[:, None], axis=1)
-        return cls(times, due, np.where((np.arange(times.size) < due[:, None])[..., None], bars, 0.0))
+        is_late = (np.arange(times.size) >= due[:, None]) & np.isfinite(end)[:, None]
+        return cls(times, due, np.where(is_late[..., None], 0.0, bars))
 
 
 class _Known(NamedTuple):
@@ -87,8 +88,12 @@ _known: collections.deque[_Known] = collections.deque(maxlen=4)
 """What JAX integrated last, whose derivatives it may want."""
 
 
-def ends_of(layout: Layout, numbers: Sequence[PerLane], lanes: int, rtol: float) -> Ended:
-    """How lanes end, with their steps."""
+def ends_of(
+    layout: Layout, numbers: Sequence[PerLane], lanes: int, rtol: float, times: np.ndarray | None = None
+) -> Ended:
+    """How lanes end, with their steps; where states at times count, with the tolerance that these need."""
+    if times is not None:
+        return _ended(integrate(layout, numbers, lanes, 0, (), rtol, times=times), rtol)
     layout = layout.renewed().wanting(records=True)
     for known in list(_known):
         alike = known.layout == layout and known.ended.rtol == rtol and known.ended.outcome.size == lanes
@@ -126,6 +131,15 @@ def goes_back(layout: Layout) -> bool:
         return False
     method = "rosenbrock" if layout.options.method == "rosenbrock" else "explicit"
     return _is_traced(layout.renewed().wanting(method=method))
+
+
+def _goes_back_at_times(layout: Layout) -> bool:
+    """Whether states at times go back as well.
+
+    Of a stiff motion they have rates of which few digits are left. In a chain rounding decides whether a time at a
+    reset is before it.
+    """
+    return layout.options.method != "rosenbrock" and not any(layout.problem.resets())
 
 
 def gradient(
@@ -166,8 +180,7 @@ def gradient(
     forwards = known.copy()
     for method, those in (("explicit", known & ~stiff), ("rosenbrock", known & stiff)):
         wanted = layout.wanting(method=method)
-        # At times, a stiff motion's states have rates of which few digits are left.
-        if not np.any(those) or not goes_back(wanted) or (at is not None and method == "rosenbrock"):
+        if not np.any(those) or not goes_back(wanted) or (at is not None and not _goes_back_at_times(wanted)):
             continue
         back = _back(wanted, timed=at is not None)
         if back is not None:
@@ -369,7 +382,7 @@ def _fill_forwards(
         total = np.zeros((each.size, len(elements)))
         for bar, slope in zip(bars, along, strict=True):
             if np.any(bar[each]):
-                total += bar[each, None] * slope
+                total += np.where(bar[each, None] != 0, bar[each, None] * slope, 0.0)
         if at is not None:
             assert slopes.saved is not None
             weights = at.bars[each][:, None]
@@ -394,7 +407,8 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
     bars += [_bar("integrals", integrals.get(name, 0.0), shape) for name in names]
     rows = np.concatenate([bar.reshape(lanes.size, math.prod(bar.shape[len(shape) :])).T for bar in bars])
     if solution.tolerance is None:
-        ends = ends_of(layout, lanes.numbers, lanes.size, solution.rtol)
+        times = None if ys is None or solution.times is None else _finite(solution.times.ts)
+        ends = ends_of(layout, lanes.numbers, lanes.size, solution.rtol, times)
     else:
         of_lanes = (solution.outcome, solution.t, solution.trials, solution.tolerance, solution.stiff)
         outcome, t, trials, tolerance, stiff = (np.reshape(np.asarray(each), -1) for each in of_lanes)
@@ -402,7 +416,9 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
         ends = Ended(outcome, time, trials, tolerance, stiff, solution.rtol, solution.recorded)
     at = None if ys is None else _at_times(solution, ends, ys)
     found = gradient(layout, lanes.numbers, lanes.size, ends, rows, spoils=False, at=at)
-    counts = np.any(rows != 0, axis=0) if at is None else np.any(rows != 0, axis=0) | np.any(at.bars != 0, axis=(1, 2))
+    counts = np.any(rows != 0, axis=0)
+    if at is not None:
+        counts |= np.any(at.bars != 0, axis=(1, 2))
     gone = np.asarray(layout.has_no_result(ends.outcome) & counts).reshape(shape)
     own = [
         _as_given(part, gone, leaf, each) if dtype == "float64" else np.zeros(each, jax.dtypes.float0)
@@ -428,13 +444,20 @@ def _at_times(solution: Solution, ends: Ended, ys: PyTree) -> AtTimes:
         raise ValueError("Argument `ys` needs states at times, but the solution has none: give `solve` times, `ts`.")
     ts = np.asarray(solution.times.ts)
     parts = _state_bars("ys", ys, layout, (*lanes.shape, ts.size))
-    given = np.concatenate([part.reshape(lanes.size, ts.size, -1) for part in parts], axis=-1)
+    given = np.concatenate(
+        [part.reshape(lanes.size, ts.size, math.prod(part.shape[len(lanes.shape) + 1 :])) for part in parts], axis=-1
+    )
     known = np.isfinite(ts)
-    times, places = np.unique(ts[known], return_inverse=True)
+    times, places = _finite(ts), np.unique(ts[known], return_inverse=True)[1]
     bars = np.zeros((lanes.size, times.size, layout.rows - 1))
     for place, bar in zip(places, np.moveaxis(given[:, known], 1, 0), strict=True):
         bars[:, place, : bar.shape[-1]] += bar
     return AtTimes.of(times, bars, layout.clock(lanes.numbers).t0, ends)
+
+
+def _finite(ts: np.ndarray) -> np.ndarray:
+    """Times, each once and in order."""
+    return np.unique(ts[np.isfinite(ts)])
 
 
 def _bar(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:

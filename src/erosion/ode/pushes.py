@@ -138,10 +138,11 @@ def _on_host(ends: EndFunction, axes: int, shapes: tuple[tuple[int, ...], ...], 
     # A row of `jacrev` counts in one lane of all.
     some = np.flatnonzero(np.any(of_lanes != 0, axis=0))
     given_some, bars = layout.of_lanes(flat, some), of_lanes[:, some]
-    ended, at = ends_of(layout, given_some, some.size, ends.wanted.rtol), None
-    if ends.wanted.times:
+    times = np.array(ends.wanted.times) if ends.wanted.times else None
+    ended, at = ends_of(layout, given_some, some.size, ends.wanted.rtol, times), None
+    if times is not None:
         bars, of_times = bars[: layout.rows], bars[layout.rows :].T.reshape(some.size, -1, layout.rows - 1)
-        at = AtTimes.of(np.array(ends.wanted.times), of_times, layout.clock(given_some).t0, ended)
+        at = AtTimes.of(times, of_times, layout.clock(given_some).t0, ended)
     found = gradient(layout, given_some, some.size, ended, bars, spoils=True, at=at)
     made = []
     for i, shape in wanted.items():

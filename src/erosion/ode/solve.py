@@ -102,7 +102,7 @@ def solve(
         start: "wait": an event function that is zero or beyond its event at the start counts once it has returned;
             "end": such a lane ends at its start.
         ts: times at which the state is wanted as well, shape (n,), none before `t0`; at an event that before its
-            reset. Where JAX traces nothing can be refused: a state before `t0` is NaN.
+            reset. Where JAX traces `t0` or them nothing can be refused: a state before `t0` is NaN.
         max_step: no step is longer; a pulse of an event function shorter than a step may go unseen.
         max_events: a chain of events that the motion survives ends with this one.
         sizes: typical sizes of y, a pytree like it or one number: a state need not be known to better than
@@ -378,7 +378,10 @@ def solution(
                 found[path] = part(kind, i)
     if ("t0",) in found:
         found[("t0",)] = found[("t0",)]._replace(t=found[("t0",)].t + 1.0)
-    t = (value.t + t0)[()]
+    outcome = results.outcome.reshape(lanes.shape)
+    t1 = np.broadcast_to(np.asarray(lanes.layout.clock(lanes.numbers).t1), lanes.size).reshape(lanes.shape)
+    # To the last digit: t0 + (t1 - t0) may be another number.
+    t = np.where(outcome == lanes.layout.end_names.index("t1"), t1, value.t + t0)[()]
     times = None if ts is None or results.saved is None else _at_times(lanes, ts, t, results.saved, along)
     stiff = np.full(lanes.size, lanes.layout.options.method == "rosenbrock")
     if results.stiff is not None:
@@ -387,7 +390,7 @@ def solution(
         problem=lanes.layout.problem,
         names=lanes.layout.end_names,
         wrt=tuple(names),
-        outcome=results.outcome.reshape(lanes.shape)[()],
+        outcome=outcome[()],
         t=t,
         y=value.y,
         integrals=value.integrals,

@@ -75,7 +75,7 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
     if wrt or order:
         raise ValueError("Argument `wrt` must be left out where JAX traces: use `jax.grad` and its like.")
     layout, shape = lanes.layout, lanes.shape
-    known = None if ts is None or isinstance(ts, Tracer) or by_xla() else checked_times(lanes, ts)
+    known = None if ts is None or _is_traced(ts) or by_xla() else checked_times(lanes, ts)
     places = None if known is None else np.unique(known[np.isfinite(known)], return_inverse=True)
     wanted = Wanted(layout, rtol, () if places is None else tuple(places[0].tolist()))
     own = [len(numbers) for numbers in layout.shapes]
@@ -104,8 +104,10 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
     t0 = jnp.broadcast_to(jnp.asarray(clock.t0), shape)
     vector, at_times = vector[..., : layout.rows], vector[..., layout.rows :]
     part = shaped(lanes, vector[..., 0], [vector[..., i] for i in range(1, layout.rows)])
+    # To the last digit: t0 + (t1 - t0) may be another number.
+    t = jnp.where(codes[..., 0] == layout.end_names.index("t1"), clock.t1, part.t + t0)
     solution = Solution(
-        problem=layout.problem, names=layout.end_names, wrt=(), outcome=codes[..., 0], t=part.t + t0, y=part.y,
+        problem=layout.problem, names=layout.end_names, wrt=(), outcome=codes[..., 0], t=t, y=part.y,
         integrals=part.integrals, count=codes[..., 1], trials=codes[..., 2],
         at_once=named_events(lanes, [codes[..., i] > 0 for i in range(3, codes.shape[-1])]), derivatives={},
         lanes=lanes, rtol=rtol, digest=layout.equations.digest,
@@ -132,6 +134,10 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
         return jnp.where(known[..., None], vector[..., 1:], jnp.nan)
 
     return solution.with_times(_times_of(lanes, times, jax.vmap(at, out_axes=-2)(times)))
+
+
+def _is_traced(ts: Any) -> bool:
+    return any(isinstance(each, Tracer) for each in jax.tree.leaves(ts))
 
 
 def _times_of(lanes: "Lanes", times: Any, vectors: Array) -> Times:
@@ -214,7 +220,7 @@ def _on_host(wanted: Wanted, order: int, places: _Places, *given: Number) -> Any
     if times is not None and end.saved is not None:
         # What comes before a lane's start or after its end is no number, and has no cotangents.
         t0 = np.reshape(layout.clock(numbers).t0, (-1, 1, 1))
-        outside = (times < t0) | (times > t0 + end.time.value[..., None])
+        outside = (times < t0) | ~np.isfinite(end.saved[:, :, :, 0]).all(-1)
         saved = np.where(outside[..., None], 0.0, end.saved[:, :, :, -1])
         slopes = np.concatenate([slopes, np.moveaxis(saved, 1, -1).reshape(lanes, -1, len(places))], 1)
     return slopes.reshape(*batch, -1, len(places))
