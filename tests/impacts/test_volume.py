@@ -11,7 +11,7 @@ import erosion
 from erosion.impacts.volume import split
 from erosion.ode import traced as module
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.variational import Derivatives, Layout
+from erosion.ode.variational import Derivatives
 from erosion.parameters.parameters import QUANTITIES
 from tests.reference import closed_form
 
@@ -89,7 +89,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list:
     """What is integrated; the derivative along (i, j) is said to be 10 i + j."""
     calls = []
 
-    def solve(layout: Layout, rtol: float, numbers, order: int, places):
+    def solve(wanted, numbers, order: int, places):
         calls.append((order, places))
         # Of the time, and of the volume.
         if not places:
@@ -136,7 +136,7 @@ def test_axes_of_vmap_are_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
     given[ALPHA], given[K] = angles, factors
     seen = {}
 
-    def integrate(layout, numbers, lanes, *_):
+    def integrate(layout, numbers, lanes, *_, **__):
         seen.update(numbers=numbers, lanes=lanes)
         none = Derivatives(np.zeros(lanes), None, None, None)
         volume = none._replace(value=[numbers[ALPHA] * numbers[K]])
@@ -144,7 +144,7 @@ def test_axes_of_vmap_are_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
         return LaneEnd(np.zeros(lanes, np.int8), zeros, none, volume, np.zeros(lanes, np.int32), None)
 
     monkeypatch.setattr(module, "integrate", integrate)
-    vector, _ = module._on_host(layout, 1e-9, 0, (), *given)
+    vector, _ = module._on_host(module.Wanted(layout, 1e-9), 0, (), *given)
     assert np.array_equal(vector[..., 1], angles * factors)
     assert seen["lanes"] == 6
     assert [np.shape(one) for one in seen["numbers"]] == [
