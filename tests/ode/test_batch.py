@@ -75,7 +75,7 @@ def integrate(monkeypatch: pytest.MonkeyPatch, kind: type[Program] = Program, *,
     """What the batch makes of the program, and the program."""
     numbers = [np.asarray(number) for number in {**ARGS, **changes}.values()]
     program = kind()
-    monkeypatch.setattr(batch, "_program", lambda *_: (program, program.results))
+    monkeypatch.setattr(batch, "integrator_of", lambda *_: (program, program.results))
     results = batch.integrate(LAYOUT, numbers, np.size(numbers[-1]), 0, (), RTOL, again=again)
     return results, program
 
@@ -185,7 +185,7 @@ def test_directions_vary_fastest(monkeypatch) -> None:
     values = np.array([0.1, 0.2, 0.3])
     numbers = [np.ones(()), np.ones(()), values]
     program = Program(directions=1)
-    monkeypatch.setattr(batch, "_program", lambda *_: (program, program.results))
+    monkeypatch.setattr(batch, "integrator_of", lambda *_: (program, program.results))
     results = batch.integrate_along(LAYOUT, numbers, 3, 1, np.array([[5.0, 7.0]]), RTOL)
     assert np.array_equal(results.outputs.other[0], 100 * values[:, None] + [5, 7])
     assert results.outcome.shape == (3, 2)

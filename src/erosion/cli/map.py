@@ -81,9 +81,7 @@ class _Rows:
     sand_rate: Annotated[str | None, Parameter(help='For wear a year: "100 kg/day", "50 ppm of 12 kg/s" by mass.')] = (
         None
     )
-    injected: Annotated[
-        str | None, Parameter(help='The sand of the run, if its case does not say it: "2 g", "rows".')
-    ] = None
+    injected: Annotated[str | None, Parameter(help='Sand of the run, if no case says it: "2 g"; or "rows".')] = None
     columns: Annotated[str | None, Parameter(help='Units, names: "x,y,z=mm, d50=diameter [um]"; or a .toml.')] = None
     ignore: IgnoreOption = None
     particle_density: Annotated[str | None, Parameter(help='If no column gives it, nor --particle: "2650 kg/m^3".')] = (
