@@ -12,8 +12,9 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Number, PerLane, Scalar
 from erosion.lanes.flatten import NotForLanesError
-from erosion.lanes.lanewise import WIDTH, Compiled, by_xla, compile_lanes, number, threads
+from erosion.lanes.lanewise import WIDTH, Compiled, compile_lanes, number, threads
 from erosion.ode.agreement import differ, sizes_of, units_of
+from erosion.ode.dense import takes_times_apart
 from erosion.ode.explicit import LEAST
 from erosion.ode.integrator import TIGHTEST, LaneEnd, integrate_lane
 from erosion.ode.reduction import may_have_kinks
@@ -170,11 +171,7 @@ def integrate(
     """
     records = layout.options.records and order == 0 and times is None and lanes <= _RECORDED
     layout = layout.renewed().wanting(records=records)
-    rough = may_have_kinks(layout)
-    stiff = layout.options.method == "rosenbrock"
-    if times is not None and (by_xla() or (stiff and order == 2) or (rough and order)):
-        # XLA has no tapes, second derivatives of a stiff motion are taken at times that follow the parameters, and of
-        # derivatives across a kink only two integrations tell whether they exist.
+    if times is not None and takes_times_apart(layout, order):
         results = integrate(layout, numbers, lanes, order, directions, rtol, again=again)
         return results._replace(saved=_one_by_one(layout, numbers, lanes, order, directions, rtol, times))
     layout = layout.wanting(saves=times is not None)
@@ -198,7 +195,7 @@ def integrate(
     if again:
         _check(batch, np.flatnonzero(batch.results.tolerance > rtol), rtol)
         doubtful = np.flatnonzero(batch.results.tolerance < rtol)
-        first = batch.derivatives(doubtful) if order and rough else None
+        first = batch.derivatives(doubtful) if order and may_have_kinks(layout) else None
         repeated = _repeat(batch, doubtful, rtol)
         if first is not None and doubtful.size:
             _require_agreement(batch, doubtful, first, repeated, directions, rtol)
@@ -537,13 +534,15 @@ def integrator_of(layout: Layout, order: int, fixed: tuple[int, ...], directions
         return _compiled(layout, order, fixed, directions)
 
 
-def compile_ahead(layout: Layout, order: int, directions: int) -> None:
-    """Compile what `integrate` will need.
+def compile_ahead(layout: Layout, order: int, directions: int, *, timed: bool = False) -> None:
+    """Compile what `integrate` will need; `timed` where states at times are wanted.
 
     Raises:
         NotForLanesError: for a problem that cannot be compiled; a callback would bury it under JAX's own words.
     """
-    integrator_of(layout.renewed(), order, (), directions)
+    saves = timed and not takes_times_apart(layout, order)
+    layout = layout.renewed().wanting(saves=saves, records=layout.options.records and not timed)
+    integrator_of(layout, order, (), directions)
 
 
 @functools.lru_cache(maxsize=256)

@@ -18,17 +18,28 @@ from jax import lax
 
 from erosion.arguments import Scalar
 from erosion.lanes import tapes
+from erosion.lanes.lanewise import by_xla
 from erosion.ode import explicit, stiff
 from erosion.ode.extended import Extended
 from erosion.ode.landing import Flight, Lane
-from erosion.ode.reduction import Rows
+from erosion.ode.reduction import Rows, may_have_kinks
 from erosion.ode.step_control import ARRIVED
-from erosion.ode.variational import Along, AlongFlow, Augmented, Motion, at_event
+from erosion.ode.variational import Along, AlongFlow, Augmented, Layout, Motion, at_event
 
 TIMES, STATES = 0, 1
 """Tapes: the times, rising, ∞ the last of them, which all lanes share; and for each time a lane's row of numbers."""
 
 _ROUNDING = 2e-15  # of the times so far: a time that is this much later than the end is the end
+
+
+def takes_times_apart(layout: Layout, order: int) -> bool:
+    """Whether each time has an integration of its own, with so many derivatives.
+
+    XLA has no tapes, second derivatives of a stiff motion are taken at times that follow the parameters, and of
+    derivatives across a kink only two integrations tell whether they exist.
+    """
+    stiff = layout.options.method == "rosenbrock"
+    return by_xla() or (stiff and order == 2) or bool(order and may_have_kinks(layout))
 
 
 class Saved(NamedTuple):

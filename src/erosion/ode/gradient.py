@@ -171,9 +171,7 @@ def gradient(
     bars = np.asarray(bars, float)
     lost = layout.has_no_result(ends.outcome)
     # What does not count is zero, whatever the lane did.
-    counts = np.any(bars != 0, axis=0)
-    if at is not None:
-        counts |= np.any(at.bars != 0, axis=(1, 2))
+    counts = _counts(bars, at)
     known = counts & ~lost
     stiff = ends.stiff | (layout.options.method == "rosenbrock")
     ways: list[tuple[_WayBack, np.ndarray]] = []
@@ -217,6 +215,12 @@ def gradient(
         if same:
             found[i] = summed(np.array(of_blocks)) if of_blocks else np.zeros(layout.shapes[i])
     return found
+
+
+def _counts(bars: np.ndarray, at: AtTimes | None) -> np.ndarray:
+    """Whether a number changes with what a lane gives, shape (lanes,)."""
+    counts = np.any(bars != 0, axis=0)
+    return counts if at is None else counts | np.any(at.bars != 0, axis=(1, 2))
 
 
 def summed(rows: np.ndarray) -> np.ndarray:
@@ -407,7 +411,7 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
     bars += [_bar("integrals", integrals.get(name, 0.0), shape) for name in names]
     rows = np.concatenate([bar.reshape(lanes.size, math.prod(bar.shape[len(shape) :])).T for bar in bars])
     if solution.tolerance is None:
-        times = None if ys is None or solution.times is None else _finite(solution.times.ts)
+        times = None if ys is None or solution.times is None else np.unique(solution.ts[np.isfinite(solution.ts)])
         ends = ends_of(layout, lanes.numbers, lanes.size, solution.rtol, times)
     else:
         of_lanes = (solution.outcome, solution.t, solution.trials, solution.tolerance, solution.stiff)
@@ -416,10 +420,7 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
         ends = Ended(outcome, time, trials, tolerance, stiff, solution.rtol, solution.recorded)
     at = None if ys is None else _at_times(solution, ends, ys)
     found = gradient(layout, lanes.numbers, lanes.size, ends, rows, spoils=False, at=at)
-    counts = np.any(rows != 0, axis=0)
-    if at is not None:
-        counts |= np.any(at.bars != 0, axis=(1, 2))
-    gone = np.asarray(layout.has_no_result(ends.outcome) & counts).reshape(shape)
+    gone = np.asarray(layout.has_no_result(ends.outcome) & _counts(rows, at)).reshape(shape)
     own = [
         _as_given(part, gone, leaf, each) if dtype == "float64" else np.zeros(each, jax.dtypes.float0)
         for part, leaf, dtype, each in zip(found, layout.shapes, layout.dtypes, lanes.given, strict=True)
@@ -448,16 +449,11 @@ def _at_times(solution: Solution, ends: Ended, ys: PyTree) -> AtTimes:
         [part.reshape(lanes.size, ts.size, math.prod(part.shape[len(lanes.shape) + 1 :])) for part in parts], axis=-1
     )
     known = np.isfinite(ts)
-    times, places = _finite(ts), np.unique(ts[known], return_inverse=True)[1]
+    times, places = np.unique(ts[known], return_inverse=True)
     bars = np.zeros((lanes.size, times.size, layout.rows - 1))
     for place, bar in zip(places, np.moveaxis(given[:, known], 1, 0), strict=True):
         bars[:, place, : bar.shape[-1]] += bar
     return AtTimes.of(times, bars, layout.clock(lanes.numbers).t0, ends)
-
-
-def _finite(ts: np.ndarray) -> np.ndarray:
-    """Times, each once and in order."""
-    return np.unique(ts[np.isfinite(ts)])
 
 
 def _bar(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:

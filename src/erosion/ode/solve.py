@@ -147,7 +147,11 @@ def solve(
         from erosion.ode.traced import traced_solution
 
         return traced_solution(lanes, names, order, rtol, ts)
-    return solution(lanes, names, order, rtol, None if ts is None else checked_times(lanes, ts), records=gradient)
+    if gradient:
+        from erosion.ode.gradient import goes_back
+
+        lanes = lanes._replace(layout=lanes.layout.wanting(records=goes_back(lanes.layout)))
+    return solution(lanes, names, order, rtol, None if ts is None else checked_times(lanes, ts))
 
 
 def checked_lanes(
@@ -313,20 +317,10 @@ def _sizes(layout: Layout, sizes: PyTree) -> tuple[float, ...]:
 
 
 def ends(
-    lanes: Lanes,
-    names: Sequence[str],
-    order: int,
-    rtol: float,
-    times: np.ndarray | None = None,
-    *,
-    records: bool = False,
+    lanes: Lanes, names: Sequence[str], order: int, rtol: float, times: np.ndarray | None = None
 ) -> tuple[LaneEnd, list[tuple[str, ...]]]:
     """The ends of lanes, and along which names the last axis of their derivatives is, where there are several."""
     layout, numbers, count = lanes.layout, lanes.numbers, lanes.size
-    if records:
-        from erosion.ode.gradient import goes_back
-
-        layout = layout.wanting(records=goes_back(layout))
     if order == 0 or len(names) == 1:
         places = (lanes.element_of(names[0]),) if order else ()
         return integrate(layout, numbers, count, order, places, rtol, times=times), [(*names, *names)[:order]]
@@ -347,18 +341,11 @@ def ends(
     return results, along
 
 
-def solution(
-    lanes: Lanes,
-    names: Sequence[str],
-    order: int,
-    rtol: float,
-    ts: np.ndarray | None = None,
-    *,
-    records: bool = False,
-) -> Solution:
+def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np.ndarray | None = None) -> Solution:
     """The solution of lanes, with derivatives of an order along all pairs of names, and states at times."""
     known = None if ts is None else np.unique(ts[np.isfinite(ts)])
-    results, along = ends(lanes, names, order, rtol, known, records=records)
+    results, along = ends(lanes, names, order, rtol, known)
+    lanes = lanes._replace(layout=lanes.layout.wanting(records=False))
     several = results.time.value.ndim > 1
 
     def part(kind: str, column: int) -> Part:

@@ -183,7 +183,7 @@ def _solve(wanted: Wanted, numbers: Sequence[Number], order: int, places: _Place
         shape: Any = jax.ShapeDtypeStruct((rows, len(places)), np.float64)
     else:
         shape = jax.ShapeDtypeStruct((rows,), np.float64), jax.ShapeDtypeStruct((codes,), np.int32)
-    compile_ahead(layout, order, len(places[0]) if places else 0)
+    compile_ahead(layout, order, len(places[0]) if places else 0, timed=bool(wanted.times))
     on_host = _callback(wanted, layout.equations, order, places)
     return jax.pure_callback(on_host, shape, *numbers, vmap_method="expand_dims")
 
