@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks.ode_problems import MichaelisMenten
 from erosion import ode
 from erosion.ode import rosenbrock
 from erosion.ode.rosenbrock import A, Sparse, columns_together, least_fill
@@ -316,6 +317,15 @@ def test_the_program_finds_the_stiff_lanes() -> None:
     end = ode.solve(both, {**args, "x0": 2.0}, t1=1e4, rtol=1e-7, wrt=("mu", "x0"))
     np.testing.assert_array_equal(end.stiff, [False, True, False, True])
     np.testing.assert_allclose(end.along("mu").t[1], 0.8068526, rtol=1e-3)
+
+
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9])
+def test_steps_that_errors_of_fast_parts_make_short_are_stiff_as_well(rtol: float) -> None:
+    """They are far shorter than those that stability allows; steps of a slow decay to its end are not meant."""
+    assert ode.solve(EARLY, {"k3": 1e4}, t1=1e3, wrt="k3", rtol=rtol).stiff
+    dose = MichaelisMenten()
+    lanes = dose.sample(64, np.random.default_rng(38))
+    assert not np.any(ode.solve(dose.problem(), lanes, t1=dose.t1, smooth=True, rtol=rtol).stiff)
 
 
 def test_a_lane_out_of_steps_shows_what_the_explicit_method_reached() -> None:

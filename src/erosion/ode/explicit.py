@@ -7,16 +7,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from erosion.arguments import Flag, Scalar
+from erosion.arguments import Scalar
 from erosion.ode.extended import Extended
 from erosion.ode.reduction import Rows
 from erosion.ode.step_control import B_CHECK, B_ERROR, A, B, eighth_root
 
 _CHECK = 0.1  # of the second estimate, brought to the first one's order; benchmarks/TUNING.md
 _LOOKS = (5, 9)  # stages at 0.15 and 0.92 of a step: a cubic that errs between them errs at one of them
-# Times an eigenvalue: the method is stable up to 5.2, or 3.7 for undamped oscillations, which loose tolerances reach.
-_UNSTABLE, _UNSTABLE_TIGHT = 4.0, 3.0
-_TIGHT = 1e-6
+_FAST = 1.0  # over an eigenvalue is a step at least that a fast part of the motion makes short
+_LONGER = 0.5  # times as long a step at least would do for the method for stiff motions
 _TOLD = 1e-4  # tolerances: stages that differ by less say nothing about eigenvalues
 _TINY = 1e-200  # keeps 0/0 away
 SOON = 1e-3  # of the time scale: what a row changes within it counts as its size
@@ -120,12 +119,14 @@ def _estimate(weights: tuple[float, ...], h: Scalar, slopes: Sequence[Scalar], s
     return jnp.abs(h * _weighted(weights, slopes)) / size
 
 
-def is_stiff(
+def stiffness(
     problem: Extended, greatest: Rows, rows: tuple[Rows, Rows], stages: list[Rows], h: Scalar, rtol: Scalar
-) -> Flag:
-    """Whether a step is as long as stability allows, rather than its error.
+) -> Scalar:
+    """1 where the fastest part of a smooth motion makes a step short, -1 where it does not, 0 where it is not known.
 
-    Two stages are at the step's end. Their slopes differ by an eigenvalue times their difference.
+    Two stages are near the step's end. Their slopes differ by an eigenvalue times their difference. How smooth the
+    motion is shows in how much its slopes change: a step of a method of 5th order could be about rtol^0.2 over the
+    root of that change times as long.
 
     Args:
         problem: the equations.
@@ -135,15 +136,20 @@ def is_stiff(
         h: its length.
         rtol: the tolerance.
     """
-    apart = slopes = 0.0 * h
-    for before, after, ks, size in zip(*rows, stages, greatest, strict=False):
-        one, other = (moved_by(A[i], before, h, ks[: i + 1]) for i in (-3, -2))
-        least = jnp.maximum(jnp.maximum(jnp.abs(before), jnp.abs(after)), LEAST * size) + _TINY
-        apart = jnp.maximum(apart, jnp.abs(other - one) / least)
-        slopes = jnp.maximum(slopes, jnp.abs(h * (ks[len(A) - 1] - ks[len(A) - 2])) / least)
+    apart = slopes = change = 0.0 * h
+    sizes: list[Scalar] = [LEAST * size for size in greatest]
+    for i, (before, after, ks) in enumerate(zip(*rows, stages, strict=True)):
+        own = i % problem.width
+        size = jnp.maximum(jnp.maximum(jnp.abs(before), jnp.abs(after)), sizes[own]) + _TINY
+        change = jnp.maximum(change, jnp.abs(h * (ks[-1] - ks[0])) / size)
+        if i == own:
+            one, other = (moved_by(A[j], before, h, ks[: j + 1]) for j in (-3, -2))
+            apart = jnp.maximum(apart, jnp.abs(other - one) / size)
+            slopes = jnp.maximum(slopes, jnp.abs(h * (ks[len(A) - 1] - ks[len(A) - 2])) / size)
+            sizes[own] = jnp.maximum(APART, NOISE / rtol) * size
+    smooth = (_LONGER * _LONGER * change) ** 5 < rtol * rtol
     # Differences of rounding say nothing.
-    most = jnp.where(rtol <= _TIGHT, _UNSTABLE_TIGHT, _UNSTABLE)
-    return (slopes > most * apart) & (apart > _TOLD * rtol)
+    return jnp.where(apart > _TOLD * rtol, jnp.where(smooth & (slopes > _FAST * apart), 1.0, -1.0), 0.0)
 
 
 def short_step(problem: Extended, state: Rows, slope: Rows, h: Scalar) -> Rows:

@@ -45,7 +45,7 @@ _GRAZE = 1e4  # tolerances: a dip this close to zero may be a fall, after many t
 TIGHTEST = 1e-13  # tolerance of a second integration: rounding is near
 _MANY_STEPS, _MANY_FACTOR = 64, 1e-2  # the errors of this many steps add up, and may grow from step to step
 _CHEAPER, _CHEAPEST = 1e4, 1e-2  # times the tolerance, at most: of an integration that tells how errors grow
-_MANY_STIFF = 12  # steps, more than others, that stability alone made short: the motion is stiff
+_MANY_STIFF = 12  # steps, more than others, that are short although the motion is smooth: it is stiff
 _FAR = 200  # steps: a nearer end is reached all the same
 _COARSER = 30.0  # times the tolerance: tells what second derivatives of a stiff motion err by
 _FIXED = 1e-6  # of its size, by a change of a parameter by its own size: a smaller second derivative is not needed
@@ -297,8 +297,8 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
         state, slope = corrected(problem, *ends, stages, h, problem.time_scale)
     count = lane.stiff
     if count is not None:
-        stability = explicit.is_stiff(problem, lane.greatest, (lane.state, state), stages, h, rtol)
-        count = jnp.maximum(count + jnp.where(moved, jnp.where(stability, 1.0, -1.0), 0.0), 0.0)
+        one = explicit.stiffness(problem, lane.greatest, (lane.state, state), stages, h, rtol)
+        count = jnp.maximum(count + jnp.where(moved, one, 0.0), 0.0)
         far = until is None or until - control.time > _FAR * control.step
         stops = step_control.goes_on(control) & (count >= _MANY_STIFF) & far
         control = control._replace(
