@@ -3,6 +3,7 @@
     python -m benchmarks.ode_stiff                        # the table; CVODE needs a C compiler and libsundials-dev
     python -m benchmarks.ode_stiff --plot docs/images/stiff-work-precision.svg   # of the table in RESULTS-ode.md
     python -m benchmarks.ode_stiff --check --lanes 2000   # the same events at 1e-5 as at 1e-9, errors of t and t′
+    python -m benchmarks.ode_stiff --auto --lanes 2000    # "auto" beside both methods, of explicit problems as well
 
 Contenders are measured by turns, each on lanes that end by the event; of each the least of some rounds counts. Errors
 are the median of those of the event's time, against scipy's Radau at 1e-12 of the first lanes. What is compiled
@@ -11,6 +12,7 @@ is not counted.
 
 import argparse
 import functools
+import itertools
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -22,10 +24,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.cvode import cvode
-from benchmarks.ode_problems import JAX, NUMPY, Lanes
+from benchmarks.ode_problems import CASES as EXPLICIT, JAX, NUMPY, Case, Lanes
 from benchmarks.stiff_problems import CASES, Ignition, Oregonator, Robertson, StiffCase, VanDerPol
 from benchmarks.timing import by_turns, table_text
 from erosion import ode
+from erosion.lanes import machine
 
 TOLERANCES = (1e-5, 1e-7, 1e-9)
 LABELS = {"t": "ode.solve", "CVODE": "CVODE, in C", "Radau": "scipy, Radau", "Kvaerno5": "diffrax, Kvaerno5"}
@@ -110,7 +113,7 @@ def kvaerno(case: StiffCase) -> Callable[[Lanes, float], Any]:
             throw=False,
         )
         assert end.ts is not None
-        return jnp.where(end.event_mask, end.ts[-1], jnp.nan)
+        return jnp.where(jax.tree.leaves(end.event_mask)[0], end.ts[-1], jnp.nan)
 
     program = jax.jit(jax.vmap(lane, (0, None)))
 
@@ -240,6 +243,44 @@ def largest(errors: np.ndarray) -> str:
     return "/".join(f"{each:.0e}" for each in np.nanquantile(errors, (0.5, 0.99, 1.0)))
 
 
+def auto(case: Case, count: int, rounds: int) -> list[list[str]]:
+    """What "auto" costs beside the better of both methods, and how many of its lanes end otherwise than at 1e-11."""
+    problem, lanes = case.problem(), case.sample(count, np.random.default_rng(38))
+
+    def solved(method: str, rtol: float, order: int, lanes: Lanes = lanes) -> ode.Solution:
+        wrt = case.wrt if order else ()
+        return ode.solve(problem, lanes, t1=case.t1, rtol=rtol, method=method, smooth=True, wrt=wrt, derivatives=order)
+
+    def measure(method: str, rtol: float, order: int, lanes: Lanes) -> float:
+        begin = time.process_time()
+        solved(method, rtol, order, lanes)
+        return 1e6 * (time.process_time() - begin) / len(lanes[case.wrt])
+
+    true = solved("auto", 1e-11, 0).outcome
+    rows = []
+    for order, rtol in itertools.product((0, 1), (1e-6, 1e-9)):
+        end = solved("auto", rtol, order)
+        row = [
+            f"{case.name}, {rtol:.0e}" + ", t′" * order,
+            f"{np.mean(np.asarray(end.stiff, bool)):.0%}",
+            str(np.sum(end.outcome != true)),
+        ]
+        few = first(lanes, 64)
+        explicit = solved("explicit", rtol, order, few)
+        many = {"auto": lanes, "rosenbrock": lanes, "explicit": few if np.any(np.asarray(end.stiff)) else lanes}
+        spent = by_turns(
+            {name: functools.partial(measure, name, rtol, order, some) for name, some in many.items()}, rounds
+        )
+        least = {name: min(each[1:]) for name, each in spent.items()}  # the first may compile
+        if np.any(np.isin(explicit.ended_by, "unfinished")):
+            del least["explicit"]
+        row += [f"{least[name]:.3g}" if name in least else "–" for name in ("explicit", "rosenbrock", "auto")]
+        row.append(f"{least['auto'] / min(least[name] for name in least if name != 'auto'):.2f}")
+        rows.append(row)
+        print("  ".join(row), file=sys.stderr, flush=True)
+    return rows
+
+
 def measured(file: Path) -> dict[str, dict[str, list[float]]]:
     """By problem and column the numbers of the table in a file of results; NaN where there is none."""
     columns: list[str] = []
@@ -285,13 +326,20 @@ def main() -> None:
     parser.add_argument("--true", type=int, default=8, help="lanes that scipy computes at 1e-12")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--check", action="store_true", help="errors in place of costs")
+    parser.add_argument("--auto", action="store_true", help='what "auto" costs beside the better method')
     parser.add_argument("--plot", type=Path, help="draw the table of the results: work and precision")
     parser.add_argument("--contenders", nargs="+", default=list(CONTENDERS), choices=list(CONTENDERS))
-    parser.add_argument("cases", nargs="*", default=list(CASES), help=", ".join(CASES))
+    parser.add_argument("cases", nargs="*", help=", ".join(CASES))
     given = parser.parse_args()
-    cases = [CASES[name] for name in given.cases]
+    every: dict[str, Case] = {**EXPLICIT, **CASES}
+    cases = [] if given.auto else [CASES[name] for name in given.cases or CASES]
     if given.plot:
         plot(given.plot)
+    elif given.auto:
+        machine._LONG = 0  # no quick code: which of the two a turn meets would be chance
+        found = [auto(case, given.lanes, given.rounds) for case in (every[name] for name in given.cases or every)]
+        head = "problem | stiff | other events | explicit | rosenbrock | auto | auto over the better"
+        print(table_text(head, list(itertools.chain(*found))))
     elif given.check:
         head = (
             "problem | events | other outcomes | t, 1e-5 to 1e-9 | t against Radau | t′ against differences | without"
