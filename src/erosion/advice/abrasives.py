@@ -76,14 +76,15 @@ def comparison(
         )
         return say("{other} instead of {particle}: no ratio can be told, for {because}.", **numbers, because=because)
     size, shape = factors
+    ratio = f"{size * shape:.2g}"
     text = say(
-        "{other} instead of {particle}: about {ratio} times as much for a kilogramme, {size} by the size (diameter "
-        "to the power 0.19, Oka 2005) and {shape} by the shape (E/CRC); both are more than 1.2 times as hard as the "
-        "metal, so that hardness changes little (Feng and Ball 1999).",
+        "{other} instead of {particle}: {amount} for a kilogramme, {size} times by the size (diameter to the power "
+        "0.19, Oka 2005) and {shape} times by the shape (E/CRC). Both are more than 1.2 times as hard as the metal, so "
+        "that hardness changes little (Feng and Ball 1999).",
         **numbers,
-        ratio=f"{size * shape:.3g}",
-        size=f"{size:.3g}",
-        shape=f"{shape:.2g}",
+        amount=language.text("about as much") if ratio == "1" else say("about {ratio} times as much", ratio=ratio),
+        size=f"{size:.2f}",
+        shape=f"{shape:.2f}",
     )
     oka = oka_ratio(particle, other, target, v0)
     if oka is None:

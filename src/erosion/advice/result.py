@@ -350,7 +350,7 @@ class Advice(Result):
         say = self.language.say
         mine = "" if self.uncertain is None else say("By your weighings:") + " "
         sentences = [
-            mine + say("Set the nozzle to {angle} from the surface.", angle=degrees(self.alpha)),
+            mine + say("set the nozzle to {angle} from the surface.", angle=degrees(self.alpha)),
             self._amount(),
         ]
         if self.job is not None and self.trusted:

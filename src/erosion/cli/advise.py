@@ -210,4 +210,5 @@ def advise(
             printed.warn(*part.doubts(chosen, advice.p, advice.per_mass.cutting_fraction))
     printed.document(advice.to_dict(), models, lazy.UNITS)
     printed.table("", advice.rows(), advice.headings, (), advice.reasons, [advice.title, *advice.answers])
-    printed.wrote(figure=plot, page=output)
+    is_table = output is not None and output.suffix == ".csv"
+    printed.wrote(figure=plot, **{"table" if is_table else "page": output})
