@@ -1,4 +1,4 @@
-"""CSV and Parquet files with columns of any name, and samples of Fluent: understood, refused by name, or left out."""
+"""Files of CSV, Parquet and VTK with columns of any name, and samples of Fluent: understood, refused, or left out."""
 
 import gzip
 import math
@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
+import pyvista
 
 from erosion.cfd.impact_tables import NamedImpacts
 from erosion.cfd.read import read_impacts
@@ -517,3 +518,78 @@ def test_points_and_commas_are_one_too_many(tmp_path):
     path = written(tmp_path / "a.csv", SPELLINGS["german.csv"].replace("100", "1.5"))
     with pytest.raises(ImpactsError, match="with points and with commas"):
         read_impacts(path, particle_density=2650, columns=MEANT)
+
+
+ARRAYS = {"U": [[30, 0.5, -4]] * 2, "d": [200, 100], "rho": [2650, 2650], "nParticle": [3, 4], "age": [1, 2]}
+PARTS = slice(1), slice(1, 2), slice(2)
+PLACES = [[1.5, 2, -3], [2.5, 2, -3]]
+BY_HAND = """<?xml version="1.0"?><VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian">
+<UnstructuredGrid><Piece NumberOfPoints="2" NumberOfCells="2">
+<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">1.5 2 -3 2.5 2 -3</DataArray></Points>
+<Cells><DataArray type="Int64" Name="connectivity" format="ascii">{corners}</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">{ends}</DataArray>
+<DataArray type="UInt8" Name="types" format="ascii">{kinds}</DataArray></Cells>
+<PointData><DataArray type="Float64" Name="U" NumberOfComponents="3" format="ascii">30 0.5 -4 30 0.5 -4</DataArray>
+<DataArray type="Float32" Name="d" format="ascii">200 100</DataArray>
+<DataArray type="Int32" Name="rho" format="ascii">2650 2650</DataArray></PointData>
+<CellData><DataArray type="Int64" Name="nParticle" format="ascii">3 4</DataArray></CellData>
+</Piece></UnstructuredGrid></VTKFile>"""
+MEANT_OF_POINTS = "Points=mm, U=m/s, d=um, rho=kg/m^3"
+
+
+def points_file(path: Path, arrays: dict[str, Any] = ARRAYS) -> Path:
+    """Two points; in blocks, one in each."""
+    first, second, cloud = parts = [pyvista.PolyData(np.array(PLACES[part], float)) for part in PARTS]
+    for part, points in zip(PARTS, parts, strict=True):
+        points.point_data.update({name: np.array(values[part]) for name, values in arrays.items()})
+    if path.suffix == ".vtm":
+        run = pyvista.MultiBlock({"internalMesh": pyvista.ImageData(dimensions=(2, 2, 2)), "nothing": None})
+        sand = {"sand0": first.cast_to_unstructured_grid(), "sand1": second.cast_to_unstructured_grid()}
+        run["lagrangian"] = pyvista.MultiBlock(sand)
+        run.save(path)
+    else:
+        (cloud if path.suffix == ".vtp" else cloud.cast_to_unstructured_grid()).save(path)
+    return path
+
+
+@pytest.mark.parametrize("name", ["hits.vtp", "hits.vtu", "hits.VTU", "hits.vtm", "hand.vtu"])
+def test_points_of_vtk_are_a_table(tmp_path, name):
+    if name == "hand.vtu":
+        path = written(tmp_path / name, BY_HAND.format(corners="0 1", ends="1 2", kinds="1 1"))
+    else:
+        path = points_file(tmp_path / name)
+    with pytest.raises(ImpactsError, match=r"'U:0'.* must have a unit.*\"Points:0,Points:1,Points:2,d=m"):
+        read_impacts(path)
+    impacts = read_impacts(path, columns=MEANT_OF_POINTS)
+    blocks = [*impacts.blocks(10)]
+    expected = {"position": np.array(PLACES) / 1e3, "velocity": ARRAYS["U"], "count": [3, 4], "diameter": [2e-4, 1e-4]}
+    for field, values in expected.items():
+        got = np.concatenate([getattr(block, field) for block in blocks])
+        np.testing.assert_allclose(got, values, rtol=1e-15)
+    assert impacts.rows == 2
+    assert ("lagrangian/sand0, lagrangian/sand1 are joined" in " ".join(impacts.warnings)) == (name == "hits.vtm")
+    assert name == "hand.vtu" or "columns that are not used: 'age'" in impacts.warnings[-1]
+
+
+def test_points_of_vtk_that_are_no_table_are_refused(tmp_path):
+    pyvista.Sphere().save(tmp_path / "wall.vtp")
+    with pytest.raises(ImpactsError, match="no points of their own, as impacts are, but corners of cells"):
+        read_impacts(tmp_path / "wall.vtp")
+    path = written(tmp_path / "swapped.vtu", BY_HAND.format(corners="1 0", ends="1 2", kinds="1 1"))
+    with pytest.raises(ImpactsError, match="arrays of cells that are not one to each point"):
+        read_impacts(path)
+    path = points_file(tmp_path / "hits.vtm")
+    before = read_impacts(path, columns=MEANT_OF_POINTS).identity()
+    (second,) = (tmp_path / "hits").glob("*_3.*")
+    text = points_file(tmp_path / "other.vtu", {**ARRAYS, "d": [201, 100]}).read_bytes()
+    assert second.suffix == ".vtu"
+    second.write_bytes(text)
+    assert read_impacts(path, columns=MEANT_OF_POINTS).identity() != before
+    points_file(tmp_path / "other.vtu", {"U": ARRAYS["U"]}).rename(second)
+    with pytest.raises(
+        ImpactsError, match="'lagrangian/sand0' and 'lagrangian/sand1' both hold points, but with other"
+    ):
+        read_impacts(path, columns=MEANT_OF_POINTS)
+    second.unlink()
+    with pytest.raises(ImpactsError, match=r"hits.vtm: names the file '.*_3.vtu', which is not there"):
+        read_impacts(path, columns=MEANT_OF_POINTS)

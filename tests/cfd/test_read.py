@@ -44,6 +44,44 @@ def test_a_file_is_its_polygons(box, name, area):
     assert name == "mesh.vtu" or (np.sum(surface.normal * (surface.centre - (0.5, 1, 1.5)), axis=1) > 0).all()
 
 
+GROUP = """<VTKFile type="vtkMultiBlockDataSet" version="1.0"><vtkMultiBlockDataSet><DataSet index="0" name="mesh"
+ file="volume.vtu"/><Block index="1" name="boundary"><DataSet index="0" name="wall" file="box.vtp"/><DataSet index="1"
+ name="{}" file="{}"/></Block></vtkMultiBlockDataSet></VTKFile>"""
+BY_HAND = """<VTKFile type="PolyData" version="0.1"><PolyData>
+<Piece NumberOfPoints="4" NumberOfVerts="0" NumberOfLines="0" NumberOfStrips="0" NumberOfPolys="1">
+<Points><DataArray type="Float32" NumberOfComponents="3" format="ascii">0 0 0 4 0 0 4 5 0 0 5 0</DataArray></Points>
+<Polys><DataArray type="Int32" Name="connectivity" format="ascii">0 1 2 3</DataArray>
+<DataArray type="Int32" Name="offsets" format="ascii">4</DataArray></Polys></Piece></PolyData></VTKFile>"""
+
+
+def test_blocks_of_polygons_are_patches(box):
+    (box / "inlet.vtp").write_text(BY_HAND)
+    (box / "case.vtm").write_text(GROUP.format("inlet", "inlet.vtp"))
+    both = read_surface(box / "case.vtm", unit="mm")
+    assert both.patches == ("boundary/wall", "boundary/inlet")
+    assert both.title.endswith("case.vtm: boundary/wall, boundary/inlet")
+    np.testing.assert_array_equal(both.patch, [0] * 6 + [1])
+    np.testing.assert_allclose(both.area, 1e-6 * np.array([6, 6, 3, 3, 2, 2, 20]), rtol=1e-14)
+    wall = read_surface(box / "case.vtm", "boundary/wall")
+    np.testing.assert_array_equal(wall.centre, read_surface(box / "box.vtp").centre)
+    with pytest.raises(ImpactsError, match="no patch 'wall', but has boundary/wall, boundary/inlet"):
+        read_surface(box / "case.vtm", "wall")
+    # ParaView gives the patches of a group twice.
+    (box / "case.vtm").write_text(GROUP.format("group", "box.vtp"))
+    with pytest.raises(
+        ImpactsError, match=r"6 faces of 'boundary/group' are those of another block.*`patch` must name"
+    ):
+        read_surface(box / "case.vtm")
+    assert read_surface(box / "case.vtm", "boundary/group").faces == 6
+    (box / "case.vtm").write_text(GROUP.format("inlet", "cut.vtp"))
+    (box / "cut.vtp").write_text(BY_HAND[:-60])
+    with pytest.raises(ImpactsError, match=r"cut.vtp: cannot be read"):
+        read_surface(box / "case.vtm")
+    (box / "cut.vtp").unlink()
+    with pytest.raises(ImpactsError, match=r"case.vtm: names the file 'cut.vtp', which is not there"):
+        read_surface(box / "case.vtm")
+
+
 SOLID = b"solid box".ljust(80)
 
 

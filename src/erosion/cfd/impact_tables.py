@@ -1,4 +1,4 @@
-"""Tables of impacts with named columns: CSV and Parquet of post-processors."""
+"""Tables of impacts with named columns: CSV, Parquet and VTK of post-processors."""
 
 import contextlib
 import csv
@@ -8,7 +8,7 @@ import itertools
 import math
 import re
 import tomllib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,6 +30,8 @@ from erosion.cfd.rows import (
     open_table,
     require_columns,
     require_rows,
+    vtk_files,
+    vtk_tables,
     weigh,
 )
 from erosion.extras import library
@@ -115,7 +117,7 @@ class Column(NamedTuple):
 
 @dataclasses.dataclass(kw_only=True)
 class NamedImpacts(Impacts):
-    """A CSV or Parquet file."""
+    """A CSV, Parquet or VTK file."""
 
     path: Path
     columns: dict[str, Column]
@@ -124,13 +126,14 @@ class NamedImpacts(Impacts):
 
     def identity(self) -> str:
         """See `Impacts`."""
-        return digest_of([self.path], f"{self.density} {self.duration} {self.columns}")
+        blocks = vtk_files(self.path).values() if kind_of(self.path) == "vtk" else ()
+        return digest_of([self.path, *blocks], f"{self.density} {self.duration} {self.columns}")
 
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
         """See `Impacts`; after the last block `warnings` has what is doubtful in its numbers."""
         first, noted = 0, _Noted(self.columns)
         wanted = [column.name for column in self.columns.values()]
-        for batch in (_parquet_batches if kind_of(self.path) == "parquet" else _csv_batches)(self.path, wanted):
+        for batch in _BATCHES[kind_of(self.path)](self.path, wanted):
             columns = dict[str, np.ndarray]()
             for name, (head, size, _) in self.columns.items():
                 is_number = batch.column(head).is_valid().to_numpy(zero_copy_only=False)
@@ -167,12 +170,12 @@ def open_named(
     ignore: Sequence[str] = (),
     meant: Mapping[str, str] | None = None,
 ) -> NamedImpacts:
-    """A CSV or Parquet file, without the columns that `ignore` names, some of which mean what `meant` says.
+    """A CSV, Parquet or VTK file, without the columns that `ignore` names, some of which mean what `meant` says.
 
     Raises:
         ImpactsError: for a file that cannot be read, and columns or units that cannot be used.
     """
-    columns, unused, rows = _head(path, ignore, meant)
+    columns, unused, rows, blocks = _head(path, ignore, meant)
     if density is not None and _gives_density(columns):
         own = [columns[name].name for name in ("density", "mass", "diameter") if name in columns]
         raise ImpactsError(
@@ -184,6 +187,8 @@ def open_named(
     if rows == 0:
         raise ImpactsError(f"{path}: has no rows.")
     duration, warnings = weigh(str(path), columns, duration)
+    if len(blocks) > 1:
+        warnings += (f"{path.name}: the points of its blocks {', '.join(blocks)} are joined.",)
     if not _ends_with_a_line(path):
         warnings += (f"{path.name} does not end with the end of a line; is it there to its end?",)
     return NamedImpacts(
@@ -306,8 +311,8 @@ class _Noted:
 
 
 def is_named(path: Path) -> bool:
-    """Whether it is a CSV file, compressed or not, or a Parquet file."""
-    return path.is_file() and kind_of(path) in ("csv", "parquet")
+    """Whether it is a CSV file, compressed or not, a Parquet or a VTK file."""
+    return path.is_file() and kind_of(path) in _BATCHES
 
 
 def read_meanings(given: str | Mapping[str, str] | None) -> dict[str, str]:
@@ -342,22 +347,29 @@ def _explained(path: Path, heads: Sequence[str], meant: Mapping[str, str]) -> li
     """The heads of a table with the units or the names that a user gives them."""
     explained = list(heads)
     for name, text in meant.items():
-        at = [i for i, head in enumerate(heads) if head.strip() == name]
+        # "U" is all of U:0, U:1 and U:2.
+        at = [i for i, head in enumerate(heads) if name in (head.strip(), re.sub(r":\d$", "", head.strip()))]
         if not at:
             known = shown(", ".join(head.strip() for head in heads))
             raise ImpactsError(f"{path}: has no column {name!r}, which Argument `columns` names; it has {known}.")
         if not text.endswith("]") and head_parts(name)[1]:
             raise ImpactsError(f"{path}: column {name!r} has its unit, so Argument `columns` must not give it another.")
-        explained[at[0]] = text if text.endswith("]") else f"{name} [{text}]"
+        for i in at:
+            explained[i] = text if text.endswith("]") else f"{heads[i].strip()} [{text}]"
     return explained
 
 
 def _head(
     path: Path, ignore: Sequence[str], meant: Mapping[str, str] | None
-) -> tuple[dict[str, Column], tuple[str, ...], int | None]:
-    """The columns that are used, by name, the heads of those that are left out, and the number of rows if known."""
-    if kind_of(path) == "parquet":
+) -> tuple[dict[str, Column], tuple[str, ...], int | None, tuple[str, ...]]:
+    """The columns that are used, by name, the heads of those that are left out, the number of rows if known, blocks."""
+    blocks: tuple[str, ...] = ()
+    if (kind := kind_of(path)) == "parquet":
         heads, units, rows = _parquet_head(path)
+    elif kind == "vtk":
+        tables = vtk_tables(path)
+        blocks, heads, units = (*tables,), tables[next(iter(tables))].column_names, {}
+        rows = sum(table.num_rows for table in tables.values())
     else:
         heads, units, rows = _csv_header(path).heads, {}, None
     texts = _explained(path, heads, meant or {})
@@ -376,7 +388,7 @@ def _head(
         raise ImpactsError(f"{path}: has both columns `face` and `mesh_face`; keep one.")
     # The velocity and the surface give both better.
     doubled = [columns.pop(name).name for name in ("speed", "angle") if {name, VELOCITY[0]} <= columns.keys()]
-    return columns, (*table.unused, *doubled), rows
+    return columns, (*table.unused, *doubled), rows, blocks
 
 
 def _known(heads: Sequence[str]) -> Mapping[str, Known]:
@@ -538,11 +550,26 @@ def _parquet_head(path: Path) -> tuple[list[str], dict[str, str], int]:
     return schema.names, units, rows
 
 
-def _parquet_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
+def _require_numbers(path: Path, schema: Any, wanted: Sequence[str]) -> None:
     types = library("pyarrow", "cfd").types
+    for name in wanted:
+        kind = schema.field(name).type
+        if not (types.is_integer(kind) or types.is_floating(kind)):
+            raise ImpactsError(f"{path}: column {name!r} must hold numbers, but holds {kind}.")
+
+
+def _parquet_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
     with _open_parquet(path) as file:
-        for name in wanted:
-            kind = file.schema_arrow.field(name).type
-            if not (types.is_integer(kind) or types.is_floating(kind)):
-                raise ImpactsError(f"{path}: column {name!r} must hold numbers, but holds {kind}.")
+        _require_numbers(path, file.schema_arrow, wanted)
         yield from file.iter_batches(_BLOCK // 32, columns=list(wanted))
+
+
+def _vtk_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
+    for table in vtk_tables(path).values():
+        _require_numbers(path, table.schema, wanted)
+        yield from table.select(wanted).to_batches(_BLOCK // 32)
+
+
+_BATCHES: Mapping[str, Callable[[Path, Sequence[str]], Iterator[Any]]] = {
+    "csv": _csv_batches, "parquet": _parquet_batches, "vtk": _vtk_batches,
+}  # fmt: skip

@@ -1,12 +1,7 @@
 """Open tables of impacts and surfaces (VTK, STL, OpenFOAM) by the kind of their files."""
 
-import contextlib
 import dataclasses
-import logging
-import mmap
-import re
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,46 +10,62 @@ import numpy as np
 from erosion.arguments import check_path
 from erosion.cfd import impact_tables, text_tables
 from erosion.cfd.openfoam import case_of, open_case
-from erosion.cfd.rows import Impacts, ImpactsError, kind_of
+from erosion.cfd.rows import Impacts, ImpactsError, kind_of, vtk_blocks
 from erosion.cfd.surface import Surface, metres_of
 from erosion.extras import library
 from erosion.output.files import require_finite
 from erosion.parameters.quantities import about, read_quantity
 
-SURFACE_SUFFIXES = (".vtp", ".stl", ".vtu")
-_MOST_PACKED = 1000  # numbers for each byte: so much packs zlib at most
 _STL_HEAD = 256  # bytes, of which VTK tells text from numbers as well
 _POLYGONS = (5, 7, 9)  # VTK's numbers of triangle, polygon and quadrilateral
 
 
-def open_surface(path: Path) -> Surface:
-    """The polygons of a file; of a VTU those cells that are polygons.
+def open_surface(path: Path, patch: str | Sequence[str] | None = None) -> Surface:
+    """The polygons of a file; of a VTU those cells that are polygons; of a VTM those of its blocks, each a patch.
 
     Raises:
-        ImpactsError: for a file that cannot be read, or that holds no polygons.
+        ImpactsError: for a file that cannot be read, or that holds no polygons, and a patch that is not there.
     """
-    pyvista = library("pyvista", "cfd")
-    (_require_whole_stl if path.suffix.lower() == ".stl" else _require_counts)(path)
-    try:
-        with _quiet(), pyvista.vtk_verbosity("off"):
-            mesh = pyvista.read(path)
-    except Exception as error:
-        raise ImpactsError(f"{path}: cannot be read; it is damaged, or no {path.suffix} file.") from error
-    grid = mesh.cast_to_unstructured_grid() if hasattr(mesh, "cast_to_unstructured_grid") else None
-    chosen = np.isin(grid.celltypes, _POLYGONS) if grid is not None and grid.n_cells else np.zeros(0, bool)
-    if grid is None or not chosen.any():
+    if path.suffix.lower() == ".stl":
+        _require_whole_stl(path)
+    elif patch is not None and path.suffix.lower() != ".vtm":
+        raise ImpactsError(f"{path}: has no patches, so Argument `patch` must be left out.")
+    grids = dict[str, tuple[Any, np.ndarray]]()
+    for name, block in vtk_blocks(path).items():
+        grid = block.cast_to_unstructured_grid()
+        if (chosen := np.isin(grid.celltypes, _POLYGONS)).any():
+            grids[name] = grid, chosen
+    if not grids:
         raise ImpactsError(f"{path}: holds no polygons; extract the surface of a volume's mesh first.")
-    cells = grid.GetCells()
-    corners = np.asarray(pyvista.convert_array(cells.GetConnectivityArray()), np.int64)
-    sizes = np.diff(pyvista.convert_array(cells.GetOffsetsArray()))
-    return Surface(
-        title=str(path),
-        points=np.asarray(grid.points, float),
-        corners=corners[np.repeat(chosen, sizes)],
-        ends=np.cumsum(sizes[chosen], dtype=np.int64),
-        patches=(path.stem,),
-        patch=np.zeros(int(chosen.sum()), np.int64),
+    names = list(grids) if patch is None else [patch] if isinstance(patch, str) else list(dict.fromkeys(patch))
+    if unknown := next((name for name in names if name not in grids), ""):
+        raise ImpactsError(f"{path}: has no patch {unknown!r}, but has {', '.join(grids)}.")
+    points, corners, sizes = [list[np.ndarray]() for _ in range(3)]
+    pyvista = library("pyvista", "cfd")
+    for grid, chosen in (grids[name] for name in names):
+        cells, first = grid.GetCells(), sum(map(len, points))
+        size = np.diff(pyvista.convert_array(cells.GetOffsetsArray()))
+        its = np.asarray(pyvista.convert_array(cells.GetConnectivityArray()), np.int64)
+        corners.append(its[np.repeat(chosen, size)] + first)
+        points.append(np.asarray(grid.points, float))
+        sizes.append(size[chosen])
+    surface = Surface(
+        title=f"{path}: {', '.join(names)}" if path.suffix.lower() == ".vtm" else str(path),
+        points=np.concatenate(points),
+        corners=np.concatenate(corners),
+        ends=np.cumsum(np.concatenate(sizes), dtype=np.int64),
+        patches=tuple(names),
+        patch=np.repeat(np.arange(len(names)), list(map(len, sizes))),
     )
+    if len(names) == 1:
+        return surface
+    twice = np.setdiff1d(np.arange(surface.faces), np.unique(surface.centre, axis=0, return_index=True)[1])
+    if len(twice):
+        raise ImpactsError(
+            f"{path}: {len(twice):,} faces of {names[surface.patch[twice[0]]]!r} are those of another block, too: "
+            f"Argument `patch` must name some of {', '.join(names)}."
+        )
+    return surface
 
 
 def _require_whole_stl(path: Path) -> None:
@@ -73,34 +84,7 @@ def _require_whole_stl(path: Path) -> None:
         )
 
 
-def _require_counts(path: Path) -> None:
-    """Refuse an XML file whose counts are more than it could hold: VTK makes room for as many, and ends the process."""
-    size = path.stat().st_size
-    if not size:
-        return
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        for what, count in re.findall(rb"(NumberOf\w+)\s*=\s*[\"']([^\"']*)", content):
-            if not count.strip().isdigit() or int(count) > _MOST_PACKED * size:
-                number = count[:20].decode("ascii", "replace")
-                raise ImpactsError(
-                    f"{path}: cannot be read; it is damaged: {what.decode()} is {number!r} in a file of {size:,} bytes."
-                )
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Make pyvista raise what it would log and warn of, before it goes on with an empty mesh."""
-    before = logging.root.manager.disable
-    logging.disable(logging.CRITICAL)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", UserWarning)
-            yield
-    finally:
-        logging.disable(before)
-
-
-_SURFACES = ".vtp, .stl or .vtu"
+_SURFACES = ".vtp", ".stl", ".vtu", ".vtm"
 
 
 def read_impacts(
@@ -127,7 +111,8 @@ def read_impacts(
     - `.post`: OpenFOAM's function objects `patchPostProcessing` and `particlePostProcessing`; a file, the
       folder of a function object with all its windows of time, or a case that has one. Columns are found by the header.
     - `.dpm`: a sample of Fluent. Of a steady run the rows are what hits within `duration`.
-    - `.csv`, `.parquet`: text with commas, semicolons, tabs or spaces between columns, or numbers: columns
+    - `.csv`, `.parquet`; `.vtp`, `.vtu`, `.vtm`: text with commas, semicolons, tabs or spaces between columns, or
+      numbers; or VTK's points with arrays, where the vector `U` is the columns `U:0`, `U:1` and `U:2`. Columns
       `diameter [um]`; `mass [ug]` or `density [kg/m^3]`; `velocity_x [m/s]`, `velocity_y`,
       `velocity_z`, or `speed [m/s]` and `angle [deg]`; at will one of `count`, `parcel_mass [kg]`, and of a steady run
       `mass_flow [kg/s]`, `frequency [1/s]`; `position_x [m]`, …, `face` (of the surface) or `mesh_face` (of the mesh),
@@ -179,8 +164,10 @@ def read_surface(
     """Read the surface that particles hit.
 
     Args:
-        source: an OpenFOAM case (its mesh in ASCII or binary, compressed or not), or a file `.vtp`, `.stl` or `.vtu`.
-        patch: one or more patches of the case; by default all of type wall.
+        source: an OpenFOAM case (its mesh in ASCII or binary, compressed or not), or a file `.vtp`, `.stl`, `.vtu` or
+            `.vtm`.
+        patch: one or more patches of the case; by default all of type wall. Or blocks of a `.vtm`; by default all that
+            have polygons.
         unit: of the coordinates, "mm"; by default they are in metres, and `erosion_map` compares them with the
             positions of impacts.
         reverse: whether to turn the normals round, for a file whose normals point into the fluid. OpenFOAM's point
@@ -196,12 +183,12 @@ def read_surface(
     if path.is_dir():
         case = case_of(path)
         surface = open_case(path if case is None else case).surface(patch)
-    elif path.suffix.lower() in SURFACE_SUFFIXES:
-        if patch is not None:
-            raise ImpactsError(f"{path}: has no patches, so Argument `patch` must be left out.")
-        surface = open_surface(path)
+    elif path.suffix.lower() in _SURFACES:
+        surface = open_surface(path, patch)
     else:
-        raise ImpactsError(f"{path}: is no surface; it must be an OpenFOAM case, or its name must end in {_SURFACES}.")
+        raise ImpactsError(
+            f"{path}: is no surface; it must be an OpenFOAM case, or its name must end in {', '.join(_SURFACES)}."
+        )
     surface = surface.in_unit(unit)
     if reverse not in (False, True, "auto"):
         raise ImpactsError(f"Argument `reverse` must be True, False or 'auto', but is {reverse!r}.")

@@ -9,12 +9,16 @@ import gzip
 import hashlib
 import io
 import itertools
+import logging
 import math
+import mmap
 import re
+import warnings
 import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -287,6 +291,8 @@ def _sizes(columns: Columns, density: float | None) -> tuple[np.ndarray, np.ndar
 
 _CHUNK = 1 << 22  # bytes that are read and parsed at once
 _HEAD = 1 << 16  # bytes in which a header must end
+_VERTICES = (0, 1, 2)  # VTK's numbers of no cell, of one point, and of several
+_MOST_PACKED = 1000  # numbers for each byte: so much packs zlib at most
 _SPACES = bytes.maketrans(b"\t\r", b"  ")
 
 
@@ -304,17 +310,18 @@ def open_table(path: Path) -> Iterator[Any]:
         raise ImpactsError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from error
 
 
-_SUFFIXES = {"openfoam": (".post",), "fluent": (".dpm",), "parquet": (".parquet",), "csv": (".csv",)}
+_SUFFIXES = {"openfoam": (".post",), "fluent": (".dpm",), "parquet": (".parquet",), "csv": (".csv",),
+             "vtk": (".vtp", ".vtu", ".vtm")}  # fmt: skip
 _BEGINS = {"openfoam": rb"^#\s*Time\b", "fluent": rb"^\s*\(+\s*x\s+y\s+z\b.*\bdiameter\b"}
 
 
 def kind_of(path: Path) -> str:
-    """Which table a file is, "openfoam", "fluent", "parquet" or "csv": by its name, or else by what it begins with.
+    """Which table a file is, "openfoam", "fluent", "parquet", "csv" or "vtk": by its name, or by what it begins with.
 
     Raises:
         ImpactsError: as of `beginning`.
     """
-    name = path.name.removesuffix(".gz")
+    name = path.name.removesuffix(".gz").lower()
     if kind := next((kind for kind, suffixes in _SUFFIXES.items() if name.endswith(suffixes)), ""):
         return kind
     with open_table(path) as file:
@@ -433,3 +440,109 @@ def first_wrong_field(
             except ValueError:
                 return f"row {row:,}: column `{name}` must be a number, but is {field[:40]!r}"
     return otherwise if row else None
+
+
+def vtk_files(path: Path) -> dict[str, Path]:
+    """The files of a `.vtm` by the names of its blocks; any other file by its own.
+
+    Raises:
+        ImpactsError: for a `.vtm` that cannot be read, and where one of its files is missing.
+    """
+    if path.suffix.lower() != ".vtm":
+        return {path.stem: path}
+    try:
+        named = list(_named_files(ET.parse(path).getroot(), ""))
+    except (ET.ParseError, OSError) as error:
+        raise ImpactsError(f"{path}: cannot be read; it is damaged, or no .vtm file.") from error
+    files = {name: path.parent / file for name, file in named}
+    if missing := next((file for _, file in named if not (path.parent / file).is_file()), ""):
+        raise ImpactsError(f"{path}: names the file {missing!r}, which is not there.")
+    if len(files) < len(named):
+        raise ImpactsError(f"{path}: has two blocks of the same name.")
+    return files
+
+
+def _named_files(element: ET.Element, above: str) -> Iterator[tuple[str, str]]:
+    for child in element:
+        # The element of all blocks has no index.
+        name = "/".join(filter(None, (above, child.get("name", child.get("index", "")))))
+        if "file" in child.attrib:
+            yield name, child.attrib["file"]
+        yield from _named_files(child, name)
+
+
+def vtk_blocks(path: Path) -> dict[str, Any]:
+    """The data sets of the files of `vtk_files` that have points, and its errors.
+
+    Raises:
+        ImpactsError: for a file that cannot be read.
+    """
+    pyvista, blocks = library("pyvista", "cfd"), dict[str, Any]()
+    for name, file in vtk_files(path).items():
+        _require_counts(file)
+        try:
+            with _quiet(), pyvista.vtk_verbosity("off"):
+                block = pyvista.read(file)
+        except Exception as error:
+            raise ImpactsError(f"{file}: cannot be read; it is damaged, or no {file.suffix} file.") from error
+        if getattr(block, "n_points", 0):
+            blocks[name] = block
+    return blocks
+
+
+def _require_counts(path: Path) -> None:
+    """Refuse an XML file whose counts are more than it could hold: VTK makes room for as many, and ends the process."""
+    size = path.stat().st_size
+    if not size:
+        return
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        for what, count in re.findall(rb"(NumberOf\w+)\s*=\s*[\"']([^\"']*)", content):
+            if not count.strip().isdigit() or int(count) > _MOST_PACKED * size:
+                number = count[:20].decode("ascii", "replace")
+                raise ImpactsError(
+                    f"{path}: cannot be read; it is damaged: {what.decode()} is {number!r} in a file of {size:,} bytes."
+                )
+
+
+def vtk_tables(path: Path) -> dict[str, Any]:
+    """The points of each block of points, with their arrays as columns: "U:0", "U:1", "U:2" of a vector.
+
+    Raises:
+        ImpactsError: for points that are corners of cells, and blocks with other arrays than the first one.
+    """
+    arrow, tables = library("pyarrow", "cfd"), dict[str, Any]()
+    for name, block in vtk_blocks(path).items():
+        cells = block.cast_to_unstructured_grid()
+        if not np.isin(cells.celltypes, _VERTICES).all():
+            continue
+        arrays = {"Points": block.points, **block.point_data}
+        if block.cell_data.keys():
+            if not np.array_equal(cells.cell_connectivity, np.arange(cells.n_points)) or cells.n_cells < cells.n_points:
+                raise ImpactsError(f"{path}: has arrays of cells that are not one to each point, as {name!r} shows.")
+            arrays = {**block.cell_data, **arrays}
+        columns = dict[str, np.ndarray]()
+        for head, values in arrays.items():
+            parts = np.asarray(values).reshape(cells.n_points, -1).T
+            columns |= {f"{head}:{i}" if len(parts) > 1 else head: part for i, part in enumerate(parts)}
+        tables[name] = arrow.table(columns)
+    if not tables:
+        raise ImpactsError(f"{path}: holds no points of their own, as impacts are, but corners of cells.")
+    (first, table), *others = tables.items()
+    if other := next((name for name, its in others if set(its.column_names) != set(table.column_names)), ""):
+        raise ImpactsError(
+            f"{path}: its blocks {first!r} and {other!r} both hold points, but with other arrays; save one alone."
+        )
+    return tables
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Make pyvista raise what it would log and warn of, before it goes on with an empty mesh."""
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)
+            yield
+    finally:
+        logging.disable(before)

@@ -45,7 +45,7 @@ _CASE = "Case file; without it, --target's correlation, or steel's."
 class _Surface:
     """What the particles hit."""
 
-    surface: Annotated[Path | None, Parameter(help="OpenFOAM case, .vtp, .vtu, .stl; without it totals alone.")] = None
+    surface: Annotated[Path | None, Parameter(help="OpenFOAM case, .vtp, .vtu, .vtm, .stl; else totals alone.")] = None
     patch: Annotated[
         list[str] | None, LISTED, Parameter(help='Of the OpenFOAM case: "wall", or several; or all walls.')
     ] = None
@@ -212,7 +212,9 @@ class _Picture:
 
 
 def map_(
-    impacts: Annotated[Path, Parameter(help="OpenFOAM case, .post, .dat, Fluent's .dpm, .csv, .parquet.")],
+    impacts: Annotated[
+        Path, Parameter(help="OpenFOAM case, .post, .dat, Fluent's .dpm, .csv, .parquet, .vtp, .vtu, .vtm.")
+    ],
     file: Annotated[CaseArgument, Parameter(help=_CASE)] = None,
     /,
     *,
