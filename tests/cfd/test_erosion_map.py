@@ -54,11 +54,12 @@ def wear() -> xr.Dataset:
 
 HEADS = ("diameter_um", "density [kg/m^3]", "u [m/s]", "v [m/s]", "w [m/s]", "x [mm]", "y [mm]", "z [mm]", "count")
 UNDERSTOOD = {
-    "right": ({}, "of 100.1 to 498.8 um, 0.008171 kg in all, at 20.01 to 79.72 m/s, on average 49.69 m/s", ""),
+    "right": ({}, " and 2650 kg/m³, 0.008171 kg in all, at 20.01 to 79.72 m/s, on average 49.69 m/s", ""),
     "mm/s": ({"u": 1e3, "v": 1e3, "w": 1e3}, "on average 4.969e+04 m/s", "The mean speed is 4.97e+04 m/s, at which"),
     "ft/s": ({"u": 3.2808, "v": 3.2808, "w": 3.2808}, "on average 163 m/s", ""),
     "slow": ({"u": 1e-3, "v": 1e-3, "w": 1e-3}, "on average 0.04969 m/s", "The mean speed is 0.0497 m/s, at which"),
-    "radii": ({"diameter_um": 0.5}, "of 50.06 to 249.4 um, 0.001021 kg in all", ""),
+    "radii": ({"diameter_um": 0.5}, "of 50.06 to 249.4 um and 2650 kg/m³, 0.001021 kg in all", ""),
+    "steel": ({"density": 2.943}, "of 100.1 to 498.8 um and 7799 kg/m³, 0.02405 kg in all", ""),
     "in m": ({"diameter_um": 1e-6}, "of 0.0001001 to 0.0004988 um", "diameters of 1e-10 to 4.99e-10 m, as no"),
     "a cut file": ({}, "Read: 150 rows, diameter from diameter_um in um; density from density in kg/m^3; velocity", ""),
 }  # fmt: skip
@@ -77,6 +78,27 @@ def test_how_a_table_was_understood_is_said(tmp_path: Path, name: str) -> None:
     said = [sentence for sentence in summary.warnings if "far from what tests" not in sentence]
     assert doubt in " ".join(said)
     assert bool(said) == bool(doubt) or "outside the range" in " ".join(said)
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "words"),
+    [
+        ("count", 1e3, "Row 18 of table.csv alone does about 53 %"),
+        ("speed", 14.0, "Row 18 of table.csv alone does about 52 %"),
+        ("count", 10.0, ""),
+        ("weights", 0.0, "150 rows that hit have the weight 0"),
+    ],
+)
+def test_rows_of_too_much_weight_or_none_are_said(column: str, factor: float, words: str) -> None:
+    alike = {"count": 1.0, "mass": 2e-8, "diameter": 2.43e-4, "speed": 30.0, "alpha": 0.4}
+    table = sand(SURFACE, 900).replace(velocity=None, **{name: np.full(900, value) for name, value in alike.items()})
+    field = "count" if column == "weights" else column
+    values = table.columns[field].copy()
+    values[slice(0, 150) if column == "weights" else 17] *= factor
+    said = warnings_of(erosion_map("dnv", P, table.replace(**{field: values}), SURFACE))
+    said = [sentence for sentence in said if "outside the range" not in sentence]
+    assert len(said) == bool(words)
+    assert words in " ".join(said)
 
 
 def test_faces_patches_and_totals_are_the_sums_of_the_rows(wear: xr.Dataset) -> None:

@@ -250,7 +250,7 @@ class _Noted:
         if not self._rows:
             count = columns.get("count", np.zeros(0))
             self._numbered = bool(
-                len(count) >= _DISTINCT and (count % 1 == 0).all() and len(np.unique(count)) == len(count)
+                len(count) >= _DISTINCT and (np.floor(count) == count).all() and len(np.unique(count)) == len(count)
             )
         self._steepest = max(self._steepest, float(columns.get("angle", np.zeros(1)).max(initial=0.0)))
         if POSITION[0] in columns and self._rows < _COMPARED:
