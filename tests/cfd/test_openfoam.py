@@ -400,14 +400,30 @@ def test_a_mesh_that_cannot_be_read_is_refused_by_its_file(run, name):
 P = erosion.TABLE_1.to("si").replace(sigma=1.5e9, psi=2.0, k=2.4, inertia=0.5)
 
 
+def packed(path: Path) -> None:
+    Path(f"{path}.gz").write_bytes(gzip.compress(path.read_bytes()))
+    path.unlink()
+
+
+def unpacked(path: Path) -> None:
+    if path.suffix == ".gz":
+        path.with_suffix("").write_bytes(gzip.decompress(path.read_bytes()))
+        path.unlink()
+
+
+# What OpenFOAM wrote, serial in compressed text, parallel in plain binary, and the same files packed otherwise.
 @pytest.mark.parametrize("name", ["serial", "parallel"])
-def test_finnie_is_what_openfoam_summed(name: str) -> None:
-    surface = read_surface(RUNS / name, patch=["hump", "floor"])
-    impacts = read_impacts(RUNS / name)
-    wear = erosion_map("finnie", P, impacts, surface)
-    (field,) = map(FoamFieldFile, (RUNS / name / "0.02").iterdir())
-    q = np.concatenate([np.asarray(field["boundaryField", patch, "value"]) for patch in surface.patches])
-    np.testing.assert_allclose(wear["volume"], q, rtol=1e-9)
+@pytest.mark.parametrize("is_repacked", [False, True])
+def test_finnie_is_what_openfoam_summed(tmp_path: Path, name: str, is_repacked: bool) -> None:
+    run = shutil.copytree(RUNS / name, tmp_path / name)
+    (field,) = map(FoamFieldFile, (run / "0.02").iterdir())
+    q = [np.asarray(field["boundaryField", patch, "value"]) for patch in ("hump", "floor")]
+    for path in [*run.rglob("polyMesh/*"), *run.rglob("*.post*")] if is_repacked else []:
+        (unpacked if name == "serial" else packed)(path)
+    assert any(run.rglob("polyMesh/*.gz")) == (name == ("parallel" if is_repacked else "serial"))
+    wear = erosion_map("finnie", P, read_impacts(run), read_surface(run, patch=["hump", "floor"]))
+    most = max(map(np.max, q))
+    np.testing.assert_allclose(wear["volume"], np.concatenate(q), rtol=0, atol=1e-10 * most)
     assert int(wear["total_impacts"]) > 400
     assert int((wear["impacts"] > 0).sum()) > 30
     assert not wear["left_out"].any()
