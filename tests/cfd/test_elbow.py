@@ -1,5 +1,7 @@
 """A pipe elbow, from an STL in mm and a plain CSV to mm a year, against the sum row by row and DNV's own bend."""
 
+import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +9,9 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.cfd.map_result import MapSummary
 from erosion.cfd.read import read_impacts, read_surface
+from erosion.cfd.surface import Surface
 from tests.cfd.parts import write
 from tests.cfd.tables import quadrilaterals
 from tests.correlations.test_pipes import pipes
@@ -26,11 +30,15 @@ def loss(alpha: np.ndarray, speed: np.ndarray) -> np.ndarray:
     return 2e-9 * speed**2.6 * shape / 7800
 
 
-def test_the_wear_of_an_elbow(tmp_path: Path) -> None:
-    turn, along = np.meshgrid(2 * np.pi * np.arange(48) / 48, np.radians(np.linspace(0, 90, 46)))
+def elbow(around: int = 48) -> Surface:
+    turn, along = np.meshgrid(2 * np.pi * np.arange(around) / around, np.radians(np.linspace(0, 90, around - 2)))
     off = RADIUS + PIPE / 2 * np.cos(turn)
     points = np.stack([off * np.sin(along), RADIUS - off * np.cos(along), PIPE / 2 * np.sin(turn)], axis=-1)
-    write(quadrilaterals(points[:, ::-1], closed=True), tmp_path / "elbow.stl", 1e3)
+    return quadrilaterals(points[:, ::-1], closed=True)
+
+
+def test_the_wear_of_an_elbow(tmp_path: Path) -> None:
+    write(elbow(), tmp_path / "elbow.stl", 1e3)
     # Sand comes straight along x, evenly over the pipe, until it meets the outer side.
     rng = np.random.default_rng(0)
     r, t = PIPE / 2 * np.sqrt(rng.random(ROWS)), rng.uniform(0, 2 * np.pi, ROWS)
@@ -68,3 +76,142 @@ def test_the_wear_of_an_elbow(tmp_path: Path) -> None:
     bend = float(pipes.bend(flow, pipe=PIPE, radius=RADIUS / PIPE, material="carbon-steel")) * A_YEAR / 1e3
     assert bend / 2.5 < even < 2.5 * bend
     assert bend / 2.5 < float(np.median(worst)) < 2.5 * bend
+
+
+COARSE = elbow(24)
+Columns = dict[str, np.ndarray]
+
+
+def impacts() -> tuple[Columns, float, float]:
+    """Impacts on faces that meet the stream, their total wear [m³], and the greatest depth [m]."""
+    rng, rows = np.random.default_rng(1), 2000
+    face = rng.choice(np.flatnonzero(COARSE.normal[:, 0] > 0.15), rows)
+    velocity = SPEED * np.stack([np.ones(rows), *0.02 * rng.standard_normal((2, rows))], axis=1)
+    speed, size, count = np.linalg.norm(velocity, axis=1), rng.uniform(2e-4, 3e-4, rows), rng.uniform(50, 150, rows)
+    alpha = np.arcsin(np.einsum("ij,ij->i", velocity, COARSE.normal[face]) / speed)
+    wear = count * 2650 * np.pi / 6 * size**3 * loss(alpha, speed)
+    mass = {"density [kg/m^3]": np.full(rows, 2650.0), "count": count}
+    place = dict(zip(("x [mm]", "y [mm]", "z [mm]"), 1e3 * COARSE.centre[face].T, strict=True))
+    moves = dict(zip(("u [m/s]", "v [m/s]", "w [m/s]"), velocity.T, strict=True))
+    depth = np.bincount(face, wear, COARSE.faces) / COARSE.area
+    return {**place, **moves, "diameter [um]": 1e6 * size, **mass}, float(wear.sum()), float(depth.max())
+
+
+CLEAN, TOTAL, DEPTH = impacts()
+
+
+def text(columns: Columns, mark: str = ",") -> str:
+    rows = (mark.join(f"{number:.9g}" for number in row) for row in zip(*columns.values(), strict=True))
+    return "\n".join([mark.join(columns), *rows, ""])
+
+
+def answer(path: Path, surface: Surface = COARSE) -> tuple[bool, str]:
+    """Whether a map is right to 5 %, in total and where it is deepest, and all that is said; a refusal is not right."""
+    try:
+        table = read_impacts(path)
+        wear = erosion.erosion_map("dnv:carbon-steel", erosion.TABLE_1.to("si"), table, surface)
+    except ValueError as error:
+        return False, str(error)
+    errors = float(wear["total_volume"]) / TOTAL - 1, float(wear["depth"].max()) / DEPTH - 1
+    summary = MapSummary(wear)
+    return max(map(abs, errors)) < 0.05, " ".join([*summary.warnings, wear.attrs["read_as"]])
+
+
+def times(factor: float, *names: str) -> Callable[[Columns], Columns]:
+    return lambda columns: {head: v * factor if head.split(" ")[0] in names else v for head, v in columns.items()}
+
+
+def swapped(one: str, other: str) -> Callable[[Columns], Columns]:
+    return lambda columns: columns | {one: columns[other], other: columns[one]}
+
+
+def renamed(old: str, new: str, factor: float = 1.0) -> Callable[[Columns], Columns]:
+    return lambda columns: {
+        new if head == old else head: v * factor if head == old else v for head, v in columns.items()
+    }
+
+
+def every_7th(name: str, value: float) -> Callable[[Columns], Columns]:
+    return lambda columns: columns | {name: np.where(np.arange(2000) % 7 == 0, value, columns[name])}
+
+
+def row_17(name: str, factor: float) -> Callable[[Columns], Columns]:
+    return lambda columns: columns | {name: np.where(np.arange(2000) == 17, factor, 1.0) * columns[name]}
+
+
+# What is done to the table, and what is said of it; what no program can know is in the numbers that were read.
+TABLES: dict[str, tuple[Callable[[Columns], Columns], str]] = {
+    "km/h": (times(3.6, "u", "v", "w"), "on average 72.03 m/s"),
+    "ft/s": (times(3.2808, "u", "v", "w"), "on average 65.6"),
+    "mm/s": (times(1e3, "u", "v", "w"), "at which no sand"),
+    "slow": (times(0.01, "u", "v", "w"), "at which no sand"),
+    "backwards": (times(-1, "u", "v", "w"), "after the rebound"),
+    "radii": (times(0.5, "diameter"), "of 100 to 150 um"),
+    "radius": (renamed("diameter [um]", "radius [um]", 0.5), "'radius [um]' has the unit of a length"),
+    "sizes in mm": (times(1e-3, "diameter"), "as no sand has"),
+    "steel": (times(7800 / 2650, "density"), "and 7800 kg/m³"),
+    "g/cm^3": (times(1e-3, "density"), "which a fluid has"),
+    "grams": (renamed("density [kg/m^3]", "mass [kg]", 1e-9), "more than any solid"),
+    "m": (times(1e-3, "x", "y", "z"), "too large"),
+    "inches": (times(1 / 25.4, "x", "y", "z"), "too large"),
+    "x and y": (swapped("x [mm]", "y [mm]"), "is not where the impacts are"),
+    "u and v": (swapped("u [m/s]", "v [m/s]"), "after the rebound"),
+    "size and density": (swapped("diameter [um]", "density [kg/m^3]"), "which a fluid has"),
+    "size and count": (swapped("diameter [um]", "count"), "of 50."),
+    "NaN": (every_7th("u [m/s]", np.nan), "row 1: column `u [m/s]` has no number"),
+    "no weight": (every_7th("count", 0.0), "286 rows that hit have the weight 0"),
+    "negative": (every_7th("count", -1.0), "row 1: `count` must be a number of at least 0"),
+    "infinite": (every_7th("count", np.inf), "row 1: column `count` must be finite"),
+    "one weight": (row_17("count", 1e4), "Row 18 of a.csv alone does"),
+    "one size": (row_17("diameter [um]", 10.0), "Row 18 of a.csv alone does"),
+    "rows of rows": (lambda columns: columns | {"count": np.arange(2000) + 1.0}, "counts the rows"),
+    "twice": (lambda columns: {head: np.tile(v, 2) for head, v in columns.items()}, "repeat another one"),
+    "half": (lambda columns: {head: v[:1000] for head, v in columns.items()}, "Read: 1,000 rows"),
+    "shifted by 1 %": (lambda columns: columns | {"z [mm]": columns["z [mm]"] + 3.0}, "from their face"),
+    "shifted by 10 %": (lambda columns: columns | {"x [mm]": columns["x [mm]"] + 30.0}, "is not where the impacts are"),
+    "shifted by 50 %": (lambda columns: columns | {"y [mm]": columns["y [mm]"] - 150.0}, "is not where"),
+    **{name: (renamed("count", name), "each row counts as one" if name in ("rep", "scaling") else f"{name!r}")
+       for name in ("n", "weight", "number", "multiplicity", "particles", "parcel size", "strength", "rep", "scaling")},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_no_wrong_number_is_without_a_sentence(tmp_path: Path, name: str) -> None:
+    change, words = TABLES[name]
+    (tmp_path / "a.csv").write_text(text(change(CLEAN)))
+    is_right, said = answer(tmp_path / "a.csv")
+    assert words in said
+    assert not is_right
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda content: content[: content.rindex(",")], "fields"),
+        (lambda content: content[:-2], "does not end with the end of a line"),
+        (lambda content: content.replace(".", ","), "fields"),
+        (lambda content: content + content, "row 2,001: column `x [mm]` must be a number"),
+        (lambda content: content + "Total\n", "has 1 fields"),
+        (lambda content: content.replace("um", "µm").encode("cp1252"), ""),
+        (lambda content: text(CLEAN, ";").replace(".", ",").encode("utf-8-sig"), ""),
+        (lambda content: content.replace("\n", "\r\n"), ""),
+    ],
+)
+def test_no_wrong_text_is_read_without_a_sentence(tmp_path: Path, change: Callable[[str], Any], words: str) -> None:
+    content = change(text(CLEAN))
+    (tmp_path / "a.csv").write_bytes(content if isinstance(content, bytes) else content.encode())
+    is_right, said = answer(tmp_path / "a.csv")
+    assert words in said
+    assert is_right == (not words or "does not end" in words)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 1.0])
+@pytest.mark.parametrize("turns_itself", [False, True])
+def test_turned_normals(tmp_path: Path, share: float, turns_itself: bool) -> None:
+    (tmp_path / "a.csv").write_text(text(CLEAN))
+    surface = dataclasses.replace(COARSE.reversed(np.random.default_rng(3).random(COARSE.faces) < share), turned=False)
+    if turns_itself:
+        surface = dataclasses.replace(surface.reversed(surface.parts[1]), turns_itself=True)
+    is_right, said = answer(tmp_path / "a.csv", surface)
+    assert is_right == (turns_itself or share == 0)
+    assert is_right or ("after the rebound" if share == 1 else "against those of their neighbours") in said
