@@ -74,6 +74,7 @@ def explore(
         ),
     ] = "127.0.0.1",
     browser: Annotated[bool, Parameter(negative="--no-browser", help="Open the page in a browser.")] = True,
+    lang: LangOption = "en",
 ) -> None:
     """Explore cuts in the browser: sliders, live plots, exports."""
     options = with_file(case, file)
@@ -84,7 +85,8 @@ def explore(
     if port is not None and not 0 <= port < 65536:
         raise InputError(f"Option `--port` must be in 0 … 65535, but is {port}.")
     with extra("explorer"), user_errors():
-        lazy.serve(lazy.offer(p, model or [], materials or [], weights), lazy.free_address(host, port), show=browser)
+        service = lazy.offer(p, model or [], materials or [], weights, lang)
+        lazy.serve(service, lazy.free_address(host, port), show=browser)
 
 
 def report(

@@ -18,6 +18,7 @@ from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.impact import OTHER_ENDS, Impact, end_names, impact
 from erosion.impacts.simulate import path
 from erosion.models.base import CuttingModel, Scales, Tip
+from erosion.output.language import ENGLISH, Language
 from erosion.parameters.parameters import QUANTITIES, Parameters
 
 T = TypeVar("T")
@@ -347,11 +348,13 @@ class Computed:
         state: the state of the page.
         answers: by their step.
         errors: one line for each answer that could not be computed.
+        language: of the page.
     """
 
     state: PageState
     answers: dict[Step, Any] = dataclasses.field(default_factory=dict)
     errors: list[str] = dataclasses.field(default_factory=list)
+    language: Language = ENGLISH
 
     def of_shown(self, kind: str) -> Any:
         """The answer about the model shown, or None."""

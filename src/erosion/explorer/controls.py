@@ -16,6 +16,7 @@ from nicegui.events import GenericEventArguments
 from erosion.explorer.computed import ANGLES
 from erosion.explorer.state import PageCase, PageState, sentence, with_point
 from erosion.impacts.impact import Impact
+from erosion.output.language import ENGLISH, Language
 from erosion.parameters.materials import Particle, Target, known_particles, known_targets, particle, target
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.per_mass import PerMass
@@ -126,9 +127,9 @@ def _rounded(number: float) -> float:
 _SHARES = SliderRange(0.0, 1.0, 0.005)  # of the cut's time
 
 
-def warn(sentence: str) -> None:
+def warn(sentence: str, language: Language) -> None:
     """Show the reader a message, long enough to read it."""
-    ui.notify(sentence, type="warning", multi_line=True, timeout=8000, close_button="Close")
+    ui.notify(sentence, type="warning", multi_line=True, timeout=8000, close_button=language.text("Close"))
 
 
 class Field(ui.element, component="web/field.js"):
@@ -177,11 +178,15 @@ class CutDrawing(Drawn, component="web/cut.js"):
     Args:
         instant: the time that is shown first, as a share of the cut's time.
         on_instant: is called with the time, as a share, at which the reader or the animation stops.
+        language: of its words and numbers.
     """
 
-    def __init__(self, instant: float, on_instant: Callable[[float], None]) -> None:
+    def __init__(self, instant: float, on_instant: Callable[[float], None], language: Language) -> None:
         super().__init__()
-        self.props["instant"] = instant
+        text = language.text
+        note = text("Only the tip cuts: what else of the grain would be in the metal is not drawn.")
+        self.props.update({"instant": instant, "comma": language.comma, "note": note, "slider": text("Time in the cut"),
+                           "play": text("Play"), "pause": text("Pause")})  # fmt: skip
         self.on("instant", partial(_tell, on_instant, _SHARES))
 
 
@@ -192,12 +197,15 @@ class Plot(Drawn, component="web/plot.js"):
         height: the height of the plot, in CSS.
         follows: whether the fixed handles follow the time of the cut.
         moved: the parameter that a handle moves, if the reader can drag one.
+        comma: whether numbers have a decimal comma.
         on_pick: is called with this parameter and the position to which the reader drags the handle.
     """
 
-    def __init__(self, height: str, *, follows: bool, moved: str | None, on_pick: Callable[[str, float], None]) -> None:
+    def __init__(
+        self, height: str, *, follows: bool, moved: str | None, comma: bool, on_pick: Callable[[str, float], None]
+    ) -> None:
         super().__init__()
-        self.props.update({"height": height, "follows": follows})
+        self.props.update({"height": height, "follows": follows, "comma": comma})
         if moved is not None:
             self.on("pick", partial(_tell, partial(on_pick, moved), range_of(moved)))
 
@@ -316,15 +324,15 @@ def gaps(curve: Impact) -> np.ndarray:
     return at - np.arange(at.size)
 
 
-def handle(name: str, case: PageCase) -> Option:
+def handle(name: str, case: PageCase, language: Language = ENGLISH) -> Option:
     """The handle at a parameter's number, which the reader can drag along the axis of its slider's positions."""
     at, text = _place(name, case, case), "{:.4g}°" if name == "alpha" else "s = {:.3g}"
     return {
         "x": at,
         "movable": True,
         **range_of(name)._asdict(),
-        "label": f"{QUANTITIES[name].meaning}, in the plot",
-        "text": text.format(at),
+        "label": language.say("{name}, in the plot", name=language.text(QUANTITIES[name].meaning)),
+        "text": language.number(text.format(at)),
     }
 
 
@@ -340,32 +348,41 @@ class Controls:
         summaries: one line on each model, by name.
         materials: the particles and targets of the menus.
         go: is called with the state that the reader asks for.
+        language: of the page.
     """
 
     def __init__(
-        self, start: PageState, summaries: Mapping[str, str], materials: Materials, go: Callable[[PageState], None]
+        self,
+        start: PageState,
+        summaries: Mapping[str, str],
+        materials: Materials,
+        go: Callable[[PageState], None],
+        language: Language,
     ) -> None:
-        self._start, self._go, self._state = start, go, start
+        self._start, self._go, self._state, self._language = start, go, start, language
+        text = language.text
         self._showing = False
         self._shown_fields: dict[str, tuple[str, str, float]] = {}
         with ui.element("div").classes("presets"):
-            ui.button("Reset", on_click=self._reset).props("dense no-caps outline")
-            ui.button("Table 1", on_click=self._table_1).props("dense no-caps outline")
+            ui.button(text("Reset"), on_click=self._reset).props("dense no-caps outline")
+            ui.button(text("Table 1"), on_click=self._table_1).props("dense no-caps outline")
             self._particle_menu(materials)
-            with ui.button("Metal").props(_MENU), ui.menu():
+            with ui.button(text("Metal")).props(_MENU), ui.menu():
                 for name, metal in materials.targets.items():
-                    item = ui.menu_item(name, partial(self._take_metal, name, metal))
+                    item = ui.menu_item(text(name), partial(self._take_metal, name, metal))
                     item.tooltip(metal.source)
-            with ui.button("Spin").props(_MENU), ui.menu():
+            with ui.button(text("Spin")).props(_MENU), ui.menu():
                 for s in SPIN_PRESETS:
-                    ui.menu_item(f"s = {s:g}".replace("-", "−"), partial(self.change, partial(with_spin, s)))
+                    ui.menu_item(
+                        language.number(f"s = {s:g}".replace("-", "−")), partial(self.change, partial(with_spin, s))
+                    )
             self._units = ui.toggle(list(SYSTEMS), value=start.case.units, on_change=self._convert)
-            self._units.props('dense no-caps unelevated aria-label="Units"')
+            self._units.props(f'dense no-caps unelevated aria-label="{text("Units")}"')
         self._fields = {name: self._field(name) for name in _ORDER}
         self._groups = {model: self._group(model) for model in dict.fromkeys(number.model for number in start.case.own)}
-        with ui.element("div").classes("models").props('role=group aria-label="Models"'):
-            ui.html("Models", tag="h2", sanitize=False)
-            self._shown = ui.select(list(start.models), label="model drawn", value=start.shown)
+        with ui.element("div").classes("models").props(f'role=group aria-label="{text("Models")}"'):
+            ui.html(text("Models"), tag="h2", sanitize=False)
+            self._shown = ui.select(list(start.models), label=text("model drawn"), value=start.shown)
             self._shown.props("dense options-dense").on_value_change(self._draw_other)
             self._boxes = {name: self._box(name, summaries) for name in summaries}
 
@@ -374,7 +391,8 @@ class Controls:
         self._showing, self._state = True, state
         first = self._start.case.to(state.case.units)
         for name, field in self._fields.items():
-            shown = text_of(name, state.case), unit_of(name, state.case), position(name, state.case, first)
+            shown = self._language.number(text_of(name, state.case)), unit_of(name, state.case)
+            shown = *shown, position(name, state.case, first)
             if self._shown_fields.get(name) != shown:
                 field.show(*shown)
                 self._shown_fields[name] = shown
@@ -398,20 +416,20 @@ class Controls:
         try:
             state = dataclasses.replace(self._state, case=change(self._state.case))
         except ValueError as error:
-            (complain or self._warn)(sentence(error))
+            (complain or self._warn)(sentence(error, self._language))
             return False
         self._go(state)
         return True
 
     def _warn(self, why: str) -> None:
-        warn(why)
+        warn(why, self._language)
         self._go(self._state)
 
     def _group(self, model: str) -> ui.element:
         """The fields of a model's own parameters."""
         with ui.element("div").props("role=group") as group:
             # The name of a plug-in's file may hold quotes and ends of lines, which a text of properties cannot.
-            group.props["aria-label"] = f"Parameters of {model}"
+            group.props["aria-label"] = self._language.say("Parameters of {model}", model=model)
             ui.html(html.escape(model), tag="h2", sanitize=False)
             keys = [number.key for number in self._start.case.own if number.model == model]
             self._fields |= {key: self._field(key) for key in keys}
@@ -422,21 +440,24 @@ class Controls:
 
         def ask(change: Callable[[PageCase], PageCase]) -> None:
             self._shown_fields.pop(name, None)
-            self.change(change, lambda why: self._fields[name].complain(why.removeprefix(f"Field `{name}` ")))
+            mine = self._language.say("Field {name}", name=f"`{name}` ")
+            self.change(change, lambda why: self._fields[name].complain(why.removeprefix(mine)))
 
         def slide(at: float) -> None:
             ask(lambda case: at_position(name, at, case, self._start.case.to(case.units)))
 
         def entry(text: str) -> None:
-            ask(lambda case: case.read(name, text))
+            # Where a comma is the decimal separator, 1,234 is no thousand.
+            typed = text.replace(",", ".") if self._language.comma and "." not in text else text
+            ask(lambda case: case.read(name, typed))
 
-        return Field(name, quantity, slide, entry)
+        return Field(name, dataclasses.replace(quantity, meaning=self._language.text(quantity.meaning)), slide, entry)
 
     def _box(self, name: str, summaries: Mapping[str, str]) -> ui.checkbox:
         with ui.element("div").classes("model"):
             ui.html(f"<i style='background:{styles(summaries)[name][0]}'></i>", sanitize=False)
             box = ui.checkbox(name, on_change=lambda event: self._check(name, bool(event.value))).props("dense")
-            box.tooltip(summaries[name])
+            box.tooltip(self._language.text(summaries[name]))
         return box
 
     def _check(self, name: str, checked: bool) -> None:
@@ -445,7 +466,7 @@ class Controls:
         states = {model: model in self._state.models for model in self._boxes} | {name: checked}
         models = tuple(model for model, is_checked in states.items() if is_checked)
         if not models:
-            ui.notify("At least one model must stay checked.")
+            ui.notify(self._language.text("At least one model must stay checked."))
             self.show(self._state)
             return
         self._go(self._state.checking(models))
@@ -468,7 +489,8 @@ class Controls:
 
     def _take_metal(self, name: str, metal: Target) -> None:
         state = self._state.of_metal(metal)
-        ui.notify(f"{name}: {state.changes(self._state) or 'no number changed'}")
+        text = self._language.text
+        ui.notify(f"{text(name)}: {state.changes(self._state, self._language) or text('no number changed')}")
         self._go(state)
 
     def _particle_menu(self, materials: Materials) -> None:
@@ -476,18 +498,24 @@ class Controls:
 
         def use() -> None:
             def of(case: PageCase) -> PageCase:
-                grit = materials.sized(str(material.value), str(size.value), case.units)
+                typed = str(size.value).replace(",", ".") if self._language.comma else str(size.value)
+                grit = materials.sized(str(material.value), typed, case.units)
                 return case.with_parameters(case.parameters().with_particle(grit))
 
             if self.change(of):
                 menu.close()
 
+        text = self._language.text
         with (
-            ui.button("Particle").props(_MENU),
+            ui.button(text("Particle")).props(_MENU),
             ui.menu() as menu,
             ui.element("div").classes("particle"),
         ):
-            names = list(materials.particles)
-            material = ui.select(names, value=names[0], label="material").props("dense options-dense")
-            size = ui.input("diameter", value="0.3 mm").props("dense").on("keydown.enter", use)
-            ui.button("Use", on_click=use).props("dense no-caps unelevated")
+            names = {name: text(name) for name in materials.particles}
+            material = ui.select(names, value=next(iter(names)), label=text("material")).props("dense options-dense")
+            size = (
+                ui.input(text("diameter"), value=self._language.number("0.3 mm"))
+                .props("dense")
+                .on("keydown.enter", use)
+            )
+            ui.button(text("Use"), on_click=use).props("dense no-caps unelevated")

@@ -10,6 +10,7 @@ import numpy as np
 from erosion.explorer.computed import ANGLES, SPINS, Answers
 from erosion.explorer.state import PageState
 from erosion.models.base import State as Body
+from erosion.output.language import ENGLISH, Language
 from erosion.output.tables import to_csv, to_json
 from erosion.parameters.case_files import dump_case, dump_per_mass
 from erosion.parameters.parameters import QUANTITIES
@@ -113,15 +114,17 @@ def _csv(columns: Mapping[str, Any]) -> bytes:
     return to_csv({heading: np.asarray(column).tolist() for heading, column in columns.items()}).encode()
 
 
-def _figure(name: str, suffix: str, answers: Answers, state: PageState) -> bytes:
+def _figure(name: str, suffix: str, answers: Answers, state: PageState, language: Language = ENGLISH) -> bytes:
     # Imported here: matplotlib, scipy and xarray would delay the first page.
     from erosion.explorer.figures import FIGURES
-    from erosion.plotting.style import render
+    from erosion.plotting.style import render, translate_figure
 
-    return render(FIGURES[name](answers, state), suffix)
+    figure = FIGURES[name](answers, state)
+    translate_figure(figure, language)
+    return render(figure, suffix)
 
 
-Export = tuple[str, Callable[[Answers, PageState], bytes]]
+Export = tuple[str, Callable[..., bytes]]
 FIGURES: Mapping[str, Export] = {
     f"{name}.{suffix}": (f"{title} ({suffix.upper()})", partial(_figure, name, suffix))
     for name, title in (

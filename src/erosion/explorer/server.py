@@ -31,6 +31,7 @@ from erosion.explorer.state import Address, PageCase, PageState, own_numbers, se
 from erosion.explorer.tab import Service, Tab
 from erosion.impacts.simulate import TurnWarning
 from erosion.models import available_models, load_model
+from erosion.output.language import language
 from erosion.parameters.parameters import Parameters, SizeWarning
 from erosion.parameters.per_mass import PerMass
 
@@ -183,7 +184,8 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
     @ui.page("/", title="erosion explorer", dark=None)
     async def page(request: Request) -> None:
         ui.add_css(_STYLE)
-        ui.add_body_html("<noscript><p>The explorer needs JavaScript.</p></noscript>")
+        needed = service.language.text("The explorer needs JavaScript.")
+        ui.add_body_html(f"<noscript><p>{needed}</p></noscript>")
         client = ui.context.client
         # A crawler never connects. After a minute NiceGUI deletes its client; until then it costs next to nothing.
         await client.connected()
@@ -214,7 +216,7 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
             show=address.path if show else False,
             reload=False,
             show_welcome_message=False,
-            language="en-US",
+            language="de" if service.language.tag == "de" else "en-US",
             reconnect_timeout=_SILENCE,
             http=_Connection,
         )
@@ -249,7 +251,7 @@ def _open_tab(service: Service, address: Address, link: Mapping[str, str]) -> No
     try:
         state = state.reading(link, list(service.summaries))
     except ValueError as error:
-        complaint = f"The link cannot be used: {sentence(error)}"
+        complaint = service.language.say("The link cannot be used: {why}", why=sentence(error, service.language))
     tab = Tab(service, state, address.link if address.token else None)
     tab.begin()
     if complaint:
@@ -257,7 +259,11 @@ def _open_tab(service: Service, address: Address, link: Mapping[str, str]) -> No
 
 
 def offer(
-    p: Parameters, plug_ins: Sequence[str] = (), tables: Sequence[Path] = (), per_mass: PerMass | None = None
+    p: Parameters,
+    plug_ins: Sequence[str] = (),
+    tables: Sequence[Path] = (),
+    per_mass: PerMass | None = None,
+    lang: str = "en",
 ) -> Service:
     """Offer every model, particle and target that is known by name, and the user's own.
 
@@ -266,6 +272,7 @@ def offer(
         plug_ins: paths of further models; the cut of the first of them is drawn.
         tables: TOML files of further particles and targets.
         per_mass: how volumes become erosion per mass of abrasive, at first.
+        lang: the language of the page.
 
     Raises:
         ValueError: for a plug-in or a table that cannot be loaded.
@@ -289,6 +296,7 @@ def offer(
         summaries={name: summary for name, (_, summary) in offered.items()},
         sources={name: source for name, (source, _) in offered.items()},
         materials=materials,
+        language=language(lang),
     )
 
 

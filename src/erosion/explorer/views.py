@@ -24,9 +24,10 @@ from erosion.explorer.controls import (
 from erosion.impacts.alpha_max import Optimum
 from erosion.impacts.impact import Impact
 from erosion.models.base import State as Body
+from erosion.output.language import ENGLISH, Language
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.per_mass import BEYOND_TESTS, PER_MASS_SCALES, models_far_from_tests
-from erosion.parameters.quantities import RESULTS, Dimension, Scale, System, readable_scale, unit_name
+from erosion.parameters.quantities import RESULTS, Dimension, Scale, readable_scale, unit_name
 from erosion.plotting.labels import (
     AT_CONTACT,
     DIM,
@@ -44,24 +45,28 @@ _SHALLOW = 5.0  # degrees
 _APART = 0.05  # of the longest cut; neighbouring times that differ by more belong to different crossings
 Drawing = tuple[Option, list[Option], str]
 """An option of ECharts, its handles, and a description in words."""
-_NOT_YET: Drawing = ({"series": []}, [], "not computed yet")
+_NOT_YET: Drawing = ({"series": []}, [], "")
 
 
 def volumes(computed: Computed, models: Collection[str]) -> Drawing:
     """V(α) of the checked models, with their maxima."""
     curves, best, shown = computed.of_all("curve"), computed.of_all("best"), computed.state.shown
+    language = computed.language
     largest = [float(np.nanmax(curve.volume, initial=0.0)) for curve in curves.values()]
     scale = readable_scale("volume", computed.state.case.units, max(largest, default=0.0))
     series = []
     for model, curve in curves.items():
         color = styles(models)[model][0]
-        marks = _marks(best[model], scale.size, color, shown=model == shown) if model in best else {}
+        marks = _marks(best[model], scale.size, color, language, shown=model == shown) if model in best else {}
         series.append(_over_angle(model, curve, "volume", scale, models, **marks))
         if model == shown and np.any(curve.t_c > 0) and curve.volume_at_contact.any():
             at_contact, area = curve.volume_at_contact / scale.size, {"opacity": 0.2, "color": color}
             thin = {"color": color, "width": 0}
             series.append(line(AT_CONTACT, DEGREES, at_contact, color, areaStyle=area, lineStyle=thin, z=1))
-    maxima = [f"{model} removes most {describe(optimum)}" for model, optimum in best.items()]
+    maxima = [
+        language.say("{model} removes most {where}", model=model, where=language.text(describe(optimum)))
+        for model, optimum in best.items()
+    ]
     return _over_angles(computed, "volume", scale, series, "; ".join(["", *maxima]))
 
 
@@ -81,7 +86,8 @@ def end_times(computed: Computed, models: Collection[str]) -> Drawing:
         degrees, times = with_gaps(before, DEGREES, times / scale.size)
         series.append(line(EVENT_LABELS.get(event) or event, degrees, times, color, lineStyle=thin, z=1))
     top = {"max": float(f"{1.5 * largest / scale.size:.1g}")} if largest else {}
-    more = f"; dashed, when each event alone would end the cut of {computed.state.shown}"
+    dashed = "dashed, when each event alone would end the cut of {model}"
+    more = "; " + computed.language.say(dashed, model=computed.state.shown)
     return _over_angles(computed, "t_c", scale, series, more, **top)
 
 
@@ -95,13 +101,13 @@ def _over_angles(
     computed: Computed, result: str, scale: Scale, series: list[Option], more: str, **axis_options: Any
 ) -> Drawing:
     """Curves of a result, with the handle at the angle of the case."""
-    quantity = RESULTS[result]
+    quantity, language = RESULTS[result], computed.language
     y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38, **axis_options)
-    label = f"{quantity.meaning} over the angle of attack{more}"
-    return frame(angle_axis(), y_axis, series), [handle("alpha", computed.state.case)], label
+    label = language.say("{result} over the angle of attack", result=language.text(quantity.meaning)) + more
+    return frame(angle_axis(), y_axis, series), [handle("alpha", computed.state.case, language)], label
 
 
-def _marks(best: Optimum, size: float, color: str, *, shown: bool) -> Mapping[str, Any]:
+def _marks(best: Optimum, size: float, color: str, language: Language, *, shown: bool) -> Mapping[str, Any]:
     """A star at the maximum, hollow if the maximum is only approached; the jumps; the regimes of the model shown."""
     jumps = [
         [{"coord": [float(np.rad2deg(jump.alpha)), end / size]} for end in (jump.below, jump.above)]
@@ -116,7 +122,7 @@ def _marks(best: Optimum, size: float, color: str, *, shown: bool) -> Mapping[st
     if shown:
         areas = [
             [
-                {"xAxis": float(np.rad2deg(regime.low)), "name": regime.ended_by,
+                {"xAxis": float(np.rad2deg(regime.low)), "name": language.text(regime.ended_by),
                  "itemStyle": {"color": ENDS.get(regime.ended_by, DIM), "opacity": 0.09}},
                 {"xAxis": float(np.rad2deg(regime.high))},
             ]
@@ -128,7 +134,7 @@ def _marks(best: Optimum, size: float, color: str, *, shown: bool) -> Mapping[st
 
 
 _PANELS = ((0, 0), (1, 0), (0, 1), (1, 1))
-_NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "label": "not computed yet"}
+_NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "label": ""}
 
 
 def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
@@ -144,8 +150,13 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
     longest = float(p.r) / length.size
     power = 10.0 ** np.floor(np.log10(longest))
     bar = float(max(factor for factor in (1, 2, 5) if factor * power <= longest * (1 + 1e-9)) * power)
-    turned = f", the body turned by {np.rad2deg(motion.turn):.0f}°" if np.isfinite(motion.turn) and motion.turn else ""
-    end = f"{motion.ended_by} after {motion.t_c / time.size:.4g} {time.unit}{turned}" if motion.t_c else NOTHING
+    say, text = computed.language.say, computed.language.text
+    end = text(NOTHING)
+    if motion.t_c:
+        after = f"{motion.t_c / time.size:.4g} {time.unit}"
+        end = say("{end} after {time}", end=text(str(motion.ended_by)), time=after)
+    if motion.t_c and np.isfinite(motion.turn) and motion.turn:
+        end += ", " + say("the body turned by {angle}", angle=f"{np.rad2deg(motion.turn):.0f}°")
     content = {
         "t": motion.t.tolist(),
         "x": (motion.x_tip / length.size).tolist(),
@@ -157,9 +168,11 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
         # In the base unit if the unit is a power of ten of it.
         "bar": {
             "size": bar,
-            "text": f"{bar * length.size:.6g} {unit_name('length', p.units)}"
-            if length.unit.startswith("10")
-            else f"{bar:g} {length.unit}",
+            "text": computed.language.number(
+                f"{bar * length.size:.6g} {unit_name('length', p.units)}"
+                if length.unit.startswith("10")
+                else f"{bar:g} {length.unit}"
+            ),
         },
         "label": f"{computed.state.shown}: {end}",
     }
@@ -192,7 +205,11 @@ def histories(computed: Computed, models: Collection[str]) -> Drawing:
     handles = [{"grid": i, "x": float(t[-1]), "unit": time.size, "movable": False, "label": ""} for i in range(4)]
     tooltip = {"trigger": "axis", "confine": True, "transitionDuration": 0}
     option = {"animation": False, "grid": grids, "xAxis": x_axes, "yAxis": y_axes, "series": series}
-    return option | {"legend": LEGEND, "tooltip": tooltip}, handles, "position and speed of the tip over time"
+    return (
+        option | {"legend": LEGEND, "tooltip": tooltip},
+        handles,
+        computed.language.text("position and speed of the tip over time"),
+    )
 
 
 _HEADINGS = ("t_c", "ended_by", "volume", "dvolume", "alpha_max", "volume_max")
@@ -200,33 +217,34 @@ _HEADINGS = ("t_c", "ended_by", "volume", "dvolume", "alpha_max", "volume_max")
 
 def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
     """For each checked model t_c, how the cut ended, V, dV/dα, and α_max with its kind."""
-    units = computed.state.case.units
-    heads = "<th scope='col'>model</th>"
+    language = computed.language
+    text = language.text
+    heads = f"<th scope='col'>{text('model')}</th>"
     for name in _HEADINGS:
-        meaning, symbol = "how the cut ends", "ends by"
+        meaning, symbol = "how the cut ends", text("ends by")
         if name in RESULTS:
             meaning, (symbol, _, below) = RESULTS[name].meaning, RESULTS[name].symbol.partition("_")
             symbol += f"<sub>{below}</sub>" if below else ""
-        heads += f"<th scope='col' title='{html.escape(meaning)}'>{symbol}</th>"
+        heads += f"<th scope='col' title='{html.escape(text(meaning))}'>{symbol}</th>"
     points, optima = computed.of_all("point"), computed.of_all("best")
     rows = []
     for model in computed.state.models:
         point, best = points.get(model), optima.get(model)
         at_angle = ["…"] * 4 if point is None else [
-            _read("time", float(point.t_c), units), html.escape(str(point.ended_by)),
-            _volume(computed, float(point.volume)), _read("volume per angle", float(point.dvolume), units),
+            _read("time", float(point.t_c), computed), html.escape(text(str(point.ended_by))),
+            _volume(computed, float(point.volume)), _read("volume per angle", float(point.dvolume), computed),
         ]  # fmt: skip
         at_best = ["…"] * 2
         if best is not None:
-            kind = str(best.kind) if best.certified else f"{best.kind}, not certified"
-            where = f"{describe(best)} <small>{html.escape(kind)}</small>"
+            kind = text(str(best.kind)) + ("" if best.certified else f", {text('not certified')}")
+            where = f"{text(describe(best))} <small>{html.escape(kind)}</small>"
             at_best = [where, _volume(computed, float(best.volume))]
         mark = "shown" if model == computed.state.shown else ""
         swatch = f"<i style='background:{styles(models)[model][0]}'></i>"
         cells = "".join(f"<td>{cell}</td>" for cell in (*at_angle, *at_best))
         rows.append(f"<tr class='{mark}'><th scope='row'>{swatch}{html.escape(model)}</th>{cells}</tr>")
     table = f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>"
-    caption = "<caption>Numbers of the checked models</caption>"
+    caption = f"<caption>{text('Numbers of the checked models')}</caption>"
     below = _of_the_cut(computed) + _far_from_tests(computed)
     return (f"<div class='scroll'><table class='numbers'>{caption}{table}</table></div>{below}",)
 
@@ -235,14 +253,16 @@ def _of_the_cut(computed: Computed) -> str:
     cut = computed.of_shown("cut")
     if cut is None:
         return ""
-    depth = _read("length", cut.max_depth, computed.state.case.units)
-    facts = [f"{RESULTS['max_depth'].meaning}: {depth}"]
+    depth = _read("length", cut.max_depth, computed)
+    language = computed.language
+    facts = [f"{language.text(RESULTS['max_depth'].meaning)}: {depth}"]
     if cut.volume_at_contact:
-        at_contact = _read("volume", cut.volume_at_contact, computed.state.case.units)
-        facts.append(f"{RESULTS['volume_at_contact'].meaning}: {at_contact}")
+        at_contact = _read("volume", cut.volume_at_contact, computed)
+        facts.append(f"{language.text(RESULTS['volume_at_contact'].meaning)}: {at_contact}")
     if np.isfinite(cut.turn):
-        facts.append(f"{RESULTS['turn'].meaning}: {np.rad2deg(cut.turn):.4g}°".replace("-", "−"))
-    return f"<p>{html.escape(computed.state.shown)}, {'; '.join(facts)}.</p>{_warnings(cut.warnings)}"
+        turn = language.number(f"{np.rad2deg(cut.turn):.4g}°".replace("-", "−"))
+        facts.append(f"{language.text(RESULTS['turn'].meaning)}: {turn}")
+    return f"<p>{html.escape(computed.state.shown)}, {'; '.join(facts)}.</p>{_warnings(cut.warnings, language)}"
 
 
 def _far_from_tests(computed: Computed) -> str:
@@ -250,11 +270,22 @@ def _far_from_tests(computed: Computed) -> str:
     state = computed.state
     volumes = {model: float(optimum.volume) for model, optimum in computed.of_all("best").items()}
     weights = dict.fromkeys(volumes, state.per_mass)
-    return _warnings(models_far_from_tests(weights, volumes, state.case.parameters()))
+    return _warnings(models_far_from_tests(weights, volumes, state.case.parameters()), computed.language)
 
 
-def _warnings(lines: Iterable[str]) -> str:
-    return "".join(f"<p class='warning' role='status'>{html.escape(line)}</p>" for line in lines)
+def _warnings(lines: Iterable[str], language: Language) -> str:
+    said = (html.escape(_said(line, language)) for line in lines)
+    return "".join(f"<p class='warning' role='status'>{line}</p>" for line in said)
+
+
+def _said(line: str, language: Language) -> str:
+    """A warning in the language; it may begin with the names of models."""
+    said = language.text(line)
+    for gap in (": ", " "):
+        names, found, rest = line.partition(gap)
+        if said == line and language.text(rest) != rest:
+            said = names + found + language.text(rest)
+    return said
 
 
 def _volume(computed: Computed, volume: float) -> str:
@@ -262,25 +293,32 @@ def _volume(computed: Computed, volume: float) -> str:
 
     An amount that is asked for and beyond all tests is none to show.
     """
-    state = computed.state
-    text = _read("volume", volume, state.case.units)
+    state, language = computed.state, computed.language
+    text = _read("volume", volume, computed)
     if not np.isfinite(volume):
         return text
     p = state.case.parameters()
     if state.per_mass.is_given and state.per_mass.is_beyond_tests(volume, p):
-        return f"{text}<br><small>{BEYOND_TESTS}</small>".replace("-", "−")
+        return f"{text}<br><small>{language.text(BEYOND_TESTS)}</small>".replace("-", "−")
     for name, value in state.per_mass.to_dict(volume, p).items():
         scale = PER_MASS_SCALES[name]
-        text += f"<br><small>{float(f'{float(value) / scale.size:.4g}'):,.12g} {scale.unit}</small>"
+        number = f"{float(f'{float(value) / scale.size:.4g}'):,.12g}"
+        number = number.translate(_SEPARATORS) if language.comma else number
+        text += f"<br><small>{number} {scale.unit}</small>"
     return text.replace("-", "−")
 
 
-def _read(dimension: Dimension, value: float, units: System) -> str:
+_SEPARATORS = str.maketrans(",.", ".,")
+
+
+def _read(dimension: Dimension, value: float, computed: Computed) -> str:
     if not np.isfinite(value):
         return "–"
+    units = computed.state.case.units
     scale = readable_scale(dimension, units, abs(value))
     unit = scale.unit if value else unit_name(dimension, units)
-    return f"{value / scale.size:.5g} {unit}".strip().replace(" 10", "·10").replace("-", "−")
+    text = f"{value / scale.size:.5g} {unit}".strip().replace(" 10", "·10").replace("-", "−")
+    return computed.language.number(text)
 
 
 def spins(computed: Computed, models: Collection[str]) -> Drawing:
@@ -293,7 +331,12 @@ def spins(computed: Computed, models: Collection[str]) -> Drawing:
         s, best_angle = with_gaps(leaps(degrees), SPINS, degrees)
         series.append(line(model, s, best_angle, color, dashes))
         hollow = {"color": "transparent", "borderColor": color, "borderWidth": 1.6}
-        marks = {"type": "scatter", "name": f"{model}, at a jump", "itemStyle": hollow, "symbolSize": 8}
+        marks = {
+            "type": "scatter",
+            "name": computed.language.say("{model}, at a jump", model=model),
+            "itemStyle": hollow,
+            "symbolSize": 8,
+        }
         if at_jump.any():
             series.append(marks | {"data": points(SPINS[at_jump], degrees[at_jump]), "animation": False})
     x_axis = axis("s = r φ̇₀/v₀  initial spin", min=float(SPINS[0]), max=float(SPINS[-1]), interval=0.3,
@@ -301,8 +344,10 @@ def spins(computed: Computed, models: Collection[str]) -> Drawing:
     result = RESULTS["alpha_max"]
     y_axis = axis(f"{result.symbol}  {result.meaning}", min=0, max=90, interval=15, nameGap=38,
                   axisLabel={"formatter": "{value}°"})  # fmt: skip
-    label = f"{result.meaning} over the {QUANTITIES['phidot0'].meaning}"
-    return frame(x_axis, y_axis, series), [handle("phidot0", computed.state.case)], label
+    say, text = computed.language.say, computed.language.text
+    label = say("{result} over the {parameter}", result=text(result.meaning),
+                parameter=text(QUANTITIES["phidot0"].meaning))  # fmt: skip
+    return frame(x_axis, y_axis, series), [handle("phidot0", computed.state.case, computed.language)], label
 
 
 def sensitivities(computed: Computed, models: Collection[str]) -> Drawing:
@@ -329,9 +374,23 @@ def sensitivities(computed: Computed, models: Collection[str]) -> Drawing:
                "animation": False, "barCategoryGap": "35%"}]  # fmt: skip
     grid = {"left": 40, "right": 24, "top": 16, "bottom": 46}
     moved = ", ".join(f"{label} {bar:+.3g}°" for label, bar in zip(labels, bars, strict=True) if bar)
-    nothing = "not known" if all(bar is None for bar in bars) else "none"
+    language = computed.language
+    nothing = language.text("not known" if all(bar is None for bar in bars) else "nothing")
+    said = "move of the angle of greatest removal for one per cent more: {moves}"
     option = frame(x_axis, y_axis, series, grid=grid, legend={"show": False})
-    return option, [], f"move of the angle of greatest removal for one per cent more: {moved or nothing}"
+    return option, [], language.say(said, moves=moved or nothing)
+
+
+def in_language(option: Option, language: Language) -> Option:
+    """The plot with the names of its axes and curves in a language."""
+
+    def renamed(part: Any) -> Any:
+        if isinstance(part, list):
+            return [renamed(one) for one in part]
+        return part | {"name": language.label(part["name"])} if part.get("name") else part
+
+    named = ("xAxis", "yAxis", "series")
+    return option | {name: renamed(option[name]) for name in named if language != ENGLISH and name in option}
 
 
 VIEWS: Mapping[str, Callable[[Computed, Collection[str]], Any]] = {

@@ -46,6 +46,16 @@ class Language:
         filled = [piece + number for piece, number in zip(pieces, map(self.number, numbers), strict=False)]
         return "".join([*filled, *pieces[len(numbers) :]])
 
+    def label(self, label: str) -> str:
+        """The translation of a label such as "V  removed volume  [in³]": its symbol and unit stay."""
+        symbol, gap, rest = label.partition("  ")
+        whole = self.text(label)
+        if whole != label or not gap:
+            return whole
+        meaning, end, unit = rest.partition("  ")
+        name = symbol if re.fullmatch(r"\W*\w\W*|\$.*\$|\S{1,3}|.* = .*", symbol) else self.text(symbol)
+        return name + gap + (meaning if meaning.startswith("[") else self.text(meaning)) + end + unit
+
     def say(self, message: str, **fields: str) -> str:
         """A message of the code, such as "share at {angle}", with its fields; numbers with their decimal separators."""
         return self.messages.get(message, message).format(**{name: self.number(text) for name, text in fields.items()})

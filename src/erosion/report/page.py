@@ -10,14 +10,12 @@ import types
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import jinja2
 import jinja2.ext
 from markupsafe import Markup
 from matplotlib.figure import Figure
-from matplotlib.text import Text as Label
-from matplotlib.ticker import Formatter
 
 from erosion.arguments import Progress, no_progress
 from erosion.impacts.simulate import TurnWarning
@@ -29,7 +27,7 @@ from erosion.output.tables import Record, to_csv, to_json
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import Scale, System, readable_scale, shown, table_scale, unit_name
-from erosion.plotting.style import house_style, save_figure
+from erosion.plotting.style import house_style, save_figure, translate_figure
 from erosion.report.case import Answer, ReportCase, question
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.text import blocks, degrees, inline, inline_svg, number, quantity, render_page, to_html
@@ -356,22 +354,6 @@ def _lines(path: str, value: Any) -> Iterator[tuple[str, Any]]:
 _IN_A_COLUMN, _WIDE, _FLAT = 4.5, 6.5, 3.6
 
 
-def translate_figure(figure: Figure, language: Language) -> None:
-    """Translate all texts of a figure, and the numbers of its axes."""
-    if language == ENGLISH:
-        return
-    for text in cast(Sequence[Label], figure.findobj(Label)):
-        text.set_text(language.number(_translated(text.get_text(), language)))
-    for axes in figure.axes:
-        for axis in (axes.xaxis, axes.yaxis):
-            _translate_ticks(axis.get_major_formatter(), language)
-
-
-def _translate_ticks(formatter: Formatter, language: Language) -> None:
-    texts = formatter.format_ticks
-    setattr(formatter, "format_ticks", lambda values: [language.number(text) for text in texts(values)])  # noqa: B010
-
-
 def is_wide(figure: Figure) -> bool:
     """Whether a figure needs the whole width of a sheet."""
     return bool(figure.get_figwidth() > _WIDE)
@@ -395,14 +377,3 @@ def fit_on_sheet(figure: Figure) -> None:
             legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns)
             growth = (legend.get_window_extent().height - extent.height) / figure.dpi
             figure.set_figheight(figure.get_figheight() + growth)  # the axes keep their height
-
-
-def _translated(label: str, language: Language) -> str:
-    """A label such as "V  removed volume  [in³]": its symbol and unit stay."""
-    symbol, gap, rest = label.partition("  ")
-    whole = language.text(label)
-    if whole != label or not gap:
-        return whole
-    meaning, end, unit = rest.partition("  ")
-    name = symbol if re.fullmatch(r"\W*\w\W*|\$.*\$|\S{1,3}|.* = .*", symbol) else language.text(symbol)
-    return name + gap + (language.text(meaning) if not meaning.startswith("[") else meaning) + end + unit

@@ -6,7 +6,7 @@ const SECONDS = 5; // duration of the animation of a whole cut
 const REST = 200; // ms; after this time without a change, the link holds the instant shown
 
 export default {
-  template: `<div class="cut">
+  template: `<div class="cut"><p class="cut-note">{{ note }}</p>
     <svg ref="svg" :viewBox="box.join(' ')" role="img" :aria-label="label" preserveAspectRatio="xMidYMid meet">
       <rect class="target" :x="box[0]" y="0" :width="box[2]" :height="Math.max(0, box[1] + box[3])" />
       <polygon class="all" :points="area(1)" /><polygon class="removed" :points="area(fraction)" />
@@ -18,17 +18,15 @@ export default {
       <g clip-path="url(#cut-open)"><polygon class="grain" :points="grain(fraction)" /></g>
       <line class="arm" v-bind="arm()" /><circle class="mass" v-bind="mass()" :r="size * 0.05" />
       <circle class="tip" v-bind="tip()" :r="size * 0.05" />
-      <text class="cut-note" :x="box[0] + box[2] * 0.01" :y="box[1] + letters * 1.2" :font-size="letters * 0.85">
-        Only the tip cuts: what else of the grain would be in the metal is not drawn.</text>
       <g v-if="bar" class="bar" :transform="'translate(' + (box[0] + box[2] * 0.98 - bar.size) + ' ' + (box[1] + box[3] * 0.93) + ')'">
         <line x1="0" :x2="bar.size" y1="0" y2="0" />
         <text :x="bar.size" :y="-box[3] * 0.025" :font-size="letters" text-anchor="end">{{ bar.text }}</text></g>
     </svg>
-    <div class="cut-time"><button type="button" class="cut-play" @click="toggle" :aria-label="playing ? 'Pause' : 'Play'"
+    <div class="cut-time"><button type="button" class="cut-play" @click="toggle" :aria-label="playing ? pause : play"
       :disabled="!moves"><svg viewBox="0 0 24 24" aria-hidden="true"><path :d="playing ? 'M6 5h4v14H6zM14 5h4v14h-4z' : 'M8 5v14l11-7z'"/></svg></button>
-      <input type="range" min="0" max="1" step="0.005" :value="fraction" aria-label="Time in the cut" :aria-valuetext="time"
+      <input type="range" min="0" max="1" step="0.005" :value="fraction" :aria-label="slider" :aria-valuetext="time"
         :disabled="!moves" @input="scrub"><output>{{ time }}</output></div></div>`,
-  props: { instant: Number },
+  props: { instant: Number, comma: Boolean, note: String, slider: String, play: String, pause: String },
   data: (own) => ({
     t: [], x: [], depth: [], phi: [], size: 1, unit: 1, units: "", label: "", bar: null, box: [0, 0, 1, 1],
     fraction: own.instant, playing: false, letters: 0.1,
@@ -38,7 +36,8 @@ export default {
     ghosts() { return this.moves ? GHOSTS : []; },
     time() {
       const end = this.t.length ? this.t[this.t.length - 1] : 0;
-      return `t = ${((this.fraction * end) / this.unit).toFixed(2)} ${this.units}`;
+      const number = ((this.fraction * end) / this.unit).toFixed(2);
+      return `t = ${this.comma ? number.replace(".", ",") : number} ${this.units}`;
     },
   },
   mounted() {

@@ -35,7 +35,7 @@ export default {
       :aria-label="h.label" :aria-valuemin="h.low" :aria-valuemax="h.high" :aria-valuenow="h.x" :aria-valuetext="h.text"
       :style="place(h)" @pointerdown="grab($event, h)" @pointermove="move($event, h)" @pointerup="held = null"
       @pointercancel="held = null" @keydown="key($event, h)"><span v-if="h.movable" class="plot-grip"></span></div></div>`,
-  props: { height: String, follows: Boolean },
+  props: { height: String, follows: Boolean, comma: Boolean },
   data: () => ({ handles: [], label: "", held: null, layout: 0 }),
   mounted() {
     this.chart = echarts.init(this.$refs.chart, theme());
@@ -67,6 +67,7 @@ export default {
   methods: {
     draw(option, handles, label, key) {
       if (option) {
+        if (this.comma) this.write_commas(option);
         this.chart.setOption(option, { replaceMerge: ["series"] });
         this.option = option;
       }
@@ -81,6 +82,16 @@ export default {
         this.$el.dataset.drawn = key;
         this.$el.dispatchEvent(new CustomEvent("drawn", { detail: key }));
       });
+    },
+    write_commas(option) {
+      const number = (value) => String(Array.isArray(value) ? value[1] : value).replace(".", ",");
+      for (const axis of [option.xAxis, option.yAxis].flat()) {
+        if (axis?.type !== "value") continue;
+        const pattern = axis.axisLabel?.formatter ?? "{value}";
+        axis.axisLabel = { ...axis.axisLabel, formatter: (value) => pattern.replace("{value}", number(value)) };
+        axis.axisPointer = { label: { formatter: ({ value }) => pattern.replace("{value}", number(Number(value.toFixed(4)))) } };
+      }
+      if (option.tooltip) option.tooltip.valueFormatter = number;
     },
     grid(h) {
       return this.chart.getModel().getComponent("grid", h.grid || 0).coordinateSystem.getRect();
