@@ -15,7 +15,7 @@ import pytest
 import erosion
 from erosion.cli import _status
 from erosion.exercises import AnswerKey, Verdict
-from erosion.exercises.answer_key import cells_of, notebook
+from erosion.exercises.answer_key import at_contact, cells_of, linearized_rate, notebook, rk4
 
 pytestmark = pytest.mark.slow
 
@@ -99,7 +99,7 @@ def test_the_command_writes_both_notebooks(tmp_path: Path, capsys: pytest.Captur
     tasks, solved = tmp_path / "tasks.ipynb", tmp_path / "solved.ipynb"
     assert _status(["exercise", "--alpha", "40deg", "-o", str(tasks), "--solved", str(solved)]) == 0
     printed = capsys.readouterr().out
-    assert printed == f"{tasks}: 11 tasks about Table 1, α = 40deg\n{solved}: the same with solutions\n"
+    assert printed == f"{tasks}: 14 tasks about Table 1, α = 40deg\n{solved}: the same with solutions\n"
     key = erosion.AnswerKey(P.replace(alpha=np.deg2rad(40)))
     title = "Table 1, α = 40deg"
     assert tasks.read_text() == notebook(key, title=title)
@@ -130,3 +130,29 @@ def test_the_name_of_a_file_is_shown_as_it_is() -> None:
     assert text == (
         r"# How a grain cuts: &lt;img src\=x onerror\=alert\(1\)\> &amp; \$x\$ \`y\` \*z\* \[a\]\(javascript\:b\)"
     )
+
+
+def test_the_teachers_copy_alone_answers_the_open_questions() -> None:
+    key = erosion.AnswerKey(P)
+    solved, handed_out = (notebook(key, title="Table 1", solved=solved) for solved in (True, False))
+    assert "Answer:" not in handed_out
+    assert solved.count("*Answer:") == 3
+    assert "Euler's method needs 308,000 steps" in solved
+    turn = np.pi / 4  # ωT; Euler's step multiplies ωy + iẏ's amplitude by 1 + iωh
+    errors = [((1 + 1j * turn / n) ** n).imag / np.sin(turn) - 1 for n in (307_500, 309_000)]
+    assert errors[0] > 1e-6 > errors[1]
+    exact = float(P.v0 * np.sin(P.alpha) / P.rate) * np.sin(turn)
+    depths = [rk4(linearized_rate(P), at_contact(P), key.time, steps)[1] for steps in (7, 8)]
+    assert abs(depths[0] / exact - 1) > 1e-6 > abs(depths[1] / exact - 1)
+    at = P.replace(alpha=key.first_guess)
+    bend = float(erosion.impact("linearized", at, derivatives=2).d2volume)
+
+    def by_differences(d: float) -> float:
+        angles = key.first_guess + d * np.array([-1, 0, 1])
+        below, here, above = erosion.impact("linearized", P.replace(alpha=angles)).volume
+        return float((above - 2 * here + below) / d**2)
+
+    wrong = [abs(by_differences(d) / bend - 1) for d in (1e-2, 1e-4, 1e-6)]
+    assert min(wrong[0], wrong[2]) > 1e-5
+    assert wrong[1] < 1e-7
+    assert wrong[2] < 1e-4

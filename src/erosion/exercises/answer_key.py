@@ -105,6 +105,13 @@ TASKS: Mapping[str, Task] = {
         "the angle after one step of Newton's method", "angle", 1e-4, "Take the differences of V over a smaller angle."
     ),
     "alpha_max": Task("the angle of greatest removal", "angle", 1e-5, "Take one more step of Newton's method."),
+    "cannonball": Task(
+        "the angle at which the cannonball flies farthest", "angle", 1e-4, "Take more angles near the best one."
+    ),
+    "epidemic_peak": Task(
+        "the share of the ill at the peak of the epidemic", "1", 1e-5, "End at the event, not at a step."
+    ),
+    "first_spike": Task("the time of the first spike in milliseconds", "1", 1e-5, "End at the event, not at a step."),
     "jump": Task("the angle at which the volume jumps", "angle", 1e-4, "Halve the interval more often."),
     "alpha_max_at_jump": Task(
         "the angle of greatest removal with spin", "angle", 1e-4, "It is on one side of the jump: find the jump better."
@@ -289,6 +296,10 @@ class AnswerKey:
             "volume": lambda: float(self._closed.volume(self.p)),
             "newton_step": self._newton_step,
             "alpha_max": lambda: float(alpha_max("linearized", self.p).alpha),
+            "cannonball": _farthest,
+            # β s falls to γ: i = i₀ + s₀ - (γ/β)(1 + ln(β s₀/γ)) by di/ds = -1 + γ/(β s).
+            "epidemic_peak": lambda: 1.0 - 0.4 * (1.0 + math.log(0.999 / 0.4)),
+            "first_spike": lambda: 20.0 * math.log(3.0),  # u = 1.5 (1 - exp(-t/20))
             "jump": lambda: float(self._jump.alpha),
             "alpha_max_at_jump": lambda: float(self._best_with_spin.alpha),
         }
@@ -310,6 +321,24 @@ class AnswerKey:
         """The jump at which the maximum is."""
         best = self._best_with_spin
         return min(best.jumps, key=lambda jump: abs(float(jump.alpha) - float(best.alpha)))
+
+
+def _farthest(v0: float = 100.0, drag: float = 0.1, g: float = 9.81) -> float:
+    """The angle at which a ball with the drag γẋ and γẏ flies farthest, by its closed form [rad]."""
+    from scipy import optimize
+
+    def distance(angle: float) -> float:
+        vx, vy = v0 * math.cos(angle), v0 * math.sin(angle)
+
+        def height(t: float) -> float:
+            return (vy + g / drag) * -math.expm1(-drag * t) / drag - g * t / drag
+
+        # It lands after more than half of the time, and before all of it, that a ball without drag would fly.
+        time: Any = optimize.brentq(height, vy / g, 2 * vy / g)
+        return -vx * math.expm1(-drag * time) / drag
+
+    best = optimize.minimize_scalar(lambda angle: -distance(angle), bounds=(0.3, 1.2), options={"xatol": 1e-9})
+    return float(best.x)
 
 
 def _finite_number(answer: Any) -> float | None:
@@ -359,7 +388,7 @@ def notebook(key: AnswerKey, *, title: str, solved: bool = False) -> str:
     nbformat = library("nbformat", "classroom")
     v4 = nbformat.v4
     cells = []
-    for number, (kind, source) in enumerate(cells_of(_filled(key, title), solved=solved)):
+    for number, (kind, source) in enumerate(cells_of(_filled(key, title, solved=solved), solved=solved)):
         make: Any = v4.new_markdown_cell if kind == "markdown" else v4.new_code_cell
         cells.append(make(source, id=f"cell-{number:02}"))
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
@@ -390,11 +419,12 @@ def _plain(text: str) -> str:
     return re.sub(r"([!-/:-@\[-`{-~])", r"\\\1", text).replace("\\<", "&lt;").replace("\\&", "&amp;")
 
 
-def _filled(key: AnswerKey, title: str) -> str:
+def _filled(key: AnswerKey, title: str, *, solved: bool) -> str:
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     best = key.with_spin
     return environment.from_string(key.language.template(TEXT.read_text("utf-8"))).render(
         title=_plain(key.language.text(title)),
+        solved=solved,
         _=key.language.text,
         lang=key.language.tag,
         p=repr(key.p),
