@@ -190,3 +190,79 @@ def test_a_dataset_holds_all_parts_whatever_they_are_called(start) -> None:
         + 2 * [np.size(part) for part in jax.tree.leaves(start)]
         + 2 * [2 * np.size(part) for part in jax.tree.leaves(start)]
     )
+
+
+BALL = ode.Problem(
+    {"y": 1.0, "v": 0.0},
+    lambda t, y, args: {"y": y["v"], "v": -9.81},
+    {"bounce": ode.Event(lambda t, y, args: y["y"], -1, lambda t, y, args: {"y": 0.0, "v": -args["r"] * y["v"]})},
+)
+
+
+@pytest.mark.parametrize("wrt", [(), "r", ("r", "t0")])
+def test_events_that_accumulate_are_told_with_their_time(wrt) -> None:
+    (sentence,) = ode.solve(BALL, {"r": np.array([0.5, 1.0])}, t1=6.0, max_events=100, wrt=wrt).warnings
+    assert f"1 of 2 lanes is unfinished at t = {3 * np.sqrt(2 / 9.81):.6g}" in sentence  # √(2h/g) (1 + r)/(1 - r)
+    most = int(sentence.rstrip(".").split()[-1])
+    assert ode.solve(BALL, {"r": 0.5}, t1=6.0, max_events=most).ended_by == "bounce"
+
+
+def _growing(t, y, args):
+    return {"x": args["k"] * y["x"]}
+
+
+def test_too_few_trials_are_told_with_what_was_reached() -> None:
+    problem = ode.Problem({"x": 1.0}, _growing)
+    for wrt, derivatives in (((), 0), ("k", 1), (("k", "t0"), 2)):
+        end = ode.solve(problem, {"k": -1.0}, t1=50.0, max_steps=2, wrt=wrt, derivatives=derivatives)
+        assert end.ended_by == "unfinished"
+        (sentence,) = end.warnings  # no derivative is told to be missing
+        assert f"after 2 trials of steps at t = {end.t:.6g}: raise `max_steps`" in sentence
+    by_one = ode.solve(problem, {"k": -1e6}, t1=50.0, max_steps=9, method="explicit")
+    assert "`method`" in by_one.warnings[0]
+    endless = ode.Problem({"x": 1.0}, _growing, time_scale=lambda args: 1.0)
+    (sentence,) = ode.solve(endless, {"k": 0.0}).warnings
+    assert "no event came" in sentence
+
+
+def test_numbers_that_are_none_are_told_by_name() -> None:
+    problem = ode.Problem({"x": 1.0}, lambda t, y, args: {"x": args["k"] * args["drag"]["w"][0] * y["x"]})
+    ks, w = np.array([1.0, np.nan, np.inf]), np.ones(2)
+    (sentence,) = ode.solve(problem, {"k": ks, "drag": {"w": w}}, t1=1.0, shared="drag.w", wrt="k").warnings
+    assert sentence.startswith("2 of 3 lanes failed: `k` is NaN or infinite")
+    (sentence,) = ode.solve(problem, {"k": 1.0, "drag": {"w": w / [1, np.nan]}}, t1=1.0, shared="drag.w").warnings
+    assert "`drag.w` is NaN there" in sentence
+    (sentence,) = ode.solve(problem, {"k": 1.0, "drag": {"w": 1.0 * w}}, t1=[1.0, np.nan], shared="drag.w").warnings
+    assert "`t1` is NaN there" in sentence
+
+
+def test_a_function_without_a_value_at_the_start_is_told_by_name() -> None:
+    ks, log = np.array([-1.0, 1.0]), lambda t, y, args: jnp.log(args["k"]) + y["x"]
+    flat = lambda t, y, args: {"x": -y["x"]}  # noqa: E731
+    problems = {
+        "y0": ode.Problem(lambda args: {"x": jnp.sqrt(args["k"])}, flat),
+        "vector_field": ode.Problem({"x": 1.0}, lambda t, y, args: {"x": log(t, y, args)}),
+        "integrals['work']": ode.Problem({"x": 1.0}, flat, integrals={"work": log}),
+        "events['low']": ode.Problem({"x": 1.0}, flat, {"low": ode.Event(log)}),
+        "time_scale": ode.Problem({"x": 1.0}, flat, time_scale=lambda args: jnp.sqrt(args["k"])),
+    }
+    for name, problem in problems.items():
+        end = ode.solve(problem, {"k": ks}, t1=1.0)
+        assert list(end.ended_by) == ["failed", "t1"]
+        (sentence,) = end.warnings
+        assert sentence.startswith(f"1 of 2 lanes failed at the start: `{name}` is NaN")
+
+
+def test_a_lane_that_fails_on_the_way_tells_about_when() -> None:
+    """ẋ = x²: x = 1/(1/x0 - t). ẋ = -√x - 1 reaches 0 after 2 (1 - ln 2)."""
+    grows = ode.Problem(lambda args: {"x": args}, lambda t, y, args: {"x": y["x"] ** 2})
+    (sentence,) = ode.solve(grows, np.array([0.1, 1.0, 2.0]), t0=1.0, t1=3.0).warnings
+    assert "2 of 3 lanes failed, about at t = 1.5 … 2:" in sentence
+    (sentence,) = ode.solve(grows, 1.0, t1=3.0, wrt="").warnings
+    assert "at t = 1:" in sentence
+    falls = ode.Problem({"x": 1.0}, lambda t, y, args: {"x": -jnp.sqrt(y["x"]) - 1})
+    (sentence,) = ode.solve(falls, t1=3.0).warnings
+    assert f"at t = {2 * (1 - np.log(2)):.4g}:" in sentence
+    endless = ode.Problem({"x": 1.0}, lambda t, y, args: {"x": y["x"] ** 2}, time_scale=lambda args: 0.1)
+    (sentence,) = ode.solve(endless).warnings
+    assert "failed on the way" in sentence

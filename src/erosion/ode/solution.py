@@ -2,10 +2,11 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import PyTree
@@ -14,12 +15,15 @@ from erosion.arguments import PerImpact
 from erosion.ode.problem import Problem
 from erosion.ode.reduction import may_have_kinks
 from erosion.ode.tape import Recorded
+from erosion.ode.variational import Clock
 from erosion.output.tables import Record, Result, format_number, to_plain
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from erosion.ode.solve import Lanes
+
+_SEARCHED = 16  # failed lanes whose time is looked for
 
 
 def path_of(keys: Sequence[Any]) -> tuple[str, ...]:
@@ -252,30 +256,97 @@ class Solution(Result):
 
     @property
     def warnings(self) -> Sequence[str]:
-        """In how many lanes that have a result a derivative of it is not known, and why many may be unfinished."""
-        sentences = []
-        layout = self.lanes.layout
-        unfinished = np.count_nonzero(np.asarray(self.ended_by) == "unfinished")
-        if unfinished and layout.options.method == "auto" and may_have_kinks(layout):
-            sentences.append(
-                f"{unfinished:,} of {self.title} unfinished. If the motion is stiff, say `smooth=True`: the rates may "
-                "have kinks (`sqrt`, `abs`, `where` …), and the method for stiff motions takes none. If it comes to "
-                "rest at its event, as h' = -√h does, let the event be a little before: `h - 1e-12`."
-            )
+        """Why lanes have no result, no derivatives or less exact ones than asked for, and what to do."""
+        sentences = [*self._unfinished(), *self._failed]
         inexact = np.count_nonzero(self.inexact)
         if inexact:
             sentences.append(
                 f"{inexact:,} of {self.title} err by more than {100 * self.rtol:g}, even as exactly as doubles allow: "
                 "their errors grow as those of a chaotic motion do."
             )
+        has_result = ~self.lanes.layout.has_no_result(np.asarray(self.outcome))
         for path, part in self.derivatives.items():
-            lost = np.count_nonzero(np.isfinite(self.t) & np.isnan(part.t))
+            lost = np.count_nonzero(has_result & np.isnan(part.t))
             if lost:
                 by = " and ".join(map(_label, dict.fromkeys(path)))
                 sentences.append(
                     f"The {'second' if len(path) == 2 else 'first'} derivatives by {by} are NaN in {lost:,} of "
                     f"{self.title}: they do not exist there, or cancellation leaves too few of their digits."
                 )
+        return sentences
+
+    def _in_lanes(self, flags: np.ndarray, said: str) -> str:
+        """In how many lanes something is so: "2 of 5 lanes are unfinished"."""
+        count = np.count_nonzero(flags)
+        return f"{count:,} of {self.title} {'is' if count == 1 else 'are'} {said}"
+
+    def _unfinished(self) -> Iterator[str]:
+        """Why lanes are unfinished, a sentence for each reason."""
+        layout, clock = self.lanes.layout, self.lanes.layout.clock(self.lanes.numbers)
+        unfinished = np.asarray(self.ended_by) == "unfinished"
+        if not np.any(unfinished):
+            return
+        # Along several directions the trials of all are counted.
+        passes = sum(len(path) == max(map(len, self.derivatives)) for path in self.derivatives) or 1
+        many = unfinished & (np.asarray(self.trials) > layout.options.max_steps * passes)
+        endless = np.isinf(np.broadcast_to(clock.t1, self.lanes.size)).reshape(self.lanes.shape)
+        late = unfinished & ~many & endless & (np.asarray(self.count) < 2)
+        gathered = unfinished & ~many & ~late
+        if np.any(many):
+            said = f"unfinished after {layout.options.max_steps:,} trials of steps {_times(self.t, many)}"
+            hint = ""
+            if layout.options.method == "explicit":
+                hint = ' If the motion is stiff, leave `method` at "auto".'
+            elif layout.options.method == "auto" and may_have_kinks(layout):
+                hint = (
+                    " If the motion is stiff, say `smooth=True`: the rates may have kinks (`sqrt`, `abs`, `where` …), "
+                    "and the method for stiff motions takes none. If it comes to rest at its event, as h' = -√h does, "
+                    "let the event be a little before: `h - 1e-12`."
+                )
+            yield f"{self._in_lanes(many, said)}: raise `max_steps`, or `rtol`.{hint}"
+        if np.any(late):
+            yield f"{self._in_lanes(late, 'unfinished')}: no event came within 10⁴ time scales; give `t1`."
+        if np.any(gathered):
+            said = self._in_lanes(gathered, f"unfinished {_times(self.t, gathered)}")
+            most = np.min(np.asarray(self.count)[gathered])
+            yield f"{said}, where events accumulate: give `max_events`, at most {most:,}."
+
+    @functools.cached_property
+    def _failed(self) -> Sequence[str]:
+        """Why lanes failed, a sentence for each reason."""
+        lanes, sentences = self.lanes, []
+        left = np.ravel(np.asarray(self.ended_by) == "failed")
+        if not np.any(left):
+            return ()
+        for name, number, shape in zip(lanes.names, lanes.numbers, lanes.layout.shapes, strict=True):
+            number = np.asarray(number, float)
+            bad = np.isnan(number) if name in Clock._fields else ~np.isfinite(number)
+            own = left & np.broadcast_to(np.any(bad) if shape else bad, lanes.size)
+            if np.any(own):
+                what = "NaN" if np.all(np.isnan(number[bad])) else "NaN or infinite"
+                sentences.append(
+                    f"{_failing(own, self.title)}: `{_label(name)}` is {what} there; give finite numbers, such as 1e9 "
+                    "for a bound that is never met."
+                )
+                left &= ~own
+        if not np.any(left) or lanes.layout.renewed().equations.digest != self.digest:
+            return sentences
+        for name, own in _undefined_at_start(lanes, np.flatnonzero(left)).items():
+            own = left & own
+            if np.any(own):
+                sentences.append(
+                    f"{_failing(own, self.title)} at the start: `{name}` is NaN or infinite there; guard roots, "
+                    "powers, logarithms and divisors."
+                )
+                left &= ~own
+        if np.any(left):
+            t = _given_up(self, np.flatnonzero(left)[:_SEARCHED])
+            where = f", about {_times(t, np.isfinite(t), 4)}" if np.any(np.isfinite(t)) else " on the way"
+            sentences.append(
+                f"{_failing(left, self.title)}{where}: no step from there succeeds. The motion grows without bound "
+                "there, or a rate or event function is NaN beyond (guard roots, powers and logarithms by "
+                "`jnp.maximum`), or rounding hides the event (give `sizes`)."
+            )
         return sentences
 
     @property
@@ -364,6 +435,72 @@ class Solution(Result):
 
     def __repr__(self) -> str:
         return f"Solution({format_number(self.ended_by)}, t={format_number(self.t, 6)}, wrt={self.wrt!r})"
+
+
+def _times(t: Any, flags: np.ndarray, digits: int = 6) -> str:
+    """Where some lanes are: "at t = 1.5", "at t = 1.5 … 3"."""
+    of_them = np.asarray(t)[flags]
+    least, greatest = (f"{value:.{digits}g}" for value in (of_them.min(), of_them.max()))
+    return f"at t = {least}" + f" … {greatest}" * (least != greatest)
+
+
+def _failing(flags: np.ndarray, title: str) -> str:
+    return f"{np.count_nonzero(flags):,} of {title} failed"
+
+
+def _undefined_at_start(lanes: "Lanes", which: np.ndarray) -> dict[str, np.ndarray]:
+    """By the name of each function of the problem in which lanes it is NaN or infinite at the start, shape (lanes,).
+
+    Args:
+        lanes: the lanes.
+        which: those that are looked at.
+    """
+    layout, problem = lanes.layout, lanes.layout.problem
+    order: dict[str, None] = {}  # JAX sorts the names
+
+    def look(numbers: list[Any]) -> dict[str, Any]:
+        args, t = layout.args(numbers), layout.clock(numbers).t0
+        y = jax.tree.map(lambda part: jnp.asarray(part, float), problem.start(args))
+        parts: dict[str, Any] = {"y0": y}
+        if problem.integrals0 is not None:
+            parts["integrals0"] = problem.integrals0(args)
+        if problem.time_scale is not None:
+            parts["time_scale"] = problem.time_scale(args)
+        parts["vector_field"] = problem.vector_field(t, y, args)
+        parts |= {f"integrals[{name!r}]": rate(t, y, args) for name, rate in problem.integrals.items()}
+        names, values = problem.event_names(args), problem.event_values(t, y, args)
+        parts |= {f"events[{name!r}]": value for name, value in zip(names, values, strict=True)}
+        order.update(dict.fromkeys(parts))
+        return {name: [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(part)] for name, part in parts.items()}
+
+    numbers = [
+        jnp.broadcast_to(jnp.asarray(number, struct.dtype), (which.size, *struct.shape))
+        for number, struct in zip(layout.of_lanes(lanes.numbers, which), layout.structs(), strict=True)
+    ]
+    defined = jax.vmap(look)(numbers)
+    undefined = {name: np.zeros(lanes.size, bool) for name in order}
+    for name, flags in undefined.items():
+        flags[which] = ~np.all(defined[name], axis=0)
+    return undefined
+
+
+def _given_up(solution: Solution, which: np.ndarray) -> np.ndarray:
+    """About when lanes that failed on the way did: the latest `t1` before which they do not; NaN without a `t1`."""
+    from erosion.ode.solve import again
+
+    lanes, layout = solution.lanes, solution.lanes.layout
+    lanes = lanes._replace(numbers=layout.of_lanes(lanes.numbers, which), shape=which.shape)
+    clock = layout.clock(lanes.numbers)
+    low, high = (np.array(np.broadcast_to(each, which.shape), float)[:, None] for each in (clock.t0, clock.t1))
+    high[np.isinf(high)] = np.nan
+    rows = np.arange(which.size)
+    for _ in range(5):
+        times = low + (high - low) * np.linspace(0.0, 1.0, 11)
+        results = again(lanes, times.shape[1] - 1, solution.rtol, t1=times[:, 1:])
+        lost = layout.has_no_result(results.outcome).reshape(which.size, -1)
+        first = np.where(np.any(lost, 1), np.argmax(lost, 1), lost.shape[1] - 1)
+        low, high = times[rows, first][:, None], times[rows, first + 1][:, None]
+    return high[:, 0]
 
 
 def _label(name: str) -> str:
