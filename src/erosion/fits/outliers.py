@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
 from erosion.fits.least_squares import Loss, settle
 from erosion.output.tables import format_number
@@ -18,7 +18,7 @@ _UNLIKELY = 0.01  # probability that any of the rows is so far off by noise
 _ROUNDING = 1e-9  # of 1 less the leverage, below which a row has no residual of its own
 FEW_PER_CENT = 0.05  # of the greatest erosion: residuals that erosion tests seldom go below
 _USUAL = 2.0  # stated errors that a row may be off
-_FURTHEST = 30.0  # standard errors, beyond which those of first order are no measure
+_RATIOS = 0.0, *np.geomspace(0.01, 10.0, 12).tolist()  # of a relative error of the greatest erosion to the absolute one
 _HELD_BACK = 0.5  # of a row's weight
 _LISTED = 8  # rows that a sentence lists
 
@@ -31,10 +31,10 @@ _WEIGHTS: Mapping[Loss, Callable[[np.ndarray], np.ndarray]] = {
 """ρ'(z) of the robust losses of scipy.optimize.least_squares, z the squared residual over the noise."""
 
 
-def studentized(residuals: np.ndarray, leverage: np.ndarray, freedom: int) -> np.ndarray:
-    """Residuals over their errors as a fit without the row has them, shape (rows,); 0 where that is not known.
+def studentized(residuals: np.ndarray, leverage: np.ndarray, freedom: int) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals over their errors as a fit without the row has them, and the variance of the other rows, both (rows,).
 
-    Of a linear fit with normal errors each follows Student's law of `freedom - 1`.
+    Of a linear fit with normal errors each residual follows Student's law of `freedom - 1`; 0 where it is not known.
 
     Args:
         residuals: weighted, shape (rows,).
@@ -47,7 +47,31 @@ def studentized(residuals: np.ndarray, leverage: np.ndarray, freedom: int) -> np
     rest = np.where(leverage < 1 - _ROUNDING, 1 - leverage, np.inf)
     total = float(np.sum(residuals**2))
     others = np.maximum(total - residuals**2 / rest, np.finfo(float).eps * total) / (freedom - 1)
-    return residuals / np.sqrt(others * rest)
+    return residuals / np.sqrt(others * rest), others
+
+
+def chances(residuals: np.ndarray, slopes: np.ndarray, fitted: np.ndarray, freedom: int) -> np.ndarray:
+    """The probability that noise takes each row so far off or further, shape (rows,).
+
+    Where errors are not known they have an absolute and a relative part. Their ratio is averaged over the likelihoods
+    of the other rows, so that a row far off does not make its own error large.
+
+    Args:
+        residuals: weighted, shape (rows,).
+        slopes: of the residuals along directions that are determined, shape (rows, directions).
+        fitted: the erosion, shape (rows,), by which errors grow; zeros for known errors.
+        freedom: as for `studentized`.
+    """
+    odds, logs = [], []
+    for ratio in _RATIOS:
+        size = np.hypot(1, ratio * fitted / max(float(np.abs(fitted).max()), np.finfo(float).tiny))
+        basis = np.linalg.qr(slopes / size[:, None])[0]
+        of_rows = residuals / size
+        of_rows = of_rows - basis @ (basis.T @ of_rows)
+        distances, others = studentized(of_rows, np.sum(basis**2, axis=1), freedom)
+        odds.append(2 * stats.t.sf(np.abs(distances), freedom - 1))
+        logs.append(np.log(size) - np.log(size).sum() - (freedom - 1) / 2 * np.log(others))
+    return np.sum(special.softmax(logs, axis=0) * odds, axis=0)
 
 
 def far_rows(fit: "Calibration") -> list[str]:
@@ -59,17 +83,18 @@ def far_rows(fit: "Calibration") -> list[str]:
     freedom = fit.degrees_of_freedom
     if freedom < 2 or not residuals.any():
         return []
-    of_rows = studentized(residuals, fit.leverage, freedom)
-    row = int(np.argmax(np.abs(of_rows)))
+    slopes = fit.solution.jacobian @ fit.identifiability.modes
+    odds = chances(residuals, slopes, fit.fitted if data.uncertainty is None else np.zeros(len(data)), freedom)
+    row = int(np.argmin(odds))
     # A few other rows may be fitted too well by chance.
     usual = FEW_PER_CENT * np.abs(data.erosion).max() if data.uncertainty is None else _USUAL * data.uncertainty[row]
     if abs(fit.residuals[row]) <= usual:
         return []
-    probability = min(1.0, 2 * len(residuals) * float(stats.t.sf(abs(of_rows[row]), freedom - 1)))
-    return [_outlier(fit, row, float(of_rows[row]), probability)] if probability < _UNLIKELY else []
+    probability = min(1.0, len(data) * float(odds[row]))
+    return [_outlier(fit, row, probability)] if probability < _UNLIKELY else []
 
 
-def _outlier(fit: "Calibration", row: int, distance: float, probability: float) -> str:
+def _outlier(fit: "Calibration", row: int, probability: float) -> str:
     data, problem = fit.data, fit.problem
     others = dataclasses.replace(problem, data=problem.data.of_rows(np.flatnonzero(np.arange(len(data)) != row)))
     without, changes = settle(others, fit.solution.theta), ""
@@ -85,14 +110,9 @@ def _outlier(fit: "Calibration", row: int, distance: float, probability: float) 
         changes = f" Without it the fit is {', '.join(parts)}." if parts else ""
     scale = table_scale(data.dimension, data.units, float(np.abs(data.erosion).max()))
     measured, fitted = (scale.beside(format_number(of[row], 3, scale.size)) for of in (data.erosion, fit.fitted))
-    errors = (
-        f"more than {_FURTHEST:.0f} standard errors"
-        if abs(distance) > _FURTHEST
-        else f"{abs(distance):.1f} standard errors (probability {probability:.1g})"
-    )
     return (
-        f"{data.source}, {data.where(row)}, is an outlier: it has {measured}, the fit has {fitted}, "
-        f"{errors}.{changes} See that it is written down right; the loss soft_l1 holds it back."
+        f"{data.source}, {data.where(row)}, is an outlier: it has {measured}, the fit has {fitted} "
+        f"(probability {probability:.1g}).{changes} See that it is written down right; the loss soft_l1 holds it back."
     )
 
 

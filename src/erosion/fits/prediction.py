@@ -19,6 +19,7 @@ from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import Forward
 from erosion.fits.likelihood import ERROR_FACTOR, NOISE, OF_ERROR, RELATIVE, Likelihood
 from erosion.fits.measurements import Measurements, usual_condition
+from erosion.fits.outliers import chances
 from erosion.fits.tempering import rhats, sample
 from erosion.joint_laws import LawSet
 from erosion.models.own_parameters import own_parameters
@@ -202,14 +203,17 @@ class Predictor(Result):
         middle = means.mean(axis=0)
         distance = np.abs(data.erosion - middle) / np.sqrt(means.var(axis=0) + (errors**2).mean(axis=0))
         distance = np.maximum(distance, _from_repeats(data, np.sqrt((errors**2).mean(axis=0))))
-        rows = np.flatnonzero(2 * len(data) * stats.norm.sf(distance) < _UNLIKELY)
+        odds, freedom = 2 * stats.norm.sf(distance), len(data) - len(self.ways["model"].values)
+        if data.error is None and freedom > 1:  # a row far off makes a sampled error large, which then hides the row
+            odds = np.minimum(odds, chances(data.erosion - middle, np.zeros((len(data), 0)), middle, freedom))
+        rows = np.flatnonzero(len(data) * odds < _UNLIKELY)
         if not len(rows):
             return ""
         scale = table_scale(data.dimension, data.units, largest_of(data.erosion))
         measured, predicted = ([scale.beside(format_number(value, 3, scale.size)) for value in values]
                                for values in (data.erosion, middle))  # fmt: skip
         listed = [f"{data.where(row)}: {measured[row]}, predicted {predicted[row]}"
-                  for row in rows[np.argsort(-distance[rows])][:_LISTED].tolist()]  # fmt: skip
+                  for row in rows[np.argsort(odds[rows])][:_LISTED].tolist()]  # fmt: skip
         more = f" and {len(rows) - _LISTED:,} more" if len(rows) > _LISTED else ""
         nothing = (middle[rows] < _NOTHING * data.erosion[rows]).any()
         remedy = " The model removes next to nothing there: take one with deformation." if nothing else ""
