@@ -14,6 +14,7 @@ from erosion.fits import calibrate, rank_models
 from erosion.fits.doubts import beyond_scatter, is_beyond_scatter, variances_differ
 from erosion.fits.export import to_case
 from erosion.fits.measurements import conditions, read_measurements
+from erosion.models import model_name
 
 P = TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061").replace(v0=100.0)
 # Six weighings with the maximum at 30° and wear at 90°, as a shop has them.
@@ -174,3 +175,14 @@ def test_noise_about_a_right_curve_is_rarely_beyond_the_scatter():
 @pytest.mark.parametrize("page", ["README.md", "docs/advice.md"])
 def test_one_route_leads_from_weighings_to_an_advice(page):
     assert FIT in (Path(__file__).parents[2] / page).read_text()
+
+
+def test_without_models_and_parameters_python_fits_what_the_command_line_does(shell, tmp_path):
+    rows = "\n".join(f"{angle},{loss}" for angle, loss in zip(*WEIGHED.values(), strict=True))
+    (tmp_path / "weighed.csv").write_text(f"{','.join(WEIGHED)}\n{rows}\n")
+    of_shell = shell(["calibrate", str(tmp_path / "weighed.csv"), "--density", "2700 kg/m^3", "--json"])
+    fits = rank_models(TABLE_1.to("si"), WEIGHED, density=DENSITY).fits
+    said = of_shell.result["ranking"]
+    assert [(fit["model"], fit["estimates"]) for fit in said] == [
+        (model_name(fit.model), pytest.approx(fit.estimates, rel=1e-4)) for fit in fits
+    ]

@@ -32,8 +32,6 @@ _DATA = (
 )
 DataFile = Annotated[Path, Parameter(help=_DATA)]
 _FREE = 'Of case or model, "k,energy_ratio"; k and ψ without it.'
-_USUAL = "linearized", "linearized-deformation"
-"""The models where neither they nor parameters are named: at steep angles metals wear by deformation."""
 
 
 @Parameter(name="*", group=FIT)
@@ -148,7 +146,7 @@ def given_fit(
         data: the file of measurements.
         case: without a file and --units, Table 1 in the unit system of the data.
         fit: what is free.
-        model: the option --model; without it and free parameters `_USUAL`, with the energy ratio free.
+        model: the option --model; without it and free parameters `USUAL_MODELS`.
         own: the options --set.
         ignore: the options --ignore.
     """
@@ -159,13 +157,13 @@ def given_fit(
     case.refuse_angle("the angles are those of the data")
     fit = fit or FitOptions()
     is_usual = model is None and not own and not fit.free and case.model()[0] is None
-    fit = dataclasses.replace(fit, free=fit.free or ["k", "psi", *["energy_ratio"] * is_usual])
+    fit = dataclasses.replace(fit, free=fit.free or [*(lazy.USUAL_FREE if is_usual else lazy.FREE)])
     p = case.parameters(free=fit.free)
     per_mass = fit.per_mass(case)
     density = None if per_mass.density is None else f"{per_mass.density!r} kg/m^3"
     fit = dataclasses.replace(fit, density=density, cutting_fraction=per_mass.cutting_fraction)
     usual, of_model = model_and_settings(None if model is None else model[0], own, case)
-    names = [*_USUAL] if is_usual else [usual] if model is None else chosen_models(model)
+    names = [*lazy.USUAL_MODELS] if is_usual else [usual] if model is None else chosen_models(model)
     if len(set(names)) != len(names):
         raise InputError(f"Option `--model` must name one or several different models, but is {','.join(names)!r}.")
     if own and len(names) > 1:

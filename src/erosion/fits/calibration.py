@@ -13,7 +13,7 @@ from erosion.arguments import check_level, check_whole
 from erosion.fits import doubts
 from erosion.fits.doubts import LEVEL, OPEN, TOUCH, Pattern, Profile, Ridge, are_noise, beyond_scatter, find_patterns
 from erosion.fits.errors import ErrorModel
-from erosion.fits.forward import FACTORS, FRACTION, make_forward
+from erosion.fits.forward import FACTORS, FRACTION, FREE, make_forward
 from erosion.fits.least_squares import (
     LOSSES,
     CalibrationError,
@@ -510,7 +510,7 @@ def calibrate(
     model: CuttingModel | str | Path,
     p: Parameters,
     data: Any,
-    free: Sequence[str],
+    free: Sequence[str] = FREE,
     *,
     bounds: Mapping[str, Sequence[float]] | None = None,
     density: float | str | None = None,

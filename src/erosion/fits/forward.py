@@ -35,6 +35,10 @@ from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import Quantity, about, example, has_unit, read_quantity, shown
 from erosion.parameters.tested import Tested
 
+FREE = "k", "psi"
+"""The free parameters where none are named."""
+USUAL_MODELS, USUAL_FREE = ("linearized", "linearized-deformation"), (*FREE, "energy_ratio")
+"""What is fitted where neither models nor parameters are named: at steep angles metals wear by deformation."""
 SCALE = "scale"
 """The free parameter of data in units of its own: measured erosion over the model's volume."""
 FRACTION = "cutting_fraction"

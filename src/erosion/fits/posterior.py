@@ -14,7 +14,7 @@ from scipy import special, stats
 from erosion.arguments import Progress, check_level, check_path, check_whole, no_progress
 from erosion.fits.doubts import LEVEL, POOR, rounded
 from erosion.fits.errors import ErrorModel
-from erosion.fits.forward import FRACTION, SCALE, make_forward
+from erosion.fits.forward import FRACTION, FREE, SCALE, make_forward
 from erosion.fits.least_squares import identify
 from erosion.fits.likelihood import (
     OF_ERROR,
@@ -469,7 +469,7 @@ def posterior(
     model: CuttingModel | str | Path,
     p: Parameters,
     data: Any,
-    free: Sequence[str],
+    free: Sequence[str] = FREE,
     *,
     priors: Mapping[str, Any] | None = None,
     density: float | str | None = None,

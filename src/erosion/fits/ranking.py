@@ -16,7 +16,7 @@ from erosion.arguments import Progress, no_progress
 from erosion.fits.calibration import Calibration, calibrate
 from erosion.fits.doubts import LEVEL, RARE, is_beyond_scatter, is_poor, variances_differ, worst_row
 from erosion.fits.errors import ErrorModel
-from erosion.fits.forward import FRACTION
+from erosion.fits.forward import FRACTION, FREE, USUAL_FREE, USUAL_MODELS
 from erosion.fits.least_squares import CalibrationError, with_noise
 from erosion.fits.measurements import conditions, read_measurements
 from erosion.fits.outliers import FEW_PER_CENT
@@ -29,6 +29,7 @@ from erosion.output.tables import Record, Result, format_number, sentences, to_p
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Scale, table_scale
 
+_Models = Sequence[CuttingModel | str | Path] | None
 _EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)
 _SAME = 1e-5  # of the typical erosion: fits that differ by less are the same curve
 
@@ -206,7 +207,7 @@ class Ranking(Result):
 def rank_models(
     p: Parameters,
     data: Any,
-    free: Sequence[str],
+    free: Sequence[str] | None = None,
     *,
     models: Sequence[CuttingModel | str | Path] | None = None,
     progress: Progress = no_progress,
@@ -219,7 +220,8 @@ def rank_models(
     Args:
         p: the case: the first guess of the free parameters, and the values of all others.
         data: as for `calibrate`.
-        free: the parameters to fit; in each model those that it has.
+        free: the parameters to fit; in each model those that it has. Without it and models `linearized` with and
+            without deformation is fitted, k, ψ and the energy ratio are free; without it k and ψ.
         models: models, names or paths; every registered model without it.
         progress: called before each fit with "fitting" and the model's name, how many models are done, and how
             many there are.
@@ -234,7 +236,7 @@ def rank_models(
     """
     if options.get("loss") == "arctan":
         raise ValueError('Argument `loss` must have a likelihood to rank models, as "cauchy" has, but is "arctan".')
-    measured = read_measurements(data, p.units, error=error)
+    measured, (models, free) = read_measurements(data, p.units, error=error), _usual(models, free)
 
     def fitted(model: CuttingModel, own_free: Sequence[str], own_bounds: dict[str, Any], at: tuple[int, int]) -> Any:
         progress(f"fitting {model_name(model)}", *at)
@@ -251,6 +253,13 @@ def rank_models(
     fits = [fits[at] for at in order]
     ties = tuple(tuple(model_name(fit.model) for fit in group) for group in _curves(fits) if len(group) > 1)
     return Ranking(tuple(fits), ties, failures, tuple(reasons[at] for at in order if reasons[at]))
+
+
+def _usual(models: _Models, free: Sequence[str] | None) -> tuple[_Models, Sequence[str]]:
+    """The models and the free parameters, also where they are not named."""
+    if free is not None:
+        return models, free
+    return (USUAL_MODELS, USUAL_FREE) if models is None else (models, FREE)
 
 
 def _of_each(
@@ -461,7 +470,7 @@ class PosteriorRanking(Result):
 def rank_posteriors(
     p: Parameters,
     data: Any,
-    free: Sequence[str],
+    free: Sequence[str] | None = None,
     *,
     models: Sequence[CuttingModel | str | Path] | None = None,
     priors: Mapping[str, Any] | None = None,
@@ -477,8 +486,8 @@ def rank_posteriors(
     Args:
         p: the case, as for `posterior`.
         data: as for `calibrate`.
-        free: the parameters to draw; in each model those that it has.
-        models: models, names or paths; every registered model without it.
+        free: the parameters to draw, in each model those that it has; without it as for `rank_models`.
+        models: as for `rank_models`.
         priors: as for `posterior`; in each model those of its free parameters.
         progress: as for `posterior`.
         error: as for `calibrate`.
@@ -491,7 +500,7 @@ def rank_posteriors(
     References:
         R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90 (1995) 773-795.
     """
-    measured = read_measurements(data, p.units, error=error)
+    measured, (models, free) = read_measurements(data, p.units, error=error), _usual(models, free)
 
     def drawn(model: CuttingModel, own_free: Sequence[str], laws: dict[str, Any], at: tuple[int, int]) -> Any:
         def of_all(work: str, percent: int, total: int) -> None:
