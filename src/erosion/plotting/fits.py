@@ -39,7 +39,7 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     """The data, the fitted curves with the bands of their uncertainty, and the first fit's residuals.
 
     Data of several speeds or masses has a colour for each, and a curve of each fit; a model is then
-    known by its dashes. A line above the figure says whether the first fit has warnings (`Calibration.warnings`).
+    known by its dashes.
 
     Args:
         fits: fits to the same data, the best first; only the first six are drawn, because a reader
@@ -61,14 +61,10 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     lower.axhline(0, color=PALETTE["blue"] if len(groups) == 1 else INK, linewidth=1.4)
     lowest = data.erosion - (0.0 if data.uncertainty is None else data.uncertainty)
     upper.set_ylim(bottom=min(0.0, 1.1 * float(lowest.min()) / scale.size))
-    lower.set_ylabel("residuals")
     angle_axis(lower)
     lower.set_xlim(0, _RIGHT)
     _legend(fig, [upper], 3, f"bands: {level:.0%} of the curve, {_BY[best.data.uncertainty is None]}")
-    if count := len(best.warnings):
-        whose = f"{model_name(best.model)}: " if len(fits) > 1 else ""
-        note = f"{whose}{count} warning{'s' if count > 1 else ''}: see the text of the fit"
-        upper.set_title(note, fontsize=7.5, loc="left")
+    _label_whole(lower, "residuals", _unit(scale).strip())
     _label_whole(upper, f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}", _unit(scale).strip())
     return fig
 
@@ -272,12 +268,12 @@ def _draw_means(axes: Sequence[Axes], predictor: Predictor, groups: Sequence[Con
         upper.plot([], [], color=INK, label="median")
     angle_axis(axes[-1])
     axes[-1].set_xlim(0, _RIGHT)
-    upper.set_ylabel(f"{typeset(data.quantity.symbol)}  {data.quantity.meaning} {_unit(scale)}".rstrip())
     what = groups[0].label if is_alone else data.source
     upper.set_title(f"{model_name(predictor.forward.model)}  {what}", fontsize=8.5, loc="left")
     upper.set_ylim(bottom=0)
-    fig.align_ylabels()
     _legend(fig, (upper, *lower), 4, f"bands: of the mean, by {', '.join(predictor.parts)}")
+    _label_whole(upper, f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}", _unit(scale).strip())
+    fig.align_ylabels()
 
 
 @house_style()
