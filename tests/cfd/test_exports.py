@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import erosion
-from erosion.cfd.exports import particle_of, to_csv
+from erosion.cfd.exports import particle_of, to_comsol, to_csv
 
 pytestmark = pytest.mark.slow
 
@@ -196,6 +196,16 @@ def test_the_csv_is_in_si_and_degrees_and_can_be_read_again():
     assert float(rows[0]["speed [m/s]"]) == pytest.approx(111.76)
     exact = float(erosion.impact("finnie", SI.replace(alpha=np.deg2rad(30.0))).volume)
     assert float(rows[1]["volume [m^3]"]) == pytest.approx(exact, rel=1e-9)
+
+
+def test_the_table_of_comsol_has_its_arguments_first():
+    table = erosion.volume_table("finnie", P, alpha=np.deg2rad([20.0, 30.0]), v0=[4400.0, 5000.0], d=[0.04, 0.08])
+    first, *rows = to_comsol(table).splitlines()
+    assert first == "% diameter [m],speed [m/s],angle [deg],volume [m^3]"
+    numbers = np.array([row.split(" ") for row in rows], float)
+    axes = np.meshgrid(table.d * 0.0254, table.v0 * 0.0254, [20.0, 30.0], indexing="ij")
+    expected = np.stack([*axes, table.volume * 0.0254**3], axis=-1).reshape(-1, 4)
+    np.testing.assert_allclose(numbers, expected, rtol=1e-9)
 
 
 def test_without_axes_the_table_reaches_from_half_to_twice_the_case():

@@ -78,6 +78,9 @@ def test_the_density_sets_the_diameter(tmp_path, capsys):
     mass = 2650 * np.pi / 6 * 1e-9
     case = float(erosion.impact("finnie", SI.replace(alpha=np.deg2rad(30.0))).volume)
     assert float(row["volume [m^3]"]) == pytest.approx(case * mass / float(SI.m), rel=1e-8)
+    options[1] = str(tmp_path / "v.txt")
+    assert _status(["export", "--model", "finnie", "--angles", "30deg", "--speeds", "111.76 m/s", *options]) == 0
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "v.txt", comments="%"), [float(text) for text in row.values()])
 
 
 def test_own_parameters_are_set(tmp_path, capsys):

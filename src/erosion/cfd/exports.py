@@ -274,6 +274,16 @@ def to_csv(dataset: xr.Dataset) -> str:
     return tables.to_csv(columns)
 
 
+def to_comsol(dataset: xr.Dataset) -> str:
+    """The same in COMSOL's spreadsheet format, which its interpolation functions read: arguments, then the value.
+
+    References:
+        COMSOL Multiphysics 6.1, Reference Manual, Spreadsheet Data Format: columns between spaces, % before comments.
+    """
+    head, *rows = to_csv(dataset).splitlines()
+    return "\n".join([f"% {head}", *(row.replace(",", " ") for row in rows), ""])
+
+
 ANGLES = np.deg2rad(np.arange(0.5, 90.25, 0.25))
 NEAR, FAR = 0.02, 0.15
 """Misfits of a form over the maximum of a curve: above the first it is said, above the last refused."""

@@ -50,7 +50,9 @@ def export(
     fluent: Annotated[
         Path | None, Parameter(help="Write angle function, velocity exponent and diameter function for Fluent.")
     ] = None,
-    table: Annotated[Path | None, Parameter(help="Write V over angle, speed and diameter (CSV).")] = None,
+    table: Annotated[
+        Path | None, Parameter(help="Write V over angle, speed and diameter: .csv; .txt for COMSOL.")
+    ] = None,
     restitution: Annotated[Path | None, Parameter(help="Write e_n, e_t and spin over angle and speed (CSV).")] = None,
     angles: Annotated[str | None, Parameter(help='Of both tables: "5deg : 85deg : 17".')] = None,
     speeds: Annotated[
@@ -145,4 +147,5 @@ def _parts(
 def _table(path: Path, dataset: "xr.Dataset", content: str, warnings: Sequence[str] = ()) -> _Part:
     sizes = {_OWN_NAMES[str(name)]: size for name, size in dataset.sizes.items()}
     line = f"{content} over {' x '.join(f'{size} {name}' for name, size in sizes.items())}"
-    return _Part(path, lazy.to_csv(dataset), line, sizes, warnings)
+    text = (lazy.to_comsol if path.suffix == ".txt" and "volume" in dataset else lazy.to_csv)(dataset)
+    return _Part(path, text, line, sizes, warnings)

@@ -17,6 +17,7 @@ from erosion.arguments import check_level as check_level
 from erosion.cfd.erosion_map import MapJob as MapJob
 from erosion.cfd.erosion_map import prepare_map as prepare_map
 from erosion.cfd.exports import restitution as restitution
+from erosion.cfd.exports import to_comsol as to_comsol
 from erosion.cfd.exports import to_csv as to_csv
 from erosion.cfd.exports import volume_table as volume_table
 from erosion.cfd.impact_tables import NamedImpacts as NamedImpacts
