@@ -166,6 +166,8 @@ TABLES: dict[str, tuple[Callable[[Columns], Columns], str]] = {
     "one size": (row_17("diameter [um]", 10.0), "Row 18 of a.csv alone does"),
     "rows of rows": (lambda columns: columns | {"count": np.arange(2000) + 1.0}, "counts the rows"),
     "twice": (lambda columns: {head: np.tile(v, 2) for head, v in columns.items()}, "repeat another one"),
+    "twice, once in single precision": (
+        lambda columns: {head: np.r_[v, v.astype(np.float32)] for head, v in columns.items()}, "repeat another one"),
     "half": (lambda columns: {head: v[:1000] for head, v in columns.items()}, "Read: 1,000 rows"),
     "shifted by 1 %": (lambda columns: columns | {"z [mm]": columns["z [mm]"] + 3.0}, "from their face"),
     "shifted by 10 %": (lambda columns: columns | {"x [mm]": columns["x [mm]"] + 30.0}, "is not where the impacts are"),

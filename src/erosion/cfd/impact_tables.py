@@ -256,7 +256,10 @@ class _Noted:
         if POSITION[0] in columns and self._rows < _COMPARED:
             digest = np.zeros(len(columns[POSITION[0]]), np.uint64)
             for values in columns.values():
-                digest = (digest ^ np.ascontiguousarray(values).view(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
+                # To single precision, as another file of the same rows may have them.
+                with np.errstate(over="ignore"):
+                    bits = np.asarray(values, np.float32).view(np.uint32)
+                digest = (digest ^ bits) * np.uint64(0x9E3779B97F4A7C15)
                 digest ^= digest >> np.uint64(32)
             self._digests.append(digest)
         self._rows += len(next(iter(columns.values())))
