@@ -52,6 +52,13 @@ def test_predictions_any_number_of_errors_apart_say_which_draw_is_right(spread):
     assert gains(apart, apart + spread / 2, weights=(0.5, 0.5))[1] == pytest.approx(1, abs=0.01)
 
 
+@pytest.mark.parametrize(("bits", "is_said"), [(4.0, False), (9.0, True)])
+def test_information_near_what_draws_can_show_is_said(bits, is_said):
+    candidates = {"alpha": np.array([0.5, 1.0])}
+    answer = NextExperiment(candidates, np.array([1, bits]), np.zeros(2), np.ones(2), ("linearized",), "si", 1024)
+    assert ("1,024 draws show 10.0 bit" in answer.sentence) == is_said
+
+
 @pytest.mark.parametrize("size", [1e-300, 1e-30, 1e200, 1e300])
 def test_the_information_does_not_depend_on_the_unit(size):
     predicted = np.random.default_rng(3).normal(0, 5, 64)
@@ -61,7 +68,7 @@ def test_the_information_does_not_depend_on_the_unit(size):
 def test_a_candidate_without_a_prediction_is_not_the_best():
     nothing, something = np.array([np.nan, 0.5]), np.array([np.nan, 0.25])
     candidates = {"alpha": np.array([0.1, 0.2])}
-    answer = NextExperiment(candidates, nothing, something, np.ones(2), ("linearized", "rotating"), "si")
+    answer = NextExperiment(candidates, nothing, something, np.ones(2), ("linearized", "rotating"), "si", 9)
     assert answer.best == answer.best_to_discriminate == {"alpha": 0.2}
 
 

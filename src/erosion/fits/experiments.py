@@ -22,6 +22,7 @@ _DRAWS = 1000
 _PER_NOISE = 16  # points of the grid in one standard deviation: the entropy errs by 1e-4 bit
 _REACH = 6.0  # standard deviations beyond the outermost prediction
 _MOST = 2**17  # points of the grid; a prediction that varies by more noises is sampled less closely
+_NEAR = 2.0  # bit below the logarithm of the draws, from where on the information of normal laws is 0.3 bit too small
 _SHOWN = 10
 DEGREES = np.arange(5.0, 90.0, 2.5)
 """The angles of the candidates, if there are no others."""
@@ -38,6 +39,8 @@ class NextExperiment(Result):
         discrimination: about which model is right [bit]; zeros for one model.
         noise: standard deviation of the row that was assumed, the mean over draws [of the data], shape (candidates,).
         names: the models.
+        units: of the case.
+        draws: of each posterior, which a row can at most distinguish.
     """
 
     candidates: Mapping[str, np.ndarray]
@@ -46,6 +49,7 @@ class NextExperiment(Result):
     noise: np.ndarray
     names: tuple[str, ...]
     units: Any
+    draws: int
 
     @property
     def total(self) -> np.ndarray:
@@ -76,7 +80,10 @@ class NextExperiment(Result):
         conditions = " and ".join(self.condition_in_words(name, value) for name, value in self.best.items())
         share = f" ({self.discrimination[self.order[0]]:.3f} on which model is right)" if len(self.names) > 1 else ""
         usual = f"the median candidate {np.nanmedian(self.total):.3f}; one bit halves what is left open"
-        return f"Measure next at {conditions}: one row there is expected to say {most:.3f} bit{share}, {usual}."
+        limit = float(np.log2(self.draws))
+        is_near = float(np.nanmax(self.information)) > limit - _NEAR
+        capped = f" {self.draws:,} draws show {limit:.1f} bit at most: ask for more draws." * is_near
+        return f"Measure next at {conditions}: one row there is expected to say {most:.3f} bit{share}, {usual}.{capped}"
 
     def condition_in_words(self, name: str, value: float) -> str:
         """A condition of a candidate: "40°", "30 m/s", "r = 0.2 mm"."""
@@ -177,6 +184,7 @@ def next_experiment(
         np.nanmean([np.nanmean(errors, axis=0) for errors in noises], axis=0),
         tuple(model_name(posterior.model) for posterior in posteriors),
         posteriors[0].p.units,
+        min(draws, *(posterior.run.log_likelihood.size for posterior in posteriors)),
     )
 
 
