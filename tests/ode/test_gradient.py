@@ -553,6 +553,62 @@ def test_states_at_times_have_gradients_under_vmap():
             np.testing.assert_allclose(each[name][i], alone[name], rtol=1e-12)
 
 
+TURNS = ode.Problem(
+    y0=lambda args: {"x": args["x0"], "v": 0.0 * args["x0"]},
+    vector_field=lambda t, y, args: {"x": y["v"], "v": -(args["w"] ** 2) * y["x"]},
+    integrals={"area": lambda t, y, args: y["x"]},
+)
+
+
+@pytest.mark.parametrize("lanes", [(), (3,)])
+def test_times_that_jax_traces(lanes):
+    """x = x₀ cos wt and its integral, by hand: in any order, twice, before the start and after the end, and their
+    derivatives by the times and by the numbers, once and twice."""
+    args = {"x0": np.full(lanes, 1.2), "w": np.linspace(0.9, 1.1, 3)[: 3 if lanes else 1].reshape(lanes)}
+    ts = np.array([2.0, 0.5, -1.0, 0.5, 7.0, np.nan, 4.5])
+    within = jnp.array([0, 1, 3, 6])
+
+    def seen(args, ts):
+        times = ode.solve(TURNS, args, t1=5.0, ts=ts).times
+        return jnp.stack([times.ys["x"], times.integrals["area"]])
+
+    def by_hand(args, ts):
+        x0, w = (args[name][..., None] for name in ("x0", "w"))
+        ts = jnp.where(jnp.isnan(ts), 0.0, ts)
+        return jnp.stack([x0 * jnp.cos(w * ts), x0 * jnp.sin(w * ts) / w])
+
+    found, judge = jax.jit(seen)(args, ts), by_hand(args, ts)
+    assert np.isnan(found[..., jnp.array([2, 4, 5])]).all()
+    np.testing.assert_allclose(found[..., within], judge[..., within], atol=1e-9)
+    orders = [
+        lambda of: jax.grad(lambda args, ts: jnp.nansum(jnp.sin(of(args, ts)[..., within])), (0, 1)),
+        lambda of: jax.hessian(lambda args, ts: jnp.sum(of(args, ts)[..., within] ** 3), (0, 1)),
+        lambda of: jax.jacfwd(jax.jacfwd(lambda args, ts: of(args, ts)[..., within], 1), 0),
+    ]
+    for derivatives in orders:
+        one, other = (jax.tree.leaves(jax.jit(derivatives(of))(args, ts)) for of in (seen, by_hand))
+        for mine, exact in zip(one, other, strict=True):
+            np.testing.assert_allclose(mine, exact, atol=1e-7 * (1 + np.abs(exact).max()))
+
+
+def test_lanes_of_vmap_have_times_of_their_own():
+    ts = np.random.default_rng(2).uniform(0.0, 5.0, (9, 4))
+
+    def loss(args, ts):
+        return jnp.nansum(ode.solve(DRIVEN, args, t1=6.0, ts=ts).ys["x"] ** 2)
+
+    values, slopes = jax.jit(jax.vmap(jax.value_and_grad(loss, (0, 1))))(OF_DRIVEN, ts)
+    for i in (0, 8):
+        alone = {name: float(numbers[i]) for name, numbers in OF_DRIVEN.items()}
+        end = ode.solve(DRIVEN, alone, t1=6.0, ts=ts[i], wrt=tuple(alone))
+        exact = np.nansum(end.ys["x"] ** 2)
+        np.testing.assert_allclose(values[i], exact, rtol=1e-9)
+        for name in alone:
+            exact = np.nansum(2 * end.ys["x"] * end.times.along(name).ys["x"])
+            np.testing.assert_allclose(slopes[0][name][i], exact, rtol=1e-7)
+        np.testing.assert_allclose(slopes[1][i], np.nan_to_num(2 * end.ys["x"] * end.ys["v"]), rtol=1e-7, atol=1e-9)
+
+
 def test_gradients_of_states_need_times():
     with pytest.raises(ValueError, match="`ts`"):
         ode.solve(FALL, {"height": 1.0, "g": 9.81}, t1=10.0).gradient(ys={"y": 1.0, "v": 0.0})

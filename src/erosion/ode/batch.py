@@ -12,7 +12,7 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Number, PerLane, Scalar
 from erosion.lanes.flatten import NotForLanesError
-from erosion.lanes.lanewise import WIDTH, Compiled, compile_lanes, number, threads
+from erosion.lanes.lanewise import WIDTH, Compiled, alike_together, compile_lanes, number, threads
 from erosion.ode.agreement import differ, sizes_of, units_of
 from erosion.ode.dense import takes_times_apart
 from erosion.ode.explicit import LEAST
@@ -24,9 +24,6 @@ from erosion.ode.variational import Clock, Derivatives, Direction, Layout
 _BLOCK = 2**16  # lanes that are ordered together: their numbers fit the second-level cache
 _REPEATED = 4  # times at most
 _ANOTHER = 1 / 300, 10.0  # times the tolerance: to compare derivatives with, of a lane that was repeated or was not
-_KEYS = 2**16  # whole numbers of two bytes, which numpy sorts digit by digit
-_BINS = 2**12
-_CROWDED = 1 / 16  # share of the lanes in one bin, above which lanes are ranked instead
 _EXACT = 3e-5  # of its size: an estimated error of a second derivative of a stiff motion, so that none errs by 1e-4
 ROWS, _RECORDED = 64, 2**12  # of the tape of a lane that is recorded, and how many lanes are at most
 _FEW = 2048  # lanes: fewer are computed sooner by one thread than by several
@@ -88,10 +85,14 @@ class _Batch(NamedTuple):
         values = results.outcome, *results.outputs.value, results.time.value, *self.judged
         return [part[lanes] for part in values] + [self.saved[lanes, :, 0] for _ in self.tapes[1:]]
 
+    def times(self, lanes: np.ndarray) -> np.ndarray | None:
+        """The times at which states of some lanes are wanted, shape (lanes, n)."""
+        return self.tapes[0][lanes, :-1] if self.timed else None
+
     @property
-    def times(self) -> np.ndarray | None:
-        """The times at which states are wanted."""
-        return self.tapes[0][0, :-1] if len(self.tapes) > 1 else None
+    def timed(self) -> bool:
+        """Whether states at times are wanted."""
+        return len(self.tapes) > 1
 
     @property
     def saved(self) -> np.ndarray:
@@ -106,7 +107,7 @@ class _Batch(NamedTuple):
         (old, *before), (outcome, *found) = before, self.values(lanes)
         judged, events, results, of_times = len(self.judged), len(self.layout.event_names), self.results, 0.0
         with np.errstate(all="ignore"):
-            if self.times is not None:
+            if self.timed:
                 # Relative to the greatest size among the times: a state may pass through zero there.
                 *before, saved_before = before
                 *found, saved = found
@@ -164,16 +165,18 @@ def integrate(
             Arrays of places are numbers, so one program serves all of them.
         rtol: relative tolerance of outputs, end time and derivatives.
         again: False leaves doubtful lanes as they are.
-        times: at which the outputs are wanted as well; rising, and none before a lane's start.
+        times: at which the outputs are wanted as well; rising, shape (n,), or (lanes, n) of each lane's own.
 
     Returns:
         The lanes' results, arrays of shape (lanes,).
     """
     records = layout.options.records and order == 0 and times is None and lanes <= _RECORDED
     layout = layout.renewed().wanting(records=records)
-    if times is not None and takes_times_apart(layout, order):
-        results = integrate(layout, numbers, lanes, order, directions, rtol, again=again)
-        return results._replace(saved=_one_by_one(layout, numbers, lanes, order, directions, rtol, times))
+    if times is not None:
+        times = np.broadcast_to(times, (lanes, times.shape[-1]))
+        if takes_times_apart(layout, order):
+            results = integrate(layout, numbers, lanes, order, directions, rtol, again=again)
+            return results._replace(saved=_one_by_one(layout, numbers, lanes, order, directions, rtol, times))
     layout = layout.wanting(saves=times is not None)
     fixed = tuple(direction for direction in directions if isinstance(direction, int))
     program, results = integrator_of(layout, order, fixed, 0 if fixed else len(directions))
@@ -185,8 +188,9 @@ def integrate(
         leaves, tapes = [*leaves, np.asarray(float(ROWS))], [np.empty((lanes, ROWS * row_width(layout)))]
     if times is not None:
         members = 4 if len(directions) == 2 else order + 1
-        shared = np.broadcast_to(np.append(times, np.inf), (lanes, times.size + 1))
-        tapes = [shared, np.full((lanes, times.size, members, len(empty.outputs.value)), np.nan)]
+        rising = np.full((lanes, times.shape[1] + 1), np.inf)
+        rising[:, :-1] = times
+        tapes = [rising, np.full((*times.shape, members, len(empty.outputs.value)), np.nan)]
     errors = np.zeros((len(empty.second_sizes) + 1, lanes))
     batch = _Batch(layout, program, leaves, empty, np.empty(lanes), errors, tapes)
     batch.run(np.arange(lanes), np.asarray(rtol))
@@ -219,10 +223,10 @@ def _one_by_one(
     times: np.ndarray,
 ) -> np.ndarray:
     """Outputs at times and their derivatives from lanes that end there, shape (lanes, times, members, outputs)."""
-    which = np.repeat(np.arange(lanes), times.size)
+    which = np.repeat(np.arange(lanes), times.shape[1])
     own = layout.of_lanes(numbers, which)
     place = len(own) - len(Clock._fields) + Clock._fields.index("t1")
-    own[place] = np.minimum(np.tile(times, lanes), own[place])
+    own[place] = np.minimum(times.ravel(), own[place])
     directions = _of_lanes(directions, which)
     results = integrate(layout, own, which.size, order, directions, rtol)
     value, first, other, second = (part and np.stack(part, -1) for part in results.outputs)
@@ -233,7 +237,7 @@ def _one_by_one(
             members[i][np.broadcast_to(np.asarray(along) == layout.offsets[place], which.size)] = 0.0
     # An unfinished lane has a state, but at another time.
     saved = np.where(layout.has_no_result(results.outcome)[:, None, None], np.nan, np.stack(members, 1))
-    return saved.reshape(lanes, times.size, len(members), -1)
+    return saved.reshape(*times.shape, len(members), -1)
 
 
 def _by_other_methods(
@@ -256,7 +260,8 @@ def _by_other_methods(
         try:
             found = integrate(
                 layout.wanting(method=method, records=False),
-                numbers, lanes.size, order, _of_lanes(directions, lanes), rtol, again=again, times=batch.times,
+                numbers, lanes.size, order, _of_lanes(directions, lanes), rtol, again=again,
+                times=batch.times(lanes),
             )  # fmt: skip
         except NotForLanesError:
             lanes = lanes[given_up[lanes]]
@@ -267,7 +272,7 @@ def _by_other_methods(
         for name in ("outcome", "time", "outputs", "trials", "count", "at_once", "least"):
             part = jax.tree.map(lambda each, kept=better: each[kept], getattr(found, name))
             _put(getattr(results, name), part, those)
-        if batch.times is not None:
+        if batch.timed:
             batch.saved[those] = np.asarray(found.saved)[better]
         if results.recorded is not None:
             results.recorded.rows[those] = 0
@@ -292,7 +297,7 @@ def _with_fewer_derivatives(
     along = _of_lanes(directions, lost)
     # Along two directions the first derivatives are two integrations.
     lower = [
-        integrate(batch.layout, numbers, lost.size, order - 1, each, rtol, again=again, times=batch.times)
+        integrate(batch.layout, numbers, lost.size, order - 1, each, rtol, again=again, times=batch.times(lost))
         for each in ([(direction,) for direction in along] if order == 2 else [()])
     ]
     for name in ("outcome", "trials", "count", "at_once"):
@@ -305,7 +310,7 @@ def _with_fewer_derivatives(
             _put(parts.first, of_first.first, lost)
             for other in of_other:
                 _put(parts.other, other.first, lost)
-    if batch.times is not None:
+    if batch.timed:
         batch.saved[lost] = np.nan
         for i, each in enumerate(lower):
             # The other first derivative follows the first.
@@ -452,6 +457,8 @@ def integrate_along(
     count = places.shape[1]
     repeated = layout.of_lanes(numbers, np.repeat(np.arange(lanes), count))
     directions = tuple(np.tile(row.astype(float), lanes) for row in places)
+    if times is not None and times.ndim == 2:
+        times = np.repeat(times, count, axis=0)
     results = integrate(layout, repeated, lanes * count, order, directions, rtol, times=times)
     return jax.tree.map(lambda part: part.reshape(lanes, count, *part.shape[1:]), results)
 
@@ -554,46 +561,3 @@ def _compiled(layout: Layout, order: int, fixed: tuple[int, ...], directions: in
     arguments = (layout.structs(), (number,) * directions, [number] if records else [], number)
     program = compile_lanes(lane, arguments, tapes=2 if saves else int(records))
     return program, jax.eval_shape(lane, *arguments)
-
-
-def alike_together(numbers: Sequence[np.ndarray], group: int) -> np.ndarray:
-    """An order of lanes in which each `group` of neighbours has similar numbers.
-
-    The first number's quantiles cut the lanes into strips. The next number's quantiles cut each strip, in
-    alternating direction, so that the next strip begins near the end of this one.
-
-    Args:
-        numbers: arrays (lanes,); at least one.
-        group: lanes of a vector.
-
-    Returns:
-        Indices of lanes, shape (lanes,).
-    """
-    lanes = numbers[0].size
-    varying = [leaf for leaf in numbers if leaf.min() != leaf.max()]
-    key = np.zeros(lanes, np.int64)
-    strips = max(round((lanes / group) ** (1 / max(len(varying), 1))), 1)
-    for i, leaf in enumerate(varying):
-        # The last one sorts what is left within a strip.
-        parts = strips if i < len(varying) - 1 else max(_KEYS // strips**i, 1)
-        part = _quantile(leaf, parts)
-        key = key * parts + np.where(key & 1, parts - 1 - part, part)
-    return np.argsort(np.minimum(key, _KEYS - 1).astype(np.uint16), kind="stable")
-
-
-def _quantile(leaf: np.ndarray, parts: int) -> np.ndarray:
-    """To which of `parts` quantiles each number belongs."""
-    low, high = leaf.min(), leaf.max()
-    with np.errstate(all="ignore"):
-        width = high - low
-        scale = (_BINS - 1) / width
-        if parts <= _BINS and np.isfinite(width) and np.isfinite(scale):
-            bins = ((leaf - low) * scale).astype(np.intp)
-            counts = np.bincount(bins, minlength=_BINS)
-            if counts.max() <= _CROWDED * leaf.size:
-                middle = np.cumsum(counts) - counts / 2
-                return (middle * (parts / leaf.size)).astype(np.int64)[bins]
-    # By rank: for numbers that lie close together, and those that are not finite.
-    rank = np.empty(leaf.size, np.int64)
-    rank[np.argsort(leaf)] = np.arange(leaf.size)
-    return rank * parts // leaf.size

@@ -60,7 +60,7 @@ class AtTimes(NamedTuple):
     """What a number changes by with the outputs of lanes at times.
 
     Args:
-        times: rising, shape (n,).
+        times: of each lane, rising, shape (lanes, n).
         due: how many of them each lane reaches, shape (lanes,).
         bars: zero where a lane does not, shape (lanes, n, outputs).
     """
@@ -73,8 +73,9 @@ class AtTimes(NamedTuple):
     def of(cls, times: np.ndarray, bars: np.ndarray, t0: Any, ends: "Ended") -> "AtTimes":
         """With how many times these lanes reach, which began at some."""
         end = np.asarray(t0 + ends.time)
+        times = np.broadcast_to(times, bars.shape[:2])
         due = np.count_nonzero(times <= (end + _ROUNDING * (np.abs(t0) + np.abs(end)))[:, None], axis=1)
-        is_late = (np.arange(times.size) >= due[:, None]) & np.isfinite(end)[:, None]
+        is_late = (np.arange(times.shape[1]) >= due[:, None]) & np.isfinite(end)[:, None]
         return cls(times, due, np.where(is_late[..., None], 0.0, bars))
 
 
@@ -303,8 +304,8 @@ class _WayBack:
         inputs = [*own, self.ends.tolerance[lanes], recorded.rows.astype(float), *bars, np.zeros(())]
         tapes = [recorded.tapes]
         if self.at is not None:
-            times = np.broadcast_to(self.at.times, (lanes.size, self.at.times.size))
-            inputs, tapes = [*inputs, self.at.due[lanes].astype(float)], [*tapes, times, self.at.bars[lanes]]
+            inputs.append(self.at.due[lanes].astype(float))
+            tapes += [self.at.times[lanes], self.at.bars[lanes]]
         self.back.run(inputs, np.flatnonzero(recorded.rows), results, stop, tapes)
         found = iter(results)
         for part, (_, real) in zip(parts, self._real(), strict=True):
@@ -376,11 +377,11 @@ def _fill_forwards(
         if layout.dtypes[i] == "float64"
     ]
     places = np.array([[element for _, element in elements]], float)
-    times = None if at is None else at.times
-    some = max(1, _FORWARD // (len(elements) * (1 if times is None else 2 * times.size + 1)))
+    some = max(1, _FORWARD // (len(elements) * (1 if at is None else 2 * at.times.shape[1] + 1)))
     for first in range(0, lanes.size, some):
         each = lanes[first : first + some]
         own = layout.of_lanes(numbers, each)
+        times = None if at is None else at.times[each]
         slopes = integrate_along(layout, own, each.size, 1, places, ends.rtol, times=times)
         along = [slopes.time.first, *slopes.outputs.first]
         total = np.zeros((each.size, len(elements)))

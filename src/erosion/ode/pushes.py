@@ -45,6 +45,11 @@ class EndFunction(NamedTuple):
         return self.wanted.layout
 
     @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:
+        """Of the numbers of a lane, and of its times."""
+        return self.wanted.shapes
+
+    @property
     def rows(self) -> int:
         """How many numbers depend on them."""
         return self.wanted.rows
@@ -93,7 +98,7 @@ def _flat(ends: EndFunction, axes: int, parts: Sequence[Any]) -> Array:
 
 
 def _push_forwards(*arrays: Any, ends: EndFunction, axes: int) -> Array:
-    numbers, tangents = arrays[: len(ends.layout.shapes)], arrays[len(ends.layout.shapes) :]
+    numbers, tangents = arrays[: len(ends.shapes)], arrays[len(ends.shapes) :]
     slopes, flat = _slopes(ends, axes, numbers), _flat(ends, axes, tangents)
     made = jnp.einsum("...re,...e->...r", slopes, flat)
     return jnp.broadcast_to(made, (*_leading(ends, axes, arrays), ends.rows))
@@ -130,15 +135,15 @@ def _on_host(ends: EndFunction, axes: int, shapes: tuple[tuple[int, ...], ...], 
     leading = _leading(ends, axes, [*numbers, bars])
     lanes, wanted = math.prod(leading), dict(zip(ends.moving, shapes, strict=True))
     flat = []
-    for i, (array, own) in enumerate(zip(numbers, layout.shapes, strict=True)):
+    for i, (array, own) in enumerate(zip(numbers, ends.shapes, strict=True)):
         # A number that all lanes share, and whose derivative is the sum over them.
         together = math.prod(array.shape[:axes]) == 1 == math.prod(wanted.get(i, ())[:axes])
         flat.append(array.reshape(own) if together else np.broadcast_to(array, (*leading, *own)).reshape(lanes, *own))
     of_lanes = np.broadcast_to(bars, (*leading, ends.rows)).reshape(lanes, ends.rows).T
     # A row of `jacrev` counts in one lane of all.
     some = np.flatnonzero(np.any(of_lanes != 0, axis=0))
+    times = np.broadcast_to(flat.pop(), (lanes, ends.wanted.times))[some] if ends.wanted.times else None
     given_some, bars = layout.of_lanes(flat, some), of_lanes[:, some]
-    times = np.array(ends.wanted.times) if ends.wanted.times else None
     ended, at = ends_of(layout, given_some, some.size, ends.wanted.rtol, times), None
     if times is not None:
         bars, of_times = bars[: layout.rows], bars[layout.rows :].T.reshape(some.size, -1, layout.rows - 1)
@@ -198,7 +203,7 @@ def _moved(forwards: Callable[..., Any], numbers: Sequence[Any], rates: Sequence
 
 
 def _push_jvp(primals: Sequence[Any], rates: Sequence[Any], **params: Any) -> tuple[Any, Any]:
-    count = len(params["ends"].layout.shapes)
+    count = len(params["ends"].shapes)
     numbers, tangents = primals[:count], primals[count:]
     made = _push.bind(*primals, **params)
     change = _moved(functools.partial(_push_forwards, **params), numbers, rates[:count], tangents)
@@ -219,7 +224,7 @@ def _pull_jvp(primals: Sequence[Any], rates: Sequence[Any], **params: Any) -> tu
 
 
 def _push_transposed(bars: Any, *arrays: Any, ends: EndFunction, axes: int) -> list[Any]:
-    numbers, tangents = arrays[: len(ends.layout.shapes)], arrays[len(ends.layout.shapes) :]
+    numbers, tangents = arrays[: len(ends.shapes)], arrays[len(ends.shapes) :]
     unknown = [ad.is_undefined_primal(each) for each in tangents]
     shapes = tuple(
         each.aval.shape if undefined else each.shape for each, undefined in zip(tangents, unknown, strict=True)

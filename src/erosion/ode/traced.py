@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from jax import Array, lax
 from jax.core import Tracer
 from jaxtyping import PyTree
 
@@ -20,8 +20,9 @@ from erosion.ode.batch import compile_ahead, integrate, integrate_along
 from erosion.ode.gradient import is_worth, keep
 from erosion.ode.integrator import LaneEnd, integrate_lane
 from erosion.ode.problem import Equations
+from erosion.ode.reduction import WholeMotion
 from erosion.ode.solution import Solution, Times
-from erosion.ode.variational import Clock, Layout
+from erosion.ode.variational import Augmented, Clock, Layout
 
 if TYPE_CHECKING:
     from erosion.ode.solve import Lanes
@@ -36,18 +37,25 @@ class Wanted(NamedTuple):
     Args:
         layout: of problem and arguments.
         rtol: relative tolerance.
-        times: at which outputs are wanted as well, rising.
+        times: at how many times outputs are wanted as well; these follow the numbers of a lane, rising.
     """
 
     layout: Layout
     rtol: float
-    times: tuple[float, ...] = ()
+    times: int = 0
 
     @property
     def rows(self) -> int:
         """The time at the end, the outputs there, and those at times."""
-        return self.layout.rows + len(self.times) * (self.layout.rows - 1)
+        return self.layout.rows + self.times * (self.layout.rows - 1)
 
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:
+        """Of the numbers of a lane, and of its times."""
+        return (*self.layout.shapes, *([(self.times,)] if self.times else []))
+
+
+_zero = jax.custom_derivatives.SymbolicZero
 
 # What JAX gives to a rule of derivatives: the numbers, or their tangents, of which some are symbols for zero.
 _Numbers = tuple[list[PyTree]]
@@ -58,10 +66,10 @@ def traced_end(wanted: Wanted, numbers: Sequence[Number]) -> tuple[Array, Array]
 
     Args:
         wanted: what of it.
-        numbers: of one lane, of which some are traced.
+        numbers: of one lane, of which some are traced, and its times.
     """
-    arrays = [jnp.asarray(number, dtype) for number, dtype in zip(numbers, wanted.layout.dtypes, strict=True)]
-    return _end(wanted, arrays)
+    dtypes = (*wanted.layout.dtypes, "float64")
+    return _end(wanted, [jnp.asarray(number, dtype) for number, dtype in zip(numbers, dtypes, strict=False)])
 
 
 def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float, ts: Any) -> Solution:
@@ -75,21 +83,23 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
     if wrt or order:
         raise ValueError("Argument `wrt` must be left out where JAX traces: use `jax.grad` and its like.")
     layout, shape = lanes.layout, lanes.shape
-    known = None if ts is None or _is_traced(ts) or by_xla() else checked_times(lanes, ts)
-    places = None if known is None else np.unique(known[np.isfinite(known)], return_inverse=True)
-    wanted = Wanted(layout, rtol, () if places is None else tuple(places[0].tolist()))
-    own = [len(numbers) for numbers in layout.shapes]
+    if ts is not None:
+        ts = jnp.asarray(ts if _is_traced(ts) else checked_times(lanes, ts), float)
+        if ts.ndim != 1:
+            raise ValueError(f"Argument `ts` must be one row of times, but has shape {ts.shape}.")
+    wanted = Wanted(layout, rtol, 0 if ts is None or by_xla() else ts.size)
+    own = [len(numbers) for numbers in wanted.shapes]
     # Where `ts` alone is traced the numbers have one axis of lanes already.
     numbers = [
         jnp.reshape(number, shape) if np.ndim(number) > ndim and np.shape(number) == (lanes.size,) else number
-        for number, ndim in zip(lanes.numbers, own, strict=True)
+        for number, ndim in zip(lanes.numbers, own, strict=False)
     ]
     lanes = lanes._replace(numbers=numbers)
 
-    def many(numbers: Sequence[Number]) -> tuple[Array, Array]:
+    def many(wanted: Wanted, numbers: Sequence[Number]) -> tuple[Array, Array]:
         """The ends of all lanes, each with its numbers."""
         flat, axes = [], []
-        for number, ndim in zip(numbers, own, strict=True):
+        for number, ndim in zip(numbers, own, strict=False):
             varies = jnp.ndim(number) > ndim
             flat.append(jnp.ravel(jnp.broadcast_to(number, shape)) if varies else number)
             axes.append(0 if varies else None)
@@ -99,7 +109,8 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
         vectors, codes = jax.vmap(lambda one: traced_end(wanted, one), (axes,))(flat)
         return vectors.reshape(*shape, vectors.shape[-1]), codes.reshape(*shape, codes.shape[-1])
 
-    vector, codes = many(lanes.numbers)
+    rising = [] if ts is None or not wanted.times else [ts[jnp.argsort(ts)]]
+    vector, codes = many(wanted, [*lanes.numbers, *rising])
     clock = layout.clock(lanes.numbers)
     t0 = jnp.broadcast_to(jnp.asarray(clock.t0), shape)
     vector, at_times = vector[..., : layout.rows], vector[..., layout.rows :]
@@ -114,26 +125,21 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
     )  # fmt: skip
     if ts is None:
         return solution
-    if known is not None and places is not None:
-        rows = at_times.reshape(*shape, -1, layout.rows - 1)
-        vectors = jnp.full((*shape, known.size, layout.rows - 1), jnp.nan)
-        vectors = vectors.at[..., np.isfinite(known), :].set(rows[..., places[1], :])
-        is_within = (known >= t0[..., None]) & (known <= solution.t[..., None])
-        vectors = jnp.where(is_within[..., None], vectors, jnp.nan)
-        return solution.with_times(_times_of(lanes, known, vectors))
-    times = jnp.asarray(ts, float)
-    if times.ndim != 1:
-        raise ValueError(f"Argument `ts` must be one row of times, but has shape {times.shape}.")
+    if wanted.times or not ts.size:
+        rows = at_times.reshape(*shape, ts.size, layout.rows - 1)[..., jnp.argsort(jnp.argsort(ts)), :]
+        is_within = (ts >= t0[..., None]) & (ts <= t[..., None])
+        vectors = jnp.where(is_within[..., None], rows, jnp.nan)
+        return solution.with_times(_times_of(lanes, ts, vectors))
     place = len(lanes.numbers) - len(Clock._fields) + Clock._fields.index("t1")
 
     def at(time: Array) -> Array:
         numbers: list[Number] = list(lanes.numbers)
-        numbers[place] = jnp.where(time < solution.t, time, solution.t)
-        vector, codes = many(numbers)
-        known = (time <= solution.t) & ~layout.has_no_result(codes[..., 0])
+        numbers[place] = jnp.where(time < t, time, t)
+        vector, codes = many(wanted, numbers)
+        known = (time <= t) & ~layout.has_no_result(codes[..., 0])
         return jnp.where(known[..., None], vector[..., 1:], jnp.nan)
 
-    return solution.with_times(_times_of(lanes, times, jax.vmap(at, out_axes=-2)(times)))
+    return solution.with_times(_times_of(lanes, ts, jax.vmap(at, out_axes=-2)(ts)))
 
 
 def _is_traced(ts: Any) -> bool:
@@ -167,6 +173,7 @@ def _kind(order: int) -> str:
 def _solve(wanted: Wanted, numbers: Sequence[Number], order: int, places: _Places) -> Any:
     """The row of numbers, and codes; or the derivatives along each direction, shape (rows, directions)."""
     layout, rtol, _ = wanted
+    # XLA has no states at times.
     if by_xla():
         if layout.options.method == "auto":
             # No other method could follow there.
@@ -183,7 +190,7 @@ def _solve(wanted: Wanted, numbers: Sequence[Number], order: int, places: _Place
         shape: Any = jax.ShapeDtypeStruct((rows, len(places)), np.float64)
     else:
         shape = jax.ShapeDtypeStruct((rows,), np.float64), jax.ShapeDtypeStruct((codes,), np.int32)
-    compile_ahead(layout, order, len(places[0]) if places else 0, timed=bool(wanted.times))
+    compile_ahead(layout, order, len(places[0]) if places else 0, timed=wanted.times > 0)
     on_host = _callback(wanted, layout.equations, order, places)
     return jax.pure_callback(on_host, shape, *numbers, vmap_method="expand_dims")
 
@@ -197,17 +204,17 @@ def _callback(wanted: Wanted, equations: Equations, order: int, places: _Places)
 def _on_host(wanted: Wanted, order: int, places: _Places, *given: Number) -> Any:
     """`_solve` by the batch, for numbers that may have axes of `vmap` before their own."""
     layout, rtol, _ = wanted
-    times = np.array(wanted.times) if wanted.times else None
     arrays = [np.asarray(number) for number in given]
-    leading = [array.shape[: array.ndim - len(shape)] for array, shape in zip(arrays, layout.shapes, strict=True)]
+    leading = [array.shape[: array.ndim - len(shape)] for array, shape in zip(arrays, wanted.shapes, strict=True)]
     batch = np.broadcast_shapes(*leading)
     lanes = math.prod(batch)
     numbers = [
         array.reshape(shape)
         if math.prod(before) == 1
         else np.broadcast_to(array, (*batch, *shape)).reshape(lanes, *shape)
-        for array, before, shape in zip(arrays, leading, layout.shapes, strict=True)
+        for array, before, shape in zip(arrays, leading, wanted.shapes, strict=True)
     ]
+    times = numbers.pop() if wanted.times else None
     if not places:
         end = integrate(layout, numbers, lanes, 0, (), rtol, times=times)
         keep(layout, numbers, end, rtol)
@@ -220,7 +227,7 @@ def _on_host(wanted: Wanted, order: int, places: _Places, *given: Number) -> Any
     if times is not None and end.saved is not None:
         # What comes before a lane's start or after its end is no number, and has no cotangents.
         t0 = np.reshape(layout.clock(numbers).t0, (-1, 1, 1))
-        outside = (times < t0) | ~np.isfinite(end.saved[:, :, :, 0]).all(-1)
+        outside = (times.reshape(-1, 1, wanted.times) < t0) | ~np.isfinite(end.saved[:, :, :, 0]).all(-1)
         saved = np.where(outside[..., None], 0.0, end.saved[:, :, :, -1])
         slopes = np.concatenate([slopes, np.moveaxis(saved, 1, -1).reshape(lanes, -1, len(places))], 1)
     return slopes.reshape(*batch, -1, len(places))
@@ -239,10 +246,14 @@ def _end_jvp(wanted: Wanted, primals: _Numbers, tangents: _Numbers) -> Any:
     goes_back = is_worth(layout, len(elements))
     vector, codes = _end(wanted._replace(layout=layout.wanting(records=goes_back)), numbers)
     still = np.zeros(codes.shape, jax.dtypes.float0)
+    along = jnp.zeros(wanted.rows)
     if goes_back:
-        ends = pushes.EndFunction(wanted, moving, _slopes)
-        return (vector, codes), (pushes.pushed(ends, numbers, moved), still)
-    return (vector, codes), (_slopes(wanted, elements, numbers) @ _flat(moved), still)
+        along = pushes.pushed(pushes.EndFunction(wanted, moving, _slopes), numbers, moved)
+    elif elements:
+        along = _slopes(wanted, elements, numbers) @ _flat(moved)
+    if _times_move(wanted, rates):
+        along = along + _rates_at_times(wanted, numbers, vector) * _of_rows(wanted, rates[-1])
+    return (vector, codes), (along, still)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
@@ -256,9 +267,64 @@ def _slopes_jvp(
     wanted: Wanted, elements: tuple[int, ...], primals: _Numbers, tangents: _Numbers
 ) -> tuple[Array, Array]:
     (numbers,), (rates,) = primals, tangents
-    moving = _moving(wanted.layout, rates)
-    others, moved = _elements(wanted.layout, moving), _flat([jnp.asarray(rates[i]) for i in moving])
-    return _slopes(wanted, elements, numbers), _curvatures(wanted, elements, others, numbers) @ moved
+    moving, slopes = _moving(wanted.layout, rates), _slopes(wanted, elements, numbers)
+    along = jnp.zeros(slopes.shape)
+    if moving:
+        others, moved = _elements(wanted.layout, moving), _flat([jnp.asarray(rates[i]) for i in moving])
+        along = _curvatures(wanted, elements, others, numbers) @ moved
+    if _times_move(wanted, rates):
+        vector, offsets = _end(wanted, numbers)[0], wanted.layout.offsets
+
+        def rates_of(vector: Array, changes: Array) -> Array:
+            changed = jnp.zeros(offsets[-1]).at[np.array(elements)].set(changes)
+            own = [
+                number + changed[begin:end].reshape(np.shape(number)) if dtype == "float64" else number
+                for number, begin, end, dtype in zip(
+                    numbers, offsets[:-1], offsets[1:], wanted.layout.dtypes, strict=False
+                )
+            ]
+            return _rates_at_times(wanted, [*own, numbers[-1]], vector)
+
+        def along_one(slope: Array, unit: Array) -> Array:
+            return jax.jvp(rates_of, (vector, jnp.zeros(len(elements))), (slope, unit))[1]
+
+        units = jnp.eye(len(elements))
+        along = along + jax.vmap(along_one, (1, 0), 1)(slopes, units) * _of_rows(wanted, rates[-1])[:, None]
+    return slopes, along
+
+
+def _times_move(wanted: Wanted, rates: list[PyTree]) -> bool:
+    """Whether the times at which outputs are wanted have tangents."""
+    return wanted.times > 0 and not isinstance(rates[-1], _zero)
+
+
+def _of_rows(wanted: Wanted, rates: Array) -> Array:
+    """What times change by, for each number of a row."""
+    return jnp.concatenate([jnp.zeros(wanted.layout.rows), jnp.repeat(rates, wanted.layout.rows - 1)])
+
+
+def _rates_at_times(wanted: Wanted, numbers: Sequence[Number], vector: Array) -> Array:
+    """The time derivatives of the outputs at times, as the problem has them; zero for the end, and where none are.
+
+    Args:
+        wanted: of a lane, with times.
+        numbers: of the lane, and its times.
+        vector: the row of numbers.
+    """
+    layout, (*own, times) = wanted.layout, numbers
+    motion, timed, integrals = WholeMotion(layout, own), int(layout.equations.timed), len(layout.problem.integrals)
+    rows, end = vector[layout.rows :].reshape(wanted.times, -1), lax.stop_gradient(vector[1 : layout.rows])
+    known = jnp.isfinite(rows).all(-1) & jnp.isfinite(times)
+    # Where there is no state another one stands in for it, whose rates are numbers.
+    rows = jnp.where(known[:, None], rows, jnp.where(jnp.isfinite(end), end, 1.0))
+
+    def rate(time: Array, row: Array) -> Array:
+        state, rest = row[: row.size - integrals], row[row.size - integrals :]
+        flow = motion.rate(Augmented((*[time] * timed, *state), tuple(rest)))
+        return jnp.stack([*flow.state[timed:], *flow.integrals])
+
+    flow = jax.vmap(rate)(jnp.where(known, times, motion.clock.t0), rows)
+    return jnp.concatenate([jnp.zeros(layout.rows), jnp.where(known[:, None], flow, 0.0).ravel()])
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
@@ -277,8 +343,8 @@ def _curvatures_jvp(*_: Any) -> NoReturn:
 
 def _moving(layout: Layout, rates: list[PyTree]) -> tuple[int, ...]:
     """The numbers whose tangents are not zero by construction."""
-    zero = jax.custom_derivatives.SymbolicZero
-    return tuple(i for i, rate in enumerate(rates) if not isinstance(rate, zero) and layout.dtypes[i] == "float64")
+    pairs = enumerate(zip(rates, layout.dtypes, strict=False))
+    return tuple(i for i, (rate, dtype) in pairs if dtype == "float64" and not isinstance(rate, _zero))
 
 
 def _elements(layout: Layout, numbers: Sequence[int]) -> tuple[int, ...]:
