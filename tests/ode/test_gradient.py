@@ -570,6 +570,7 @@ def test_times_that_jax_traces(lanes):
 
     def seen(args, ts):
         times = ode.solve(TURNS, args, t1=5.0, ts=ts).times
+        assert times is not None
         return jnp.stack([times.ys["x"], times.integrals["area"]])
 
     def by_hand(args, ts):
@@ -601,6 +602,7 @@ def test_lanes_of_vmap_have_times_of_their_own():
     for i in (0, 8):
         alone = {name: float(numbers[i]) for name, numbers in OF_DRIVEN.items()}
         end = ode.solve(DRIVEN, alone, t1=6.0, ts=ts[i], wrt=tuple(alone))
+        assert end.times is not None
         exact = np.nansum(end.ys["x"] ** 2)
         np.testing.assert_allclose(values[i], exact, rtol=1e-9)
         for name in alone:

@@ -332,6 +332,38 @@ def test_a_search_is_not_traced() -> None:
         jax.grad(lambda v: farthest(CANNON, SHOT | {"v": v}).value)(50.0)
 
 
+CONSTANT = ode.Problem(y0=[0.0], vector_field=lambda t, y, args: [args["k"] + 0 * y[0]])
+
+
+@pytest.mark.parametrize(
+    ("quantity", "between", "least", "at", "value"),
+    [
+        pytest.param(lambda k: k**-12 - k**-6, (0.2, 3.0), True, 2 ** (1 / 6), -0.25, id="Lennard-Jones"),
+        pytest.param(lambda k: jnp.log(k) / k, (1e-9, 5.0), False, math.e, 1 / math.e, id="singularity"),
+        pytest.param(
+            lambda k: jnp.where(k < -0.1, -1e12, jnp.sin(k)), (-1.0, 5.0), False, math.pi / 2, 1, id="penalty"
+        ),
+    ],
+)
+def test_what_is_huge_elsewhere_does_not_matter(quantity, between, least, at, value) -> None:
+    best = ode.maximum(
+        CONSTANT, {"k": 1.0}, of=lambda end: quantity(end.y[0]), over="k", between=between, t1=1.0, least=least
+    )
+    assert (best.kind, bool(best.certified)) == ("interior", True)
+    np.testing.assert_allclose([best.at, best.value], [at, value], rtol=1e-8)
+
+
+def test_the_best_lane_counts_where_others_fail() -> None:
+    """A spring of stiffness √k, that fails for k < 0, and is so weak near 0 that the lane ends by `t1`."""
+    spring = ode.Problem(
+        y0={"x": 1.0, "v": 0.0},
+        vector_field=lambda t, y, args: {"x": y["v"], "v": -jnp.sqrt(args["k"]) * y["x"]},
+        events={"down": ode.Event(lambda t, y, args: y["x"], -1)},
+    )
+    best = ode.maximum(spring, {"k": 1.0}, of=lambda end: end.t, over="k", between=(-1, 1), t1=10.0)
+    assert (float(best.value), best.ended_by, bool(best.certified)) == (10.0, "t1", False)
+
+
 def test_an_infinite_quantity_is_none() -> None:
     """A pole has no greatest value, and none of NumPy's words is heard; warnings are errors."""
     pole = farthest(CANNON, SHOT, of=lambda end: 1 / (end.args["angle"] - 0.75) + 0.0 * end.t, between=(0.5, 1.0))

@@ -219,9 +219,10 @@ class Search:
             *self._at_boundaries(scanned),
         ]:
             candidates[case].append(candidate)
-        for case, candidate in self._at_best_nodes(scanned, jumped, candidates):
+        plateaus = self._plateaus(scanned, candidates)
+        for case, candidate in self._at_best_nodes(scanned, jumped, candidates, plateaus):
             candidates[case].append(candidate)
-        for case, plateau in self._plateaus(scanned, candidates):
+        for case, plateau in plateaus.items():
             outside = [each for each in candidates[case] if not plateau.low <= each.at <= plateau.high]
             candidates[case] = [plateau, *outside]
         jumps, regimes = self._jumps(scanned, jumped), self._regimes(scanned)
@@ -338,9 +339,9 @@ class Search:
         return np.where(nodes.at - before < after - nodes.at, before, after)
 
     def _at_best_nodes(
-        self, scanned: Scan, jumped: np.ndarray, candidates: list[list[Extremum]]
+        self, scanned: Scan, jumped: np.ndarray, candidates: list[list[Extremum]], plateaus: dict[int, Extremum]
     ) -> list[tuple[int, Extremum]]:
-        """By case, the best node where it is above all candidates.
+        """By case without a plateau, the best node where it is above all candidates.
 
         There the function falls so steeply from a jump that it is lower already at the candidate
         beside the jump; or it has no derivatives, so that no search found its maximum.
@@ -348,13 +349,11 @@ class Search:
         nodes = scanned.nodes
         jumps, near = self._nearest_jump(nodes, scanned, jumped), self._near(_BESIDE, nodes.at)
         best = []
-        unit = self.within.ruler.unit
         for case, i in enumerate(_greatest(nodes)):
             above = (
                 max((candidate.value for candidate in candidates[case]), default=-np.inf) + 1e-8 * scanned.size[case]
             )
-            # A level function is a plateau, see there.
-            if nodes.value[i] > above and not abs(nodes.slope[i]) * unit <= _FLAT * scanned.size[case]:
+            if nodes.value[i] > above and case not in plateaus:
                 aside = float(nodes.at[i] - jumps[i])
                 if abs(aside) < near[i]:
                     side = "above" if aside > 0 else "below"
@@ -364,7 +363,7 @@ class Search:
                 best.append((case, candidate))
         return best
 
-    def _plateaus(self, scanned: Scan, candidates: list[list[Extremum]]) -> list[tuple[int, Extremum]]:
+    def _plateaus(self, scanned: Scan, candidates: list[list[Extremum]]) -> dict[int, Extremum]:
         """By case, the widest range of numbers in which all values are the greatest one, if there is one."""
         nodes, unit = scanned.nodes, self.within.ruler.unit
         greatest, size = nodes.value[_greatest(nodes)], scanned.size
@@ -377,7 +376,7 @@ class Search:
         long = nodes.at[ends] - nodes.at[begins] >= min(_LONG * unit, np.ptp(nodes.at) / 2)
         begins, ends = begins[long], ends[long]
         if not begins.size:
-            return []
+            return {}
         firsts, lasts = (self._level_until(nodes, at, step, lowest) for at, step in ((begins, -1), (ends, 1)))
         case = nodes.case[begins]
         firsts = np.where(firsts == nodes.at.min(), self.within.low, firsts)
@@ -387,7 +386,7 @@ class Search:
         for i in np.argsort(lasts - firsts, kind="stable"):
             extent = {"low": float(firsts[i]), "high": float(lasts[i])}
             widest[int(case[i])] = self._candidate(middle, i, kind="plateau", **extent)
-        return list(widest.items())
+        return widest
 
     def _level_until(self, nodes: Nodes, at: np.ndarray, step: int, lowest: np.ndarray) -> np.ndarray:
         """The numbers until which the functions are level, from a node down (step -1) or up (1), shape (cells,)."""

@@ -19,9 +19,10 @@ _SUSPECT = 3e-8  # narrower cells are not split: a tighter tolerance brackets th
 _AGREED = 2e-10  # at this distance, evaluations with and without derivatives agree on the side of a jump
 _STEEP = 1e-5  # a narrower cell that is not resolved may hold a jump
 _SETTLED = 1e-12  # the last step of Newton's method
-_RESOLVED = 1e-6  # of the function's largest magnitude: bound of the quintic term
+_RESOLVED = 1e-6  # of the function's size, and of how far a cell is below its peak: bound of the quintic term
 _BENT = 1e-3  # of the same: bound of the quartic term, because the quintic term may vanish by accident
-_JUMP = 1e-8  # of the same: a smaller change over a narrow cell is rounding
+_JUMP = 1e-8  # of the size: a smaller change over a narrow cell is rounding
+_QUARTER = 0.25  # of the first nodes are less far below the peak than the size, if the peak itself is near zero
 _LANES = 256  # a smaller batch takes as long
 _MAX_NODES = 20_000  # of one case; a function that needs more is not resolved
 
@@ -112,7 +113,7 @@ class Scan(NamedTuple):
         smooth: the resolved cells, and what lies beside the narrow cells.
         narrow: the cells that hold a jump or a change of outcome; 4e-10 units wide, or up to 3e-8 where one of
             both lanes ends at its start.
-        size: the largest magnitude of each function; shape (cases,).
+        size: of each function, see `_sizes`; shape (cases,).
         unresolved: number of cells of each case that are neither, because lanes failed or have no derivatives;
             shape (cases,).
         rounds: how often cells of each case were split; shape (cases,).
@@ -190,13 +191,14 @@ def _resolve(evaluate: Evaluate, nodes: Nodes, low: np.ndarray, high: np.ndarray
     """Split cells, pairs of node indices of shape (cells,), until each is smooth or as narrow as `_SUSPECT`."""
     used = np.bincount(nodes.case)
     cases = used.size
-    size, unresolved, rounds = np.zeros(cases), np.zeros(cases, int), np.zeros(cases, int)
+    grid, unresolved, rounds = nodes, np.zeros(cases, int), np.zeros(cases, int)
     bracketing = np.zeros(nodes.case.size, bool)  # whether `_bracket` chose the node
     smooth, narrow = [], []
     while True:
-        np.maximum.at(size, nodes.case, np.nan_to_num(np.abs(nodes.value)))
+        peak, size = _sizes(nodes, grid, cases)
         cells = Cells(nodes.take(low), nodes.take(high))
-        resolved = is_resolved(cells, size[cells.low.case])
+        below = peak[cells.low.case] - np.fmax(cells.low.value, cells.high.value)
+        resolved = is_resolved(cells, np.fmax(size[cells.low.case], below))
         computed = np.isfinite(cells.low.value) & np.isfinite(cells.high.value)
         # Where the lane of one node alone fails, the cell is halved: the failures may begin anywhere in it.
         failed = np.isnan(cells.low.value) & np.isnan(cells.high.value)
@@ -237,6 +239,23 @@ def _resolve(evaluate: Evaluate, nodes: Nodes, low: np.ndarray, high: np.ndarray
     smooth_cells, narrow_cells = (Cells(nodes.take(pair[0]), nodes.take(pair[1])) for pair in pairs)
     by_number = nodes.take(np.lexsort((nodes.at, nodes.case)))
     return Scan(by_number, smooth_cells, narrow_cells, size, unresolved, rounds)
+
+
+def _sizes(nodes: Nodes, grid: Nodes, cases: int) -> tuple[np.ndarray, np.ndarray]:
+    """The greatest value of each function, and its size: what matters where it is greatest, shape (cases,).
+
+    That is the magnitude of the greatest value, or how far a quarter of the first nodes are below it, whichever is
+    larger. However low the function is elsewhere, as at a singularity or for a penalty, it does not count.
+    """
+    peak = np.full(cases, -np.inf)
+    np.fmax.at(peak, nodes.case, nodes.value)
+    peak[~np.isfinite(peak)] = 0.0
+    below = peak[grid.case] - grid.value
+    order = np.lexsort((below, grid.case))  # NaN last
+    first = np.searchsorted(grid.case[order], np.arange(cases))
+    known = np.bincount(grid.case[np.isfinite(grid.value)], minlength=cases)
+    quarter = below[order][first + (_QUARTER * np.maximum(known - 1, 0)).astype(int)]
+    return peak, np.fmax(np.abs(peak), quarter)
 
 
 def _bracket(
