@@ -30,7 +30,15 @@ _LIBRARIES = tuple(str(Path(module.__file__ or "").parent) for module in (jax, e
 
 
 class NotForLanesError(ValueError):
-    """A function that cannot be compiled for lanes; the sentence says what in it."""
+    """A function that cannot be compiled for lanes; the sentence says what in it, in JAX's names of operations."""
+
+    @classmethod
+    def at(cls, place: str, error: CannotCompileError) -> "NotForLanesError":
+        """The error of a place, and what to do."""
+        return cls(
+            f"{place} uses {error}, which lanes cannot do: write it by other functions of `jax.numpy`, or start Python "
+            "with EROSION_ENGINE=xla, which compiles more, but for longer."
+        )
 
 
 class Flattener:
@@ -305,7 +313,7 @@ def flatten(closed: ClosedJaxpr, *, shared: bool = True) -> Graph:
     try:
         results = Flattener(graph).closed(closed, arguments)
     except CannotCompileError as error:
-        raise NotForLanesError(f"The function uses {error}, which lanes cannot do.") from None
+        raise NotForLanesError.at("The function", error) from None
     outputs: list[Value] = []
     for result in results:
         if isinstance(result, Large) and result.type == DOUBLE:
@@ -368,7 +376,7 @@ def _located(equation: Equation, function: Callable[[], _Result]) -> _Result:
         place = (
             f"`{own[0].function_name.split('.<locals>.')[-1]}` ({Path(own[0].file_name).name}, line {own[0].line_num})"
         )
-        raise NotForLanesError(f"{place} uses {error}, which lanes cannot do.") from None
+        raise NotForLanesError.at(place, error) from None
 
 
 def _is_own(file: str) -> bool:
