@@ -112,6 +112,29 @@ def test_a_start_that_is_no_number_is_refused(y0):
     refused("`y0`", problem=ode.Problem(y0, lambda t, y, args: y))
 
 
+@pytest.mark.parametrize(
+    ("y0", "rate", "words"),
+    [
+        (1.0, lambda t, y, args: [y, y], ["`y0` gives, a number,", "[a number, a number]"]),
+        (np.ones(3), lambda t, y, args: [*y], ["an array of shape (3,), but"]),
+        (START, lambda t, y, args: y["x"], ["{'v': a number, 'x': a number}, but gives a number."]),
+        (1.0, lambda t, y, args: None, ["nothing (None)"]),
+    ],
+)
+def test_what_a_function_gives_is_told_in_words(y0, rate, words):
+    refused("`vector_field`", *words, problem=ode.Problem(y0, rate))
+
+
+def test_an_event_that_gives_nothing_is_told_so():
+    refused(
+        "nothing (None)", problem=ode.Problem(1.0, lambda t, y, args: y, {"up": ode.Event(lambda t, y, args: None)})
+    )
+
+
+def test_no_bound_of_events_may_be_none():
+    assert ode.solve(FINE, {"k": 1.0}, t1=9.0, max_events=None).t == ode.solve(FINE, {"k": 1.0}, t1=9.0).t
+
+
 def test_a_word_is_named_as_what_it_is():
     refused("`y0`", "type str, which is no number", problem=ode.Problem({"x": "rest"}, lambda t, y, args: y))
 
@@ -145,7 +168,7 @@ def test_names_must_be_known():
     refused("`wrt`", "k", "'spring'", wrt="spring")
     refused("`wrt`", wrt=("k", "k"))
     refused("`wrt`", wrt="max_step")
-    refused("`wrt`", derivatives=1)
+    refused("Argument `derivatives` needs", "`wrt`", derivatives=1)
     refused("`wrt`", wrt="k", derivatives=0)
     refused("`derivatives`", "3", wrt="k", derivatives=3)
     refused("`shared`", "k", "'weights'", shared=("weights",))
@@ -155,6 +178,8 @@ def test_names_must_be_known():
         refused("`shared`", "list of names", error=TypeError, shared=names)
     refused("`args`", "keys of one kind", args={"k": 1.0, 2: 2.0})
     refused("`wrt`", args={"k": 1.0, "table": np.ones(2)}, wrt="table", shared=("table",))
+    for name in ("table", "table.0"):
+        refused("`Solution.gradient`", args={"k": 1.0, "table": np.ones(2)}, wrt=name, shared="table")
 
 
 def test_sizes_must_be_like_the_state():

@@ -179,7 +179,7 @@ def require_numbers(name: str, given: PyTree, *, scalars: bool = True, double: b
     """
     parts = jax.tree_util.tree_flatten_with_path(given)[0]
     if not parts:
-        raise FlawError(f"`{name}` must give numbers, but gives none")
+        raise FlawError(f"`{name}` must give numbers, but gives {_shown(given)}")
     for path, leaf in parts:
         part, kind = jax.tree_util.keystr(path).lstrip(".") or "it", leaf.dtype.kind
         if (leaf.shape and scalars) or kind not in "fiu":
@@ -436,7 +436,7 @@ class _ProblemKind(TreeKind):
                 _require_like_state(name, given, y)
             else:
                 if jax.tree.structure(given).num_leaves != 1:
-                    raise FlawError(f"`{name}` must give one number, but gives {jax.tree.structure(given)}")
+                    raise FlawError(f"`{name}` must give one number, but gives {_shown(given)}")
                 require_numbers(name, given, double=True)
                 kind = jax.tree.leaves(given)[0].dtype
                 if name.startswith("events[") and kind.kind != "f":
@@ -459,6 +459,13 @@ class _ProblemKind(TreeKind):
         return y, _depends_on_first(everything, time, list(self.numbers), y)
 
 
+class Words(str):
+    """Words that are printed without quotes in a pytree."""
+
+    __slots__ = ()
+    __repr__ = str.__str__
+
+
 def _require_like_state(name: str, given: PyTree, y: PyTree) -> None:
     require_numbers(name, given, scalars=False, double=True)
     if jax.tree.structure(given) != jax.tree.structure(y):
@@ -470,8 +477,9 @@ def _require_like_state(name: str, given: PyTree, y: PyTree) -> None:
 
 
 def _shown(tree: PyTree) -> str:
-    """The structure of a pytree: {'x': *, 'y': *}."""
-    return str(jax.tree.structure(tree)).removeprefix("PyTreeDef(").removesuffix(")")
+    """What a pytree is: {'x': a number, 'y': an array of shape (3,)}."""
+    words = [Words(f"an array of shape {leaf.shape}" if leaf.shape else "a number") for leaf in jax.tree.leaves(tree)]
+    return "nothing (None)" if tree is None else repr(jax.tree.unflatten(jax.tree.structure(tree), words))
 
 
 def _depends_on_first(function: Callable[..., PyTree], *examples: PyTree) -> bool:

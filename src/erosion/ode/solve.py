@@ -56,8 +56,9 @@ class Lanes(NamedTuple):
         if self.names.count(name) > 1:
             raise ValueError(f"Argument `wrt` must say which {name!r} is meant: there is one among `args` as well.")
         if name not in known:
-            inside = name.rpartition(".")[0] in self.names
-            hint = "; for elements of an array that lanes share, see `Solution.gradient`" if inside else ""
+            arrays = [one for one, shape in zip(self.names, self.layout.shapes, strict=True) if shape]
+            inside = name in arrays or name.rpartition(".")[0] in arrays
+            hint = "; for an array that lanes share, use `Solution.gradient` or `jax.grad`" if inside else ""
             raise ValueError(
                 f"Argument `wrt` must name numbers of `args` ({', '.join(known)}), but has {name!r}{hint}."
             )
@@ -104,7 +105,7 @@ def solve(
         ts: times at which the state is wanted as well, shape (n,), none before `t0`; at an event that before its
             reset. Where JAX traces `t0` or them nothing can be refused: a state before `t0` is NaN.
         max_step: no step is longer; a pulse of an event function shorter than a step may go unseen.
-        max_events: a chain of events that the motion survives ends with this one.
+        max_events: a chain of events that the motion survives ends with this one; None for no bound.
         sizes: typical sizes of y, a pytree like it or one number: a state need not be known to better than
             `rtol` times its size.
         smooth: True says that the equations have no kinks although `sqrt` or `where` occurs; by default the
@@ -137,8 +138,10 @@ def solve(
     require_float64()
     names = as_names("wrt", wrt)
     order = check_order((1 if names else 0) if derivatives is None else derivatives)
-    if (order > 0) != bool(names) or len(set(names)) != len(names):
-        raise ValueError(f"Argument `wrt` must name different numbers, as many as derivatives need, but is {wrt!r}.")
+    if order and not names:
+        raise ValueError(f"Argument `derivatives` needs numbers in `wrt`, but is {order} and `wrt` names none.")
+    if (names and not order) or len(set(names)) != len(names):
+        raise ValueError(f"Argument `wrt` must name different numbers, none without derivatives, but is {wrt!r}.")
     lanes, rtol = checked_lanes(
         problem, args, t1=t1, t0=t0, rtol=rtol, start=start, max_step=max_step, max_events=max_events, sizes=sizes,
         smooth=smooth, max_steps=max_steps, method=method, shared=shared,
@@ -188,7 +191,8 @@ def checked_lanes(
         max_steps=check_whole("max_steps", max_steps, 1),
         method=method,
     )
-    clock = Clock(t0, math.inf if t1 is None else t1, max_step, max_events)
+    t_end, most = (math.inf if each is None else each for each in (t1, max_events))
+    clock = Clock(t0, t_end, max_step, most)
     if t1 is None and problem.time_scale is None:
         raise ValueError("Argument `t1` must say where a lane without an event ends, but is not given.")
     return lanes_of(problem, args, clock, options, shared, sizes), rtol
