@@ -98,6 +98,24 @@ def test_to_dataset_has_all():
     assert many["count"].dtype == np.int32
 
 
+def test_a_dataset_says_which_numbers_its_lanes_have(tmp_path):
+    import xarray as xr
+
+    dataset = MANY.to_dataset()
+    assert set(dataset.coords) == {"x", "v"}
+    assert dataset["v"].dims == ("lane_0", "lane_1")
+    np.testing.assert_array_equal(dataset["v"], [[0.4, 0.4], [0.6, 0.6], [3.0, 3.0]])
+    assert dataset.attrs == {"rtol": 1e-9, "events": "low, at the wall"}
+    decay = ode.Problem({"k": 1.0}, lambda t, y, args: {"k": -args["y"]["k"] * args["y_k"] * y["k"]})
+    many = np.array([1.0, 2.0])
+    end = ode.solve(decay, {"y": {"k": many}, "y_k": 2 * many, "lane_0": many, "time": many}, t1=many, ts=[0.0])
+    end.to_dataset().to_netcdf(tmp_path / "many.nc")
+    with xr.open_dataset(tmp_path / "many.nc") as back:
+        assert set(back.coords) == {"y_k_", "y_k__", "lane_0_", "time", "time_", "t1"}
+        np.testing.assert_array_equal(back["y_k__"], [2.0, 4.0])
+        np.testing.assert_array_equal(back["time_"], back["t1"])
+
+
 def test_a_dataset_goes_to_a_file(tmp_path):
     import xarray as xr
 
@@ -130,6 +148,30 @@ def test_events_are_read_once():
     assert list(MANY.events.name[:, 0, 0]) == ["", "low", "at the wall"]
     assert MANY.events.y["place"].shape == (3, 2, 1, 3)
     np.testing.assert_array_equal(MANY.events.t[1:, :, 0], MANY.t[1:])
+
+
+def test_events_and_times_print_in_a_line() -> None:
+    assert repr(MANY.events) == "Passed(2 at the wall, 2 low, t=[3, 2, 1] 0.182322 … 0.405465)"
+    assert repr(ode.solve(PROBLEM, ARGS | {"v": 0.1}, t1=1.0).events) == "Passed(no events, t=[0] empty)"
+    times = ode.solve(ode.Problem({"x": 1.0}, _growing), {"k": -1.0}, t1=1.0, ts=[0.0, 1.0]).times
+    assert repr(times) == "Times(ts=[2] 0 … 1, ys={'x': [2] 0.367879 … 1})"
+    assert "integrals={'work': [3] " in repr(ONE.times)
+
+
+def test_derivatives_beyond_a_jump_of_a_rate_are_told_what_to_do() -> None:
+    jumps = ode.Problem(0.0, lambda t, y, args: jnp.where(t < 1, args["p"], 0.0) - y)
+    (sentence,) = ode.solve(jumps, {"p": 1.0}, t1=3.0, wrt="p").warnings
+    assert "jumps" in sentence
+    assert "`reset`" in sentence
+    # The jump as an event: y(3) = p (1 - e⁻¹) e⁻².
+    switched = ode.Problem(
+        {"y": 0.0, "on": 1.0},
+        lambda t, y, args: {"y": y["on"] * args["p"] - y["y"], "on": 0.0 * y["on"]},
+        {"off": ode.Event(lambda t, y, args: t - 1, 1, lambda t, y, args: y | {"on": 0.0})},
+    )
+    end = ode.solve(switched, {"p": 1.0}, t1=3.0, wrt="p")
+    assert not end.warnings
+    assert end.along("p").y["y"] == pytest.approx((1 - np.exp(-1)) * np.exp(-2), rel=1e-9)
 
 
 def _falling(t, y, args):

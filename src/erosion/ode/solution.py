@@ -12,7 +12,7 @@ from jax.core import Tracer
 from jaxtyping import PyTree
 
 from erosion.arguments import PerImpact
-from erosion.ode.problem import Problem
+from erosion.ode.problem import Problem, Words
 from erosion.ode.reduction import may_have_kinks
 from erosion.ode.tape import Recorded
 from erosion.ode.variational import Clock
@@ -64,6 +64,10 @@ class Times(NamedTuple):
         """Derivatives of states and integrals, as `Solution.along`."""
         return _among(self.derivatives, names)
 
+    def __repr__(self) -> str:
+        ys, integrals = jax.tree.map(lambda part: Words(format_number(part, 6)), (self.ys, dict(self.integrals)))
+        return f"Times(ts={format_number(self.ts, 6)}, ys={ys}{f', integrals={integrals}' if integrals else ''})"
+
 
 class Passed(NamedTuple):
     """The events on the way of lanes, arrays (…, n); n is the greatest number of them.
@@ -79,6 +83,10 @@ class Passed(NamedTuple):
     t: np.ndarray
     y: PyTree
     at_once: Mapping[str, np.ndarray]
+
+    def __repr__(self) -> str:
+        happened = self.name[self.name != ""]
+        return f"Passed({format_number(happened) or 'no events'}, t={format_number(self.t, 6)})"
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -269,9 +277,11 @@ class Solution(Result):
             lost = np.count_nonzero(has_result & np.isnan(part.t))
             if lost:
                 by = " and ".join(map(_label, dict.fromkeys(path)))
+                jump = "a rate jumps on the way (write the jump as an event with a `reset`), "
                 sentences.append(
                     f"The {'second' if len(path) == 2 else 'first'} derivatives by {by} are NaN in {lost:,} of "
-                    f"{self.title}: they do not exist there, or cancellation leaves too few of their digits."
+                    f"{self.title}: they do not exist there, {jump if may_have_kinks(self.lanes.layout) else ''}"
+                    "or cancellation leaves too few of their digits."
                 )
         return sentences
 
@@ -394,7 +404,10 @@ class Solution(Result):
         return to_plain(content)
 
     def to_dataset(self) -> "xr.Dataset":
-        """The solution as an xarray dataset: lanes along `lane_0`, `lane_1`, …; derivatives are named "dt_dangle"."""
+        """The solution as an xarray dataset: lanes along `lane_0`, `lane_1`, …; derivatives are named "dt_dangle".
+
+        Numbers that differ from lane to lane are coordinates there.
+        """
         import xarray as xr
 
         axes = tuple(f"lane_{i}" for i in range(np.ndim(self.t)))
@@ -427,11 +440,16 @@ class Solution(Result):
             put(suffix, part)
             if self.times is not None and path in self.times.derivatives:
                 put(f"{suffix}_at", self.times.derivatives[path], ("time",))
-        coordinates = {}
+        coordinates: dict[str, Any] = {}
         if self.times is not None:
             put("{}_at", self.times, ("time",))
             coordinates["time"] = self.times.ts
-        return xr.Dataset(variables, coordinates)
+        taken = variables | coordinates | {dim: None for dims, *_ in variables.values() for dim in dims}
+        for name, number, shape in zip(self.lanes.names, self.lanes.numbers, self.lanes.layout.shapes, strict=True):
+            if np.ndim(number) > len(shape):
+                name = _free(_label(name).replace(".", "_"), taken)
+                taken[name] = coordinates[name] = (axes, np.reshape(number, self.lanes.shape))
+        return xr.Dataset(variables, coordinates, {"rtol": self.rtol, "events": ", ".join(self.problem.events)})
 
     def __repr__(self) -> str:
         return f"Solution({format_number(self.ended_by)}, t={format_number(self.t, 6)}, wrt={self.wrt!r})"
