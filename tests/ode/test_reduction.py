@@ -7,6 +7,7 @@ import pytest
 
 from erosion.ode.problem import Event, Problem
 from erosion.ode.reduction import WholeMotion, motion_of
+from erosion.ode.solve import solve
 from erosion.ode.variational import Options
 from tests.ode.problems import ended, lanes_of
 
@@ -161,3 +162,11 @@ def test_an_argument_that_is_not_finite_fails_whether_it_matters_or_not(bad):
     ended_by, results = ended(ODD, args)
     assert ended_by == "failed"
     assert np.isnan(results.outputs.value[0][0])
+
+
+def test_a_state_at_rest_stays_where_it_is():
+    rest = Problem(
+        lambda args: {"x": args}, lambda t, y, args: {"x": 0.0}, {"late": Event(lambda t, y, args: y["x"] - 2, 1)}
+    )
+    end = solve(rest, np.array([1.0, 3.0]), t1=5.0, wrt="")
+    np.testing.assert_array_equal([end.t, end.y["x"], end.along("").y["x"]], [[5.0, 5.0], [1.0, 3.0], [1.0, 1.0]])

@@ -137,6 +137,8 @@ def motion_of(layout: Layout) -> Callable[[Sequence[Number]], "WholeMotion | Red
     parts = [jax.ShapeDtypeStruct((), np.float64) for _ in start.out_avals]
     closed = jax.make_jaxpr(look)(layout.structs(), parts)
     unknowns = Unknowns(closed, jaxpr_as_fun(start), len(parts), integrals, len(layout.event_names))
+    if not unknowns.itself and not integrals:
+        return functools.partial(WholeMotion, layout)  # nothing moves, and a step needs a row
     return functools.partial(ReducedMotion, unknowns, layout)
 
 
