@@ -302,6 +302,23 @@ def test_a_state_is_any_pytree(y0, rate, x):
     np.testing.assert_allclose(x(end.ys), np.outer([1, 2], [1, np.cos(0.5), np.nan]), **CLOSE)
 
 
+@pytest.mark.parametrize(
+    ("rate", "t0", "y"),
+    [
+        pytest.param(lambda t, y, p: p * jnp.where(t > 0, 1.0, 5.0), 0.0, 3.0, id="at a time"),
+        pytest.param(lambda t, y, p: p * jnp.where(t > 1, 1.0, 5.0), 1.0, 2.0, id="at a later time"),
+        pytest.param(lambda t, y, p: p * jnp.where((t > 0) & (t < 4), 1.0, 0.0), 0.0, 3.0, id="pulse"),
+        pytest.param(lambda t, y, p: p * (1 + jnp.where(y > 0, 1.0, -0.5)), 0.0, 6.0, id="at a state"),
+        pytest.param(lambda t, y, p: p * (2 - 0.5 * jnp.sign(y)), 0.0, 4.5, id="friction"),
+    ],
+)
+def test_a_rate_that_jumps_at_the_start_is_that_after_it(rate, t0, y):
+    problem = ode.Problem(y0=0.0, vector_field=lambda t, y, args: rate(t, y, args["p"]))
+    end = ode.solve(problem, {"p": np.array([1.0, 2.0])}, t0=t0, t1=3.0, wrt="p")
+    np.testing.assert_allclose(end.y, [y, 2 * y], rtol=1e-9)
+    np.testing.assert_allclose(end.along("p").y, [y, y], rtol=1e-8)
+
+
 def test_states_at_times_go_up_to_the_event_and_the_end():
     ts = np.array([0.5, 1.0, 1.0 + 1e-9, 5.0])
     end = ode.solve(LINE, {"speed": np.array([1.0, 0.1]), "other": 9.0}, t1=5.0, ts=ts)

@@ -52,7 +52,7 @@ _FIXED = 1e-6  # of its size, by a change of a parameter by its own size: a smal
 _LINEAR = 1e-3  # of that of a power: a second derivative this small is almost zero
 _TINY = 1e-200  # keeps 0/0 away
 _ROUGH_FACTOR = 1e-3  # across a kink an estimate says little, and a step may pass over a short visit behind one
-_MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start is taken this much later
+_MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start, or jumps, is taken this much later
 _ZERO = 1e-15  # event functions of order 1 below this are zero at the start: cos(π/2) is 6e-17 in floating point
 _ACCUMULATED = (
     1e-11  # of the time scale, and of the time so far: where an event follows itself sooner, events accumulate
@@ -236,18 +236,27 @@ def _own(problem: Extended) -> list[Number]:
 
 
 def _at_start(problem: Extended, initial: Rows, scale: Scalar) -> tuple[Rows, list[Ends]]:
-    """Rate and events at the start; where √0 makes a rate 0·∞, its limit."""
+    """Rate and events at the start; where a rate is 0·∞ by a √0, or jumps there, those just after it."""
     slope, events = problem.rate_and_events(initial)
     if not problem.rough:
         return slope, events
+    known = [jnp.where(jnp.isfinite(k), k, 0.0) for k in slope]
+
+    def after(moments: float) -> Rows:
+        return [u + moments * _MOMENT * scale * k for u, k in zip(initial, known, strict=True)]
+
+    # What a rate that is no root, but jumps, does once it does hardly again in a time that is longer.
+    jumps: Flag = jnp.asarray(False)
+    rates, later = (problem.motion_rate(after(moments)[: problem.width]) for moments in (1.0, 3.0))
+    for now, soon, then in zip(known, rates, later, strict=False):
+        jump = jnp.abs(soon - now)
+        jumps = jumps | ((jump > _ROUGH_FACTOR * jnp.abs(now)) & (jnp.abs(then - soon) < _ROUGH_FACTOR * jump))
 
     def limit() -> tuple[Rows, list[Ends]]:
-        known = [jnp.where(jnp.isfinite(k), k, 0.0) for k in slope]
-        later = [u + _MOMENT * scale * k for u, k in zip(initial, known, strict=True)]
-        rates, ends = problem.rate_and_events(later)
+        rates, ends = problem.rate_and_events(after(1.0))
         return rates, [Ends(event.value, end.rate) for event, end in zip(events, ends, strict=True)]
 
-    return lax.cond(all_finite(slope), lambda: (slope, events), limit)
+    return lax.cond(all_finite(slope) & ~jumps, lambda: (slope, events), limit)
 
 
 def _begins(problem: Extended, events: Sequence[Ends], time: Scalar) -> Flag:
