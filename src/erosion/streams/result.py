@@ -94,7 +94,7 @@ def best_nozzle_angle(
         """The best angle of some replicates [rad], near the top of their mean curve."""
         top = int(np.argmax(curve))
         around = _ANGLES[max(top - 1, 0)], _ANGLES[min(top + 1, len(_ANGLES) - 1)]
-        minimum = minimize_scalar(
+        minimum: Any = minimize_scalar(
             lambda angle: -np.mean(means(np.array([angle]), part)),
             bounds=around,
             method="bounded",
