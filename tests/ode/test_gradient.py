@@ -592,6 +592,24 @@ def test_times_that_jax_traces(lanes):
             np.testing.assert_allclose(mine, exact, atol=1e-7 * (1 + np.abs(exact).max()))
 
 
+def test_states_of_stiff_lanes_move_with_their_times():
+    """y' = -k (y - cos t): near the slow motion k times the error of the state is no rate."""
+    slow = ode.Problem(y0=0.5, vector_field=lambda t, y, args: -args["k"] * (y - jnp.cos(t)))
+    seen = lambda t: ode.solve(slow, {"k": 1e7}, t1=2.0, ts=jnp.array([t])).ys[0]  # noqa: E731
+    k, t = 1e7, 1.0
+    np.testing.assert_allclose(jax.grad(seen)(t), -k / (k**2 + 1) * (k * np.sin(t) - np.cos(t)), rtol=1e-6)
+    np.testing.assert_allclose(jax.grad(jax.grad(seen))(t), -np.cos(t), rtol=1e-5)
+
+
+def test_no_state_at_a_time_needs_to_count():
+    loss = lambda args, ts: jnp.maximum(0.0, jnp.sum(ode.solve(PREY, args, t1=2.0, ts=ts).ys["prey"]) - 1e9)  # noqa: E731
+    alone = {name: float(numbers[0]) for name, numbers in OF_PREY.items()}
+    for ts in (np.array([0.5, 1.0]), jnp.array([0.5, 1.0])):
+        assert all(each == 0 for each in jax.jit(jax.grad(loss))(alone, ts).values())
+        assert not np.any(jax.jit(jax.grad(lambda ts: loss(alone, ts)))(ts))
+    assert all(each == 0 for each in jax.grad(lambda args: loss(args, np.array([0.5, 1.0])))(alone).values())
+
+
 def test_lanes_of_vmap_have_times_of_their_own():
     ts = np.random.default_rng(2).uniform(0.0, 5.0, (9, 4))
 

@@ -353,6 +353,17 @@ def test_what_is_huge_elsewhere_does_not_matter(quantity, between, least, at, va
     np.testing.assert_allclose([best.at, best.value], [at, value], rtol=1e-8)
 
 
+def test_a_plateau_near_zero_may_be_noise() -> None:
+    decay = ode.Problem(y0=lambda args: args["a"], vector_field=lambda t, y, args: -y)
+
+    def of(end: Any) -> Any:
+        return (end.y * math.e / end.args["a"] - 1.0) - jnp.maximum(end.args["a"] - 0.5, 0.0) ** 3
+
+    best = ode.maximum(decay, {"a": 0.0}, of=of, over="a", between=(0.1, 1.0), t1=1.0)
+    assert (best.kind, bool(best.certified)) == ("plateau", True)
+    assert abs(best.value) < 1e-9
+
+
 def test_the_best_lane_counts_where_others_fail() -> None:
     """A spring of stiffness √k, that fails for k < 0, and is so weak near 0 that the lane ends by `t1`."""
     spring = ode.Problem(

@@ -307,6 +307,7 @@ def test_a_state_is_any_pytree(y0, rate, x):
     [
         pytest.param(lambda t, y, p: p * jnp.where(t > 0, 1.0, 5.0), 0.0, 3.0, id="at a time"),
         pytest.param(lambda t, y, p: p * jnp.where(t > 1, 1.0, 5.0), 1.0, 2.0, id="at a later time"),
+        pytest.param(lambda t, y, p: p * jnp.where(t > 1e6, 1.0, 5.0), 1e6, 2.0, id="at a late time"),
         pytest.param(lambda t, y, p: p * jnp.where((t > 0) & (t < 4), 1.0, 0.0), 0.0, 3.0, id="pulse"),
         pytest.param(lambda t, y, p: p * (1 + jnp.where(y > 0, 1.0, -0.5)), 0.0, 6.0, id="at a state"),
         pytest.param(lambda t, y, p: p * (2 - 0.5 * jnp.sign(y)), 0.0, 4.5, id="friction"),
@@ -314,7 +315,7 @@ def test_a_state_is_any_pytree(y0, rate, x):
 )
 def test_a_rate_that_jumps_at_the_start_is_that_after_it(rate, t0, y):
     problem = ode.Problem(y0=0.0, vector_field=lambda t, y, args: rate(t, y, args["p"]))
-    end = ode.solve(problem, {"p": np.array([1.0, 2.0])}, t0=t0, t1=3.0, wrt="p")
+    end = ode.solve(problem, {"p": np.array([1.0, 2.0])}, t0=t0, t1=max(3.0, t0 + 2.0), wrt="p")
     np.testing.assert_allclose(end.y, [y, 2 * y], rtol=1e-9)
     np.testing.assert_allclose(end.along("p").y, [y, y], rtol=1e-8)
 

@@ -27,7 +27,7 @@ from erosion.ode.step_control import ARRIVED
 from erosion.ode.variational import Along, AlongFlow, Augmented, Layout, Motion, at_event
 
 TIMES, STATES = 0, 1
-"""Tapes: the times, rising, ∞ the last of them, which all lanes share; and for each time a lane's row of numbers."""
+"""Tapes: the times of a lane, rising, ∞ the last of them; and for each time a lane's row of numbers."""
 
 _ROUNDING = 2e-15  # of the times so far: a time that is this much later than the end is the end
 

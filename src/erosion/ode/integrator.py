@@ -53,6 +53,7 @@ _LINEAR = 1e-3  # of that of a power: a second derivative this small is almost z
 _TINY = 1e-200  # keeps 0/0 away
 _ROUGH_FACTOR = 1e-3  # across a kink an estimate says little, and a step may pass over a short visit behind one
 _MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start, or jumps, is taken this much later
+_ULPS = 1e-15  # of a number, at least: then it is another one
 _ZERO = 1e-15  # event functions of order 1 below this are zero at the start: cos(π/2) is 6e-17 in floating point
 _ACCUMULATED = (
     1e-11  # of the time scale, and of the time so far: where an event follows itself sooner, events accumulate
@@ -243,7 +244,9 @@ def _at_start(problem: Extended, initial: Rows, scale: Scalar) -> tuple[Rows, li
     known = [jnp.where(jnp.isfinite(k), k, 0.0) for k in slope]
 
     def after(moments: float) -> Rows:
-        return [u + moments * _MOMENT * scale * k for u, k in zip(initial, known, strict=True)]
+        changes = [(_MOMENT * scale * k, _ULPS * jnp.abs(u) * jnp.sign(k)) for u, k in zip(initial, known, strict=True)]
+        pairs = zip(initial, changes, strict=True)
+        return [u + moments * jnp.where(jnp.abs(d) > jnp.abs(least), d, least) for u, (d, least) in pairs]
 
     # What a rate that is no root, but jumps, does once it does hardly again in a time that is longer.
     jumps: Flag = jnp.asarray(False)

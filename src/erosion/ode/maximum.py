@@ -167,7 +167,7 @@ def maximum(
     The quantity may jump and have kinks. It is computed with two derivatives at `points` numbers, and the cells
     between are split until each is resolved, or so narrow that it holds a jump or a kink. A cell is resolved if lanes
     end in the same way at both ends, and a quintic fits both to 1e-6 of the greatest value, or of how far they are
-    from it. (Near zero, of how far a quarter of the first numbers are from it.) That is what is certified. It is no
+    from it. (Near zero, of how far three quarters of the first numbers are.) That is what is certified. It is no
     proof: a peak much narrower than the first cells, and two jumps within one cell, may be missed if the quintic fits
     the ends of the cell. More `points` look closer.
 

@@ -146,7 +146,7 @@ def _on_host(ends: EndFunction, axes: int, shapes: tuple[tuple[int, ...], ...], 
     given_some, bars = layout.of_lanes(flat, some), of_lanes[:, some]
     ended, at = ends_of(layout, given_some, some.size, ends.wanted.rtol, times), None
     if times is not None:
-        bars, of_times = bars[: layout.rows], bars[layout.rows :].T.reshape(some.size, -1, layout.rows - 1)
+        bars, of_times = bars[: layout.rows], bars[layout.rows :].T.reshape(some.size, times.shape[1], layout.rows - 1)
         at = AtTimes.of(times, of_times, layout.clock(given_some).t0, ended)
     found = gradient(layout, given_some, some.size, ended, bars, spoils=True, at=at)
     made = []

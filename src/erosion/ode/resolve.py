@@ -22,7 +22,7 @@ _SETTLED = 1e-12  # the last step of Newton's method
 _RESOLVED = 1e-6  # of the function's size, and of how far a cell is below its peak: bound of the quintic term
 _BENT = 1e-3  # of the same: bound of the quartic term, because the quintic term may vanish by accident
 _JUMP = 1e-8  # of the size: a smaller change over a narrow cell is rounding
-_QUARTER = 0.25  # of the first nodes are less far below the peak than the size, if the peak itself is near zero
+_MOST = 0.75  # of the first nodes are no further below the peak than the size, if the peak itself is near zero
 _LANES = 256  # a smaller batch takes as long
 _MAX_NODES = 20_000  # of one case; a function that needs more is not resolved
 
@@ -244,8 +244,8 @@ def _resolve(evaluate: Evaluate, nodes: Nodes, low: np.ndarray, high: np.ndarray
 def _sizes(nodes: Nodes, grid: Nodes, cases: int) -> tuple[np.ndarray, np.ndarray]:
     """The greatest value of each function, and its size: what matters where it is greatest, shape (cases,).
 
-    That is the magnitude of the greatest value, or how far a quarter of the first nodes are below it, whichever is
-    larger. However low the function is elsewhere, as at a singularity or for a penalty, it does not count.
+    That is the magnitude of the greatest value, or how far three quarters of the first nodes are below it at most,
+    whichever is larger. However low the others are, as at a singularity or for a penalty, they do not count.
     """
     peak = np.full(cases, -np.inf)
     np.fmax.at(peak, nodes.case, nodes.value)
@@ -254,8 +254,8 @@ def _sizes(nodes: Nodes, grid: Nodes, cases: int) -> tuple[np.ndarray, np.ndarra
     order = np.lexsort((below, grid.case))  # NaN last
     first = np.searchsorted(grid.case[order], np.arange(cases))
     known = np.bincount(grid.case[np.isfinite(grid.value)], minlength=cases)
-    quarter = below[order][first + (_QUARTER * np.maximum(known - 1, 0)).astype(int)]
-    return peak, np.fmax(np.abs(peak), quarter)
+    depth = below[order][first + (_MOST * np.maximum(known - 1, 0)).astype(int)]
+    return peak, np.fmax(np.abs(peak), depth)
 
 
 def _bracket(

@@ -300,7 +300,7 @@ class Solution(Result):
         passes = sum(len(path) == max(map(len, self.derivatives)) for path in self.derivatives) or 1
         many = unfinished & (np.asarray(self.trials) > layout.options.max_steps * passes)
         endless = np.isinf(np.broadcast_to(clock.t1, self.lanes.size)).reshape(self.lanes.shape)
-        late = unfinished & ~many & endless & (np.asarray(self.count) < 2)
+        late = unfinished & ~many & endless & (np.asarray(self.count) == 0)
         gathered = unfinished & ~many & ~late
         if np.any(many):
             said = f"unfinished after {layout.options.max_steps:,} trials of steps {_times(self.t, many)}"
@@ -316,10 +316,14 @@ class Solution(Result):
             yield f"{self._in_lanes(many, said)}: raise `max_steps`, or `rtol`.{hint}"
         if np.any(late):
             yield f"{self._in_lanes(late, 'unfinished')}: no event came within 10⁴ time scales; give `t1`."
-        if np.any(gathered):
-            said = self._in_lanes(gathered, f"unfinished {_times(self.t, gathered)}")
-            most = np.min(np.asarray(self.count)[gathered])
-            yield f"{said}, where events accumulate: give `max_events`, at most {most:,}."
+        for those, why, or_else in (
+            (gathered & ~endless, "where events accumulate", ""),
+            (gathered & endless, "where events accumulate, or within 10⁴ time scales none follows", ", or `t1`"),
+        ):
+            if np.any(those):
+                said = self._in_lanes(those, f"unfinished {_times(self.t, those)}")
+                most = np.min(np.asarray(self.count)[those])
+                yield f"{said}, {why}: give `max_events`, at most {most:,}{or_else}."
 
     @functools.cached_property
     def _failed(self) -> Sequence[str]:
@@ -350,12 +354,13 @@ class Solution(Result):
                 )
                 left &= ~own
         if np.any(left):
-            t = _given_up(self, np.flatnonzero(left)[:_SEARCHED])
+            lanes = np.flatnonzero(left)
+            t = _given_up(self, lanes[np.unique(np.linspace(0, lanes.size - 1, _SEARCHED).astype(int))])
             where = f", about {_times(t, np.isfinite(t), 4)}" if np.any(np.isfinite(t)) else " on the way"
             sentences.append(
                 f"{_failing(left, self.title)}{where}: no step from there succeeds. The motion grows without bound "
-                "there, or a rate or event function is NaN beyond (guard roots, powers and logarithms by "
-                "`jnp.maximum`), or rounding hides the event (give `sizes`)."
+                "there, a rate or event function is NaN beyond (guard roots, powers and logarithms by `jnp.maximum`), "
+                "a rate jumps back and forth, or rounding hides the event (give `sizes`)."
             )
         return sentences
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array, lax
+from jax import Array
 from jax.core import Tracer
 from jaxtyping import PyTree
 
@@ -20,9 +20,8 @@ from erosion.ode.batch import compile_ahead, integrate, integrate_along
 from erosion.ode.gradient import is_worth, keep
 from erosion.ode.integrator import LaneEnd, integrate_lane
 from erosion.ode.problem import Equations
-from erosion.ode.reduction import WholeMotion
 from erosion.ode.solution import Solution, Times
-from erosion.ode.variational import Augmented, Clock, Layout
+from erosion.ode.variational import Clock, Layout
 
 if TYPE_CHECKING:
     from erosion.ode.solve import Lanes
@@ -134,9 +133,9 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
 
     def at(time: Array) -> Array:
         numbers: list[Number] = list(lanes.numbers)
-        numbers[place] = jnp.where(time < t, time, t)
+        numbers[place] = jnp.clip(time, t0, t)
         vector, codes = many(wanted, numbers)
-        known = (time <= t) & ~layout.has_no_result(codes[..., 0])
+        known = (time >= t0) & (time <= t) & ~layout.has_no_result(codes[..., 0])
         return jnp.where(known[..., None], vector[..., 1:], jnp.nan)
 
     return solution.with_times(_times_of(lanes, ts, jax.vmap(at, out_axes=-2)(ts)))
@@ -252,7 +251,7 @@ def _end_jvp(wanted: Wanted, primals: _Numbers, tangents: _Numbers) -> Any:
     elif elements:
         along = _slopes(wanted, elements, numbers) @ _flat(moved)
     if _times_move(wanted, rates):
-        along = along + _rates_at_times(wanted, numbers, vector) * _of_rows(wanted, rates[-1])
+        along = along + _ending_at_times(wanted, numbers, ())[:, 0] * _of_rows(wanted, rates[-1])
     return (vector, codes), (along, still)
 
 
@@ -273,23 +272,7 @@ def _slopes_jvp(
         others, moved = _elements(wanted.layout, moving), _flat([jnp.asarray(rates[i]) for i in moving])
         along = _curvatures(wanted, elements, others, numbers) @ moved
     if _times_move(wanted, rates):
-        vector, offsets = _end(wanted, numbers)[0], wanted.layout.offsets
-
-        def rates_of(vector: Array, changes: Array) -> Array:
-            changed = jnp.zeros(offsets[-1]).at[np.array(elements)].set(changes)
-            own = [
-                number + changed[begin:end].reshape(np.shape(number)) if dtype == "float64" else number
-                for number, begin, end, dtype in zip(
-                    numbers, offsets[:-1], offsets[1:], wanted.layout.dtypes, strict=False
-                )
-            ]
-            return _rates_at_times(wanted, [*own, numbers[-1]], vector)
-
-        def along_one(slope: Array, unit: Array) -> Array:
-            return jax.jvp(rates_of, (vector, jnp.zeros(len(elements))), (slope, unit))[1]
-
-        units = jnp.eye(len(elements))
-        along = along + jax.vmap(along_one, (1, 0), 1)(slopes, units) * _of_rows(wanted, rates[-1])[:, None]
+        along = along + _ending_at_times(wanted, numbers, elements) * _of_rows(wanted, rates[-1])[:, None]
     return slopes, along
 
 
@@ -303,28 +286,38 @@ def _of_rows(wanted: Wanted, rates: Array) -> Array:
     return jnp.concatenate([jnp.zeros(wanted.layout.rows), jnp.repeat(rates, wanted.layout.rows - 1)])
 
 
-def _rates_at_times(wanted: Wanted, numbers: Sequence[Number], vector: Array) -> Array:
-    """The time derivatives of the outputs at times, as the problem has them; zero for the end, and where none are.
+def _ending_at_times(wanted: Wanted, numbers: Sequence[Number], elements: tuple[int, ...]) -> Array:
+    """The derivatives of the outputs at times by these, or those of their derivatives by elements; zero for the end.
+
+    They are taken from lanes that end there: a rate at a state of a stiff motion has few digits.
 
     Args:
         wanted: of a lane, with times.
         numbers: of the lane, and its times.
-        vector: the row of numbers.
+        elements: none for the outputs themselves.
+
+    Returns:
+        Shape (rows, elements), or (rows, 1) for none.
     """
-    layout, (*own, times) = wanted.layout, numbers
-    motion, timed, integrals = WholeMotion(layout, own), int(layout.equations.timed), len(layout.problem.integrals)
-    rows, end = vector[layout.rows :].reshape(wanted.times, -1), lax.stop_gradient(vector[1 : layout.rows])
-    known = jnp.isfinite(rows).all(-1) & jnp.isfinite(times)
-    # Where there is no state another one stands in for it, whose rates are numbers.
-    rows = jnp.where(known[:, None], rows, jnp.where(jnp.isfinite(end), end, 1.0))
+    layout, (*own, times), alone = wanted.layout, numbers, wanted._replace(times=0)
+    clock = layout.clock(own)
+    place = len(own) - len(Clock._fields) + Clock._fields.index("t1")
+    of_t1 = layout.offsets[place]
 
-    def rate(time: Array, row: Array) -> Array:
-        state, rest = row[: row.size - integrals], row[row.size - integrals :]
-        flow = motion.rate(Augmented((*[time] * timed, *state), tuple(rest)))
-        return jnp.stack([*flow.state[timed:], *flow.integrals])
+    def at(time: Array) -> Array:
+        within = (time >= clock.t0) & (time <= clock.t1)
+        ending = [*own[:place], jnp.where(within, time, clock.t1), *own[place + 1 :]]
+        if not elements:
+            slopes = _slopes(alone, (of_t1,), ending)[1:]
+        else:
+            # A given time does not change with the lane's own end.
+            still = np.array([element == of_t1 for element in elements])
+            slopes = jnp.where(still, 0.0, _curvatures(alone, elements, (of_t1,), ending)[1:, :, 0])
+        return jnp.where(within, slopes, 0.0)
 
-    flow = jax.vmap(rate)(jnp.where(known, times, motion.clock.t0), rows)
-    return jnp.concatenate([jnp.zeros(layout.rows), jnp.where(known[:, None], flow, 0.0).ravel()])
+    along = jax.vmap(at)(jnp.asarray(times))
+    along = along.reshape(-1, along.shape[-1])
+    return jnp.concatenate([jnp.zeros((layout.rows, along.shape[1])), along])
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
