@@ -141,7 +141,7 @@ BROKEN = {
     ),
     "no-volume": (
         "import erosion\nclass M(erosion.models.Rotating):\n  def removal_rate(self, state, p): return None\n",
-        "`removal_rate` must give numbers, but gives none",
+        "`removal_rate` must give numbers, but gives nothing",
     ),
     "text": (
         "import erosion\nclass M(erosion.models.Rotating):\n  label: str = 'mine'\n",

@@ -212,9 +212,7 @@ class _Picture:
 
 
 def map_(
-    impacts: Annotated[
-        Path, Parameter(help="OpenFOAM case, .post, .dat, Fluent's .dpm, .csv, .parquet, .vtp, .vtu, .vtm.")
-    ],
+    impacts: Annotated[Path, Parameter(help="OpenFOAM case, .post, .dat, .dpm, .csv, .parquet, .vtu …")],
     file: Annotated[CaseArgument, Parameter(help=_CASE)] = None,
     /,
     *,
