@@ -611,22 +611,22 @@ def test_no_state_at_a_time_needs_to_count():
 
 
 def test_lanes_of_vmap_have_times_of_their_own():
-    ts = np.random.default_rng(2).uniform(0.0, 5.0, (9, 4))
+    ts = np.random.default_rng(2).uniform(0.0, 0.8, (9, 4))  # before the first lane ends
 
     def loss(args, ts):
-        return jnp.nansum(ode.solve(DRIVEN, args, t1=6.0, ts=ts).ys["x"] ** 2)
+        return jnp.sum(ode.solve(DRIVEN, args, t1=6.0, ts=ts).ys["x"] ** 2)
 
     values, slopes = jax.jit(jax.vmap(jax.value_and_grad(loss, (0, 1))))(OF_DRIVEN, ts)
     for i in (0, 8):
         alone = {name: float(numbers[i]) for name, numbers in OF_DRIVEN.items()}
         end = ode.solve(DRIVEN, alone, t1=6.0, ts=ts[i], wrt=tuple(alone))
         assert end.times is not None
-        exact = np.nansum(end.ys["x"] ** 2)
+        exact = np.sum(end.ys["x"] ** 2)
         np.testing.assert_allclose(values[i], exact, rtol=1e-9)
         for name in alone:
-            exact = np.nansum(2 * end.ys["x"] * end.times.along(name).ys["x"])
+            exact = np.sum(2 * end.ys["x"] * end.times.along(name).ys["x"])
             np.testing.assert_allclose(slopes[0][name][i], exact, rtol=1e-7)
-        np.testing.assert_allclose(slopes[1][i], np.nan_to_num(2 * end.ys["x"] * end.ys["v"]), rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(slopes[1][i], 2 * end.ys["x"] * end.ys["v"], rtol=1e-7, atol=1e-9)
 
 
 def test_gradients_of_states_need_times():

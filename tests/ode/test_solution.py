@@ -241,6 +241,18 @@ BALL = ode.Problem(
 )
 
 
+def test_a_chain_that_no_event_follows_is_not_said_to_accumulate_alone() -> None:
+    """From 1 down to the floor, back, and away for ever."""
+    problem = ode.Problem(
+        {"x": 1.0, "v": -1.0},
+        lambda t, y, args: {"x": y["v"], "v": 0.0 * y["v"]},
+        {"floor": ode.Event(lambda t, y, args: y["x"], -1, lambda t, y, args: {"x": 0.0, "v": -y["v"]})},
+        time_scale=lambda args: args["scale"],
+    )
+    (said,) = ode.solve(problem, {"scale": 1.0}).warnings
+    assert all(part in said for part in ("unfinished", "none follows", "`t1`"))
+
+
 @pytest.mark.parametrize("wrt", [(), "r", ("r", "t0")])
 def test_events_that_accumulate_are_told_with_their_time(wrt) -> None:
     (sentence,) = ode.solve(BALL, {"r": np.array([0.5, 1.0])}, t1=6.0, max_events=100, wrt=wrt).warnings
