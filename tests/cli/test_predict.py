@@ -80,6 +80,18 @@ def test_another_size_is_another_mass(fitted, shell):
     assert heavy[:2] + heavy[3:] == light  # the mass stands between
 
 
+def test_the_wear_is_in_the_unit_that_is_asked_for(fitted, shell, tmp_path):
+    words = ["predict", str(fitted), "--alpha", "35deg", "--v0", "98 m/s", "-o", str(tmp_path / "table.csv")]
+    rows = {}
+    for unit in ("mg/kg", "ug/g", "g/kg"):
+        shown = shell([*words, "--unit", unit, "--plot", str(tmp_path / "bands.svg")]).out
+        assert f"mean [{unit}]" in shown
+        heading, row = csv.reader((tmp_path / "table.csv").read_text().splitlines())
+        assert heading[2] == f"mean [{unit}]"
+        rows[unit] = float(row[2])
+    assert rows["mg/kg"] == pytest.approx(rows["ug/g"]) == pytest.approx(1e3 * rows["g/kg"])
+
+
 def test_draws_that_did_not_converge_are_named(fitted, shell, tmp_path):
     with xr.open_datatree(fitted, engine="h5netcdf") as stored:
         tree = stored.load()
@@ -97,6 +109,7 @@ def test_draws_that_did_not_converge_are_named(fitted, shell, tmp_path):
         (["--alpha", "100 deg"], "Option `--alpha` must be "),
         (["--v0", "0 m/s"], "Option `--v0` must be positive"),
         (["--particle", "garnet"], "Option `--particle` must be a material and a size"),
+        (["--unit", "mm^3/g"], "Option `--unit` must be a mass per mass"),
         (["--level", "95"], "Option `--level` must be in (0, 1), but is 95.0."),
         (["-o", "table.nc"], "Option `--output` must end in .csv, but is table.nc."),
         (["--plot", "table.txt"], "must end in .svg, .png or .pdf"),

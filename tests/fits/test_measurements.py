@@ -237,3 +237,19 @@ def test_characters_of_other_programs_are_read_or_named(table, encoding, notes):
 def test_a_table_without_an_angle_says_what_it_has(table):
     with pytest.raises(MeasurementError, match=r"`angle \[deg\]`.*Angel, mass loss.*'Angel' comes nearest"):
         read_measurements(table("Angel,mass loss [mg/kg]\n20,5\n"), "si")
+
+
+@pytest.mark.parametrize(
+    ("head", "cell", "scale"),
+    [
+        ("mass_loss [mg/kg]", "1500", (1e-6, "mg/kg")),
+        ("mass_loss [mg/g]", "0,02", (1e-3, "mg/g")),
+        ("volume [mm^3/kg]", "30", (1e-9, "mm³/kg")),
+        # Numbers do not read well in these.
+        ("mass_loss [kg/kg]", "3e-7", (1e-9, "µg/kg")),
+        ("volume [1e-3 mm^3/kg]", "300", (1e-9, "mm³/kg")),
+    ],
+)
+def test_amounts_are_shown_in_the_unit_of_the_table(table, head, cell, scale):
+    size, unit = read_measurements(table(f"angle [deg];{head}\n20;{cell}\n"), "si").scale
+    assert (size, unit) == (pytest.approx(scale[0]), scale[1])

@@ -256,6 +256,7 @@ def predict(
         str | None, Parameter(help='For r, b and m, as "garnet 0.5 mm"; those of the tests without it.')
     ] = None,
     level: Annotated[float, Parameter(help="Of the intervals.")] = 0.95,
+    unit: Annotated[str | None, Parameter(help='Of the wear: "g/kg"; that of the tests without it.')] = None,
     output: Annotated[Path | None, output_option("Write the table into this file (.csv).", ".csv")] = None,
     plot: PlotOption = None,
     json: JsonOption = False,
@@ -273,6 +274,9 @@ def predict(
         lazy.check_level(level)
         predictor = lazy.read_predictor(fitted)
         draws = lazy.read_draws(fitted, lazy.quantities(predictor.forward.model), predictor.data.units)
+    if unit is not None:
+        with reading("Option `--unit`"):
+            predictor = predictor.in_unit(unit)
     at = _conditions(predictor, v0, particle)
     asked = np.tile(_axis("alpha", alpha, predictor), (len(at), 1))
     others = {name: np.array([[one[name]] for one in at]) for name in at[0]}

@@ -300,8 +300,8 @@ def worst_row(data: Measurements, fitted: np.ndarray, groups: Sequence[Condition
     """The row that is furthest from the fit: "at 90° the fit has 0 mg/kg, the data have 95 mg/kg"."""
     deviation = 1.0 if data.uncertainty is None else data.uncertainty
     row = int(np.argmax(np.abs((data.erosion - fitted) / deviation)))
-    scale = table_scale(data.dimension, data.units, float(np.abs(data.erosion).max()))
-    of_fit, of_data = (scale.beside(format_number(value, 3, scale.size)) for value in (fitted[row], data.erosion[row]))
+    of_fit, of_data = (data.scale.beside(format_number(value, 3, data.scale.size))
+                       for value in (fitted[row], data.erosion[row]))  # fmt: skip
     label = next((group.label for group in groups if row in group.rows), "")
     where = f"{np.rad2deg(data.angle[row]):.3g}°{f' and {label}' if label else ''}"
     return f"at {where} the fit has {of_fit}, the data have {of_data}"

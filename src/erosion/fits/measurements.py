@@ -12,7 +12,7 @@ those that are: such a table is refused. A row without one of its numbers ("n.a.
 import array
 import contextlib
 import dataclasses
-import difflib
+import functools
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -22,24 +22,24 @@ import numpy as np
 
 from erosion.arguments import check_unmasked
 from erosion.fits.errors import ErrorModel, errors_at
-from erosion.fits.tables import MeasurementError, lines_of, numbers_of, place_of, text_of
+from erosion.fits.tables import (
+    KNOWN,
+    REMOVALS,
+    SHARES,
+    MeasurementError,
+    lines_of,
+    numbers_of,
+    place_of,
+    read_header,
+    text_of,
+)
 from erosion.output.files import readable
+from erosion.output.tables import largest_of
 from erosion.parameters.headings import (
-    ANGLE_WORDS,
-    ANGLES,
-    MASS_WORDS,
-    MASSES,
     NO_UNIT,
-    SIZE_WORDS,
-    SPEED_WORDS,
-    SPEEDS,
-    Head,
     HeaderError,
-    Known,
-    factor,
-    head_parts,
     matching,
-    read_heads,
+    scale_of,
 )
 from erosion.parameters.parameters import Parameters, are_angles
 from erosion.parameters.quantities import (
@@ -47,155 +47,25 @@ from erosion.parameters.quantities import (
     RESULTS,
     Dimension,
     Quantity,
+    Scale,
     System,
-    UnitError,
     about,
     ascii_unit,
     check_system,
     conversion_factor,
-    shown,
+    table_scale,
     unit_name,
 )
-
-REMOVALS: Mapping[str, Sequence[Dimension]] = {
-    "volume": ("volume", "volume per mass"),
-    "mass_loss": ("mass", "mass per mass"),
-    "erosion": ("volume", "volume per mass", "mass", "mass per mass"),
-}
-"""The columns that may hold the erosion, with their dimensions; `erosion [-]` has units of its own."""
-
-_LOSS_WORDS = r"vol\w*|loss\w*|lost|wear\w*|erosion\w*|eroded|remov\w*|ratio|rate|depth|abtrag|verlust|verschlei\w*"
-_KNOWN: Mapping[str, Known] = {
-    "angle": Known(("angle",), ANGLES, ANGLE_WORDS),
-    "volume": Known(
-        REMOVALS["volume"],
-        ("volume loss", "wear volume", "eroded volume", "removed volume", "volume removed"),
-        _LOSS_WORDS,
-    ),
-    "mass_loss": Known(
-        REMOVALS["mass_loss"],
-        ("mass loss", "weight loss", "eroded mass", "removed mass", "mass removed", "mass loss of target"),
-        _LOSS_WORDS,
-    ),
-    "erosion": Known(
-        REMOVALS["erosion"],
-        ("erosion rate", "erosion ratio", "specific erosion", "erosion loss", "wear", "wear rate"),
-        _LOSS_WORDS,
-    ),
-    "uncertainty": Known(
-        REMOVALS["erosion"],
-        ("standard deviation", "standard uncertainty", "std", "stdev", "std dev", "sd"),
-        r"uncert\w*|std\w*|stdev|deviation|errors?|err|scatter|unsicherheit|streuung",
-    ),
-    "speed": Known(("speed",), (*SPEEDS, "v"), f"{SPEED_WORDS}|rpm"),
-    "mass": Known(("mass",), (*MASSES, "erodent mass", "mass of erodent", "grain mass"), f"{MASS_WORDS}|{SIZE_WORDS}"),
-}
-_ALSO: Sequence[Dimension] = ("length", "density", "angular speed", "mass flow", "rate")
-"""Conditions of a row that are the case's: sizes, densities, spins, feeds."""
-
-_EXAMPLES = {
-    "angle": "angle [deg]", "volume": "volume [mm^3]", "mass_loss": "mass_loss [mg/g]", "erosion": "erosion [-]",
-    "speed": "speed [m/s]", "mass": "mass [mg]",
-}  # fmt: skip
-_INCH_POUND = {
-    "in", "inch", "inches", "mil", "mils", "thou", "ft", "foot", "feet", "mph", "mile", "miles", "lb", "lbs", "lbm",
-    "pound", "pounds", "oz", "ounce", "ounces", "grain", "grains", "slug", "slugs", "slinch",
-}  # fmt: skip
-
-
-class DataColumn(NamedTuple):
-    """A column: number in the file × factor = number in the unit system."""
-
-    name: str
-    dimension: Dimension
-    factor: float
-
-
-class Header(NamedTuple):
-    """The columns of a table.
-
-    Args:
-        columns: in their order; None for one that is not used.
-        unused: the heads of those, without those that were to be ignored.
-    """
-
-    columns: Sequence[DataColumn | None]
-    unused: tuple[str, ...]
-
-
-def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ()) -> Header:
-    """The columns of a header.
-
-    Args:
-        cells: "angle [deg]", "volume [in^3]", …
-        units: the unit system to convert to.
-        ignore: columns that are left out, by their names.
-
-    Raises:
-        HeaderError: for a repeated or missing column, one that is not understood, or a unit that does not fit.
-    """
-    heads, unused = read_heads(cells, _KNOWN, ignore=ignore, also=_ALSO)
-    names = ["" if head is None else head.name for head in heads]
-    removals = [name for name in names if name in REMOVALS]
-    if "angle" not in names:
-        raise HeaderError(None, f"has no column `angle [deg]`{_instead(cells)}")
-    if len(removals) != 1:
-        present = f"has {' and '.join(removals)}" if removals else "has none"
-        remedy = "; Argument `ignore` may name the others" if removals else ""
-        raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {present}{remedy}")
-    at = names.index(removals[0])
-    removal = _column(at, heads[at], REMOVALS[removals[0]], units)
-    expected: dict[str, Sequence[Dimension]] = {name: known.dimensions for name, known in _KNOWN.items()}
-    expected["uncertainty"] = [removal.dimension]
-    columns = [removal if i == at else head and _column(i, head, expected[head.name], units)
-               for i, head in enumerate(heads)]  # fmt: skip
-    return Header(columns, unused)
-
-
-def _instead(cells: Sequence[str]) -> str:
-    """The columns that a table has in place of the one that is looked for, as a clause."""
-    listed = [cell.strip() for cell in cells if cell.strip()]
-    names = {head_parts(cell)[0].lower(): cell for cell in listed}
-    near = difflib.get_close_matches("angle", names, 1, 0.5) or difflib.get_close_matches("impact angle", names, 1, 0.5)
-    nearest = f"; {shown(names[near[0]])} comes nearest to it" if near else ""
-    return f"; its columns are {shown(', '.join(listed))}{nearest}"
-
-
-def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], units: System) -> DataColumn:
-    assert head is not None
-    name, unit = head.name, head.unit
-    if name == "uncertainty" and unit in _PERCENT:
-        return DataColumn(_SHARES, "1", 0.01)
-    if name in REMOVALS and unit in _PERCENT:
-        raise HeaderError(index, "must not be a percentage, which may be one of the target's mass; write [mg/g]")
-    if unit in NO_UNIT:
-        if name == "erosion" and head.alias:
-            message = "must carry its unit in brackets, as [mg/g]; `erosion [-]` is known up to a factor"
-            raise HeaderError(index, message)
-        if name == "erosion" or tuple(dimensions) == ("1",):
-            return DataColumn(name, "1", 1.0)
-        if "mass per mass" in dimensions and unit:
-            return DataColumn(name, "mass per mass", 1.0)
-        example = _EXAMPLES.get(name, f"{name} [mm^3]")
-        raise HeaderError(index, f"`{name}` must carry its unit in brackets, as `{example}`")
-    said = f"must be one of {', '.join(dimensions[:-1])} or {dimensions[-1]}, but is {unit!r}"
-    for dimension in dimensions:
-        try:
-            # "volume [1e-4 in^3]" has a number of its own.
-            return DataColumn(name, dimension, factor(unit, dimension, units))
-        except UnitError as error:
-            said = said if len(dimensions) > 1 else str(error).replace(repr("1 " + unit), repr(unit))
-    raise HeaderError(index, f"the unit of `{name}` {said}")
-
 
 _QUANTITY_OF: dict[Dimension, str] = {
     "volume": "volume", "volume per mass": "specific_volume", "mass": "mass_loss",
     "mass per mass": "erosion_ratio", "1": "relative_erosion",
 }  # fmt: skip
 
-_PERCENT = ("%", "percent")
-_SHARES = "uncertainty over erosion"
-
+_INCH_POUND = {
+    "in", "inch", "inches", "mil", "mils", "thou", "ft", "foot", "feet", "mph", "mile", "miles", "lb", "lbs", "lbm",
+    "pound", "pounds", "oz", "ounce", "ounces", "grain", "grains", "slug", "slugs", "slinch",
+}  # fmt: skip
 _HEAVIEST = 0.02  # kg; a ball of steel of 17 mm, but less than the sand of a test
 
 
@@ -218,6 +88,7 @@ class Measurements:
         parts: absolute and relative part of each uncertainty, shape (n, 2); None where it is one number.
         lines: of the file, of each row; None for tables in memory.
         notes: sentences on how the table was read: rows that are left out, its characters.
+        unit: of `erosion` in the table; empty where numbers do not read well in it.
     """
 
     angle: np.ndarray
@@ -233,6 +104,7 @@ class Measurements:
     parts: np.ndarray | None = None
     lines: np.ndarray | None = None
     notes: tuple[str, ...] = ()
+    unit: str = ""
 
     def __post_init__(self) -> None:
         if self.error is None and self.uncertainty is not None:
@@ -250,6 +122,22 @@ class Measurements:
     def erosion_unit(self) -> str:
         """The unit of `erosion`, as programs read it."""
         return ascii_unit(unit_name(self.dimension, self.units))
+
+    @functools.cached_property
+    def scale(self) -> Scale:
+        """The unit of erosion in tables and figures: the table's own, or one in which its numbers read well."""
+        if self.unit:
+            return scale_of(self.unit, self.dimension, self.units)
+        return table_scale(self.dimension, self.units, largest_of(self.erosion))
+
+    def in_unit(self, unit: str) -> "Measurements":
+        """The same rows, whose erosion tables and figures show in a unit such as "g/kg".
+
+        Raises:
+            ValueError: for a unit of something else; a clause that starts with "must".
+        """
+        scale_of(unit, self.dimension, self.units)
+        return dataclasses.replace(self, unit=unit)
 
     @property
     def deviation(self) -> np.ndarray:
@@ -385,7 +273,7 @@ def unit_system(path: Path, ignore: Sequence[str] = ()) -> System | None:
         return None
     with contextlib.suppress(MeasurementError, HeaderError), readable(path, MeasurementError):
         cells = next(lines_of(text_of(path)[0], path)[0])[1]
-        heads = matching(cells, _KNOWN, ignore=ignore)
+        heads = matching(cells, KNOWN, ignore=ignore)
         units = [head.unit for name in (*REMOVALS, "speed", "mass") for head in heads if head and head.name == name]
         known = [{*re.findall(r"[^\W\d_]+", unit)} for unit in units if unit not in NO_UNIT]
         return None if not known else "inch-pound" if _INCH_POUND & known[0] else "si"
@@ -493,7 +381,7 @@ def _measurements(
             row = int(np.argmin(good))
             raise MeasurementError(f"{place(int(rows[row]), index)} {must}, but is {numbers[row]:g}.")
     removal = next(column for column in used.values() if column.name in REMOVALS)
-    if (shares := arrays.get(_SHARES)) is not None:
+    if (shares := arrays.get(SHARES)) is not None:
         arrays["uncertainty"] = shares * np.abs(arrays[removal.name])
         arrays["parts"] = np.stack([np.zeros(len(shares)), shares], axis=1)
         if not arrays["uncertainty"].all():
@@ -512,9 +400,11 @@ def _measurements(
         unused=header.unused,
         lines=None if lines is None else np.frombuffer(lines, np.int64)[rows],
         notes=notes,
+        unit=removal.unit if _LEAST_SHOWN <= largest_of(arrays[removal.name]) / removal.factor < _MOST_SHOWN else "",
     ).weighed()
 
 
+_LEAST_SHOWN, _MOST_SHOWN = 1e-3, 1e6  # of numbers that read well
 _NAMED = 8  # rows that a note lists
 
 

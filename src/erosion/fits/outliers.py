@@ -9,7 +9,6 @@ from scipy import special, stats
 
 from erosion.fits.least_squares import Loss, settle
 from erosion.output.tables import format_number
-from erosion.parameters.quantities import table_scale
 
 if TYPE_CHECKING:
     from erosion.fits.calibration import Calibration
@@ -108,8 +107,8 @@ def _outlier(fit: "Calibration", row: int, probability: float) -> str:
             if name not in fit.undetermined
         ]
         changes = f" Without it the fit is {', '.join(parts)}." if parts else ""
-    scale = table_scale(data.dimension, data.units, float(np.abs(data.erosion).max()))
-    measured, fitted = (scale.beside(format_number(of[row], 3, scale.size)) for of in (data.erosion, fit.fitted))
+    measured, fitted = (data.scale.beside(format_number(of[row], 3, data.scale.size))
+                        for of in (data.erosion, fit.fitted))  # fmt: skip
     return (
         f"{data.source}, {data.where(row)}, is an outlier: it has {measured}, the fit has {fitted} "
         f"(probability {probability:.1g}).{changes} See that it is written down right; the loss soft_l1 holds it back."

@@ -279,7 +279,7 @@ class Posterior(Result):
                 parameters alone.
 
         Returns:
-            In the data's dimension, draws first and then the shape of `alpha`.
+            In `erosion_unit`, draws first and then the shape of `alpha`; over `data.scale.size` in the table's unit.
         """
         predictor = self.predictor if discrepancy else self._of_model
         return predictor.predict(alpha, at, count, noise=noise)

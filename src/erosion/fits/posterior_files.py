@@ -141,6 +141,7 @@ def prediction_groups(predictor: Predictor) -> dict[str, xr.Dataset]:
         "seed": predictor.seed,
         "own": json.dumps(own),
         "dimension": forward.data.dimension,
+        "unit": forward.data.unit,
         "cutting_fraction": forward.cutting_fraction,
         **({} if forward.density is None else {"density": forward.density}),
         **({} if error is None else {"error": [error.absolute, error.relative]}),
@@ -176,6 +177,7 @@ def read_predictor(path: str | Path) -> Predictor:
             columns["alpha"], columns["erosion"], about["dimension"], columns.get("uncertainty"), columns.get("v0"),
             columns.get("m"), p.units, attrs["data"], error=None if error is None else ErrorModel(*map(float, error)),
             parts=columns.get("parts"), lines=columns.get(LINE),
+            unit=str(about.get("unit", "")),
         )  # fmt: skip
         density = None if "density" not in about else float(about["density"])
         names = tuple(np.atleast_1d(about["free"]).tolist())

@@ -64,9 +64,13 @@ class Predictions(Result):
     def _scales(self) -> dict[str, Scale]:
         """The unit in which each column reads well; what is computed has that of the tests."""
         largest = {name: largest_of(part) for name, part in self.columns.items()}
-        largest |= dict.fromkeys(COMPUTED, largest_of(self.predictor.data.erosion))
-        units = self.predictor.data.units
-        return {name: table_scale(self.dimension(name), units, most) for name, most in largest.items()}
+        data = self.predictor.data
+        scales = {name: table_scale(self.dimension(name), data.units, most) for name, most in largest.items()}
+        return scales | dict.fromkeys(COMPUTED, data.scale)
+
+    def in_unit(self, unit: str) -> "Predictions":
+        """The same, shown in a unit; see `Measurements.in_unit`."""
+        return dataclasses.replace(self, predictor=self.predictor.in_unit(unit))
 
     @property
     def title(self) -> str:
@@ -118,8 +122,9 @@ class Predictions(Result):
 
     def in_csv(self) -> Iterator[tuple[str, list[float]]]:
         """Headings such as "mean [mg/kg]", and their numbers."""
+        data = self.predictor.data
         for name, scale in self._scales.items():
-            known = known_scales(self.dimension(name), self.predictor.data.units)
+            known = [*known_scales(self.dimension(name), data.units), data.scale][: None if data.unit else -1]
             size, unit = scale if scale in known else known[0]
             yield f"{name} [{ascii_unit(unit).replace('°', 'deg')}]", (self.columns[name] / size).tolist()
 

@@ -23,8 +23,7 @@ from erosion.fits.outliers import chances
 from erosion.fits.tempering import rhats, sample
 from erosion.joint_laws import LawSet
 from erosion.models.own_parameters import own_parameters
-from erosion.output.tables import Result, Row, format_number, largest_of, sentences, to_plain
-from erosion.parameters.quantities import table_scale
+from erosion.output.tables import Result, Row, format_number, sentences, to_plain
 
 CHAINS = 4
 _DRAWS = 150  # of each population of a way to read the data: ends of intervals are known to a tenth of their width
@@ -77,6 +76,11 @@ class Predictor(Result):
     def data(self) -> Measurements:
         """The measurements."""
         return self.forward.data
+
+    def in_unit(self, unit: str) -> "Predictor":
+        """The same, whose tables and figures show erosion in a unit; see `Measurements.in_unit`."""
+        forward = dataclasses.replace(self.forward, data=self.data.in_unit(unit))
+        return dataclasses.replace(self, forward=forward)
 
     @functools.cached_property
     def usual(self) -> Mapping[str, float]:
@@ -209,8 +213,7 @@ class Predictor(Result):
         rows = np.flatnonzero(len(data) * odds < _UNLIKELY)
         if not len(rows):
             return ""
-        scale = table_scale(data.dimension, data.units, largest_of(data.erosion))
-        measured, predicted = ([scale.beside(format_number(value, 3, scale.size)) for value in values]
+        measured, predicted = ([data.scale.beside(format_number(value, 3, data.scale.size)) for value in values]
                                for values in (data.erosion, middle))  # fmt: skip
         listed = [f"{data.where(row)}: {measured[row]}, predicted {predicted[row]}"
                   for row in rows[np.argsort(odds[rows])][:_LISTED].tolist()]  # fmt: skip

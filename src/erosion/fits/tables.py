@@ -1,13 +1,33 @@
-"""Files of measurements as spreadsheets write them: characters, separators, decimal commas, cells without a number."""
+"""Files of measurements as spreadsheets write them: characters, separators, decimal commas, heads of columns."""
 
 import array
 import codecs
 import csv
+import difflib
 import io
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
+
+from erosion.parameters.headings import (
+    ANGLE_WORDS,
+    ANGLES,
+    MASS_WORDS,
+    MASSES,
+    NO_UNIT,
+    SIZE_WORDS,
+    SPEED_WORDS,
+    SPEEDS,
+    Head,
+    HeaderError,
+    Known,
+    factor,
+    head_parts,
+    read_heads,
+)
+from erosion.parameters.quantities import Dimension, System, UnitError, shown
 
 
 class MeasurementError(ValueError):
@@ -104,3 +124,133 @@ def place_of(path: Path, line: int, column: int | None, header: Sequence[str]) -
     """Words for a place in the file; the header without a column."""
     of_line = f"{path}, line {line},"
     return f"{of_line} the header" if column is None else f"{of_line} column {column + 1} ({header[column].strip()})"
+
+
+REMOVALS: Mapping[str, Sequence[Dimension]] = {
+    "volume": ("volume", "volume per mass"),
+    "mass_loss": ("mass", "mass per mass"),
+    "erosion": ("volume", "volume per mass", "mass", "mass per mass"),
+}
+"""The columns that may hold the erosion, with their dimensions; `erosion [-]` has units of its own."""
+
+_LOSS_WORDS = r"vol\w*|loss\w*|lost|wear\w*|erosion\w*|eroded|remov\w*|ratio|rate|depth|abtrag|verlust|verschlei\w*"
+KNOWN: Mapping[str, Known] = {
+    "angle": Known(("angle",), ANGLES, ANGLE_WORDS),
+    "volume": Known(
+        REMOVALS["volume"],
+        ("volume loss", "wear volume", "eroded volume", "removed volume", "volume removed"),
+        _LOSS_WORDS,
+    ),
+    "mass_loss": Known(
+        REMOVALS["mass_loss"],
+        ("mass loss", "weight loss", "eroded mass", "removed mass", "mass removed", "mass loss of target"),
+        _LOSS_WORDS,
+    ),
+    "erosion": Known(
+        REMOVALS["erosion"],
+        ("erosion rate", "erosion ratio", "specific erosion", "erosion loss", "wear", "wear rate"),
+        _LOSS_WORDS,
+    ),
+    "uncertainty": Known(
+        REMOVALS["erosion"],
+        ("standard deviation", "standard uncertainty", "std", "stdev", "std dev", "sd"),
+        r"uncert\w*|std\w*|stdev|deviation|errors?|err|scatter|unsicherheit|streuung",
+    ),
+    "speed": Known(("speed",), (*SPEEDS, "v"), f"{SPEED_WORDS}|rpm"),
+    "mass": Known(("mass",), (*MASSES, "erodent mass", "mass of erodent", "grain mass"), f"{MASS_WORDS}|{SIZE_WORDS}"),
+}
+_ALSO: Sequence[Dimension] = ("length", "density", "angular speed", "mass flow", "rate")
+"""Conditions of a row that are the case's: sizes, densities, spins, feeds."""
+
+_PERCENT = ("%", "percent")
+SHARES = "uncertainty over erosion"
+_EXAMPLES = {
+    "angle": "angle [deg]", "volume": "volume [mm^3]", "mass_loss": "mass_loss [mg/g]", "erosion": "erosion [-]",
+    "speed": "speed [m/s]", "mass": "mass [mg]",
+}  # fmt: skip
+
+
+class DataColumn(NamedTuple):
+    """A column: number in the file × factor = number in the unit system; its unit, where that has no number."""
+
+    name: str
+    dimension: Dimension
+    factor: float
+    unit: str = ""
+
+
+class Header(NamedTuple):
+    """The columns of a table.
+
+    Args:
+        columns: in their order; None for one that is not used.
+        unused: the heads of those, without those that were to be ignored.
+    """
+
+    columns: Sequence[DataColumn | None]
+    unused: tuple[str, ...]
+
+
+def read_header(cells: Sequence[str], units: System, ignore: Sequence[str] = ()) -> Header:
+    """The columns of a header.
+
+    Args:
+        cells: "angle [deg]", "volume [in^3]", …
+        units: the unit system to convert to.
+        ignore: columns that are left out, by their names.
+
+    Raises:
+        HeaderError: for a repeated or missing column, one that is not understood, or a unit that does not fit.
+    """
+    heads, unused = read_heads(cells, KNOWN, ignore=ignore, also=_ALSO)
+    names = ["" if head is None else head.name for head in heads]
+    removals = [name for name in names if name in REMOVALS]
+    if "angle" not in names:
+        raise HeaderError(None, f"has no column `angle [deg]`{_instead(cells)}")
+    if len(removals) != 1:
+        present = f"has {' and '.join(removals)}" if removals else "has none"
+        remedy = "; Argument `ignore` may name the others" if removals else ""
+        raise HeaderError(None, f"must have one column of erosion ({', '.join(REMOVALS)}), but {present}{remedy}")
+    at = names.index(removals[0])
+    removal = _column(at, heads[at], REMOVALS[removals[0]], units)
+    expected: dict[str, Sequence[Dimension]] = {name: known.dimensions for name, known in KNOWN.items()}
+    expected["uncertainty"] = [removal.dimension]
+    columns = [removal if i == at else head and _column(i, head, expected[head.name], units)
+               for i, head in enumerate(heads)]  # fmt: skip
+    return Header(columns, unused)
+
+
+def _instead(cells: Sequence[str]) -> str:
+    """The columns that a table has in place of the one that is looked for, as a clause."""
+    listed = [cell.strip() for cell in cells if cell.strip()]
+    names = {head_parts(cell)[0].lower(): cell for cell in listed}
+    near = difflib.get_close_matches("angle", names, 1, 0.5) or difflib.get_close_matches("impact angle", names, 1, 0.5)
+    nearest = f"; {shown(names[near[0]])} comes nearest to it" if near else ""
+    return f"; its columns are {shown(', '.join(listed))}{nearest}"
+
+
+def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], units: System) -> DataColumn:
+    assert head is not None
+    name, unit = head.name, head.unit
+    if name == "uncertainty" and unit in _PERCENT:
+        return DataColumn(SHARES, "1", 0.01)
+    if name in REMOVALS and unit in _PERCENT:
+        raise HeaderError(index, "must not be a percentage, which may be one of the target's mass; write [mg/g]")
+    if unit in NO_UNIT:
+        if name == "erosion" and head.alias:
+            message = "must carry its unit in brackets, as [mg/g]; `erosion [-]` is known up to a factor"
+            raise HeaderError(index, message)
+        if name == "erosion" or tuple(dimensions) == ("1",):
+            return DataColumn(name, "1", 1.0)
+        if "mass per mass" in dimensions and unit:
+            return DataColumn(name, "mass per mass", 1.0)
+        example = _EXAMPLES.get(name, f"{name} [mm^3]")
+        raise HeaderError(index, f"`{name}` must carry its unit in brackets, as `{example}`")
+    said = f"must be one of {', '.join(dimensions[:-1])} or {dimensions[-1]}, but is {unit!r}"
+    for dimension in dimensions:
+        try:
+            # "volume [1e-4 in^3]" has a number of its own.
+            return DataColumn(name, dimension, factor(unit, dimension, units), "" if unit[0].isdigit() else unit)
+        except UnitError as error:
+            said = said if len(dimensions) > 1 else str(error).replace(repr("1 " + unit), repr(unit))
+    raise HeaderError(index, f"the unit of `{name}` {said}")

@@ -14,7 +14,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from erosion.parameters.dimensions import DIMENSIONS, Dimension
-from erosion.parameters.quantities import System, UnitError, read_quantity, shown
+from erosion.parameters.quantities import Scale, System, UnitError, read_quantity, shown
 
 SPEEDS = (
     "v0", "speed", "velocity", "vel", "impact speed", "impact velocity", "speed of impact", "velocity of impact",
@@ -224,6 +224,11 @@ def factor(unit: str, dimension: Dimension, units: System) -> float:
     return read_quantity(unit if _NUMBER.match(unit) else f"1 {unit}", dimension, units)
 
 
+def scale_of(unit: str, dimension: Dimension, units: System) -> Scale:
+    """A unit that is written in ASCII or not, for tables and figures; errors as of `factor`."""
+    return Scale(factor(unit, dimension, units), unit.replace("^2", "²").replace("^3", "³"))
+
+
 def head_parts(text: str) -> tuple[str, str]:
     """Name and unit of a column: "Mass loss [mg/g]" is ("Mass loss", "mg/g"); empty where there is none."""
     text = text.strip()
@@ -248,8 +253,8 @@ def _brackets(text: str) -> tuple[str, str]:
 
 
 def _spelled(unit: str) -> str:
-    """A unit as pint reads it: "m s-1" is "m s^-1", "m.s-1" too; "1 / s" is "1/s"."""
-    unit = re.sub(r"(?<=[^\W\d_])[-−]([1-3])\b", r"^-\1", re.sub(r"^1\s*/\s*", "1/", unit))
+    """A unit as pint reads it: "m s-1" is "m s^-1", "m.s-1" too, but "1e-3 m" has a number; "1 / s" is "1/s"."""
+    unit = re.sub(r"(?<!\d[eE])(?<=[^\W\d_])[-−]([1-3])\b", r"^-\1", re.sub(r"^1\s*/\s*", "1/", unit))
     return re.sub(r"(?<=[^\W\d_])\.(?=[^\W\d_])", " ", unit)
 
 

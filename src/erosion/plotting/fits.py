@@ -50,8 +50,7 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     groups = conditions(data, MOST)
     fig = new_figure(6.2, 5.8)
     upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(0.72, 0.28))
-    scale = readable_scale(data.dimension, data.units, float(np.abs(data.erosion).max()))
-    _draw_curves(upper, fits[: len(PALETTE)], groups, scale, float(stats.norm.ppf((1 + level) / 2)))
+    _draw_curves(upper, fits[: len(PALETTE)], groups, scale := data.scale, float(stats.norm.ppf((1 + level) / 2)))
     for i, group in enumerate(groups):
         look = {"color": INK if len(groups) == 1 else _color(i, len(groups)), "fmt": MARKS[i]}
         angle, erosion, residuals = (values[group.rows] for values in (data.angle, data.erosion, best.residuals))
@@ -249,8 +248,7 @@ def _draw_means(axes: Sequence[Axes], predictor: Predictor, groups: Sequence[Con
     fig: Any = axes[0].figure
     (upper, *lower), data = axes, predictor.data
     curves = [predictor.predict(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
-    scale = readable_scale(data.dimension, data.units, float(np.abs(data.erosion).max()))
-    is_alone, errors = len(groups) == 1, predictor.row_errors
+    is_alone, errors, scale = len(groups) == 1, predictor.row_errors, data.scale
     for i, (group, curve, mark) in enumerate(zip(groups, curves, cycle(MARKS), strict=False)):
         look = {"color": _color(i, len(groups)), "fmt": mark, "label": group.label}
         _draw_bands(upper, curve / scale.size, look["color"], labelled=is_alone)
