@@ -20,7 +20,7 @@ FIT = "sand.csv --model linearized --density '2700 kg/m^3'"
 COMMANDS = {
     "run --model rotating --plot run.png": "run.png",
     "optimum --model rotating --sensitivities --plot best.svg": "best.svg",
-    "compare --model linearized,rotating -o curves.nc --plot curves.pdf": "curves.nc curves.pdf",
+    "compare --model linearized,rotating -o a.nc --plot 'a.pdf@84mm,a.png'": "a.nc a.pdf a.png",
     "sweep --alpha 10deg:80deg:8 --k 1:3:3 -o sweep.csv": "sweep.csv",
     "sweep --alpha 10deg:80deg:8 --k 1:3:3 -o sweep.nc --plot sweep.svg": "sweep.nc sweep.svg",
     "sweep --alpha 10deg:80deg:8 --k 1:3:3 -o sweep.zarr": "sweep.zarr",

@@ -43,7 +43,7 @@ def test_data_fit_band_and_residuals(fit):
     degrees, best = drawn(upper, "linearized")
     erosion, error = fit.curve(np.deg2rad(degrees))
     np.testing.assert_allclose(best, erosion * 1e4)
-    np.testing.assert_allclose(drawn(upper, "linearized", 1)[1], best)
+    np.testing.assert_allclose(drawn(upper, "linearized, as linearized")[1], best)
     bands = [one for one in upper.collections if isinstance(one, PolyCollection)]
     assert len(bands) == 2
     corners = np.asarray(bands[0].get_paths()[0].vertices)

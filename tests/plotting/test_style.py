@@ -1,12 +1,15 @@
 """Figures as files: the same bytes each time, and nothing half written."""
 
+import struct
+from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import pytest
 
 from erosion.impacts.simulate import Trajectory
 from erosion.plotting.motion import plot_path, plot_trajectory
-from erosion.plotting.style import new_axes, new_figure, save_figure, save_plot
+from erosion.plotting.style import legend_below, new_axes, new_figure, plot_files, save_figure, save_plot, save_plots
 
 pytestmark = pytest.mark.slow
 
@@ -39,6 +42,39 @@ def test_a_figure_is_laid_out_once_for_both_kinds(cut: Trajectory, tmp_path, mon
     assert laid_out == [fig]
     # It is laid out anew when it is saved again.
     assert fig.get_layout_engine() is engine
+
+
+def test_one_text_names_files_of_several_widths() -> None:
+    assert plot_files("a,b.png") == {Path("a,b.png"): None}
+    named = {Path(name): width for name, width in (("a.PNG", None), ("b@c.pdf", 0.084), ("d.svg", 0.174))}
+    assert plot_files("a.PNG, b@c.pdf@84mm,d.svg@17.4 cm") == named
+    for text, message in (("a.png,b.doc", "b.doc: a plot's"), ("a.svg@84 kg", "a.svg: the width must be a length"),
+                          ("a.svg@84", "a.svg: the width must be from 50 mm to 500 mm")):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
+            plot_files(text)
+
+
+def test_a_figure_for_print_has_its_width_and_all_of_its_legend(tmp_path) -> None:
+    drawn = []
+
+    def make() -> Any:
+        fig, ax = new_axes(6.2, 4.4)
+        for i in range(5):
+            ax.errorbar([0, 1], [i, i], 1, label=f"a model with the long name {i}")
+        legend_below(ax, 4)
+        drawn.append((fig, mpl.rcParams["font.size"]))
+        return fig
+
+    files = plot_files(f"{tmp_path}/a.png@84mm,{tmp_path}/b.svg@84mm,{tmp_path}/c.png")
+    save_plots(make, files)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "b.svg", "c.png"]
+    widths = [struct.unpack(">I", (tmp_path / name).read_bytes()[16:20])[0] for name in ("a.png", "c.png")]
+    assert widths == [int(84 / 25.4 * 400), 992]
+    # Two files of one width are one drawing.
+    (narrow, _), (_, _) = drawn
+    (legend,) = narrow.legends
+    assert legend.get_window_extent().width <= narrow.bbox.width
+    assert [text.get_text()[-1] for text in legend.get_texts()] == ["0", "1", "2", "3", "4"]
 
 
 @pytest.mark.parametrize("name", ["plot.jpg", "plot", "plot.svg.gz"])

@@ -11,7 +11,7 @@ import erosion
 from erosion.distributions import LogNormal, Normal
 from erosion.plotting.maps import plot_nozzle_angle, plot_stream
 from erosion.plotting.style import new_axes
-from erosion.plotting.sweeps import plot_sweep
+from erosion.plotting.sweeps import plot_comparison, plot_sweep
 from erosion.streams.result import NozzleAngle
 from erosion.streams.stream import stream
 from erosion.streams.tally import Estimate
@@ -32,6 +32,16 @@ def test_one_axis_is_a_curve_in_degrees():
     np.testing.assert_allclose(np.asarray(volume) * 1e-4, found.volume, rtol=1e-12)
     assert ax.get_xlabel() == "α  angle of attack  [°]"
     assert ax.get_ylabel() == "$V$  removed volume  [10⁻⁴ in³]"
+
+
+def test_models_whose_curves_coincide_are_all_seen():
+    models = ["first", "second", "third", "other"]
+    compared = erosion.compare(["linearized", "finnie"], P).isel(model=[0, 0, 0, 1]).assign_coords(model=models)
+    lines: list[Any] = [*plot_comparison(compared).axes[0].lines]
+    drawn = {str(line.get_label()).split(":")[0]: line for line in lines}
+    assert [drawn[name].is_dashed() for name in models] == [False, True, True, False]
+    gaps = [drawn[name]._unscaled_dash_pattern[1] for name in ("second", "third")]
+    assert gaps == [(4, 4), (2, 6)]  # through which the others are seen
 
 
 def test_few_values_of_a_second_axis_are_a_family():

@@ -17,6 +17,7 @@ from erosion.cli.options import (
     CaseArgument,
     CaseOptions,
     JsonOption,
+    PlotOption,
     SetOption,
     Settings,
     WholeOption,
@@ -247,7 +248,7 @@ def calibrate(
     loss: Annotated[str, Parameter(group=FIT, help="Or soft_l1, huber, cauchy, arctan, for outliers.")] = "linear",
     level: Annotated[float, Parameter(group=FIT, help="Of the confidence intervals.")] = 0.95,
     profile: Annotated[str | None, Parameter(group=FIT, help="Also the likelihood along this parameter.")] = None,
-    plot: Annotated[Path | None, Parameter(group=OUTPUT, help="Draw data, fits and band (.svg, .png, .pdf).")] = None,
+    plot: Annotated[PlotOption, Parameter(help='Draw data, fits and band: "a.svg"; "a.png,a.pdf@84mm".')] = None,
     case_file: WriteCaseOption = None,
     json: JsonOption = False,
 ) -> None:

@@ -168,8 +168,8 @@ from erosion.plotting.maps import require_renderer as require_renderer
 from erosion.plotting.maps import require_view as require_view
 from erosion.plotting.maps import write_map_page as write_map_page
 from erosion.plotting.motion import plot_trajectory as plot_trajectory
-from erosion.plotting.style import require_plot_path as require_plot_path
-from erosion.plotting.style import save_plot as save_plot
+from erosion.plotting.style import plot_files as plot_files
+from erosion.plotting.style import save_plots as save_plots
 from erosion.plotting.sweeps import plot_comparison as plot_comparison
 from erosion.plotting.sweeps import plot_sweep as plot_sweep
 from erosion.plotting.sweeps import plot_validation as plot_validation

@@ -23,19 +23,17 @@ def require_outputs(*outputs: Path | None, plot: Path | None = None, inputs: Seq
 
     Args:
         outputs: files that are replaced.
-        plot: a figure's file.
+        plot: a figure's files, see `plot_files`.
         inputs: what the verb reads, whose files must stay as they are: paths, models by name or path, texts of laws.
 
     Raises:
         InputError: one sentence naming the file.
     """
     with user_errors():
-        if plot is not None:
-            lazy.require_plot_path(plot)
-        for path in outputs:
-            if path is not None:
-                lazy.require_writable(path)
-    written = [path for path in (plot, *outputs) if path is not None]
+        figures = () if plot is None else lazy.plot_files(plot)
+        written = [path for path in (*figures, *outputs) if path is not None]
+        for path in written:
+            lazy.require_writable(path)
     require_apart(written, inputs)
     named = [path.resolve() for path in written]
     for i, path in enumerate(named):
@@ -219,10 +217,10 @@ def warn(message: str) -> None:
 
 
 def draw(path: Path | None, figure: Callable[[], Any]) -> None:
-    """Draw a figure into its file, where one is asked for."""
+    """Draw a figure into its files, where any is asked for."""
     if path is not None:
         with user_errors():
-            lazy.save_plot(figure(), path)
+            lazy.save_plots(figure, lazy.plot_files(path))
 
 
 @Parameter(name="*", group=MODEL)

@@ -1,6 +1,7 @@
 """`erosion posterior` and `predict`: all values of parameters that data and priors leave, and the wear that follows."""
 
 import dataclasses
+import functools
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -72,9 +73,8 @@ class _Files:
     def require_writable(self, inputs: Sequence[Any]) -> None:
         """Know before computing that all files can be written, and that none of them is read."""
         with user_errors():
-            for path in self.figures.values():
-                lazy.require_plot_path(path)
-        require_outputs(self.output, self.case_file, *self.figures.values(), inputs=inputs)
+            figures = [file for path in self.figures.values() for file in lazy.plot_files(path)]
+        require_outputs(self.output, self.case_file, *figures, inputs=inputs)
 
     def write(
         self,
@@ -92,7 +92,7 @@ class _Files:
                 result: Any = posterior.alpha_max() if name == "plot_best_angles" else posterior
                 if name == "plot_next_experiment":
                     result = experiment
-                lazy.save_plot(getattr(lazy, name)(result), path)
+                draw(path, functools.partial(getattr(lazy, name), result))
             if self.output is not None:
                 posterior.save(self.output)
 

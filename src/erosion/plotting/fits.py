@@ -17,7 +17,7 @@ from erosion.fits.predicted import BestAngles
 from erosion.fits.prediction import Predictor
 from erosion.models import model_name
 from erosion.parameters.quantities import RESULTS, Scale, readable_scale, unit_name
-from erosion.plotting.labels import ENDS, INK, MARKS, PALETTE, STYLES
+from erosion.plotting.labels import ENDS, INK, MARKS, PALETTE, STYLES, coinciding
 from erosion.plotting.style import angle_axis, house_style, new_figure, typeset
 
 _FIT_ANGLES = np.deg2rad(np.linspace(0.5, 90.0, 180))
@@ -29,6 +29,7 @@ _DASHES: Sequence[Any] = (
     (0, (8, 3)),
     (0, (3, 1, 1, 1, 1, 1)),
 )
+_ALIKE = 0.9  # share of the angles at which fits that are called the same are
 _RIGHT = 92  # degrees, so that a mark at 90° is whole
 
 _BY = {True: "by the rows' scatter alone", False: "by the rows' uncertainties alone"}
@@ -87,9 +88,10 @@ def _draw_curves(
     ax: Axes, fits: Sequence[Calibration], groups: Sequence[Condition], scale: Scale, width: float
 ) -> None:
     """Each fit's curve for each group, with its band."""
-    degrees = np.rad2deg(_FIT_ANGLES)
-    for rank, fit in enumerate(fits):
-        name = model_name(fit.model)
+    degrees, names = np.rad2deg(_FIT_ANGLES), [model_name(fit.model) for fit in fits]
+    drawn = [np.concatenate([fit.curve(_FIT_ANGLES, group.values)[0] for group in groups]) for fit in fits]
+    for rank, (fit, same) in enumerate(zip(fits, coinciding(drawn, _ALIKE), strict=True)):
+        name = f"{names[rank]}, as {names[same[0]]}" if same else names[rank]
         for i, group in enumerate(groups):
             erosion, error = (values / scale.size for values in fit.curve(_FIT_ANGLES, group.values))
             color = _color(rank) if len(groups) == 1 else _color(i, len(groups))
@@ -97,7 +99,7 @@ def _draw_curves(
                 ax.fill_between(degrees, erosion - width * error, erosion + width * error, color=color, linewidth=0,
                                 alpha=0.12 if rank else 0.3, zorder=3)  # fmt: skip
             ax.plot(degrees, erosion, color=color, linestyle=_DASHES[rank], linewidth=1.4 if rank else 2.0,
-                    zorder=4 - 0.1 * rank, label=name if len(groups) == 1 else "")  # fmt: skip
+                    zorder=4 + 0.1 * rank, label=name if len(groups) == 1 else "")  # fmt: skip
         if len(groups) > 1:
             # One entry for a model, whatever the colour.
             ax.plot([], [], color=INK, linestyle=_DASHES[rank], linewidth=1.4 if rank else 2.0, label=name)
@@ -168,7 +170,7 @@ def plot_pairs(posterior: Posterior) -> Figure:
             ax.plot(column.values, row.values, ".", color=PALETTE["blue"], markersize=2, alpha=0.25)
             row.scale_axis(ax.yaxis)
         column.scale_axis(ax.xaxis)
-        ax.tick_params(labelbottom=i == last, labelleft=0 == j < i, labelsize=8)
+        ax.tick_params(labelbottom=i == last, labelleft=0 == j < i, labelsize="small")
         ax.tick_params(axis="x", rotation=45 if i == last else 0)
         ax.set_xlabel(column.label if i == last else "")
         ax.set_ylabel(row.label if 0 == j < i else "")
@@ -194,7 +196,7 @@ def plot_traces(posterior: Posterior) -> Figure:
         right.grid(visible=False)
     axes[-1, 0].tick_params(labelbottom=True)
     axes[-1, 0].set_xlabel("draw of each population")
-    axes[0, 0].set_title(f"R̂ {max(posterior.rhat.values()):.4f}", fontsize=8, loc="left")
+    axes[0, 0].set_title(f"R̂ {max(posterior.rhat.values()):.4f}", fontsize="small", loc="left")
     return fig
 
 
@@ -220,7 +222,7 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
     for ax, of_group, group in zip(lower, ends, groups, strict=False):
         _draw_ends(ax, of_group)
         ax.set_ylabel("share of draws" if are_same else "share")
-        ax.set_title("" if are_same else group.label, fontsize=8, loc="left", pad=2)
+        ax.set_title("" if are_same else group.label, fontsize="small", loc="left", pad=2)
     _draw_means([upper, *lower], posterior.predictor, groups)
     return fig
 
@@ -267,7 +269,7 @@ def _draw_means(axes: Sequence[Axes], predictor: Predictor, groups: Sequence[Con
     angle_axis(axes[-1])
     axes[-1].set_xlim(0, _RIGHT)
     what = groups[0].label if is_alone else data.source
-    upper.set_title(f"{model_name(predictor.forward.model)}  {what}", fontsize=8.5, loc="left")
+    upper.set_title(f"{model_name(predictor.forward.model)}  {what}", fontsize="small", loc="left", wrap=True)
     upper.set_ylim(bottom=0)
     _legend(fig, (upper, *lower), 4, f"bands: of the mean, by {', '.join(predictor.parts)}")
     _label_whole(upper, f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}", _unit(scale).strip())
@@ -327,7 +329,9 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
         # What is less than the accuracy of the sums is not shown at large.
         ax.set_ylim(0, max(1.05 * float(np.nanmax(information)), _LEAST_BITS))
     angle_axis(axes[-1])
-    axes[0].set_title(f"what one more row is expected to say: {', '.join(answer.names)}", fontsize=8.5, loc="left")
+    axes[0].set_title(
+        f"what one more row is expected to say: {', '.join(answer.names)}", fontsize="small", loc="left", wrap=True
+    )
     fig.align_ylabels(axes)
     _legend(fig, [axes[0]], 4)
     return fig

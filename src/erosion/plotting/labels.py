@@ -83,6 +83,16 @@ def describe(best: Best | Optimum) -> str:
     return f"just {best.side} the jump at {at}" if best.side else f"at the jump, {at}"
 
 
+_ALIKE = 0.005  # a line's width over the greatest value
+
+
+def coinciding(curves: Sequence[np.ndarray], share: float) -> list[list[int]]:
+    """The curves before each one that it would hide at more than this share of the points."""
+    most = _ALIKE * np.nanmax(np.append(np.concatenate(curves), 0.0))
+    return [[i for i, other in enumerate(curves[:at]) if np.mean(np.isclose(curve, other, 0, most, True)) > share]
+            for at, curve in enumerate(curves)]  # fmt: skip
+
+
 def with_gaps(before: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
     """Insert NaN into the arrays before each of these indices, so that a curve has gaps there."""
     return tuple(np.insert(array, before, np.nan) for array in arrays)

@@ -128,7 +128,7 @@ def _draw(into: Any, wear: xr.Dataset, quantity: str | None, view: Any, zoom: fl
         ScalarMappable(norm, _COLORS), ax=ax, orientation="horizontal", aspect=40, shrink=0.9, pad=0.01,
         extend="min" if low else "neither", label=f"{FACES[quantity].symbol}  {FACES[quantity].meaning}{unit}",
     )  # fmt: skip
-    ax.set_title(_title(wear, FACES[quantity].meaning), fontsize=10, loc="left")
+    ax.set_title(_title(wear, FACES[quantity].meaning), fontsize="medium", loc="left", wrap=True)
     return fig
 
 
@@ -199,7 +199,7 @@ def _mark(ax: Axes, camera: _Camera, wear: xr.Dataset, face: int, value: str) ->
     line = {"arrowstyle": "-", "color": INK, "linewidth": 0.7, "shrinkB": 6}
     ax.annotate(
         f"{value} at ({place}) {scale.unit}, face {face:,}", tuple(at), (size[0] / 2, -0.025 * size[0]),
-        ha="center", va="center", fontsize=9, arrowprops=line,
+        ha="center", va="center", fontsize="small", arrowprops=line,
         bbox={"facecolor": "white", "edgecolor": FAINT, "alpha": 0.9, "boxstyle": "round,pad=0.25"},
     )  # fmt: skip
 
@@ -302,7 +302,7 @@ def _add_ruler_and_axes(ax: Axes, camera: _Camera) -> None:
     ax.plot([begin, begin, begin + length, begin + length], [centre + tick, centre, centre, centre + tick],
             color=INK, linewidth=1.2, solid_joinstyle="miter")  # fmt: skip
     ax.annotate(f"{length / scale.size:g} {scale.unit}", (begin + length / 2, centre), (0, 3),
-                textcoords="offset points", ha="center", va="bottom", fontsize=9)  # fmt: skip
+                textcoords="offset points", ha="center", va="bottom", fontsize="small")  # fmt: skip
     origin, arm = np.array([0.88 * camera.width, centre]), 0.045 * camera.width
     for i, name in enumerate("xyz"):
         shown: Any = np.array([camera.right[i], camera.up[i]])
@@ -311,7 +311,7 @@ def _add_ruler_and_axes(ax: Axes, camera: _Camera) -> None:
         tip = origin + arm * shown
         arrow = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
         ax.annotate("", tuple(tip), tuple(origin), arrowprops=arrow)
-        ax.annotate(name, tuple(origin + 1.35 * arm * shown), ha="center", va="center", fontsize=9)
+        ax.annotate(name, tuple(origin + 1.35 * arm * shown), ha="center", va="center", fontsize="small")
 
 
 def _title(wear: xr.Dataset, meaning: str) -> str:
@@ -490,7 +490,7 @@ def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
     ax.xaxis.set(major_formatter=_PlainNumbers(), minor_formatter=_PlainNumbers())
     ax.yaxis.set_major_formatter(PercentFormatter(1.0))
     title = f"{100 * nothing:.2g} % of the particles remove nothing" if nothing else "every particle removes something"
-    ax.set_title(title, fontsize=10)
+    ax.set_title(title, fontsize="medium", wrap=True)
     ax.legend(loc="best")
     return ax
 

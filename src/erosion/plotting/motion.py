@@ -55,7 +55,7 @@ def plot_histories(fig: Figure | SubFigure, trajectory: Trajectory, closed: Clos
         panel.plot(t / time.size, tip / scale.size, color=PALETTE["blue"], marker="o" if len(t) == 1 else "",
                    label="tip" if exact is None else "tip, numerical solution")  # fmt: skip
         panel.set(ylabel=f"{quantity.symbol}  [{scale.unit}]")
-        panel.set_title(quantity.meaning, fontsize=10)
+        panel.set_title(quantity.meaning, fontsize="medium")
     for panel in panels[2:]:
         panel.set_xlabel(f"t  [{time.unit}]")
     handles, labels = panels[0].get_legend_handles_labels()
@@ -99,7 +99,9 @@ def plot_trajectory(trajectory: Trajectory) -> Figure:
     heading = f"{model_name(trajectory.model)} at α = {np.rad2deg(float(p.alpha)):.6g}°: {end}"
     at_contact = trajectory.volume_at_contact
     share = f", {_read('volume', at_contact, p.units)} {AT_CONTACT}" if at_contact else ""
-    fig.suptitle(f"{heading}\n{_read('volume', trajectory.volume, p.units)} removed{share}{turned}", fontsize=11)
+    fig.suptitle(
+        f"{heading}\n{_read('volume', trajectory.volume, p.units)} removed{share}{turned}", fontsize="medium", wrap=True
+    )
     return fig
 
 

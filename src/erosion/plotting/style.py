@@ -5,9 +5,11 @@ change their style. Saved files hold no dates and no random ids: the same result
 """
 
 import contextlib
+import contextvars
 import io
 import re
-from collections.abc import Iterator, Mapping, Sequence
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,10 +20,10 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import Formatter
 
-from erosion.output.files import require_writable, write_whole
+from erosion.output.files import write_whole
 from erosion.output.language import ENGLISH, Language
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.quantities import RESULTS, Scale
+from erosion.parameters.quantities import RESULTS, Scale, UnitError, about, conversion_factor, read_quantity
 from erosion.plotting.labels import FAINT, INK
 
 _NO_DATES: Mapping[str, Mapping[str, None]] = {
@@ -52,6 +54,14 @@ _STYLE: Mapping[Any, Any] = {
     "svg.hashsalt": "erosion",
     "savefig.dpi": 160,
 }
+_FOR_PRINT: Mapping[Any, Any] = {"font.size": 8, "axes.labelsize": 8, "legend.fontsize": 7.6, "savefig.dpi": 400}
+_LOWER = 0.8  # the heights of figures with smaller letters
+_WIDTH: contextvars.ContextVar[float | None] = contextvars.ContextVar("width", default=None)
+"""Of figures that are drawn for print [inch]; None for those of a screen, which have widths of their own."""
+_NARROWEST, _WIDEST = 0.05, 0.5  # m
+_LETTERS = 16  # of 8 pt in an inch
+_BETWEEN = re.compile(r"(?:(?<=\.svg)|(?<=\.png)|(?<=\.pdf)|(?<=mm)|(?<=cm)|(?<=in)),", re.IGNORECASE)
+_OF_WIDTH = re.compile(r"(.+\.\w+)@(.+)")
 
 
 @contextlib.contextmanager
@@ -60,11 +70,25 @@ def house_style() -> Iterator[None]:
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_STYLE)
+        if _WIDTH.get() is not None:
+            mpl.rcParams.update(_FOR_PRINT)
         yield
+
+
+@contextlib.contextmanager
+def for_print(width: float | None) -> Iterator[None]:
+    """Figures that are made and saved within have this width [m], such as a column's 0.084, and letters of 8 pt."""
+    token = _WIDTH.set(None if width is None else width * conversion_factor("length", "si", "inch-pound"))
+    try:
+        yield
+    finally:
+        _WIDTH.reset(token)
 
 
 def new_figure(width: float = 5.4, height: float = 3.7) -> Figure:
     """An empty figure; width and height in inches. At the default width a phone shows 10 pt text readably."""
+    if (printed := _WIDTH.get()) is not None:
+        width, height = printed, _LOWER * height
     with house_style():
         return Figure(figsize=(width, height), layout="constrained")
 
@@ -89,6 +113,8 @@ def axes_or_new(ax: Axes | None, width: float, height: float) -> tuple[Figure, A
 def legend_of_panel(ax: Axes, handles: Sequence[Artist], columns: int) -> None:
     """A legend below a figure of one panel, or below one panel of several."""
     fig: Any = ax.figure
+    if _WIDTH.get() is not None:
+        columns = min(columns, 2)
     if len(fig.axes) == 1:
         fig.legend(handles=handles, loc="outside lower center", ncols=columns)
     else:
@@ -127,10 +153,56 @@ def save_plot(fig: Figure, path: str | Path) -> Path:
     return path
 
 
-def require_plot_path(path: str | Path) -> None:
-    """Check that `save_plot` can write to the path, before anything is computed; errors as of `save_plot`."""
-    _suffix(Path(path))
-    require_writable(Path(path))
+def plot_files(text: str | Path) -> dict[Path, float | None]:
+    """The files of "a.png" or "a.png,b.pdf@84mm", and for print the width of each [m].
+
+    Raises:
+        ValueError: for a suffix as of `save_plot`, and a width that is none.
+    """
+    files: dict[Path, float | None] = {}
+    for part in _BETWEEN.split(str(text)):
+        name, width = match.groups() if (match := _OF_WIDTH.fullmatch(part.strip())) else (part.strip(), None)
+        files[Path(name)] = None
+        _suffix(Path(name))
+        if width is not None:
+            with about(f"{name}: the width"):
+                files[Path(name)] = size = read_quantity(width, "length", "si")
+                if not _NARROWEST <= size <= _WIDEST:
+                    raise UnitError(f"must be from 50 mm to 500 mm, but is {width}")
+    return files
+
+
+def save_plots(make: Callable[[], Figure], files: Mapping[Path, float | None]) -> None:
+    """Draw a figure into files, each of its width; see `plot_files`."""
+    for width in dict.fromkeys(files.values()):
+        with for_print(width):
+            fig = make()
+            if width is not None:
+                fit_legends(fig)
+            for path in (path for path, wanted in files.items() if wanted == width):
+                save_plot(fig, path)
+
+
+@house_style()
+def fit_legends(figure: Figure) -> None:
+    """Give legends that are wider than the figure fewer columns, and smaller letters where that is not enough."""
+    whole = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    for legend in list(figure.legends):
+        title = "\n".join(textwrap.wrap(legend.get_title().get_text(), int(_LETTERS * figure.get_figwidth())))
+        for columns in (2, 1):
+            extent = legend.get_window_extent()
+            if extent.width <= figure.bbox.width:
+                break
+            legend.remove()
+            labels = [text.get_text() for text in legend.get_texts()]
+            # Those of the axes: of marks with bars the legend's own are lines.
+            handles: Any = [whole.get(label, own) for label, own in zip(labels, legend.legend_handles, strict=True)]
+            legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=title or None)
+            growth = (legend.get_window_extent().height - extent.height) / figure.dpi
+            figure.set_figheight(figure.get_figheight() + growth)  # the axes keep their height
+        share = figure.bbox.width / legend.get_window_extent().width
+        for text in () if share >= 1 else legend.get_texts():
+            text.set_fontsize(share * float(text.get_fontsize()))
 
 
 def _suffix(path: Path) -> str:

@@ -26,6 +26,7 @@ from erosion.plotting.labels import (
     STYLES,
     Best,
     broken,
+    coinciding,
     describe,
     end_label,
 )
@@ -41,6 +42,8 @@ from erosion.plotting.style import (
 )
 from erosion.sweeps.grid import in_words
 
+_DASH = 8.0  # and gap, in widths of a line
+_HIDDEN = 0.25  # share of a curve, from which on it is dashed
 _SHARE: Mapping[str, Any] = {"alpha": 0.2, "linewidth": 0}  # of areas below curves of several colours
 
 
@@ -56,8 +59,10 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
     volume, degrees = comparison.volume.values, np.rad2deg(comparison.alpha.values)
     scale = readable_scale("volume", _units(comparison), float(np.nanmax(comparison.volume_max)))
     shares = []
-    for i, name in enumerate(models):
+    for i, (name, below) in enumerate(zip(models, coinciding(volume, _HIDDEN), strict=True)):
         color, line = STYLES[i % len(STYLES)]
+        if below:  # dashes through whose gaps these are seen
+            line = (0, (_DASH / 2 ** len(below), _DASH * (1 - 1 / 2 ** len(below))))
         results = comparison.isel(model=i)
         best = _best(results)
         x, y = broken(degrees, volume[i], np.deg2rad(1) * results.dvolume.values)
@@ -103,7 +108,7 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
         ax.plot(np.where(jumps, best, np.nan), spins, "D", color="none", markeredgecolor=ink, markersize=4)
         angle_axis(ax)
         ax.grid(visible=False)
-        ax.set_title("how the cut ends" if ax is left else "what it removes", fontsize=10)
+        ax.set_title("how the cut ends" if ax is left else "what it removes", fontsize="medium")
     left.set_ylabel(f"{QUANTITIES['phidot0'].symbol}  {QUANTITIES['phidot0'].meaning}  [{spin.unit}]")
     handles: list[Any] = [
         Patch(color=color, alpha=0.75, label=end_label(names[code]))
@@ -251,8 +256,10 @@ def plot_validation(validation: Validation) -> Figure:
         ax.plot(ratios, places[rows], marker, color=color, markersize=5, label=kind)
     for place, comparison in zip(places, comparisons, strict=True):
         if comparison.computed == 0:
-            ax.annotate("0", (_NOTHING, place), xytext=(6, 0), textcoords="offset points", va="center", fontsize=8)
-    ax.set_yticks(places, [comparison.fact.name for comparison in comparisons], fontsize=8)
+            ax.annotate(
+                "0", (_NOTHING, place), xytext=(6, 0), textcoords="offset points", va="center", fontsize="small"
+            )
+    ax.set_yticks(places, [comparison.fact.name for comparison in comparisons], fontsize="small")
     ax.set(xscale="log", ylim=(places[-1] - 0.7, 0.7), xlabel="computed over published")
     ax.grid(axis="y", linewidth=0.3)
     legend_below(ax, 3)

@@ -27,7 +27,7 @@ from erosion.output.tables import Record, to_csv, to_json
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import Scale, System, readable_scale, shown, table_scale, unit_name
-from erosion.plotting.style import house_style, save_figure, translate_figure
+from erosion.plotting.style import fit_legends, save_figure, translate_figure
 from erosion.report.case import Answer, ReportCase, question
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.text import blocks, degrees, inline, inline_svg, number, quantity, render_page, to_html
@@ -359,21 +359,10 @@ def is_wide(figure: Figure) -> bool:
     return bool(figure.get_figwidth() > _WIDE)
 
 
-@house_style()
 def fit_on_sheet(figure: Figure) -> None:
     """Give a figure the size at which its text is readable on a handout; its legends get fewer columns if need be."""
     if is_wide(figure):
         figure.set_figheight(_FLAT)
     else:
         figure.set_size_inches(_IN_A_COLUMN, 0.88 * figure.get_figheight())
-    for legend in list(figure.legends):
-        for columns in (2, 1):
-            extent = legend.get_window_extent()
-            if extent.width <= figure.bbox.width:
-                break
-            legend.remove()
-            labels = [text.get_text() for text in legend.get_texts()]
-            handles = [handle for handle in legend.legend_handles if handle is not None]
-            legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns)
-            growth = (legend.get_window_extent().height - extent.height) / figure.dpi
-            figure.set_figheight(figure.get_figheight() + growth)  # the axes keep their height
+    fit_legends(figure)
