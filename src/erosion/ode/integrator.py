@@ -1,6 +1,6 @@
 """One lane from its start to its end: an error-controlled Runge-Kutta method that ends exactly at an event.
 
-Plain JAX for one lane's numbers. `erosion.lanes` compiles it for many at a time, `jax.vmap` for a GPU.
+Plain JAX for one lane's numbers. `erosion.lanes` compiles it for many at a time.
 """
 
 import functools
