@@ -5,6 +5,7 @@ import pytest
 
 from erosion.distributions import Normal, Uniform
 from erosion.fits import calibrate, next_experiment, posterior, rank_posteriors
+from erosion.fits.errors import ErrorModel
 from erosion.fits.experiments import NextExperiment, _gains
 from erosion.impacts.impact import impact
 from erosion.models.closed_forms import LinearizedCut
@@ -181,4 +182,13 @@ def test_conditions_broadcast_with_angles(drawn):
     alone = drawn.predict(0.5, {"v0": 3000.0}, 5, discrepancy=False)
     np.testing.assert_array_equal(
         drawn.predict([[0.3], [0.5]], {"v0": [3000.0, 4000.0]}, 5, discrepancy=False)[:, 1, 0], alone
+    )
+
+
+def test_a_candidate_whose_error_is_a_share_of_nothing_is_not_judged(drawn):
+    answer = next_experiment(drawn, {"alpha": [0.3, np.pi / 2]}, noise=ErrorModel(0, 0.08))
+    assert np.isfinite(answer.total).tolist() == [True, False]
+    assert answer.best["alpha"] == 0.3
+    assert (
+        "No candidate can be judged" in next_experiment(drawn, {"alpha": np.pi / 2}, noise=ErrorModel(0, 0.08)).sentence
     )

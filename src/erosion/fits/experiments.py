@@ -76,7 +76,7 @@ class NextExperiment(Result):
         """Where to measure next, and how much a row there is expected to say."""
         most = float(self.total[self.order[0]])
         if not np.isfinite(most):
-            return "No candidate can be judged: no draw has a volume there."
+            return "No candidate can be judged: no draw has a volume and an error there."
         conditions = " and ".join(self.condition_in_words(name, value) for name, value in self.best.items())
         share = f" ({self.discrimination[self.order[0]]:.3f} on which model is right)" if len(self.names) > 1 else ""
         usual = f"the median candidate {np.nanmedian(self.total):.3f}; one bit halves what is left open"
@@ -209,7 +209,8 @@ def _gains(shares: Sequence[tuple[np.ndarray, np.ndarray]], weights: np.ndarray)
         shares: for each model the predictions and noises of its draws, both of shape (draws,).
         weights: probabilities of the models.
     """
-    if any(not len(predicted) for predicted, _ in shares):
+    # Where an error is a share of nothing, no row has one, and what it would say is unknown.
+    if not all(len(noise) and noise.all() for _, noise in shares):
         return np.nan, np.nan
     shares = _side_by_side(shares)
     ends = np.array([[(predicted - _REACH * noise).min(), (predicted + _REACH * noise).max()]
