@@ -70,11 +70,12 @@ def advise(
     varied about their values, k by ± 50 % and ψ from half to twice. The advised angle is where the curve that loses
     most against its own maximum loses least.
 
-    After a fit to tests of your own, the draws of its posterior take the place of these ranges:
+    After a fit to tests of your own, its draws or those of a posterior take the place of these ranges:
 
-        erosion.advise(p, models=["linearized-deformation"], uncertain=posterior.rows_of_draws())
+        erosion.advise(p, models=["linearized-deformation"], uncertain=fit.rows_of_draws())
 
-    The advised angle is then that of the draws alone; the correlations, which know nothing of your tests, do not count.
+    The advised angle is then where the draws remove most on average, each over its own maximum; the correlations, which
+    know nothing of your tests, do not count.
 
     Args:
         p: the case, all scalars; its angle is not used.

@@ -92,15 +92,12 @@ def _draw(advice: Advice, ax: Axes) -> None:
         ax.plot(nozzle, curve.shares, color=color, linestyle=line, linewidth=1.8,
                 label=advice.language.number(f"{curve.name}: {degrees(curve.best)}"))  # fmt: skip
     best = float(np.rad2deg(advice.alpha))
-    ax.plot(
-        nozzle,
-        advice.worst_shares,
-        color=INK,
-        linewidth=2.6,
-        label=say("the least of all: {angle}", angle=degrees(advice.alpha)),
-    )
+    angle = degrees(advice.alpha)
+    least = advice.uncertain is None
+    label = say("the least of all: {angle}", angle=angle) if least else say("the mean of draws: {angle}", angle=angle)
+    ax.plot(nozzle, advice.shares, color=INK, linewidth=2.6, label=label)
     ax.axvline(best, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
-    ax.plot(best, advice.worst_shares.max(), "*", color=INK, markersize=13)
+    ax.plot(best, advice.shares.max(), "*", color=INK, markersize=13)
     angle_axis(ax, label=say("angle of the nozzle, from the surface"))
     ax.set(ylabel=say("erosion by the jet, over its own greatest"), ylim=(0, 1.03))
     ax.yaxis.set_major_formatter(lambda value, _: advice.language.number(f"{value:.3g}"))
@@ -177,7 +174,7 @@ def require_page_path(path: Path) -> None:
 
 
 def _spreadsheet(advice: Advice, decimal: str) -> str:
-    """Angles of 5° to 90°, the least and the greatest of the amounts that the advice trusts, and the worst share."""
+    """Angles of 5° to 90°, the least and the greatest of the amounts that the advice trusts, and the deciding share."""
     if decimal not in (".", ","):
         raise ValueError(f"Argument `decimal` must be . or a comma, but is {decimal!r}.")
     text, unit = advice.language.text, advice.unit
@@ -186,7 +183,8 @@ def _spreadsheet(advice: Advice, decimal: str) -> str:
     if advice.trusted:
         amounts = np.array([curve.erosion * (curve.density or 1.0) / advice.scale.size for curve in advice.trusted])
         columns |= {f"{text('least')} [{unit}]": amounts.min(0)[at], f"{text('greatest')} [{unit}]": amounts.max(0)[at]}
-    columns[f"{text('least share of its own best')} [%]"] = 100 * advice.worst_shares[at]
+    share = text("least share of its own best") if advice.uncertain is None else text("mean share of its own best")
+    columns[f"{share} [%]"] = 100 * advice.shares[at]
     rows = [list(columns), *([f"{value:.4g}" for value in row] for row in zip(*columns.values(), strict=True))]
     # A spreadsheet with decimal commas takes semicolons between cells.
     return "".join(

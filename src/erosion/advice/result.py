@@ -193,20 +193,22 @@ class Advice(Result):
 
     @functools.cached_property
     def alpha(self) -> float:
-        """The advised angle of the nozzle [rad], where the curve that loses most loses least."""
-        return float(NOZZLE_ANGLES[int(np.argmax(self.worst_shares))])
+        """The advised angle of the nozzle [rad], where `shares` are greatest."""
+        return float(NOZZLE_ANGLES[int(np.argmax(self.shares))])
 
     @property
     def counted(self) -> Sequence[Curve]:
-        """All curves decide, or after a fit those of the models alone, for its tests know this metal."""
-        if self.uncertain is None:
-            return self.curves
-        return [curve for curve in self.curves if curve.group != "correlations"]
+        """All curves decide, or after a fit its draws alone, for its tests know this metal."""
+        return self.curves if self.uncertain is None else self.group("draws")
 
-    @property
-    def worst_shares(self) -> np.ndarray:
-        """At each angle the least of the counted curves' shares of their own greatest erosion, shape (n,)."""
-        return np.min([curve.shares for curve in self.counted], axis=0)
+    @functools.cached_property
+    def shares(self) -> np.ndarray:
+        """At each angle what the counted curves remove of their own greatest erosion, shape (n,): the least of them.
+
+        Draws are as many as they are likely: there it is the mean. The least of them is that of the least likely.
+        """
+        shares = np.array([curve.shares for curve in self.counted])
+        return shares.min(axis=0) if self.uncertain is None else shares.mean(axis=0)
 
     @property
     def low(self) -> float:
@@ -393,7 +395,7 @@ class Advice(Result):
     def _why(self) -> str:
         """What the advised angle is worth by the curves that count."""
         say = self.language.say
-        numbers = {"share": _percent(self.worst), "low": degrees(self.low), "high": degrees(self.high)}
+        numbers = {"share": _percent(self.shares.max()), "low": degrees(self.low), "high": degrees(self.high)}
         if self.uncertain is None:
             return say(
                 "At this angle every model and correlation removes at least {share}% of what it removes at its own "
@@ -401,10 +403,11 @@ class Advice(Result):
                 **numbers,
             )
         return say(
-            "At this angle each of {count} draws of {source} removes at least {share}% of what it removes at its "
-            "own best angle; these best angles lie from {low} to {high}. The correlations are shown beside them, "
-            "but do not count.",
+            "At this angle {count} draws of {source} remove on average {share}% of what they remove at their own best "
+            "angles, and all of them at least {least}%; these best angles lie from {low} to {high}. The correlations "
+            "are shown beside them, but do not count.",
             **numbers,
+            least=_percent(self.worst),
             count=str(len(self.group("draws"))),
             source=str(self.uncertain),
         )
@@ -450,11 +453,6 @@ class Advice(Result):
             return self.language.say(
                 "What would narrow it: more tests. “erosion posterior” with --next-experiment says at "
                 "which angle and speed one more test tells most."
-            )
-        if self.doubts:
-            return self.language.say(
-                "What would narrow it: your weighings leave parameters open, as the notes say; weigh at further "
-                "angles and speeds, and repeat."
             )
         models, text = self.group("models"), self.language.text
         spans = {text("the choice of the model"): _width(models)}

@@ -187,7 +187,7 @@ WriteCaseOption = Annotated[
 
 def write_case(path: Path, ranking: "lazy.Ranking", options: CaseOptions) -> None:
     """Write the best fit as a case file."""
-    with user_errors(lazy.CalibrationError):
+    with user_errors(lazy.CalibrationError, lazy.SamplingError):
         text = lazy.to_case(ranking.best, str(path), **options.names(), warnings=ranking.warnings_of_best)
         lazy.write_whole(path, text.encode())
 

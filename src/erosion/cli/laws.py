@@ -54,10 +54,9 @@ class LawOptions:
             raise InputError(
                 f'{where.format("correlation")} must be a table such as {{"v0,r" = -0.5}}, but is {pairs!r}.'
             )
-        if isinstance(uncertain, dict):
+        of_file: list[str | Mapping[str, Any]] = [] if uncertain is None else [uncertain]
+        if isinstance(uncertain, dict) and not all(isinstance(draws, list) for draws in uncertain.values()):
             of_file = [f"{name}={law}" for name, law in uncertain.items()]
-        else:
-            of_file = [] if uncertain is None else [uncertain]
         given = GivenLaws(
             rows=(where.format("rows"), rows),
             uncertain=(where.format("uncertain"), of_file),
@@ -69,17 +68,20 @@ class LawOptions:
 
 @dataclasses.dataclass(frozen=True)
 class GivenLaws:
-    """What `LawOptions` and a case file give together: for each of them where it is given, and the texts."""
+    """What `LawOptions` and a case file give together: for each of them where it is given, and the texts.
+
+    What is uncertain may also be draws by parameter, as a fit writes them.
+    """
 
     rows: tuple[str, Any]
-    uncertain: tuple[str, list[str]]
+    uncertain: tuple[str, list[str | Mapping[str, Any]]]
     correlation: tuple[str, list[str]]
 
     @property
     def files(self) -> list[str]:
         """The files that are read."""
         of_rows = [] if self.rows[1] is None else [str(self.rows[1])]
-        return of_rows + [text for text in self.uncertain[1] if _is_file(text)]
+        return of_rows + [text for text in self.uncertain[1] if isinstance(text, str) and _is_file(text)]
 
     def read(
         self, model: "lazy.CuttingModel", units: "lazy.System", laws: Mapping[str, Any]
@@ -118,17 +120,19 @@ class GivenLaws:
         draws, known = list[Any](), lazy.quantities(model)
         for text in texts:
             try:
-                if text.strip().endswith(".nc"):
+                if not isinstance(text, str):
+                    more = dict(lazy.joint_laws.Rows(text, "draws", units))
+                elif text.strip().endswith(".nc"):
                     draws.append(lazy.read_draws(text.strip(), known, units))
                     more = dict(draws[-1].rows)
                 elif _is_file(text):
                     more = dict(lazy.read_rows(text.strip(), {**known, _FRACTION: lazy.FACTORS[_FRACTION]}, units))
                 else:
                     more = _law(text, known, units)
-            except ValueError as error:
+            except (TypeError, ValueError) as error:
                 # A clause, or a sentence that names the file.
-                is_clause = str(error).startswith("must ")
-                raise InputError(f"{where} {error}." if is_clause else f"{where}: {error}") from error
+                said = str(error).removeprefix("Argument `columns` ").rstrip(".")
+                raise InputError(f"{where}{'' if said.startswith('must ') else ':'} {said}.") from error
             if both := [name for name in more if name in laws]:
                 raise InputError(f"{where} must give {both[0]} once, but gives it several times.")
             laws |= more

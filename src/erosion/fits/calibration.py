@@ -12,8 +12,9 @@ from scipy import stats
 from erosion.arguments import check_level, check_whole
 from erosion.fits import doubts
 from erosion.fits.doubts import LEVEL, OPEN, TOUCH, Pattern, Profile, Ridge, are_noise, beyond_scatter, find_patterns
+from erosion.fits.draws import draws_of_theta
 from erosion.fits.errors import ErrorModel
-from erosion.fits.forward import FACTORS, FRACTION, FREE, make_forward
+from erosion.fits.forward import FACTORS, FRACTION, FREE, SCALE, make_forward
 from erosion.fits.least_squares import (
     LOSSES,
     CalibrationError,
@@ -27,6 +28,7 @@ from erosion.fits.least_squares import (
 from erosion.fits.measurements import Measurements, conditions
 from erosion.fits.predicted import Predictions, predictions
 from erosion.fits.prediction import of_fit
+from erosion.joint_laws import Rows
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters, quantities
@@ -336,6 +338,20 @@ class Calibration(Result):
         noise = None if known else float(np.sqrt(self.variance) * self.data.deviation[0])
         predictor = of_fit(self.problem.forward, self.solution.theta, steps, noise)
         return predictions(predictor, alpha, at, level)
+
+    def rows_of_draws(self, count: int = 64) -> Rows:
+        """Draws of the parameters as a joint law, for `uncertain` of `erosion.advise`; see `Posterior.rows_of_draws`.
+
+        They are the parameters within the bounds that explain the rows as well as the scatter allows. So the curves of
+        the draws are known where the rows are, even if they do not decide a parameter.
+
+        Raises:
+            SamplingError: where impacts fail all over the bounds.
+        """
+        thetas = draws_of_theta(self.problem, check_whole("count", count, 1))
+        columns = {name: self.problem.forward.from_theta(name, theta)
+                   for name, theta in zip(self.names, thetas.T, strict=True) if name != SCALE}  # fmt: skip
+        return Rows(columns, f"the fit to {self.data.source}", self.p.units)
 
     def profile(self, name: str, points: int = 21) -> Profile:
         """The likelihood's profile along one parameter, with all others fitted again at each value.

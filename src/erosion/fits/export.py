@@ -2,21 +2,17 @@
 
 import dataclasses
 import functools
-import itertools
 import string
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from erosion.arguments import refuse
 from erosion.cfd.export_files import AngleTable, ParticleErosion, angle_table, coefficients
 from erosion.cfd.exports import ANGLES, ExportedParticle, Reach, commented, particle_of, share_in_words
 from erosion.fits.calibration import Calibration
-from erosion.fits.doubts import LEVEL
-from erosion.fits.forward import SCALE
 from erosion.fits.measurements import MOST, conditions, usual_condition
 from erosion.impacts.impact import impact
 from erosion.models import model_name, model_source
@@ -32,8 +28,6 @@ from erosion.parameters.quantities import conversion_factor
 from erosion.version import __version__
 
 _POINTS = 20
-_CUT = 0.01  # the share of a law beyond a bound of its parameter, from which it is no longer normal
-_SHARP = 1e-9  # errors of exact data, which are rounding
 _PLAIN = {*string.ascii_letters, *string.digits, *"=./_-+:"}  # characters that a shell takes as they are
 _Exported = Calibration | CuttingModel | str | Path
 
@@ -140,8 +134,9 @@ def to_case(
 ) -> str:
     """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
 
-    The model and its own parameters are the file's usual ones for all verbs. The errors of the estimates, as laws, and
-    what is doubtful are in the table [advise], which `erosion advise` reads.
+    The model and its own parameters are the file's usual ones for all verbs. What is doubtful, and draws of the
+    parameters that explain the rows (`Calibration.rows_of_draws`), are in the table [advise], which `erosion advise`
+    reads.
 
     Args:
         calibration: the fit.
@@ -152,6 +147,7 @@ def to_case(
 
     Raises:
         ValueError: for a model without a name or a file, which no verb could load again.
+        SamplingError: where impacts fail all over the bounds.
     """
     best_angle = f"The best angle of this fit: {command('optimum', path)}"
     comment = "\n".join([*_origin(calibration), *calibration.warnings, best_angle])
@@ -186,48 +182,16 @@ def _model(calibration: Calibration, path: str) -> str:
 
 
 def _for_advice(calibration: Calibration, warnings: Sequence[str]) -> str:
-    """The table [advise] of a case file; without laws where the data does not determine or decide all parameters."""
+    """The table [advise] of a case file."""
     of_scale = "The tests had units of their own, so the size of the wear is that of the case."
-    said, laws = " ".join([of_scale] * calibration.data.free_scale + [*warnings]), _laws(calibration)
-    names, correlation = calibration.names, calibration.correlation
-    # A little less than the fit has, so that rounding cannot make it impossible.
-    pairs = {f"{first},{second}": (1 - 1e-6) * float(correlation[names.index(first), names.index(second)])
-             for first, second in itertools.combinations(laws, 2)}  # fmt: skip
-    listed = ", ".join(f'{name} = "{law}"' for name, law in laws.items())
-    tied = ", ".join(f'"{pair}" = {value!r}' for pair, value in pairs.items())
+    said = " ".join([of_scale] * calibration.data.free_scale + [*warnings])
     lines = sentences(
         (said, f"warning = {toml_string(said)}"),
-        (laws, f"uncertain = {{ {listed} }}"),
-        (pairs, f"correlation = {{ {tied} }}"),
         (True, f"tested = {calibration.problem.forward.tested.dump()}"),
     )
-    return "\n".join(["", "[advise]", *lines, ""])
-
-
-def _laws(calibration: Calibration) -> dict[str, str]:
-    """The law of each estimate, normal in its θ; one that a bound cuts is uniform over the 95 % interval."""
-    if calibration.undetermined or calibration.undecided:
-        return {}
-    errors, laws = np.sqrt(np.diag(calibration.covariance_of_theta)), dict[str, str]()
-    if not np.isfinite(errors).all():
-        return {}
-    problem, theta = calibration.problem, calibration.solution.theta
-    # The errors of exact data are rounding, which may be nothing at all.
-    errors = np.maximum(errors, _SHARP * np.maximum(1.0, np.abs(theta)))
-    # Few rows and lopsided intervals reach further than 1.96 errors: each law holds the interval that the fit prints.
-    errors = np.fmax(errors, np.abs(calibration.ends(LEVEL)).max(axis=1) / stats.norm.ppf((1 + LEVEL) / 2))
-    for i, name in enumerate(calibration.names):
-        if name == SCALE:
-            continue
-        log = "log" if problem.forward.logarithmic[i] else ""
-        outside = stats.norm.cdf([(problem.lower[i] - theta[i]) / errors[i], (theta[i] - problem.upper[i]) / errors[i]])
-        low, high = calibration.intervals()[name]
-        if outside.max() < _CUT:
-            error = errors[i] * (1.0 if log else problem.forward.slopes(theta)[i])
-            laws[name] = f"{log}normal({calibration.estimates[name]!r}, {float(error)!r})"
-        elif np.isfinite([low, high]).all() and low < high:
-            laws[name] = f"{log}uniform({low!r}, {high!r})"
-    return laws
+    draws = [f"{name} = [{', '.join(f'{value:.6g}' for value in values)}]"
+             for name, values in calibration.rows_of_draws().columns.items()]  # fmt: skip
+    return "\n".join(["", "[advise]", *lines, "", "[advise.uncertain]", *draws, ""])
 
 
 def command(*words: str) -> str:
