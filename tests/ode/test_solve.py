@@ -385,6 +385,24 @@ def test_smooth_spares_what_kinks_cost():
         assert end.along("v").t == pytest.approx(slope, rel=1e-8)
 
 
+def test_a_square_wave_from_rest_returns_to_zero_where_it_jumps():
+    """Relative to a state that is exactly zero no step across the jump would be short enough."""
+    rng = np.random.default_rng(0)
+    period, rate = 10 ** rng.uniform(-6, 6, (2, 256))
+    t1 = period * rng.uniform(0.5, 6, 256)
+    wave = ode.Problem(
+        y0=lambda args: {"x": 0.0},
+        vector_field=lambda t, y, args: {
+            "x": args["rate"] * jnp.where(jnp.sin(2 * jnp.pi * t / args["period"]) > 0, 1.0, -1.0)
+        },
+        events={"high": ode.Event(lambda t, y, args: y["x"] - args["rate"] * args["period"], 1)},
+    )
+    end = ode.solve(wave, {"period": period, "rate": rate}, t1=t1)
+    assert set(end.ended_by) == {"t1"}
+    share = t1 / period % 1
+    assert end.y["x"] / (rate * period) == pytest.approx(np.minimum(share, 1 - share), abs=1e-9)
+
+
 def test_a_rate_that_jumps_leaves_values_without_derivatives():
     problem = ode.Problem(
         {"x": 1.0},
