@@ -1,11 +1,14 @@
 """What checks of arguments give; their messages are in `bad_input/test_calls.py`."""
 
 import inspect
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import erosion
 from erosion.arguments import check_path, check_tolerance, check_whole
 
 
@@ -40,3 +43,14 @@ def test_a_path_is_a_path() -> None:
         check("store", 3)
     with pytest.raises(ValueError, match="holds a zero byte"):
         check_path("store", "a\0b")
+
+
+def test_a_message_shows_a_long_value_briefly_and_on_one_line():
+    given: Any = np.arange(2000.0)
+    with pytest.raises(TypeError) as caught:
+        erosion.volume("finnie", given)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 200
+    whole = re.compile(r"\bis \{[a-z_.]+!r\}")
+    sources = [path for path in Path(erosion.__file__).parent.rglob("*.py") if path.parent.name != "lanes"]
+    assert [path.name for path in sources if whole.search(path.read_text("utf-8"))] == []

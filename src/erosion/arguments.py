@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree, PyTreeDef, Real, Shaped
 
+from erosion.output.tables import briefly
+
 Scalar = Real[Array | np.ndarray, ""] | float | int
 """One real number."""
 
@@ -53,28 +55,28 @@ _NUMBERS = (int, float, np.integer, np.floating)
 def check_order(derivatives: Any) -> int:
     """How many derivatives: 0, 1 or 2."""
     if isinstance(derivatives, bool) or not isinstance(derivatives, (int, np.integer)) or derivatives not in (0, 1, 2):
-        raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {derivatives!r}.")
+        raise ValueError(f"Argument `derivatives` must be 0, 1 or 2, but is {briefly(derivatives)}.")
     return int(derivatives)
 
 
 def check_tolerance(rtol: Any) -> float:
     """`rtol` as a float; a `ValueError` where it is not in (0, 1)."""
     if not isinstance(rtol, _NUMBERS) or not 0 < rtol < 1:
-        raise ValueError(f"Argument `rtol` must be in (0, 1), but is {rtol!r}.")
+        raise ValueError(f"Argument `rtol` must be in (0, 1), but is {briefly(rtol)}.")
     return float(rtol)
 
 
 def check_whole(name: str, value: Any, least: int) -> int:
     """The argument as an int; a `ValueError` where it is no whole number of at least `least`."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ValueError(f"Argument `{name}` must be a whole number of at least {least}, but is {value!r}.")
+        raise ValueError(f"Argument `{name}` must be a whole number of at least {least}, but is {briefly(value)}.")
     return int(value)
 
 
 def check_level(level: Any) -> float:
     """The level of an interval as a float; a `ValueError` where it is no probability in (0, 1)."""
     if not isinstance(level, _NUMBERS) or not 0 < level < 1:
-        raise ValueError(f"Argument `level` must be in (0, 1), but is {level!r}.")
+        raise ValueError(f"Argument `level` must be in (0, 1), but is {briefly(level)}.")
     return float(level)
 
 
@@ -82,7 +84,7 @@ def as_names(argument: str, given: Any) -> tuple[str, ...]:
     """One name or several as a tuple; a `TypeError` where they are something else."""
     names = (given,) if isinstance(given, str) or not isinstance(given, Iterable) else tuple(given)
     if not all(isinstance(name, str) for name in names):
-        raise TypeError(f"Argument `{argument}` must be a name or a list of names, but is {given!r}.")
+        raise TypeError(f"Argument `{argument}` must be a name or a list of names, but is {briefly(given)}.")
     return names
 
 
@@ -118,7 +120,7 @@ def check_unmasked(name: str, value: Any) -> None:
 def check_path(name: str, value: Any) -> Path:
     """The argument as a path; a `TypeError` or `ValueError` where it cannot be one."""
     if not isinstance(value, (str, Path)):
-        raise TypeError(f"Argument `{name}` must be a path, but is {value!r}.")
+        raise TypeError(f"Argument `{name}` must be a path, but is {briefly(value)}.")
     if "\0" in str(value):
         raise ValueError(f"Argument `{name}` must be a path, but {str(value)!r} holds a zero byte.")
     return Path(value)

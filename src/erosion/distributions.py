@@ -26,6 +26,7 @@ import numpy as np
 from scipy import special
 
 from erosion.arguments import check_unmasked
+from erosion.output.tables import briefly
 from erosion.parameters.headings import (
     Head,
     HeaderError,
@@ -42,7 +43,6 @@ from erosion.parameters.quantities import (
     ascii_unit,
     has_unit,
     read_quantity,
-    shown,
     table_scale,
     unit_name,
 )
@@ -64,7 +64,7 @@ class Distribution(ABC):
         for name in _fields(self):
             given = getattr(self, name)
             if isinstance(given, bool) or not isinstance(given, (int, float, np.integer, np.floating)):
-                raise TypeError(f"Argument `{name}` must be a number, but is {given!r}.")
+                raise TypeError(f"Argument `{name}` must be a number, but is {briefly(given)}.")
             value = float(given)
             object.__setattr__(self, name, value)
             if not math.isfinite(value) or (name in self.positive and value <= 0):
@@ -320,7 +320,7 @@ def as_law(law: Any) -> Any:
 def as_laws(given: Any, argument: str = "laws") -> dict[str, Any]:
     """Laws by parameter, each as `as_law` gives it; a `TypeError` naming the argument where they are no mapping."""
     if not isinstance(given, Mapping):
-        raise TypeError(f"Argument `{argument}` must be a mapping of parameters to laws, but is {given!r}.")
+        raise TypeError(f"Argument `{argument}` must be a mapping of parameters to laws, but is {briefly(given)}.")
     return {name: as_law(law) for name, law in given.items()}
 
 
@@ -376,13 +376,13 @@ def read_distribution(text: str, name: str, dimension: Dimension, system: System
     arguments = [part.strip() for part in call["arguments"].split(",")]
     fields = _fields(law)
     if len(arguments) != len(fields):
-        raise ValueError(f"must be {call['name']}({', '.join(fields)}), but is {shown(text)}")
+        raise ValueError(f"must be {call['name']}({', '.join(fields)}), but is {briefly(text)}")
     dimensions: list[Dimension] = ["1" if field in law.shapes else dimension for field in fields]
     given = list(zip(arguments, dimensions, strict=True))
     # Everywhere else a bare number is in radians, but a law of 30 rad would pass for one of 30°.
     if not all(has_unit(argument) for argument, of in given if of == "angle"):
         spelled = ", ".join(f"{a}deg" if of == "angle" and not has_unit(a) else a for a, of in given)
-        raise ValueError(f"must have units in its angles, such as {call['name']}({spelled}), but is {shown(text)}")
+        raise ValueError(f"must have units in its angles, such as {call['name']}({spelled}), but is {briefly(text)}")
     values = [read_quantity(argument, of, system) for argument, of in given]
     try:
         return law(*values)
@@ -399,7 +399,7 @@ def read_column(path: str | Path, name: str, dimension: Dimension, system: Syste
     header, rows = _read_table(path)
     heads = matching(header, of_parameters({name: dimension}))
     if sum(head is not None for head in heads) != 1:
-        there = shown(", ".join(header)).strip("'") or "none"
+        there = briefly(", ".join(header)).strip("'") or "none"
         raise ValueError(f"must have one column `{name}` in {path}, whose columns are {there}")
     others: dict[str, Dimension] = {parameter: quantity.dimension for parameter, quantity in QUANTITIES.items()}
     return _numbers(path, (header, rows), heads, {**others, name: dimension}, system)[name]

@@ -23,6 +23,7 @@ from scipy import special
 from erosion.arguments import check_unmasked, refuse
 from erosion.distributions import MOST_OUTSIDE, Distribution, OfScipy, Samples, as_laws, read_columns, shares_within
 from erosion.output.files import digest
+from erosion.output.tables import briefly
 from erosion.parameters.headings import unused_note
 from erosion.parameters.quantities import Dimension, Quantity, System
 
@@ -201,14 +202,14 @@ class CorrelatedLaws(JointLaw):
                 (len(pair) != 2 or pair[0] == pair[1] or not {*pair} <= {*self.laws},
                  f"name pairs of {', '.join(self.laws)}, but has {pair!r}."),
                 (pair[::-1] in self.correlation, f"give {' and '.join(pair)} once, but gives them twice."),
-                (not -1 < value < 1, f"be in (-1, 1), but is {value!r} for {' and '.join(pair)}."),
+                (not -1 < value < 1, f"be in (-1, 1), but is {briefly(value)} for {' and '.join(pair)}."),
             )  # fmt: skip
         if np.linalg.eigvalsh(self.matrix).min() < 1e-9:
             raise ValueError("Argument `correlation` must be possible: these pairs contradict each other.")
         for name, law in self.laws.items():
             if not isinstance(law, Distribution) or isinstance(law, Member):
                 raise TypeError(
-                    f"Argument `laws` must give {name} a distribution such as Normal(1, 0.1), but is {law!r}."
+                    f"Argument `laws` must give {name} a distribution such as Normal(1, 0.1), but is {briefly(law)}."
                 )
 
     @property
@@ -362,7 +363,7 @@ class LawSet:
             if name not in self.ranges:
                 raise TypeError(f"{argument} is not a parameter; they are {', '.join(self.ranges)}.")
             if not isinstance(law, Distribution):
-                raise TypeError(f"{argument} must be a distribution such as Normal(1, 0.1), but is {law!r}.")
+                raise TypeError(f"{argument} must be a distribution such as Normal(1, 0.1), but is {briefly(law)}.")
             joint, (low, high), (least, greatest) = _joint_of(law), self._part(name), self.ranges[name]
             # A row is taken as it is; of a law, what is out of range can be cut off.
             if low + 1 - high > (0.0 if isinstance(joint, Rows) else MOST_OUTSIDE):

@@ -19,6 +19,7 @@ from erosion.models import called, load_model
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated, CorrelatedByShape, correlated, made_for, members, per_mass_of
 from erosion.ode.step_control import require_float64
+from erosion.output.tables import briefly
 from erosion.parameters.materials import Particle, Target, particle as read_particle, target as read_target
 from erosion.parameters.parameters import Parameters, require_scalars, validate
 from erosion.parameters.per_mass import PerMass
@@ -107,7 +108,7 @@ def advise(
         cutting_fraction = CUTTING_FRACTION if unknown is None else FRACTION_OF_A_FIT
     per_mass = PerMass(density if metal is None else metal.density_beside(density), cutting_fraction)
     if isinstance(models, str) or not models:
-        raise ValueError(f"Argument `models` must be a list of models, but is {models!r}.")
+        raise ValueError(f"Argument `models` must be a list of models, but is {briefly(models)}.")
     chosen = [made_for(load_model(model), metal, grit) for model in models]
     loaded = {called(given, model): model for given, model in zip(models, chosen, strict=True)}
     advice = advise_case(p, (grit, metal), (spread, speed_spread), per_mass, loaded, unknown, progress)

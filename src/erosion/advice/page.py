@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from erosion.advice.result import NOZZLE_ANGLES, Advice, degrees
 from erosion.output.files import require_writable, write_whole
 from erosion.output.language import language
+from erosion.output.tables import briefly
 from erosion.parameters.quantities import QUANTITIES, quantity_row
 from erosion.plotting.labels import DIM, FAINT, INK, STYLES
 from erosion.plotting.style import angle_axis, house_style, new_axes, render
@@ -176,7 +177,7 @@ def require_page_path(path: Path) -> None:
 def _spreadsheet(advice: Advice, decimal: str) -> str:
     """Angles of 5° to 90°, the least and the greatest of the amounts that the advice trusts, and the deciding share."""
     if decimal not in (".", ","):
-        raise ValueError(f"Argument `decimal` must be . or a comma, but is {decimal!r}.")
+        raise ValueError(f"Argument `decimal` must be . or a comma, but is {briefly(decimal)}.")
     text, unit = advice.language.text, advice.unit
     at = slice(_FIRST, None, _STEP)
     columns: dict[str, np.ndarray] = {f"{text('angle')} [°]": np.rad2deg(NOZZLE_ANGLES[at])}

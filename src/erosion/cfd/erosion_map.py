@@ -36,6 +36,7 @@ from erosion.models.own_parameters import require_one_impact
 from erosion.models.registry import require_loadable
 from erosion.ode.step_control import require_float64
 from erosion.output.files import digest
+from erosion.output.tables import briefly
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Scale, conversion_factor, readable_scale
 
@@ -523,9 +524,9 @@ def prepare_map(
     """
     require_float64()
     if not isinstance(impacts, Impacts):
-        raise TypeError(f"Argument `impacts` must be what `read_impacts` returns, but is {impacts!r}.")
+        raise TypeError(f"Argument `impacts` must be what `read_impacts` returns, but is {briefly(impacts)}.")
     if surface is not None and not isinstance(surface, Surface):
-        raise TypeError(f"Argument `surface` must be what `read_surface` returns, but is {surface!r}.")
+        raise TypeError(f"Argument `surface` must be what `read_surface` returns, but is {briefly(surface)}.")
     loaded = load_model(model).replace(**(own or {}))
     require_one_impact(loaded, options.p)
     options.check_laws(loaded)

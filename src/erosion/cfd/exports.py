@@ -18,6 +18,7 @@ from erosion.models.identity import model_in_words, provenance
 from erosion.models.own_parameters import own_in_words, require_one_impact
 from erosion.ode.step_control import require_float64
 from erosion.output import tables
+from erosion.output.tables import briefly
 from erosion.parameters.parameters import Parameters, are_angles, validate
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import QUANTITIES, RESULTS, ascii_unit, conversion_factor, unit_name
@@ -151,7 +152,7 @@ def checked(name: str, values: Any) -> np.ndarray:
     try:
         numbers = np.atleast_1d(np.asarray(values, float))
     except (TypeError, ValueError):
-        raise ValueError(f"Argument `{name}` must be numbers, but is {values!r}.") from None
+        raise ValueError(f"Argument `{name}` must be numbers, but is {briefly(values)}.") from None
     if numbers.ndim != 1 or not numbers.size:
         raise ValueError(f"Argument `{name}` must be a number or a list of them, but has shape {numbers.shape}.")
     is_angle = name == "alpha"

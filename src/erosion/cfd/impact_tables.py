@@ -35,6 +35,7 @@ from erosion.cfd.rows import (
     weigh,
 )
 from erosion.extras import library
+from erosion.output.tables import briefly
 from erosion.parameters.headings import (
     ANGLE_WORDS,
     ANGLES,
@@ -55,7 +56,7 @@ from erosion.parameters.headings import (
     unused_note,
 )
 from erosion.parameters.materials import HEAVIEST
-from erosion.parameters.quantities import Scale, about, shown
+from erosion.parameters.quantities import Scale, about
 
 _BLOCK = 1 << 22  # bytes of text, or 32 of a row of numbers, that are read at once
 _NUMBERED = 10  # rows whose weights are 1, 2, 3, …, from which on these are the numbers of the rows
@@ -342,7 +343,9 @@ def read_meanings(given: str | Mapping[str, str] | None) -> dict[str, str]:
             meant |= dict.fromkeys(heads, text)
             heads = []
     if heads or not all(meant) or not all(meant.values()):
-        raise ImpactsError(f'Argument `columns` must be such as "x,y,z=mm, d50=diameter [um]", but is {given!r}.')
+        raise ImpactsError(
+            f'Argument `columns` must be such as "x,y,z=mm, d50=diameter [um]", but is {briefly(given)}.'
+        )
     return meant
 
 
@@ -353,7 +356,7 @@ def _explained(path: Path, heads: Sequence[str], meant: Mapping[str, str]) -> li
         # "U" is all of U:0, U:1 and U:2.
         at = [i for i, head in enumerate(heads) if name in (head.strip(), re.sub(r":\d$", "", head.strip()))]
         if not at:
-            known = shown(", ".join(head.strip() for head in heads))
+            known = briefly(", ".join(head.strip() for head in heads))
             raise ImpactsError(f"{path}: has no column {name!r}, which Argument `columns` names; it has {known}.")
         if not text.endswith("]") and head_parts(name)[1]:
             raise ImpactsError(f"{path}: column {name!r} has its unit, so Argument `columns` must not give it another.")

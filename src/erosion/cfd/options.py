@@ -18,6 +18,7 @@ from erosion.joint_laws import SHARE, LawSet, require_units
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import CorrelatedBySize
 from erosion.models.own_parameters import quantities, ranges, with_values
+from erosion.output.tables import briefly
 from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.quantities import Dimension, UnitError, about, conversion_factor, has_unit, read_quantity
 
@@ -70,10 +71,14 @@ class MapOptions:
         object.__setattr__(self, "uncertain", as_laws(self.uncertain, "uncertain"))
         object.__setattr__(self, "spin", as_law(self.spin))
         if self.scaling not in SCALINGS:
-            raise ValueError(f"Argument `scaling` must be one of {', '.join(SCALINGS)}, but is {self.scaling!r}.")
+            raise ValueError(
+                f"Argument `scaling` must be one of {', '.join(SCALINGS)}, but is {briefly(self.scaling)}."
+            )
         if not (self.spin is None or isinstance(self.spin, Distribution) or self.spin in SPINS):
             known = ", ".join(SPINS)
-            raise ValueError(f"Argument `spin` must be {known} or a law such as normal(0, 1e4), but is {self.spin!r}.")
+            raise ValueError(
+                f"Argument `spin` must be {known} or a law such as normal(0, 1e4), but is {briefly(self.spin)}."
+            )
         if self.diameter is not None and self.scaling == "none":
             raise ValueError("Argument `diameter` must be left out where all particles have the case's r and b.")
         self._check_names()
@@ -89,17 +94,17 @@ class MapOptions:
             self.injected_in(1.0)
         for name in ("density", "limit", "diameter"):
             if (value := getattr(self, name)) is not None and not (_are_numbers(value) and 0 < value < np.inf):
-                raise ValueError(f"Argument `{name}` must be positive and finite, but is {value!r}.")
+                raise ValueError(f"Argument `{name}` must be positive and finite, but is {briefly(value)}.")
         if not (_are_numbers(self.cutting_fraction) and 0 < self.cutting_fraction <= 1):
             raise ValueError(
-                f"Argument `cutting_fraction` must be above 0 and at most 1, but is {self.cutting_fraction!r}."
+                f"Argument `cutting_fraction` must be above 0 and at most 1, but is {briefly(self.cutting_fraction)}."
             )
         pair: Any = (1, 0) if self.restitution is None else self.restitution
         is_pair = isinstance(pair, (tuple, list)) and len(pair) == 2 and _are_numbers(*pair)
         if not (is_pair and 0 < pair[0] <= 1 and 0 <= pair[1] < 1):
             raise ValueError(
                 "Argument `restitution` must be (e, μ) with e in (0, 1] and μ in [0, 1), as the wall of the CFD run "
-                f"has them, but is {pair!r}."
+                f"has them, but is {briefly(pair)}."
             )
 
     def _check_names(self) -> None:
@@ -261,7 +266,7 @@ def _read_sand_rate(rate: Any) -> float | None:
     with about("Argument `sand_rate`"):
         share = read_quantity(of_flow[1], "1", "si") * 1e-6
         if not 0 < share <= 1:
-            raise ValueError(f"must have a share above 0 and of at most 1e6 ppm, but is {rate!r}")
+            raise ValueError(f"must have a share above 0 and of at most 1e6 ppm, but is {briefly(rate)}")
     return share * _read("sand_rate", of_flow[2], "mass flow")
 
 
@@ -271,12 +276,12 @@ def _read(name: str, given: Any, dimension: Dimension) -> float:
     if isinstance(given, str):
         with about(f"Argument `{name}`"):
             if not has_unit(given):
-                raise ValueError(f"must have a unit, as {_SUCH_AS[dimension]!r} has, but is {given!r}")
+                raise ValueError(f"must have a unit, as {_SUCH_AS[dimension]!r} has, but is {briefly(given)}")
             if _SOME_TON.search(given):
-                raise ValueError(f"must say which ton, t (1000 kg), short_ton or long_ton, but is {given!r}")
+                raise ValueError(f"must say which ton, t (1000 kg), short_ton or long_ton, but is {briefly(given)}")
             value = read_quantity(given, dimension, "si")
     if not (_are_numbers(value) and 0 < value < np.inf):
-        raise ValueError(f"Argument `{name}` must be positive and finite, but is {given!r}.")
+        raise ValueError(f"Argument `{name}` must be positive and finite, but is {briefly(given)}.")
     return float(value)
 
 

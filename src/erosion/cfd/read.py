@@ -14,6 +14,7 @@ from erosion.cfd.rows import Impacts, ImpactsError, kind_of, vtk_blocks
 from erosion.cfd.surface import Surface, metres_of
 from erosion.extras import library
 from erosion.output.files import require_finite
+from erosion.output.tables import briefly
 from erosion.parameters.quantities import about, read_quantity
 
 _STL_HEAD = 256  # bytes, of which VTK tells text from numbers as well
@@ -141,7 +142,7 @@ def read_impacts(
     case = None if case is None else _existing("case", case)
     kilograms = _density(particle_density)
     if duration is not None and not (np.isfinite(duration) and duration > 0):
-        raise ImpactsError(f"Argument `duration` must be positive and finite, but is {duration!r}.")
+        raise ImpactsError(f"Argument `duration` must be positive and finite, but is {briefly(duration)}.")
     seconds = None if duration is None else float(duration)
     if (ignore or columns) and not impact_tables.is_named(path):
         given = "ignore" if ignore else "columns"
@@ -191,7 +192,7 @@ def read_surface(
         )
     surface = surface.in_unit(unit)
     if reverse not in (False, True, "auto"):
-        raise ImpactsError(f"Argument `reverse` must be True, False or 'auto', but is {reverse!r}.")
+        raise ImpactsError(f"Argument `reverse` must be True, False or 'auto', but is {briefly(reverse)}.")
     if reverse == "auto":
         return dataclasses.replace(surface.reversed(surface.parts[1]), turns_itself=True)
     return surface.reversed() if reverse else surface
@@ -211,5 +212,5 @@ def _density(density: float | int | str | None) -> float | None:
     with about("Argument `particle_density`", ImpactsError):
         value = read_quantity(density, "density", "si") if isinstance(density, str) else float(density)
     if not (np.isfinite(value) and value > 0):
-        raise ImpactsError(f"Argument `particle_density` must be positive and finite, but is {density!r}.")
+        raise ImpactsError(f"Argument `particle_density` must be positive and finite, but is {briefly(density)}.")
     return value

@@ -24,6 +24,7 @@ import numpy as np
 
 from erosion.arguments import Indices, Numbers, Vectors
 from erosion.extras import library
+from erosion.output.tables import briefly
 from erosion.parameters.quantities import Scale
 
 
@@ -500,7 +501,8 @@ def _require_counts(path: Path) -> None:
             if not count.strip().isdigit() or int(count) > _MOST_PACKED * size:
                 number = count[:20].decode("ascii", "replace")
                 raise ImpactsError(
-                    f"{path}: cannot be read; it is damaged: {what.decode()} is {number!r} in a file of {size:,} bytes."
+                    f"{path}: cannot be read; it is damaged: {what.decode()} is {briefly(number)} "
+                    f"in a file of {size:,} bytes."
                 )
 
 

@@ -11,6 +11,7 @@ from scipy import sparse
 from erosion.arguments import Indices, Numbers, Vectors
 from erosion.cfd.rows import GREATEST, ImpactsError
 from erosion.extras import library
+from erosion.output.tables import briefly
 from erosion.parameters.quantities import about, read_quantity
 
 METRES: Mapping[str, float] = {
@@ -303,11 +304,11 @@ def metres_of(unit: str) -> float:
         ImpactsError: for what is no unit of length.
     """
     if not (isinstance(unit, str) and any(letter.isalpha() for letter in unit)):
-        raise ImpactsError(f"Argument `unit` must be a unit of length such as 'mm', but is {unit!r}.")
+        raise ImpactsError(f"Argument `unit` must be a unit of length such as 'mm', but is {briefly(unit)}.")
     with about("Argument `unit`", ImpactsError):
         metres = read_quantity(unit if unit[:1].isdigit() else f"1 {unit}", "length", "si")
     if not 0 < metres <= GREATEST:
-        raise ImpactsError(f"Argument `unit` must be a unit of length such as 'mm', but is {unit!r}.")
+        raise ImpactsError(f"Argument `unit` must be a unit of length such as 'mm', but is {briefly(unit)}.")
     return metres
 
 

@@ -27,6 +27,7 @@ from erosion.cli.run import compare, optimum, run
 from erosion.cli.sweep import stream, sweep
 from erosion.extras import MissingExtraError
 from erosion.interrupts import INTERRUPTED, between_imports
+from erosion.output.tables import briefly
 from erosion.version import __version__
 
 _ALLOCATIONS = 20_000  # between two looks for garbage, instead of 700
@@ -96,7 +97,9 @@ def _status(arguments: Sequence[str]) -> int:
         words = [_text(argument) for argument in arguments]
         moment = os.environ.get("SOURCE_DATE_EPOCH", "")  # numpy reads it, and matplotlib
         if moment and not moment.isdecimal():
-            raise InputError(f"The environment variable SOURCE_DATE_EPOCH must be whole seconds, but is {moment!r}.")
+            raise InputError(
+                f"The environment variable SOURCE_DATE_EPOCH must be whole seconds, but is {briefly(moment)}."
+            )
         with between_imports():
             app(words, exit_on_error=False, print_error=False, result_action="return_value")
         if sys.stdout is not None:  # closed by the shell: `erosion run >&-`

@@ -28,6 +28,7 @@ from erosion.cli.options import (
     with_model_of_case,
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
+from erosion.output.tables import briefly
 
 
 @Parameter(name="*", group=Group("Job", sort_key=7))
@@ -98,7 +99,7 @@ class GivenFit:
         """The models by name: those of --model, of the case file, of the draws, or the usual ones."""
         named = self._section.get("model")
         if not (named is None or isinstance(named, str)):
-            raise InputError(f"{self._case.case}: field `model` of [advise] must be a name, but is {named!r}.")
+            raise InputError(f"{self._case.case}: field `model` of [advise] must be a name, but is {briefly(named)}.")
         draws = [path for path in self.files if path.endswith(".nc")][:1]
         with user_errors():
             of_fit = [lazy.model_of_draws(path) for path in draws] if named is None else [named]

@@ -26,6 +26,7 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
+from erosion.output.tables import briefly
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or "angle [deg], speed [m/s], '
@@ -268,7 +269,7 @@ def calibrate(
         names = task.fit.names(measured)
         ends = _read_bounds(bounds or (), names, task.names, task.p.units)
         if profile is not None and profile not in names:
-            raise InputError(f"Option `--profile` must be one of {', '.join(names)}, but is {profile!r}.")
+            raise InputError(f"Option `--profile` must be one of {', '.join(names)}, but is {briefly(profile)}.")
         ranking = task.ranking(measured, models, progress, bounds=ends, loss=loss)
         along = None if profile is None else ranking.best.profile(profile)
     output.warn(*ranking.warnings)
@@ -298,7 +299,7 @@ def _read_bounds(
         name, equals, ends = (part.strip() for part in text.partition("="))
         least, colon, greatest = (part.strip() for part in ends.partition(":"))
         if not (name and equals and least and colon and greatest):
-            raise InputError(f'Option `--bounds` must be such as "psi=0.01:0.3", but is {text!r}.')
+            raise InputError(f'Option `--bounds` must be such as "psi=0.01:0.3", but is {briefly(text)}.')
         if name not in free:
             raise InputError(f"Option `--bounds` must name free parameters ({', '.join(free)}), but has {name!r}.")
         if name in bounds:
@@ -312,5 +313,5 @@ def _read_bounds(
                 ends_read[end] = lazy.read_quantity(end if lazy.unit_of(end) else end + shared, dimension, units)
             bounds[name] = ends_read[least], ends_read[greatest]
         if not bounds[name][0] < bounds[name][1]:
-            raise InputError(f"Option `--bounds` must give {name} two ascending values, but is {text!r}.")
+            raise InputError(f"Option `--bounds` must give {name} two ascending values, but is {briefly(text)}.")
     return bounds

@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping
 import cyclopts
 from cyclopts import exceptions
 
-from erosion.parameters.quantities import about, shown
+from erosion.output.tables import briefly
+from erosion.parameters.quantities import about
 
 _POWERS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _SPELLED = {
@@ -132,7 +133,7 @@ def explain(error: cyclopts.CycloptsError) -> str:
             argument is not None and token is not None
         ):
             if kind is float:
-                return f"Option `{argument.name}` must be a number such as 0.5, but is {shown(token.value)}."
+                return f"Option `{argument.name}` must be a number such as 0.5, but is {briefly(token.value)}."
             return f"Option `{argument.name}` must have a value that makes sense, but has {token.value!r}: see --help."
         case exceptions.UnknownCommandError(unused_tokens=[word, *_]) if error.app is not None:
             known = ", ".join(name for name in error.app if not name.startswith("-"))

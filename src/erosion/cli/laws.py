@@ -11,7 +11,8 @@ from cyclopts import Parameter
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.options import LAWS, CaseOptions, read_settings, settings, with_model_of_case
-from erosion.parameters.quantities import QUANTITIES, shown
+from erosion.output.tables import briefly
+from erosion.parameters.quantities import QUANTITIES
 
 LAW_FIELDS = ("rows", "uncertain", "correlation")
 """The fields of a verb's table in a case file that `LawOptions` reads."""
@@ -45,14 +46,14 @@ class LawOptions:
         """
         rows, uncertain, pairs = (section.get(name) for name in LAW_FIELDS)
         if not (rows is None or isinstance(rows, str)):
-            raise InputError(f"{where.format('rows')} must name a CSV file, but is {rows!r}.")
+            raise InputError(f"{where.format('rows')} must name a CSV file, but is {briefly(rows)}.")
         if not (uncertain is None or isinstance(uncertain, str) or (uncertain and isinstance(uncertain, dict))):
             raise InputError(
-                f"{where.format('uncertain')} must name a file or be a table of laws, but is {uncertain!r}."
+                f"{where.format('uncertain')} must name a file or be a table of laws, but is {briefly(uncertain)}."
             )
         if not (pairs is None or isinstance(pairs, dict)):
             raise InputError(
-                f'{where.format("correlation")} must be a table such as {{"v0,r" = -0.5}}, but is {pairs!r}.'
+                f'{where.format("correlation")} must be a table such as {{"v0,r" = -0.5}}, but is {briefly(pairs)}.'
             )
         of_file: list[str | Mapping[str, Any]] = [] if uncertain is None else [uncertain]
         if isinstance(uncertain, dict) and not all(isinstance(draws, list) for draws in uncertain.values()):
@@ -148,7 +149,7 @@ class GivenLaws:
             if not homes:
                 raise InputError(
                     f"{where} must join two parameters with laws of their own, which both vary or are both uncertain, "
-                    f"but has {shown(text)}."
+                    f"but has {briefly(text)}."
                 )
             if pair in kinds[homes[0]][1]:
                 raise InputError(f"{where} must give {' and '.join(pair)} once, but gives them twice.")
@@ -196,7 +197,7 @@ def _law(text: str, known: Mapping[str, Any], units: "lazy.System") -> dict[str,
     """A law such as "k=normal(2, 0.2)"; a ValueError where it is none."""
     name, equals, words = (part.strip() for part in text.partition("="))
     if not (equals and name and words):
-        raise ValueError(f'must be a file (.nc, .csv) or a law such as "k=normal(2, 0.2)", but is {text!r}')
+        raise ValueError(f'must be a file (.nc, .csv) or a law such as "k=normal(2, 0.2)", but is {briefly(text)}')
     if name not in known and name != _FRACTION:
         raise ValueError(f"must name one of {', '.join(known)}, but has {name!r}")
     dimension = known[name].dimension if name in known else "1"
@@ -214,7 +215,7 @@ def _pair(text: str, where: str) -> tuple[tuple[str, str], float]:
         first, second = pair
         return (first, second), float(number)
     except ValueError as error:
-        raise InputError(f'{where} must be such as "v0,r=-0.5", but is {shown(text)}.') from error
+        raise InputError(f'{where} must be such as "v0,r=-0.5", but is {briefly(text)}.') from error
 
 
 @dataclasses.dataclass(frozen=True)

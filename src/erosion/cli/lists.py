@@ -11,13 +11,14 @@ from erosion.cli.errors import InputError, user_errors
 from erosion.cli.options import MODEL, JsonOption, PlotOption
 from erosion.cli.output import Output, draw, progress_bar, require_outputs
 from erosion.output.files import is_file
+from erosion.output.tables import briefly
 
 
 def read_list(text: str) -> list[str]:
     """The items of a list, with commas between them; a ValueError where there is none."""
     items = [item.strip() for item in text.split(",") if item.strip()]
     if not items:
-        raise ValueError(f"must list one item or more, but is {text!r}")
+        raise ValueError(f"must list one item or more, but is {briefly(text)}")
     return items
 
 

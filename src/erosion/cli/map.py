@@ -30,6 +30,7 @@ from erosion.cli.options import (
 )
 from erosion.cli.output import Output, PerMassOptions, density_option, draw, progress_bar, require_outputs, weighing
 from erosion.cli.sweep import dask_cluster
+from erosion.output.tables import briefly
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -164,7 +165,7 @@ class _Rows:
             normal, friction = (float(number) for number in self.restitution.split(","))
         except ValueError as error:
             raise InputError(
-                f'Option `--restitution` must be two numbers such as "0.8,0.1", but is {self.restitution!r}.'
+                f'Option `--restitution` must be two numbers such as "0.8,0.1", but is {briefly(self.restitution)}.'
             ) from error
         return normal, friction
 
@@ -191,7 +192,9 @@ class _Picture:
         try:
             return tuple(float(number) for number in self.view.split(",")) if "," in self.view else self.view
         except ValueError as error:
-            raise InputError(f'Option `--view` must be such as iso, +x or "1,-1,0.5", but is {self.view!r}.') from error
+            raise InputError(
+                f'Option `--view` must be such as iso, +x or "1,-1,0.5", but is {briefly(self.view)}.'
+            ) from error
 
     def check(self, *, has_surface: bool, has_page: bool = False, surface: "lazy.Surface | None" = None) -> None:
         """Know before computing that it can be drawn, and where the surface is known that something can be seen."""
@@ -200,7 +203,9 @@ class _Picture:
         if not has_surface:
             raise InputError("Option `--plot` needs `--surface`: without it there is nothing to draw.")
         if self.quantity is not None and self.quantity not in lazy.FACES:
-            raise InputError(f"Option `--quantity` must be one of {', '.join(lazy.FACES)}, but is {self.quantity!r}.")
+            raise InputError(
+                f"Option `--quantity` must be one of {', '.join(lazy.FACES)}, but is {briefly(self.quantity)}."
+            )
         with user_errors():
             lazy.require_view(self.direction, self.zoom, None if surface is None else surface.normal)
         lazy.require_renderer()

@@ -13,6 +13,7 @@ from cyclopts import Group, Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
+from erosion.output.tables import briefly
 from erosion.parameters.quantities import QUANTITIES, example
 
 if TYPE_CHECKING:
@@ -381,7 +382,7 @@ def read_whole(number: Any) -> int:
     with contextlib.suppress(OverflowError, TypeError, ValueError):
         if not isinstance(number, bool) and float(number) == (value := int(float(number))):
             return int(number) if str(number).isdecimal() else value
-    raise ValueError(f"must be a whole number such as 1e6, but is {number!r}")
+    raise ValueError(f"must be a whole number such as 1e6, but is {briefly(number)}")
 
 
 WholeOption = Annotated[int | None, Parameter(converter=lambda kind, tokens: read_whole(tokens[0].value))]
@@ -466,13 +467,13 @@ def settings(options: Sequence[str] | None, section: Mapping[str, Any] | None = 
     """
     table = (section or {}).get("set", {})
     if not isinstance(table, Mapping):
-        raise InputError(f"{where} must be a table such as {{friction = 0.3}}, but is {table!r}.")
+        raise InputError(f"{where} must be a table such as {{friction = 0.3}}, but is {briefly(table)}.")
     in_file = {name: (f"{where}, field `{name}`,", value) for name, value in table.items()}
     in_options: dict[str, tuple[str, Any]] = {}
     for text in options or ():
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
-            raise InputError(f'Option `--set` must be such as "friction=0.3", but is {text!r}.')
+            raise InputError(f'Option `--set` must be such as "friction=0.3", but is {briefly(text)}.')
         if name in in_options:
             raise InputError(f"Option `--set` must give `{name}` once, but gives it several times.")
         in_options[name] = (f"Option `--set {name}`", value)

@@ -11,6 +11,7 @@ from erosion.cli.lists import LISTED, ModelsOption
 from erosion.cli.options import CaseArgument, CaseOptions, LangOption, ending, output_option, with_file
 from erosion.cli.output import PerMassOptions, progress_bar, require_apart, require_outputs
 from erosion.extras import extra
+from erosion.output.tables import briefly
 
 
 def exercise(
@@ -81,7 +82,7 @@ def explore(
     p, weights = options.parameters(), (per_mass or PerMassOptions()).per_mass(options)
     for path in model or []:
         if not path.endswith(".py"):
-            raise InputError(f"Option `--model` must be the path of a Python file here, but is {path!r}.")
+            raise InputError(f"Option `--model` must be the path of a Python file here, but is {briefly(path)}.")
     if port is not None and not 0 <= port < 65536:
         raise InputError(f"Option `--port` must be in 0 … 65535, but is {port}.")
     with extra("explorer"), user_errors():

@@ -37,7 +37,7 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, draw, progress_bar, require_outputs
-from erosion.output.tables import to_csv
+from erosion.output.tables import briefly, to_csv
 from erosion.parameters.quantities import QUANTITIES
 
 _PRIOR = (
@@ -230,7 +230,8 @@ def _read_priors(
         name, _, law = (part.strip() for part in text.partition("="))
         if name not in known:
             raise InputError(
-                f'Option `--prior` must be such as "{known[0]}=uniform(1, 3)", of {", ".join(known)}, but is {text!r}.'
+                f'Option `--prior` must be such as "{known[0]}=uniform(1, 3)", of {", ".join(known)}, '
+                f"but is {briefly(text)}."
             )
         if name in laws:
             raise InputError(f"Option `--prior` must give {name} once, but gives it several times.")
@@ -239,7 +240,7 @@ def _read_priors(
             read = lazy.read_distribution(law, name, dimension, measured.units)
         if read is None:
             listed = ", ".join((*lazy.LAWS, "samples"))
-            raise InputError(f"Option `--prior`, {name}, must be a law ({listed}), but is {law!r}.")
+            raise InputError(f"Option `--prior`, {name}, must be a law ({listed}), but is {briefly(law)}.")
         laws[name] = read
     return laws
 

@@ -24,6 +24,7 @@ from erosion.correlations.ranges import (
     sharpness_factor,
     warn_outside,
 )
+from erosion.output.tables import briefly
 
 FORCE_RATIO = 2.0  # K [-]; the default of COMSOL and of OpenFOAM
 CONTACT_RATIO = 2.0  # ψ [-]; OpenFOAM's default
@@ -341,7 +342,7 @@ def dnv(
     """
     target = of_table(DNV_MATERIALS, material, DNVMaterial)
     if edition not in (2007, 2015):
-        raise ValueError(f"Argument `edition` must be 2007 or 2015, but is {edition!r}.")
+        raise ValueError(f"Argument `edition` must be 2007 or 2015, but is {briefly(edition)}.")
     warn_outside("DNV RP-O501", DNV_RANGES, alpha=alpha, v0=v0)
     return in_units(_dnv(alpha, v0, target, edition), units, target.density, mass)
 

@@ -13,6 +13,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from erosion.ode.step_control import require_float64, require_xla
+from erosion.output.tables import briefly
 
 Values = Float[Array | np.ndarray, "..."] | Int[Array | np.ndarray, "..."] | float | int
 """A number or an array; several broadcast."""
@@ -39,11 +40,11 @@ def in_units(ratio: Array, units: str, density: Values, mass: Values | None = No
     """
     wanted = units.replace("³", "3")
     if wanted not in UNITS:
-        raise ValueError(f"Argument `units` must be one of {', '.join(UNITS)}, but is {units!r}.")
+        raise ValueError(f"Argument `units` must be one of {', '.join(UNITS)}, but is {briefly(units)}.")
     if (mass is not None) != (wanted == "mm3/impact"):
         raise ValueError(
             "Argument `mass` must be the mass of a particle [kg] for mm3/impact, and be left out for other units, "
-            f"but units are {wanted} and mass is {mass!r}."
+            f"but units are {wanted} and mass is {briefly(mass)}."
         )
     if wanted == "kg/kg":
         return ratio
@@ -61,7 +62,7 @@ def of_table(table: Mapping[str, _Material], material: str | _Material, kind: ty
         return material
     if not isinstance(material, str) or material not in table:
         raise ValueError(
-            f"Argument `material` must be one of {', '.join(table)}, or a {kind.__name__}, but is {material!r}."
+            f"Argument `material` must be one of {', '.join(table)}, or a {kind.__name__}, but is {briefly(material)}."
         )
     return table[material]
 
@@ -76,7 +77,7 @@ def sharpness_factor(sharpness: str | Values) -> Values:
         return sharpness
     if sharpness not in SHARPNESS:
         known = ", ".join(SHARPNESS)
-        raise ValueError(f"Argument `sharpness` must be a number or one of {known}, but is {sharpness!r}.")
+        raise ValueError(f"Argument `sharpness` must be a number or one of {known}, but is {briefly(sharpness)}.")
     return SHARPNESS[sharpness]
 
 

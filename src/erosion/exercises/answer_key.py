@@ -17,8 +17,9 @@ from erosion.impacts.impact import impact
 from erosion.impacts.maxima import Jump
 from erosion.models import Linearized
 from erosion.output.language import language
+from erosion.output.tables import briefly
 from erosion.parameters.parameters import Parameters, require_scalars, validate
-from erosion.parameters.quantities import Dimension, System, conversion_factor, known_scales, shown, unit_name
+from erosion.parameters.quantities import Dimension, System, conversion_factor, known_scales, unit_name
 
 Rate = Callable[[np.ndarray], np.ndarray]
 
@@ -215,7 +216,7 @@ class AnswerKey:
         """
         if not isinstance(task, str) or task not in self.tasks:
             words = self.language.text(UNKNOWN_TASK)
-            raise ValueError(words.format(tasks=", ".join(self.tasks), task=shown(task)))
+            raise ValueError(words.format(tasks=", ".join(self.tasks), task=briefly(task)))
         return self._answers[task]()
 
     def check(self, task: str, answer: Any) -> Verdict:
@@ -234,7 +235,7 @@ class AnswerKey:
         say, text = self.language.say, self.language.text
         given = _finite_number(answer)
         if given is None and answer is not ...:
-            raise ValueError(text(NO_NUMBER).format(answer=shown(answer)))
+            raise ValueError(text(NO_NUMBER).format(answer=briefly(answer)))
         right, asked = self.answer(task), TASKS[task]
         if given is None:
             return Verdict(False, f"{task}: {text('still to do.')}")

@@ -17,6 +17,7 @@ from erosion.explorer.computed import ANGLES
 from erosion.explorer.state import PageCase, PageState, sentence, with_point
 from erosion.impacts.impact import Impact
 from erosion.output.language import ENGLISH, Language
+from erosion.output.tables import briefly
 from erosion.parameters.materials import Particle, Target, known_particles, known_targets, particle, target
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.per_mass import PerMass
@@ -240,7 +241,7 @@ class Materials:
         except ValueError as error:
             raise ValueError(f"The size {str(error).rstrip('.')}.") from error
         if not 0 < metres < math.inf:
-            raise ValueError(f"The size must be positive and finite, but is {size!r}.")
+            raise ValueError(f"The size must be positive and finite, but is {briefly(size)}.")
         return dataclasses.replace(self.particles[name], size=metres)
 
 

@@ -32,6 +32,7 @@ from erosion.explorer.tab import Service, Tab
 from erosion.impacts.simulate import TurnWarning
 from erosion.models import available_models, load_model
 from erosion.output.language import language
+from erosion.output.tables import briefly
 from erosion.parameters.parameters import Parameters, SizeWarning
 from erosion.parameters.per_mass import PerMass
 
@@ -309,10 +310,10 @@ def free_address(host: str, port: int | None) -> Address:
     try:
         return Address.free(host, _PORT if port is None else port)
     except socket.gaierror as error:
-        raise ValueError(f"Argument `host` must be an address of this machine, but is {host!r}.") from error
+        raise ValueError(f"Argument `host` must be an address of this machine, but is {briefly(host)}.") from error
     except OSError as error:
         if error.errno == errno.EADDRNOTAVAIL:
-            raise ValueError(f"Argument `host` must be an address of this machine, but is {host!r}.") from error
+            raise ValueError(f"Argument `host` must be an address of this machine, but is {briefly(host)}.") from error
         if port is None:
             return free_address(host, 0)
         sentence = f"must be a free port that you may use, but {port} is not ({error.strerror})."

@@ -16,6 +16,7 @@ import numpy as np
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters
 from erosion.output.language import ENGLISH, Language
+from erosion.output.tables import briefly
 from erosion.parameters.materials import Target
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate
 from erosion.parameters.per_mass import PerMass, read_density
@@ -264,18 +265,20 @@ class PageState:
             if name not in known:
                 raise ValueError(f"Field `models` names {name!r}, but the page offers no such model.")
         if shown not in checked:
-            raise ValueError(f"Field `shown` must be one of the models, but is {shown!r}.")
+            raise ValueError(f"Field `shown` must be one of the models, but is {briefly(shown)}.")
         density, fraction = self.per_mass.density, query.get("cutting_fraction", repr(self.per_mass.cutting_fraction))
         if "density" in query:
             with about("Field `density`"):
                 density = read_density(query["density"])
         if not _is_number(fraction):
-            raise ValueError(f"Field `cutting_fraction` must be a number, but is {fraction!r}.")
+            raise ValueError(f"Field `cutting_fraction` must be a number, but is {briefly(fraction)}.")
         instant, dark = query.get("instant", repr(self.instant)), query.get("dark")
         if not _is_number(instant) or not 0 <= float(instant) <= 1:
-            raise ValueError(f"Field `instant` must be in [0, 1], a share of the cut's time, but is {instant!r}.")
+            raise ValueError(
+                f"Field `instant` must be in [0, 1], a share of the cut's time, but is {briefly(instant)}."
+            )
         if dark not in (None, *_TEXTS.values()):
-            raise ValueError(f"Field `dark` must be 'true' or 'false', but is {dark!r}.")
+            raise ValueError(f"Field `dark` must be 'true' or 'false', but is {briefly(dark)}.")
         models = tuple(name for name in known if name in checked)
         is_dark = self.dark if dark is None else dark == _TEXTS[True]
         return PageState(case, models, shown, PerMass(density, float(fraction)), float(instant), is_dark)

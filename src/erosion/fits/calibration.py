@@ -33,7 +33,7 @@ from erosion.models import model_name
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import own_parameters, quantities
 from erosion.models.registry import impact_to_dict
-from erosion.output.tables import Result, Row, format_number, to_plain
+from erosion.output.tables import Result, Row, briefly, format_number, to_plain
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import (
     Quantity,
@@ -365,7 +365,7 @@ class Calibration(Result):
             CalibrationError: where the model fails.
         """
         if name not in self.names:
-            raise ValueError(f"Argument `name` must be one of {', '.join(self.names)}, but is {name!r}.")
+            raise ValueError(f"Argument `name` must be one of {', '.join(self.names)}, but is {briefly(name)}.")
         at, forward = self.names.index(name), self.problem.forward
         best, low, high = self.solution.theta[at], self.problem.lower[at], self.problem.upper[at]
         reach = [_PROFILED * end if abs(end) < np.inf else np.sign(end) for end in self.ends(LEVEL)[at]]
@@ -572,7 +572,7 @@ def calibrate(
     """
     forward = make_forward(model, p, data, free, density, cutting_fraction, error)
     if loss not in LOSSES:
-        raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {loss!r}.")
+        raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {briefly(loss)}.")
     starts, data, free_count = check_whole("starts", starts, 1), forward.data, len(forward.names)
     if len(data) <= free_count:
         parameters = f"{free_count} free parameter" + ("s" if free_count > 1 else "")

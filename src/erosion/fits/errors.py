@@ -8,7 +8,8 @@ import numpy as np
 from scipy import optimize
 
 from erosion.arguments import Number
-from erosion.parameters.quantities import Dimension, System, UnitError, has_unit, read_quantity, shown, table_scale
+from erosion.output.tables import briefly
+from erosion.parameters.quantities import Dimension, System, UnitError, has_unit, read_quantity, table_scale
 
 _PLUS = re.compile(r"(?<![eE])\+")  # not that of 1e+3
 _SHARE = re.compile(r"(.*\S)\s*(?:%|percent)\s*")
@@ -62,7 +63,7 @@ class ErrorModel:
             bare = not share and dimension != "1" and not has_unit(part)
             if bare or parts[name] or not (np.isfinite(size) and size > 0):
                 raise UnitError(
-                    f"must be one or two positive parts with units, such as {_EXAMPLE}, but is {shown(text)}"
+                    f"must be one or two positive parts with units, such as {_EXAMPLE}, but is {briefly(text)}"
                 )
             parts[name] = size
         return cls(**parts)

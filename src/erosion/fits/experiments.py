@@ -14,9 +14,9 @@ from erosion.fits.posterior import Posterior
 from erosion.fits.prediction import deviations
 from erosion.fits.ranking import PosteriorRanking
 from erosion.models import model_name
-from erosion.output.tables import Result, to_plain
+from erosion.output.tables import Result, briefly, to_plain
 from erosion.parameters.parameters import array_of
-from erosion.parameters.quantities import QUANTITIES, shown, table_scale
+from erosion.parameters.quantities import QUANTITIES, table_scale
 
 _DRAWS = 1000
 _PER_NOISE = 16  # points of the grid in one standard deviation: the entropy errs by 1e-4 bit
@@ -162,9 +162,11 @@ def next_experiment(
         check_unmasked("noise", noise)
         given = array_of(noise)
         if given.dtype.kind not in "iuf" or not (np.isfinite(given) & (given > 0)).all():
-            raise ValueError(f"Argument `noise` must be positive and finite, but is {shown(noise)}.")
+            raise ValueError(f"Argument `noise` must be positive and finite, but is {briefly(noise)}.")
     if candidates is not None and not isinstance(candidates, Mapping):
-        raise ValueError(f"Argument `candidates` must be such as {{'alpha': …, 'v0': …}}, but is {shown(candidates)}.")
+        raise ValueError(
+            f"Argument `candidates` must be such as {{'alpha': …, 'v0': …}}, but is {briefly(candidates)}."
+        )
     conditions = _conditions(posteriors, candidates)
     predictions, noises = [], []
     for posterior in posteriors:

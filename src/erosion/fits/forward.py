@@ -30,9 +30,10 @@ from erosion.models.own_parameters import (
     values,
     with_values,
 )
+from erosion.output.tables import briefly
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import Quantity, about, example, has_unit, read_quantity, shown
+from erosion.parameters.quantities import Quantity, about, example, has_unit, read_quantity
 from erosion.parameters.tested import Tested
 
 FREE = "k", "psi"
@@ -158,11 +159,11 @@ class Forward:
         """
         others = {} if at is None else at
         if not isinstance(others, Mapping) or "alpha" in others:
-            raise ValueError(f"Argument `at` must be such as {{'v0': 60.0}}, without `alpha`, but is {shown(at)}.")
+            raise ValueError(f"Argument `at` must be such as {{'v0': 60.0}}, without `alpha`, but is {briefly(at)}.")
         for name in others:
             if name not in QUANTITIES or name in self.free:
                 raise ValueError(
-                    f"Argument `at` must name parameters of the case that are known, but has {shown(name)}."
+                    f"Argument `at` must name parameters of the case that are known, but has {briefly(name)}."
                 )
         given = {"alpha": alpha, **(usual or {}), **others}
         p = dataclasses.replace(self.p, **given)
@@ -269,7 +270,7 @@ def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> 
         TypeError: for an own parameter of a field that is not declared as a number.
     """
     if not isinstance(free, Sequence):
-        raise TypeError(f"Argument `free` must be a list of parameters, but is {free!r}.")
+        raise TypeError(f"Argument `free` must be a list of parameters, but is {briefly(free)}.")
     names = (free,) if isinstance(free, str) else tuple(free)
     known = quantities(model)
     for name in names:
@@ -282,7 +283,7 @@ def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> 
             (name in ("alpha", *data.conditions), f"not name `{name}`: the data has a column of it."),
         )  # fmt: skip
     if not names or len(set(names)) != len(names):
-        raise ValueError(f"Argument `free` must name one or several different parameters, but is {free!r}.")
+        raise ValueError(f"Argument `free` must name one or several different parameters, but is {briefly(free)}.")
     # So that an own parameter that cannot be an array is refused before anything is computed.
     replaced(model, {name: np.zeros(1) for name in names if name not in (*QUANTITIES, FRACTION)})
     return names
@@ -319,9 +320,9 @@ def _density(density: float | str | None, data: Measurements, p: Parameters) -> 
     if isinstance(density, str):
         if not has_unit(density):
             such_as = example("density", p.units)
-            raise ValueError(f"Argument `density` must carry its unit, such as {such_as}, but is {shown(density)}.")
+            raise ValueError(f"Argument `density` must carry its unit, such as {such_as}, but is {briefly(density)}.")
         with about("Argument `density`"):
             density = read_quantity(density, "density", p.units)
     if not isinstance(density, (int, float, np.number)) or not (np.isfinite(density) and density > 0):
-        raise ValueError(f"Argument `density` must be positive and finite, but is {density!r}.")
+        raise ValueError(f"Argument `density` must be positive and finite, but is {briefly(density)}.")
     return float(density)

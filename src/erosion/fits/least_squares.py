@@ -25,6 +25,7 @@ from erosion.arguments import as_pair
 from erosion.fits.forward import FRACTION, SCALE, Forward
 from erosion.fits.measurements import Measurements
 from erosion.models.own_parameters import own_parameters
+from erosion.output.tables import briefly
 
 # The engine's derivatives hold nine digits, so a direction without influence has 1e-9 or less.
 _NOTHING = 1e-7  # of the prediction: influence of a parameter
@@ -265,7 +266,9 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequ
         TypeError: for bounds that name no parameters.
     """
     if not isinstance(bounds, Mapping):
-        raise TypeError(f"Argument `bounds` must be a dictionary, such as {{'psi': (0.01, 10)}}, but is {bounds!r}.")
+        raise TypeError(
+            f"Argument `bounds` must be a dictionary, such as {{'psi': (0.01, 10)}}, but is {briefly(bounds)}."
+        )
     signed = [name for name, log in zip(forward.names, forward.logarithmic, strict=True) if not log]
     least = {name: parameter.least for name, parameter in own_parameters(forward.model).items()}
     for name, pair in bounds.items():

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from erosion.arguments import briefly
 from erosion.parameters.headings import (
     ANGLE_WORDS,
     ANGLES,
@@ -27,7 +28,7 @@ from erosion.parameters.headings import (
     head_parts,
     read_heads,
 )
-from erosion.parameters.quantities import Dimension, System, UnitError, shown
+from erosion.parameters.quantities import Dimension, System, UnitError
 
 
 class MeasurementError(ValueError):
@@ -225,8 +226,8 @@ def _instead(cells: Sequence[str]) -> str:
     listed = [cell.strip() for cell in cells if cell.strip()]
     names = {head_parts(cell)[0].lower(): cell for cell in listed}
     near = difflib.get_close_matches("angle", names, 1, 0.5) or difflib.get_close_matches("impact angle", names, 1, 0.5)
-    nearest = f"; {shown(names[near[0]])} comes nearest to it" if near else ""
-    return f"; its columns are {shown(', '.join(listed))}{nearest}"
+    nearest = f"; {briefly(names[near[0]])} comes nearest to it" if near else ""
+    return f"; its columns are {briefly(', '.join(listed))}{nearest}"
 
 
 def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], units: System) -> DataColumn:
@@ -246,7 +247,7 @@ def _column(index: int, head: Head | None, dimensions: Sequence[Dimension], unit
             return DataColumn(name, "mass per mass", 1.0)
         example = _EXAMPLES.get(name, f"{name} [mm^3]")
         raise HeaderError(index, f"`{name}` must carry its unit in brackets, as `{example}`")
-    said = f"must be one of {', '.join(dimensions[:-1])} or {dimensions[-1]}, but is {unit!r}"
+    said = f"must be one of {', '.join(dimensions[:-1])} or {dimensions[-1]}, but is {briefly(unit)}"
     for dimension in dimensions:
         try:
             # "volume [1e-4 in^3]" has a number of its own.

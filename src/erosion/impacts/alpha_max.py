@@ -29,7 +29,7 @@ from erosion.models.own_parameters import own_parameters, quantities, sizes, val
 from erosion.models.registry import impact_to_dict
 from erosion.ode.maxima import ASIDE as ASIDE, TIGHT, Maxima, searched
 from erosion.ode.step_control import require_float64
-from erosion.output.tables import Record, Result, Row, format_number, largest_of, to_plain
+from erosion.output.tables import Record, Result, Row, briefly, format_number, largest_of, to_plain
 from erosion.parameters.parameters import Parameters, require_parameters, validate
 from erosion.parameters.quantities import DIGITS, QUANTITIES, RESULTS, STEEPEST, quantity_row, result_row, table_scale
 
@@ -350,10 +350,12 @@ def _integrand(model: CuttingModel, objective: str | Objective) -> tuple[str, Cu
     """The objective's name, and the model whose volume it is."""
     if isinstance(objective, str):
         if objective not in OBJECTIVES:
-            raise ValueError(f"Argument `objective` must be one of {', '.join(OBJECTIVES)}, but is {objective!r}.")
+            raise ValueError(
+                f"Argument `objective` must be one of {', '.join(OBJECTIVES)}, but is {briefly(objective)}."
+            )
         return objective, OBJECTIVES[objective](model)
     if not callable(objective):
-        raise TypeError(f"Argument `objective` must be a name or a function, but is {objective!r}.")
+        raise TypeError(f"Argument `objective` must be a name or a function, but is {briefly(objective)}.")
     integrand = objective(model)
     if not isinstance(integrand, CuttingModel):
         raise TypeError(f"Argument `objective` must turn a model into a model, but makes {integrand!r}.")

@@ -29,7 +29,7 @@ from erosion.ode.solution import Solution
 from erosion.ode.solve import Lanes, solution
 from erosion.ode.step_control import LONGEST, require_float64
 from erosion.ode.variational import Clock, Derivatives, Layout
-from erosion.output.tables import Record, Result, Row, abbreviate, format_number, to_plain
+from erosion.output.tables import Record, Result, Row, abbreviate, briefly, format_number, to_plain
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, validate
 from erosion.parameters.quantities import RESULTS, contact_rows, derivative_row, quantity_row, result_row
 
@@ -276,14 +276,14 @@ def impact(
     model = load_model(model)
     validate(p, batch=True)
     if not isinstance(wrt, (str, Sequence)):
-        raise TypeError(f"Argument `wrt` must be the name of a parameter, or several, but is {wrt!r}.")
+        raise TypeError(f"Argument `wrt` must be the name of a parameter, or several, but is {briefly(wrt)}.")
     names = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     known = quantities(model)
     for name in names:
         if not isinstance(name, str) or name not in known:
             raise ValueError(f"Argument `wrt` must name parameters ({', '.join(known)}), but has {name!r}.")
     if not names or len(set(names)) != len(names):
-        raise ValueError(f"Argument `wrt` must name one or several different parameters, but is {wrt!r}.")
+        raise ValueError(f"Argument `wrt` must name one or several different parameters, but is {briefly(wrt)}.")
     derivatives, rtol = check_order(derivatives), max(check_tolerance(rtol), _TINY)
     layout, numbers, shape = lanes_of(model, p)
     single = isinstance(wrt, str)

@@ -30,7 +30,7 @@ from erosion.models.own_parameters import require_one_impact
 from erosion.models.registry import impact_to_dict
 from erosion.ode.solution import path_of
 from erosion.ode.step_control import LONGEST, require_float64, require_xla
-from erosion.output.tables import Record, Result, Row, abbreviate, format_number, to_plain
+from erosion.output.tables import Record, Result, Row, abbreviate, briefly, format_number, to_plain
 from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.quantities import RESULTS, contact_rows, result_row
 
@@ -275,7 +275,7 @@ def simulate(
         ("stepsize_controller", stepsize_controller, diffrax.AbstractAdaptiveStepSizeController),
     ):
         if given is not None and not isinstance(given, kind):
-            raise TypeError(f"Argument `{name}` must be a diffrax.{kind.__name__}, but is {given!r}.")
+            raise TypeError(f"Argument `{name}` must be a diffrax.{kind.__name__}, but is {briefly(given)}.")
     trajectory = _follow(model, p, diffrax.Dopri8() if solver is None else solver, stepsize_controller, rtol, points)
     for message in trajectory.warnings:
         category = TurnWarning if message == trajectory.turn_warning else OutOfRangeWarning

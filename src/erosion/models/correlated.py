@@ -15,6 +15,7 @@ from erosion.correlations.abrasives import SHAPES
 from erosion.correlations.ranges import SHARPNESS, OutOfRangeWarning, outside_in_words
 from erosion.models.base import CuttingModel, Tip
 from erosion.models.own_parameters import fixed_parameter, own_parameter
+from erosion.output.tables import briefly
 from erosion.parameters.materials import (
     ANOTHER_METAL,
     Particle,
@@ -24,7 +25,7 @@ from erosion.parameters.materials import (
 )
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import conversion_factor, shown
+from erosion.parameters.quantities import conversion_factor
 
 
 class Correlated(CuttingModel):
@@ -212,7 +213,9 @@ def members(name: str, target: Target) -> list[str]:
     for listed in target.correlations:
         family, _, material = listed.partition(":")
         if family not in CORRELATIONS or (material and material not in CORRELATIONS[family].materials):
-            raise ValueError(f"Target {target}: field `correlations` must name correlations, but has {shown(listed)}.")
+            raise ValueError(
+                f"Target {target}: field `correlations` must name correlations, but has {briefly(listed)}."
+            )
         if family == name or (table and CORRELATIONS[family].materials is table):
             found.append(f"{name}:{material}" if material else name)
     return found
@@ -257,11 +260,11 @@ def correlated(name: str, material: str | None = None) -> Correlated:
         ValueError: for an unknown correlation or material.
     """
     if name not in CORRELATIONS:
-        raise ValueError(f"Argument `name` must be one of {', '.join(CORRELATIONS)}, but is {name!r}.")
+        raise ValueError(f"Argument `name` must be one of {', '.join(CORRELATIONS)}, but is {briefly(name)}.")
     correlation = CORRELATIONS[name]
     if material is not None and material not in correlation.materials:
         known = ", ".join(correlation.materials) or "left out for this correlation"
-        raise ValueError(f"Argument `material` must be one of {known}, but is {material!r}.")
+        raise ValueError(f"Argument `material` must be one of {known}, but is {briefly(material)}.")
     density = correlation.density if material is None else correlation.materials[material].density
     return _KINDS.get(name, Correlated)(name, material, density)
 

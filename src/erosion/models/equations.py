@@ -37,8 +37,9 @@ from erosion.ode.problem import (
     require_numbers,
     struct_of,
 )
+from erosion.output.tables import briefly
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
-from erosion.parameters.quantities import System, shown
+from erosion.parameters.quantities import System
 
 _PACKAGE = Path(__file__).parents[1]
 _PLAIN_NODES = (tuple, list, dict, type(None))  # of pytrees
@@ -86,7 +87,7 @@ def model_digest(model: CuttingModel, p: Parameters) -> str:
     if equations.foreign:
         raise ValueError(
             "Argument `model` must compute by JAX alone where a store is given, but its equations hold "
-            f"{shown(equations.foreign)}."
+            f"{briefly(equations.foreign)}."
         )
     own = {parameter.leaf: name for name, parameter in own_parameters(model).items()}
     labels, values = [], []
@@ -113,7 +114,7 @@ def _wrong_part(model: CuttingModel) -> str | None:
     """What is wrong with a model before its methods are traced."""
     for leaf in jax.tree.leaves(model):
         if not callable(leaf) and not is_number(leaf):
-            return f"its own parameters must be numbers, arrays or functions, but one is {leaf!r}"
+            return f"its own parameters must be numbers, arrays or functions, but one is {briefly(leaf)}"
     for name, part in vars(model).items():
         if isinstance(part, type):
             return f"its part `{name}` must be made, as in {name}={part.__name__}(), but is the class {part.__name__}"

@@ -16,7 +16,7 @@ import numpy as np
 from jax.core import Tracer
 
 from erosion.arguments import Number, check_scalars, check_unmasked
-from erosion.output.tables import abbreviate
+from erosion.output.tables import abbreviate, briefly
 from erosion.parameters.dimensions import read_dimension
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, require_parameters
 from erosion.parameters.quantities import RESULTS, Quantity, System, about, conversion_factor
@@ -167,7 +167,7 @@ def replaced(model: _Model, changes: Mapping[str, object]) -> _Model:
             raise TypeError(f"Argument `{name}` is not an own parameter of {type(model).__name__}; it has {has}.")
         check_unmasked(name, value)
         if not _is_number(value, many=True):
-            raise TypeError(f"Argument `{name}` must be a number, but is {value!r}.")
+            raise TypeError(f"Argument `{name}` must be a number, but is {briefly(value)}.")
         if np.ndim(value) and not _is_declared(model, own[name].path):
             raise TypeError(
                 f"Argument `{name}` must be one number, but has shape {np.shape(value)}; for a number for each "

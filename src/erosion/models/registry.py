@@ -24,9 +24,8 @@ from erosion.models.forces import ForceLaw, FullTorque, TanAlpha, TipKinematics,
 from erosion.models.own_parameters import own_parameters
 from erosion.models.rigid import AsPrinted, Finnie, Linearized, Rotating
 from erosion.ode.problem import named
-from erosion.output.tables import Record, to_plain
+from erosion.output.tables import Record, briefly, to_plain
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import shown
 
 _PARTS = {"force": ForceLaw, "torque": Torque, "kinematics": TipKinematics, "deformation": Deformation}
 
@@ -180,7 +179,7 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
                 f"Argument `model` must be a model, but is a part of one: give it to one, as in `{example}`."
             )
     if not isinstance(name, (str, Path)):
-        raise ModelError(f"Argument `model` must be a model, its name or a path, but is {name!r}.")
+        raise ModelError(f"Argument `model` must be a model, its name or a path, but is {briefly(name)}.")
     if str(name) in BUILT_IN:
         return _built_in_model(str(name))
     if str(name).partition(":")[0] in CORRELATIONS:
@@ -191,7 +190,9 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
         if entry.name == str(name):
             return _remembered(entry.name, _from_entry_point(entry))
     known = ", ".join((*available_models(), *CORRELATIONS))
-    raise ModelError(f"There is no model {shown(str(name))}; known are {known}, and Python files by path (…/model.py).")
+    raise ModelError(
+        f"There is no model {briefly(str(name))}; known are {known}, and Python files by path (…/model.py)."
+    )
 
 
 def model_name(model: CuttingModel) -> str:

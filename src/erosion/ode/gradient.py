@@ -25,6 +25,7 @@ from erosion.ode.reduction import may_have_kinks
 from erosion.ode.solution import Solution
 from erosion.ode.tape import Recorded, row_width
 from erosion.ode.variational import Clock, Layout
+from erosion.output.tables import briefly
 
 _BESIDE_STEPS = 8  # rows of a tape beside one for each trial: those of events, and of the steps that end there
 _CHUNK = 512  # lanes at most whose tapes are kept at once
@@ -405,7 +406,7 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
     bars = [_bar("t", t, shape), *_state_bars("y", y, layout, shape)]
     names = layout.problem.integrals
     if not isinstance(integrals, Mapping):
-        raise TypeError(f"Argument `integrals` must give numbers by name, but is {integrals!r}.")
+        raise TypeError(f"Argument `integrals` must give numbers by name, but is {briefly(integrals)}.")
     for name in integrals:
         if name not in names:
             raise ValueError(f"Argument `integrals` must name some of {', '.join(names) or 'none'}, but has {name!r}.")
@@ -462,7 +463,7 @@ def _bar(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
     try:
         return np.broadcast_to(np.asarray(given).astype(float, casting="same_kind"), shape)
     except (TypeError, ValueError):
-        raise ValueError(f"Argument `{name}` must have the shape {shape}, but is {given!r}.") from None
+        raise ValueError(f"Argument `{name}` must have the shape {shape}, but is {briefly(given)}.") from None
 
 
 def _as_given(found: np.ndarray, gone: np.ndarray, own: tuple[int, ...], given: tuple[int, ...]) -> np.ndarray:

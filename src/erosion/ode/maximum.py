@@ -31,7 +31,7 @@ from erosion.ode.solution import path_of
 from erosion.ode.solve import Lanes, checked_lanes, shaped
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Derivatives
-from erosion.output.tables import Record, Result, Row, format_number, to_plain
+from erosion.output.tables import Record, Result, Row, briefly, format_number, to_plain
 
 _POINTS = 64
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
@@ -209,7 +209,9 @@ def maximum(
     low, high = _checked_range(between)
     shared, rtol = as_names("shared", shared), check_tolerance(rtol)
     if not rtol <= LOOSE:
-        raise ValueError(f"Argument `rtol` must be {LOOSE:g} or less, to tell jumps from slopes, but is {rtol!r}.")
+        raise ValueError(
+            f"Argument `rtol` must be {LOOSE:g} or less, to tell jumps from slopes, but is {briefly(rtol)}."
+        )
     grid = np.unique(np.linspace(low, high, check_whole("points", points, 2)))
     args = _with_number(args, over, low, shared)
     # All times of the range must fit: the clock is checked with the worst of them.
@@ -246,14 +248,14 @@ def _optima(
 def _checked_range(between: tuple[float, float]) -> tuple[float, float]:
     low, high = as_pair(between)
     if not -math.inf < low < high < math.inf:
-        raise ValueError(f"Argument `between` must be two ascending numbers, but is {between!r}.")
+        raise ValueError(f"Argument `between` must be two ascending numbers, but is {briefly(between)}.")
     return low, high
 
 
 def _with_number(args: PyTree, over: str, number: float, shared: Sequence[str]) -> PyTree:
     """The arguments with a number in the place of the one that is varied."""
     if not isinstance(over, str):
-        raise TypeError(f"Argument `over` must be the name of a number, but is {over!r}.")
+        raise TypeError(f"Argument `over` must be the name of a number, but is {briefly(over)}.")
     if any(over == one or over.startswith(f"{one}.") for one in shared):
         raise ValueError(f"Argument `over` must name one number of each lane, but {over!r} is among `shared`.")
     paths, structure = flattened("args", args)
@@ -266,7 +268,7 @@ def _with_number(args: PyTree, over: str, number: float, shared: Sequence[str]) 
         return args
     if known.count(over) != 1:
         raise ValueError(
-            f"Argument `over` must name a number of `args` ({', '.join(known)}), t0 or t1, but is {over!r}."
+            f"Argument `over` must name a number of `args` ({', '.join(known)}), t0 or t1, but is {briefly(over)}."
         )
     leaves[names.index(over)] = number
     return jax.tree.unflatten(structure, leaves)
@@ -285,7 +287,7 @@ class _Quantity:
 
     def __init__(self, lanes: Lanes, place: int, of: Callable[[End], Any]) -> None:
         if not callable(of):
-            raise TypeError(f"Argument `of` must be a function of the end of a lane, but is {of!r}.")
+            raise TypeError(f"Argument `of` must be a function of the end of a lane, but is {briefly(of)}.")
         self._lanes, self._place, self._of = lanes, place, of
         layout = lanes.layout
         outputs = sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(layout.state)) + len(layout.problem.integrals)

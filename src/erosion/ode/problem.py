@@ -27,6 +27,7 @@ from jaxtyping import PyTree
 from erosion.arguments import Number, Scalar, Structure
 from erosion.lanes.digests import digest_of, hashed
 from erosion.lanes.surroundings import Surroundings
+from erosion.output.tables import briefly
 
 _PACKAGE = Path(__file__).parents[1]
 _MANY = 256  # kinds that are remembered
@@ -68,7 +69,8 @@ def flattened(argument: str, tree: PyTree) -> tuple[list[tuple[Any, Any]], Struc
         return jax.tree_util.tree_flatten_with_path(tree)
     except ValueError:
         raise ValueError(
-            f"Argument `{argument}` must have keys of one kind in each dictionary, such as words, but is {tree!r}."
+            f"Argument `{argument}` must have keys of one kind in each dictionary, such as words, "
+            f"but is {briefly(tree)}."
         ) from None
 
 
@@ -288,10 +290,10 @@ class Event:
         for name in ("function", "reset"):
             given = getattr(self, name)
             if not callable(given) and not (name == "reset" and given is None):
-                raise TypeError(f"Argument `{name}` must be a function of (t, y, args), but is {given!r}.")
+                raise TypeError(f"Argument `{name}` must be a function of (t, y, args), but is {briefly(given)}.")
         is_one = isinstance(self.direction, (int, float, np.number)) and not isinstance(self.direction, bool)
         if not is_one or self.direction not in (-1, 0, 1):
-            raise ValueError(f"Argument `direction` must be -1, 0 or 1, but is {self.direction!r}.")
+            raise ValueError(f"Argument `direction` must be -1, 0 or 1, but is {briefly(self.direction)}.")
 
 
 OTHER_ENDS = ("start", "failed", "unfinished", "t1")
@@ -328,21 +330,21 @@ class Problem:
     def __post_init__(self) -> None:
         if not callable(self.vector_field):
             raise TypeError(
-                f"Argument `vector_field` must be a function of (t, y, args), but is {self.vector_field!r}."
+                f"Argument `vector_field` must be a function of (t, y, args), but is {briefly(self.vector_field)}."
             )
         if not callable(self.y0):
             flattened("y0", self.y0)
         for name, kind in (("events", Event), ("integrals", None)):
             given = getattr(self, name)
             if not isinstance(given, Mapping):
-                raise TypeError(f"Argument `{name}` must be a dictionary by name, but is {given!r}.")
+                raise TypeError(f"Argument `{name}` must be a dictionary by name, but is {briefly(given)}.")
             for key, part in given.items():
                 if not isinstance(key, str) or not (isinstance(part, kind) if kind else callable(part)):
                     what = "an `ode.Event`" if kind else "a function of (t, y, args)"
-                    raise TypeError(f"Argument `{name}` must hold by name {what}, but {key!r} is {part!r}.")
+                    raise TypeError(f"Argument `{name}` must hold by name {what}, but {key!r} is {briefly(part)}.")
         for name in ("integrals0", "time_scale", "typical"):
             if (given := getattr(self, name)) is not None and not callable(given):
-                raise TypeError(f"Argument `{name}` must be a function of args, but is {given!r}.")
+                raise TypeError(f"Argument `{name}` must be a function of args, but is {briefly(given)}.")
         for name in self.events:
             if name in OTHER_ENDS:
                 raise ValueError(

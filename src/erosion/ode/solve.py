@@ -17,6 +17,7 @@ from erosion.ode.problem import Problem, flattened, is_number
 from erosion.ode.solution import Part, Solution, Times, path_of
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Layout, Options
+from erosion.output.tables import briefly
 
 _INEXACT = 100.0  # tolerances: results that err by more are told
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
@@ -141,7 +142,7 @@ def solve(
     if order and not names:
         raise ValueError(f"Argument `derivatives` needs numbers in `wrt`, but is {order} and `wrt` names none.")
     if (names and not order) or len(set(names)) != len(names):
-        raise ValueError(f"Argument `wrt` must name different numbers, none without derivatives, but is {wrt!r}.")
+        raise ValueError(f"Argument `wrt` must name different numbers, and needs derivatives, but is {briefly(wrt)}.")
     lanes, rtol = checked_lanes(
         problem, args, t1=t1, t0=t0, rtol=rtol, start=start, max_step=max_step, max_events=max_events, sizes=sizes,
         smooth=smooth, max_steps=max_steps, method=method, shared=shared,
@@ -176,11 +177,13 @@ def checked_lanes(
     """Lanes of arguments that fit, and the tolerance; see `solve`, also for what is raised."""
     for name, given, known in (("start", start, _STARTS), ("method", method, _METHODS)):
         if not isinstance(given, str) or given not in known:
-            raise ValueError(f"Argument `{name}` must be one of {', '.join(map(repr, known))}, but is {given!r}.")
+            raise ValueError(
+                f"Argument `{name}` must be one of {', '.join(map(repr, known))}, but is {briefly(given)}."
+            )
     if smooth is not None and not isinstance(smooth, bool):
-        raise TypeError(f"Argument `smooth` must be True, False or None, but is {smooth!r}.")
+        raise TypeError(f"Argument `smooth` must be True, False or None, but is {briefly(smooth)}.")
     if not isinstance(problem, Problem):
-        raise TypeError(f"Argument `problem` must be an `ode.Problem`, but is {problem!r}.")
+        raise TypeError(f"Argument `problem` must be an `ode.Problem`, but is {briefly(problem)}.")
     rtol = max(check_tolerance(rtol), _TINY)
     options = Options(
         waits=True,
@@ -239,7 +242,7 @@ def lanes_of(
     for name, value in zip(Clock._fields, clock, strict=True):
         value = np.asarray(value) if isinstance(value, (list, tuple)) else value
         if not is_number(value) or isinstance(value, bool) or (not isinstance(value, Tracer) and _is_huge(value)):
-            raise TypeError(f"Argument `{name}` must be a number or an array, but is {value!r}.")
+            raise TypeError(f"Argument `{name}` must be a number or an array, but is {briefly(value)}.")
         check_unmasked(name, value)
         numbers.append(value if isinstance(value, (Tracer, jax.Array)) else np.asarray(value, float))
     _check_clock(clock, endless=problem.time_scale is not None)
@@ -290,14 +293,18 @@ def _check_clock(clock: Clock, *, endless: bool) -> None:
         )
     for name, times in (("t0", clock.t0), ("t1", clock.t1)):
         if np.size(times) and np.all(np.isnan(times)):
-            raise ValueError(f"Argument `{name}` must be a time, but is {times!r}.")
+            raise ValueError(f"Argument `{name}` must be a time, but is {briefly(times)}.")
     if not endless and np.any(np.isinf(clock.t1)):
-        raise ValueError(f"Argument `t1` must be finite where the problem has no `time_scale`, but is {clock.t1!r}.")
+        raise ValueError(
+            f"Argument `t1` must be finite where the problem has no `time_scale`, but is {briefly(clock.t1)}."
+        )
     if not np.all(np.asarray(clock.max_step) > 0):
-        raise ValueError(f"Argument `max_step` must be positive, but is {clock.max_step!r}.")
+        raise ValueError(f"Argument `max_step` must be positive, but is {briefly(clock.max_step)}.")
     most = np.asarray(clock.max_events)
     if not np.all((most >= 1) & (most == np.floor(most))):
-        raise ValueError(f"Argument `max_events` must be a whole number of at least 1, but is {clock.max_events!r}.")
+        raise ValueError(
+            f"Argument `max_events` must be a whole number of at least 1, but is {briefly(clock.max_events)}."
+        )
 
 
 def _sizes(layout: Layout, sizes: PyTree) -> tuple[float, ...]:
@@ -308,15 +315,15 @@ def _sizes(layout: Layout, sizes: PyTree) -> tuple[float, ...]:
     if is_number(sizes) and np.ndim(sizes) == 0:
         sizes = jax.tree.unflatten(structure, [sizes] * len(leaves))
     if jax.tree.structure(sizes) != structure:
-        raise ValueError(f"Argument `sizes` must be one number, or a pytree like y, but is {sizes!r}.")
+        raise ValueError(f"Argument `sizes` must be one number, or a pytree like y, but is {briefly(sizes)}.")
     try:
         pairs = zip(jax.tree.leaves(sizes), leaves, strict=True)
         flat = [np.broadcast_to(np.asarray(size, float), leaf.shape).ravel() for size, leaf in pairs]
     except (TypeError, ValueError):
-        raise ValueError(f"Argument `sizes` must hold numbers of the shapes of y, but is {sizes!r}.") from None
+        raise ValueError(f"Argument `sizes` must hold numbers of the shapes of y, but is {briefly(sizes)}.") from None
     values = tuple(float(size) for size in np.concatenate(flat))
     if not all(0 < size < math.inf for size in values):
-        raise ValueError(f"Argument `sizes` must hold positive numbers, but is {sizes!r}.")
+        raise ValueError(f"Argument `sizes` must hold positive numbers, but is {briefly(sizes)}.")
     return values
 
 
@@ -438,7 +445,7 @@ def checked_times(lanes: Lanes, ts: Any) -> np.ndarray:
     try:
         times = np.asarray(ts, float)
     except (TypeError, ValueError):
-        raise TypeError(f"Argument `ts` must be one row of times, but is {ts!r}.") from None
+        raise TypeError(f"Argument `ts` must be one row of times, but is {briefly(ts)}.") from None
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must be one row of times, but has shape {times.shape}.")
     t0 = lanes.layout.clock(lanes.numbers).t0

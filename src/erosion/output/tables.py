@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 HEADINGS = ("quantity", "", "value", "unit", "meaning")
 WIDTH = 120  # characters of a line of text
+_LONG = 200  # characters of a value in a message
 
 
 Record = dict[str, Any]
@@ -96,6 +97,14 @@ def abbreviate(value: object) -> str:
     if number.dtype.kind in "US":
         return repr(str(number))
     return repr(float(number)).removesuffix(".0")
+
+
+def briefly(value: Any) -> str:
+    """A value as a message shows it, on one line; of a long one the beginning."""
+    text = repr(value)
+    if "\n" in text:
+        text = " ".join(text.split())
+    return text if len(text) <= _LONG else f"{text[:40]}… ({len(text):,} characters)"
 
 
 def sentences(*table: tuple[object, str]) -> tuple[str, ...]:

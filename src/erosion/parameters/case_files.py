@@ -25,10 +25,11 @@ from typing import Any
 
 from erosion.arguments import check_path, refuse
 from erosion.output.files import beside, is_file, read_toml
+from erosion.output.tables import briefly
 from erosion.parameters.materials import Particle, Target, particle, target
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, warn_of_size
 from erosion.parameters.per_mass import PerMass, read_density
-from erosion.parameters.quantities import about, check_system, has_control_characters, has_unit, shown, unit_name
+from erosion.parameters.quantities import about, check_system, has_control_characters, has_unit, unit_name
 from erosion.parameters.tested import Tested
 
 TEXT_KEYS = ("title", "units", "particle", "target")
@@ -120,7 +121,7 @@ class CaseFile:
                 density = target(self.table["target"]).density_beside(density)
             fraction = self.table.get("cutting_fraction", usual_fraction)
             if isinstance(fraction, bool) or not isinstance(fraction, (int, float)):
-                raise ValueError(f"Field `cutting_fraction` must be a number, but is {shown(fraction)}.")
+                raise ValueError(f"Field `cutting_fraction` must be a number, but is {briefly(fraction)}.")
             return PerMass(density, float(fraction))
 
     def model(self) -> tuple[str | None, dict[str, Any]]:
@@ -132,10 +133,10 @@ class CaseFile:
         model, own = self.table.get("model"), self.table.get("set", {})
         refuse(
             f"{self.path}: field ",
-            (not isinstance(model, str | None), f"`model` must be a name in quotes, but is {shown(model)}."),
+            (not isinstance(model, str | None), f"`model` must be a name in quotes, but is {briefly(model)}."),
             (
                 not isinstance(own, dict),
-                f"`set` must be a table such as {{friction = 0.3}}, but is {shown(own)}.",
+                f"`set` must be a table such as {{friction = 0.3}}, but is {briefly(own)}.",
             ),
             (own and model is None, "`set` needs the field `model`, whose parameters it sets."),
             kind=CaseError,
@@ -153,10 +154,10 @@ class CaseFile:
         # A terminal would obey control characters.
         refuse(
             f"{self.path}: field `title` must ",
-            (not isinstance(title, str), f"be text in quotes, but is {shown(title)}."),
+            (not isinstance(title, str), f"be text in quotes, but is {briefly(title)}."),
             (
                 has_control_characters(words),
-                f"have no control characters, but is {shown(title)}.",
+                f"have no control characters, but is {briefly(title)}.",
             ),  # terminals obey them
             kind=CaseError,
         )
@@ -173,7 +174,7 @@ class CaseFile:
         if warning is None:
             return None
         if not isinstance(warning, str) or not warning.strip() or has_control_characters(warning):
-            raise CaseError(f"{self.path}: field `warning` of [advise] must be a sentence, but is {shown(warning)}.")
+            raise CaseError(f"{self.path}: field `warning` of [advise] must be a sentence, but is {briefly(warning)}.")
         return f"{self.path}: {warning}"
 
     def outside(self, p: Parameters, *, angle: bool = False) -> list[str]:
@@ -203,7 +204,7 @@ class CaseFile:
         """
         section = self.table.get(name, {})
         if not isinstance(section, dict):
-            raise CaseError(f"{self.path}: `{name}` must be a table, but is {section!r}.")
+            raise CaseError(f"{self.path}: `{name}` must be a table, but is {briefly(section)}.")
         return section
 
 
@@ -293,7 +294,7 @@ def _parameters(table: Mapping[str, Any]) -> Parameters:
     """The parameters of a file's table; `Parameters.from_quantities` says what is wrong with a quantity."""
     for name in TEXT_KEYS:
         if not isinstance(table.get(name, ""), str):
-            raise ValueError(f"Field `{name}` must be text in quotes, but is {shown(table[name])}.")
+            raise ValueError(f"Field `{name}` must be text in quotes, but is {briefly(table[name])}.")
     fields = (*TEXT_KEYS, *PER_MASS_KEYS, *MODEL_KEYS, *QUANTITIES)
     for name, value in table.items():
         if name not in fields and not (name in SECTIONS and isinstance(value, dict)):
@@ -313,7 +314,7 @@ def _require_units(quantities: Mapping[str, Any]) -> None:
     for name, value in quantities.items():
         bare = not has_unit(value) if isinstance(value, str) else isinstance(value, (int, float))
         if bare and QUANTITIES[name].dimension not in ("1", "angle", "angular speed"):
-            number = shown(value).strip("'")
+            number = briefly(value).strip("'")
             raise ValueError(
                 f"Field `{name}` is the bare number {number}, but the file names no `units`; "
                 'write units = "inch-pound" or "si", or give the quantity a unit.'

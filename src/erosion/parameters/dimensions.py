@@ -5,6 +5,8 @@ import types
 from collections.abc import Iterator, Mapping
 from typing import Literal, get_args
 
+from erosion.output.tables import briefly
+
 Named = Literal[
     "1", "length", "area", "volume", "mass", "time", "speed", "stress", "angle", "angular speed",
     "rate", "volume per angle", "volume per angle²", "density", "volume per mass", "mass per mass",
@@ -33,7 +35,7 @@ def read_dimension(text: str) -> Dimension:
         return _BY_NAME[plain]
     if not all(_FACTOR.fullmatch(factor) for factor in re.split("[*/]", plain)):
         raise ValueError(
-            f"must be one of {', '.join(DIMENSIONS)}, or made of them, such as 'mass/time', but is {text!r}"
+            f"must be one of {', '.join(DIMENSIONS)}, or made of them, such as 'mass/time', but is {briefly(text)}"
         )
     return Product(plain)
 

@@ -13,8 +13,9 @@ import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from erosion.output.tables import briefly
 from erosion.parameters.dimensions import DIMENSIONS, Dimension
-from erosion.parameters.quantities import Scale, System, UnitError, read_quantity, shown
+from erosion.parameters.quantities import Scale, System, UnitError, read_quantity
 
 SPEEDS = (
     "v0", "speed", "velocity", "vel", "impact speed", "impact velocity", "speed of impact", "velocity of impact",
@@ -195,7 +196,7 @@ def weight_among(heads: Sequence[str], known: Mapping[str, Known]) -> str | None
 
 def unused_note(unused: Sequence[str]) -> str:
     """Which columns are left out, as a clause that follows the table's name."""
-    return f"columns that are not used: {', '.join(map(shown, unused))}"
+    return f"columns that are not used: {', '.join(map(briefly, unused))}"
 
 
 def matching(
@@ -298,8 +299,8 @@ def _ignored(heads: Sequence[str], ignore: Sequence[str]) -> set[int]:
         named = {i for i, head in enumerate(heads) if text.strip() == head.strip()}
         named = named or {i for i, head in enumerate(heads) if _key(head_parts(head)[0]) == _key(head_parts(text)[0])}
         if not named:
-            there = shown(", ".join(head.strip() for head in heads))
-            message = f"has no column {shown(text)}, which Argument `ignore` names; its columns are {there}"
+            there = briefly(", ".join(head.strip() for head in heads))
+            message = f"has no column {briefly(text)}, which Argument `ignore` names; its columns are {there}"
             raise HeaderError(None, message)
         ignored |= named
     return ignored

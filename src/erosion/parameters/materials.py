@@ -15,7 +15,8 @@ from typing import Any
 
 from erosion.arguments import refuse
 from erosion.output.files import read_toml
-from erosion.parameters.quantities import Dimension, System, about, conversion_factor, read_quantity, shown
+from erosion.output.tables import briefly
+from erosion.parameters.quantities import Dimension, System, about, conversion_factor, read_quantity
 
 MATERIALS: Mapping[str, float] = types.MappingProxyType(
     {"mild steel": 37e3, "brass": 27e3, "copper": 10e3, "stainless steel": 75e3, "titanium": 136e3}
@@ -195,14 +196,14 @@ def particle(text: "str | Particle") -> Particle:
     match = _SIZED.fullmatch(name) if len(name) <= _LONGEST_NAME else None
     if match is None:
         raise ValueError(
-            f'Argument `particle` must be a material and a size such as "garnet 0.3 mm", but is {shown(text)}.'
+            f'Argument `particle` must be a material and a size such as "garnet 0.3 mm", but is {briefly(text)}.'
         )
     entry = _particle_entry(match["name"], file)
     with about("Argument `particle`"):
         size = read_quantity(match["size"], "length", "si")
     wish = "positive size" if size <= 0 else f"size from {_SMALLEST:g} m to {_LARGEST:g} m"
     if not _SMALLEST <= size <= _LARGEST:
-        raise ValueError(f"Argument `particle` must have a {wish}, but is {shown(text)}.")
+        raise ValueError(f"Argument `particle` must have a {wish}, but is {briefly(text)}.")
     return Particle(size=size, **entry)
 
 
@@ -219,7 +220,7 @@ def _median(sieves: str) -> float:
     if unknown := [number for number in numbers if number not in openings]:
         raise ValueError(
             f"Argument `particle` must have the number of a sieve of ASTM E11 ({', '.join(openings)}) or a "
-            f"diameter, but has {shown(unknown[0])}."
+            f"diameter, but has {briefly(unknown[0])}."
         )
     # Rounded as catalogues have it: 30/60 is 0.387 mm.
     return float(f"{math.prod(openings[number] for number in numbers) ** (1 / len(numbers)):.3g}") * 1e-3
@@ -292,7 +293,7 @@ LIGHTEST = 100.0  # kg/m³; the lightest hollow glass beads have a little more
 def _split_file(argument: str, text: Any) -> tuple[Path | None, str]:
     """The table's file, if one is named, and the rest of the text."""
     if not isinstance(text, str):
-        raise ValueError(f"Argument `{argument}` must be text such as {_SUCH_AS[argument]}, but is {text!r}.")
+        raise ValueError(f"Argument `{argument}` must be text such as {_SUCH_AS[argument]}, but is {briefly(text)}.")
     match = _FILED.fullmatch(text.strip())
     return (None, text.strip()) if match is None else (Path(match["file"]), match["name"].strip())
 
@@ -308,8 +309,8 @@ def _entry(argument: str, name: str, kind: str, file: Path | None) -> dict[str, 
         where = "" if file is None else f" in {file}"
         near = difflib.get_close_matches(_folded(name), names, 1)
         hint = f"; did you mean {names[near[0]]!r}?" if near else "."
-        known = ", ".join([*map(shown, list(entries)[:_MOST_NAMES]), *["…"][: len(entries) > _MOST_NAMES]]) or "none"
-        raise ValueError(f"Argument `{argument}` must name one of {known}{where}, but names {shown(name)}{hint}")
+        known = ", ".join([*map(briefly, list(entries)[:_MOST_NAMES]), *["…"][: len(entries) > _MOST_NAMES]]) or "none"
+        raise ValueError(f"Argument `{argument}` must name one of {known}{where}, but names {briefly(name)}{hint}")
     key = names[_folded(name)]
     return {"name": key} | {field: value for field, value in entries[key].items() if field != "also"}
 
@@ -349,7 +350,7 @@ def _checked(content: Mapping[str, Any]) -> dict[str, dict[str, dict[str, Any]]]
                 for name in (key, *fields["also"]):
                     # Of two entries of one name a particle or a target could be either.
                     if (owner := owners.setdefault(_folded(name), key)) != key:
-                        raise ValueError(f"has the name {shown(name)}, as {_heading(kind, owner)} has")
+                        raise ValueError(f"has the name {briefly(name)}, as {_heading(kind, owner)} has")
     return table
 
 
@@ -359,7 +360,7 @@ def _heading(kind: str, name: str) -> str:
 
 def _in_one_line(name: str) -> str:
     """A name of a file in a message, which it may neither break nor fill."""
-    return name if name.isprintable() and len(name) <= _LONGEST_NAME else shown(name)
+    return name if name.isprintable() and len(name) <= _LONGEST_NAME else briefly(name)
 
 
 def _read_entry(kind: str, entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -380,15 +381,15 @@ def _read_entry(kind: str, entry: Mapping[str, Any]) -> dict[str, Any]:
         odd = [text for text in texts if not isinstance(text, str)]
         refuse(
             f"field `{name}` must be ",
-            (is_list and texts is not value, f"a list of texts, but is {shown(value)}"),
-            (odd, f"text in quotes, but is {shown(odd[0] if odd else '')}"),
+            (is_list and texts is not value, f"a list of texts, but is {briefly(value)}"),
+            (odd, f"text in quotes, but is {briefly(odd[0] if odd else '')}"),
         )
         fields[name] = tuple(value) if is_list else value
     shape = fields.get("shape", "")
     refuse(
         "field ",
         (shape not in ("", "angular", "semi-rounded", "round"),
-         f"`shape` must be angular, semi-rounded or round, but is {shown(shape)}"),
+         f"`shape` must be angular, semi-rounded or round, but is {briefly(shape)}"),
         (kind == "particles" and fields["density"] is None, "`density` is missing"),
         (kind == "targets" and fields.get("flow_stress") is fields.get("vickers") is None,
          "`vickers` or `flow_stress` is missing"),
@@ -406,7 +407,7 @@ def _number(name: str, value: Any, dimension: Dimension) -> float | None:
             value = read_quantity(value, dimension, "si")
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value <= sys.float_info.max:
         value = math.inf if isinstance(value, int) and value > sys.float_info.max else value  # of too many digits
-        raise ValueError(f"field `{name}` must be a positive number, or a quantity in quotes, but is {shown(value)}")
+        raise ValueError(f"field `{name}` must be a positive number, or a quantity in quotes, but is {briefly(value)}")
     return float(value)
 
 
@@ -414,8 +415,8 @@ def _range(name: str, ends: Any, value: float | None, dimension: Dimension) -> t
     if ends is None:
         return None if value is None else (value, value)
     if not isinstance(ends, list) or len(ends) != 2:
-        raise ValueError(f"field `{name}_range` must be two numbers, but is {shown(ends)}")
+        raise ValueError(f"field `{name}_range` must be two numbers, but is {briefly(ends)}")
     low, high = (_number(f"{name}_range", end, dimension) for end in ends)
     if value is None or low is None or high is None or not low <= value <= high:
-        raise ValueError(f"field `{name}_range` must hold `{name}`, but is {shown(ends)}")
+        raise ValueError(f"field `{name}_range` must hold `{name}`, but is {briefly(ends)}")
     return low, high

@@ -20,7 +20,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from erosion.arguments import Broadcast, check_scalars, check_unmasked
-from erosion.output.tables import Result, Row, abbreviate
+from erosion.output.tables import Result, Row, abbreviate, briefly
 from erosion.parameters.materials import (
     Particle,
     Target,
@@ -37,7 +37,6 @@ from erosion.parameters.quantities import (
     conversion_factor,
     quantity_row,
     read_quantity,
-    shown,
 )
 
 if TYPE_CHECKING:
@@ -53,7 +52,7 @@ def _float64(name: str, value: object) -> Array | np.ndarray:
     if hasattr(value, "to_numpy"):
         raise TypeError(f"Argument `{name}` must be an array without labels: give its `.to_numpy()`.")
     if isinstance(value, bool) or not isinstance(value, (*_LEAF_TYPES, list, tuple)):
-        raise TypeError(f"Argument `{name}` must be a number or an array, but is {shown(value)}.")
+        raise TypeError(f"Argument `{name}` must be a number or an array, but is {briefly(value)}.")
     check_unmasked(name, value)
     array = value if isinstance(value, jax.Array) else array_of(value)
     if not any(jnp.issubdtype(array.dtype, kind) for kind in (np.integer, np.floating)):
@@ -140,7 +139,7 @@ class Parameters(Result, eqx.Module):
                 except OverflowError:  # an integer of more than 308 digits
                     values[name] = np.inf
             else:
-                raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {shown(value)}.")
+                raise ValueError(f"Field `{name}` must be a number or a quantity in quotes, but is {briefly(value)}.")
         if missing := [name for name in REQUIRED if name not in values]:
             raise ValueError(f"Field `{missing[0]}` ({QUANTITIES[missing[0]].meaning}) is missing.")
         parameters = cls(**values, units=system)
@@ -351,7 +350,7 @@ def require_concrete(numbers: Mapping[str, Any]) -> None:
 def require_parameters(p: object) -> None:
     """Refuse what is no `Parameters`, by a `TypeError`."""
     if not isinstance(p, Parameters):
-        raise TypeError(f"Argument `p` must be Parameters, but is {p!r}.")
+        raise TypeError(f"Argument `p` must be Parameters, but is {briefly(p)}.")
 
 
 def _first_bad(name: str, values: np.ndarray, good: np.ndarray | np.bool_) -> str:

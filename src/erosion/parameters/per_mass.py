@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from erosion.arguments import PerImpact
-from erosion.output.tables import Row, format_number
+from erosion.output.tables import Row, briefly, format_number
 from erosion.parameters.materials import target
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import DIGITS, RESULTS, Scale, conversion_factor, has_unit, read_quantity, shown
+from erosion.parameters.quantities import DIGITS, RESULTS, Scale, conversion_factor, has_unit, read_quantity
 
 PER_MASS_SCALES: Mapping[str, Scale] = types.MappingProxyType(
     {"specific_volume": Scale(1e-9, "mm³/kg"), "erosion_ratio": Scale(1e-3, "g/kg")}
@@ -70,11 +70,11 @@ class PerMass:
             if name == "density" and given is None:
                 continue
             if not isinstance(given, Real):
-                raise TypeError(f"Argument `{name}` must be a number, but is {shown(given)}.")
+                raise TypeError(f"Argument `{name}` must be a number, but is {briefly(given)}.")
             number = float(given)
             if not least <= number <= greatest:
                 wish = f"at least {least:g}{unit}" if 0 < number < least else wish
-                raise ValueError(f"Argument `{name}` must be {wish}, but is {given!r}.")
+                raise ValueError(f"Argument `{name}` must be {wish}, but is {briefly(given)}.")
             object.__setattr__(self, name, number)
 
     @classmethod
@@ -251,5 +251,5 @@ def read_density(text: Any) -> float:
         ValueError: with a clause that starts with "must", to follow the field's name.
     """
     if not isinstance(text, str) or not has_unit(text):
-        raise ValueError(f'must be a density with its unit, such as "2.7 g/cm^3", but is {shown(text)}')
+        raise ValueError(f'must be a density with its unit, such as "2.7 g/cm^3", but is {briefly(text)}')
     return read_quantity(text, "density", "si")

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
+from erosion.output.tables import briefly
 from erosion.parameters.dimensions import Dimension, Named, Product, factors
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def check_system(units: str) -> System:
     for system in SYSTEMS:
         if isinstance(units, str) and units.lower() == system:
             return system
-    raise ValueError(f"Argument `units` must be one of {', '.join(map(repr, SYSTEMS))}, but is {shown(units)}.")
+    raise ValueError(f"Argument `units` must be one of {', '.join(map(repr, SYSTEMS))}, but is {briefly(units)}.")
 
 
 def _pint_unit(dimension: Dimension, system: System) -> str:
@@ -184,11 +185,11 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
         _check_powers(pint.util.string_preprocessor(given))
         units = registry.parse_units(given)
         if units.dimensionality == registry.parse_units(unit or "dimensionless").dimensionality:
-            _check_angles(dict(units._units), dimension, f"must be {expected}, but is {text!r}")
+            _check_angles(dict(units._units), dimension, f"must be {expected}, but is {briefly(text)}")
         return float(registry.Quantity(number, units).to(unit or "dimensionless").magnitude)
     except pint.errors.DimensionalityError as error:
         dimensions = _dimension_of(registry.parse_units(given).dimensionality)
-        raise UnitError(f"must be {expected}, but is {text!r}, of dimension {dimensions}") from error
+        raise UnitError(f"must be {expected}, but is {briefly(text)}, of dimension {dimensions}") from error
     except UnitError:
         raise
     # pint lets errors of its tokenizer and of Python's arithmetic through as they are.
@@ -199,13 +200,7 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
 
 def _unreadable(text: str) -> str:
     hint = "; a number has a point, no comma" if _COMMA.match(text, 0, _LONGEST) else ""
-    return f"{shown(text)} cannot be read{hint}"
-
-
-def shown(value: Any) -> str:
-    """A value as a message shows it; of a long one the beginning."""
-    text = repr(value)
-    return text if len(text) <= _LONGEST else f"{text[:40]}… ({len(text):,} characters)"
+    return f"{briefly(text)} cannot be read{hint}"
 
 
 def has_control_characters(text: str) -> bool:
@@ -553,16 +548,16 @@ def read_axis(value: object, dimension: Dimension, system: System) -> np.ndarray
 def _range(text: str, dimension: Dimension, system: System) -> np.ndarray:
     first, last, number, *spacing = (part.strip() for part in text.split(":")) if text.count(":") > 1 else ("",) * 3
     if not number.isdecimal() or len(number) > _LONGEST_COUNT or int(number) < 2 or spacing not in ([], ["log"]):
-        raise UnitError(f'must be "first : last : count", with ": log" for even ratios, but is {shown(text)}')
+        raise UnitError(f'must be "first : last : count", with ": log" for even ratios, but is {briefly(text)}')
     begin, end = (read_quantity(part, dimension, system) for part in (first, last))
     if not np.isfinite([begin, end]).all():
-        raise UnitError(f"must have finite ends, but is {shown(text)}")
+        raise UnitError(f"must have finite ends, but is {briefly(text)}")
     if spacing and begin * end <= 0:
-        raise UnitError(f"must have ends of one sign, other than zero, for even ratios, but is {shown(text)}")
+        raise UnitError(f"must have ends of one sign, other than zero, for even ratios, but is {briefly(text)}")
     try:
         return (np.geomspace if spacing else np.linspace)(begin, end, int(number))
     except (MemoryError, ValueError) as error:
-        raise UnitError(f"must have values that fit into the memory, but is {shown(text)}") from error
+        raise UnitError(f"must have values that fit into the memory, but is {briefly(text)}") from error
 
 
 def _one(value: object, dimension: Dimension, system: System) -> float:

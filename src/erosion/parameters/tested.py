@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from erosion.output.tables import briefly
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.quantities import System, UnitError, conversion_factor, has_unit, read_quantity, shown
+from erosion.parameters.quantities import System, UnitError, conversion_factor, has_unit, read_quantity
 
 _WORDS = {"alpha": ("flattest", "steepest"), "v0": ("slowest", "fastest"), "m": ("lightest", "heaviest")}
 _UNITS = {"alpha": ("deg", 180 / np.pi), "v0": ("m/s", 1.0), "m": ("kg", 1.0)}
@@ -42,13 +43,13 @@ class Tested:
         for name, ends in table.items() if isinstance(table, dict) else [("", [])]:
             are_texts = isinstance(ends, list) and all(isinstance(end, str) and has_unit(end) for end in ends)
             if name not in _WORDS or not are_texts or len(ends) != 2:
-                raise ValueError(f"{example}, but is {shown(table)}")
+                raise ValueError(f"{example}, but is {briefly(table)}")
             try:
                 low, high = (read_quantity(end, QUANTITIES[name].dimension, "si") for end in ends)
             except UnitError as error:
                 raise ValueError(str(error)) from error
             if not 0 < low <= high < np.inf:
-                raise ValueError(f"{example}, but is {shown(table)}")
+                raise ValueError(f"{example}, but is {briefly(table)}")
             ranges[name] = low, high
         return cls(ranges)
 

@@ -26,7 +26,7 @@ from matplotlib.ticker import LogFormatter, PercentFormatter
 from erosion.cfd.map_result import FACES, PAGES, MapSummary, require_map_path, to_polydata
 from erosion.extras import library
 from erosion.output.files import write_whole
-from erosion.output.tables import to_html, with_error
+from erosion.output.tables import briefly, to_html, with_error
 from erosion.parameters.quantities import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
 from erosion.plotting.style import house_style, new_figure, render
@@ -96,7 +96,7 @@ def _draw(into: Any, wear: xr.Dataset, quantity: str | None, view: Any, zoom: fl
     quantity = quantity or _depth_of(wear)
     if quantity not in FACES or quantity not in wear:
         known = ", ".join(name for name in FACES if name in wear)
-        raise ValueError(f"Argument `quantity` must be one of {known}, but is {quantity!r}.")
+        raise ValueError(f"Argument `quantity` must be one of {known}, but is {briefly(quantity)}.")
     scale, values = _in_scale(wear, quantity)
     greatest = float(np.max(values, where=np.isfinite(values), initial=0.0))
     is_amount = quantity not in ("alpha_mean", "v0_mean")
@@ -144,7 +144,7 @@ def require_view(view: str | Sequence[float | int], zoom: float | int, normals: 
     if direction is not None and normals is not None and np.abs(normals @ direction).max() < _EDGE_ON:
         raise ValueError("Argument `view` must show the surface, but sees it edge on.")
     if not (isinstance(zoom, (int, float)) and math.isfinite(zoom) and zoom > 0):
-        raise ValueError(f"Argument `zoom` must be positive and finite, but is {zoom!r}.")
+        raise ValueError(f"Argument `zoom` must be positive and finite, but is {briefly(zoom)}.")
 
 
 class _Camera(NamedTuple):
@@ -162,11 +162,13 @@ def _direction(view: str | Sequence[float | int]) -> np.ndarray:
     """The unit vector from the surface to the eye."""
     if isinstance(view, str):
         if view not in VIEWS:
-            raise ValueError(f"Argument `view` must be one of {', '.join(VIEWS)}, or a direction, but is {view!r}.")
+            raise ValueError(
+                f"Argument `view` must be one of {', '.join(VIEWS)}, or a direction, but is {briefly(view)}."
+            )
         view = VIEWS[view]
     direction = np.asarray(view, float)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-        raise ValueError(f"Argument `view` must be a direction (x, y, z) other than (0, 0, 0), but is {view!r}.")
+        raise ValueError(f"Argument `view` must be a direction (x, y, z) other than (0, 0, 0), but is {briefly(view)}.")
     return direction / np.linalg.norm(direction)
 
 

@@ -23,10 +23,10 @@ from erosion.interrupts import unawaited_threads
 from erosion.ode.step_control import require_xla
 from erosion.output.files import write_whole
 from erosion.output.language import ENGLISH, Language, language
-from erosion.output.tables import Record, to_csv, to_json
+from erosion.output.tables import Record, briefly, to_csv, to_json
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import Scale, System, readable_scale, shown, table_scale, unit_name
+from erosion.parameters.quantities import Scale, System, readable_scale, table_scale, unit_name
 from erosion.plotting.style import fit_legends, save_figure, translate_figure
 from erosion.report.case import Answer, ReportCase, question
 from erosion.report.questions import QUESTIONS, text_file
@@ -320,7 +320,7 @@ def chosen_questions(only: Sequence[str] | None) -> list[str]:
         return list(QUESTIONS)
     unknown = [key for key in only if key not in QUESTIONS]
     if unknown or not only or isinstance(only, str):
-        problem = f"has {shown(unknown[0])}" if unknown and not isinstance(only, str) else f"is {shown(only)}"
+        problem = f"has {briefly(unknown[0])}" if unknown and not isinstance(only, str) else f"is {briefly(only)}"
         raise ValueError(f"Argument `only` must be a list of {', '.join(map(repr, QUESTIONS))}, but {problem}.")
     return [key for key in QUESTIONS if key in only]
 

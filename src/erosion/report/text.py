@@ -10,6 +10,7 @@ from latex2mathml.converter import convert
 from markupsafe import Markup, escape
 
 from erosion.output.language import Language
+from erosion.output.tables import briefly
 from erosion.parameters.quantities import Dimension, Scale, System, readable_scale, superscript, unit_name
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
 from erosion.version import __version__
@@ -183,7 +184,7 @@ def _block(block: str) -> Markup:
 def _table(caption: str, head: str, rule: str, *rows: str) -> Markup:
     """A table; its first column names the row. Words are aligned to the left and break into lines."""
     if not _RULE.fullmatch(rule):
-        raise ValueError(f"The third line of a table must be of the form |---|--:|, but is {rule!r}.")
+        raise ValueError(f"The third line of a table must be of the form |---|--:|, but is {briefly(rule)}.")
     cells = [[inline(cell.strip()) for cell in row.strip().strip("|").split("|")] for row in (head, *rows)]
     first_row = Markup("").join(Markup("<th scope='col'>{}</th>").format(cell) for cell in cells[0])
     headings = Markup("<tr>{}</tr>").format(first_row)

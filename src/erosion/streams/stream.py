@@ -26,6 +26,7 @@ from erosion.models.identity import identity
 from erosion.models.own_parameters import own_quantities, require_one_impact
 from erosion.ode.step_control import require_float64
 from erosion.output.files import Trace, require_writable, trace
+from erosion.output.tables import briefly
 from erosion.parameters.parameters import Parameters, validate
 from erosion.streams.result import Stream, best_nozzle_angle, uncertainty_of
 from erosion.streams.tally import Estimate, Particles, Points, Tally, sobol_indices
@@ -128,7 +129,7 @@ class StreamOptions:
         object.__setattr__(self, "seed", check_whole("seed", self.seed, 0))
         object.__setattr__(self, "rtol", check_tolerance(self.rtol))
         if self.points not in ("sobol", "random"):
-            raise ValueError(f'Argument `points` must be "sobol" or "random", but is {self.points!r}.')
+            raise ValueError(f'Argument `points` must be "sobol" or "random", but is {briefly(self.points)}.')
         if self.path is not None and self.path.suffix != ".nc":
             raise ValueError(f"Argument `store` must end in .nc, but is {self.path}.")
 

@@ -25,6 +25,7 @@ from erosion.models.equations import model_digest
 from erosion.models.identity import identity, numbers_in_words, provenance
 from erosion.models.own_parameters import own_in_words, own_quantities, quantities, require_one_impact, with_values
 from erosion.models.registry import BUILT_IN, require_loadable
+from erosion.output.tables import briefly
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, require_concrete, validate
 from erosion.parameters.quantities import RESULTS, Quantity, ascii_unit, derivative_unit
 
@@ -122,7 +123,7 @@ def block_shape(
             room //= block[dim]
         return tuple(block[dim] for dim in longest)
     if not isinstance(chunks, Mapping):
-        raise TypeError(f"Argument `chunks` must give lengths by dimension, but is {chunks!r}.")
+        raise TypeError(f"Argument `chunks` must give lengths by dimension, but is {briefly(chunks)}.")
     for dim, length in chunks.items():
         if dim not in longest:
             raise ValueError(f"Argument `chunks` must name dimensions ({', '.join(longest)}), but has {dim!r}.")
@@ -204,7 +205,7 @@ class Outputs:
     def __post_init__(self) -> None:
         object.__setattr__(self, "derivatives", check_order(self.derivatives))
         if not isinstance(self.optimum, bool):
-            raise TypeError(f"Argument `optimum` must be true or false, but is {self.optimum!r}.")
+            raise TypeError(f"Argument `optimum` must be true or false, but is {briefly(self.optimum)}.")
         object.__setattr__(self, "rtol", check_tolerance(self.rtol))
 
 
@@ -408,7 +409,9 @@ def make_grid(
     if not arrays and not compared:
         raise ValueError("Arguments must include an axis, such as alpha=[0.2, 0.3], or several models; there is none.")
     if not isinstance(outputs.wrt, str) or outputs.wrt not in parameters:
-        raise ValueError(f"Argument `wrt` must name a parameter ({', '.join(parameters)}), but is {outputs.wrt!r}.")
+        raise ValueError(
+            f"Argument `wrt` must name a parameter ({', '.join(parameters)}), but is {briefly(outputs.wrt)}."
+        )
     events = [name for source in models.values() for name in end_names(_loaded(source))]
     ends = tuple(dict.fromkeys((*_ENDS, *events)))
     grid = Grid(
@@ -432,7 +435,7 @@ def make_grid(
 def _pairs(paired: Sequence[str], axes: Mapping[str, np.ndarray]) -> tuple[str, ...]:
     """The names of axes that go together."""
     if isinstance(paired, str) or not isinstance(paired, Sequence):
-        raise TypeError(f"Argument `paired` must be a list of axes, but is {paired!r}.")
+        raise TypeError(f"Argument `paired` must be a list of axes, but is {briefly(paired)}.")
     lengths = {len(axes[name]) for name in paired if name in axes}
     if len(set(paired)) != len(paired) or any(name not in axes for name in paired) or len(paired) == 1:
         raise ValueError(f"Argument `paired` must name two or more of the axes, but is {list(paired)}.")
@@ -505,10 +508,10 @@ def _axis(name: str, values: Any, parameters: Sequence[str]) -> np.ndarray:
     except ValueError:  # lists of several lengths
         array = np.empty(0)
     if array.ndim != 1 or not array.size or array.dtype.kind not in "iuf":
-        raise ValueError(f"Argument `{name}` must be a one-dimensional list of numbers, but is {values!r}.")
+        raise ValueError(f"Argument `{name}` must be a one-dimensional list of numbers, but is {briefly(values)}.")
     # Parameters of the case are checked by `validate`.
     if name not in QUANTITIES and not np.isfinite(array).all():
-        raise ValueError(f"Argument `{name}` must be finite, but is {values!r}.")
+        raise ValueError(f"Argument `{name}` must be finite, but is {briefly(values)}.")
     return np.ascontiguousarray(array, np.float64)
 
 

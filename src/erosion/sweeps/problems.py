@@ -19,6 +19,7 @@ from erosion.ode.solution import Part, Solution, path_of
 from erosion.ode.solve import lanes_of, solve
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Options
+from erosion.output.tables import briefly
 from erosion.sweeps.grid import AnyGrid, Region, Variable, flags
 from erosion.sweeps.sweep import prepare_sweep
 from erosion.version import __version__
@@ -185,5 +186,5 @@ def _axis(name: str, values: Any, known: Sequence[str]) -> np.ndarray:
     except (TypeError, ValueError):
         array = np.empty(0)
     if array.ndim != 1 or not array.size or not np.isfinite(array).all():
-        raise ValueError(f"Argument `axes` must hold lists of finite numbers, but {name!r} is {values!r}.")
+        raise ValueError(f"Argument `axes` must hold lists of finite numbers, but {name!r} is {briefly(values)}.")
     return array

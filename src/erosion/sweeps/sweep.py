@@ -31,6 +31,7 @@ from erosion.interrupts import keeping_results
 from erosion.models.identity import IDENTITY, StoreError, code_version, require_code, require_same
 from erosion.ode.step_control import require_float64
 from erosion.output.files import claimed, require_writable, trace, written_whole
+from erosion.output.tables import briefly
 from erosion.parameters.parameters import Parameters, require_scalars, validate
 from erosion.parameters.quantities import QUARTER_DEGREES
 from erosion.sweeps.grid import AnyGrid, Model, Outputs, Region, block_shape, make_grid, regions
@@ -472,7 +473,7 @@ def compare(models: Sequence[Model], p: Parameters, *, alpha: Any = None) -> xr.
         ValueError, TypeError: as `sweep`.
     """
     if isinstance(models, str) or not isinstance(models, Sequence):
-        raise TypeError(f"Argument `models` must be a list of models, but is {models!r}.")
+        raise TypeError(f"Argument `models` must be a list of models, but is {briefly(models)}.")
     return sweep(models, p, alpha=QUARTER_DEGREES if alpha is None else alpha, derivatives=2, optimum=True)
 
 
