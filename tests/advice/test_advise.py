@@ -127,6 +127,20 @@ def test_an_advice_after_a_fit_names_it_and_asks_for_no_test_again(fitted, tmp_p
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("weighed", "advised", "says"), [
+    ((15, 90), 32, "more tests"),
+    ((40, 60), 40, "weigh at 32°, too. The fit removes most there, but no weighing of yours is that flat."),
+    ((15, 25), 25, "weigh at 32°, too. The fit removes most there, but no weighing of yours is that steep."),
+])  # fmt: skip
+def test_the_advised_angle_is_among_those_that_were_weighed(fitted, weighed, advised, says):
+    within = dataclasses.replace(fitted, weighed=tuple(map(math.radians, weighed)))
+    assert math.degrees(within.alpha) == pytest.approx(advised, abs=0.51)
+    assert says in within.reasons[1]
+    mean = np.mean([curve.share(within.alpha) for curve in fitted.group("draws")])
+    assert f"remove on average {100 * mean:.0f}% of" in within.reasons[0]
+
+
+@pytest.mark.slow
 def test_an_uncertain_share_of_cutting_particles_changes_amounts_alone():
     laws = {"cutting_fraction": Uniform(0.1, 0.3)}
     advice = erosion.advise(P, target="aluminium 6061", models=["finnie"], uncertain=laws)

@@ -214,6 +214,22 @@ def test_weighings_that_leave_parameters_open_still_decide_the_angle(shell, tmp_
     assert said in page
 
 
+@pytest.mark.slow
+def test_a_fit_that_rises_beyond_the_weighings_asks_for_one_there(shell, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    falling = zip((15, 30, 45, 60, 75, 90), (5407, 4094, 3133, 2014, 948, 499), strict=True)
+    (tmp_path / "rows.csv").write_text(
+        "angle [deg], mass_loss [mg/kg]\n" + "".join(f"{angle}, {loss}\n" for angle, loss in falling)
+    )
+    metal = ["--particle", "garnet 80 mesh", "--target", "mild steel", "--v0", "160 m/s"]
+    shell(["calibrate", "rows.csv", *metal, *FIT.split()[3:-1], "fitted.toml"])
+    result = shell("advise fitted.toml --json").result
+    assert result["statements"][0] == "By your weighings: set the nozzle to 15° from the surface."
+    narrower = result["statements"][3]
+    assert narrower.startswith("What would narrow it: weigh at 1")
+    assert narrower.endswith("no weighing of yours is that flat.")
+
+
 @pytest.mark.parametrize(
     ("draws", "message"),
     [

@@ -98,7 +98,7 @@ def _draw(advice: Advice, ax: Axes) -> None:
     label = say("the least of all: {angle}", angle=angle) if least else say("the mean of draws: {angle}", angle=angle)
     ax.plot(nozzle, advice.shares, color=INK, linewidth=2.6, label=label)
     ax.axvline(best, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
-    ax.plot(best, advice.shares.max(), "*", color=INK, markersize=13)
+    ax.plot(best, advice.share, "*", color=INK, markersize=13)
     angle_axis(ax, label=say("angle of the nozzle, from the surface"))
     ax.set(ylabel=say("erosion by the jet, over its own greatest"), ylim=(0, 1.03))
     ax.yaxis.set_major_formatter(lambda value, _: advice.language.number(f"{value:.3g}"))

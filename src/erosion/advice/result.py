@@ -22,6 +22,7 @@ from erosion.parameters.quantities import Scale, System, table_scale
 from erosion.streams.tally import Points
 
 DRAWS = 64
+_SAME_ANGLE = 1e-6  # rad: an angle in degrees is read and written with rounding
 _OF_METAL = ("k", "psi", "sigma", "phidot0", "inertia", FRACTION)  # the particle and the jet are given
 
 
@@ -173,6 +174,7 @@ class Advice(Result):
         uncertain: the laws that took the place of the ranges of k and ψ, from a fit for example.
         language: of all texts but `to_dict`'s.
         doubts: sentences on the fit that it rests on, as the case file has them.
+        weighed: the least and the greatest angle of its tests [rad]; the advised angle is between them.
         job: what is to be removed.
         other: another abrasive, to compare with `particle`.
     """
@@ -188,13 +190,15 @@ class Advice(Result):
     uncertain: Uncertain | None = None
     language: Language = ENGLISH
     doubts: tuple[str, ...] = ()
+    weighed: tuple[float, float] | None = None
     job: Job | None = None
     other: Particle | None = None
 
     @functools.cached_property
     def alpha(self) -> float:
-        """The advised angle of the nozzle [rad], where `shares` are greatest."""
-        return float(NOZZLE_ANGLES[int(np.argmax(self.shares))])
+        """The advised angle of the nozzle [rad], where `shares` are greatest among the angles of the tests."""
+        angles = NOZZLE_ANGLES if self.weighed is None else np.clip(NOZZLE_ANGLES, *self.weighed)
+        return float(angles[int(np.argmax(np.interp(angles, NOZZLE_ANGLES, self.shares)))])
 
     @property
     def counted(self) -> Sequence[Curve]:
@@ -209,6 +213,11 @@ class Advice(Result):
         """
         shares = np.array([curve.shares for curve in self.counted])
         return shares.min(axis=0) if self.uncertain is None else shares.mean(axis=0)
+
+    @property
+    def share(self) -> float:
+        """`shares` at the advised angle."""
+        return float(np.interp(self.alpha, NOZZLE_ANGLES, self.shares))
 
     @property
     def low(self) -> float:
@@ -395,7 +404,7 @@ class Advice(Result):
     def _why(self) -> str:
         """What the advised angle is worth by the curves that count."""
         say = self.language.say
-        numbers = {"share": _percent(self.shares.max()), "low": degrees(self.low), "high": degrees(self.high)}
+        numbers = {"share": _percent(self.share), "low": degrees(self.low), "high": degrees(self.high)}
         if self.uncertain is None:
             return say(
                 "At this angle every model and correlation removes at least {share}% of what it removes at its own "
@@ -449,12 +458,20 @@ class Advice(Result):
 
     def _narrowing(self) -> str:
         """What would narrow the range of best angles most."""
+        best, text = float(NOZZLE_ANGLES[np.argmax(self.shares)]), self.language.text
+        if abs(best - self.alpha) > _SAME_ANGLE:
+            return self.language.say(
+                "What would narrow it: weigh at {best}, too. The fit removes most there, but no weighing of yours is "
+                "that {direction}.",
+                best=degrees(best),
+                direction=text("flat") if best < self.alpha else text("steep"),
+            )
         if self.uncertain is not None:
             return self.language.say(
                 "What would narrow it: more tests. “erosion posterior” with --next-experiment says at "
                 "which angle and speed one more test tells most."
             )
-        models, text = self.group("models"), self.language.text
+        models = self.group("models")
         spans = {text("the choice of the model"): _width(models)}
         for name, words in (("k", text("the force ratio k")), ("psi", text("the contact ratio ψ"))):
             widths = [_width([*self.group(name), model], model.name) for model in models]

@@ -87,6 +87,7 @@ class GivenFit:
         self._section = with_model_of_case(section, case, models)
         with user_errors():
             doubt = None if case.file is None else case.file.doubt
+            self.weighed = None if case.file is None else case.file.tested.ranges.get("alpha")
         # That the tests were in units of their own, for example.
         self.doubts = () if doubt is None else (doubt,)
         # Without laws in the options those of the case file, with their correlation.
@@ -199,7 +200,9 @@ def advise(
         advice = lazy.advise_case(
             p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress
         )
-        advice = dataclasses.replace(advice, doubts=fit.doubts, job=job, other=other)
+        advice = dataclasses.replace(
+            advice, doubts=fit.doubts, weighed=fit.weighed if uncertain else None, job=job, other=other
+        )
     if output is not None:
         with user_errors():
             lazy.write_advice(advice, output, lang, decimal)

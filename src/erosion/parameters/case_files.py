@@ -177,23 +177,30 @@ class CaseFile:
             raise CaseError(f"{self.path}: field `warning` of [advise] must be a sentence, but is {briefly(warning)}.")
         return f"{self.path}: {warning}"
 
+    @property
+    def tested(self) -> Tested:
+        """The tests of the fit that wrote the file; of no ranges where its table [advise] has none.
+
+        Raises:
+            CaseError: for a field `tested` that cannot be read.
+        """
+        try:
+            return Tested.read(self.section("advise").get("tested", {}))
+        except ValueError as error:
+            raise CaseError(f"{self.path}: field `tested` of [advise] {error}.") from error
+
     def outside(self, p: Parameters, *, angle: bool = False) -> list[str]:
-        """Sentences on how far a case lies outside the tests of the fit that wrote the file.
+        """Sentences on how far a case lies outside these tests.
 
         Args:
             p: the case.
             angle: whether its angle counts.
 
         Raises:
-            CaseError: for a field `tested` that cannot be read.
+            CaseError: as of `tested`.
         """
-        tested = self.section("advise").get("tested", {})
-        try:
-            ranges = Tested.read(tested)
-        except ValueError as error:
-            raise CaseError(f"{self.path}: field `tested` of [advise] {error}.") from error
         names = ("v0", "m", "alpha") if angle else ("v0", "m")
-        said = ranges.outside({name: getattr(p, name) for name in names}, p.units)
+        said = self.tested.outside({name: getattr(p, name) for name in names}, p.units)
         return [f"{self.path}: {words}" for words in said]
 
     def section(self, name: str) -> dict[str, Any]:
