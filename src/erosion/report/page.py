@@ -269,6 +269,7 @@ def _write(
     texts: dict[str, Text] = {}
     drawings: dict[str, Markup] = {}
     wide: set[str] = set()
+    alone = False
     # Filters are the process's, not the thread's: set once, around all threads.
     with warnings.catch_warnings(), unawaited_threads(_THREADS) as pool:
         warnings.simplefilter("ignore", TurnWarning)  # the page says it in words
@@ -282,7 +283,8 @@ def _write(
                 figure = answer.figures[name]
                 translate_figure(figure, language)
                 if brief:
-                    fit_on_sheet(figure)
+                    alone = len(keys) == len(texts[key].illustrations) == 1
+                    fit_on_sheet(figure, alone=alone)
                 if is_wide(figure):
                     wide.add(name)
                 svg, _ = save_figure(figure, out / "figures" / name)
@@ -308,6 +310,7 @@ def _write(
         question=question,
         drawings=drawings,
         wide=wide,
+        alone=alone,
         formula_font=base64.b64encode(Path(__file__).with_name("formulas.woff").read_bytes()).decode(),
     )
     write_whole(out / "index.html", page.encode())
@@ -352,6 +355,7 @@ def _lines(path: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 # inches; a handout prints a figure in a column of 3.4 inches, and a wide one across both. Text of 9.5 pt is 7 pt there.
 _IN_A_COLUMN, _WIDE, _FLAT = 4.5, 6.5, 3.6
+_ALONE = 7.2, 6.8  # of the only figure on a sheet, which is printed in this size
 
 
 def is_wide(figure: Figure) -> bool:
@@ -359,9 +363,11 @@ def is_wide(figure: Figure) -> bool:
     return bool(figure.get_figwidth() > _WIDE)
 
 
-def fit_on_sheet(figure: Figure) -> None:
+def fit_on_sheet(figure: Figure, *, alone: bool = False) -> None:
     """Give a figure the size at which its text is readable on a handout; its legends get fewer columns if need be."""
-    if is_wide(figure):
+    if alone:
+        figure.set_size_inches(_ALONE)
+    elif is_wide(figure):
         figure.set_figheight(_FLAT)
     else:
         figure.set_size_inches(_IN_A_COLUMN, 0.88 * figure.get_figheight())
