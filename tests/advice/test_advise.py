@@ -104,6 +104,14 @@ def test_draws_of_a_fit_take_the_place_of_the_ranges(fitted):
     assert fitted.worst > 0.999
     mean = np.mean([curve.shares for curve in draws], axis=0)
     assert fitted.alpha == NOZZLE_ANGLES[mean.argmax()]
+    # One unlikely draw among 64 moves no end.
+    odd = dataclasses.replace(draws[0], erosion=draws[0].erosion[::-1])
+    curves = tuple(odd if curve is draws[0] else curve for curve in fitted.curves)
+    beside = dataclasses.replace(fitted, curves=curves, job=Job(2.0, 50e-6))
+    assert beside.high == pytest.approx(fitted.high, abs=0.01)
+    assert beside.worst > 0.99
+    low, high = np.quantile([curve.at(beside.alpha) for curve in beside.group("draws")], [0.025, 0.975]) / 2700
+    assert beside.answers[2] == beside.job.sentence([low, high], 2700, language("en"))
     # All particles cut, as in a fit; the product k ψ is the same in each draw, k alone is not.
     k, sigma, alpha = 2.0, 107 * 9.80665e6, fitted.alpha
     middle = 2700 * 1e4 * k / (sigma * 20) * (math.sin(2 * alpha) - 2 / k * math.sin(alpha) ** 2) / 2
@@ -119,7 +127,7 @@ def test_an_advice_after_a_fit_names_it_and_asks_for_no_test_again(fitted, tmp_p
     assert "if all of the particles cut; the correlations for this metal, which are made from other tests" in amount
     assert "four angles" not in narrower
     assert "--next-experiment" in narrower
-    assert [row[0] for row in fitted.rows()][:2] == ["linearized, k = 2, ψ = 10", "64 draws of post.nc"]
+    assert [row[0] for row in fitted.rows()][:2] == ["linearized, k = 2, ψ = 10", "64 draws of post.nc, 95% of them"]
     page = write_advice(fitted, tmp_path / "advice.html").read_text()
     assert "post.nc, each median with 95% of the values:" in page
     assert "k = 2 (1.9 … 2.1), ψ = 10 (" in page

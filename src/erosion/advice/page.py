@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from erosion.advice.result import NOZZLE_ANGLES, Advice, degrees
+from erosion.advice.result import NOZZLE_ANGLES, Advice, degrees, ends
 from erosion.output.files import require_writable, write_whole
 from erosion.output.language import language
 from erosion.output.tables import briefly
@@ -182,8 +182,8 @@ def _spreadsheet(advice: Advice, decimal: str) -> str:
     at = slice(_FIRST, None, _STEP)
     columns: dict[str, np.ndarray] = {f"{text('angle')} [°]": np.rad2deg(NOZZLE_ANGLES[at])}
     if advice.trusted:
-        amounts = np.array([curve.erosion * (curve.density or 1.0) / advice.scale.size for curve in advice.trusted])
-        columns |= {f"{text('least')} [{unit}]": amounts.min(0)[at], f"{text('greatest')} [{unit}]": amounts.max(0)[at]}
+        low, high = ends(advice.trusted, lambda curve: curve.erosion * (curve.density or 1.0) / advice.scale.size)
+        columns |= {f"{text('least')} [{unit}]": low[at], f"{text('greatest')} [{unit}]": high[at]}
     share = text("least share of its own best") if advice.uncertain is None else text("mean share of its own best")
     columns[f"{share} [%]"] = 100 * advice.shares[at]
     rows = [list(columns), *([f"{value:.4g}" for value in row] for row in zip(*columns.values(), strict=True))]

@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -221,18 +221,18 @@ class Advice(Result):
 
     @property
     def low(self) -> float:
-        """The least of the counted curves' own best angles [rad]."""
-        return min(curve.best for curve in self.counted)
+        """The least of the counted curves' own best angles [rad]; of draws of the middle 95 %."""
+        return ends(self.counted, lambda curve: curve.best)[0]
 
     @property
     def high(self) -> float:
-        """The greatest of the counted curves' own best angles [rad]."""
-        return max(curve.best for curve in self.counted)
+        """The greatest of them [rad]."""
+        return ends(self.counted, lambda curve: curve.best)[1]
 
     @property
     def worst(self) -> float:
-        """The share of its own greatest erosion that every counted curve reaches at the advised angle."""
-        return min(curve.share(self.alpha) for curve in self.counted)
+        """The share of its own greatest erosion that every counted curve, or 95 % of draws, reaches at `alpha`."""
+        return ends(self.counted, lambda curve: curve.share(self.alpha))[0]
 
     def group(self, name: str) -> list[Curve]:
         """The curves of a group; those of "k", "psi" and "draws" beside the models as they are."""
@@ -296,7 +296,7 @@ class Advice(Result):
                 rows.append(self._row(what, varied))
         draws = self.group("draws")
         if draws:
-            what = say("{count} draws of {source}", count=str(len(draws)), source=str(self.uncertain))
+            what = say("{count} draws of {source}, 95% of them", count=str(len(draws)), source=str(self.uncertain))
             rows.append(self._row(what, draws))
         correlations = self.group("correlations")
         if correlations:
@@ -314,8 +314,8 @@ class Advice(Result):
         return rows
 
     def _row(self, what: str, curves: Sequence[Curve]) -> tuple[str, ...]:
-        best = between(map(degrees, sorted(curve.best for curve in curves)), self.language)
-        share = _percent(min(curve.share(self.alpha) for curve in curves))
+        best = between(map(degrees, ends(curves, lambda curve: curve.best)), self.language)
+        share = _percent(ends(curves, lambda curve: curve.share(self.alpha))[0])
         least = self.language.say("{share}%" if len(curves) == 1 else "at least {share}%", share=share)
         return what, best, least, self.span([curve for curve in curves if curve.fits])
 
@@ -335,7 +335,7 @@ class Advice(Result):
             return "–"
         if self._is_beyond(curves):
             return self.language.text("beyond tests")
-        amounts = sorted(curve.at(self.alpha) / self.scale.size for curve in curves)
+        amounts = ends(curves, lambda curve: curve.at(self.alpha) / self.scale.size)
         return between(map(two_digits, amounts), self.language)
 
     @property
@@ -365,7 +365,7 @@ class Advice(Result):
             self._amount(),
         ]
         if self.job is not None and self.trusted:
-            erosion = [curve.at(self.alpha) / (curve.density or 1.0) for curve in self.trusted]
+            erosion = ends(self.trusted, lambda curve: curve.at(self.alpha) / (curve.density or 1.0))
             sentences.append(self.job.sentence(erosion, self.per_mass.density, self.language))
         if self.other is not None and self.particle is not None and self.target is not None:
             names = (self.particle_name, self._name(self.other))
@@ -413,8 +413,8 @@ class Advice(Result):
             )
         return say(
             "At this angle {count} draws of {source} remove on average {share}% of what they remove at their own best "
-            "angles, and all of them at least {least}%; these best angles lie from {low} to {high}. The correlations "
-            "are shown beside them, but do not count.",
+            "angles, and 95% of them at least {least}%; 95% of these best angles lie from {low} to {high}. The "
+            "correlations are shown beside them, but do not count.",
             **numbers,
             least=_percent(self.worst),
             count=str(len(self.group("draws"))),
@@ -442,8 +442,8 @@ class Advice(Result):
             )
         elif fitting and self.uncertain is not None:
             text = say(
-                "Expect {amount} {unit}, by the draws, if {fraction} of the particles cut; the correlations for this "
-                "metal, which are made from other tests, say {tests} {unit}.",
+                "Expect {amount} {unit}, by 95% of the draws, if {fraction} of the particles cut; the correlations for "
+                "this metal, which are made from other tests, say {tests} {unit}.",
                 **numbers,
             )
         elif fitting:
@@ -511,6 +511,20 @@ UNITS = {
     "erosion_ratio": "kg/kg", "specific_volume": "m^3/kg", "density": "kg/m^3",
 }  # fmt: skip
 """The units of `Advice.to_dict`, as programs read them."""
+
+
+_LIKELY = 0.025, 0.975  # the middle 95 %
+
+
+def ends(curves: Sequence[Curve], of: Callable[[Curve], Any]) -> list[Any]:
+    """The least and the greatest number of curves; where draws are among them, the ends of the middle 95 % of draws.
+
+    Args:
+        curves: one or more.
+        of: the number of a curve, or its numbers over the angle, shape (n,).
+    """
+    draws = [of(curve) for curve in curves if curve.group == "draws"]
+    return list(np.quantile(draws or [of(curve) for curve in curves], _LIKELY if draws else (0.0, 1.0), axis=0))
 
 
 def degrees(alpha: float) -> str:
