@@ -51,6 +51,18 @@ def verdicts(values: list[Any]) -> list[Verdict]:
     return [value for value in values if isinstance(value, Verdict)]
 
 
+@pytest.mark.parametrize(
+    ("units", "lang", "says"),
+    [
+        ("si", "en", "and your answers, are in kg, m, m/s, Pa, and angles in radians"),
+        ("inch-pound", "de", "haben die Einheiten slinch, in, in/s, lbf/in², Winkel stehen im Bogenmaß"),
+    ],
+)
+def test_the_numbers_of_a_case_have_their_units_named(units: Any, lang: str, says: str) -> None:
+    text = notebook(AnswerKey(P.to(units), lang=lang), title="a case")
+    assert says in " ".join(json.loads(text)["cells"][0]["source"]).replace("\n", " ").replace("  ", " ")
+
+
 @pytest.mark.parametrize("p", CASES.values(), ids=CASES)
 def test_all_solutions_are_right(p: erosion.Parameters) -> None:
     key = erosion.AnswerKey(p)

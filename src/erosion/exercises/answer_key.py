@@ -429,6 +429,7 @@ def _filled(key: AnswerKey, title: str, *, solved: bool) -> str:
         _=key.language.text,
         lang=key.language.tag,
         p=repr(key.p),
+        units=", ".join(unit_name(dimension, key.p.units) for dimension in ("mass", "length", "speed", "stress")),
         alpha=f"{math.degrees(float(key.p.alpha)):g}",
         euler_steps=EULER_STEPS,
         rk4_steps=RK4_STEPS,
