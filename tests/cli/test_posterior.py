@@ -87,6 +87,10 @@ def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path,
     # Of one factor a row says most where the volume is greatest: at arctan(k)/2 = 31.7°, and at the greater speed.
     assert sentence.startswith("Measure next at 32.5° and 4331 in/s: one row there is expected to say ")
     assert (tmp_path / "next.svg").stat().st_size > 1000
+    rig = ["--next-angles", "20deg,40deg", "--next-particles", "quartz sand 2 mm", "--next-weighings", "1,3"]
+    some = shell([*line, *rig, "--repeat-cost", "0.1", "--json"]).result["next_experiment"]
+    assert (len(some["information"]), some["cost"]) == (4, [1, 1, 1.2, 1.2])
+    assert ": 3 weighings there, for 1.2 times the cost of one, are expected to say " in some["sentence"]
     printed = shell([*line, "--next-experiment", "--json"]).result["next_experiment"]
     assert printed["sentence"].startswith("Measure next at 32.5° and 4400 in/s: ")
     assert len(printed["information"]) == 34
@@ -99,6 +103,8 @@ def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path,
         (["--profile", "k"], "Option `--profile` is unknown."),
         (["-o", "sand.csv"], "Option `--output` must end in .nc, but is sand.csv."),
         (["--next-speeds", "60 kg"], "Option `--next-speeds` must be a speed such as"),
+        (["--next-angles", "100deg"], "Option `--next-angles` must be above 0°"),
+        (["--next-weighings", "1.5"], "Option `--next-weighings` must be a whole number"),
         (["--next-speeds", "0 m/s"], "Option `--next-speeds` must list positive speeds, but is 0 m/s."),
         (["--prior", "r=uniform(0, 1)"], "of k, psi, energy_ratio, error_factor, but is 'r=uniform(0, 1)'."),
         (["--prior", "psi=4"], "Option `--prior`, psi, must be a law (normal, "),

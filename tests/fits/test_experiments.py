@@ -130,6 +130,9 @@ def drawn():
     [
         ({"candidates": {"v0": [1.0]}}, "must give angles"),
         ({"noise": 0.0}, "`noise` must be positive"),
+        ({"weighings": [0]}, "`weighings` must be a whole number of at least 1"),
+        ({"weighings": []}, "`weighings` must list"),
+        ({"repeat_cost": 0.0}, "`repeat_cost` must be positive"),
     ],
 )
 def test_what_makes_no_sense_is_refused(drawn, options, message):
@@ -183,6 +186,29 @@ def test_conditions_broadcast_with_angles(drawn):
     np.testing.assert_array_equal(
         drawn.predict([[0.3], [0.5]], {"v0": [3000.0, 4000.0]}, 5, discrepancy=False)[:, 1, 0], alone
     )
+
+
+def test_weighings_of_one_test_are_worth_their_mean_and_cost_what_is_said(drawn):
+    candidates = {"alpha": np.array([0.3, 0.6]), "v0": 4000.0}
+    answer = next_experiment(drawn, candidates, noise=1e-6, weighings=[1, 4], repeat_cost=0.2)
+    alone, mean = (next_experiment(drawn, candidates, noise=noise) for noise in (1e-6, 0.5e-6))
+    np.testing.assert_allclose(answer.total, [*alone.total, *mean.total])
+    np.testing.assert_allclose(answer.cost, [1, 1, 1.6, 1.6])
+    assert answer.order.tolist() == np.argsort(-answer.total / answer.cost).tolist()
+    assert answer.headings[:4] == ("α [°]", "v₀ [in/s]", "weighings", "cost")
+    assert len(answer.rows()) == len(answer.to_dict()["weighings"]) == 4
+    # Where a repeat costs as much as a new test, it never is the best one.
+    dear = next_experiment(drawn, candidates, noise=1e-6, weighings=[4, 1])
+    assert dear.weighings is not None
+    assert dear.weighings[dear.order[0]] == 1
+    assert "one row there is expected" in dear.sentence
+
+
+def test_a_particle_of_another_size_is_shown_by_its_mass(drawn):
+    sizes = {"r": [0.02, 0.04], "b": [0.02, 0.04], "m": [1e-7, 8e-7]}
+    answer = next_experiment(drawn, {"alpha": np.array([[0.3], [0.6]]), **sizes})
+    assert [*answer.shown] == ["alpha", "m"]
+    assert {*answer.best} == {"alpha", *sizes}
 
 
 def test_a_candidate_whose_error_is_a_share_of_nothing_is_not_judged(drawn):

@@ -104,6 +104,15 @@ def test_the_next_experiment_has_a_curve_for_each_speed_and_a_star(result):
     assert str(star.get_label()).endswith(", 8800 in/s")
 
 
+def test_tests_of_several_weighings_are_compared_for_one_cost(result):
+    answer = next_experiment(result, {"alpha": np.deg2rad([20.0, 40.0])}, weighings=[1, 3], repeat_cost=0.5)
+    (ax,) = plot_next_experiment(answer).axes
+    lines = {str(line.get_label()): np.asarray(line.get_ydata()) for line in ax.get_lines()}
+    np.testing.assert_allclose(lines["1 weighing"], answer.total[:2])
+    np.testing.assert_allclose(lines["3 weighings"], answer.total[2:] / 2)
+    assert "for the cost of one weighing" in ax.get_ylabel()
+
+
 def test_of_several_models_the_next_experiment_has_a_panel_on_the_model():
     degrees = np.linspace(8.0, 80.0, 4)
     volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))

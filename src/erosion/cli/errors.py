@@ -100,6 +100,7 @@ _OPTIONS = {
     "store": "Option `--output`",
     "data": "The table",
     "candidates": "Option `--next-speeds`",
+    "weighings": "Option `--next-weighings`",
     "unit": "Option `--surface-unit`",
 }
 """Python's arguments that have another name on the command line."""

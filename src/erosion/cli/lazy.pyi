@@ -65,6 +65,7 @@ from erosion.fits import to_fluent as to_fluent
 from erosion.fits import to_openfoam as to_openfoam
 from erosion.fits.experiments import DEGREES as DEGREES
 from erosion.fits.experiments import next_experiment as next_experiment
+from erosion.fits.forward import Forward as Forward
 from erosion.fits.export import command as command
 from erosion.fits.forward import FACTORS as FACTORS
 from erosion.fits.forward import FRACTION as FRACTION
@@ -80,7 +81,6 @@ from erosion.fits.posterior_files import model_of_draws as model_of_draws
 from erosion.fits.posterior_files import read_draws as read_draws
 from erosion.fits.posterior_files import read_predictor as read_predictor
 from erosion.fits.predicted import predictions as predictions
-from erosion.fits.prediction import Predictor as Predictor
 from erosion.fits.likelihood import ERROR_FACTOR as ERROR_FACTOR
 from erosion.fits.likelihood import NOISE as NOISE
 from erosion.fits.likelihood import RELATIVE as RELATIVE

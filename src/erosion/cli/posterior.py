@@ -34,6 +34,7 @@ from erosion.cli.options import (
     SetOption,
     WholeOption,
     output_option,
+    read_whole,
     with_file,
 )
 from erosion.cli.output import Output, draw, progress_bar, require_outputs
@@ -97,6 +98,57 @@ class _Files:
                 posterior.save(self.output)
 
 
+@Parameter(name="*", group=DRAWS)
+@dataclasses.dataclass(frozen=True)
+class _Experiment:
+    """The tests among which the next one is looked for, as they are typed."""
+
+    next_experiment: Annotated[
+        bool, Parameter(negative="", show_default=False, help="Say which test tells most: its angle, speed and size.")
+    ] = False
+    next_angles: Annotated[str | None, Parameter(help='That can be tested next: "20deg:80deg:7".')] = None
+    next_speeds: Annotated[
+        list[str] | None, LISTED, Parameter(help='That can be tested next: "60 m/s,110 m/s"; or the data\'s.')
+    ] = None
+    next_particles: Annotated[list[str] | None, LISTED, Parameter(help='The same: "garnet 0.3 mm,garnet 0.6 mm".')] = (
+        None
+    )
+    next_weighings: Annotated[list[str] | None, LISTED, Parameter(help='That a test may have: "1,3".')] = None
+    repeat_cost: Annotated[float, Parameter(help="Of a weighing more, over that of a new test.")] = 1.0
+
+    def read(self, units: "lazy.System") -> tuple[Any, list[float], list[int]]:
+        """Angles, speeds and numbers of weighings, known before anything is computed."""
+        import numpy as np
+
+        angles = (
+            np.deg2rad(lazy.DEGREES)
+            if self.next_angles is None
+            else _axis("alpha", self.next_angles, units, "next-angles")
+        )
+        with reading("Option `--next-angles`"):
+            if not ((angles > 0) & (angles <= np.pi / 2)).all():
+                raise ValueError(f"must be above 0° and at most 90°, but is {self.next_angles}")
+        with reading("Option `--next-speeds`"):
+            speeds = [lazy.read_quantity(text, "speed", units) for text in self.next_speeds or ()]
+        if not all(speed > 0 for speed in speeds):
+            listed = ", ".join(self.next_speeds or ())
+            raise InputError(f"Option `--next-speeds` must list positive speeds, but is {listed}.")
+        with reading("Option `--next-weighings`"):
+            weighings = [read_whole(text) for text in self.next_weighings or ("1",)]
+        return angles, speeds, weighings
+
+    def judged(
+        self, posteriors: "lazy.PosteriorRanking", angles: Any, speeds: list[float], weighings: list[int]
+    ) -> "lazy.NextExperiment":
+        """Where one more test tells most, of all models together."""
+        import numpy as np
+
+        at = _conditions(posteriors.best.likelihood.forward, speeds or None, self.next_particles)
+        others = {name: np.array([one[name] for one in at]) for name in at[0]}
+        costs = {"weighings": weighings, "repeat_cost": self.repeat_cost}
+        return lazy.next_experiment(posteriors, {"alpha": angles[:, None], **others}, **costs)
+
+
 def posterior(
     data: DataFile,
     file: CaseArgument = None,
@@ -115,20 +167,7 @@ def posterior(
         Literal["averaged", "none"],
         Parameter(group=DRAWS, help="What the model may lack, for predictions; averaged by evidence."),
     ] = "averaged",
-    next_experiment: Annotated[
-        bool,
-        Parameter(
-            negative="",
-            show_default=False,
-            group=DRAWS,
-            help="Say at which angle and speed one more row tells most.",
-        ),
-    ] = False,
-    next_speeds: Annotated[
-        list[str] | None,
-        LISTED,
-        Parameter(group=DRAWS, help='That can be tested next: "60 m/s,110 m/s"; or the data\'s.'),
-    ] = None,
+    experiment: _Experiment | None = None,
     files: _Files | None = None,
     json: JsonOption = False,
 ) -> None:
@@ -140,10 +179,8 @@ def posterior(
     """
     task, files = given_fit(data, with_file(case, file), fit, model, own, ignore), files or _Files()
     files.require_writable(task.inputs)
-    with reading("Option `--next-speeds`"):
-        speeds = [lazy.read_quantity(text, "speed", task.p.units) for text in next_speeds or ()]
-    if not all(speed > 0 for speed in speeds):
-        raise InputError(f"Option `--next-speeds` must list positive speeds, but is {', '.join(next_speeds or ())}.")
+    experiment = experiment or _Experiment()
+    candidates = experiment.read(task.p.units)
     models = task.models()
     output = Output("posterior", task.p, task.options, json=json, seed=seed or 0)
     with user_errors(), progress_bar("reading") as progress:
@@ -155,14 +192,14 @@ def posterior(
         posteriors = _draw(task, ranking, measured, laws, progress, **options, discrepancy=discrepancy == "averaged")
         predictor = posteriors.best.prepared(progress)
         ranking = ranking.preferring(posteriors.names[0])
-        is_asked = next_experiment or speeds or files.plot_next_experiment
-        experiment = _experiment(posteriors, speeds, task.p) if is_asked else None
+        is_asked = experiment != _Experiment() or files.plot_next_experiment
+        following = experiment.judged(posteriors, *candidates) if is_asked else None
     output.warn(
         *ranking.warnings, *(f"posterior: {sentence}" for sentence in (*posteriors.warnings, *predictor.warnings))
     )
     # Draws take longer than any file: they are shown first.
     parts = [as_json(part) for part in posteriors.to_dict(level)["posteriors"]]
-    more = {} if experiment is None else {"next_experiment": experiment.to_dict()}
+    more = {} if following is None else {"next_experiment": following.to_dict()}
     print_document(
         output,
         ranking,
@@ -174,11 +211,11 @@ def posterior(
         output.table(posteriors.title, posteriors.rows(), posteriors.headings, (1, 2))
     output.table(posteriors.best.title, posteriors.best.rows(level))
     output.table(predictor.title, predictor.rows())
-    if experiment is not None:
-        output.table(experiment.title, experiment.rows(), experiment.headings, range(len(experiment.headings)))
-    files.write(task, ranking, posteriors, experiment)
+    if following is not None:
+        output.table(following.title, following.rows(), following.headings, range(len(following.headings)))
+    files.write(task, ranking, posteriors, following)
     figures = {name.removeprefix("plot_"): path for name, path in files.figures.items()}
-    steps = [*task.next_steps(ranking, files.case_file, files.output), *([experiment.sentence] if experiment else [])]
+    steps = [*task.next_steps(ranking, files.case_file, files.output), *([following.sentence] if following else [])]
     output.wrote(*steps, **figures, draws=files.output, case=files.case_file)
 
 
@@ -205,19 +242,6 @@ def _draw(
             **task.per_mass,
             **options,
         )
-
-
-def _experiment(
-    posteriors: "lazy.PosteriorRanking", speeds: list[float], p: "lazy.Parameters"
-) -> "lazy.NextExperiment":
-    """Where one more row tells most, of all models together."""
-    import numpy as np
-
-    forward = posteriors.best.likelihood.forward
-    if not speeds and "v0" not in forward.of_impact:
-        speeds = np.unique(forward.data.conditions.get("v0", float(p.v0))).tolist()
-    others = {"v0": np.array(speeds)} if speeds else {}
-    return lazy.next_experiment(posteriors, {"alpha": np.deg2rad(lazy.DEGREES)[:, None], **others})
 
 
 def _read_priors(
@@ -278,8 +302,9 @@ def predict(
     if unit is not None:
         with reading("Option `--unit`"):
             predictor = predictor.in_unit(unit)
-    at = _conditions(predictor, v0, particle)
-    asked = np.tile(_axis("alpha", alpha, predictor), (len(at), 1))
+    speeds = None if v0 is None else _axis("v0", v0, predictor.data.units).tolist()
+    at = _conditions(predictor.forward, speeds, particle and [particle])
+    asked = np.tile(_axis("alpha", alpha, predictor.data.units), (len(at), 1))
     others = {name: np.array([[one[name]] for one in at]) for name in at[0]}
     with user_errors(), progress_bar("predicting"):
         lazy.validate(dataclasses.replace(predictor.forward.p, alpha=asked, **others))
@@ -305,21 +330,23 @@ def predict(
     printed.wrote(table=output, plot=plot)
 
 
-def _axis(name: str, text: str, predictor: "lazy.Predictor") -> Any:
+def _axis(name: str, text: str, units: "lazy.System", option: str = "") -> Any:
     """The values of an option, shape (n,)."""
     import numpy as np
 
-    with reading(f"Option `--{name}`"):
-        return np.atleast_1d(lazy.read_axis(text, QUANTITIES[name].dimension, predictor.data.units))
+    with reading(f"Option `--{option or name}`"):
+        return np.atleast_1d(lazy.read_axis(text, QUANTITIES[name].dimension, units))
 
 
-def _conditions(predictor: "lazy.Predictor", v0: str | None, particle: str | None) -> list[dict[str, float]]:
+def _conditions(
+    forward: "lazy.Forward", speeds: Sequence[float] | None, particles: Sequence[str] | None
+) -> list[dict[str, float]]:
     """What is asked beside the angle, each once: the speeds and masses of the tests, or those of the options."""
-    forward = predictor.forward
     with user_errors():
-        size = {} if particle is None else lazy.particle(particle).parameters(predictor.data.units)
+        sizes = [lazy.particle(text).parameters(forward.data.units) for text in particles or ()]
     usual = {} if "v0" in forward.names else {"v0": float(forward.p.v0)}
-    groups = [{**usual, **group.values, **size} for group in lazy.conditions(predictor.data, lazy.MOST)]
-    if v0 is not None:
-        groups = [{**group, "v0": speed} for group in groups for speed in _axis("v0", v0, predictor).tolist()]
+    groups = [{**usual, **group.values, **size}
+              for group in lazy.conditions(forward.data, lazy.MOST) for size in sizes or [{}]]  # fmt: skip
+    if speeds is not None:
+        groups = [{**group, "v0": speed} for group in groups for speed in speeds]
     return [dict(each) for each in dict.fromkeys(tuple(group.items()) for group in groups)]

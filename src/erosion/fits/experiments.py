@@ -1,4 +1,4 @@
-"""`next_experiment`: the angle and speed at which one more measurement says most."""
+"""`next_experiment`: the angle, speed and size at which one more test, of one or more weighings, says most."""
 
 import dataclasses
 import functools
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from erosion.arguments import check_unmasked
+from erosion.arguments import check_unmasked, check_whole
 from erosion.fits.errors import ErrorModel
 from erosion.fits.posterior import Posterior
 from erosion.fits.prediction import deviations
@@ -41,6 +41,8 @@ class NextExperiment(Result):
         names: the models.
         units: of the case.
         draws: of each posterior, which a row can at most distinguish.
+        weighings: of each candidate; one without it.
+        repeat_cost: of one more weighing of a test, over that of a new test.
     """
 
     candidates: Mapping[str, np.ndarray]
@@ -50,20 +52,27 @@ class NextExperiment(Result):
     names: tuple[str, ...]
     units: Any
     draws: int
+    weighings: np.ndarray | None = None
+    repeat_cost: float = 1.0
 
     @property
     def total(self) -> np.ndarray:
-        """Both together [bit]; candidates are ordered by it."""
+        """Both together [bit]."""
         return self.information + self.discrimination
+
+    @property
+    def cost(self) -> np.ndarray:
+        """Of each candidate, over that of a test of one weighing."""
+        return 1 + self.repeat_cost * (np.zeros(len(self.total)) if self.weighings is None else self.weighings - 1)
 
     @functools.cached_property
     def order(self) -> np.ndarray:
-        """The indexes of the candidates, the best first."""
-        return np.argsort(-self.total, kind="stable")
+        """The indexes of the candidates, that of the greatest total for its cost first."""
+        return np.argsort(-self.total / self.cost, kind="stable")
 
     @property
     def best(self) -> dict[str, float]:
-        """The conditions at which a row says most, in the units of the case, the angle in rad."""
+        """The conditions of the first candidate, in the units of the case, the angle in rad."""
         return self._at(int(self.order[0]))
 
     @property
@@ -77,13 +86,23 @@ class NextExperiment(Result):
         most = float(self.total[self.order[0]])
         if not np.isfinite(most):
             return "No candidate can be judged: no draw has a volume and an error there."
-        conditions = " and ".join(self.condition_in_words(name, value) for name, value in self.best.items())
+        conditions = " and ".join(self.condition_in_words(name, self.best[name]) for name in self.shown)
+        row, count = "one row there is", 1 if self.weighings is None else int(self.weighings[self.order[0]])
+        if count > 1:
+            row = f"{count} weighings there, for {self.cost[self.order[0]]:.3g} times the cost of one, are"
         share = f" ({self.discrimination[self.order[0]]:.3f} on which model is right)" if len(self.names) > 1 else ""
         usual = f"the median candidate {np.nanmedian(self.total):.3f}; one bit halves what is left open"
         limit = float(np.log2(self.draws))
         is_near = float(np.nanmax(self.information)) > limit - _NEAR
         capped = f" {self.draws:,} draws show {limit:.1f} bit at most: ask for more draws." * is_near
-        return f"Measure next at {conditions}: one row there is expected to say {most:.3f} bit{share}, {usual}.{capped}"
+        return f"Measure next at {conditions}: {row} expected to say {most:.3f} bit{share}, {usual}.{capped}"
+
+    @functools.cached_property
+    def shown(self) -> dict[str, np.ndarray]:
+        """The conditions that a reader needs: angle, speed and what else varies, of a size the mass alone."""
+        varying = {name: values for name, values in self.candidates.items()
+                   if name in ("alpha", "v0") or np.ptp(values) > 0}  # fmt: skip
+        return {name: values for name, values in varying.items() if "m" not in varying or name not in ("r", "b")}
 
     def condition_in_words(self, name: str, value: float) -> str:
         """A condition of a candidate: "40°", "30 m/s", "r = 0.2 mm"."""
@@ -101,13 +120,15 @@ class NextExperiment(Result):
     @property
     def headings(self) -> tuple[str, ...]:
         """The columns of the table."""
-        conditions = [f"{QUANTITIES[name].symbol} [{self._scale(name).unit}]" for name in self.candidates]
+        conditions = [f"{QUANTITIES[name].symbol} [{self._scale(name).unit}]" for name in self.shown]
         models = ("about the model [bit]",) if len(self.names) > 1 else ()
+        conditions += ["weighings", "cost"] if self.weighings is not None else []
         return (*conditions, "about the parameters [bit]", *models)
 
     def rows(self) -> list[tuple[str, ...]]:
         """The best candidates."""
-        columns = [values / self._scale(name).size for name, values in self.candidates.items()]
+        columns = [values / self._scale(name).size for name, values in self.shown.items()]
+        columns += [] if self.weighings is None else [self.weighings, self.cost]
         bits = [self.information, self.discrimination] if len(self.names) > 1 else [self.information]
         return [(*(f"{values[i]:.4g}" for values in columns), *(f"{values[i]:.3f}" for values in bits))
                 for i in self.order[:_SHOWN]]  # fmt: skip
@@ -123,6 +144,8 @@ class NextExperiment(Result):
             "information": self.information,
             "discrimination": self.discrimination,
             "noise": self.noise,
+            "weighings": self.weighings,
+            "cost": self.cost,
             "best": self.best,
             "sentence": self.sentence,
         })  # fmt: skip
@@ -134,8 +157,10 @@ def next_experiment(
     *,
     noise: float | np.ndarray | ErrorModel | None = None,
     draws: int = _DRAWS,
+    weighings: Sequence[int] = (1,),
+    repeat_cost: float = 1.0,
 ) -> NextExperiment:
-    """Which angle, and speed, to measure next: where a row is expected to say most.
+    """Which angle, speed and size to measure next: where a row is expected to say most.
 
     The information is the expected drop of entropy from the present posterior to that with one more row, which is the
     mutual information of the row and the parameters (Lindley 1956). It is high where the draws of the posterior predict
@@ -149,9 +174,12 @@ def next_experiment(
         noise: error of the row, a standard deviation [of the data], one for each candidate, or an `ErrorModel`; without
             it that of the data at the erosion that is expected, or the sampled one.
         draws: of each posterior.
+        weighings: how many of them a test may have; each candidate is judged with each number, by their mean.
+        repeat_cost: of one more weighing of a test, over that of a new test; candidates are ordered by the information
+            over the cost of all their weighings.
 
     Raises:
-        ValueError: for candidates or a noise that make no sense.
+        ValueError: for candidates, a noise, weighings or a cost that make no sense.
 
     References:
         D. V. Lindley, On a measure of the information provided by an experiment, Ann. Math. Stat. 27 (1956) 986-1005.
@@ -167,26 +195,34 @@ def next_experiment(
         raise ValueError(
             f"Argument `candidates` must be such as {{'alpha': …, 'v0': …}}, but is {briefly(candidates)}."
         )
+    numbers = np.array([check_whole("weighings", number, 1) for number in weighings])
+    if not len(numbers):
+        raise ValueError("Argument `weighings` must list one or more numbers, but lists none.")
+    if not (np.isfinite(repeat_cost) and repeat_cost > 0):
+        raise ValueError(f"Argument `repeat_cost` must be positive and finite, but is {briefly(repeat_cost)}.")
     conditions = _conditions(posteriors, candidates)
     predictions, noises = [], []
     for posterior in posteriors:
         sampled = posterior.some(draws)
         predictions.append(posterior.likelihood.predict(sampled, conditions))
         noises.append(deviations(posterior.data, sampled, predictions[-1], noise))
-    information, discrimination = np.zeros((2, len(conditions["alpha"])))
-    for i in range(len(information)):
+    information, discrimination = np.zeros((2, len(numbers), len(conditions["alpha"])))
+    for at, i in np.ndindex(information.shape):
         # A draw whose impact fails at a candidate predicts nothing there.
         known = [np.isfinite(values[:, i]) for values in predictions]
-        shares = [(values[of, i], errors[of, i]) for values, errors, of in zip(predictions, noises, known, strict=True)]
-        information[i], discrimination[i] = _gains(shares, weights)
+        shares = [(values[of, i], errors[of, i] / np.sqrt(numbers[at]))
+                  for values, errors, of in zip(predictions, noises, known, strict=True)]  # fmt: skip
+        information[at, i], discrimination[at, i] = _gains(shares, weights)
     return NextExperiment(
-        conditions,
-        information,
-        discrimination,
-        np.nanmean([np.nanmean(errors, axis=0) for errors in noises], axis=0),
+        {name: np.tile(values, len(numbers)) for name, values in conditions.items()},
+        information.ravel(),
+        discrimination.ravel(),
+        np.tile(np.nanmean([np.nanmean(errors, axis=0) for errors in noises], axis=0), len(numbers)),
         tuple(model_name(posterior.model) for posterior in posteriors),
         posteriors[0].p.units,
         min(draws, *(posterior.run.log_likelihood.size for posterior in posteriors)),
+        None if numbers.tolist() == [1] else np.repeat(numbers, len(conditions["alpha"])),
+        repeat_cost,
     )
 
 

@@ -310,7 +310,7 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
     """What one more row is expected to say over its angle, a curve for each speed, with the best one marked.
 
     Of several models the upper panel is about their parameters, and the lower one about which model is right. The best
-    candidate is that of the greatest sum.
+    candidate is that of the greatest sum. Where tests have several weighings, all is for the cost of one.
     """
     panels = {"about the parameters": answer.information}
     if len(answer.names) > 1:
@@ -318,14 +318,16 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
     fig = new_figure(6.2, 1.2 + 2.6 * len(panels))
     axes = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     best, degrees = int(answer.order[0]), np.rad2deg(answer.candidates["alpha"])
-    best_in_words = ", ".join(answer.condition_in_words(name, value) for name, value in answer.best.items())
-    for ax, (meaning, information) in zip(axes, panels.items(), strict=True):
+    best_in_words = ", ".join(answer.condition_in_words(name, answer.best[name]) for name in answer.shown)
+    unit = "[bit]" if answer.weighings is None else "[bit for the cost of one weighing]"
+    for ax, (meaning, bits) in zip(axes, panels.items(), strict=True):
+        information = bits / answer.cost
         for (label, candidates), (color, line) in zip(_by_conditions(answer), cycle(STYLES)):
             order = candidates[np.argsort(degrees[candidates])]
             ax.plot(degrees[order], information[order], color=color, linestyle=line, marker=".", label=label)
         ax.plot(degrees[best], information[best], "*", color=PALETTE["orange"], markersize=13, markeredgecolor=INK,
                 markeredgewidth=0.7, zorder=5, label=f"best: {best_in_words}")  # fmt: skip
-        ax.set_ylabel(f"{meaning}  [bit]")
+        _label_whole(ax, meaning, unit)
         # What is less than the accuracy of the sums is not shown at large.
         ax.set_ylim(0, max(1.05 * float(np.nanmax(information)), _LEAST_BITS))
     angle_axis(axes[-1])
@@ -339,12 +341,14 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
 
 def _by_conditions(answer: NextExperiment) -> list[tuple[str, np.ndarray]]:
     """The candidates with the same conditions but for the angle, by words for these."""
-    others = {name: values for name, values in answer.candidates.items() if name != "alpha"}
-    rows = np.stack([*others.values(), np.zeros(len(answer.total))], axis=1)
+    others = {name: values for name, values in answer.shown.items() if name != "alpha"}
+    count = np.zeros(len(answer.total)) if answer.weighings is None else answer.weighings
+    rows = np.stack([*others.values(), count], axis=1)
     groups = []
     for kind in np.unique(rows, axis=0):
-        words = ", ".join(answer.condition_in_words(name, value) for name, value in zip(others, kind, strict=False))
-        groups.append((words or "_one condition", np.flatnonzero((rows == kind).all(axis=1))))
+        words = [answer.condition_in_words(name, value) for name, value in zip(others, kind, strict=False)]
+        words += [f"{kind[-1]:.0f} weighing{'s' if kind[-1] > 1 else ''}"] if kind[-1] else []
+        groups.append((", ".join(words) or "_one condition", np.flatnonzero((rows == kind).all(axis=1))))
     return groups
 
 

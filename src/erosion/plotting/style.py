@@ -177,8 +177,7 @@ def save_plots(make: Callable[[], Figure], files: Mapping[Path, float | None]) -
     for width in dict.fromkeys(files.values()):
         with for_print(width):
             fig = make()
-            if width is not None:
-                fit_legends(fig)
+            fit_legends(fig)
             for path in (path for path, wanted in files.items() if wanted == width):
                 save_plot(fig, path)
 
