@@ -108,12 +108,12 @@ def test_optimum_is_printed_and_drawn(shell, tmp_path):
 
 def test_compare_prints_a_table(shell, monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", "120")
-    plot = tmp_path / "models.svg"
-    out = shell(["compare", "--model", "linearized", "--model", "tan-alpha", "--plot", str(plot)]).out
+    plot, printed = tmp_path / "models.svg", tmp_path / "models.pdf"
+    out = shell(["compare", "--model", "linearized", "--model", "tan-alpha", "--plot", f"{plot} , {printed}@84mm"]).out
     assert "2 models: impacts at α = 20° and best angles; volumes in 10⁻⁴ in³" in out
     assert "31.717°" in out
     assert "→ 0°" in out
-    assert out.endswith(f"figure: {plot}\n")
+    assert out.endswith(f"figure: {plot}\nfigure: {printed}\n")
     assert plot.read_text().startswith("<?xml")
 
 

@@ -10,6 +10,7 @@ from erosion.fits import calibrate
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.plotting.fits import plot_calibration
+from erosion.plotting.labels import coinciding
 
 pytestmark = pytest.mark.slow
 
@@ -49,6 +50,13 @@ def test_data_fit_band_and_residuals(fit):
     corners = np.asarray(bands[0].get_paths()[0].vertices)
     assert corners[:, 1].max() == pytest.approx((erosion + 1.959964 * error).max() * 1e4)
     np.testing.assert_allclose(measured(lower)[1], fit.residuals * 1e4)
+
+
+def test_a_fit_is_called_the_same_where_it_is_in_each_group():
+    # At the lower speed the second is twice the first, which is little beside the erosion at the greater speed.
+    first = np.outer([1.0, 1000.0], np.sin(np.linspace(0.1, 3.0, 50)))
+    assert coinciding([first, first * [[2.0], [1.0]], first * 1.001], 0.9) == [[], [], [0]]
+    assert coinciding([*first, first[0]], 0.9) == [[], [], [0]]
 
 
 @pytest.fixture(scope="module")

@@ -47,11 +47,28 @@ def test_a_figure_is_laid_out_once_for_both_kinds(cut: Trajectory, tmp_path, mon
 def test_one_text_names_files_of_several_widths() -> None:
     assert plot_files("a,b.png") == {Path("a,b.png"): None}
     named = {Path(name): width for name, width in (("a.PNG", None), ("b@c.pdf", 0.084), ("d.svg", 0.174))}
-    assert plot_files("a.PNG, b@c.pdf@84mm,d.svg@17.4 cm") == named
-    for text, message in (("a.png,b.doc", "b.doc: a plot's"), ("a.svg@84 kg", "a.svg: the width must be a length"),
-                          ("a.svg@84", "a.svg: the width must be from 50 mm to 500 mm")):  # fmt: skip
-        with pytest.raises(ValueError, match=message):
-            plot_files(text)
+    for between in ("a.PNG, b@c.pdf@84mm,d.svg@17.4 cm", "a.PNG ,b@c.pdf @ 84mm , d.svg@17.4 cm"):
+        assert plot_files(between) == named
+    cloud = "GoogleDrive-jo.smith@gmail.com/My Drive/wear.png"
+    assert plot_files(f"{cloud},Berlin,2026.png@84mm") == {Path(cloud): None, Path("Berlin,2026.png"): 0.084}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a.png,b.doc", "b.doc: a plot's"),
+        ("a.eps,a.png", "a.eps: a plot's"),
+        ("a.png,", "a plot's file name must end in"),
+        ("a.svg@84 kg", "a.svg: the width must be a length"),
+        ("a.svg@0.084", "a.svg: the width must be from 50 mm to 500 mm, with its unit"),
+        ("a.png@84,a.svg", "a.png: the width must be from 50 mm to 500 mm, with its unit"),
+        ("a.png@84mm,a.png", "a.png: is named twice"),
+        ("a.png@84mm,./a.png@17cm", "a.png: is named twice"),
+    ],
+)
+def test_a_text_that_names_no_files_is_refused(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        plot_files(text)
 
 
 def test_a_figure_for_print_has_its_width_and_all_of_its_legend(tmp_path) -> None:

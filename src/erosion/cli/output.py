@@ -169,9 +169,11 @@ class Output:
         print(captured.get(), end="")
 
     def wrote(self, *sentences: str, **paths: Path | None) -> None:
-        """Say which files are written, and sentences on them; nothing beside JSON."""
-        lines = [f"{content}: {path}" for content, path in paths.items() if path is not None]
+        """Say which files are written, those of a `figure` each, and sentences on them; nothing beside JSON."""
         if not self.json:
+            given = {content: path for content, path in paths.items() if path is not None}
+            lines = [f"{content}: {file}" for content, path in given.items()
+                     for file in (lazy.plot_files(path) if content == "figure" else (path,))]  # fmt: skip
             print("".join(f"{line}\n" for line in (*lines, *sentences)), end="")
 
 

@@ -214,9 +214,10 @@ def posterior(
     if following is not None:
         output.table(following.title, following.rows(), following.headings, range(len(following.headings)))
     files.write(task, ranking, posteriors, following)
-    figures = {name.removeprefix("plot_"): path for name, path in files.figures.items()}
+    figures = [f"{name.removeprefix('plot_')}: {file}" for name, path in files.figures.items()
+               for file in lazy.plot_files(path)]  # fmt: skip
     steps = [*task.next_steps(ranking, files.case_file, files.output), *([following.sentence] if following else [])]
-    output.wrote(*steps, **figures, draws=files.output, case=files.case_file)
+    output.wrote(*figures, *steps, draws=files.output, case=files.case_file)
 
 
 def _draw(
@@ -327,7 +328,7 @@ def predict(
         with user_errors():
             lazy.write_whole(output, csv)
     draw(plot, lambda: lazy.plot_means(predictor, at))
-    printed.wrote(table=output, plot=plot)
+    printed.wrote(table=output, figure=plot)
 
 
 def _axis(name: str, text: str, units: "lazy.System", option: str = "") -> Any:

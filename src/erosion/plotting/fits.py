@@ -89,7 +89,7 @@ def _draw_curves(
 ) -> None:
     """Each fit's curve for each group, with its band."""
     degrees, names = np.rad2deg(_FIT_ANGLES), [model_name(fit.model) for fit in fits]
-    drawn = [np.concatenate([fit.curve(_FIT_ANGLES, group.values)[0] for group in groups]) for fit in fits]
+    drawn = [np.stack([fit.curve(_FIT_ANGLES, group.values)[0] for group in groups]) for fit in fits]
     for rank, (fit, same) in enumerate(zip(fits, coinciding(drawn, _ALIKE), strict=True)):
         name = f"{names[rank]}, as {names[same[0]]}" if same else names[rank]
         for i, group in enumerate(groups):

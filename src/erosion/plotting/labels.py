@@ -83,13 +83,19 @@ def describe(best: Best | Optimum) -> str:
     return f"just {best.side} the jump at {at}" if best.side else f"at the jump, {at}"
 
 
-_ALIKE = 0.005  # a line's width over the greatest value
+_WIDTH = 0.005  # of a line, over the greatest value
 
 
 def coinciding(curves: Sequence[np.ndarray], share: float) -> list[list[int]]:
-    """The curves before each one that it would hide at more than this share of the points."""
-    most = _ALIKE * np.nanmax(np.append(np.concatenate(curves), 0.0))
-    return [[i for i, other in enumerate(curves[:at]) if np.mean(np.isclose(curve, other, 0, most, True)) > share]
+    """The curves before each one that it would hide at more than this share of the points, in each group of them.
+
+    Args:
+        curves: each of shape (points,), or (groups, points), where a group is measured by its own greatest value.
+        share: of the points.
+    """
+    most = _WIDTH * np.nanmax([*curves, np.zeros_like(curves[0])], axis=(0, -1))[..., None]
+    return [[i for i, other in enumerate(curves[:at])
+             if (np.isclose(curve, other, 0, most, True).mean(axis=-1) > share).all()]
             for at, curve in enumerate(curves)]  # fmt: skip
 
 

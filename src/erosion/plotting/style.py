@@ -16,6 +16,7 @@ from typing import Any, cast
 import matplotlib as mpl
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import Formatter
@@ -23,7 +24,7 @@ from matplotlib.ticker import Formatter
 from erosion.output.files import write_whole
 from erosion.output.language import ENGLISH, Language
 from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.quantities import RESULTS, Scale, UnitError, about, conversion_factor, read_quantity
+from erosion.parameters.quantities import RESULTS, Scale, UnitError, about, conversion_factor, has_unit, read_quantity
 from erosion.plotting.labels import FAINT, INK
 
 _NO_DATES: Mapping[str, Mapping[str, None]] = {
@@ -60,8 +61,10 @@ _WIDTH: contextvars.ContextVar[float | None] = contextvars.ContextVar("width", d
 """Of figures that are drawn for print [inch]; None for those of a screen, which have widths of their own."""
 _NARROWEST, _WIDEST = 0.05, 0.5  # m
 _LETTERS = 16  # of 8 pt in an inch
-_BETWEEN = re.compile(r"(?:(?<=\.svg)|(?<=\.png)|(?<=\.pdf)|(?<=mm)|(?<=cm)|(?<=in)),", re.IGNORECASE)
-_OF_WIDTH = re.compile(r"(.+\.\w+)@(.+)")
+# A comma or an "@" anywhere else belongs to a name: "jo@work.com/Berlin,2026.png".
+_SUFFIX = rf"\.(?:{'|'.join(FigureCanvasBase.filetypes)})"
+_LISTED = re.compile(rf"({_SUFFIX}\s*(?:@[^/\\,]*)?),", re.IGNORECASE)
+_OF_WIDTH = re.compile(rf"(.+{_SUFFIX})\s*@([^/\\]+)", re.IGNORECASE)
 
 
 @contextlib.contextmanager
@@ -157,18 +160,20 @@ def plot_files(text: str | Path) -> dict[Path, float | None]:
     """The files of "a.png" or "a.png,b.pdf@84mm", and for print the width of each [m].
 
     Raises:
-        ValueError: for a suffix as of `save_plot`, and a width that is none.
+        ValueError: for a suffix as of `save_plot`, a file that is named twice, and a width that is none.
     """
     files: dict[Path, float | None] = {}
-    for part in _BETWEEN.split(str(text)):
+    for part in _LISTED.sub("\\1\0", str(text)).split("\0"):
         name, width = match.groups() if (match := _OF_WIDTH.fullmatch(part.strip())) else (part.strip(), None)
-        files[Path(name)] = None
         _suffix(Path(name))
+        if Path(name) in files:
+            raise ValueError(f"{name}: is named twice, but every file must be another.")
+        files[Path(name)] = None
         if width is not None:
             with about(f"{name}: the width"):
                 files[Path(name)] = size = read_quantity(width, "length", "si")
-                if not _NARROWEST <= size <= _WIDEST:
-                    raise UnitError(f"must be from 50 mm to 500 mm, but is {width}")
+                if not (has_unit(width) and _NARROWEST <= size <= _WIDEST):
+                    raise UnitError(f"must be from 50 mm to 500 mm, with its unit, but is {width}")
     return files
 
 
