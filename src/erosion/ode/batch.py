@@ -80,10 +80,9 @@ class _Batch(NamedTuple):
         return jax.tree.map(lambda part: part[lanes], self.quantities._replace(value=None))
 
     def values(self, lanes: np.ndarray) -> list[np.ndarray]:
-        """How some lanes ended, their outputs and times, the second derivatives that are judged, states at times."""
+        """How some lanes ended, their outputs and times, and the second derivatives that are judged."""
         results = self.results
-        values = results.outcome, *results.outputs.value, results.time.value, *self.judged
-        return [part[lanes] for part in values] + [self.saved[lanes, :, 0] for _ in self.tapes[1:]]
+        return [part[lanes] for part in (results.outcome, *results.outputs.value, results.time.value, *self.judged)]
 
     def times(self, lanes: np.ndarray) -> np.ndarray | None:
         """The times at which states of some lanes are wanted, shape (lanes, n)."""
@@ -99,20 +98,29 @@ class _Batch(NamedTuple):
         """Outputs at times and their derivatives, shape (lanes, times, members, outputs)."""
         return self.tapes[1]
 
-    def error(self, lanes: np.ndarray, before: list[np.ndarray], rtol: float, ratio: np.ndarray) -> np.ndarray:
+    def error(
+        self, lanes: np.ndarray, before: list[np.ndarray], kept: list[np.ndarray], rtol: float, ratio: np.ndarray
+    ) -> np.ndarray:
         """The greatest relative error of some lanes' values, a `ratio` of their change; 1 where they end otherwise.
 
         Second derivatives may err by more: their errors count as if they might not. The last of `errors` is of values.
+
+        Args:
+            lanes: some lanes.
+            before: their `values` before the last integration.
+            kept: the arrays `kept`, of these lanes, before it.
+            rtol: the tolerance at first.
+            ratio: of the error to the change.
         """
         (old, *before), (outcome, *found) = before, self.values(lanes)
         judged, events, results, of_times = len(self.judged), len(self.layout.event_names), self.results, 0.0
         with np.errstate(all="ignore"):
             if self.timed:
                 # Relative to the greatest size among the times: a state may pass through zero there.
-                *before, saved_before = before
-                *found, saved = found
-                sizes = np.nan_to_num(np.abs(saved)).max(1, initial=0.0, keepdims=True)
-                of_times = np.nan_to_num(np.abs(saved - saved_before) / sizes).max((1, 2), initial=0.0) * ratio
+                states = kept[-1][:, :, 0], self.saved[lanes, :, 0]
+                for old_part, part in zip(*(np.moveaxis(each, -1, 0) for each in states), strict=True):
+                    moved, size = (np.fmax.reduce(np.abs(each), 1, initial=0.0) for each in (part - old_part, part))
+                    of_times = np.fmax(of_times, moved / size * ratio)
             sizes = [np.abs(new) for new in found[: len(found) - judged]]
             greatest = [*sizes]
             # At an event a part of the state may be zero by definition, and nothing is known relative to it.
@@ -127,7 +135,7 @@ class _Batch(NamedTuple):
             if judged:
                 self.errors[:-1, lanes] = changes[-judged:]
                 changes[-judged:] *= rtol / _EXACT
-            return np.maximum(changes.max(0), of_times)
+            return np.fmax(changes.max(0), of_times)
 
     @property
     def outputs(self) -> list[np.ndarray]:
@@ -340,7 +348,7 @@ def _check(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
     greater = tolerances[lanes]
     before = batch.values(lanes)
     batch.run_again(lanes, tolerances)
-    error = batch.error(lanes, before, rtol, rtol / greater)
+    error = batch.error(lanes, before, kept, rtol, rtol / greater)
     for output, old in zip(batch.kept, kept, strict=True):
         output[lanes] = old
     with np.errstate(divide="ignore"):
@@ -371,7 +379,7 @@ def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> np.ndarray:
         lost = batch.layout.has_no_result(results.outcome[lanes]) & ~batch.layout.has_no_result(before[0])
         repeated[lanes[~lost]] = True
         errors = batch.errors[:, lanes[lost]]
-        error = batch.error(lanes, before, rtol, following / used)
+        error = batch.error(lanes, before, previous, rtol, following / used)
         batch.errors[:, lanes[lost]] = errors
         for output, old_output in zip(batch.kept, previous, strict=True):
             output[lanes[lost]] = old_output[lost]

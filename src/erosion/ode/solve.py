@@ -468,12 +468,14 @@ def _at_times(lanes: Lanes, ts: np.ndarray, t: Any, saved: np.ndarray, along: Se
     """
     known, wide = np.isfinite(ts), lanes._replace(shape=(*lanes.shape, ts.size))
     places = np.unique(ts[known], return_inverse=True)[1]
-    late = ts > np.reshape(t, (-1, 1))
+    in_order, late = np.array_equal(places, np.arange(ts.size)), ts > np.reshape(t, (-1, 1))
 
     def part(column: int, member: int) -> Times:
         of_along = saved if saved.ndim == 4 else saved[:, column]
-        rows = np.full((lanes.size, ts.size, saved.shape[-1]), np.nan)
-        rows[:, known] = of_along[:, places, member]
+        rows = of_along[:, :, member]
+        if not in_order:
+            rows = np.full((lanes.size, ts.size, saved.shape[-1]), np.nan)
+            rows[:, known] = of_along[:, places, member]
         rows[late] = np.nan
         outputs = [row.reshape(wide.shape) for row in np.moveaxis(rows, -1, 0)]
         y, integrals = shaped(wide, np.broadcast_to(ts, wide.shape), outputs)[1:]
