@@ -20,7 +20,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     angle, speed = (part.ravel() for part in np.meshgrid([15.0, 30.0, 45.0, 60.0, 75.0], [60.0, 98.0]))
     true = 300 * np.sin(np.deg2rad(2 * angle)) ** 0.6 * (speed / 98) ** 2.4
     weighed = true * (1 + 0.05 * np.random.default_rng(4).standard_normal(true.size))
-    data = {"angle [deg]": angle, "speed [m/s]": speed, "mass_loss [mg/kg]": weighed}
+    data = {"angle [deg]": angle, "speed [m/s]": speed, "mass_loss [ug/g]": weighed}
     p = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061")
     drawn = erosion.posterior("linearized", p, data, ["k", "psi"], density=2700.0, error="2 mg/kg + 5 %", draws=125)
     return drawn.save(tmp_path_factory.mktemp("fit") / "draws.nc")
@@ -49,13 +49,13 @@ def test_the_numbers_are_those_of_the_predictor(fitted, shell, tmp_path):
     assert printed.document["result"]["predictions"][0]["mean"]["unit"] == "kg/kg"
     assert any(said == "120 m/s is 1.22 × the fastest test." for said in printed.document["warnings"])
     heading, *rows = csv.reader(table.read_text().splitlines())
-    assert heading[:4] == ["alpha [deg]", "v0 [m/s]", "mean [mg/kg]", "mean_low [mg/kg]"]
+    assert heading[:4] == ["alpha [deg]", "v0 [m/s]", "mean [ug/g]", "mean_low [ug/g]"]
     np.testing.assert_allclose([float(row[2]) for row in rows], 1e6 * of_mean.mean(axis=0).ravel())
 
 
 def test_the_tables_say_what_is_in_each_interval(fitted, shell, tmp_path):
     printed = shell(["predict", str(fitted), "--plot", str(tmp_path / "bands.png")])
-    assert "α [°]   v₀ [m/s]   mean [mg/kg]   95 % of the mean   95 % of a new weighing" in printed.out
+    assert "α [°]   v₀ [m/s]   mean [ug/g]   95 % of the mean   95 % of a new weighing" in printed.out
     # All angles at the speeds of the tests.
     lines = printed.out.splitlines()
     assert [
@@ -86,6 +86,8 @@ def test_the_wear_is_in_the_unit_that_is_asked_for(fitted, shell, tmp_path):
     for unit in ("mg/kg", "ug/g", "g/kg"):
         shown = shell([*words, "--unit", unit, "--plot", str(tmp_path / "bands.svg")]).out
         assert f"mean [{unit}]" in shown
+        # Letters are outlines, and a comment says what they spell.
+        assert f"<!-- [{unit}] -->" in (tmp_path / "bands.svg").read_text("utf-8")
         heading, row = csv.reader((tmp_path / "table.csv").read_text().splitlines())
         assert heading[2] == f"mean [{unit}]"
         rows[unit] = float(row[2])
@@ -110,6 +112,9 @@ def test_draws_that_did_not_converge_are_named(fitted, shell, tmp_path):
         (["--v0", "0 m/s"], "Option `--v0` must be positive"),
         (["--particle", "garnet"], "Option `--particle` must be a material and a size"),
         (["--unit", "mm^3/g"], "Option `--unit` must be a mass per mass"),
+        (["--unit", "2 g/kg"], "Option `--unit` must be a unit, without a number, but is '2 g/kg'."),
+        (["--unit", "0 g/kg"], "Option `--unit` must be a unit, without a number"),
+        (["--unit", ""], "Option `--unit` must be a unit, without a number"),
         (["--level", "95"], "Option `--level` must be in (0, 1), but is 95.0."),
         (["-o", "table.nc"], "Option `--output` must end in .csv, but is table.nc."),
         (["--plot", "table.txt"], "must end in .svg, .png or .pdf"),

@@ -3,6 +3,7 @@
 import pytest
 
 from erosion.parameters.headings import HeaderError, Known, factor, head_parts, read_heads
+from erosion.parameters.quantities import UnitError
 
 KNOWN = {
     "speed": Known(("speed",), ("v", "impact velocity"), "v|veloc.*"),
@@ -33,6 +34,9 @@ def test_a_unit_may_have_a_number_or_begin_with_one() -> None:
     assert factor("1e-4 m^3", "volume", "si") == 1e-4
     assert factor("10 mm", "length", "si") == pytest.approx(0.01)
     assert factor("1/s", "rate", "si") == 1
+    for number in ("0", "0.0", "1e-999", "1e999"):
+        with pytest.raises(UnitError, match="must be of a positive, finite size"):
+            factor(f"{number} mg/kg", "mass per mass", "si")
 
 
 def test_columns_are_used_left_out_or_refused() -> None:

@@ -34,7 +34,7 @@ from erosion.fits.tables import (
     text_of,
 )
 from erosion.output.files import readable
-from erosion.output.tables import largest_of
+from erosion.output.tables import briefly, largest_of
 from erosion.parameters.headings import (
     NO_UNIT,
     HeaderError,
@@ -134,8 +134,11 @@ class Measurements:
         """The same rows, whose erosion tables and figures show in a unit such as "g/kg".
 
         Raises:
-            ValueError: for a unit of something else; a clause that starts with "must".
+            ValueError: for a unit of something else, or with a number; a clause that starts with "must".
         """
+        unit = unit.strip()
+        if not unit or unit[0].isdigit():
+            raise ValueError(f"must be a unit, without a number, but is {briefly(unit)}")
         scale_of(unit, self.dimension, self.units)
         return dataclasses.replace(self, unit=unit)
 

@@ -68,10 +68,6 @@ class Predictions(Result):
         scales = {name: table_scale(self.dimension(name), data.units, most) for name, most in largest.items()}
         return scales | dict.fromkeys(COMPUTED, data.scale)
 
-    def in_unit(self, unit: str) -> "Predictions":
-        """The same, shown in a unit; see `Measurements.in_unit`."""
-        return dataclasses.replace(self, predictor=self.predictor.in_unit(unit))
-
     @property
     def title(self) -> str:
         """The model, what it predicts, and the tests."""

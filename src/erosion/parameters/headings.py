@@ -8,6 +8,7 @@ columns are left out, and the reader says which. So no column that matters is pa
 """
 
 import contextlib
+import math
 import re
 import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -220,9 +221,12 @@ def factor(unit: str, dimension: Dimension, units: System) -> float:
     """What numbers of a column are multiplied by; its unit may have a number of its own, "1e-4 in^3".
 
     Raises:
-        UnitError: as of `read_quantity`.
+        UnitError: as of `read_quantity`, and for a number of its own that is zero or not finite.
     """
-    return read_quantity(unit if _NUMBER.match(unit) else f"1 {unit}", dimension, units)
+    size = read_quantity(unit if _NUMBER.match(unit) else f"1 {unit}", dimension, units)
+    if not 0 < size < math.inf:
+        raise UnitError(f"must be of a positive, finite size, but is {briefly(unit)}")
+    return size
 
 
 def scale_of(unit: str, dimension: Dimension, units: System) -> Scale:
