@@ -343,14 +343,11 @@ def _product(graph: Graph, x: Value, y: Value) -> Value | None:
 
 
 def _quotient(graph: Graph, x: Value, y: Value) -> Value | None:
-    if y.op == "const" and y.extra != 0 and math.isfinite(y.extra) and abs(math.frexp(y.extra)[0]) == 0.5:
-        with np.errstate(all="ignore"):
-            inverse = abs(float(_NUMPY[y.type](1) / _NUMPY[y.type](y.extra)))
-        # Exact, unless the inverse is subnormal or too large.
-        if 1e-30 < inverse < 1e30:
-            return graph.op("fmul", x.type, x, graph.constant(1 / y.extra, y.type))
+    if y.op == "const" and not 1e-30 < abs(y.extra) < 1e30:
+        return None  # its reciprocal may be subnormal or infinite
+    is_exact = y.op == "const" and abs(math.frexp(y.extra)[0]) == 0.5
     innermost = max(x.region.depth, y.region.depth)
-    if y.op != "const" and y.region.level < graph.region.targets[innermost].level:
+    if is_exact or y.region.level < graph.region.targets[innermost].level:
         # The divisor does not change in the loop: its reciprocal is computed before the loop, and multiplied here.
         return graph.op("fmul", x.type, x, graph.op("fdiv", y.type, graph.constant(1.0, y.type), y))
     return None
