@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 from erosion.cli import _status
+from erosion.cli.calibrate import Fit
 from erosion.fits.posterior_files import model_of_draws
 from erosion.models.closed_forms import LinearizedCut
 from erosion.parameters.case_files import CaseFile
@@ -91,10 +92,47 @@ def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path,
     some = shell([*line, *rig, "--repeat-cost", "0.1", "--json"]).result["next_experiment"]
     assert (len(some["information"]), some["cost"]) == (4, [1, 1, 1.2, 1.2])
     assert ": 3 weighings there, for 1.2 times the cost of one, are expected to say " in some["sentence"]
+    assert some["best"]["weighings"] == 3
     printed = shell([*line, "--next-experiment", "--json"]).result["next_experiment"]
     assert printed["sentence"].startswith("Measure next at 32.5° and 4400 in/s: ")
     assert len(printed["information"]) == 34
     assert "next_experiment" not in shell([*line, "--json"]).result
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--next-particles", "garnit 2 mm"], "Option `--next-particles` must "),
+        (
+            ["--next-particles", "garnet 2 mm", "--free", "r"],
+            "`--next-particles` must be left out, because r is fitted.",
+        ),
+        (["--next-speeds", "60 m/s", "--free", "v0"], "`--next-speeds` must be left out, because v0 is fitted."),
+        (["--next-speeds", "inf m/s"], "Option `--next-speeds` must list positive speeds, but is inf m/s."),
+        (["--next-weighings", "0"], "Option `--next-weighings` must be a whole number of at least 1, but is 0."),
+        (["--next-weighings", "1e30"], "Option `--next-weighings` must list numbers of at most 10,000"),
+        (["--next-weighings", "1,3", "--repeat-cost", "0"], "Option `--repeat-cost` must be positive and finite"),
+        (["--repeat-cost", "0.5"], "Option `--repeat-cost` needs tests of several weighings"),
+    ],
+)
+def test_mistakes_in_the_next_experiment_are_found_before_anything_is_computed(
+    table, shell, monkeypatch, options, message
+):
+    monkeypatch.setattr(Fit, "measured", lambda *arguments: pytest.fail("is computed"))
+    assert message in shell(["posterior", str(table), "--free", "psi", *options], 2).err
+
+
+def test_draws_are_kept_where_no_next_experiment_can_be_judged(tmp_path, monkeypatch, shell):
+    monkeypatch.chdir(tmp_path)
+    Path("rows.csv").write_text("angle [deg], mass_loss [mg/kg]\n15,190\n30,240\n45,205\n60,150\n")
+    # A share of nothing: without deformation nothing is removed at 90°.
+    words = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--error", "8 %", "--next-angles", "90deg"]
+    files = ["--plot-next-experiment", "next.svg", "-o", "draws.nc"]
+    out = shell(["posterior", "rows.csv", *words, "--model", "linearized", "--draws", "125", *files]).out
+    assert out.splitlines()[-1].startswith("No candidate can be judged: ")
+    assert "nan" not in out
+    assert "No candidate can be judged" in Path("next.svg").read_text("utf-8")
+    assert model_of_draws("draws.nc") == "linearized"
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,8 @@ def test_two_models_are_told_apart_where_they_differ():
     answer = next_experiment(both)
     assert answer.names == both.names
     assert answer.discrimination.max() <= -(both.weights @ np.log2(both.weights)) + 1e-6
-    assert "about the model [bit]" in str(answer)
+    assert answer.headings[-2:] == ("about the model [bit]", "together [bit]")
+    assert [float(row[-1]) for row in answer.rows()] == sorted((float(row[-1]) for row in answer.rows()), reverse=True)
     where = answer.best_to_discriminate["alpha"]
     assert answer.discrimination.max() == answer.discrimination[answer.candidates["alpha"] == where]
 
@@ -132,6 +133,7 @@ def drawn():
         ({"noise": 0.0}, "`noise` must be positive"),
         ({"weighings": [0]}, "`weighings` must be a whole number of at least 1"),
         ({"weighings": []}, "`weighings` must list"),
+        ({"weighings": [20_000]}, "`weighings` must list numbers of at most 10,000"),
         ({"repeat_cost": 0.0}, "`repeat_cost` must be positive"),
     ],
 )
@@ -197,6 +199,14 @@ def test_weighings_of_one_test_are_worth_their_mean_and_cost_what_is_said(drawn)
     assert answer.order.tolist() == np.argsort(-answer.total / answer.cost).tolist()
     assert answer.headings[:4] == ("α [°]", "v₀ [in/s]", "weighings", "cost")
     assert len(answer.rows()) == len(answer.to_dict()["weighings"]) == 4
+    assert answer.best["weighings"] == answer.shown["weighings"][answer.order[0]]
+    # What is said first and compared with the others is what they are sorted by.
+    worth = answer.total / answer.cost
+    both = f", {worth.max():.3f} for the cost of one weighing, the median candidate {np.median(worth):.3f};"
+    assert both in answer.sentence
+    assert answer.headings[-1] == "for the cost of one [bit]"
+    assert [row[-1] for row in answer.rows()] == [f"{value:.3f}" for value in sorted(worth, reverse=True)]
+    assert len(next_experiment(drawn, candidates, noise=1e-6, weighings=[4, 1, 4]).total) == 4
     # Where a repeat costs as much as a new test, it never is the best one.
     dear = next_experiment(drawn, candidates, noise=1e-6, weighings=[4, 1])
     assert dear.weighings is not None
@@ -215,6 +225,9 @@ def test_a_candidate_whose_error_is_a_share_of_nothing_is_not_judged(drawn):
     answer = next_experiment(drawn, {"alpha": [0.3, np.pi / 2]}, noise=ErrorModel(0, 0.08))
     assert np.isfinite(answer.total).tolist() == [True, False]
     assert answer.best["alpha"] == 0.3
+    assert len(answer.rows()) == 1
+    assert " 1 of 2 candidates, at 90°, cannot be judged: " in answer.sentence
+    assert not next_experiment(drawn, {"alpha": np.pi / 2}, noise=ErrorModel(0, 0.08)).best
     assert (
         "No candidate can be judged" in next_experiment(drawn, {"alpha": np.pi / 2}, noise=ErrorModel(0, 0.08)).sentence
     )

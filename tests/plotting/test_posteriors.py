@@ -108,6 +108,7 @@ def test_tests_of_several_weighings_are_compared_for_one_cost(result):
     answer = next_experiment(result, {"alpha": np.deg2rad([20.0, 40.0])}, weighings=[1, 3], repeat_cost=0.5)
     (ax,) = plot_next_experiment(answer).axes
     lines = {str(line.get_label()): np.asarray(line.get_ydata()) for line in ax.get_lines()}
+    assert str(ax.get_lines()[-1].get_label()).endswith(f" {answer.best['weighings']} weighings")
     np.testing.assert_allclose(lines["1 weighing"], answer.total[:2])
     np.testing.assert_allclose(lines["3 weighings"], answer.total[2:] / 2)
     assert "for the cost of one weighing" in ax.get_ylabel()

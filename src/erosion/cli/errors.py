@@ -99,7 +99,6 @@ _OPTIONS = {
     "priors": "Option `--prior`",
     "store": "Option `--output`",
     "data": "The table",
-    "candidates": "Option `--next-speeds`",
     "weighings": "Option `--next-weighings`",
     "unit": "Option `--surface-unit`",
 }

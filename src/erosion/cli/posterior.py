@@ -5,7 +5,7 @@ import functools
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from cyclopts import Parameter
 
@@ -84,18 +84,19 @@ class _Files:
         posteriors: "lazy.PosteriorRanking",
         experiment: "lazy.NextExperiment | None",
     ) -> None:
-        """Write the files."""
+        """Write the files, first the draws, which take longest."""
+        posterior = posteriors.best
+        with user_errors():
+            if self.output is not None:
+                posterior.save(self.output)
         if self.case_file is not None:
             write_case(self.case_file, ranking, task.options)
-        posterior = posteriors.best
         with user_errors():
             for name, path in self.figures.items():
                 result: Any = posterior.alpha_max() if name == "plot_best_angles" else posterior
                 if name == "plot_next_experiment":
                     result = experiment
                 draw(path, functools.partial(getattr(lazy, name), result))
-            if self.output is not None:
-                posterior.save(self.output)
 
 
 @Parameter(name="*", group=DRAWS)
@@ -116,8 +117,8 @@ class _Experiment:
     next_weighings: Annotated[list[str] | None, LISTED, Parameter(help='That a test may have: "1,3".')] = None
     repeat_cost: Annotated[float, Parameter(help="Of a weighing more, over that of a new test.")] = 1.0
 
-    def read(self, units: "lazy.System") -> tuple[Any, list[float], list[int]]:
-        """Angles, speeds and numbers of weighings, known before anything is computed."""
+    def read(self, units: "lazy.System", free: Sequence[str]) -> "_Candidates":
+        """What is typed, known before anything is computed, for a fit of these parameters."""
         import numpy as np
 
         angles = (
@@ -130,23 +131,41 @@ class _Experiment:
                 raise ValueError(f"must be above 0° and at most 90°, but is {self.next_angles}")
         with reading("Option `--next-speeds`"):
             speeds = [lazy.read_quantity(text, "speed", units) for text in self.next_speeds or ()]
-        if not all(speed > 0 for speed in speeds):
+        if not all(0 < speed < np.inf for speed in speeds):
             listed = ", ".join(self.next_speeds or ())
             raise InputError(f"Option `--next-speeds` must list positive speeds, but is {listed}.")
+        with user_errors(fields={"particle": "Option `--next-particles`"}):
+            sizes = [lazy.particle(text).parameters(units) for text in self.next_particles or ()]
+        for option, names in {
+            "speeds": ["v0"] * bool(speeds),
+            "particles": [name for one in sizes for name in one],
+        }.items():
+            if fitted := sorted({*names} & {*free}):
+                raise InputError(f"Option `--next-{option}` must be left out, because {', '.join(fitted)} is fitted.")
         with reading("Option `--next-weighings`"):
             weighings = [read_whole(text) for text in self.next_weighings or ("1",)]
-        return angles, speeds, weighings
+        with user_errors():
+            numbers = lazy.check_repeats(weighings, self.repeat_cost)
+        if self.repeat_cost != 1 and numbers.max() == 1:
+            raise InputError("Option `--repeat-cost` needs tests of several weighings: `--next-weighings`.")
+        return _Candidates(angles, speeds, sizes, {"weighings": weighings, "repeat_cost": self.repeat_cost})
 
-    def judged(
-        self, posteriors: "lazy.PosteriorRanking", angles: Any, speeds: list[float], weighings: list[int]
-    ) -> "lazy.NextExperiment":
+
+class _Candidates(NamedTuple):
+    """The tests that are judged: angles [rad], speeds and sizes, those of the data where empty, repeats, their cost."""
+
+    angles: Any
+    speeds: list[float]
+    sizes: list[dict[str, float]]
+    repeats: dict[str, Any]
+
+    def judged(self, posteriors: "lazy.PosteriorRanking") -> "lazy.NextExperiment":
         """Where one more test tells most, of all models together."""
         import numpy as np
 
-        at = _conditions(posteriors.best.likelihood.forward, speeds or None, self.next_particles)
+        at = _conditions(posteriors.best.likelihood.forward, self.speeds or None, self.sizes)
         others = {name: np.array([one[name] for one in at]) for name in at[0]}
-        costs = {"weighings": weighings, "repeat_cost": self.repeat_cost}
-        return lazy.next_experiment(posteriors, {"alpha": angles[:, None], **others}, **costs)
+        return lazy.next_experiment(posteriors, {"alpha": self.angles[:, None], **others}, **self.repeats)
 
 
 def posterior(
@@ -180,7 +199,7 @@ def posterior(
     task, files = given_fit(data, with_file(case, file), fit, model, own, ignore), files or _Files()
     files.require_writable(task.inputs)
     experiment = experiment or _Experiment()
-    candidates = experiment.read(task.p.units)
+    candidates = experiment.read(task.p.units, task.fit.free)
     models = task.models()
     output = Output("posterior", task.p, task.options, json=json, seed=seed or 0)
     with user_errors(), progress_bar("reading") as progress:
@@ -193,7 +212,7 @@ def posterior(
         predictor = posteriors.best.prepared(progress)
         ranking = ranking.preferring(posteriors.names[0])
         is_asked = experiment != _Experiment() or files.plot_next_experiment
-        following = experiment.judged(posteriors, *candidates) if is_asked else None
+        following = candidates.judged(posteriors) if is_asked else None
     output.warn(
         *ranking.warnings, *(f"posterior: {sentence}" for sentence in (*posteriors.warnings, *predictor.warnings))
     )
@@ -304,7 +323,9 @@ def predict(
         with reading("Option `--unit`"):
             predictor = predictor.in_unit(unit)
     speeds = None if v0 is None else _axis("v0", v0, predictor.data.units).tolist()
-    at = _conditions(predictor.forward, speeds, particle and [particle])
+    with user_errors():
+        sizes = [] if particle is None else [lazy.particle(particle).parameters(predictor.data.units)]
+    at = _conditions(predictor.forward, speeds, sizes)
     asked = np.tile(_axis("alpha", alpha, predictor.data.units), (len(at), 1))
     others = {name: np.array([[one[name]] for one in at]) for name in at[0]}
     with user_errors(), progress_bar("predicting"):
@@ -340,11 +361,9 @@ def _axis(name: str, text: str, units: "lazy.System", option: str = "") -> Any:
 
 
 def _conditions(
-    forward: "lazy.Forward", speeds: Sequence[float] | None, particles: Sequence[str] | None
+    forward: "lazy.Forward", speeds: Sequence[float] | None, sizes: Sequence[Mapping[str, float]]
 ) -> list[dict[str, float]]:
     """What is asked beside the angle, each once: the speeds and masses of the tests, or those of the options."""
-    with user_errors():
-        sizes = [lazy.particle(text).parameters(forward.data.units) for text in particles or ()]
     usual = {} if "v0" in forward.names else {"v0": float(forward.p.v0)}
     groups = [{**usual, **group.values, **size}
               for group in lazy.conditions(forward.data, lazy.MOST) for size in sizes or [{}]]  # fmt: skip

@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from erosion.fits.ranking import PosteriorRanking
 from erosion.models import model_name
 from erosion.output.tables import Result, briefly, to_plain
 from erosion.parameters.parameters import array_of
-from erosion.parameters.quantities import QUANTITIES, table_scale
+from erosion.parameters.quantities import QUANTITIES, Scale, table_scale
 
 _DRAWS = 1000
 _PER_NOISE = 16  # points of the grid in one standard deviation: the entropy errs by 1e-4 bit
@@ -24,6 +24,7 @@ _REACH = 6.0  # standard deviations beyond the outermost prediction
 _MOST = 2**17  # points of the grid; a prediction that varies by more noises is sampled less closely
 _NEAR = 2.0  # bit below the logarithm of the draws, from where on the information of normal laws is 0.3 bit too small
 _SHOWN = 10
+_MOST_WEIGHINGS = 10_000
 DEGREES = np.arange(5.0, 90.0, 2.5)
 """The angles of the candidates, if there are no others."""
 
@@ -66,51 +67,72 @@ class NextExperiment(Result):
         return 1 + self.repeat_cost * (np.zeros(len(self.total)) if self.weighings is None else self.weighings - 1)
 
     @functools.cached_property
+    def worth(self) -> np.ndarray:
+        """The total for the cost of a test of one weighing [bit]; NaN where a candidate cannot be judged."""
+        return self.total / self.cost
+
+    @functools.cached_property
     def order(self) -> np.ndarray:
-        """The indexes of the candidates, that of the greatest total for its cost first."""
-        return np.argsort(-self.total / self.cost, kind="stable")
+        """The indexes of the candidates, that of the greatest worth first."""
+        return np.argsort(-self.worth, kind="stable")  # NaN comes last
 
     @property
     def best(self) -> dict[str, float]:
-        """The conditions of the first candidate, in the units of the case, the angle in rad."""
-        return self._at(int(self.order[0]))
+        """The first candidate in the units of the case, with its weighings if asked for; empty if none is judged."""
+        return self._greatest(self.worth)
 
     @property
     def best_to_discriminate(self) -> dict[str, float]:
-        """The conditions at which a row says most about which model is right."""
-        return self._at(int(np.argsort(-self.discrimination, kind="stable")[0]))  # NaN comes last
+        """The same of the candidate that says most about which model is right."""
+        return self._greatest(self.discrimination)
 
     @property
     def sentence(self) -> str:
-        """Where to measure next, and how much a row there is expected to say."""
-        most = float(self.total[self.order[0]])
-        if not np.isfinite(most):
-            return "No candidate can be judged: no draw has a volume and an error there."
-        conditions = " and ".join(self.condition_in_words(name, self.best[name]) for name in self.shown)
-        row, count = "one row there is", 1 if self.weighings is None else int(self.weighings[self.order[0]])
+        """Where to measure next, how much a row there is expected to say, and which candidates cannot be judged."""
+        best, unknown = int(self.order[0]), np.isnan(self.total)
+        why = "cannot be judged: draws have no volume or no error there."
+        if unknown.all():
+            return f"No candidate {why.replace('cannot', 'can')}"
+        conditions = " and ".join(
+            self.condition_in_words(name, value[best]) for name, value in self.shown.items() if name != "weighings"
+        )
+        row, count = "one row there is", self.best.get("weighings", 1)
         if count > 1:
-            row = f"{count} weighings there, for {self.cost[self.order[0]]:.3g} times the cost of one, are"
-        share = f" ({self.discrimination[self.order[0]]:.3f} on which model is right)" if len(self.names) > 1 else ""
-        usual = f"the median candidate {np.nanmedian(self.total):.3f}; one bit halves what is left open"
+            row = f"{count} weighings there, for {self.cost[best]:.3g} times the cost of one, are"
+        share = f" ({self.discrimination[best]:.3f} on which model is right)" if len(self.names) > 1 else ""
+        each = "" if self.weighings is None else f", {self.worth[best]:.3f} for the cost of one weighing"
+        usual = f"the median candidate {np.nanmedian(self.worth):.3f}; one bit halves what is left open"
         limit = float(np.log2(self.draws))
         is_near = float(np.nanmax(self.information)) > limit - _NEAR
-        capped = f" {self.draws:,} draws show {limit:.1f} bit at most: ask for more draws." * is_near
-        return f"Measure next at {conditions}: {row} expected to say {most:.3f} bit{share}, {usual}.{capped}"
+        more = f" {self.draws:,} draws show {limit:.1f} bit at most: ask for more draws." * is_near
+        if unknown.any():
+            low, high = (f"{end:.4g}°" for end in np.rad2deg(np.sort(self.candidates["alpha"][unknown])[[0, -1]]))
+            where = f"at {low}" if low == high else f"between {low} and {high}"
+            more += f" {unknown.sum():,} of {len(unknown):,} candidates, {where}, {why}"
+        bits = f"{self.total[best]:.3f} bit{share}{each}"
+        return f"Measure next at {conditions}: {row} expected to say {bits}, {usual}.{more}"
 
     @functools.cached_property
     def shown(self) -> dict[str, np.ndarray]:
-        """The conditions that a reader needs: angle, speed and what else varies, of a size the mass alone."""
+        """What a reader needs: angle, speed, what else varies, of a size the mass alone, and weighings if asked for."""
         varying = {name: values for name, values in self.candidates.items()
                    if name in ("alpha", "v0") or np.ptp(values) > 0}  # fmt: skip
-        return {name: values for name, values in varying.items() if "m" not in varying or name not in ("r", "b")}
+        needed = {name: values for name, values in varying.items() if "m" not in varying or name not in ("r", "b")}
+        return needed if self.weighings is None else {**needed, "weighings": self.weighings}
 
     def condition_in_words(self, name: str, value: float) -> str:
-        """A condition of a candidate: "40°", "30 m/s", "r = 0.2 mm"."""
+        """A condition of a candidate: "40°", "30 m/s", "r = 0.2 mm", "3 weighings"."""
+        if name == "weighings":
+            return f"{value:.0f} weighing{'s' if value > 1 else ''}"
         words = QUANTITIES[name].in_words(value, self.units)
         return words if name in ("alpha", "v0") else f"{QUANTITIES[name].symbol} = {words}"
 
-    def _at(self, index: int) -> dict[str, float]:
-        return {name: float(values[index]) for name, values in self.candidates.items()}
+    def _greatest(self, bits: np.ndarray) -> dict[str, float]:
+        if np.isnan(bits).all():
+            return {}
+        at = int(np.nanargmax(bits))
+        count = {} if self.weighings is None else {"weighings": int(self.weighings[at])}
+        return {**{name: float(values[at]) for name, values in self.candidates.items()}, **count}
 
     @property
     def title(self) -> str:
@@ -120,20 +142,30 @@ class NextExperiment(Result):
     @property
     def headings(self) -> tuple[str, ...]:
         """The columns of the table."""
-        conditions = [f"{QUANTITIES[name].symbol} [{self._scale(name).unit}]" for name in self.shown]
-        models = ("about the model [bit]",) if len(self.names) > 1 else ()
-        conditions += ["weighings", "cost"] if self.weighings is not None else []
-        return (*conditions, "about the parameters [bit]", *models)
+        return tuple(f"{head} [{unit}]" if unit else head for head, unit, _ in self._columns())
 
     def rows(self) -> list[tuple[str, ...]]:
         """The best candidates."""
-        columns = [values / self._scale(name).size for name, values in self.shown.items()]
-        columns += [] if self.weighings is None else [self.weighings, self.cost]
-        bits = [self.information, self.discrimination] if len(self.names) > 1 else [self.information]
-        return [(*(f"{values[i]:.4g}" for values in columns), *(f"{values[i]:.3f}" for values in bits))
-                for i in self.order[:_SHOWN]]  # fmt: skip
+        columns = [[f"{value:{'.3f' if unit == 'bit' else '.4g'}}" for value in values[self.order]]
+                   for _, unit, values in self._columns()]  # fmt: skip
+        return [*zip(*columns, strict=True)][: min(_SHOWN, int(np.isfinite(self.total).sum()))]
 
-    def _scale(self, name: str) -> Any:
+    def _columns(self) -> list[tuple[str, str, np.ndarray]]:
+        """Head, unit and values of the columns of the table; by the last of them it is sorted."""
+        scales = {name: self._scale(name) for name in self.shown if name != "weighings"}
+        columns = [(QUANTITIES[name].symbol, unit, self.shown[name] / size) for name, (size, unit) in scales.items()]
+        if self.weighings is not None:
+            columns += [("weighings", "", self.weighings), ("cost", "", self.cost)]
+        columns.append(("about the parameters", "bit", self.information))
+        if len(self.names) > 1:
+            columns.append(("about the model", "bit", self.discrimination))
+        if self.weighings is not None:
+            columns.append(("for the cost of one", "bit", self.worth))
+        elif len(self.names) > 1:
+            columns.append(("together", "bit", self.total))
+        return columns
+
+    def _scale(self, name: str) -> Scale:
         return table_scale(QUANTITIES[name].dimension, self.units, float(np.max(np.abs(self.candidates[name]))))
 
     def to_dict(self) -> dict[str, Any]:
@@ -195,11 +227,7 @@ def next_experiment(
         raise ValueError(
             f"Argument `candidates` must be such as {{'alpha': …, 'v0': …}}, but is {briefly(candidates)}."
         )
-    numbers = np.array([check_whole("weighings", number, 1) for number in weighings])
-    if not len(numbers):
-        raise ValueError("Argument `weighings` must list one or more numbers, but lists none.")
-    if not (np.isfinite(repeat_cost) and repeat_cost > 0):
-        raise ValueError(f"Argument `repeat_cost` must be positive and finite, but is {briefly(repeat_cost)}.")
+    numbers = check_repeats(weighings, repeat_cost)
     conditions = _conditions(posteriors, candidates)
     predictions, noises = [], []
     for posterior in posteriors:
@@ -224,6 +252,19 @@ def next_experiment(
         None if numbers.tolist() == [1] else np.repeat(numbers, len(conditions["alpha"])),
         repeat_cost,
     )
+
+
+def check_repeats(weighings: Any, repeat_cost: Any) -> np.ndarray:
+    """The numbers of weighings that a test may have, each once; a `ValueError` where they or the cost make no sense."""
+    given = weighings if isinstance(weighings, Iterable) and not isinstance(weighings, str) else (weighings,)
+    numbers = [*dict.fromkeys(check_whole("weighings", number, 1) for number in given)]
+    if not numbers or max(numbers) > _MOST_WEIGHINGS:
+        raise ValueError(
+            f"Argument `weighings` must list numbers of at most {_MOST_WEIGHINGS:,}, but is {briefly(weighings)}."
+        )
+    if not isinstance(repeat_cost, (int, float, np.integer, np.floating)) or not 0 < repeat_cost < np.inf:
+        raise ValueError(f"Argument `repeat_cost` must be positive and finite, but is {briefly(repeat_cost)}.")
+    return np.array(numbers)
 
 
 def _conditions(posteriors: Sequence[Posterior], candidates: Mapping[str, Any] | None) -> dict[str, np.ndarray]:

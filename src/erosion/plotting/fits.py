@@ -310,15 +310,20 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
     """What one more row is expected to say over its angle, a curve for each speed, with the best one marked.
 
     Of several models the upper panel is about their parameters, and the lower one about which model is right. The best
-    candidate is that of the greatest sum. Where tests have several weighings, all is for the cost of one.
+    candidate is that of the greatest sum. Where tests have several weighings, all is for the cost of one. Where no
+    candidate can be judged, the figure says so.
     """
+    if not answer.best:
+        fig = new_figure(6.2, 1.2)
+        fig.suptitle(answer.sentence, fontsize="small", wrap=True)
+        return fig
     panels = {"about the parameters": answer.information}
     if len(answer.names) > 1:
         panels["about the model"] = answer.discrimination
     fig = new_figure(6.2, 1.2 + 2.6 * len(panels))
     axes = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     best, degrees = int(answer.order[0]), np.rad2deg(answer.candidates["alpha"])
-    best_in_words = ", ".join(answer.condition_in_words(name, answer.best[name]) for name in answer.shown)
+    best_in_words = ", ".join(answer.condition_in_words(name, values[best]) for name, values in answer.shown.items())
     unit = "[bit]" if answer.weighings is None else "[bit for the cost of one weighing]"
     for ax, (meaning, bits) in zip(axes, panels.items(), strict=True):
         information = bits / answer.cost
@@ -342,12 +347,10 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
 def _by_conditions(answer: NextExperiment) -> list[tuple[str, np.ndarray]]:
     """The candidates with the same conditions but for the angle, by words for these."""
     others = {name: values for name, values in answer.shown.items() if name != "alpha"}
-    count = np.zeros(len(answer.total)) if answer.weighings is None else answer.weighings
-    rows = np.stack([*others.values(), count], axis=1)
+    rows = np.stack([*others.values(), np.zeros(len(answer.total))], axis=1)  # of no others, too
     groups = []
     for kind in np.unique(rows, axis=0):
         words = [answer.condition_in_words(name, value) for name, value in zip(others, kind, strict=False)]
-        words += [f"{kind[-1]:.0f} weighing{'s' if kind[-1] > 1 else ''}"] if kind[-1] else []
         groups.append((", ".join(words) or "_one condition", np.flatnonzero((rows == kind).all(axis=1))))
     return groups
 
