@@ -25,6 +25,8 @@ import numpy as np
 
 _PACKAGE = str(Path(__file__).parents[1]) + os.sep
 _FOLDERS = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
+# Those of `pip install --user`, of Debian's packages, and of a cluster's modules.
+_FOLDERS += [path for path in map(Path, sys.path) if path.name in ("site-packages", "dist-packages")]
 # Modules know their files by the path through which Python was started, which may have symbolic links in it.
 _LIBRARIES = tuple({str(path) for folder in _FOLDERS for path in (folder, folder.resolve())})
 # What Python and dataclasses write into a class, and nothing that is traced reads.
@@ -142,7 +144,7 @@ class Surroundings:
         space = getattr(thing, "__dict__", None)
         if _is_own_class(type(thing)) or type(thing) in _NAMESPACES:
             self._look_at_attributes({} if space is None else space)
-            for name in {name for one in type(thing).__mro__ for name in _slots(one)}:
+            for name in {name for one in type(thing).__mro__ for name in _slots(one)} - _NOT_READ:
                 if hasattr(thing, name):
                     self._read(functools.partial(getattr, thing, name))
         elif isinstance(space, dict):
