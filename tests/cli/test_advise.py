@@ -104,9 +104,9 @@ correlation = { "k,sigma" = -0.5 }
     [
         ("--units inch-pound", "Option `--units` cannot convert the table [advise] of fitted.toml, which is in si"),
         ("--k 3", "Option `--k` cannot set k, which has a law in fitted.toml."),
-        ("--target copper", "Option `--target` cannot set sigma, which has a law in fitted.toml."),
+        ("--target copper", "Option `--target` cannot set the metal, of which k, sigma have laws in fitted.toml."),
+        ("--model rotating", "Option `--model` must be linearized-deformation, whose parameters have laws in"),
         ("--set energy_ratio=3", "Option `--set` cannot set energy_ratio, which has a law in fitted.toml."),
-        ("--model oka:aluminium", "field `threshold`, must name an own parameter of oka:aluminium"),
         ("--uncertain cutting_fraction=lognormal(0.99,0.2)", "must be positive and at most 1, but 48.0% of LogNormal"),
         ("--cutting-fraction 0.5 --uncertain cutting_fraction=normal(0.3,0.03)", "cannot set cutting_fraction"),
     ],
@@ -230,6 +230,15 @@ def test_a_fit_that_rises_beyond_the_weighings_asks_for_one_there(shell, tmp_pat
     assert narrower.endswith("no weighing of yours is that flat.")
 
 
+@pytest.mark.parametrize("option", ["--target copper", "--model rotating", "--model all"])
+def test_draws_of_a_fit_are_of_its_metal_and_its_model(shell, tmp_path, monkeypatch, option):
+    monkeypatch.chdir(tmp_path)
+    head = 'model = "linearized"\n' + FITTED[: FITTED.index("model =")]
+    (tmp_path / "fitted.toml").write_text(f"{head}[advise.uncertain]\npsi = [19, 20, 21]\n")
+    said = shell(f"advise fitted.toml {option}", 2).err
+    assert "of which psi have laws in fitted.toml." in said or "--model` must be linearized, whose" in said
+
+
 @pytest.mark.parametrize(
     ("draws", "message"),
     [
@@ -237,8 +246,10 @@ def test_a_fit_that_rises_beyond_the_weighings_asks_for_one_there(shell, tmp_pat
         ("k = [1.3, inf]", "must give k finite numbers, one or more, but does not."),
         ("k = []", "must give k finite numbers, one or more, but does not."),
         ("kk = [1, 2]", ": kk is not a parameter; they are k, psi"),
-        ('k = [1.3, "2 m"]', ": could not convert string to float: '2 m'."),
-        ("k = [1.3, {}]", ": float() argument must be a string or a real number, not 'dict'."),
+        ('k = [1.3, "2 m"]', "must be a table of laws, or of lists of numbers, but has k = [1.3, '2 m']."),
+        ("k = [1.3, {}]", "must be a table of laws, or of lists of numbers, but has k = [1.3, {}]."),
+        ("k = [true, false]", "must be a table of laws, or of lists of numbers, but has k = [True, False]."),
+        ("k = [[1.3, 1.2]]", "must be a table of laws, or of lists of numbers, but has k = [[1.3, 1.2]]."),
         ("k = [-1.3, 2]", ": k must be positive, but 50.0% of"),
     ],
 )

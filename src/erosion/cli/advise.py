@@ -20,6 +20,7 @@ from erosion.cli.options import (
     LangOption,
     PlotOption,
     SetOption,
+    is_same_model,
     load_set,
     output_option,
     read_option,
@@ -92,6 +93,7 @@ class GivenFit:
         self.doubts = () if doubt is None else (doubt,)
         # Without laws in the options those of the case file, with their correlation.
         of_file = self._section if options.uncertain is None else {}
+        self._counts = "uncertain" in of_file
         laws = LawOptions(uncertain=options.uncertain)
         self._laws = laws.with_section(of_file, f"{case.case}: field `{{}}` of [advise]")
         self.files = self._laws.files
@@ -105,6 +107,12 @@ class GivenFit:
         with user_errors():
             of_fit = [lazy.model_of_draws(path) for path in draws] if named is None else [named]
         chosen = list(names or of_fit or lazy.MODELS)
+        of_file = named if named is not None else self._case.model()[0]
+        if of_file is not None and self._counts and not all(is_same_model(name, of_file) for name in chosen):
+            raise InputError(
+                f"Option `--model` must be {of_file}, whose parameters have laws in {self._case.case}, "
+                f"but is {', '.join(chosen)}."
+            )
         own = settings(self._options.own, self._section, f"{self._case.case}: `set` of [advise]")
         if own and len(chosen) > 1:
             raise InputError(f"{next(iter(own.values()))[0]} needs one model, but there are {', '.join(chosen)}.")
@@ -136,7 +144,9 @@ class GivenFit:
         options = {name: name for name in self._case.given()}
         options |= {text.partition("=")[0].strip(): "set" for text in self._options.own or ()}
         options |= {lazy.FRACTION: "cutting-fraction"} if has_fraction else {}
-        options |= {"sigma": "target"} if self._options.uncertain is None and self._case.target is not None else {}
+        if self._counts and self._case.target is not None and (of_metal := laws.keys() & {"k", "psi", "sigma"}):
+            names = ", ".join(sorted(of_metal))
+            raise InputError(f"Option `--target` cannot set the metal, of which {names} have laws in {uncertain}.")
         for name, option in options.items():
             if name in laws:
                 raise InputError(f"Option `--{option}` cannot set {name}, which has a law in {uncertain}.")

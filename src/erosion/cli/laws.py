@@ -58,6 +58,10 @@ class LawOptions:
         of_file: list[str | Mapping[str, Any]] = [] if uncertain is None else [uncertain]
         if isinstance(uncertain, dict) and not all(isinstance(draws, list) for draws in uncertain.values()):
             of_file = [f"{name}={law}" for name, law in uncertain.items()]
+        for name, law in uncertain.items() if isinstance(uncertain, dict) else ():
+            if isinstance(law, list) and not all(type(value) in (int, float) for value in law):
+                wanted = "be a table of laws, or of lists of numbers"
+                raise InputError(f"{where.format('uncertain')} must {wanted}, but has {name} = {briefly(law)}.")
         given = GivenLaws(
             rows=(where.format("rows"), rows),
             uncertain=(where.format("uncertain"), of_file),

@@ -262,7 +262,7 @@ class CaseOptions:
     def _sets(self, name: str) -> bool:
         """Whether the case file sets own parameters of this model for all verbs."""
         of_file, own = (None, {}) if self.file is None else self.file.model()
-        return bool(own) and of_file is not None and _source(of_file) == _source(name)
+        return bool(own) and of_file is not None and is_same_model(of_file, name)
 
     def _require_own_units(self, what: str) -> None:
         """An `InputError` where --units is not that of the file, whose bare numbers would be read in it."""
@@ -443,15 +443,16 @@ def with_model_of_case(section: Mapping[str, Any], case: CaseOptions, given: Seq
     model, own = case.model()
     if model is None or section.get("model", model) != model:
         return section
-    if given is not None and (len(given) != 1 or _source(given[0]) != _source(model)):
+    if given is not None and (len(given) != 1 or not is_same_model(given[0], model)):
         return section
     of_verb = section.get("set", {})
     return {**section, "model": model, "set": {**own, **of_verb} if isinstance(of_verb, Mapping) else of_verb}
 
 
-def _source(model: str) -> str | Path:
-    """A model's name, or the one path that all paths of its file have."""
-    return Path(model).resolve() if model.endswith(".py") else model
+def is_same_model(one: str, other: str) -> bool:
+    """Whether two texts are one model's name, or paths of one file."""
+    names = {Path(model).resolve() if model.endswith(".py") else model for model in (one, other)}
+    return len(names) == 1
 
 
 def settings(options: Sequence[str] | None, section: Mapping[str, Any] | None = None, where: str = "") -> Settings:
