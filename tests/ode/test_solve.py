@@ -403,6 +403,25 @@ def test_a_square_wave_from_rest_returns_to_zero_where_it_jumps():
     assert end.y["x"] / (rate * period) == pytest.approx(np.minimum(share, 1 - share), abs=1e-9)
 
 
+def test_what_moves_within_the_digits_of_its_clock_is_followed_or_fails():
+    """Steps that short are taken as they are only where nothing moves in them."""
+    late = 1.7e9
+    wave = ode.Problem(
+        {"x": 1.0, "v": 0.0},
+        lambda t, y, args: {
+            "x": args["w"] * y["v"],
+            "v": -args["w"] * y["x"] + 1e-12 * jnp.abs(jnp.sin(t / 1e7)),
+        },
+    )
+    end = ode.solve(wave, {"w": np.array([1e6, 3e6, 1e7])}, t0=late, t1=late + 1e-4)
+    assert end.y["x"] == pytest.approx(np.cos(np.array([1e6, 3e6, 1e7]) * ((late + 1e-4) - late)), abs=1e-7)
+    fall = ode.Problem(
+        {"x": 1.0, "v": 0.0},
+        lambda t, y, args: {"x": y["v"], "v": -1 / y["x"] ** 2 + args["push"] * jnp.abs(jnp.sin(3 * t))},
+    )
+    assert ode.solve(fall, {"push": 1e-3}, t1=3.0).ended_by == "failed"
+
+
 def test_a_rate_that_jumps_leaves_values_without_derivatives():
     problem = ode.Problem(
         {"x": 1.0},

@@ -215,7 +215,7 @@ _PARTED, _NEARER = 0.3, 0.75  # of a step: a longer way to the event is gone in 
 _AHEAD = 3.0  # trials: as far beyond its end as an event is looked for
 _IMMINENT = 2.0  # trials, at the rate of now: an event that near is worth looking for
 _ROUGH_NEAR = 1e-9  # of the time scale: near enough for a motion whose rates may be infinite at the end
-LONG = 1e-3  # of the time scale: a shorter step is already there for a kink
+_LONG = 1e-3  # of the time scale: a shorter step is already there for a kink
 _SHORT_OF_IT = 0.999  # of the way to an expected event
 _TOO_LONG = 256.0  # an error over the tolerance, for which the next step is 0.4 times as long
 
@@ -261,7 +261,7 @@ def look(
     places = [dip for dip, *_ in dips]
     if rough:
         # Where a force jumps, an event function may turn at once: steps that short need not end there.
-        long = control.trial > LONG * scale
+        long = control.trial > _LONG * scale
         crests = [crest_in_step(*each, control.trial) for each in zip(start, end, strict=True)]
         places += [jnp.where(long, crest, 2.0) for crest in crests]
     past = _any(event.value <= 0 for event in end)

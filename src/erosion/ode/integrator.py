@@ -276,19 +276,19 @@ def _begins(problem: Extended, events: Sequence[Ends], time: Scalar) -> Flag:
 def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane) -> Lane:
     """Try one step, and decide what follows."""
     scale = problem.scale_near(lane.control.step, FIRST_STEP)
-    h, tick = lane.control.trial, None
-    if problem.rough and problem.layout.equations.timed:
-        # A jump is met no closer than the clock's digits tell, however small its row is there.
-        tick = _ULPS * jnp.abs(problem.clock.t0 + lane.control.time)
-        scale = jnp.maximum(scale, tick / crossings.LONG)
+    h = lane.control.trial
     longest = lane.longest
     at_rest = scale if longest is None else problem.scale_near(jnp.maximum(lane.control.step, longest), FIRST_STEP)
     (state, slope, stages), events, within, error = _tried(problem, rtol, lane, (scale, at_rest))
     for event in events:
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
         error = error + 0.0 * event.value + 0.0 * event.rate
-    if tick is not None:
-        error = jnp.where(h <= tick, 0.0 * error, error)
+    visible = scale
+    if problem.rough and problem.layout.equations.timed and not problem.order:
+        # A jump is met no closer than the clock's digits tell, however small its row is there.
+        still = (jnp.abs(h * k) <= rtol * size for ks in (lane.slope, slope) for k, size in zip(ks, lane.greatest))  # noqa: B905
+        blink = functools.reduce(jnp.logical_and, still, h <= _ULPS * jnp.abs(problem.clock.t0 + lane.control.time))
+        error, visible = jnp.where(blink, 0.0 * error, error), jnp.where(blink, jnp.inf, scale)
     watched = crossings.watch(problem.directions, lane.events, scale) if problem.options.waits else []
     limits, rough = problem.limits, problem.rough
 
@@ -296,7 +296,7 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
         return step_control.go_on(lane.control, error, scale, limits)
 
     def looks() -> tuple[Control, Flag]:
-        looked = lane.control, lane.events, events, within, error, scale
+        looked = lane.control, lane.events, events, within, error, visible
         if problem.options.waits:
             trial = crossings.look_directed(watched, *looked, clear=clear, rough=rough)
         else:
