@@ -45,6 +45,7 @@ class Cliff(Deformation):
         return p.volume_scale * jnp.where(p.alpha < self.angle, 2 + p.alpha, 1.0)
 
 
+@pytest.mark.slow
 def test_a_kink_moves_with_the_parameters_that_move_it():
     best = erosion.alpha_max(Linearized(deformation=Roof()), P)
     assert best.kind == "kink"

@@ -99,6 +99,7 @@ def test_a_stored_stream_goes_on_with_it(jet: erosion.Stream, tmp_path) -> None:
     assert whole.mean_quantities["work"].error == pytest.approx(jet.mean_quantities["work"].error, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_verify_compares_it() -> None:
     def error(model: erosion.models.Rotating) -> float:
         return next(check.error for check in erosion.verify(model).checks if check.name == "own quantities")

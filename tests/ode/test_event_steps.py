@@ -48,6 +48,7 @@ def both_ways(control: Control, before: list[Ends], after: list[Ends], within: l
     return clear, decided(clear), decided(none), step_control.go_on(control, error, SCALE, LIMITS)
 
 
+@pytest.mark.slow
 def test_a_look_at_clear_events_changes_nothing() -> None:
     """Two random cubics with wiggles, before their events and beyond them, near zero and far from it."""
     random = np.random.default_rng(3)

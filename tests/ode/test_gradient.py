@@ -222,6 +222,7 @@ STIFF: list[Any] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("problem", "args", "options"), STIFF, ids=["event", "t1", "doses", "doses to t1", "HIRES"])
 def test_stiff_motions_go_backwards(problem, args, options, monkeypatch):
     """To events, to times, through resets; with time in the rates, and integrals."""
@@ -521,6 +522,7 @@ def test_states_at_times_count(problem, args, options, ts):
         np.testing.assert_allclose(found[key], exact, rtol=1e-7, atol=1e-7 * np.abs(exact).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("problem", "args", "options", "ts"), SEEN[:3])
 def test_states_at_times_count_in_jax(problem, args, options, ts):
     """Backwards by all numbers and by where lanes begin, forwards, and twice."""
@@ -540,6 +542,7 @@ def test_states_at_times_count_in_jax(problem, args, options, ts):
     np.testing.assert_allclose(curve, (up - down) / (2 * h), rtol=1e-5, atol=1e-5 * np.abs(curve).max())
 
 
+@pytest.mark.slow
 def test_states_at_times_have_gradients_under_vmap():
     ts = np.linspace(0.0, 5.0, 6)
 
@@ -560,6 +563,7 @@ TURNS = ode.Problem(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lanes", [(), (3,)])
 def test_times_that_jax_traces(lanes):
     """x = x₀ cos wt and its integral, by hand: in any order, twice, before the start and after the end, and their
@@ -655,6 +659,7 @@ def test_times_at_resets_have_the_gradient_of_what_was_before():
     np.testing.assert_allclose(jax.grad(loss)(args)["d"], found, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_gradients_at_times_are_as_exact_as_the_states():
     """Chaos until t = 8, and then a rest that hardly depends on it: the end alone would ask for less."""
 

@@ -114,6 +114,7 @@ def test_second_derivatives(transform):
     close(transform(end_of)(ARGS), jax.hessian(lands)(ARGS), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_vmap_nested_vmap_and_their_derivatives():
     """galpy #1344: derivatives under `vmap` are those of each lane alone."""
     heights, speeds = jnp.linspace(0.5, 3, 4), jnp.array([0.0, 1.0, 2.0])
@@ -233,6 +234,7 @@ def test_lanes_that_fail_are_nan():
     np.testing.assert_array_equal(np.isnan(slope), [False, True])
 
 
+@pytest.mark.slow
 def test_a_helper_that_is_redefined_is_seen():
     space: dict[str, Any] = {"ode": ode}
     exec("def rate(y):\n    return -y\nproblem = ode.Problem(1.0, lambda t, y, args: args * rate(y))", space)

@@ -116,6 +116,7 @@ def test_a_dataset_says_which_numbers_its_lanes_have(tmp_path):
         np.testing.assert_array_equal(back["time_"], back["t1"])
 
 
+@pytest.mark.slow
 def test_a_dataset_goes_to_a_file(tmp_path):
     import xarray as xr
 
