@@ -33,8 +33,8 @@ def _cases(lanes: int) -> erosion.Parameters:
 
 def _impacts(lanes: int, derivatives: int) -> Arrays:
     hits = erosion.impact("rotating", _cases(lanes), derivatives=derivatives)
-    found = {"V": hits.volume, "V′": hits.dvolume, "V″": hits.d2volume}
-    return {name: np.asarray(values) for name, values in found.items() if values is not None}
+    volumes = {"V": hits.volume, "V′": hits.dvolume, "V″": hits.d2volume}
+    return {name: np.asarray(values) for name, values in volumes.items() if values is not None}
 
 
 def _angles(lanes: int) -> Arrays:
@@ -67,12 +67,12 @@ ITEMS: dict[str, Callable[[int], Arrays]] = {
 
 def _measure(name: str, lanes: int, file: str) -> None:
     seconds: list[float] = []
-    found: dict[str, Any] = {}
+    results: dict[str, Any] = {}
     for _ in range(3):
         begin = time.perf_counter()
-        found = ITEMS[name](lanes)
+        results = ITEMS[name](lanes)
         seconds.append(time.perf_counter() - begin)
-    np.savez(file, seconds=np.array(seconds), **found)
+    np.savez(file, seconds=np.array(seconds), **results)
 
 
 def _differences(one: Arrays, other: Arrays) -> str:
@@ -98,7 +98,7 @@ def run() -> None:
     print(f"JAX's default device: {jax.devices()[0].device_kind}", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         for name in [asked.item] if asked.item else ITEMS:
-            found = []
+            results = []
             for engine in ENGINES:
                 file = str(Path(folder) / f"{engine}.npz")
                 command = [sys.executable, "-m", "benchmarks.gpu", "--item", name, "--lanes", str(asked.lanes)]
@@ -108,10 +108,10 @@ def run() -> None:
                 except subprocess.TimeoutExpired:
                     print(f"{name}, {engine}: more than {asked.limit:g} s", flush=True)
                 else:
-                    found.append(dict(np.load(file)))
-                    print(f"{name}, {engine}: {', '.join(f'{s:.3g}' for s in found[-1]['seconds'])} s", flush=True)
-            if len(found) == len(ENGINES):
-                print(f"  {_differences(*found)}", flush=True)
+                    results.append(dict(np.load(file)))
+                    print(f"{name}, {engine}: {', '.join(f'{s:.3g}' for s in results[-1]['seconds'])} s", flush=True)
+            if len(results) == len(ENGINES):
+                print(f"  {_differences(*results)}", flush=True)
 
 
 if __name__ == "__main__":

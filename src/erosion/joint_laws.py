@@ -200,7 +200,7 @@ class CorrelatedLaws(JointLaw):
             refuse(
                 "Argument `correlation` must ",
                 (len(pair) != 2 or pair[0] == pair[1] or not {*pair} <= {*self.laws},
-                 f"name pairs of {', '.join(self.laws)}, but has {pair!r}."),
+                 f"name pairs of {', '.join(self.laws)}, but has {briefly(pair)}."),
                 (pair[::-1] in self.correlation, f"give {' and '.join(pair)} once, but gives them twice."),
                 (not -1 < value < 1, f"be in (-1, 1), but is {briefly(value)} for {' and '.join(pair)}."),
             )  # fmt: skip

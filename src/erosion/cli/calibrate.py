@@ -301,7 +301,9 @@ def _read_bounds(
         if not (name and equals and least and colon and greatest):
             raise InputError(f'Option `--bounds` must be such as "psi=0.01:0.3", but is {briefly(text)}.')
         if name not in free:
-            raise InputError(f"Option `--bounds` must name free parameters ({', '.join(free)}), but has {name!r}.")
+            raise InputError(
+                f"Option `--bounds` must name free parameters ({', '.join(free)}), but has {briefly(name)}."
+            )
         if name in bounds:
             raise InputError(f"Option `--bounds` must give {name} once, but gives it several times.")
         dimension = dimension_of(name, models, units)

@@ -134,7 +134,8 @@ def explain(error: cyclopts.CycloptsError) -> str:
         ):
             if kind is float:
                 return f"Option `{argument.name}` must be a number such as 0.5, but is {briefly(token.value)}."
-            return f"Option `{argument.name}` must have a value that makes sense, but has {token.value!r}: see --help."
+            value = briefly(token.value)
+            return f"Option `{argument.name}` must have a value that makes sense, but has {value}: see --help."
         case exceptions.UnknownCommandError(unused_tokens=[word, *_]) if error.app is not None:
             known = ", ".join(name for name in error.app if not name.startswith("-"))
             return f"There is no command {word!r}; there are {known}."

@@ -203,11 +203,11 @@ def _law(text: str, known: Mapping[str, Any], units: "lazy.System") -> dict[str,
     if not (equals and name and words):
         raise ValueError(f'must be a file (.nc, .csv) or a law such as "k=normal(2, 0.2)", but is {briefly(text)}')
     if name not in known and name != _FRACTION:
-        raise ValueError(f"must name one of {', '.join(known)}, but has {name!r}")
+        raise ValueError(f"must name one of {', '.join(known)}, but has {briefly(name)}")
     dimension = known[name].dimension if name in known else "1"
     law = lazy.read_distribution(words, name, dimension, units)
     if law is None:
-        raise ValueError(f"must give {name} a law ({', '.join((*lazy.LAWS, 'samples'))}), but gives {words!r}")
+        raise ValueError(f"must give {name} a law ({', '.join((*lazy.LAWS, 'samples'))}), but gives {briefly(words)}")
     return {name: law}
 
 

@@ -277,7 +277,7 @@ def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> 
         refuse(
             "Argument `free` must ",
             (not isinstance(name, str) or name not in (*known, FRACTION),
-             f"name parameters ({', '.join((*known, FRACTION))}), but has {name!r}."),
+             f"name parameters ({', '.join((*known, FRACTION))}), but has {briefly(name)}."),
             (name == SCALE, f"not name `{SCALE}`, as the factor of data in units of its own is."),
             (name == FRACTION and name in known, f"not name `{FRACTION}`, as the share of particles that cut is."),
             (name in ("alpha", *data.conditions), f"not name `{name}`: the data has a column of it."),

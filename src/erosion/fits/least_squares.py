@@ -273,11 +273,13 @@ def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequ
     least = {name: parameter.least for name, parameter in own_parameters(forward.model).items()}
     for name, pair in bounds.items():
         if name not in forward.names:
-            raise ValueError(f"Argument `bounds` must name free parameters, but has {name!r}.")
+            raise ValueError(f"Argument `bounds` must name free parameters, but has {briefly(name)}.")
         low, high = as_pair(pair)
         below = low >= least.get(name, -np.inf) if name in signed else low > 0
         if not (low < high and below and (name != FRACTION or high <= 1)):
-            raise ValueError(f"Argument `bounds` must give {name} two ascending values in its range, but has {pair!r}.")
+            raise ValueError(
+                f"Argument `bounds` must give {name} two ascending values in its range, but has {briefly(pair)}."
+            )
     lower, upper = forward.limits.T
     for i, name in enumerate(forward.names):
         if name in bounds:

@@ -19,6 +19,7 @@ from erosion.fits.least_squares import default_width, make_problem
 from erosion.fits.tempering import Misfit
 from erosion.joint_laws import SHARE, LawSet, Member
 from erosion.models.own_parameters import quantities, ranges
+from erosion.output.tables import briefly
 from erosion.parameters.quantities import Quantity
 
 NOISE, RELATIVE = "noise", "relative_noise"
@@ -47,7 +48,9 @@ def make_likelihood(forward: Forward, given: Mapping[str, Any]) -> "Likelihood":
     names = (*forward.names, *of_error)
     for name, law in given.items():
         if name not in names:
-            raise ValueError(f"Argument `priors` must name free parameters ({', '.join(names)}), but has {name!r}.")
+            raise ValueError(
+                f"Argument `priors` must name free parameters ({', '.join(names)}), but has {briefly(name)}."
+            )
         if isinstance(law, Member):
             raise ValueError(f"Argument `priors` must give {name} a law of its own, but gives {law}.")
     names = tuple(name for name in names if name != ERROR_FACTOR or name in given)

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from erosion.arguments import briefly
+from erosion.output.tables import briefly
 from erosion.parameters.headings import (
     ANGLE_WORDS,
     ANGLES,

@@ -358,7 +358,7 @@ def _integrand(model: CuttingModel, objective: str | Objective) -> tuple[str, Cu
         raise TypeError(f"Argument `objective` must be a name or a function, but is {briefly(objective)}.")
     integrand = objective(model)
     if not isinstance(integrand, CuttingModel):
-        raise TypeError(f"Argument `objective` must turn a model into a model, but makes {integrand!r}.")
+        raise TypeError(f"Argument `objective` must turn a model into a model, but makes {briefly(integrand)}.")
     return getattr(objective, "__name__", "objective"), integrand
 
 

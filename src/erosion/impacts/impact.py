@@ -281,7 +281,7 @@ def impact(
     known = quantities(model)
     for name in names:
         if not isinstance(name, str) or name not in known:
-            raise ValueError(f"Argument `wrt` must name parameters ({', '.join(known)}), but has {name!r}.")
+            raise ValueError(f"Argument `wrt` must name parameters ({', '.join(known)}), but has {briefly(name)}.")
     if not names or len(set(names)) != len(names):
         raise ValueError(f"Argument `wrt` must name one or several different parameters, but is {briefly(wrt)}.")
     derivatives, rtol = check_order(derivatives), max(check_tolerance(rtol), _TINY)

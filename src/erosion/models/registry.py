@@ -338,13 +338,13 @@ def _made(candidate: object, where: str) -> CuttingModel:
     if isinstance(candidate, CuttingModel):
         return _sound(candidate, where)
     if not callable(candidate):
-        raise ModelError(f"{where}: must offer a CuttingModel, but offers {candidate!r}.")
+        raise ModelError(f"{where}: must offer a CuttingModel, but offers {briefly(candidate)}.")
     try:
         model = candidate()
     except (Exception, SystemExit) as error:
         raise ModelError(f"{where}: cannot be made without arguments: {named(error)}.") from error
     if not isinstance(model, CuttingModel):
-        raise ModelError(f"{where}: must offer a CuttingModel, but makes {model!r}.")
+        raise ModelError(f"{where}: must offer a CuttingModel, but makes {briefly(model)}.")
     return _sound(model, where)
 
 

@@ -409,7 +409,9 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
         raise TypeError(f"Argument `integrals` must give numbers by name, but is {briefly(integrals)}.")
     for name in integrals:
         if name not in names:
-            raise ValueError(f"Argument `integrals` must name some of {', '.join(names) or 'none'}, but has {name!r}.")
+            raise ValueError(
+                f"Argument `integrals` must name some of {', '.join(names) or 'none'}, but has {briefly(name)}."
+            )
     bars += [_bar("integrals", integrals.get(name, 0.0), shape) for name in names]
     rows = np.concatenate([bar.reshape(lanes.size, math.prod(bar.shape[len(shape) :])).T for bar in bars])
     if solution.tolerance is None:

@@ -348,7 +348,7 @@ class Problem:
         for name in self.events:
             if name in OTHER_ENDS:
                 raise ValueError(
-                    f"Argument `events` must have other names than {', '.join(OTHER_ENDS)}, but has {name!r}."
+                    f"Argument `events` must have other names than {', '.join(OTHER_ENDS)}, but has {briefly(name)}."
                 )
 
     def start(self, args: Any) -> PyTree:

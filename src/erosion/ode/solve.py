@@ -61,7 +61,7 @@ class Lanes(NamedTuple):
             inside = name in arrays or name.rpartition(".")[0] in arrays
             hint = "; for an array that lanes share, use `Solution.gradient` or `jax.grad`" if inside else ""
             raise ValueError(
-                f"Argument `wrt` must name numbers of `args` ({', '.join(known)}), but has {name!r}{hint}."
+                f"Argument `wrt` must name numbers of `args` ({', '.join(known)}), but has {briefly(name)}{hint}."
             )
         return self.layout.offsets[self.names.index(name)]
 
@@ -221,7 +221,9 @@ def lanes_of(
     whole = [any(name == one or name.startswith(f"{one}.") for one in shared) for name in names]
     for one in shared:
         if not any(name == one or name.startswith(f"{one}.") for name in names):
-            raise ValueError(f"Argument `shared` must name parts of `args` ({', '.join(names)}), but has {one!r}.")
+            raise ValueError(
+                f"Argument `shared` must name parts of `args` ({', '.join(names)}), but has {briefly(one)}."
+            )
     numbers, own, structs = [], [], []
     for name, leaf, together in zip(names, leaves, whole, strict=True):
         if not is_number(leaf):

@@ -565,4 +565,4 @@ def _one(value: object, dimension: Dimension, system: System) -> float:
         return read_quantity(value, dimension, system)
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return float(value)
-    raise UnitError(f"must be numbers or quantities in quotes, but has {value!r}")
+    raise UnitError(f"must be numbers or quantities in quotes, but has {briefly(value)}")

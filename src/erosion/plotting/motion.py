@@ -13,6 +13,7 @@ from erosion.impacts.simulate import Trajectory
 from erosion.models import model_name
 from erosion.models.base import NO_CUT, ClosedForm, State
 from erosion.ode.solution import Solution
+from erosion.output.tables import briefly
 from erosion.parameters.quantities import RESULTS, System, readable_scale
 from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, HISTORIES, INK, NOTHING, PALETTE
 from erosion.plotting.style import (
@@ -159,7 +160,9 @@ def plot_solution(solution: Solution, names: Sequence[str] = (), ax: Axes | None
     ends = {name.removeprefix("y."): values for name, values in solution.named(solution).items()}
     for name in names:
         if name not in parts:
-            raise ValueError(f"Argument `names` must be parts of the state ({', '.join(parts)}), but has {name!r}.")
+            raise ValueError(
+                f"Argument `names` must be parts of the state ({', '.join(parts)}), but has {briefly(name)}."
+            )
     if not 0 < np.size(solution.t) <= _MOST:
         raise ValueError(f"Argument `solution` must have 1 to {_MOST} lanes, but has {np.size(solution.t):,}.")
     _, ax = axes_or_new(ax, 6.4, 3.6)

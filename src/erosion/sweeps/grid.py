@@ -126,7 +126,7 @@ def block_shape(
         raise TypeError(f"Argument `chunks` must give lengths by dimension, but is {briefly(chunks)}.")
     for dim, length in chunks.items():
         if dim not in longest:
-            raise ValueError(f"Argument `chunks` must name dimensions ({', '.join(longest)}), but has {dim!r}.")
+            raise ValueError(f"Argument `chunks` must name dimensions ({', '.join(longest)}), but has {briefly(dim)}.")
         if not isinstance(length, int) or isinstance(length, bool) or length < 1:
             raise ValueError(f"Argument `chunks` must give positive whole numbers, but has {dim}={length!r}.")
     shape = tuple(min(chunks.get(dim, longest[dim]), longest[dim]) for dim in longest)

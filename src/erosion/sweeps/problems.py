@@ -179,7 +179,7 @@ def sweep_problem(
 def _axis(name: str, values: Any, known: Sequence[str]) -> np.ndarray:
     """The values of an axis."""
     if name not in known:
-        raise ValueError(f"Argument `axes` must name numbers of `args` ({', '.join(known)}), but has {name!r}.")
+        raise ValueError(f"Argument `axes` must name numbers of `args` ({', '.join(known)}), but has {briefly(name)}.")
     check_unmasked("axes", values)
     try:
         array = np.asarray(values, float)
