@@ -122,6 +122,7 @@ class Rows(JointLaw):
         source: words for the table.
         units: the unit system of the values; a case in another one refuses them. Without it they are the case's.
         unused: the heads of other columns of the table.
+        tested: of a fit's draws, the least and the greatest "alpha" [rad] of its rows, and so on; see `Tested`.
 
     Raises:
         ValueError: for columns that differ in length, or values that are not finite.
@@ -131,6 +132,7 @@ class Rows(JointLaw):
     source: str = "a table"
     units: System | None = None
     unused: tuple[str, ...] = ()
+    tested: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict[str, tuple[float, float]])
 
     def __post_init__(self) -> None:
         columns = {}

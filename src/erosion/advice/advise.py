@@ -161,7 +161,8 @@ def advise_case(
         outside.append(model.outside_of_range(p))
     progress("models", total, total)
     said = tuple(dict.fromkeys(message for message in outside if message))
-    return Advice(p, spread, speed_spread, per_mass, tuple(curves), grit, metal, said, uncertain)
+    return Advice(p, spread, speed_spread, per_mass, tuple(curves), grit, metal, said, uncertain,
+                  weighed=None if uncertain is None else uncertain.weighed)  # fmt: skip
 
 
 def _correlations(metal: Target | None, grit: Particle | None) -> list[tuple[Correlated, bool]]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from erosion.advice.abrasives import Job, between, comparison, hardness_sentence
-from erosion.fits.forward import FACTORS, FRACTION
+from erosion.fits.forward import FACTORS, FRACTION, OF_METAL
 from erosion.joint_laws import SHARE, LawSet, Member, Rows, require_units
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated
@@ -23,7 +23,6 @@ from erosion.streams.tally import Points
 
 DRAWS = 64
 _SAME_ANGLE = 1e-6  # rad: an angle in degrees is read and written with rounding
-_OF_METAL = ("k", "psi", "sigma", "phidot0", "inertia", FRACTION)  # the particle and the jet are given
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +39,13 @@ class Uncertain:
     laws: Mapping[str, Any]
     source: str = ""
     values: tuple[str, ...] = ()
+
+    @property
+    def weighed(self) -> tuple[float, float] | None:
+        """The least and the greatest angle of the tests of a fit [rad]."""
+        tested = [law.joint.tested for law in self.laws.values()
+                  if isinstance(law, Member) and isinstance(law.joint, Rows)]  # fmt: skip
+        return next((ranges["alpha"] for ranges in tested if "alpha" in ranges), None)
 
     def __str__(self) -> str:
         joints = [law.joint for law in self.laws.values() if isinstance(law, Member)]
@@ -65,7 +71,7 @@ class Uncertain:
     def require_of_metal(self, models: Mapping[str, CuttingModel], where: str = "Argument `uncertain`") -> None:
         """A `ValueError` that begins with `where` for a law of what the metal and a model do not have."""
         for name, model in models.items():
-            known = (*_OF_METAL, *own_parameters(model))
+            known = (*OF_METAL, *own_parameters(model))
             if strange := [parameter for parameter in self.laws if parameter not in known]:
                 wanted = f"parameters of the metal or of {name} ({', '.join(known)})"
                 raise ValueError(f"{where} must name {wanted}, but has {strange[0]}.")

@@ -186,11 +186,13 @@ WriteCaseOption = Annotated[
 ]
 
 
-def write_case(path: Path, ranking: "lazy.Ranking", options: CaseOptions) -> None:
-    """Write the best fit as a case file."""
-    with user_errors(lazy.CalibrationError, lazy.SamplingError):
+def write_case(path: Path, ranking: "lazy.Ranking", options: CaseOptions, output: Output) -> None:
+    """Write the best fit as a case file; without draws of its parameters, where there are none, with a warning."""
+    with user_errors(lazy.CalibrationError):
         text = lazy.to_case(ranking.best, str(path), **options.names(), warnings=ranking.warnings_of_best)
         lazy.write_whole(path, text.encode())
+    if "\n[advise.uncertain]\n" not in text:
+        output.warn(f"{path}: has no draws of the fit: `erosion advise` takes ranges of k and ψ about its estimates.")
 
 
 def ranks_several(ranking: "lazy.Ranking") -> bool:
@@ -285,7 +287,7 @@ def calibrate(
     if along is not None:
         output.table(along.title, along.rows(), along.headings, (0, 1))
     if case_file is not None:
-        write_case(case_file, ranking, task.options)
+        write_case(case_file, ranking, task.options, output)
     draw(plot, lambda: lazy.plot_calibration(ranking.best_first, level))
     output.wrote(*task.next_steps(ranking, case_file), figure=plot, case=case_file)
 

@@ -83,6 +83,7 @@ class _Files:
         ranking: "lazy.Ranking",
         posteriors: "lazy.PosteriorRanking",
         experiment: "lazy.NextExperiment | None",
+        output: Output,
     ) -> None:
         """Write the files, first the draws, which take longest."""
         posterior = posteriors.best
@@ -90,7 +91,7 @@ class _Files:
             if self.output is not None:
                 posterior.save(self.output)
         if self.case_file is not None:
-            write_case(self.case_file, ranking, task.options)
+            write_case(self.case_file, ranking, task.options, output)
         with user_errors():
             for name, path in self.figures.items():
                 result: Any = posterior.alpha_max() if name == "plot_best_angles" else posterior
@@ -232,7 +233,7 @@ def posterior(
     output.table(predictor.title, predictor.rows())
     if following is not None:
         output.table(following.title, following.rows(), following.headings, range(len(following.headings)))
-    files.write(task, ranking, posteriors, following)
+    files.write(task, ranking, posteriors, following, output)
     figures = [f"{name.removeprefix('plot_')}: {file}" for name, path in files.figures.items()
                for file in lazy.plot_files(path)]  # fmt: skip
     steps = [*task.next_steps(ranking, files.case_file, files.output), *([following.sentence] if following else [])]

@@ -14,7 +14,7 @@ from erosion.fits import doubts
 from erosion.fits.doubts import LEVEL, OPEN, TOUCH, Pattern, Profile, Ridge, are_noise, beyond_scatter, find_patterns
 from erosion.fits.draws import draws_of_theta
 from erosion.fits.errors import ErrorModel
-from erosion.fits.forward import FACTORS, FRACTION, FREE, SCALE, make_forward
+from erosion.fits.forward import FACTORS, FRACTION, FREE, OF_METAL, SCALE, make_forward
 from erosion.fits.least_squares import (
     LOSSES,
     CalibrationError,
@@ -28,6 +28,7 @@ from erosion.fits.least_squares import (
 from erosion.fits.measurements import Measurements, conditions
 from erosion.fits.predicted import Predictions, predictions
 from erosion.fits.prediction import of_fit
+from erosion.fits.tempering import SamplingError
 from erosion.joint_laws import Rows
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
@@ -342,16 +343,25 @@ class Calibration(Result):
     def rows_of_draws(self, count: int = 64) -> Rows:
         """Draws of the parameters as a joint law, for `uncertain` of `erosion.advise`; see `Posterior.rows_of_draws`.
 
-        They are the parameters within the bounds that explain the rows as well as the scatter allows. So the curves of
-        the draws are known where the rows are, even if they do not decide a parameter.
+        They are the parameters of the metal and of the model, within the bounds, that explain the rows as well as the
+        scatter allows. So the curves of the draws are known where the rows are, even if they do not decide a parameter.
+        What only the scale of data in units of its own decides keeps its estimate, and so do particle and jet.
 
         Raises:
-            SamplingError: where impacts fail all over the bounds.
+            SamplingError: where impacts fail all over the bounds, or no such parameter is free.
         """
-        thetas = draws_of_theta(self.problem, check_whole("count", count, 1))
-        columns = {name: self.problem.forward.from_theta(name, theta)
-                   for name, theta in zip(self.names, thetas.T, strict=True) if name != SCALE}  # fmt: skip
-        return Rows(columns, f"the fit to {self.data.source}", self.p.units)
+        drawn = {*OF_METAL, *own_parameters(self.model)}
+        for group in self.identifiability.groups:
+            drawn -= {*group.names} if SCALE in group.names else set()
+        columns = [name for name in self.names if name in drawn]
+        if not columns:
+            raise SamplingError("The fit has no draws: it decides no parameter of the metal or of the model.")
+        held = {*self.names} - {*columns, SCALE}
+        thetas = draws_of_theta(self.problem, self.solution, held, check_whole("count", count, 1))
+        values = {name: self.problem.forward.from_theta(name, theta)
+                  for name, theta in zip(self.names, thetas.T, strict=True) if name in columns}  # fmt: skip
+        tested = self.problem.forward.tested.ranges
+        return Rows(values, f"the fit to {self.data.source}", self.p.units, tested=tested)
 
     def profile(self, name: str, points: int = 21) -> Profile:
         """The likelihood's profile along one parameter, with all others fitted again at each value.

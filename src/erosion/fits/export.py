@@ -14,6 +14,7 @@ from erosion.cfd.export_files import AngleTable, ParticleErosion, angle_table, c
 from erosion.cfd.exports import ANGLES, ExportedParticle, Reach, commented, particle_of, share_in_words
 from erosion.fits.calibration import Calibration
 from erosion.fits.measurements import MOST, conditions, usual_condition
+from erosion.fits.tempering import SamplingError
 from erosion.impacts.impact import impact
 from erosion.models import model_name, model_source
 from erosion.models.base import CuttingModel
@@ -135,7 +136,7 @@ def to_case(
     """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
 
     The model and its own parameters are the file's usual ones for all verbs. What is doubtful, and draws of the
-    parameters that explain the rows (`Calibration.rows_of_draws`), are in the table [advise], which `erosion advise`
+    parameters that explain the rows (`Calibration.rows_of_draws`), if there are any, are in the table [advise], which `erosion advise`
     reads.
 
     Args:
@@ -147,7 +148,6 @@ def to_case(
 
     Raises:
         ValueError: for a model without a name or a file, which no verb could load again.
-        SamplingError: where impacts fail all over the bounds.
     """
     best_angle = f"The best angle of this fit: {command('optimum', path)}"
     comment = "\n".join([*_origin(calibration), *calibration.warnings, best_angle])
@@ -184,14 +184,18 @@ def _model(calibration: Calibration, path: str) -> str:
 def _for_advice(calibration: Calibration, warnings: Sequence[str]) -> str:
     """The table [advise] of a case file."""
     of_scale = "The tests had units of their own, so the size of the wear is that of the case."
-    said = " ".join([of_scale] * calibration.data.free_scale + [*warnings])
+    said, draws = [of_scale] * calibration.data.free_scale + [*warnings], []
+    try:
+        columns = calibration.rows_of_draws().columns
+        draws = ["", "[advise.uncertain]", *(f"{name} = [{', '.join(f'{value:.6g}' for value in values)}]"
+                                             for name, values in columns.items())]  # fmt: skip
+    except SamplingError as error:
+        said.append(str(error))
     lines = sentences(
-        (said, f"warning = {toml_string(said)}"),
+        (bool(said), f"warning = {toml_string(' '.join(said))}"),
         (True, f"tested = {calibration.problem.forward.tested.dump()}"),
     )
-    draws = [f"{name} = [{', '.join(f'{value:.6g}' for value in values)}]"
-             for name, values in calibration.rows_of_draws().columns.items()]  # fmt: skip
-    return "\n".join(["", "[advise]", *lines, "", "[advise.uncertain]", *draws, ""])
+    return "\n".join(["", "[advise]", *lines, *draws, ""])
 
 
 def command(*words: str) -> str:

@@ -44,6 +44,8 @@ SCALE = "scale"
 """The free parameter of data in units of its own: measured erosion over the model's volume."""
 FRACTION = "cutting_fraction"
 """The share of the particles that cut as the model says, by which its volume is multiplied (Finnie 1960)."""
+OF_METAL = ("k", "psi", "sigma", "phidot0", "inertia", FRACTION)
+"""The parameters of tests that hold for other tests, too: the particle and the jet are given."""
 FACTORS: Mapping[str, Quantity] = {
     FRACTION: Quantity("c", "share of the particles that cut", "1"),
     SCALE: Quantity("s", "measured over computed volume", "1"),

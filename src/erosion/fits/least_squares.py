@@ -170,7 +170,7 @@ Loss = Literal["linear", "soft_l1", "huber", "cauchy", "arctan"]
 LOSSES: tuple[Loss, ...] = get_args(Loss)
 
 _FOLLOWED = 5  # descents
-_THINNED = 500  # rows are enough to choose among valleys
+THINNED = 500  # rows are enough to choose among valleys
 _WIDTH = {True: np.log(100.0), False: 2.0}  # of the default bounds, by `logarithmic`: a factor of 100, a spin of 2 v₀/r
 _INSIDE = 0.1  # of the range, from a bound
 _SIZES = {SCALE: 1, "psi": -1, "sigma": -1, FRACTION: 1}  # powers of the erosion's size; V grows as 1/(σψ)
@@ -189,6 +189,13 @@ _RHO: Mapping[Loss, Callable[[np.ndarray], np.ndarray]] = {
     "cauchy": np.log1p,
     "arctan": np.arctan,
 }  # of scipy.optimize.least_squares
+_WEIGHTS: Mapping[Loss, Callable[[np.ndarray], np.ndarray]] = {
+    "linear": np.ones_like,
+    "soft_l1": lambda z: 1 / np.sqrt(1 + z),
+    "huber": lambda z: 1 / np.sqrt(np.maximum(z, 1)),
+    "cauchy": lambda z: 1 / (1 + z),
+    "arctan": lambda z: 1 / (1 + z**2),
+}  # their derivatives
 _NOISES, _SAME_NOISE = 10, 0.01  # rounds of a robust fit and its noise; the relative change that ends them
 _REWEIGHTED, _SAME_ERRORS = 10, 1e-3  # rounds of a fit and its relative errors; the relative change that ends them
 _MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
@@ -231,6 +238,10 @@ class FitProblem:
             costs = 0.5 * self.noise**2 * np.sum(_RHO[self.loss]((residuals / self.noise) ** 2), axis=-1)
         return np.where(np.isfinite(costs), costs, np.inf)
 
+    def weights(self, residuals: np.ndarray) -> np.ndarray:
+        """How much each row counts beside others, by the slope of the robust loss; 1 for least squares."""
+        return _WEIGHTS[self.loss]((residuals / self.noise) ** 2)
+
     def costs(self, thetas: np.ndarray) -> np.ndarray:
         """The cost at several θ, shape (points, names) -> (points,); infinite where impacts fail."""
         predicted = self.forward.predict_many(thetas, self.data.conditions)
@@ -238,7 +249,7 @@ class FitProblem:
 
     def thinned(self) -> "FitProblem":
         """The same problem with at most as many rows as are needed to choose among valleys."""
-        data = self.data.thinned(_THINNED)
+        data = self.data.thinned(THINNED)
         return self if data is self.data else dataclasses.replace(self, data=data)
 
 

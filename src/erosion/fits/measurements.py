@@ -221,9 +221,14 @@ class Measurements:
 
     def thinned(self, most: int) -> "Measurements":
         """At most `most` rows, drawn at random but always the same."""
-        if len(self) <= most:
-            return self
-        return self.of_rows(np.sort(np.random.default_rng(0).choice(len(self), most, replace=False)))
+        return self if len(self) <= most else self.of_rows(self.some(most))
+
+    def some(self, most: int) -> np.ndarray:
+        """The indexes of these rows."""
+        count = len(self)
+        return (
+            np.sort(np.random.default_rng(0).choice(count, most, replace=False)) if count > most else np.arange(count)
+        )
 
     def of_rows(self, rows: np.ndarray) -> "Measurements":
         """Some rows, by their indexes."""
