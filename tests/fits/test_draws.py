@@ -5,6 +5,8 @@ import pytest
 from scipy import stats
 
 import erosion
+from erosion.fits.export import to_case
+from erosion.fits.tempering import SamplingError
 from tests.models.test_own_parameters import P
 
 DEGREES = np.arange(10.0, 70.0, 10.0)
@@ -92,6 +94,6 @@ def test_draws_hold_for_other_tests_and_know_their_angles():
     data = {"angle [deg]": DEGREES, "volume [in^3]": volume * np.array([1.01, 0.98, 1.02, 1, 0.99, 1])}
     assert [*erosion.calibrate("rotating", P, data, free=["k", "r"], starts=2).rows_of_draws()] == ["k"]
     of_jet = erosion.calibrate("linearized", P, data, free=["m"], starts=2)
-    with pytest.raises(erosion.fits.tempering.SamplingError, match="decides no parameter of the metal"):
+    with pytest.raises(SamplingError, match="decides no parameter of the metal"):
         of_jet.rows_of_draws()
-    assert "uncertain" not in erosion.fits.export.to_case(of_jet)
+    assert "uncertain" not in to_case(of_jet)

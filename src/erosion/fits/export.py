@@ -136,8 +136,8 @@ def to_case(
     """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
 
     The model and its own parameters are the file's usual ones for all verbs. What is doubtful, and draws of the
-    parameters that explain the rows (`Calibration.rows_of_draws`), if there are any, are in the table [advise], which `erosion advise`
-    reads.
+    parameters that explain the rows (`Calibration.rows_of_draws`), if there are any, are in the table [advise], which
+    `erosion advise` reads.
 
     Args:
         calibration: the fit.

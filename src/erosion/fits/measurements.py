@@ -225,10 +225,9 @@ class Measurements:
 
     def some(self, most: int) -> np.ndarray:
         """The indexes of these rows."""
-        count = len(self)
-        return (
-            np.sort(np.random.default_rng(0).choice(count, most, replace=False)) if count > most else np.arange(count)
-        )
+        if len(self) <= most:
+            return np.arange(len(self))
+        return np.sort(np.random.default_rng(0).choice(len(self), most, replace=False))
 
     def of_rows(self, rows: np.ndarray) -> "Measurements":
         """Some rows, by their indexes."""
