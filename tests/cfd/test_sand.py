@@ -100,6 +100,15 @@ def test_more_sand_hits_than_was_injected() -> None:
     assert any("The parcels of the table" in said for said in MapSummary(wear(distinct, injected=erodent / 2)).warnings)
 
 
+def test_less_sand_hits_than_was_injected() -> None:
+    erodent = float(wear()["total_erodent"])
+    assert "a mass or `injected` is in another unit" in " ".join(warnings_of(wear(injected=erodent / 1000)))
+    (sentence,) = warnings_of(wear(injected=1000 * erodent))
+    assert "only 0.001 of the mass of the sand injected" in sentence
+    assert "radii" in sentence
+    assert warnings_of(wear(injected=8 * erodent)) == []
+
+
 PARCEL = np.random.default_rng(3).integers(0, 150, 400)
 
 
@@ -185,3 +194,12 @@ def test_the_number_of_a_parcel_is_whole(tmp_path: Path) -> None:
     path.write_text("diameter [um],density [kg/m^3],speed [m/s],angle [deg],particle_id\n200,2650,30,20,1.5\n")
     with pytest.raises(ImpactsError, match="row 1: `parcel`"):
         list(erosion.read_impacts(path).blocks(10))
+
+
+def test_less_than_a_particle_a_row_is_said(tmp_path: Path) -> None:
+    rows = "".join(f"{100 + i},{3e-8 + i * 1e-10},{20 + i},{5 + i}\n" for i in range(40))
+    for unit, is_said in (("kg", False), ("g", True)):
+        path = tmp_path / f"{unit}.csv"
+        path.write_text(f"diameter [um],parcel_mass [{unit}],speed [m/s],angle [deg]\n{rows}")
+        data = erosion_map("dnv", P, erosion.read_impacts(path, particle_density=2650.0))
+        assert ("less than one particle; are its unit" in " ".join(warnings_of(data))) == is_said

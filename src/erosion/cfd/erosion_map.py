@@ -46,6 +46,7 @@ _GROWTH = 2.6  # of the wear with speed, as of metals in DNVGL-RP-O501 (2015), t
 _DOMINATES = 0.05  # share of the wear from which on one of many rows is named, if it has 30 times the mean, too
 _FINEST, _COARSEST = 1e-6, 5e-3  # diameters of grains [m]
 _SLOWEST, _FASTEST = 0.5, 300.0  # mean speeds at which sand wears [m/s]
+_LITTLE = 0.1  # of the sand injected: radii for diameters leave 1/8 of what hits, g under kg 1/1000
 _WRONG_WAY = 0.9  # share of rows from behind that no table of real impacts reaches
 
 
@@ -204,7 +205,13 @@ class MapJob:
         elif injected is not None and not table.has_parcels and erodent > 1.001 * injected:
             warnings.append(
                 f"The rows that hit have {erodent / injected:.3g} × the mass of the sand injected: either parcels hit "
-                "several times, or `injected` is too small."
+                "several times, or `injected` is too small, or a mass or `injected` is in another unit."
+            )
+        elif given and (come := known or float(tally.counts["lost_mass"].sum())) < _LITTLE * given:
+            warnings.append(
+                f"Rows have only {come / given:.2g} of the mass of the sand injected, so the wear is as little. "
+                "If more of it hits, the unit of the masses or of `injected` is wrong, the weights of the rows are "
+                "missing, or radii are taken for diameters."
             )
         elif rows:
             warnings.append(

@@ -244,7 +244,7 @@ class _Noted:
         self._columns = columns
         self._density = math.inf, 0.0  # the least and the greatest [kg/m³]
         self._contradictions, self._steepest, self._numbered = 0, 0.0, False
-        self._rows, self._digests = 0, list[np.ndarray]()
+        self._rows, self._particles, self._digests = 0, 0.0, list[np.ndarray]()
 
     def add_rows(self, columns: Columns) -> None:
         """Note what rows have in their columns."""
@@ -267,6 +267,7 @@ class _Noted:
 
     def add_sizes(self, block: ImpactBlock, own: np.ndarray) -> None:
         """Note particles, and their `own` densities where the table has them."""
+        self._particles += float(np.asarray(block.count).sum())
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             density = block.mass / (math.pi / 6 * block.diameter**3)
             if len(own):
@@ -296,6 +297,11 @@ class _Noted:
             yield (
                 f"column {self._columns['count'].name!r} has another whole number in each row; are these numbers of "
                 "particles, or of rows?"
+            )
+        if (parcel := self._columns.get("parcel_mass")) and 0 < self._particles < self._rows:
+            yield (
+                f"column {parcel.name!r} makes {self._particles:.3g} particles of {self._rows:,} rows, so most are "
+                "less than one particle; are its unit and the diameter right?"
             )
         angle = self._columns.get("angle")
         if (
