@@ -111,11 +111,15 @@ def test_draws_of_a_fit_take_the_place_of_the_ranges(fitted):
     assert beside.high == pytest.approx(fitted.high, abs=0.01)
     assert beside.worst > 0.99
     low, high = np.quantile([curve.at(beside.alpha) for curve in beside.group("draws")], [0.025, 0.975]) / 2700
-    assert beside.answers[2] == beside.job.sentence([low, high], 2700, language("en"))
+    assert beside.answers[2] == "By 95% of the draws: " + beside.job.sentence([low, high], 2700, language("en"))
+    far = dataclasses.replace(draws[0], erosion=1e3 * draws[0].erosion)
+    curves = tuple(far if curve is draws[0] else curve for curve in fitted.curves)
+    assert dataclasses.replace(fitted, curves=curves).warnings == fitted.warnings
     # All particles cut, as in a fit; the product k ψ is the same in each draw, k alone is not.
     k, sigma, alpha = 2.0, 107 * 9.80665e6, fitted.alpha
     middle = 2700 * 1e4 * k / (sigma * 20) * (math.sin(2 * alpha) - 2 / k * math.sin(alpha) ** 2) / 2
     assert fitted.group("models")[0].at(alpha) == pytest.approx(middle, rel=1e-3)
+    assert any(np.array_equal(curve.erosion, fitted.curves[0].erosion) for curve in draws)
     assert max(curve.at(alpha) for curve in draws) < 1.08 * min(curve.at(alpha) for curve in draws)
 
 
@@ -126,6 +130,7 @@ def test_an_advice_after_a_fit_names_it_and_asks_for_no_test_again(fitted, tmp_p
     assert "64 draws of post.nc remove on average 100% of what they remove at their own best angles" in why
     assert "if all of the particles cut; the correlations for this metal, which are made from other tests" in amount
     assert "four angles" not in narrower
+    assert "least of 95% of the draws [g/kg]" in write_advice(fitted, tmp_path / "advice.csv").read_text("utf-8-sig")
     assert "--next-experiment" in narrower
     assert [row[0] for row in fitted.rows()][:2] == ["linearized, k = 2, ψ = 10", "64 draws of post.nc, 95% of them"]
     page = write_advice(fitted, tmp_path / "advice.html").read_text()
@@ -146,6 +151,18 @@ def test_the_advised_angle_is_among_those_that_were_weighed(fitted, weighed, adv
     assert says in within.reasons[1]
     mean = np.mean([curve.share(within.alpha) for curve in fitted.group("draws")])
     assert f"remove on average {100 * mean:.0f}% of" in within.reasons[0]
+
+
+@pytest.mark.slow
+def test_the_model_of_draws_with_open_parameters_is_one_of_them():
+    # Of draws that all remove as much, the medians remove four times it.
+    psi, sigma, share = np.array([[1.0, 1, 0.1], [1, 4, 0.4], [4, 1, 0.4]]).T
+    columns = {"psi": 10 * psi, "sigma": 1e9 * sigma, "cutting_fraction": share}
+    rows = Rows(columns, tested={"alpha": (math.radians(40), math.radians(60))})
+    advice = erosion.advise(P, target="aluminium 6061", models=["linearized"], uncertain=rows)
+    amounts = [curve.at(advice.alpha) for curve in advice.curves if curve.group in ("models", "draws")]
+    assert max(amounts) == pytest.approx(min(amounts))
+    assert math.degrees(advice.alpha) == pytest.approx(40)
 
 
 @pytest.mark.slow

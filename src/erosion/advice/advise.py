@@ -18,6 +18,7 @@ from erosion.impacts.simulate import SimulationError
 from erosion.models import called, load_model
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated, CorrelatedByShape, correlated, made_for, members, per_mass_of
+from erosion.models.own_parameters import with_values
 from erosion.ode.step_control import require_float64
 from erosion.output.tables import briefly
 from erosion.parameters.materials import Particle, Target, particle as read_particle, target as read_target
@@ -145,8 +146,6 @@ def advise_case(
         uncertain = uncertain.checked(models, p.units)
         if uncertain.fraction is not None:
             per_mass = PerMass(per_mass.density, uncertain.fraction)
-        middles = {name: uncertain.middle(model, p) for name, model in models.items()}
-        models, p = {name: model for name, (model, _) in middles.items()}, next(iter(middles.values()))[1]
     correlations = _correlations(metal, grit)
     curves: list[Curve] = []
     jet = _Jet(p, spread, speed_spread, uncertain)
@@ -154,6 +153,7 @@ def advise_case(
     for done, (name, model) in enumerate(models.items()):
         progress("models", done, total)
         curves += jet.of_model(name, model, per_mass_of(model, per_mass))
+    p = jet.p
     outside = [model.outside_of_range(p) for model in models.values()]
     for done, (model, fits) in enumerate(correlations, len(models)):
         progress("models", done, total)
@@ -190,18 +190,18 @@ class _Jet:
             quantiles = Normal(0.0, speed_spread).ppf((np.arange(_SPEEDS) + 0.5) / _SPEEDS)
             speeds = np.exp(np.asarray(quantiles))
         self._p, self._law, self._uncertain = p, Normal(_STEEP, spread), uncertain
+        self.p = p  # of the first model's most usual draw, where there are draws
         self._values = {"alpha": np.repeat(angles, speeds.size), "v0": float(p.v0) * np.tile(speeds, angles.size)}
 
     def of_model(self, name: str, model: CuttingModel, per_mass: PerMass) -> Iterator[Curve]:
         """The curves of a model as it is, and with other k and ψ or with draws of what is uncertain."""
+        if self._uncertain is not None and not isinstance(model, Correlated):
+            yield from self._of_draws(name, model, per_mass, self._uncertain)
+            return
         (erosion,) = self._erosion(name, model, per_mass, {"k": np.array([float(self._p.k)])})
         yield Curve(name, "models", "", erosion, per_mass.density, single=float(alpha_max(model, self._p).alpha))
-        if isinstance(model, Correlated):
-            return
-        if self._uncertain is None:
+        if not isinstance(model, Correlated):
             yield from self._of_ranges(name, model, per_mass)
-        else:
-            yield from self._of_draws(name, model, per_mass, self._uncertain)
 
     def _of_ranges(self, name: str, model: CuttingModel, per_mass: PerMass) -> Iterator[Curve]:
         """The curves of a model with k and ψ at the ends of their ranges."""
@@ -214,16 +214,25 @@ class _Jet:
             yield Curve(name, group, words, erosion, per_mass.density)
 
     def _of_draws(self, name: str, model: CuttingModel, per_mass: PerMass, uncertain: Uncertain) -> Iterator[Curve]:
-        """The curves of a model for draws of what is uncertain."""
+        """The curves of a model for draws of what is uncertain, and first that of the most usual draw.
+
+        The medians of the parameters need not explain the rows where a fit leaves parameters open.
+        """
         draws = uncertain.draws(model)
         shares = draws.pop(FRACTION, np.full(DRAWS, per_mass.cutting_fraction)) / per_mass.cutting_fraction
         # A share alone still needs a parameter to loop over.
         draws = draws or {"k": np.full(DRAWS, float(self._p.k))}
-        for begin in range(0, DRAWS, _AT_ONCE):
-            part = slice(begin, begin + _AT_ONCE)
-            erosion = self._erosion(name, model, per_mass, {key: values[part] for key, values in draws.items()})
-            for number, curve in enumerate(erosion * shares[part, None], begin + 1):
-                yield Curve(name, "draws", f"draw {number}", curve, per_mass.density)
+        parts = [slice(begin, begin + _AT_ONCE) for begin in range(0, DRAWS, _AT_ONCE)]
+        erosion = np.concatenate([
+            self._erosion(name, model, per_mass, {key: values[part] for key, values in draws.items()}) for part in parts
+        ])  # fmt: skip
+        erosion *= shares[:, None]
+        usual = int(np.argmin(np.sum((erosion - np.median(erosion, axis=0)) ** 2, axis=1)))
+        model, p = with_values(model, self._p, {key: float(values[usual]) for key, values in draws.items()})
+        self.p = p if self.p is self._p else self.p
+        yield Curve(name, "models", "", erosion[usual], per_mass.density, single=float(alpha_max(model, p).alpha))
+        for number, curve in enumerate(erosion, 1):
+            yield Curve(name, "draws", f"draw {number}", curve, per_mass.density)
 
     def of_correlation(self, name: str, model: CuttingModel, *, fits: bool, known: bool) -> Curve:
         """The curve of a correlation, whose absolute numbers may be made for another target."""

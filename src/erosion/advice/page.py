@@ -183,7 +183,8 @@ def _spreadsheet(advice: Advice, decimal: str) -> str:
     columns: dict[str, np.ndarray] = {f"{text('angle')} [°]": np.rad2deg(NOZZLE_ANGLES[at])}
     if advice.trusted:
         low, high = ends(advice.trusted, lambda curve: curve.erosion * (curve.density or 1.0) / advice.scale.size)
-        columns |= {f"{text('least')} [{unit}]": low[at], f"{text('greatest')} [{unit}]": high[at]}
+        of = "" if advice.uncertain is None else f" {text('of 95% of the draws')}"
+        columns |= {f"{text('least')}{of} [{unit}]": low[at], f"{text('greatest')}{of} [{unit}]": high[at]}
     share = text("least share of its own best") if advice.uncertain is None else text("mean share of its own best")
     columns[f"{share} [%]"] = 100 * advice.shares[at]
     rows = [list(columns), *([f"{value:.4g}" for value in row] for row in zip(*columns.values(), strict=True))]

@@ -12,7 +12,7 @@ from erosion.fits.forward import FACTORS, FRACTION, OF_METAL
 from erosion.joint_laws import SHARE, LawSet, Member, Rows, require_units
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated
-from erosion.models.own_parameters import own_parameters, quantities, ranges, with_values
+from erosion.models.own_parameters import own_parameters, quantities, ranges
 from erosion.output.language import ENGLISH, Language
 from erosion.output.tables import Record, Result, format_number, to_plain
 from erosion.parameters.materials import Particle, Target
@@ -85,11 +85,6 @@ class Uncertain:
             scale = table_scale(known[name].dimension, units, abs(middle))
             ends = [format_number(value, 3, scale.size) for value in (middle, low, high)]
             yield f"{known[name].symbol} = {ends[0]} ({ends[1]} … {ends[2]}) {scale.unit}".rstrip()
-
-    def middle(self, model: CuttingModel, p: Parameters) -> tuple[CuttingModel, Parameters]:
-        """Model and case with each law at its median."""
-        medians = {name: float(value[0]) for name, value in self._set(model).middle.items() if name != FRACTION}
-        return with_values(model, p, medians)
 
     @functools.cached_property
     def fraction(self) -> float | None:
@@ -326,8 +321,8 @@ class Advice(Result):
         return what, best, least, self.span([curve for curve in curves if curve.fits])
 
     def _far(self, curves: Sequence[Curve]) -> FarFromTests | None:
-        """The greatest erosion of curves at the advised angle, where it is far from what tests find."""
-        removed = [curve.at(self.alpha) / (curve.density or 1.0) for curve in curves]
+        """The greatest erosion of curves, of 95 % of draws, at the advised angle, where tests find nothing like it."""
+        removed = ends(curves, lambda curve: curve.at(self.alpha) / (curve.density or 1.0)) if curves else []
         return far_from_tests(removed, float(self.p.to("si").v0), self.per_mass.density)
 
     def _is_beyond(self, curves: Sequence[Curve]) -> bool:
@@ -372,7 +367,8 @@ class Advice(Result):
         ]
         if self.job is not None and self.trusted:
             erosion = ends(self.trusted, lambda curve: curve.at(self.alpha) / (curve.density or 1.0))
-            sentences.append(self.job.sentence(erosion, self.per_mass.density, self.language))
+            job = self.job.sentence(erosion, self.per_mass.density, self.language)
+            sentences.append(job if self.uncertain is None else f"{say('By 95% of the draws:')} {job}")
         if self.other is not None and self.particle is not None and self.target is not None:
             names = (self.particle_name, self._name(self.other))
             speed = float(self.p.to("si").v0)
@@ -458,6 +454,8 @@ class Advice(Result):
                 "{fraction} of the particles cut: trust the correlations more.",
                 **numbers,
             )
+        elif self.uncertain is not None:
+            text = say("Expect {amount} {unit}, by 95% of the draws, if {fraction} of the particles cut.", **numbers)
         else:
             text = say("Expect {amount} {unit}, by the models, if {fraction} of the particles cut.", **numbers)
         return text if self.per_mass.density else f"{text} {say('Name the target, or give its density, for g/kg.')}"
