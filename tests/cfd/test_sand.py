@@ -13,7 +13,7 @@ import erosion
 from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.map_result import YEAR, MapSummary
 from erosion.cfd.rows import ImpactsError
-from tests.cfd.tables import hump, sand, warnings_of
+from tests.cfd.tables import hump, quadrilaterals, sand, warnings_of
 
 pytestmark = pytest.mark.slow
 
@@ -142,7 +142,7 @@ def test_parcels_that_change_their_mass_are_others() -> None:
         table = TABLE.replace(parcel=parcel)
         table.has_parcels = True
         changing = len(np.unique(parcel))
-        (sentence,) = MapSummary(wear(table)).warnings
+        (sentence,) = warnings_of(wear(table))
         assert f"{changing} of the {changing} parcels of the table have rows of different masses" in sentence
 
 
@@ -203,3 +203,23 @@ def test_less_than_a_particle_a_row_is_said(tmp_path: Path) -> None:
         path.write_text(f"diameter [um],parcel_mass [{unit}],speed [m/s],angle [deg]\n{rows}")
         data = erosion_map("dnv", P, erosion.read_impacts(path, particle_density=2650.0))
         assert ("less than one particle; are its unit" in " ".join(warnings_of(data))) == is_said
+
+
+def test_the_greatest_of_many_faces_is_said_to_be_too_large() -> None:
+    """Where all faces of a flat floor wear alike, the estimate is nearer to the truth than the greatest depth."""
+    x, y = np.meshgrid(np.linspace(0, 0.2, 41), np.linspace(0, 0.05, 11), indexing="ij")
+    floor = quadrilaterals(np.stack([x, y, 0 * x], axis=-1))
+    for rows, is_said in ((12_000, True), (1_000_000, False)):
+        face = np.random.default_rng(2).integers(0, floor.faces, rows)
+        same = {"count": np.ones(rows), "diameter": np.full(rows, 2e-4), "mass": np.full(rows, 1e-8)}
+        velocity = np.array([20.0, 0, 0]) + 15 * floor.normal[face]
+        table = sand(floor, rows).replace(face=face, position=floor.centre[face], velocity=velocity, **same)
+        data = erosion_map("dnv:carbon-steel", P, table, floor, injected=0.01, sand_rate="1 kg/s")
+        text, said = str(MapSummary(data)), " ".join(MapSummary(data).warnings)
+        assert ("lies above the true one by chance" in said) == is_said
+        assert ("greatest of many" in text) == is_said
+        if is_said:
+            mean, greatest = float(data["depth_per_year"].mean()), float(data["depth_per_year"].max())
+            told = float(said.split("truly about ")[1].split(" mm/year")[0])
+            assert told == pytest.approx(mean, rel=0.1)
+            assert greatest > 1.4 * mean

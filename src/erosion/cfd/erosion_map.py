@@ -154,6 +154,8 @@ class MapJob:
             raise SimulationError(f"{model_name(task.model)}: of {tally.hits:,} impacts none could be computed.")
         sand = self._sand(tally, ranges)
         read_as, doubts = ranges.in_words(table, tally)
+        if surface is not None:
+            read_as += f" The surface is {surface.length:.3g} m across."
         attributes = provenance(
             "a map",
             options.p,
@@ -403,7 +405,7 @@ class Ranges:
         if self._weightless:
             doubts.append(f"{self._weightless:,} rows that hit have the weight 0, and count for nothing.")
         if self._most > self._all * max(_DOMINATES, 30 / tally.hits):
-            share = f"about {100 * self._most / self._all:.2g} % of the wear"
+            share = f"about {100 * self._most / self._all:.0f} % of the wear"
             doubts.append(f"{self._place} alone does {share}; are its weight, size and speed right?")
         if fine < _FINEST or coarse > _COARSEST:
             doubts.append(

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,11 +25,15 @@ from erosion.parameters.quantities import (
     QUANTITIES,
     RESULTS,
     Quantity,
+    Scale,
     System,
     conversion_factor,
     quantity_row,
     table_scale,
 )
+
+_NOISY, _MANY = 0.05, 10  # standard error of the worst face, and faces beside it, from which chance is told
+_NO_LENGTH = 9  # decimals of a metre that a distance is told to
 
 YEAR = 365.25 * 86400.0
 """Seconds of a year (Julian)."""
@@ -319,21 +324,50 @@ class MapSummary(Result):
             rows.append(next(self._totals("patch", f" {patch}", (i,))))
         for name in ("depth", "depth_per_year"):
             if name in data:
-                face, greatest = int(np.argmax(data[name].values)), float(data[name].max())
-                scale = table_scale(FACES[name].dimension, self.units, greatest)
+                face, greatest, scale = self._greatest(name)
                 shown = with_error(greatest, greatest * float(data["relative_error"][face]), scale.size)
                 deepest = f"at face {face:,}, of {int(data['impacts'][face]):,} rows"
-                unit = FACES[name].fixed or scale.unit
-                rows.append(Row(f"greatest {name}", FACES[name].symbol, shown, unit, deepest))
+                if chance := self._chance:
+                    deepest += f"; greatest of many, by chance up to {100 * chance[0]:.0f} % too large"
+                rows.append(Row(f"greatest {name}", FACES[name].symbol, shown, scale.unit, deepest))
         counts = data["ends"].sum("patch").values
         for end, count in zip(data["end"].values, counts, strict=True):
             if count and not ("beyond_range" in data and end == "no-cut"):  # all impacts of a correlation
                 rows.append(Row(f"share {end}", "", f"{100 * count / counts.sum():.3g}", "%", "of the rows that hit"))
         for name, meaning in (("distance_median", "median distance"), ("distance_max", "greatest distance")):
             if name in data:
-                length = quantity_row(meaning, QUANTITIES["r"], float(data[name]), self.units)
-                rows.append(length._replace(symbol="", meaning="of rows that name no face, from the nearest"))
+                metres = round(float(data[name]) * conversion_factor("length", self.units, "si"), _NO_LENGTH)
+                length = Scale(1.0, "m") if metres >= 1 else Scale(1e-3, "mm")
+                shown = f"{metres / length.size:.6g}"
+                rows.append(Row(meaning, "", shown, length.unit, "of rows that name no face, from the nearest"))
         return [row._replace(name=row.name.replace("_", " ")) for row in rows]
+
+    def _greatest(self, name: str) -> tuple[int, float, Scale]:
+        """The face with the greatest depth, this depth, and its unit, a micrometre at least."""
+        values, wear = self.dataset[name].values, FACES[name]
+        face = int(np.argmax(values))
+        if wear.fixed:
+            return face, float(values[face]), Scale(1.0, wear.fixed)
+        least = 1e-6 * conversion_factor("length", "si", self.units)
+        return face, float(values[face]), table_scale(wear.dimension, self.units, max(least, float(values[face])))
+
+    @property
+    def _chance(self) -> tuple[float, int, float] | None:
+        """By what share the greatest depth is too large by chance if the faces with half of it or more wear alike.
+
+        Their number and the standard error of the worst one, too; None where this is little.
+        """
+        data = self.dataset
+        if "depth" not in data:
+            return None
+        depth, face = data["depth"].values, int(np.argmax(data["depth"].values))
+        error = float(data["sampling_error" if "sampling_error" in data else "relative_error"][face])
+        rivals = int((depth >= depth[face] / 2).sum())
+        if not (error > _NOISY and rivals >= _MANY):
+            return None
+        # The expected greatest of so many standard normal numbers (Blom 1958).
+        above = statistics.NormalDist().inv_cdf((rivals - 0.375) / (rivals + 0.25))
+        return above * error, rivals, error
 
     def _totals(self, prefix: str, suffix: str = "", index: tuple[int, ...] = ()) -> Iterator[Row]:
         """Volume, mass, erodent and erosion of everything, or of a patch."""
@@ -367,6 +401,15 @@ class MapSummary(Result):
         """Sentences on what is left out or doubtful."""
         data = self.dataset
         sentences = [data.attrs["warnings"]] if data.attrs["warnings"] else []
+        if self._chance:
+            (excess, rivals, error), name = self._chance, "depth_per_year" if "depth_per_year" in data else "depth"
+            _, greatest, scale = self._greatest(name)
+            told = f"{greatest / (1 + excess) / scale.size:.3g} {scale.unit}"
+            sentences.append(
+                f"The greatest of many faces lies above the true one by chance: if the {rivals:,} faces with at least "
+                f"half of the greatest depth wear alike, each ± {100 * error:.2g} %, it is about {100 * excess:.0f} % "
+                f"too large, and truly about {told}. More impacts or larger faces lower this."
+            )
         for name, count in zip(data["reason"].values, data["left_out"].values, strict=True):
             if count and name != "elsewhere":
                 far = f": {data.attrs['far_rows']}" if name == "too-far" else ""
