@@ -331,3 +331,23 @@ def test_progress_tells_the_rows() -> None:
     calls: list[tuple[str, int, int]] = []
     erosion_map("linearized", P, TABLE, SURFACE, progress=lambda *call: calls.append(call))
     assert calls == [("map", 300, 300)]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda velocity: velocity, ""),
+        (lambda velocity: 0 * velocity + np.linalg.norm(velocity, axis=1)[:, None], "are the same number"),
+        (lambda velocity: velocity * [0, 0, 1], "two of the three components"),
+        (lambda velocity: velocity * [1, 0, 1], ""),
+        (np.abs, "has a negative component"),
+        (lambda velocity: np.abs(velocity) + 5, ""),
+    ],
+)
+def test_velocities_that_may_be_speeds_are_said(change, words):
+    table = sand(SURFACE, 2000)
+    table.columns["velocity"] = change(table.columns["velocity"])
+    surface = dataclasses.replace(SURFACE, turns_itself=True)
+    said = [sentence for sentence in warnings_of(erosion_map("dnv", P, table, surface)) if "magnitudes" in sentence]
+    assert len(said) == bool(words)
+    assert not said or words in said[0].lower()

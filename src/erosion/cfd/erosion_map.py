@@ -47,6 +47,7 @@ _DOMINATES = 0.05  # share of the wear from which on one of many rows is named, 
 _FINEST, _COARSEST = 1e-6, 5e-3  # diameters of grains [m]
 _SLOWEST, _FASTEST = 0.5, 300.0  # mean speeds at which sand wears [m/s]
 _LITTLE = 0.1  # of the sand injected: radii for diameters leave 1/8 of what hits, g under kg 1/1000
+_MORE, _THOUSANDS = 10, 1000  # rows from which velocities along an axis, and ones without signs, are named
 _WRONG_WAY = 0.9  # share of rows from behind that no table of real impacts reaches
 
 
@@ -342,9 +343,9 @@ class MapJob:
                 "left out."
             )
         raise ImpactsError(
-            f"{share} is not positive: these look like velocities after the rebound, as openfoam.org 11 to 14 writes "
-            "them. Argument `restitution` must then be (e, μ) of the wall, which undoes it. Or the surface's normals "
-            "point into the fluid, but must point out of it: Argument `reverse` turns them."
+            f"{share} is not positive: either the surface's normals point into the fluid, but must point out of it, "
+            "which Argument `reverse` 'auto' mends; or these look like velocities after the rebound, as openfoam.org "
+            "11 to 14 writes them: Argument `restitution` must then be (e, μ) of the wall, which undoes it."
         )
 
     def _require_hits(self, tally: FaceTally) -> None:
@@ -369,6 +370,7 @@ class Ranges:
         self._ends = dict.fromkeys(("time", "diameter", "density", "speed", "alpha"), (math.inf, -math.inf))
         self._most, self._place, self._all = 0.0, "", 0.0  # mass × speed^2.6 of a row, the row, and of all
         self._weightless = 0
+        self._velocity, self._are_same = np.array([[math.inf], [-math.inf]]) * np.ones(3), True  # least, greatest
 
     def add(self, block: ImpactBlock, hits: Hits) -> None:
         """Take note of the rows of a block."""
@@ -378,6 +380,11 @@ class Ranges:
             rows["density"] = hits.mass[struck] / (math.pi / 6 * rows["diameter"] ** 3)
         wear = np.where(struck, hits.count * hits.mass * hits.speed**_GROWTH, 0.0)
         self._all += float(wear.sum())
+        if block.velocity is not None and block.rows:
+            velocity = np.asarray(block.velocity, float)
+            least, greatest = self._velocity
+            self._velocity = np.array([np.minimum(least, velocity.min(0)), np.maximum(greatest, velocity.max(0))])
+            self._are_same &= bool((velocity == velocity[:, :1]).all())
         self._weightless += int((struck & (hits.count == 0)).sum())
         if wear.max(initial=0.0) > self._most:
             row = int(wear.argmax())
@@ -401,7 +408,7 @@ class Ranges:
             f"{_range(slow, fast, velocity)}, on average {speed / velocity.size:.4g} {velocity.unit}, and at "
             f"{_range(flat, steep, Scale(math.pi / 180, '°'))} to the wall, on average {angle:.3g}°."
         )
-        doubts = list[str]()
+        doubts = self._of_velocities(tally.rows)
         if self._weightless:
             doubts.append(f"{self._weightless:,} rows that hit have the weight 0, and count for nothing.")
         if self._most > self._all * max(_DOMINATES, 30 / tally.hits):
@@ -416,6 +423,22 @@ class Ranges:
                 f"The mean speed is {speed:.3g} m/s, at which no sand is blasted or carried; is the unit right?"
             )
         return read_as, doubts
+
+    def _of_velocities(self, rows: int) -> list[str]:
+        """That velocities may be speeds, or without their signs."""
+        least, greatest = self._velocity
+        if rows <= _MORE or not np.isfinite(least).all():
+            return []
+        if self._are_same:
+            said = "the three components of each velocity are the same number"
+        elif (np.maximum(-least, greatest) == 0).sum() == 2:
+            said = "two of the three components of the velocity are 0 in all rows"
+        # Streams oblique to all axes have no component near 0.
+        elif rows >= _THOUSANDS and (least >= 0).all() and (least < 0.01 * greatest).sum() >= 2:
+            said = f"none of the velocities of {rows:,} rows has a negative component"
+        else:
+            return []
+        return [f"{said[0].upper()}{said[1:]}; are these magnitudes, as speeds are?"]
 
     def duration_of(self, table: Impacts, rows: int) -> tuple[float | None, str, list[str]]:
         """The duration of a table [s], who says so, and what is doubtful in it."""

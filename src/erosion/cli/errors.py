@@ -123,7 +123,7 @@ def explain(error: cyclopts.CycloptsError) -> str:
             option = error.keyword or argument.name
             if word := _negative_after(error, option):
                 return f"Option `{option}` must not have a negative value, but has {word}."
-            return f"Option `{option}` must have a value, but has none."
+            return f"Option `{option}` must {_one_of(argument)}, but has none."
         # What a converter of ours says; cyclopts has no words of its own here.
         case exceptions.CoercionError(argument=argument, msg=str() as said) if argument is not None:
             return f"Option `{argument.name}` {said}."
@@ -135,6 +135,8 @@ def explain(error: cyclopts.CycloptsError) -> str:
             if kind is float:
                 return f"Option `{argument.name}` must be a number such as 0.5, but is {briefly(token.value)}."
             value = briefly(token.value)
+            if argument.get_choices(force=True):
+                return f"Option `{argument.name}` must {_one_of(argument)}, but has {value}."
             return f"Option `{argument.name}` must have a value that makes sense, but has {value}: see --help."
         case exceptions.UnknownCommandError(unused_tokens=[word, *_]) if error.app is not None:
             known = ", ".join(name for name in error.app if not name.startswith("-"))
@@ -143,6 +145,12 @@ def explain(error: cyclopts.CycloptsError) -> str:
             return f"The word {word!r} belongs to no option."
         case _:
             return " ".join(str(error).split())
+
+
+def _one_of(argument: cyclopts.Argument) -> str:
+    """What an option must have: one of its choices, where it has some."""
+    choices = argument.get_choices(force=True)
+    return f"have one of the values {', '.join(choices)}" if choices else "have a value"
 
 
 def _option_before(error: exceptions.UnknownOptionError, word: str) -> str | None:
