@@ -223,3 +223,12 @@ def test_the_greatest_of_many_faces_is_said_to_be_too_large() -> None:
             told = float(said.split("truly about ")[1].split(" mm/year")[0])
             assert told == pytest.approx(mean, rel=0.1)
             assert greatest > 1.4 * mean
+
+
+def test_a_second_line_of_heads_and_pounds_of_mass(tmp_path: Path) -> None:
+    (path := tmp_path / "a.csv").write_text("d,m,speed,angle\num,kg,m/s,deg\n100,1e-9,20,30\n")
+    with pytest.raises(ImpactsError, match=r"line 2 is a second line of heads.* as `d \[um\]`"):
+        erosion.read_impacts(path)
+    path.write_text("diameter [um],mass [lbm],speed [m/s],angle [deg]\n100,1e-9,20,30\n")
+    (block,) = erosion.read_impacts(path).blocks(9)
+    assert block.mass == pytest.approx([0.45359237e-9])

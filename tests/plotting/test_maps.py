@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 import erosion
 from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.surface import Surface
+from erosion.correlations import CORRELATIONS
 from erosion.output.tables import with_error
 from erosion.plotting import maps
 from erosion.plotting.maps import plot_map, require_view, write_map_page
@@ -93,7 +94,10 @@ def test_a_page_has_the_worst_faces_the_totals_and_the_warnings(tmp_path: Path) 
     greatest, error = (float(wear[name][worst[0]]) for name in ("depth_per_year", "relative_error"))
     x, y, z = wear["centre"].values[worst[0]] * 1e3
     assert f"<td>{x:.4g}, {y:.4g}, {z:.4g}</td><td>{with_error(greatest, greatest * error)}</td>" in page
-    for words in ("kg/day", "mass per year", "Read: 400 rows", "⚠ ", "has not worn", "dnv"):
+    assert page.index("⚠ ") < page.index("<img")
+    assert "Argument" not in page
+    source = CORRELATIONS["dnv"].source[:20]
+    for words in (source, "0.00115741 kg/s", "kg/day", "mass per year", "Read: 400 rows", "has not worn", "dnv"):
         assert words in page
     sheet = write_map_page(wear, tmp_path / "a.pdf").read_bytes()
     assert sheet.startswith(b"%PDF")

@@ -442,6 +442,9 @@ def _factor(path: Path, head: str, name: str, unit: str) -> float:
         return factor(unit, dimension, "si")
 
 
+_HEAD = re.compile(r'\s*"?(?!nan|inf)[a-zA-Zµ°%\[(]')
+
+
 class _Layout(NamedTuple):
     """How a table of text is laid out: the lines before its header, the header's cells, and its punctuation."""
 
@@ -486,6 +489,12 @@ def _csv_header(path: Path) -> _Layout:
         raise ImpactsError(
             f"{path}: line {first + 1} must name the columns, but is {lines[first].strip()[:60]!r}; what begins with # "
             "is a comment, not a header."
+        )
+    second = lines[first + 1].split(None if delimiter == " " else delimiter) if first + 1 < len(lines) else []
+    if len(second) == len(heads) > 1 and all(map(_HEAD.match, second)):
+        raise ImpactsError(
+            f"{path}: line {first + 2} is a second line of heads, {lines[first + 1].strip()[:40]!r}; write units into "
+            f"the first, as `{heads[0].strip()} [{second[0].strip()}]`, and take this line away."
         )
     return _Layout(first, heads, delimiter, decimal)
 

@@ -283,7 +283,9 @@ def _dimension_of(dimensionality: object) -> str:
 def _registry() -> "pint.UnitRegistry":
     import pint
 
-    return pint.UnitRegistry(cache_folder=None)
+    registry = pint.UnitRegistry(cache_folder=None)
+    registry.define("@alias pound = lbm")
+    return registry
 
 
 class Scale(NamedTuple):

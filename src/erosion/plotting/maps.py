@@ -24,6 +24,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogFormatter, PercentFormatter
 
 from erosion.cfd.map_result import FACES, PAGES, MapSummary, require_map_path, to_polydata
+from erosion.correlations import CORRELATIONS
 from erosion.extras import library
 from erosion.output.files import write_whole
 from erosion.output.tables import briefly, to_html, with_error
@@ -379,15 +380,20 @@ def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = No
     tables, summary = [_worst_faces(wear), _totals(wear)], MapSummary(wear)
     options = re.sub(r"\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", wear.attrs["options"])
     source = "; ".join(filter(None, [summary.title, options, f"erosion {__version__}"]))
-    notes = [*(f"⚠ {warning}" for warning in summary.warnings), wear.attrs["read_as"], _ASSUMED, source]
+    source = re.sub(r"\b(sand_rate = [^, ;]+)(?=[,;])", r"\1 kg/s", source)
+    # A reader of the page knows no arguments.
+    warnings = ["⚠ " + re.sub(r"(?:Argument )?`(\w+)`", r"“\1”", warning) for warning in summary.warnings]
+    notes = [wear.attrs["read_as"], _ASSUMED, source]
+    if known := CORRELATIONS.get(wear.attrs["model"].partition(":")[0]):
+        notes.append(f"{wear.attrs['model']}: {known.source}")
     if path.suffix == ".pdf":
-        content = render(_sheet(wear, title, tables, notes, {"quantity": quantity, **look}), "pdf")
+        content = render(_sheet(wear, title, tables, (warnings, notes), {"quantity": quantity, **look}), "pdf")
     else:
         picture = base64.b64encode(render(plot_map(wear, quantity, **look), "png")).decode()
         content = "\n".join([
             f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>',
             f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>',
-            f"<h1>{html.escape(title)}</h1>",
+            f"<h1>{html.escape(title)}</h1>", *(f"<p>{html.escape(warning)}</p>" for warning in warnings),
             f'<img alt="The surface, coloured by its wear." src="data:image/png;base64,{picture}">',
             *(to_html(*table) for table in tables), *(f"<p>{html.escape(note)}</p>" for note in notes),
             "</body></html>",
@@ -427,14 +433,14 @@ def _totals(wear: xr.Dataset) -> _Table:
 
 
 @house_style()
-def _sheet(wear: xr.Dataset, title: str, tables: Sequence[_Table], notes: Sequence[str], look: Any) -> Figure:
+def _sheet(wear: xr.Dataset, title: str, tables: Sequence[_Table], notes: Sequence[Sequence[str]], look: Any) -> Figure:
     """The page as one sheet of A4; where its text is long, it is small."""
     fig = new_figure(*_A4)
     parts: Any = fig.subfigures(3, 1, height_ratios=[_HEAD, _PICTURE, 1 - _HEAD - _PICTURE])
     head, top, bottom = parts
     head.text(0.07, 0.2, title, fontsize=15, weight="bold")
     _draw(top, wear, look["quantity"], look.get("view", "worst"), look.get("zoom", 1.0), look.get("log"))
-    lines = list(_lines(tables, notes))
+    lines = [*_lines((), notes[0]), *_lines(tables, notes[1])]
     step = min(0.0245, 0.97 / len(lines))
     for i, (cells, is_bold) in enumerate(lines):
         for x, cell in zip(_PLACES.get(len(cells), (0.07,)), cells, strict=True):
