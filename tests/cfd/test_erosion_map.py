@@ -338,7 +338,8 @@ def test_progress_tells_the_rows() -> None:
     [
         (lambda velocity: velocity, ""),
         (lambda velocity: 0 * velocity + np.linalg.norm(velocity, axis=1)[:, None], "are the same number"),
-        (lambda velocity: velocity * [0, 0, 1], "two of the three components"),
+        (lambda velocity: abs(velocity) * [0, 0, 1], "two of the three components"),
+        (lambda velocity: -abs(velocity) * [0, 0, 1], ""),
         (lambda velocity: velocity * [1, 0, 1], ""),
         (np.abs, "has a negative component"),
         (lambda velocity: np.abs(velocity) + 5, ""),

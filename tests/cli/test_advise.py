@@ -104,7 +104,7 @@ correlation = { "k,sigma" = -0.5 }
     [
         ("--units inch-pound", "Option `--units` cannot convert the table [advise] of fitted.toml, which is in si"),
         ("--k 3", "Option `--k` cannot set k, which has a law in fitted.toml."),
-        ("--target copper", "Option `--target` cannot set the metal, of which k, sigma have laws in fitted.toml."),
+        ("--target copper", "Option `--target` cannot set the metal, of which energy_ratio, k, sigma have laws in"),
         ("--model rotating", "Option `--model` must be linearized-deformation, whose parameters have laws in"),
         ("--set energy_ratio=3", "Option `--set` cannot set energy_ratio, which has a law in fitted.toml."),
         ("--uncertain cutting_fraction=lognormal(0.99,0.2)", "must be positive and at most 1, but 48.0% of LogNormal"),

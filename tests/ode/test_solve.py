@@ -891,3 +891,27 @@ def test_the_end_is_a_time_among_others():
         np.testing.assert_allclose(end.ys["x"], [1.0, np.exp(t0 - t1)], rtol=1e-9)
         inside = jax.jit(lambda t1, t0=t0: ode.solve(still, t0=t0, t1=t1, ts=[t0, t1]).ys["x"])(t1)
         np.testing.assert_allclose(inside, end.ys["x"], rtol=1e-9)
+
+
+def test_no_times_of_a_motion_with_kinks():
+    problem = ode.Problem({"x": 1.0}, lambda t, y, args: {"x": -args["c"] * jnp.abs(y["x"])})
+    for ts in ([], [np.nan]):
+        end = ode.solve(problem, {"c": 1.0}, t1=1.0, wrt="c", ts=ts)
+        assert end.times is not None
+        assert end.times.ys["x"].shape == (len(ts),)
+        assert end.along("c").t.shape == ()
+    none = ode.solve(problem, {"c": np.zeros(0)}, t1=1.0, wrt="c", ts=[0.5])
+    assert none.times is not None
+    assert none.times.ys["x"].shape == (0, 1)
+
+
+def test_arrays_of_the_caller_may_change_afterwards():
+    args, ts = {"c": np.array([1.0, 2.0])}, np.array([0.5, 1.0])
+    problem = ode.Problem({"x": 1.0}, lambda t, y, args: {"x": -args["c"] * y["x"]})
+    end = ode.solve(problem, args, t1=1.0, ts=ts)
+    assert end.times is not None
+    before = end.gradient(y={"x": 1.0})["c"]
+    args["c"] *= 10
+    ts *= 1000
+    np.testing.assert_array_equal(end.times.ts, [0.5, 1.0])
+    np.testing.assert_array_equal(end.gradient(y={"x": 1.0})["c"], before)

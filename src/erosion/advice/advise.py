@@ -74,7 +74,7 @@ def advise(
 
     After a fit to tests of your own, its draws or those of a posterior take the place of these ranges:
 
-        erosion.advise(p, models=["linearized-deformation"], uncertain=fit.rows_of_draws())
+        erosion.advise(fit.p, models=[fit.model], uncertain=fit.rows_of_draws())
 
     The advised angle is then where the draws remove most on average, each over its own maximum; the correlations, which
     know nothing of your tests, do not count.

@@ -431,7 +431,7 @@ class Ranges:
             return []
         if self._are_same:
             said = "the three components of each velocity are the same number"
-        elif (np.maximum(-least, greatest) == 0).sum() == 2:
+        elif (least >= 0).all() and (greatest == 0).sum() == 2:
             said = "two of the three components of the velocity are 0 in all rows"
         # Streams oblique to all axes have no component near 0.
         elif rows >= _THOUSANDS and (least >= 0).all() and (least < 0.01 * greatest).sum() >= 2:

@@ -33,6 +33,7 @@ from erosion.parameters.quantities import (
 )
 
 _NOISY, _MANY = 0.05, 10  # standard error of the worst face, and faces beside it, from which chance is told
+_ROUGH = 0.3  # of a depth: such an error is that of a few rows, and not normal
 _NO_LENGTH = 9  # decimals of a metre that a distance is told to
 
 YEAR = 365.25 * 86400.0
@@ -325,10 +326,12 @@ class MapSummary(Result):
         for name in ("depth", "depth_per_year"):
             if name in data:
                 face, greatest, scale = self._greatest(name)
-                shown = with_error(greatest, greatest * float(data["relative_error"][face]), scale.size)
+                error = greatest * float(data["relative_error"][face]) if greatest else 0.0
+                shown = with_error(greatest, error, scale.size)
                 deepest = f"at face {face:,}, of {int(data['impacts'][face]):,} rows"
                 if chance := self._chance:
-                    deepest += f"; greatest of many, by chance up to {100 * chance[0]:.0f} % too large"
+                    excess = f"up to {100 * chance[0]:.0f} % " if chance[2] < _ROUGH else ""
+                    deepest += f"; greatest of many, by chance {excess}too large"
                 rows.append(Row(f"greatest {name}", FACES[name].symbol, shown, scale.unit, deepest))
         counts = data["ends"].sum("patch").values
         for end, count in zip(data["end"].values, counts, strict=True):
@@ -405,10 +408,15 @@ class MapSummary(Result):
             (excess, rivals, error), name = self._chance, "depth_per_year" if "depth_per_year" in data else "depth"
             _, greatest, scale = self._greatest(name)
             told = f"{greatest / (1 + excess) / scale.size:.3g} {scale.unit}"
+            told = (
+                f"if the {rivals:,} faces with at least half of the greatest depth wear alike, each ± "
+                f"{100 * error:.0f} %, it is about {100 * excess:.0f} % too large, and truly about {told}"
+                if error < _ROUGH
+                else f"it is known to ± {100 * error:.0f} % alone, as a few rows hit each face"
+            )
             sentences.append(
-                f"The greatest of many faces lies above the true one by chance: if the {rivals:,} faces with at least "
-                f"half of the greatest depth wear alike, each ± {100 * error:.2g} %, it is about {100 * excess:.0f} % "
-                f"too large, and truly about {told}. More impacts or larger faces lower this."
+                f"The greatest of many faces lies above the true one by chance: {told}. More impacts or larger faces "
+                "lower this."
             )
         for name, count in zip(data["reason"].values, data["left_out"].values, strict=True):
             if count and name != "elsewhere":

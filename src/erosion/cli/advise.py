@@ -144,8 +144,8 @@ class GivenFit:
         options = {name: name for name in self._case.given()}
         options |= {text.partition("=")[0].strip(): "set" for text in self._options.own or ()}
         options |= {lazy.FRACTION: "cutting-fraction"} if has_fraction else {}
-        if self._counts and self._case.target is not None and (of_metal := laws.keys() & {"k", "psi", "sigma"}):
-            names = ", ".join(sorted(of_metal))
+        if self._counts and self._case.target is not None:
+            names = ", ".join(sorted(laws))
             raise InputError(f"Option `--target` cannot set the metal, of which {names} have laws in {uncertain}.")
         for name, option in options.items():
             if name in laws:

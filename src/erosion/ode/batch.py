@@ -245,7 +245,7 @@ def _one_by_one(
             members[i][np.broadcast_to(np.asarray(along) == layout.offsets[place], which.size)] = 0.0
     # An unfinished lane has a state, but at another time.
     saved = np.where(layout.has_no_result(results.outcome)[:, None, None], np.nan, np.stack(members, 1))
-    return saved.reshape(*times.shape, len(members), -1)
+    return saved.reshape(*times.shape, *saved.shape[-2:])
 
 
 def _by_other_methods(

@@ -275,8 +275,8 @@ def lanes_of(
 def _flat(number: Number, own: tuple[int, ...], shape: tuple[int, ...]) -> Any:
     """A number with one axis of lanes, or of one lane's shape where all share it."""
     if own or isinstance(number, Tracer) or np.ndim(number) == 0:
-        return number if isinstance(number, Tracer) else np.asarray(number)
-    array = np.asarray(number)
+        return number if isinstance(number, Tracer) else np.array(number)
+    array = np.array(number)  # the caller may change his own
     return array.reshape(()) if array.size == 1 else np.broadcast_to(array, shape).reshape(-1)
 
 
@@ -445,7 +445,7 @@ def checked_times(lanes: Lanes, ts: Any) -> np.ndarray:
     """Times at which states are wanted."""
     check_unmasked("ts", ts)
     try:
-        times = np.asarray(ts, float)
+        times = np.array(ts, float)  # the caller may change his own
     except (TypeError, ValueError):
         raise TypeError(f"Argument `ts` must be one row of times, but is {briefly(ts)}.") from None
     if times.ndim != 1:
