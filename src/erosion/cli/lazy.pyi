@@ -56,7 +56,6 @@ from erosion.fits import Measurements as Measurements
 from erosion.fits import NextExperiment as NextExperiment
 from erosion.fits import PosteriorRanking as PosteriorRanking
 from erosion.fits import Ranking as Ranking
-from erosion.fits import SamplingError as SamplingError
 from erosion.fits import rank_models as rank_models
 from erosion.fits import rank_posteriors as rank_posteriors
 from erosion.fits import read_measurements as read_measurements
