@@ -208,7 +208,7 @@ class Advice(Result):
 
     @functools.cached_property
     def shares(self) -> np.ndarray:
-        """At each angle what the counted curves remove of their own greatest erosion, shape (n,): the least of them.
+        """The least share that a counted curve removes at each angle of its own greatest erosion, shape (n,).
 
         Draws are as many as they are likely: there it is the mean. The least of them is that of the least likely.
         """

@@ -125,7 +125,7 @@ class Measurements:
 
     @functools.cached_property
     def scale(self) -> Scale:
-        """The unit of erosion in tables and figures: the table's own, or one in which its numbers read well."""
+        """The unit of erosion in tables and figures, the table's own or one in which its numbers read well."""
         if self.unit:
             return scale_of(self.unit, self.dimension, self.units)
         return table_scale(self.dimension, self.units, largest_of(self.erosion))
