@@ -286,7 +286,8 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
     visible = scale
     if problem.rough and problem.layout.equations.timed and not problem.order:
         # A jump is met no closer than the clock's digits tell, however small its row is there.
-        still = (jnp.abs(h * k) <= rtol * size for ks in (lane.slope, slope) for k, size in zip(ks, lane.greatest))  # noqa: B905
+        sizes = zip(lane.slope, slope, lane.greatest, strict=False)
+        still = (jnp.abs(h * k) <= rtol * size for *ks, size in sizes for k in ks)
         blink = functools.reduce(jnp.logical_and, still, h <= _ULPS * jnp.abs(problem.clock.t0 + lane.control.time))
         error, visible = jnp.where(blink, 0.0 * error, error), jnp.where(blink, jnp.inf, scale)
     watched = crossings.watch(problem.directions, lane.events, scale) if problem.options.waits else []
