@@ -114,7 +114,7 @@ class NextExperiment(Result):
 
     @functools.cached_property
     def shown(self) -> dict[str, np.ndarray]:
-        """What a reader needs, as angle, speed, what else varies, of a size the mass alone, and weighings if asked for."""
+        """What a reader needs, as angle, speed, what else varies, of a size the mass alone, and weighings if asked."""
         varying = {name: values for name, values in self.candidates.items()
                    if name in ("alpha", "v0") or np.ptp(values) > 0}  # fmt: skip
         needed = {name: values for name, values in varying.items() if "m" not in varying or name not in ("r", "b")}
