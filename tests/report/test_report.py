@@ -272,7 +272,7 @@ def test_figures_and_tables_say_where_the_body_turns_by_more_than_90_degrees(pag
     captions = re.findall(r"<figcaption>.*?</figcaption>", a1[0], flags=re.DOTALL)
     assert len(captions) == 7
     assert [caption for caption in captions if "the body turns by more than 90°" not in caption] == []
-    assert "At 50 of 74 maxima the body turns by more than 90°" in captions[1]
+    assert "At 55 of 74 maxima the body turns by more than 90°" in captions[1]
     # The sensitivities of the table have the signs of the sentence below it, as multiples of that of r.
     assert "−1, 1, −½, ½, ½ and ½ times that of the size" in " ".join(a1[0].split())
 

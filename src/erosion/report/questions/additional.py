@@ -8,8 +8,9 @@ import numpy as np
 
 from erosion.correlations import CORRELATIONS
 from erosion.impacts.alpha_max import alpha_max
-from erosion.impacts.simulate import SimulationError, path
+from erosion.impacts.simulate import SimulationError, Trajectory, path
 from erosion.models import NoDeformation, RigidErodent, load_model
+from erosion.models.base import CuttingModel
 from erosion.models.closed_forms import StraightCut
 from erosion.models.registry import BUILT_IN
 from erosion.output.tables import Record
@@ -31,6 +32,7 @@ _LEAST_SEEN = 0.01  # of the greatest volume; a figure shows a jump that is larg
 _TURN_ANGLES = np.deg2rad(np.arange(3.0, 90.0, 4.0))
 _IN_REACH = ("v0", "r", "m", "sigma", "psi")  # what enters Ω = rω/v₀, k aside
 _ON_LINE = 41
+_STEP_ASIDE = 1e-5  # of an angle, from where a cut begins: nearer its motion is singular
 _TOLD = (-0.9, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.9)  # spins that the page lists in a table
 
 
@@ -152,10 +154,22 @@ def turned_beyond(model: str, p: Parameters, **columns: np.ndarray) -> Counts:
     for values in zip(*(column.ravel().tolist() for column in np.broadcast_arrays(*columns.values())), strict=True):
         total += 1
         if np.isfinite(values).all():
-            with contextlib.suppress(SimulationError):
-                cut = path(loaded, dataclasses.replace(p, **dict(zip(columns, values, strict=True))))
-                beyond += cut.turn_warning is not None
+            cut = _cut(loaded, dataclasses.replace(p, **dict(zip(columns, values, strict=True))))
+            beyond += cut is not None and cut.turn_warning is not None
     return beyond, total
+
+
+def _cut(model: CuttingModel, p: Parameters) -> Trajectory | None:
+    """A cut; at a jump of V(α) to nothing that of its other side; None where nothing is cut."""
+    alpha = float(p.alpha)
+    for sides in ((alpha,), (alpha * (1 - _STEP_ASIDE), alpha * (1 + _STEP_ASIDE))):
+        cuts: list[Trajectory] = []
+        for side in sides:
+            with contextlib.suppress(SimulationError):
+                cuts.append(path(model, dataclasses.replace(p, alpha=side)))
+        if any(cut.volume for cut in cuts):
+            return max(cuts, key=lambda cut: float(cut.volume))
+    return None
 
 
 def _turned_beyond(
