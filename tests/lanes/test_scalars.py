@@ -142,3 +142,7 @@ def test_a_quotient_by_what_a_loop_does_not_change_is_a_product():
     x, y = np.abs(X[-300:]), 1 + np.abs(Y[-300:]) * 1e-3
     result = Lanewise(halved, (number, number))(x, y)
     assert np.allclose(result, x / y**100, rtol=1e-13)
+    by_constant = Lanewise(lambda x: lax.fori_loop(0, 100, lambda _, s: s / 49.0, x), (number,))(x)
+    for _ in range(100):
+        x = x * (1 / 49)
+    assert _same_bits(by_constant, x)

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from erosion.lanes.lanewise import Lanewise, XlaLanes, number
+from erosion.lanes.lanewise import Lanewise, XlaLanes, by_xla, number
 from tests.lanes.test_lanewise import FUNCTIONS, X, Y
 
 pytestmark = pytest.mark.slow
@@ -55,3 +55,10 @@ def test_an_engine_that_nobody_knows_is_refused():
         env={**os.environ, "EROSION_ENGINE": "cuda"}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert "EROSION_ENGINE must be `lanes` or `xla`, but is 'cuda'." in process.stderr
+
+
+def test_a_gpu_alone_does_not_make_xla_compile(monkeypatch):
+    monkeypatch.delenv("EROSION_ENGINE", raising=False)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: name)
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    assert not by_xla.__wrapped__()

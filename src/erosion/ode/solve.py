@@ -276,8 +276,9 @@ def _flat(number: Number, own: tuple[int, ...], shape: tuple[int, ...]) -> Any:
     """A number with one axis of lanes, or of one lane's shape where all share it."""
     if own or isinstance(number, Tracer) or np.ndim(number) == 0:
         return number if isinstance(number, Tracer) else np.array(number)
-    array = np.array(number)  # the caller may change his own
-    return array.reshape(()) if array.size == 1 else np.broadcast_to(array, shape).reshape(-1)
+    array = np.asarray(number)
+    # Copies: the caller may change his own.
+    return np.array(array.reshape(())) if array.size == 1 else np.broadcast_to(array, shape).flatten()
 
 
 def _check_clock(clock: Clock, *, endless: bool) -> None:
