@@ -53,7 +53,7 @@ from erosion.impacts.simulate import SimulationError as SimulationError
 from erosion.impacts.simulate import Trajectory as Trajectory
 from erosion.impacts.simulate import TurnWarning as TurnWarning
 from erosion.impacts.simulate import simulate as simulate
-from erosion.impacts.volume import volume as volume
+from erosion.impacts.impact import volume as volume
 from erosion.models import ModelError as ModelError
 from erosion.models import available_models as available_models
 from erosion.models import load_model as load_model
@@ -62,10 +62,10 @@ from erosion.models.base import CuttingModel as CuttingModel
 from erosion.models.base import Scales as Scales
 from erosion.models.base import State as State
 from erosion.models.base import Tip as Tip
-from erosion.models.identity import StoreError as StoreError
+from erosion.impacts.dataset_files import StoreError as StoreError
 from erosion.models.own_parameters import own_parameter as own_parameter
 from erosion.models.own_parameters import own_quantity as own_quantity
-from erosion.models.trigonometry import sincos as sincos
+from erosion.models.parts import sincos as sincos
 from erosion.ode.maxima import Regime as Regime
 from erosion.parameters.case_files import CaseError as CaseError
 from erosion.parameters.case_files import dump_case as dump_case

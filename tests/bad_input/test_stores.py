@@ -19,8 +19,7 @@ import erosion
 import erosion.streams.stream
 from erosion.cli import _status
 from erosion.distributions import Normal
-from erosion.impacts.dataset_files import write_netcdf
-from erosion.models.identity import StoreError
+from erosion.impacts.dataset_files import StoreError, write_netcdf
 from erosion.output.files import claimed
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.sweep import SweepInterrupted, ZarrStore, sweep

@@ -11,7 +11,7 @@ import pytest
 
 from erosion import impact, load_model, to_fluent
 from erosion.cli import _status
-from erosion.models.closed_forms import LinearizedCut
+from erosion.models.rigid import LinearizedCut
 from erosion.parameters.case_files import dump_case, load_case
 from erosion.parameters.parameters import TABLE_1
 from tests.fits.test_real_data import SAND, measured

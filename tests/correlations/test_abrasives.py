@@ -1,7 +1,7 @@
 import pytest
 
 import erosion
-from erosion.correlations.abrasives import OKA_PARTICLES, oka_normal
+from erosion.correlations.registry import OKA_PARTICLES, oka_normal
 
 
 @pytest.mark.parametrize("material", ["steel", "carbon-steel", "stainless-steel", "aluminium"])

@@ -20,7 +20,7 @@ from erosion.correlations import (
     oka_angle,
 )
 from erosion.correlations.families import EDWARDS
-from erosion.models.closed_forms import FinnieCut
+from erosion.models.rigid import FinnieCut
 
 pytestmark = pytest.mark.slow
 

@@ -14,7 +14,7 @@ from erosion.checks.validate import sphere
 from erosion.correlations import CORRELATIONS, OutOfRangeWarning, arabnejad, dnv, ecrc, finnie, mclaury, oka
 from erosion.impacts.simulate import path
 from erosion.models import Linearized
-from erosion.models.deformation import DeformationWear
+from erosion.models.parts import DeformationWear
 
 pytestmark = pytest.mark.slow
 

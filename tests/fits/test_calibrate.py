@@ -9,7 +9,7 @@ import pytest
 import erosion
 from erosion.fits import Calibration, CalibrationError, calibrate, doubts, rank_models, to_fluent, to_openfoam
 from erosion.fits.least_squares import identify
-from erosion.models.closed_forms import LinearizedCut
+from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 
 pytestmark = pytest.mark.slow

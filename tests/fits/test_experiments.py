@@ -8,7 +8,7 @@ from erosion.fits import calibrate, next_experiment, posterior, rank_posteriors
 from erosion.fits.errors import ErrorModel
 from erosion.fits.experiments import NextExperiment, _gains
 from erosion.impacts.impact import impact
-from erosion.models.closed_forms import LinearizedCut
+from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 
 pytestmark = pytest.mark.slow

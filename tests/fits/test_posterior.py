@@ -14,7 +14,7 @@ from erosion.fits.forward import Forward, make_forward
 from erosion.fits.likelihood import make_likelihood
 from erosion.fits.posterior_files import read_draws
 from erosion.joint_laws import CorrelatedLaws
-from erosion.models.closed_forms import LinearizedCut
+from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import QUANTITIES
 

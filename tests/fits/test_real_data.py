@@ -12,7 +12,7 @@ from erosion.fits.export import exported_case
 from erosion.fits.forward import Forward
 from erosion.fits.least_squares import make_problem
 from erosion.fits.measurements import conditions
-from erosion.models.closed_forms import LinearizedCut
+from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 
 pytestmark = pytest.mark.slow

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.impacts.impact import split
 from erosion.impacts.maxima import over_angles
-from erosion.impacts.volume import split
 from erosion.ode.resolve import Cells, Scan, joined
 from erosion.output.tables import to_json
 from tests.reference import closed_form

@@ -5,7 +5,7 @@ import pytest
 
 import erosion
 from benchmarks.fast_turns import fast_turns
-from erosion.impacts.volume import split
+from erosion.impacts.impact import split
 from erosion.ode.batch import integrate
 from tests.fine_steps import wrong_ends
 

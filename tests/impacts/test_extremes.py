@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.models.closed_forms import LinearizedCut
+from erosion.models.rigid import LinearizedCut
 from tests.impacts.test_random_impacts import random_impacts
 
 pytestmark = pytest.mark.slow

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.impact import end_names
-from erosion.impacts.volume import element_of, split
+from erosion.impacts.impact import element_of, end_names, split
 from erosion.ode import batch
 from erosion.ode.batch import integrate
 from tests.reference import CLOSED, closed_form

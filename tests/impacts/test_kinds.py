@@ -10,8 +10,7 @@ import erosion
 from erosion.impacts.alpha_max import OBJECTIVES
 from erosion.models import Linearized
 from erosion.models.base import Broadcast
-from erosion.models.deformation import Deformation
-from erosion.models.trigonometry import sincos
+from erosion.models.parts import Deformation, sincos
 from tests.kinked_laws import Breaking, model_of
 
 P = erosion.TABLE_1

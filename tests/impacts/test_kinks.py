@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.volume import split
+from erosion.impacts.impact import split
 from erosion.ode.reduction import may_have_kinks
 from tests.fine_steps import scipy_cut
 from tests.kinked_laws import KNOTS_OF, Breaking, Cond, KinkedTable, Power, Where, model_of, random_impacts

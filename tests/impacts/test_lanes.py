@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.volume import element_of, split
+from erosion.impacts.impact import element_of, split
 from erosion.models.base import CuttingModel, Tip
 from erosion.ode.reduction import WholeMotion
 from erosion.ode.variational import Variational

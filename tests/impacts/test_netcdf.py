@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from erosion.impacts.dataset_files import read_netcdf, write_netcdf
-from erosion.models.identity import StoreError
+from erosion.impacts.dataset_files import StoreError, read_netcdf, write_netcdf
 
 DATASET = xr.Dataset(
     {

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.volume import split
+from erosion.impacts.impact import split
 from erosion.ode.reduction import WholeMotion, motion_of
 from erosion.parameters.parameters import QUANTITIES
 

@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 import erosion
-import erosion.models.identity
-from erosion.models.identity import StoreError, identity, package_digest, require_same
+import erosion.impacts.dataset_files
+from erosion.impacts.dataset_files import StoreError, identity, package_digest, require_same
 from erosion.output.files import digest
 from erosion.sweeps.grid import make_grid
 
@@ -61,7 +61,7 @@ def test_an_edit_of_the_package_itself_is_seen(tmp_path: Path, monkeypatch: pyte
     (tmp_path / "cli").mkdir()
     for name in ("ode/tableau.py", "cli/run.py"):
         (tmp_path / name).write_text("order = 8\n")
-    monkeypatch.setattr(erosion.models.identity, "_PACKAGE", tmp_path)
+    monkeypatch.setattr(erosion.impacts.dataset_files, "_PACKAGE", tmp_path)
     before = package_digest.__wrapped__()
     (tmp_path / "cli/run.py").write_text("order = 9\n")
     assert package_digest.__wrapped__() == before

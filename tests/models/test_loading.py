@@ -186,7 +186,7 @@ def test_a_worker_that_finds_another_text_stops_the_sweep(tmp_path: Path, monkey
     store = tmp_path / "out.zarr"
     job = prepare_sweep(grid, store=store)
     (region,) = job.store.missing()
-    from erosion.models.identity import code_version
+    from erosion.impacts.dataset_files import code_version
 
     path.write_text(text("2.0"))
     monkeypatch.setattr("erosion.sweeps.grid._known", {})  # as in another process

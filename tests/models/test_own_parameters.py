@@ -13,8 +13,8 @@ from erosion.cli.run import _show_optimum, _show_sensitivities
 from erosion.impacts.alpha_max import EndTime
 from erosion.models import Finnie, ForceLaw, Linearized, Torque
 from erosion.models.equations import flaw
-from erosion.models.forces import ConstantRatio
 from erosion.models.own_parameters import own_parameters, quantities, replaced, sizes, values, with_values
+from erosion.models.parts import ConstantRatio
 from erosion.ode import batch
 from tests.reference import closed_form
 

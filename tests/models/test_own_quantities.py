@@ -6,8 +6,8 @@ import pytest
 
 import erosion
 from erosion.models.equations import model_digest
-from erosion.models.forces import FullTorque
 from erosion.models.own_parameters import own_quantities
+from erosion.models.parts import FullTorque
 from erosion.parameters.quantities import conversion_factor
 
 P = erosion.TABLE_1.replace(k=1.0, alpha=np.linspace(0.1, 1.4, 6))

@@ -5,7 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from erosion.parameters.tested import Tested as Ranges
+from erosion.parameters.case_files import Tested as Ranges
 
 RANGES = {"v0": (60.0, 90.0), "alpha": (np.pi / 12, np.pi / 2)}
 

@@ -6,11 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from erosion.parameters.dimensions import DIMENSIONS, Dimension, read_dimension
 from erosion.parameters.quantities import (
     _EXAMPLES,
+    DIMENSIONS,
     QUANTITIES,
     SYSTEMS,
+    Dimension,
     UnitError,
     _pint_unit,
     _registry,
@@ -21,6 +22,7 @@ from erosion.parameters.quantities import (
     has_unit,
     quantity_row,
     read_axis,
+    read_dimension,
     read_quantity,
     readable_scale,
     result_row,

@@ -7,7 +7,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.container import ErrorbarContainer
 
 from erosion.fits import calibrate
-from erosion.models.closed_forms import LinearizedCut
+from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.plotting.fits import plot_calibration
 from erosion.plotting.labels import coinciding

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from erosion.impacts.simulate import Trajectory, simulate
-from erosion.models.closed_forms import LinearizedCut
+from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import readable_scale
 from erosion.plotting.curves import plot_end_times, plot_volume

@@ -8,7 +8,7 @@ from matplotlib.container import ErrorbarContainer
 
 from erosion import impact
 from erosion.fits import next_experiment, posterior, rank_posteriors
-from erosion.models.closed_forms import LinearizedCut
+from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.plotting.fits import plot_best_angles, plot_next_experiment, plot_pairs, plot_prediction, plot_traces
 

@@ -8,7 +8,7 @@ import pytest
 import erosion
 from erosion.impacts.simulate import path
 from erosion.models import load_model
-from erosion.models.closed_forms import LinearizedCut, StraightCut
+from erosion.models.rigid import LinearizedCut, StraightCut
 from erosion.parameters.parameters import TABLE_1, Parameters
 from erosion.report.case import ReportCase
 from erosion.report.questions import QUESTIONS, text_file

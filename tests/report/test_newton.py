@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from erosion.impacts.simulate import SimulationError
-from erosion.models.closed_forms import LinearizedCut
+from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1, Parameters
 from erosion.report.questions.linearized import Jet, greatest
 

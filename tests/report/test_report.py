@@ -16,7 +16,7 @@ import pytest
 from fontTools.ttLib import TTFont
 from playwright.sync_api import Browser
 
-from erosion.models.closed_forms import LinearizedCut
+from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.per_mass import PerMass
 from erosion.plotting.style import legend_below, new_axes

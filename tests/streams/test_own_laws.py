@@ -13,8 +13,8 @@ import xarray as xr
 import erosion
 from erosion.cli import _status
 from erosion.distributions import LogNormal, Normal, Uniform
+from erosion.impacts.dataset_files import StoreError
 from erosion.models import ForceLaw, Linearized
-from erosion.models.identity import StoreError
 from erosion.streams.stream import REPLICATES, stream
 from erosion.streams.tally import Particles, Points
 from tests.cli.test_set_option import FILE

@@ -9,9 +9,9 @@ import xarray as xr
 
 import erosion
 from erosion.distributions import LogNormal, Normal, RosinRammler, Samples, Uniform
+from erosion.impacts.dataset_files import StoreError
 from erosion.models import Linearized
-from erosion.models.closed_forms import LinearizedCut
-from erosion.models.identity import StoreError
+from erosion.models.rigid import LinearizedCut
 from erosion.output.tables import to_json
 from erosion.streams.stream import StreamInterrupted, stream
 from erosion.streams.tally import Particles

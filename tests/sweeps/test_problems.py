@@ -7,7 +7,7 @@ import pytest
 
 import erosion
 from erosion import ode
-from erosion.models.identity import StoreError
+from erosion.impacts.dataset_files import StoreError
 from erosion.sweeps.sweep import SweepInterrupted
 
 ARGS = {"v0": 100.0, "angle": 0.0, "drag": 0.0}

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import erosion
-from erosion.models.identity import StoreError
+from erosion.impacts.dataset_files import StoreError
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.sweep import MemoryStore, SweepInterrupted, sweep
 
@@ -161,7 +161,7 @@ def test_a_store_of_something_else_is_refused_and_left(tmp_path, monkeypatch, su
     ]:
         with pytest.raises(StoreError, match=f"{message}.*left as it is"):
             sweep(**{**small, **changed})
-    monkeypatch.setattr("erosion.models.identity.__version__", "9.9")
+    monkeypatch.setattr("erosion.impacts.dataset_files.__version__", "9.9")
     with pytest.raises(StoreError, match="another version"):
         sweep(**small)
     assert before == {file: file.read_bytes() for file in [path, *path.rglob("*")] if file.is_file()}

@@ -3,9 +3,9 @@
 import dataclasses
 from collections.abc import Iterable, Sequence
 
-from erosion.correlations.abrasives import HARD_ENOUGH, SHAPES, oka_normal
 from erosion.correlations.families import DIAMETER_EXPONENT
 from erosion.correlations.ranges import SHARPNESS
+from erosion.correlations.registry import HARD_ENOUGH, SHAPES, oka_normal
 from erosion.output.language import Language
 from erosion.parameters.materials import VICKERS, Particle, Target
 from erosion.parameters.per_mass import two_digits

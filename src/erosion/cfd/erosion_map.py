@@ -25,13 +25,13 @@ from erosion.cfd.tally import FaceTally, Portion, portion_of
 from erosion.correlations import CORRELATIONS
 from erosion.correlations.ranges import masks_outside
 from erosion.distributions import Distribution
+from erosion.impacts.dataset_files import code_version, identity, model_in_words, provenance, require_code
 from erosion.impacts.impact import end_names, impact
 from erosion.impacts.simulate import SimulationError
 from erosion.joint_laws import law_digest
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated
-from erosion.models.identity import code_version, identity, model_in_words, provenance, require_code
 from erosion.models.own_parameters import require_one_impact
 from erosion.models.registry import require_loadable
 from erosion.ode.step_control import require_float64

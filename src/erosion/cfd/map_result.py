@@ -16,8 +16,7 @@ from erosion.cfd.options import MapOptions
 from erosion.cfd.surface import Surface
 from erosion.cfd.tally import FaceTally
 from erosion.extras import library
-from erosion.impacts.dataset_files import write_netcdf
-from erosion.models.identity import code_version
+from erosion.impacts.dataset_files import code_version, write_netcdf
 from erosion.output.files import write_whole
 from erosion.output.tables import Record, Result, Row, to_csv, to_plain, with_error
 from erosion.parameters.per_mass import BEYOND_TESTS, FarFromTests, far_from_tests

@@ -31,10 +31,10 @@ from erosion.models.own_parameters import (
     with_values,
 )
 from erosion.output.tables import briefly
+from erosion.parameters.case_files import Tested
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import Quantity, about, example, has_unit, read_quantity
-from erosion.parameters.tested import Tested
 
 FREE = "k", "psi"
 """The free parameters where none are named."""

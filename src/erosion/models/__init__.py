@@ -1,21 +1,19 @@
 """The models: their classes, the parts they are made of, and the registry."""
 
 from erosion.models.correlated import Correlated as Correlated, correlated as correlated, made_for as made_for
-from erosion.models.deformation import (
-    Deformation as Deformation,
-    DeformationWear as DeformationWear,
-    NoDeformation as NoDeformation,
-    ProportionalDeformationWear as ProportionalDeformationWear,
-)
-from erosion.models.forces import (
+from erosion.models.parts import (
     CentreOfMassTip as CentreOfMassTip,
     CircularTip as CircularTip,
     ConstantRatio as ConstantRatio,
+    Deformation as Deformation,
+    DeformationWear as DeformationWear,
     ForceLaw as ForceLaw,
     ForceRatio as ForceRatio,
     FullTorque as FullTorque,
     HorizontalTorque as HorizontalTorque,
+    NoDeformation as NoDeformation,
     NoTorque as NoTorque,
+    ProportionalDeformationWear as ProportionalDeformationWear,
     SmallAngleTip as SmallAngleTip,
     TanAlpha as TanAlpha,
     TipKinematics as TipKinematics,

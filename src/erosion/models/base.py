@@ -164,7 +164,7 @@ class CuttingModel(eqx.Module):
         return p.b * tip.depth * tip.vx
 
     def removed_at_contact(self, p: Parameters) -> Broadcast:
-        """What the impact removes beside the cut [volume], by default nothing; see `erosion.models.deformation`.
+        """What the impact removes beside the cut [volume], by default nothing; see `erosion.models.parts`.
 
         It counts for every impact, for one that cuts nothing too.
         """

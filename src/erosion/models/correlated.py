@@ -11,8 +11,8 @@ import numpy as np
 
 from erosion.arguments import Broadcast, Number, Scalar
 from erosion.correlations import CORRELATIONS, FINNIE_MATERIALS
-from erosion.correlations.abrasives import SHAPES
 from erosion.correlations.ranges import SHARPNESS, OutOfRangeWarning, outside_in_words
+from erosion.correlations.registry import SHAPES
 from erosion.models.base import CuttingModel, Tip
 from erosion.models.own_parameters import fixed_parameter, own_parameter
 from erosion.output.tables import briefly

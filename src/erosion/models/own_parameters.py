@@ -17,9 +17,8 @@ from jax.core import Tracer
 
 from erosion.arguments import Number, check_scalars, check_unmasked
 from erosion.output.tables import abbreviate, briefly
-from erosion.parameters.dimensions import read_dimension
 from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, require_parameters
-from erosion.parameters.quantities import RESULTS, Quantity, System, about, conversion_factor
+from erosion.parameters.quantities import RESULTS, Quantity, System, about, conversion_factor, read_dimension
 
 _Model = TypeVar("_Model", bound=eqx.Module)
 _Method = TypeVar("_Method", bound=Callable[..., Any])

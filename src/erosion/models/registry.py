@@ -18,10 +18,18 @@ from erosion.arguments import check_path
 from erosion.correlations import CORRELATIONS
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import Correlated, correlated
-from erosion.models.deformation import Deformation, ProportionalDeformationWear
 from erosion.models.equations import equations_of, flaw
-from erosion.models.forces import ForceLaw, FullTorque, TanAlpha, TipKinematics, Torque, VelocityAligned
 from erosion.models.own_parameters import own_parameters
+from erosion.models.parts import (
+    Deformation,
+    ForceLaw,
+    FullTorque,
+    ProportionalDeformationWear,
+    TanAlpha,
+    TipKinematics,
+    Torque,
+    VelocityAligned,
+)
 from erosion.models.rigid import AsPrinted, Finnie, Linearized, Rotating
 from erosion.ode.problem import named
 from erosion.output.tables import Record, briefly, to_plain

@@ -1,33 +1,310 @@
-"""The rigid erodent and the models made of it: linearized, Finnie's, rotating, as printed by Laverty.
+"""The rigid erodent and the models made of it, with the exact solutions of those whose tip depth ignores the turn.
 
     m ẍ = F_x,   m ÿ = F_y,   I φ̈ = τ        (Laverty (2), (3), (11))
 
-A new variant is one new part, a few lines long.
+A new variant is one new part, a few lines long. With constant K = k the depth is y = (v₀ sin α/ω) sin ωt,
+ω² = k c/m, and the tip's horizontal velocity, whether it turns or not, is
+
+    ẋ_tip = v₀ [u - (sin α/P) (1 - cos ωt)].
+
+`linearized` has u = cos α and P = k; `finnie` has u = cos α + r φ̇₀/v₀ and
+P = k/(1 + 1/β), because the torque slows the tip as well.
 """
 
+import abc
+import functools
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
-from erosion.arguments import Broadcast
-from erosion.models.base import ClosedForm, CuttingModel, Scales, State, Tip
-from erosion.models.closed_forms import FinnieCut, LinearizedCut, StraightCut, with_deformation
-from erosion.models.deformation import Deformation, NoDeformation
-from erosion.models.forces import (
+from erosion.arguments import Broadcast, Scalar
+from erosion.models.base import NO_CUT, ZERO, ClosedForm, CuttingModel, Events, Scales, State, Tip
+from erosion.models.parts import (
+    UPRIGHT,
     CentreOfMassTip,
     CircularTip,
     ConstantRatio,
+    Deformation,
     ForceLaw,
     HorizontalTorque,
+    NoDeformation,
     NoTorque,
     SmallAngleTip,
     TanAlpha,
     TipKinematics,
     Torque,
     VelocityAligned,
+    sincos,
 )
-from erosion.models.trigonometry import UPRIGHT, sincos
+from erosion.ode.step_control import require_xla
 from erosion.parameters.parameters import Parameters
+
+_Method = TypeVar("_Method", bound=Callable[..., Broadcast | State | Events])
+
+
+def _traced_once(method: _Method) -> _Method:
+    """The method as one program: `jax.jit`, with the method's signature left as it is."""
+    program = jax.jit(method)
+
+    @functools.wraps(method)
+    def call(*arguments: Any, **named: Any) -> Any:
+        require_xla()
+        return program(*arguments, **named)
+
+    return cast(_Method, call)
+
+
+class SineCut(ClosedForm):
+    """Constant force ratio and depth y: what `linearized` and `finnie` share."""
+
+    @abc.abstractmethod
+    def tip_ratio(self, p: Parameters) -> Broadcast:
+        """P [-]."""
+
+    @abc.abstractmethod
+    def tip_speed(self, p: Parameters) -> Broadcast:
+        """u, the tip's horizontal speed at contact over v₀ [-]."""
+
+    @abc.abstractmethod
+    def omega(self, vx: Broadcast, p: Parameters) -> Broadcast:
+        """φ̇ when the centre of mass moves at `vx`."""
+
+    @abc.abstractmethod
+    def turn(self, t: Broadcast, x: Broadcast, p: Parameters) -> Broadcast:
+        """φ - π/2 at time `t`, when the centre of mass is at `x`."""
+
+    @_traced_once
+    def state(self, t: Broadcast, p: Parameters) -> State:
+        rate, sine = p.rate, jnp.sin(p.alpha)
+        # 1 - cos ωt = 2 sin²(ωt/2), which keeps its digits for small ωt.
+        vx = p.v0 * (jnp.cos(p.alpha) - sine / p.k * 2 * jnp.sin(rate * t / 2) ** 2)
+        x = p.v0 * jnp.cos(p.alpha) * t - p.v0 * sine / p.k * (t - jnp.sin(rate * t) / rate)
+        return State(
+            x=x,
+            y=p.v0 * sine / rate * jnp.sin(rate * t),
+            phi=UPRIGHT + self.turn(t, x, p),
+            vx=vx,
+            vy=p.v0 * sine * jnp.cos(rate * t),
+            omega=self.omega(vx, p),
+        )
+
+    @_traced_once
+    def end_times(self, p: Parameters) -> Events:
+        fall = self.tip_ratio(p) * self.tip_speed(p) / (2 * jnp.sin(p.alpha))
+        stops = (fall >= 0) & (fall <= 1)
+        # cos ωt = 1 - P u/sin α, as sin²(ωt/2) = P u/(2 sin α).
+        stop = 2 / p.rate * jnp.arcsin(jnp.sqrt(jnp.where(stops, fall, 0.0)))
+        return {"rebound": jnp.pi / p.rate + 0 * stop, "stop": jnp.where(stops, stop, jnp.nan)}
+
+    @_traced_once
+    def t_c(self, p: Parameters) -> Broadcast:
+        times = self.end_times(p)
+        return jnp.where(self.tip_speed(p) <= ZERO, 0.0, jnp.fmin(times["rebound"], times["stop"]))
+
+    def ended_by(self, p: Parameters) -> np.ndarray:
+        ends = np.where(np.asarray(self._rebounds(p)), "rebound", "stop")
+        return np.where(np.asarray(self.tip_speed(p)) <= ZERO, NO_CUT, ends)
+
+    @_traced_once
+    def volume(self, p: Parameters) -> Broadcast:
+        ratio, u, sine = self.tip_ratio(p), self.tip_speed(p), jnp.sin(p.alpha)
+        return self._piecewise(p, 2 * u * sine - 2 / ratio * sine**2, ratio / 2 * u**2)
+
+    @_traced_once
+    def dvolume(self, p: Parameters) -> Broadcast:
+        ratio, u, sine, cosine = self.tip_ratio(p), self.tip_speed(p), jnp.sin(p.alpha), jnp.cos(p.alpha)
+        rebound = 2 * (u * cosine - sine**2) - 4 / ratio * sine * cosine
+        return self._piecewise(p, rebound, -ratio * u * sine)
+
+    @_traced_once
+    def d2volume(self, p: Parameters) -> Broadcast:
+        ratio, u, sine, cosine = self.tip_ratio(p), self.tip_speed(p), jnp.sin(p.alpha), jnp.cos(p.alpha)
+        rebound = -2 * sine * (u + 3 * cosine) - 4 / ratio * (cosine**2 - sine**2)
+        return self._piecewise(p, rebound, ratio * (sine**2 - u * cosine))
+
+    @_traced_once
+    def alpha_max(self, p: Parameters) -> Broadcast:
+        """½ arctan P without spin; with spin the root of V′, by bisection to the last bit.
+
+        V′ is positive as α → 0, negative where rebound gives way to stop and beyond, and
+        has one root between.
+        """
+        spin = self.tip_speed(p) - jnp.cos(p.alpha)
+        ratio = self.tip_ratio(p)
+        low = jnp.zeros_like(spin + ratio)
+        # sin α = (P/2)(cos α + s), as √(P²/4 + 1) cos(α + arctan(2/P)) = -s P/2.
+        crossing = jnp.clip(-spin * ratio / 2 / jnp.sqrt(ratio**2 / 4 + 1), -1.0, 1.0)
+        high = jnp.minimum(jnp.arccos(crossing) - jnp.arctan(2 / ratio), jnp.pi / 2)
+
+        def halve(_: Scalar, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
+            low, high = bracket
+            middle = (low + high) / 2
+            rising = jnp.cos(2 * middle) + spin * jnp.cos(middle) > jnp.sin(2 * middle) / ratio
+            return jnp.where(rising, middle, low), jnp.where(rising, high, middle)
+
+        low, high = jax.lax.fori_loop(0, 64, halve, (low, high))
+        best = jnp.where(spin == 0, jnp.arctan(ratio) / 2, (low + high) / 2)
+        return jnp.where(spin <= -1, jnp.nan, best)
+
+    def _rebounds(self, p: Parameters) -> Array:
+        return jnp.sin(p.alpha) <= self.tip_ratio(p) / 2 * self.tip_speed(p)
+
+    def _piecewise(self, p: Parameters, rebound: Broadcast, stop: Broadcast) -> Broadcast:
+        value = p.volume_scale / p.k * jnp.where(self._rebounds(p), rebound, stop)
+        return jnp.where(self.tip_speed(p) <= ZERO, 0.0, value)
+
+
+class LinearizedCut(SineCut):
+    """Laverty (22)-(25): V = (V*/k)[sin 2α - (2/k) sin²α] for tan α ≤ k/2, (V*/2) cos²α above."""
+
+    def tip_ratio(self, p: Parameters) -> Broadcast:
+        return p.k
+
+    def tip_speed(self, p: Parameters) -> Broadcast:
+        return jnp.cos(p.alpha)
+
+    def omega(self, vx: Broadcast, p: Parameters) -> Broadcast:
+        return p.phidot0 + 0 * vx
+
+    def turn(self, t: Broadcast, x: Broadcast, p: Parameters) -> Broadcast:
+        return p.phidot0 * t + 0 * x
+
+
+class FinnieCut(SineCut):
+    """Finnie 1958, for any β and spin; P = k/3 for β = ½ is his "6/k" form."""
+
+    def tip_ratio(self, p: Parameters) -> Broadcast:
+        return p.k / (1 + 1 / p.inertia)
+
+    def tip_speed(self, p: Parameters) -> Broadcast:
+        return jnp.cos(p.alpha) + p.spin
+
+    def omega(self, vx: Broadcast, p: Parameters) -> Broadcast:
+        # φ̇ - φ̇₀ = (ẋ - ẋ(0))/(β r), from I φ̈ = r m ẍ.
+        return p.phidot0 + (vx - p.v0 * jnp.cos(p.alpha)) / (p.inertia * p.r)
+
+    def turn(self, t: Broadcast, x: Broadcast, p: Parameters) -> Broadcast:
+        return p.phidot0 * t + (x - p.v0 * jnp.cos(p.alpha) * t) / (p.inertia * p.r)
+
+
+class StraightCut(ClosedForm):
+    """K = tan α: motion on a straight line, ẋ = v₀ cos α cos ωt with ω² = c tan α/m.
+
+    It always stops, at ωt = π/2, and V = (V*/2) cos²α only falls: no greatest angle.
+    """
+
+    @_traced_once
+    def state(self, t: Broadcast, p: Parameters) -> State:
+        rate = self._rate(p)
+        along, speed = p.v0 * jnp.sin(rate * t) / rate, p.v0 * jnp.cos(rate * t)
+        sine, cosine = jnp.sin(p.alpha), jnp.cos(p.alpha)
+        phi = UPRIGHT + p.phidot0 * t
+        return State(along * cosine, along * sine, phi, speed * cosine, speed * sine, p.phidot0 + 0 * speed)
+
+    @_traced_once
+    def end_times(self, p: Parameters) -> Events:
+        rate = self._rate(p)
+        return {"rebound": jnp.pi / rate, "stop": jnp.pi / 2 / rate}
+
+    @_traced_once
+    def t_c(self, p: Parameters) -> Broadcast:
+        return jnp.where(jnp.cos(p.alpha) <= ZERO, 0.0, self.end_times(p)["stop"])
+
+    def ended_by(self, p: Parameters) -> np.ndarray:
+        return np.where(np.cos(np.asarray(p.alpha + 0 * p.v0)) <= ZERO, NO_CUT, "stop")
+
+    @_traced_once
+    def volume(self, p: Parameters) -> Broadcast:
+        return p.volume_scale / 2 * jnp.cos(p.alpha) ** 2
+
+    @_traced_once
+    def dvolume(self, p: Parameters) -> Broadcast:
+        return -p.volume_scale / 2 * jnp.sin(2 * p.alpha)
+
+    @_traced_once
+    def d2volume(self, p: Parameters) -> Broadcast:
+        return -p.volume_scale * jnp.cos(2 * p.alpha)
+
+    @_traced_once
+    def alpha_max(self, p: Parameters) -> Broadcast:
+        return jnp.nan * (p.alpha + p.v0)
+
+    def _rate(self, p: Parameters) -> Broadcast:
+        return jnp.sqrt(p.stiffness * jnp.tan(p.alpha) / p.m)
+
+
+def with_deformation(cut: ClosedForm, deformation: Deformation) -> ClosedForm:
+    """The cut's exact solution, with the volume that deformation removes."""
+    return cut if isinstance(deformation, NoDeformation) else DeformingCut(cut, deformation)
+
+
+class DeformingCut(ClosedForm):
+    """A cut, and wear by deformation: the motion is the cut's, the volumes add up.
+
+    Args:
+        cut: the exact solution of the cut alone.
+        deformation: what deformation removes.
+    """
+
+    cut: ClosedForm
+    deformation: Deformation
+
+    def state(self, t: Broadcast, p: Parameters) -> State:
+        return self.cut.state(t, p)
+
+    def end_times(self, p: Parameters) -> Events:
+        return self.cut.end_times(p)
+
+    def t_c(self, p: Parameters) -> Broadcast:
+        return self.cut.t_c(p)
+
+    def ended_by(self, p: Parameters) -> np.ndarray:
+        return self.cut.ended_by(p)
+
+    def volume(self, p: Parameters) -> Broadcast:
+        return self.cut.volume(p) + self._derivative(p, 0)
+
+    def dvolume(self, p: Parameters) -> Broadcast:
+        return self.cut.dvolume(p) + self._derivative(p, 1)
+
+    def d2volume(self, p: Parameters) -> Broadcast:
+        return self.cut.d2volume(p) + self._derivative(p, 2)
+
+    def alpha_max(self, p: Parameters) -> Broadcast:
+        """The root of V′ beside the greatest of volumes every tenth of a degree, by bisection to the last bit."""
+        angles = np.deg2rad(np.arange(1, 900) / 10)
+        shape = jnp.shape(p.volume_scale * p.k * p.inertia * p.spin)
+        grid = p.replace(alpha=angles.reshape(-1, *[1] * len(shape)))
+        volumes = np.asarray(jnp.broadcast_to(self.volume(grid), (len(angles), *shape)))
+        best = np.argmax(volumes, axis=0)
+        # Greatest at an end of the grid: it rises towards 0 or 90°.
+        inside = (best > 0) & (best < len(angles) - 1)
+        best = np.clip(best, 1, len(angles) - 2)
+        low, high = angles[best - 1], angles[best + 1]
+        for _ in range(64):
+            middle = (low + high) / 2
+            rising = np.asarray(self.dvolume(p.replace(alpha=middle))) > 0
+            low, high = np.where(rising, middle, low), np.where(rising, high, middle)
+        return np.where(inside, (low + high) / 2, np.nan)[()]
+
+    def _derivative(self, p: Parameters, order: int) -> Broadcast:
+        """V_D or its derivative by α."""
+        alpha = jnp.asarray(p.alpha, float)
+
+        def volume(alpha: Broadcast) -> Broadcast:
+            return jnp.asarray(self.deformation.removed_at_contact(p.replace(alpha=alpha)), float)
+
+        def slope(alpha: Broadcast) -> Broadcast:
+            return jax.jvp(volume, (alpha,), (jnp.ones_like(alpha),))[1]
+
+        if order == 2:
+            return jax.jvp(slope, (alpha,), (jnp.ones_like(alpha),))[1]
+        return slope(alpha) if order else volume(alpha)
 
 
 class RigidErodent(CuttingModel):

@@ -15,8 +15,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from erosion.output.tables import briefly
-from erosion.parameters.dimensions import DIMENSIONS, Dimension
-from erosion.parameters.quantities import Scale, System, UnitError, read_quantity
+from erosion.parameters.quantities import DIMENSIONS, Dimension, Scale, System, UnitError, read_quantity
 
 SPEEDS = (
     "v0", "speed", "velocity", "vel", "impact speed", "impact velocity", "speed of impact", "velocity of impact",

@@ -23,13 +23,57 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from erosion.output.tables import briefly
-from erosion.parameters.dimensions import Dimension, Named, Product, factors
+from erosion.output.tables import Row, briefly, format_number, largest_of
+
+Named = Literal[
+    "1", "length", "area", "volume", "mass", "time", "speed", "stress", "angle", "angular speed",
+    "rate", "volume per angle", "volume per angle²", "density", "volume per mass", "mass per mass",
+    "mass flux", "mass flow", "energy",
+]  # fmt: skip
+
+
+class Product(str):
+    """A dimension that is made of others, "mass/time"; see `read_dimension`."""
+
+
+Dimension = Named | Product
+DIMENSIONS: tuple[Named, ...] = get_args(Named)
+
+
+def read_dimension(text: str) -> Dimension:
+    """A dimension by name, or as a product of names and powers: "mass/time", "M/T", "[length]^2 / [time]".
+
+    Raises:
+        ValueError: with a clause that starts with "must".
+    """
+    plain = text.translate(_PLAIN_POWERS).replace("**", "^")
+    plain = re.sub(r"\s*([*/^])\s*", r"\1", plain.strip())
+    plain = re.sub(r"\b[MLT]\b", lambda letter: _LETTERS[letter[0]], plain)
+    if plain in _BY_NAME:
+        return _BY_NAME[plain]
+    if not all(_FACTOR.fullmatch(factor) for factor in re.split("[*/]", plain)):
+        raise ValueError(
+            f"must be one of {', '.join(DIMENSIONS)}, or made of them, such as 'mass/time', but is {briefly(text)}"
+        )
+    return Product(plain)
+
+
+_PLAIN_POWERS = str.maketrans({"²": "^2", "³": "^3", "·": "*", "[": None, "]": None})
+_BY_NAME: Mapping[str, Named] = {name: name for name in DIMENSIONS}
+_LETTERS = types.MappingProxyType({"M": "mass", "L": "length", "T": "time"})
+_FACTOR = re.compile(
+    rf"(?P<name>{'|'.join(sorted(map(re.escape, DIMENSIONS), key=len, reverse=True))})(?:\^(?P<power>[23]))?"
+)
+
+
+def factors(dimension: Product) -> Iterator[tuple[str, Named, int]]:
+    """The parts of a product: "", "*" or "/", a dimension by name, and its power."""
+    for factor in re.finditer(rf"(?P<sign>^|[*/]){_FACTOR.pattern}", dimension):
+        yield factor["sign"], _BY_NAME[factor["name"]], int(factor["power"] or 1)
+
 
 if TYPE_CHECKING:
     import pint
-
-    from erosion.output.tables import Row
 
 System = Literal["inch-pound", "si"]
 SYSTEMS: tuple[System, ...] = get_args(System)
@@ -188,7 +232,8 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
             _check_angles(dict(units._units), dimension, f"must be {expected}, but is {briefly(text)}")
         return float(registry.Quantity(number, units).to(unit or "dimensionless").magnitude)
     except pint.errors.DimensionalityError as error:
-        dimensions = _dimension_of(registry.parse_units(given).dimensionality)
+        dimensions = str(registry.parse_units(given).dimensionality).replace(" ** ", "^")
+        dimensions = "1 (a pure number)" if dimensions == "dimensionless" else dimensions
         raise UnitError(f"must be {expected}, but is {briefly(text)}, of dimension {dimensions}") from error
     except UnitError:
         raise
@@ -253,30 +298,21 @@ def _check_angles(units: Mapping[str, Any], dimension: Dimension, complaint: str
 _QUANTITY = re.compile(
     r"\s*(?P<number>[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf|nan))(?P<unit>(?:\s*[^\d\s.+\-(][^\n]*|\s+1/[^\n]*)?)\s*"
 )
-
 _COMMA = re.compile(r"\s*[+-]?\d*,\d")
-
+_SAME_EXAMPLES = {
+    "angle": '"20 deg"', "angular speed": '"1000 rad/s"', "rate": '"40 1/s"', "time": '"60 us"',
+    "volume per mass": '"20 mm^3/g"', "mass per mass": '"0.1 mg/g"', "mass flux": '"1 g/m^2/s"', "mass flow": '"1 g/s"',
+}  # fmt: skip
 _EXAMPLES: Mapping[System, Mapping[str, str]] = {
     "inch-pound": {
         "length": '"0.04 in"', "mass": '"2.855e-7 slinch"', "speed": '"4400 in/s"', "stress": '"200e3 lbf/in^2"',
-        "angle": '"20 deg"', "angular speed": '"1000 rad/s"', "rate": '"40 1/s"', "time": '"60 us"',
-        "volume": '"1e-4 in^3"',
-        "density": '"0.098 lb/in^3"', "volume per mass": '"20 mm^3/g"', "mass per mass": '"0.1 mg/g"',
-        "mass flux": '"1 g/m^2/s"', "mass flow": '"1 g/s"',
+        "volume": '"1e-4 in^3"', "density": '"0.098 lb/in^3"', **_SAME_EXAMPLES,
     },
     "si": {
         "length": '"1 mm"', "mass": '"50 ug"', "speed": '"110 m/s"', "stress": '"1.4 GPa"',
-        "angle": '"20 deg"', "angular speed": '"1000 rad/s"', "rate": '"40 1/s"', "time": '"60 us"',
-        "volume": '"3 mm^3"',
-        "density": '"2.7 g/cm^3"', "volume per mass": '"20 mm^3/g"', "mass per mass": '"0.1 mg/g"',
-        "mass flux": '"1 g/m^2/s"', "mass flow": '"1 g/s"',
+        "volume": '"3 mm^3"', "density": '"2.7 g/cm^3"', **_SAME_EXAMPLES,
     },
 }  # fmt: skip
-
-
-def _dimension_of(dimensionality: object) -> str:
-    text = str(dimensionality).replace(" ** ", "^")
-    return "1 (a pure number)" if text == "dimensionless" else text
 
 
 @functools.cache
@@ -474,7 +510,7 @@ RESULTS = {
 }
 
 
-def quantity_row(name: str, quantity: Quantity, value: object, units: System) -> "Row":
+def quantity_row(name: str, quantity: Quantity, value: object, units: System) -> Row:
     """A number, or an array, as a table row in a unit that reads well.
 
     Args:
@@ -483,29 +519,23 @@ def quantity_row(name: str, quantity: Quantity, value: object, units: System) ->
         value: in the units of `units`.
         units: the unit system.
     """
-    from erosion.output.tables import Row, format_number, largest_of
-
     scale = table_scale(quantity.dimension, units, largest_of(value))
     digits = ANGLE_DIGITS if quantity.dimension == "angle" else DIGITS
     return Row(name, quantity.symbol, format_number(value, digits, scale.size), scale.unit, quantity.meaning)
 
 
-def result_row(name: str, value: object, units: System) -> "Row":
+def result_row(name: str, value: object, units: System) -> Row:
     """One result as a table row."""
     return quantity_row(name, RESULTS[name], value, units)
 
 
-def contact_rows(volume: object, units: System) -> "list[Row]":
+def contact_rows(volume: object, units: System) -> list[Row]:
     """The volume removed at contact as a table row; no row where it is zero."""
-    from erosion.output.tables import largest_of
-
     return [result_row("volume_at_contact", volume, units)] if largest_of(volume) else []
 
 
-def derivative_row(name: str, value: object, by: Sequence[Quantity], units: System) -> "Row":
+def derivative_row(name: str, value: object, by: Sequence[Quantity], units: System) -> Row:
     """The volume's derivative with respect to one or two parameters as a table row; per degree, not per radian."""
-    from erosion.output.tables import Row, format_number
-
     same = len(by) == 2 and by[0] == by[1]
     power = "²" if len(by) == 2 else ""
     below = f"∂{by[0].symbol}²" if same else "".join(f"∂{quantity.symbol}" for quantity in by)

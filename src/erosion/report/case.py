@@ -17,7 +17,7 @@ from erosion.impacts.impact import Impact, impact
 from erosion.impacts.maxima import Jump
 from erosion.impacts.simulate import Trajectory, path
 from erosion.models import Linearized
-from erosion.models.closed_forms import LinearizedCut
+from erosion.models.rigid import LinearizedCut
 from erosion.output.tables import Record
 from erosion.parameters.materials import MATERIALS
 from erosion.parameters.parameters import QUANTITIES, Parameters

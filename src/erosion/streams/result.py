@@ -16,10 +16,10 @@ from scipy.optimize import minimize_scalar
 
 from erosion.arguments import Progress, no_progress
 from erosion.impacts.alpha_max import alpha_max
+from erosion.impacts.dataset_files import model_in_words, provenance
 from erosion.impacts.impact import impact
 from erosion.models import model_name
 from erosion.models.base import CuttingModel
-from erosion.models.identity import model_in_words, provenance
 from erosion.models.own_parameters import own_quantities, quantities
 from erosion.models.registry import impact_to_dict
 from erosion.output.tables import Record, Result, Row, largest_of, to_plain, with_error

@@ -15,14 +15,13 @@ import numpy as np
 from erosion.arguments import Progress, check_path, check_tolerance, check_whole, no_progress
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.distributions import as_laws
-from erosion.impacts.dataset_files import read_netcdf, write_netcdf
+from erosion.impacts.dataset_files import identity, read_netcdf, write_netcdf
 from erosion.impacts.impact import end_names, impact
 from erosion.impacts.simulate import SimulationError
 from erosion.interrupts import keeping_results
 from erosion.joint_laws import law_digest
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
-from erosion.models.identity import identity
 from erosion.models.own_parameters import own_quantities, require_one_impact
 from erosion.ode.step_control import require_float64
 from erosion.output.files import Trace, require_writable, trace

@@ -18,11 +18,11 @@ import xarray as xr
 
 from erosion.arguments import check_order, check_tolerance, check_unmasked
 from erosion.impacts.alpha_max import alpha_max
+from erosion.impacts.dataset_files import identity, numbers_in_words, provenance
 from erosion.impacts.impact import end_names, impact
 from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
 from erosion.models.equations import model_digest
-from erosion.models.identity import identity, numbers_in_words, provenance
 from erosion.models.own_parameters import own_in_words, own_quantities, quantities, require_one_impact, with_values
 from erosion.models.registry import BUILT_IN, require_loadable
 from erosion.output.tables import briefly

@@ -11,8 +11,8 @@ from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.simulate import SimulationError, Trajectory, path
 from erosion.models import NoDeformation, RigidErodent, load_model
 from erosion.models.base import CuttingModel
-from erosion.models.closed_forms import StraightCut
 from erosion.models.registry import BUILT_IN
+from erosion.models.rigid import StraightCut
 from erosion.output.tables import Record
 from erosion.parameters.parameters import QUANTITIES, Parameters
 from erosion.plotting.curves import plot_best_angles, plot_differences, plot_family, plot_shapes, plot_turn
