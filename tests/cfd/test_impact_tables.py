@@ -291,9 +291,12 @@ PART = f"\n[Name]\nWall, 1\n\n[Data]\n{HEADER}{ROW}"
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 @pytest.mark.parametrize(
     "text",
-    [f"# by me\n\n#x, y\n{HEADER}{ROW}", f'"# by, me"\n{HEADER}# half, way\n{ROW}', PART, f"# by me\n{PART}"],
-    ids=["comments", "comments among rows", "CFD-Post", "both"],
-)
+    [
+        f"# by me\n\n#x, y\n{HEADER}{ROW}", f'"# by, me"\n{HEADER}# half, way\n{ROW}', PART, f"# by me\n{PART}",
+        *(f"# page{mark}\n{HEADER}{ROW}" for mark in "\f\v\x1c\x85\u2028"),
+    ],
+    ids=["comments", "comments among rows", "CFD-Post", "both", "page", "tab", "separator", "next line", "line"],
+)  # fmt: skip
 def test_comments_and_what_cfd_post_writes_above_a_table(tmp_path, text, end):
     check(block_of(written(tmp_path / "a.csv", text.replace("\n", end))), speed=[50])
 

@@ -139,7 +139,7 @@ def test_names_of_other_versions(tmp_path):
     table = tmp_path / "0.5" / "wall.dat"
     table.parent.mkdir()
     table.write_text(
-        "# Time currentProc (positionx positiony positionz) d rho nParticle (Ux Uy Uz) active\n"
+        "# page\f\n# Time currentProc (positionx positiony positionz) d rho nParticle (Ux Uy Uz) active\n"
         "0.1\t0 (1 2 3) 1e-4 2650 20 (10 -20 30) 1\n0.2\t0  (1 2 4) 2e-4 2650 2.5 (1 2 -3) 1\n"
     )
     rows = together(read_impacts(tmp_path))

@@ -464,7 +464,7 @@ def _csv_header(path: Path) -> _Layout:
         text = start.decode()
     except UnicodeDecodeError:
         text = start.decode("cp1252", errors="replace")  # as spreadsheets on Windows write "µm"
-    lines = text.splitlines(keepends=True)
+    lines = io.StringIO(text, newline="").readlines()  # `splitlines` also ends a line at a form feed
     first, in_data = len(lines), True
     for number, line in enumerate(map(str.strip, lines)):
         if _PART.fullmatch(line):

@@ -294,7 +294,7 @@ _CHUNK = 1 << 22  # bytes that are read and parsed at once
 _HEAD = 1 << 16  # bytes in which a header must end
 _VERTICES = (0, 1, 2)  # VTK's numbers of no cell, of one point, and of several
 _MOST_PACKED = 1000  # numbers for each byte: so much packs zlib at most
-_SPACES = bytes.maketrans(b"\t\r", b"  ")
+_SPACES = bytes.maketrans(b"\t\r", b" \n")
 
 
 @contextlib.contextmanager
@@ -413,7 +413,7 @@ class Plain(io.RawIOBase):
 
 def plain(lines: bytes) -> bytes:
     """Complete lines without parentheses, with one space between fields."""
-    lines = lines.translate(_SPACES, b"()")
+    lines = lines.replace(b"\r\n", b"\n").translate(_SPACES, b"()")
     if b"  " in lines:
         lines = re.sub(rb" {2,}", b" ", lines)
     return lines.replace(b"\n ", b"\n").replace(b" \n", b"\n").strip(b" ")

@@ -286,7 +286,7 @@ def _openfoam_table(path: Path) -> Table:
 def _head(path: Path) -> list[str]:
     """The complete lines at the beginning of a file; errors as of `beginning`."""
     try:
-        lines = beginning(path).decode().splitlines()
+        lines = beginning(path).decode().split("\n")
     except UnicodeDecodeError:
         lines = []
     if not lines:
