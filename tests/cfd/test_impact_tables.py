@@ -152,6 +152,8 @@ def test_units_in_the_metadata_of_parquet_count_as_those_of_a_name(tmp_path):
     check(block_of(a_table(tmp_path, "parquet", columns, {"Mass Flow Rate": "kg/s"})), count=[1300])
     with pytest.raises(ImpactsError, match="'slip' has the unit of a speed"):
         read_impacts(a_table(tmp_path, "parquet", {**BODY, **MOTION, "slip": 7}, {"slip": "m/s"}))
+    with pytest.raises(ImpactsError, match=r"'spin \[rpm\]' has another unit in its metadata, 'rad/s'"):
+        read_impacts(a_table(tmp_path, "parquet", {**BODY, **MOTION, "spin [rpm]": 7}, {"spin [rpm]": "rad/s"}))
 
 
 @pytest.mark.parametrize(
@@ -581,6 +583,9 @@ def test_points_of_vtk_that_are_no_table_are_refused(tmp_path):
     path = written(tmp_path / "swapped.vtu", BY_HAND.format(corners="1 0", ends="1 2", kinds="1 1"))
     with pytest.raises(ImpactsError, match="arrays of cells that are not one to each point"):
         read_impacts(path)
+    for name, values in {"U:0": [7, 7], "Points": ARRAYS["U"]}.items():
+        with pytest.raises(ImpactsError, match=f"has the array '{name}(:0)?' twice"):
+            read_impacts(points_file(tmp_path / "twice.vtu", {**ARRAYS, name: values}))
     path = points_file(tmp_path / "hits.vtm")
     before = read_impacts(path, columns=MEANT_OF_POINTS).identity()
     (second,) = (tmp_path / "hits").glob("*_3.*")

@@ -26,6 +26,7 @@ def box(tmp_path):
     grid = pyvista.UnstructuredGrid(cells, [10, 9, 5], points)  # a tetrahedron, a quadrilateral, a triangle
     grid.save(tmp_path / "mesh.vtu")
     grid.extract_cells([0]).save(tmp_path / "volume.vtu")
+    pyvista.PolyData(points, faces=[3, 0, 1, 4], strips=[4, 0, 1, 3, 2]).save(tmp_path / "strip.vtp")
     return tmp_path
 
 
@@ -142,6 +143,7 @@ def test_a_surface_that_cannot_be_read_is_one_sentence(tmp_path, suffix, content
         (read_surface, "wall.obj", {}, "is no surface; it must be an OpenFOAM case, or its name must end in .vtp"),
         (read_surface, "x.vtp", {}, "x.vtp: is not there"),
         (read_surface, "volume.vtu", {}, "holds no polygons; extract the surface"),
+        (read_surface, "strip.vtp", {}, "1 of its cells are strips, pixels or curved faces"),
         (read_surface, "box.vtp", {"patch": "wall"}, "has no patches, so Argument `patch` must be left out"),
         (read_impacts, "none.csv", {}, "none.csv: is not there"),
         (read_impacts, "empty", {}, r"has no tables of impacts .*, but nothing"),

@@ -390,11 +390,15 @@ def _head(
     except HeaderError as error:
         at = "" if error.index is None else f" column {heads[error.index]!r}"
         raise ImpactsError(f"{path}:{at} {error}.") from error
-    columns = {
-        column.name: Column(head, _factor(path, head, column.name, column.unit), column.unit)
-        for head, column in zip(heads, table.columns, strict=True)
-        if column is not None
-    }
+    columns = dict[str, Column]()
+    for head, column in zip(heads, table.columns, strict=True):
+        if column is not None:
+            own, other = (
+                _factor(path, head, column.name, unit) for unit in (column.unit, units.get(head, column.unit))
+            )
+            if own != other and not math.isnan(other):
+                raise ImpactsError(f"{path}: column {head!r} has another unit in its metadata, {units[head]!r}.")
+            columns[column.name] = Column(head, own, column.unit)
     _require_units(path, columns)
     if {"face", "mesh_face"} <= columns.keys():
         raise ImpactsError(f"{path}: has both columns `face` and `mesh_face`; keep one.")

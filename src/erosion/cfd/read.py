@@ -19,6 +19,7 @@ from erosion.parameters.quantities import about, read_quantity
 
 _STL_HEAD = 256  # bytes, of which VTK tells text from numbers as well
 _POLYGONS = (5, 7, 9)  # VTK's numbers of triangle, polygon and quadrilateral
+_OTHER_FACES = (6, 8, 22, 23, 28, 30, 34, 36, 61, 62, 69, 70, 76, 77)  # of strip and pixel, and of curved faces
 
 
 def open_surface(path: Path, patch: str | Sequence[str] | None = None) -> Surface:
@@ -34,6 +35,11 @@ def open_surface(path: Path, patch: str | Sequence[str] | None = None) -> Surfac
     grids = dict[str, tuple[Any, np.ndarray]]()
     for name, block in vtk_blocks(path).items():
         grid = block.cast_to_unstructured_grid()
+        if (others := np.isin(grid.celltypes, _OTHER_FACES)).any():
+            raise ImpactsError(
+                f"{path}: {others.sum():,} of its cells are strips, pixels or curved faces, which are not read; make "
+                "triangles of them, as by ParaView's filter Triangulate."
+            )
         if (chosen := np.isin(grid.celltypes, _POLYGONS)).any():
             grids[name] = grid, chosen
     if not grids:

@@ -517,15 +517,19 @@ def vtk_tables(path: Path) -> dict[str, Any]:
         cells = block.cast_to_unstructured_grid()
         if not np.isin(cells.celltypes, _VERTICES).all():
             continue
-        arrays = {"Points": block.points, **block.point_data}
+        arrays = [("Points", block.points), *block.point_data.items()]
         if block.cell_data.keys():
             if not np.array_equal(cells.cell_connectivity, np.arange(cells.n_points)) or cells.n_cells < cells.n_points:
                 raise ImpactsError(f"{path}: has arrays of cells that are not one to each point, as {name!r} shows.")
-            arrays = {**block.cell_data, **arrays}
+            arrays = [*block.cell_data.items(), *arrays]
         columns = dict[str, np.ndarray]()
-        for head, values in arrays.items():
+        for head, values in arrays:
             parts = np.asarray(values).reshape(cells.n_points, -1).T
-            columns |= {f"{head}:{i}" if len(parts) > 1 else head: part for i, part in enumerate(parts)}
+            for i, part in enumerate(parts):
+                column = f"{head}:{i}" if len(parts) > 1 else head
+                if column in columns and not np.array_equal(columns[column], part):
+                    raise ImpactsError(f"{path}: has the array {column!r} twice; rename or take away one of them.")
+                columns[column] = part
         tables[name] = arrow.table(columns)
     if not tables:
         raise ImpactsError(f"{path}: holds no points of their own, as impacts are, but corners of cells.")
