@@ -293,7 +293,7 @@ def make_predictor(plain: Predictor, progress: Progress = no_progress) -> Predic
     model, seed = plain.ways["model"], plain.seed
     whole = model.misfit.plain
     few, rng = with_few_conditions(whole), np.random.default_rng([seed, 2])
-    ways = {"model": model if few is whole else _drawn(Discrepant(few, False, False), rng, progress)}
+    ways = {"model": model if few is whole else drawn(Discrepant(few, False, False), rng, progress)}
     exponent = "v0" not in whole.forward.free and EXPONENT not in own_parameters(whole.forward.model)
     if exponent and is_of_one_speed(few):  # n has no influence on these data
         model, count = ways["model"], _size(ways["model"].values)
@@ -301,8 +301,8 @@ def make_predictor(plain: Predictor, progress: Progress = no_progress) -> Predic
         misfit = dataclasses.replace(model.misfit, has_exponent=True)
         ways["exponent"] = dataclasses.replace(model, misfit=misfit, values=law)
     elif exponent:
-        ways["exponent"] = _drawn(Discrepant(few, True, False), rng, progress)
-    ways["discrepancy"] = _drawn(Discrepant(few, exponent, True), rng, progress)
+        ways["exponent"] = drawn(Discrepant(few, True, False), rng, progress)
+    ways["discrepancy"] = drawn(Discrepant(few, exponent, True), rng, progress)
     logs = np.array([special.logsumexp(way.log_evidence) - np.log(len(way.log_evidence)) for way in ways.values()])
     weights = special.softmax(logs).tolist()
     weighed = {name: dataclasses.replace(way, weight=weight)
@@ -315,7 +315,8 @@ def _size(values: Mapping[str, np.ndarray]) -> int:
     return len(next(iter(values.values())))
 
 
-def _drawn(misfit: Discrepant, rng: np.random.Generator, progress: Progress) -> Way:
+def drawn(misfit: Discrepant, rng: np.random.Generator, progress: Progress) -> Way:
+    """One way to read the data, of weight 1."""
     run = sample(misfit, (CHAINS, _DRAWS, misfit.priors.dimension), rng, _agree, progress)
     values = {name: column.reshape(-1) for name, column in misfit.values(run.points).items()}
     return Way(misfit, values, run.log_evidence, converged=_agree(run.points))
