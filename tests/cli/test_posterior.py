@@ -80,7 +80,7 @@ def test_several_models_as_json(table, shell):
 
 
 def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path, shell):
-    line = ["posterior", str(table), "--free", "psi", "--draws", "125"]
+    line = ["posterior", str(table), "--free", "psi", "--draws", "125", "--discrepancy", "none"]
     more = ["--next-speeds", "60 m/s,110 m/s", "--plot-next-experiment", str(tmp_path / "next.svg")]
     out = shell([*line, *more]).out
     assert "what one more row says, 68 candidates: linearized" in out

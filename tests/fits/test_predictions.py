@@ -83,6 +83,10 @@ def test_curves_are_those_of_the_closed_posterior():
     # Of 4000 draws: 1.6 % of a deviation, and 1.1 % of it.
     assert drawn.mean() == pytest.approx(middle, abs=0.06 * deviation)
     assert drawn.std() == pytest.approx(deviation, rel=0.05)
+    # The second kind of the same place is no other one; the covariance has 1e-8 of its own on the diagonal.
+    twice = {name: np.repeat(value, 2) for name, value in there.items()}
+    for law, exact in zip(misfit.means(one, twice), (middle, deviation), strict=True):
+        np.testing.assert_allclose(law, [[exact, exact]], rtol=1e-4)
 
 
 def test_many_conditions_are_put_together_and_no_row_is_lost():

@@ -175,28 +175,53 @@ class Discrepant(Misfit):
         asked = self.mean(values, conditions)
         if not self.has_discrepancy:
             return asked
+        there, index = self._distinct(conditions)
+        discrepancy = np.empty((len(asked), len(there["alpha"])))
+        for batch, middle, left in self._at_questions(values, there):
+            curves = np.linalg.cholesky(left) @ rng.standard_normal((*middle.shape, 1))
+            discrepancy[batch] = middle + curves[:, :, 0]
+        return asked * np.maximum(1 + discrepancy[:, index], 0.0)
+
+    def means(
+        self, values: Mapping[str, np.ndarray], conditions: Mapping[str, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The erosion at conditions that each draw expects, and its standard deviation by the discrepancy.
+
+        Arguments as of `draw`; both of the shape (n, rows).
+        """
+        asked = self.mean(values, conditions)
+        if not self.has_discrepancy:
+            return asked, np.zeros_like(asked)
+        there, index = self._distinct(conditions)
+        expected, deviation = np.empty((2, len(asked), len(there["alpha"])))
+        for batch, middle, left in self._at_questions(values, there):
+            expected[batch], deviation[batch] = 1 + middle, np.sqrt(np.diagonal(left, axis1=1, axis2=2))
+        return asked * expected[:, index], np.abs(asked) * deviation[:, index]
+
+    def _distinct(self, conditions: Mapping[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """The angles and speeds of conditions, each once, and where each condition is: these have one δ."""
+        places = np.stack([conditions["alpha"], self._log_speed(conditions)])
+        distinct, index = np.unique(places, axis=1, return_inverse=True)
+        return {"alpha": distinct[0], "log_speed": distinct[1]}, index.ravel()
+
+    def _at_questions(
+        self, values: Mapping[str, np.ndarray], there: Mapping[str, np.ndarray]
+    ) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """In batches, δ after the data: its mean, shape (n, conditions), and its covariance."""
         pooled, known = self.plain.parts[0], self.mean(values, self.plain.parts[0].conditions)
         variances = self.plain.variances(values, known, pooled)
         variances = np.ones_like(known) if variances is None else variances
-        # Rows of one angle and speed have one δ.
-        places = np.stack([conditions["alpha"], self._log_speed(conditions)])
-        distinct, index = np.unique(places, axis=1, return_inverse=True)
-        there: dict[str, np.ndarray] = {"alpha": distinct[0], "log_speed": distinct[1]}
         own, across = self._between(there), self._between(there, pooled.conditions)
-        count, discrepancy = distinct.shape[1], np.empty((len(asked), distinct.shape[1]))
-        for batch, factor, whitened, size in self._factored(values, known, variances, distinct.shape[1]):
+        places = np.arange(len(there["alpha"]))
+        for batch, factor, whitened, size in self._factored(values, known, variances, len(places)):
             of_batch = {name: column[batch] for name, column in values.items()}
             tie = across(of_batch) * (known[batch] / size)[:, None, :]
             tie = np.linalg.solve(factor, tie.swapaxes(1, 2))
-            middle = np.einsum("nij,ni->nj", tie, whitened)
             left = own(of_batch) - tie.swapaxes(1, 2) @ tie
-            places = np.arange(count)
             left[:, places, places] += (
                 _BLUR * np.sum([of_batch[name] ** 2 for name in ("tau_angle", "tau")], axis=0)[:, None]
             )
-            curves = np.linalg.cholesky(left) @ rng.standard_normal((len(middle), count, 1))
-            discrepancy[batch] = middle + curves[:, :, 0]
-        return asked * np.maximum(1 + discrepancy[:, index.ravel()], 0.0)
+            yield batch, np.einsum("nij,ni->nj", tie, whitened), left
 
     def _log_speed(self, conditions: Mapping[str, np.ndarray]) -> np.ndarray:
         """ln(v/v_ref), shape (conditions,)."""

@@ -11,7 +11,6 @@ from scipy import ndimage
 from erosion.arguments import check_unmasked, check_whole
 from erosion.fits.errors import ErrorModel
 from erosion.fits.posterior import Posterior
-from erosion.fits.prediction import deviations
 from erosion.fits.ranking import PosteriorRanking
 from erosion.models import model_name
 from erosion.output.tables import Result, briefly, to_plain
@@ -191,6 +190,7 @@ def next_experiment(
     draws: int = _DRAWS,
     weighings: Sequence[int] = (1,),
     repeat_cost: float = 1.0,
+    discrepancy: bool = True,
 ) -> NextExperiment:
     """Which angle, speed and size to measure next: where a row is expected to say most.
 
@@ -198,6 +198,9 @@ def next_experiment(
     mutual information of the row and the parameters (Lindley 1956). It is high where the draws of the posterior predict
     differently, measured in errors of the row: beside a jump of V(α) whose place is not known, above all. Of several
     models a row says two things, about the parameters of each, and about which one is right.
+
+    A row says less of the parameters where the model may miss it, and weighings of one test all miss by the same
+    discrepancy, which no repeat averages out.
 
     Args:
         source: a posterior, or several models' (`rank_posteriors`), with their probabilities.
@@ -209,6 +212,7 @@ def next_experiment(
         weighings: how many of them a test may have; each candidate is judged with each number, by their mean.
         repeat_cost: of one more weighing of a test, over that of a new test; candidates are ordered by the information
             over the cost of all their weighings.
+        discrepancy: with what the model may lack, as `Posterior.predict`; its parameters count, too.
 
     Raises:
         ValueError: for candidates, a noise, weighings or a cost that make no sense.
@@ -229,26 +233,24 @@ def next_experiment(
         )
     numbers = check_repeats(weighings, repeat_cost)
     conditions = _conditions(posteriors, candidates)
-    predictions, noises = [], []
-    for posterior in posteriors:
-        sampled = posterior.some(draws)
-        predictions.append(posterior.likelihood.predict(sampled, conditions))
-        noises.append(deviations(posterior.data, sampled, predictions[-1], noise))
+    predictors = [posterior.predictor_with(discrepancy) for posterior in posteriors]
+    given = True if noise is None else noise
+    expected = [predictor.of_draws(conditions, draws, given) for predictor in predictors]
     information, discrimination = np.zeros((2, len(numbers), len(conditions["alpha"])))
     for at, i in np.ndindex(information.shape):
         # A draw whose impact fails at a candidate predicts nothing there.
-        known = [np.isfinite(values[:, i]) for values in predictions]
-        shares = [(values[of, i], errors[of, i] / np.sqrt(numbers[at]))
-                  for values, errors, of in zip(predictions, noises, known, strict=True)]  # fmt: skip
+        known = [np.isfinite(means[:, i]) for means, _, _ in expected]
+        shares = [(means[of, i], np.hypot(missed[of, i], errors[of, i] / np.sqrt(numbers[at])))
+                  for (means, missed, errors), of in zip(expected, known, strict=True)]  # fmt: skip
         information[at, i], discrimination[at, i] = _gains(shares, weights)
     return NextExperiment(
         {name: np.tile(values, len(numbers)) for name, values in conditions.items()},
         information.ravel(),
         discrimination.ravel(),
-        np.tile(np.nanmean([np.nanmean(errors, axis=0) for errors in noises], axis=0), len(numbers)),
+        np.tile(np.nanmean([np.nanmean(errors, axis=0) for _, _, errors in expected], axis=0), len(numbers)),
         tuple(model_name(posterior.model) for posterior in posteriors),
         posteriors[0].p.units,
-        min(draws, *(posterior.run.log_likelihood.size for posterior in posteriors)),
+        min(predictor.distinct(draws) for predictor in predictors),
         None if numbers.tolist() == [1] else np.repeat(numbers, len(conditions["alpha"])),
         repeat_cost,
     )

@@ -281,8 +281,11 @@ class Posterior(Result):
         Returns:
             In `erosion_unit`, draws first and then the shape of `alpha`; over `data.scale.size` in the table's unit.
         """
-        predictor = self.predictor if discrepancy else self._of_model
-        return predictor.predict(alpha, at, count, noise=noise)
+        return self.predictor_with(discrepancy).predict(alpha, at, count, noise=noise)
+
+    def predictor_with(self, discrepancy: bool) -> Predictor:
+        """What `predict` asks: `predictor`, or that of the parameters alone."""
+        return self.predictor if discrepancy else self._of_model
 
     @functools.cached_property
     def predictor(self) -> Predictor:

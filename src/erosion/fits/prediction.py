@@ -106,11 +106,16 @@ class Predictor(Result):
         ends = np.round(np.cumsum([0.0, *self.weights.values()]) * count).astype(int)
         ways = []
         for way, wanted in zip(self.ways.values(), np.diff(ends), strict=True):
-            total = len(next(iter(way.values.values())))
+            total = _size(way.values)
             wanted = min(wanted, total) if len(self.ways) == 1 else wanted
             rows = np.linspace(0, total, wanted, endpoint=False).astype(int)
             ways.append((way, {name: column[rows] for name, column in way.values.items()}))
         return ways
+
+    def distinct(self, count: int) -> int:
+        """How many draws `chosen` has, of those that it repeats one."""
+        totals = [_size(way.values) for way in self.ways.values()]
+        return sum(min(_size(values), total) for (_, values), total in zip(self.chosen(count), totals, strict=True))
 
     @property
     def exponent(self) -> tuple[float, float] | None:
@@ -139,6 +144,26 @@ class Predictor(Result):
         parts = np.split(means.reshape(len(means), -1), np.cumsum([_size(values) for values in ways])[:-1])
         about = [deviations(self.data, values, part, given) for values, part in zip(ways, parts, strict=True)]
         return means, np.concatenate(about).reshape(means.shape)
+
+    def of_draws(
+        self, conditions: Mapping[str, np.ndarray], count: int, noise: Noise = True
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A weighing at conditions, as each draw has it: its mean, and its deviations by the discrepancy and the error.
+
+        Args:
+            conditions: of `question`, each of shape (n,).
+            count: number of draws.
+            noise: as of `predict`, or True.
+
+        Returns:
+            Three of shape (draws, n).
+        """
+        chosen = [(way, values) for way, values in self.chosen(count) if _size(values)]
+        expected = [way.misfit.means(values, conditions) for way, values in chosen]
+        errors = [deviations(self.data, values, mean, None if noise is True else noise)
+                  for (_, values), (mean, _) in zip(chosen, expected, strict=True)]  # fmt: skip
+        means, missed = (np.concatenate(part) for part in zip(*expected, strict=True))
+        return means, missed, np.concatenate(errors)
 
     def _means(
         self, alpha: Any, at: Mapping[str, Any] | None, count: int
