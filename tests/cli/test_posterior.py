@@ -112,7 +112,7 @@ def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path,
         (["--next-weighings", "0"], "Option `--next-weighings` must be a whole number of at least 1, but is 0."),
         (["--next-weighings", "1e30"], "Option `--next-weighings` must list numbers of at most 10,000"),
         (["--next-weighings", "1,3", "--repeat-cost", "0"], "Option `--repeat-cost` must be positive and finite"),
-        (["--repeat-cost", "0.5"], "Option `--repeat-cost` needs tests of several weighings"),
+        (["--repeat-cost", "0.5"], "Option `--next-weighings` must list a number above 1"),
     ],
 )
 def test_mistakes_in_the_next_experiment_are_found_before_anything_is_computed(

@@ -136,6 +136,7 @@ def drawn():
         ({"weighings": []}, "`weighings` must list"),
         ({"weighings": [20_000]}, "`weighings` must list numbers of at most 10,000"),
         ({"repeat_cost": 0.0}, "`repeat_cost` must be positive"),
+        ({"repeat_cost": 0.2}, "`weighings` must list a number above 1, because a cost of repeats is given"),
     ],
 )
 def test_what_makes_no_sense_is_refused(drawn, options, message):

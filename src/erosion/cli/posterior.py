@@ -116,7 +116,9 @@ class _Experiment:
         None
     )
     next_weighings: Annotated[list[str] | None, LISTED, Parameter(help='That a test may have: "1,3".')] = None
-    repeat_cost: Annotated[float, Parameter(help="Of a weighing more, over that of a new test.")] = 1.0
+    repeat_cost: Annotated[
+        float | None, Parameter(help="Of a weighing more, over that of a new test; 1 without it.")
+    ] = None
 
     def read(self, units: "lazy.System", free: Sequence[str]) -> "_Candidates":
         """What is typed, known before anything is computed, for a fit of these parameters."""
@@ -146,9 +148,7 @@ class _Experiment:
         with reading("Option `--next-weighings`"):
             weighings = [read_whole(text) for text in self.next_weighings or ("1",)]
         with user_errors():
-            numbers = lazy.check_repeats(weighings, self.repeat_cost)
-        if self.repeat_cost != 1 and numbers.max() == 1:
-            raise InputError("Option `--repeat-cost` needs tests of several weighings: `--next-weighings`.")
+            lazy.check_repeats(weighings, self.repeat_cost)
         return _Candidates(angles, speeds, sizes, {"weighings": weighings, "repeat_cost": self.repeat_cost})
 
 

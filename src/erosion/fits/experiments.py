@@ -136,7 +136,8 @@ class NextExperiment(Result):
     @property
     def title(self) -> str:
         """How many candidates, and of which models."""
-        return f"what one more row says, {len(self.total):,} candidates: {', '.join(self.names)}"
+        count = len(self.total)
+        return f"what one more row says, {count:,} candidate{'s' * (count > 1)}: {', '.join(self.names)}"
 
     @property
     def headings(self) -> tuple[str, ...]:
@@ -189,7 +190,7 @@ def next_experiment(
     noise: float | np.ndarray | ErrorModel | None = None,
     draws: int = _DRAWS,
     weighings: Sequence[int] = (1,),
-    repeat_cost: float = 1.0,
+    repeat_cost: float | None = None,
     discrepancy: bool = True,
 ) -> NextExperiment:
     """Which angle, speed and size to measure next: where a row is expected to say most.
@@ -210,8 +211,8 @@ def next_experiment(
             it that of the data at the erosion that is expected, or the sampled one.
         draws: of each posterior.
         weighings: how many of them a test may have; each candidate is judged with each number, by their mean.
-        repeat_cost: of one more weighing of a test, over that of a new test; candidates are ordered by the information
-            over the cost of all their weighings.
+        repeat_cost: of one more weighing of a test, over that of a new test, 1 without it; candidates are ordered by
+            the information over the cost of all their weighings.
         discrepancy: with what the model may lack, as `Posterior.predict`; its parameters count, too.
 
     Raises:
@@ -252,7 +253,7 @@ def next_experiment(
         posteriors[0].p.units,
         min(predictor.distinct(draws) for predictor in predictors),
         None if numbers.tolist() == [1] else np.repeat(numbers, len(conditions["alpha"])),
-        repeat_cost,
+        1.0 if repeat_cost is None else repeat_cost,
     )
 
 
@@ -264,8 +265,12 @@ def check_repeats(weighings: Any, repeat_cost: Any) -> np.ndarray:
         raise ValueError(
             f"Argument `weighings` must list numbers of at most {_MOST_WEIGHINGS:,}, but is {briefly(weighings)}."
         )
+    if repeat_cost is None:
+        return np.array(numbers)
     if not isinstance(repeat_cost, (int, float, np.integer, np.floating)) or not 0 < repeat_cost < np.inf:
         raise ValueError(f"Argument `repeat_cost` must be positive and finite, but is {briefly(repeat_cost)}.")
+    if max(numbers) == 1:
+        raise ValueError("Argument `weighings` must list a number above 1, because a cost of repeats is given.")
     return np.array(numbers)
 
 
