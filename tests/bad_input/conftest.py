@@ -67,7 +67,7 @@ def no_computing(monkeypatch):
 
     monkeypatch.setattr(erosion.impacts.impact, "integrate", computed)
     monkeypatch.setattr(erosion.ode.maxima, "integrate", computed)
-    monkeypatch.setattr(erosion.impacts.simulate, "states_at", computed)
+    monkeypatch.setattr(erosion.impacts.simulate, "integrate", computed)
     monkeypatch.setattr(erosion.impacts.diffrax_steps, "solve", computed)
 
 

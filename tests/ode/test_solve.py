@@ -330,6 +330,24 @@ def test_states_at_times_go_up_to_the_event_and_the_end():
     assert ode.solve(LINE, {"speed": 1.0, "other": 9.0}, t1=0.5).ys is None
 
 
+@pytest.mark.parametrize(
+    ("rate", "exact"),
+    [
+        (lambda t, y, _: jnp.sqrt(t), lambda t: 1 + 2 / 3 * t**1.5),
+        (lambda t, y, _: jnp.abs(t - 0.4), lambda t: 1 + 0.08 + 0.5 * (t - 0.4) * np.abs(t - 0.4)),
+        (
+            lambda t, y, _: -jnp.maximum(y, 0.5),
+            lambda t: np.where(t < np.log(2), np.exp(-t), 0.5 + np.log(2) / 2 - t / 2),
+        ),
+    ],
+)
+def test_states_at_times_are_exact_beside_kinks_and_infinite_rates(rate, exact):
+    ts = np.linspace(0, 2, 301)
+    end = ode.solve(ode.Problem(1.0, rate), 0.0, t1=2.0, ts=ts)
+    np.testing.assert_allclose(end.ys, exact(ts), rtol=0, atol=1e-10)
+    assert end.ys[0] == 1
+
+
 def test_states_at_times_do_not_hang_on_their_order():
     ts = np.array([0.3, 0.0, np.nan, 0.1])
     end = ode.solve(FALLS, {"x0": 1.0, "v0": 0.0}, t1=1.0, ts=ts)

@@ -10,7 +10,7 @@ import xarray as xr
 
 from erosion.arguments import Broadcast, check_unmasked
 from erosion.impacts.dataset_files import model_in_words, provenance
-from erosion.impacts.impact import OTHER_ENDS, end_names, impact, states_at
+from erosion.impacts.impact import OTHER_ENDS, end_names, impact
 from erosion.impacts.simulate import SimulationError
 from erosion.models import load_model, model_name
 from erosion.models.base import ZERO, CuttingModel, State
@@ -447,7 +447,7 @@ def restitution(model: CuttingModel | str | Path, p: Parameters, *, alpha: Any =
     require_rows(speeds.size * alpha.size)
     each_alpha, each_speed = (np.broadcast_to(axis, shape).ravel() for axis in (alpha, speeds[:, None]))
     impacts = particle.p.replace(alpha=each_alpha, v0=each_speed)
-    end = states_at(particle.model, impacts, np.full(each_alpha.size, np.inf), _RTOL)
+    end = impact(particle.model, impacts, rtol=_RTOL)
     if isinstance(particle.model, Correlated) or not isinstance(end.state, State):
         raise ExportError(f"{model_name(particle.model)} has no motion of a rigid body: it says nothing of rebounds.")
     names = end_names(particle.model)

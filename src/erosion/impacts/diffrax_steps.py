@@ -154,9 +154,6 @@ def _accepted(options: tuple[tuple[str, bool | int], ...]) -> dict[str, bool | i
 Dense = dict[str, PyTree]
 """The fields of diffrax's interpolation between steps, by name."""
 
-Look = tuple[Events, Events, tuple[Broadcast, ...], Broadcast]
-"""Event functions, their rates, the tip's position and velocity, and dV/dt."""
-
 MAX_STEPS = 4096
 _FIRST_STEP = 0.01  # of the model's time scale
 
@@ -242,21 +239,30 @@ def interpolate(solver: diffrax.AbstractSolver, dense: Dense, sizes: Array, time
 @seldom_run
 def event(model: CuttingModel, p: Parameters, y: Array | np.ndarray) -> tuple[Events, Events]:
     """The event functions and their rates at one y."""
-    state = state_of(layout(model, p), y)
-    return event_rates(model, state, model.derivative(state, p), p)
+    return _events(model, p, y)
 
 
 @seldom_run
-def look(model: CuttingModel, p: Parameters, ys: Array | np.ndarray) -> Look:
-    """Event functions, their rates, the tip's position and velocity, and dV/dt, at many y (times, quantities)."""
+def events(model: CuttingModel, p: Parameters, ys: Array | np.ndarray) -> tuple[Events, Events]:
+    """The event functions and their rates at many y, shape (times, quantities)."""
+    return jax.vmap(lambda y: _events(model, p, y))(jnp.asarray(ys))
+
+
+@seldom_run
+def tip(model: CuttingModel, p: Parameters, ys: Array | np.ndarray) -> tuple[tuple[Broadcast, ...], Broadcast]:
+    """The tip's position and velocity, and dV/dt, at many y, shape (times, quantities)."""
     structure = layout(model, p)
 
-    def look_at(y: Array) -> Look:
+    def tip_at(y: Array) -> tuple[tuple[Broadcast, ...], Broadcast]:
         state = state_of(structure, y)
-        values, rates = event_rates(model, state, model.derivative(state, p), p)
-        return values, rates, tuple(model.tip(state, p)), model.removal_rate(state, p)
+        return tuple(model.tip(state, p)), model.removal_rate(state, p)
 
-    return jax.vmap(look_at)(jnp.asarray(ys))
+    return jax.vmap(tip_at)(jnp.asarray(ys))
+
+
+def _events(model: CuttingModel, p: Parameters, y: Array | np.ndarray) -> tuple[Events, Events]:
+    state = state_of(layout(model, p), y)
+    return event_rates(model, state, model.derivative(state, p), p)
 
 
 def _initial_state(model: CuttingModel, p: Parameters) -> ModelState:

@@ -1,7 +1,7 @@
 """Impacts, one or millions, with first and second derivatives: `erosion.impact`, and how an impact ended.
 
 A code below the number of the model's events is an event, in the order of their names. The codes after these
-are the others, in the order of `OTHER_ENDS`, and then "arrived": at the time asked for, before the end.
+are the others, in the order of `OTHER_ENDS`.
 """
 
 import dataclasses
@@ -9,7 +9,6 @@ import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,15 +16,14 @@ import numpy as np
 from jax import Array
 from jax.core import Tracer
 
-from erosion.arguments import ModelState, Number, PerImpact, Scalar, Structure, check_order, check_tolerance
-from erosion.lanes.lanewise import Compiled, compile_lanes, number
+from erosion.arguments import ModelState, Number, PerImpact, Scalar, check_order, check_tolerance
 from erosion.models import load_model, model_name
-from erosion.models.base import NO_CUT, CuttingModel, Tip, units_within
+from erosion.models.base import NO_CUT, CuttingModel, units_within
 from erosion.models.equations import CUT, Case, whole_cut
 from erosion.models.own_parameters import own_parameters, own_quantities, quantities, require_one_impact
 from erosion.models.registry import impact_to_dict
-from erosion.ode.batch import compiling, integrate, integrate_along
-from erosion.ode.integrator import LaneEnd, integrate_lane
+from erosion.ode.batch import integrate, integrate_along
+from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Equations, is_number
 from erosion.ode.solution import Solution
 from erosion.ode.solve import Lanes, solution
@@ -164,66 +162,6 @@ def end_names(model: CuttingModel) -> tuple[str, ...]:
     The code of an outcome is an index of these.
     """
     return (*layout_of(model, TABLE_1).event_names, *OTHER_ENDS)
-
-
-class States(NamedTuple):
-    """The motion at times; arrays of shape (times,).
-
-    Args:
-        outcome: an index of `end_names`; beyond them where the impact has not ended by then.
-        time: the time asked for, or the end of the cut if that is earlier.
-        state: the model's own, a pytree of arrays.
-        tip: position and velocity of the tip.
-        volume, removal_rate: the volume removed so far, and its time derivative.
-        dvolume: dV/dα; only at the end of the cut does it include the change of the time.
-    """
-
-    outcome: np.ndarray
-    time: np.ndarray
-    state: ModelState
-    tip: Tip
-    volume: np.ndarray
-    removal_rate: np.ndarray
-    dvolume: np.ndarray
-
-
-def states_at(model: CuttingModel, p: Parameters, times: np.ndarray, rtol: float) -> States:
-    """The motion at times since contact, infinity for the end, of one impact, or of one impact for each time.
-
-    Args:
-        model: the model.
-        p: scalars, or arrays of shape (times,).
-        times: shape (times,) [s].
-        rtol: relative tolerance.
-    """
-    layout, (_, numbers) = layout_of(model, p, whole=True), split(model, p)
-    with compiling:
-        program, structure, shapes = _compiled(layout, jax.tree.structure(layout.state))
-    results = [np.empty((times.size, *shape), dtype) for shape, dtype in shapes]
-    clock = Clock(t0=0.0, t1=times, max_step=np.inf, max_events=np.inf)
-    leaves = [np.asarray(leaf, float) for leaf in (*numbers, *clock, rtol)]
-    program.run(leaves, np.arange(times.size), results)
-    return States(*jax.tree.unflatten(structure, results))
-
-
-@functools.lru_cache(maxsize=64)
-def _compiled(
-    layout: Layout, its_state: Structure
-) -> tuple[Compiled, Structure, list[tuple[tuple[int, ...], np.dtype]]]:
-    """The program. It gives states of the model's own class, which may differ where layouts are equal."""
-
-    def lane(numbers: list[Number], rtol: Scalar) -> tuple[ModelState, ...]:
-        p, model = layout.args(numbers)
-        end = integrate_lane(layout, numbers, (element_of(model, "alpha"),), rtol, order=1)
-        integrals = len(layout.problem.integrals)
-        elements, (volume, *_) = end.outputs.value[:-integrals], end.outputs.value[-integrals:]
-        state = jax.tree.unflatten(jax.tree.structure(model.initial_state(p)), elements)
-        rate = model.removal_rate(state, p)
-        return end.outcome, end.time.value, state, model.tip(state, p), volume, rate, end.outputs.first[-integrals]
-
-    arguments = (layout.structs(), number)
-    leaves, structure = jax.tree.flatten(jax.eval_shape(lane, *arguments))
-    return compile_lanes(lane, arguments), structure, [(leaf.shape, leaf.dtype) for leaf in leaves]
 
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near

@@ -18,18 +18,21 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
+from jaxtyping import PyTree
 
 import erosion.impacts.diffrax_steps as flow
 from erosion.arguments import ModelState, Structure, check_tolerance, check_whole
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
-from erosion.impacts.impact import OTHER_ENDS, end_names, states_at
+from erosion.impacts.impact import OTHER_ENDS, element_of, end_names, layout_of, split
 from erosion.models import load_model, model_name
 from erosion.models.base import NO_CUT, CuttingModel, State, units_within
 from erosion.models.own_parameters import require_one_impact
 from erosion.models.registry import impact_to_dict
+from erosion.ode.batch import integrate
 from erosion.ode.solution import path_of
 from erosion.ode.step_control import LONGEST, require_float64, require_xla
+from erosion.ode.variational import Clock
 from erosion.output.tables import Record, Result, Row, abbreviate, briefly, format_number, to_plain
 from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.quantities import RESULTS, contact_rows, result_row
@@ -230,7 +233,6 @@ _ATOL = 1e-15  # of each quantity's size: rounding
 _LONGEST_STEP = 0.05  # of the model's time scale: sampled 8 times, a cubic errs by 1e-10 or less
 
 _Functions = dict[str, np.ndarray]
-_Look = tuple[_Functions, _Functions, tuple[np.ndarray, ...], np.ndarray]
 
 
 def simulate(
@@ -344,8 +346,8 @@ def _as_states(states: ModelState, dense: Callable[[np.ndarray], np.ndarray], t:
     return flow.state_of(jax.tree.structure(states), dense(t))
 
 
-def _integrated(model: CuttingModel, p: Parameters, t: np.ndarray) -> ModelState:
-    return states_at(model, p, t, _RTOL).state
+def _integrated(model: CuttingModel, p: Parameters, t: np.ndarray) -> np.ndarray:
+    return _end_and_states(model, p, t)[1]
 
 
 def _first_event(
@@ -376,13 +378,12 @@ def _looks(
     counts = np.maximum(_SAMPLES, np.ceil(np.diff(ends) / (_LONGEST_STEP * time / _SAMPLES))).astype(int)
     pieces = zip(ends[:-1], ends[1:], counts, strict=True)
     t = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in pieces] + [ends[-1:]])
-    values, rates, *_ = _looked(model, p, dense(t))
-    return t, values, rates
+    return t, *_at_all(flow.events, model, p, dense(t))
 
 
-def _looked(model: CuttingModel, p: Parameters, ys: np.ndarray) -> _Look:
-    """`flow.look` at any number of y."""
-    return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(ys)], flow.look(model, p, _padded(ys)))
+def _at_all(function: Callable[..., PyTree], model: CuttingModel, p: Parameters, ys: np.ndarray) -> PyTree:
+    """A function of `flow` at any number of y."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(ys)], function(model, p, _padded(ys)))
 
 
 def _padded(array: np.ndarray) -> np.ndarray:
@@ -401,8 +402,8 @@ def _trajectory(
     name: str,
     dense: Callable[[np.ndarray], np.ndarray],
 ) -> Trajectory:
-    _, _, tip, removal_rate = _looked(model, dataclasses.replace(p, units=units_within(model, p)), ys)
-    x_tip, depth, vx_tip, vdepth = tip
+    within = dataclasses.replace(p, units=units_within(model, p))
+    (x_tip, depth, vx_tip, vdepth), removal_rate = _at_all(flow.tip, model, within, ys)
     states = flow.state_of(structure, ys)
     return Trajectory(
         model=model,
@@ -434,30 +435,26 @@ def path(model: CuttingModel, p: Parameters, points: int = 201) -> Trajectory:
         SimulationError: where the impact fails or does not end.
     """
     require_float64()
-    end = states_at(model, p, np.array([np.inf]), _RTOL)
-    name = end_names(model)[int(end.outcome[0])]
+    (outcome, t_c, dvolume), _ = _end_and_states(model, p, np.zeros(0))
+    name = end_names(model)[outcome]
     if name in OTHER_ENDS and name != NO_CUT:
         raise SimulationError(f"{model_name(model)}: {OTHER_ENDS[name]}.")
-    t_c = float(end.time[0])
+    dense = functools.partial(_integrated, model, p)
     t = np.linspace(0.0, t_c, points) if name != NO_CUT else np.zeros(1)
-    # The end itself is known better than what is integrated to that time.
-    times = np.where(np.arange(t.size) < t.size - 1, t, np.inf) if name != NO_CUT else t
-    states = states_at(model, p, times, _RTOL)
-    x_tip, depth, vx_tip, vdepth = map(np.asarray, states.tip)
-    return Trajectory(
-        model=model,
-        p=p,
-        t=t,
-        states=states.state,
-        x_tip=x_tip,
-        depth=depth,
-        vx_tip=vx_tip,
-        vdepth=vdepth,
-        removed=states.volume,
-        removal_rate=states.removal_rate,
-        t_c=t_c,
-        ended_by=name,
-        volume=float(end.volume[0]),
-        dvolume=float(end.dvolume[0]),
-        _interpolate=functools.partial(_integrated, model, p),
-    )
+    trajectory = _trajectory(model, p, flow.layout(model, p), t, dense(t), name, dense)
+    return dataclasses.replace(trajectory, dvolume=dvolume)
+
+
+def _end_and_states(model: CuttingModel, p: Parameters, t: np.ndarray) -> tuple[tuple[int, float, float], np.ndarray]:
+    """How and when one cut ends, and dV/dα; the vectors `y` of its motion at times up to there."""
+    layout, (_, numbers) = layout_of(model, p, whole=True), split(model, p)
+    clock = Clock(t0=0.0, t1=np.inf, max_step=np.inf, max_events=np.inf)
+    rising, places = np.unique(t, return_inverse=True)
+    alpha = element_of(model, "alpha")
+    end = integrate(layout, [*numbers, *map(np.asarray, clock)], 1, 1, (alpha,), _RTOL, times=rising)
+    # After the state comes the volume, and after that what the model itself integrates.
+    volume = len(end.outputs.value) - len(layout.problem.integrals)
+    at_the_end, t_c = np.concatenate(end.outputs.value[: volume + 1]), end.time.value[0]
+    first, saved = np.array(end.outputs.first), np.asarray(end.saved)
+    ys = np.where(t[:, None] < t_c, saved[0, places, 0, : volume + 1], at_the_end)
+    return (int(end.outcome[0]), float(t_c), float(first[volume][0])), ys

@@ -2,12 +2,13 @@
 
 A step that has a time within it takes one more step of half its length from the same start. The polynomial of degree 8
 through the states, the rates and the second derivatives at the start, in the middle and at the end is about as exact as
-the step. Where the motion may have kinks its second derivatives may be none, and where it is stiff no polynomial is as
-exact: each time has a step of its own from the start of the step around it. What is left between the last step and the
-end has the step that ends a lane.
+the step. Where the motion may have kinks its second derivatives may be none: unless the polynomial's rates are those of
+the motion, each time has a step of its own from the start of the step around it. The same where the motion is stiff:
+no polynomial is as exact. What is left between the last step and the end has the step that ends a lane.
 """
 
 import functools
+import itertools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -30,6 +31,10 @@ TIMES, STATES = 0, 1
 """Tapes: the times of a lane, rising, ∞ the last of them; and for each time a lane's row of numbers."""
 
 _ROUNDING = 2e-15  # of the times so far: a time that is this much later than the end is the end
+
+
+_LOOKS = 0.25, 0.75  # of a step: where the polynomial's rates are compared with the motion's, if it may have kinks
+_FOLLOWS = 1.0  # tolerances: the polynomial is as exact
 
 
 def takes_times_apart(layout: Layout, order: int) -> bool:
@@ -59,11 +64,13 @@ class Writer:
 
     Args:
         problem: the equations; of a stiff motion without second derivatives.
+        rtol: relative tolerance.
         elapsed: of a chain, the time since the lane began, with derivatives as the members of a state have them.
     """
 
-    def __init__(self, problem: Extended, elapsed: tuple[Scalar, ...] = ()) -> None:
-        self.problem, self.elapsed = problem, problem.equations.unpack(elapsed) if elapsed else None
+    def __init__(self, problem: Extended, rtol: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
+        self.problem, self.rtol = problem, rtol
+        self.elapsed = problem.equations.unpack(elapsed) if elapsed else None
 
     def after_step(self, saved: Saved, before: Lane, after: Lane) -> Saved:
         """With the states at the times up to the end of a trial, if the lane moved there."""
@@ -130,43 +137,62 @@ class Writer:
     def _within(self, before: Lane, after: Lane) -> Callable[[Scalar], Along]:
         """The state at a time within a step."""
         problem, begin, h = self.problem, before.control.time, before.control.trial
-        if problem.rough or problem.rodas is not None:
+        if problem.rodas is not None:
             return functools.partial(self._by_a_step, before)
         middle, *_ = explicit.step(problem, before.state, before.slope, 0.5 * h)
         flow = problem.rate(middle)
         points = (before.state, before.slope), (middle, flow), (after.state, after.slope)
         curves = [jax.jvp(problem.rate, (rows,), (slope,))[1] for rows, slope in points]
-        columns = zip(*(rows for rows, _ in points), *(slope for _, slope in points), *curves, strict=True)
+        columns = list(zip(*(rows for rows, _ in points), *(slope for _, slope in points), *curves, strict=True))
         polynomials = [_polynomial(h, column) for column in columns]
 
-        def at(time: Scalar) -> Along:
-            x = 2.0 * ((time - begin) / h) - 1.0
-            return self._along([u + x * functools.reduce(lambda sum_, c: sum_ * x + c, cs) for u, cs in polynomials])
+        def at(passed: Scalar) -> Rows:
+            x = 2.0 * passed - 1.0
+            # From the start of the step, which is met exactly.
+            return [u + passed * functools.reduce(lambda sum_, c: sum_ * x + c, cs) for u, cs in polynomials]
 
-        return at
+        if not problem.rough:
+            return lambda time: self._along(at((time - begin) / h))
+        follows = jnp.asarray(True)
+        for share in _LOOKS:
+            rows, slopes = jax.jvp(at, (jnp.asarray(share),), (jnp.ones(()),))
+            for column, slope, rate in zip(columns, slopes, problem.rate(rows), strict=True):
+                size = functools.reduce(jnp.maximum, [jnp.abs(u) for u in column[:3]]) + jnp.abs(h * rate)
+                follows &= jnp.abs(slope - h * rate) <= _FOLLOWS * self.rtol * size
+
+        def rows_at(time: Scalar) -> Rows:
+            passed = time - begin
+            return lax.cond(
+                follows,
+                lambda: at(passed / h),
+                lambda: explicit.step(problem, before.state, before.slope, passed)[0],
+            )
+
+        return lambda time: self._along(rows_at(time))
 
 
 def _outputs(at: Augmented, motion: Motion) -> list[Scalar]:
     return motion.outputs(at)
 
 
-# From the values at -1, 0 and 1, and the first and second derivatives, to the coefficients of 1, x, … x⁸, all of them
-# sixteenths.
+# From the values at -1, 0 and 1, the first and the second derivatives, all of them in halves of the step, to the
+# coefficients of 1, x, … x⁸; sixteenths.
 _POWERS = np.arange(9)
 _CONDITIONS = [
     [np.prod(k - np.arange(order)) * float(x) ** max(k - order, 0) for k in _POWERS]
     for order in range(3)
     for x in (-1, 0, 1)
 ]
-_WEIGHTS = np.round(16 * np.linalg.inv(np.array(_CONDITIONS))) / 16
+_COEFFICIENTS = np.round(16 * np.linalg.inv(np.array(_CONDITIONS))) / 16
+# Of a polynomial that is zero at -1, over (1 + x)/2: the coefficients of x⁷, … 1.
+_WEIGHTS = 2.0 * np.array(list(itertools.accumulate(_COEFFICIENTS[:0:-1, 1:], lambda above, c: c - above)))
 
 
 @jax.jit
 def _polynomial(h: Scalar, column: Sequence[Scalar]) -> tuple[Scalar, list[Scalar]]:
-    """The value in the middle of a step, and the coefficients of x⁸, … x; x is -1 at its start and 1 at its end."""
+    """The start of a step, and the coefficients of x⁷, … 1 in the rest; x is -1 at its start and 1 at its end."""
     start, middle, end, *others = column
     half = 0.5 * h
     slopes, curves = [half * slope for slope in others[:3]], [half * half * curve for curve in others[3:]]
-    data = [start - middle, end - middle, *slopes, *curves]
-    rows = np.delete(_WEIGHTS, 1, axis=1)[:0:-1]
-    return middle, [sum(float(w) * d for w, d in zip(row, data, strict=True) if w != 0) for row in rows]
+    data = [middle - start, end - start, *slopes, *curves]
+    return start, [sum(float(w) * d for w, d in zip(row, data, strict=True) if w != 0) for row in _WEIGHTS]

@@ -203,7 +203,7 @@ def _to_its_event(
     count = 0.0 * scale if problem.watches else None
     longest = 0.0 * scale if problem.rough and problem.layout.problem.time_scale is None else None
     lane = Lane(_within(problem, control, until), events, initial, slope, watched, greatest, shift, count, longest)
-    writer = Writer(problem, elapsed)
+    writer = Writer(problem, rtol, elapsed)
 
     def tries(at: tuple[Lane, Tape | None, Saved | None]) -> tuple[Lane, Tape | None, Saved | None]:
         lane, tape, saved = at
