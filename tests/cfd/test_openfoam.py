@@ -21,6 +21,7 @@ from foamlib import FoamFieldFile, FoamFile
 
 import erosion
 from erosion.cfd.erosion_map import erosion_map
+from erosion.cfd.openfoam import open_case
 from erosion.cfd.read import read_impacts, read_surface
 from erosion.cfd.rows import ImpactsError
 
@@ -427,6 +428,48 @@ def test_finnie_is_what_openfoam_summed(tmp_path: Path, name: str, is_repacked: 
     assert int(wear["total_impacts"]) > 400
     assert int((wear["impacts"] > 0).sum()) > 30
     assert not wear["left_out"].any()
+
+
+def test_finnie_is_what_each_processor_summed() -> None:
+    run = RUNS / "parallel"
+    wear = erosion_map("finnie", P, read_impacts(run), read_surface(run, patch=["hump", "floor"]))
+    volumes = dict(zip(wear["mesh_face"].values.tolist(), wear["volume"].values.tolist(), strict=True))
+    q, expected = list[float](), list[float]()
+    for number, addressing in open_case(run).processors.items():
+        part = run / f"processor{number}"
+        field = FoamFieldFile(part / "0.02" / "kinematicCloudQ")
+        for patch in ("hump", "floor"):
+            _, start, end = open_case(part).patches[patch]
+            value: Any = field["boundaryField", patch, "value"]
+            q += np.broadcast_to(value, end - start).tolist()
+            expected += [volumes[face] for face in addressing[start:end].tolist()]
+    assert len(q) == len(volumes)
+    np.testing.assert_allclose(q, expected, rtol=0, atol=1e-10 * max(volumes.values()))
+
+
+# OpenFOAM joins the files of all processors, or of groups of them, where it writes them collated.
+@pytest.mark.parametrize("groups", [{"processors2": "01"}, {"processors2_0-0": "0", "processors2_1-1": "1"}])
+@pytest.mark.parametrize("is_ascii", [False, True])
+def test_faces_of_collated_files(run: Path, groups: dict[str, str], is_ascii: bool) -> None:
+    head = b"FoamFile { version 2.0; format binary; class decomposedBlockData; object faceProcAddressing; }\n"
+    for group, numbers in groups.items():
+        blocks = []
+        for rank, number in enumerate(numbers):
+            path = run / f"processor{number}" / ADDRESSING
+            labels: Any = FoamFile(path)[None]
+            text = f"{LABELS}{len(labels)}({' '.join(map(str, labels))})"
+            block = text.encode() if is_ascii else path.read_bytes()
+            # The first one alone has a header.
+            block = block[block.index(b"}") + 1 :] if rank else block
+            blocks.append(b"\n// Processor%d\n\n%d\n(%b)\n" % (rank, len(block), block))
+            shutil.rmtree(run / f"processor{number}")
+        (run / group / ADDRESSING).parent.mkdir(parents=True)
+        (run / group / ADDRESSING).write_bytes(head + b"".join(blocks))
+    np.testing.assert_array_equal(faces_of(run), original("parallel"))
+    path = run / next(iter(groups)) / ADDRESSING
+    path.write_bytes(path.read_bytes()[:-10])
+    with pytest.raises(ImpactsError, match="faceProcAddressing: is no whole file of several processors"):
+        faces_of(run)
 
 
 def test_one_patch_leaves_the_rows_of_others_out() -> None:

@@ -165,6 +165,9 @@ def test_openfoam_says_what_it_injected(tmp_path: Path) -> None:
     models = "injectionModel { sand { massInjected 3e-5; nInjections 4; } more { massInjected 1e-5; } }"
     stored.write_text("FoamFile { version 2.0; format ascii; class dictionary; object x; }\n" + models)
     assert erosion.read_impacts(run).injected == pytest.approx(4e-5)
+    # Each processor writes what all injected.
+    shutil.move(run / "0.02", run / "processor0" / "0.02")
+    assert erosion.read_impacts(run).injected == pytest.approx(4e-5)
     control = run / "system" / "controlDict"
     control.write_text(control.read_text().replace("startTime 0", "startTime 0.001"))
     assert erosion.read_impacts(run).injected is None

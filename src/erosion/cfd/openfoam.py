@@ -19,6 +19,9 @@ from erosion.extras import library
 
 _MESH = Path("constant") / "polyMesh"
 _ADDRESSING = "faceProcAddressing"
+# "processor3"; with collated files "processors8", or "processors8_4-7" of some of them.
+_PROCESSOR = re.compile(r"processor(?:(\d+)|s\d+(?:_(\d+)-\d+)?)")
+_BLOCK = re.compile(rb"// Processor\d+\s+(\d+)\s*\(")
 
 
 class Patch(NamedTuple):
@@ -92,17 +95,23 @@ class Mesh:
     def processors(self) -> dict[int, np.ndarray]:
         """The number of each face of a processor's part in the whole mesh, by processor; empty for a serial case.
 
+        Each processor has a folder, or files of several are collated.
+
         Raises:
             ImpactsError: where a file cannot be read, or holds what is no number of a face.
         """
+        files = dict[int, tuple[Path, Any]]()
+        for folder in self.case.glob("processor*"):
+            path, named = folder / _MESH / _ADDRESSING, _PROCESSOR.fullmatch(folder.name)
+            if named and _present(path):
+                contents = [_content(path)] if named[1] else _collated(path)
+                files |= {int(named[1] or named[2] or 0) + i: (path, content) for i, content in enumerate(contents)}
         addressing = {}
-        for folder in self.case.glob("processor[0-9]*"):
-            number, path = folder.name.removeprefix("processor"), folder / _MESH / _ADDRESSING
-            if number.isdecimal() and _present(path):
-                # The numbers start at 1; a negative one says that the face is turned round.
-                addressing[int(number)] = np.abs(_labels(path, _content(path))) - 1
-                if (addressing[int(number)] < 0).any():
-                    raise ImpactsError(f"{path}: numbers faces from 1, but has a 0.")
+        for number, (path, content) in files.items():
+            # The numbers start at 1; a negative one says that the face is turned round.
+            addressing[number] = np.abs(_labels(path, content)) - 1
+            if (addressing[number] < 0).any():
+                raise ImpactsError(f"{path}: numbers faces from 1, but has a 0.")
         return addressing
 
     @property
@@ -231,6 +240,30 @@ def _require_closed(stored: Path) -> None:
         counts = content.count(opened.encode()), content.count(closed.encode())
         if counts[0] != counts[1]:
             raise ValueError(f"it has {counts[0]:,} {opened} and {counts[1]:,} {closed}, as a file that was cut off")
+
+
+def _collated(path: Path) -> list[Any]:
+    """What a file of several processors holds for each of them.
+
+    Raises:
+        ImpactsError: where it ends early, or a block cannot be read.
+    """
+    stored = _stored(path)
+    with gzip.open(stored) if stored.suffix == ".gz" else stored.open("rb") as file:
+        content = file.read()
+    blocks, begin = list[bytes](), 0
+    while named := _BLOCK.search(content, begin):
+        begin = named.end() + int(named[1])
+        blocks.append(content[named.end() : begin])
+    # The first block alone says whether numbers are text.
+    head = re.match(rb".*?FoamFile\s*\{.*?\}", blocks[0], re.DOTALL) if blocks else None
+    if head is None or content[begin : begin + 1] != b")":
+        raise ImpactsError(f"{path}: is no whole file of several processors.")
+    try:
+        loads = library("foamlib", "cfd").FoamFile.loads
+        return [loads(block if i == 0 else head[0] + block) for i, block in enumerate(blocks)]
+    except ValueError as error:
+        raise ImpactsError(f"{path}: has a block that cannot be read as OpenFOAM's.") from error
 
 
 def _content(path: Path) -> Any:

@@ -348,9 +348,11 @@ def _injected(case: Path, tables: Sequence[Table]) -> float | None:
         return None
     last = max(tables, key=lambda table: float(table.window or 0))
     cloud, end = _function_object(last.path).parent.name, last.window
-    stored = dictionary(case / end / "uniform" / "lagrangian" / cloud / f"{cloud}OutputProperties") if end else None
-    if masses := list(_entries(stored, "massInjected")):
-        return sum(masses) or None
+    state = Path(end) / "uniform" / "lagrangian" / cloud / f"{cloud}OutputProperties"
+    # Each processor has the mass that all have injected.
+    for folder in (case, case / "processor0") if end else ():
+        if masses := list(_entries(dictionary(folder / state), "massInjected")):
+            return sum(masses) or None
     content = dictionary(case / "constant" / f"{cloud}Properties")
     models = _entry(content, "subModels", "injectionModels")
     # What is injected at a constant rate, or all of it by now.

@@ -30,7 +30,8 @@ for name in serial parallel; do
     rm -rf "$target/$name"
     for path in system/controlDict constant/kinematicCloudProperties \
         constant/polyMesh/boundary* constant/polyMesh/faces* constant/polyMesh/points* \
-        processor*/constant/polyMesh/faceProcAddressing* 0.02/kinematicCloudQ* postProcessing; do
+        processor*/constant/polyMesh/faceProcAddressing* processor*/constant/polyMesh/boundary \
+        processor*/0.02/kinematicCloudQ* 0.02/kinematicCloudQ* postProcessing; do
         if [ -e "$path" ]; then
             mkdir -p "$target/$name/$(dirname "$path")"
             cp -r "$path" "$target/$name/$path"
