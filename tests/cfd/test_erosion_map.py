@@ -327,6 +327,16 @@ def test_the_summary_reads_well(wear: xr.Dataset) -> None:
     assert numbers["units"]["total_volume"] == "m^3"
 
 
+def test_the_constants_of_a_model_are_told() -> None:
+    varied = erosion_map("rotating-deformation", P, TABLE, SURFACE, k=Normal(2.0, 0.1))
+    for words in ("ψ = 0.04, σ = 1.379 GPa", "energy_ratio = ", "k = normal(2, 0.1)"):
+        assert words in varied.attrs["constants"]
+    for name in erosion.CORRELATIONS:
+        said = erosion_map(name, P, TABLE, SURFACE).attrs["constants"]
+        assert "E = " in said
+        assert "{" not in said
+
+
 def test_progress_tells_the_rows() -> None:
     calls: list[tuple[str, int, int]] = []
     erosion_map("linearized", P, TABLE, SURFACE, progress=lambda *call: calls.append(call))

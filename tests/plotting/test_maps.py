@@ -97,7 +97,9 @@ def test_a_page_has_the_worst_faces_the_totals_and_the_warnings(tmp_path: Path) 
     assert page.index("⚠ ") < page.index("<img")
     assert "Argument" not in page
     source = CORRELATIONS["dnv"].source[:20]
-    for words in (source, "0.00115741 kg/s", "kg/day", "mass per year", "Read: 400 rows", "has not worn", "dnv"):
+    constants = "K = 2e-09 (m/s)⁻ⁿ, n = 2.6", "density = 7800 kg/m^3"
+    amounts = "0.00115741 kg/s", "kg/day", "mass per year", "Read: 400 rows"
+    for words in (source, *constants, *amounts, "has not worn", "dnv"):
         assert words in page
     sheet = write_map_page(wear, tmp_path / "a.pdf").read_bytes()
     assert sheet.startswith(b"%PDF")

@@ -165,6 +165,7 @@ class MapJob:
             surface="" if surface is None else surface.title,
             surface_unit="" if surface is None else surface.unit or "taken in m",
             options=options.in_words(),
+            constants=options.constants_in_words(task.model),
             far_rows=nearness.far_in_words(),
             duration_from=sand.duration_from,
             injected_from=sand.injected_from,

@@ -28,10 +28,11 @@ from erosion.parameters.quantities import (
     System,
     conversion_factor,
     quantity_row,
+    readable_scale,
     table_scale,
 )
 
-_NOISY, _MANY = 0.05, 10  # standard error of the worst face, and faces beside it, from which chance is told
+_BY_CHANCE, _MANY = 0.05, 10  # excess of the worst face, and faces beside it, from which chance is told
 _ROUGH = 0.3  # of a depth: such an error is that of a few rows, and not normal
 _NO_LENGTH = 9  # decimals of a metre that a distance is told to
 
@@ -91,6 +92,14 @@ _FLOW, _TIME = Quantity("Ṁ", "sand that comes", "mass flow"), Quantity("t", "d
 
 _COLUMNS = sorted(FACES, key=lambda name: name != "depth")
 """The order of the columns in files: the depth first."""
+
+
+def total_scale(name: str, units: System, total: float) -> Scale:
+    """The unit in which a total volume or mass reads well: "mg", "g/year"."""
+    if not FACES[name].fixed:
+        return readable_scale(FACES[name].dimension, units, total)
+    mass = readable_scale("mass", "si", total)
+    return Scale(mass.size, f"{mass.unit}/year")
 
 
 class Sand(NamedTuple):
@@ -322,7 +331,7 @@ class MapSummary(Result):
                 rows.append(Row(name, "", share, "%", f"of V and E: {FACES[name].meaning}"))
         for i, patch in enumerate(data["patch"].values if data.sizes["patch"] > 1 else ()):
             rows.append(next(self._totals("patch", f" {patch}", (i,))))
-        for name in ("depth", "depth_per_year"):
+        for name in ("depth_per_year",) if self._is_a_year else ("depth", "depth_per_year"):
             if name in data:
                 face, greatest, scale = self._greatest(name)
                 error = greatest * float(data["relative_error"][face]) if greatest else 0.0
@@ -343,6 +352,11 @@ class MapSummary(Result):
                 shown = f"{metres / length.size:.6g}"
                 rows.append(Row(meaning, "", shown, length.unit, "of rows that name no face, from the nearest"))
         return [row._replace(name=row.name.replace("_", " ")) for row in rows]
+
+    @property
+    def _is_a_year(self) -> bool:
+        """Whether the wear of a year is told alone: the impacts then stand for some seconds of a plant's sand."""
+        return "sand_rate" in self.dataset and "total_mass_per_year" in self.dataset
 
     def _greatest(self, name: str) -> tuple[int, float, Scale]:
         """The face with the greatest depth, this depth, and its unit, a micrometre at least."""
@@ -365,11 +379,9 @@ class MapSummary(Result):
         depth, face = data["depth"].values, int(np.argmax(data["depth"].values))
         error = float(data["sampling_error" if "sampling_error" in data else "relative_error"][face])
         rivals = int((depth >= depth[face] / 2).sum())
-        if not (error > _NOISY and rivals >= _MANY):
-            return None
         # The expected greatest of so many standard normal numbers (Blom 1958).
         above = statistics.NormalDist().inv_cdf((rivals - 0.375) / (rivals + 0.25))
-        return above * error, rivals, error
+        return (above * error, rivals, error) if above * error > _BY_CHANCE and rivals >= _MANY else None
 
     def _totals(self, prefix: str, suffix: str = "", index: tuple[int, ...] = ()) -> Iterator[Row]:
         """Volume, mass, erodent and erosion of everything, or of a patch."""
@@ -384,14 +396,14 @@ class MapSummary(Result):
             a_day = float(self.dataset["sand_rate"]) * 86400 * conversion_factor("mass flow", self.units, "si")
             yield Row("sand_rate", _FLOW.symbol, f"{a_day:.6g}", "kg/day", _FLOW.meaning)
         for name in ("volume", "mass", "mass_per_year", "erodent", "injected_ratio", "erosion", "erosion_ratio"):
-            if f"{prefix}_{name}" not in self.dataset:
+            if f"{prefix}_{name}" not in self.dataset or (name in ("volume", "mass") and self._is_a_year):
                 continue
             value = float(self.dataset[f"{prefix}_{name}"].values[index])
             row = quantity_row(f"{name}{suffix}", FACES[name], value, self.units)
             row = row._replace(unit=FACES[name].fixed or row.unit)
-            if name in ("volume", "mass"):
+            if name in ("volume", "mass", "mass_per_year"):
                 # Patches are in the unit of the whole.
-                scale = table_scale(FACES[name].dimension, self.units, float(self.dataset[f"total_{name}"]))
+                scale = total_scale(name, self.units, float(self.dataset[f"total_{name}"]))
                 shown = with_error(value, value * error if value else 0.0, scale.size)
                 row = row._replace(value=shown, unit=scale.unit)
             if prefix == "total" and name in ("erosion", "erosion_ratio") and self._far and self._far.is_beyond:

@@ -16,11 +16,19 @@ from erosion.cfd.rows import ImpactsError
 from erosion.distributions import Distribution, as_law, as_laws
 from erosion.joint_laws import SHARE, LawSet, require_units
 from erosion.models.base import CuttingModel
-from erosion.models.correlated import CorrelatedBySize
-from erosion.models.own_parameters import quantities, ranges, with_values
+from erosion.models.correlated import Correlated, CorrelatedBySize
+from erosion.models.own_parameters import own_in_words, quantities, ranges, with_values
 from erosion.output.tables import briefly
 from erosion.parameters.parameters import Parameters, validate
-from erosion.parameters.quantities import Dimension, UnitError, about, conversion_factor, has_unit, read_quantity
+from erosion.parameters.quantities import (
+    QUANTITIES,
+    Dimension,
+    UnitError,
+    about,
+    conversion_factor,
+    has_unit,
+    read_quantity,
+)
 
 SCALINGS = ("similar", "none")
 SPINS = ("column", "case", "none")
@@ -28,6 +36,7 @@ ROWS = "rows"
 """The mass of sand injected, where each row is another parcel."""
 OF_ROWS = ("alpha", "v0", "m")
 """The parameters that each row has of its own."""
+OF_CASE = ("k", "psi", "sigma", "r", "b", "inertia", "phidot0")
 FRACTION = "cutting_fraction"
 """The share of the particles that cut, a factor of the volume; it may be uncertain as parameters of an impact may."""
 
@@ -191,6 +200,18 @@ class MapOptions:
             + law.in_words(known[name].dimension if name in known else "1", self.p.units)
             for name, law in self.all_laws.items()
         }
+
+    def constants_in_words(self, model: CuttingModel) -> str:
+        """What the model takes as known: the formula of a correlation, else the case, and own parameters; and laws."""
+        formula = model.formula if isinstance(model, Correlated) else ""
+        own = own_in_words(model, self.all_laws, self.p.units)
+        values = (
+            {} if formula else {name: float(getattr(self.p, name)) for name in OF_CASE if name not in self.all_laws}
+        )
+        case = [f"{QUANTITIES[name].symbol} = {QUANTITIES[name].in_words(value, self.p.units)}"
+                for name, value in values.items() if value]  # fmt: skip
+        laws = [f"{name} = {law}" for name, law in self.laws_in_words(model).items()]
+        return "; ".join(filter(None, [formula, ", ".join([*case, *filter(None, [own]), *laws])]))
 
     def common(self, model: CuttingModel) -> dict[str, np.ndarray]:
         """The uncertain parameters, the same for all rows; each of shape (draws, 1).

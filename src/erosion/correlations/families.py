@@ -354,7 +354,7 @@ def _dnv(alpha: Values, v0: Values, target: DNVMaterial, edition: int) -> Array:
     return target.coefficient * jnp.asarray(v0, float) ** target.exponent * angle
 
 
-_ECRC = 2.17e-7  # C [(m/s)⁻ⁿ], for Brinell hardness; COMSOL 6.2, Particle Tracing Module, node Erosion
+ECRC = 2.17e-7  # C [(m/s)⁻ⁿ], for Brinell hardness; COMSOL 6.2, Particle Tracing Module, node Erosion
 _HARDNESS_EXPONENT = -0.59  # of the Brinell hardness [-], Zhang 2007
 _ECRC_EXPONENT = 2.41  # n [-], the same
 _ECRC_ANGLES = (5.40, 10.11, 10.93, 6.33, 1.42)  # A_i [rad⁻ⁱ], Zhang 2007
@@ -402,7 +402,7 @@ def ecrc(
     """
     factor = sharpness_factor(sharpness)
     warn_outside("E/CRC", ANGLES_ALONE, alpha=alpha, v0=v0)
-    ratio = _hardness_law(alpha, v0, brinell, factor, (_ECRC, _ECRC_EXPONENT, ecrc_angle))
+    ratio = _hardness_law(alpha, v0, brinell, factor, (ECRC, _ECRC_EXPONENT, ecrc_angle))
     return in_units(ratio, units, density, mass)
 
 
@@ -446,7 +446,7 @@ class AngleConstants:
 # Nektar++ has another F, 22.7α - 38.4α² at first, for the same A and n: a third greater at 10°, three times at 90°.
 EDWARDS = AngleConstants(0.2617993877991494, -33.4, 17.9, 1.0, 1.239, -1.192, 2.167)
 
-_MCLAURY = 1.559e-6  # A [(m/s)⁻ⁿ], for Brinell hardness; Nektar++ (a copy of it), ProcessWear.cpp, TulsaAnsys
+MCLAURY = 1.559e-6  # A [(m/s)⁻ⁿ], for Brinell hardness; Nektar++ (a copy of it), ProcessWear.cpp, TulsaAnsys
 _MCLAURY_EXPONENT = 1.73  # n [-], Edwards et al. 2000; Autodesk CFD 2023
 
 
@@ -485,7 +485,7 @@ def mclaury(
     """
     factor = sharpness_factor(sharpness)
     warn_outside("McLaury", ANGLES_ALONE, alpha=alpha, v0=v0)
-    ratio = _hardness_law(alpha, v0, brinell, factor, (_MCLAURY, _MCLAURY_EXPONENT, mclaury_angle))
+    ratio = _hardness_law(alpha, v0, brinell, factor, (MCLAURY, _MCLAURY_EXPONENT, mclaury_angle))
     return in_units(ratio, units, density, mass)
 
 

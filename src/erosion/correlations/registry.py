@@ -1,9 +1,10 @@
 """The correlations by name."""
 
+import dataclasses
 import functools
+import inspect
 import types
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 
 import jax
 import numpy as np
@@ -27,7 +28,7 @@ SHAPES: Mapping[str, str] = types.MappingProxyType(
 """The shape of a grain as E/CRC names it, by the shape of a particle; `SHARPNESS` has the factors."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class OkaParticle:
     """Constants of an abrasive: E₉₀ = K W^-k₁ (v₀/v')^k₂ (D/D')^k₃, where W is the target's.
 
@@ -74,7 +75,7 @@ def oka_normal(particle: str, v0: float, diameter: float, material: str) -> floa
     return abrasive.coefficient * 1e-9 * wear**abrasive.wear_exponent * speed * size
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Correlation:
     """A named correlation: its shape F(α) over the angle, and the erosion E(α, v₀) with all factors.
 
@@ -87,6 +88,7 @@ class Correlation:
         ranges: what it is made for, by argument, as far as that is known here.
         valid_for: the erodent and target behind it.
         source: where it is published.
+        formula: E and its constants in words, those of a target as "{exponent}".
         materials: the targets by name, for a correlation with a table of them.
     """
 
@@ -98,9 +100,10 @@ class Correlation:
     ranges: Mapping[str, Range]
     valid_for: str
     source: str
+    formula: str
     materials: Mapping[
         str, families.DNVMaterial | families.FinnieMaterial | families.OkaMaterial | families.ArabnejadMaterial
-    ] = field(default_factory=dict)
+    ] = dataclasses.field(default_factory=dict)
 
     def __call__(self, alpha: Values) -> Array:
         """F at the angle(s) α [rad]."""
@@ -127,11 +130,20 @@ class Correlation:
         """F at `alpha_max`."""
         return float(self(self.alpha_max))
 
+    def in_words(self, material: str | None = None) -> str:
+        """E with its constants: "E = K v₀ⁿ F(α), K = 2e-09 (m/s)⁻ⁿ, n = 2.6"; of a target, or the usual one."""
+        if not self.materials:
+            return self.formula
+        usual = inspect.signature(self.erosion).parameters["material"].default
+        return self.formula.format(**dataclasses.asdict(self.materials[material or usual]))
+
     def normalised(self, alpha: Values) -> Array:
         """F(α)/F(α_max), to lay curves of any scale over each other."""
         return self(alpha) / self.peak
 
 
+_DNV = "E = K v₀ⁿ F(α), K = {coefficient:g} (m/s)⁻ⁿ, n = {exponent:g}"
+_HARDNESS = f"E = C BH^-0.59 F_s v₀^{{n:g}} F(α), C = {{c:g}}, BH = {families.BRINELL_CARBON_STEEL:g} kgf/mm²"
 _DNV_STEEL = families.DNV_MATERIALS["carbon-steel"].density
 
 CORRELATIONS: Mapping[str, Correlation] = types.MappingProxyType(
@@ -141,32 +153,40 @@ CORRELATIONS: Mapping[str, Correlation] = types.MappingProxyType(
             Correlation("finnie-cfd", "Finnie (CFD, K = 2)", families.finnie_angle, families.finnie,
                         families.FINNIE_MATERIALS["steel"].density, ANGLES_ALONE,
                         "ductile targets; predicts no erosion at 90°, where tests find some",
-                        "I. Finnie, Wear 3 (1960) 87-103, as in OpenFOAM's ParticleErosion", families.FINNIE_MATERIALS),
+                        "I. Finnie, Wear 3 (1960) 87-103, as in OpenFOAM's ParticleErosion",
+                        "E = c ρ v₀²/(p ψ K) F(α), c = {fraction:g}, "
+                        f"ψ = {families.CONTACT_RATIO:g}, K = {families.FORCE_RATIO:g}", families.FINNIE_MATERIALS),
             Correlation("dnv", "DNV RP-O501 (2015)", families.dnv_2015, families.dnv, _DNV_STEEL, families.DNV_RANGES,
                         "sand on ductile steels and alloys, pipe flow",
-                        "DNVGL-RP-O501, Managing sand production and erosion, 2015", families.DNV_MATERIALS),
+                        "DNVGL-RP-O501, Managing sand production and erosion, 2015", _DNV, families.DNV_MATERIALS),
             Correlation("dnv-polynomial", "DNV RP-O501 (before 2015)", families.dnv_polynomial,
                         functools.partial(families.dnv, edition=2007), _DNV_STEEL, families.DNV_RANGES,
                         "sand on ductile steels and alloys, pipe flow",
-                        "DNV RP O501, Erosive wear in piping systems, revision 4.2, 2007", families.DNV_MATERIALS),
+                        "DNV RP O501, Erosive wear in piping systems, revision 4.2, 2007", _DNV,
+                        families.DNV_MATERIALS),
             Correlation("ecrc", "E/CRC (Zhang 2007)", families.ecrc_angle, families.ecrc, families.STEEL_DENSITY,
                         ANGLES_ALONE,
                         "sand on carbon steel and nickel alloy",
                         "Y. Zhang, E. P. Reuterfors, B. S. McLaury, S. A. Shirazi, E. F. Rybicki, "
-                        "Wear 263 (2007) 330-338"),
+                        "Wear 263 (2007) 330-338", _HARDNESS.format(n=2.41, c=families.ECRC)),
             Correlation("oka", "Oka (SiO₂, Hv = 1.8 GPa)", families.oka_angle, families.oka,
                         families.OKA_MATERIALS["steel"].density, families.OKA_RANGES,
                         "angular sand on metals; the exponents are those of SiO₂",
-                        "Y. I. Oka, K. Okamura, T. Yoshida, Wear 259 (2005) 95-101", families.OKA_MATERIALS),
+                        "Y. I. Oka, K. Okamura, T. Yoshida, Wear 259 (2005) 95-101",
+                        "E = E₉₀ (v₀/v')^k₂ (D/D')^k₃ g(α), E₉₀ = {normal_erosion:g} m³/kg, Hv = {hardness:g} GPa, "
+                        f"v' = {families.REFERENCE_SPEED:g} m/s, D' = {families.REFERENCE_DIAMETER * 1e6:g} µm, "
+                        f"k₃ = {families.DIAMETER_EXPONENT:g}", families.OKA_MATERIALS),
             Correlation("mclaury", "McLaury (Edwards 2000)", families.mclaury_angle, families.mclaury,
                         families.STEEL_DENSITY, ANGLES_ALONE,
                         "sand on carbon steel",
-                        "J. K. Edwards, B. S. McLaury, S. A. Shirazi, ASME FEDSM 2000, 959-966"),
+                        "J. K. Edwards, B. S. McLaury, S. A. Shirazi, ASME FEDSM 2000, 959-966",
+                        _HARDNESS.format(n=1.73, c=families.MCLAURY)),
             Correlation("arabnejad", "Arabnejad, cutting (K = 0.4)", families.arabnejad_cutting, families.arabnejad,
                         families.ARABNEJAD_MATERIALS["carbon-steel-4130"].density, families.ARABNEJAD_RANGES,
                         "150 µm sand on steels; F is the cutting term alone, E has deformation too",
                         "H. Arabnejad, A. Mansouri, S. A. Shirazi, B. S. McLaury, Wear 332-333 (2015) 1044-1050",
-                        families.ARABNEJAD_MATERIALS),
+                        "E = F_s [C₁ v₀^2.41 f(α) + C₂ (v₀ sin α - U)₊²/2], C₁ = {cutting:g}, C₂ = {deformation:g}, "
+                        "K of f = {force_ratio:g}, U = {threshold:g} m/s", families.ARABNEJAD_MATERIALS),
         )
     }
 )  # fmt: skip

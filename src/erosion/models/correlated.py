@@ -49,6 +49,12 @@ class Correlated(CuttingModel):
         """The name that `load_model` knows it by: "dnv", "dnv:duplex"."""
         return self.name if self.material is None else f"{self.name}:{self.material}"
 
+    @property
+    def formula(self) -> str:
+        """E with its constants and its source, in words; density and others of `own_parameters` are not in it."""
+        known = CORRELATIONS[self.name]
+        return f"{known.in_words(self.material)}; {known.source}"
+
     def _factors(self, p: Parameters) -> dict[str, object]:
         """The correlation's further arguments."""
         return {} if self.material is None else {"material": self.material}

@@ -458,7 +458,7 @@ class Quantity:
 
     def in_words(self, value: float, units: System, digits: int = 4) -> str:
         """A number of it with the unit in which it reads well: "30 m/s", "40°", "110.2·10⁻⁶ lb"."""
-        scale = table_scale(self.dimension, units, abs(value))
+        scale = Scale(1.0, self.fixed) if self.fixed else table_scale(self.dimension, units, abs(value))
         return scale.beside(f"{value / scale.size:.{digits}g}")
 
     def attributes(self, units: System) -> dict[str, str]:

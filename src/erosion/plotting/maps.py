@@ -23,8 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogFormatter, PercentFormatter
 
-from erosion.cfd.map_result import FACES, PAGES, MapSummary, require_map_path, to_polydata
-from erosion.correlations import CORRELATIONS
+from erosion.cfd.map_result import FACES, PAGES, MapSummary, require_map_path, to_polydata, total_scale
 from erosion.extras import library
 from erosion.output.files import write_whole
 from erosion.output.tables import briefly, to_html, with_error
@@ -322,7 +321,7 @@ def _title(wear: xr.Dataset, meaning: str) -> str:
     units, error = wear.attrs["unit_system"], float(wear["total_relative_error"])
     name = next(name for name in ("mass_per_year", "mass", "volume") if f"total_{name}" in wear)
     total = float(wear[f"total_{name}"])
-    scale = Scale(1.0, FACES[name].fixed) if FACES[name].fixed else table_scale(FACES[name].dimension, units, total)
+    scale = total_scale(name, units, total)
     by = "sampling and uncertain parameters" if "total_parameter_error" in wear else "sampling alone"
     amount = scale.beside(with_error(total, total * error, scale.size))
     return "\n".join([f"{meaning[0].upper()}{meaning[1:]}; {amount} in all (± by {by})", *described(wear)])
@@ -383,9 +382,7 @@ def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = No
     source = re.sub(r"\b(sand_rate = [^, ;]+)(?=[,;])", r"\1 kg/s", source)
     # A reader of the page knows no arguments.
     warnings = ["⚠ " + re.sub(r"(?:Argument )?`(\w+)`", r"“\1”", warning) for warning in summary.warnings]
-    notes = [wear.attrs["read_as"], _ASSUMED, source]
-    if known := CORRELATIONS.get(wear.attrs["model"].partition(":")[0]):
-        notes.append(f"{wear.attrs['model']}: {known.source}")
+    notes = [wear.attrs["read_as"], _ASSUMED, f"{wear.attrs['model']}: {wear.attrs['constants']}", source]
     if path.suffix == ".pdf":
         content = render(_sheet(wear, title, tables, (warnings, notes), {"quantity": quantity, **look}), "pdf")
     else:
