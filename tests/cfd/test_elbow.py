@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import erosion
+from erosion.cfd.doubts import Repeats
 from erosion.cfd.map_result import MapSummary
 from erosion.cfd.read import read_impacts, read_surface
 from erosion.cfd.surface import Surface
@@ -139,6 +140,12 @@ def row_17(name: str, factor: float) -> Callable[[Columns], Columns]:
     return lambda columns: columns | {name: np.where(np.arange(2000) == 17, factor, 1.0) * columns[name]}
 
 
+def with_digits(form: str) -> Callable[[Columns], Columns]:
+    return lambda columns: {
+        head: np.r_[v, [float(format(number, form)) for number in v]] for head, v in columns.items()
+    }
+
+
 # What is done to the table, and what is said of it; what no program can know is in the numbers that were read.
 TABLES: dict[str, tuple[Callable[[Columns], Columns], str]] = {
     "km/h": (times(3.6, "u", "v", "w"), "on average 72.03 m/s"),
@@ -168,6 +175,8 @@ TABLES: dict[str, tuple[Callable[[Columns], Columns], str]] = {
     "twice": (lambda columns: {head: np.tile(v, 2) for head, v in columns.items()}, "repeat another one"),
     "twice, once in single precision": (
         lambda columns: {head: np.r_[v, v.astype(np.float32)] for head, v in columns.items()}, "repeat another one"),
+    "twice, once with four digits": (with_digits(".4g"), "rows from 1 on are nearly those from 2,001 on"),
+    "twice, once with two decimals": (with_digits(".2f"), "rows from 1 on are nearly those from 2,001 on"),
     "half": (lambda columns: {head: v[:1000] for head, v in columns.items()}, "Read: 1,000 rows"),
     "shifted by 1 %": (lambda columns: columns | {"z [mm]": columns["z [mm]"] + 3.0}, "from their face"),
     "shifted by 10 %": (lambda columns: columns | {"x [mm]": columns["x [mm]"] + 30.0}, "is not where the impacts are"),
@@ -205,6 +214,58 @@ def test_no_wrong_text_is_read_without_a_sentence(tmp_path: Path, change: Callab
     is_right, said = answer(tmp_path / "a.csv")
     assert words in said
     assert is_right == (not words or "does not end" in words)
+
+
+def test_a_wrong_unit_of_both_is_said_where_no_part_has_the_size(tmp_path: Path) -> None:
+    for factor, words in ((1e3, "300 m across"), (1e-3, "0.0003 m across"), (1.0, "")):
+        (tmp_path / "a.csv").write_text(text(times(factor, "x", "y", "z")(CLEAN)))
+        surface = dataclasses.replace(COARSE, points=factor * COARSE.points)
+        is_right, said = answer(tmp_path / "a.csv", surface)
+        assert ("are both units right?" in said) == bool(words)
+        assert words in said
+        assert is_right == (not words)
+
+
+def test_angles_from_the_normal_are_asked_for(tmp_path: Path) -> None:
+    path, angle = tmp_path / "a.csv", np.linspace(5.0, 40.0, 100)
+    for angles, is_said in ((angle, False), (90 - angle, True)):
+        rows = "".join(f"{number},20,200,2650\n" for number in angles)
+        path.write_text(f"angle [deg],speed [m/s],diameter [um],density [kg/m^3]\n{rows}")
+        wear = erosion.erosion_map("dnv:carbon-steel", erosion.TABLE_1.to("si"), read_impacts(path))
+        assert ("measures from the normal, it is 22.5°" in wear.attrs["warnings"]) == is_said
+
+
+def innocent(kind: str) -> dict[str, np.ndarray]:
+    """Rows of a steady flow of equal grains, whose velocity follows from the place, none of them twice."""
+    rows, rng = 50_000, np.random.default_rng(0)
+    along, across = rng.random((2, rows))
+    if kind == "sorted":
+        along = np.sort(along)
+    if kind == "on a line":
+        along, across = np.linspace(0, 1, rows), np.zeros(rows)
+    if kind == "each period":
+        along, across = np.tile(along[:5000], 10), np.tile(across[:5000], 10)
+    names = "position_x", "position_y", "position_z", "velocity_x", "velocity_y", "diameter", "time", "parcel"
+    flow = along, across, along * across, 20 + along, across, np.full(rows, 2e-4)
+    return dict(zip(names, (*flow, np.arange(rows) // 5000 + 0.5, np.arange(rows)), strict=True))
+
+
+@pytest.mark.parametrize("kind", ["at random", "sorted", "on a line", "each period"])
+def test_rows_that_are_alike_are_not_called_twice(kind: str) -> None:
+    table, said = innocent(kind), {}
+    for copy in (
+        table,
+        {name: np.r_[v, v.round(4)] for name, v in table.items()},
+        {n: np.r_[v, v] for n, v in table.items()},
+    ):
+        repeats, length = Repeats(), len(copy["time"])
+        for begin in range(0, length, 12_345):
+            repeats.add({name: values[begin : begin + 12_345] for name, values in copy.items()})
+        said[len(said)] = " ".join(repeats.in_words())
+    assert not said[0]
+    # Rows on a line follow one another too closely to be told from their neighbours.
+    assert ("nearly those from 50,001 on" in said[1]) == (kind != "on a line")
+    assert "50,000 of 100,000 rows repeat another one" in said[2]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 1.0])

@@ -198,6 +198,24 @@ def test_a_limit_that_lets_far_rows_count_says_so() -> None:
     assert "400 of 400 rows lie up to 0.00991 m from their face, and are counted only because" in sentence
 
 
+@pytest.mark.parametrize(
+    ("move", "words"),
+    [
+        (lambda normal: [0, 0.0003, 0], "shifted by (0.00, 0.30, 0.00) mm"),
+        (lambda normal: [0, 0.0002, -0.0003], "shifted by (0.00, 0.20, -0.30) mm"),
+        # The centres of spheres, and what another mesh or a table rounds off.
+        (lambda normal: -2.5e-5 * normal, ""),
+        (lambda normal: np.random.default_rng(3).normal(0, 1e-4, (400, 1)) * normal, ""),
+        (lambda normal: np.random.default_rng(3).normal(0, 2e-4, (400, 3)), ""),
+    ],
+)
+def test_positions_beside_the_surface_are_said(move: Any, words: str) -> None:
+    normal = PARTS["pipe"].normal[np.arange(400) % PARTS["pipe"].faces]
+    table = TABLES["pipe"].replace(position=TABLES["pipe"].columns["position"] + move(normal))
+    _, sentences = wear(table, PARTS["pipe"])
+    assert [words in sentence for sentence in sentences if "shifted" in sentence] == [True] * bool(words)
+
+
 class TestRowsThatNameTheirFace:
     named = TABLES["hump"].replace(face=np.arange(400) % 48)
 

@@ -6,7 +6,6 @@ process portions follow one another, each on all cores; the workers of a Dask cl
 
 import dataclasses
 import functools
-import math
 import sys
 from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
@@ -16,10 +15,11 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import Progress, no_progress
+from erosion.cfd.doubts import Ranges
 from erosion.cfd.incidence import HIT, LEFT_OUT, RECEDING, Hits, Incidence, Nearness
 from erosion.cfd.map_result import Sand, to_dataset
 from erosion.cfd.options import FRACTION, ROWS, MapOptions
-from erosion.cfd.rows import ImpactBlock, Impacts, ImpactsError
+from erosion.cfd.rows import Impacts, ImpactsError
 from erosion.cfd.surface import Surface
 from erosion.cfd.tally import FaceTally, Portion, portion_of
 from erosion.correlations import CORRELATIONS
@@ -38,16 +38,10 @@ from erosion.ode.step_control import require_float64
 from erosion.output.files import digest
 from erosion.output.tables import briefly
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import Scale, conversion_factor, readable_scale
+from erosion.parameters.quantities import conversion_factor
 
 _PORTION = 2**18  # impacts, draws times rows: enough for all cores at once, a few tens of megabytes
-_FEW = 100  # impacts at random times, of which the first and the last are 2 % of the time off its ends, on average
-_GROWTH = 2.6  # of the wear with speed, as of metals in DNVGL-RP-O501 (2015), table 3-1
-_DOMINATES = 0.05  # share of the wear from which on one of many rows is named, if it has 30 times the mean, too
-_FINEST, _COARSEST = 1e-6, 5e-3  # diameters of grains [m]
-_SLOWEST, _FASTEST = 0.5, 300.0  # mean speeds at which sand wears [m/s]
 _LITTLE = 0.1  # of the sand injected: radii for diameters leave 1/8 of what hits, g under kg 1/1000
-_MORE, _THOUSANDS = 10, 1000  # rows from which velocities along an axis, and ones without signs, are named
 _WRONG_WAY = 0.9  # share of rows from behind that no table of real impacts reaches
 
 
@@ -154,9 +148,7 @@ class MapJob:
         if not tally.sums["impacts"].any():
             raise SimulationError(f"{model_name(task.model)}: of {tally.hits:,} impacts none could be computed.")
         sand = self._sand(tally, ranges)
-        read_as, doubts = ranges.in_words(table, tally)
-        if surface is not None:
-            read_as += f" The surface is {surface.length:.3g} m across."
+        read_as, doubts = ranges.in_words(table, tally, None if surface is None else surface.length)
         attributes = provenance(
             "a map",
             options.p,
@@ -188,7 +180,7 @@ class MapJob:
             'say: Argument `injected` must give it, such as "2 g", or "rows" if each row is another parcel.'
         )
 
-    def _sand(self, tally: FaceTally, ranges: "Ranges") -> Sand:
+    def _sand(self, tally: FaceTally, ranges: Ranges) -> Sand:
         """The mass of sand in the run, and the time that it is taken for."""
         options, table, parcels = self.task.options, self.impacts, tally.parcels
         duration, duration_from, warnings = ranges.duration_of(table, tally.rows)
@@ -267,7 +259,7 @@ class MapJob:
         limit, units = self.task.options.limit, self.task.options.p.units
         return None if limit is None else limit * conversion_factor("length", units, "si")
 
-    def _portions(self, nearness: Nearness, ranges: "Ranges") -> Iterator[Hits]:
+    def _portions(self, nearness: Nearness, ranges: Ranges) -> Iterator[Hits]:
         """All rows, noted by `nearness` and `ranges`, in portions of a fixed number, the last one of what is left."""
         options = self.task.options
         incidence = Incidence(self.surface, self.impacts.mesh_faces, options.restitution, self._limit)
@@ -362,108 +354,6 @@ class MapJob:
             reasons = zip(fates[1:], LEFT_OUT.values(), strict=True)
             words = ", and ".join(f"{count:,} {reason}" for count, reason in reasons if count)
             raise ImpactsError(f"{title}: of {tally.rows:,} rows none hits: {words}.")
-
-
-class Ranges:
-    """The least and the greatest numbers of the rows read so far: times of all rows, the rest of those that hit."""
-
-    def __init__(self) -> None:
-        self._ends = dict.fromkeys(("time", "diameter", "density", "speed", "alpha"), (math.inf, -math.inf))
-        self._most, self._place, self._all = 0.0, "", 0.0  # mass × speed^2.6 of a row, the row, and of all
-        self._weightless = 0
-        self._velocity, self._are_same = np.array([[math.inf], [-math.inf]]) * np.ones(3), True  # least, greatest
-
-    def add(self, block: ImpactBlock, hits: Hits) -> None:
-        """Take note of the rows of a block."""
-        struck, time = hits.fate == HIT, np.zeros(0) if block.time is None else np.asarray(block.time)
-        rows = {"time": time, **{name: getattr(hits, name)[struck] for name in ("diameter", "speed", "alpha")}}
-        with np.errstate(divide="ignore", over="ignore"):
-            rows["density"] = hits.mass[struck] / (math.pi / 6 * rows["diameter"] ** 3)
-        wear = np.where(struck, hits.count * hits.mass * hits.speed**_GROWTH, 0.0)
-        self._all += float(wear.sum())
-        if block.velocity is not None and block.rows:
-            velocity = np.asarray(block.velocity, float)
-            least, greatest = self._velocity
-            self._velocity = np.array([np.minimum(least, velocity.min(0)), np.maximum(greatest, velocity.max(0))])
-            self._are_same &= bool((velocity == velocity[:, :1]).all())
-        self._weightless += int((struck & (hits.count == 0)).sum())
-        if wear.max(initial=0.0) > self._most:
-            row = int(wear.argmax())
-            self._most, self._place = float(wear[row]), f"Row {block.first + row + 1:,} of {Path(block.source).name}"
-        for name, (least, greatest) in self._ends.items():
-            self._ends[name] = float(rows[name].min(initial=least)), float(rows[name].max(initial=greatest))
-
-    def in_words(self, table: Impacts, tally: FaceTally) -> tuple[str, list[str]]:
-        """How the table was understood, in its own units, and what no sand has of it."""
-        names = "diameter", "density", "speed", "alpha"
-        (fine, coarse), (light, dense), (slow, fast), (flat, steep) = (self._ends[name] for name in names)
-        total = {name: math.fsum(values) for name, values in tally.sums.items()}
-        of_particle = 1 / total["particles"] if total["particles"] else math.nan
-        speed, angle = total["speed"] * of_particle, math.degrees(total["angle"] * of_particle)
-        own_units = table.own_units or {}
-        length = own_units.get("length") or readable_scale("length", "si", coarse)
-        velocity, density = own_units.get("speed") or Scale(1.0, "m/s"), _range(light, dense, Scale(1.0, "kg/m³"))
-        read_as = (
-            f"Read: {tally.rows:,} rows, {table.read_as or 'in SI units'}. What hits is {total['particles']:,.6g} "
-            f"particles of {_range(fine, coarse, length)} and {density}, {total['erodent']:.4g} kg in all, at "
-            f"{_range(slow, fast, velocity)}, on average {speed / velocity.size:.4g} {velocity.unit}, and at "
-            f"{_range(flat, steep, Scale(math.pi / 180, '°'))} to the wall, on average {angle:.3g}°."
-        )
-        doubts = self._of_velocities(tally.rows)
-        if self._weightless:
-            doubts.append(f"{self._weightless:,} rows that hit have the weight 0, and count for nothing.")
-        if self._most > self._all * max(_DOMINATES, 30 / tally.hits):
-            share = f"about {100 * self._most / self._all:.0f} % of the wear"
-            doubts.append(f"{self._place} alone does {share}; are its weight, size and speed right?")
-        if fine < _FINEST or coarse > _COARSEST:
-            doubts.append(
-                f"Particles have diameters of {fine:.3g} to {coarse:.3g} m, as no sand has; is the unit right?"
-            )
-        if not _SLOWEST <= speed <= _FASTEST:
-            doubts.append(
-                f"The mean speed is {speed:.3g} m/s, at which no sand is blasted or carried; is the unit right?"
-            )
-        return read_as, doubts
-
-    def _of_velocities(self, rows: int) -> list[str]:
-        """That velocities may be speeds, or without their signs."""
-        least, greatest = self._velocity
-        if rows <= _MORE or not np.isfinite(least).all():
-            return []
-        if self._are_same:
-            said = "the three components of each velocity are the same number"
-        elif (least >= 0).all() and (greatest == 0).sum() == 2:
-            said = "two of the three components of the velocity are 0 in all rows"
-        # Streams oblique to all axes have no component near 0.
-        elif rows >= _THOUSANDS and (least >= 0).all() and (least < 0.01 * greatest).sum() >= 2:
-            said = f"none of the velocities of {rows:,} rows has a negative component"
-        else:
-            return []
-        return [f"{said[0].upper()}{said[1:]}; are these magnitudes, as speeds are?"]
-
-    def duration_of(self, table: Impacts, rows: int) -> tuple[float | None, str, list[str]]:
-        """The duration of a table [s], who says so, and what is doubtful in it."""
-        first, last = self._ends["time"]
-        span = last - first
-        doubts = list[str]()
-        if table.duration is None and not 0 < span < math.inf:
-            return None, "", []
-        if table.duration is None:
-            if rows < _FEW:
-                doubts.append(
-                    f"The time from the first to the last of {rows} impacts, {span:.3g} s, is less than that of "
-                    "the run: Argument `duration` gives it."
-                )
-            return span, "from the first impact to the last", doubts
-        if 0 < span < math.inf and table.duration_from == "as given" and not 0.99 < table.duration / span < 1.1:
-            doubts.append(f"`duration` is {table.duration:g} s, but the impacts are from {span:g} s.")
-        return table.duration, table.duration_from, doubts
-
-
-def _range(least: float, greatest: float, scale: Scale) -> str:
-    """Such as "30 to 42 m/s", or "30 m/s"."""
-    low, high = f"{least / scale.size:.4g}", f"{greatest / scale.size:.4g}"
-    return f"{low if low == high else f'{low} to {high}'} {scale.unit}".replace(" °", "°")
 
 
 def erosion_map(

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from erosion.cfd.doubts import Column, Noted
 from erosion.cfd.rows import (
     POSITION,
     VELOCITY,
-    Columns,
     ImpactBlock,
     Impacts,
     ImpactsError,
@@ -55,16 +55,10 @@ from erosion.parameters.headings import (
     read_heads,
     unused_note,
 )
-from erosion.parameters.materials import HEAVIEST
 from erosion.parameters.quantities import Scale, about
 
 _BLOCK = 1 << 22  # bytes of text, or 32 of a row of numbers, that are read at once
 _NUMBERED = 10  # rows whose weights are 1, 2, 3, …, from which on these are the numbers of the rows
-_SAME = 1.1  # ratio of densities of one solid
-_LIQUID = 1010.0  # kg/m³; the lightest grain of the package's table, walnut shell, has 1200
-_DISTINCT = 100  # rows of whole numbers of particles, of which hardly ever no two are the same
-_COMPARED = 1_000_000  # rows among which those that repeat others are looked for
-_REPEATED = 0.01  # share of rows above which they are said
 _PART = re.compile(r"\[\w+\]")
 """The line with which CFD-Post begins a part of a file."""
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -108,14 +102,6 @@ _KNOWN: Mapping[str, Known] = {
 }  # fmt: skip
 
 
-class Column(NamedTuple):
-    """A column of the file: number in the file × factor = number in SI units; `unit` as the file or the user has it."""
-
-    name: str
-    factor: float
-    unit: str = ""
-
-
 @dataclasses.dataclass(kw_only=True)
 class NamedImpacts(Impacts):
     """A CSV, Parquet or VTK file."""
@@ -132,7 +118,7 @@ class NamedImpacts(Impacts):
 
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
         """See `Impacts`; after the last block `warnings` has what is doubtful in its numbers."""
-        first, noted = 0, _Noted(self.columns)
+        first, noted = 0, Noted(self.columns)
         wanted = [column.name for column in self.columns.values()]
         for batch in _BATCHES[kind_of(self.path)](self.path, wanted):
             columns = dict[str, np.ndarray]()
@@ -235,89 +221,6 @@ def gives_density(path: Path, ignore: Sequence[str], meant: Mapping[str, str] | 
 
 def _gives_density(columns: Collection[str]) -> bool:
     return "density" in columns or {"mass", "diameter"} <= set(columns)
-
-
-class _Noted:
-    """What is doubtful in the numbers of a table, noted while its rows are read."""
-
-    def __init__(self, columns: Mapping[str, Column]) -> None:
-        self._columns = columns
-        self._density = math.inf, 0.0  # the least and the greatest [kg/m³]
-        self._contradictions, self._steepest, self._numbered = 0, 0.0, False
-        self._rows, self._particles, self._digests = 0, 0.0, list[np.ndarray]()
-
-    def add_rows(self, columns: Columns) -> None:
-        """Note what rows have in their columns."""
-        if not self._rows:
-            count = columns.get("count", np.zeros(0))
-            self._numbered = bool(
-                len(count) >= _DISTINCT and (np.floor(count) == count).all() and len(np.unique(count)) == len(count)
-            )
-        self._steepest = max(self._steepest, float(columns.get("angle", np.zeros(1)).max(initial=0.0)))
-        if POSITION[0] in columns and self._rows < _COMPARED:
-            digest = np.zeros(len(columns[POSITION[0]]), np.uint64)
-            for values in columns.values():
-                # To single precision, as another file of the same rows may have them.
-                with np.errstate(over="ignore"):
-                    bits = np.asarray(values, np.float32).view(np.uint32)
-                digest = (digest ^ bits) * np.uint64(0x9E3779B97F4A7C15)
-                digest ^= digest >> np.uint64(32)
-            self._digests.append(digest)
-        self._rows += len(next(iter(columns.values())))
-
-    def add_sizes(self, block: ImpactBlock, own: np.ndarray) -> None:
-        """Note particles, and their `own` densities where the table has them."""
-        self._particles += float(np.asarray(block.count).sum())
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            density = block.mass / (math.pi / 6 * block.diameter**3)
-            if len(own):
-                self._contradictions += int((np.abs(np.log(density / own)) > math.log(_SAME)).sum())
-        (low, high), known = self._density, density[np.isfinite(density) & (density > 0)]
-        self._density = float(known.min(initial=low)), float(known.max(initial=high))
-
-    def doubts(self, expected: float | None) -> Iterator[str]:
-        """Sentences; `expected` is the density of the particle that the user names [kg/m³]."""
-        low, high = self._density
-        between = f"{low:.4g} kg/m³" if high < _SAME * low else f"{low:.4g} to {high:.4g} kg/m³"
-        has = f"its particles have a density of {between},"
-        if high > HEAVIEST:
-            yield (
-                f"{has} more than any solid; if a mass is that of all particles of a row, its column must be named "
-                "`parcel_mass`."
-            )
-        elif expected is not None and (low * _SAME < expected or high > _SAME * expected):
-            yield f"{has} which counts, but the particle that is named has {expected:g} kg/m³."
-        elif low < _LIQUID:
-            yield f"{has} which a fluid has, but hardly a grain; is it the fluid's?"
-        elif high > _SAME * low:
-            yield f"{has} so they are of several solids, or a column is none of theirs."
-        if self._contradictions:
-            yield f"in {self._contradictions:,} rows the density is not that of mass and diameter, which count."
-        if self._numbered:
-            yield (
-                f"column {self._columns['count'].name!r} has another whole number in each row; are these numbers of "
-                "particles, or of rows?"
-            )
-        if (parcel := self._columns.get("parcel_mass")) and 0 < self._particles < self._rows:
-            yield (
-                f"column {parcel.name!r} makes {self._particles:.3g} particles of {self._rows:,} rows, so most are "
-                "less than one particle; are its unit and the diameter right?"
-            )
-        angle = self._columns.get("angle")
-        if (
-            angle is not None
-            and angle.factor < 1
-            and self._rows >= _NUMBERED
-            and self._steepest <= math.pi / 2 * angle.factor
-        ):
-            yield f"no angle is above {math.degrees(self._steepest):.3g}°; are they in radians?"
-        compared = np.concatenate([np.zeros(0, np.uint64), *self._digests])
-        repeated = len(compared) - len(np.unique(compared))
-        if repeated > _REPEATED * len(compared):
-            yield (
-                f"{repeated:,} of {len(compared):,} rows repeat another one, number for number; is a part of the run "
-                "in the table twice?"
-            )
 
 
 def is_named(path: Path) -> bool:

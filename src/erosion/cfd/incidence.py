@@ -260,6 +260,10 @@ def _dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 _OF_EXTENT = 0.01
 """Of the impacts' extent, the farthest that a surface of the right size may be off: its own width says nothing then."""
+_ENOUGH = 50  # rows from which on a shift is known
+_TURNED = 0.1  # singular value, over the greatest, below which normals are of one direction
+_OF_SHIFT = 0.001  # of the surface's length, and the scatter left over that before, from which on it is told
+_EXPLAINED = 0.5
 _NAMED = 3  # rows that are too far are named, the others counted
 _SAMPLE = 256  # rows that are compared with the surface in other sizes, at most
 _CLEAR = 0.25  # share of rows by which another size must fit better, so that the surface is refused
@@ -362,7 +366,33 @@ class Nearness:
             said.append(f"{surface.title} is taken in metres: it has no unit, and the rows have no positions.")
         if self._rows and (smaller := self._smaller()):
             said.append(self._spot(smaller))
+        if self._sample is not None and (shift := self._shift()) is not None:
+            millimetres = ", ".join(f"{part:.2f}" for part in (1e3 * shift).round(2) + 0.0)
+            said.append(
+                f"The positions lie as if they were shifted by ({millimetres}) mm from {self._surface.title}, so "
+                "wear may be on wrong faces; do both have the same origin?"
+            )
         return said
+
+    def _shift(self) -> np.ndarray | None:
+        """By how much all rows lie beside the surface, shape (3,) [m]; None where it is not more than other causes.
+
+        Rows of spheres lie half a diameter above their faces, which is the same for all of them and no shift.
+        """
+        sample = self._sample
+        assert sample is not None
+        sample = sample.part((sample.fate != TOO_FAR) & ~sample.named)
+        if sample.rows < _ENOUGH:
+            return None
+        normal = self._surface.normal[sample.face]
+        height = _dot(normal, sample.position - self._surface.centre[sample.face])
+        known = np.column_stack([normal, np.ones(sample.rows)])
+        # Directions in which normals hardly differ tell nothing.
+        fit = np.linalg.lstsq(known, height, rcond=_TURNED)[0]
+        left, shift = height - known @ fit, fit[:3]
+        grain, size = float(np.median(sample.diameter)), float(np.linalg.norm(shift))
+        has_shift = size > max(grain, _OF_SHIFT * self._surface.length) and left.std() < _EXPLAINED * height.std()
+        return shift if has_shift else None
 
     def _smaller(self) -> list[float]:
         """The factors of smaller surfaces on which the rows would lie as well, rising; none where it is sure."""
