@@ -8,6 +8,7 @@ import os
 import re
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -78,7 +79,10 @@ def run_blocks(
     def submit_next() -> None:
         block = next(blocks, None)
         if block is not None:
-            running.add(client.submit(task, *block, pure=False))
+            # Dask asks for smaller tasks above 10 MB; a portion of a map has 27.
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", "Sending large graph")
+                running.add(client.submit(task, *block, pure=False))
 
     try:
         for _ in range(_AHEAD * max(1, len(_threads(client)))):
