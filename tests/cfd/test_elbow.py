@@ -171,6 +171,7 @@ TABLES: dict[str, tuple[Callable[[Columns], Columns], str]] = {
     "infinite": (every_7th("count", np.inf), "row 1: column `count` must be finite"),
     "one weight": (row_17("count", 1e4), "Row 18 of a.csv alone does"),
     "one size": (row_17("diameter [um]", 10.0), "Row 18 of a.csv alone does"),
+    "one size on a face": (row_17("diameter [um]", 4.0), "one of them does most of its wear"),
     "rows of rows": (lambda columns: columns | {"count": np.arange(2000) + 1.0}, "counts the rows"),
     "twice": (lambda columns: {head: np.tile(v, 2) for head, v in columns.items()}, "repeat another one"),
     "twice, once in single precision": (

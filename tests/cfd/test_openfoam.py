@@ -309,6 +309,9 @@ def test_a_patch_that_is_not_there_is_refused_with_those_that_are(patch, message
 def test_a_folder_without_a_mesh_is_no_case(tmp_path):
     with pytest.raises(ImpactsError, match="is no OpenFOAM case, because it has no constant/polyMesh/boundary"):
         read_surface(tmp_path)
+    (tmp_path / "processor0" / "constant" / "polyMesh").mkdir(parents=True)
+    with pytest.raises(ImpactsError, match="`reconstructParMesh` joins them"):
+        read_surface(tmp_path)
 
 
 HEAD = "FoamFile {{ version 2.0; format ascii; class {}; object x; }}\n"

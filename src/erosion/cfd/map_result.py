@@ -33,6 +33,7 @@ from erosion.parameters.quantities import (
 )
 
 _BY_CHANCE, _MANY = 0.05, 10  # excess of the worst face, and faces beside it, from which chance is told
+_ALONE, _SOME = 0.7, 4  # standard error of a face of some rows, from which on one of them does most of its wear
 _ROUGH = 0.3  # of a depth: such an error is that of a few rows, and not normal
 _NO_LENGTH = 9  # decimals of a metre that a distance is told to
 
@@ -368,6 +369,18 @@ class MapSummary(Result):
         return face, float(values[face]), table_scale(wear.dimension, self.units, max(least, float(values[face])))
 
     @property
+    def _worst(self) -> int:
+        """The deepest face."""
+        return int(np.argmax(self.dataset["depth"].values))
+
+    @property
+    def _worst_error(self) -> float:
+        """Its relative standard error by the sample of impacts."""
+        return float(
+            self.dataset["sampling_error" if "sampling_error" in self.dataset else "relative_error"][self._worst]
+        )
+
+    @property
     def _chance(self) -> tuple[float, int, float] | None:
         """By what share the greatest depth is too large by chance if the faces with half of it or more wear alike.
 
@@ -376,9 +389,8 @@ class MapSummary(Result):
         data = self.dataset
         if "depth" not in data:
             return None
-        depth, face = data["depth"].values, int(np.argmax(data["depth"].values))
-        error = float(data["sampling_error" if "sampling_error" in data else "relative_error"][face])
-        rivals = int((depth >= depth[face] / 2).sum())
+        depth, error = data["depth"].values, self._worst_error
+        rivals = int((depth >= depth[self._worst] / 2).sum())
         # The expected greatest of so many standard normal numbers (Blom 1958).
         above = statistics.NormalDist().inv_cdf((rivals - 0.375) / (rivals + 0.25))
         return (above * error, rivals, error) if above * error > _BY_CHANCE and rivals >= _MANY else None
@@ -428,6 +440,11 @@ class MapSummary(Result):
             sentences.append(
                 f"The greatest of many faces lies above the true one by chance: {told}. More impacts or larger faces "
                 "lower this."
+            )
+        elif "depth" in data and self._worst_error > _ALONE and (rows := int(data["impacts"][self._worst])) >= _SOME:
+            sentences.append(
+                f"The deepest face, {self._worst:,}, has {rows:,} rows, but ± {100 * self._worst_error:.0f} %, as one "
+                "of them does most of its wear; are its weight, size and speed right?"
             )
         for name, count in zip(data["reason"].values, data["left_out"].values, strict=True):
             if count and name != "elsewhere":

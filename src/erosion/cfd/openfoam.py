@@ -174,7 +174,9 @@ def open_case(case: Path) -> Mesh:
         ImpactsError: where the folder holds no mesh.
     """
     if not _present(case / _MESH / "boundary"):
-        raise ImpactsError(f"{case}: is no OpenFOAM case, because it has no {_MESH / 'boundary'}.")
+        parts = any(case.glob(f"processor*/{_MESH}"))
+        joined = " Its mesh lies in the parts of the processors: `reconstructParMesh` joins them." * parts
+        raise ImpactsError(f"{case}: is no OpenFOAM case, because it has no {_MESH / 'boundary'}.{joined}")
     return Mesh(case)
 
 
