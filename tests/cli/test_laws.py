@@ -200,14 +200,17 @@ def test_draws_of_a_bad_fit_are_a_warning() -> None:
     draws = read_draws("post.nc", known, "si")
     model = erosion.load_model("linearized")
     assert draws.doubts(model, draws.p, 1.0) == []
+    assert draws.doubts(model, draws.p.replace(v0=50.0), 1.0) == ["post.nc: 50 m/s is 2 × the fastest test."]
+    assert draws.rows.tested["alpha"] == pytest.approx(np.deg2rad((10.0, 70.0)))
     with xr.open_datatree("post.nc") as tree:
-        tree["posterior"].attrs["converged"] = 0
+        tree["posterior"].attrs |= {"converged": 0, "warnings": '["The uncertainties do not explain the misfit."]'}
         tree["posterior"]["scale"] = tree["posterior"]["psi"]
         tree.to_netcdf("bad.nc", engine="h5netcdf")
     bad = read_draws("bad.nc", known, "si")
     assert bad.doubts(model, draws.p, 1.0) == [
         "bad.nc: the draws did not converge.",
         "bad.nc: the tests had units of their own, so the size of the wear is that of the case.",
+        "bad.nc: The uncertainties do not explain the misfit.",
     ]
     assert {*bad.rows} == {"psi"}
 

@@ -12,10 +12,10 @@ from erosion.fits.discrepancy import PRIORS, Discrepant, with_few_conditions
 from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
-from erosion.fits.posterior_files import read_predictor
+from erosion.fits.posterior_files import read_draws, read_predictor
 from erosion.fits.predicted import _end_of_weighing, predictions
 from erosion.fits.prediction import predictor_of
-from erosion.parameters.parameters import TABLE_1
+from erosion.parameters.parameters import QUANTITIES, TABLE_1
 
 ERROR = ErrorModel(1e-6, 0.05)
 V0 = float(TABLE_1.v0)
@@ -137,10 +137,16 @@ def test_a_row_is_as_far_off_as_it_is_from_its_repeats():
 
 @pytest.mark.slow
 def test_predictions_are_kept_in_the_file_of_draws(missed, tmp_path):
-    again = read_predictor(missed.save(tmp_path / "draws.nc"))
+    path = missed.save(tmp_path / "draws.nc")
+    again = read_predictor(path)
     asked = np.deg2rad([20.0, 70.0]), {"v0": np.array([V0, 1.5 * V0])}
     np.testing.assert_allclose(again.predict(*asked, noise=True), missed.predict(*asked, noise=True), rtol=1e-9)
     assert again.weights == missed.predictor.weights
+    draws = read_draws(path, QUANTITIES, TABLE_1.units)
+    assert draws.rows.tested == missed.rows_of_draws().tested == {name: pytest.approx(ends) for name, ends in {
+        "alpha": np.deg2rad((10.0, 85.0)), "v0": (0.6 * V0 * 0.0254, V0 * 0.0254), "m": 2 * (float(TABLE_1.to("si").m),)
+    }.items()}  # fmt: skip
+    assert draws.warnings == missed.warnings[len(missed.not_converged) :] != ()
 
 
 @pytest.mark.slow

@@ -210,9 +210,8 @@ def advise(
         advice = lazy.advise_case(
             p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress
         )
-        advice = dataclasses.replace(
-            advice, doubts=fit.doubts, weighed=fit.weighed if uncertain else None, job=job, other=other
-        )
+        weighed = advice.weighed or fit.weighed if uncertain else None
+        advice = dataclasses.replace(advice, doubts=fit.doubts, weighed=weighed, job=job, other=other)
     if output is not None:
         with user_errors():
             lazy.write_advice(advice, output, lang, decimal)

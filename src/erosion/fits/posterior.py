@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import json
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -23,7 +24,7 @@ from erosion.fits.likelihood import (
     sampled_quantities,
 )
 from erosion.fits.measurements import Measurements
-from erosion.fits.posterior_files import LINE, SOURCE, own_in_si, prediction_groups
+from erosion.fits.posterior_files import LINE, SOURCE, TESTED, WARNINGS, own_in_si, prediction_groups
 from erosion.fits.predicted import ANGLES, BestAngles, highest
 from erosion.fits.prediction import Noise, Predictor, make_predictor, of_model
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
@@ -243,7 +244,8 @@ class Posterior(Result):
         """
         names = [name for name in self.names if name not in (SCALE, *OF_ERROR)]
         columns = {name: self.samples[name].values for name in names}
-        return Rows(columns, f"the posterior of {self.data.source}", self.p.units)
+        tested = self.likelihood.forward.tested.ranges
+        return Rows(columns, f"the posterior of {self.data.source}", self.p.units, tested=tested)
 
     def derive(self, function: Callable[[CuttingModel, Parameters], Any], count: int = _SOME) -> Any:
         """A function of model and case at draws; it gets arrays of shape (count,): see `cases`."""
@@ -421,6 +423,9 @@ class Posterior(Result):
             "log_evidence": self.log_evidence,
             "log_evidence_error": self.log_evidence_error,
             "converged": int(self.converged),
+            TESTED: json.dumps(self.likelihood.forward.tested.ranges),
+            # Whether the draws are good is said by the one who reads them.
+            WARNINGS: json.dumps(self.warnings[len(self.not_converged) :]),
             **{f"prior_{name}": self.prior_in_words(name) for name in self.names},
         }
         return xr.DataTree.from_dict({

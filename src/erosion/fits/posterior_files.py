@@ -5,6 +5,7 @@ import functools
 import json
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -21,7 +22,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import converted, own_in_words, own_parameters
 from erosion.output.files import beside, require_finite
 from erosion.output.tables import sentences
-from erosion.parameters.case_files import parse_case, with_paths
+from erosion.parameters.case_files import Tested, parse_case, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import QUANTITIES, Quantity, System, check_system, conversion_factor
 
@@ -30,6 +31,8 @@ LINE = "line"
 """The variable with each row's line of the file of data."""
 SOURCE = "model_source"
 """The attribute with what loads the model again: its name, or its file, whose path begins at the draws."""
+TESTED, WARNINGS = "tested", "warnings"
+"""The attributes with the ranges of the tests, as `Tested` has them, and what is doubtful in the fit; in JSON."""
 _OF_METAL = ("k", "psi", "sigma")  # those that a case must share with the data
 
 
@@ -46,6 +49,7 @@ class Draws:
         cutting_fraction: the share of the particles that cut that the fit assumed, or None where it was sampled.
         has_scale: whether the measurements were in units of their own.
         converged: whether the draws are good.
+        warnings: what else was doubtful in the fit.
     """
 
     rows: Rows
@@ -56,9 +60,10 @@ class Draws:
     cutting_fraction: float | None
     has_scale: bool
     converged: bool
+    warnings: tuple[str, ...] = ()
 
     def doubts(self, model: CuttingModel, p: Parameters, cutting_fraction: float) -> list[str]:
-        """Sentences on what an impact has otherwise than the fit, where it matters, and on bad draws."""
+        """Sentences on what an impact has otherwise than the fit and its tests, and on what was doubtful in the fit."""
         there, here = self.p.to(p.units), own_in_si(model, p, self.rows)
         share = cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
         numbers = [(QUANTITIES[name], float(getattr(there, name)), float(getattr(p, name)))
@@ -73,7 +78,8 @@ class Draws:
             (not np.isclose(share, cutting_fraction),
              f"the draws hold if {share:g} of the particles cut, but here {cutting_fraction:g} of them do."),
         )  # fmt: skip
-        return [f"{self.path}: {sentence}" for sentence in said]
+        outside = Tested(self.rows.tested).outside({name: getattr(p, name) for name in ("v0", "m")}, p.units)
+        return [f"{self.path}: {sentence}" for sentence in (*said, *self.warnings, *outside)]
 
 
 def _with_unit(value: float, quantity: Quantity, units: System) -> str:
@@ -120,7 +126,7 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
     except ValueError as error:
         raise ValueError(f"{path}: must hold the draws of a posterior, but its case cannot be read.") from error
     return Draws(
-        Rows(columns, str(path)),
+        Rows(columns, str(path), tested={name: (low, high) for name, (low, high) in _kept(attrs, TESTED, {}).items()}),
         path,
         model=attrs["model"],
         own=attrs.get("own_parameters", ""),
@@ -128,7 +134,13 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         cutting_fraction=None if FRACTION in columns else float(attrs.get(FRACTION, 1.0)),
         has_scale=SCALE in dataset,
         converged=bool(attrs.get("converged", 1)),
+        warnings=tuple(_kept(attrs, WARNINGS, [])),
     )
+
+
+def _kept(attrs: Mapping[str, Any], name: str, without: Any) -> Any:
+    """What an attribute keeps in JSON; files of an earlier version are without it."""
+    return json.loads(attrs[name]) if name in attrs else without
 
 
 def prediction_groups(predictor: Predictor) -> dict[str, xr.Dataset]:
