@@ -185,7 +185,11 @@ def test_a_case_is_called_by_its_title_and_what_options_change(tmp_path: Path) -
     assert CaseOptions().title() == "Table 1"
     assert CaseOptions(case=named).title() == "Quartz on aluminium"
     assert CaseOptions(case=bare, target="copper").title() == "sand, copper"
-    parameters: dict[str, Any] = {"alpha": "40deg", "k": "3"}  # fields that are made from the table of quantities
-    assert CaseOptions(**parameters).title() == "Table 1, k = 3, α = 40deg"
+    parameters: dict[str, Any] = {
+        "alpha": "40deg",
+        "k": "3",
+        "v0": "160",
+    }  # fields that are made from the table of quantities
+    assert CaseOptions(**parameters).title("si") == "Table 1, k = 3, v₀ = 160 m/s, α = 40deg"
     with pytest.raises(InputError, match=r"c\.toml: field `title` must be text in quotes, but is 3\.$"):
         CaseOptions(case=wrong).title()

@@ -91,6 +91,8 @@ def test_german_intervals_have_semicolons_beside_decimal_commas() -> None:
 
 
 def test_what_a_key_says_is_translated() -> None:
+    assert GERMAN.text(page.ONE_CUT) != page.ONE_CUT
+    assert [words for words in page.CUTS.values() if words not in GERMAN.messages] == []
     said = [words for task in TASKS.values() for words in (task.asks, task.hint) if " = " not in words]
     assert [
         words

@@ -3,22 +3,26 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from erosion.parameters.parameters import TABLE_1
-from erosion.report.case import Answer, ReportCase
+from erosion.report.case import Answer, Drawing, OfCut, ReportCase
 from erosion.report.page import Text, TextError, write_text
 from erosion.report.text import to_html
 
 CASE = ReportCase(TABLE_1, "Table 1")
 
 
-def text_of(folder: Path, derivation: str, *, figures: str = "", **fields: Any) -> Text:
+NONE = np.zeros(9, bool)
+
+
+def text_of(folder: Path, derivation: str, *, figures: str = "", beyond: np.ndarray = NONE, **fields: Any) -> Text:
     """A text with this derivation, filled in."""
     path = folder / "q2.md"
     path.write_text(f"# Title\n\nThe answer.\n\n{figures}\n\n## Derivation\n\n{derivation}\n", encoding="utf-8")
-    return write_text(path, CASE, Answer(fields, {"shape": Figure()}))
+    return write_text(path, CASE, Answer(fields, {"shape": Drawing(Figure(), beyond, "Dotted")}))
 
 
 def test_a_text_has_a_title_a_sentence_figures_and_a_derivation(tmp_path: Path) -> None:
@@ -49,6 +53,21 @@ def test_an_unknown_field_is_named_with_its_file_and_line(tmp_path: Path) -> Non
 def test_a_mistake_in_a_text_is_named_with_its_file(tmp_path: Path, derivation: str, reason: str) -> None:
     with pytest.raises(TextError, match=rf"/q2\.md.*{reason}"):
         text_of(tmp_path, derivation)
+
+
+def test_what_turns_by_more_than_90_degrees_is_marked_wherever_it_is_printed(tmp_path: Path) -> None:
+    numbers = {"far": OfCut(0.5, beyond=True), "near": OfCut(0.25, beyond=False)}
+    filters = ("number(3)", "degrees(3)", 'quantity("volume")', "fixed(degree, 2)", "per(percent, 2)")
+    shown = " ".join("{{ far | F }} {{ near | F }}".replace("F", name) for name in filters)
+    figures = "![A line.](shape)\nThe shape."
+    text = text_of(
+        tmp_path, f"{shown} ${{{{ far | number_tex }}}}$", figures=figures, beyond=NONE | (NONE.size > 8), **numbers
+    )
+    assert text.derivation.count("†") == len(filters)
+    assert "&#x02020;" in text.derivation
+    assert text.illustrations[0].caption.endswith("by more than 90° (9 of 9), where the model no longer holds.")
+    assert set(text.printed) == {0.5, 0.25}
+    assert "90°" not in text_of(tmp_path, "", figures=figures).illustrations[0].caption
 
 
 def test_an_unknown_figure_is_named(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from cyclopts import Group, Parameter
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.output.tables import briefly
-from erosion.parameters.quantities import QUANTITIES, example
+from erosion.parameters.quantities import QUANTITIES, example, has_unit, unit_name
 
 if TYPE_CHECKING:
     from cyclopts.help import HelpPanel
@@ -282,12 +282,16 @@ class CaseOptions:
         options = {"particle": self.particle, "target": self.target}
         return in_file | {name: text for name, text in options.items() if text is not None}
 
-    def title(self) -> str:
-        """What to call the case: its file's title or "Table 1", and what options change."""
+    def title(self, units: "lazy.System") -> str:
+        """What to call the case: its title or "Table 1", and what options change, bare numbers in `units`."""
         with user_errors():
             name = "Table 1" if self.file is None else self.file.title()
         named = [text for text in (self.particle, self.target) if text is not None]
-        return ", ".join([name, *named, *(f"{QUANTITIES[q].symbol} = {text}" for q, text in self.given().items())])
+        changes = []
+        for q, text in self.given().items():
+            unit = "" if has_unit(text) else unit_name(QUANTITIES[q].dimension, units)
+            changes.append(f"{QUANTITIES[q].symbol} = {text} {unit}".rstrip())
+        return ", ".join([name, *named, *changes])
 
     def refuse_angle(self, reason: str) -> None:
         """An `InputError` where --alpha is given to a verb that takes no angle."""

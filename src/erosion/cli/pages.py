@@ -38,7 +38,7 @@ def exercise(
     p = options.parameters()
     require_outputs(output, solved, inputs=(options.case,))
 
-    name = options.title()
+    name = options.title(p.units)
     with user_errors(), progress_bar("solving the tasks"):
         key = lazy.AnswerKey(p, lang)
         texts = {path: lazy.notebook(key, title=name, solved=path == solved) for path in (output, solved) if path}
@@ -121,6 +121,6 @@ def report(
         lazy.language(lang)
         lazy.require_folder(output)
     with progress_bar("report") as progress:
-        chosen = {"case_name": options.title(), "only": only, "brief": brief, "lang": lang, "per_mass": per_mass}
+        chosen = {"case_name": options.title(p.units), "only": only, "brief": brief, "lang": lang, "per_mass": per_mass}
         page = lazy.write_report(p, output, **chosen, progress=progress)
     print(page.resolve())

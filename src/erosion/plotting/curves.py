@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -147,6 +147,7 @@ _MARKERS = ("o", "s", "^", "v", "D", "P")
 _WIDE = 30  # times the least maximum; with a larger maximum the axis is logarithmic
 
 _ROUNDING = 2.0**-52
+_PALE = 0.35  # opacity
 
 
 class ShapeCurve(NamedTuple):
@@ -158,6 +159,7 @@ class ShapeCurve(NamedTuple):
         volume: V, shape (n,) [volume].
         best: (α, V) of the maximum, α = 0 for a limit; None draws no mark.
         attained: whether V reaches the maximum or only approaches it.
+        beyond: where the body turns by more than 90°, shape (n,); there the curve is dotted.
     """
 
     label: str
@@ -165,6 +167,7 @@ class ShapeCurve(NamedTuple):
     volume: np.ndarray
     best: tuple[float, float] | None = None
     attained: bool = True
+    beyond: np.ndarray | None = None
 
 
 class AngleSeries(NamedTuple):
@@ -177,6 +180,7 @@ class AngleSeries(NamedTuple):
         at_jump: whether the maximum is at a jump of V(α).
         line: whether to join the maxima, with gaps where another one becomes the greatest; without it only markers are
             drawn.
+        beyond: where the body turns by more than 90°; there the markers are pale.
     """
 
     label: str
@@ -184,6 +188,7 @@ class AngleSeries(NamedTuple):
     alpha: np.ndarray
     at_jump: np.ndarray
     line: bool = True
+    beyond: np.ndarray | None = None
 
 
 def _over_angles(ax: Axes, label: str, columns: int, limits: tuple[float | None, float | None] | None = None) -> Axes:
@@ -192,6 +197,15 @@ def _over_angles(ax: Axes, label: str, columns: int, limits: tuple[float | None,
     angle_axis(ax)
     legend_below(ax, columns)
     return ax
+
+
+def _draw_shape(ax: Axes, curve: ShapeCurve, size: float, label: str, **style: Any) -> None:
+    """V(α) divided by `size`, dotted where the body turns by more than 90°."""
+    degrees, volume = np.rad2deg(curve.angles), curve.volume / size
+    beyond = np.zeros(degrees.size, bool) if curve.beyond is None else curve.beyond
+    beside = beyond | np.append(beyond[1:], False) | np.insert(beyond[:-1], 0, False)
+    ax.plot(degrees, np.where(beyond, np.nan, volume), label=label, **style)
+    ax.plot(degrees, np.where(beside, volume, np.nan), **{**style, "linestyle": ":"})
 
 
 @house_style()
@@ -213,8 +227,8 @@ def plot_family(
     scale = readable_scale("volume", units, max(largest))
     for i, curve in enumerate(curves):
         colors_used_up = i >= len(_COLORS)
-        ax.plot(np.rad2deg(curve.angles), curve.volume / scale.size, color=_COLORS[i % len(_COLORS)],
-                linestyle=(0, (4, 3)) if colors_used_up else "-", linewidth=1.9, label=curve.label)  # fmt: skip
+        _draw_shape(ax, curve, scale.size, curve.label, color=_COLORS[i % len(_COLORS)],
+                    linestyle=(0, (4, 3)) if colors_used_up else "-", linewidth=1.9)  # fmt: skip
     marked = [curve for curve in curves if curve.best is not None]
     tops = np.array([curve.best for curve in marked]).reshape(-1, 2)
     if joined:
@@ -264,17 +278,20 @@ def plot_best_angles(
             label=label,
         )
     highest = 0.0
-    for i, (label, x, alpha, at_jump, line) in enumerate(best):
+    for i, (label, x, alpha, at_jump, line, beyond) in enumerate(best):
         color, degrees = _COLORS[i % len(_COLORS)], np.rad2deg(alpha)
         highest = max([highest, *degrees[np.isfinite(degrees)]])
         if line:
             ax.plot(*with_gaps(leaps(degrees), x, degrees), color=color, linewidth=1.7)
         marker, size = _MARKERS[i % len(_MARKERS)], 4 if line else 6.5
-        ax.plot(x[~at_jump], degrees[~at_jump], marker, color=color, markersize=size, label=label,
-                markeredgecolor=color if line else INK, markeredgewidth=0.6)  # fmt: skip
-        if at_jump.any():
-            ax.plot(x[at_jump], degrees[at_jump], marker, markerfacecolor="none", markeredgecolor=color,
-                    markersize=size + 2.5, markeredgewidth=1.3, label=f"{label}, at a jump")  # fmt: skip
+        plain = {"color": color, "markersize": size, "markeredgecolor": color if line else INK, "markeredgewidth": 0.6}
+        open_ = {"markerfacecolor": "none", "markeredgecolor": color, "markersize": size + 2.5, "markeredgewidth": 1.3}
+        pale = np.zeros(x.size, bool) if beyond is None else beyond
+        for at, style, words in ((~at_jump, plain, label), (at_jump, open_, f"{label}, at a jump")):
+            if at.any():
+                ax.plot([], [], marker, label=words, **style)
+                ax.plot(x[at & ~pale], degrees[at & ~pale], marker, **style)
+                ax.plot(x[at & pale], degrees[at & pale], marker, alpha=_PALE, **style)
     if log:
         ax.set_xscale("log")
     ax.set_ylim(0, 15 * np.ceil(min(highest + 4, 90) / 15))
@@ -344,8 +361,7 @@ def plot_shapes(ax: Axes, curves: Sequence[ShapeCurve], correlations: Sequence[s
         color, line = STYLES[i % len(STYLES)]
         alpha, greatest = curve.best or (0.0, 1.0)
         best = f"{np.rad2deg(alpha):.1f}°" if alpha else "as α → 0"
-        ax.plot(np.rad2deg(curve.angles), curve.volume / greatest, color=color, linestyle=line, linewidth=2,
-                label=f"{curve.label}: {best}")  # fmt: skip
+        _draw_shape(ax, curve, greatest, f"{curve.label}: {best}", color=color, linestyle=line, linewidth=2)
     return _over_angles(ax, "divided by its own maximum", 2, (0, 1.05))
 
 

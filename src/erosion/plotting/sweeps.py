@@ -84,7 +84,10 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
 
 @house_style()
 def plot_regimes(regimes: xr.Dataset) -> Figure:
-    """How cuts end and how much they remove, over angle and spin, with the best angle of each spin."""
+    """How cuts end and how much they remove, over angle and spin, with the best angle of each spin.
+
+    Where the dataset has `turned_beyond`, a dotted line surrounds the cuts that turn the body by more than 90°.
+    """
     units = _units(regimes)
     fig = new_figure(7.2, 4.6)
     left, right = fig.subplots(1, 2, sharey=True)
@@ -106,6 +109,9 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     for ax, ink in ((left, INK), (right, "white")):
         ax.plot(np.where(jumps, np.nan, best), spins, ".", color=ink, markersize=3.5)
         ax.plot(np.where(jumps, best, np.nan), spins, "D", color="none", markeredgecolor=ink, markersize=4)
+        if "turned_beyond" in regimes and regimes.turned_beyond.any():
+            turned = regimes.turned_beyond.transpose("phidot0", "alpha").values
+            ax.contour(degrees, spins, turned, levels=(0.5,), colors=ink, linewidths=1.1, linestyles="dotted")
         angle_axis(ax)
         ax.grid(visible=False)
         ax.set_title("how the cut ends" if ax is left else "what it removes", fontsize="medium")

@@ -6,17 +6,20 @@ import types
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from erosion.impacts.alpha_max import Optimum, alpha_max
+from erosion.arguments import Broadcast, ModelState
+from erosion.impacts.alpha_max import Optimum, SameMotion, alpha_max
 from erosion.impacts.impact import Impact, impact
 from erosion.impacts.maxima import Jump
 from erosion.impacts.simulate import Trajectory, path
-from erosion.models import Linearized
+from erosion.models import Linearized, load_model
+from erosion.models.base import CuttingModel, Events
 from erosion.models.rigid import LinearizedCut
 from erosion.output.tables import Record
 from erosion.parameters.materials import MATERIALS
@@ -30,6 +33,9 @@ from erosion.report.text import number
 from erosion.sweeps.grid import in_words
 from erosion.sweeps.sweep import regimes
 
+LINEARIZED = "linearized"
+"""The model of questions 1 to 8."""
+
 RTOL = 1e-12  # relative tolerance of the report's impacts, with which its other numbers are compared
 _SPEEDS: Mapping[System, tuple[float, ...]] = types.MappingProxyType(
     {"inch-pound": (2000.0, 3500.0, 5000.0, 6500.0, 8000.0), "si": (50.0, 90.0, 125.0, 165.0, 200.0)}
@@ -37,6 +43,72 @@ _SPEEDS: Mapping[System, tuple[float, ...]] = types.MappingProxyType(
 _FACTORS = {0.25: "¼ ", 0.5: "½ ", 1.0: "", 2.0: "2 ", 4.0: "4 "}
 _CONTACTS = (0.01, 0.1, 0.5, 2.0, 4.9)  # of (0, 5), as the source recommends
 _RATIOS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)  # of (0.1, 10), as it recommends too
+
+
+class OfCut(float):
+    """A number of a cut; the page marks it where the body turns by more than 90° (`beyond`)."""
+
+    beyond: bool
+
+    def __new__(cls, value: Any, beyond: Any) -> "OfCut":
+        """A number with its mark."""
+        number = super().__new__(cls, value)
+        number.beyond = bool(beyond)
+        return number
+
+
+class Drawing(NamedTuple):
+    """A figure, and whether the body turns by more than 90° in each cut that it shows, which its caption says.
+
+    Args:
+        figure: the figure.
+        beyond: any shape; False for no cut.
+        style: how the figure shows it: "Dotted", "Pale" or "Outlined".
+    """
+
+    figure: Figure
+    beyond: np.ndarray
+    style: str = ""
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """How many cuts turn the body by more than 90°, and of how many."""
+        return int(np.sum(self.beyond)), int(np.size(self.beyond))
+
+
+class _Turning(SameMotion):
+    """A model's cuts, which end where the body has turned by 90°, too."""
+
+    motion: CuttingModel
+
+    def events(self, state: ModelState, p: Parameters) -> Events:
+        turn = (state.phi - jnp.pi / 2) / (jnp.pi / 2)
+        return {**self.motion.events(state, p), _TURNED: 1 - turn**2}
+
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
+        return self.motion.removal_rate(state, p)
+
+    def removed_at_contact(self, p: Parameters) -> Broadcast:
+        return self.motion.removed_at_contact(p)
+
+
+_TURNED = "turned"
+_SHALLOWEST = 1e-6  # rad; the limit as α → 0 is that of this cut, the shallowest that `alpha_max` computes
+_STEP_ASIDE = 1e-5  # of an angle, from where a cut begins: nearer its motion is singular
+
+
+def turned_beyond(model: str, p: Parameters) -> np.ndarray:
+    """Whether the body turns by more than 90° in each cut; where nothing is cut, or α is NaN, nothing turns.
+
+    Where cutting begins the cut beside it counts.
+    """
+    angles = np.broadcast_to(p.alpha, np.broadcast_shapes(*(np.shape(getattr(p, name)) for name in QUANTITIES)))
+    known = np.isfinite(angles)
+    alpha = np.where(known, np.maximum(angles, _SHALLOWEST), 1.0)
+    beside = np.stack([alpha, alpha * (1 - _STEP_ASIDE), np.minimum(alpha * (1 + _STEP_ASIDE), np.pi / 2)])
+    ends = impact(_Turning(load_model(model)), p.replace(alpha=beside), derivatives=0, rtol=RTOL).ended_by
+    own, turned = ends[0], ends == _TURNED
+    return known & np.where(np.isin(own, ("no-cut", "failed")), turned.any(axis=0), turned[0])
 
 
 @dataclass(frozen=True)
@@ -48,6 +120,7 @@ class BestOverValues:
         alpha: of the greatest removal [rad], NaN where nothing is removed.
         volume: there.
         kind, ended_by: there, as in `Optimum`.
+        beyond: whether the body turns by more than 90° there.
     """
 
     values: np.ndarray
@@ -55,6 +128,7 @@ class BestOverValues:
     volume: np.ndarray
     kind: np.ndarray
     ended_by: np.ndarray
+    beyond: np.ndarray
 
     @property
     def jumps(self) -> int:
@@ -69,18 +143,27 @@ class BestOverValues:
     @property
     def rows(self) -> list[Record]:
         """The row of a table for each value."""
-        columns = ("value", "alpha", "volume", "kind", "ended_by")
-        maxima = zip(self.values, self.alpha, self.volume, self.kind, self.ended_by, strict=True)
-        return [dict(zip(columns, maximum, strict=True)) for maximum in maxima]
+        of_cuts = [map(OfCut, column, self.beyond) for column in (self.alpha, self.volume)]
+        maxima = zip(self.values, *of_cuts, self.kind, self.ended_by, strict=True)
+        return [dict(zip(("value", "alpha", "volume", "kind", "ended_by"), maximum, strict=True)) for maximum in maxima]
+
+    @property
+    def least_and_most(self) -> tuple[Record, Record]:
+        """The rows of the least and of the greatest volume."""
+        return self.rows[int(self.volume.argmin())], self.rows[int(self.volume.argmax())]
 
     def series(self, label: str, over: np.ndarray | None = None, *, line: bool = False) -> AngleSeries:
         """The angles over the values, or over other numbers of each value, for a figure."""
-        return AngleSeries(label, self.values if over is None else over, self.alpha, self.kind == "jump", line)
+        return AngleSeries(
+            label, self.values if over is None else over, self.alpha, self.kind == "jump", line, self.beyond
+        )
 
     def numbers(self) -> Record:
         """For numbers.json."""
-        columns = {"alpha_max": self.alpha, "volume_max": self.volume, "kind": self.kind, "ended_by": self.ended_by}
-        return {name: column.tolist() for name, column in columns.items()}
+        columns = {"alpha_max": self.alpha, "volume_max": self.volume, "kind": self.kind, "ended_by": self.ended_by,
+                   "turned_beyond": self.beyond}  # fmt: skip
+        counts = {"at_jump": self.jumps, "values_in_all": self.alpha.size, "turned_in_all": int(self.beyond.sum())}
+        return {name: column.tolist() for name, column in columns.items()} | counts
 
 
 @dataclass(frozen=True)
@@ -90,19 +173,15 @@ class Family(BestOverValues):
     Args:
         name: of the parameter.
         labels: of the values.
-        shown: which of them are drawn as curves, shape (values,).
-        angles: shape (angles,) [rad].
+        curves: V(α) of the values that are drawn.
         volumes: V, shape (values, angles).
-        steps: the jumps of each V(α).
         reach: Ω = r ω/v₀, shape (values,).
     """
 
     name: str
     labels: tuple[str, ...]
-    shown: np.ndarray
-    angles: np.ndarray
+    curves: tuple[ShapeCurve, ...]
     volumes: np.ndarray
-    steps: tuple[tuple[Jump, ...], ...]
     reach: np.ndarray
 
     @property
@@ -120,17 +199,9 @@ class Family(BestOverValues):
         scaled = self.volume / self.values**power
         return float(np.ptp(scaled) / scaled.mean())
 
-    def figure(self, units: System) -> Figure:
+    def drawing(self, units: System) -> Drawing:
         """V(α) for every value that is shown, with a line that joins the maxima."""
-        curves = [
-            ShapeCurve(
-                self.labels[i],
-                *broken_at(self.steps[i], self.angles, self.volumes[i]),
-                (float(self.alpha[i]), float(self.volume[i])),
-            )
-            for i in np.flatnonzero(self.shown)
-        ]
-        return panel(plot_family, curves, height=4.2, units=units, joined=True)
+        return draw_curves(self.curves, height=4.2, units=units, joined=True)
 
 
 Families = Mapping[str, Family]
@@ -149,18 +220,51 @@ def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
     grid = dataclasses.replace(p, **{q: column[:, None] for q, column in columns.items()} | {"alpha": angles})
     hits = impact(model, grid, derivatives=2, rtol=RTOL)
     reach = np.asarray(cases.r * cases.rate / cases.v0)
+    beyond = turned_beyond(model, cases.replace(alpha=best.alpha))
     families = {}
     for name in varied:
         at = np.array(sorted((i for i, row in enumerate(rows) if row[0] == name), key=lambda i: rows[i][1]))
         values = columns[name][at]
         # A figure shows all values, but of the force ratios every third and the case's own.
         shown = np.isin(values, [*_RATIOS[::3], float(p.k)]) if name == "k" else np.ones(values.size, bool)
+        labels = tuple(varied[name][value] for value in values.tolist())
+        curves = tuple(
+            curve_of(model, dataclasses.replace(p, **{name: value}), angles, hits.volume[i], best.jumps[i], label,
+                     (float(best.alpha[i]), float(best.volume[i])))
+            for i, value, label, drawn in zip(at, values, labels, shown, strict=True) if drawn
+        )  # fmt: skip
         families[name] = Family(
-            values, best.alpha[at], best.volume[at], best.kind[at], best.ended_by[at], name,
-            labels=tuple(varied[name][value] for value in values.tolist()), shown=shown, angles=angles,
-            volumes=hits.volume[at], steps=tuple(best.jumps[i] for i in at), reach=reach[at],
+            values, best.alpha[at], best.volume[at], best.kind[at], best.ended_by[at], beyond[at], name, labels, curves,
+            hits.volume[at], reach[at],
         )  # fmt: skip
     return families
+
+
+def curve_of(
+    model: str,
+    p: Parameters,
+    angles: np.ndarray,
+    volume: np.ndarray,
+    jumps: tuple[Jump, ...],
+    label: str,
+    best: tuple[float, float] | None,
+    *,
+    attained: bool = True,
+) -> ShapeCurve:
+    """V(α) of a model, with gaps at its jumps."""
+    angles, volume = broken_at(jumps, angles, volume)
+    return ShapeCurve(label, angles, volume, best, attained, turned_beyond(model, p.replace(alpha=angles)))
+
+
+def draw_curves(curves: Iterable[ShapeCurve], **options: Any) -> Drawing:
+    """A panel of curves V(α)."""
+    curves = tuple(curves)
+    return Drawing(panel(plot_family, curves, **options), beyond_of(curves), "Dotted")
+
+
+def beyond_of(curves: Iterable[ShapeCurve]) -> np.ndarray:
+    """Whether the body turns by more than 90°, at each point of the curves."""
+    return np.concatenate([curve.beyond[np.isfinite(curve.angles)] for curve in curves if curve.beyond is not None])
 
 
 def _with_unit(name: str, p: Parameters, values: tuple[float, ...]) -> dict[float, str]:
@@ -201,15 +305,19 @@ _SPINS = np.round(np.linspace(-0.9, 0.9, 37), 3)  # s = r φ̇₀/v₀, in steps
 
 @dataclass(frozen=True)
 class Spins(BestOverValues):
-    """A model's best angles over the spin s = r φ̇₀/v₀, and the dataset of `regimes`, `map`."""
+    """A model's best angles over the spin s = r φ̇₀/v₀, and the dataset of `regimes` with `turned_beyond`, `map`."""
 
     map: xr.Dataset
 
 
 def _spins(case: "ReportCase", model: str) -> Spins:
-    found = regimes(model, case.p, phidot0=_SPINS * float(case.p.v0 / case.p.r))
+    spins = _SPINS * float(case.p.v0 / case.p.r)
+    found = regimes(model, case.p, phidot0=spins)
     kind, ended_by = in_words(found.alpha_max_kind), in_words(found.alpha_max_ended_by)
-    return Spins(_SPINS, found.alpha_max.values, found.volume_max.values, kind, ended_by, found)
+    beyond = turned_beyond(model, case.p.replace(alpha=found.alpha_max.values, phidot0=spins))
+    places = turned_beyond(model, case.p.replace(alpha=found.alpha.values, phidot0=spins[:, None]))
+    found = found.assign(turned_beyond=(("phidot0", "alpha"), places))
+    return Spins(_SPINS, found.alpha_max.values, found.volume_max.values, kind, ended_by, beyond, found)
 
 
 Need = tuple[str, str]
@@ -223,13 +331,13 @@ class Answer:
     """What is computed for one question; its text, a Markdown file beside the question's module, shows it.
 
     Args:
-        numbers: by name, for numbers.json and as fields of the text.
+        numbers: by name, for numbers.json and as fields of the text: every number that the text prints.
         figures: by the names of their files, without suffix.
-        fields: further values that the text uses, by name.
+        fields: further values that the text uses, by name, such as labels.
     """
 
     numbers: Record
-    figures: Mapping[str, Figure]
+    figures: Mapping[str, Drawing]
     fields: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -275,14 +383,19 @@ class ReportCase:
         return path(self.model, self.p)
 
     @functools.cached_property
-    def t_c(self) -> float:
-        """The exact time of the end of the cut [s]."""
-        return float(self.closed.t_c(self.p))
+    def beyond(self) -> bool:
+        """Whether the spin of the case turns the linearized body by more than 90° during the cut."""
+        return bool(turned_beyond(LINEARIZED, self.p))
 
     @functools.cached_property
-    def volume(self) -> float:
+    def t_c(self) -> OfCut:
+        """The exact time of the end of the cut [s]."""
+        return OfCut(self.closed.t_c(self.p), self.beyond)
+
+    @functools.cached_property
+    def volume(self) -> OfCut:
         """The exact removed volume [volume]."""
-        return float(self.closed.volume(self.p))
+        return OfCut(self.closed.volume(self.p), self.beyond)
 
     def weighed(self, volume: float) -> Record:
         """A volume per mass of abrasive, in SI units: `specific_volume`, and `erosion_ratio` with a density."""
@@ -318,22 +431,11 @@ class ReportCase:
 
     def impact_and_optimum(self, model: str) -> Record:
         """A model's impact at the case's own angle, and its angle of greatest removal, as a row of numbers.json."""
-        hits, optimum = self.hits(model), self.optimum(model)
-        return {
-            "volume": float(hits.volume[-1]),
-            "t_c": float(hits.t_c[-1]),
-            "ended_by": str(hits.ended_by[-1]),
-            "alpha_max": float(optimum.alpha),
-            "volume_max": float(optimum.volume),
-            "kind": str(optimum.kind),
-        }
+        return self._once("row", model)
 
     def curve(self, model: str, label: str | None = None) -> ShapeCurve:
         """A model's V(α) with its maximum, and with gaps at its jumps."""
-        optimum = self.optimum(model)
-        angles, volume = broken_at(optimum.jumps, self.looks, self.hits(model).volume[:-1])
-        best = None if optimum.kind == "none" else (float(optimum.alpha), float(optimum.volume))
-        return ShapeCurve(label or model, angles, volume, best, bool(optimum.attained))
+        return self._once("curve", model)._replace(label=label or model)
 
     def spins(self, model: str) -> Spins:
         """A model's angles of greatest removal over the spin."""
@@ -343,9 +445,10 @@ class ReportCase:
         """A model with other speeds, erodents, materials and modelling parameters."""
         return self._once("families", model)
 
-    def sensitivity(self, model: str, name: str) -> float:
+    def sensitivity(self, model: str, name: str) -> OfCut:
         """The change of α_max for a change of q by its own size: q dα_max/dq [rad]."""
-        return float(self._once("sensitivities", model)[name]) * float(getattr(self.p, name))
+        rate = float(self._once("sensitivities", model)[name]) * float(getattr(self.p, name))
+        return OfCut(rate, self.impact_and_optimum(model)["turned_beyond_at_max"])
 
     def over_angles(self) -> Parameters:
         """The case at every one of `angles`."""
@@ -358,10 +461,34 @@ def _hits(case: ReportCase, model: str) -> Impact:
     return impact(model, p, derivatives=2, rtol=RTOL)
 
 
+def _row(case: ReportCase, model: str) -> Record:
+    hits, optimum = case.hits(model), case.optimum(model)
+    here, best = turned_beyond(model, case.p.replace(alpha=np.array([case.alpha, optimum.alpha]))).tolist()
+    return {
+        "volume": OfCut(hits.volume[-1], here),
+        "t_c": OfCut(hits.t_c[-1], here),
+        "ended_by": str(hits.ended_by[-1]),
+        "turned_beyond": here,
+        "alpha_max": OfCut(optimum.alpha, best),
+        "volume_max": OfCut(optimum.volume, best),
+        "kind": str(optimum.kind),
+        "ended_by_at_max": str(optimum.ended_by),
+        "turned_beyond_at_max": best,
+    }
+
+
+def _curve(case: ReportCase, model: str) -> ShapeCurve:
+    optimum, volume = case.optimum(model), case.hits(model).volume[:-1]
+    best = None if optimum.kind == "none" else (float(optimum.alpha), float(optimum.volume))
+    return curve_of(model, case.p, case.looks, volume, optimum.jumps, model, best, attained=bool(optimum.attained))
+
+
 _COMPUTE: Mapping[str, Callable[[ReportCase, str], Any]] = {
     "optimum": lambda case, model: alpha_max(model, case.p),
     "sensitivities": lambda case, model: case.optimum(model).sensitivities,
     "hits": _hits,
+    "row": _row,
+    "curve": _curve,
     "spins": _spins,
     "families": lambda case, model: families_of(model, case.p, case.looks),
 }
@@ -385,9 +512,10 @@ def family_numbers(case: ReportCase, family: Family, model: str) -> Record:
     }
 
 
-def best_angle_over_k(family: Family, units: System, label: str, law: str, height: float) -> Figure:
+def best_angle_over_k(family: Family, units: System, label: str, law: str, height: float) -> Drawing:
     """The best angles over the force ratio, beside those of the linearized model."""
     ratios = np.geomspace(family.values[0], family.values[-1], 200)
     exact = (law, ratios, np.arctan(ratios) / 2)
     xlabel = QUANTITIES["k"].label(units)
-    return panel(plot_best_angles, [family.series(label)], height=height, xlabel=xlabel, log=True, exact=exact)
+    figure = panel(plot_best_angles, [family.series(label)], height=height, xlabel=xlabel, log=True, exact=exact)
+    return Drawing(figure, family.beyond, "Pale")

@@ -28,7 +28,7 @@ from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalar
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import Scale, System, readable_scale, table_scale, unit_name
 from erosion.plotting.style import fit_legends, save_figure, translate_figure
-from erosion.report.case import Answer, ReportCase, question
+from erosion.report.case import Answer, Drawing, ReportCase, question
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.text import blocks, degrees, inline, inline_svg, number, quantity, render_page, to_html
 from erosion.version import __version__
@@ -36,6 +36,7 @@ from erosion.version import __version__
 _FOLDER = Path(__file__).parent
 _IMAGE = re.compile(r"!\[(?P<description>.*?)\]\((?P<name>[^)]*)\)\s*(?P<caption>.*)", re.DOTALL)
 _DERIVATION = re.compile(r"^## .*$", re.MULTILINE)
+_BETWEEN_PARTS = re.compile(r", (?![^(]*\))")
 _TAG_AFTER_TEXT = re.compile(r"(?m)^(?!\s*\{%(?:(?!%\}).)*%\}$)(.*)%\}$")
 
 
@@ -65,12 +66,14 @@ class Text(NamedTuple):
         sentence: the answer in one sentence (HTML).
         illustrations: what shows it.
         derivation: why it is so (HTML).
+        printed: every number of the text, as it was before it was formatted.
     """
 
     title: str
     sentence: Markup
     illustrations: tuple[Illustration, ...]
     derivation: Markup
+    printed: tuple[float, ...]
 
 
 def write_text(path: Path, case: ReportCase, answer: Answer, language: Language = ENGLISH) -> Text:
@@ -86,8 +89,10 @@ def write_text(path: Path, case: ReportCase, answer: Answer, language: Language 
         TextError: for a field that does not exist, or a wrong form; it names the file, the line and the reason.
     """
     fields = {"case": case, "numbers": answer.numbers, **answer.numbers, **answer.fields}
+    printed: list[float] = []
     try:
-        return _parts(_fill(path, fields, case.units, language), answer.figures)
+        filled = _fill(path, fields, case.units, language, printed)
+        return Text(*_parts(filled, answer.figures, language), tuple(printed))
     except Exception as error:  # a field may call any function
         raise TextError(f"{_place(path, error)}: {str(error).rstrip('.')}.") from error
 
@@ -98,20 +103,25 @@ def _place(path: Path, error: Exception) -> str:
     return f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else str(path)
 
 
-def _fill(path: Path, fields: Mapping[str, Any], units: System, language: Language) -> str:
+def _fill(path: Path, fields: Mapping[str, Any], units: System, language: Language, printed: list[float]) -> str:
+    def plain(value: Any) -> Any:
+        if isinstance(value, str) and not isinstance(value, Markup):
+            return language.text(value)
+        if isinstance(value, (int, float)):
+            printed.append(value)
+        return value
+
     environment = jinja2.Environment(
         loader=_Translating([path.parent, _FOLDER], language),
-        finalize=lambda value: (
-            language.text(value) if isinstance(value, str) and not isinstance(value, Markup) else value
-        ),
+        finalize=plain,
         extensions=[_KeepNewlines],
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= _filters(units, language)
-    environment.globals["parameters"] = QUANTITIES
+    environment.filters |= _filters(units, language, printed)
+    environment.globals |= {"parameters": QUANTITIES, "degree": _DEGREE, "percent": _PERCENT}
     return environment.get_template(path.name).render(fields)
 
 
@@ -134,40 +144,75 @@ class _KeepNewlines(jinja2.ext.Extension):
         return _TAG_AFTER_TEXT.sub(r"\1+%}", source)
 
 
-def _filters(units: System, language: Language) -> dict[str, Callable[..., Any]]:
-    def of_number(function: Callable[..., Any], last: Callable[[Any], Any] = lambda result: result) -> Any:
-        # `float` raises an error for a field that does not exist.
-        return lambda value, *args, **options: last(function(float(value), *args, **options))
+TURNED = "†"
+"""The mark of a number of a cut that turns the body by more than 90°."""
+
+_DEGREE, _PERCENT = Scale(math.pi / 180, "°"), Scale(0.01, "%")
+
+
+def _filters(units: System, language: Language, printed: list[float]) -> dict[str, Callable[..., Any]]:
+    def of_number(function: Callable[..., str], last: Callable[[str], str], mark: str) -> Callable[..., str]:
+        def shown(value: Any, *args: Any, **options: Any) -> str:
+            printed.append(float(value))  # an error for a field that does not exist
+            return last(function(float(value), *args, **options)) + mark * getattr(value, "beyond", False)
+
+        return shown
 
     of_units = functools.partial(quantity, units=units)
-    plain: dict[str, Callable[..., str]] = {"number": number, "degrees": degrees, "quantity": of_units}
+    plain: dict[str, Callable[..., str]] = {
+        "number": number,
+        "degrees": degrees,
+        "quantity": of_units,
+        "per": lambda value, scale, digits, **options: number(value / scale.size, digits, **options),
+        "fixed": lambda value, scale, places: f"{value / scale.size:.{places}f}",
+    }
+    in_tex = {name: functools.partial(plain[name], tex=True) for name in ("number", "degrees", "quantity")}
     return {
-        **{name: of_number(function, language.number) for name, function in plain.items()},
-        **{f"{name}_tex": of_number(functools.partial(function, tex=True), language.number_tex)
-           for name, function in plain.items()},
-        "fixed": of_number(lambda value, places: f"{value:.{places}f}", language.number),
-        "to_degrees": of_number(math.degrees),
-        "scale": of_number(lambda largest, dimension: readable_scale(dimension, units, largest)),
+        **{name: of_number(function, language.number, TURNED) for name, function in plain.items()},
+        **{f"{name}_tex": of_number(function, language.number_tex, r"{}^{\dagger}")
+           for name, function in in_tex.items()},
+        "to_degrees": lambda value: math.degrees(float(value)),
+        "scale": lambda largest, dimension: readable_scale(dimension, units, float(largest)),
         "unit": lambda dimension: unit_name(dimension, units),
     }  # fmt: skip
 
 
-def _parts(text: str, figures: Mapping[str, Any]) -> Text:
+ONE_CUT = "This cut turns the body by more than 90°, where the model no longer holds."
+CUTS: Mapping[str, str] = types.MappingProxyType(
+    {"": "{n} of {m} cuts turn the body by more than 90°, where the model no longer holds.",
+     "Dotted": "Dotted: cuts that turn the body by more than 90° ({n} of {m}), where the model no longer holds.",
+     "Pale": "Pale: cuts that turn the body by more than 90° ({n} of {m}), where the model no longer holds.",
+     "Outlined": "Inside dotted lines: cuts that turn the body by more than 90° ({n} of {m}), where the model no "
+                 "longer holds."}
+)  # fmt: skip
+
+
+def _beyond(drawing: Drawing, language: Language) -> str:
+    """What a caption says of cuts that turn the body by more than 90°."""
+    turned, cuts = drawing.counts
+    if not turned:
+        return ""
+    words = language.text(ONE_CUT) if cuts == 1 else language.say(CUTS[drawing.style], n=str(turned), m=str(cuts))
+    return f" {words}"
+
+
+def _parts(
+    text: str, figures: Mapping[str, Drawing], language: Language
+) -> tuple[str, Markup, tuple[Illustration, ...], Markup]:
     answer, *derivation = _DERIVATION.split(text)
     title, *paragraphs = blocks(answer)
     images = [_IMAGE.fullmatch(block) for block in paragraphs]
     sentences = [block for block, image in zip(paragraphs, images, strict=True) if image is None]
     if not title.startswith("# ") or len(sentences) != 1 or len(derivation) != 1:
         raise ValueError('A text must be "# title", one paragraph, the figures, "## Derivation" and the derivation.')
-    illustrations = [
-        Illustration(image["name"], inline(image["caption"]), " ".join(image["description"].split()))
-        for image in images
-        if image is not None
-    ]
-    for illustration in illustrations:
-        if illustration.name not in figures:
-            raise ValueError(f"The figure {illustration.name!r} is unknown; there are {', '.join(figures) or 'none'}.")
-    return Text(title.removeprefix("# "), inline(sentences[0]), tuple(illustrations), to_html(derivation[0]))
+    illustrations = []
+    for image in (image for image in images if image is not None):
+        name = image["name"]
+        if name not in figures:
+            raise ValueError(f"The figure {name!r} is unknown; there are {', '.join(figures) or 'none'}.")
+        caption = inline(image["caption"] + _beyond(figures[name], language))
+        illustrations.append(Illustration(name, caption, " ".join(image["description"].split())))
+    return title.removeprefix("# "), inline(sentences[0]), tuple(illustrations), to_html(derivation[0])
 
 
 _SYSTEMS: Mapping[System, str] = types.MappingProxyType(
@@ -266,6 +311,7 @@ def _write(
     case: ReportCase, keys: Sequence[str], out: Path, language: Language, progress: Progress, *, brief: bool
 ) -> Path:
     numbers: Record = {}
+    counts: dict[str, Record] = {}
     texts: dict[str, Text] = {}
     drawings: dict[str, Markup] = {}
     wide: set[str] = set()
@@ -278,9 +324,10 @@ def _write(
             progress(question(key), done, len(keys))
             answer = QUESTIONS[key].answer(case)
             numbers[key] = answer.numbers
+            counts[key] = {name: drawing.counts for name, drawing in answer.figures.items()}
             texts[key] = write_text(text_file(key), case, answer, language)
             for name, _, description in texts[key].illustrations:
-                figure = answer.figures[name]
+                figure = answer.figures[name].figure
                 translate_figure(figure, language)
                 if brief:
                     alone = len(keys) == len(texts[key].illustrations) == 1
@@ -296,6 +343,7 @@ def _write(
         "units": case.units,
         "parameters": {name: float(getattr(case.p, name)) for name in QUANTITIES},
         "answers": numbers,
+        "cuts_turned_beyond": counts,
     }
     write_whole(out / "numbers.json", (to_json(record) + "\n").encode())
     names, values = zip(*_lines("", record), strict=True)
@@ -303,7 +351,7 @@ def _write(
     page = render_page(
         "handout.html" if brief else "page.html",
         language,
-        case_name=case.name,
+        case_name=_name_of(case, language),
         system=_SYSTEMS[case.units],
         parameters=_parameter_rows(case.p, language),
         texts=texts,
@@ -311,6 +359,8 @@ def _write(
         drawings=drawings,
         wide=wide,
         alone=alone,
+        turned=TURNED,
+        footnote=f"{TURNED} {language.text(ONE_CUT)}",
         formula_font=base64.b64encode(Path(__file__).with_name("formulas.woff").read_bytes()).decode(),
     )
     write_whole(out / "index.html", page.encode())
@@ -326,6 +376,16 @@ def chosen_questions(only: Sequence[str] | None) -> list[str]:
         problem = f"has {briefly(unknown[0])}" if unknown and not isinstance(only, str) else f"is {briefly(only)}"
         raise ValueError(f"Argument `only` must be a list of {', '.join(map(repr, QUESTIONS))}, but {problem}.")
     return [key for key in QUESTIONS if key in only]
+
+
+def _name_of(case: ReportCase, language: Language) -> str:
+    """The name of a case, what is known of it translated: "Tabelle 1, Granat 0,3 mm, v₀ = 112,5 m/s"."""
+
+    def translated(part: str) -> str:
+        whole, (words, *number) = language.text(part), re.split(r"(?=\d)", part, maxsplit=1)
+        return whole if whole != part else language.text(words) + language.number("".join(number))
+
+    return ", ".join(map(translated, _BETWEEN_PARTS.split(case.name)))
 
 
 def _parameter_rows(p: Parameters, language: Language) -> list[tuple[str, str, str, str]]:

@@ -1,5 +1,6 @@
 """Numbers, formulas, figures and Markdown as parts of an HTML page, and the frame that all pages share."""
 
+import decimal
 import math as maths
 import re
 from collections.abc import Mapping
@@ -64,7 +65,7 @@ def _parts(value: float, digits: int, strip: bool) -> tuple[str, int | None]:
     return text, None if plain else power
 
 
-def number(value: float, digits: int = 5, *, strip: bool = False, tex: bool = False) -> str:
+def number(value: float, digits: int = 5, *, strip: bool = False, tex: bool = False, up: bool = False) -> str:
     """A number to `digits` significant digits: "1.8164 × 10⁻⁴", "−752.44".
 
     Args:
@@ -72,7 +73,10 @@ def number(value: float, digits: int = 5, *, strip: bool = False, tex: bool = Fa
         digits: significant digits.
         strip: leave out zeros at the end, for numbers that are given and not computed.
         tex: in LaTeX.
+        up: rounded away from zero, for a bound.
     """
+    if up and maths.isfinite(value):
+        value = float(decimal.Context(digits, decimal.ROUND_UP).create_decimal_from_float(value))
     text, power = _parts(value, digits, strip)
     if tex:
         return text if power is None else rf"{text}\times 10^{{{power}}}"
@@ -119,9 +123,9 @@ def quantity(
     return rf"{text}\,\text{{{unit}}}".replace(r"\text{}", "") if unit else text
 
 
-def degrees(angle: float, digits: int = 5, *, tex: bool = False) -> str:
+def degrees(angle: float, digits: int = 5, *, tex: bool = False, up: bool = False) -> str:
     """An angle [rad] in degrees: "31.717°"."""
-    return number(maths.degrees(angle), digits, strip=True, tex=tex) + (r"{}^\circ" if tex else "°")
+    return number(maths.degrees(angle), digits, strip=True, tex=tex, up=up) + (r"{}^\circ" if tex else "°")
 
 
 def math(tex: str, *, display: bool = False) -> Markup:

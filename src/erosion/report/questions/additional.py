@@ -1,204 +1,189 @@
 """The additional questions: bodies that turn, other force ratios; slips of the source, and all models side by side."""
 
-import contextlib
 import dataclasses
-from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from erosion.correlations import CORRELATIONS
-from erosion.impacts.alpha_max import alpha_max
-from erosion.impacts.simulate import SimulationError, Trajectory, path
+from erosion.impacts.alpha_max import ASIDE, alpha_max
+from erosion.impacts.simulate import SimulationError, path
 from erosion.models import NoDeformation, RigidErodent, load_model
-from erosion.models.base import CuttingModel
 from erosion.models.registry import BUILT_IN
 from erosion.models.rigid import StraightCut
 from erosion.output.tables import Record
-from erosion.parameters.parameters import QUANTITIES, Parameters
-from erosion.plotting.curves import plot_best_angles, plot_differences, plot_family, plot_shapes, plot_turn
+from erosion.parameters.parameters import QUANTITIES
+from erosion.plotting.curves import plot_best_angles, plot_differences, plot_shapes, plot_turn
 from erosion.plotting.sweeps import plot_regimes
-from erosion.report.case import TORQUES, Answer, Need, ReportCase, Spins, best_angle_over_k, family_numbers, panel
+from erosion.report.case import (
+    LINEARIZED,
+    TORQUES,
+    Answer,
+    Drawing,
+    Need,
+    OfCut,
+    ReportCase,
+    best_angle_over_k,
+    beyond_of,
+    draw_curves,
+    family_numbers,
+    panel,
+    turned_beyond,
+)
 
 MODEL = "rotating"
+
+
+def _needs(*models: str) -> tuple[Need, ...]:
+    return tuple((kind, model) for model in models for kind in ("optimum", "hits", "row", "curve"))
+
+
 NEEDS = (
-    *((kind, model) for model in TORQUES for kind in ("optimum", "hits", "spins")),
+    *_needs(*TORQUES, LINEARIZED),
+    *(("spins", model) for model in TORQUES),
     ("families", MODEL),
-    ("optimum", "linearized"),
-    ("hits", "linearized"),
     ("sensitivities", MODEL),
-    ("sensitivities", "linearized"),
+    ("sensitivities", LINEARIZED),
 )
 _LEAST_SEEN = 0.01  # of the greatest volume; a figure shows a jump that is larger
 _TURN_ANGLES = np.deg2rad(np.arange(3.0, 90.0, 4.0))
 _IN_REACH = ("v0", "r", "m", "sigma", "psi")  # what enters Ω = rω/v₀, k aside
 _ON_LINE = 41
-_STEP_ASIDE = 1e-5  # of an angle, from where a cut begins: nearer its motion is singular
 _TOLD = (-0.9, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.9)  # spins that the page lists in a table
 
 
 def body_may_turn(case: ReportCase) -> Answer:
     """α_max for both torques, over the spin; the turn; questions 5 to 8 again."""
-    spins, best = [case.spins(model) for model in TORQUES], [case.optimum(model) for model in TORQUES]
-    torques = [
-        {
-            "alpha_max": float(optimum.alpha),
-            "volume_max": float(optimum.volume),
-            "kind": str(optimum.kind),
-            "ended_by": str(optimum.ended_by),
-            "volume_at_case": float(case.hits(model).volume[-1]),
-            "jumps": [jump.alpha for jump in optimum.jumps],
-            "over_spin": {"s": spin.values.tolist(), **spin.numbers()},
-        }
-        for model, optimum, spin in zip(TORQUES, best, spins, strict=True)
-    ]
+    spins = [case.spins(model) for model in TORQUES]
+    without = case.impact_and_optimum(LINEARIZED)
+    torques = []
+    for model, spin in zip(TORQUES, spins, strict=True):
+        row = case.impact_and_optimum(model)
+        torques.append(
+            {
+                **row,
+                "over_no_rotation": OfCut(row["volume_max"] / without["volume_max"], row["turned_beyond_at_max"]),
+                "jumps": jumps(case, model),
+                "over_spin": {"s": spin.values.tolist(), **spin.numbers()},
+            }
+        )
     families, turn, over_reach = case.families(MODEL), turns(case), _over_reach(case)
     again = {name: family_numbers(case, family, MODEL) for name, family in families.items()}
+    rates = sensitivities(case)
     numbers = {
         **dict(zip(TORQUES, torques, strict=True)),
+        "without_rotation": without,
         "turn": turn,
         "again": again | {"over_reach": {name: column.tolist() for name, column in over_reach.items()}},
+        "reach": float(case.p.r) * case.omega / float(case.p.v0),
+        "tip_over_centre": 1 + 1 / float(case.p.inertia),
+        "sensitivities": rates,
     }
-    curves = [case.curve("linearized", "no rotation"), *(case.curve(model, label) for model, label in TORQUES.items())]
-    over_spin = [spin.series(label, line=True) for spin, label in zip(spins, TORQUES.values(), strict=True)]
     changed = [families[name].series(f"{QUANTITIES[name].symbol} changed", families[name].reach) for name in _IN_REACH]
+    line = ("any of them changed", over_reach["reach"], over_reach["alpha_max"])
+    over_spin = [spin.series(label, line=True) for spin, label in zip(spins, TORQUES.values(), strict=True)]
     figures = {
-        "rotation": panel(plot_family, curves, units=case.units, columns=2),
-        "best-angle-over-spin": panel(plot_best_angles, over_spin, height=4.2, xlabel="s = r φ̇₀/v₀  initial spin"),
-        "regimes": plot_regimes(spins[0].map),
-        "turn": panel(plot_turn, *(np.array(turn[name]) for name in ("alpha", "turn", "ended_by")), height=3.6),
-        "rotating-speeds": families["v0"].figure(case.units),
-        "best-angle-over-reach": panel(
-            plot_best_angles,
-            changed,
-            height=4.2,
-            xlabel="Ω = r ω/v₀",
-            log=True,
-            exact=("any of them changed", over_reach["reach"], over_reach["alpha_max"]),
-            columns=3,
+        "rotation": draw_curves(
+            [case.curve(LINEARIZED, "no rotation"), *(case.curve(model, label) for model, label in TORQUES.items())],
+            units=case.units,
+            columns=2,
+        ),
+        "best-angle-over-spin": Drawing(
+            panel(plot_best_angles, over_spin, height=4.2, xlabel="s = r φ̇₀/v₀  initial spin"),
+            np.concatenate([spin.beyond for spin in spins]),
+            "Pale",
+        ),
+        "regimes": Drawing(plot_regimes(spins[0].map), spins[0].map.turned_beyond.values, "Outlined"),
+        "turn": Drawing(
+            panel(plot_turn, *(np.array(turn[name]) for name in ("alpha", "turn", "ended_by")), height=3.6),
+            np.array(turn["turned_beyond"]),
+        ),
+        "rotating-speeds": families["v0"].drawing(case.units),
+        "best-angle-over-reach": Drawing(
+            panel(plot_best_angles, changed, height=4.2, xlabel="Ω = r ω/v₀", log=True, exact=line, columns=3),
+            np.concatenate([families[name].beyond for name in _IN_REACH]),
+            "Pale",
         ),
         "rotating-best-angle-over-k": best_angle_over_k(
             families["k"], case.units, "with rotation", "without: ½ arctan k", 3.9
         ),
     }
-    at_both = ((turn["at_case"], case.alpha), (turn["at_best"], torques[0]["alpha_max"]))
-    turned = [(angle, alpha) for angle, alpha in at_both if angle is not None]
+    least, most = spins[0].least_and_most
     fields = {
-        "without": case.optimum("linearized"),
         "simple": torques[0],
         "full": torques[1],
         "greatest_volume": max(torque["volume_max"] for torque in torques),
-        "turned": turned,
-        "least_sine": min((float(np.cos(angle)) for angle, _ in turned), default=1.0),
-        "farthest": max((abs(angle) for angle, _ in turned), default=0.0),
-        "jumps": [
-            (label, jump) for label, optimum in zip(TORQUES.values(), best, strict=True) for jump in optimum.jumps
-        ],
+        "farthest": max((cut["turn"] for cut in turn["told"]), default=0.0),
+        "jumps": [(label, jump) for label, torque in zip(TORQUES.values(), torques, strict=True)
+                  for jump in torque["jumps"]],
         "is_seen_to_jump": any(
-            abs(jump.above - jump.below) > _LEAST_SEEN * float(optimum.volume)
-            for optimum in best
-            for jump in optimum.jumps
+            abs(jump["above"] - jump["below"]) > _LEAST_SEEN * torque["volume_max"]
+            for torque in torques
+            for jump in torque["jumps"]
         ),
         "torques": list(TORQUES.values()),
         "spins": spins,
-        "most": spins[0].rows[int(spins[0].volume.argmax())],
-        "least": spins[0].rows[int(spins[0].volume.argmin())],
+        "most": most,
+        "least": least,
         "spin_rows": [rows for rows in zip(*(spin.rows for spin in spins), strict=True) if rows[0]["value"] in _TOLD],
-        "reach": float(case.p.r) * case.omega / float(case.p.v0),
-        # The best angles where something is cut, how many are at a jump, and how many values there are.
-        "ranges": {
-            name: {
-                "angles": family.alpha[family.kind != "none"].tolist(),
-                "jumps": family.jumps,
-                "size": family.alpha.size,
-            }
-            for name, family in families.items()
-        },
-        "sensitivities": sensitivities(case),
-        "turned_beyond": _turned_beyond(case, spins, turn, over_reach),
-    }
+        "best_angles": {name: [row["alpha"] for row in family.rows if row["kind"] != "none"]
+                        for name, family in families.items()},
+    }  # fmt: skip
     return Answer(numbers, figures, fields)
 
 
+def jumps(case: ReportCase, model: str) -> list[Record]:
+    """The jumps of V(α), and to how many digits both sides differ."""
+    found = case.optimum(model).jumps
+    angles = np.array([[jump.alpha - ASIDE, jump.alpha + ASIDE] for jump in found]).reshape(-1, 2)
+    beyond = turned_beyond(model, case.p.replace(alpha=angles))
+    return [
+        {
+            "alpha": jump.alpha,
+            "below": OfCut(jump.below, both[0]),
+            "above": OfCut(jump.above, both[1]),
+            "ended_below": jump.ended_below,
+            "ended_above": jump.ended_above,
+            "digits": _telling_digits(jump.below, jump.above),
+        }
+        for jump, both in zip(found, beyond, strict=True)
+    ]
+
+
+def _telling_digits(one: float, other: float) -> int:
+    """Five digits, or as many as show that two numbers differ."""
+    part = abs(one - other) / max(abs(one), abs(other))
+    return int(np.clip(2 - np.floor(np.log10(part)), 5, 15)) if part else 5
+
+
 def turns(case: ReportCase) -> Record:
-    """How far the body turns, over the angle of attack and at the case's own [rad]."""
-    best = float(case.optimum(MODEL).alpha)
-    turned: list[tuple[float, float, str]] = []
-    beyond = 0
-    for alpha in [*_TURN_ANGLES, case.alpha, *([best] if best > 0 else [])]:
+    """How far the body has turned at the end of cuts [rad], over the angle of attack; and of two cuts how far it turns.
+
+    `told` are the cuts at the case's own angle and at the best one, with the greatest turn and the least sin φ.
+    """
+    best = case.impact_and_optimum(MODEL)["alpha_max"]
+    angles = [*_TURN_ANGLES, case.alpha, *([best] if best > 0 else [])]
+    cuts = {}
+    for alpha in sorted({float(alpha) for alpha in angles}):
         try:
-            cut = path(load_model(MODEL), case.p.replace(alpha=alpha))
+            cuts[alpha] = path(load_model(MODEL), case.p.replace(alpha=alpha))
         except SimulationError:
             continue
-        turned.append((float(alpha), float(cut.turn), cut.ended_by))
-        beyond += cut.turn_warning is not None
-    alpha, turn, ended_by = zip(*sorted(turned), strict=True)
-    own = dict(zip(alpha, turn, strict=True))
+    beyond = [cut.turn_warning is not None for cut in cuts.values()]
+    told = [
+        {
+            "alpha": OfCut(alpha, cuts[alpha].turn_warning is not None),
+            "turn": float(np.abs(cuts[alpha].phi - np.pi / 2).max()),
+            "least_sine": float(np.sin(cuts[alpha].phi).min()),
+        }
+        for alpha in dict.fromkeys((case.alpha, float(best)))
+        if alpha in cuts
+    ]
     return {
-        "alpha": list(alpha),
-        "turn": list(turn),
-        "ended_by": list(ended_by),
-        "at_case": own.get(case.alpha),
-        "at_best": own.get(best),
-        "beyond": beyond,
-    }
-
-
-Counts = tuple[int, int]
-"""How many cuts turn the body by more than 90°, and of how many."""
-
-
-def turned_beyond(model: str, p: Parameters, **columns: np.ndarray) -> Counts:
-    """The cuts of the case with other parameters, arrays that broadcast; where nothing is cut, nothing turns."""
-    loaded = load_model(model)
-    beyond = total = 0
-    for values in zip(*(column.ravel().tolist() for column in np.broadcast_arrays(*columns.values())), strict=True):
-        total += 1
-        if np.isfinite(values).all():
-            cut = _cut(loaded, dataclasses.replace(p, **dict(zip(columns, values, strict=True))))
-            beyond += cut is not None and cut.turn_warning is not None
-    return beyond, total
-
-
-def _cut(model: CuttingModel, p: Parameters) -> Trajectory | None:
-    """A cut; at a jump of V(α) to nothing that of its other side; None where nothing is cut."""
-    alpha = float(p.alpha)
-    for sides in ((alpha,), (alpha * (1 - _STEP_ASIDE), alpha * (1 + _STEP_ASIDE))):
-        cuts: list[Trajectory] = []
-        for side in sides:
-            with contextlib.suppress(SimulationError):
-                cuts.append(path(model, dataclasses.replace(p, alpha=side)))
-        if any(cut.volume for cut in cuts):
-            return max(cuts, key=lambda cut: float(cut.volume))
-    return None
-
-
-def _turned_beyond(
-    case: ReportCase, spins: Sequence[Spins], turn: Record, over_reach: Mapping[str, np.ndarray]
-) -> dict[str, Counts]:
-    """The same for the cuts that each figure and table of the page shows."""
-    per_spin = float(case.p.v0 / case.p.r)
-
-    def best(*rows: np.ndarray) -> Counts:
-        each = [
-            turned_beyond(model, case.p, alpha=spin.alpha[at], phidot0=spin.values[at] * per_spin)
-            for model, spin, at in zip(TORQUES, spins, rows, strict=True)
-        ]
-        return sum(count for count, _ in each), sum(total for _, total in each)
-
-    r, alpha = over_reach["r"], over_reach["alpha_max"]
-    of_families = {
-        name: turned_beyond(MODEL, case.p, **{name: family.values, "alpha": family.alpha})
-        for name, family in case.families(MODEL).items()
-    }
-    told = np.isin(spins[0].values, _TOLD)
-    return of_families | {
-        "spins": best(*(np.full(spin.values.size, True) for spin in spins)),
-        "table": best(told, told),
-        "map": turned_beyond(
-            MODEL, case.p, alpha=_TURN_ANGLES[::2], phidot0=(spins[0].values[::3] * per_spin)[:, None]
-        ),
-        "angles": (turn["beyond"], len(turn["alpha"])),
-        "reach": turned_beyond(MODEL, case.p, r=r, alpha=alpha, phidot0=float(case.p.spin * case.p.v0) / r),
+        "alpha": list(cuts),
+        "turn": [float(cut.turn) for cut in cuts.values()],
+        "ended_by": [cut.ended_by for cut in cuts.values()],
+        "turned_beyond": beyond,
+        "told": told,
     }
 
 
@@ -207,14 +192,16 @@ def _over_reach(case: ReportCase) -> dict[str, np.ndarray]:
     reaches = np.concatenate([case.families(MODEL)[name].reach for name in _IN_REACH])
     reach = np.geomspace(reaches.min(), reaches.max(), _ON_LINE)
     r = reach * float(case.p.v0) / case.omega
-    optimum = alpha_max(MODEL, dataclasses.replace(case.p, r=r, phidot0=float(case.p.spin * case.p.v0) / r))
-    return {"reach": reach, "r": r, "alpha_max": optimum.alpha, "kind": optimum.kind}
+    p = dataclasses.replace(case.p, r=r, phidot0=float(case.p.spin * case.p.v0) / r)
+    optimum = alpha_max(MODEL, p)
+    beyond = turned_beyond(MODEL, p.replace(alpha=optimum.alpha))
+    return {"reach": reach, "r": r, "alpha_max": optimum.alpha, "kind": optimum.kind, "turned_beyond": beyond}
 
 
-def sensitivities(case: ReportCase) -> dict[str, list[float | None]]:
+def sensitivities(case: ReportCase) -> dict[str, list[OfCut | None]]:
     """Moves of the best angle [rad] by parameter, without rotation and with rotation; None without a derivative."""
     rates = {
-        name: [case.sensitivity(model, name) for model in ("linearized", MODEL)]
+        name: [case.sensitivity(model, name) for model in (LINEARIZED, MODEL)]
         for name in QUANTITIES
         # Where nothing spins, "ten per cent more spin" is none.
         if name != "alpha" and (name != "phidot0" or case.p.spin != 0)
@@ -223,22 +210,17 @@ def sensitivities(case: ReportCase) -> dict[str, list[float | None]]:
 
 
 _ALONG, _TURNING = "tan-alpha", "rotating-tan-alpha"
-_RATIOS = {"linearized": "k constant", _ALONG: "k = tan α", _TURNING: "k = tan α, the body turns"}
+_RATIOS = {LINEARIZED: "k constant", _ALONG: "k = tan α", _TURNING: "k = tan α, the body turns"}
 _PAIRS = {
     "without rotation": ("tan-alpha", "velocity-aligned"),
     "torque r Fₓ": ("rotating-tan-alpha", "rotating-velocity-aligned"),
     "torque of both components": ("rotating-tan-alpha-full-torque", "rotating-velocity-aligned-full-torque"),
 }
 """Pairs of models that differ only in the force: of additional question 2 and of additional question 3."""
-_READINGS = {"as-printed": "as printed", "rotating": "as corrected", "linearized": "linearized"}
-_BESIDE = ("linearized", "finnie", "rotating", "linearized-deformation")
+_READINGS = {"as-printed": "as printed", "rotating": "as corrected", LINEARIZED: "linearized equations"}
+_BESIDE = (LINEARIZED, "finnie", "rotating", "linearized-deformation")
 
-
-def _needs(*models: str) -> tuple[Need, ...]:
-    return tuple((kind, model) for model in models for kind in ("optimum", "hits"))
-
-
-NEEDS_OF_TAN_ALPHA = _needs(_ALONG, _TURNING, "linearized")
+NEEDS_OF_TAN_ALPHA = _needs(_ALONG, _TURNING, LINEARIZED)
 NEEDS_OF_PAIRS = _needs(*(model for pair in _PAIRS.values() for model in pair))
 NEEDS_OF_READINGS = _needs(*_READINGS)
 NEEDS_OF_MODELS = _needs(*BUILT_IN)
@@ -246,26 +228,21 @@ NEEDS_OF_MODELS = _needs(*BUILT_IN)
 
 def ratio_is_tan_alpha(case: ReportCase) -> Answer:
     """V = (V*/2) cos²α only falls: no interior maximum, a supremum that is not reached."""
-    optimum, turning, hits = case.optimum(_ALONG), case.optimum(_TURNING), case.hits(_ALONG)
+    along, optimum, hits = case.impact_and_optimum(_ALONG), case.optimum(_ALONG), case.hits(_ALONG)
     exact = np.asarray(StraightCut().volume(hits.p))
     numbers = {
-        "supremum": float(optimum.volume),
+        "supremum": along["volume_max"],
         "supremum_closed_form": float(case.p.volume_scale) / 2,
-        "alpha_of_supremum": float(optimum.alpha),
+        "alpha_of_supremum": along["alpha_max"],
         "attained": bool(optimum.attained),
-        "kind": str(optimum.kind),
+        "kind": along["kind"],
         "largest_difference": float(np.abs(hits.volume - exact).max() / float(case.p.volume_scale)),
         "largest_slope": float(hits.dvolume.max()),
-        "volume_at_case": float(hits.volume[-1]),
-        "rotating": {
-            "alpha_max": float(turning.alpha),
-            "volume_max": float(turning.volume),
-            "kind": str(turning.kind),
-            "ended_by": str(turning.ended_by),
-        },
+        "volume_at_case": along["volume"],
+        "rotating": case.impact_and_optimum(_TURNING),
     }
     curves = [case.curve(model, label) for model, label in _RATIOS.items()]
-    return Answer(numbers, {"tan-alpha": panel(plot_family, curves, units=case.units, columns=2)})
+    return Answer(numbers, {"tan-alpha": draw_curves(curves, units=case.units, columns=2)})
 
 
 def force_opposes_motion(case: ReportCase) -> Answer:
@@ -274,20 +251,22 @@ def force_opposes_motion(case: ReportCase) -> Answer:
     for label, (fixed, aligned) in _PAIRS.items():
         volumes = [case.hits(model).volume[:-1] for model in (fixed, aligned)]
         differences[label] = np.abs(volumes[0] - volumes[1]) / float(case.p.volume_scale)
-        best, best_of_tan_alpha = case.optimum(aligned), case.optimum(fixed)
+        best, best_of_tan_alpha = case.impact_and_optimum(aligned), case.impact_and_optimum(fixed)
         pairs[label] = {
             "largest_difference": float(np.nanmax(differences[label])),
-            "kind": str(best.kind),
-            "alpha_max": float(best.alpha),
-            "alpha_max_of_tan_alpha": float(best_of_tan_alpha.alpha),
-            "volume_max": float(best.volume),
-            "volume_max_of_tan_alpha": float(best_of_tan_alpha.volume),
-            "ended_by": str(best.ended_by),
+            "kind": best["kind"],
+            "alpha_max": best["alpha_max"],
+            "alpha_max_of_tan_alpha": best_of_tan_alpha["alpha_max"],
+            "volume_max": best["volume_max"],
+            "volume_max_of_tan_alpha": best_of_tan_alpha["volume_max"],
+            "ended_by": best["ended_by_at_max"],
         }
     curves = [case.curve(aligned, label) for label, (_, aligned) in _PAIRS.items()]
     figures = {
-        "velocity-aligned": panel(plot_family, curves, units=case.units, columns=2),
-        "velocity-aligned-difference": panel(plot_differences, case.looks, differences, height=4.0),
+        "velocity-aligned": draw_curves(curves, units=case.units, columns=2),
+        "velocity-aligned-difference": Drawing(
+            panel(plot_differences, case.looks, differences, height=4.0), beyond_of(curves)
+        ),
     }
     fields = {
         "largest_difference": max(pair["largest_difference"] for pair in pairs.values()),
@@ -307,8 +286,7 @@ def slips(case: ReportCase) -> Answer:
         "readings": {label: readings[model] for model, label in _READINGS.items()},
         "greatest_volume": max(reading["volume_max"] for reading in readings.values()),
     }
-    curves = [case.curve(model, label) for model, label in _READINGS.items()]
-    figure = panel(plot_family, curves, height=4.0, units=case.units)
+    figure = draw_curves([case.curve(model, label) for model, label in _READINGS.items()], height=4.0, units=case.units)
     return Answer({"force_at_contact": float(case.p.stiffness * case.p.r), **readings}, {"as-printed": figure}, fields)
 
 
@@ -320,26 +298,26 @@ def all_models(case: ReportCase) -> Answer:
         numbers[model] = case.impact_and_optimum(model) | {
             "side": str(optimum.side),
             "attained": bool(optimum.attained),
-            "ended_by_at_max": str(optimum.ended_by),
             "certified": bool(optimum.certified),
         }
+        if deforms(model):
+            numbers[model]["left_at_90_degrees"] = float(case.hits(model).volume[-2] / optimum.volume)
     fields = {
         "models": BUILT_IN,
         # At 90°, too; not the limit as α → 0, and not the NaN where nothing is removed.
         "best_angles": [row["alpha_max"] for row in numbers.values() if row["alpha_max"] > 0],
-        # V at 90° over the greatest V.
-        "left_at_90_degrees": {
-            model: float(case.hits(model).volume[-2] / case.optimum(model).volume)
-            for model in BUILT_IN
-            if deforms(model)
-        },
+        "shallowest": [model for model, row in numbers.items() if row["alpha_max"] == 0],
+        "idle": [model for model, row in numbers.items() if row["kind"] == "none"],
+        "deforming": {model: row for model, row in numbers.items() if "left_at_90_degrees" in row},
         "greatest_volume": max(row["volume_max"] for row in numbers.values()),
     }
     curves = [case.curve(model) for model in BUILT_IN]
     beside = [case.curve(model) for model in _BESIDE]
     figures = {
-        "models": panel(plot_family, curves, width=5.8, height=5.2, units=case.units, columns=2),
-        "correlations": panel(plot_shapes, beside, tuple(CORRELATIONS), width=5.8, height=5.0),
+        "models": draw_curves(curves, width=5.8, height=5.2, units=case.units, columns=2),
+        "correlations": Drawing(
+            panel(plot_shapes, beside, tuple(CORRELATIONS), width=5.8, height=5.0), beyond_of(beside), "Dotted"
+        ),
     }
     return Answer(numbers, figures, fields)
 

@@ -1,5 +1,6 @@
 """Questions 1 to 8: the linearized model, whose solution is known exactly."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -10,14 +11,25 @@ from erosion.impacts.simulate import SimulationError, path
 from erosion.models import load_model
 from erosion.models.base import CuttingModel
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import Dimension, conversion_factor, readable_scale
+from erosion.parameters.per_mass import PER_MASS_SCALES
+from erosion.parameters.quantities import Dimension, Scale, conversion_factor, readable_scale
 from erosion.plotting.curves import plot_end_times, plot_volume
 from erosion.plotting.motion import plot_histories, plot_path, plot_removal_rate
 from erosion.plotting.style import new_axes, new_figure
-from erosion.report.case import RTOL, Answer, ReportCase, best_angle_over_k, family_numbers, panel
+from erosion.report.case import (
+    LINEARIZED,
+    RTOL,
+    Answer,
+    Drawing,
+    OfCut,
+    ReportCase,
+    best_angle_over_k,
+    family_numbers,
+    panel,
+    turned_beyond,
+)
 
-_MODEL = "linearized"
-NEEDS = (("families", _MODEL), ("optimum", _MODEL), ("sensitivities", _MODEL))
+NEEDS = tuple((kind, LINEARIZED) for kind in ("families", "optimum", "hits", "row", "sensitivities"))
 
 _STATE: tuple[tuple[str, str, Dimension], ...] = (
     ("x", "x", "length"),
@@ -36,7 +48,7 @@ def solutions(case: ReportCase) -> Answer:
         name: float(np.abs(getattr(motion, name) - np.asarray(getattr(exact, name))).max()) for name, _, _ in _STATE
     }
     try:  # how far the body would turn [rad] if the force could turn it
-        turn_if_free = path(load_model("rotating"), p).turn
+        turn_if_free = float(np.abs(path(load_model("rotating"), p).phi - np.pi / 2).max())
     except SimulationError:
         turn_if_free = None
     numbers = {
@@ -52,25 +64,24 @@ def solutions(case: ReportCase) -> Answer:
         "y_end": float(motion.y[-1]),
         "vx_end": float(motion.vx[-1]),
         "vy_end": float(motion.vy[-1]),
+        "largest_value": {name: float(np.abs(getattr(motion, name)).max()) for name, _, _ in _STATE},
         "largest_difference": differences,
         "turn_if_free": turn_if_free,
     }
-    checks = [
-        (symbol, dimension, float(np.abs(getattr(motion, name)).max()), differences[name])
-        for name, symbol, dimension in _STATE
-    ]
     figures = {}
     if case.ended_by != "no-cut":
         histories, (tip_path, ax) = new_figure(5.6, 4.5), new_axes(5.6, 3.4)
         plot_histories(histories, motion, case.closed)
         plot_path(motion, ax=ax)
-        figures = {"figure-7-histories": histories, "figure-8-path": tip_path}
-    return Answer(numbers, figures, {"warnings": motion.warnings, "checks": checks})
+        beyond = np.array([case.beyond])
+        figures = {"figure-7-histories": Drawing(histories, beyond), "figure-8-path": Drawing(tip_path, beyond)}
+    return Answer(numbers, figures, {"warnings": motion.warnings, "checks": _STATE})
 
 
 def end_of_cut(case: ReportCase) -> Answer:
     """t_c as the smaller of two candidates; Figure 9."""
     times = {name: float(time) for name, time in case.closed.end_times(case.p).items()}
+    end = case.closed.state(case.t_c, case.p)
     numbers = {
         "t_c": case.t_c,
         "ended_by": case.ended_by,
@@ -78,9 +89,10 @@ def end_of_cut(case: ReportCase) -> Answer:
         "cusp": case.cusp,
         "t_c_numerical": case.trajectory.t_c,
         "ended_by_numerical": case.trajectory.ended_by,
+        "vx_end": OfCut(end.vx, case.beyond),
+        "y_end": OfCut(end.y, case.beyond),
+        "k_cot_alpha": float(case.p.k / np.tan(case.p.alpha)),
     }
-    end = case.closed.state(case.t_c, case.p)
-    fields = {"vx_end": float(end.vx), "y_end": float(end.y), "k_cot_alpha": float(case.p.k) / np.tan(case.alpha)}
     over_angles = case.over_angles()
     figure = panel(
         plot_end_times,
@@ -92,7 +104,7 @@ def end_of_cut(case: ReportCase) -> Answer:
         real_part=np.where(case.angles <= case.cusp, np.pi / case.omega, np.nan),
         marks={"cusp": (case.cusp, np.pi / case.omega), "case": (case.alpha, case.t_c)},
     )
-    return Answer(numbers, {"figure-9-end-of-cut": figure}, fields)
+    return Answer(numbers, {"figure-9-end-of-cut": Drawing(figure, turned_beyond(LINEARIZED, over_angles))})
 
 
 _PANELS = (10, 100, 1000)
@@ -110,33 +122,55 @@ def removed_volume(case: ReportCase) -> Answer:
     p, motion = case.p, case.trajectory
     to_si = conversion_factor("volume", case.units, "si")
     scale = readable_scale("volume", "si", case.volume * to_si)
-    numbers = {
+    volumes = {
         "volume": case.volume,
-        "volume_si": case.volume * to_si,
         "volume_numerical": motion.volume,
         "volume_from_speeds": float(p.m / (2 * p.sigma * p.psi)) * float(motion.vx[0] ** 2 - motion.vx[-1] ** 2),
-        "volume_midpoint": {str(panels): midpoint_rule(case, panels) for panels in _PANELS},
+    }
+    midpoint = {str(panels): midpoint_rule(case, panels) for panels in _PANELS}
+    errors = {name: abs(volume / case.volume - 1) if case.volume else 0.0
+              for name, volume in (volumes | midpoint).items()}  # fmt: skip
+    numbers = {
+        **volumes,
+        "volume_si": OfCut(case.volume * to_si, case.beyond),
+        "volume_midpoint": midpoint,
+        "relative_error": errors,
+        "panels": list(_PANELS),
         "volume_scale": float(p.volume_scale),
     }
     figures = {}
     if case.ended_by != "no-cut":
-        figures = {"rate-of-removal": panel(plot_removal_rate, motion, height=3.5, bars=_PANELS[0])}
-    return Answer(numbers, figures, {"bars": _PANELS[0], "si_unit": scale.unit, "to_si_unit": to_si / scale.size})
+        figure = panel(plot_removal_rate, motion, height=3.5, bars=_PANELS[0])
+        figures = {"rate-of-removal": Drawing(figure, np.array([case.beyond]))}
+    fields = {
+        "disagreement": max(errors["volume_numerical"], errors["volume_from_speeds"]),
+        "si": Scale(scale.size / to_si, scale.unit),
+    }
+    return Answer(numbers, figures, fields)
 
 
 def best_angle(case: ReportCase) -> Answer:
     """α_max by Newton's method on the derivative of the solver, checked against ½ arctan k."""
     steps = greatest(volume_jet(case.model, case.p))
     last, exact = steps[-1], float(case.closed.alpha_max(case.p))
+    beyond = turned_beyond(LINEARIZED, case.p.replace(alpha=last.alpha))
+    volume_exact = float(case.closed.volume(case.p.replace(alpha=exact)))
+    far = case.per_mass.far_from_tests(last.volume, case.p, of_any=True)
     numbers = {
-        "alpha_max": last.alpha,
-        "volume_max": last.volume,
+        "alpha_max": OfCut(last.alpha, beyond),
+        "volume_max": OfCut(last.volume, beyond),
+        "over_this_case": OfCut(last.volume / case.volume, beyond) if case.volume else None,
         "d2volume": last.d2volume,
         "alpha_max_closed_form": exact,
-        "volume_max_closed_form": float(case.closed.volume(case.p.replace(alpha=exact))),
+        "volume_max_closed_form": volume_exact,
+        "alpha_difference": abs(last.alpha - exact),
+        "volume_difference": abs(last.volume / volume_exact - 1),
+        "cusp": case.cusp,
         **case.weighed(case.volume),
         **{f"{name}_max": value for name, value in case.weighed(last.volume).items()},
-        "iterates": [step._asdict() for step in steps],
+        "cutting_fraction": case.per_mass.cutting_fraction,
+        "far_from_tests": far and {**dataclasses.asdict(far), "over_greatest": far.amount / far.greatest},
+        "iterates": [{"n": n, **step._asdict()} for n, step in enumerate(steps)],
     }
     over_angles = case.over_angles()
     marks = {
@@ -146,50 +180,56 @@ def best_angle(case: ReportCase) -> Answer:
     }
     volume, ended_by = np.asarray(case.closed.volume(over_angles)), case.closed.ended_by(over_angles)
     figure = panel(plot_volume, case.angles, volume, ended_by, height=4.0, units=case.units, marks=marks)
-    return Answer(
-        numbers, {"volume-over-angle": figure}, {"far": case.per_mass.far_from_tests(last.volume, case.p, of_any=True)}
-    )
+    drawing = Drawing(figure, turned_beyond(LINEARIZED, over_angles))
+    return Answer(numbers, {"volume-over-angle": drawing}, {"far": far, "per_kilogramme": PER_MASS_SCALES})
 
 
 def speeds(case: ReportCase) -> Answer:
     """V(α) for several speeds: α_max is constant and V ∝ v₀². The reason holds for questions 5 to 8."""
-    family = case.families(_MODEL)["v0"]
-    numbers = family_numbers(case, family, _MODEL) | {"departure_from_square": family.departure(2)}
-    return Answer(numbers, {"speeds": family.figure(case.units)}, {"family": family})
+    family = case.families(LINEARIZED)["v0"]
+    numbers = family_numbers(case, family, LINEARIZED) | {"departure_from_square": family.departure(2)}
+    return Answer(numbers, {"speeds": family.drawing(case.units)}, {"family": family})
 
 
 def sizes_and_masses(case: ReportCase) -> Answer:
     """R is absent from the equations; V ∝ m."""
-    masses, sizes = (case.families(_MODEL)[name] for name in ("m", "r"))
+    masses, sizes = (case.families(LINEARIZED)[name] for name in ("m", "r"))
+    difference = float((np.ptp(sizes.volumes, axis=0) / float(case.p.volume_scale)).max())
     numbers = {
-        "m": family_numbers(case, masses, _MODEL) | {"departure_from_proportion": masses.departure(1)},
-        "r": family_numbers(case, sizes, _MODEL) | {"largest_difference": float(np.ptp(sizes.volumes, axis=0).max())},
+        "m": family_numbers(case, masses, LINEARIZED) | {"departure_from_proportion": masses.departure(1)},
+        "r": family_numbers(case, sizes, LINEARIZED) | {"largest_difference": difference},
     }
-    return Answer(numbers, {"masses": masses.figure(case.units)}, {"masses": masses})
+    return Answer(numbers, {"masses": masses.drawing(case.units)}, {"masses": masses})
 
 
 def materials(case: ReportCase) -> Answer:
     """All metals of Table 2 and the case's own σ; V ∝ 1/σ."""
-    family = case.families(_MODEL)["sigma"]
-    numbers = family_numbers(case, family, _MODEL) | {"departure_from_inverse": family.departure(-1)}
-    return Answer(numbers, {"materials": family.figure(case.units)}, {"family": family})
+    family = case.families(LINEARIZED)["sigma"]
+    numbers = family_numbers(case, family, LINEARIZED) | {"departure_from_inverse": family.departure(-1)}
+    return Answer(numbers, {"materials": family.drawing(case.units)}, {"family": family})
 
 
 def guesses(case: ReportCase) -> Answer:
     """Of the guessed parameters ψ does not matter; k does: α_max = ½ arctan k."""
-    contacts, ratios = (case.families(_MODEL)[name] for name in ("psi", "k"))
+    contacts, ratios = (case.families(LINEARIZED)[name] for name in ("psi", "k"))
     k = float(case.p.k)
     differences = np.abs(ratios.alpha - np.arctan(ratios.values) / 2)
+    of_ratios = family_numbers(case, ratios, LINEARIZED)
+    law = {
+        "largest_difference_from_law": float(differences.max()),
+        "sensitivity_by_law": k / (1 + k**2) / 2,
+        "move_for_a_tenth": of_ratios["sensitivity"] / 10,
+    }
     numbers = {
-        "psi": family_numbers(case, contacts, _MODEL) | {"departure_from_inverse": contacts.departure(-1)},
-        "k": family_numbers(case, ratios, _MODEL) | {"largest_difference_from_law": float(differences.max())},
+        "psi": family_numbers(case, contacts, LINEARIZED) | {"departure_from_inverse": contacts.departure(-1)},
+        "k": of_ratios | law,
     }
     figures = {
-        "contact-heights": contacts.figure(case.units),
-        "force-ratios": ratios.figure(case.units),
+        "contact-heights": contacts.drawing(case.units),
+        "force-ratios": ratios.drawing(case.units),
         "best-angle-over-k": best_angle_over_k(ratios, case.units, "computed", "½ arctan k", 3.7),
     }
-    return Answer(numbers, figures, {"contacts": contacts, "ratios": ratios, "by_law": k / (1 + k**2) / 2})
+    return Answer(numbers, figures, {"contacts": contacts, "ratios": ratios})
 
 
 _STEEPEST = np.pi / 2
