@@ -148,6 +148,11 @@ class BestOverValues:
         return [dict(zip(("value", "alpha", "volume", "kind", "ended_by"), maximum, strict=True)) for maximum in maxima]
 
     @property
+    def one_alpha(self) -> OfCut:
+        """The angle, where it is the same for all values; marked where one of the cuts is."""
+        return OfCut(self.alpha[0], self.beyond.any())
+
+    @property
     def least_and_most(self) -> tuple[Record, Record]:
         """The rows of the least and of the greatest volume."""
         return self.rows[int(self.volume.argmin())], self.rows[int(self.volume.argmax())]
