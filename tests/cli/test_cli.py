@@ -182,14 +182,11 @@ def test_a_case_is_called_by_its_title_and_what_options_change(tmp_path: Path) -
     named.write_text('title = "Quartz\\non aluminium"\n')
     bare.write_text('title = ""\n')
     wrong.write_text("title = 3\n")
-    assert CaseOptions().title() == "Table 1"
-    assert CaseOptions(case=named).title() == "Quartz on aluminium"
-    assert CaseOptions(case=bare, target="copper").title() == "sand, copper"
-    parameters: dict[str, Any] = {
-        "alpha": "40deg",
-        "k": "3",
-        "v0": "160",
-    }  # fields that are made from the table of quantities
+    assert CaseOptions().title("si") == "Table 1"
+    assert CaseOptions(case=named).title("si") == "Quartz on aluminium"
+    assert CaseOptions(case=bare, target="copper").title("si") == "sand, copper"
+    # Fields that are made from the table of quantities.
+    parameters: dict[str, Any] = {"alpha": "40deg", "k": "3", "v0": "160"}
     assert CaseOptions(**parameters).title("si") == "Table 1, k = 3, v₀ = 160 m/s, α = 40deg"
     with pytest.raises(InputError, match=r"c\.toml: field `title` must be text in quotes, but is 3\.$"):
-        CaseOptions(case=wrong).title()
+        CaseOptions(case=wrong).title("si")
