@@ -656,6 +656,52 @@ def test_the_first_of_three_zeros_in_a_very_long_step(apart: float, direction: i
     assert found.trials.max() <= 20
 
 
+@pytest.mark.parametrize("order", [3, 5, 9, 21])
+def test_a_zero_of_higher_order_is_met_where_it_is(order: int) -> None:
+    """Newton's method leaves a share of the way to it at each step; second derivatives have no digits there."""
+    decay = ode.Problem(1.0, lambda t, y, args: -args["k"] * y)
+    problem = replace(decay, events={"zero": ode.Event(lambda t, y, args: (y - args["at"]) ** order, -1)})
+    k = np.linspace(0.5, 2.0, 20)
+    end = ode.solve(problem, {"k": k, "at": 0.5}, t1=10.0, wrt=("k", "at"), derivatives=2)
+    np.testing.assert_allclose(end.t, np.log(2) / k, rtol=1e-11)
+    np.testing.assert_allclose(end.along("k").t, -np.log(2) / k**2, rtol=1e-9)
+    np.testing.assert_allclose(end.along("at").t, -2 / k, rtol=1e-9)
+    assert not end.inexact.any()
+    assert np.isnan(end.along("k", "k").t).all()
+
+
+def test_a_zero_beside_others_that_it_all_but_has_is_met_where_it_is() -> None:
+    """Newton's method converges slowly to a zero beside complex ones: 9,108 of 20,000 were wrong without a word."""
+    random = np.random.default_rng(5)
+    close, closer, k = (
+        10 ** random.uniform(-18, -0.5, (2, 2000)),
+        10 ** random.uniform(-9, -0.5, 2000),
+        random.uniform(0.3, 3, 2000),
+    )
+
+    def quintic(t: Any, y: Any, args: Any) -> Any:
+        u = y - 0.5
+        return u * (u * u + args["close"][0]) * (u * u + args["close"][1])
+
+    def cubic(t: Any, y: Any, args: Any) -> Any:
+        return (y - 0.5) * ((y - 0.5 - args["closer"]) ** 2 + args["close"][0])
+
+    for function in (quintic, cubic):
+        problem = ode.Problem(1.0, lambda t, y, args: -args["k"] * y, {"zero": ode.Event(function, -1)})
+        end = ode.solve(problem, {"k": k, "close": tuple(close), "closer": closer}, t1=10.0)
+        np.testing.assert_allclose(end.t, np.log(2) / k, rtol=1e-9)
+
+
+def test_a_zero_that_rounding_hides_is_no_result() -> None:
+    """(y - 0.5)⁵ multiplied out is rounding in 4e-4 around its zero."""
+    event = ode.Event(
+        lambda t, y, args: ((((y["x"] - 2.5) * y["x"] + 2.5) * y["x"] - 1.25) * y["x"] + 0.3125) * y["x"] - 0.03125
+    )
+    end = ode.solve(replace(CLOCK, events={"zero": event}), t1=2.0)
+    assert end.ended_by == "failed"
+    assert "rounding hides the event" in end.warnings[0]
+
+
 @pytest.mark.parametrize("apart", [0.1, 1e-3])
 def test_a_visit_above_zero_near_the_end_of_a_step_is_seen(apart: float) -> None:
     """The function begins below zero and counts from its crest on, wherever the step ends."""

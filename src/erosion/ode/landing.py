@@ -22,6 +22,11 @@ _INSIDE = 1e-10  # of the time scale: as near to an end beyond which the motion 
 _BESIDE = 1e-12  # the same beside an end at which a rate has a kink or a jump
 _VANISHES = 1e-5  # of the time scale: a divisor that is zero as soon leaves too few digits of second derivatives
 _SHARE = 0.98  # of the way to it is a step, by Newton's method
+_ULPS = 1e-15  # of the time so far: rounding
+_ORDERS, _ROUNDS = 64.0, 100  # of a zero, and of the search for it, at most
+_BENDS = 0.01  # of what is left of a step: by less a rate changes where rounding hides the zero
+_HIDDEN = 1e-5  # of the time scale: what Newton's method says beside a zero that is no rounding
+_MOSTLY = 0.99  # of the way to such a zero is a step
 
 
 class Lane(NamedTuple):
@@ -101,31 +106,116 @@ def _by_a_short_step(problem: Extended, lane: Lane, until: Scalar | None) -> tup
     control, options = lane.control, problem.options
     scale = problem.scale_near(control.step, FIRST_STEP)
     left, state, moves = _to_the_end(problem, lane, scale)
-    slope, events = problem.rate_and_events(state)
+    search = None
     if options.waits:
-        # An event function may bend more than the motion: one more short step before Newton's last.
-        more = sum(jnp.where(control.event == i, -each.value / each.rate, 0.0) for i, each in enumerate(events))
-        more = jnp.where(
-            moves & (control.mode == ENDED) & jnp.isfinite(more) & (jnp.abs(more) < jnp.abs(left) + SOON * scale),
-            more,
-            0.0,
-        )
-        state, left = short_step(problem, state, slope, more), left + more
-        slope, events = problem.rate_and_events(state)
+        search = _searched(problem, lane, left, state, moves, scale)
+        left, state, slope = search.left, search.rows, search.slope
+        # What is rounding has no zero.
+        lost = search.slow & ~(_ORDERS * jnp.abs(search.time) < _HIDDEN * scale)
+        control = control._replace(mode=jnp.where(lost, FAILED, control.mode))
         events = [
             crossings.silenced(crossings.turned(event, watched.turn), watched.counts | (control.event == i))
-            for i, (event, watched) in enumerate(zip(events, lane.watched, strict=True))
+            for i, (event, watched) in enumerate(zip(search.events, lane.watched, strict=True))
         ]
+    else:
+        slope, events = problem.rate_and_events(state)
     ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
     event, remaining = crossings.first_fall(control, events)
     if options.waits and until is not None:
         event, remaining = crossings.last_moment(event, remaining, events, scale)
     remaining = jnp.where(ended, remaining, 0.0)
-    rows = [u + jnp.where(moves, remaining, 0.0) * k for u, k in zip(state, slope, strict=True)]
-    rest = jnp.where(moves, 0.0, remaining) if problem.rough else None
+    if search is not None:
+        # The derivatives are those beside such a zero: at it they are 0/0.
+        remaining, moves = jnp.where(search.slow, search.length, remaining), moves & ~search.slow
+    rows: Rows = [u + jnp.where(moves, remaining, 0.0) * k for u, k in zip(state, slope, strict=True)]
+    rest = None if search is None and not problem.rough else jnp.where(moves, 0.0, remaining)
     along = AlongFlow(problem.equations, problem.members(rows), rest)
     at_once = _at_once(problem, ended, event, remaining, events, scale)
-    return _motion(lane, along.members, event, control.time + left + remaining, at_once), along
+    motion = _motion(lane._replace(control=control), along.members, event, control.time + left + remaining, at_once)
+    return motion, along
+
+
+class _Search(NamedTuple):
+    """The way to an event that Newton's method does not reach soon.
+
+    Args:
+        rounds: so far.
+        left: time since the last trial.
+        rows, slope, events: there.
+        time: to the zero by Newton's method.
+        low, high: times before and after the zero.
+        length: of the next step.
+        slow: whether Newton's method alone is too slow.
+    """
+
+    rounds: Scalar
+    left: Scalar
+    rows: Rows
+    slope: Rows
+    events: list[Ends]
+    time: Scalar
+    low: Scalar
+    high: Scalar
+    length: Scalar
+    slow: Flag
+
+
+def _searched(problem: Extended, lane: Lane, start: Scalar, state: Rows, moves: Flag, scale: Scalar) -> _Search:
+    """One more short step before Newton's last, as an event function may bend more than the motion.
+
+    Towards a zero of higher order, as of (y - 1)⁵, or one beside other zeros, Newton's method leaves a share of the way
+    at each step. There the steps are as many times longer as the zero has orders, or halve what is known to hold it,
+    and end beside it.
+    """
+    control = lane.control
+    near = jnp.maximum(_BESIDE * scale, _ULPS * control.time)
+    happens = moves & (control.mode == ENDED) & (control.event >= 0)
+
+    def chosen(parts: Sequence[Scalar]) -> Scalar:
+        return sum((jnp.where(control.event == i, part, 0.0) for i, part in enumerate(parts)), jnp.zeros(()))
+
+    def rate_of(events: Sequence[Ends]) -> Scalar:
+        return chosen([event.rate for event in events])
+
+    def at(left: Scalar, rows: Rows, before: _Search | None) -> _Search:
+        slope, events = problem.rate_and_events(rows)
+        time = chosen([-event.value / event.rate for event in events])
+        fits = happens & jnp.isfinite(time) & (jnp.abs(time) < jnp.abs(start) + SOON * scale)
+        simple = jnp.where(fits, time, 0.0)
+        if before is None:
+            far = simple + jnp.inf
+            return _Search(0 * control.mode, left, rows, slope, events, simple, -far, far, simple, jnp.asarray(False))
+        # Newton's last step leaves the third power of this one over the square of that before. By as much the rate
+        # has changed, if it is not rounding that hides the zero.
+        ratio = jnp.abs(time / before.time)
+        bends = jnp.abs(rate_of(events) / rate_of(before.events) - 1) > _BENDS * ratio
+        far = (jnp.abs(time) > near) & (jnp.abs(time) * ratio * ratio > near)
+        slow = before.slow | ((before.rounds == 0) & fits & bends & far)
+        turns = zip(lane.watched, events, strict=True)
+        is_before = chosen([watched.turn * event.value for watched, event in turns]) > 0
+        low, high = jnp.where(is_before, left, before.low), jnp.where(is_before, before.high, left)
+        order = jnp.clip(before.length / (before.time - time), 1.0, _ORDERS)
+        aim = _MOSTLY * order * time
+        inside = (left + aim > low) & (left + aim < high)
+        shorter = jnp.abs(aim) < jnp.abs(before.length) / 2
+        bracketed = high - low < jnp.inf
+        further = jnp.where(is_before, 2.0, -2.0) * jnp.abs(before.length)
+        length = jnp.where(inside & (shorter | ~bracketed), aim, jnp.where(bracketed, (low + high) / 2 - left, further))
+        return _Search(
+            before.rounds + 1, left, rows, slope, events, time, low, high, jnp.where(slow, length, 0.0), slow
+        )
+
+    def goes_on(search: _Search) -> Flag:
+        far = (
+            (jnp.abs(search.length) > near) & (search.high - search.low > near) & (jnp.abs(search.left - start) < scale)
+        )
+        return (search.rounds == 0) | (search.slow & far & (search.rounds < _ROUNDS))
+
+    def nearer(search: _Search) -> _Search:
+        rows = short_step(problem, search.rows, search.slope, search.length)
+        return at(search.left + search.length, rows, search)
+
+    return lax.while_loop(goes_on, nearer, at(start, state, None))
 
 
 class _Landing(NamedTuple):

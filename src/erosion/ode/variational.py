@@ -220,6 +220,7 @@ def _event_names(layout: Layout) -> tuple[str, ...]:
     return names[0]
 
 
+_FLAT = 1e9  # times as much as the state errs the time of an event: its second derivatives have lost their digits
 _FIXED = 1e-9  # of its terms: a first derivative that is smaller is zero by definition
 
 Direction = int | Scalar
@@ -448,7 +449,9 @@ class AlongFlow(NamedTuple):
         if self.rest is None:
             return here
         flow = _along_flow(function)(self.members[0], self.equations.at(self.equations.numbers))
-        return here._replace(value=jax.tree.map(lambda v, k: v + self.rest * k, here.value, flow))
+        return here._replace(
+            value=jax.tree.map(lambda v, k: jnp.where(self.rest == 0, v, v + self.rest * k), here.value, flow)
+        )
 
     def rate(self, function: OfMotion) -> Derivatives:
         """See `Along`."""
@@ -518,6 +521,9 @@ def at_event(
         return [mixed, first * t_other, other * t_first, curve * t_first * t_other]
 
     t_second = or_given(-sum(chain(g.second, g_rate.first, g_rate.other, g_curve)) / g_rate.value, until.second)
+    if isinstance(along, AlongFlow) and along.equations.layout.options.waits:
+        # So flat a function leaves no digits of them.
+        t_second = jnp.where(amplification < _FLAT, t_second, jnp.nan)
     parts = wanted.value, v_first, v_other, wanted.second, r.value, r.first, r.other, r_rate
     v_second, worst = [], 1.0
     for value, first, other, second, flow, flow_first, flow_other, curve in zip(
