@@ -202,6 +202,33 @@ def test_a_speed_that_is_not_asked_for_is_that_of_most_rows():
     assert any("2 × the fastest" in sentence for sentence in fit.predict(degrees, {"v0": 2 * V0}).warnings)
 
 
+class Springs(erosion.models.ForceLaw):
+    """As many springs as are said."""
+
+    count = 1.0
+
+    def __call__(self, state, tip, p):
+        """Return (F_x, F_y)."""
+        return -self.count * p.stiffness * tip.depth, -self.count * p.k * p.stiffness * tip.depth
+
+    def typical_ratio(self, p):
+        """k, which sets the time scale."""
+        return p.k
+
+
+def test_a_fit_of_a_model_that_was_edited_since_predicts_nothing(monkeypatch):
+    """Its numbers belong to the code that was fitted: the curve of another one would be that of no fit."""
+    table = {"angle [deg]": [15.0, 25.0, 35.0, 45.0], "volume [in^3]": [1e-4, 2e-4, 2e-4, 1e-4]}
+    fit = erosion.calibrate(erosion.models.Rotating(force=Springs()), TABLE_1, table, ["psi"])
+    before = fit.predict(0.5).columns["mean"]
+    with monkeypatch.context() as edited:
+        edited.setattr(Springs, "count", 2.0)
+        for read in (fit.predict, fit.curve):
+            with pytest.raises(ValueError, match="fit it again"):
+                read(0.5)
+    np.testing.assert_array_equal(fit.predict(0.5).columns["mean"], before)
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_a_fit_predicts_by_its_errors(known):
     """ψ is a factor: the interval of the mean is that of ψ, and a weighing adds its own error."""

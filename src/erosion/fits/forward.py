@@ -21,6 +21,7 @@ from erosion.fits.measurements import Measurements, read_measurements
 from erosion.impacts.impact import Impact, impact
 from erosion.models import load_model
 from erosion.models.base import CuttingModel
+from erosion.models.equations import equations_of
 from erosion.models.own_parameters import (
     own_parameters,
     quantities,
@@ -64,6 +65,7 @@ class Forward:
         data: the measurements; a prediction depends on their kind of erosion alone.
         density: of the target [density]; needed where mass losses were measured.
         cutting_fraction: the share of the particles that cut, or its first guess where it is free.
+        digest: of what the model computes; as its code is now, where it is not given.
     """
 
     model: CuttingModel
@@ -72,6 +74,11 @@ class Forward:
     data: Measurements
     density: float | None
     cutting_fraction: float = 1.0
+    digest: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.digest:
+            object.__setattr__(self, "digest", equations_of(self.model, self.p.units).digest)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -229,6 +236,10 @@ class Forward:
         self, values: Mapping[str, Any], conditions: Mapping[str, np.ndarray], derivatives: int, rtol: float = 1e-9
     ) -> tuple[Impact, Any]:
         """The impacts at parameter values, and the factor from volume to the erosion that was measured."""
+        if equations_of(self.model, self.p.units).digest != self.digest:
+            raise ValueError(
+                "The fit needs the model as it was fitted, but its code computes something else since; fit it again."
+            )
         model, p = with_values(self.model, self.p, {name: values[name] for name in self.of_impact})
         p = dataclasses.replace(p, **conditions)
         along = {"derivatives": derivatives, "wrt": self.of_impact} if derivatives else {}
