@@ -225,11 +225,11 @@ def test_a_dataset_holds_all_parts_whatever_they_are_called(start) -> None:
     )
     end = ode.solve(problem, {"{k}.l": 2.0, "{k}": {"l": 3.0}, "{k}_l": 1.0}, t1=0.1, wrt="{k}_l", ts=[0.0, 0.1])
     dataset, parts = end.to_dataset(), len(jax.tree.leaves(start))
-    # ended_by, t, count; its derivative; and each part four times: at the end, at times, and both differentiated.
-    assert len(dataset.data_vars) == 4 + 4 * parts
+    # ended_by, t, count, inexact; dt; and each part four times: at the end, at times, and both differentiated.
+    assert len(dataset.data_vars) == 5 + 4 * parts
     kept = sorted(values.size for values in dataset.data_vars.values())
     assert kept == sorted(
-        [1] * 4
+        [1] * 5
         + 2 * [np.size(part) for part in jax.tree.leaves(start)]
         + 2 * [2 * np.size(part) for part in jax.tree.leaves(start)]
     )

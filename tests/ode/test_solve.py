@@ -943,6 +943,7 @@ def test_results_that_rounding_spoils_are_told() -> None:
     apart = np.abs(end.y["x"] - other.y["x"]) / 17
     assert list(end.inexact) == list(other.inexact) == list(apart > 1e-7) == [False, False, True, True]
     assert "2 of 4 lanes err by more than 1e-07" in end.warnings[0]
+    assert list(end.to_dataset()["inexact"].values) == end.to_dict()["inexact"] == [False, False, True, True]
     assert ode.solve(lorenz, 1.0, t1=40.0, wrt=("", "t1")).inexact
 
 

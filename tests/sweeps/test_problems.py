@@ -48,6 +48,7 @@ def test_a_sweep_holds_what_solve_gives(swept) -> None:
     end = ode.solve(BALL, ARGS | {"angle": angle, "drag": drag}, **OPTIONS)
     for name, values in {
         "t": end.t,
+        "inexact": end.inexact,
         "y_v_1": end.y["v"][..., 1],
         "integrals_path": end.integrals["path"],
         "dt_dangle": end.along("angle").t,

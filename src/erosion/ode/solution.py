@@ -399,7 +399,7 @@ class Solution(Result):
 
     def to_dict(self) -> Record:
         """Outcomes, times, states, integrals, and the same of derivatives and at times."""
-        content: Record = {"ended_by": self.ended_by, "count": self.count, **self._parts(self)}
+        content: Record = {"ended_by": self.ended_by, "count": self.count, "inexact": self.inexact, **self._parts(self)}
         for path, part in self.derivatives.items():
             content["d " + " ".join(map(_label, path))] = self._parts(part)
         if self.times is not None:
@@ -427,6 +427,7 @@ class Solution(Result):
             ),
             "t": (axes, self.t),
             "count": (axes, self.count),
+            "inexact": (axes, self.inexact),
         }
 
         def put(suffix: str, part: Any, more: tuple[str, ...] = ()) -> None:

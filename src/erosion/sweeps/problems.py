@@ -69,8 +69,9 @@ class ProblemGrid(AnyGrid):
         return solve(self.problem, jax.tree.unflatten(structure, leaves), **{**self.options, **clock})
 
     def _columns(self, solution: Solution) -> dict[str, np.ndarray]:
-        """The numbers of lanes by name: "t", "y_vx", "integrals_work", "dt_dangle"; `ended_by` comes last."""
+        """The numbers of lanes by name: "t", "y_vx", "integrals_work", "dt_dangle", …; `ended_by` comes last."""
         columns = {**_numbers("{}", solution), "count": np.asarray(solution.count, float)}
+        columns["inexact"] = np.asarray(solution.inexact, float)
         for names, part in solution.derivatives.items():
             columns |= _numbers(("d2{}_d" if len(names) == 2 else "d{}_d") + "_d".join(names), part)
         return {**columns, "ended_by": np.asarray(solution.outcome, np.int8) + np.int8(1)}
@@ -150,8 +151,8 @@ def sweep_problem(
         **options: of `erosion.ode.solve`: t1, wrt, derivatives, rtol, max_events, …
 
     Returns:
-        t, count, each part of the state ("y_vx"), integrals, derivatives ("dt_dangle", "d2t_dangle_ddrag") and
-        ended_by (codes, see its attributes) over the axes.
+        t, count, inexact (0 or 1), each part of the state ("y_vx"), integrals, derivatives ("dt_dangle",
+        "d2t_dangle_ddrag") and ended_by (codes, see its attributes) over the axes.
 
     Raises:
         ValueError, TypeError: for arguments that make no sense, and for a store (`StoreError`) that holds something
