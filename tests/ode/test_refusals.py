@@ -9,7 +9,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 from jaxtyping import TypeCheckError
 
 from erosion import ode
@@ -242,6 +244,28 @@ def test_options():
     refused("`problem`", error=TypeError, problem=field)
 
 
+@pytest.mark.parametrize(("name", "word"), [("atol", "`sizes`"), ("t_eval", "`ts`"), ("rtoll", "rtol")])
+def test_words_of_others_are_told_what_is_meant_here(name, word):
+    refused(f"`{name}`", word, error=TypeError, **{name: 1e-9})
+
+
+@pytest.mark.parametrize("name", ["direction", "terminal"])
+def test_what_only_scipy_reads_of_a_function_is_refused(name):
+    """`function.direction = -1` would be left aside, and a rise taken for the event."""
+
+    def low(t, y, args):
+        return y["x"]
+
+    setattr(low, name, -1)
+    with pytest.raises(ValueError, match=f"`{name}`"):
+        ode.Event(low)
+
+
+@pytest.mark.parametrize("make", [pd.Series, lambda k: xr.DataArray(k, dims="k"), lambda k: pd.DataFrame({"k": k})])
+def test_arrays_with_labels_are_refused_by_name(make):
+    refused("`args`", "k is a", "to_numpy", error=TypeError, args={"k": make([1.0, 2.0])})
+
+
 def test_masked_arrays_are_refused():
     """A masked number has no value."""
     refused("`args.k`", args={"k": np.ma.array([1.0, 2.0], mask=[False, True])})
@@ -276,6 +300,7 @@ def test_names_that_are_taken(name):
         (lambda: PROBLEM(START, field, {1: ode.Event(field)}), "events"),
         (lambda: PROBLEM(START, field, integrals={"work": 1.0}), "integrals"),
         (lambda: PROBLEM(START, field, time_scale=1.0), "time_scale"),
+        (lambda: PROBLEM(START, field, {" ": ode.Event(field)}), "events"),
     ],
 )
 def test_problems_are_checked_where_they_are_made(make, word):

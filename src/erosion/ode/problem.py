@@ -291,6 +291,12 @@ class Event:
             given = getattr(self, name)
             if not callable(given) and not (name == "reset" and given is None):
                 raise TypeError(f"Argument `{name}` must be a function of (t, y, args), but is {briefly(given)}.")
+        for name in ("direction", "terminal"):
+            if isinstance(self.function, types.FunctionType) and hasattr(self.function, name):
+                raise ValueError(
+                    f"Argument `function` must have no attribute `{name}`, which scipy alone reads: say "
+                    "`ode.Event(function, direction)`; an event without `reset` ends the motion."
+                )
         is_one = isinstance(self.direction, (int, float, np.number)) and not isinstance(self.direction, bool)
         if not is_one or self.direction not in (-1, 0, 1):
             raise ValueError(f"Argument `direction` must be -1, 0 or 1, but is {briefly(self.direction)}.")
@@ -346,6 +352,8 @@ class Problem:
             if (given := getattr(self, name)) is not None and not callable(given):
                 raise TypeError(f"Argument `{name}` must be a function of args, but is {briefly(given)}.")
         for name in self.events:
+            if not name.strip():
+                raise ValueError(f"Argument `events` must have names, but has {name!r}.")
             if name in OTHER_ENDS:
                 raise ValueError(
                     f"Argument `events` must have other names than {', '.join(OTHER_ENDS)}, but has {briefly(name)}."

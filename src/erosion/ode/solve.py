@@ -1,9 +1,11 @@
 """Lanes to their first events, with derivatives: `erosion.ode.solve`."""
 
+import functools
+import inspect
 import itertools
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, ParamSpec
 
 import jax
 import numpy as np
@@ -66,6 +68,30 @@ class Lanes(NamedTuple):
         return self.layout.offsets[self.names.index(name)]
 
 
+_Asked = ParamSpec("_Asked")
+_SCIPYS = {
+    "atol": "`sizes`", "t_span": "`t0` and `t1`", "t_eval": "`ts`", "dense_output": "`ts`", "y0": "`Problem.y0`",
+    "events": "`Problem.events`", "terminal": "an event without `reset`",
+}  # fmt: skip
+"""Words of `scipy.integrate.solve_ivp`, and what is meant here."""
+
+
+def _in_these_words(function: Callable[_Asked, Solution]) -> Callable[_Asked, Solution]:
+    """The function, with a sentence for an argument that it does not have."""
+    known = inspect.signature(function).parameters
+
+    @functools.wraps(function)
+    def asked(*args: _Asked.args, **options: _Asked.kwargs) -> Solution:
+        for name in options:
+            if name not in known:
+                hint = f"use {_SCIPYS[name]}" if name in _SCIPYS else f"it has {', '.join(known)}"
+                raise TypeError(f"Argument `{name}` is none of `ode.solve`; {hint}.")
+        return function(*args, **options)
+
+    return asked
+
+
+@_in_these_words
 def solve(
     problem: Problem,
     args: PyTree = None,
@@ -230,6 +256,11 @@ def lanes_of(
             if isinstance(leaf, (complex, np.ndarray, np.generic, jax.Array)):
                 raise TypeError(
                     f"Argument `args` must hold real numbers, but {name or 'it'} has type {np.asarray(leaf).dtype}."
+                )
+            if hasattr(type(leaf), "__array__"):  # of pandas, xarray: its labels would be ignored, and its changes
+                raise TypeError(
+                    f"Argument `args` must hold arrays of numpy or JAX, but {name or 'it'} is a {type(leaf).__name__}; "
+                    "give its values, `.to_numpy()`."
                 )
             continue
         check_unmasked(f"args.{name}" if name else "args", leaf)
