@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 import erosion
 from erosion.cfd.erosion_map import erosion_map
@@ -16,6 +17,7 @@ from erosion.correlations import CORRELATIONS
 from erosion.output.tables import with_error
 from erosion.plotting import maps
 from erosion.plotting.maps import plot_map, require_view, write_map_page
+from erosion.plotting.style import for_print
 from tests.cfd.tables import Table, hump, sand
 
 pytestmark = pytest.mark.slow
@@ -82,6 +84,22 @@ def test_labels_have_the_quantity_and_its_unit() -> None:
     assert figure.axes[1].get_xlabel() == "ḣ  depth per year [mm/year]"
     assert figure.axes[1].get_xscale() == "log"
     assert plot_map(wear, "relative_error", view="+x").axes[1].get_xlabel().endswith("of the volume")
+
+
+def test_a_picture_of_one_column_fits_its_words() -> None:
+    wear = erosion_map("rotating", P, sand(SURFACE, 50), SURFACE).assign_attrs(target="carbon steel 1018")
+    with for_print(0.084):
+        figure = plot_map(wear, view="+z")
+        figure.draw_without_rendering()
+    ax, whole = figure.axes[0], figure.bbox
+    boxes = [text.get_window_extent() for text in ax.texts if text.get_text()]
+    assert len(boxes) >= 4  # place of the worst face, ruler, x and y
+    assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
+    legend = ax.get_legend()
+    assert legend is None or not any(legend.get_window_extent().overlaps(box) for box in boxes)
+    assert 0 <= min(box.x0 for box in boxes) < max(box.x1 for box in boxes) <= whole.x1
+    top = max(text.get_window_extent().y1 for text in ax.findobj(Text) if "Depth" in text.get_text())
+    assert 0.85 * whole.y1 < top <= whole.y1
 
 
 def test_a_page_has_the_worst_faces_the_totals_and_the_warnings(tmp_path: Path) -> None:

@@ -89,7 +89,7 @@ def test_the_curve_of_the_nozzle_has_its_band_and_its_top():
     assert labels == [
         "one typical particle, greatest at 28.65°",
         "mean of the stream",
-        "greatest at 40.00° ± 1.00° (95 %, sampling alone)",
+        "greatest at 40.0 ± 1.0° (95 %, sampling alone)",
     ]
     band = ax.collections[0].get_paths()[0].get_extents()
     assert band.y0 == pytest.approx(2 * (1 - 0.196))

@@ -21,7 +21,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import LogFormatter, PercentFormatter
+from matplotlib.ticker import LogFormatter
 
 from erosion.cfd.map_result import FACES, PAGES, MapSummary, require_map_path, to_polydata, total_scale
 from erosion.extras import library
@@ -46,7 +46,8 @@ _DECADES = 3  # of a logarithmic scale
 _MARGIN = 1.04
 _FLATTEST, _TALLEST = 0.25, 1.2  # height over width of the picture
 _EDGE_ON = 1e-3  # cosine of the angle between a face's normal and the view
-_STRIP = 0.15  # height of the strip below the picture over the picture's width
+_STRIP = 0.15  # height of the strip below the picture over the picture's width, where this is that of a screen
+_SCREEN, _AROUND = 6.4, 1.5  # inch: the figure's width on a screen, and the height of title and scale
 _RENDERERS = ("libEGL.so.1", "libOSMesa.so.8")  # which VTK looks for on Linux where there is no screen
 _WIDE = 30.0  # greatest value over the median from which on colours are by the logarithm
 _EDGES = 4000  # faces: with more of them lines between faces would hide the colours
@@ -110,15 +111,20 @@ def _draw(into: Any, wear: xr.Dataset, quantity: str | None, view: Any, zoom: fl
     if isinstance(view, str) and view == "worst":
         view = _view_of_worst(wear)
     camera = _camera(wear["point"].values[wear["corner"].values], view, zoom)
-    fig = into or new_figure(6.4, min(6.4 * (camera.height / camera.width + _STRIP) + 1.5, 9.0))
+    fig = into or new_figure(_SCREEN)
+    # Letters do not shrink with a column's width.
+    strip = _STRIP * max(_SCREEN * fig.dpi / fig.bbox.width, 1.0)
+    if into is None:
+        wide = fig.get_figwidth()
+        fig.set_figheight(min(wide * (camera.height / camera.width + strip) + _AROUND, 9.0))
     ax = fig.subplots()
     ax.imshow(_picture(wear, colours, camera), extent=(0, camera.width, 0, camera.height))
-    _add_ruler_and_axes(ax, camera)
+    _add_ruler_and_axes(ax, camera, strip)
     unit = f" {scale.unit}" if scale.unit else ""
     if is_hit.any():
         worst = int(np.argmax(np.where(is_hit, values, -np.inf)))
         error = greatest * float(wear["relative_error"][worst]) if quantity.startswith("depth") else 0.0
-        _mark(ax, camera, wear, worst, f"{with_error(greatest, error) if error else f'{greatest:.3g}'}{unit}")
+        _mark(ax, (camera, strip), wear, worst, f"{with_error(greatest, error) if error else f'{greatest:.3g}'}{unit}")
     if not is_hit.all():
         handles = [Patch(color=_UNTOUCHED, label="no impacts")]
         ax.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.0), borderaxespad=0.3)
@@ -187,8 +193,9 @@ def _view_of_worst(wear: xr.Dataset) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _mark(ax: Axes, camera: _Camera, wear: xr.Dataset, face: int, value: str) -> None:
-    """A ring around a face, with its value and its place."""
+def _mark(ax: Axes, seen: tuple[_Camera, float], wear: xr.Dataset, face: int, value: str) -> None:
+    """A ring around a face, with its value and its place; below what a camera sees there is a strip for it."""
+    camera, strip = seen
     centre = wear["centre"].values[face]
     size = np.array([camera.width, camera.height])
     at = np.stack([camera.right, camera.up]) @ (centre - camera.middle) + size / 2
@@ -200,7 +207,7 @@ def _mark(ax: Axes, camera: _Camera, wear: xr.Dataset, face: int, value: str) ->
     ax.plot(*at, "o", markersize=11, markerfacecolor="none", markeredgecolor=PALETTE["vermillion"], markeredgewidth=1.6)
     line = {"arrowstyle": "-", "color": INK, "linewidth": 0.7, "shrinkB": 6}
     ax.annotate(
-        f"{value} at ({place}) {scale.unit}, face {face:,}", tuple(at), (size[0] / 2, -0.025 * size[0]),
+        f"{value} at ({place}) {scale.unit}, face {face:,}", tuple(at), (size[0] / 2, -strip / 6 * size[0]),
         ha="center", va="center", fontsize="small", arrowprops=line,
         bbox={"facecolor": "white", "edgecolor": FAINT, "alpha": 0.9, "boxstyle": "round,pad=0.25"},
     )  # fmt: skip
@@ -292,10 +299,10 @@ def _norm(values: np.ndarray, *, from_zero: bool, log: bool) -> Normalize:
     return Normalize(low, high)
 
 
-def _add_ruler_and_axes(ax: Axes, camera: _Camera) -> None:
-    """Below the picture a ruler, and the directions of x, y and z."""
-    strip, centre = _STRIP * camera.width, -0.6 * _STRIP * camera.width
-    ax.set(xlim=(0, camera.width), ylim=(-strip, camera.height))
+def _add_ruler_and_axes(ax: Axes, camera: _Camera, strip: float) -> None:
+    """Below the picture, in a strip of a share of its width, a ruler, and the directions of x, y and z."""
+    centre = -0.6 * strip * camera.width
+    ax.set(xlim=(0, camera.width), ylim=(-strip * camera.width, camera.height))
     ax.axis("off")
     length = 10.0 ** math.floor(math.log10(camera.width / 4))
     length *= max(factor for factor in (1, 2, 5) if factor * length <= camera.width / 4)
@@ -493,7 +500,7 @@ def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
     label = f"{volume.symbol}  {volume.meaning}  [{scale.unit}]"
     ax.set(xscale="log", xlabel=label, ylabel="share of the particles", ylim=(0, None))
     ax.xaxis.set(major_formatter=_PlainNumbers(), minor_formatter=_PlainNumbers())
-    ax.yaxis.set_major_formatter(PercentFormatter(1.0))
+    ax.yaxis.set_major_formatter(lambda share, _: f"{100 * share:g} %")
     title = f"{100 * nothing:.2g} % of the particles remove nothing" if nothing else "every particle removes something"
     ax.set_title(title, fontsize="medium", wrap=True)
     ax.legend(loc="best")
@@ -508,14 +515,13 @@ def plot_nozzle_angle(ax: Axes, nozzle: NozzleAngle, units: System) -> Axes:
     half = 1.96 * nozzle.curve_error / scale.size
     alone = f"one typical particle, greatest at {np.rad2deg(nozzle.single_alpha):.2f}°"
     ax.plot(np.rad2deg(nozzle.single_angles), nozzle.single_curve / scale.size, color=DIM, linestyle="--", label=alone)
-    ax.fill_between(degrees, mean - half, mean + half, color=PALETTE["sky"], alpha=0.6, linewidth=0,
-                    label="its 95 % by sampling alone")  # fmt: skip
     ax.plot(degrees, mean, color=PALETTE["blue"], label="mean of the stream")
+    ax.fill_between(degrees, mean - half, mean + half, color=PALETTE["sky"], alpha=0.6, linewidth=0,
+                    label="95 % of the mean, by sampling alone")  # fmt: skip
     best = nozzle.alpha
     ax.axvspan(*np.rad2deg([best.low, best.high]), color=PALETTE["orange"], alpha=0.35, linewidth=0)
-    label = (
-        f"greatest at {np.rad2deg(best.value):.2f}° ± {np.rad2deg(best.high - best.value):.2f}° (95 %, sampling alone)"
-    )
+    where, half = np.rad2deg((best.value, best.high - best.value))
+    label = f"greatest at {with_error(where, half)}° (95 %, sampling alone)"
     ax.plot([np.rad2deg(best.value)], [nozzle.volume.value / scale.size], "*", color=PALETTE["orange"],
             markersize=13, markeredgecolor=INK, markeredgewidth=0.7, zorder=5, label=label)  # fmt: skip
     ax.set(xlim=(0, 90), ylim=(0, None), xlabel="angle of the nozzle",
