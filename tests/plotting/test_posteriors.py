@@ -1,5 +1,6 @@
 """Figures of posteriors show the draws."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -112,6 +113,10 @@ def test_tests_of_several_weighings_are_compared_for_one_cost(result):
     np.testing.assert_allclose(lines["1 weighing"], answer.total[:2])
     np.testing.assert_allclose(lines["3 weighings"], answer.total[2:] / 2)
     assert "for the cost of one weighing" in ax.get_ylabel()
+    # Numbers that need two digits beside the axis move the label, which stays on the paper.
+    (ax,) = plot_next_experiment(dataclasses.replace(answer, information=0.426 * answer.cost)).axes
+    ax.figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]
+    assert ax.yaxis.label.get_window_extent().x0 > 0
 
 
 def test_of_several_models_the_next_experiment_has_a_panel_on_the_model():

@@ -123,7 +123,7 @@ def _color(index: int, count: int = 1) -> Any:
 
 
 def _label_whole(ax: Axes, meaning: str, unit: str) -> None:
-    """A label of the y axis on as many lines as let all of it be seen."""
+    """A label of the y axis on as many lines as let all of it be seen; at last, as its draws settle the layout."""
     figure: Any = ax.figure
     words = meaning.split(" ")
     middle = len(words) // 2 + 1
@@ -325,14 +325,13 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
     best, degrees = int(answer.order[0]), np.rad2deg(answer.candidates["alpha"])
     best_in_words = ", ".join(answer.condition_in_words(name, values[best]) for name, values in answer.shown.items())
     unit = "[bit]" if answer.weighings is None else "[bit for the cost of one weighing]"
-    for ax, (meaning, bits) in zip(axes, panels.items(), strict=True):
+    for ax, bits in zip(axes, panels.values(), strict=True):
         information = bits / answer.cost
         for (label, candidates), (color, line) in zip(_by_conditions(answer), cycle(STYLES)):
             order = candidates[np.argsort(degrees[candidates])]
             ax.plot(degrees[order], information[order], color=color, linestyle=line, marker=".", label=label)
         ax.plot(degrees[best], information[best], "*", color=PALETTE["orange"], markersize=13, markeredgecolor=INK,
                 markeredgewidth=0.7, zorder=5, label=f"best: {best_in_words}")  # fmt: skip
-        _label_whole(ax, meaning, unit)
         # What is less than the accuracy of the sums is not shown at large.
         ax.set_ylim(0, max(1.05 * float(np.nanmax(information)), _LEAST_BITS))
     angle_axis(axes[-1])
@@ -341,6 +340,8 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
     )
     fig.align_ylabels(axes)
     _legend(fig, [axes[0]], 4)
+    for ax, meaning in zip(axes, panels, strict=True):
+        _label_whole(ax, meaning, unit)
     return fig
 
 
