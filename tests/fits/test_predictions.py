@@ -89,6 +89,23 @@ def test_curves_are_those_of_the_closed_posterior():
         np.testing.assert_allclose(law, [[exact, exact]], rtol=1e-4)
 
 
+def test_beyond_the_tested_angles_the_discrepancy_counts_alone():
+    forward = rows()
+    misfit = Discrepant(make_likelihood(forward, {}), True, True)
+    lacking = misfit.values(np.random.default_rng(2).standard_normal((50, misfit.priors.dimension)) / 3)
+    alone = {name: lacking[name][:1].repeat(50) for name in ("k", "psi")}
+    ways = {"model": (alone, 0.9), "discrepancy": (lacking, 0.1)}
+    kept = {name: {"values": part, "log_evidence": np.zeros(1), "weight": weight}
+            for name, (part, weight) in ways.items()}  # fmt: skip
+    alpha = np.deg2rad([15.0, 50.0, 14.9, 50.1])
+    curves = predictor_of(forward, kept, 0).predict(alpha, {"v0": V0}, 200)
+    of_model = erosion.impact(
+        "linearized", TABLE_1.replace(alpha=alpha, **{name: part[0] for name, part in alone.items()})
+    )
+    is_of_model = np.isclose(curves, of_model.volume, rtol=1e-5).mean(axis=0)
+    np.testing.assert_allclose(is_of_model, [0.9, 0.9, 0.0, 0.0], atol=0.01)
+
+
 def test_many_conditions_are_put_together_and_no_row_is_lost():
     likelihood = make_likelihood(rows(degrees=np.linspace(10, 80, 300)), {})
     few = with_few_conditions(likelihood, 60)

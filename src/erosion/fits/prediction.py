@@ -3,6 +3,8 @@
 Three ways to read the data are drawn: the model, the model with a free exponent of the speed, and that with a
 discrepancy too (`erosion.fits.discrepancy`). Each counts by its evidence. So a model that is right predicts almost as
 closely as by its parameters alone, and a model that misses does not hide it. A choice by χ² would.
+
+Evidence is of the rows. Beyond their angles nothing says that a model is right: there the last way counts alone.
 """
 
 import dataclasses
@@ -35,6 +37,7 @@ _NOTHING = 0.05  # of a row's erosion, which the model does not have
 _LISTED = 4  # rows that a sentence lists
 _COUNTS = 0.01  # probability of a way whose draws matter
 _SPEED = 1e-6  # relative difference of speeds that are one
+_SAME_ANGLE = 1e-6  # relative, of angles that were converted
 Noise = bool | float | np.ndarray | ErrorModel
 
 
@@ -108,8 +111,7 @@ class Predictor(Result):
         for way, wanted in zip(self.ways.values(), np.diff(ends), strict=True):
             total = _size(way.values)
             wanted = min(wanted, total) if len(self.ways) == 1 else wanted
-            rows = np.linspace(0, total, wanted, endpoint=False).astype(int)
-            ways.append((way, {name: column[rows] for name, column in way.values.items()}))
+            ways.append((way, _some_of(way.values, wanted)))
         return ways
 
     def distinct(self, count: int) -> int:
@@ -173,8 +175,18 @@ class Predictor(Result):
         conditions = {name: column.ravel() for name, column in asked.items()}
         rng, chosen = np.random.default_rng([self.seed, 1]), self.chosen(check_whole("count", count, 1))
         chosen = [(way, values) for way, values in chosen if _size(values)]
-        curves = [way.misfit.draw(values, conditions, rng) for way, values in chosen]
-        return np.concatenate(curves).reshape((-1, *asked["alpha"].shape)), [values for _, values in chosen]
+        curves = np.concatenate([way.misfit.draw(values, conditions, rng) for way, values in chosen])
+        beyond, last = self._is_beyond(conditions["alpha"]), self.ways.get("discrepancy")
+        others = np.flatnonzero(np.concatenate([np.full(_size(values), way is not last) for way, values in chosen]))
+        if last is not None and beyond.any() and others.size:
+            there = {name: column[beyond] for name, column in conditions.items()}
+            curves[np.ix_(others, beyond)] = last.misfit.draw(_some_of(last.values, len(others)), there, rng)
+        return curves.reshape((-1, *asked["alpha"].shape)), [values for _, values in chosen]
+
+    def _is_beyond(self, alpha: np.ndarray) -> np.ndarray:
+        """Whether angles lie beyond those of the rows."""
+        angle = self.data.angle
+        return (alpha < angle.min() * (1 - _SAME_ANGLE)) | (alpha > angle.max() * (1 + _SAME_ANGLE))
 
     def question(self, alpha: Any, at: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
         """What is asked, speed and mass among it, as arrays of one shape; arguments as of `predict`."""
@@ -333,6 +345,12 @@ def make_predictor(plain: Predictor, progress: Progress = no_progress) -> Predic
     weighed = {name: dataclasses.replace(way, weight=weight)
                for (name, way), weight in zip(ways.items(), weights, strict=True)}  # fmt: skip
     return Predictor(whole.forward, weighed, seed)
+
+
+def _some_of(values: Mapping[str, np.ndarray], count: int) -> dict[str, np.ndarray]:
+    """As many draws, evenly from all."""
+    rows = np.linspace(0, _size(values), count, endpoint=False).astype(int)
+    return {name: column[rows] for name, column in values.items()}
 
 
 def _size(values: Mapping[str, np.ndarray]) -> int:
