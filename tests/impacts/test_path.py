@@ -1,5 +1,7 @@
 """One impact by the engine of the batches."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,18 @@ def test_a_path_is_the_closed_form_from_contact_to_the_end() -> None:
     lost = p.m / (2 * p.sigma * p.psi) * ((p.v0 * np.cos(p.alpha)) ** 2 - np.asarray(exact.vx) ** 2)
     assert cut.removed == pytest.approx(lost, rel=0, abs=1e-11 * cut.volume)
     assert cut.removal_rate == pytest.approx(p.b * cut.y * cut.vx, rel=1e-13)
+
+
+def test_a_path_across_a_kink_has_its_derivative_near_a_right_angle() -> None:
+    # A difference of volumes at 89.99°, over 2e-5 rad.
+    model = erosion.load_model(Path(__file__).parents[2] / "models" / "opposing_tip.py")
+    cut = path(model, P.replace(alpha=np.deg2rad(89.99)))
+    assert cut.dvolume == pytest.approx(-1.3724186552e-4, rel=1e-9)
+
+
+@pytest.mark.parametrize("points", [2, 3, 201])
+def test_the_greatest_depth_needs_no_point_near_it(points: int) -> None:
+    assert path(MODEL, P, points=points).max_depth == pytest.approx(path(MODEL, P).max_depth, rel=0.3)
 
 
 def test_of_what_cuts_nothing_there_is_the_contact() -> None:

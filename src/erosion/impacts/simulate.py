@@ -139,11 +139,11 @@ class Trajectory(Result):
         """The tip's greatest depth on the grid of `t`, refined by a cubic [length]."""
         if len(self.t) < 2:
             return 0.0
-        deepest = float(self.depth.max())
         # In shares of t_c and of the depth, whose powers neither overflow nor vanish.
-        depth, step = self.depth / deepest, np.diff(self.t / self.t_c)
-        from_, to = (step * rate for rate in (self.vdepth[:-1], self.vdepth[1:]))
-        from_, to = from_ * (self.t_c / deepest), to * (self.t_c / deepest)
+        step = np.diff(self.t / self.t_c)
+        deepest = max(float(self.depth.max()), self.t_c * float(np.abs(self.vdepth[:-1] * step).max()))
+        depth = self.depth / deepest
+        from_, to = (step * (rate * (self.t_c / deepest)) for rate in (self.vdepth[:-1], self.vdepth[1:]))
         # The cubic of each step, and where its derivative a θ² + b θ + from vanishes.
         a, b = 3 * (from_ + to - 2 * np.diff(depth)), 2 * (3 * np.diff(depth) - 2 * from_ - to)
         with np.errstate(all="ignore"):
@@ -151,7 +151,7 @@ class Trajectory(Result):
             theta = np.stack([q / a, from_ / q])
             values = depth[:-1] + theta * (from_ + theta * (b / 2 + theta * (a / 3)))
         turning = values[(theta > 0) & (theta < 1)]
-        return deepest * float(np.max(turning, initial=1.0))
+        return deepest * float(np.max(turning, initial=depth.max()))
 
     @property
     def turn(self) -> float:
@@ -451,7 +451,7 @@ def _end_and_states(model: CuttingModel, p: Parameters, t: np.ndarray) -> tuple[
     clock = Clock(t0=0.0, t1=np.inf, max_step=np.inf, max_events=np.inf)
     rising, places = np.unique(t, return_inverse=True)
     alpha = element_of(model, "alpha")
-    end = integrate(layout, [*numbers, *map(np.asarray, clock)], 1, 1, (alpha,), _RTOL, times=rising)
+    end = integrate(layout, [*numbers, *map(np.asarray, clock)], 1, 1, (alpha,), _RTOL, again=False, times=rising)
     # After the state comes the volume, and after that what the model itself integrates.
     volume = len(end.outputs.value) - len(layout.problem.integrals)
     at_the_end, t_c = np.concatenate(end.outputs.value[: volume + 1]), end.time.value[0]

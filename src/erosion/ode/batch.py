@@ -184,7 +184,7 @@ def integrate(
         times = np.broadcast_to(times, (lanes, times.shape[-1]))
         if takes_times_apart(layout, order):
             results = integrate(layout, numbers, lanes, order, directions, rtol, again=again)
-            return results._replace(saved=_one_by_one(layout, numbers, lanes, order, directions, rtol, times))
+            return results._replace(saved=_one_by_one(layout, numbers, lanes, order, directions, rtol, times, again))
     layout = layout.wanting(saves=times is not None)
     fixed = tuple(direction for direction in directions if isinstance(direction, int))
     program, results = integrator_of(layout, order, fixed, 0 if fixed else len(directions))
@@ -229,6 +229,7 @@ def _one_by_one(
     directions: tuple[int | PerLane, ...],
     rtol: float,
     times: np.ndarray,
+    again: bool,
 ) -> np.ndarray:
     """Outputs at times and their derivatives from lanes that end there, shape (lanes, times, members, outputs)."""
     which = np.repeat(np.arange(lanes), times.shape[1])
@@ -236,7 +237,7 @@ def _one_by_one(
     place = len(own) - len(Clock._fields) + Clock._fields.index("t1")
     own[place] = np.minimum(times.ravel(), own[place])
     directions = _of_lanes(directions, which)
-    results = integrate(layout, own, which.size, order, directions, rtol)
+    results = integrate(layout, own, which.size, order, directions, rtol, again=again)
     value, first, other, second = (part and np.stack(part, -1) for part in results.outputs)
     members = [value, first, second][: order + 1] if len(directions) < 2 else [value, first, other, second]
     # A given time does not change with the lane's own end.
