@@ -268,8 +268,7 @@ class Samples(Distribution):
         checksum = hashlib.sha256(self.values.tobytes()).hexdigest()[:8]
         return f"Samples({self.source}: {len(self.values)} values, {checksum})"
 
-    def __str__(self) -> str:
-        return repr(self)
+    __str__ = __repr__
 
     def in_words(self, dimension: Dimension, system: System) -> str:
         """The file that they are from, and how many they are."""
@@ -336,17 +335,6 @@ LAWS: Mapping[str, type[Any]] = {
 
 MOST_OUTSIDE = 0.01
 """The share of a law outside of a parameter's range that is cut off without a word."""
-
-
-def shares_within(law: Any, low: float, high: float) -> tuple[float, float]:
-    """From which share of a law to which its values are in a range.
-
-    Args:
-        law: a `Distribution`, or any law with `cdf`.
-        low: the greatest number below the range; -inf without one.
-        high: the greatest number of the range; inf without one.
-    """
-    return (0.0 if low == -np.inf else float(law.cdf(low))), (1.0 if high == np.inf else float(law.cdf(high)))
 
 
 _CALL = re.compile(r"\s*(?P<name>[a-z-]+)\s*\((?P<arguments>.*)\)\s*", re.DOTALL)

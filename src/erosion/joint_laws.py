@@ -21,7 +21,7 @@ import numpy as np
 from scipy import special
 
 from erosion.arguments import check_unmasked, refuse
-from erosion.distributions import MOST_OUTSIDE, Distribution, OfScipy, Samples, as_laws, read_columns, shares_within
+from erosion.distributions import MOST_OUTSIDE, Distribution, OfScipy, Samples, as_laws, read_columns
 from erosion.output.files import digest
 from erosion.output.tables import briefly
 from erosion.parameters.headings import unused_note
@@ -287,15 +287,7 @@ def _numbers_of(thing: Any, within: Collection[int]) -> Iterator[bytes]:
     if isinstance(thing, (np.ndarray, np.generic, int, float)) and not isinstance(thing, bool):
         array = np.asarray(thing)
         yield f"{array.dtype.str} {array.shape}".encode() + array.tobytes()
-    for name, part in _parts_of(thing):
-        yield str(name).encode()
-        yield from _numbers_of(part, within)
-
-
-def _parts_of(thing: Any) -> list[tuple[object, Any]]:
-    """What holds numbers within a thing; the keys of a mapping count as well."""
-    if isinstance(thing, Mapping) and not isinstance(thing, JointLaw):
-        return [*thing.items()]
+    named: Mapping[Any, Any] = thing if isinstance(thing, Mapping) and not isinstance(thing, JointLaw) else {}
     parts: Iterable[Any] = thing if isinstance(thing, (list, tuple)) else ()
     if isinstance(thing, types.FunctionType):
         parts = [cell.cell_contents for cell in thing.__closure__ or ()]
@@ -305,7 +297,9 @@ def _parts_of(thing: Any) -> list[tuple[object, Any]]:
     elif isinstance(thing, Distribution):
         slots = [name for one in type(thing).__mro__ for name in vars(one).get("__slots__", ())]
         parts = [getattr(thing, name, None) for name in (*vars(thing), *slots)]
-    return [("", part) for part in parts]
+    for name, part in (*named.items(), *(("", part) for part in parts)):
+        yield str(name).encode()
+        yield from _numbers_of(part, within)
 
 
 def unused_columns(laws: Mapping[str, Any]) -> list[str]:
@@ -416,7 +410,8 @@ class LawSet:
 
     def _part(self, name: str) -> tuple[float, float]:
         """From which share of a law to which it is within the parameter's range."""
-        return shares_within(self.laws[name], *self.ranges[name])
+        law, (below, greatest) = self.laws[name], self.ranges[name]
+        return (0.0 if below == -np.inf else law.cdf(below)), (1.0 if greatest == np.inf else law.cdf(greatest))
 
 
 def read_rows(path: str | Path, quantities: Mapping[str, Quantity], system: System) -> Rows:

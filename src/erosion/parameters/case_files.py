@@ -17,6 +17,7 @@ A path in a file, of a model, a table or draws, begins at the folder of this fil
 import contextlib
 import dataclasses
 import functools
+import json
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -34,7 +35,6 @@ from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalar
 from erosion.parameters.per_mass import PerMass, read_density
 from erosion.parameters.quantities import (
     System,
-    UnitError,
     about,
     check_system,
     conversion_factor,
@@ -78,10 +78,7 @@ class Tested:
             are_texts = isinstance(ends, list) and all(isinstance(end, str) and has_unit(end) for end in ends)
             if name not in _SIDES or not are_texts or len(ends) != 2:
                 raise ValueError(f"{example}, but is {briefly(table)}")
-            try:
-                low, high = (read_quantity(end, QUANTITIES[name].dimension, "si") for end in ends)
-            except UnitError as error:
-                raise ValueError(str(error)) from error
+            low, high = (read_quantity(end, QUANTITIES[name].dimension, "si") for end in ends)
             if not 0 < low <= high < np.inf:
                 raise ValueError(f"{example}, but is {briefly(table)}")
             ranges[name] = low, high
@@ -390,18 +387,7 @@ def _parameters(table: Mapping[str, Any]) -> Parameters:
         if name not in fields and not (name in SECTIONS and isinstance(value, dict)):
             raise ValueError(f"Field `{name}` is unknown; the fields are {', '.join(fields)}.")
     quantities = {name: value for name, value in table.items() if name in QUANTITIES}
-    if "units" not in table:
-        _require_units(quantities)
-    system = check_system(table.get("units", "si"))
-    grit, metal = (
-        read(table[name]).parameters(system) if name in table else {}
-        for name, read in (("particle", particle), ("target", target))
-    )
-    return Parameters.from_quantities(system, grit | metal | quantities)
-
-
-def _require_units(quantities: Mapping[str, Any]) -> None:
-    for name, value in quantities.items():
+    for name, value in quantities.items() if "units" not in table else ():
         bare = not has_unit(value) if isinstance(value, str) else isinstance(value, (int, float))
         if bare and QUANTITIES[name].dimension not in ("1", "angle", "angular speed"):
             number = briefly(value).strip("'")
@@ -409,6 +395,12 @@ def _require_units(quantities: Mapping[str, Any]) -> None:
                 f"Field `{name}` is the bare number {number}, but the file names no `units`; "
                 'write units = "inch-pound" or "si", or give the quantity a unit.'
             )
+    system = check_system(table.get("units", "si"))
+    grit, metal = (
+        read(table[name]).parameters(system) if name in table else {}
+        for name, read in (("particle", particle), ("target", target))
+    )
+    return Parameters.from_quantities(system, grit | metal | quantities)
 
 
 @contextlib.contextmanager
@@ -423,6 +415,4 @@ def _in_file(path: Path) -> Iterator[None]:
 
 def toml_string(text: str) -> str:
     """A text in quotes, as TOML has it."""
-    import json
-
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

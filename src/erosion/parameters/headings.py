@@ -12,7 +12,7 @@ import math
 import re
 import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from erosion.output.tables import briefly
 from erosion.parameters.quantities import DIMENSIONS, Dimension, Scale, System, UnitError, read_quantity
@@ -84,14 +84,10 @@ class Known(NamedTuple):
 
 def of_parameters(dimensions: Mapping[str, Dimension]) -> dict[str, Known]:
     """Parameters of an impact, by their names, as quantities that a reader uses."""
-    parameters = {}
-    for name, dimension in dimensions.items():
-        names, words = _OF_PARAMETERS.get(name, ((), ""))
-        parameters[name] = Known((dimension,), names, words)
-    return parameters
+    return {name: Known((dimension,), *_OF_PARAMETERS.get(name, ())) for name, dimension in dimensions.items()}
 
 
-_OF_PARAMETERS: Mapping[str, tuple[Sequence[str], str]] = {
+_OF_PARAMETERS: Mapping[str, tuple[Any, ...]] = {
     "v0": ((*SPEEDS, "v"), SPEED_WORDS),
     "alpha": (ANGLES, ANGLE_WORDS),
     "m": (("mass", *MASSES), MASS_WORDS),
@@ -291,10 +287,6 @@ def _key(name: str) -> str:
     return re.sub(r"[\s_.,|–-]", "", plain)
 
 
-def _words(name: str) -> set[str]:
-    return {*re.findall(r"[^\W\d_]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", unicodedata.normalize("NFKC", name)).lower())}
-
-
 def _ignored(heads: Sequence[str], ignore: Sequence[str]) -> set[int]:
     """The columns that are not to be used."""
     ignored: set[int] = set()
@@ -329,7 +321,8 @@ def _doubt(text: str, unit: str, known: Mapping[str, Known], also: Collection[Di
             f"has the unit of {_article(dimension)}, but a name that is not understood; names that are: "
             f"{_listed(meant, known)}"
         )
-    words = set[str]() if dimension is not None else _words(name)
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", unicodedata.normalize("NFKC", name)).lower()
+    words = {*re.findall(r"[^\W\d_]+", apart)} if dimension is None else set[str]()
     meant = [own for own, entry in known.items() if any(re.fullmatch(entry.words, word) for word in words)]
     return "" if not meant or words & _HARMLESS else f"is not understood; names that are: {_listed(meant, known)}"
 

@@ -2,11 +2,9 @@
 
 import difflib
 import functools
-import importlib.resources
 import math
 import re
 import sys
-import tomllib
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -229,7 +227,7 @@ def _median(sieves: str) -> float:
 @functools.cache
 def _sieves() -> Mapping[str, float]:
     """The openings of sieves by number [mm]."""
-    return tomllib.loads(importlib.resources.files("erosion.parameters").joinpath("sieves.toml").read_text("utf-8"))
+    return read_toml(Path(__file__).with_name("sieves.toml"))
 
 
 def target(text: "str | Target") -> Target:
@@ -331,8 +329,7 @@ def _table(file: Path | None) -> Mapping[str, Mapping[str, dict[str, Any]]]:
 
 @functools.cache
 def _built_in() -> Mapping[str, Mapping[str, dict[str, Any]]]:
-    text = importlib.resources.files("erosion.parameters").joinpath("materials.toml").read_text("utf-8")
-    return _checked(tomllib.loads(text))
+    return _checked(read_toml(Path(__file__).with_name("materials.toml")))
 
 
 def _checked(content: Mapping[str, Any]) -> dict[str, dict[str, dict[str, Any]]]:

@@ -68,12 +68,8 @@ def array_of(value: Any) -> np.ndarray:
         return np.empty(0, object)
 
 
-def _parameter(name: str, default: float | None = None) -> Any:
-    metadata = {"quantity": QUANTITIES[name]}
-    converter = functools.partial(_float64, name)
-    if default is None:
-        return eqx.field(converter=converter, metadata=metadata)
-    return eqx.field(converter=converter, metadata=metadata, default=default)
+def _parameter(name: str, **default: Any) -> Any:
+    return eqx.field(converter=functools.partial(_float64, name), metadata={"quantity": QUANTITIES[name]}, **default)
 
 
 class SizeWarning(UserWarning):
@@ -112,8 +108,8 @@ class Parameters(Result, eqx.Module):
     v0: Leaf = _parameter("v0")
     sigma: Leaf = _parameter("sigma")
     alpha: Leaf = _parameter("alpha")
-    phidot0: Leaf = _parameter("phidot0", 0.0)
-    inertia: Leaf = _parameter("inertia", 0.5)
+    phidot0: Leaf = _parameter("phidot0", default=0.0)
+    inertia: Leaf = _parameter("inertia", default=0.5)
     units: System = eqx.field(static=True, default="inch-pound", converter=check_system)
 
     @classmethod
@@ -190,9 +186,6 @@ class Parameters(Result, eqx.Module):
             ValueError: for a metal that the table lacks.
         """
         return self.replace(**read_target(target).parameters(self.units))
-
-    with_material = with_target
-    """The name of `with_target` before there was a table of targets."""
 
     def to(self, units: str) -> "Parameters":
         """The same case in another unit system; `CuttingModel.to` converts a model's own parameters with it."""
