@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from erosion.cli import _status, app
-from erosion.cli.lists import chosen_models, read_list, read_models
+from erosion.cli.options import chosen_models, read_list, read_models
 from erosion.models import usable_models
 from tests.documents import Shell
 

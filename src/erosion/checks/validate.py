@@ -72,8 +72,7 @@ def _sphere_depth(v0: float) -> Number:
 
 
 def _share_at_90(model: str) -> Number:
-    steep = impact(model, TABLE_1.replace(alpha=np.pi / 2)).volume
-    return steep / alpha_max(model, TABLE_1).volume
+    return impact(model, TABLE_1.replace(alpha=np.pi / 2)).volume / alpha_max(model, TABLE_1).volume
 
 
 def _volume_per_mass() -> Number:

@@ -346,7 +346,11 @@ def _similar(p: Parameters) -> Parameters:
 def _identities(cut: Trajectory) -> _Errors:
     """Errors of identities between the begin and the end of a cut, or at one moment, that need no solver."""
     model, p = cut.model, cut.p
-    errors = [*_tip_moves(model, cut)]
+    # The tip's velocity against the rate of its position, midway.
+    state = jax.tree.map(lambda leaf: jnp.asarray(leaf[len(leaf) // 2]), cut.states)
+    rate = jax.tree.map(jnp.asarray, model.derivative(state, p))
+    tip, flow = jax.jvp(lambda state: model.tip(state, p), (state,), (rate,))
+    errors = [(flow.x - tip.vx) / p.v0, (flow.depth - tip.vdepth) / p.v0]
     if not isinstance(model, RigidErodent) or len(cut.t) < 2:
         return errors
     ratio, cut_away = _constant_ratio(model, p), cut.volume - cut.removed[0]
@@ -375,16 +379,6 @@ def _constant_ratio(model: RigidErodent, p: Parameters) -> Broadcast | None:
         return p.k
     # d(ẏ/ẋ)/dt = 0: a force along the velocity never turns the velocity.
     return np.tan(p.alpha) if type(model.force) in (TanAlpha, VelocityAligned) else None
-
-
-def _tip_moves(model: CuttingModel, cut: Trajectory) -> Iterator[Broadcast]:
-    """Errors of the tip's velocity against the rate of its position, midway."""
-    p = cut.p
-    state = jax.tree.map(lambda leaf: jnp.asarray(leaf[len(leaf) // 2]), cut.states)
-    rate = jax.tree.map(jnp.asarray, model.derivative(state, p))
-    tip, flow = jax.jvp(lambda state: model.tip(state, p), (state,), (rate,))
-    yield (flow.x - tip.vx) / p.v0
-    yield (flow.depth - tip.vdepth) / p.v0
 
 
 def _relative(computed: float, reference: float) -> float:

@@ -16,12 +16,10 @@ import cyclopts
 
 from erosion.cli.advise import advise
 from erosion.cli.calibrate import calibrate
+from erosion.cli.cfd import export, map_
 from erosion.cli.errors import InputError, explain, printable, sentence, spell_out
-from erosion.cli.export import export
-from erosion.cli.lists import materials, models, validate, verify
-from erosion.cli.map import map_
+from erosion.cli.lists import exercise, explore, materials, models, report, validate, verify
 from erosion.cli.options import OPTIONS, Help
-from erosion.cli.pages import exercise, explore, report
 from erosion.cli.posterior import posterior, predict
 from erosion.cli.run import compare, optimum, run
 from erosion.cli.sweep import stream, sweep

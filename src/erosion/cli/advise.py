@@ -10,7 +10,6 @@ from cyclopts import Group, Parameter
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, user_errors
 from erosion.cli.laws import LawOptions, require_same_model
-from erosion.cli.lists import ModelsOption, chosen_models
 from erosion.cli.options import (
     OUTPUT,
     AllAngles,
@@ -18,8 +17,10 @@ from erosion.cli.options import (
     CaseOptions,
     JsonOption,
     LangOption,
+    ModelsOption,
     PlotOption,
     SetOption,
+    chosen_models,
     is_same_model,
     load_set,
     output_option,
@@ -185,7 +186,7 @@ def advise(
     and ψ, and the correlations do not count.
     """
     options = with_file(case, file)
-    options.refuse_angle("all angles of the nozzle are compared")
+    options.refuse_given("all angles of the nozzle are compared", "alpha")
     p = options.parameters()
     deviation = read_option("spread", spread, "angle", "si")
     fit = GivenFit(fit_of_tests or TestedFitOptions(), options, model)

@@ -9,20 +9,24 @@ from cyclopts import Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption, chosen_models, refuse_same
 from erosion.cli.options import (
     FIT,
+    LISTED,
     OUTPUT,
     AllAngles,
     CaseArgument,
     CaseOptions,
+    IgnoreOption,
     JsonOption,
+    ModelsOption,
     PlotOption,
     SetOption,
     Settings,
     WholeOption,
+    chosen_models,
     load_set,
     model_and_settings,
+    refuse_same,
     with_file,
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
@@ -81,10 +85,8 @@ class Fit:
 
     def models(self) -> "list[lazy.CuttingModel]":
         """The models, all of them different and of the target's metal."""
-        if len(self.names) == 1:
-            models = [load_set(self.names[0], self.own, self.options, self.p.units)]
-        else:
-            models = list(map(self.options.load_as_set, self.names))
+        own = self.own if len(self.names) == 1 else {}
+        models = [load_set(name, own, self.options, self.p.units) for name in self.names]
         refuse_same(dict(zip(self.names, models, strict=True)))
         for model in models:
             weighing(model, self.fit, self.options)  # refuses the density of another metal than a correlation's
@@ -156,7 +158,7 @@ def given_fit(
         if data.is_fifo():
             raise InputError(f"{data} is no file: beside it give `--units si`, `--units inch-pound` or a case file.")
         case = dataclasses.replace(case, units=lazy.unit_system(data, ignore or ()))
-    case.refuse_angle("the angles are those of the data")
+    case.refuse_given("the angles are those of the data", "alpha")
     fit = fit or FitOptions()
     is_usual = model is None and not own and not fit.free and case.model()[0] is None
     fit = dataclasses.replace(fit, free=fit.free or [*(lazy.USUAL_FREE if is_usual else lazy.FREE)])
@@ -166,10 +168,13 @@ def given_fit(
     fit = dataclasses.replace(fit, density=density, cutting_fraction=per_mass.cutting_fraction)
     usual, of_model = model_and_settings(None if model is None else model[0], own, case)
     names = [*lazy.USUAL_MODELS] if is_usual else [usual] if model is None else chosen_models(model)
-    if len(set(names)) != len(names):
-        raise InputError(f"Option `--model` must name one or several different models, but is {','.join(names)!r}.")
-    if own and len(names) > 1:
-        raise InputError(f"Option `--set` needs one model, but `--model` names {', '.join(names)}.")
+    lazy.refuse(
+        "Option ",
+        (len(set(names)) != len(names),
+         f"`--model` must name one or several different models, but is {','.join(names)!r}."),
+        (own and len(names) > 1, f"`--set` needs one model, but `--model` names {', '.join(names)}."),
+        kind=InputError,
+    )  # fmt: skip
     return Fit(data, ignore or (), case, p, fit, names, of_model)
 
 
@@ -216,22 +221,19 @@ def print_document(
     of_fits = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
                for name, quantity in lazy.quantities(fit.model).items()}  # fmt: skip
     of_fits |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.erosion_unit)
-    content = _fit_as_json(ranking.best, level)
+    content = as_json(ranking.best.to_dict(level), "model")
     if ranks_several(ranking):
         content["ranking"] = [
-            {"model": name, **_fit_as_json(fit, level), **ranking.standing(at)}
+            {"model": name, **as_json(fit.to_dict(level), "model"), **ranking.standing(at)}
             for at, (name, fit) in enumerate(fits.items())
         ]
     output.document({**content, **more}, {name: fit.model for name, fit in fits.items()}, {**of_fits, **units})
 
 
-def _fit_as_json(fit: "lazy.Calibration", level: float) -> dict[str, Any]:
-    return {name: value for name, value in as_json(fit.to_dict(level)).items() if name != "model"}
-
-
-def as_json(numbers: Mapping[str, Any]) -> dict[str, Any]:
-    """Without what the document says elsewhere."""
-    return {name: value for name, value in numbers.items() if name not in ("own_parameters", "parameters", "warnings")}
+def as_json(numbers: Mapping[str, Any], *but: str) -> dict[str, Any]:
+    """Numbers without what the document says elsewhere, `but` some more."""
+    said = ("own_parameters", "parameters", "warnings", *but)
+    return {name: value for name, value in numbers.items() if name not in said}
 
 
 _BOUNDS = 'Least and greatest: "psi=0.01:0.3,threshold=0:40 m/s".'
@@ -300,14 +302,14 @@ def _read_bounds(
     for text in texts:
         name, equals, ends = (part.strip() for part in text.partition("="))
         least, colon, greatest = (part.strip() for part in ends.partition(":"))
-        if not (name and equals and least and colon and greatest):
-            raise InputError(f'Option `--bounds` must be such as "psi=0.01:0.3", but is {briefly(text)}.')
-        if name not in free:
-            raise InputError(
-                f"Option `--bounds` must name free parameters ({', '.join(free)}), but has {briefly(name)}."
-            )
-        if name in bounds:
-            raise InputError(f"Option `--bounds` must give {name} once, but gives it several times.")
+        lazy.refuse(
+            "Option `--bounds` must ",
+            (not (name and equals and least and colon and greatest),
+             f'be such as "psi=0.01:0.3", but is {briefly(text)}.'),
+            (name not in free, f"name free parameters ({', '.join(free)}), but has {briefly(name)}."),
+            (name in bounds, f"give {name} once, but gives it several times."),
+            kind=InputError,
+        )  # fmt: skip
         dimension = dimension_of(name, models, units)
         # "1:3 GPa" is from 1 GPa. The end with the unit is read first, so that a message shows what was typed.
         shared = lazy.unit_of(least) or lazy.unit_of(greatest)

@@ -45,23 +45,24 @@ class LawOptions:
             where: words for it: "jet.toml: field `{}` of [stream]".
         """
         rows, uncertain, pairs = (section.get(name) for name in LAW_FIELDS)
-        if not (rows is None or isinstance(rows, str)):
-            raise InputError(f"{where.format('rows')} must name a CSV file, but is {briefly(rows)}.")
-        if not (uncertain is None or isinstance(uncertain, str) or (uncertain and isinstance(uncertain, dict))):
-            raise InputError(
-                f"{where.format('uncertain')} must name a file or be a table of laws, but is {briefly(uncertain)}."
-            )
-        if not (pairs is None or isinstance(pairs, dict)):
-            raise InputError(
-                f'{where.format("correlation")} must be a table such as {{"v0,r" = -0.5}}, but is {briefly(pairs)}.'
-            )
+        table = uncertain if isinstance(uncertain, dict) else {}
+        odd = {name: law for name, law in table.items()
+               if isinstance(law, list) and not all(type(value) in (int, float) for value in law)}  # fmt: skip
+        lazy.refuse(
+            "",
+            (not (rows is None or isinstance(rows, str)),
+             f"{where.format('rows')} must name a CSV file, but is {briefly(rows)}."),
+            (not (uncertain is None or isinstance(uncertain, str) or table),
+             f"{where.format('uncertain')} must name a file or be a table of laws, but is {briefly(uncertain)}."),
+            (not (pairs is None or isinstance(pairs, dict)),
+             f'{where.format("correlation")} must be a table such as {{"v0,r" = -0.5}}, but is {briefly(pairs)}.'),
+            *((True, f"{where.format('uncertain')} must be a table of laws, or of lists of numbers, but has "
+                     f"{name} = {briefly(law)}.") for name, law in odd.items()),
+            kind=InputError,
+        )  # fmt: skip
         of_file: list[str | Mapping[str, Any]] = [] if uncertain is None else [uncertain]
-        if isinstance(uncertain, dict) and not all(isinstance(draws, list) for draws in uncertain.values()):
-            of_file = [f"{name}={law}" for name, law in uncertain.items()]
-        for name, law in uncertain.items() if isinstance(uncertain, dict) else ():
-            if isinstance(law, list) and not all(type(value) in (int, float) for value in law):
-                wanted = "be a table of laws, or of lists of numbers"
-                raise InputError(f"{where.format('uncertain')} must {wanted}, but has {name} = {briefly(law)}.")
+        if not all(isinstance(draws, list) for draws in table.values()):
+            of_file = [f"{name}={law}" for name, law in table.items()]
         given = GivenLaws(
             rows=(where.format("rows"), rows),
             uncertain=(where.format("uncertain"), of_file),
@@ -100,23 +101,24 @@ class GivenLaws:
 
         Returns:
             The laws from particle to particle, those of what is uncertain, and the posteriors' files that were read.
-        """
-        varied = {**laws, **self._of_rows(model, units, laws)}
-        uncertain, draws = self._uncertain(model, units)
-        varied, uncertain = self._tied(varied, uncertain)
-        _require_possible(uncertain, model, self.uncertain[0])
-        return varied, uncertain, draws
 
-    def _of_rows(self, model: "lazy.CuttingModel", units: "lazy.System", laws: Mapping[str, Any]) -> dict[str, Any]:
-        """The laws of a table's columns."""
+        Raises:
+            InputError: also for uncertain laws beyond the range of their parameter, and draws of another model.
+        """
         where, path = self.rows
-        if path is None:
-            return {}
         with reading(where):
-            rows = lazy.read_rows(path, lazy.quantities(model), units)
+            rows = {} if path is None else lazy.read_rows(path, lazy.quantities(model), units)
         if both := [name for name in rows if name in laws]:
             raise InputError(f"{where} must give {both[0]} alone, but {both[0]} has another law, too.")
-        return dict(rows)
+        uncertain, draws = self._uncertain(model, units)
+        varied, uncertain = self._tied({**laws, **rows}, uncertain)
+        require_same_model(draws, model, self.uncertain[0])
+        try:
+            lazy.LawSet(uncertain, {**lazy.ranges(model), _FRACTION: lazy.SHARE})
+        except (TypeError, ValueError) as error:
+            clause = re.sub(r"^Argument `(\w+)`", r"\1", str(error))
+            raise InputError(f"{self.uncertain[0]}: {clause}") from error
+        return varied, uncertain, draws
 
     def _uncertain(self, model: "lazy.CuttingModel", units: "lazy.System") -> "tuple[dict[str, Any], list[lazy.Draws]]":
         """The laws of what is uncertain, and the posteriors' files among them."""
@@ -149,7 +151,9 @@ class GivenLaws:
         kinds: list[tuple[dict[str, Any], dict[tuple[str, str], float]]] = [(varied, {}), (uncertain, {})]
         for text in texts:
             pair, value = _pair(text, where)
-            homes = [i for i, (laws, _) in enumerate(kinds) if all(_is_single(laws.get(name)) for name in pair)]
+            # Laws that are not tied to others.
+            singles = [{name for name, law in laws.items() if not isinstance(law, lazy.Member)} for laws, _ in kinds]
+            homes = [i for i, single in enumerate(singles) if single.issuperset(pair)]
             if not homes:
                 raise InputError(
                     f"{where} must join two parameters with laws of their own, which both vary or are both uncertain, "
@@ -169,15 +173,6 @@ class GivenLaws:
         return tied[0], tied[1]
 
 
-def _require_possible(laws: Mapping[str, Any], model: "lazy.CuttingModel", where: str) -> None:
-    """Refuse laws beyond the range of their parameter, by the name of the option or the field that has them."""
-    try:
-        lazy.LawSet(laws, {**lazy.ranges(model), _FRACTION: lazy.SHARE})
-    except (TypeError, ValueError) as error:
-        clause = re.sub(r"^Argument `(\w+)`", r"\1", str(error))
-        raise InputError(f"{where}: {clause}") from error
-
-
 def require_same_model(draws: "Sequence[lazy.Draws]", model: "lazy.CuttingModel", where: str) -> None:
     """Refuse draws of another model's parameters, which mean something else."""
     for part in draws:
@@ -190,11 +185,6 @@ def require_same_model(draws: "Sequence[lazy.Draws]", model: "lazy.CuttingModel"
 
 def _is_file(text: str) -> bool:
     return text.strip().endswith((".nc", ".csv"))
-
-
-def _is_single(law: Any) -> bool:
-    """Whether it is a law that is not tied to others."""
-    return law is not None and not isinstance(law, lazy.Member)
 
 
 def _law(text: str, known: Mapping[str, Any], units: "lazy.System") -> dict[str, Any]:
@@ -255,10 +245,8 @@ class CaseAndLaws:
         return self.base.replace(**self.numbers)
 
     def read_laws(self) -> "tuple[dict[str, Any], dict[str, Any], list[lazy.Draws]]":
-        """As of `GivenLaws.read`; draws of another model's parameters, which mean something else, are refused."""
-        varied, uncertain, draws = self.given.read(self.base, self.p.units, self.laws)
-        require_same_model(draws, self.base, self.given.uncertain[0])
-        return varied, uncertain, draws
+        """See `GivenLaws.read`."""
+        return self.given.read(self.base, self.p.units, self.laws)
 
 
 def case_and_laws(

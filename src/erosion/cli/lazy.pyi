@@ -14,6 +14,7 @@ from erosion.advice.result import UNITS as UNITS
 from erosion.advice.result import Uncertain as Uncertain
 from erosion.arguments import Progress as Progress
 from erosion.arguments import check_level as check_level
+from erosion.arguments import refuse as refuse
 from erosion.cfd.erosion_map import MapJob as MapJob
 from erosion.cfd.erosion_map import prepare_map as prepare_map
 from erosion.cfd.exports import restitution as restitution
@@ -49,7 +50,6 @@ from erosion.exercises.answer_key import notebook as notebook
 from erosion.explorer.server import free_address as free_address
 from erosion.explorer.server import offer as offer
 from erosion.explorer.server import serve as serve
-from erosion.fits import Calibration as Calibration
 from erosion.fits import CalibrationError as CalibrationError
 from erosion.fits import ConvergenceWarning as ConvergenceWarning
 from erosion.fits import Measurements as Measurements

@@ -7,12 +7,13 @@ import math
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from cyclopts import Group, Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
+from erosion.output.files import is_file
 from erosion.output.tables import briefly
 from erosion.parameters.quantities import QUANTITIES, example, has_unit, unit_name
 
@@ -242,27 +243,20 @@ class CaseOptions:
         with user_errors():
             return lazy.made_for(lazy.load_model(name), metal, grit)
 
-    def load_as_set(self, name: str) -> "lazy.CuttingModel":
+    def load_as_set(self, name: str, loaded: "lazy.CuttingModel | None" = None) -> "lazy.CuttingModel":
         """The same with what the case file sets of this model for all verbs."""
-        model = self.load(name)
-        if not self._sets(name):
+        model = self.load(name) if loaded is None else loaded
+        of_file, own = (None, {}) if self.file is None else self.file.model()
+        if not own or of_file is None or not is_same_model(of_file, name):
             return model
         of_model = settings((), with_model_of_case({}, self, [name]), f"{self.case}: `set`")
         return model.replace(**read_settings(name, model, of_model, self.parameters(changed=False).units))
 
-    def reference(self, name: str) -> "str | lazy.CuttingModel":
-        """The model as `load` gives it; one that no target changes by its name, by which other processes find it."""
-        model = self.load(name)
-        return model if isinstance(model, lazy.Correlated) else name
-
-    def reference_as_set(self, name: str) -> "str | lazy.CuttingModel":
-        """The same, of one of several models: with what the case file sets of it."""
-        return self.load_as_set(name) if self._sets(name) else self.reference(name)
-
-    def _sets(self, name: str) -> bool:
-        """Whether the case file sets own parameters of this model for all verbs."""
-        of_file, own = (None, {}) if self.file is None else self.file.model()
-        return bool(own) and of_file is not None and is_same_model(of_file, name)
+    def reference(self, name: str, *, as_set: bool = False) -> "str | lazy.CuttingModel":
+        """The model, with `as_set` as `load_as_set` gives it; by its name, which other processes know, where it can."""
+        loaded = self.load(name)
+        model = self.load_as_set(name, loaded) if as_set else loaded
+        return name if model is loaded and not isinstance(model, lazy.Correlated) else model
 
     def _require_own_units(self, what: str) -> None:
         """An `InputError` where --units is not that of the file, whose bare numbers would be read in it."""
@@ -293,10 +287,11 @@ class CaseOptions:
             changes.append(f"{QUANTITIES[q].symbol} = {text} {unit}".rstrip())
         return ", ".join([name, *named, *changes])
 
-    def refuse_angle(self, reason: str) -> None:
-        """An `InputError` where --alpha is given to a verb that takes no angle."""
-        if "alpha" in self.given():
-            raise InputError(f"Option `--alpha` has no meaning here: {reason}.")
+    def refuse_given(self, reason: str, *names: str) -> None:
+        """An `InputError` where an option of a parameter is given to a verb that does not take it."""
+        for name in names:
+            if name in self.given():
+                raise InputError(f"Option `--{name}` has no meaning here: {reason}.")
 
     def section(self, verb: str, fields: Sequence[str], *, parameters: bool = True) -> dict[str, Any]:
         """The table of a verb in the case file: `fields` of the verb's own, and, if it takes them, parameters.
@@ -392,14 +387,68 @@ def read_whole(number: Any) -> int:
 WholeOption = Annotated[int | None, Parameter(converter=lambda kind, tokens: read_whole(tokens[0].value))]
 
 
-@overload
-def read_option(name: str, text: str, dimension: "lazy.Dimension", units: "lazy.System") -> float: ...
-@overload
-def read_option(name: str, text: str | None, dimension: "lazy.Dimension", units: "lazy.System") -> float | None: ...
-def read_option(name: str, text: str | None, dimension: "lazy.Dimension", units: "lazy.System") -> float | None:
+def read_option(name: str, text: str | None, dimension: "lazy.Dimension", units: "lazy.System") -> Any:
     """The number of an option in a unit system; None where it is not given."""
     with reading(f"Option `--{name}`"):
         return None if text is None else lazy.read_quantity(text, dimension, units)
+
+
+def read_list(text: str) -> list[str]:
+    """The items of a list, with commas between them; a ValueError where there is none."""
+    items = [item.strip() for item in text.split(",") if item.strip()]
+    if not items:
+        raise ValueError(f"must list one item or more, but is {briefly(text)}")
+    return items
+
+
+def read_models(text: str) -> list[str]:
+    """The models that a text names; the path of a file may have a comma."""
+    return [text] if is_file(text) else read_list(text)
+
+
+LISTED = Parameter(
+    negative="", converter=lambda kind, tokens: [item for token in tokens for item in read_list(token.value)]
+)
+IgnoreOption = Annotated[
+    list[str] | None, LISTED, Parameter(help='Columns of the table to leave out, such as "frequency".')
+]
+ModelOption = Annotated[
+    str, Parameter(name="--model", group=MODEL, help="A name, see `erosion models`, or the path of a Python file.")
+]
+ModelsOption = Annotated[
+    list[str] | None,
+    Parameter(
+        name="--model",
+        negative="",
+        converter=lambda kind, tokens: [item for token in tokens for item in read_models(token.value)],
+        group=MODEL,
+        help='Names or paths of files: "linearized,rotating", or "all".',
+    ),
+]
+
+
+def chosen_models(names: Sequence[str] | Any) -> Any:
+    """The models that are named, where "all" stands for every usable one."""
+    if not isinstance(names, list) or "all" not in names:
+        return names
+    others = [name for name in names if name != "all"]
+    return list(dict.fromkeys((*lazy.usable_models(), *others)))
+
+
+def refuse_same(models: "Mapping[str, lazy.CuttingModel]") -> None:
+    """Refuse two names of one model, as "dnv" and "dnv:carbon-steel" are for a target of steel.
+
+    Args:
+        models: by the names that are given; correlations are made for the target.
+    """
+    first: dict[str, str] = {}
+    for name, model in models.items():
+        other = first.setdefault(lazy.called(name, model), name)
+        if other != name:
+            raise InputError(
+                f"Option `--model` must name different models, but `{other}` and `{name}` are the same here: "
+                f"{lazy.called(name, model)}."
+            )
 
 
 SetOption = Annotated[
@@ -477,10 +526,12 @@ def settings(options: Sequence[str] | None, section: Mapping[str, Any] | None = 
     in_options: dict[str, tuple[str, Any]] = {}
     for text in options or ():
         name, equals, value = (part.strip() for part in text.partition("="))
-        if not (name and equals and value):
-            raise InputError(f'Option `--set` must be such as "friction=0.3", but is {briefly(text)}.')
-        if name in in_options:
-            raise InputError(f"Option `--set` must give `{name}` once, but gives it several times.")
+        lazy.refuse(
+            "Option `--set` must ",
+            (not (name and equals and value), f'be such as "friction=0.3", but is {briefly(text)}.'),
+            (name in in_options, f"give `{name}` once, but gives it several times."),
+            kind=InputError,
+        )
         in_options[name] = (f"Option `--set {name}`", value)
     return in_file | in_options
 
@@ -515,10 +566,13 @@ def read_settings(
         with reading(source):
             of = own[key].quantity.dimension, units
             values[key] = lazy.read_quantity(str(text), *of) if read is None else read(key, text, *of)
-        if isinstance(values[key], (float, np.ndarray)) and not np.all(np.isfinite(values[key])):
-            raise InputError(f"{source} must be finite, but is {text}.")
-        if isinstance(values[key], (float, np.ndarray)) and np.any(values[key] < own[key].least):
-            raise InputError(f"{source} must be at least {own[key].least:g}, but is {text}.")
+        numbers = np.asarray(values[key] if isinstance(values[key], (float, np.ndarray)) else ())  # not those of a law
+        lazy.refuse(
+            f"{source} must be ",
+            (not np.isfinite(numbers).all(), f"finite, but is {text}."),
+            ((numbers < own[key].least).any(), f"at least {own[key].least:g}, but is {text}."),
+            kind=InputError,
+        )
     return values
 
 

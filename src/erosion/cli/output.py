@@ -86,14 +86,10 @@ class Output:
         if p is not None and p.size_warning:
             self.warn(p.size_warning)
         # A new fit has doubts of its own.
-        if (
-            p is not None
-            and options is not None
-            and options.file is not None
-            and verb not in ("calibrate", "posterior")
-        ):
+        file = None if options is None or verb in ("calibrate", "posterior") else options.file
+        if p is not None and file is not None:
             with user_errors():
-                self.warn(options.file.doubt, *options.file.outside(p, angle=verb == "run"))
+                self.warn(file.doubt, *file.outside(p, angle=verb == "run"))
 
     def warn(self, *messages: str | None) -> None:
         """Warnings, each once: on stderr at once, and in the document."""
@@ -282,24 +278,15 @@ def weighing(model: "lazy.CuttingModel", given: PerMassOptions | None, options: 
         source = "Option `--density`"
         if given.density is None:
             source = f"{options.case}: the density" if options.target is None else "The density of `--target`"
-        raise _set_beside(model, source, per_mass, options) or InputError(
-            str(error).replace("Argument `density`", source)
-        ) from error
-
-
-def _set_beside(
-    model: "lazy.CuttingModel", source: str, per_mass: "lazy.PerMass", options: CaseOptions
-) -> InputError | None:
-    """The error where the density was set as an own parameter of a correlation; None where it is the correlation's."""
-    if not isinstance(model, lazy.Correlated):
-        return None
-    usual = options.load(model.label)
-    if not isinstance(usual, lazy.Correlated) or float(model.density) == float(usual.density):
-        return None
-    return InputError(
-        f"Parameter `density` of {model.label} is set to {float(model.density):g} kg/m³ (`--set`, or `set` in the case "
-        f"file), but {source[0].lower()}{source[1:]} is {per_mass.density:g} kg/m³: leave one of them out."
-    )
+        message = str(error).replace("Argument `density`", source)
+        usual = options.load(model.label) if isinstance(model, lazy.Correlated) else None
+        if isinstance(model, lazy.Correlated) and isinstance(usual, lazy.Correlated) and model.density != usual.density:
+            message = (
+                f"Parameter `density` of {model.label} is set to {float(model.density):g} kg/m³ (`--set`, or `set` in "
+                f"the case file), but {source[0].lower()}{source[1:]} is {per_mass.density:g} kg/m³: leave one of them "
+                "out."
+            )
+        raise InputError(message) from error
 
 
 _SLOWEST = 10  # per second; a slower rate says less than the time left

@@ -22,14 +22,16 @@ from erosion.cli.calibrate import (
     write_case,
 )
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.cli.lists import LISTED, IgnoreOption, ModelsOption
 from erosion.cli.options import (
     DRAWS,
     FIT,
+    LISTED,
     OUTPUT,
     AllAngles,
     CaseArgument,
+    IgnoreOption,
     JsonOption,
+    ModelsOption,
     PlotOption,
     SetOption,
     WholeOption,
@@ -273,13 +275,13 @@ def _read_priors(
     laws: dict[str, Any] = {}
     for text in texts:
         name, _, law = (part.strip() for part in text.partition("="))
-        if name not in known:
-            raise InputError(
-                f'Option `--prior` must be such as "{known[0]}=uniform(1, 3)", of {", ".join(known)}, '
-                f"but is {briefly(text)}."
-            )
-        if name in laws:
-            raise InputError(f"Option `--prior` must give {name} once, but gives it several times.")
+        lazy.refuse(
+            "Option `--prior` must ",
+            (name not in known,
+             f'be such as "{known[0]}=uniform(1, 3)", of {", ".join(known)}, but is {briefly(text)}.'),
+            (name in laws, f"give {name} once, but gives it several times."),
+            kind=InputError,
+        )  # fmt: skip
         dimension = measured.dimension if name == lazy.NOISE else dimension_of(name, models, measured.units)
         with reading(f"Option `--prior`, {name},"):
             read = lazy.read_distribution(law, name, dimension, measured.units)

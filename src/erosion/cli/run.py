@@ -10,18 +10,23 @@ from cyclopts import Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, user_errors
-from erosion.cli.lists import LISTED, ModelOption, ModelsOption, chosen_models, read_list, refuse_same
 from erosion.cli.options import (
+    LISTED,
     AllAngles,
     CaseArgument,
     CaseOptions,
     JsonOption,
+    ModelOption,
+    ModelsOption,
     PlotOption,
     SetOption,
+    chosen_models,
     in_full,
     named_model,
     output_option,
+    read_list,
     read_option,
+    refuse_same,
     with_file,
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
@@ -94,7 +99,7 @@ def optimum(
     Jumps of the volume and the ends of the range are compared too.
     """
     options = with_file(case, file)
-    options.refuse_angle("all angles are searched, or those of --alpha-range")
+    options.refuse_given("all angles are searched, or those of --alpha-range", "alpha")
     with progress_bar("searching all angles"):
         p = options.parameters()
         name, chosen = named_model(model, own, options, p.units)
@@ -237,7 +242,7 @@ def _models(
     """The models to compare, by name, and what a sweep takes for them; all of them without names."""
     chosen = chosen_models(["all"] if names is None else names)
     loaded = {name: options.load_as_set(name) for name in chosen}
-    references = {name: options.reference_as_set(name) for name in chosen}
+    references = {name: options.reference(name, as_set=True) for name in chosen}
     models = {lazy.called(references[name], model): model for name, model in loaded.items()}
     refuse_same(loaded)
     if not chosen or len(models) != len(chosen):

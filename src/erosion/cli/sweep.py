@@ -11,17 +11,22 @@ from cyclopts import Parameter
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
-from erosion.cli.lists import LISTED, ModelOption, ModelsOption, chosen_models, read_list, read_models
 from erosion.cli.options import (
     LAWS,
+    LISTED,
     CaseArgument,
     CaseOptions,
     JsonOption,
+    ModelOption,
+    ModelsOption,
     PlotOption,
     SetOption,
     Settings,
     WholeOption,
+    chosen_models,
     output_option,
+    read_list,
+    read_models,
     read_settings,
     read_whole,
     settings,
@@ -119,7 +124,8 @@ def sweep(
         )
         together = paired or _listed(options, section, "paired", read_list) or ()
         # Correlations are those that are made for the target; a single model's own values are the grid's.
-        made: Any = [*map(options.reference_as_set, chosen)] if isinstance(chosen, list) else options.reference(chosen)
+        made: Any = options.reference(chosen) if isinstance(chosen, str) else [
+            options.reference(name, as_set=True) for name in chosen]  # fmt: skip
         grid = lazy.make_grid(made, p, axes, outputs, paired=together, own=single)
     # By model, and of a single model by the key "".
     weights = {name if grid.compared else "": weighing(each, abrasive, options) for name, each in grid.loaded().items()}

@@ -100,10 +100,6 @@ class Range:
     unit: str
     source: str
 
-    def excludes(self, values: np.ndarray) -> np.ndarray | np.bool_:
-        """Which values lie outside, by more than rounding; NaN lies nowhere."""
-        return (values > self.high * (1 + _ROUNDING)) | (values < self.low * (1 - _ROUNDING))
-
     def __str__(self) -> str:
         return f"{_in_words(self.low, self.unit)} to {_in_words(self.high, self.unit)}"
 
@@ -148,8 +144,9 @@ def warn_outside(title: str, ranges: Mapping[str, Range], **values: Values) -> N
 
 
 def masks_outside(ranges: Mapping[str, Range], values: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Which values lie outside of the range of their argument, for each argument that has a range."""
-    return {name: ranges[name].excludes(value) for name, value in values.items() if name in ranges}
+    """Which values lie outside of the range of their argument by more than rounding, for each that has a range."""
+    return {name: (value > ranges[name].high * (1 + _ROUNDING)) | (value < ranges[name].low * (1 - _ROUNDING))
+            for name, value in values.items() if name in ranges}  # fmt: skip
 
 
 def outside_in_words(

@@ -10,6 +10,7 @@ every jump and of both ends of the range.
 """
 
 import abc
+import contextlib
 import dataclasses
 import functools
 import math
@@ -227,8 +228,10 @@ class Optimum(Result):
         ]
         if self.objective != "volume":
             rows.append(self.value_row(self.value))
-        rows.append(self._certificate())
-        return rows
+        count, size = int(np.sum(self.certified)), np.size(self.certified)
+        share = f"{count:,} of {size:,}" if np.ndim(self.certified) else "yes" if count else "no"
+        meaning = NOT_CERTIFIED if count < size else "the search resolved all angles"
+        return [*rows, Row("certified", "", share, "", meaning)]
 
     def to_dict(self) -> Record:
         """Model, parameters and every field, without the sensitivities, which take longer."""
@@ -249,11 +252,6 @@ class Optimum(Result):
             **dict.fromkeys(("d2volume", "d2value"), f"{value}/{angle}^2"),
         }
 
-    def _certificate(self) -> Row:
-        count, size = int(np.sum(self.certified)), np.size(self.certified)
-        share = f"{count:,} of {size:,}" if np.ndim(self.certified) else "yes" if count else "no"
-        return Row("certified", "", share, "", NOT_CERTIFIED if count < size else "the search resolved all angles")
-
     def value_row(self, value: PerImpact) -> Row:
         """A value of the objective as a table row, in the unit of the greatest one."""
         if self.objective not in MEASURES:
@@ -271,11 +269,7 @@ class Optimum(Result):
         if self.kind == "plateau":
             low, high = (quantity_row("", QUANTITIES["alpha"], end, self.p.units) for end in (self.low, self.high))
             return f"the same from {low.value}{low.unit} to {high.value}{high.unit}"
-        explained = {
-            "interior": "dV/dα = 0",
-            "unresolved": "the greatest value that was computed",
-        }
-        return explained.get(str(self.kind), "")
+        return {"interior": "dV/dα = 0", "unresolved": "the greatest value that was computed"}.get(str(self.kind), "")
 
 
 def alpha_max(
@@ -337,8 +331,12 @@ def _optimum(
     low, high = (0.0, STEEPEST) if alpha_range is None else _checked_range(alpha_range)
     p = p.replace(alpha=STEEPEST)
     validate(p)
-    optima, shape = _searched(integrand, p, low, high, least=least)
-    columns = in_words(optima, shape)
+    layout, numbers, shape = lanes_of(integrand, p)
+
+    def search(lanes: slice, cases: int) -> list[Maxima]:
+        return over_angles(layout, layout.of_lanes(numbers, lanes), cases, low, high, least=least).optima()
+
+    columns = in_words(searched(math.prod(shape), search), shape)
     volume = columns["value"]
     if integrand is not model:
         volume, columns["ended_by"] = _volume_at(model, p, columns["alpha"], columns["ended_by"], shallowest(high))
@@ -362,33 +360,17 @@ def _integrand(model: CuttingModel, objective: str | Objective) -> tuple[str, Cu
     return getattr(objective, "__name__", "objective"), integrand
 
 
-def _searched(
-    integrand: CuttingModel, p: Parameters, low: float, high: float, *, least: bool
-) -> tuple[list[Maxima], tuple[int, ...]]:
-    """The optima of all cases, and the shape of the cases."""
-    layout, numbers, shape = lanes_of(integrand, p)
-
-    def search(lanes: slice, cases: int) -> list[Maxima]:
-        return over_angles(layout, layout.of_lanes(numbers, lanes), cases, low, high, least=least).optima()
-
-    return searched(math.prod(shape), search), shape
-
-
 def _checked_range(alpha_range: tuple[float, float]) -> tuple[float, float]:
     low, high = as_pair(alpha_range)
     if not 0 <= low < high <= STEEPEST * (1 + 1e-12):
+        given = repr(alpha_range)
+        with contextlib.suppress(TypeError):
+            given = ", ".join(f"{math.degrees(angle):g}°" for angle in alpha_range)
         raise ValueError(
-            "Argument `alpha_range` must be two ascending angles within [0, 90°], but is "
-            f"{_in_degrees(alpha_range)} (numbers without a unit are in radians)."
+            f"Argument `alpha_range` must be two ascending angles within [0, 90°], but is {given} (numbers without a "
+            "unit are in radians)."
         )
     return low, min(high, STEEPEST)
-
-
-def _in_degrees(angles: tuple[float, float]) -> str:
-    try:
-        return ", ".join(f"{math.degrees(angle):g}°" for angle in angles)
-    except TypeError:
-        return repr(angles)
 
 
 def _volume_at(

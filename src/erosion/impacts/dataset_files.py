@@ -9,6 +9,7 @@ import dataclasses
 import functools
 import hashlib
 import importlib.metadata
+import itertools
 import json
 import tomllib
 from collections.abc import Collection, Iterator, Mapping
@@ -24,7 +25,7 @@ from erosion.models.base import CuttingModel
 from erosion.models.equations import model_digest
 from erosion.models.own_parameters import own_in_words
 from erosion.ode.step_control import require_float64
-from erosion.output.files import Trace, digest, free_path, trace, uninterrupted, write_whole
+from erosion.output.files import Trace, digest, trace, uninterrupted, write_whole
 from erosion.output.tables import to_csv
 from erosion.parameters.case_files import dump_case
 from erosion.parameters.parameters import Parameters
@@ -258,7 +259,11 @@ def write_netcdf(
         OSError: where the file cannot be written.
     """
     # In memory first: an HDF5 file that a full disk has cut short ends the process when it is closed.
-    marked = _in_order(dataset).assign_attrs({IDENTITY: json.dumps(identity), _CHECKSUM: _checksum(dataset)})
+    # Its variables in one order: what was read and goes on is written as what was never stored.
+    coordinates = {name: dataset.variables[name] for name in sorted(dataset.coords, key=str)}
+    variables = {name: dataset[name].variable for name in sorted(dataset.data_vars, key=str)}
+    ordered = xr.Dataset(coords=coordinates, attrs=dataset.attrs).assign(variables)
+    marked = ordered.assign_attrs({IDENTITY: json.dumps(identity), _CHECKSUM: _checksum(dataset)})
     # Whoever reads it, HDF5 checks each array of numbers.
     summed = {
         name: {"fletcher32": True}
@@ -268,7 +273,8 @@ def write_netcdf(
     # Its memory is given back at once: a view that a traceback keeps is an error of Python when it is collected.
     with uninterrupted(), memoryview(marked.to_netcdf(None, engine="h5netcdf", encoding=summed)) as content:
         moved = since != "any" and trace(path) not in (None, since)
-        target = free_path(path) if moved else path
+        numbered = (path.with_stem(f"{path.stem}-{number}") for number in itertools.count(2))
+        target = next(other for other in numbered if not other.exists()) if moved else path
         write_whole(target, content)
     if moved:
         raise RuntimeError(
@@ -303,14 +309,6 @@ def read_netcdf(path: Path, identity: Mapping[str, str]) -> xr.Dataset:
     if checksum != _checksum(dataset):
         raise StoreError(f"{path}: is damaged, or was changed after it was written; it is left as it is.")
     return dataset
-
-
-def _in_order(dataset: xr.Dataset) -> xr.Dataset:
-    """The same with its variables in one order: what was read and goes on is written as what was never stored."""
-    coordinates = {name: dataset.variables[name] for name in sorted(dataset.coords, key=str)}
-    return xr.Dataset(coords=coordinates, attrs=dataset.attrs).assign(
-        {name: dataset[name].variable for name in sorted(dataset.data_vars, key=str)}
-    )
 
 
 def _checksum(dataset: xr.Dataset) -> str:

@@ -160,7 +160,7 @@ _FIRST_STEP = 0.01  # of the model's time scale
 
 def layout(model: CuttingModel, p: Parameters) -> Structure:
     """The structure of the model's state."""
-    return jax.tree.structure(eqx.filter_eval_shape(_initial_state, model, p))
+    return jax.tree.structure(eqx.filter_eval_shape(lambda model, p: model.initial_state(p), model, p))
 
 
 def state_of(structure: Structure, y: Array | np.ndarray) -> ModelState:
@@ -207,7 +207,8 @@ def solve(
 
     # A boolean condition only tells diffrax when to stop stepping; the names are its own.
     def past_the_end(t: Scalar, y: Array, args: PyTree, **kwargs: PyTree) -> Flag:
-        return (t > t0) & (_least(model.events(state_of(structure, y * sizes), p)) <= 0)
+        values = model.events(state_of(structure, y * sizes), p)
+        return (t > t0) & (jnp.min(jnp.stack(list(values.values()))) <= 0)
 
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(rate),
@@ -265,10 +266,6 @@ def _events(model: CuttingModel, p: Parameters, y: Array | np.ndarray) -> tuple[
     return event_rates(model, state, model.derivative(state, p), p)
 
 
-def _initial_state(model: CuttingModel, p: Parameters) -> ModelState:
-    return model.initial_state(p)
-
-
 def _rate(model: CuttingModel, p: Parameters, structure: Structure, y: Array) -> Array:
     state = state_of(structure, y)
     return _vector(model.derivative(state, p), model.removal_rate(state, p))
@@ -276,7 +273,3 @@ def _rate(model: CuttingModel, p: Parameters, structure: Structure, y: Array) ->
 
 def _vector(state: ModelState, volume: Broadcast) -> Array:
     return jnp.stack([jnp.asarray(leaf, jnp.float64) for leaf in (*jax.tree.leaves(state), volume)])
-
-
-def _least(values: Events) -> Array:
-    return jnp.min(jnp.stack(list(values.values())))

@@ -73,12 +73,7 @@ def split(model: CuttingModel, p: Parameters) -> tuple[Layout, list[PerImpact]]:
     Any other array is part of the model, the same for all impacts.
     """
     numbers = [getattr(p, name) for name in _NAMES] + [leaf for leaf in jax.tree.leaves(model) if is_number(leaf)]
-    return layout_of(model, p), [_array(number) for number in numbers]
-
-
-def _array(leaf: Number) -> Array | np.ndarray:
-    """As a numpy array, unless JAX is tracing it."""
-    return leaf if isinstance(leaf, Tracer) else np.asarray(leaf)
+    return layout_of(model, p), [leaf if isinstance(leaf, Tracer) else np.asarray(leaf) for leaf in numbers]
 
 
 def lanes_of(model: CuttingModel, p: Parameters) -> tuple[Layout, list[np.ndarray], tuple[int, ...]]:

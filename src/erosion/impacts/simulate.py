@@ -21,7 +21,7 @@ from jax.typing import ArrayLike
 from jaxtyping import PyTree
 
 import erosion.impacts.diffrax_steps as flow
-from erosion.arguments import ModelState, Structure, check_tolerance, check_whole
+from erosion.arguments import ModelState, Structure, check_tolerance, check_whole, refuse
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
 from erosion.impacts.impact import OTHER_ENDS, element_of, end_names, layout_of, split
@@ -183,19 +183,16 @@ class Trajectory(Result):
             *contact_rows(self.volume_at_contact, self.p.units),
             *([] if self.dvolume is None else [result_row("dvolume", self.dvolume, self.p.units)]),
             result_row("max_depth", self.max_depth, self.p.units),
-            *self._state_rows(),
+            *([result_row("turn", self.turn, self.p.units)] if isinstance(self.states, State) else []),
+            *(
+                Row(name, "", format_number(number), "", "of the model's own state, at the end")
+                for name, number in self._own_state().items()
+            ),
         ]
 
-    def _state_rows(self) -> list[Row]:
-        """How far a rigid body turned; of a state of the model's own, each part at the end."""
-        if isinstance(self.states, State):
-            return [result_row("turn", self.turn, self.p.units)]
-        said = "of the model's own state, at the end"
-        return [Row(name, "", format_number(number), "", said) for name, number in self._own_state().items()]
-
     def _own_state(self) -> dict[str, np.ndarray]:
-        """Each part of a state of the model's own, at the end."""
-        parts = jax.tree_util.tree_flatten_with_path(self.states)[0]
+        """Each part of a state of the model's own, at the end; none of a rigid body."""
+        parts = [] if isinstance(self.states, State) else jax.tree_util.tree_flatten_with_path(self.states)[0]
         return {".".join(path_of(keys)) or "state": values[-1] for keys, values in parts}
 
     def __repr__(self) -> str:
@@ -359,15 +356,14 @@ def _first_event(
         fall = first_fall(t, values, rates)
     except ArithmeticError as error:
         raise SimulationError(f"{model_name(model)}: {error}.") from error
-    if len(ends) == 1:
-        raise SimulationError(
-            f"{model_name(model)}: no first step could be taken: the motion is not finite at contact."
-        )
-    if fall is None:
-        raise SimulationError(
-            f"{model_name(model)}: no event ended the cut within {ends[-1]:.3g} s "
-            f"({ends[-1] / time:.3g} time scales, {len(ends) - 1} of at most {flow.MAX_STEPS} steps)."
-        )
+    refuse(
+        f"{model_name(model)}: no ",
+        (len(ends) == 1, "first step could be taken: the motion is not finite at contact."),
+        (fall is None, f"event ended the cut within {ends[-1]:.3g} s ({ends[-1] / time:.3g} time scales, "
+                       f"{len(ends) - 1} of at most {flow.MAX_STEPS} steps)."),
+        kind=SimulationError,
+    )  # fmt: skip
+    assert fall is not None
     return fall
 
 

@@ -140,7 +140,10 @@ class _ModelKind(TreeKind):
     def traced(self) -> Equations:
         """The equations, as the code is now."""
         nodes, functions = list(_nodes(self.structure)), [leaf for leaf in self.leaves if leaf is not None]
-        if not functions and all(kind in _PLAIN_NODES or _is_of_package(kind) for kind, _ in nodes):
+        files = [
+            getattr(sys.modules.get(kind.__module__), "__file__", None) for kind, _ in nodes if kind not in _PLAIN_NODES
+        ]
+        if not functions and all(file is not None and Path(file).is_relative_to(_PACKAGE) for file in files):
             # The package's code does not change, and a short command need not wait for its trace.
             return Equations(None, digits("package", repr(self.key)), "", Surroundings(()), self.numbers)
         things = [*functions, *(thing for node in nodes for thing in node)]
@@ -160,11 +163,6 @@ def _nodes(structure: Structure) -> Iterator[tuple[type, object]]:
         yield node
         for child in structure.children():
             yield from _nodes(child)
-
-
-def _is_of_package(kind: type) -> bool:
-    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
-    return file is not None and Path(file).is_relative_to(_PACKAGE)
 
 
 def _trace(kind: _ModelKind, labels: Sequence[bytes]) -> tuple[Traced, PyTree]:
@@ -279,19 +277,16 @@ CUT = Cut()
 _with_own = functools.lru_cache(maxsize=256)(Cut)
 
 
-def whole_cut(model: "CuttingModel") -> Cut:
+def whole_cut(model: CuttingModel) -> Cut:
     """The cut with the quantities of the model's own."""
     return _with_own(tuple(own_quantities(type(model))))
 
 
-def problem_of(model: "CuttingModel") -> Problem:
+def problem_of(model: CuttingModel) -> Problem:
     """The cut of one model as a problem of the parameters alone; see `CuttingModel.problem`."""
 
     def of(function: Rate) -> Rate:
         return lambda t, state, p: function(t, state, Case(p, model))
-
-    def event(name: str) -> Rate:
-        return lambda t, state, case: case.model.events(state, case.p)[name]
 
     cut, found = whole_cut(model), list[str]()
     zeros = dict.fromkeys(own_quantities(type(model)), 0.0)
@@ -299,7 +294,9 @@ def problem_of(model: "CuttingModel") -> Problem:
     return Problem(
         y0=lambda p: cut.start(Case(p, model)),
         vector_field=of(cut.vector_field),
-        events={name: Event(of(event(name)), direction=-1) for name in found},
+        events={
+            name: Event(lambda t, state, p, name=name: model.events(state, p)[name], direction=-1) for name in found
+        },
         integrals={name: of(rate) for name, rate in cut.integrals.items()},
         integrals0=lambda p: {"volume": model.removed_at_contact(p), **zeros},
         time_scale=lambda p: model.scales(p).time,

@@ -34,6 +34,7 @@ class OwnParameter(NamedTuple):
         value: the model's number, or JAX's tracer for it.
         quantity: symbol, meaning and dimension.
         least: the least value that it may have.
+        is_declared: whether its field is said to hold a number, and so may hold an array of them.
     """
 
     path: tuple[str, ...]
@@ -41,6 +42,7 @@ class OwnParameter(NamedTuple):
     value: Number
     quantity: Quantity
     least: float
+    is_declared: bool
 
 
 def own_parameter(default: float, symbol: str, meaning: str, dimension: str = "1", *, least: float = -math.inf) -> Any:
@@ -131,8 +133,12 @@ def own_parameters(model: eqx.Module) -> dict[str, OwnParameter]:
     for leaf, (keys, value) in enumerate(jax.tree_util.tree_flatten_with_path(model)[0]):
         # What is within a tuple or a dictionary has no name of its own.
         path = tuple(key.name for key in keys if isinstance(key, jax.tree_util.GetAttrKey))
-        if len(path) == len(keys) and _is_number(value, many=_is_declared(model, path)):
-            own.append(OwnParameter(path, leaf, value, _quantity(model, path), _least(model, path)))
+        field = _field(model, path) if len(path) == len(keys) else None
+        metadata = {} if field is None else field.metadata
+        is_declared = field is not None and ("quantity" in metadata or field.type in (float, int, "float", "int"))
+        if len(path) == len(keys) and _is_number(value, many=is_declared):
+            quantity = metadata.get("quantity", Quantity(path[-1], "own parameter of the model", "1"))
+            own.append(OwnParameter(path, leaf, value, quantity, metadata.get("least", -math.inf), is_declared))
     paths = [parameter.path for parameter in own]
     return {_name(parameter.path, paths): parameter for parameter in own}
 
@@ -167,7 +173,7 @@ def replaced(model: _Model, changes: Mapping[str, object]) -> _Model:
         check_unmasked(name, value)
         if not _is_number(value, many=True):
             raise TypeError(f"Argument `{name}` must be a number, but is {briefly(value)}.")
-        if np.ndim(value) and not _is_declared(model, own[name].path):
+        if np.ndim(value) and not own[name].is_declared:
             raise TypeError(
                 f"Argument `{name}` must be one number, but has shape {np.shape(value)}; for a number for each "
                 "impact declare its field with `erosion.own_parameter`, or as `float`."
@@ -258,7 +264,7 @@ def own_in_words(model: eqx.Module, but: Collection[str] = (), units: System | N
     own = {name: parameter for name, parameter in own_parameters(model).items() if name not in but}
     return ", ".join(
         f"{name} = {abbreviate(value) if units is None else quantity.in_words(float(value), units, 6)}"
-        for name, (_, _, value, quantity, _) in own.items()
+        for name, (_, _, value, quantity, *_) in own.items()
     )
 
 
@@ -271,23 +277,6 @@ def _is_number(value: object, *, many: bool = False) -> TypeGuard[Number]:
     if not isinstance(value, (np.ndarray, np.generic, jax.Array, Tracer)):
         return False
     return np.dtype(value.dtype).kind in "iuf" and (many or np.ndim(value) == 0)
-
-
-def _is_declared(model: eqx.Module, path: tuple[str, ...]) -> bool:
-    """Whether a field is said to hold a number."""
-    field = _field(model, path)
-    return field is not None and ("quantity" in field.metadata or field.type in (float, int, "float", "int"))
-
-
-def _quantity(model: eqx.Module, path: tuple[str, ...]) -> Quantity:
-    """As the field declares it, else from its name."""
-    metadata = {} if (field := _field(model, path)) is None else field.metadata
-    return metadata.get("quantity", Quantity(path[-1], "own parameter of the model", "1"))
-
-
-def _least(model: eqx.Module, path: tuple[str, ...]) -> float:
-    field = _field(model, path)
-    return -math.inf if field is None else field.metadata.get("least", -math.inf)
 
 
 def _field(model: eqx.Module, path: tuple[str, ...]) -> dataclasses.Field | None:

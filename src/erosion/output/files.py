@@ -186,14 +186,6 @@ def seen_from(file: Path, path: str) -> str:
         return str(there)
 
 
-def free_path(path: Path) -> Path:
-    """The first of out-2.nc, out-3.nc, … that is not there."""
-    number = 2
-    while (other := path.with_stem(f"{path.stem}-{number}")).exists():
-        number += 1
-    return other
-
-
 def _require_replaceable(path: Path) -> None:
     try:
         mode = path.stat().st_mode

@@ -112,11 +112,6 @@ def sentences(*table: tuple[object, str]) -> tuple[str, ...]:
     return tuple(sentence for condition, sentence in table if condition)
 
 
-def to_text(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] = HEADINGS) -> str:
-    """An aligned table under a title, without colour, ending without a newline."""
-    return "\n".join(line.plain.rstrip() for line in to_lines(title, rows, headings)).rstrip()
-
-
 def to_lines(
     title: str,
     rows: Sequence[Sequence[str]],
@@ -268,7 +263,8 @@ class Result(abc.ABC):
         return to_plain(self)
 
     def __str__(self) -> str:
-        return "\n".join([to_text(self.title, self.rows(), self.headings), *self.conclusions, *self.warnings])
+        table = "\n".join(line.plain.rstrip() for line in to_lines(self.title, self.rows(), self.headings)).rstrip()
+        return "\n".join([table, *self.conclusions, *self.warnings])
 
     def _repr_html_(self) -> str:
         sentences = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in (*self.conclusions, *self.warnings))

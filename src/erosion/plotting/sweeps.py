@@ -57,14 +57,16 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
     rows = -(-len(models) // 2)
     fig, ax = axes_or_new(ax, 6.6, 4.4 + 0.22 * rows)
     volume, degrees = comparison.volume.values, np.rad2deg(comparison.alpha.values)
-    scale = readable_scale("volume", _units(comparison), float(np.nanmax(comparison.volume_max)))
+    scale = readable_scale("volume", comparison.attrs["unit_system"], float(np.nanmax(comparison.volume_max)))
     shares = []
     for i, (name, below) in enumerate(zip(models, coinciding(volume, _HIDDEN), strict=True)):
         color, line = STYLES[i % len(STYLES)]
         if below:  # dashes through whose gaps these are seen
             line = (0, (_DASH / 2 ** len(below), _DASH * (1 - 1 / 2 ** len(below))))
         results = comparison.isel(model=i)
-        best = _best(results)
+        alpha, kind = float(results.alpha_max), str(in_words(results.alpha_max_kind))
+        # A comparison does not hold the side of a jump.
+        best = Best(alpha, float(results.volume_max), kind, attained=kind != "jump" and alpha != 0)
         x, y = broken(degrees, volume[i], np.deg2rad(1) * results.dvolume.values)
         label = f"{name}: {describe(best)}"
         ax.plot(x, y / scale.size, color=color, linestyle=line, linewidth=1.8, label=label)
@@ -88,7 +90,7 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
 
     Where the dataset has `turned_beyond`, a dotted line surrounds the cuts that turn the body by more than 90°.
     """
-    units = _units(regimes)
+    units: System = regimes.attrs["unit_system"]
     fig = new_figure(7.2, 4.6)
     left, right = fig.subplots(1, 2, sharey=True)
     degrees = np.rad2deg(regimes.alpha.values)
@@ -126,16 +128,6 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
                               label="greatest for this spin, at a jump"))  # fmt: skip
     fig.legend(handles=handles, loc="outside lower center", ncols=3)
     return fig
-
-
-def _best(results: xr.Dataset) -> Best:
-    """A model's best angle in a comparison; the comparison does not hold the side of a jump."""
-    alpha, kind = float(results.alpha_max), str(in_words(results.alpha_max_kind))
-    return Best(alpha, float(results.volume_max), kind, attained=kind != "jump" and alpha != 0)
-
-
-def _units(dataset: xr.Dataset) -> System:
-    return dataset.attrs["unit_system"]
 
 
 _FEW = 6

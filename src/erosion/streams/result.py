@@ -157,7 +157,7 @@ def uncertainty_of(particles: Particles, seed: int, rtol: float) -> Uncertainty 
     seeds = np.random.SeedSequence([seed, 2]).generate_state(2)
     points = Points("sobol", own, int(seeds[0]), 1).take(_PARTICLES)[0] if own else np.zeros((1, 0))
     draws = Points("sobol", common, int(seeds[1]), 1).take(_DRAWS)[0]
-    model, p, hits = particles.impacts(particles.draw_apart(points, draws))
+    model, p, hits = particles.impacts(particles.draw(points, draws[:, None]))
     volume = np.where(hits, impact(model, p, rtol=rtol).volume, 0.0)
     computed = np.isfinite(volume)
     counts = computed.sum(axis=1)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from erosion.arguments import Progress, check_path, check_tolerance, check_whole, no_progress
+from erosion.arguments import Progress, check_path, check_tolerance, check_whole, no_progress, refuse
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.distributions import as_laws
 from erosion.impacts.dataset_files import identity, read_netcdf, write_netcdf
@@ -127,10 +127,14 @@ class StreamOptions:
         object.__setattr__(self, "n", check_whole("n", self.n, 1))
         object.__setattr__(self, "seed", check_whole("seed", self.seed, 0))
         object.__setattr__(self, "rtol", check_tolerance(self.rtol))
-        if self.points not in ("sobol", "random"):
-            raise ValueError(f'Argument `points` must be "sobol" or "random", but is {briefly(self.points)}.')
-        if self.path is not None and self.path.suffix != ".nc":
-            raise ValueError(f"Argument `store` must end in .nc, but is {self.path}.")
+        refuse(
+            "Argument ",
+            (
+                self.points not in ("sobol", "random"),
+                f'`points` must be "sobol" or "random", but is {briefly(self.points)}.',
+            ),
+            (self.path is not None and self.path.suffix != ".nc", f"`store` must end in .nc, but is {self.path}."),
+        )
 
     @property
     def path(self) -> Path | None:

@@ -16,6 +16,7 @@ import xarray as xr
 from scipy.special import stdtrit
 from scipy.stats import qmc
 
+from erosion.arguments import refuse
 from erosion.joint_laws import LawSet, require_units
 from erosion.models.base import CuttingModel
 from erosion.models.own_parameters import ranges, with_values
@@ -53,16 +54,15 @@ class Particles:
     def __post_init__(self) -> None:
         if not self.all_laws:
             raise ValueError("Arguments must include a distribution, such as v0=Normal(4400, 400); there is none.")
-        if both := [name for name in self.uncertain if name in self.laws]:
-            raise ValueError(
-                f"Argument `uncertain` must name parameters without another law, but {both[0]} has one from particle "
-                "to particle."
-            )
-        if "cutting_fraction" in self.all_laws:
-            raise ValueError(
-                "Argument `uncertain` must leave out `cutting_fraction`: volumes of a stream are those of particles "
-                "that cut, whose share is a number."
-            )
+        both = [name for name in self.uncertain if name in self.laws]
+        refuse(
+            "Argument `uncertain` must ",
+            (both,
+             f"name parameters without another law, but {', '.join(both[:1])} has one from particle to particle."),
+            ("cutting_fraction" in self.all_laws,
+             "leave out `cutting_fraction`: volumes of a stream are those of particles that cut, whose share is a "
+             "number."),
+        )  # fmt: skip
         require_units(self.all_laws, self.p.units)
         # So that an own parameter that cannot be an array is refused before anything is computed.
         self.impacts(self._middle)
@@ -90,29 +90,20 @@ class Particles:
         """How many uniform numbers a particle is made from."""
         return sum(self.inputs.values())
 
-    def draw(self, points: np.ndarray) -> dict[str, np.ndarray]:
-        """The parameters that vary or are uncertain; each particle gets uncertain ones of its own.
+    def draw(self, points: np.ndarray, draws: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """The parameters that vary or are uncertain; each particle gets uncertain ones of its own without `draws`.
 
         Args:
-            points: in (0, 1), shape (…, dimension).
+            points: in (0, 1), shape (…, dimension); with `draws` without the numbers of the uncertain parameters.
+            draws: in (0, 1), for the same particles with each draw of the uncertain parameters, shape (draws, 1, those
+                of the uncertain parameters).
 
         Returns:
             Values by name, shape (…); the laws of positive parameters are restricted to x > 0.
         """
         own = self._of_particle.dimension
-        return self._grown(self._of_particle.draw(points[..., :own]) | self._of_all.draw(points[..., own:]))
-
-    def draw_apart(self, points: np.ndarray, draws: np.ndarray) -> dict[str, np.ndarray]:
-        """The same particles for each draw of the uncertain parameters.
-
-        Args:
-            points: in (0, 1), shape (particles, those of the laws from particle to particle).
-            draws: in (0, 1), shape (draws, those of the uncertain parameters).
-
-        Returns:
-            Values by name, whose shapes broadcast to (draws, particles).
-        """
-        return self._grown(self._of_particle.draw(points) | self._of_all.draw(draws[:, None]))
+        uncertain = points[..., own:] if draws is None else draws
+        return self._grown(self._of_particle.draw(points[..., :own]) | self._of_all.draw(uncertain))
 
     @property
     def dimensions(self) -> tuple[int, int]:

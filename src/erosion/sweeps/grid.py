@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.arguments import check_order, check_tolerance, check_unmasked
+from erosion.arguments import check_order, check_tolerance, check_unmasked, refuse
 from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.dataset_files import identity, numbers_in_words, provenance
 from erosion.impacts.impact import end_names, impact
@@ -26,7 +26,7 @@ from erosion.models.equations import model_digest
 from erosion.models.own_parameters import own_in_words, own_quantities, quantities, require_one_impact, with_values
 from erosion.models.registry import BUILT_IN, require_loadable
 from erosion.output.tables import briefly
-from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, require_concrete, validate
+from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, array_of, require_concrete, validate
 from erosion.parameters.quantities import RESULTS, Quantity, ascii_unit, derivative_unit
 
 Region = tuple[slice, ...]
@@ -125,10 +125,12 @@ def block_shape(
     if not isinstance(chunks, Mapping):
         raise TypeError(f"Argument `chunks` must give lengths by dimension, but is {briefly(chunks)}.")
     for dim, length in chunks.items():
-        if dim not in longest:
-            raise ValueError(f"Argument `chunks` must name dimensions ({', '.join(longest)}), but has {briefly(dim)}.")
-        if not isinstance(length, int) or isinstance(length, bool) or length < 1:
-            raise ValueError(f"Argument `chunks` must give positive whole numbers, but has {dim}={length!r}.")
+        refuse(
+            "Argument `chunks` must ",
+            (dim not in longest, f"name dimensions ({', '.join(longest)}), but has {briefly(dim)}."),
+            (not isinstance(length, int) or isinstance(length, bool) or length < 1,
+             f"give positive whole numbers, but has {dim}={length!r}."),
+        )  # fmt: skip
     shape = tuple(min(chunks.get(dim, longest[dim]), longest[dim]) for dim in longest)
     if math.prod(shape) < min(least, math.prod(longest.values())):
         raise ValueError(
@@ -406,21 +408,30 @@ def make_grid(
         require_one_impact(_loaded(source), p, "; give it as an axis")
     parameters = _common(models, (*axes, outputs.wrt))
     arrays = {name: _axis(name, values, parameters) for name, values in axes.items()}
-    if not arrays and not compared:
-        raise ValueError("Arguments must include an axis, such as alpha=[0.2, 0.3], or several models; there is none.")
-    if not isinstance(outputs.wrt, str) or outputs.wrt not in parameters:
-        raise ValueError(
-            f"Argument `wrt` must name a parameter ({', '.join(parameters)}), but is {briefly(outputs.wrt)}."
-        )
+    refuse(
+        "Argument",
+        (not arrays and not compared,
+         "s must include an axis, such as alpha=[0.2, 0.3], or several models; there is none."),
+        (not isinstance(outputs.wrt, str) or outputs.wrt not in parameters,
+         f" `wrt` must name a parameter ({', '.join(parameters)}), but is {briefly(outputs.wrt)}."),
+    )  # fmt: skip
+    if isinstance(paired, str) or not isinstance(paired, Sequence):
+        raise TypeError(f"Argument `paired` must be a list of axes, but is {briefly(paired)}.")
+    lengths = {len(arrays[name]) for name in paired if name in arrays}
+    refuse(
+        "Argument `paired` must name ",
+        (len(set(paired)) != len(paired) or any(name not in arrays for name in paired) or len(paired) == 1,
+         f"two or more of the axes, but is {list(paired)}."),
+        (len(lengths) > 1, f"axes of one length, but they have {sorted(lengths)}."),
+    )  # fmt: skip
     events = [name for source in models.values() for name in end_names(_loaded(source))]
-    ends = tuple(dict.fromkeys((*_ENDS, *events)))
     grid = Grid(
         models=models,
         compared=compared,
         p=p,
         axes=arrays,
-        paired=_pairs(paired, arrays),
-        ends=ends,
+        paired=tuple(paired),
+        ends=tuple(dict.fromkeys((*_ENDS, *events))),
         outputs=outputs,
         own=own or {},
     )
@@ -430,18 +441,6 @@ def make_grid(
         for loaded in grid.loaded().values():
             validate(with_values(loaded, p, {name: arrays[name]})[1])
     return grid
-
-
-def _pairs(paired: Sequence[str], axes: Mapping[str, np.ndarray]) -> tuple[str, ...]:
-    """The names of axes that go together."""
-    if isinstance(paired, str) or not isinstance(paired, Sequence):
-        raise TypeError(f"Argument `paired` must be a list of axes, but is {briefly(paired)}.")
-    lengths = {len(axes[name]) for name in paired if name in axes}
-    if len(set(paired)) != len(paired) or any(name not in axes for name in paired) or len(paired) == 1:
-        raise ValueError(f"Argument `paired` must name two or more of the axes, but is {list(paired)}.")
-    if len(lengths) > 1:
-        raise ValueError(f"Argument `paired` must name axes of one length, but they have {sorted(lengths)}.")
-    return tuple(paired)
 
 
 def _common(models: "Mapping[str, CuttingModel | Named]", wanted: Sequence[str]) -> list[str]:
@@ -458,10 +457,11 @@ def _common(models: "Mapping[str, CuttingModel | Named]", wanted: Sequence[str])
 def _labelled_models(models: Any) -> "dict[str, CuttingModel | Named]":
     sources = [_source(model) for model in models]
     labels = [model_name(model) if isinstance(model, CuttingModel) else str(model) for model in models]
-    if not models:
-        raise ValueError("Argument `model` must be a model or several, but is an empty list.")
-    if len(set(labels)) != len(labels):
-        raise ValueError(f"Argument `model` must hold models of different names, but has {', '.join(labels)}.")
+    refuse(
+        "Argument `model` must ",
+        (not models, "be a model or several, but is an empty list."),
+        (len(set(labels)) != len(labels), f"hold models of different names, but has {', '.join(labels)}."),
+    )
     return dict(zip(labels, sources, strict=True))
 
 
@@ -503,15 +503,14 @@ def _axis(name: str, values: Any, parameters: Sequence[str]) -> np.ndarray:
     check_unmasked(name, values)
     for number in values if isinstance(values, list | tuple) else [values]:
         require_concrete({name: number})
-    try:
-        array = np.asarray(values)
-    except ValueError:  # lists of several lengths
-        array = np.empty(0)
-    if array.ndim != 1 or not array.size or array.dtype.kind not in "iuf":
-        raise ValueError(f"Argument `{name}` must be a one-dimensional list of numbers, but is {briefly(values)}.")
-    # Parameters of the case are checked by `validate`.
-    if name not in QUANTITIES and not np.isfinite(array).all():
-        raise ValueError(f"Argument `{name}` must be finite, but is {briefly(values)}.")
+    array = array_of(values)
+    is_list = array.ndim == 1 and array.size > 0 and array.dtype.kind in "iuf"
+    refuse(
+        f"Argument `{name}` must be ",
+        (not is_list, f"a one-dimensional list of numbers, but is {briefly(values)}."),
+        # Parameters of the case are checked by `validate`.
+        (is_list and name not in QUANTITIES and not np.isfinite(array).all(), f"finite, but is {briefly(values)}."),
+    )
     return np.ascontiguousarray(array, np.float64)
 
 

@@ -113,8 +113,14 @@ class ZarrStore:
         identity = grid.identity | {"chunks": f"{dict(zip(grid.dims, block, strict=True))}"}
         if not path.exists():
             self._create(identity)
+        import zarr
+
         # Another process may have made it at the same moment.
-        require_same(path, _zarr_identity(path), identity)
+        try:
+            stored = zarr.open_group(path, mode="r").attrs.get(IDENTITY)
+        except _UNREADABLE as error:
+            raise StoreError(f"{path}: is there already and is no Zarr group; it is left as it is.") from error
+        require_same(path, str(stored), identity)
         self._arrays = _arrays(path, {**self._variables, **grid.labels})
         self._require_frame()
         self._clear_drafts()
@@ -254,20 +260,6 @@ def write_block(path: Path, along: Mapping[str, slice], values: Mapping[str, np.
                 raise
 
 
-def open_store(grid: AnyGrid, block: Sequence[int], path: Path | None) -> Store:
-    """The store that the suffix of the path names, .zarr or .nc; the memory without a path.
-
-    Raises:
-        ValueError: for another suffix.
-        StoreError: where the path holds something else.
-    """
-    if path is None or path.suffix == ".nc":
-        return MemoryStore(grid, block, path)
-    if path.suffix == ".zarr":
-        return ZarrStore(grid, block, path)
-    raise ValueError(f"Argument `store` must end in .nc or .zarr, but is {path}.")
-
-
 def _arrays(path: Path, names: Iterable[str]) -> dict[str, Any]:
     """The arrays of a Zarr store by name.
 
@@ -294,15 +286,6 @@ def _shapes(dims: Sequence[str], lengths: Mapping[str, tuple[int, int]]) -> tupl
 
 # What zarr raises for a description that is damaged depends on where.
 _UNREADABLE = (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError)
-
-
-def _zarr_identity(path: Path) -> str | None:
-    import zarr
-
-    try:
-        return str(zarr.open_group(path, mode="r").attrs.get(IDENTITY))
-    except _UNREADABLE as error:
-        raise StoreError(f"{path}: is there already and is no Zarr group; it is left as it is.") from error
 
 
 _LEAST_BLOCK = 10_000  # impacts
@@ -383,7 +366,9 @@ def prepare_sweep(
         raise ValueError("Argument `chunks` must come with a `store` that ends in .zarr, but there is none.")
     usual = _STORED_BLOCK if is_zarr else _MEMORY_BLOCK
     block = block_shape(grid.lengths, chunks, _LEAST_BLOCK, usual)
-    store_of_blocks = open_store(grid, block, path)
+    if path is not None and path.suffix not in (".nc", ".zarr"):
+        raise ValueError(f"Argument `store` must end in .nc or .zarr, but is {path}.")
+    store_of_blocks = ZarrStore(grid, block, path) if path is not None and is_zarr else MemoryStore(grid, block, path)
     missing = store_of_blocks.missing()
     if missing:
         store_of_blocks.require_writable()
