@@ -17,8 +17,7 @@ from jax import Array
 from scipy.integrate import solve_ivp
 
 import erosion.impacts.diffrax_steps as flow
-from erosion.models.base import NO_CUT, CuttingModel
-from erosion.models.own_parameters import own_quantities
+from erosion.models import NO_CUT, CuttingModel, own_quantities
 from erosion.parameters.parameters import Parameters
 
 _LATEST = 1e3  # [1/ω]; no cut of the cases is longer

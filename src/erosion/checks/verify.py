@@ -27,6 +27,7 @@ from erosion.interrupts import unawaited_threads
 from erosion.models import (
     CentreOfMassTip,
     ConstantRatio,
+    CuttingModel,
     FullTorque,
     HorizontalTorque,
     RigidErodent,
@@ -35,9 +36,13 @@ from erosion.models import (
     available_models,
     load_model,
     model_name,
+    own_parameters,
+    own_quantities,
+    quantities,
+    sizes,
+    values,
+    with_values,
 )
-from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_parameters, own_quantities, quantities, sizes, values, with_values
 from erosion.ode.step_control import require_xla
 from erosion.output.tables import Record, Result, to_plain
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
@@ -60,8 +65,6 @@ BOUNDS: Mapping[str, tuple[float, str]] = {
 """Every check: the greatest relative error that passes, and what it compares."""
 
 HEADINGS = ("check", "models", "worst error", "bound", "of")
-
-_NAMES = ("model", "name", "compares", "error", "bound", "passed", "where")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -152,7 +155,8 @@ class Verification(Result):
 
     def to_dict(self) -> Record:
         """The verdict and every check."""
-        checks = [{name: getattr(check, name) for name in _NAMES} for check in self.checks]
+        names = ("model", "name", "compares", "error", "bound", "passed", "where")
+        checks = [{name: getattr(check, name) for name in names} for check in self.checks]
         return to_plain({"passed": self.passed, "absent": self.absent, "checks": checks})
 
     def __repr__(self) -> str:

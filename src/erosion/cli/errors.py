@@ -2,6 +2,7 @@
 
 import codecs
 import contextlib
+import functools
 import re
 import sys
 import unicodedata
@@ -80,9 +81,8 @@ def as_options(text: str, fields: Mapping[str, str] = _NO_FIELDS) -> str:
     )
 
 
-def reading(source: str) -> contextlib.AbstractContextManager[None]:
-    """What a reader says of a text, "must be …", becomes an `InputError` about an option or a field of a file."""
-    return about(source, InputError)
+reading = functools.partial(about, kind=InputError)
+"""What a reader says of a text, "must be …", becomes an `InputError` about an option or a field of a file."""
 
 
 def sentence(error: Exception) -> str:

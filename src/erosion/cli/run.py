@@ -132,7 +132,11 @@ def optimum(
     output.document(result, {name: chosen}, best.units() | lazy.PER_MASS_UNITS)
     _show_optimum(output, name, best, per_mass)
     if sensitivities and not best.without_sensitivities:
-        _show_sensitivities(output, best)
+        known, size = lazy.quantities(best.model), lazy.sizes(best.model, best.p)
+        title = "How the angle moves when a parameter grows by its own size, to first order"
+        moves = [lazy.Row(q, known[q].symbol, f"{math.degrees(rate * size[q]):.5g}", "°", known[q].meaning)
+                 for q, rate in best.sensitivities.items()]  # fmt: skip
+        output.table(title, moves, ("parameter", "", "q ∂α/∂q", "unit", "meaning"))
     output.wrote(figure=plot)
 
 
@@ -154,19 +158,6 @@ def _show_optimum(output: Output, model: str, best: "lazy.Optimum", per_mass: "l
     jumps = [line(j.alpha, [j.below, j.above], f"{j.ended_below} → {j.ended_above}") for j in best.jumps]
     if jumps:
         output.table("Jumps", jumps, _AT)
-
-
-def _show_sensitivities(output: Output, best: "lazy.Optimum") -> None:
-    known, size = lazy.quantities(best.model), lazy.sizes(best.model, best.p)
-    rows = [
-        lazy.Row(name, known[name].symbol, f"{math.degrees(rate * size[name]):.5g}", "°", known[name].meaning)
-        for name, rate in best.sensitivities.items()
-    ]
-    output.table(
-        "How the angle moves when a parameter grows by its own size, to first order",
-        rows,
-        ("parameter", "", "q ∂α/∂q", "unit", "meaning"),
-    )
 
 
 _COMPARISON = {"result": "a comparison of models"}
@@ -207,11 +198,19 @@ def compare(
             with user_errors():  # only a comparison is replaced by a comparison: a sweep took longer
                 lazy.read_netcdf(output, _COMPARISON)
         overlay = _correlations(correlations, plot)
-        models, references = _models(model, options)
-        weights = {name: weighing(chosen, abrasive, options) for name, chosen in models.items()}
+        chosen = chosen_models(["all"] if model is None else model)
+        loaded = {name: options.load_as_set(name) for name in chosen}
+        references = {name: options.reference(name, as_set=True) for name in chosen}
+        models = {lazy.called(references[name], each): each for name, each in loaded.items()}
+        refuse_same(loaded)
+        if not chosen or len(models) != len(chosen):
+            raise InputError(
+                f"Option `--model` must name one or several different models, but is {','.join(chosen)!r}."
+            )
+        weights = {name: weighing(each, abrasive, options) for name, each in models.items()}
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", lazy.OutOfRangeWarning)
-            curves = lazy.compare(references, p, alpha=np.union1d(lazy.QUARTER_DEGREES, p.alpha))
+            curves = lazy.compare([*references.values()], p, alpha=np.union1d(lazy.QUARTER_DEGREES, p.alpha))
         outside = [str(warning.message) for warning in caught if warning.category is lazy.OutOfRangeWarning]
         at = curves.sel(alpha=float(p.alpha))
         lines = [_at_the_case(str(name), at.sel(model=name), weights[str(name)], p) for name in at.model.values]
@@ -234,20 +233,6 @@ def compare(
     said.document({"models": lines, "statements": statements}, models, units)
     _show_lines(said, lines, p, weights, statements)
     said.wrote(figure=plot, curves=output)
-
-
-def _models(
-    names: list[str] | None, options: CaseOptions
-) -> "tuple[dict[str, lazy.CuttingModel], list[str | lazy.CuttingModel]]":
-    """The models to compare, by name, and what a sweep takes for them; all of them without names."""
-    chosen = chosen_models(["all"] if names is None else names)
-    loaded = {name: options.load_as_set(name) for name in chosen}
-    references = {name: options.reference(name, as_set=True) for name in chosen}
-    models = {lazy.called(references[name], model): model for name, model in loaded.items()}
-    refuse_same(loaded)
-    if not chosen or len(models) != len(chosen):
-        raise InputError(f"Option `--model` must name one or several different models, but is {','.join(chosen)!r}.")
-    return models, [*references.values()]
 
 
 def _at_the_case(model: str, impact: Any, weight: "lazy.PerMass", p: "lazy.Parameters") -> dict[str, Any]:

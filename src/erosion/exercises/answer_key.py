@@ -14,7 +14,6 @@ import numpy as np
 from erosion.extras import library
 from erosion.impacts.alpha_max import Optimum, alpha_max
 from erosion.impacts.impact import impact
-from erosion.impacts.maxima import Jump
 from erosion.models import Linearized
 from erosion.output.language import language
 from erosion.output.tables import briefly
@@ -301,8 +300,8 @@ class AnswerKey:
             # β s falls to γ: i = i₀ + s₀ - (γ/β)(1 + ln(β s₀/γ)) by di/ds = -1 + γ/(β s).
             "epidemic_peak": lambda: 1.0 - 0.4 * (1.0 + math.log(0.999 / 0.4)),
             "first_spike": lambda: 20.0 * math.log(3.0),  # u = 1.5 (1 - exp(-t/20))
-            "jump": lambda: float(self._jump.alpha),
-            "alpha_max_at_jump": lambda: float(self._best_with_spin.alpha),
+            "jump": lambda: self._at_jump()[1],
+            "alpha_max_at_jump": lambda: self._at_jump()[0],
         }
 
     def _depth(self, method: Callable[..., np.ndarray], steps: int) -> float:
@@ -312,16 +311,10 @@ class AnswerKey:
         hit = impact("linearized", self.p.replace(alpha=self.first_guess), derivatives=2)
         return self.first_guess - float(hit.dvolume) / float(hit.d2volume)
 
-    @property
-    def _best_with_spin(self) -> Optimum:
-        assert self.with_spin is not None
-        return self.with_spin
-
-    @property
-    def _jump(self) -> Jump:
-        """The jump at which the maximum is."""
-        best = self._best_with_spin
-        return min(best.jumps, key=lambda jump: abs(float(jump.alpha) - float(best.alpha)))
+    def _at_jump(self) -> tuple[float, float]:
+        """The angle of greatest removal with spin, and that of the jump where it is."""
+        best: Any = self.with_spin
+        return float(best.alpha), min((float(jump.alpha) for jump in best.jumps), key=lambda at: abs(at - best.alpha))
 
 
 def _farthest(v0: float = 100.0, drag: float = 0.1, g: float = 9.81) -> float:

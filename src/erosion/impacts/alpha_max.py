@@ -24,10 +24,20 @@ import numpy as np
 from erosion.arguments import Broadcast, ModelState, PerImpact, as_pair
 from erosion.impacts.impact import PairDerivatives, impact, lanes_of, pair_derivatives
 from erosion.impacts.maxima import in_words, limit_at_zero, over_angles, shallowest
-from erosion.models import load_model, model_name
-from erosion.models.base import CuttingModel, Events, Scales, Tip
-from erosion.models.own_parameters import own_parameters, quantities, sizes, values, with_values
-from erosion.models.registry import impact_to_dict
+from erosion.models import (
+    CuttingModel,
+    Events,
+    Scales,
+    Tip,
+    impact_to_dict,
+    load_model,
+    model_name,
+    own_parameters,
+    quantities,
+    sizes,
+    values,
+    with_values,
+)
 from erosion.ode.maxima import ASIDE as ASIDE, TIGHT, Maxima, searched
 from erosion.ode.step_control import require_float64
 from erosion.output.tables import Record, Result, Row, briefly, format_number, largest_of, to_plain

@@ -20,10 +20,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from erosion.models import model_name
-from erosion.models.base import CuttingModel
-from erosion.models.equations import model_digest
-from erosion.models.own_parameters import own_in_words
+from erosion.models import CuttingModel, model_digest, model_name, own_in_words
 from erosion.ode.step_control import require_float64
 from erosion.output.files import Trace, digest, trace, uninterrupted, write_whole
 from erosion.output.tables import to_csv

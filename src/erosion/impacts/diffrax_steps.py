@@ -21,8 +21,7 @@ from jax import Array
 from jaxtyping import PyTree
 
 from erosion.arguments import Broadcast, Flag, ModelState, Scalar, Structure
-from erosion.models.base import CuttingModel, Events, cuts_at_all, event_rates
-from erosion.models.equations import equations_of
+from erosion.models import CuttingModel, Events, cuts_at_all, equations_of, event_rates
 from erosion.ode.problem import Same
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import System

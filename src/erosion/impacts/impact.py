@@ -361,12 +361,10 @@ class PairDerivatives:
     Args:
         volume, t_c: `value` has the broadcast shape of the parameters; for a pair (q, w)
             `first` is ∂/∂q, `other` ∂/∂w and `second` ∂²/∂q∂w, with a last axis over pairs.
-        ended_by: as in `Impact`.
     """
 
     volume: Derivatives
     t_c: Derivatives
-    ended_by: PerImpact
 
 
 def pair_derivatives(
@@ -382,8 +380,7 @@ def pair_derivatives(
     def shaped(derivatives: Derivatives) -> Derivatives:
         return Derivatives(*(part.reshape(shape + part.shape[1:]) for part in derivatives))
 
-    ended_by = np.array(end_names(model))[results.outcome].reshape(shape)[()]
-    return PairDerivatives(shaped(volume_of(results)), shaped(results.time), ended_by)
+    return PairDerivatives(shaped(volume_of(results)), shaped(results.time))
 
 
 def volume_of(results: LaneEnd) -> Derivatives:

@@ -7,15 +7,14 @@ import numpy as np
 
 from erosion.arguments import PerImpact
 from erosion.impacts.impact import OTHER_ENDS, volume_of
-from erosion.models.base import NO_CUT
+from erosion.models import NO_CUT
 from erosion.ode import maxima
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.maxima import QuantityAlong, Search, SearchRange
 from erosion.ode.resolve import Nodes, Ruler
 from erosion.ode.variational import Derivatives, Layout
 from erosion.output.tables import Record
-from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.quantities import STEEPEST
+from erosion.parameters.quantities import QUANTITIES, STEEPEST
 
 _SHALLOWEST = 1e-6  # rad; below it a function is continued to its limit as α → 0
 _RULER = Ruler(unit=1.0, relative=1e-4)  # rad

@@ -133,7 +133,7 @@ def available_models(path: str | Path | None = None) -> dict[str, ModelInfo]:
     models = dict(BUILT_IN)
     for entry in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
         if entry.name not in models:
-            models[entry.name] = _listed(entry.name, functools.partial(_entry, entry))
+            models[entry.name] = _listed(entry.name, functools.partial(_from_entry_point, entry))
     if path is not None:
         folder = check_path("path", path)
         if not folder.exists():
@@ -196,7 +196,7 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
         return _remembered(str(name), _file(Path(name))[0])
     for entry in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
         if entry.name == str(name):
-            return _remembered(entry.name, _from_entry_point(entry))
+            return _remembered(entry.name, _from_entry_point(entry)[0])
     known = ", ".join((*available_models(), *CORRELATIONS))
     raise ModelError(
         f"There is no model {briefly(str(name))}; known are {known}, and Python files by path (…/model.py)."
@@ -275,19 +275,15 @@ def _file(path: Path) -> tuple[CuttingModel, types.ModuleType]:
     return _made(_choose(module, path), str(path)), module
 
 
-def _entry(entry: importlib.metadata.EntryPoint) -> tuple[CuttingModel, type]:
-    model = _from_entry_point(entry)
-    return model, type(model)
-
-
-def _from_entry_point(entry: importlib.metadata.EntryPoint) -> CuttingModel:
+def _from_entry_point(entry: importlib.metadata.EntryPoint) -> tuple[CuttingModel, type]:
     where = f"Model {entry.name!r} (entry point {entry.value})"
     try:
         loaded = entry.load()
     # A plug-in may fail in any way while it is imported.
     except (Exception, SystemExit) as error:
         raise ModelError(f"{where} cannot be imported: {named(error)}.") from error
-    return _made(loaded, where)
+    model = _made(loaded, where)
+    return model, type(model)
 
 
 def _import_file(path: Path) -> types.ModuleType:

@@ -8,7 +8,7 @@ import numpy as np
 from erosion.impacts.alpha_max import ASIDE, Optimum
 from erosion.impacts.impact import OTHER_ENDS
 from erosion.impacts.maxima import Jump
-from erosion.models.base import NO_CUT
+from erosion.models import NO_CUT
 from erosion.parameters.quantities import Quantity
 
 # Okabe and Ito (2008), "Color universal design": readers with any colour vision can distinguish them.

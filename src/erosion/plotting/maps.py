@@ -383,7 +383,9 @@ def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = No
     """
     path = require_map_path(path, has_surface="face" in wear.dims, suffixes=PAGES)
     title = f"Wear of {Path(wear.attrs['surface']).name}"
-    tables, summary = [_worst_faces(wear), _totals(wear)], MapSummary(wear)
+    summary = MapSummary(wear)
+    totals = [(row.name, row.value, row.unit, row.meaning) for row in summary.rows()]
+    tables = [_worst_faces(wear), ("Totals", totals, ["quantity", "value", "unit", "meaning"])]
     options = re.sub(r"\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", wear.attrs["options"])
     source = "; ".join(filter(None, [summary.title, options, f"erosion {__version__}"]))
     source = re.sub(r"\b(sand_rate = [^, ;]+)(?=[,;])", r"\1 kg/s", source)
@@ -429,11 +431,6 @@ def _worst_faces(wear: xr.Dataset) -> _Table:
     headings = ["face", "patch", f"x, y, z [{length.unit}]", f"{FACES[name].meaning.split(',')[0]} [{scale.unit}]",
                 "rows", "mean angle", "speed [m/s]"]  # fmt: skip
     return f"The worst {len(rows)} faces", rows, headings
-
-
-def _totals(wear: xr.Dataset) -> _Table:
-    rows = [(row.name, row.value, row.unit, row.meaning) for row in MapSummary(wear).rows()]
-    return "Totals", rows, ["quantity", "value", "unit", "meaning"]
 
 
 @house_style()

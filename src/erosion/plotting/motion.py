@@ -10,8 +10,7 @@ from matplotlib.figure import Figure, SubFigure
 from scipy.interpolate import CubicSpline
 
 from erosion.impacts.simulate import Trajectory
-from erosion.models import model_name
-from erosion.models.base import NO_CUT, ClosedForm, State
+from erosion.models import NO_CUT, ClosedForm, State, model_name
 from erosion.ode.solution import Solution
 from erosion.output.tables import briefly
 from erosion.parameters.quantities import RESULTS, System, readable_scale

@@ -18,14 +18,18 @@ from erosion.arguments import Progress, no_progress
 from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.dataset_files import model_in_words, provenance
 from erosion.impacts.impact import impact
-from erosion.models import model_name
-from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_quantities, quantities
-from erosion.models.registry import impact_to_dict
+from erosion.models import CuttingModel, impact_to_dict, model_name, own_quantities, quantities
 from erosion.output.tables import Record, Result, Row, largest_of, to_plain, with_error
-from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.per_mass import PER_MASS_SCALES, FarFromTests, PerMass, far_from_tests
-from erosion.parameters.quantities import RESULTS, Quantity, conversion_factor, quantity_row, result_row, table_scale
+from erosion.parameters.quantities import (
+    QUANTITIES,
+    RESULTS,
+    Quantity,
+    conversion_factor,
+    quantity_row,
+    result_row,
+    table_scale,
+)
 from erosion.streams.tally import Estimate, Particles, Points, Tally
 
 _ANGLES = np.deg2rad(np.linspace(2.0, 90.0, 45))

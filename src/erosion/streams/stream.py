@@ -20,9 +20,7 @@ from erosion.impacts.impact import end_names, impact
 from erosion.impacts.simulate import SimulationError
 from erosion.interrupts import keeping_results
 from erosion.joint_laws import law_digest
-from erosion.models import load_model, model_name
-from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_quantities, require_one_impact
+from erosion.models import CuttingModel, load_model, model_name, own_quantities, require_one_impact
 from erosion.ode.step_control import require_float64
 from erosion.output.files import Trace, require_writable, trace
 from erosion.output.tables import briefly

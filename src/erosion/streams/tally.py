@@ -18,8 +18,7 @@ from scipy.stats import qmc
 
 from erosion.arguments import refuse
 from erosion.joint_laws import LawSet, require_units
-from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import ranges, with_values
+from erosion.models import CuttingModel, ranges, with_values
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import STEEPEST
 

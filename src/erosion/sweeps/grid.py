@@ -20,11 +20,19 @@ from erosion.arguments import check_order, check_tolerance, check_unmasked, refu
 from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.dataset_files import identity, numbers_in_words, provenance
 from erosion.impacts.impact import end_names, impact
-from erosion.models import load_model, model_name
-from erosion.models.base import CuttingModel
-from erosion.models.equations import model_digest
-from erosion.models.own_parameters import own_in_words, own_quantities, quantities, require_one_impact, with_values
-from erosion.models.registry import BUILT_IN, require_loadable
+from erosion.models import (
+    BUILT_IN,
+    CuttingModel,
+    load_model,
+    model_digest,
+    model_name,
+    own_in_words,
+    own_quantities,
+    quantities,
+    require_loadable,
+    require_one_impact,
+    with_values,
+)
 from erosion.output.tables import briefly
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, array_of, require_concrete, validate
 from erosion.parameters.quantities import RESULTS, Quantity, ascii_unit, derivative_unit
