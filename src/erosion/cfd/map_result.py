@@ -441,11 +441,6 @@ class MapSummary(Result):
                 f"The greatest of many faces lies above the true one by chance: {told}. More impacts or larger faces "
                 "lower this."
             )
-        elif "depth" in data and self._worst_error > _ALONE and (rows := int(data["impacts"][self._worst])) >= _SOME:
-            sentences.append(
-                f"The deepest face, {self._worst:,}, has {rows:,} rows, but ± {100 * self._worst_error:.0f} %, as one "
-                "of them does most of its wear; are its weight, size and speed right?"
-            )
         for name, count in zip(data["reason"].values, data["left_out"].values, strict=True):
             if count and name != "elsewhere":
                 far = f": {data.attrs['far_rows']}" if name == "too-far" else ""
@@ -455,6 +450,13 @@ class MapSummary(Result):
         if "beyond_range" in data and float(data["beyond_range"]) > 0:
             share = f"{100 * float(data['beyond_range']):.3g} %"
             sentences.append(f"{share} of the mass that hits is outside the range of {data.attrs['model']}.")
+        # A row that does much of all wear is named already.
+        is_told = self._chance is not None or "alone does" in data.attrs["warnings"] or "depth" not in data
+        if not is_told and self._worst_error > _ALONE and (rows := int(data["impacts"][self._worst])) >= _SOME:
+            sentences.append(
+                f"The deepest face, {self._worst:,}, has {rows:,} rows, but ± {100 * self._worst_error:.0f} %, as one "
+                "of them does most of its wear; are its weight, size and speed right?"
+            )
         return sentences if self._far is None else [*sentences, str(self._far)]
 
     @property
