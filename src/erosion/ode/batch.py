@@ -184,7 +184,9 @@ def integrate(
         times = np.broadcast_to(times, (lanes, times.shape[-1]))
         if takes_times_apart(layout, order):
             results = integrate(layout, numbers, lanes, order, directions, rtol, again=again)
-            return results._replace(saved=_one_by_one(layout, numbers, lanes, order, directions, rtol, times, again))
+            return results._replace(
+                saved=_one_by_one(layout, numbers, lanes, order, directions, rtol, times, again=again)
+            )
     layout = layout.wanting(saves=times is not None)
     fixed = tuple(direction for direction in directions if isinstance(direction, int))
     program, results = integrator_of(layout, order, fixed, 0 if fixed else len(directions))
@@ -229,6 +231,7 @@ def _one_by_one(
     directions: tuple[int | PerLane, ...],
     rtol: float,
     times: np.ndarray,
+    *,
     again: bool,
 ) -> np.ndarray:
     """Outputs at times and their derivatives from lanes that end there, shape (lanes, times, members, outputs)."""
