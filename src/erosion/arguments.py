@@ -1,5 +1,8 @@
 """Types and checks of arguments that many verbs take: arrays, tolerances, whole numbers, paths, progress."""
 
+import contextlib
+import decimal
+import fractions
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -50,6 +53,7 @@ Progress = Callable[[str, int, int], object]
 """A function that is called with the name of the work, how much of it is done, and how much there is."""
 
 _NUMBERS = (int, float, np.integer, np.floating)
+_REAL = (*_NUMBERS, decimal.Decimal, fractions.Fraction)
 
 
 def check_order(derivatives: Any) -> int:
@@ -115,6 +119,25 @@ def check_unmasked(name: str, value: Any) -> None:
     """A `ValueError` where values are masked: all that computes with arrays ignores the mask."""
     if np.ma.is_masked(value):
         raise ValueError(f"Argument `{name}` must have no masked values; leave them out, or fill them with NaN.")
+
+
+def real_numbers(name: str, values: Any) -> np.ndarray:
+    """Values as an array of float64, `None` as NaN.
+
+    Raises:
+        ValueError: for masked and complex values, quantities with units, texts and dates, of which numpy makes numbers.
+    """
+    check_unmasked(name, values)
+    parts = values if isinstance(values, (list, tuple)) else [values]
+    array = np.empty(0, str)
+    if not any(hasattr(part, "magnitude") or hasattr(part, "unit") for part in parts):
+        with contextlib.suppress(TypeError, ValueError):  # lists of several lengths
+            array = np.asarray(values)
+    if array.dtype.kind == "O" and all(part is None or isinstance(part, _REAL) for part in array.flat):
+        array = array.astype(float)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"Argument `{name}` must hold real numbers without units, but holds {briefly(values)}.")
+    return array.astype(float)
 
 
 def check_path(name: str, value: Any) -> Path:

@@ -25,7 +25,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import special
 
-from erosion.arguments import check_unmasked
+from erosion.arguments import real_numbers
 from erosion.output.tables import briefly
 from erosion.parameters.headings import (
     Head,
@@ -255,11 +255,7 @@ class Samples(Distribution):
     source: str = "samples"
 
     def __post_init__(self) -> None:
-        check_unmasked("values", self.values)
-        try:
-            values = np.sort(np.asarray(self.values, float).reshape(-1))
-        except (TypeError, ValueError):
-            values = np.empty(0)
+        values = np.sort(real_numbers("values", self.values).reshape(-1))
         if not values.size or not np.isfinite(values).all():
             raise ValueError("Argument `values` must be finite numbers, one or more, but is not.")
         object.__setattr__(self, "values", values)

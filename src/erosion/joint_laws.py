@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from erosion.arguments import check_unmasked, refuse
+from erosion.arguments import real_numbers, refuse
 from erosion.distributions import MOST_OUTSIDE, Distribution, OfScipy, Samples, as_laws, read_columns
 from erosion.output.files import digest
 from erosion.output.tables import briefly
@@ -137,8 +137,7 @@ class Rows(JointLaw):
     def __post_init__(self) -> None:
         columns = {}
         for name, values in self.columns.items():
-            check_unmasked(name, values)
-            columns[name] = np.asarray(values, float).reshape(-1)
+            columns[name] = real_numbers(name, values).reshape(-1)
             if not columns[name].size or not np.isfinite(columns[name]).all():
                 raise ValueError(f"Argument `columns` must give {name} finite numbers, one or more, but does not.")
         lengths = {name: len(values) for name, values in columns.items()}

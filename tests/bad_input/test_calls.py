@@ -157,9 +157,9 @@ ROWS = [
     (
         "erosion.sweep('finnie', P, alpha=[[0.1, 0.2], [0.3]])",
         "ValueError",
-        "`alpha` must be a one-dimensional list of numbers",
+        "`alpha` must hold real numbers without units",
     ),
-    ("erosion.sweep('finnie', P, alpha='abc')", "ValueError", "`alpha` must be a one-dimensional list of numbers"),
+    ("erosion.sweep('finnie', P, alpha='abc')", "ValueError", "`alpha` must hold real numbers without units"),
     ("erosion.sweep('finnie', P, speed=[1])", "TypeError", "Argument `speed` is not a parameter; they are k, psi"),
     (
         "erosion.sweep('finnie', P, friction=[1])",
@@ -168,7 +168,7 @@ ROWS = [
     ),
     ("erosion.sweep(OWN, P, fricton=[1])", "TypeError", "phidot0, inertia, friction."),
     ("erosion.sweep(OWN, P, friction=0.1)", "ValueError", "`friction` must be a one-dimensional list of numbers"),
-    ("erosion.sweep(OWN, P, friction=['a'])", "ValueError", "`friction` must be a one-dimensional list of numbers"),
+    ("erosion.sweep(OWN, P, friction=['a'])", "ValueError", "`friction` must hold real numbers without units"),
     ("erosion.sweep(OWN, P, friction=[0.1, np.nan])", "ValueError", "Argument `friction` must be finite, but is [0.1"),
     (
         "erosion.sweep([OWN, 'finnie'], P, friction=[1])",
@@ -252,7 +252,7 @@ ROWS = [
     ),
     ("Normal('a', 1)", "TypeError", "Argument `mean` must be a number, but is 'a'."),
     ("Normal([1, 2], 1)", "TypeError", "Argument `mean` must be a number, but is [1, 2]."),
-    ("Samples('abc')", "ValueError", "Argument `values` must be finite numbers, one or more, but is not."),
+    ("Samples('abc')", "ValueError", "Argument `values` must hold real numbers without units"),
     ("Samples([])", "ValueError", "Argument `values` must be finite numbers, one or more, but is not."),
     ("erosion.calibrate('finnie', P, None, free=['k'])", "MeasurementError", "`data` must be the path of a CSV file"),
     (

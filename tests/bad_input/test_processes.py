@@ -11,11 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pint
 import pytest
 
 import erosion
 from erosion.cli import _have_room
 from erosion.distributions import Samples
+from erosion.fits import read_measurements
+from erosion.joint_laws import Rows
 from tests.documents import Shell
 
 P = erosion.TABLE_1
@@ -254,6 +257,26 @@ IGNORES: dict[str, Callable[[], Any]] = {
 def test_a_masked_value_is_no_value(name: str) -> None:
     with pytest.raises(ValueError, match="must have no masked values; leave them out, or fill them with NaN"):
         IGNORES[name]()
+
+
+QUANTITY = pint.UnitRegistry().Quantity
+NO_NUMBERS = [
+    np.array([0.1 + 1j, 0.2]), np.array([1, 2], "m8[s]"), ["0.1", "0_2"], [True, False], QUANTITY([1.0, 2.0], "km"),
+    [QUANTITY(1.0, "km"), QUANTITY(2.0, "km")],
+]  # fmt: skip
+TAKES: dict[str, Callable[[Any], Any]] = {
+    "an axis": lambda values: erosion.sweep("linearized", P, alpha=values),
+    "samples": Samples,
+    "rows": lambda values: Rows({"alpha": values}),
+    "measurements": lambda values: read_measurements({"angle [deg]": [10.0, 20.0], "volume [in^3]": values}, "si"),
+}
+
+
+@pytest.mark.parametrize("name", TAKES)
+def test_nothing_is_made_a_number_by_leaving_a_part_of_it_away(name: str) -> None:
+    for values in NO_NUMBERS:
+        with pytest.raises(ValueError, match="must hold real numbers without units"):
+            TAKES[name](values)
 
 
 def test_a_masked_array_without_masked_values_is_an_array() -> None:

@@ -63,7 +63,7 @@ def test_files_that_are_no_table(tmp_path, table):
         ({"angle [deg]": [20, 120], "erosion": [1, 2]}, "`data`: row 1, column 'angle [deg]' must be above 0°"),
         ({"angle [deg]": [20], "erosion": [1, 2]}, "must hold columns of one length"),
         ({"angle [deg]": [], "erosion": []}, "has no rows"),
-        ({"angle [deg]": ["x"], "erosion": [1]}, "must hold columns of numbers"),
+        ({"angle [deg]": ["x"], "erosion": [1]}, "must hold real numbers"),
         ({"angle [deg]": [20]}, "must have one column of erosion"),
         ({"angle [m]": [20], "erosion": [1]}, "column 'angle [m]': the unit of `angle` must be an angle"),
         (3, "must be the path of a CSV file or columns by name, but is int"),

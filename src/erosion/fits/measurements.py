@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from erosion.arguments import check_unmasked
+from erosion.arguments import real_numbers
 from erosion.fits.errors import ErrorModel, errors_at
 from erosion.fits.tables import (
     KNOWN,
@@ -293,8 +293,6 @@ _Place = Callable[[int | None, int | None], str]
 
 def _read_columns(table: dict[str, Any], system: System, ignore: Sequence[str]) -> Measurements:
     names = list(table)
-    for name, values in table.items():
-        check_unmasked(name, values)
 
     def place(row: int | None, column: int | None) -> str:
         words = "Argument `data`" if row is None else f"Argument `data`: row {row},"
@@ -302,10 +300,9 @@ def _read_columns(table: dict[str, Any], system: System, ignore: Sequence[str]) 
 
     def read(used: Sequence[int]) -> list[np.ndarray]:
         try:
-            columns = [np.atleast_1d(np.asarray(table[names[i]], float)) for i in used]
-        except (TypeError, ValueError) as error:
-            message = f"Argument `data` must hold columns of numbers, but one cannot be read ({error})."
-            raise MeasurementError(message) from error
+            columns = [np.atleast_1d(real_numbers(names[i], table[names[i]])) for i in used]
+        except ValueError as error:
+            raise MeasurementError(str(error)) from error
         shapes = {column.shape for column in columns}
         if len(shapes) != 1 or columns[0].ndim != 1:
             raise MeasurementError(f"Argument `data` must hold columns of one length, but has shapes {sorted(shapes)}.")

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.arguments import check_order, check_tolerance, check_unmasked, refuse
+from erosion.arguments import check_order, check_tolerance, real_numbers, refuse
 from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.dataset_files import identity, numbers_in_words, provenance
 from erosion.impacts.impact import end_names, impact
@@ -508,11 +508,10 @@ def _source(model: Model) -> "CuttingModel | Named":
 def _axis(name: str, values: Any, parameters: Sequence[str]) -> np.ndarray:
     if name not in parameters:
         raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(parameters)}.")
-    check_unmasked(name, values)
     for number in values if isinstance(values, list | tuple) else [values]:
         require_concrete({name: number})
-    array = array_of(values)
-    is_list = array.ndim == 1 and array.size > 0 and array.dtype.kind in "iuf"
+    array = real_numbers(name, values)
+    is_list = array.ndim == 1 and array.size > 0
     refuse(
         f"Argument `{name}` must be ",
         (not is_list, f"a one-dimensional list of numbers, but is {briefly(values)}."),
