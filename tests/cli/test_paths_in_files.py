@@ -130,6 +130,15 @@ def test_the_case_of_a_plug_ins_fit_names_its_file(two_folders, capsys):
     for verb in (["run", "out/fitted.toml"], ["advise", "out/fitted.toml", "--uncertain", "out/post.nc"]):
         capsys.readouterr()
         assert _status(verb) == 0, capsys.readouterr().err
+    # Another number of its own is no other model, another equation is one.
+    for text, changed in (("= 9.0", False), ("= 9.0\n    _ = 'words'", False), ("= 9.0", True)):
+        law = PLUG_IN.replace("horizontal = -", "horizontal = -2 * ") if changed else PLUG_IN
+        Path("cases/plug.py").write_text(law.replace("= {softness}", text))
+        for verb in (["predict", "out/post.nc"], ["advise", "out/fitted.toml", "--uncertain", "out/post.nc"]):
+            assert _status(verb) == 2 * changed
+            assert ("its equations have changed since" in capsys.readouterr().err) == changed
+        assert _status(["run", "out/fitted.toml"]) == 0
+        assert ("the equations of out/../cases/plug.py have changed" in capsys.readouterr().err) == changed
 
 
 def test_a_model_without_a_file_is_refused_a_case(two_folders):

@@ -56,7 +56,7 @@ class JobOptions:
             return lazy.Job(area, depth, feed)
 
 
-FIELDS = ("model", "set", "uncertain", "correlation", "warning", "tested")
+FIELDS = ("model", "set", "uncertain", "correlation", "warning", "tested", "equations")
 """The fields of [advise] in a case file."""
 
 _UNCERTAIN = (

@@ -181,6 +181,8 @@ def require_same_model(draws: "Sequence[lazy.Draws]", model: "lazy.CuttingModel"
                 f"{where}: {part.path} has the parameters of {part.model}, "
                 f"but Option `--model` is {lazy.model_name(model)}."
             )
+        with user_errors():
+            part.require_same_equations(model)
 
 
 def _is_file(text: str) -> bool:

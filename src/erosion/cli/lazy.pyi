@@ -103,6 +103,7 @@ from erosion.models import Correlated as Correlated
 from erosion.models import available_models as available_models
 from erosion.models import called as called
 from erosion.models import load_model as load_model
+from erosion.models.equations import plug_in_digest as plug_in_digest
 from erosion.models import made_for as made_for
 from erosion.models import model_name as model_name
 from erosion.models import usable_models as usable_models

@@ -233,6 +233,14 @@ class CaseOptions:
             self._require_own_units("field `set`")
         return name, own
 
+    def changed(self, p: "lazy.Parameters") -> str | None:
+        """That the plug-in of the case file has other equations than when it was fitted."""
+        digest = None if self.file is None else self.file.section("advise").get("equations")
+        name, _ = self.model()
+        if digest is None or name is None or lazy.plug_in_digest(lazy.load_model(name), p) == digest:
+            return None
+        return f"{self.case}: the equations of {name} have changed since it was fitted; fit it again."
+
     def load(self, name: str) -> "lazy.CuttingModel":
         """The model by name or path; of a correlation the one that is made for the target and the particle named.
 

@@ -89,7 +89,8 @@ class Output:
         file = None if options is None or verb in ("calibrate", "posterior") else options.file
         if p is not None and file is not None:
             with user_errors():
-                self.warn(file.doubt, *file.outside(p, angle=verb == "run"))
+                changed = None if options is None else options.changed(p)
+                self.warn(file.doubt, changed, *file.outside(p, angle=verb == "run"))
 
     def warn(self, *messages: str | None) -> None:
         """Warnings, each once: on stderr at once, and in the document."""

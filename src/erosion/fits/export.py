@@ -19,6 +19,7 @@ from erosion.impacts.impact import impact
 from erosion.models import model_name, model_source
 from erosion.models.base import CuttingModel
 from erosion.models.correlated import per_mass_of
+from erosion.models.equations import plug_in_digest
 from erosion.models.own_parameters import own_parameters
 from erosion.output.files import seen_from
 from erosion.output.tables import sentences
@@ -191,9 +192,11 @@ def _for_advice(calibration: Calibration, warnings: Sequence[str]) -> str:
                                              for name, values in columns.items())]  # fmt: skip
     except SamplingError as error:
         said.append(str(error))
+    equations = plug_in_digest(calibration.model, calibration.p)
     lines = sentences(
         (bool(said), f"warning = {toml_string(' '.join(said))}"),
         (True, f"tested = {calibration.problem.forward.tested.dump()}"),
+        (equations, f'equations = "{equations}"  # of {model_name(calibration.model)}, as it was'),
     )
     return "\n".join(["", "[advise]", *lines, *draws, ""])
 

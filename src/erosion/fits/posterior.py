@@ -24,7 +24,7 @@ from erosion.fits.likelihood import (
     sampled_quantities,
 )
 from erosion.fits.measurements import Measurements
-from erosion.fits.posterior_files import LINE, SOURCE, TESTED, WARNINGS, own_in_si, prediction_groups
+from erosion.fits.posterior_files import EQUATIONS, LINE, SOURCE, TESTED, WARNINGS, own_in_si, prediction_groups
 from erosion.fits.predicted import ANGLES, BestAngles, highest
 from erosion.fits.prediction import Noise, Predictor, make_predictor, of_model
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
@@ -33,6 +33,7 @@ from erosion.impacts.impact import impact
 from erosion.joint_laws import LawSet, Rows
 from erosion.models import model_name, model_source
 from erosion.models.base import CuttingModel
+from erosion.models.equations import plug_in_digest
 from erosion.models.own_parameters import with_values
 from erosion.models.registry import impact_to_dict
 from erosion.ode.step_control import require_float64
@@ -414,6 +415,7 @@ class Posterior(Result):
             "inference_library_version": __version__,
             "model": model_name(self.model),
             SOURCE: model_source(self.model) or "",
+            EQUATIONS: plug_in_digest(self.model, self.p),
             "case": dump_case(self.p),
             "unit_system": self.p.units,
             "own_parameters": own_in_si(self.model, self.p, self.names),

@@ -17,8 +17,9 @@ from erosion.fits.likelihood import OF_ERROR
 from erosion.fits.measurements import Measurements
 from erosion.fits.prediction import Predictor, predictor_of
 from erosion.joint_laws import Rows
-from erosion.models import load_model
+from erosion.models import load_model, model_name
 from erosion.models.base import CuttingModel
+from erosion.models.equations import plug_in_digest
 from erosion.models.own_parameters import converted, own_in_words, own_parameters
 from erosion.output.files import beside, require_finite
 from erosion.output.tables import sentences
@@ -27,6 +28,8 @@ from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import QUANTITIES, Quantity, System, check_system, conversion_factor
 
 _PREDICTION, _EVIDENCE = "prediction", "log_evidence"
+EQUATIONS = "equations"
+"""The attribute with the digest of a plug-in's equations."""
 LINE = "line"
 """The variable with each row's line of the file of data."""
 SOURCE = "model_source"
@@ -45,6 +48,7 @@ class Draws:
         path: of the file.
         model: its name.
         own: its own parameters that were not sampled, in words.
+        equations: the digest of a plug-in, see `plug_in_digest`.
         p: the case of the fit.
         cutting_fraction: the share of the particles that cut that the fit assumed, or None where it was sampled.
         has_scale: whether the measurements were in units of their own.
@@ -56,11 +60,16 @@ class Draws:
     path: Path
     model: str
     own: str
+    equations: str
     p: Parameters
     cutting_fraction: float | None
     has_scale: bool
     converged: bool
     warnings: tuple[str, ...] = ()
+
+    def require_same_equations(self, model: CuttingModel) -> None:
+        """A `ValueError` where a plug-in computes something else than when the draws were made."""
+        _require_same_equations(self.path, self.equations, model, self.p)
 
     def doubts(self, model: CuttingModel, p: Parameters, cutting_fraction: float) -> list[str]:
         """Sentences on what an impact has otherwise than the fit and its tests, and on what was doubtful in the fit."""
@@ -80,6 +89,13 @@ class Draws:
         )  # fmt: skip
         outside = Tested(self.rows.tested).outside({name: getattr(p, name) for name in ("v0", "m")}, p.units)
         return [f"{self.path}: {sentence}" for sentence in (*said, *self.warnings, *outside)]
+
+
+def _require_same_equations(path: Path, equations: str, model: CuttingModel, p: Parameters) -> None:
+    if plug_in_digest(model, p) != equations:
+        raise ValueError(
+            f"{path}: has draws of {model_name(model)} as it was, but its equations have changed since; draw again."
+        )
 
 
 def _with_unit(value: float, quantity: Quantity, units: System) -> str:
@@ -130,6 +146,7 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         path,
         model=attrs["model"],
         own=attrs.get("own_parameters", ""),
+        equations=attrs.get(EQUATIONS, ""),
         p=case,
         cutting_fraction=None if FRACTION in columns else float(attrs.get(FRACTION, 1.0)),
         has_scale=SCALE in dataset,
@@ -178,6 +195,7 @@ def read_predictor(path: str | Path) -> Predictor:
     path = check_path("path", path)
     attrs = _opened(path).attrs
     model, p = load_model(model_of_draws(path)), parse_case(attrs["case"])
+    _require_same_equations(path, attrs.get(EQUATIONS, ""), model, p)
     with xr.open_datatree(path, engine="h5netcdf") as tree:
         if _PREDICTION not in tree.children:
             raise ValueError(f"{path}: has draws without predictions, of an earlier version.")

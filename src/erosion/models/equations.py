@@ -89,15 +89,33 @@ def model_digest(model: CuttingModel, p: Parameters) -> str:
             "Argument `model` must compute by JAX alone where a store is given, but its equations hold "
             f"{briefly(equations.foreign)}."
         )
+    labels, values = _labels(model)
+    return digits(*_trace(kind, labels)[0].pieces, *sorted(values))
+
+
+def plug_in_digest(model: CuttingModel, p: Parameters) -> str:
+    """The digest of what a plug-in computes for a case, whatever its own parameters are.
+
+    It is empty for the package's own models, whose code does not change, and where only this process knows it.
+    """
+    kind = _ModelKind(model, units_within(model, p))
+    equations = equations_of_kind(kind, anew=True)
+    if kind.is_of_package or equations.flaw is not None or equations.foreign:
+        return ""
+    return digits(*_trace(kind, _labels(model)[0])[0].pieces)
+
+
+def _labels(model: CuttingModel) -> tuple[list[bytes], list[bytes]]:
+    """What tells each number of a model: an own parameter's name, else its content; and names with values."""
     own = {parameter.leaf: name for name, parameter in own_parameters(model).items()}
-    labels, values = [], []
+    labels, values = list[bytes](), list[bytes]()
     for i, leaf in enumerate(jax.tree.leaves(model)):
         if is_number(leaf):
             number = np.asarray(leaf, float if i in own else struct_of(leaf).dtype)
             content = hashed(number.dtype.str, str(number.shape), number.tobytes())
             labels.append(hashed("own parameter", own[i]) if i in own else hashed("number", content))
             values += [hashed(own[i], content)] if i in own else []
-    return digits(*_trace(kind, labels)[0].pieces, *sorted(values))
+    return labels, values
 
 
 def flaw(model: CuttingModel) -> str | None:
@@ -137,13 +155,18 @@ class _ModelKind(TreeKind):
         self.units: System = units
         self.of_class = type(model)
 
+    @property
+    def is_of_package(self) -> bool:
+        """Whether all of its code is the package's."""
+        kinds = {kind for kind, _ in _nodes(self.structure)} - {*_PLAIN_NODES}
+        files = [getattr(sys.modules.get(kind.__module__), "__file__", None) for kind in kinds]
+        are_own = all(file is not None and Path(file).is_relative_to(_PACKAGE) for file in files)
+        return are_own and all(leaf is None for leaf in self.leaves)
+
     def traced(self) -> Equations:
         """The equations, as the code is now."""
         nodes, functions = list(_nodes(self.structure)), [leaf for leaf in self.leaves if leaf is not None]
-        files = [
-            getattr(sys.modules.get(kind.__module__), "__file__", None) for kind, _ in nodes if kind not in _PLAIN_NODES
-        ]
-        if not functions and all(file is not None and Path(file).is_relative_to(_PACKAGE) for file in files):
+        if self.is_of_package:
             # The package's code does not change, and a short command need not wait for its trace.
             return Equations(None, digits("package", repr(self.key)), "", Surroundings(()), self.numbers)
         things = [*functions, *(thing for node in nodes for thing in node)]

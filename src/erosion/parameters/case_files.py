@@ -119,7 +119,7 @@ MODEL_KEYS = ("model", "set")
 """The case's usual model and that model's own parameters; see `CaseFile.model`."""
 SECTIONS = ("sweep", "stream", "map", "advise")
 """Tables that a case file may have for the verbs of these names; see `CaseFile.section`."""
-_WORDS = ("title", "units", "warning", "tested")
+_WORDS = ("title", "units", "warning", "tested", "equations")
 """Fields whose text is never a path."""
 _WITH_A_PATH = (
     re.compile(r"(\s*+samples\s*+\(\s*+)(.+)(\)\s*)", re.DOTALL),  # a law

@@ -34,7 +34,7 @@ from erosion.models import (
     with_values,
 )
 from erosion.output.tables import briefly
-from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, array_of, require_concrete, validate
+from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, require_concrete, validate
 from erosion.parameters.quantities import RESULTS, Quantity, ascii_unit, derivative_unit
 
 Region = tuple[slice, ...]
