@@ -52,8 +52,9 @@ else:
 Progress = Callable[[str, int, int], object]
 """A function that is called with the name of the work, how much of it is done, and how much there is."""
 
-_NUMBERS = (int, float, np.integer, np.floating)
-_REAL = (*_NUMBERS, decimal.Decimal, fractions.Fraction)
+NUMBERS = (int, float, np.integer, np.floating)
+"""The types of a real number."""
+_REAL = (*NUMBERS, decimal.Decimal, fractions.Fraction)
 
 
 def check_order(derivatives: Any) -> int:
@@ -65,7 +66,7 @@ def check_order(derivatives: Any) -> int:
 
 def check_tolerance(rtol: Any) -> float:
     """`rtol` as a float; a `ValueError` where it is not in (0, 1)."""
-    if not isinstance(rtol, _NUMBERS) or not 0 < rtol < 1:
+    if not isinstance(rtol, NUMBERS) or not 0 < rtol < 1:
         raise ValueError(f"Argument `rtol` must be in (0, 1), but is {briefly(rtol)}.")
     return float(rtol)
 
@@ -79,7 +80,7 @@ def check_whole(name: str, value: Any, least: int) -> int:
 
 def check_level(level: Any) -> float:
     """The level of an interval as a float; a `ValueError` where it is no probability in (0, 1)."""
-    if not isinstance(level, _NUMBERS) or not 0 < level < 1:
+    if not isinstance(level, NUMBERS) or not 0 < level < 1:
         raise ValueError(f"Argument `level` must be in (0, 1), but is {briefly(level)}.")
     return float(level)
 

@@ -154,7 +154,9 @@ def test_a_surface_that_cannot_be_read_is_one_sentence(tmp_path, suffix, content
             {"particle_density": -1.0},
             "must be positive and finite, but is -1",
         ),
+        (read_impacts, "a.csv", {"particle_density": [2650.0]}, r"must be positive and finite, but is \[2650.0\]"),
         (read_impacts, "a.csv", {"duration": 0.0}, "Argument `duration` must be positive and finite, but is 0.0"),
+        (read_impacts, "a.csv", {"duration": "60 s"}, "Argument `duration` must be positive and finite, but is '60 s'"),
         (read_impacts, "a.csv", {"case": "/nowhere"}, "/nowhere: is not there"),
     ],
 )

@@ -420,6 +420,7 @@ CHANGES = {
         "helpers.f(p.k)",
         "exec('def f(k): return 1.5 * k', helpers.__dict__)",
     ),
+    "a module of no file": ("m = types.ModuleType('m')\nm.g = 1.0", "m.g * p.k", "m.g = 1.5"),
     "a module's function that is imported in a method": (
         "import sys\nsys.modules['helpers_of_test'] = helpers = types.ModuleType('helpers_of_test')\n"
         "helpers.__file__ = '/home/user/helpers.py'\nexec('def f(k): return k', helpers.__dict__)\n"

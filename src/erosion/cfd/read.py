@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from erosion.arguments import check_path
+from erosion.arguments import NUMBERS, check_path
 from erosion.cfd import impact_tables, text_tables
 from erosion.cfd.openfoam import case_of, open_case
 from erosion.cfd.rows import Impacts, ImpactsError, kind_of, vtk_blocks
@@ -147,7 +147,7 @@ def read_impacts(
     path = _existing("source", source)
     case = None if case is None else _existing("case", case)
     kilograms = _density(particle_density)
-    if duration is not None and not (np.isfinite(duration) and duration > 0):
+    if duration is not None and not (isinstance(duration, NUMBERS) and 0 < duration < np.inf):
         raise ImpactsError(f"Argument `duration` must be positive and finite, but is {briefly(duration)}.")
     seconds = None if duration is None else float(duration)
     if (ignore or columns) and not impact_tables.is_named(path):
@@ -216,7 +216,7 @@ def _density(density: float | int | str | None) -> float | None:
     if density is None:
         return None
     with about("Argument `particle_density`", ImpactsError):
-        value = read_quantity(density, "density", "si") if isinstance(density, str) else float(density)
-    if not (np.isfinite(value) and value > 0):
+        value = read_quantity(density, "density", "si") if isinstance(density, str) else density
+    if not isinstance(value, NUMBERS) or not 0 < value < np.inf:
         raise ImpactsError(f"Argument `particle_density` must be positive and finite, but is {briefly(density)}.")
-    return value
+    return float(value)

@@ -82,7 +82,8 @@ class Surroundings:
         elif isinstance(thing, type):
             self._look_at_class(thing)
         elif isinstance(thing, types.ModuleType):
-            if is_own(getattr(thing, "__file__", None)):
+            file = getattr(thing, "__file__", None)
+            if is_own(file) or (file is None and getattr(thing, "__spec__", None) is None):  # a program made it
                 self._searched[id(thing)] = vars(thing), set()
                 self._check(vars(thing).__len__)  # an attribute that is new
         elif isinstance(thing, _CONTAINERS):
