@@ -135,6 +135,12 @@ def test_faces_that_fit_a_serial_and_a_parallel_run_are_refused(run):
         together(read_impacts(run))
 
 
+def test_a_hidden_file_is_no_table(run):
+    rows = len(together(read_impacts(run))["count"])
+    shutil.copy(run / LAST, run / LAST.with_name(".hump.post"))
+    assert len(together(read_impacts(run))["count"]) == rows
+
+
 def test_names_of_other_versions(tmp_path):
     # As openfoam.org and `particlePostProcessing` of openfoam.com write: (Ux Uy Uz), tabs, and only the wanted fields.
     table = tmp_path / "0.5" / "wall.dat"
@@ -228,6 +234,9 @@ SPOILED = [
     (lambda run: (run / LAST).write_bytes(bytes(range(256)) * 40), "0.02.hump.post: is no table of text"),
     (lambda run: edit(run / LAST, ("# ", "")),
      "0.02.hump.post: has no header of OpenFOAM, a line that starts with '# Time'"),
+    (lambda run: (run / LAST).write_text((run / LAST).read_text() * 2), "0.02.hump.post: row .* has 40 fields, but"),
+    (lambda run: shutil.copy(run / LAST, run / LAST.with_name("hump (copy).post")),
+     "copy..post: names faces of patch 'hump', of which another table has the impacts"),
     (lambda run: edit(run / LAST, (" dTarget ", " dAim ")), "0.02.hump.post: has other columns than .*0.01.floor.post"),
     (lambda run: edit_row(run / LAST, "", ""), "0.02.hump.post: row 12 has 38 fields, but the header names 39"),
     (lambda run: edit_row(run / LAST, "2650", "steel"),

@@ -7,6 +7,7 @@ temperature, and `time` the age of the particle.
 
 import dataclasses
 import hashlib
+import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -136,7 +137,15 @@ class TextImpacts(Impacts):
             faces = self._undecomposed(table, first, columns)
             if not is_parallel:
                 raise ImpactsError(f"{table.path}: is of a parallel run, but the rows before it are of a serial one.")
-        if self.mesh is None or table.patch not in self.mesh.patches:
+        if self.mesh is None:
+            return faces
+        if table.patch not in (patches := self.mesh.patches):
+            others = sorted({one.patch for one in self.tables} & patches.keys())
+            if other := next((name for name in others if patches[name].has(faces).any()), ""):
+                raise ImpactsError(
+                    f"{table.path}: names faces of patch {other!r}, of which another table has the impacts; "
+                    "if it is a copy, move it away."
+                )
             return faces
         own, named = self.mesh.patches[table.patch].has(faces), columns["mesh_face"]
         doubt = (
@@ -265,13 +274,13 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _is_table(file: Path) -> bool:
-    return file.name.removesuffix(".gz").endswith((".post", ".dat"))
+    return file.name.removesuffix(".gz").endswith((".post", ".dat")) and not file.name.startswith(".")
 
 
 def _openfoam_table(path: Path) -> Table:
     lines = _head(path)
-    header = [number for number, line in enumerate(lines) if line.startswith("#")]
-    names = _names(path, lines[header[-1]]) if header else ()
+    comments = [*itertools.takewhile(lambda line: line.startswith("#"), lines)]  # another header below them is no row
+    names = _names(path, comments[-1]) if comments else ()
     if "Time" not in names:
         raise ImpactsError(f"{path}: has no header of OpenFOAM, a line that starts with '# Time'.")
     columns = {ours: name for name, ours in _OF_OPENFOAM.items() if name in names}
@@ -280,7 +289,7 @@ def _openfoam_table(path: Path) -> Table:
             if all(vector + axis in names for axis in axes):
                 columns |= {name: vector + axis for name, axis in zip(ours, axes, strict=True)}
     window = path.parent.name if _in_window(path) else ""
-    return Table(path, header[-1] + 1, names, columns, Path(path.name.removesuffix(".gz")).stem, window)
+    return Table(path, len(comments), names, columns, Path(path.name.removesuffix(".gz")).stem, window)
 
 
 def _head(path: Path) -> list[str]:
