@@ -139,6 +139,8 @@ def test_a_hidden_file_is_no_table(run):
     rows = len(together(read_impacts(run))["count"])
     shutil.copy(run / LAST, run / LAST.with_name(".hump.post"))
     assert len(together(read_impacts(run))["count"]) == rows
+    (run / LAST).unlink()
+    assert "run has no table 0.02/hump, but those of others" in " ".join(read_impacts(run).warnings)
 
 
 def test_names_of_other_versions(tmp_path):

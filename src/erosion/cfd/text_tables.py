@@ -210,6 +210,9 @@ def open_openfoam(path: Path, case: Path | None, density: float | None, duration
         warnings_of_weights += (
             f"Argument `duration`, {given:g} s, takes the place of the {covered:g} s of the windows of time.",
         )
+    of_window = itertools.product(*map(sorted, ({table.window for table in tables}, {table.patch for table in tables})))
+    if lacking := ["/".join(pair) for pair in of_window if pair not in {(one.window, one.patch) for one in tables}]:
+        warnings_of_weights += (f"{path.name} has no table {', '.join(lacking)}, but those of others; is it lost?",)
     is_whole = path.is_dir() and not _WINDOW.fullmatch(path.name)
     return TextImpacts(
         title=str(path),
