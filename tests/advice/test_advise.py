@@ -339,8 +339,15 @@ def test_another_abrasive_is_compared_by_size_shape_and_hardness(shop):
     soft = dataclasses.replace(beads, target=dataclasses.replace(shop.target, flow_stress=5e9, psi=2.0))
     assert "no ratio can be told" in soft.answers[3]
     assert "only " not in shop.reasons[-1]
-    with pytest.raises(ValueError, match="`compare` needs a particle and a target"):
-        erosion.advise(P, target="mild steel", compare="garnet 0.1 mm")
+
+
+@pytest.mark.parametrize(("named", "other", "message"), [
+    ({}, "garnet 0.1 mm", "`compare` needs a particle and a target"),
+    ({"particle": "garnet 80 mesh"}, "aluminium oxide", "`compare` must be a material and a size"),
+])  # fmt: skip
+def test_what_is_wrong_with_another_abrasive_names_it(named, other, message):
+    with pytest.raises(ValueError, match=message):
+        erosion.advise(P, target="mild steel", compare=other, models=["finnie"], **named)
 
 
 @pytest.mark.slow

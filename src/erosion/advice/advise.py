@@ -122,7 +122,10 @@ def compared_with(other: str | Particle | None, grit: Particle | None, metal: Ta
         return None
     if grit is None or metal is None:
         raise ValueError("Argument `compare` needs a particle and a target, by name.")
-    return read_particle(other)
+    try:
+        return read_particle(other)
+    except ValueError as error:
+        raise ValueError(str(error).replace("Argument `particle`", "Argument `compare`")) from error
 
 
 def advise_case(
