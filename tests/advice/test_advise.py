@@ -131,7 +131,7 @@ def test_an_advice_after_a_fit_names_it_and_asks_for_no_test_again(fitted, tmp_p
     assert "if all of the particles cut; the correlations for this metal, which are made from other tests" in amount
     assert "four angles" not in narrower
     assert "least of 95% of the draws [g/kg]" in write_advice(fitted, tmp_path / "advice.csv").read_text("utf-8-sig")
-    assert "--next-experiment" in narrower
+    assert '--target "aluminium 6061" --v0 "100 m/s" --model linearized --free k,psi --next-experiment”' in narrower
     assert [row[0] for row in fitted.rows()][:2] == ["linearized, k = 2, ψ = 10", "64 draws of post.nc, 95% of them"]
     page = write_advice(fitted, tmp_path / "advice.html").read_text()
     assert "post.nc, each median with 95% of the values:" in page

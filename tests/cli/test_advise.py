@@ -1,6 +1,8 @@
 """`erosion advise` as a shell runs it."""
 
 import math
+import re
+import shlex
 
 import pytest
 
@@ -212,6 +214,10 @@ def test_weighings_that_leave_parameters_open_still_decide_the_angle(shell, tmp_
     page = (tmp_path / "page.html").read_text()
     assert says in page
     assert said in page
+    # What it prints runs as it is printed; fewer draws take less time here.
+    words = shlex.split(re.findall("“(erosion posterior .*?)”", " ".join(result["statements"]))[0])
+    assert words[2:4] == ["rows.csv", "fitted.toml"]
+    assert "Measure next at" in shell([*words[1:], "--draws", "125", "--starts", "4"]).out
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from erosion.advice.abrasives import Job, between, comparison, hardness_sentence
+from erosion.fits.export import command
 from erosion.fits.forward import FACTORS, FRACTION, OF_METAL
 from erosion.joint_laws import SHARE, LawSet, Member, Rows, require_units
 from erosion.models.base import CuttingModel
@@ -178,6 +179,8 @@ class Advice(Result):
         weighed: the least and the greatest angle of its tests [rad]; the advised angle is between them.
         job: what is to be removed.
         other: another abrasive, to compare with `particle`.
+        words: the case as it is typed behind a verb, for the commands that go on from here.
+        rows_file: the path of its tests.
     """
 
     p: Parameters
@@ -194,6 +197,8 @@ class Advice(Result):
     weighed: tuple[float, float] | None = None
     job: Job | None = None
     other: Particle | None = None
+    words: tuple[str, ...] = ()
+    rows_file: str = "rows.csv"
 
     @functools.cached_property
     def alpha(self) -> float:
@@ -471,9 +476,12 @@ class Advice(Result):
                 direction=text("flat") if best < self.alpha else text("steep"),
             )
         if self.uncertain is not None:
+            free = ",".join(name for name in self.uncertain.laws if name != FRACTION)
+            words = (self.rows_file, *self._typed, "--free", free, "--next-experiment")
             return self.language.say(
-                "What would narrow it: more tests. “erosion posterior” with --next-experiment says at "
-                "which angle and speed one more test tells most."
+                "What would narrow it: more tests. “{command}” says at which angle and speed one more test tells most "
+                "(extra posterior).",
+                command=command("posterior", *words),
             )
         models = self.group("models")
         spans = {text("the choice of the model"): _width(models)}
@@ -484,11 +492,20 @@ class Advice(Result):
         return self.language.say(
             "What would narrow it: {what} moves the best angle of the models most, by up to {width}. Weigh the loss "
             "at six angles, 15° to 90° in steps of 15°, with your own abrasive and metal, and write the rows into "
-            "rows.csv. Then “{fit}” with this particle, target and speed, and “erosion advise fitted.toml”.",
+            "rows.csv. Then “{command}”, and “erosion advise fitted.toml”.",
             what=widest,
             width=degrees(spans[widest]),
-            fit=FIT,
+            command=command(*FIT.split()[1:], *self._typed),
         )
+
+    @property
+    def _typed(self) -> tuple[str, ...]:
+        """`words`, or the names of particle, target and models that stand for them."""
+        named = {"particle": self.particle, "target": self.target, "v0": f"{float(self.p.to('si').v0):g} m/s"}
+        if self.uncertain is not None:
+            named["model"] = ",".join(curve.name for curve in self.group("models"))
+        typed = (word for name, value in named.items() if value is not None for word in (f"--{name}", str(value)))
+        return self.words or tuple(typed)
 
     def to_dict(self) -> Record:
         """The advised angle, the ranges and every curve's best angle and erosion there; angles in rad."""

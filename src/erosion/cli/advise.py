@@ -56,7 +56,7 @@ class JobOptions:
             return lazy.Job(area, depth, feed)
 
 
-FIELDS = ("model", "set", "uncertain", "correlation", "warning", "tested", "equations")
+FIELDS = ("model", "set", "uncertain", "correlation", "warning", "data", "tested", "equations")
 """The fields of [advise] in a case file."""
 
 _UNCERTAIN = (
@@ -90,6 +90,9 @@ class GivenFit:
         with user_errors():
             doubt = None if case.file is None else case.file.doubt
             self.weighed = None if case.file is None else case.file.tested.ranges.get("alpha")
+        self.data = section.get("data", "rows.csv")
+        if not isinstance(self.data, str):
+            raise InputError(f"{case.case}: field `data` of [advise] must be a path, but is {briefly(self.data)}.")
         # That the tests were in units of their own, for example.
         self.doubts = () if doubt is None else (doubt,)
         # Without laws in the options those of the case file, with their correlation.
@@ -119,6 +122,16 @@ class GivenFit:
             raise InputError(f"{next(iter(own.values()))[0]} needs one model, but there are {', '.join(chosen)}.")
         loaded = {name: load_set(name, own, self._case, p.units) for name in chosen}
         return {lazy.called(name, model): model for name, model in loaded.items()}
+
+    def words(self, abrasive: PerMassOptions, models: "Mapping[str, lazy.CuttingModel]") -> tuple[str, ...]:
+        """The case as a fit takes it, and the models where the case file names none."""
+        density = [] if abrasive.density is None else ["--density", abrasive.density]
+        named = (
+            []
+            if self._case.model()[0] or not (self._counts or self._options.uncertain)
+            else ["--model", ",".join(models)]
+        )
+        return (*self._case.words(()), *density, *named)
 
     def uncertain(
         self, models: "Mapping[str, lazy.CuttingModel]", p: "lazy.Parameters", *, has_fraction: bool
@@ -212,7 +225,10 @@ def advise(
             p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress
         )
         weighed = advice.weighed or fit.weighed if uncertain else None
-        advice = dataclasses.replace(advice, doubts=fit.doubts, weighed=weighed, job=job, other=other)
+        advice = dataclasses.replace(
+            advice, doubts=fit.doubts, weighed=weighed, job=job, other=other,
+            rows_file=fit.data, words=fit.words(abrasive, models),
+        )  # fmt: skip
     if output is not None:
         with user_errors():
             lazy.write_advice(advice, output, lang, decimal)

@@ -191,10 +191,11 @@ WriteCaseOption = Annotated[
 ]
 
 
-def write_case(path: Path, ranking: "lazy.Ranking", options: CaseOptions, output: Output) -> None:
+def write_case(path: Path, ranking: "lazy.Ranking", task: Fit, output: Output) -> None:
     """Write the best fit as a case file; without draws of its parameters, where there are none, with a warning."""
     with user_errors(lazy.CalibrationError):
-        text = lazy.to_case(ranking.best, str(path), **options.names(), warnings=ranking.warnings_of_best)
+        named = {**task.options.names(), "rows": str(task.data)}
+        text = lazy.to_case(ranking.best, str(path), **named, warnings=ranking.warnings_of_best)
         lazy.write_whole(path, text.encode())
     if "\n[advise.uncertain]\n" not in text:
         output.warn(f"{path}: has no draws of the fit: `erosion advise` takes ranges of k and ψ about its estimates.")
@@ -289,7 +290,7 @@ def calibrate(
     if along is not None:
         output.table(along.title, along.rows(), along.headings, (0, 1))
     if case_file is not None:
-        write_case(case_file, ranking, task.options, output)
+        write_case(case_file, ranking, task, output)
     draw(plot, lambda: lazy.plot_calibration(ranking.best_first, level))
     output.wrote(*task.next_steps(ranking, case_file), figure=plot, case=case_file)
 

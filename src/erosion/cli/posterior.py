@@ -93,7 +93,7 @@ class _Files:
             if self.output is not None:
                 posterior.save(self.output)
         if self.case_file is not None:
-            write_case(self.case_file, ranking, task.options, output)
+            write_case(self.case_file, ranking, task, output)
         with user_errors():
             for name, path in self.figures.items():
                 result: Any = posterior.alpha_max() if name == "plot_best_angles" else posterior

@@ -57,8 +57,12 @@ class Language:
         return name + gap + (meaning if meaning.startswith("[") else self.text(meaning)) + end + unit
 
     def say(self, message: str, **fields: str) -> str:
-        """A message of the code, such as "share at {angle}", with its fields; numbers with their decimal separators."""
-        return self.messages.get(message, message).format(**{name: self.number(text) for name, text in fields.items()})
+        """A message of the code, such as "share at {angle}", with its fields; numbers with their decimal separators.
+
+        A field `command` is to be typed, and stays as it is.
+        """
+        said = {name: text if name == "command" else self.number(text) for name, text in fields.items()}
+        return self.messages.get(message, message).format(**said)
 
     def template(self, source: str) -> str:
         """A text's file with each block translated."""

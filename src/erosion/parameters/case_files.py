@@ -339,7 +339,7 @@ def with_paths(value: Any, move: Callable[[str], str], field: str = "") -> Any:
         return [with_paths(item, move, field) for item in value]
     if not isinstance(value, str) or not value.strip():
         return value
-    if field == "rows":  # a table, whatever its suffix
+    if field in ("rows", "data"):  # tables, whatever their suffix
         return move(value)
     if field == "model" and "," in value and not is_file(move(value)):
         return ",".join(with_paths(name, move, field) for name in value.split(",") if name.strip())
