@@ -2,6 +2,7 @@ import csv
 import dataclasses
 import html
 import math
+import re
 import types
 
 import numpy as np
@@ -111,7 +112,7 @@ def test_draws_of_a_fit_take_the_place_of_the_ranges(fitted):
     assert beside.high == pytest.approx(fitted.high, abs=0.01)
     assert beside.worst > 0.99
     low, high = np.quantile([curve.at(beside.alpha) for curve in beside.group("draws")], [0.025, 0.975]) / 2700
-    assert beside.answers[2] == "By 95% of the draws: " + beside.job.sentence([low, high], 2700, language("en"))
+    assert beside.answers[2] == "With 95% confidence: " + beside.job.sentence([low, high], 2700, language("en"))
     far = dataclasses.replace(draws[0], erosion=1e3 * draws[0].erosion)
     curves = tuple(far if curve is draws[0] else curve for curve in fitted.curves)
     assert dataclasses.replace(fitted, curves=curves).warnings == fitted.warnings
@@ -127,16 +128,24 @@ def test_draws_of_a_fit_take_the_place_of_the_ranges(fitted):
 def test_an_advice_after_a_fit_names_it_and_asks_for_no_test_again(fitted, tmp_path):
     (angle, amount), (why, narrower) = fitted.answers, fitted.reasons
     assert angle.startswith("By your weighings: set the nozzle to 32°")
-    assert "64 draws of post.nc remove on average 100% of what they remove at their own best angles" in why
-    assert "if all of the particles cut; the correlations for this metal, which are made from other tests" in amount
+    assert (
+        "64 curves that the tests allow (post.nc) remove on average 100% of what they remove at their own best" in why
+    )
+    assert "with 95% confidence. The correlations for this metal, made from other tests" in amount
     assert "four angles" not in narrower
-    assert "least of 95% of the draws [g/kg]" in write_advice(fitted, tmp_path / "advice.csv").read_text("utf-8-sig")
+    assert "least with 95% confidence [g/kg]" in write_advice(fitted, tmp_path / "advice.csv").read_text("utf-8-sig")
     assert '--target "aluminium 6061" --v0 "100 m/s" --model linearized --free k,psi --next-experiment”' in narrower
-    assert [row[0] for row in fitted.rows()][:2] == ["linearized, k = 2, ψ = 10", "64 draws of post.nc, 95% of them"]
+    assert [row[0] for row in fitted.rows()][:2] == [
+        "linearized, k = 2, ψ = 10",
+        "64 curves that the tests allow (post.nc), 95% of them",
+    ]
     page = write_advice(fitted, tmp_path / "advice.html").read_text()
-    assert "post.nc, each median with 95% of the values:" in page
+    assert " draw" not in re.sub(r"<svg.*?</svg>|<style.*?</style>", "", page, flags=re.S)
+    assert "post.nc, each number with its 95% range:" in page
     assert "k = 2 (1.9 … 2.1), ψ = 10 (" in page
-    assert "64 Ziehungen aus post.nc" in write_advice(fitted, tmp_path / "de.html", "de").read_text()
+    assert (
+        "64 Kurven, die die Versuche zulassen (post.nc)" in write_advice(fitted, tmp_path / "de.html", "de").read_text()
+    )
 
 
 @pytest.mark.slow

@@ -79,9 +79,9 @@ def test_a_fit_goes_from_its_case_file_to_the_advice(shell, tmp_path, monkeypatc
 @pytest.mark.slow
 def test_draws_in_a_table_are_taken_together(shell, tmp_path):
     (tmp_path / "draws.csv").write_text("k, psi\n1.9, 10.5\n2, 10\n2.1, 9.5\n")
-    assert f"64 draws of {tmp_path}" in shell([*LINE, "--uncertain", str(tmp_path / "draws.csv")]).out.replace(
-        "\n", " "
-    )
+    assert f"64 curves that the tests allow ({tmp_path}" in shell(
+        [*LINE, "--uncertain", str(tmp_path / "draws.csv")]
+    ).out.replace("\n", " ")
 
 
 FITTED = """

@@ -95,7 +95,7 @@ def _draw(advice: Advice, ax: Axes) -> None:
     best = float(np.rad2deg(advice.alpha))
     angle = degrees(advice.alpha)
     least = advice.uncertain is None
-    label = say("the least of all: {angle}", angle=angle) if least else say("the mean of draws: {angle}", angle=angle)
+    label = say("the least of all: {angle}", angle=angle) if least else say("their mean: {angle}", angle=angle)
     ax.plot(nozzle, advice.shares, color=INK, linewidth=2.6, label=label)
     ax.axvline(best, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     ax.plot(best, advice.share, "*", color=INK, markersize=13)
@@ -183,7 +183,7 @@ def _spreadsheet(advice: Advice, decimal: str) -> str:
     columns: dict[str, np.ndarray] = {f"{text('angle')} [°]": np.rad2deg(NOZZLE_ANGLES[at])}
     if advice.trusted:
         low, high = ends(advice.trusted, lambda curve: curve.erosion * (curve.density or 1.0) / advice.scale.size)
-        of = "" if advice.uncertain is None else f" {text('of 95% of the draws')}"
+        of = "" if advice.uncertain is None else f" {text('with 95% confidence')}"
         columns |= {f"{text('least')}{of} [{unit}]": low[at], f"{text('greatest')}{of} [{unit}]": high[at]}
     share = text("least share of its own best") if advice.uncertain is None else text("mean share of its own best")
     columns[f"{share} [%]"] = 100 * advice.shares[at]
@@ -215,7 +215,7 @@ def notes_of(advice: Advice) -> list[tuple[str, str]]:
     comma = "; " if advice.language.comma else ", "
     notes = [(text("The case"), comma.join(case)), (text("The jet"), jet)]
     if advice.uncertain is not None:
-        name = say("{source}, each median with 95% of the values", source=str(advice.uncertain))
+        name = say("{source}, each number with its 95% range", source=str(advice.uncertain))
         notes.append((name, advice.language.number(comma.join(advice.uncertain.values))))
     if advice.particle is not None:
         grit = advice.particle

@@ -302,7 +302,11 @@ class Advice(Result):
                 rows.append(self._row(what, varied))
         draws = self.group("draws")
         if draws:
-            what = say("{count} draws of {source}, 95% of them", count=str(len(draws)), source=str(self.uncertain))
+            what = say(
+                "{count} curves that the tests allow ({source}), 95% of them",
+                count=str(len(draws)),
+                source=str(self.uncertain),
+            )
             rows.append(self._row(what, draws))
         correlations = self.group("correlations")
         if correlations:
@@ -373,7 +377,7 @@ class Advice(Result):
         if self.job is not None and self.trusted:
             erosion = ends(self.trusted, lambda curve: curve.at(self.alpha) / (curve.density or 1.0))
             job = self.job.sentence(erosion, self.per_mass.density, self.language)
-            sentences.append(job if self.uncertain is None else f"{say('By 95% of the draws:')} {job}")
+            sentences.append(job if self.uncertain is None else f"{say('With 95% confidence:')} {job}")
         if self.other is not None and self.particle is not None and self.target is not None:
             names = (self.particle_name, self._name(self.other))
             speed = float(self.p.to("si").v0)
@@ -419,9 +423,9 @@ class Advice(Result):
                 **numbers,
             )
         return say(
-            "At this angle {count} draws of {source} remove on average {share}% of what they remove at their own best "
-            "angles, and 95% of them at least {least}%; 95% of these best angles lie from {low} to {high}. The "
-            "correlations are shown beside them, but do not count.",
+            "At this angle the {count} curves that the tests allow ({source}) remove on average {share}% of what they "
+            "remove at their own best angles, and 95% of them at least {least}%; 95% of these best angles lie from {low} "
+            "to {high}. The correlations are made from other tests, and do not count.",
             **numbers,
             least=_percent(self.worst),
             count=str(len(self.group("draws"))),
@@ -447,20 +451,22 @@ class Advice(Result):
                 "The models' amount is left out, because it is more than ten times what tests find, and no correlation "
                 "is made for this metal."
             )
-        elif fitting and self.uncertain is not None:
-            text = say(
-                "Expect {amount} {unit}, by 95% of the draws, if {fraction} of the particles cut; the correlations for "
-                "this metal, which are made from other tests, say {tests} {unit}.",
-                **numbers,
+        elif self.uncertain is not None:
+            text = (
+                say("Expect {amount} {unit} with 95% confidence.", **numbers)
+                if share == 1
+                else say("Expect {amount} {unit} with 95% confidence, if {fraction} of the particles cut.", **numbers)
             )
+            if fitting:
+                text += " " + say(
+                    "The correlations for this metal, made from other tests, say {tests} {unit}.", **numbers
+                )
         elif fitting:
             text = say(
                 "Expect {tests} {unit}, by the correlations for this metal. The models say {amount} {unit} if "
                 "{fraction} of the particles cut: trust the correlations more.",
                 **numbers,
             )
-        elif self.uncertain is not None:
-            text = say("Expect {amount} {unit}, by 95% of the draws, if {fraction} of the particles cut.", **numbers)
         else:
             text = say("Expect {amount} {unit}, by the models, if {fraction} of the particles cut.", **numbers)
         return text if self.per_mass.density else f"{text} {say('Name the target, or give its density, for g/kg.')}"
