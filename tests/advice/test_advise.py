@@ -18,6 +18,7 @@ from erosion.correlations import OutOfRangeWarning
 from erosion.distributions import Normal, Uniform
 from erosion.joint_laws import Rows
 from erosion.output.language import language
+from erosion.parameters.per_mass import two_digits
 
 P = erosion.TABLE_1.to("si").replace(v0=100.0)
 NAMED = P.with_particle("garnet 0.3 mm").with_target("aluminium 6061")
@@ -133,7 +134,9 @@ def test_an_advice_after_a_fit_names_it_and_asks_for_no_test_again(fitted, tmp_p
     )
     assert "with 95% confidence. The correlations for this metal, made from other tests" in amount
     assert "four angles" not in narrower
-    assert "least with 95% confidence [g/kg]" in write_advice(fitted, tmp_path / "advice.csv").read_text("utf-8-sig")
+    assert "least erosion with 95% confidence [g/kg]" in write_advice(fitted, tmp_path / "advice.csv").read_text(
+        "utf-8-sig"
+    )
     assert '--target "aluminium 6061" --v0 "100 m/s" --model linearized --free k,psi --next-experiment”' in narrower
     assert [row[0] for row in fitted.rows()][:2] == [
         "linearized, k = 2, ψ = 10",
@@ -291,10 +294,16 @@ def test_nothing_leaves_the_sheet_and_lines_of_correlations_differ():
     figure = sheet(advice, notes_of(advice))
     FigureCanvasAgg(figure).draw()
     width, height = figure.get_size_inches() * figure.dpi
-    boxes = [text.get_window_extent() for text in (*figure.texts, figure.axes[0].yaxis.label)]
+    legend = figure.axes[0].get_legend()
+    assert legend is not None
+    boxes = [one.get_window_extent() for one in (*figure.texts, figure.axes[0].yaxis.label, legend)]
     assert min(box.x0 for box in boxes) > 0.02 * width
     assert max(box.x1 for box in boxes) < 0.96 * width
     assert min(box.y0 for box in boxes) > 0.01 * height
+    # The curves are no flat band, and their axis' name is no longer than the axis.
+    axes, name = figure.axes[0].get_window_extent(), figure.axes[0].yaxis.label.get_window_extent()
+    assert axes.height > 0.5 * axes.width
+    assert axes.y0 < name.y0 < name.y1 < axes.y1
     # The version stands alone at the foot.
     assert sorted(box.y0 for box in boxes)[1] > sorted(box.y1 for box in boxes)[0]
     grey = [line for line in plot_advice(advice).axes[0].get_lines() if line.get_marker() not in ("None", "*", "")]
@@ -362,12 +371,17 @@ def test_what_is_wrong_with_another_abrasive_names_it(named, other, message):
 @pytest.mark.slow
 def test_the_table_for_a_spreadsheet_has_the_numbers_of_the_advice(shop, tmp_path):
     rows = list(csv.reader(write_advice(shop, tmp_path / "a.csv").read_text("utf-8-sig").splitlines()))
-    assert [float(row[0]) for row in rows[1:]] == list(range(5, 91, 5))
+    best = round(math.degrees(shop.alpha), 1)
+    assert [float(row[0]) for row in rows[1:]] == sorted({*range(5, 91, 5), best})
+    (advised,) = [row for row in rows if row[-1] == "advised angle"]
+    assert float(advised[0]) == best
+    assert f"Expect {' to '.join(two_digits(float(amount)) for amount in advised[1:3])} g/kg" in shop.answers[1]
     at = [curve.at(math.radians(15)) * 1e3 for curve in shop.trusted]
     assert [float(cell) for cell in rows[3][1:3]] == pytest.approx([min(at), max(at)], rel=1e-3)
     german = write_advice(shop, tmp_path / "de.csv", "de").read_text("utf-8-sig").splitlines()
     comma = write_advice(shop, tmp_path / "comma.csv", decimal=",").read_text("utf-8-sig").splitlines()
-    assert german[1:] == comma[1:] == [";".join(row).replace(".", ",") for row in rows[1:]]
+    assert comma[1:] == [";".join(row).replace(".", ",") for row in rows[1:]]
+    assert german[1:] == [row.replace("advised angle", "empfohlener Winkel") for row in comma[1:]]
     with pytest.raises(ValueError, match="`decimal` must be"):
         write_advice(shop, tmp_path / "b.csv", decimal=";")
 

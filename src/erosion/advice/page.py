@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from erosion.advice.abrasives import between
 from erosion.advice.result import NOZZLE_ANGLES, Advice, degrees, ends
 from erosion.output.files import require_writable, write_whole
 from erosion.output.language import language
@@ -59,8 +60,8 @@ def sheet(advice: Advice, notes: Sequence[tuple[str, str]]) -> Figure:
 
 _LEFT = 0.09
 _FOOT = 0.045
-_BELOW_CURVES = 0.155  # what their axis and legend take
-_LEAST_CURVES = 0.13 + _BELOW_CURVES + _FOOT
+_BELOW_CURVES = 0.06  # what their axis takes
+_LEAST_CURVES = 0.22 + _BELOW_CURVES + _FOOT
 
 
 def _texts(fig: Figure, advice: Advice, notes: Sequence[str], scale: float, curves: float) -> float:
@@ -72,10 +73,9 @@ def _texts(fig: Figure, advice: Advice, notes: Sequence[str], scale: float, curv
     y = _paragraphs(fig, [*advice.warnings, *advice.reasons], y, width=round(110 / scale), size=8.5 * scale)
     if curves:
         height = curves - _BELOW_CURVES
-        ax = fig.add_axes((_LEFT + 0.02, y - 0.015 - height, 0.8, height))
+        ax = fig.add_axes((_LEFT + 0.04, y - 0.015 - height, 0.5, height))
         _draw(advice, ax)
-        ax.yaxis.label.set_fontsize(8)
-        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.035 / height), ncols=3, fontsize=7.5)
+        ax.legend(loc="center left", bbox_to_anchor=(1.03, 0.5), fontsize=7.5)
     y = _table(fig, advice, y - curves, scale)
     return _paragraphs(fig, notes, y - 0.005, width=round(128 / scale), size=7.5 * scale)
 
@@ -100,7 +100,7 @@ def _draw(advice: Advice, ax: Axes) -> None:
     ax.axvline(best, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     ax.plot(best, advice.share, "*", color=INK, markersize=13)
     angle_axis(ax, label=say("angle of the nozzle, from the surface"))
-    ax.set(ylabel=say("erosion by the jet, over its own greatest"), ylim=(0, 1.03))
+    ax.set(ylabel=say("share of its own greatest erosion"), ylim=(0, 1.03))
     ax.yaxis.set_major_formatter(lambda value, _: advice.language.number(f"{value:.3g}"))
 
 
@@ -175,28 +175,34 @@ def require_page_path(path: Path) -> None:
 
 
 def _spreadsheet(advice: Advice, decimal: str) -> str:
-    """Angles of 5° to 90°, the least and the greatest of the amounts that the advice trusts, and the deciding share."""
+    """Angles, also the advised one, the least and the greatest of the amounts that the advice trusts, the share."""
     if decimal not in (".", ","):
         raise ValueError(f"Argument `decimal` must be . or a comma, but is {briefly(decimal)}.")
     text, unit = advice.language.text, advice.unit
-    at = slice(_FIRST, None, _STEP)
-    columns: dict[str, np.ndarray] = {f"{text('angle')} [°]": np.rad2deg(NOZZLE_ANGLES[at])}
+    advised = round(float(np.rad2deg(advice.alpha)), 6)
+    angles = np.unique([*range(5, 91, 5), advised])
+    columns: dict[str, np.ndarray] = {f"{text('angle')} [°]": angles}
+
+    def at_angles(values: np.ndarray) -> np.ndarray:
+        return np.interp(np.deg2rad(angles), NOZZLE_ANGLES, values)
+
     if advice.trusted:
-        low, high = ends(advice.trusted, lambda curve: curve.erosion * (curve.density or 1.0) / advice.scale.size)
+        low, high = ends(
+            advice.trusted, lambda curve: at_angles(curve.erosion) * (curve.density or 1.0) / advice.scale.size
+        )
         of = "" if advice.uncertain is None else f" {text('with 95% confidence')}"
-        columns |= {f"{text('least')}{of} [{unit}]": low[at], f"{text('greatest')}{of} [{unit}]": high[at]}
+        columns |= {f"{text('least erosion')}{of} [{unit}]": low, f"{text('greatest erosion')}{of} [{unit}]": high}
     share = text("least share of its own best") if advice.uncertain is None else text("mean share of its own best")
-    columns[f"{share} [%]"] = 100 * advice.shares[at]
-    rows = [list(columns), *([f"{value:.4g}" for value in row] for row in zip(*columns.values(), strict=True))]
+    columns[f"{share} [%]"] = 100 * at_angles(advice.shares)
+    marks = [text("advised angle") if angle == advised else "" for angle in angles]
+    cells = zip(*([f"{value:.4g}" for value in column] for column in columns.values()), marks, strict=True)
+    rows = [[*columns, text("advice")], *map(list, cells)]
     # A spreadsheet with decimal commas takes semicolons between cells.
     return "".join(
         (";".join(row).replace(".", ",") if decimal == "," and number else (";" if decimal == "," else ",").join(row))
         + "\r\n"
         for number, row in enumerate(rows)
     )
-
-
-_FIRST, _STEP = 8, 10  # NOZZLE_ANGLES are 1°, 1.5° …: 5°, 10° … are every tenth from the ninth
 
 
 def notes_of(advice: Advice) -> list[tuple[str, str]]:
@@ -223,10 +229,9 @@ def notes_of(advice: Advice) -> list[tuple[str, str]]:
         notes.append((text("Particle"), f"{advice.particle_name}{sieves}, {grit.density:g} kg/m³ ({grit.source})"))
     if advice.target is not None:
         metal = advice.target
-        low, high = (f"{end / 1e6:.4g}" for end in metal.flow_stress_range)
+        stress = between([f"{end / 1e6:.4g}" for end in metal.flow_stress_range], advice.language)
         density = "" if metal.density is None else f", {metal.density:g} kg/m³"
-        stress = say("{target}, σ from {low} to {high} MPa", target=text(metal.name), low=low, high=high)
-        notes.append((text("Target"), f"{stress}{density} ({metal.source})"))
+        notes.append((text("Target"), f"{text(metal.name)}, σ = {stress} MPa{density} ({metal.source})"))
     if advice.uncertain is None and any(not curve.fits for curve in advice.group("correlations")):
         count = text("those that are not made for this metal count for the angle, not for the amount")
         notes.append((text("Correlations"), count))

@@ -424,8 +424,8 @@ class Advice(Result):
             )
         return say(
             "At this angle the {count} curves that the tests allow ({source}) remove on average {share}% of what they "
-            "remove at their own best angles, and 95% of them at least {least}%; 95% of these best angles lie from {low} "
-            "to {high}. The correlations are made from other tests, and do not count.",
+            "remove at their own best angles, and 95% of them at least {least}%; 95% of these best angles lie from "
+            "{low} to {high}. The correlations are made from other tests, and do not count.",
             **numbers,
             least=_percent(self.worst),
             count=str(len(self.group("draws"))),
