@@ -226,12 +226,19 @@ def notes_of(advice: Advice) -> list[tuple[str, str]]:
     if advice.particle is not None:
         grit = advice.particle
         sieves = f" ({grit.sieves})" * bool(grit.sieves)
-        notes.append((text("Particle"), f"{advice.particle_name}{sieves}, {grit.density:g} kg/m³ ({grit.source})"))
+        notes.append(
+            (
+                text("Particle"),
+                f"{advice.particle_name}{sieves}, {grit.density:g} kg/m³ ({advice.language.cited(grit.source)})",
+            )
+        )
     if advice.target is not None:
         metal = advice.target
         stress = between([f"{end / 1e6:.4g}" for end in metal.flow_stress_range], advice.language)
         density = "" if metal.density is None else f", {metal.density:g} kg/m³"
-        notes.append((text("Target"), f"{text(metal.name)}, σ = {stress} MPa{density} ({metal.source})"))
+        notes.append(
+            (text("Target"), f"{text(metal.name)}, σ = {stress} MPa{density} ({advice.language.cited(metal.source)})")
+        )
     if advice.uncertain is None and any(not curve.fits for curve in advice.group("correlations")):
         count = text("those that are not made for this metal count for the angle, not for the amount")
         notes.append((text("Correlations"), count))

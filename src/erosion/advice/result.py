@@ -405,7 +405,7 @@ class Advice(Result):
         """Sentences on a size that fits no body, correlations out of range, amounts far from tests, and the fit."""
         far = self._far([curve for curve in self.curves if curve.group != "correlations"])
         said = (self.p.size_warning, *self.outside, far and str(far))
-        return [self._translated(message) for message in said if message] + [*self.doubts]
+        return [self._translated(message) for message in said if message] + [*map(self.language.sentences, self.doubts)]
 
     def _translated(self, message: str) -> str:
         """A sentence in the language; one on a correlation begins with its name."""

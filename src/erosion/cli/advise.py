@@ -224,9 +224,10 @@ def advise(
         advice = lazy.advise_case(
             p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress
         )
+        outside = () if options.file is None else options.file.outside(p)
         weighed = advice.weighed or fit.weighed if uncertain else None
         advice = dataclasses.replace(
-            advice, doubts=fit.doubts, weighed=weighed, job=job, other=other,
+            advice, doubts=(*fit.doubts, *outside), weighed=weighed, job=job, other=other,
             rows_file=fit.data, words=fit.words(abrasive, models),
         )  # fmt: skip
     if output is not None:

@@ -371,7 +371,7 @@ class Controls:
             with ui.button(text("Metal")).props(_MENU), ui.menu():
                 for name, metal in materials.targets.items():
                     item = ui.menu_item(text(name), partial(self._take_metal, name, metal))
-                    item.tooltip(metal.source)
+                    item.tooltip(language.cited(metal.source))
             with ui.button(text("Spin")).props(_MENU), ui.menu():
                 for s in SPIN_PRESETS:
                     ui.menu_item(

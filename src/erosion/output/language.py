@@ -16,6 +16,11 @@ from pathlib import Path
 _FOLDER = Path(__file__).parents[1] / "locale"
 _NUMBER = re.compile(r"[−-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 _POINT = re.compile(r"(?<=\d)\.(?=\d)")
+_FIELD = re.compile(r"\{(\w+)\}")
+_PART = r"(?:(?!\. ).)+?"  # of one sentence
+_SOURCE = r"[^\s:]+: "
+_ANY = re.compile(rf"(){_PART}(?:\.(?= )|$)")
+_PUNCTUATION = re.compile(r"([;:,] | \(|\))")
 _BETWEEN_BLOCKS = re.compile(r"(\n\s*\n)")
 
 
@@ -63,6 +68,39 @@ class Language:
         """
         said = {name: text if name == "command" else self.number(text) for name, text in fields.items()}
         return self.messages.get(message, message).format(**said)
+
+    def sentences(self, text: str) -> str:
+        """Finished sentences of a fit, which a case file keeps in English; one that no message fits stays.
+
+        A sentence may begin with the name of a file and a colon. Its fields are found where the message has them.
+        """
+        said, rest = [], text
+        while rest and self.messages:
+            fits = ((pattern.match(rest), message) for pattern, message in self._finished)
+            match, message = next(((match, message) for match, message in fits if match), (_ANY.match(rest), ""))
+            assert match is not None
+            source, *fields = match.groups("")
+            words = source + message.format(*(self.number(self.text(field)) for field in fields))
+            said.append(words if message else match[0])
+            rest = rest[match.end() :].lstrip()
+        return " ".join(said) or text
+
+    @functools.cached_property
+    def _finished(self) -> list[tuple[re.Pattern[str], str]]:
+        """What a finished sentence looks like, and its translation with fields by their places; the longest first."""
+        made = []
+        for message, said in self.messages.items():
+            if message.endswith(".") and "{%" not in message and "{{" not in message and "\n" not in message:
+                names = _FIELD.findall(message)
+                body = _FIELD.sub("\0", message)
+                pattern = re.escape(body).replace("\0", rf"({_PART})")
+                places = _FIELD.sub(lambda name, names=names: f"{{{names.index(name[1])}}}", said)
+                made.append((len(body), re.compile(rf"({_SOURCE})?{pattern}(?=\s|$)"), places))
+        return [(pattern, places) for _, pattern, places in sorted(made, key=lambda one: -one[0])]
+
+    def cited(self, source: str) -> str:
+        """A source with its describing words translated; names and titles stay."""
+        return "".join(map(self.text, _PUNCTUATION.split(source)))
 
     def template(self, source: str) -> str:
         """A text's file with each block translated."""
