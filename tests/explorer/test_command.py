@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 
 from erosion.cli import _status
+from erosion.explorer.computed import Computed
 from erosion.explorer.server import offer
+from erosion.explorer.tab import Service
+from erosion.explorer.views import VIEWS
 from erosion.parameters.parameters import TABLE_1
 from tests.explorer.conftest import free_of_pytest
 
@@ -23,6 +26,36 @@ def test_plug_ins_are_offered_and_shown() -> None:
     assert service.sources["saturating_lip"] == PLUG_IN
     assert "Rotating" in str(service.answers.models["rotating"])
     assert service.start.case.numbers()["saturating_lip.reach"] == 0.5
+
+
+FITTED = """units = "si"
+particle = "garnet 80 mesh"
+target = "mild steel"
+v0 = 160
+alpha = "20 deg"
+k = 2
+model = "rotating-deformation"
+set = { energy_ratio = 10.5, threshold = 3.0 }
+[advise]
+warning = "Measure more, or free fewer parameters."
+tested = { v0 = ["80 m/s", "100 m/s"] }
+"""
+
+
+def test_a_fit_is_drawn_as_its_case_file_has_it_with_its_doubts(tmp_path: Path, monkeypatch) -> None:
+    services: list[Service] = []
+    monkeypatch.setattr("erosion.explorer.server.serve", lambda service, *_, **__: services.append(service))
+    (tmp_path / "fitted.toml").write_text(FITTED)
+    assert _status(["explore", str(tmp_path / "fitted.toml"), "--no-browser", "--port", "0", "--lang", "de"]) == 0
+    (service,) = services
+    assert service.start.shown == "rotating-deformation"
+    assert service.start.shown in service.start.models
+    assert service.start.case.own_values("rotating-deformation") == {"energy_ratio": 10.5, "threshold": 3.0}
+    (said,) = VIEWS["numbers"](
+        Computed(service.start, language=service.language, file=service.file), [*service.summaries]
+    )
+    assert "fitted.toml: Messen Sie mehr, oder geben Sie weniger Parameter frei." in said
+    assert "fitted.toml: 160 m/s: das 1,6-Fache des schnellsten Versuchs." in said
 
 
 def test_a_taken_port_is_one_line(capsys: pytest.CaptureFixture) -> None:

@@ -258,8 +258,10 @@ def explore(
             raise InputError(f"Option `--model` must be the path of a Python file here, but is {briefly(path)}.")
     if port is not None and not 0 <= port < 65536:
         raise InputError(f"Option `--port` must be in 0 … 65535, but is {port}.")
+    named, _ = options.model()
+    fitted = None if named is None else (named, options.load_as_set(named))
     with extra("explorer"), user_errors():
-        service = lazy.offer(p, model or [], materials or [], weights, lang)
+        service = lazy.offer(p, model or [], materials or [], weights, lang, fitted=fitted, file=options.file)
         lazy.serve(service, lazy.free_address(host, port), show=browser)
 
 

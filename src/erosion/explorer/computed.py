@@ -19,6 +19,7 @@ from erosion.impacts.impact import OTHER_ENDS, Impact, end_names, impact
 from erosion.impacts.simulate import path
 from erosion.models.base import CuttingModel, Scales, Tip
 from erosion.output.language import ENGLISH, Language
+from erosion.parameters.case_files import CaseFile
 from erosion.parameters.parameters import QUANTITIES, Parameters
 
 T = TypeVar("T")
@@ -349,12 +350,14 @@ class Computed:
         answers: by their step.
         errors: one line for each answer that could not be computed.
         language: of the page.
+        file: the case file.
     """
 
     state: PageState
     answers: dict[Step, Any] = dataclasses.field(default_factory=dict)
     errors: list[str] = dataclasses.field(default_factory=list)
     language: Language = ENGLISH
+    file: CaseFile | None = None
 
     def of_shown(self, kind: str) -> Any:
         """The answer about the model shown, or None."""

@@ -31,8 +31,10 @@ from erosion.explorer.state import Address, PageCase, PageState, own_numbers, se
 from erosion.explorer.tab import Service, Tab
 from erosion.impacts.simulate import TurnWarning
 from erosion.models import available_models, load_model
+from erosion.models.base import CuttingModel
 from erosion.output.language import language
 from erosion.output.tables import briefly
+from erosion.parameters.case_files import CaseFile
 from erosion.parameters.parameters import Parameters, SizeWarning
 from erosion.parameters.per_mass import PerMass
 
@@ -265,6 +267,9 @@ def offer(
     tables: Sequence[Path] = (),
     per_mass: PerMass | None = None,
     lang: str = "en",
+    *,
+    fitted: tuple[str, CuttingModel] | None = None,
+    file: CaseFile | None = None,
 ) -> Service:
     """Offer every model, particle and target that is known by name, and the user's own.
 
@@ -274,6 +279,8 @@ def offer(
         tables: TOML files of further particles and targets.
         per_mass: how volumes become erosion per mass of abrasive, at first.
         lang: the language of the page.
+        fitted: the model that the case file names, by name or path, with what the file sets of it; its cut is drawn.
+        file: the case file, for what is doubtful in the fit that wrote it, and its tests.
 
     Raises:
         ValueError: for a plug-in or a table that cannot be loaded.
@@ -281,15 +288,20 @@ def offer(
     materials = read_materials(tables)
     offered = {name: (name, info.summary) for name, info in available_models().items() if info.error is None}
     plugged = []
-    for path in plug_ins:
+    named = [] if fitted is None or fitted[0] in offered else [fitted[0]]
+    for path in dict.fromkeys([*plug_ins, *named]):
         info = next(iter(available_models(path).values()))
         plugged.append(path if Path(path).stem in offered else Path(path).stem)
         offered[plugged[-1]] = (path, info.summary)
     models = {name: load_model(source) for name, (source, _) in offered.items()}
+    shown = next(iter(plugged), _SHOWN)
+    if fitted is not None:
+        shown = next(name for name, (source, _) in offered.items() if source == fitted[0])
+        models[shown] = fitted[1]
     answers = Answers(models)
     case = PageCase.of(p, own_numbers(models))
-    checked = tuple(name for name in offered if name in (*_CHECKED, *plugged))
-    start = PageState(case, checked, next(iter(plugged), _SHOWN), per_mass or PerMass())
+    checked = tuple(name for name in offered if name in (*_CHECKED, *plugged, shown))
+    start = PageState(case, checked, shown, per_mass or PerMass())
     return Service(
         answers=answers,
         preparation=Preparation(answers, case),
@@ -298,6 +310,7 @@ def offer(
         sources={name: source for name, (source, _) in offered.items()},
         materials=materials,
         language=language(lang),
+        file=file,
     )
 
 

@@ -17,6 +17,7 @@ from erosion.explorer.controls import Controls, CutDrawing, Materials, Plot, Pro
 from erosion.explorer.state import PageState, sentence
 from erosion.explorer.views import VIEWS, in_language
 from erosion.output.language import ENGLISH, Language
+from erosion.parameters.case_files import CaseFile
 
 T = TypeVar("T")
 
@@ -49,6 +50,7 @@ class Service:
         materials: the particles and targets that the page offers.
         language: of the page.
     """
+        file: the case file; where a fit wrote it, its doubts are on the page.
 
     answers: Answers
     preparation: Preparation
@@ -58,6 +60,7 @@ class Service:
     materials: Materials
     language: Language = ENGLISH
     _turns: asyncio.Semaphore = dataclasses.field(default_factory=lambda: asyncio.Semaphore(_IN_PARALLEL))
+    file: CaseFile | None = None
     _later_turns: asyncio.Semaphore = dataclasses.field(default_factory=lambda: asyncio.Semaphore(_IN_PARALLEL))
 
     async def in_turn(self, work: Callable[[], T], *, later: bool = False) -> T:
@@ -230,7 +233,7 @@ class Tab:
 
     async def _show_at_once(self, state: PageState) -> None:
         answers, preparation = self.service.answers, self.service.preparation
-        computed = Computed(state, language=self.service.language)
+        computed = Computed(state, language=self.service.language, file=self.service.file)
         computed.take_remembered(answers, LATER)
         patience = asyncio.get_running_loop().call_later(
             _PATIENCE, self._status.set_text, self.service.language.text("Computing …")
@@ -250,7 +253,7 @@ class Tab:
         if self._later.waiting:
             return
         answers, preparation = self.service.answers, self.service.preparation
-        computed = Computed(state, language=self.service.language)
+        computed = Computed(state, language=self.service.language, file=self.service.file)
         missing = computed.take_remembered(answers, LATER)
         for kinds, _ in STAGES:
             await self.service.in_turn(partial(computing.at_once, computed, kinds, answers, preparation))

@@ -245,7 +245,7 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
         rows.append(f"<tr class='{mark}'><th scope='row'>{swatch}{html.escape(model)}</th>{cells}</tr>")
     table = f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>"
     caption = f"<caption>{text('Numbers of the checked models')}</caption>"
-    below = _of_the_cut(computed) + _far_from_tests(computed)
+    below = _of_the_cut(computed) + _far_from_tests(computed) + _of_the_fit(computed)
     return (f"<div class='scroll'><table class='numbers'>{caption}{table}</table></div>{below}",)
 
 
@@ -275,6 +275,15 @@ def _far_from_tests(computed: Computed) -> str:
 
 def _warnings(lines: Iterable[str], language: Language) -> str:
     said = (html.escape(_said(line, language)) for line in lines)
+def _of_the_fit(computed: Computed) -> str:
+    """What is doubtful in the fit that wrote the case file, and how far the case lies outside of its tests."""
+    file = computed.file
+    if file is None:
+        return ""
+    outside = file.outside(computed.state.case.parameters(), angle=True)
+    return _warnings(filter(None, [file.doubt, *outside]), computed.language)
+
+
     return "".join(f"<p class='warning' role='status'>{line}</p>" for line in said)
 
 
@@ -285,7 +294,7 @@ def _said(line: str, language: Language) -> str:
         names, found, rest = line.partition(gap)
         if said == line and language.text(rest) != rest:
             said = names + found + language.text(rest)
-    return said
+    return language.sentences(line) if said == line else said
 
 
 def _volume(computed: Computed, volume: float) -> str:
