@@ -105,7 +105,7 @@ def test_own_parameters_are_read_with_units() -> None:
     numbers = state.case.numbers()
     assert (numbers["lip.reach"], numbers["tip.friction"], numbers["lip.shift"]) == (0.001, 0.5, -0.5)
     assert PLUGGED.case.to("si").numbers()["lip.reach"] == pytest.approx(0.02 * 0.0254)
-    assert (text_of("lip.reach", state.case), unit_of("lip.reach", state.case)) == ("0.001", "m")
+    assert (text_of("lip.reach", state.case), unit_of("lip.reach", state.case)) == ("1", "mm")
     with pytest.raises(ValueError, match=r"Field `lip\.reach` must be a length such as"):
         PLUGGED.case.read("lip.reach", "3 s")
     with pytest.raises(ValueError, match=r"Field `tip\.friction` must be a finite number, but is nan"):
@@ -208,6 +208,16 @@ def test_texts_are_short_and_angles_in_degrees() -> None:
     assert (text_of("alpha", CASE), unit_of("alpha", CASE)) == ("20", "°")
     assert (text_of("m", CASE), unit_of("m", CASE)) == ("2.855e-7", "slinch")
     assert (text_of("sigma", CASE.replace(sigma=2e9)), unit_of("k", CASE)) == ("2e9", "")
+
+
+def test_si_fields_have_readable_units_and_bare_numbers_are_in_them() -> None:
+    case = CASE.to("si").replace(r=9e-5, m=1.28e-8, sigma=255.1e6)
+    shown = {name: (text_of(name, case), unit_of(name, case)) for name in ("r", "m", "sigma", "v0", "k")}
+    assert shown == {
+        "r": ("90", "µm"), "m": ("12.8", "µg"), "sigma": ("255.1", "MPa"), "v0": ("111.76", "m/s"), "k": ("2", ""),
+    }  # fmt: skip
+    numbers = case.read("r", "70").read("m", "1e1").read("sigma", "3 GPa").numbers()
+    assert (numbers["r"], numbers["m"], numbers["sigma"]) == (7e-5, 1e-8, 3e9)
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,6 @@ from erosion.parameters.quantities import (
     System,
     conversion_factor,
     read_quantity,
-    unit_name,
 )
 from erosion.plotting.labels import STYLES, broken
 
@@ -100,19 +99,14 @@ def with_spin(s: float, case: PageCase) -> PageCase:
 
 
 def text_of(name: str, case: PageCase) -> str:
-    """The text of a parameter's entry; angles are in degrees."""
-    number = case.numbers()[name]
-    text = f"{np.rad2deg(number) if _is_angle(name, case) else number:.6g}"
+    """The text of a parameter's entry, in the unit of `unit_of`."""
+    text = f"{case.numbers()[name] / case.scale(name).size:.6g}"
     return re.sub(r"e([+-])0*", lambda sign: "e" + sign[1].strip("+"), text)
 
 
 def unit_of(name: str, case: PageCase) -> str:
     """The unit of the number that `text_of` shows."""
-    return "°" if _is_angle(name, case) else unit_name(case.quantities()[name].dimension, case.units)
-
-
-def _is_angle(name: str, case: PageCase) -> bool:
-    return case.quantities()[name].dimension == "angle"
+    return case.scale(name).unit
 
 
 def _size(name: str, first: PageCase) -> float:

@@ -8,6 +8,7 @@ import re
 import secrets
 import socket
 from collections.abc import Collection, Mapping
+from decimal import Decimal
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, unquote, urlencode
 
@@ -20,7 +21,16 @@ from erosion.output.tables import briefly
 from erosion.parameters.materials import Target
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate
 from erosion.parameters.per_mass import PerMass, read_density
-from erosion.parameters.quantities import Quantity, System, about, conversion_factor, read_quantity
+from erosion.parameters.quantities import (
+    Quantity,
+    Scale,
+    System,
+    about,
+    conversion_factor,
+    read_quantity,
+    table_scale,
+    unit_name,
+)
 
 _LONGEST = 300  # characters; a link or an entry may repeat as many as it likes
 _OF_FIELD = re.compile(r"(?:Field (`[^`]*` ))?(.*)", re.DOTALL)
@@ -161,16 +171,26 @@ class PageCase(NamedTuple):
         return PageCase.of(p, tuple(own))
 
     def read(self, name: str, text: str) -> "PageCase":
-        """Change one parameter to a typed text: "30", "0,5", "100 m/s". An angle without a unit is in degrees.
+        """Change one parameter to a typed text: "30", "0,5", "100 m/s". A number without a unit is in that of `scale`.
 
         Raises:
             ValueError: one sentence that says what is wrong with the text.
         """
         text = with_point(name, text)
-        in_degrees = self.quantities()[name].dimension == "angle" and _is_number(text)
-        if name == "alpha" and in_degrees and not 0 < float(text) <= 90:
+        if not _is_number(text):
+            return self.reading({name: text})
+        if name == "alpha" and not 0 < float(text) <= 90:
             raise ValueError(f"Field `alpha` must be in degrees, above 0 and up to 90, but is {text.strip()}.")
-        return self.reading({name: f"{text} deg" if in_degrees else text})
+        if self.quantities()[name].dimension == "angle":
+            return self.reading({name: f"{text} deg"})
+        # The product of both as decimal numbers rounds once: 90 µm are 9e-5 m.
+        return self.reading({name: repr(float(Decimal(text.strip()) * Decimal(repr(self.scale(name).size))))})
+
+    def scale(self, name: str) -> Scale:
+        """The unit of a parameter's field: 90 µm, but 0.04 in and 2.855e-7 slinch as the source has them."""
+        dimension = self.quantities()[name].dimension
+        scale = table_scale(dimension, self.units, abs(self.numbers()[name]))
+        return Scale(1.0, unit_name(dimension, self.units)) if scale.unit.startswith("10") else scale
 
     def to(self, units: str) -> "PageCase":
         """The same impact in another unit system.
