@@ -31,6 +31,11 @@ SETTLED = """([name, shown]) => {
 }"""
 
 
+# What is wider than its place, and is cut or scrolled there.
+CUT = """() => [...document.querySelectorAll('.field-name, .plot-name, .plot-legend, .scroll, h2, .numbers td')]
+  .filter((one) => one.scrollWidth > one.clientWidth + 1 && one.checkVisibility()).map((one) => one.innerText)"""
+
+
 def slide(page: Page, name: str, *positions: float) -> None:
     """Move a parameter's slider, as fast as the browser can."""
     page.evaluate(SLIDE, [name, list(positions)])

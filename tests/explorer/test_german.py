@@ -8,7 +8,7 @@ from playwright.sync_api import Browser, Page
 
 from erosion.models import available_models
 from tests.explorer.conftest import served
-from tests.explorer.driving import enter
+from tests.explorer.driving import CUT, enter
 
 pytestmark = pytest.mark.slow
 
@@ -66,6 +66,14 @@ def test_no_english_is_left_on_the_german_page(pages: dict[str, Page]) -> None:
     in_both = words(pages["de"]) & words(pages["en"])
     same = re.compile("|".join(map(re.escape, sorted({*available_models(), *SAME}, key=len, reverse=True))))
     assert [text for text in sorted(in_both) if re.search(r"[^\W\d_]{3}", same.sub("", text))] == []
+
+
+@pytest.mark.parametrize(("width", "height"), [(1920, 1080), (1366, 768), (390, 844)])
+def test_long_german_words_are_not_cut(pages: dict[str, Page], width: int, height: int) -> None:
+    page = pages["de"]
+    page.set_viewport_size({"width": width, "height": height})
+    page.wait_for_timeout(300)
+    assert page.evaluate(CUT) == []
 
 
 def test_numbers_have_decimal_commas_and_are_read_so(pages: dict[str, Page]) -> None:

@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, BrowserContext, Page, expect
 import erosion
 from erosion.cli import _status
 from tests.explorer.conftest import free_of_pytest, served
-from tests.explorer.driving import curve, enter, parameters, settle, slide, star
+from tests.explorer.driving import CUT, curve, enter, parameters, settle, slide, star
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -66,6 +66,28 @@ def test_no_grain_is_drawn_in_metal_and_the_axis_is_above_the_fold(page: Page) -
     box = page.locator(".view-volumes .plot").bounding_box()
     assert box is not None
     assert box["y"] + box["height"] <= 768
+
+
+AREAS = "() => [...document.querySelectorAll('.plot-area')].map((one) => one.clientHeight)"
+
+
+@pytest.mark.parametrize(("width", "height"), [(1920, 1080), (1366, 768), (1366, 600), (1366, 480), (390, 844)])
+def test_nothing_is_cut_in_a_window_of_any_size(page: Page, width: int, height: int) -> None:
+    page.set_viewport_size({"width": width, "height": height})
+    page.wait_for_timeout(300)
+    assert page.evaluate(CUT) == []
+    assert min(page.evaluate(AREAS)) >= 130
+    if width == 390:
+        table = page.locator(".numbers").bounding_box()
+        assert table is not None
+        assert table["x"] + table["width"] <= width
+
+
+def test_legends_are_whole(page: Page) -> None:
+    page.set_viewport_size({"width": 390, "height": 844})
+    names = page.locator(".view-end_times .plot-legend li").all_inner_texts()
+    assert names == ["linearized", "finnie", "rotating", "rebound, y = 0", "stop, ẋ = 0"]
+    assert page.locator(".view-histories .plot-legend li").all_inner_texts() == ["centre of mass", "tip"]
 
 
 def test_the_angle_is_dragged_in_the_plot(page: Page) -> None:

@@ -179,8 +179,7 @@ class CutDrawing(Drawn, component="web/cut.js"):
     def __init__(self, instant: float, on_instant: Callable[[float], None], language: Language) -> None:
         super().__init__()
         text = language.text
-        note = text("Only the tip cuts: what else of the grain would be in the metal is not drawn.")
-        self.props.update({"instant": instant, "comma": language.comma, "note": note, "slider": text("Time in the cut"),
+        self.props.update({"instant": instant, "comma": language.comma, "slider": text("Time in the cut"),
                            "play": text("Play"), "pause": text("Pause")})  # fmt: skip
         self.on("instant", partial(_tell, on_instant, _SHARES))
 
@@ -189,7 +188,7 @@ class Plot(Drawn, component="web/plot.js"):
     """An ECharts plot with vertical handles; without an option to draw, only the handles move.
 
     Args:
-        height: the height of the plot, in CSS.
+        height: the least height of the plot, in CSS; a legend of many lines adds to it.
         follows: whether the fixed handles follow the time of the cut.
         moved: the parameter that a handle moves, if the reader can drag one.
         comma: whether numbers have a decimal comma.
@@ -259,7 +258,6 @@ def read_materials(files: Sequence[Path] = ()) -> Materials:
 Option = dict[str, Any]
 
 STAR = "path://M0,-10L2.9,-3.1L10,-3.1L4.3,1.5L6.2,8.6L0,4.4L-6.2,8.6L-4.3,1.5L-10,-3.1L-2.9,-3.1Z"
-LEGEND = {"top": 0, "type": "scroll", "selectedMode": False}  # only the state decides what is drawn
 DEGREES = np.rad2deg(ANGLES)
 
 
@@ -272,9 +270,8 @@ def styles(models: Collection[str]) -> Mapping[str, tuple[str, Any]]:
 
 
 def axis(name: str, **more: Any) -> Option:
-    """An axis of numbers with its name beside it."""
-    return {"type": "value", "name": name, "nameLocation": "middle", "nameGap": 30, "axisLine": {"show": True},
-            "nameTextStyle": {"fontSize": 14}} | more  # fmt: skip
+    """An axis of numbers with its name."""
+    return {"type": "value", "name": name, "axisLine": {"show": True}} | more
 
 
 def angle_axis() -> Option:
@@ -303,8 +300,7 @@ def frame(x_axis: Any, y_axis: Any, series: list[Option], **more: Any) -> Option
     """A plot of one panel."""
     return {
         "animation": False,
-        "grid": {"left": 62, "right": 18, "top": 52, "bottom": 50},
-        "legend": LEGEND,
+        "grid": {"left": 50, "right": 18, "top": 24, "bottom": 26},
         "tooltip": {"trigger": "axis", "confine": True, "transitionDuration": 0},
         "xAxis": x_axis,
         "yAxis": y_axis,

@@ -35,6 +35,7 @@ _TITLES: Mapping[str, str] = {
     "spins": "Best angle over the spin",
     "sensitivities": "What moves the best angle",
 }
+_NOTES = {"cut": "Only the tip cuts: what else of the grain would be in the metal is not drawn."}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,8 +50,8 @@ class Service:
         sources: the argument of `erosion.load_model` for each model, by name.
         materials: the particles and targets that the page offers.
         language: of the page.
-    """
         file: the case file; where a fit wrote it, its doubts are on the page.
+    """
 
     answers: Answers
     preparation: Preparation
@@ -59,8 +60,8 @@ class Service:
     sources: Mapping[str, str]
     materials: Materials
     language: Language = ENGLISH
-    _turns: asyncio.Semaphore = dataclasses.field(default_factory=lambda: asyncio.Semaphore(_IN_PARALLEL))
     file: CaseFile | None = None
+    _turns: asyncio.Semaphore = dataclasses.field(default_factory=lambda: asyncio.Semaphore(_IN_PARALLEL))
     _later_turns: asyncio.Semaphore = dataclasses.field(default_factory=lambda: asyncio.Semaphore(_IN_PARALLEL))
 
     async def in_turn(self, work: Callable[[], T], *, later: bool = False) -> T:
@@ -180,7 +181,8 @@ class Tab:
         language = self.service.language
         title = language.text(_TITLES[name])
         with ui.element("section").classes(f"panel view-{name}").props(f'aria-label="{title}"'):
-            ui.html(title, tag="h2", sanitize=False)
+            note = f" <small>{language.text(_NOTES[name])}</small>" if name in _NOTES else ""
+            ui.html(title + note, tag="h2", sanitize=False)
             if name == "cut":
                 return CutDrawing(
                     self.state.instant,

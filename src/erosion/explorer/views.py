@@ -9,7 +9,6 @@ import numpy as np
 from erosion.explorer.computed import SPINS, Computed
 from erosion.explorer.controls import (
     DEGREES,
-    LEGEND,
     STAR,
     Option,
     angle_axis,
@@ -102,7 +101,7 @@ def _over_angles(
 ) -> Drawing:
     """Curves of a result, with the handle at the angle of the case."""
     quantity, language = RESULTS[result], computed.language
-    y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, nameGap=38, **axis_options)
+    y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, **axis_options)
     label = language.say("{result} over the angle of attack", result=language.text(quantity.meaning)) + more
     return frame(angle_axis(), y_axis, series), [handle("alpha", computed.state.case, language)], label
 
@@ -194,7 +193,7 @@ def histories(computed: Computed, models: Collection[str]) -> Drawing:
         scale = readable_scale(quantity.dimension, motion.p.units, float(np.max(np.abs(tip))))
         grids.append({"left": f"{column * 50 + 13}%", "width": "34%", "top": f"{row * 47 + 12}%", "height": "31%"})
         x_axes.append(axis(f"t [{time.unit}]" if row else "", gridIndex=i, min=0, max=float(t[-1]) or 1, nameGap=24,
-                           axisLabel={"showMaxLabel": False}, splitNumber=4))  # fmt: skip
+                           nameLocation="middle", axisLabel={"showMaxLabel": False}, splitNumber=4))  # fmt: skip
         y_axes.append(axis(f"{quantity.symbol}  [{scale.unit}]", gridIndex=i, nameLocation="end", nameGap=10,
                            splitNumber=3, nameTextStyle={"align": "left", "fontSize": 14}))  # fmt: skip
         where = {"xAxisIndex": i, "yAxisIndex": i}
@@ -206,7 +205,7 @@ def histories(computed: Computed, models: Collection[str]) -> Drawing:
     tooltip = {"trigger": "axis", "confine": True, "transitionDuration": 0}
     option = {"animation": False, "grid": grids, "xAxis": x_axes, "yAxis": y_axes, "series": series}
     return (
-        option | {"legend": LEGEND, "tooltip": tooltip},
+        option | {"tooltip": tooltip},
         handles,
         computed.language.text("position and speed of the tip over time"),
     )
@@ -219,13 +218,14 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
     """For each checked model t_c, how the cut ended, V, dV/dα, and α_max with its kind."""
     language = computed.language
     text = language.text
-    heads = f"<th scope='col'>{text('model')}</th>"
+    heads, symbols = [f"<th scope='col'>{text('model')}</th>"], []
     for name in _HEADINGS:
         meaning, symbol = "how the cut ends", text("ends by")
         if name in RESULTS:
             meaning, (symbol, _, below) = RESULTS[name].meaning, RESULTS[name].symbol.partition("_")
             symbol += f"<sub>{below}</sub>" if below else ""
-        heads += f"<th scope='col' title='{html.escape(text(meaning))}'>{symbol}</th>"
+        heads.append(f"<th scope='col' title='{html.escape(text(meaning))}'>{symbol}</th>")
+        symbols.append(symbol)
     points, optima = computed.of_all("point"), computed.of_all("best")
     rows = []
     for model in computed.state.models:
@@ -241,9 +241,11 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
             at_best = [where, _volume(computed, float(best.volume))]
         mark = "shown" if model == computed.state.shown else ""
         swatch = f"<i style='background:{styles(models)[model][0]}'></i>"
-        cells = "".join(f"<td>{cell}</td>" for cell in (*at_angle, *at_best))
+        # On a narrow screen each number has its heading beside it.
+        named = zip(symbols, (*at_angle, *at_best), strict=True)
+        cells = "".join(f"<td><span class='head'>{symbol}</span>{cell}</td>" for symbol, cell in named)
         rows.append(f"<tr class='{mark}'><th scope='row'>{swatch}{html.escape(model)}</th>{cells}</tr>")
-    table = f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody>"
+    table = f"<thead><tr>{''.join(heads)}</tr></thead><tbody>{''.join(rows)}</tbody>"
     caption = f"<caption>{text('Numbers of the checked models')}</caption>"
     below = _of_the_cut(computed) + _far_from_tests(computed) + _of_the_fit(computed)
     return (f"<div class='scroll'><table class='numbers'>{caption}{table}</table></div>{below}",)
@@ -273,8 +275,6 @@ def _far_from_tests(computed: Computed) -> str:
     return _warnings(models_far_from_tests(weights, volumes, state.case.parameters()), computed.language)
 
 
-def _warnings(lines: Iterable[str], language: Language) -> str:
-    said = (html.escape(_said(line, language)) for line in lines)
 def _of_the_fit(computed: Computed) -> str:
     """What is doubtful in the fit that wrote the case file, and how far the case lies outside of its tests."""
     file = computed.file
@@ -284,6 +284,8 @@ def _of_the_fit(computed: Computed) -> str:
     return _warnings(filter(None, [file.doubt, *outside]), computed.language)
 
 
+def _warnings(lines: Iterable[str], language: Language) -> str:
+    said = (html.escape(_said(line, language)) for line in lines)
     return "".join(f"<p class='warning' role='status'>{line}</p>" for line in said)
 
 
@@ -351,7 +353,7 @@ def spins(computed: Computed, models: Collection[str]) -> Drawing:
     x_axis = axis("s = r φ̇₀/v₀  initial spin", min=float(SPINS[0]), max=float(SPINS[-1]), interval=0.3,
                   axisLabel={"formatter": "{value}"})  # fmt: skip
     result = RESULTS["alpha_max"]
-    y_axis = axis(f"{result.symbol}  {result.meaning}", min=0, max=90, interval=15, nameGap=38,
+    y_axis = axis(f"{result.symbol}  {result.meaning}", min=0, max=90, interval=15,
                   axisLabel={"formatter": "{value}°"})  # fmt: skip
     say, text = computed.language.say, computed.language.text
     label = say("{result} over the {parameter}", result=text(result.meaning),
@@ -381,12 +383,12 @@ def sensitivities(computed: Computed, models: Collection[str]) -> Drawing:
     y_axis = {"type": "category", "data": labels, "axisTick": {"show": False}, "axisLabel": {"interval": 0}}
     series = [{"type": "bar", "name": "α_max", "data": bars, "itemStyle": {"color": PALETTE["green"]},
                "animation": False, "barCategoryGap": "35%"}]  # fmt: skip
-    grid = {"left": 40, "right": 24, "top": 16, "bottom": 46}
+    grid = {"left": 40, "right": 24, "top": 6, "bottom": 26}
     moved = ", ".join(f"{label} {bar:+.3g}°" for label, bar in zip(labels, bars, strict=True) if bar)
     language = computed.language
     nothing = language.text("not known" if all(bar is None for bar in bars) else "nothing")
     said = "move of the angle of greatest removal for one per cent more: {moves}"
-    option = frame(x_axis, y_axis, series, grid=grid, legend={"show": False})
+    option = frame(x_axis, y_axis, series, grid=grid)
     return option, [], language.say(said, moves=moved or nothing)
 
 

@@ -6,7 +6,7 @@ const SECONDS = 5; // duration of the animation of a whole cut
 const REST = 200; // ms; after this time without a change, the link holds the instant shown
 
 export default {
-  template: `<div class="cut"><p class="cut-note">{{ note }}</p>
+  template: `<div class="cut">
     <svg ref="svg" :viewBox="box.join(' ')" role="img" :aria-label="label" preserveAspectRatio="xMidYMid meet">
       <rect class="target" :x="box[0]" y="0" :width="box[2]" :height="Math.max(0, box[1] + box[3])" />
       <polygon class="all" :points="area(1)" /><polygon class="removed" :points="area(fraction)" />
@@ -26,7 +26,7 @@ export default {
       :disabled="!moves"><svg viewBox="0 0 24 24" aria-hidden="true"><path :d="playing ? 'M6 5h4v14H6zM14 5h4v14h-4z' : 'M8 5v14l11-7z'"/></svg></button>
       <input type="range" min="0" max="1" step="0.005" :value="fraction" :aria-label="slider" :aria-valuetext="time"
         :disabled="!moves" @input="scrub"><output>{{ time }}</output></div></div>`,
-  props: { instant: Number, comma: Boolean, note: String, slider: String, play: String, pause: String },
+  props: { instant: Number, comma: Boolean, slider: String, play: String, pause: String },
   data: (own) => ({
     t: [], x: [], depth: [], phi: [], size: 1, unit: 1, units: "", label: "", bar: null, box: [0, 0, 1, 1],
     fraction: own.instant, playing: false, letters: 0.1,

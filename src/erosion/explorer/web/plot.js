@@ -29,19 +29,26 @@ function theme() {
 }
 
 export default {
-  template: `<div class="plot" :style="{height}"><div ref="chart" class="plot-chart" role="img" :aria-label="label"></div>
+  template: `<div class="plot" :style="{'--plot-height': height}">
+    <ul v-if="legend.length" class="plot-legend"><li v-for="one in legend" :key="one.name"><svg viewBox="0 0 26 12" aria-hidden="true">
+      <rect v-if="one.area" width="26" height="12" :fill="one.color" :opacity="one.area" />
+      <circle v-else-if="one.hollow" cx="13" cy="6" r="4.5" fill="none" :stroke="one.color" stroke-width="1.6" />
+      <line v-else x2="26" y1="6" y2="6" :stroke="one.color" stroke-width="2.4" :stroke-dasharray="one.dashes" /></svg>{{ one.name }}</li></ul>
+    <p v-if="names.y" class="plot-name"><component :is="i % 2 ? 'sub' : 'span'" v-for="(part, i) in names.y" :key="i">{{ part }}</component></p>
+    <div ref="area" class="plot-area"><div ref="chart" class="plot-chart" role="img" :aria-label="label"></div>
     <div v-for="(h, i) in handles" :key="i" ref="handle" class="plot-handle" :class="{fixed: !h.movable}"
       :role="h.movable ? 'slider' : 'presentation'" :tabindex="h.movable ? 0 : -1"
       :aria-label="h.label" :aria-valuemin="h.low" :aria-valuemax="h.high" :aria-valuenow="h.x" :aria-valuetext="h.text"
       :style="place(h)" @pointerdown="grab($event, h)" @pointermove="move($event, h)" @pointerup="held = null"
-      @pointercancel="held = null" @keydown="key($event, h)"><span v-if="h.movable" class="plot-grip"></span></div></div>`,
+      @pointercancel="held = null" @keydown="key($event, h)"><span v-if="h.movable" class="plot-grip"></span></div></div>
+    <p v-if="names.x" class="plot-name plot-name-x"><component :is="i % 2 ? 'sub' : 'span'" v-for="(part, i) in names.x" :key="i">{{ part }}</component></p></div>`,
   props: { height: String, follows: Boolean, comma: Boolean },
-  data: () => ({ handles: [], label: "", held: null, layout: 0 }),
+  data: () => ({ handles: [], legend: [], names: {}, label: "", held: null, layout: 0 }),
   mounted() {
     this.chart = echarts.init(this.$refs.chart, theme());
     this.$el.chart = this.chart;
     this.sizes = new ResizeObserver(() => { this.chart.resize(); this.layout++; });
-    this.sizes.observe(this.$el);
+    this.sizes.observe(this.$refs.area);
     this.dark = isDark();
     this.scheme = new MutationObserver(() => {
       if (this.dark === isDark()) return;
@@ -68,6 +75,7 @@ export default {
     draw(option, handles, label, key) {
       if (option) {
         if (this.comma) this.write_commas(option);
+        this.take_words(option);
         this.chart.setOption(option, { replaceMerge: ["series"] });
         this.option = option;
       }
@@ -82,6 +90,21 @@ export default {
         this.$el.dataset.drawn = key;
         this.$el.dispatchEvent(new CustomEvent("drawn", { detail: key }));
       });
+    },
+    // Beside the canvas, which cuts what is too long, names and the legend have as many lines as they need.
+    take_words(option) {
+      const taken = (axis) => {
+        const name = axis?.name;
+        if (name) delete axis.name;
+        return name?.split(/_([^\s_]+)/);
+      };
+      this.names = { x: taken(option.xAxis), y: taken(option.yAxis) };
+      // Four panels have curves of the same names.
+      const drawn = [...new Map(option.series.map((one) => [one.name, one])).values()].filter((one) => one.type !== "bar");
+      this.legend = drawn.map(({ name, type, itemStyle, lineStyle, areaStyle }) => ({
+        name, area: areaStyle?.opacity, hollow: type === "scatter", color: itemStyle.borderColor ?? itemStyle.color,
+        dashes: lineStyle?.type === "dashed" ? "6 4" : Array.isArray(lineStyle?.type) ? lineStyle.type.join(" ") : null,
+      }));
     },
     write_commas(option) {
       const number = (value) => String(Array.isArray(value) ? value[1] : value).replace(".", ",");
