@@ -15,7 +15,7 @@ from tests.parameters.test_parameters import GOOD, case_text
 pytestmark = pytest.mark.slow
 
 # The same examples every time.
-SAME = settings(derandomize=True, max_examples=150, deadline=None)
+SAME = settings(derandomize=True, max_examples=150)
 
 SYSTEMS = st.sampled_from(["si", "inch-pound"])
 DIMENSIONS = st.sampled_from(sorted({quantity.dimension for quantity in QUANTITIES.values()}))
