@@ -4,6 +4,7 @@ import errno
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -42,12 +43,23 @@ tested = { v0 = ["80 m/s", "100 m/s"] }
 """
 
 
-def test_a_fit_is_drawn_as_its_case_file_has_it_with_its_doubts(tmp_path: Path, monkeypatch) -> None:
-    services: list[Service] = []
-    monkeypatch.setattr("erosion.explorer.server.serve", lambda service, *_, **__: services.append(service))
-    (tmp_path / "fitted.toml").write_text(FITTED)
-    assert _status(["explore", str(tmp_path / "fitted.toml"), "--no-browser", "--port", "0", "--lang", "de"]) == 0
-    (service,) = services
+@pytest.fixture
+def explored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Service]:
+    """What `erosion explore` serves for the text of a case file, and options."""
+
+    def explore(text: str, *options: str) -> Service:
+        services: list[Service] = []
+        monkeypatch.setattr("erosion.explorer.server.serve", lambda service, *_, **__: services.append(service))
+        (tmp_path / "fitted.toml").write_text(text)
+        assert _status(["explore", str(tmp_path / "fitted.toml"), "--no-browser", "--port", "0", *options]) == 0
+        (service,) = services
+        return service
+
+    return explore
+
+
+def test_a_fit_is_drawn_as_its_case_file_has_it_with_its_doubts(explored: Callable[..., Service]) -> None:
+    service = explored(FITTED, "--lang", "de")
     assert service.start.shown == "rotating-deformation"
     assert service.start.shown in service.start.models
     assert service.start.case.own_values("rotating-deformation") == {"energy_ratio": 10.5, "threshold": 3.0}
@@ -56,6 +68,28 @@ def test_a_fit_is_drawn_as_its_case_file_has_it_with_its_doubts(tmp_path: Path, 
     )
     assert "fitted.toml: Messen Sie mehr, oder geben Sie weniger Parameter frei." in said
     assert "fitted.toml: 160 m/s: das 1,6-Fache des schnellsten Versuchs." in said
+
+
+UNFITTED = FITTED[: FITTED.index("model =")]
+
+
+@pytest.mark.parametrize("name", ["dnv", "dnv:carbon-steel"])
+def test_a_correlation_of_a_case_file_is_not_drawn(
+    name: str, explored: Callable[..., Service], capsys: pytest.CaptureFixture
+) -> None:
+    service = explored(f'{UNFITTED}model = "{name}"')
+    assert (service.start.shown, name in service.summaries) == ("rotating", False)
+    assert f"fitted.toml: {name} is a correlation" in capsys.readouterr().err
+
+
+def test_a_plug_in_of_a_case_file_and_an_option_is_offered_once(
+    explored: Callable[..., Service], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(Path(PLUG_IN).parent)
+    service = explored(f"{UNFITTED}model = '{PLUG_IN}'\nset = {{ reach = 0.7 }}", "--model", "saturating_lip.py")
+    assert [name for name in service.summaries if "lip" in name] == ["saturating_lip"]
+    assert service.start.shown == "saturating_lip"
+    assert service.start.case.own_values("saturating_lip") == {"reach": 0.7}
 
 
 def test_a_taken_port_is_one_line(capsys: pytest.CaptureFixture) -> None:

@@ -260,6 +260,9 @@ def explore(
         raise InputError(f"Option `--port` must be in 0 … 65535, but is {port}.")
     named, _ = options.model()
     fitted = None if named is None else (named, options.load_as_set(named))
+    if fitted is not None and isinstance(fitted[1], lazy.Correlated):
+        options.warn_once(f"{options.case}: {named} is a correlation, which has no cut to draw, and is left out.")
+        fitted = None
     with extra("explorer"), user_errors():
         service = lazy.offer(p, model or [], materials or [], weights, lang, fitted=fitted, file=options.file)
         lazy.serve(service, lazy.free_address(host, port), show=browser)

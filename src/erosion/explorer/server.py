@@ -289,7 +289,8 @@ def offer(
     offered = {name: (name, info.summary) for name, info in available_models().items() if info.error is None}
     plugged = []
     named = [] if fitted is None or fitted[0] in offered else [fitted[0]]
-    for path in dict.fromkeys([*plug_ins, *named]):
+    # One file may be spelled in several ways; the case file's is kept, by which its model is found below.
+    for path in {Path(path).resolve(): path for path in [*plug_ins, *named]}.values():
         info = next(iter(available_models(path).values()))
         plugged.append(path if Path(path).stem in offered else Path(path).stem)
         offered[plugged[-1]] = (path, info.summary)
