@@ -105,11 +105,11 @@ def test_own_parameters_are_read_with_units() -> None:
     numbers = state.case.numbers()
     assert (numbers["lip.reach"], numbers["tip.friction"], numbers["lip.shift"]) == (0.001, 0.5, -0.5)
     assert PLUGGED.case.to("si").numbers()["lip.reach"] == pytest.approx(0.02 * 0.0254)
-    assert (text_of("lip.reach", state.case), unit_of("lip.reach", state.case)) == ("1", "mm")
+    assert (text_of("lip.reach", state.case, state.case), unit_of("lip.reach", state.case)) == ("1", "mm")
     with pytest.raises(ValueError, match=r"Field `lip\.reach` must be a length such as"):
-        PLUGGED.case.read("lip.reach", "3 s")
+        PLUGGED.case.read("lip.reach", "3 s", PLUGGED.case)
     with pytest.raises(ValueError, match=r"Field `tip\.friction` must be a finite number, but is nan"):
-        PLUGGED.case.read("tip.friction", "nan")
+        PLUGGED.case.read("tip.friction", "nan", PLUGGED.case)
     with pytest.raises(ValueError, match=r"Field `tip\.reach` is unknown"):
         PLUGGED.reading({"tip.reach": "1"}, ("rotating", "tip", "lip"))
 
@@ -147,11 +147,11 @@ def test_presets_leave_own_parameters() -> None:
 
 
 def test_entries_are_read_with_units_and_bare_angles_are_degrees() -> None:
-    assert CASE.read("alpha", "30").numbers()["alpha"] == np.deg2rad(30)
-    assert CASE.read("alpha", "0.5 rad").numbers()["alpha"] == 0.5
-    assert CASE.read("sigma", "1 GPa").numbers()["sigma"] == pytest.approx(145037.7, rel=1e-6)
+    assert CASE.read("alpha", "30", CASE).numbers()["alpha"] == np.deg2rad(30)
+    assert CASE.read("alpha", "0.5 rad", CASE).numbers()["alpha"] == 0.5
+    assert CASE.read("sigma", "1 GPa", CASE).numbers()["sigma"] == pytest.approx(145037.7, rel=1e-6)
     with pytest.raises(ValueError, match="Field `k` must be a pure number"):
-        CASE.read("k", "1 m")
+        CASE.read("k", "1 m", CASE)
 
 
 @pytest.mark.parametrize("units", ["inch-pound", "si"])
@@ -177,9 +177,9 @@ def test_spin_follows_speed_and_size() -> None:
     ("text", "value"), [("0,5", 0.5), ("3,25", 3.25), (",5", 0.5), ("1,5e1", 15.0), ("0,125", 0.125), ("12,0000", 12.0)]
 )
 def test_entries_may_have_decimal_commas(text: str, value: float) -> None:
-    assert CASE.read("k", text).numbers()["k"] == value
-    assert CASE.read("alpha", text).numbers()["alpha"] == np.deg2rad(value)
-    assert CASE.read("v0", f"{text} m/s").to("si").numbers()["v0"] == pytest.approx(value)
+    assert CASE.read("k", text, CASE).numbers()["k"] == value
+    assert CASE.read("alpha", text, CASE).numbers()["alpha"] == np.deg2rad(value)
+    assert CASE.read("v0", f"{text} m/s", CASE).to("si").numbers()["v0"] == pytest.approx(value)
 
 
 @pytest.mark.parametrize(
@@ -189,35 +189,42 @@ def test_a_comma_that_may_group_thousands_is_refused(text: str, point: str, none
     with pytest.raises(
         ValueError, match=re.escape(f"must be written as {point} or {none}, as {text} may mean either.")
     ):
-        CASE.read("v0", text)
+        CASE.read("v0", text, CASE)
 
 
 @pytest.mark.parametrize("text", ["1,000,000", "1,5,5", "1.5,5", "1,5.5"])
 def test_several_commas_and_points_are_no_number(text: str) -> None:
     with pytest.raises(ValueError, match="cannot be read"):
-        CASE.read("k", text)
+        CASE.read("k", text, CASE)
 
 
 @pytest.mark.parametrize("text", ["200", "0", "-5", "90,5"])
 def test_an_angle_out_of_range_is_refused_in_degrees(text: str) -> None:
     with pytest.raises(ValueError, match=rf"Field `alpha` .*degrees.*90, but is {text.replace(',', '.')}"):
-        CASE.read("alpha", text)
+        CASE.read("alpha", text, CASE)
 
 
 def test_texts_are_short_and_angles_in_degrees() -> None:
-    assert (text_of("alpha", CASE), unit_of("alpha", CASE)) == ("20", "°")
-    assert (text_of("m", CASE), unit_of("m", CASE)) == ("2.855e-7", "slinch")
-    assert (text_of("sigma", CASE.replace(sigma=2e9)), unit_of("k", CASE)) == ("2e9", "")
+    assert (text_of("alpha", CASE, CASE), unit_of("alpha", CASE)) == ("20", "°")
+    assert (text_of("m", CASE, CASE), unit_of("m", CASE)) == ("2.855e-7", "slinch")
+    assert (text_of("sigma", CASE.replace(sigma=2e9), CASE), unit_of("k", CASE)) == ("2e9", "")
 
 
 def test_si_fields_have_readable_units_and_bare_numbers_are_in_them() -> None:
     case = CASE.to("si").replace(r=9e-5, m=1.28e-8, sigma=255.1e6)
-    shown = {name: (text_of(name, case), unit_of(name, case)) for name in ("r", "m", "sigma", "v0", "k")}
+    shown = {name: (text_of(name, case, case), unit_of(name, case)) for name in ("r", "m", "sigma", "v0", "k")}
     assert shown == {
         "r": ("90", "µm"), "m": ("12.8", "µg"), "sigma": ("255.1", "MPa"), "v0": ("111.76", "m/s"), "k": ("2", ""),
     }  # fmt: skip
-    numbers = case.read("r", "70").read("m", "1e1").read("sigma", "3 GPa").numbers()
+    numbers = case.read("r", "70", case).read("m", "1e1", case).read("sigma", "3 GPa", case).numbers()
     assert (numbers["r"], numbers["m"], numbers["sigma"]) == (7e-5, 1e-8, 3e9)
+
+
+def test_the_unit_of_a_field_stays_while_one_types() -> None:
+    first = CASE.to("si").replace(r=9e-5)
+    case = first.read("r", "1500", first)
+    assert (text_of("r", case, first), unit_of("r", first)) == ("1500", "µm")
+    assert case.read("r", "1600", first).numbers()["r"] == 1.6e-3
 
 
 @pytest.mark.parametrize(
@@ -233,9 +240,9 @@ def test_a_plug_in_may_have_any_name(name: str) -> None:
 def test_own_angles_are_in_degrees_too() -> None:
     rake = OwnNumber("tip", "rake", np.deg2rad(10), Quantity("γ", "rake angle", "angle"))
     case = PageCase.of(TABLE_1, (rake,))
-    assert (text_of("tip.rake", case), unit_of("tip.rake", case)) == ("10", "°")
-    assert case.read("tip.rake", "-30").numbers()["tip.rake"] == np.deg2rad(-30)
-    assert case.read("tip.rake", "0.1 rad").numbers()["tip.rake"] == 0.1
+    assert (text_of("tip.rake", case, case), unit_of("tip.rake", case)) == ("10", "°")
+    assert case.read("tip.rake", "-30", case).numbers()["tip.rake"] == np.deg2rad(-30)
+    assert case.read("tip.rake", "0.1 rad", case).numbers()["tip.rake"] == 0.1
 
 
 def test_a_case_stays_within_all_floats() -> None:

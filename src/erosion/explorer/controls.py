@@ -98,15 +98,15 @@ def with_spin(s: float, case: PageCase) -> PageCase:
     return case.replace(phidot0=_rounded(s * numbers["v0"] / numbers["r"]))
 
 
-def text_of(name: str, case: PageCase) -> str:
+def text_of(name: str, case: PageCase, first: PageCase) -> str:
     """The text of a parameter's entry, in the unit of `unit_of`."""
-    text = f"{case.numbers()[name] / case.scale(name).size:.6g}"
+    text = f"{case.numbers()[name] / first.scale(name).size:.6g}"
     return re.sub(r"e([+-])0*", lambda sign: "e" + sign[1].strip("+"), text)
 
 
-def unit_of(name: str, case: PageCase) -> str:
-    """The unit of the number that `text_of` shows."""
-    return case.scale(name).unit
+def unit_of(name: str, first: PageCase) -> str:
+    """The unit beside a parameter's entry; it is that of the first number, and stays while the reader changes it."""
+    return first.scale(name).unit
 
 
 def _size(name: str, first: PageCase) -> float:
@@ -382,7 +382,7 @@ class Controls:
         self._showing, self._state = True, state
         first = self._start.case.to(state.case.units)
         for name, field in self._fields.items():
-            shown = self._language.number(text_of(name, state.case)), unit_of(name, state.case)
+            shown = self._language.number(text_of(name, state.case, first)), unit_of(name, first)
             shown = *shown, position(name, state.case, first)
             if self._shown_fields.get(name) != shown:
                 field.show(*shown)
@@ -440,7 +440,7 @@ class Controls:
         def entry(text: str) -> None:
             # Where a comma is the decimal separator, 1,234 is no thousand.
             typed = text.replace(",", ".") if self._language.comma and "." not in text else text
-            ask(lambda case: case.read(name, typed))
+            ask(lambda case: case.read(name, typed, self._start.case.to(case.units)))
 
         return Field(name, dataclasses.replace(quantity, meaning=self._language.text(quantity.meaning)), slide, entry)
 

@@ -170,8 +170,13 @@ class PageCase(NamedTuple):
         own = [number.read(texts[number.key], self.units) if number.key in texts else number for number in self.own]
         return PageCase.of(p, tuple(own))
 
-    def read(self, name: str, text: str) -> "PageCase":
-        """Change one parameter to a typed text: "30", "0,5", "100 m/s". A number without a unit is in that of `scale`.
+    def read(self, name: str, text: str, first: "PageCase") -> "PageCase":
+        """Change one parameter to a typed text: "30", "0,5", "100 m/s".
+
+        Args:
+            name: the parameter.
+            text: what is typed; a number without a unit is in that of the parameter's field.
+            first: the case with which the page begins, in the same units; its `scale` has the units of the fields.
 
         Raises:
             ValueError: one sentence that says what is wrong with the text.
@@ -184,10 +189,10 @@ class PageCase(NamedTuple):
         if self.quantities()[name].dimension == "angle":
             return self.reading({name: f"{text} deg"})
         # The product of both as decimal numbers rounds once: 90 µm are 9e-5 m.
-        return self.reading({name: repr(float(Decimal(text.strip()) * Decimal(repr(self.scale(name).size))))})
+        return self.reading({name: repr(float(Decimal(text.strip()) * Decimal(repr(first.scale(name).size))))})
 
     def scale(self, name: str) -> Scale:
-        """The unit of a parameter's field: 90 µm, but 0.04 in and 2.855e-7 slinch as the source has them."""
+        """The unit in which a parameter reads well: 90 µm, but 0.04 in and 2.855e-7 slinch as the source has them."""
         dimension = self.quantities()[name].dimension
         scale = table_scale(dimension, self.units, abs(self.numbers()[name]))
         return Scale(1.0, unit_name(dimension, self.units)) if scale.unit.startswith("10") else scale
