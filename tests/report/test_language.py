@@ -166,6 +166,13 @@ DOUBTS = {
 }
 
 
+@pytest.mark.parametrize("path", ["my fits/f.toml", r"C:\fits\my.toml", r"D:\my fits\post.nc", "a.b/rows 2.csv", "oka"])
+def test_a_doubt_begins_with_any_path(path: str) -> None:
+    doubt = f"{path}: The errors and intervals hold only if the model were right."
+    said = f"{path}: Fehler und Intervalle gelten nur, wenn das Modell richtig wäre."
+    assert GERMAN.sentences(f"{doubt} Fix it. {doubt}") == f"{said} Legen Sie den Wert fest. {said}"
+
+
 @pytest.mark.parametrize("doubt", DOUBTS)
 def test_doubts_that_a_case_file_keeps_are_translated(doubt: str) -> None:
     said = GERMAN.sentences(doubt)

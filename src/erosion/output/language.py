@@ -18,7 +18,7 @@ _NUMBER = re.compile(r"[−-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 _POINT = re.compile(r"(?<=\d)\.(?=\d)")
 _FIELD = re.compile(r"\{(\w+)\}")
 _PART = r"(?:(?!\. ).)+?"  # of one sentence
-_SOURCE = r"[^\s:]+: "
+_SOURCE = r"(?:[A-Za-z]:)?(?:(?!\. )[^:])+?\.(?:toml|nc|csv): |[^\s:]+: "  # the path of a file, or another name
 _ANY = re.compile(rf"(){_PART}(?:\.(?= )|$)")
 _PUNCTUATION = re.compile(r"([;:,] | \(|\))")
 _BETWEEN_BLOCKS = re.compile(r"(\n\s*\n)")
