@@ -4,9 +4,11 @@ import ast
 import dataclasses
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import nbformat
+import numpy as np
 import polib
 import pytest
 from matplotlib.text import Text
@@ -16,6 +18,8 @@ from erosion.advice.page import plot_advice, write_advice
 from erosion.cli import _status
 from erosion.exercises import AnswerKey, answer_key
 from erosion.exercises.answer_key import IN_OTHER_UNITS, NO_NUMBER, SLIPS, TASKS, UNKNOWN_TASK
+from erosion.fits import doubts
+from erosion.fits.measurements import conditions, read_measurements
 from erosion.output.language import ENGLISH, Language, catalogue_path, language, languages
 from erosion.parameters.materials import known_particles, known_targets, particle, target
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
@@ -180,6 +184,21 @@ def test_doubts_that_a_case_file_keeps_are_translated(doubt: str) -> None:
     assert ENGLISH_WORD.findall(said) == []
     assert GERMAN.sentences(f"Nobody says 1.5. {doubt} Nor this") == f"Nobody says 1.5. {said} Nor this"
     assert ENGLISH.sentences(doubt) == doubt
+
+
+def test_places_of_two_numbers_have_no_english_word() -> None:
+    rows = {"angle [deg]": [20, 40, 20, 40], "speed [m/s]": [60, 60, 90, 90], "erosion [mg/kg]": [5, 8, 7, 9]}
+    data = read_measurements(rows, "si")
+    worst = doubts.worst_row(data, np.zeros(4), conditions(data))
+    forward = SimpleNamespace(free=(), predict_many=lambda allowed, at: (at["alpha"], 2 * at["alpha"]))
+    problem: Any = SimpleNamespace(forward=forward, data=data)
+    remedy = doubts.advise(problem, ["k"], np.zeros((2, 1)), 0.01)
+    scatter = "The residuals are 1, the rows scatter about a smooth curve by 2 (probability 3):"
+    assert GERMAN.sentences(f"{remedy} {scatter} {worst}.") == (
+        "Legen Sie den Wert fest, oder messen Sie bei 85°, v₀ = 60 m/s. Die Residuen betragen 1, die Zeilen streuen um "
+        "eine glatte Kurve mit 2 (Wahrscheinlichkeit 3): Bei 40°, v₀ = 90 m/s ergibt der Fit 0 mg/kg, die Daten "
+        "ergeben 9 mg/kg."
+    )
 
 
 def test_the_sentences_of_a_fit_that_are_translated_are_those_of_the_code() -> None:

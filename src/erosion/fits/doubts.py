@@ -190,7 +190,7 @@ def advise(problem: FitProblem, names: Sequence[str], allowed: np.ndarray, noise
             continue
         differs = np.where(_measured(problem, speed), 0.0, np.abs(first - second) / (noise * greatest))
         if differs.max() >= _SEEN:
-            where = "" if speed is None else f" and {describe({'v0': speed}, problem.data.units)}"
+            where = "" if speed is None else f", {describe({'v0': speed}, problem.data.units)}"
             return f"{fixed}, or measure at {np.rad2deg(_ANGLES[np.argmax(differs)]):.0f}°{where}."
     return f"{fixed}."
 
@@ -303,7 +303,7 @@ def worst_row(data: Measurements, fitted: np.ndarray, groups: Sequence[Condition
     of_fit, of_data = (data.scale.beside(format_number(value, 3, data.scale.size))
                        for value in (fitted[row], data.erosion[row]))  # fmt: skip
     label = next((group.label for group in groups if row in group.rows), "")
-    where = f"{np.rad2deg(data.angle[row]):.3g}°{f' and {label}' if label else ''}"
+    where = f"{np.rad2deg(data.angle[row]):.3g}°{f', {label}' if label else ''}"
     return f"at {where} the fit has {of_fit}, the data have {of_data}"
 
 
