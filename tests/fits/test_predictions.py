@@ -97,13 +97,20 @@ def test_beyond_the_tested_angles_the_discrepancy_counts_alone():
     ways = {"model": (alone, 0.9), "discrepancy": (lacking, 0.1)}
     kept = {name: {"values": part, "log_evidence": np.zeros(1), "weight": weight}
             for name, (part, weight) in ways.items()}  # fmt: skip
-    alpha = np.deg2rad([15.0, 50.0, 14.9, 50.1])
-    curves = predictor_of(forward, kept, 0).predict(alpha, {"v0": V0}, 200)
+    alpha, predictor = np.deg2rad([15.0, 50.0, 10.0, 55.0]), predictor_of(forward, kept, 0)
+    curves = predictor.predict(alpha, {"v0": V0}, 200)
     of_model = erosion.impact(
         "linearized", TABLE_1.replace(alpha=alpha, **{name: part[0] for name, part in alone.items()})
     )
     is_of_model = np.isclose(curves, of_model.volume, rtol=1e-5).mean(axis=0)
     np.testing.assert_allclose(is_of_model, [0.9, 0.9, 0.0, 0.0], atol=0.01)
+    # No curve jumps at the last tested angle.
+    inside, beside = predictor.predict(np.deg2rad([50.0, 50.0 + 1e-7]), {"v0": V0}, 200).T
+    np.testing.assert_allclose(beside, inside, rtol=2e-3)
+    # The next experiment weighs a test as predictions do.
+    means, missed, _ = predictor.of_draws(predictor.question(alpha, {"v0": V0}), 200)
+    mixed = np.hypot(means.std(axis=0), np.sqrt(np.mean(missed**2, axis=0)))
+    np.testing.assert_allclose(mixed, curves.std(axis=0), rtol=0.25)
 
 
 def test_many_conditions_are_put_together_and_no_row_is_lost():

@@ -9,7 +9,7 @@ Evidence is of the rows. Beyond their angles nothing says that a model is right:
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ _NOTHING = 0.05  # of a row's erosion, which the model does not have
 _LISTED = 4  # rows that a sentence lists
 _COUNTS = 0.01  # probability of a way whose draws matter
 _SPEED = 1e-6  # relative difference of speeds that are one
-_SAME_ANGLE = 1e-6  # relative, of angles that were converted
+_FADE = np.deg2rad(5.0)  # beyond the tested angles, over which the discrepancy comes to count alone
 Noise = bool | float | np.ndarray | ErrorModel
 
 
@@ -161,10 +161,20 @@ class Predictor(Result):
             Three of shape (draws, n).
         """
         chosen = [(way, values) for way, values in self.chosen(count) if _size(values)]
-        expected = [way.misfit.means(values, conditions) for way, values in chosen]
-        errors = [deviations(self.data, values, mean, None if noise is True else noise)
-                  for (_, values), (mean, _) in zip(chosen, expected, strict=True)]  # fmt: skip
-        means, missed = (np.concatenate(part) for part in zip(*expected, strict=True))
+        means, missed = (
+            np.concatenate(part)
+            for part in zip(*(way.misfit.means(values, conditions) for way, values in chosen), strict=True)
+        )
+        last, of_last, share = self._alone(conditions["alpha"], chosen)
+        if last is not None:
+            there, place = {name: column[share > 0] for name, column in conditions.items()}, np.ix_(of_last, share > 0)
+            mean, miss = last.misfit.means(_some_of(last.values, len(of_last)), there)
+            share = share[share > 0]
+            means[place] += share * (mean - means[place])
+            missed[place] = np.hypot((1 - share) * missed[place], share * miss)
+        parts = np.split(means, np.cumsum([_size(values) for _, values in chosen])[:-1])
+        errors = [deviations(self.data, values, part, None if noise is True else noise)
+                  for (_, values), part in zip(chosen, parts, strict=True)]  # fmt: skip
         return means, missed, np.concatenate(errors)
 
     def _means(
@@ -176,17 +186,25 @@ class Predictor(Result):
         rng, chosen = np.random.default_rng([self.seed, 1]), self.chosen(check_whole("count", count, 1))
         chosen = [(way, values) for way, values in chosen if _size(values)]
         curves = np.concatenate([way.misfit.draw(values, conditions, rng) for way, values in chosen])
-        beyond, last = self._is_beyond(conditions["alpha"]), self.ways.get("discrepancy")
-        others = np.flatnonzero(np.concatenate([np.full(_size(values), way is not last) for way, values in chosen]))
-        if last is not None and beyond.any() and others.size:
-            there = {name: column[beyond] for name, column in conditions.items()}
-            curves[np.ix_(others, beyond)] = last.misfit.draw(_some_of(last.values, len(others)), there, rng)
+        last, of_last, share = self._alone(conditions["alpha"], chosen)
+        if last is not None:
+            there, place = {name: column[share > 0] for name, column in conditions.items()}, np.ix_(of_last, share > 0)
+            drawn = last.misfit.draw(_some_of(last.values, len(of_last)), there, rng)
+            curves[place] += share[share > 0] * (drawn - curves[place])
         return curves.reshape((-1, *asked["alpha"].shape)), [values for _, values in chosen]
 
-    def _is_beyond(self, alpha: np.ndarray) -> np.ndarray:
-        """Whether angles lie beyond those of the rows."""
-        angle = self.data.angle
-        return (alpha < angle.min() * (1 - _SAME_ANGLE)) | (alpha > angle.max() * (1 + _SAME_ANGLE))
+    def _alone(
+        self, alpha: np.ndarray, chosen: Sequence[tuple[Way, Mapping[str, np.ndarray]]]
+    ) -> tuple[Way | None, np.ndarray, np.ndarray]:
+        """The way that counts alone beyond the tested angles, draws of others, and how much it counts there.
+
+        It is 0 among the angles of the rows, and 1 from `_FADE` beyond them. Without others, or among the angles of the
+        rows, there is no such way.
+        """
+        angle, last = self.data.angle, self.ways.get("discrepancy")
+        others = np.flatnonzero(np.concatenate([np.full(_size(values), way is not last) for way, values in chosen]))
+        share = np.clip(np.maximum(angle.min() - alpha, alpha - angle.max()) / _FADE, 0.0, 1.0)
+        return (last if others.size and share.any() else None), others, share
 
     def question(self, alpha: Any, at: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
         """What is asked, speed and mass among it, as arrays of one shape; arguments as of `predict`."""
