@@ -692,6 +692,19 @@ def test_a_zero_beside_others_that_it_all_but_has_is_met_where_it_is() -> None:
         np.testing.assert_allclose(end.t, np.log(2) / k, rtol=1e-9)
 
 
+def test_a_zero_behind_a_kink_of_the_function_is_met_where_it_is() -> None:
+    def kinked(t: Any, y: Any, args: Any) -> Any:
+        u = y - 0.5
+        return jnp.where(u > args["c"], 10 * (u - args["c"]) + args["c"], u)
+
+    problem = ode.Problem(1.0, lambda t, y, args: -args["k"] * y, {"zero": ode.Event(kinked, -1)})
+    k = np.linspace(0.3, 3, 100)
+    for c in (1e-4, 1e-3, 3e-3, 1e-2):
+        end = ode.solve(problem, {"k": k, "c": c}, t1=10.0, wrt="k", derivatives=1)
+        np.testing.assert_allclose(end.t, np.log(2) / k, rtol=1e-10)
+        np.testing.assert_allclose(end.along("k").t, -np.log(2) / k**2, rtol=1e-9)
+
+
 def test_a_zero_that_rounding_hides_is_no_result() -> None:
     """(y - 0.5)⁵ multiplied out is rounding in 4e-4 around its zero."""
     event = ode.Event(

@@ -27,6 +27,7 @@ _ORDERS, _ROUNDS = 64.0, 100  # of a zero, and of the search for it, at most
 _BENDS = 0.01  # of what is left of a step: by less a rate changes where rounding hides the zero
 _HIDDEN = 1e-5  # of the time scale: what Newton's method says beside a zero that is no rounding
 _MOSTLY = 0.99  # of the way to such a zero is a step
+_LONG = 0.1  # of the time scale: a way to the event by Newton's method that is no graze's
 
 
 class Lane(NamedTuple):
@@ -161,7 +162,7 @@ class _Search(NamedTuple):
 
 
 def _searched(problem: Extended, lane: Lane, start: Scalar, state: Rows, moves: Flag, scale: Scalar) -> _Search:
-    """One more short step before Newton's last, as an event function may bend more than the motion.
+    """Take one more short step before Newton's last, as an event function may bend more than the motion.
 
     Towards a zero of higher order, as of (y - 1)⁵, or one beside other zeros, Newton's method leaves a share of the way
     at each step. There the steps are as many times longer as the zero has orders, or halve what is known to hold it,
@@ -190,7 +191,10 @@ def _searched(problem: Extended, lane: Lane, start: Scalar, state: Rows, moves: 
         ratio = jnp.abs(time / before.time)
         bends = jnp.abs(rate_of(events) / rate_of(before.events) - 1) > _BENDS * ratio
         far = (jnp.abs(time) > near) & (jnp.abs(time) * ratio * ratio > near)
-        slow = before.slow | ((before.rounds == 0) & fits & bends & far)
+        # Behind a kink of the function a step along a line is too long, unless its rate has gone, as at a graze.
+        straight = jnp.abs(rate_of(events) / rate_of(before.events) - 1) < _BENDS
+        long = happens & ~fits & straight & (jnp.abs(time) < _LONG * scale)
+        slow = before.slow | ((before.rounds == 0) & ((fits & bends & far) | long))
         turns = zip(lane.watched, events, strict=True)
         is_before = chosen([watched.turn * event.value for watched, event in turns]) > 0
         low, high = jnp.where(is_before, left, before.low), jnp.where(is_before, before.high, left)
