@@ -131,7 +131,7 @@ def real_numbers(name: str, values: Any) -> np.ndarray:
     check_unmasked(name, values)
     parts = values if isinstance(values, (list, tuple)) else [values]
     array = np.empty(0, str)
-    if not any(hasattr(part, "magnitude") or hasattr(part, "unit") for part in parts):
+    if not any(hasattr(type(part), name) for part in parts for name in ("magnitude", "unit")):
         with contextlib.suppress(TypeError, ValueError):  # lists of several lengths
             array = np.asarray(values)
     if array.dtype.kind == "O" and all(part is None or isinstance(part, _REAL) for part in array.flat):

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pint
 import pytest
+import xarray as xr
 
 import erosion
 from erosion.cli import _have_room
@@ -277,6 +278,11 @@ def test_nothing_is_made_a_number_by_leaving_a_part_of_it_away(name: str) -> Non
     for values in NO_NUMBERS:
         with pytest.raises(ValueError, match="must hold real numbers without units"):
             TAKES[name](values)
+
+
+def test_attributes_of_an_array_are_no_unit_of_its_class() -> None:
+    axis = xr.DataArray([0.5, 1.0], dims="x", attrs={"unit": "rad"})
+    assert Samples(axis).values.tolist() == [0.5, 1.0]
 
 
 def test_a_masked_array_without_masked_values_is_an_array() -> None:

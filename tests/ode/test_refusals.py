@@ -259,6 +259,8 @@ def test_what_only_scipy_reads_of_a_function_is_refused(name):
     setattr(low, name, -1)
     with pytest.raises(ValueError, match=f"`{name}`"):
         ode.Event(low)
+    setattr(low, name, 1)
+    assert ode.Event(low, direction=1).function is low
 
 
 @pytest.mark.parametrize("make", [pd.Series, lambda k: xr.DataArray(k, dims="k"), lambda k: pd.DataFrame({"k": k})])

@@ -291,15 +291,15 @@ class Event:
             given = getattr(self, name)
             if not callable(given) and not (name == "reset" and given is None):
                 raise TypeError(f"Argument `{name}` must be a function of (t, y, args), but is {briefly(given)}.")
-        for name in ("direction", "terminal"):
-            if isinstance(self.function, types.FunctionType) and hasattr(self.function, name):
-                raise ValueError(
-                    f"Argument `function` must have no attribute `{name}`, which scipy alone reads: say "
-                    "`ode.Event(function, direction)`; an event without `reset` ends the motion."
-                )
         is_one = isinstance(self.direction, (int, float, np.number)) and not isinstance(self.direction, bool)
         if not is_one or self.direction not in (-1, 0, 1):
             raise ValueError(f"Argument `direction` must be -1, 0 or 1, but is {briefly(self.direction)}.")
+        for name, own in (("direction", self.direction), ("terminal", 1)):
+            if isinstance(self.function, types.FunctionType) and getattr(self.function, name, own) != own:
+                raise ValueError(
+                    f"Argument `function` must have no other `{name}` than the event, as scipy alone reads it: say "
+                    "`ode.Event(function, direction)`; an event without `reset` ends the motion."
+                )
 
 
 OTHER_ENDS = ("start", "failed", "unfinished", "t1")
