@@ -244,14 +244,18 @@ def innocent(kind: str) -> dict[str, np.ndarray]:
         along = np.sort(along)
     if kind == "on a line":
         along, across = np.linspace(0, 1, rows), np.zeros(rows)
-    if kind == "each period":
+    if kind == "ring by ring":
+        along, angle = np.divmod(np.arange(rows), 100)
+        along, across = along / along.max(), np.sin(0.02 * np.pi * angle)
+    if kind in ("each period", "late"):
         along, across = np.tile(along[:5000], 10), np.tile(across[:5000], 10)
     names = "position_x", "position_y", "position_z", "velocity_x", "velocity_y", "diameter", "time", "parcel"
     flow = along, across, along * across, 20 + along, across, np.full(rows, 2e-4)
-    return dict(zip(names, (*flow, np.arange(rows) // 5000 + 0.5, np.arange(rows)), strict=True))
+    time = np.arange(rows) // 5000 * (0.01 if kind == "late" else 1) + (50 if kind == "late" else 0.5)
+    return dict(zip(names, (*flow, time, np.arange(rows)), strict=True))
 
 
-@pytest.mark.parametrize("kind", ["at random", "sorted", "on a line", "each period"])
+@pytest.mark.parametrize("kind", ["at random", "sorted", "on a line", "ring by ring", "each period", "late"])
 def test_rows_that_are_alike_are_not_called_twice(kind: str) -> None:
     table, said = innocent(kind), {}
     for copy in (
@@ -264,8 +268,8 @@ def test_rows_that_are_alike_are_not_called_twice(kind: str) -> None:
             repeats.add({name: values[begin : begin + 12_345] for name, values in copy.items()})
         said[len(said)] = " ".join(repeats.in_words())
     assert not said[0]
-    # Rows on a line follow one another too closely to be told from their neighbours.
-    assert ("nearly those from 50,001 on" in said[1]) == (kind != "on a line")
+    # Rows on a line or a grid follow one another too closely to be told from their neighbours.
+    assert ("nearly those from 50,001 on" in said[1]) == (kind not in ("on a line", "ring by ring"))
     assert "50,000 of 100,000 rows repeat another one" in said[2]
 
 

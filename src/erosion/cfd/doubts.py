@@ -46,7 +46,7 @@ class Repeats:
         # Of equal rows all are kept or none, so that tables of any length can be compared.
         self._rows, self._stride, self._digests = 0, 1, np.zeros(0, np.uint64)
         self._runs, self._scale = list[tuple[int, np.ndarray]](), np.zeros(0)
-        self._alike = ""
+        self._alike, self._begin = "", 0.0
 
     def add(self, columns: Columns) -> None:
         """Take note of some rows."""
@@ -64,7 +64,12 @@ class Repeats:
             self._digests = self._digests[self._digests % np.uint64(self._stride) == 0]
         if not self._alike:
             # Other files may number parcels anew.
-            self._look_for_runs(np.array([v for name, v in columns.items() if name not in ("parcel", "origin")]))
+            compared = {name: values for name, values in columns.items() if name not in ("parcel", "origin")}
+            if "time" in compared and rows:
+                # Late in a run the last digits alone tell one period from another.
+                self._begin = self._begin if self._rows else float(compared["time"].min())
+                compared["time"] = compared["time"] - self._begin
+            self._look_for_runs(np.array(list(compared.values())))
         self._rows += rows
 
     def _look_for_runs(self, table: np.ndarray) -> None:
@@ -85,8 +90,11 @@ class Repeats:
                 rows = rows[np.abs(rows - begin) >= _RUN]
             for i in range(_RUN):
                 for values, own in zip(table, run[:, i], strict=True):
-                    rows = rows[np.abs(values[rows + i] - own) <= _ROUNDED]
-            if rows.size:
+                    rows = rows[np.abs(values[rows + i] - own) <= 2 * _ROUNDED]
+            around = rows[:_RUNS, None] + np.arange(_RUN)
+            same = np.abs(table[:, around] - run[:, None]) <= _ROUNDED
+            # Where others are almost as near, as in rows of a regular grid, they are neighbours and no copies.
+            if rows.size and same.all():
                 again = self._rows + int(rows[0])
                 self._alike = f"rows from {begin + 1:,} on are nearly those from {again + 1:,} on"
                 return

@@ -370,7 +370,7 @@ class Nearness:
             millimetres = ", ".join(f"{part:.2f}" for part in (1e3 * shift).round(2) + 0.0)
             said.append(
                 f"The positions lie as if they were shifted by ({millimetres}) mm from {self._surface.title}, so "
-                "wear may be on wrong faces; do both have the same origin?"
+                "wear may be on wrong faces; do both have the same origin, or is the surface coarser than the run's?"
             )
         return said
 

@@ -148,7 +148,7 @@ def read_impacts(
     case = None if case is None else _existing("case", case)
     kilograms = _density(particle_density)
     if duration is not None and not (isinstance(duration, NUMBERS) and 0 < duration < np.inf):
-        raise ImpactsError(f"Argument `duration` must be positive and finite, but is {briefly(duration)}.")
+        raise ImpactsError(f"Argument `duration` must be a number, positive and finite, but is {briefly(duration)}.")
     seconds = None if duration is None else float(duration)
     if (ignore or columns) and not impact_tables.is_named(path):
         given = "ignore" if ignore else "columns"
@@ -218,5 +218,7 @@ def _density(density: float | int | str | None) -> float | None:
     with about("Argument `particle_density`", ImpactsError):
         value = read_quantity(density, "density", "si") if isinstance(density, str) else density
     if not isinstance(value, NUMBERS) or not 0 < value < np.inf:
-        raise ImpactsError(f"Argument `particle_density` must be positive and finite, but is {briefly(density)}.")
+        raise ImpactsError(
+            f"Argument `particle_density` must be a number, positive and finite, but is {briefly(density)}."
+        )
     return float(value)

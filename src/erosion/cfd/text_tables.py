@@ -210,9 +210,11 @@ def open_openfoam(path: Path, case: Path | None, density: float | None, duration
         warnings_of_weights += (
             f"Argument `duration`, {given:g} s, takes the place of the {covered:g} s of the windows of time.",
         )
-    of_window = itertools.product(*map(sorted, ({table.window for table in tables}, {table.patch for table in tables})))
-    if lacking := ["/".join(pair) for pair in of_window if pair not in {(one.window, one.patch) for one in tables}]:
-        warnings_of_weights += (f"{path.name} has no table {', '.join(lacking)}, but those of others; is it lost?",)
+    there = {(table.window, table.patch): table for table in tables}  # in the order of time
+    windows, patches = dict.fromkeys(window for window, _ in there), sorted({patch for _, patch in there})
+    if lacking := ["/".join(pair) for pair in itertools.product(windows, patches) if pair not in there]:
+        listed = ", ".join(lacking[:3]) + (f" and {len(lacking) - 3:,} more" if len(lacking) > 3 else "")
+        warnings_of_weights += (f"{path.name} has no table {listed}, but those of others; is it lost?",)
     is_whole = path.is_dir() and not _WINDOW.fullmatch(path.name)
     return TextImpacts(
         title=str(path),

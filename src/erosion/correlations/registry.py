@@ -173,7 +173,7 @@ CORRELATIONS: Mapping[str, Correlation] = types.MappingProxyType(
                         families.OKA_MATERIALS["steel"].density, families.OKA_RANGES,
                         "angular sand on metals; the exponents are those of SiO₂",
                         "Y. I. Oka, K. Okamura, T. Yoshida, Wear 259 (2005) 95-101",
-                        "E = E₉₀ (v₀/v')^k₂ (D/D')^k₃ g(α), E₉₀ = {normal_erosion:g} m³/kg, Hv = {hardness:g} GPa, "
+                        "E = ρ E₉₀ (v₀/v')^k₂ (D/D')^k₃ g(α), E₉₀ = {normal_erosion:g} m³/kg, Hv = {hardness:g} GPa, "
                         f"v' = {families.REFERENCE_SPEED:g} m/s, D' = {families.REFERENCE_DIAMETER * 1e6:g} µm, "
                         f"k₃ = {families.DIAMETER_EXPONENT:g}", families.OKA_MATERIALS),
             Correlation("mclaury", "McLaury (Edwards 2000)", families.mclaury_angle, families.mclaury,
