@@ -166,6 +166,13 @@ def test_the_advised_angle_is_among_those_that_were_weighed(fitted, weighed, adv
 
 
 @pytest.mark.slow
+def test_the_command_after_a_fit_has_the_speed_of_its_tests(fitted):
+    rows = Rows({"k": [1.9, 2.1], "psi": [10.0, 9.0]}, "post.nc", tested={"v0": (60.0, 60.0)})
+    advice = dataclasses.replace(fitted, uncertain=dataclasses.replace(fitted.uncertain, laws=dict(rows)))
+    assert '--v0 "60 m/s" --model' in advice.reasons[1]
+
+
+@pytest.mark.slow
 def test_the_model_of_draws_with_open_parameters_is_one_of_them():
     # Of draws that all remove as much, the medians remove four times it.
     psi, sigma, share = np.array([[1.0, 1, 0.1], [1, 4, 0.4], [4, 1, 0.4]]).T

@@ -5,9 +5,12 @@ import re
 import shlex
 
 import pytest
+import xarray as xr
 
+import erosion
 from erosion.advice.result import FIT
 from erosion.cli import _status
+from erosion.parameters.case_files import dump_case
 from tests.cli.test_document import check
 
 LINE = ["advise", "--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s", "--model", "finnie"]
@@ -266,3 +269,54 @@ def test_draws_that_were_edited_badly_are_refused_by_their_field(shell, tmp_path
     said = shell(["advise", str(case)], 2).err
     assert f"{case}: field `uncertain` of [advise]" in said
     assert message in said
+
+
+def printed_command(statements):
+    """The words after `erosion posterior` of the command that an advice prints."""
+    return shlex.split(re.findall("“erosion posterior (.*?)”", " ".join(statements))[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("fitted.toml --v0 160m/s", ["tests.csv", "fitted.toml", "--free", "k,psi"]),
+        ("--v0 160m/s --model linearized --uncertain cutting_fraction=uniform(0.3,0.5)",
+         ["rows.csv", "--v0", "160m/s", "--model", "linearized", "--free", "cutting_fraction"]),
+        ("--v0 9m/s --model linearized-deformation --set energy_ratio=1.6 --cutting-fraction 0.4 "
+         "--uncertain k=normal(2,0.1)",
+         ["rows.csv", "--v0", "9m/s", "--cutting-fraction", "0.4", "--model", "linearized-deformation",
+          "--set", "energy_ratio=1.6", "--free", "k"]),
+    ],
+)  # fmt: skip
+def test_the_printed_command_is_of_the_tests(shell, tmp_path, monkeypatch, options, words):
+    monkeypatch.chdir(tmp_path)
+    text = FITTED[: FITTED.index("[advise]")] + 'model = "linearized"\n[advise]\ndata = "tests.csv"\n'
+    (tmp_path / "fitted.toml").write_text(f"{text}[advise.uncertain]\nk = [1.3, 1.4]\npsi = [20, 19]\n")
+    result = shell(["advise", *options.split(), "--json"]).result
+    command = printed_command(result["statements"])
+    assert [word.replace(str(tmp_path) + "/", "") for word in command] == [*words, "--next-experiment"]
+
+
+@pytest.mark.slow
+def test_an_advice_by_draws_prints_the_tests_and_their_doubts(shell, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    case = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("copper").replace(v0=100.0, alpha=0.3)
+    tested = 'tested = { v0 = ["100 m/s", "100 m/s"] }\n'
+    (tmp_path / "fitted.toml").write_text(
+        dump_case(case.replace(v0=160.0)) + f'particle = "garnet 0.3 mm"\ntarget = "copper"\n[advise]\n{tested}'
+    )
+    attributes = {"inference_library": "erosion", "unit_system": "si", "case": dump_case(case), "model": "linearized",
+                  "cutting_fraction": 0.8, "data": "tests.csv", "tested": '{"v0": [100.0, 100.0]}'}  # fmt: skip
+    columns = {name: ("draw", values, {"units": "1"}) for name, values in {"k": [1.9, 2.1], "psi": [2.1, 1.9]}.items()}
+    xr.Dataset(columns, attrs=attributes).to_netcdf("post.nc", group="posterior", engine="h5netcdf")
+    names = ["--particle", "garnet 0.3 mm", "--target", "copper"]
+    printed = shell(["advise", *names, "--v0", "160 m/s", "--uncertain", "post.nc", "-o", "a.html", "--json"])
+    assert printed_command(printed.result["statements"]) == [
+        "tests.csv", *names, "--v0", "100 m/s", "--cutting-fraction", "0.8", "--model", "linearized", "--free", "k,psi",
+        "--next-experiment",
+    ]  # fmt: skip
+    doubt = "160 m/s is 1.6 × the fastest test."
+    assert (tmp_path / "a.html").read_text().count(f"post.nc: {doubt}") == printed.err.count(doubt) == 1
+    both = shell("advise fitted.toml --uncertain post.nc -o a.html")
+    assert (tmp_path / "a.html").read_text().count(doubt) == both.err.count(doubt) == 1

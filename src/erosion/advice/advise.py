@@ -165,7 +165,7 @@ def advise_case(
     progress("models", total, total)
     said = tuple(dict.fromkeys(message for message in outside if message))
     return Advice(p, spread, speed_spread, per_mass, tuple(curves), grit, metal, said, uncertain,
-                  weighed=None if uncertain is None else uncertain.weighed)  # fmt: skip
+                  weighed=None if uncertain is None else uncertain.tested.get("alpha"))  # fmt: skip
 
 
 def _correlations(metal: Target | None, grit: Particle | None) -> list[tuple[Correlated, bool]]:

@@ -42,11 +42,10 @@ class Uncertain:
     values: tuple[str, ...] = ()
 
     @property
-    def weighed(self) -> tuple[float, float] | None:
-        """The least and the greatest angle of the tests of a fit [rad]."""
-        tested = [law.joint.tested for law in self.laws.values()
-                  if isinstance(law, Member) and isinstance(law.joint, Rows)]  # fmt: skip
-        return next((ranges["alpha"] for ranges in tested if "alpha" in ranges), None)
+    def tested(self) -> Mapping[str, tuple[float, float]]:
+        """The least and the greatest angle, speed and mass of the tests of a fit, in SI; empty where not known."""
+        joints = [law.joint for law in self.laws.values() if isinstance(law, Member)]
+        return next((joint.tested for joint in joints if isinstance(joint, Rows) and joint.tested), {})
 
     def __str__(self) -> str:
         joints = [law.joint for law in self.laws.values() if isinstance(law, Member)]
@@ -482,8 +481,7 @@ class Advice(Result):
                 direction=text("flat") if best < self.alpha else text("steep"),
             )
         if self.uncertain is not None:
-            free = ",".join(name for name in self.uncertain.laws if name != FRACTION)
-            words = (self.rows_file, *self._typed, "--free", free, "--next-experiment")
+            words = (self.rows_file, *self._typed, "--free", ",".join(self.uncertain.laws), "--next-experiment")
             return self.language.say(
                 "What would narrow it: more tests. “{command}” says at which angle and speed one more test tells most "
                 "(extra posterior).",
@@ -507,7 +505,10 @@ class Advice(Result):
     @property
     def _typed(self) -> tuple[str, ...]:
         """`words`, or the names of particle, target and models that stand for them."""
-        named = {"particle": self.particle, "target": self.target, "v0": f"{float(self.p.to('si').v0):g} m/s"}
+        # After a fit the speed of its tests, where they have one.
+        tested = {} if self.uncertain is None else self.uncertain.tested
+        speed = tested.get("v0", (float(self.p.to("si").v0),))[0]
+        named = {"particle": self.particle, "target": self.target, "v0": f"{speed:g} m/s"}
         if self.uncertain is not None:
             named["model"] = ",".join(curve.name for curve in self.group("models"))
         typed = (word for name, value in named.items() if value is not None for word in (f"--{name}", str(value)))

@@ -123,15 +123,32 @@ class GivenFit:
         loaded = {name: load_set(name, own, self._case, p.units) for name in chosen}
         return {lazy.called(name, model): model for name, model in loaded.items()}
 
-    def words(self, abrasive: PerMassOptions, models: "Mapping[str, lazy.CuttingModel]") -> tuple[str, ...]:
-        """The case as a fit takes it, and the models where the case file names none."""
-        density = [] if abrasive.density is None else ["--density", abrasive.density]
-        named = (
-            []
-            if self._case.model()[0] or not (self._counts or self._options.uncertain)
-            else ["--model", ",".join(models)]
-        )
-        return (*self._case.words(()), *density, *named)
+    def words(
+        self,
+        abrasive: PerMassOptions,
+        models: "Mapping[str, lazy.CuttingModel]",
+        draws: "Sequence[lazy.Draws]",
+        p: "lazy.Parameters",
+    ) -> tuple[str, ...]:
+        """The case of the tests as a fit takes it, and the models where the case file names none.
+
+        The options of an advice change the question, not the tests: a fit of theirs is of its case file as it is, and
+        what the case of `draws` has otherwise than `p` takes the place of the options.
+        """
+        fitted = draws[0].otherwise(p) if draws else {}
+        words = [word for name, text in fitted.items() for word in (f"--{name}", text)]
+        words += [] if abrasive.density is None else ["--density", abrasive.density]
+        if not (self._counts or self._options.uncertain):
+            return (*self._case.words(fitted), *words)
+        of_file = self._case.model()[0]
+        named = [] if of_file and self._section.get("model") == of_file else ["--model", ",".join(models)]
+        if not draws and not {"data", "tested"}.isdisjoint(self._section):
+            return (str(self._case.case), *named)
+        share = draws[0].cutting_fraction if draws else abrasive.cutting_fraction
+        if share is not None and (share != 1 or self._case.file is not None):
+            words += ["--cutting-fraction", f"{share:.9g}"]
+        own = [word for text in self._options.own or () for word in ("--set", text)]
+        return (*self._case.words(fitted), *words, *named, *own)
 
     def uncertain(
         self, models: "Mapping[str, lazy.CuttingModel]", p: "lazy.Parameters", *, has_fraction: bool
@@ -215,8 +232,8 @@ def advise(
     models = fit.models(chosen_models(model), p)
     abrasive = abrasive or PerMassOptions()
     uncertain, draws = fit.uncertain(models, p, has_fraction=abrasive.cutting_fraction is not None)
-    of_draws = [part.cutting_fraction for part in draws if part.cutting_fraction is not None]
-    usual = lazy.CUTTING_FRACTION if uncertain is None else [*of_draws, lazy.FRACTION_OF_A_FIT][0]
+    shares = [part.cutting_fraction for part in draws if part.cutting_fraction is not None]
+    usual = lazy.CUTTING_FRACTION if uncertain is None else [*shares, lazy.FRACTION_OF_A_FIT][0]
     per_mass = abrasive.per_mass(options, usual)
     for chosen in models.values():
         weighing(chosen, abrasive, options)  # refuses the density of another metal than a correlation's
@@ -227,8 +244,9 @@ def advise(
         outside = () if options.file is None else options.file.outside(p)
         weighed = advice.weighed or fit.weighed if uncertain else None
         advice = dataclasses.replace(
-            advice, doubts=(*fit.doubts, *outside), weighed=weighed, job=job, other=other,
-            rows_file=fit.data, words=fit.words(abrasive, models),
+            advice, doubts=(*fit.doubts, *outside), weighed=weighed,
+            job=job, other=other, rows_file=draws[0].data if draws else fit.data,
+            words=fit.words(abrasive, models, draws, p),
         )  # fmt: skip
     if output is not None:
         with user_errors():

@@ -54,6 +54,7 @@ class Draws:
         has_scale: whether the measurements were in units of their own.
         converged: whether the draws are good.
         warnings: what else was doubtful in the fit.
+        data: the name of the tests' table.
     """
 
     rows: Rows
@@ -66,6 +67,15 @@ class Draws:
     has_scale: bool
     converged: bool
     warnings: tuple[str, ...] = ()
+    data: str = "rows.csv"
+
+    def otherwise(self, p: Parameters) -> dict[str, str]:
+        """What the case of the fit has otherwise than `p`, as options take it; not what was sampled."""
+        there = self.p.to(p.units)
+        numbers = [(name, float(getattr(there, name)), float(getattr(p, name)))
+                   for name in QUANTITIES if name not in (*self.rows, "alpha")]  # fmt: skip
+        return {name: f"{before:.9g} {QUANTITIES[name].unit(p.units)}".removesuffix(" 1")
+                for name, before, now in numbers if not np.isclose(before, now, rtol=1e-6, atol=0)}  # fmt: skip
 
     def require_same_equations(self, model: CuttingModel) -> None:
         """A `ValueError` where a plug-in computes something else than when the draws were made."""
@@ -152,6 +162,7 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         has_scale=SCALE in dataset,
         converged=bool(attrs.get("converged", 1)),
         warnings=tuple(_kept(attrs, WARNINGS, [])),
+        **({"data": attrs["data"]} if Path(attrs.get("data", "")).suffix else {}),
     )
 
 
