@@ -241,10 +241,14 @@ def advise(
         advice = lazy.advise_case(
             p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress
         )
-        outside = () if options.file is None else options.file.outside(p)
+        outside = [] if options.file is None else options.file.outside(p)
+        told = {doubt.partition(": ")[2] for doubt in outside}  # of the file's tests, which may be those of the draws
+        of_draws = [doubt for part in draws for chosen in models.values()
+                    for doubt in part.doubts(chosen, advice.p, advice.per_mass.cutting_fraction)
+                    if doubt.partition(": ")[2] not in told]  # fmt: skip
         weighed = advice.weighed or fit.weighed if uncertain else None
         advice = dataclasses.replace(
-            advice, doubts=(*fit.doubts, *outside), weighed=weighed,
+            advice, doubts=tuple(dict.fromkeys((*fit.doubts, *outside, *of_draws))), weighed=weighed,
             job=job, other=other, rows_file=draws[0].data if draws else fit.data,
             words=fit.words(abrasive, models, draws, p),
         )  # fmt: skip
@@ -254,9 +258,6 @@ def advise(
     draw(plot, lambda: lazy.plot_advice(dataclasses.replace(advice, language=lazy.language(lang))))
     printed = Output("advise", p, options, json=json)
     printed.warn(*advice.warnings, *(lazy.unused_columns(uncertain.laws) if uncertain else ()))
-    for part in draws:
-        for chosen in models.values():
-            printed.warn(*part.doubts(chosen, advice.p, advice.per_mass.cutting_fraction))
     printed.document(advice.to_dict(), models, lazy.UNITS)
     printed.table("", advice.rows(), advice.headings, (), advice.reasons, [advice.title, *advice.answers])
     is_table = output is not None and output.suffix == ".csv"
