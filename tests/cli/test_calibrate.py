@@ -113,7 +113,7 @@ def test_draws_are_within_bounds_and_spread_where_the_data_say_nothing(sand, tmp
     assert 1e9 <= min(draws) < max(draws) == pytest.approx(1.4e9, rel=0.01)
     assert _status([*sand, "--model", "tan-alpha", "--free", "k,sigma", "--write-case", str(path)]) == 0
     of_advice = tomllib.loads(path.read_text())["advise"]
-    assert [*of_advice] == ["warning", "tested", "uncertain"]
+    assert [*of_advice] == ["warning", "data", "tested", "uncertain"]
     assert max(of_advice["uncertain"]["k"]) > 30 * min(of_advice["uncertain"]["k"])
     assert of_advice["warning"].startswith(
         "k has no influence on these data and cannot be determined. Fix it. The model does"

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +125,11 @@ def test_a_case_file_says_the_same_as_options(verb: str, shell: Shell) -> None:
     by_options = document([*words, *NAMES, *AT, *angle, *SHARE], shell)
     by_file = document([words[0], "case.toml", *words[1:]], shell)
     for key in ("result", "warnings"):
-        assert by_options[key] == by_file[key]
+        # Printed commands name the file, or the options.
+        one, other = (
+            re.sub("“erosion [^”]*”", "", json.dumps(given[key], ensure_ascii=False)) for given in (by_options, by_file)
+        )
+        assert one == other
     assert "erosion_ratio" in json.dumps(by_file["result"])
     assert "is far from what tests" not in "".join(by_file["warnings"]) or verb == "advise"
 

@@ -53,7 +53,7 @@ def test_the_table_and_the_files(table, tmp_path, shell, monkeypatch):
     # The model is that of the draws.
     advice = shell(next_step.partition("erosion ")[2]).out
     assert "linearized, k = " in advice
-    assert "64 draws of" in advice
+    assert "By your weighings: set the nozzle to" in advice
 
 
 def test_without_arviz_it_says_what_to_install(table, shell, monkeypatch):

@@ -103,6 +103,7 @@ def in_metres(text: Any) -> Any:
     """A sentence with its speeds in m/s and its ratios of masses in kg/kg."""
     if not isinstance(text, str):
         return text
+    text = re.sub("“erosion [^”]*”", "", text)  # a printed command names the case file
     speeds = re.sub(r"([\d.]+(?:e[+-]?\d+)?) in/s\b", lambda match: f"{float(match[1]) * 0.0254:.4g} m/s", text)
     return speeds.replace("slinch/slinch", "kg/kg")
 

@@ -8,8 +8,6 @@ import pytest
 
 import erosion
 from erosion.checks.verify import Subject
-from erosion.cli.output import Output
-from erosion.cli.run import _show_optimum, _show_sensitivities
 from erosion.impacts.alpha_max import EndTime
 from erosion.models import Finnie, ForceLaw, Linearized, Torque
 from erosion.models.equations import flaw
@@ -156,18 +154,15 @@ def test_another_value_compiles_nothing():
     assert batch._compiled.cache_info().currsize == programs
 
 
-def test_the_best_angle_knows_how_friction_moves_it(capsys):
+def test_the_best_angle_knows_how_friction_moves_it(shell):
     k, friction = 2.0, 0.2
     found = erosion.alpha_max(MODEL, P)
     ratio = k / (1 + friction * k)
     assert found.alpha == pytest.approx(np.arctan(ratio) / 2, abs=1e-9)
     assert list(found.sensitivities) == [*(name for name in quantities(MODEL) if name != "alpha")]
     assert found.sensitivities["friction"] == pytest.approx(-(ratio**2) / (1 + ratio**2) / 2, rel=1e-6)
-    output = Output("optimum", json=False)
-    _show_optimum(output, "tip.py", found, erosion.PerMass())
-    _show_sensitivities(output, found)
-    out = capsys.readouterr().out
-    assert "tip.py (friction = 0.2): the angle of greatest volume" in out
+    out = shell(["optimum", "--model", "models/coulomb_tip.py", "--sensitivities"]).out
+    assert "coulomb_tip.py (friction = 0.2): the angle of greatest volume" in " ".join(out.split())
     assert [line.split()[:2] for line in out.splitlines() if "coefficient of friction" in line] == [["friction", "μ"]]
 
 

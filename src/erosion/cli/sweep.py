@@ -124,7 +124,7 @@ def sweep(
         )
         together = paired or _listed(options, section, "paired", read_list) or ()
         # Correlations are those that are made for the target; a single model's own values are the grid's.
-        made: Any = options.reference(chosen) if isinstance(chosen, str) else [
+        made: Any = options.reference(chosen) if not isinstance(chosen, list) else [
             options.reference(name, as_set=True) for name in chosen]  # fmt: skip
         grid = lazy.make_grid(made, p, axes, outputs, paired=together, own=single)
     # By model, and of a single model by the key "".

@@ -248,18 +248,6 @@ def events(model: CuttingModel, p: Parameters, ys: Array | np.ndarray) -> tuple[
     return jax.vmap(lambda y: _events(model, p, y))(jnp.asarray(ys))
 
 
-@seldom_run
-def tip(model: CuttingModel, p: Parameters, ys: Array | np.ndarray) -> tuple[tuple[Broadcast, ...], Broadcast]:
-    """The tip's position and velocity, and dV/dt, at many y, shape (times, quantities)."""
-    structure = layout(model, p)
-
-    def tip_at(y: Array) -> tuple[tuple[Broadcast, ...], Broadcast]:
-        state = state_of(structure, y)
-        return tuple(model.tip(state, p)), model.removal_rate(state, p)
-
-    return jax.vmap(tip_at)(jnp.asarray(ys))
-
-
 def _events(model: CuttingModel, p: Parameters, y: Array | np.ndarray) -> tuple[Events, Events]:
     state = state_of(layout(model, p), y)
     return event_rates(model, state, model.derivative(state, p), p)

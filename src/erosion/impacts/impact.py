@@ -16,13 +16,14 @@ import numpy as np
 from jax import Array
 from jax.core import Tracer
 
-from erosion.arguments import ModelState, Number, PerImpact, Scalar, check_order, check_tolerance
+from erosion.arguments import ModelState, Number, PerImpact, Scalar, Structure, check_order, check_tolerance
+from erosion.lanes.lanewise import Compiled, compile_lanes, number
 from erosion.models import load_model, model_name
 from erosion.models.base import NO_CUT, CuttingModel, units_within
 from erosion.models.equations import CUT, Case, whole_cut
 from erosion.models.own_parameters import own_parameters, own_quantities, quantities, require_one_impact
 from erosion.models.registry import impact_to_dict
-from erosion.ode.batch import integrate, integrate_along
+from erosion.ode.batch import compiling, integrate, integrate_along
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Equations, is_number
 from erosion.ode.solution import Solution
@@ -157,6 +158,26 @@ def end_names(model: CuttingModel) -> tuple[str, ...]:
     The code of an outcome is an index of these.
     """
     return (*layout_of(model, TABLE_1).event_names, *OTHER_ENDS)
+
+
+def tip_at(model: CuttingModel, p: Parameters, ys: np.ndarray) -> list[np.ndarray]:
+    """Position and velocity of the tip, and dV/dt, at states with the volume, shape (times, quantities)."""
+    layout, (_, numbers) = layout_of(model, p), split(model, p)
+    with compiling:
+        program = _tip_program(layout, jax.tree.structure(layout.state))
+    results = [np.empty(len(ys)) for _ in range(5)]
+    program.run([*(np.asarray(number, float) for number in numbers), *ys[:, :-1].T], np.arange(len(ys)), results)
+    return results
+
+
+@functools.lru_cache(maxsize=64)
+def _tip_program(layout: Layout, structure: Structure) -> Compiled:
+    def lane(numbers: list[Number], leaves: list[Scalar]) -> list[Scalar]:
+        p, model = layout.args(numbers)
+        state = jax.tree.unflatten(structure, leaves)
+        return [jnp.asarray(part, float) for part in (*model.tip(state, p), model.removal_rate(state, p))]
+
+    return compile_lanes(lane, (layout.structs(), [number] * structure.num_leaves))
 
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near

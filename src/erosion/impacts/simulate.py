@@ -18,13 +18,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
-from jaxtyping import PyTree
 
 import erosion.impacts.diffrax_steps as flow
 from erosion.arguments import ModelState, Structure, check_tolerance, check_whole, refuse
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
-from erosion.impacts.impact import OTHER_ENDS, element_of, end_names, layout_of, split
+from erosion.impacts.impact import OTHER_ENDS, element_of, end_names, layout_of, split, tip_at
 from erosion.models import load_model, model_name
 from erosion.models.base import NO_CUT, CuttingModel, State, units_within
 from erosion.models.own_parameters import require_one_impact
@@ -374,12 +373,8 @@ def _looks(
     counts = np.maximum(_SAMPLES, np.ceil(np.diff(ends) / (_LONGEST_STEP * time / _SAMPLES))).astype(int)
     pieces = zip(ends[:-1], ends[1:], counts, strict=True)
     t = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in pieces] + [ends[-1:]])
-    return t, *_at_all(flow.events, model, p, dense(t))
-
-
-def _at_all(function: Callable[..., PyTree], model: CuttingModel, p: Parameters, ys: np.ndarray) -> PyTree:
-    """A function of `flow` at any number of y."""
-    return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(ys)], function(model, p, _padded(ys)))
+    seen = flow.events(model, p, _padded(dense(t)))
+    return t, *jax.tree.map(lambda leaf: np.asarray(leaf)[: t.size], seen)
 
 
 def _padded(array: np.ndarray) -> np.ndarray:
@@ -398,8 +393,7 @@ def _trajectory(
     name: str,
     dense: Callable[[np.ndarray], np.ndarray],
 ) -> Trajectory:
-    within = dataclasses.replace(p, units=units_within(model, p))
-    (x_tip, depth, vx_tip, vdepth), removal_rate = _at_all(flow.tip, model, within, ys)
+    x_tip, depth, vx_tip, vdepth, removal_rate = tip_at(model, p, ys)
     states = flow.state_of(structure, ys)
     return Trajectory(
         model=model,

@@ -353,7 +353,7 @@ class Problem:
                 raise TypeError(f"Argument `{name}` must be a function of args, but is {briefly(given)}.")
         for name in self.events:
             if not name.strip():
-                raise ValueError(f"Argument `events` must have names, but has {name!r}.")
+                raise ValueError(f"Argument `events` must have names, but has {briefly(name)}.")
             if name in OTHER_ENDS:
                 raise ValueError(
                     f"Argument `events` must have other names than {', '.join(OTHER_ENDS)}, but has {briefly(name)}."

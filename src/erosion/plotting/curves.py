@@ -204,7 +204,8 @@ def _draw_shape(ax: Axes, curve: ShapeCurve, size: float, label: str, **style: A
     beyond = np.zeros(degrees.size, bool) if curve.beyond is None else curve.beyond
     beside = beyond | np.append(beyond[1:], False) | np.insert(beyond[:-1], 0, False)
     ax.plot(degrees, np.where(beyond, np.nan, volume), label=label, **style)
-    ax.plot(degrees, np.where(beside, volume, np.nan), **{**style, "linestyle": ":"})
+    if beside.any():
+        ax.plot(degrees, np.where(beside, volume, np.nan), **{**style, "linestyle": ":"})
 
 
 @house_style()

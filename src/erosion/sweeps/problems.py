@@ -181,7 +181,7 @@ def _axis(name: str, values: Any, known: Sequence[str]) -> np.ndarray:
     """The values of an axis."""
     if name not in known:
         raise ValueError(f"Argument `axes` must name numbers of `args` ({', '.join(known)}), but has {briefly(name)}.")
-    array = real_numbers("axes", values)
+    array = real_numbers(f"axes[{name!r}]", values)
     if array.ndim != 1 or not array.size or not np.isfinite(array).all():
         raise ValueError(f"Argument `axes` must hold lists of finite numbers, but {name!r} is {briefly(values)}.")
     return array
