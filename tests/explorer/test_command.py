@@ -1,6 +1,7 @@
 """`erosion explore` before it serves: what it offers, and what it refuses."""
 
 import errno
+import importlib
 import socket
 import subprocess
 import sys
@@ -49,7 +50,9 @@ def explored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., S
 
     def explore(text: str, *options: str) -> Service:
         services: list[Service] = []
-        monkeypatch.setattr("erosion.explorer.server.serve", lambda service, *_, **__: services.append(service))
+        # Another test of this process may have imported the module anew.
+        server = importlib.import_module("erosion.explorer.server")
+        monkeypatch.setattr(server, "serve", lambda service, *_, **__: services.append(service))
         (tmp_path / "fitted.toml").write_text(text)
         assert _status(["explore", str(tmp_path / "fitted.toml"), "--no-browser", "--port", "0", *options]) == 0
         (service,) = services
