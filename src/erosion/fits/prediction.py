@@ -165,11 +165,9 @@ class Predictor(Result):
             np.concatenate(part)
             for part in zip(*(way.misfit.means(values, conditions) for way, values in chosen), strict=True)
         )
-        last, of_last, share = self._alone(conditions["alpha"], chosen)
-        if last is not None:
-            there, place = {name: column[share > 0] for name, column in conditions.items()}, np.ix_(of_last, share > 0)
-            mean, miss = last.misfit.means(_some_of(last.values, len(of_last)), there)
-            share = share[share > 0]
+        if alone := self._alone(conditions, chosen):
+            last, values, there, place, share = alone
+            mean, miss = last.misfit.means(values, there)
             means[place] += share * (mean - means[place])
             missed[place] = np.hypot((1 - share) * missed[place], share * miss)
         parts = np.split(means, np.cumsum([_size(values) for _, values in chosen])[:-1])
@@ -186,25 +184,28 @@ class Predictor(Result):
         rng, chosen = np.random.default_rng([self.seed, 1]), self.chosen(check_whole("count", count, 1))
         chosen = [(way, values) for way, values in chosen if _size(values)]
         curves = np.concatenate([way.misfit.draw(values, conditions, rng) for way, values in chosen])
-        last, of_last, share = self._alone(conditions["alpha"], chosen)
-        if last is not None:
-            there, place = {name: column[share > 0] for name, column in conditions.items()}, np.ix_(of_last, share > 0)
-            drawn = last.misfit.draw(_some_of(last.values, len(of_last)), there, rng)
-            curves[place] += share[share > 0] * (drawn - curves[place])
+        if alone := self._alone(conditions, chosen):
+            last, values, there, place, share = alone
+            curves[place] += share * (last.misfit.draw(values, there, rng) - curves[place])
         return curves.reshape((-1, *asked["alpha"].shape)), [values for _, values in chosen]
 
     def _alone(
-        self, alpha: np.ndarray, chosen: Sequence[tuple[Way, Mapping[str, np.ndarray]]]
-    ) -> tuple[Way | None, np.ndarray, np.ndarray]:
-        """The way that counts alone beyond the tested angles, draws of others, and how much it counts there.
+        self, conditions: Mapping[str, np.ndarray], chosen: Sequence[tuple[Way, Mapping[str, np.ndarray]]]
+    ) -> tuple[Way, dict[str, np.ndarray], dict[str, np.ndarray], tuple[np.ndarray, ...], np.ndarray] | None:
+        """The way that counts alone beyond the tested angles, for draws of others; None where it has no place.
 
-        It is 0 among the angles of the rows, and 1 from `_FADE` beyond them. Without others, or among the angles of the
-        rows, there is no such way.
+        Returns:
+            The way, its draws, the conditions beyond the angles, the place of both among all draws and conditions, and
+            how much it counts there: up to 1, from `_FADE` beyond the angles.
         """
-        angle, last = self.data.angle, self.ways.get("discrepancy")
+        angle, last, alpha = self.data.angle, self.ways.get("discrepancy"), conditions["alpha"]
         others = np.flatnonzero(np.concatenate([np.full(_size(values), way is not last) for way, values in chosen]))
         share = np.clip(np.maximum(angle.min() - alpha, alpha - angle.max()) / _FADE, 0.0, 1.0)
-        return (last if others.size and share.any() else None), others, share
+        beyond = share > 0
+        if last is None or not others.size or not beyond.any():
+            return None
+        there = {name: column[beyond] for name, column in conditions.items()}
+        return last, _some_of(last.values, len(others)), there, np.ix_(others, beyond), share[beyond]
 
     def question(self, alpha: Any, at: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
         """What is asked, speed and mass among it, as arrays of one shape; arguments as of `predict`."""
