@@ -6,12 +6,13 @@ fine grid of the parameters, by a likelihood that is written here. The same trut
 candidates, so that their differences are known better than each drop.
 
 What a model may lack is three grids, one for each way to read the data. Each point of the last two has exponents and
-lengths of a discrepancy from their priors, and the discrepancy is integrated out by dense matrices.
+lengths of a discrepancy from their priors, and the discrepancy is integrated out by dense matrices. Beyond the tested
+angles the third grid counts alone, as in predictions.
 """
 
 import itertools
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -195,8 +196,18 @@ def compared(case: Case, seed: int) -> tuple[NextExperiment, np.ndarray]:
     answer = erosion.next_experiment(source, candidates, draws=2000, **options)
     at = {name: answer.candidates[name][: ANGLES.size * len(case.speeds)] for name in rows}
     ways = ("model", "exponent", "discrepancy") if case.discrepancy else ("model",)
-    of_ways = [on_grid(posterior, rows, at, case, way, rng) for posterior in source.posteriors for way in ways]
-    return answer, drops(Points(*map(np.concatenate, zip(*of_ways, strict=True))), case, rng)
+    of_ways = {way: _joined([on_grid(posterior, rows, at, case, way, rng) for posterior in source.posteriors])
+               for way in ways}  # fmt: skip
+    gains = drops(_joined(of_ways.values()), case, rng)
+    if case.discrepancy:
+        angle = answer.candidates["alpha"]
+        beyond = (angle < rows["alpha"].min()) | (angle > rows["alpha"].max())  # by 5° and more: no way fades here
+        gains[:, beyond] = drops(of_ways["discrepancy"], case, rng)[:, beyond]
+    return answer, gains
+
+
+def _joined(parts: Iterable[Points]) -> Points:
+    return Points(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def main() -> None:
