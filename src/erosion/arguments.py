@@ -122,8 +122,21 @@ def check_unmasked(name: str, value: Any) -> None:
         raise ValueError(f"Argument `{name}` must have no masked values; leave them out, or fill them with NaN.")
 
 
-def real_numbers(name: str, values: Any) -> np.ndarray:
+def unit_of_labels(values: Any) -> str:
+    """The unit that an array of xarray, pandas, netCDF4 or h5py says it is in; empty where it says none."""
+    attributes = getattr(values, "attrs", None)
+    unit = attributes.get("units", "") if isinstance(attributes, Mapping) else getattr(values, "units", "")
+    unit = unit.decode(errors="replace") if isinstance(unit, bytes) else unit
+    return ("1" if unit == "dimensionless" else unit) if isinstance(unit, str) else ""
+
+
+def real_numbers(name: str, values: Any, *, unit: str = "") -> np.ndarray:
     """Values as an array of float64, `None` as NaN.
+
+    Args:
+        name: of the argument.
+        values: the numbers.
+        unit: that arrays with labels may say they are in.
 
     Raises:
         ValueError: for masked and complex values, quantities with units, texts and dates, of which numpy makes numbers.
@@ -131,7 +144,16 @@ def real_numbers(name: str, values: Any) -> np.ndarray:
     check_unmasked(name, values)
     parts = values if isinstance(values, (list, tuple)) else [values]
     array = np.empty(0, str)
-    if not any(hasattr(type(part), name) for part in parts for name in ("magnitude", "unit")):
+    for part in parts:
+        if not isinstance(part, _REAL) and unit_of_labels(part) not in ("", unit):
+            raise ValueError(
+                f"Argument `{name}` must hold numbers without units, but is in {briefly(unit_of_labels(part))}: "
+                "give its `.to_numpy()` in the unit that is meant."
+            )
+    held = (
+        thing for part in parts for thing in (part, getattr(part, "data", None) if hasattr(part, "attrs") else None)
+    )
+    if not any(hasattr(type(thing), name) for thing in held for name in ("magnitude", "unit")):
         with contextlib.suppress(TypeError, ValueError):  # lists of several lengths
             array = np.asarray(values)
     if array.dtype.kind == "O" and all(part is None or isinstance(part, _REAL) for part in array.flat):

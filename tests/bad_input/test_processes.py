@@ -285,6 +285,34 @@ def test_attributes_of_an_array_are_no_unit_of_its_class() -> None:
     assert Samples(axis).values.tolist() == [0.5, 1.0]
 
 
+def _in_degrees(*values: float) -> xr.DataArray:
+    return xr.DataArray([*values], dims="x", attrs={"units": "deg"})
+
+
+def test_the_unit_that_labels_say_counts_or_is_refused() -> None:
+    bare = erosion.sweep("linearized", P, alpha=np.deg2rad([1.0, 1.2]))
+    np.testing.assert_array_equal(erosion.sweep("linearized", P, alpha=_in_degrees(1.0, 1.2)).volume, bare.volume)
+    np.testing.assert_array_equal(erosion.sweep("linearized", P, alpha=bare.alpha).volume, bare.volume)
+    with pytest.raises(ValueError, match="`alpha` must be an angle such as"):
+        erosion.sweep("linearized", P, alpha=_in_degrees(1.0).assign_attrs(units="m"))
+    for make in (Samples, lambda values: Rows({"alpha": values}), lambda values: Samples([*values])):
+        with pytest.raises(ValueError, match="must hold numbers without units, but is in 'deg'"):
+            make(_in_degrees(1.0, 1.2))
+
+
+def test_the_unit_of_labelled_measurements_is_that_of_their_head() -> None:
+    rows = {"angle": _in_degrees(10.0, 20.0), "volume [in^3]": [1e-5, 2e-5]}
+    np.testing.assert_array_equal(read_measurements(rows, "si").angle, np.deg2rad([10.0, 20.0]))
+    rows = {"angle [deg]": rows["angle"], "volume [in^3]": rows["angle"]}
+    with pytest.raises(ValueError, match=r"`volume \[in\^3\]` must hold numbers without units, but is in 'deg'"):
+        read_measurements(rows, "si")
+
+
+def test_a_quantity_within_labels_is_refused() -> None:
+    with pytest.raises(ValueError, match="must hold real numbers without units"):
+        Samples(xr.DataArray(QUANTITY([1.0, 2.0], "deg"), dims="x"))
+
+
 def test_a_masked_array_without_masked_values_is_an_array() -> None:
     values = np.ma.masked_array([0.1, 0.2])
     np.testing.assert_array_equal(

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from erosion.arguments import real_numbers
+from erosion.arguments import real_numbers, unit_of_labels
 from erosion.fits.errors import ErrorModel, errors_at
 from erosion.fits.tables import (
     KNOWN,
@@ -265,10 +265,23 @@ def _read(data: Any, system: System, ignore: Sequence[str]) -> Measurements:
     if isinstance(data, (str, Path)):
         return _read_file(Path(data), system, ignore)
     if hasattr(data, "keys") and hasattr(data, "__getitem__"):
-        return _read_columns({str(key): data[key] for key in data.keys()}, system, ignore)  # noqa: SIM118 (tables iterate rows)
+        columns = {str(key): data[key] for key in data.keys()}  # noqa: SIM118 (tables iterate rows)
+        return _read_columns({_with_unit(head, values): values for head, values in columns.items()}, system, ignore)
     raise MeasurementError(
         f"Argument `data` must be the path of a CSV file or columns by name, but is {type(data).__name__}."
     )
+
+
+def _with_unit(head: str, values: Any) -> str:
+    """The head of a column with the unit of an array with labels, where the head has none."""
+    unit = unit_of_labels(values)
+    return f"{head} [{unit}]" if unit and not _unit_in(head) else head
+
+
+def _unit_in(head: str) -> str:
+    """The unit that ends the head of a column, in brackets; empty without one."""
+    in_brackets = re.search(r"[\[(]([^\[\]()]*)[\])]\s*$", head)
+    return in_brackets[1].strip() if in_brackets else ""
 
 
 def unit_system(path: Path, ignore: Sequence[str] = ()) -> System | None:
@@ -300,7 +313,7 @@ def _read_columns(table: dict[str, Any], system: System, ignore: Sequence[str]) 
 
     def read(used: Sequence[int]) -> list[np.ndarray]:
         try:
-            columns = [np.atleast_1d(real_numbers(names[i], table[names[i]])) for i in used]
+            columns = [np.atleast_1d(real_numbers(names[i], table[names[i]], unit=_unit_in(names[i]))) for i in used]
         except ValueError as error:
             raise MeasurementError(str(error)) from error
         shapes = {column.shape for column in columns}

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.arguments import check_order, check_tolerance, real_numbers, refuse
+from erosion.arguments import check_order, check_tolerance, real_numbers, refuse, unit_of_labels
 from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.dataset_files import identity, numbers_in_words, provenance
 from erosion.impacts.impact import end_names, impact
@@ -34,8 +34,16 @@ from erosion.models import (
     with_values,
 )
 from erosion.output.tables import briefly
+from erosion.parameters.headings import factor
 from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, require_concrete, validate
-from erosion.parameters.quantities import RESULTS, Quantity, ascii_unit, derivative_unit
+from erosion.parameters.quantities import (
+    RESULTS,
+    Quantity,
+    System,
+    about,
+    ascii_unit,
+    derivative_unit,
+)
 
 Region = tuple[slice, ...]
 """The place of a block in its grid: one slice for each dimension."""
@@ -415,7 +423,9 @@ def make_grid(
     for source in models.values():
         require_one_impact(_loaded(source), p, "; give it as an axis")
     parameters = _common(models, (*axes, outputs.wrt))
-    arrays = {name: _axis(name, values, parameters) for name, values in axes.items()}
+    known = quantities(_loaded(next(iter(models.values()))))
+    known = {name: known[name] for name in parameters}
+    arrays = {name: _axis(name, values, known, p.units) for name, values in axes.items()}
     refuse(
         "Argument",
         (not arrays and not compared,
@@ -505,12 +515,17 @@ def _source(model: Model) -> "CuttingModel | Named":
     return named
 
 
-def _axis(name: str, values: Any, parameters: Sequence[str]) -> np.ndarray:
+def _axis(name: str, values: Any, parameters: Mapping[str, Quantity], units: System) -> np.ndarray:
+    """The values of an axis, in the case's units; those of an array with labels are read in the unit that it says."""
     if name not in parameters:
         raise TypeError(f"Argument `{name}` is not a parameter; they are {', '.join(parameters)}.")
     for number in values if isinstance(values, list | tuple) else [values]:
         require_concrete({name: number})
-    array = real_numbers(name, values)
+    quantity, unit = parameters[name], unit_of_labels(values)
+    with about(f"Argument `{name}`"):
+        is_other = unit not in ("", quantity.unit(units))
+        size = factor(unit, quantity.dimension, units) if is_other and not quantity.fixed else 1.0
+    array = real_numbers(name, values, unit=quantity.fixed or unit) * size
     is_list = array.ndim == 1 and array.size > 0
     refuse(
         f"Argument `{name}` must be ",

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import PyTree
 
-from erosion.arguments import Progress, no_progress, real_numbers
+from erosion.arguments import Progress, no_progress, real_numbers, unit_of_labels
 from erosion.impacts.dataset_files import code_version, numbers_in_words
 from erosion.ode.problem import OTHER_ENDS, Problem, is_number
 from erosion.ode.solution import Part, Solution, path_of
@@ -181,7 +181,7 @@ def _axis(name: str, values: Any, known: Sequence[str]) -> np.ndarray:
     """The values of an axis."""
     if name not in known:
         raise ValueError(f"Argument `axes` must name numbers of `args` ({', '.join(known)}), but has {briefly(name)}.")
-    array = real_numbers(f"axes[{name!r}]", values)
+    array = real_numbers(f"axes[{name!r}]", values, unit=unit_of_labels(values))  # in whatever unit the problem has
     if array.ndim != 1 or not array.size or not np.isfinite(array).all():
         raise ValueError(f"Argument `axes` must hold lists of finite numbers, but {name!r} is {briefly(values)}.")
     return array
