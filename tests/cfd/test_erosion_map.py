@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.map_result import MapSummary
 from erosion.cfd.read import read_impacts
 from erosion.cfd.rows import ImpactsError
-from erosion.correlations import CORRELATIONS
+from erosion.correlations import CORRELATIONS, OKA_MATERIALS, oka
 from erosion.distributions import Normal
 from tests.cfd.tables import Table, hump, sand, warnings_of
 
@@ -335,6 +336,17 @@ def test_the_constants_of_a_model_are_told() -> None:
         said = erosion_map(name, P, TABLE, SURFACE).attrs["constants"]
         assert "E = " in said
         assert "{" not in said
+
+
+@pytest.mark.parametrize("target", OKA_MATERIALS)
+def test_okas_constants_as_printed_give_its_erosion(target: str) -> None:
+    model = erosion.models.correlated("oka", target)
+    one = {symbol: float(number) for symbol, number in re.findall(r"([\w₀-₉']+) = ([-+.\de]+)", model.formula)}
+    sine = np.sin(0.5)
+    shape = sine ** one["n₁"] * (1 + one["Hv"] * (1 - sine)) ** one["n₂"]
+    expected = one["E₉₀"] * (30 / one["v'"]) ** one["k₂"] * (200 / one["D'"]) ** one["k₃"] * shape
+    ratio = oka(0.5, 30.0, 200e-6, material=target)
+    assert float(ratio) / float(model.density) == pytest.approx(expected, rel=2e-3)  # four digits are printed
 
 
 def test_progress_tells_the_rows() -> None:

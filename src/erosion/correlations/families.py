@@ -150,6 +150,11 @@ class OkaMaterial:
     hardness: float
     density: float
 
+    @property
+    def exponents(self) -> tuple[Values, Values, Values]:
+        """k₂ of the speed by sand, and n₁ and n₂ of g(α) [-]."""
+        return _oka_exponents(self.hardness)
+
 
 # The densities are those of DNVGL-RP-O501 (2015), table 3-1.
 OKA_MATERIALS: Mapping[str, OkaMaterial] = types.MappingProxyType(
@@ -169,6 +174,10 @@ _RIG = "test rig of Y. I. Oka et al., Wear 250 (2001) 736-743, abstract"
 OKA_RANGES: Mapping[str, Range] = types.MappingProxyType({"alpha": ALL_ANGLES, "v0": Range(0.0, 135.0, "m/s", _RIG)})
 
 
+def _oka_exponents(hardness: Values) -> tuple[Values, Values, Values]:
+    return 2.3 * hardness**0.038, 0.71 * hardness**0.14, 2.4 * hardness**-0.94
+
+
 def oka_angle(alpha: Values, hardness: Values = 1.8) -> Array:
     """Oka's (sin α)^n₁ [1 + Hv (1 - sin α)]^n₂ for sand (SiO₂), which is 1 at 90°.
 
@@ -181,8 +190,8 @@ def oka_angle(alpha: Values, hardness: Values = 1.8) -> Array:
     References:
         Y. I. Oka, K. Okamura, T. Yoshida, Wear 259 (2005) 95-101.
     """
-    sine = jnp.sin(alpha)
-    return sine ** (0.71 * hardness**0.14) * (1 + hardness * (1 - sine)) ** (2.4 * hardness**-0.94)
+    sine, (_, n1, n2) = jnp.sin(alpha), _oka_exponents(hardness)
+    return sine**n1 * (1 + hardness * (1 - sine)) ** n2
 
 
 def oka(
@@ -222,7 +231,7 @@ def oka(
 
 @functools.partial(jax.jit, static_argnames="target")
 def _oka(alpha: Values, v0: Values, diameter: Values, target: OkaMaterial) -> Array:
-    speed = jnp.asarray(v0 / REFERENCE_SPEED) ** (2.3 * target.hardness**0.038)  # k₂, with Hv in GPa
+    speed = jnp.asarray(v0 / REFERENCE_SPEED) ** target.exponents[0]
     size = jnp.asarray(diameter / REFERENCE_DIAMETER) ** DIAMETER_EXPONENT
     return target.normal_erosion * target.density * speed * size * oka_angle(alpha, target.hardness)
 

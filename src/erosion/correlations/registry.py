@@ -88,7 +88,7 @@ class Correlation:
         ranges: what it is made for, by argument, as far as that is known here.
         valid_for: the erodent and target behind it.
         source: where it is published.
-        formula: E and its constants in words, those of a target as "{exponent}".
+        formula: E and its constants in words, those of a target as "{0.exponent}".
         materials: the targets by name, for a correlation with a table of them.
     """
 
@@ -135,14 +135,14 @@ class Correlation:
         if not self.materials:
             return self.formula
         usual = inspect.signature(self.erosion).parameters["material"].default
-        return self.formula.format(**dataclasses.asdict(self.materials[material or usual]))
+        return self.formula.format(self.materials[material or usual])
 
     def normalised(self, alpha: Values) -> Array:
         """F(α)/F(α_max), to lay curves of any scale over each other."""
         return self(alpha) / self.peak
 
 
-_DNV = "E = K v₀ⁿ F(α), K = {coefficient:g} (m/s)⁻ⁿ, n = {exponent:g}"
+_DNV = "E = K v₀ⁿ F(α), K = {0.coefficient:g} (m/s)⁻ⁿ, n = {0.exponent:g}"
 _HARDNESS = f"E = C BH^-0.59 F_s v₀^{{n:g}} F(α), C = {{c:g}}, BH = {families.BRINELL_CARBON_STEEL:g} kgf/mm²"
 _DNV_STEEL = families.DNV_MATERIALS["carbon-steel"].density
 
@@ -154,7 +154,7 @@ CORRELATIONS: Mapping[str, Correlation] = types.MappingProxyType(
                         families.FINNIE_MATERIALS["steel"].density, ANGLES_ALONE,
                         "ductile targets; predicts no erosion at 90°, where tests find some",
                         "I. Finnie, Wear 3 (1960) 87-103, as in OpenFOAM's ParticleErosion",
-                        "E = c ρ v₀²/(p ψ K) F(α), c = {fraction:g}, "
+                        "E = c ρ v₀²/(p ψ K) F(α), c = {0.fraction:g}, "
                         f"ψ = {families.CONTACT_RATIO:g}, K = {families.FORCE_RATIO:g}", families.FINNIE_MATERIALS),
             Correlation("dnv", "DNV RP-O501 (2015)", families.dnv_2015, families.dnv, _DNV_STEEL, families.DNV_RANGES,
                         "sand on ductile steels and alloys, pipe flow",
@@ -173,9 +173,12 @@ CORRELATIONS: Mapping[str, Correlation] = types.MappingProxyType(
                         families.OKA_MATERIALS["steel"].density, families.OKA_RANGES,
                         "angular sand on metals; the exponents are those of SiO₂",
                         "Y. I. Oka, K. Okamura, T. Yoshida, Wear 259 (2005) 95-101",
-                        "E = ρ E₉₀ (v₀/v')^k₂ (D/D')^k₃ g(α), E₉₀ = {normal_erosion:g} m³/kg, Hv = {hardness:g} GPa, "
+                        "E = ρ E₉₀ (v₀/v')^k₂ (D/D')^k₃ g(α), E₉₀ = {0.normal_erosion:g} m³/kg, "
+                        "Hv = {0.hardness:g} GPa, "
                         f"v' = {families.REFERENCE_SPEED:g} m/s, D' = {families.REFERENCE_DIAMETER * 1e6:g} µm, "
-                        f"k₃ = {families.DIAMETER_EXPONENT:g}", families.OKA_MATERIALS),
+                        "k₂ = {0.exponents[0]:.4g}, "
+                        f"k₃ = {families.DIAMETER_EXPONENT:g}, g = (sin α)^n₁ [1 + Hv (1 - sin α)]^n₂, "
+                        "n₁ = {0.exponents[1]:.4g}, n₂ = {0.exponents[2]:.4g}", families.OKA_MATERIALS),
             Correlation("mclaury", "McLaury (Edwards 2000)", families.mclaury_angle, families.mclaury,
                         families.STEEL_DENSITY, ANGLES_ALONE,
                         "sand on carbon steel",
@@ -185,8 +188,9 @@ CORRELATIONS: Mapping[str, Correlation] = types.MappingProxyType(
                         families.ARABNEJAD_MATERIALS["carbon-steel-4130"].density, families.ARABNEJAD_RANGES,
                         "150 µm sand on steels; F is the cutting term alone, E has deformation too",
                         "H. Arabnejad, A. Mansouri, S. A. Shirazi, B. S. McLaury, Wear 332-333 (2015) 1044-1050",
-                        "E = F_s [C₁ v₀^2.41 f(α) + C₂ (v₀ sin α - U)₊²/2], C₁ = {cutting:g}, C₂ = {deformation:g}, "
-                        "K of f = {force_ratio:g}, U = {threshold:g} m/s", families.ARABNEJAD_MATERIALS),
+                        "E = F_s [C₁ v₀^2.41 f(α) + C₂ (v₀ sin α - U)₊²/2], C₁ = {0.cutting:g}, "
+                        "C₂ = {0.deformation:g}, K of f = {0.force_ratio:g}, U = {0.threshold:g} m/s",
+                        families.ARABNEJAD_MATERIALS),
         )
     }
 )  # fmt: skip
