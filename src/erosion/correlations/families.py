@@ -152,7 +152,7 @@ class OkaMaterial:
 
     @property
     def exponents(self) -> tuple[Values, Values, Values]:
-        """k₂ of the speed by sand, and n₁ and n₂ of g(α) [-]."""
+        """k₂ of the speed, and n₁ and n₂ of g(α)."""
         return _oka_exponents(self.hardness)
 
 
@@ -181,11 +181,9 @@ def _oka_exponents(hardness: Values) -> tuple[Values, Values, Values]:
 def oka_angle(alpha: Values, hardness: Values = 1.8) -> Array:
     """Oka's (sin α)^n₁ [1 + Hv (1 - sin α)]^n₂ for sand (SiO₂), which is 1 at 90°.
 
-    n₁ = 0.71 Hv^0.14 and n₂ = 2.4 Hv^-0.94: shallow angles gain on hard targets less.
-
     Args:
         alpha: α [rad].
-        hardness: Vickers hardness Hv of the target [GPa]. 1.8 GPa is a carbon steel.
+        hardness: Vickers hardness Hv of the target [GPa]. 1.8 is carbon steel; shallow angles gain on hard ones less.
 
     References:
         Y. I. Oka, K. Okamura, T. Yoshida, Wear 259 (2005) 95-101.
