@@ -138,6 +138,7 @@ def test_faces_that_fit_a_serial_and_a_parallel_run_are_refused(run):
 def test_a_hidden_file_is_no_table(run):
     rows = len(together(read_impacts(run))["count"])
     shutil.copy(run / LAST, run / LAST.with_name(".hump.post"))
+    shutil.copytree(run / TABLES, run / TABLES / ".kept")
     assert len(together(read_impacts(run))["count"]) == rows
     (run / LAST).unlink()
     assert "run has no table 0.02/hump, but those of others" in " ".join(read_impacts(run).warnings)

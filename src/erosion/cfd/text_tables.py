@@ -261,8 +261,8 @@ def _files(folder: Path) -> list[Path]:
     # Beside those of clouds a case has tables of forces, probes and others.
     roots = (folder / "postProcessing" / "lagrangian", folder / "lagrangian", folder)
     root = next(root for root in roots if root.is_dir())
-    files = sorted(file for file in root.rglob("*") if file.is_file() and _is_table(file) and _in_window(file))
-    files = files or sorted(file for file in root.iterdir() if file.is_file() and _is_table(file))
+    tables = sorted(file for file in root.rglob("*") if _is_table(file, root))
+    files = [file for file in tables if _in_window(file)] or [file for file in tables if file.parent == root]
     if not files:
         names = sorted(file.name + "/" * file.is_dir() for file in folder.iterdir())
         listed = f"{', '.join(names[:10])}{', …' if len(names) > 10 else ''}" if names else "nothing"
@@ -278,8 +278,10 @@ def _files(folder: Path) -> list[Path]:
     return files
 
 
-def _is_table(file: Path) -> bool:
-    return file.name.removesuffix(".gz").endswith((".post", ".dat")) and not file.name.startswith(".")
+def _is_table(file: Path, root: Path) -> bool:
+    """Whether its name is a table's, and nothing below `root` is hidden, as copies and unfinished files are."""
+    is_hidden = any(part.startswith(".") for part in file.relative_to(root).parts)
+    return file.name.removesuffix(".gz").endswith((".post", ".dat")) and file.is_file() and not is_hidden
 
 
 def _openfoam_table(path: Path) -> Table:
