@@ -274,6 +274,23 @@ def lines(case: Case, order: int, found: Sequence[Measured]) -> list[list[str]]:
     return rows
 
 
+def states(case: Case, rounds: int, times: int = 100) -> float:
+    """How many times as long 1,000 lanes take with their states at 100 times, until the last of them ends."""
+    lanes, problem = lanes_of(case, 1000), case.problem()
+
+    def seconds(ts: np.ndarray | None = None) -> float:
+        begin = time.process_time()
+        ode.solve(problem, lanes, t1=case.t1, rtol=1e-8, smooth=True, ts=ts)
+        return time.process_time() - begin
+
+    ts = np.linspace(0.0, ode.solve(problem, lanes, t1=case.t1, rtol=1e-8, smooth=True).t.max(), times)
+    begin = time.process_time()
+    while time.process_time() - begin < _WARM:
+        seconds()
+        seconds(ts)
+    return statistics.median(seconds(ts) / seconds() for _ in range(5 * rounds))
+
+
 _FIRST = """
 import time
 import erosion, jax, numpy
@@ -341,6 +358,8 @@ def main() -> None:
             print("\n".join(" | ".join(row) for row in more), flush=True)
             rows += more
     print(table_text("problem: contender | rtol | µs a lane, median (min–max) | × | wrong | t, 99 %", rows))
+    times = [[CASES[name].name, f"{states(CASES[name], given.rounds):.2f}"] for name in given.only]
+    print(table_text("states at 100 times | over the end alone", times), flush=True)
     head = "first call after the imports | V, s | V, V′, V″, s"
     calls = [
         [CASES[case].name, *(f"{statistics.median(first_calls(case, order, given.rounds)):.2f}" for order in (0, 2))]
