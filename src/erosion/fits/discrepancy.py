@@ -17,7 +17,7 @@ References:
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from erosion.distributions import Distribution, LogNormal, Normal
 from erosion.fits.likelihood import Likelihood
 from erosion.fits.tempering import Misfit
 from erosion.joint_laws import LawSet
+from erosion.ode.batch import in_threads
 
 EXPONENT = "exponent"
 """n, the exponent of the speed."""
@@ -47,7 +48,8 @@ _RANGES = {EXPONENT: (1.0, 4.0), _SINE: (-np.inf, np.inf), **dict.fromkeys((*_OF
 
 MOST = 200
 """Conditions of one process; nearer ones of more are put together."""
-_NUMBERS = 2**22  # of the covariances of a batch: 32 MB
+_NUMBERS = 2**17  # of the covariances of a batch: 1 MB, which stays in a core's cache
+_FEW = 2**16  # of the covariances that one thread computes sooner
 _JITTER, _BLUR = 1e-9, 1e-8  # of a variance, of rows and of curves
 _STEP, _COARSER = np.deg2rad(1.0), 1.3  # of angles that are put together, and by which it grows
 _SPEED_STEP = 1 / np.deg2rad(25.0)  # of ln v for each of the angle, as the lengths
@@ -129,35 +131,42 @@ class Discrepant(Misfit):
             squares = ((mean - pooled.mean) / pooled.deviation) ** 2 / variances
             return squares.sum(axis=1), np.log(variances).sum(axis=1)
         chi2, logs = np.empty((2, len(mean)))
-        for batch, factor, whitened, size in self._factored(values, mean, variances):
+
+        def fill(batch: np.ndarray, _: Any) -> None:
+            some = {name: column[batch] for name, column in values.items()}
+            factor, whitened, size = self._factored(some, mean[batch], variances[batch])
             chi2[batch] = np.sum(whitened**2, axis=1)
             diagonal = np.diagonal(factor, axis1=1, axis2=2)
             logs[batch] = 2 * np.sum(np.log(diagonal) + np.log(size / pooled.deviation), axis=1)
+
+        count = len(pooled.mean)
+        in_threads(fill, np.arange(len(mean)), _batch(count), _FEW // count**2)
         return chi2, logs
 
     def _factored(
-        self, values: Mapping[str, np.ndarray], mean: np.ndarray, variances: np.ndarray, asked: int = 0
-    ) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
-        """In batches: L of LLᵀ = C/(s sᵀ), L⁻¹ of the residuals over s, and s, the size of each condition's mean.
-
-        Batches leave room for the covariances of as many conditions that are asked.
-        """
-        pooled, process = self.plain.parts[0], self._between(self.plain.parts[0].conditions)
+        self, values: Mapping[str, np.ndarray], mean: np.ndarray, variances: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """L of LLᵀ = C/(s sᵀ), L⁻¹ of the residuals over s, and s, the size of each condition's mean."""
+        pooled = self.plain.parts[0]
         count = len(pooled.mean)
-        for batch in _batches(len(mean), max(count, asked)):
-            error = variances[batch] * pooled.deviation**2
-            size = np.sqrt(mean[batch] ** 2 + error)
-            scaled = mean[batch] / size
-            joint = np.empty((len(size), count + 1, count + 1))
-            joint[:, :count, :count] = process({name: column[batch] for name, column in values.items()})
-            joint[:, :count, :count] *= scaled[:, :, None] * scaled[:, None, :]
-            places = np.arange(count)
-            joint[:, places, places] = joint[:, places, places] * (1 + _JITTER) + error / size**2 + _JITTER
-            # The last row of the factor is the residuals' L⁻¹.
-            joint[:, count, :count] = joint[:, :count, count] = (pooled.mean - mean[batch]) / size
-            joint[:, count, count] = 1e300
-            factor = np.linalg.cholesky(joint)
-            yield batch, factor[:, :count, :count], factor[:, count, :count], size
+        error = variances * pooled.deviation**2
+        size = np.sqrt(mean**2 + error)
+        scaled = mean / size
+        joint = np.empty((len(size), count + 1, count + 1))
+        joint[:, :count, :count] = self._process(values)
+        joint[:, :count, :count] *= scaled[:, :, None] * scaled[:, None, :]
+        places = np.arange(count)
+        joint[:, places, places] = joint[:, places, places] * (1 + _JITTER) + error / size**2 + _JITTER
+        # The last row of the factor is the residuals' L⁻¹.
+        joint[:, count, :count] = joint[:, :count, count] = (pooled.mean - mean) / size
+        joint[:, count, count] = 1e300
+        factor = np.linalg.cholesky(joint)
+        return factor[:, :count, :count], factor[:, count, :count], size
+
+    @functools.cached_property
+    def _process(self) -> Callable[[Mapping[str, np.ndarray]], np.ndarray]:
+        """The covariance of the data's conditions."""
+        return self._between(self.plain.parts[0].conditions)
 
     def draw(
         self, values: Mapping[str, np.ndarray], conditions: Mapping[str, np.ndarray], rng: np.random.Generator
@@ -207,14 +216,17 @@ class Discrepant(Misfit):
     def _at_questions(
         self, values: Mapping[str, np.ndarray], there: Mapping[str, np.ndarray]
     ) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """In batches, δ after the data: its mean, shape (n, conditions), and its covariance."""
+        """In batches of draws, δ after the data: its mean, shape (n, conditions), and its covariance."""
         pooled, known = self.plain.parts[0], self.mean(values, self.plain.parts[0].conditions)
         variances = self.plain.variances(values, known, pooled)
         variances = np.ones_like(known) if variances is None else variances
         own, across = self._between(there), self._between(there, pooled.conditions)
         places = np.arange(len(there["alpha"]))
-        for batch, factor, whitened, size in self._factored(values, known, variances, len(places)):
+        step = _batch(max(len(places), len(pooled.mean)))
+        for start in range(0, len(known), step):
+            batch = slice(start, start + step)
             of_batch = {name: column[batch] for name, column in values.items()}
+            factor, whitened, size = self._factored(of_batch, known[batch], variances[batch])
             tie = across(of_batch) * (known[batch] / size)[:, None, :]
             tie = np.linalg.solve(factor, tie.swapaxes(1, 2))
             left = own(of_batch) - tie.swapaxes(1, 2) @ tie
@@ -230,7 +242,9 @@ class Discrepant(Misfit):
         speed = conditions.get("v0", np.asarray(float(np.max(self.plain.forward.p.v0))))
         return np.broadcast_to(np.log(speed / self.reference), np.shape(conditions["alpha"]))
 
-    def _between(self, here: Mapping[str, np.ndarray], there: Mapping[str, np.ndarray] | None = None) -> Any:
+    def _between(
+        self, here: Mapping[str, np.ndarray], there: Mapping[str, np.ndarray] | None = None
+    ) -> Callable[[Mapping[str, np.ndarray]], np.ndarray]:
         """The process' covariance between two sets of conditions, as a function of the parameters' values."""
         there = here if there is None else there
         apart = np.abs(np.subtract.outer(here["alpha"], there["alpha"]))
@@ -254,9 +268,9 @@ def _matern(distance: np.ndarray) -> np.ndarray:
     return (1 + scaled + scaled**2 / 3) * np.exp(-scaled)
 
 
-def _batches(count: int, conditions: int) -> Iterator[slice]:
-    size = max(_NUMBERS // (conditions + 1) ** 2, 1)
-    return (slice(start, start + size) for start in range(0, count, size))
+def _batch(conditions: int) -> int:
+    """Draws whose covariances are in memory at once."""
+    return max(_NUMBERS // (conditions + 1) ** 2, 1)
 
 
 def with_few_conditions(likelihood: Likelihood, most: int = MOST) -> Likelihood:
