@@ -9,6 +9,7 @@ import erosion
 from erosion.cfd.rows import ImpactsError
 from erosion.cfd.surface import Surface
 from tests.cfd.parts import PARTS, polygons, rows_on, write
+from tests.cfd.tables import Table
 
 P = erosion.TABLE_1.to("si")
 
@@ -136,3 +137,24 @@ def test_a_strip_with_one_side_is_named() -> None:
     with pytest.raises(ImpactsError, match="one side only"):
         _ = strip.parts
     assert strip.mixed.size
+
+
+@pytest.mark.parametrize("reverse", [False, "auto"])
+@pytest.mark.parametrize("thickness", [0.0, 1e-3])
+def test_each_side_of_a_sheet_has_its_own_impacts(thickness: float, reverse: bool | str, tmp_path: Path) -> None:
+    upper, lower = PARTS["plate"], PARTS["plate"].reversed()
+    above, below = rows_on(upper, 400), rows_on(lower, 200)
+    points, corners = np.concatenate([upper.points, lower.points]), np.concatenate([upper.corners, lower.corners])
+    points[len(upper.points) :, 2] -= thickness
+    corners[len(upper.corners) :] += len(upper.points)
+    both = polygons(points, corners.reshape(-1, 4))
+    table = Table(1.0, **{name: np.concatenate([values, below.columns[name]]) for name, values in above.columns.items()})
+    table.columns["position"][400:, 2] -= thickness
+    surface = erosion.read_surface(write(both, tmp_path / "part.vtp"), reverse=reverse, unit="m")
+    wear = erosion.erosion_map("dnv", P, table, surface)
+    assert not wear["left_out"].any()
+    assert "turned" not in wear.attrs["warnings"]
+    sides = wear["impacts"].values.reshape(2, -1)
+    np.testing.assert_array_equal(sides.sum(axis=1), [400, 200])
+    alone = erosion.erosion_map("dnv", P, above, upper)
+    np.testing.assert_allclose(wear["volume"].values[: upper.faces], alone["volume"], rtol=1e-12)

@@ -114,6 +114,10 @@ class Incidence:
         face, distance, named = self._faces(block, fate)
         speed, alpha = self._motion(block, face)
         meets = fate == HIT
+        if self.surface is not None and block.velocity is not None and (behind := meets & ~named & (alpha <= 0)).any():
+            # Of both sides of a sheet, which are equally near, the one that is approached.
+            face = np.where(behind & (self.surface.other_side[face] >= 0), self.surface.other_side[face], face)
+            speed, alpha = self._motion(block, face)
         fate[meets & (alpha <= 0)] = RECEDING
         fate[meets & (speed == 0)] = STUCK
         return Hits(

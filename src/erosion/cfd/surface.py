@@ -21,6 +21,7 @@ METRES: Mapping[str, float] = {
 
 _SHARP = np.pi / 3
 """The angle between two faces from which on they are two walls, not facets of a curved one [rad]."""
+_SAME_PLACE = 1e-9  # of the surface's length
 _ROWS = 1 << 15  # whose distances are computed at once
 
 
@@ -265,6 +266,17 @@ class Surface:
             return np.flatnonzero(self.parts[1])
         except ImpactsError:
             return np.unique([one[are_along], other[are_along]])
+
+    @functools.cached_property
+    def other_side(self) -> Indices:
+        """Of each face the one in the same place with the opposite normal, as sheets without thickness have; or -1."""
+        place, other_side = np.rint(self.centre / (_SAME_PLACE * self.length)), np.full(self.faces, -1)
+        order = np.lexsort(place.T)
+        one, other = order[:-1], order[1:]
+        opposite = np.einsum("ij,ij->i", self.normal[one], self.normal[other]) < -np.cos(_SHARP)
+        pairs = (place[one] == place[other]).all(axis=1) & opposite
+        other_side[one[pairs]], other_side[other[pairs]] = other[pairs], one[pairs]
+        return other_side
 
     @functools.cached_property
     def _triangles(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
