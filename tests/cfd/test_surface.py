@@ -9,7 +9,6 @@ import erosion
 from erosion.cfd.rows import ImpactsError
 from erosion.cfd.surface import Surface
 from tests.cfd.parts import PARTS, polygons, rows_on, write
-from tests.cfd.tables import Table
 
 P = erosion.TABLE_1.to("si")
 
@@ -148,7 +147,7 @@ def test_each_side_of_a_sheet_has_its_own_impacts(thickness: float, reverse: boo
     points[len(upper.points) :, 2] -= thickness
     corners[len(upper.corners) :] += len(upper.points)
     both = polygons(points, corners.reshape(-1, 4))
-    table = Table(1.0, **{name: np.concatenate([values, below.columns[name]]) for name, values in above.columns.items()})
+    table = above.replace(**{name: np.concatenate([its, below.columns[name]]) for name, its in above.columns.items()})
     table.columns["position"][400:, 2] -= thickness
     surface = erosion.read_surface(write(both, tmp_path / "part.vtp"), reverse=reverse, unit="m")
     wear = erosion.erosion_map("dnv", P, table, surface)
