@@ -1,11 +1,27 @@
-"""Bad case files: one sentence that names the file and the field."""
+"""Bad case files: one sentence that names the file and the field.
+
+Quantities as people type them: endless powers, endless digits, and units in the spelling of spreadsheets.
+"""
+
+import itertools
+import math
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 import erosion
 import erosion.parameters.case_files
+from erosion.cli import _status
+from erosion.distributions import read_distribution
+from erosion.explorer.state import PageCase, PageState
+from erosion.fits.measurements import HeaderError, read_header
+from erosion.parameters.quantities import Dimension, UnitError, check_system, has_unit, read_axis, read_quantity
 from tests.bad_input.conftest import ALL_BYTES, CASE
 from tests.bad_input.unchecked import without_type_checks
+from tests.documents import Shell
 from tests.parameters.test_parameters import case_text
 
 FIELDS = [
@@ -185,3 +201,237 @@ def test_a_title_is_one_line_and_never_blank(tmp_path, title, words):
     file = tmp_path / "mine.toml"
     file.write_text(case_text(title=f'"{title}"'), encoding="utf-8")
     assert erosion.parameters.case_files.CaseFile.read(file).title() == words
+
+
+@pytest.fixture(autouse=True)
+def soon() -> Iterator[None]:
+    """Each of these is answered within a moment, not in hours."""
+
+    def late(*_: Any) -> None:
+        raise TimeoutError
+
+    usual = signal.signal(signal.SIGALRM, late)
+    signal.alarm(10)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, usual)
+
+
+POWERS = [
+    "9**9**9**9", "9^9^9^9", "9²²²²", "9.0**9**9**9", "9**-9**9**9**9", "((((((9**9)**9)**9)**9)**9)**9)",
+    "9**(9**9**9)", "9**((9))**9**9", "9**9e9", "9**(99*99*99*99)", "9**(9 9 9 9)", "9**(9)(9)(9)(9)", "9**(9+9e9)",
+    "9**0x99999999", "9**999_999_999", "9**(9/(1/99999999))", "9**(1//(1/9e99))", "2**(8/3/.000000001)",
+    "((s/s)**99)**99", "m**1000/m**1000", "9 squared**9**9**9",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("power", POWERS)
+def test_a_power_that_would_never_end_is_refused(power: str) -> None:
+    with pytest.raises(UnitError, match=r"^must be a speed such as \"110 m/s\", but .* cannot be read$"):
+        read_quantity(f"1 m/s*{power}", "speed", "si")
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension", "value"),
+    [
+        ("1 kg*(m/s)^2/m^3", "stress", 1.0),
+        ("1 m**(1/2)*m**(1/2)/s", "speed", 1.0),
+        ("1 m**2.5/m**1.5", "length", 1.0),
+        ("1 m*(m**2)**2/m^2", "volume", 1.0),
+        ("3 m ** -1 * m ** 2", "length", 3.0),
+        ("1 s^(-1)", "rate", 1.0),
+        ("2 kg m²/s²/m³", "stress", 2.0),
+    ],
+)
+def test_powers_that_people_write_are_read(text: str, dimension: Dimension, value: float) -> None:
+    assert read_quantity(text, dimension, "si") == pytest.approx(value, rel=1e-14)
+
+
+LONG = ["1" * 50_000 + "x", "1" * 50_000 + " m/s", "1." + "1" * 50_000 + "e", "1 " + "m" * 50_000, " " * 50_000 + "x",
+        "1 " + "(" * 50_000, "1" + "e1" * 50_000, "1 m" + "/s*s" * 50_000, "+" * 50_000]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", LONG, ids=range(len(LONG)))
+def test_a_long_text_is_refused_at_once_and_shown_in_short(text: str) -> None:
+    assert not has_unit(text)
+    with pytest.raises(UnitError, match=r"characters\) cannot be read$") as caught:
+        read_quantity(text, "speed", "si")
+    assert len(str(caught.value)) < 200
+
+
+ENDLESS = ["1 m/s*9**9**9**9", "1" * 50_000 + "x"]
+
+
+@pytest.mark.parametrize("text", ENDLESS, ids=("power", "digits"))
+def test_every_door_refuses_them(text: str, tmp_path: Path, shell: Shell) -> None:
+    file = tmp_path / "case.toml"
+    file.write_text(f'v0 = "{text}"\n')
+    with pytest.raises(erosion.CaseError, match="v0"):
+        erosion.load_case(file)
+    with pytest.raises(HeaderError):
+        read_header(["angle [deg]", f"volume [{text}]"], "si")
+    with pytest.raises(ValueError, match="must be"):
+        read_distribution(f"normal({text}, 2)", "v0", "speed", "si")
+    state = PageState(PageCase.of(erosion.TABLE_1), ("linearized",), "linearized")
+    with pytest.raises(ValueError, match="Field `v0`"):
+        state.reading({"v0": text}, ["linearized"])
+    for option in ("--v0", "--alpha-range"):
+        verb = "run" if option == "--v0" else "optimum"
+        said = shell([verb, option, text, *([text] if verb == "optimum" else [])], 2).err
+        assert said.count("\n") == 1
+        assert len(said) < 400
+
+
+@pytest.mark.parametrize("text", ["1:2:" + "9" * 50_000, "1:" * 50_000, "1:2:3:" + "l" * 50_000])
+def test_long_ranges_are_refused_in_short(text: str) -> None:
+    with pytest.raises(UnitError, match="must be") as caught:
+        read_axis(text, "speed", "si")
+    assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize("head", [" " * 20_000 + "[", "angle" + " " * 20_000 + "]", "[" * 20_000])
+def test_a_long_head_of_a_column_is_refused_at_once(head: str, tmp_path: Path) -> None:
+    with pytest.raises(HeaderError, match="has no column `angle") as caught:
+        read_header([head, "volume [mm^3]"], "si")
+    assert len(str(caught.value)) < 300
+    file = tmp_path / "jet.csv"
+    file.write_text(f"{head}\n1\n")
+    with pytest.raises(ValueError, match="must have one column `v0`") as said:
+        read_distribution(f"samples({file})", "v0", "speed", "si")
+    assert len(str(said.value)) < 400
+
+
+@pytest.mark.parametrize(
+    ("text", "same", "dimension"),
+    [
+        ("3 m3", "3 m^3", "volume"),
+        ("20 mm3/kg", "20 mm^3/kg", "volume per mass"),
+        ("20 mm3/g", "20 mm^3/g", "volume per mass"),
+        ("2700 kg/m3", "2.7 g/cm^3", "density"),
+        ("1 lb/in3", "1 lb/in^3", "density"),
+        ("1 N/mm2", "1 MPa", "stress"),
+        ("1 lbf/in2", "1 psi", "stress"),
+        ("3 in3", "3 inch**3", "volume"),
+        ("1 µm3", "1 um^3", "volume"),
+    ],
+)
+def test_powers_without_a_sign_are_understood(text: str, same: str, dimension: Dimension) -> None:
+    for system in ("si", "inch-pound"):
+        assert read_quantity(text, dimension, system) == pytest.approx(
+            read_quantity(same, dimension, system), rel=1e-15
+        )
+
+
+def test_no_unit_of_pints_is_taken_for_a_power() -> None:
+    import pint
+
+    names = list(pint.UnitRegistry(cache_folder=None)._units)
+    assert not [name for name in names if name[:-1].isalpha() and name[-1:] in ("2", "3")]
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension"),
+    [
+        ("1 rad3", "angle"), ("20 deg^2", "angle"), ("20 deg*rad", "angle"), ("1 1/rad", "angle"),
+        ("1 deg/deg", "angle"),
+        ("1 rad^2/s", "angular speed"), ("1 1/s/rad", "angular speed"), ("1 rpm*rad", "angular speed"),
+        ("1 dB", "1"), ("50 percent", "1"), ("20 degC", "length"), ("1 mm", "angle"), ("1 m/s;import os", "speed"),
+        ("1 __class__", "length"), ("1 m.__class__", "length"), ("1 lambda: 0", "length"), ("0x10 m/s", "speed"),
+        ("1_000 m/s", "speed"), ("1,000 m/s", "speed"), ("1 000 m/s", "speed"), ("--5 m/s", "speed"),
+        ("5 M/S", "speed"), ("1 \udcff", "speed"), ("1 m\0s", "speed"), ("1 m/s*nan", "speed"), ("1 m/s/0", "speed"),
+        ("1 kg/m3 3", "density"),
+        ("1 m/s + 1 m/s", "speed"), ("2 2", "angle"),
+    ],
+)  # fmt: skip
+def test_what_another_program_might_take_for_a_quantity_is_refused(text: str, dimension: Dimension) -> None:
+    with pytest.raises(UnitError, match=r"^must be a"):
+        read_quantity(text, dimension, "si")
+
+
+@pytest.mark.parametrize("text", ["1:inf:3", "nan:1:3", "1e999:2:3", "1:-inf:3:log"])
+def test_ends_of_a_range_are_finite(text: str) -> None:
+    with pytest.raises(UnitError, match="must have finite ends, but is"):
+        read_axis(text, "speed", "si")
+
+
+def test_unit_systems_are_understood_in_capitals(tmp_path: Path) -> None:
+    assert check_system("SI") == "si"
+    assert check_system("Inch-Pound") == "inch-pound"
+    assert erosion.TABLE_1.to("SI").units == "si"
+    file = tmp_path / "case.toml"
+    file.write_text(erosion.dump_case(erosion.TABLE_1.to("si")).replace('"si"', '"SI"'))
+    assert erosion.load_case(file).units == "si"
+    assert _status(["run", "--units", "SI", "--v0", "100 m/s", "--json"]) == 0
+    for name in ("metric", "s i", "", "SI" * 5000):
+        with pytest.raises(ValueError, match="must be one of 'inch-pound', 'si'") as caught:
+            check_system(name)
+        assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize(
+    ("law", "spelled"),
+    [
+        ("normal(30, 5)", "normal(30deg, 5deg)"),
+        ("normal(30deg, 5)", "normal(30deg, 5deg)"),
+        ("normal(30, 5deg)", "normal(30deg, 5deg)"),
+        ("lognormal(20, 0.2)", "lognormal(20deg, 0.2)"),
+        ("uniform(10, 80)", "uniform(10deg, 80deg)"),
+        ("weibull(30, 4)", "weibull(30deg, 4)"),
+        ("rosin-rammler(30, 4, 10)", "rosin-rammler(30deg, 4, 10deg)"),
+    ],
+)
+def test_a_law_of_bare_angles_is_refused_with_the_right_spelling(law: str, spelled: str) -> None:
+    with pytest.raises(ValueError, match="must have units in its angles") as caught:
+        read_distribution(law, "alpha", "angle", "si")
+    assert f"such as {spelled}, but is {law!r}" in str(caught.value)
+    assert read_distribution(spelled, "alpha", "angle", "si") is not None
+    assert read_distribution("normal(1000, 5)", "phidot0", "angular speed", "si") is not None
+
+
+def test_every_law_of_a_bare_angle_is_one_line(shell: Shell) -> None:
+    assert shell("stream --alpha 'normal(30, 5)'", 2).err == (
+        "erosion: Option `--alpha` must have units in its angles, such as normal(30deg, 5deg), "
+        "but is 'normal(30, 5)'.\n"
+    )
+
+
+@pytest.mark.parametrize("density", ["2700", "2.7", " 2700 ", "1e3"])
+def test_a_bare_density_is_refused_with_the_right_spelling(density: str) -> None:
+    data = {"angle [deg]": [10, 20, 30], "mass_loss [mg]": [1.0, 2.0, 3.0]}
+    with pytest.raises(ValueError, match=r"`density` must carry its unit, such as \"2.7 g/cm\^3\", but is"):
+        erosion.calibrate("linearized", erosion.TABLE_1.to("si"), data, density=density, free=["k"])
+
+
+JETS = {
+    "v0 [m/s]\n100,5\n": "in its header, 1, but line 2 has 2; a decimal is written with a point",
+    "v0 [m/s],alpha [deg]\n100,20\n100,5,20\n": "in its header, 2, but line 3 has 3",
+    "v0 [m/s],alpha [deg]\n\n100,20\n100\n": "in its header, 2, but line 4 has 1",
+    'v0 [m/s]\n"100,5"\n': "line 2 (must be a speed",
+    "v0 [m/s]\n1_000\n": "line 2 (must be a speed",
+    "v0 [m/s]\n100 ft/s\n": "line 2 (must be a speed",
+    "v0 [m/s]\n": "which has no rows",
+    "v0 [m/s],v0 [m/s]\n1,2\n": "must have one column `v0`",
+    "v0 [kg]\n1\n": "of dimension [mass]",
+    'v0 [m/s]\n"100\n': "is no table in UTF-8",
+}
+
+
+@pytest.mark.parametrize("text", JETS, ids=range(len(JETS)))
+def test_a_table_of_samples_that_may_be_misread_is_refused(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "jet.csv"
+    file.write_text(text)
+    with pytest.raises(ValueError, match="must ") as caught:
+        read_distribution(f"samples({file})", "v0", "speed", "si")
+    assert JETS[text] in str(caught.value)
+
+
+def test_samples_of_angles_need_a_unit(tmp_path: Path) -> None:
+    file = tmp_path / "jet.csv"
+    for head, cell in itertools.product(("alpha", "alpha []"), ("30", "0.3")):
+        file.write_text(f"{head}\n{cell}\n")
+        with pytest.raises(ValueError, match=r"must have a unit in the header, such as `alpha \[deg\]`"):
+            read_distribution(f"samples({file})", "alpha", "angle", "si")
+    file.write_text("alpha [deg]\n180\n")
+    law = read_distribution(f"samples({file})", "alpha", "angle", "si")
+    assert law is not None
+    assert law.cdf(math.pi) == 1

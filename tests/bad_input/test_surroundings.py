@@ -1,16 +1,25 @@
-"""What surrounds a command goes wrong: full disks, readers that leave, Ctrl-C, single precision."""
+"""What surrounds a command goes wrong: full disks, readers that leave, Ctrl-C, single precision.
+
+Processes that lack something: float64, a device, their threads, letters, a cache of their own; and masked arrays.
+"""
 
 import contextlib
+import json
 import os
+import re
 import resource
 import shlex
 import signal
 import subprocess
 import sys
+import textwrap
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pint
 import pytest
 import xarray as xr
 from matplotlib.figure import Figure
@@ -18,12 +27,17 @@ from matplotlib.figure import Figure
 import erosion
 from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.map_result import write_map
+from erosion.cli import _have_room
+from erosion.distributions import Samples
+from erosion.fits import read_measurements
 from erosion.impacts.dataset_files import write_netcdf
+from erosion.joint_laws import Rows
 from erosion.output.files import write_whole
 from erosion.plotting.style import save_plot
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.sweep import ZarrStore
 from tests.cfd.tables import hump, sand
+from tests.documents import Shell
 
 
 def write_vtp(path):
@@ -253,3 +267,302 @@ def test_too_little_memory_is_one_sentence(monkeypatch, shell):
 
     monkeypatch.setattr("erosion.cli.app", too_large)
     assert shell("run", 1).err == "erosion: There is not enough memory for this.\n"
+
+
+P = erosion.TABLE_1
+
+
+def python(code: str, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run code in a process of its own, which ends even if it waits for ever."""
+    return subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", textwrap.dedent(code), *arguments],
+        env={**os.environ, **environment}, capture_output=True, text=True, encoding="utf-8", errors="replace",
+        timeout=120, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_every_way_to_a_number_refuses_single_precision() -> None:
+    done = python(
+        """
+        import erosion
+        p, closed = erosion.TABLE_1, erosion.models.Linearized().closed_form()
+        for compute in (lambda: erosion.alpha_max("linearized", p), lambda: erosion.alpha_min("linearized", p),
+                        lambda: erosion.impact("linearized", p), lambda: erosion.simulate("linearized", p),
+                        lambda: erosion.sweep("linearized", p, alpha=[0.2]), lambda: closed.volume(p),
+                        lambda: closed.alpha_max(p), lambda: erosion.correlations.CORRELATIONS["oka"](0.3),
+                        lambda: erosion.volume("linearized", p), lambda: erosion.verify("linearized")):
+            try:
+                print(compute())
+            except RuntimeError as error:
+                assert "erosion needs float64" in str(error), error
+                print("refused")
+        """,
+        JAX_ENABLE_X64="0",
+    )
+    assert done.stdout == "refused\n" * 10, done.stdout + done.stderr
+
+
+FORKED = """
+import os, signal
+import numpy as np
+import erosion
+p = erosion.TABLE_1.replace(alpha=np.linspace(0.1, 1, 200_000))
+def status_of_a_fork(then):
+    child = os.fork()
+    if child == 0:
+        signal.alarm(60)  # it would wait for ever
+        try:
+            then()
+            os._exit(0)
+        except RuntimeError as error:
+            os._exit(7 if 'get_context("spawn")' in str(error) else 8)
+    status = os.waitpid(child, 0)[1]
+    return os.WTERMSIG(status), os.WEXITSTATUS(status)
+ways = {
+    "impact": lambda: erosion.impact("rotating", p).volume,
+    "alpha_max": lambda: erosion.alpha_max("finnie", erosion.TABLE_1),
+    "closed form": lambda: erosion.models.Linearized().closed_form().volume(p),
+    "simulate": lambda: erosion.simulate("finnie", erosion.TABLE_1),
+}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("first", "then", "statuses"),
+    [
+        # The package's own compiler needs no thread that a fork lacks.
+        (["impact", "alpha_max"], ["impact", "alpha_max", "simulate"], [0, 0, 0]),
+        (["simulate"], ["simulate"], [7]),
+        (["closed form"], ["closed form", "simulate"], [7, 7]),
+    ],
+)
+def test_a_forked_process_computes_or_says_why_not(first: list[str], then: list[str], statuses: list[int]) -> None:
+    done = python(f"{FORKED}\nfor way in {first}: ways[way]()\nfor way in {then}: print(*status_of_a_fork(ways[way]))")
+    assert done.stdout == "".join(f"0 {status}\n" for status in statuses), done.stderr
+
+
+# One process obeys several command lines: to import JAX for each takes a second.
+COMMANDS = """
+import json, sys
+from erosion.cli import main
+from tests.documents import Shell
+for arguments in json.loads(sys.argv[1]):
+    try:
+        main(arguments)
+    except SystemExit as ended:
+        print("status", ended.code, file=sys.stderr)
+"""
+
+
+def commands(*lines: list[str], **environment: str) -> tuple[list[tuple[int, str]], str]:
+    """Status and errors of each command line, and all that they print."""
+    done = python(COMMANDS, json.dumps(lines), **environment)
+    ended = re.findall(r"(.*?)status (\d+)\n", done.stderr, flags=re.DOTALL)
+    return [(int(status), errors) for errors, status in ended], done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", ["cuda", "nonsense", "cuda,nonsense"])
+def test_a_device_that_is_not_there_is_a_sentence(platform: str, tmp_path: Path) -> None:
+    ended, _ = commands(
+        ["verify", "--model", "linearized"], ["report", "--only", "q1", "-o", str(tmp_path / "page")],
+        ["run"],  # the engine's own compiler needs none
+        JAX_PLATFORMS=platform,
+    )  # fmt: skip
+    sentence = (
+        f"erosion: JAX has no device to compute on, as JAX_PLATFORMS={platform} asks for one that is not here; "
+        "unset it.\n"
+    )
+    assert ended == [(1, sentence), (1, sentence), (0, "")]
+
+
+@pytest.mark.slow
+def test_a_home_that_cannot_be_written_is_no_warning(tmp_path: Path) -> None:
+    nowhere = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), "/dev/null")
+    ended, _ = commands(
+        ["run", "--plot", str(tmp_path / "cut.svg")], ["report", "--only", "q1", "-o", str(tmp_path / "page")],
+        MPLCONFIGDIR="", **nowhere,
+    )  # fmt: skip
+    assert ended == [(0, ""), (0, "")]
+
+
+ASCII = {
+    "PYTHONIOENCODING": {"PYTHONIOENCODING": "ascii"},
+    "LANG": {"LANG": "C", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},
+    "Latin": {"PYTHONIOENCODING": "latin-1"},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("environment", ASCII)
+def test_a_terminal_without_greek_letters_gets_words(environment: str) -> None:
+    (*shown, refused), said = commands(
+        ["run"], ["models"], ["optimum"], ["run", "--help"], ["run", "--alpha", "100 deg"], **ASCII[environment]
+    )
+    assert shown == [(0, "")] * 4
+    assert refused[0] == 2
+    assert refused[1].startswith("erosion: Option `--alpha`")
+    if environment == "PYTHONIOENCODING":
+        assert said.isascii()
+        assert "alpha = 20deg" in said
+        assert "in^3" in said
+        assert "10^-4 in^3" in said
+        assert "\\" not in said
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "run {}",
+        "run --plot {}",
+        "run --plot={}",
+        "run --model {}",
+        "optimum --model {}",
+        "compare -o {}",
+        "sweep --alpha 1deg:80deg:3 -o {}",
+        "stream --alpha samples({}) -o {}",
+        "calibrate {} --write-case fit.toml",
+        "calibrate sand.csv --write-case {}",
+        "map {} --surface plate.stl",
+        "map impacts.csv --surface {}",
+        "export --table {}",
+        "advise -o {}",
+        "report -o {}",
+        "exercise {} -o tasks.ipynb",
+        "models --path {}",
+        "materials {}",
+        "explore --materials {}",
+    ],
+)
+def test_a_name_that_is_no_text_is_refused_by_every_verb(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell, words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = os.fsdecode(b"caf\xe9.csv")
+    Path(name).write_text("angle [deg], erosion [-]\n20,1\n")
+    printed = shell([word.format(name) for word in words.split()], 2)
+    assert printed.out == ""
+    assert "caf\\xe9.csv" in printed.err
+    assert "UTF-8" in printed.err
+    assert printed.err.count("\n") == 1
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
+def test_a_folder_whose_name_is_no_text_is_a_place_to_work_in(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    folder.mkdir()
+    command = [sys.executable, "-m", "erosion", "run", "--json", "--plot", "cut.svg"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert (folder / "cut.svg").is_file()
+
+
+@pytest.mark.parametrize("columns", ["0", "1", "²", "9" * 20])
+def test_any_width_of_a_terminal_shows_every_word(columns: str) -> None:
+    def letters(columns: str) -> list[str]:
+        command, environment = [sys.executable, "-m", "erosion", "run", "--help"], {**os.environ, "COLUMNS": columns}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=True)
+        return sorted(letter for letter in done.stdout if letter.isalnum())
+
+    assert letters(columns) == letters("120")
+
+
+@pytest.mark.parametrize(
+    ("columns", "room"),
+    [("0", None), ("1", 40), ("39", 40), ("120", 120), ("1001", 1000), ("9" * 5000, 1000)]
+    + [(words, None) for words in ("-3", "", "wide", "²", "1e3", "80.5", "nan")],
+)
+def test_lines_have_room_for_words(monkeypatch: pytest.MonkeyPatch, columns: str, room: int | None) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    monkeypatch.setattr(os, "get_terminal_size", lambda handle: os.terminal_size((80, 24)))
+    _have_room()
+    assert os.environ.get("COLUMNS") == (room and str(room))
+
+
+def test_a_terminal_of_one_column_has_room_for_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "")
+    monkeypatch.setattr(os, "get_terminal_size", lambda handle: os.terminal_size((1, 24)))
+    _have_room()
+    assert os.environ["COLUMNS"] == "40"
+
+
+MASKED = np.ma.masked_array([0.1, 0.2, 0.3], mask=[False, True, False])
+DATA = {"angle [deg]": [10.0, 20.0, 30.0], "volume [in^3]": [1e-4, 2e-4, 2e-4]}
+FRICTION = Path(__file__).parents[2] / "models" / "coulomb_tip.py"
+IGNORES: dict[str, Callable[[], Any]] = {
+    "a parameter": lambda: P.replace(alpha=MASKED),
+    "an axis": lambda: erosion.sweep("linearized", P, alpha=MASKED),
+    "samples": lambda: Samples(MASKED),
+    "measurements": lambda: erosion.calibrate("linearized", P, {**DATA, "angle [deg]": MASKED}, ["k"]),
+    "an own parameter": lambda: erosion.load_model(FRICTION).replace(friction=MASKED),
+    "an angle of a comparison": lambda: erosion.compare(["linearized"], P, alpha=MASKED),
+}
+
+
+@pytest.mark.parametrize("name", IGNORES)
+def test_a_masked_value_is_no_value(name: str) -> None:
+    with pytest.raises(ValueError, match="must have no masked values; leave them out, or fill them with NaN"):
+        IGNORES[name]()
+
+
+QUANTITY = pint.UnitRegistry().Quantity
+NO_NUMBERS = [
+    np.array([0.1 + 1j, 0.2]), np.array([1, 2], "m8[s]"), ["0.1", "0_2"], [True, False], QUANTITY([1.0, 2.0], "km"),
+    [QUANTITY(1.0, "km"), QUANTITY(2.0, "km")],
+]  # fmt: skip
+TAKES: dict[str, Callable[[Any], Any]] = {
+    "an axis": lambda values: erosion.sweep("linearized", P, alpha=values),
+    "samples": Samples,
+    "rows": lambda values: Rows({"alpha": values}),
+    "measurements": lambda values: read_measurements({"angle [deg]": [10.0, 20.0], "volume [in^3]": values}, "si"),
+}
+
+
+@pytest.mark.parametrize("name", TAKES)
+def test_nothing_is_made_a_number_by_leaving_a_part_of_it_away(name: str) -> None:
+    for values in NO_NUMBERS:
+        with pytest.raises(ValueError, match="must hold real numbers without units"):
+            TAKES[name](values)
+
+
+def test_attributes_of_an_array_are_no_unit_of_its_class() -> None:
+    axis = xr.DataArray([0.5, 1.0], dims="x", attrs={"unit": "rad"})
+    assert Samples(axis).values.tolist() == [0.5, 1.0]
+
+
+def _in_degrees(*values: float) -> xr.DataArray:
+    return xr.DataArray([*values], dims="x", attrs={"units": "deg"})
+
+
+def test_the_unit_that_labels_say_counts_or_is_refused() -> None:
+    bare = erosion.sweep("linearized", P, alpha=np.deg2rad([1.0, 1.2]))
+    np.testing.assert_array_equal(erosion.sweep("linearized", P, alpha=_in_degrees(1.0, 1.2)).volume, bare.volume)
+    np.testing.assert_array_equal(erosion.sweep("linearized", P, alpha=bare.alpha).volume, bare.volume)
+    with pytest.raises(ValueError, match="`alpha` must be an angle such as"):
+        erosion.sweep("linearized", P, alpha=_in_degrees(1.0).assign_attrs(units="m"))
+    for make in (Samples, lambda values: Rows({"alpha": values}), lambda values: Samples([*values])):
+        with pytest.raises(ValueError, match="must hold numbers without units, but is in 'deg'"):
+            make(_in_degrees(1.0, 1.2))
+
+
+def test_the_unit_of_labelled_measurements_is_that_of_their_head() -> None:
+    rows = {"angle": _in_degrees(10.0, 20.0), "volume [in^3]": [1e-5, 2e-5]}
+    np.testing.assert_array_equal(read_measurements(rows, "si").angle, np.deg2rad([10.0, 20.0]))
+    rows = {"angle [deg]": rows["angle"], "volume [in^3]": rows["angle"]}
+    with pytest.raises(ValueError, match=r"`volume \[in\^3\]` must hold numbers without units, but is in 'deg'"):
+        read_measurements(rows, "si")
+
+
+def test_a_quantity_within_labels_is_refused() -> None:
+    with pytest.raises(ValueError, match="must hold real numbers without units"):
+        Samples(xr.DataArray(QUANTITY([1.0, 2.0], "deg"), dims="x"))
+
+
+def test_a_masked_array_without_masked_values_is_an_array() -> None:
+    values = np.ma.masked_array([0.1, 0.2])
+    np.testing.assert_array_equal(
+        erosion.impact("linearized", P.replace(alpha=values)).volume,
+        erosion.impact("linearized", P.replace(alpha=[0.1, 0.2])).volume,
+    )

@@ -15,7 +15,7 @@ from erosion.cfd.read import read_impacts, read_surface
 from erosion.cfd.surface import Surface
 from tests.cfd.parts import write
 from tests.cfd.tables import quadrilaterals
-from tests.correlations.test_pipes import pipes
+from tests.correlations.test_erosion import pipes
 
 pytestmark = pytest.mark.slow
 

@@ -1,5 +1,9 @@
-"""`erosion calibrate` as a user types it."""
+"""`erosion calibrate` as a user types it.
 
+`erosion predict` as a user types it.
+"""
+
+import csv
 import json
 import os
 import shlex
@@ -8,15 +12,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
+import erosion
 from erosion import impact, load_model, to_fluent
 from erosion.cli import _status
+from erosion.fits.posterior_files import read_predictor
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.case_files import dump_case, load_case
 from erosion.parameters.parameters import TABLE_1
+from tests.cli.test_document import check
 from tests.fits.test_real_data import SAND, measured
-
-pytestmark = pytest.mark.slow
 
 GUESS = ["--k", "3", "--psi", "0.06", "--starts", "2"]
 
@@ -32,6 +38,7 @@ def table(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_a_fit_as_json_with_a_figure(table, tmp_path, shell):
     figure = tmp_path / "fit.svg"
     options = ["--plot", str(figure), "--profile", "k"]
@@ -48,6 +55,7 @@ def test_a_fit_as_json_with_a_figure(table, tmp_path, shell):
     assert figure.read_text().startswith("<?xml")
 
 
+@pytest.mark.slow
 def test_what_is_not_determined_is_a_warning(table, shell):
     captured = shell(["calibrate", str(table), "--free", "psi,sigma", *GUESS])
     assert captured.err.startswith("warning: psi and sigma cannot be told apart: only psi·sigma is determined.")
@@ -57,6 +65,7 @@ def test_what_is_not_determined_is_a_warning(table, shell):
     assert printed["standard_errors"] == {"psi": None, "sigma": None}  # JSON has no infinity
 
 
+@pytest.mark.slow
 def test_columns_that_are_not_used_are_named(table, tmp_path, shell):
     text = "# from the lab\n" + "".join(f"{line},by hand\n" for line in table.read_text().splitlines())
     path = tmp_path / "notes.csv"
@@ -79,6 +88,7 @@ def sand(tmp_path_factory):
     return ["calibrate", str(data), str(case), "--density", "7850 kg/m^3", "--starts", "2"]
 
 
+@pytest.mark.slow
 def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, shell):
     path = tmp_path / "fitted.toml"
     options = ["--free", "sigma,k", "--cutting-fraction", "0.3", "--bounds", "sigma=1 GPa:2 GPa,k=1:5"]
@@ -104,6 +114,7 @@ def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, shell):
     assert f"{path}: 600 m/s is {600 / float(fastest):.3g} × the fastest test." in said
 
 
+@pytest.mark.slow
 def test_draws_are_within_bounds_and_spread_where_the_data_say_nothing(sand, tmp_path):
     path = tmp_path / "fitted.toml"
     bounded = [*sand, "--free", "sigma,k", "--cutting-fraction", "0.3", "--bounds", "sigma=1 GPa:1.4 GPa"]
@@ -120,6 +131,7 @@ def test_draws_are_within_bounds_and_spread_where_the_data_say_nothing(sand, tmp
     )
 
 
+@pytest.mark.slow
 def test_bounds_that_are_touched_are_in_table_and_json(sand, shell):
     options = ["--free", "k,cutting_fraction", "--bounds", "cutting_fraction=0.05:0.1"]
     captured = shell([*sand, *options])
@@ -129,11 +141,13 @@ def test_bounds_that_are_touched_are_in_table_and_json(sand, shell):
     assert {"parameter": "cutting_fraction", "touches": ["estimate at upper", "interval at upper"]} in touched
 
 
+@pytest.mark.slow
 def test_what_a_ranking_says_is_in_its_json(sand, shell):
     warnings = shell([*sand, "--model", "linearized,finnie", "--json"]).document["warnings"]
     assert warnings == ["linearized and finnie give the same curve: these data cannot tell them apart."]
 
 
+@pytest.mark.slow
 def test_tables_fit_a_terminal_of_80_characters(sand, monkeypatch, shell):
     monkeypatch.setenv("COLUMNS", "80")
     out = shell([*sand, "--model", "rotating,linearized,tan-alpha", "--free", "k,cutting_fraction"]).out
@@ -165,6 +179,7 @@ def aluminium(tmp_path_factory):
 DEFORMATION = ["--model", "linearized-deformation"]
 
 
+@pytest.mark.slow
 def test_a_written_case_is_exported_for_cfd_codes(aluminium, tmp_path, monkeypatch, shell):
     monkeypatch.chdir(tmp_path)
     *_, next_step = shell(
@@ -182,6 +197,7 @@ def test_a_written_case_is_exported_for_cfd_codes(aluminium, tmp_path, monkeypat
     assert not Path("erosionDict").exists()
 
 
+@pytest.mark.slow
 def test_a_written_case_has_the_model_for_every_verb(aluminium, tmp_path, monkeypatch, shell):
     monkeypatch.chdir(tmp_path)
     options = [*aluminium, *DEFORMATION, "--set", "threshold=8 m/s", "--write-case", "fitted.toml"]
@@ -210,6 +226,7 @@ def test_a_written_case_has_the_model_for_every_verb(aluminium, tmp_path, monkey
     )
 
 
+@pytest.mark.slow
 def test_models_are_ranked_though_one_lacks_a_parameter(aluminium, capsys, shell):
     options = ["--model", "linearized,linearized-deformation", "--bounds", "threshold=0:40 m/s,energy_ratio=0.5:5"]
     words = [*aluminium[:-1], "k,cutting_fraction,energy_ratio,threshold"]
@@ -221,6 +238,7 @@ def test_models_are_ranked_though_one_lacks_a_parameter(aluminium, capsys, shell
     assert line in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_end_without_a_unit_has_the_unit_of_the_other_end(table, shell):
     for ends in ("100:300 kip/in^2", "100 kip/in^2:300"):
         assert shell(["calibrate", str(table), "--free", "k,sigma", "--bounds", f"sigma={ends}", "--json"]).result[
@@ -232,6 +250,7 @@ def test_an_end_without_a_unit_has_the_unit_of_the_other_end(table, shell):
     )
 
 
+@pytest.mark.slow
 def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, shell):
     monkeypatch.setenv("COLUMNS", "96")
     page = (Path(__file__).parents[2] / "docs" / "calibration.md").read_text()
@@ -247,6 +266,7 @@ def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, shel
     assert next_step == ": --write-case fitted.toml, then erosion advise fitted.toml\n"
 
 
+@pytest.mark.slow
 def test_without_a_case_the_units_are_those_of_the_data(tmp_path, shell):
     lines = ["angle [deg], speed [m/s], volume [mm^3]", *(f"{angle}, {speed}, {1e-3 * angle * speed}"
              for angle in (10, 20, 30, 40) for speed in (50, 100))]  # fmt: skip
@@ -278,6 +298,7 @@ def two_speeds(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_pipe_needs_units_beside_it(tmp_path, shell):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
@@ -286,6 +307,7 @@ def test_a_pipe_needs_units_beside_it(tmp_path, shell):
     )
 
 
+@pytest.mark.slow
 def test_own_parameters_have_their_units_everywhere(two_speeds, monkeypatch, shell):
     monkeypatch.chdir(two_speeds)
     monkeypatch.setenv("COLUMNS", "300")
@@ -300,6 +322,7 @@ def test_own_parameters_have_their_units_everywhere(two_speeds, monkeypatch, she
     assert profile["values"]["unit"] == "m/s"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("deforms", "best"), [(0.0, "linearized"), (3e-9, "linearized-deformation")])
 def test_without_model_and_parameters_wear_at_steep_angles_is_tried(tmp_path, shell, deforms, best):
     """Metals lose much at 90°, where a cut removes nothing."""
@@ -312,3 +335,120 @@ def test_without_model_and_parameters_wear_at_steep_angles_is_tried(tmp_path, sh
     printed = shell(["calibrate", str(path), "--starts", "4", "--json"])
     assert printed.result["ranking"][0]["model"] == best
     assert ("energy_ratio" in printed.result["estimates"]) == (best == "linearized-deformation")
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Draws from weighings at two speeds, of a curve that no model has."""
+    angle, speed = (part.ravel() for part in np.meshgrid([15.0, 30.0, 45.0, 60.0, 75.0], [60.0, 98.0]))
+    true = 300 * np.sin(np.deg2rad(2 * angle)) ** 0.6 * (speed / 98) ** 2.4
+    weighed = true * (1 + 0.05 * np.random.default_rng(4).standard_normal(true.size))
+    data = {"angle [deg]": angle, "speed [m/s]": speed, "mass_loss [ug/g]": weighed}
+    p = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061")
+    drawn = erosion.posterior("linearized", p, data, ["k", "psi"], density=2700.0, error="2 mg/kg + 5 %", draws=125)
+    return drawn.save(tmp_path_factory.mktemp("fit") / "draws.nc")
+
+
+@pytest.mark.slow
+def test_the_numbers_are_those_of_the_predictor(fitted, shell, tmp_path):
+    table = tmp_path / "table.csv"
+    words = ["predict", str(fitted), "--alpha", "35deg, 50deg", "--v0", "60 m/s, 120 m/s", "--level", "0.9"]
+    printed = shell([*words, "-o", str(table), "--json"])
+    asked, at = np.deg2rad([[35.0, 50.0]] * 2), {"v0": np.array([[60.0], [120.0]])}
+    predictor = read_predictor(fitted)
+    of_mean, of_weighing = (predictor.predict(asked, at, 2000, noise=noise) for noise in (False, True))
+    result = printed.result
+    lines = result["predictions"]
+    assert [line["v0"] for line in lines] == [60, 60, 120, 120]
+    np.testing.assert_allclose([line["alpha"] for line in lines], asked.ravel())
+    np.testing.assert_allclose([line["mean"] for line in lines], of_mean.mean(axis=0).ravel())
+    # Weighings are drawn here, not there: of 2000 draws an end is known to some percents of the interval.
+    for what, draws, part in (("mean", of_mean, 1e-9), ("weighing", of_weighing, 0.05)):
+        ends = np.array([[line[f"{what}_{end}"] for line in lines] for end in ("low", "high")])
+        drawn = np.quantile(draws, [0.05, 0.95], axis=0).reshape(2, -1)
+        assert (np.abs(ends - drawn) <= part * (drawn[1] - drawn[0])).all()
+    check(printed.document)
+    assert result["weights"] == pytest.approx(predictor.weights)
+    assert result["parts"] == list(predictor.parts)
+    assert printed.document["result"]["predictions"][0]["mean"]["unit"] == "kg/kg"
+    assert any(said == "120 m/s is 1.22 × the fastest test." for said in printed.document["warnings"])
+    heading, *rows = csv.reader(table.read_text().splitlines())
+    assert heading[:4] == ["alpha [deg]", "v0 [m/s]", "mean [ug/g]", "mean_low [ug/g]"]
+    np.testing.assert_allclose([float(row[2]) for row in rows], 1e6 * of_mean.mean(axis=0).ravel())
+
+
+@pytest.mark.slow
+def test_the_tables_say_what_is_in_each_interval(fitted, shell, tmp_path):
+    printed = shell(["predict", str(fitted), "--plot", str(tmp_path / "bands.png")])
+    assert "α [°]   v₀ [m/s]   mean [ug/g]   95 % of the mean   95 % of a new weighing" in printed.out
+    # All angles at the speeds of the tests.
+    lines = printed.out.splitlines()
+    assert [
+        sum(line.split()[:2] == [angle, speed] for line in lines) for angle, speed in (("90", "60"), ("10", "98"))
+    ] == [1, 1]
+    words = " ".join(printed.out.split())
+    assert (
+        "holds parameters, discrepancy, speed exponent; that of a new weighing also its error, 2 mg/kg + 5 %." in words
+    )
+    for outside in ("10° is 0.667 × the flattest test.", "90° is 1.2 × the steepest test."):
+        assert f"warning: {outside}" in printed.err
+    assert (tmp_path / "bands.png").stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_another_size_is_another_mass(fitted, shell):
+    printed = shell(["predict", str(fitted), "--alpha", "35deg", "--v0", "98 m/s", "--particle", "garnet 0.6 mm"])
+    assert "is 8 × the heaviest test." in printed.err
+    # By the model, and by what it lacks, wear per mass of erodent has no size.
+    usual = shell(["predict", str(fitted), "--alpha", "35deg", "--v0", "98 m/s"])
+    (heavy,), (light,) = ([line.split() for line in said.out.splitlines() if line.split()[:2] == ["35", "98"]]
+                          for said in (printed, usual))  # fmt: skip
+    assert heavy[:2] + heavy[3:] == light  # the mass stands between
+
+
+@pytest.mark.slow
+def test_the_wear_is_in_the_unit_that_is_asked_for(fitted, shell, tmp_path):
+    words = ["predict", str(fitted), "--alpha", "35deg", "--v0", "98 m/s", "-o", str(tmp_path / "table.csv")]
+    rows = {}
+    for unit in ("mg/kg", "ug/g", "g/kg"):
+        shown = shell([*words, "--unit", unit, "--plot", str(tmp_path / "bands.svg")]).out
+        assert f"mean [{unit}]" in shown
+        # Letters are outlines, and a comment says what they spell.
+        assert f"<!-- [{unit}] -->" in (tmp_path / "bands.svg").read_text("utf-8")
+        heading, row = csv.reader((tmp_path / "table.csv").read_text().splitlines())
+        assert heading[2] == f"mean [{unit}]"
+        rows[unit] = float(row[2])
+    assert rows["mg/kg"] == pytest.approx(rows["ug/g"]) == pytest.approx(1e3 * rows["g/kg"])
+
+
+@pytest.mark.slow
+def test_draws_that_did_not_converge_are_named(fitted, shell, tmp_path):
+    with xr.open_datatree(fitted, engine="h5netcdf") as stored:
+        tree = stored.load()
+    tree["posterior"].attrs["converged"] = 0
+    tree.to_netcdf(tmp_path / "bad.nc", engine="h5netcdf")
+    assert "bad.nc: the draws did not converge." in shell(["predict", str(tmp_path / "bad.nc"), "--alpha", "35deg"]).err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["nowhere.nc"], "nowhere.nc: is not there."),
+        ([__file__], "must hold the draws of a posterior"),
+        (["--alpha", "3 kg"], "Option `--alpha` must be an angle"),
+        (["--alpha", "100 deg"], "Option `--alpha` must be "),
+        (["--v0", "0 m/s"], "Option `--v0` must be positive"),
+        (["--particle", "garnet"], "Option `--particle` must be a material and a size"),
+        (["--unit", "mm^3/g"], "Option `--unit` must be a mass per mass"),
+        (["--unit", "2 g/kg"], "Option `--unit` must be a unit, without a number, but is '2 g/kg'."),
+        (["--unit", "0 g/kg"], "Option `--unit` must be a unit, without a number"),
+        (["--unit", ""], "Option `--unit` must be a unit, without a number"),
+        (["--level", "95"], "Option `--level` must be in (0, 1), but is 95.0."),
+        (["-o", "table.nc"], "Option `--output` must end in .csv, but is table.nc."),
+        (["--plot", "table.txt"], "must end in .svg, .png or .pdf"),
+    ],
+)
+def test_mistakes_are_one_line(fitted, shell, options, message):
+    file = [] if options[0][0] != "-" else [str(fitted)]
+    assert message in shell(["predict", *file, *options], 2).err

@@ -1,28 +1,45 @@
+"""One protocol of progress for every verb, and the bar that shows it.
+
+Ctrl-C while modules are imported: it waits until they are.
+"""
+
+import contextlib
+import hashlib
+import inspect
+import io
+import os
 import shutil
+import signal
 import subprocess
 import sys
+import textwrap
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import erosion
+from erosion.arguments import Progress, no_progress
 from erosion.cli import _status
 from erosion.cli.errors import InputError
 from erosion.cli.options import CaseOptions
-from erosion.cli.output import Output
+from erosion.cli.output import Output, progress_bar
+from erosion.interrupts import _LONGEST, INTERRUPTED, between_imports, keeping_results, unawaited_threads
 from erosion.parameters.quantities import QUANTITIES
-
-pytestmark = pytest.mark.slow
+from erosion.report.page import write_report
 
 ROOT = Path(__file__).parents[2]
 
 
-def erosion(*arguments, **options):
+def erosion_verb(*arguments, **options):
     """The command as a shell runs it."""
     command = [sys.executable, "-c", "from erosion.cli import main; main()", *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, **options)
 
 
+@pytest.mark.slow
 def test_run_takes_a_model_and_parameters(shell):
     assert shell("run --model rotating --alpha 20deg --json").result["volume"] == pytest.approx(
         1.014085387462e-04, rel=1e-10
@@ -31,6 +48,7 @@ def test_run_takes_a_model_and_parameters(shell):
     assert printed["volume"] == pytest.approx(4 * 1.816436352531e-04 * 0.0254**3, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_run_prints_a_table_and_draws(shell, tmp_path):
     out = shell(["run", "--plot", str(tmp_path / "cut.svg")]).out
     assert "1.81644   10⁻⁴ in³" in out
@@ -38,6 +56,7 @@ def test_run_prints_a_table_and_draws(shell, tmp_path):
     assert (tmp_path / "cut.svg").read_text().startswith("<?xml")
 
 
+@pytest.mark.slow
 def test_models_lists_a_bad_file_with_its_reason_and_goes_on(shell, monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", "200")
     (tmp_path / "a_bad.py").write_text("1/0")
@@ -51,6 +70,7 @@ def test_models_lists_a_bad_file_with_its_reason_and_goes_on(shell, monkeypatch,
     assert "run as Python" in " ".join(shell("models --help").out.replace("│", " ").split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [80, 120])
 def test_models_table_fits_the_terminal(shell, monkeypatch, columns):
     monkeypatch.setenv("COLUMNS", str(columns))
@@ -67,6 +87,7 @@ def far_model(tmp_path):
     return Path(shutil.copy(ROOT / "models/coulomb_tip.py", folder))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", ["80", "120"])
 @pytest.mark.parametrize("words", ["models --path", "run --model", "optimum --model", "compare --model finnie --model"])
 def test_a_long_path_is_never_broken(far_model, shell, monkeypatch, words, columns):
@@ -77,6 +98,7 @@ def test_a_long_path_is_never_broken(far_model, shell, monkeypatch, words, colum
     assert all(len(line) <= int(columns) for line in lines if str(far_model) not in line)
 
 
+@pytest.mark.slow
 def test_help_comes_without_jax():
     code = "import sys; from erosion.cli import main\ntry: main(['--help'])\nfinally: assert 'jax' not in sys.modules"
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
@@ -94,10 +116,11 @@ def test_an_optimum_comes_without_what_it_does_not_use():
 
 @pytest.mark.slow
 def test_the_process_exits_with_the_status():
-    assert erosion("run", "--alpha", "95deg").returncode == 2
-    assert erosion("--version").stdout.strip() == "0.1.0"
+    assert erosion_verb("run", "--alpha", "95deg").returncode == 2
+    assert erosion_verb("--version").stdout.strip() == "0.1.0"
 
 
+@pytest.mark.slow
 def test_optimum_is_printed_and_drawn(shell, tmp_path):
     figure = tmp_path / "best.svg"
     out = shell(["optimum", "--model", "rotating", "--k", "1", "--plot", str(figure)]).out
@@ -106,6 +129,7 @@ def test_optimum_is_printed_and_drawn(shell, tmp_path):
     assert figure.read_text().startswith("<?xml")
 
 
+@pytest.mark.slow
 def test_compare_prints_a_table(shell, monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", "120")
     plot, printed = tmp_path / "models.svg", tmp_path / "models.pdf"
@@ -117,6 +141,7 @@ def test_compare_prints_a_table(shell, monkeypatch, tmp_path):
     assert plot.read_text().startswith("<?xml")
 
 
+@pytest.mark.slow
 def test_a_table_keeps_units_and_names_whole(capsys):
     """rich takes brackets for markup and shortens names, unless told otherwise."""
     row = ("rotating-velocity-aligned-full-torque", "0.5", "rebound")
@@ -127,6 +152,7 @@ def test_a_table_keeps_units_and_names_whole(capsys):
     assert row[0] in printed
 
 
+@pytest.mark.slow
 def test_every_parameter_of_an_impact_is_an_option(shell, monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
     printed = shell("run --help").out
@@ -136,6 +162,7 @@ def test_every_parameter_of_an_impact_is_an_option(shell, monkeypatch):
     assert 'v₀, impact speed: "4400 in/s".' in printed
 
 
+@pytest.mark.slow
 def test_a_mass_that_fits_no_body_of_the_size_is_a_warning(shell):
     said = shell("run --r '0.3 mm' --json")
     assert said.err.startswith("warning: m does not fit r and b: ")
@@ -143,6 +170,7 @@ def test_a_mass_that_fits_no_body_of_the_size_is_a_warning(shell):
     assert "does not fit" not in shell("run --particle 'garnet 0.3 mm'").err
 
 
+@pytest.mark.slow
 def test_materials_lists_names_ranges_and_sources(shell, tmp_path):
     out = shell("materials").out
     assert "4190 (4090 to 4310)" in out
@@ -177,6 +205,7 @@ def test_compare_and_sweep_write_tables_for_spreadsheets(shell, tmp_path):
     assert "warning: m does not fit r and b" in shell(["sweep", "--r", "0.2mm,0.4mm", "-o", str(table)]).err
 
 
+@pytest.mark.slow
 def test_a_case_is_called_by_its_title_and_what_options_change(tmp_path: Path) -> None:
     named, bare, wrong = tmp_path / "a.toml", tmp_path / "sand.toml", tmp_path / "c.toml"
     named.write_text('title = "Quartz\\non aluminium"\n')
@@ -190,3 +219,209 @@ def test_a_case_is_called_by_its_title_and_what_options_change(tmp_path: Path) -
     assert CaseOptions(**parameters).title("si") == "Table 1, k = 3, v₀ = 160 m/s, α = 40deg"
     with pytest.raises(InputError, match=r"c\.toml: field `title` must be text in quotes, but is 3\.$"):
         CaseOptions(case=wrong).title("si")
+
+
+class Terminal(io.StringIO):
+    """A text that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("verb", [erosion.sweep, erosion.stream, erosion.rank_models, erosion.verify, write_report])
+def test_every_verb_reports_its_progress_in_the_same_way(verb):
+    argument = inspect.signature(verb).parameters["progress"]
+    assert argument.annotation == Progress
+    assert argument.default is no_progress
+    assert argument.kind is inspect.Parameter.KEYWORD_ONLY
+
+
+def test_the_bar_shows_the_work_and_how_much_of_it_is_done(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    with progress_bar("reading") as progress:
+        progress("fitting finnie", 1, 4)
+    assert "fitting finnie" in terminal.getvalue()
+    assert "25%" in terminal.getvalue()
+
+
+def test_without_a_terminal_no_bar_is_shown(monkeypatch):
+    file = io.StringIO()
+    monkeypatch.setattr("sys.stderr", file)
+    with progress_bar("reading") as progress:
+        progress("fitting finnie", 1, 4)
+    assert file.getvalue() == ""
+
+
+SLOW = """
+import os, signal, time
+os.kill(os.getpid(), signal.SIGINT)
+time.sleep(0.1)
+COMPLETE = True
+"""
+
+
+@pytest.fixture
+def usual():
+    """Ctrl-C as Python leaves it; a shell's background jobs ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield signal.default_int_handler
+    signal.signal(signal.SIGINT, before)
+
+
+def test_an_import_is_not_interrupted(tmp_path, monkeypatch, usual):
+    (tmp_path / "slow_module.py").write_text(SLOW)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        _import_slow_module()
+    assert sys.modules.pop("slow_module").COMPLETE
+    assert signal.getsignal(signal.SIGINT) is usual
+
+
+def _import_slow_module():
+    with between_imports():
+        import slow_module  # noqa: F401  # pyright: ignore[reportMissingImports]
+
+        time.sleep(1)
+
+
+def test_an_error_that_python_made_of_ctrl_c_is_ctrl_c():
+    """As of one in `__set_name__`, while a class is made."""
+    with pytest.raises(KeyboardInterrupt), between_imports():
+        raise RuntimeError from KeyboardInterrupt()
+
+
+@pytest.mark.usefixtures("usual")
+def test_an_import_that_never_ends_is_interrupted(tmp_path, monkeypatch):
+    (tmp_path / "endless_module.py").write_text(SLOW.replace("0.1", "30"))
+    monkeypatch.syspath_prepend(tmp_path)
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), between_imports():
+        import endless_module  # noqa: F401  # pyright: ignore[reportMissingImports]
+    assert time.monotonic() - began < _LONGEST + 2
+
+
+def test_another_handler_and_another_thread_are_left_alone(usual):
+    handlers = []
+
+    def look():
+        with between_imports():
+            handlers.append(signal.getsignal(signal.SIGINT))
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    look()
+    signal.signal(signal.SIGINT, usual)
+    thread = threading.Thread(target=look)
+    thread.start()
+    thread.join()
+    assert handlers == [signal.SIG_IGN, usual]
+
+
+@pytest.mark.slow
+def test_ctrl_c_while_the_program_starts():
+    """It comes while the first module of the command line is imported."""
+    program = """
+        import os, signal, sys
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        class Once:
+            def find_spec(self, name, path=None, target=None):
+                if name == "cyclopts.core":
+                    os.kill(os.getpid(), signal.SIGINT)
+        sys.meta_path.insert(0, Once())
+        sys.argv[1:] = ["run"]
+        import runpy
+        runpy.run_module("erosion", run_name="__main__")
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.stderr == "erosion: interrupted\n"
+    assert done.returncode == INTERRUPTED
+
+
+PLUG_IN = """
+import atexit, ctypes, os, signal, threading
+from erosion.models.rigid import Rotating
+{}
+"""
+# What a plug-in does when it is loaded, in place of XLA and of the user.
+MOMENTS = {
+    # Python's exec notes an interrupt for its own end, also where it is caught.
+    "in a text that is executed": 'exec("raise KeyboardInterrupt")',
+    "at the end": """
+class Ends(threading.Thread):
+    def run(self):
+        threading.main_thread().join()
+        os.kill(os.getpid(), signal.SIGINT)
+Ends().start()
+model = Rotating()
+""",
+    "while a thread computes": """
+threading.Thread(target=threading.Event().wait).start()
+raise KeyboardInterrupt
+""",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("usual")
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_ctrl_c_is_one_line_and_status_130(tmp_path, moment):
+    plug_in = tmp_path / "interrupted.py"
+    plug_in.write_text(PLUG_IN.format(MOMENTS[moment]))
+    command = [sys.executable, "-m", "erosion", "run", "--model", str(plug_in)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.stderr == "erosion: interrupted\n"
+    assert done.returncode == INTERRUPTED
+
+
+@pytest.mark.usefixtures("usual")
+@pytest.mark.parametrize("keeps", [False, True])
+def test_a_library_that_heeds_no_ctrl_c_is_ended_unless_results_are_kept(monkeypatch, keeps):
+    ended = threading.Event()
+    monkeypatch.setattr("erosion.interrupts.stop_at_once", ended.set)
+
+    def compute():
+        with between_imports(), keeping_results() if keeps else contextlib.nullcontext():
+            threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+            began = time.monotonic()
+            while time.monotonic() - began < 2 * _LONGEST:
+                # Some seconds without Python's lock, as XLA compiles.
+                hashlib.pbkdf2_hmac("sha256", b"", b"", 10_000_000)
+
+    with pytest.raises(KeyboardInterrupt):
+        compute()
+    assert ended.is_set() is not keeps
+
+
+def test_few_modules_come_before_ctrl_c_is_heeded():
+    program = f"""
+        import sys
+        sys.path.insert(0, {str(Path(erosion.__file__).parents[1])!r})
+        import erosion.__main__
+        print({{"ast", "importlib.resources", "typing", "concurrent.futures"}} & {{*sys.modules}})
+    """
+    # Without `site`, which imports what it likes.
+    done = subprocess.run(
+        [sys.executable, "-S", "-c", textwrap.dedent(program)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "set()\n"
+
+
+def test_nobody_waits_for_threads_after_an_error():
+    goes_on = threading.Event()
+    later = []
+
+    def compute():
+        with unawaited_threads(1) as pool:
+            pool.submit(goes_on.wait, 20)
+            later.append(pool.submit(int))
+            raise KeyboardInterrupt
+
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        compute()
+    assert time.monotonic() - began < 10
+    assert later[0].cancelled()
+    goes_on.set()

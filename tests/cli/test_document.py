@@ -1,16 +1,24 @@
-"""The JSON document of every verb, against the schema that comes with the package."""
+"""The JSON document of every verb, against the schema that comes with the package.
 
+The same case in inch-pound and in SI: every verb gives the same numbers and the same sentences.
+"""
+
+import functools
 import importlib.resources
 import json
 import math
+import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import jsonschema
+import numpy as np
+import pint
 import pytest
 
 import erosion
-
-pytestmark = pytest.mark.slow
+from tests.documents import Shell
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = json.loads(importlib.resources.files("erosion.cli").joinpath("document.schema.json").read_text())
@@ -35,6 +43,7 @@ def document(shell):
     return of
 
 
+@pytest.mark.slow
 def test_the_schema_is_one_and_refuses(document) -> None:
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
     good = document("run")
@@ -44,6 +53,7 @@ def test_the_schema_is_one_and_refuses(document) -> None:
             check(wrong)
 
 
+@pytest.mark.slow
 def test_run(document) -> None:
     printed = document("run", CASE, "--model", "rotating")
     assert printed["case"]["name"] == "table-1-si"
@@ -58,6 +68,7 @@ def test_run(document) -> None:
     assert result["ended_by"] == "rebound"
 
 
+@pytest.mark.slow
 def test_optimum(document) -> None:
     printed = document("optimum", "--model", "rotating", "--sensitivities")
     result, best = printed["result"], erosion.alpha_max("rotating", erosion.TABLE_1)
@@ -70,6 +81,7 @@ def test_optimum(document) -> None:
     assert document("optimum", "--objective", "volume per mass")["result"]["value"]["unit"] == "in^3/slinch"
 
 
+@pytest.mark.slow
 def test_compare(document) -> None:
     printed = document("compare", "--model", "linearized,finnie")
     assert [model["name"] for model in printed["model"]] == ["linearized", "finnie"]
@@ -78,6 +90,7 @@ def test_compare(document) -> None:
     assert printed["result"]["statements"][0].startswith("The best angle is 16.8° to 31.7° over 2 models, and 16.8° to")
 
 
+@pytest.mark.slow
 def test_sweep_and_stream(document, tmp_path) -> None:
     printed = document("sweep", "--alpha", "10deg, 30deg", "-o", str(tmp_path / "out.nc"))
     assert printed["case"]["varied"] == {"alpha": "2 values"}
@@ -90,6 +103,7 @@ def test_sweep_and_stream(document, tmp_path) -> None:
     assert printed["result"]["quantiles"]["unit"] == "in^3"
 
 
+@pytest.mark.slow
 def test_calibrate(document, tmp_path) -> None:
     data = tmp_path / "data.csv"
     angles = [10, 15, 20, 30, 45, 60, 75]
@@ -107,6 +121,7 @@ def test_calibrate(document, tmp_path) -> None:
     assert printed["result"]["leave_one_out"]["unit"] == "m^3"
 
 
+@pytest.mark.slow
 def test_export(document, tmp_path) -> None:
     paths = {name: str(tmp_path / name) for name in ("openfoam", "fluent", "table", "restitution")}
     options = [word for name, path in paths.items() for word in (f"--{name}", path)]
@@ -137,8 +152,146 @@ def test_validate(document, tmp_path) -> None:
     assert (tmp_path / "facts.svg").read_bytes().startswith(b"<?xml")
 
 
+@pytest.mark.slow
 def test_warnings_are_in_the_document_and_on_stderr(shell) -> None:
     said = shell("run --model rotating-tan-alpha --json")
     document = said.document
     check(document)
     assert said.err == "".join(f"warning: {message}\n" for message in document["warnings"])
+
+
+CASES = Path(__file__).parents[2] / "cases"
+BOTH = {"inch-pound": CASES / "table-1.toml", "si": CASES / "table-1-si.toml"}
+IMPACTS = "diameter [um],density [kg/m^3],speed [m/s],angle [deg]\n" + "".join(
+    f"{diameter},2650,{speed},{angle}\n" for diameter, speed, angle in [(150, 25, 15), (200, 30, 30), (300, 260, 50)]
+)
+WEIGHED = ["--density", "2.7 g/cm^3", "--cutting-fraction", "0.5"]
+VERBS = {
+    "run": ["run", *WEIGHED],
+    "run of a correlation": ["run", "--model", "oka:aluminium", "--v0", "260 m/s"],
+    "run with wear by deformation": ["run", "--model", "rotating-deformation", "--set", "threshold=5 m/s", *WEIGHED],
+    "optimum": ["optimum", "--model", "finnie", "--sensitivities", *WEIGHED],
+    "compare": ["compare", "--model", "linearized,finnie,dnv", "--v0", "260 m/s", "--cutting-fraction", "0.5"],
+    "sweep": ["sweep", "--model", "linearized,ecrc", "--v0", "100 m/s, 300 m/s", "--derivatives", "2", "-o", "out.csv",
+              "--cutting-fraction", "0.5"],
+    "stream": ["stream", "--model", "dnv", "--v0", "lognormal(220 m/s, 0.2)", "--n", "256", "--no-best-angle"],
+    "stream of a model": ["stream", "--alpha", "normal(20deg, 3deg)", "--n", "1024", *WEIGHED],
+    "map": ["map", "impacts.csv", *WEIGHED, "--duration", "60 s", "-o", "out.csv"],
+    "map of a correlation": ["map", "impacts.csv", "--model", "dnv:aluminium", "-o", "out.csv"],
+    "advise": ["advise", "--model", "linearized", *WEIGHED],
+    "calibrate": ["calibrate", "tests.csv", "--free", "k", "--starts", "2", *WEIGHED[:2]],
+    "export": ["export", "--fluent", "angles.txt", "--table", "out.csv", "--particle-density", "2650 kg/m^3",
+               "--angles", "20deg,40deg", "--speeds", "100 m/s, 120 m/s", "--diameters", "1 mm"],
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "impacts.csv").write_text(IMPACTS)
+    alpha = np.deg2rad([10.0, 20, 30, 45, 60])
+    p = erosion.TABLE_1.to("si").replace(alpha=alpha, k=2.5)
+    scatter = np.array([1.01, 0.98, 1.02, 0.99, 1.03])
+    losses = 2700 * scatter * np.asarray(erosion.impact("linearized", p).volume) / float(p.m)
+    rows = [f"{angle:.17g},{loss:.17g}\n" for angle, loss in zip(np.rad2deg(alpha), losses, strict=True)]
+    (tmp_path / "tests.csv").write_text("angle [deg],mass_loss [kg/kg]\n" + "".join(rows))
+    return tmp_path
+
+
+def document_in(words: list[str], shell: Shell) -> dict[str, Any]:
+    return shell([*words, "--json"]).document
+
+
+def numbers(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every number and text by its place, numbers with a unit in SI."""
+    if isinstance(value, dict) and value.keys() == {"value", "unit"}:
+        yield from ((at, _in_si(number, value["unit"])) for at, number in numbers(value["value"], path))
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            yield from numbers(item, f"{path}/{key}")
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            yield from numbers(item, f"{path}/{index}")
+    else:
+        yield path, value
+
+
+def _in_si(number: Any, unit: str) -> Any:
+    return number * _factor(unit) if isinstance(number, (int, float)) else number
+
+
+@functools.cache
+def _factor(unit: str) -> float:
+    """Of a unit over the SI unit of its dimension."""
+    return float(_UNITS.Quantity(1.0, unit).to_base_units().magnitude)
+
+
+_UNITS = pint.UnitRegistry()
+_UNITS.define("slinch = lbf * s^2 / inch")
+
+
+def same(first: Any, second: Any) -> bool:
+    if isinstance(first, float) and isinstance(second, float):
+        # A derivative at a maximum is rounding; every other number of these cases is far above 1e-22.
+        return math.isclose(first, second, rel_tol=1e-6, abs_tol=1e-22) or (math.isnan(first) and math.isnan(second))
+    return in_metres(first) == in_metres(second)
+
+
+def differences(first: Any, second: Any) -> dict[str, Any]:
+    """The numbers and texts that are not the same, by their place."""
+    one, other = dict(numbers(first)), dict(numbers(second))
+    return {at: (one.get(at), other.get(at)) for at in one | other if not same(one.get(at), other.get(at))}
+
+
+def in_metres(text: Any) -> Any:
+    """A sentence with its speeds in m/s and its ratios of masses in kg/kg."""
+    if not isinstance(text, str):
+        return text
+    text = re.sub("“erosion [^”]*”", "", text)  # a printed command names the case file
+    speeds = re.sub(r"([\d.]+(?:e[+-]?\d+)?) in/s\b", lambda match: f"{float(match[1]) * 0.0254:.4g} m/s", text)
+    return speeds.replace("slinch/slinch", "kg/kg")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("verb", VERBS)
+def test_numbers_and_sentences_are_the_same_in_both_unit_systems(verb: str, shell: Shell, in_folder: Path) -> None:
+    documents, tables = {}, {}
+    for units, case in BOTH.items():
+        documents[units] = document_in([*VERBS[verb], str(case)], shell)
+        assert documents[units].pop("units") == units
+        del documents[units]["case"]["file"], documents[units]["case"]["name"]
+        tables[units] = in_si((in_folder / "out.csv").read_text()) if (in_folder / "out.csv").exists() else []
+    assert differences(*documents.values()) == {}
+    inches, metres = tables.values()
+    assert len(inches) == len(metres)
+    assert [pair for pair in zip(inches, metres, strict=True) if not same(*pair)] == []
+
+
+def in_si(text: str) -> list[Any]:
+    """The cells of a table, whose headings have units; numbers in SI."""
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    units = [re.search(r"\[(.*)\]", heading) for heading in lines[0].split(",")]
+    cells = []
+    for line in lines[1:]:
+        for cell, unit in zip(line.split(","), units, strict=True):
+            try:
+                cells.append(_in_si(float(cell), unit[1] if unit else "1"))
+            except ValueError:
+                cells.append(cell)
+    return cells
+
+
+@pytest.mark.slow
+def test_a_map_without_a_case_is_in_si(shell: Shell) -> None:
+    words = ["map", "impacts.csv", "--model", "linearized"]
+    bare = document_in(words, shell)
+    assert bare["units"] == "si"
+    by_file = document_in([*words, str(BOTH["si"])], shell)
+    assert differences(bare["result"], by_file["result"]) == {}
+    speed = bare["result"]["total_v0_mean"]
+    assert speed == {"value": pytest.approx(105.0), "unit": "m/s"}
+    assert any("find at 105 m/s" in message for message in bare["warnings"])
+    # Who asks for the other system gets it, of the numbers and of the same sentence.
+    inches = document_in([*words, "--units", "inch-pound"], shell)
+    assert inches["result"]["total_v0_mean"] == {"value": pytest.approx(105.0 / 0.0254), "unit": "in/s"}
+    assert inches["warnings"] == bare["warnings"]

@@ -1,12 +1,31 @@
+"""Arrays of any kind that hold the same numbers give the same bits.
+
+An impact's result depends on its own numbers alone, whatever is computed beside it.
+
+Model and case as numbers: their places, and how large a step of each is.
+
+How few unknowns the integrator needs of each model, and that they move as the model's own state does.
+"""
+
+import functools
+import itertools
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.impact import element_of, end_names, split
+from erosion.impacts.impact import OTHER_ENDS, element_of, end_names, split
+from erosion.lanes.lanewise import WIDTH
+from erosion.models import Linearized
+from erosion.models.base import CuttingModel, Tip
 from erosion.ode import batch
 from erosion.ode.batch import integrate
+from erosion.ode.reduction import WholeMotion, motion_of
+from erosion.ode.variational import Variational
+from erosion.parameters.parameters import QUANTITIES
 from tests.reference import CLOSED, closed_form
 
 P = erosion.TABLE_1
@@ -246,3 +265,194 @@ def test_one_program_serves_whatever_the_impacts_share(monkeypatch):
     for changed in ({"k": angles}, {"alpha": angles, "m": angles * 1e-4}, {}):
         erosion.impact("rotating", P.replace(**changed), derivatives=1)
         erosion.impact("rotating", P.replace(**changed), derivatives=1, rtol=1e-8)
+
+
+TWELVE = np.deg2rad(np.linspace(5.0, 85.0, 12))
+
+
+LAYOUTS = {
+    "strided": lambda a: np.stack([a, 0 * a], 1)[:, 0],
+    "reversed": lambda a: a[::-1].copy()[::-1],
+    "by columns": lambda a: np.asfortranarray(a.reshape(3, 4)),
+    "transposed": lambda a: a.reshape(4, 3).T,
+    "of six dimensions": lambda a: a.reshape(1, 2, 1, 3, 1, 2),
+    "broadcast": lambda a: np.broadcast_to(a, (4, 12)),
+    "big-endian": lambda a: a.astype(">f8"),
+    "long": lambda a: a.astype(np.longdouble),
+    "read-only": lambda a: np.frombuffer(a.tobytes()),
+    "of JAX": jnp.asarray,
+    "a list": list,
+    "a tuple": tuple,
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_an_array_of_any_layout_gives_the_same_bits(layout) -> None:
+    given = LAYOUTS[layout](TWELVE)
+    expected = [
+        erosion.impact("rotating", P.replace(alpha=alpha)).volume for alpha in np.ravel(np.asarray(given, float))
+    ]
+    volume = erosion.impact("rotating", P.replace(alpha=given)).volume
+    np.testing.assert_array_equal(volume, np.reshape(expected, np.shape(given)))
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float16, np.int64, np.uint8])
+def test_an_array_of_another_type_is_the_float64_of_its_numbers(kind) -> None:
+    k = np.array([1, 2, 3], kind)
+    volume = erosion.impact("rotating", P.replace(k=k)).volume
+    np.testing.assert_array_equal(volume, erosion.impact("rotating", P.replace(k=k.astype(float))).volume)
+    assert volume.dtype == np.float64
+
+
+@pytest.mark.parametrize("shape", [(0,), (3, 0), (1,), ()])
+def test_no_impact_and_one_have_their_shape(shape) -> None:
+    assert np.shape(erosion.impact("rotating", P.replace(alpha=np.full(shape, 0.3))).volume) == shape
+
+
+def test_the_order_of_impacts_does_not_matter() -> None:
+    """Bit for bit: a lane's neighbours have no say in its result."""
+    rng = np.random.default_rng(3)
+    count = 30 * WIDTH + 7
+    p = erosion.TABLE_1.replace(alpha=rng.uniform(0.05, 1.5, count), phidot0=rng.uniform(-4e4, 4e4, count))
+    shuffled = rng.permutation(count)
+    one = erosion.impact("rotating", p)
+    other = erosion.impact("rotating", p.replace(alpha=p.alpha[shuffled], phidot0=p.phidot0[shuffled]))
+    assert np.array_equal(other.volume, one.volume[shuffled], equal_nan=True)
+    assert np.array_equal(other.t_c, one.t_c[shuffled], equal_nan=True)
+    assert np.array_equal(other.ended_by, one.ended_by[shuffled])
+    # A few lanes alone, so that no other order is at work in them.
+    for i in (0, count // 2, count - 1):
+        assert erosion.impact("rotating", p.replace(alpha=p.alpha[i], phidot0=p.phidot0[i])).volume == one.volume[i]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("model", "order"), [*zip(erosion.available_models(), itertools.cycle([2, 1, 0]))])
+def test_the_place_in_a_block_does_not_matter(model: str, order: int) -> None:
+    """Bit for bit: a block of equal lanes has equal results, and so has one lane among others."""
+    rng = np.random.default_rng(order)
+    count = 48
+    p = erosion.TABLE_1.replace(
+        alpha=rng.uniform(0.05, 1.5, count), phidot0=rng.uniform(-4e4, 4e4, count), k=rng.uniform(0.5, 3.0, count)
+    )
+    repeated = p.replace(**{name: np.repeat(getattr(p, name), WIDTH) for name in ("alpha", "phidot0", "k")})
+    one, many = (erosion.impact(model, each, derivatives=order) for each in (p, repeated))
+    for name in ("volume", "t_c", "dvolume", "d2volume")[: 2 + order]:
+        each = getattr(many, name).reshape(count, WIDTH)
+        assert np.array_equal(each, np.broadcast_to(getattr(one, name)[:, None], each.shape), equal_nan=True), name
+
+
+SLOW = erosion.TABLE_1.replace(v0=3.0)
+
+
+class Start(CuttingModel):
+    """A state that shows its parameters."""
+
+    weights: Any = ()
+    drift: float = 1.0
+
+    def initial_state(self, p):
+        return {"alpha": p.alpha, "drift": self.drift, "phidot0": p.phidot0, "psi": p.psi}
+
+    def derivative(self, state, p):
+        return {name: 0.0 * part for name, part in state.items()}
+
+    def tip(self, state, p):
+        return Tip(jnp.zeros(()), state["psi"], state["alpha"], state["phidot0"])
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "unit"),
+    [
+        ("alpha", {}, 1.0),
+        ("phidot0", {"phidot0": 7.0}, SLOW.v0 / SLOW.r),
+        ("phidot0", {}, SLOW.v0 / SLOW.r),
+        ("psi", {"psi": 0.3}, 0.3),
+        ("psi", {"psi": 0.0}, 1.0),
+        ("drift", {}, 4.0),
+    ],
+)
+def test_steps_are_of_a_size_that_matters(name: str, changes: dict[str, float], unit: float) -> None:
+    """1 rad, the spin v₀/r, or the parameter's own size; of nothing, one."""
+    model = Start(drift=4.0)
+    layout, numbers = split(model, SLOW.replace(**changes))
+    motion = functools.partial(WholeMotion, layout)
+    _, first = Variational(layout, numbers, 1, (element_of(model, name),), motion).initial()
+    place = ["alpha", "drift", "phidot0", "psi"].index(name)
+    assert [float(one) for one in first.state] == [float(unit) if i == place else 0 for i in range(4)]
+
+
+def test_a_parameter_has_its_place_among_the_elements_of_all_numbers() -> None:
+    model = Start(weights=np.ones(3))
+    assert [element_of(model, name) for name in QUANTITIES] == list(range(10))
+    assert element_of(model, "drift") == 13
+    # Of many impacts' own parameters each lane has one.
+    assert element_of(model.replace(drift=np.ones(5)), "drift") == 13
+
+
+_P = erosion.TABLE_1.replace(phidot0=2e4)
+
+
+def _reduced(model):
+    layout, numbers = split(model, _P)
+    return motion_of(layout)(numbers)
+
+
+@pytest.mark.parametrize(
+    ("name", "unknowns"),
+    [
+        ("linearized", 2),  # y and ∫ depth
+        ("finnie", 2),
+        ("rotating", 3),  # y, φ and ∫ depth
+        ("rotating-full-torque", 4),  # and φ̇
+        ("rotating-velocity-aligned-full-torque", 5),  # all but x
+    ],
+)
+def test_as_few_unknowns_as_the_physics_allows(name, unknowns):
+    assert len(_reduced(erosion.load_model(name)).initial().state) == unknowns
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", erosion.available_models())
+def test_the_motion_is_the_same(name):
+    """Rates of events and volume along the motion, at contact and after a step."""
+    model = erosion.load_model(name)
+
+    def looks(motion, steps):
+        at, rows = motion.initial(), []
+        for _ in range(steps):
+            rate = motion.rate(at)
+            events = jax.jvp(motion.events, (at,), (rate,))
+            rows.append(jax.tree.leaves((events, rate.integrals)))
+            at = jax.tree.map(lambda s, k: s + 0.1 * model.scales(_P).time * k, at, rate)
+        return np.array(rows)
+
+    expected = looks(WholeMotion(*split(model, _P)), 4)
+    assert np.allclose(looks(_reduced(model), 4), expected, rtol=1e-12, atol=1e-13 * np.abs(expected).max(axis=0))
+
+
+@pytest.mark.parametrize("name", ["linearized", "rotating"])
+def test_a_parameter_that_is_not_finite_fails_whether_it_matters_or_not(name):
+    names = list(QUANTITIES)
+    for bad in (np.nan, np.inf):
+        cases = {q: np.where(np.arange(len(names)) == i, bad, float(getattr(_P, q))) for i, q in enumerate(names)}
+        found = erosion.impact(name, _P.replace(**cases))
+        assert set(found.ended_by) == {"failed"}
+        assert np.isnan(found.volume).all()
+
+
+class ThreeEnds(Linearized):
+    """Events that are not in the order of their names; each ends the cut at an angle of its own."""
+
+    def events(self, state, p):
+        early = {name: p.alpha - angle for name, angle in (("rest", 0.3), ("exit", 0.2), ("limit", 0.1))}
+        depth = state.y / self.scales(p).length
+        return {name: jnp.where(over > 0, 1.0, depth) for name, over in early.items()}
+
+
+def test_events_come_by_name_then_what_no_event_ended() -> None:
+    assert end_names(ThreeEnds()) == ("exit", "limit", "rest", "no-cut", "failed", "unfinished")
+    assert end_names(erosion.load_model("rotating")) == ("rebound", "stop", *OTHER_ENDS)
+
+
+def test_the_word_is_that_of_the_event_that_fell() -> None:
+    assert erosion.impact(ThreeEnds(), erosion.TABLE_1.replace(alpha=0.25)).ended_by == "rest"

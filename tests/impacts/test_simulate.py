@@ -1,6 +1,12 @@
+"""One impact by the engine of the batches.
+
+The whole state at the end of a cut, and a model's cut as a problem of `erosion.ode`.
+"""
+
 import copy
 import itertools
 import pickle
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -10,10 +16,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import erosion
-from erosion.impacts.simulate import SimulationError, TurnWarning, path
+from erosion import ode
+from erosion.impacts import simulate as module
+from erosion.impacts.simulate import SimulationError, TurnWarning, path, path as follow
+from erosion.models.base import CuttingModel, Tip
+from erosion.plotting.motion import plot_trajectory
 from tests.reference import AS_PRINTED, AT_20_DEGREES, CLOSED, closed_form
-
-pytestmark = pytest.mark.slow
 
 P = erosion.TABLE_1
 ROTATING = [name for name in AT_20_DEGREES if name.startswith("rotating")]
@@ -28,6 +36,7 @@ def quietly(model, p, **options):
         return erosion.simulate(model, p, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", AT_20_DEGREES)
 def test_golden_numbers(name):
     figure = AT_20_DEGREES[name]
@@ -37,6 +46,7 @@ def test_golden_numbers(name):
     assert cut.t_c == pytest.approx(figure.t_c, rel=1e-10, abs=0)
 
 
+@pytest.mark.slow
 def test_as_printed_is_the_literal_reading():
     cut = quietly("as-printed", P)
     volume, t_c, ended_by = AS_PRINTED
@@ -45,6 +55,7 @@ def test_as_printed_is_the_literal_reading():
     assert cut.t_c == pytest.approx(t_c, rel=1e-9, abs=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CLOSED)
 @pytest.mark.parametrize("degrees", [0.01, 5, 20, 45, 63, 89, 89.99])
 def test_motion_equals_the_closed_form(name, degrees):
@@ -60,6 +71,7 @@ def test_motion_equals_the_closed_form(name, degrees):
         assert np.abs(found - true).max() <= 1e-11 * np.abs(true).max(), field
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "ratio"), [("linearized", 2.0), ("finnie", 2 / 3)])
 def test_no_wrong_end_near_the_cusp(name, ratio):
     cusp = np.arctan(ratio / 2)
@@ -72,6 +84,7 @@ def test_no_wrong_end_near_the_cusp(name, ratio):
         assert cut.t_c == pytest.approx(float(exact.t_c(p)), rel=1e-9, abs=0), offset  # its slope diverges at the cusp
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "s"), [*zip(ROTATING, itertools.cycle([-0.5, 0.0, 0.5]))])
 def test_against_scipy(name, s):
     p = P.replace(phidot0=s * P.v0 / P.r, alpha=0.6)
@@ -113,6 +126,7 @@ def scipy_cut(name, p):
     return found.y[-1, -1], found.t[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["linearized", "tan-alpha", "velocity-aligned"])
 def test_volume_is_the_kinetic_energy_along_x(name):
     cut = quietly(name, P)
@@ -120,6 +134,7 @@ def test_volume_is_the_kinetic_energy_along_x(name):
     assert cut.volume == pytest.approx(float(energy), rel=1e-12, abs=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [0.2, 0.5, 0.9, 1.3])
 @pytest.mark.parametrize("s", [-0.4, 0.0, 0.6])
 def test_energy_balance_with_full_torque(alpha, s):
@@ -133,6 +148,7 @@ def test_energy_balance_with_full_torque(alpha, s):
     assert cut.volume == pytest.approx(float(balance), rel=1e-10, abs=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rotating", "finnie"])
 def test_linear_invariants(name):
     cut = quietly(name, P.replace(phidot0=2000.0))
@@ -141,12 +157,14 @@ def test_linear_invariants(name):
     assert cut.omega - cut.omega[0] == pytest.approx(gained / (0.5 * 0.04), abs=1e-11 * P.v0 / P.r)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["velocity-aligned", "rotating-velocity-aligned"])
 def test_the_direction_of_motion_never_changes(name):
     cut = quietly(name, P.replace(alpha=0.7))
     assert np.abs(cut.vy - np.tan(0.7) * cut.vx).max() <= 1e-12 * P.v0
 
 
+@pytest.mark.slow
 def test_tip_and_histories_are_consistent():
     cut = quietly("rotating", P, points=401)
     assert cut.depth[0] == 0
@@ -160,6 +178,7 @@ def test_tip_and_histories_are_consistent():
     assert cut.max_depth >= cut.depth.max()
 
 
+@pytest.mark.slow
 def test_at_gives_the_motion_at_any_time():
     cut, exact = quietly("linearized", P), closed_form("linearized")
     times = np.linspace(0, cut.t_c, 37)
@@ -169,6 +188,7 @@ def test_at_gives_the_motion_at_any_time():
         cut.at(1.01 * cut.t_c)
 
 
+@pytest.mark.slow
 def test_nothing_is_cut_at_normal_impact_or_backward_spin():
     for p in (P.replace(alpha=np.pi / 2), P.replace(alpha=1.2, phidot0=-0.9 * P.v0 / P.r)):
         cut = quietly("rotating", p)
@@ -176,6 +196,7 @@ def test_nothing_is_cut_at_normal_impact_or_backward_spin():
         assert cut.at(0.0).vx == cut.vx[0]
 
 
+@pytest.mark.slow
 def test_a_tip_that_leaves_and_returns_within_a_step_is_seen():
     # Spin lifts the tip at once: depth ≈ v₀ sin α t - r φ̇₀² t²/2, back at t = 2 v₀ sin α/(r φ̇₀²).
     p = P.replace(alpha=1e-5, phidot0=0.9 * P.v0 / P.r)
@@ -184,6 +205,7 @@ def test_a_tip_that_leaves_and_returns_within_a_step_is_seen():
     assert cut.t_c == pytest.approx(2 * float(p.v0) * 1e-5 / (0.04 * float(p.phidot0) ** 2), rel=1e-3, abs=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [1e-6, 1e-5, 1e-3])
 def test_grazing_impacts_with_spin_keep_their_digits(alpha):
     # To first order the force does not matter: depth = v₀ sin α t - r (1 - cos φ̇₀t).
@@ -200,6 +222,7 @@ def test_grazing_impacts_with_spin_keep_their_digits(alpha):
     assert erosion.impact("rotating", p, rtol=1e-12).t_c == pytest.approx(cut.t_c, rel=1e-9, abs=0)
 
 
+@pytest.mark.slow
 def test_a_graze_that_step_ends_cannot_see():
     # tests/golden-numbers.md: the jump of the rotating model at k = 1.
     p = P.replace(k=1.0)
@@ -209,6 +232,7 @@ def test_a_graze_that_step_ends_cannot_see():
     assert above.volume == pytest.approx(7.14990785e-5, rel=1e-2, abs=0)  # its slope diverges at the jump
 
 
+@pytest.mark.slow
 def test_a_far_turn_is_said_in_plain_words():
     with pytest.warns(TurnWarning, match=r"turned by 155\.\d° during the cut, more than 90°"):
         cut = erosion.simulate("rotating-tan-alpha", P)
@@ -216,6 +240,7 @@ def test_a_far_turn_is_said_in_plain_words():
     assert not quietly("rotating", P).warnings
 
 
+@pytest.mark.slow
 def test_other_solvers_and_controllers_agree():
     import diffrax
 
@@ -224,6 +249,7 @@ def test_other_solvers_and_controllers_agree():
     assert cut.volume == pytest.approx(AT_20_DEGREES["rotating"].volume, rel=1e-7, abs=0)
 
 
+@pytest.mark.slow
 def test_an_endless_cut_is_an_error():
     class Endless(erosion.models.RigidErodent):
         """Nothing resists, so the tip goes down for ever."""
@@ -239,6 +265,7 @@ def test_an_endless_cut_is_an_error():
         quietly(Endless(), P)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -253,6 +280,7 @@ def test_bad_parameters_are_refused(changes, message):
         erosion.simulate("linearized", P.replace(**changes))
 
 
+@pytest.mark.slow
 def test_numbers_far_from_one_are_as_good():
     # Softer by 10³⁰⁰: times grow by its root, volumes as it.
     cut, soft = quietly("linearized", P), quietly("linearized", P.replace(sigma=P.sigma * 1e-300))
@@ -261,6 +289,7 @@ def test_numbers_far_from_one_are_as_good():
     assert soft.max_depth == pytest.approx(cut.max_depth * 1e150, rel=1e-9, abs=0)
 
 
+@pytest.mark.slow
 def test_results_print_with_units():
     assert repr(quietly("linearized", P)).startswith("Trajectory('linearized', 201 points, t_c=6.6353")
     cut = quietly("linearized", P)
@@ -269,6 +298,7 @@ def test_results_print_with_units():
     assert "<td>10⁻⁴ in³</td>" in cut._repr_html_()
 
 
+@pytest.mark.slow
 def test_shapes_broadcast_by_name_alone():
     with jax.numpy_rank_promotion("raise"):
         assert erosion.simulate("rotating", erosion.TABLE_1).volume == pytest.approx(
@@ -276,6 +306,7 @@ def test_shapes_broadcast_by_name_alone():
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("copied", [lambda cut: pickle.loads(pickle.dumps(cut)), copy.deepcopy])
 @pytest.mark.parametrize("follow", [quietly, path])
 def test_a_copied_or_pickled_trajectory_tells_the_same(follow, copied):
@@ -301,6 +332,7 @@ class Factor(erosion.models.ForceLaw):
         return p.k
 
 
+@pytest.mark.slow
 def test_a_function_without_a_hash_is_part_of_a_model():
     twice = np.poly1d([2.0, 0.0])
     model = erosion.models.Rotating(force=Factor(twice))
@@ -309,3 +341,203 @@ def test_a_function_without_a_hash_is_part_of_a_model():
         expected = erosion.impact("rotating", P.replace(k=factor * P.k), rtol=1e-12).volume
         assert quietly(model, P).volume == pytest.approx(expected, rel=1e-11, abs=0)
         assert erosion.impact(model, P).volume == pytest.approx(expected, rel=1e-9, abs=0)
+
+
+MODEL = erosion.load_model("linearized")
+EXACT = closed_form("linearized")
+
+
+def test_a_path_is_the_closed_form_from_contact_to_the_end() -> None:
+    p = P.replace(phidot0=1000.0)
+    cut = path(MODEL, p, points=7)
+    end = float(EXACT.t_c(p))
+    assert cut.t == pytest.approx(np.linspace(0, end, 7), rel=1e-11)
+    assert (cut.t[-1], cut.removed[-1]) == (cut.t_c, cut.volume)
+    assert (cut.ended_by, cut.depth[0]) == ("rebound", 0)
+    assert cut.volume == pytest.approx(float(EXACT.volume(p)), rel=1e-11)
+    assert cut.dvolume == pytest.approx(float(EXACT.dvolume(p)), rel=1e-10)
+    between = end * np.array([0.77, 0.0, 1e-6, 1 - 1e-9, 0.11])
+    exact, exact_between = EXACT.state(cut.t, p), EXACT.state(between, p)
+    for name, values in vars(exact).items():
+        # Against the greatest value: depth and speeds pass through zero.
+        greatest = 1e-11 * np.abs(values).max()
+        assert getattr(cut.states, name) == pytest.approx(np.asarray(values), rel=0, abs=greatest), name
+        expected = np.asarray(getattr(exact_between, name))
+        assert getattr(cut.at(between), name) == pytest.approx(expected, rel=0, abs=greatest), name
+    # The volume removed so far is the kinetic energy along x that was lost, over the flow stress.
+    lost = p.m / (2 * p.sigma * p.psi) * ((p.v0 * np.cos(p.alpha)) ** 2 - np.asarray(exact.vx) ** 2)
+    assert cut.removed == pytest.approx(lost, rel=0, abs=1e-11 * cut.volume)
+    assert cut.removal_rate == pytest.approx(p.b * cut.y * cut.vx, rel=1e-13)
+
+
+def test_a_path_across_a_kink_has_its_derivative_near_a_right_angle() -> None:
+    # A difference of volumes at 89.99°, over 2e-5 rad.
+    model = erosion.load_model(Path(__file__).parents[2] / "models" / "opposing_tip.py")
+    cut = path(model, P.replace(alpha=np.deg2rad(89.99)))
+    assert cut.dvolume == pytest.approx(-1.3724186552e-4, rel=1e-9)
+
+
+@pytest.mark.parametrize("points", [2, 3, 201])
+def test_the_greatest_depth_needs_no_point_near_it(points: int) -> None:
+    assert path(MODEL, P, points=points).max_depth == pytest.approx(path(MODEL, P).max_depth, rel=0.3)
+
+
+def test_of_what_cuts_nothing_there_is_the_contact() -> None:
+    nothing = path(MODEL, P.replace(alpha=np.pi / 2))
+    assert (nothing.ended_by, nothing.volume, nothing.t_c) == ("no-cut", 0, 0)
+    assert list(nothing.t) == [0]
+    assert nothing.vx_tip == pytest.approx(0, abs=1e-12 * P.v0)
+
+
+@pytest.mark.parametrize(
+    ("code", "reason"), [(3, "the motion or the volume is not finite"), (4, "within 10,000 time scales")]
+)
+def test_what_does_not_end_is_an_error_with_its_reason(monkeypatch, code: int, reason: str) -> None:
+    monkeypatch.setattr(module, "_end_and_states", lambda *_: ((code, 1.0, 1.0), None))
+    with pytest.raises(SimulationError, match=f"^linearized: .*{reason}"):
+        path(MODEL, P)
+
+
+ALPHAS = np.linspace(0.05, 1.5, 7)
+SQUARE = erosion.TABLE_1.replace(k=1.0, alpha=ALPHAS)
+SPUN = SQUARE.replace(phidot0=np.array([0.0, 500.0, -500.0, 0.0, 2000.0, 0.0, 50.0]))
+
+
+@pytest.mark.parametrize("name", ["linearized", "velocity-aligned"])
+def test_the_state_is_that_of_the_closed_form(name: str) -> None:
+    model = erosion.load_model(name)
+    hit = erosion.impact(model, SQUARE)
+    closed = model.closed_form()
+    assert closed is not None
+    exact = closed.state(np.asarray(hit.t_c), SQUARE)
+    sizes = (SQUARE.r, SQUARE.r, 1.0, SQUARE.v0, SQUARE.v0, SQUARE.v0 / SQUARE.r)
+    for found, expected, size in zip(jax.tree.leaves(hit.state), jax.tree.leaves(exact), sizes, strict=True):
+        assert np.allclose(found, expected, rtol=1e-9, atol=1e-10 * float(size))
+
+
+def test_the_state_is_that_of_the_independent_engine() -> None:
+    model = erosion.load_model("rotating")
+    hit = erosion.impact(model, SPUN)
+    for i in range(0, ALPHAS.size, 3):
+        one = erosion.TABLE_1.replace(k=1.0, alpha=ALPHAS[i], phidot0=SPUN.phidot0[i])
+        path = erosion.simulate(model, one)
+        for found, expected in zip(jax.tree.leaves(hit.state), jax.tree.leaves(path.states), strict=True):
+            assert found[i] == pytest.approx(float(expected[-1]), rel=1e-8, abs=1e-11 * np.max(np.abs(expected)))
+
+
+def test_the_state_moves_with_the_parameters() -> None:
+    model = erosion.load_model("rotating")
+    hit = erosion.impact(model, SPUN, wrt=("alpha", "k"), derivatives=2)
+    assert np.allclose(hit.end.integrals["volume"], hit.volume, rtol=1e-9)
+    assert np.allclose(hit.end.along("alpha", "k").integrals["volume"], hit.d2volume[:, 0, 1], rtol=1e-6)
+    h = 1e-5
+    up, down = (erosion.impact(model, SPUN.replace(alpha=ALPHAS + s * h), wrt="k", derivatives=1).end for s in (1, -1))
+    for name in ("vx", "vy", "omega", "phi", "x"):
+        first, mixed = hit.end.along("alpha").y, hit.end.along("alpha", "k").y
+        assert np.allclose(getattr(first, name), (getattr(up.y, name) - getattr(down.y, name)) / (2 * h), rtol=1e-5)
+        of_k = (getattr(up.along("k").y, name) - getattr(down.along("k").y, name)) / (2 * h)
+        assert np.allclose(getattr(mixed, name), of_k, rtol=1e-4, atol=1e-4 * np.max(np.abs(of_k)))
+
+
+class Melting(CuttingModel):
+    """Straight, with a heat of its own: two further states, one of them in a dictionary of arrays' names."""
+
+    def initial_state(self, p):
+        return {"x": 0.0, "y": 0.0, "vx": p.v0 * jnp.cos(p.alpha), "vy": p.v0 * jnp.sin(p.alpha), "heat": 0.0}
+
+    def derivative(self, state, p):
+        force = -p.stiffness * state["y"]
+        power = -force * state["vx"]
+        return {"x": state["vx"], "y": state["vy"], "vx": force / p.m, "vy": p.k * force / p.m, "heat": power}
+
+    def tip(self, state, p):
+        return Tip(state["x"], state["y"], state["vx"], state["vy"])
+
+
+def test_a_state_of_a_model_s_own_is_balanced() -> None:
+    """The heat is the loss of ½ m ẋ², at every end; its derivative is that of the loss."""
+    hit = erosion.impact(Melting(), SQUARE, derivatives=1)
+    lost = 0.5 * SQUARE.m * ((SQUARE.v0 * np.cos(ALPHAS)) ** 2 - np.asarray(hit.state["vx"]) ** 2)
+    assert np.allclose(hit.state["heat"], lost, rtol=1e-8)
+    slope = hit.end.along("alpha").y
+    of_loss = -SQUARE.m * (SQUARE.v0**2 * np.cos(ALPHAS) * np.sin(ALPHAS) + hit.state["vx"] * slope["vx"])
+    assert np.allclose(slope["heat"], of_loss, rtol=1e-6, atol=1e-6 * np.max(np.abs(of_loss)))
+
+
+def test_a_state_of_a_model_s_own_is_shown_and_drawn() -> None:
+    one = erosion.TABLE_1.replace(k=1.0, alpha=0.3)
+    cut, hit = erosion.simulate(Melting(), one), erosion.impact(Melting(), one)
+    shown = {row.name: row.value for row in cut.rows()}
+    assert "turn" not in shown
+    assert float(shown["heat"]) == pytest.approx(float(hit.state["heat"]), rel=1e-6)
+    assert cut.to_dict()["state"]["heat"] == pytest.approx(float(hit.state["heat"]), rel=1e-8)
+    assert "nan" not in str(cut)
+    lines = [np.asarray(line.get_ydata(), float) for axes in plot_trajectory(cut).axes for line in axes.lines]
+    assert sum(line.size == cut.t.size and bool(np.isfinite(line).all()) for line in lines) >= 2
+
+
+def test_one_impact_and_one_that_cuts_nothing() -> None:
+    assert np.shape(erosion.impact("rotating", erosion.TABLE_1).state.omega) == ()
+    nothing = erosion.impact("rotating", erosion.TABLE_1.replace(alpha=0.05, phidot0=-1e6), derivatives=1)
+    assert nothing.ended_by == "no-cut"
+    assert nothing.state.x == 0
+    assert nothing.state.omega == -1e6
+    failed = erosion.impact("rotating", erosion.TABLE_1.replace(alpha=np.array([np.nan, 0.3])))
+    assert np.isnan(failed.state.vx[0])
+    assert failed.state.vx[1] > 0
+
+
+@pytest.mark.parametrize("name", ["linearized", "rotating", "rotating-deformation", "tan-alpha"])
+def test_a_model_s_problem_ends_as_its_impact(name: str) -> None:
+    model = erosion.load_model(name)
+    hit = erosion.impact(model, SPUN, derivatives=2)
+    end = ode.solve(model.problem(), SPUN, start="end", wrt="alpha", derivatives=2)
+    assert np.allclose(end.integrals["volume"], hit.volume, rtol=1e-9)
+    assert np.allclose(end.t, hit.t_c, rtol=1e-9)
+    assert np.allclose(end.along("alpha", "alpha").integrals["volume"], hit.d2volume, rtol=1e-5)
+    assert [{"start": "no-cut"}.get(word, word) for word in end.ended_by] == hit.ended_by.tolist()
+
+
+def test_a_second_cut_adds_to_the_first() -> None:
+    """The chain of the notebook: the tip leaves at 10°, and enters again (scipy's DOP853 at 1e-12, typed once more)."""
+    model = erosion.load_model("rotating")
+
+    def depth(t, y, p):
+        return model.tip(y["body"], p).depth
+
+    def field(t, y, p):
+        body, zero = y["body"], 0.0 * y["body"].x
+        free = type(body)(body.vx, body.vy, body.omega, zero, zero, zero)
+        on = y["cutting"] > 0.5
+        return {
+            "body": jax.tree.map(lambda a, b: jnp.where(on, a, b), model.derivative(body, p), free),
+            "cutting": zero,
+        }
+
+    chain = ode.Problem(
+        y0=lambda p: {"body": model.initial_state(p), "cutting": 1.0},
+        vector_field=field,
+        events={
+            "leaves": ode.Event(depth, -1, reset=lambda t, y, p: y | {"cutting": 0.0}),
+            "enters": ode.Event(depth, +1, reset=lambda t, y, p: y | {"cutting": 1.0}),
+            "away": ode.Event(lambda t, y, p: y["body"].y + 1.5 * p.r, -1),
+        },
+        integrals={"volume": lambda t, y, p: jnp.where(y["cutting"] > 0.5, model.removal_rate(y["body"], p), 0.0)},
+    )
+    shallow = erosion.TABLE_1.replace(k=1.0, alpha=np.deg2rad(10.0))
+    end = ode.solve(chain, shallow, t1=2e-3, smooth=True)
+    assert end.ended_by == "away"
+    assert end.events.name.tolist() == ["leaves", "enters", "leaves", "away"]
+    known = [5.9673558537978376e-05, 0.00016149721385257435, 0.00019475525776928046, 0.00036676674232124124]
+    assert np.allclose(end.events.t, known, rtol=1e-9)
+    assert end.integrals["volume"] / erosion.impact(model, shallow).volume == pytest.approx(1.19199967051142, rel=1e-9)
+
+
+def test_the_motion_of_a_slow_sphere_is_known_to_the_last_digit() -> None:
+    """At 45° a derivative of the state vanishes: a tolerance of 1e-12 of itself would be below rounding."""
+    sphere = erosion.Parameters(
+        k=10, psi=1, r=2.5e-3, b=2.5e-3, m=5.13781e-4, v0=11.983, sigma=6.3146e8, alpha=np.pi / 4, units="si"
+    )
+    path = erosion.simulate("linearized", sphere)
+    fast = follow(erosion.load_model("linearized"), sphere)
+    assert fast.volume == pytest.approx(path.volume, rel=1e-10)

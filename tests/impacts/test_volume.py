@@ -1,5 +1,10 @@
-"""`erosion.volume`: what JAX may do with it, and which derivatives are integrated for it."""
+"""`erosion.volume`: what JAX may do with it, and which derivatives are integrated for it.
 
+The code of tests/golden-numbers.md: its tables against a second solver, and against the package.
+"""
+
+import re
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -162,3 +167,14 @@ def test_elements_of_arrays_are_directions(asked: list) -> None:
 def test_what_fails_is_not_a_number() -> None:
     assert np.isnan(erosion.volume(MODEL, P.replace(m=np.inf)))
     assert erosion.volume(MODEL, P.replace(alpha=np.pi / 2)) == 0
+
+
+PAGE = Path(__file__).parents[1] / "golden-numbers.md"
+
+
+@pytest.mark.slow
+def test_the_golden_numbers_are_those_of_two_solvers(monkeypatch: pytest.MonkeyPatch) -> None:
+    code = "\n".join(re.findall(r"^```python\n(.*?)^```", PAGE.read_text("utf-8"), re.MULTILINE | re.DOTALL))
+    assert code.count("assert ") > 15
+    monkeypatch.chdir(PAGE.parent)  # the page reads its own tables
+    exec(compile(code, str(PAGE), "exec"), {})

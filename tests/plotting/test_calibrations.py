@@ -1,4 +1,10 @@
-"""Figures of fits: data, curves, band and profile are where the numbers are."""
+"""Figures of fits: data, curves, band and profile are where the numbers are.
+
+Figures of posteriors show the draws.
+"""
+
+import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -6,13 +12,19 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.container import ErrorbarContainer
 
-from erosion.fits import calibrate
+from erosion import impact
+from erosion.fits import calibrate, next_experiment, posterior, rank_posteriors
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
-from erosion.plotting.fits import plot_calibration
+from erosion.plotting.fits import (
+    plot_best_angles,
+    plot_calibration,
+    plot_next_experiment,
+    plot_pairs,
+    plot_prediction,
+    plot_traces,
+)
 from erosion.plotting.labels import coinciding
-
-pytestmark = pytest.mark.slow
 
 DEGREES = np.linspace(5.0, 88.0, 50)
 
@@ -37,6 +49,7 @@ def measured(ax: Axes) -> np.ndarray:
     return np.array(bars.lines[0].get_data(), dtype=float)
 
 
+@pytest.mark.slow
 def test_data_fit_band_and_residuals(fit):
     upper, lower = plot_calibration([fit, fit]).axes
     assert upper.get_ylabel() == "$V$  removed volume  [10⁻⁴ in³]"
@@ -52,6 +65,7 @@ def test_data_fit_band_and_residuals(fit):
     np.testing.assert_allclose(measured(lower)[1], fit.residuals * 1e4)
 
 
+@pytest.mark.slow
 def test_a_fit_is_called_the_same_where_it_is_in_each_group():
     # At the lower speed the second is twice the first, which is little beside the erosion at the greater speed.
     first = np.outer([1.0, 1000.0], np.sin(np.linspace(0.1, 3.0, 50)))
@@ -69,6 +83,7 @@ def at_two_speeds():
     return calibrate("linearized", TABLE_1, table, ["k", "psi"], density=1e-7, starts=1)
 
 
+@pytest.mark.slow
 def test_each_speed_has_a_curve_and_a_colour(at_two_speeds):
     upper, lower = plot_calibration([at_two_speeds, at_two_speeds]).axes
     curves = [line for line in upper.get_lines() if len(np.asarray(line.get_xdata())) == 180]
@@ -85,6 +100,7 @@ def test_each_speed_has_a_curve_and_a_colour(at_two_speeds):
     ]
 
 
+@pytest.mark.slow
 def test_labels_are_whole_and_residuals_have_a_unit(at_two_speeds):
     fig = plot_calibration([at_two_speeds])
     upper = fig.axes[0]
@@ -98,3 +114,128 @@ def test_labels_are_whole_and_residuals_have_a_unit(at_two_speeds):
         box = text.get_window_extent()
         assert fig.bbox.x0 <= box.x0 <= box.x1 <= fig.bbox.x1
         assert fig.bbox.y0 <= box.y0 <= box.y1 <= fig.bbox.y1
+
+
+@pytest.fixture(scope="module")
+def result():
+    degrees = np.linspace(8.0, 80.0, 8)
+    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
+    data = {"angle [deg]": degrees, "volume [in^3]": volume, "uncertainty [in^3]": np.full(8, 5e-6)}
+    return posterior("linearized", TABLE_1, data, ["sigma", "psi", "k"], draws=125)
+
+
+@pytest.mark.slow
+def test_pairs_show_each_draw_and_a_ridge_on_logarithmic_axes(result):
+    fig = plot_pairs(result)
+    assert len(fig.axes) == 6  # three parameters, and their pairs
+    cloud = next(ax for ax in fig.axes if ax.get_ylabel() == "$ψ$")
+    assert (cloud.get_xscale(), cloud.get_yscale()) == ("log", "log")
+    x, y = cloud.lines[0].get_data()
+    np.testing.assert_array_equal(y, result.samples["psi"].values.ravel())
+    np.testing.assert_array_equal(x, result.samples["sigma"].values.ravel())
+    k = fig.axes[-1]
+    assert k.get_xscale() == "linear"
+
+
+@pytest.mark.slow
+def test_traces_have_a_line_for_each_population(result):
+    fig = plot_traces(result)
+    left = fig.axes[4]
+    assert len(left.lines) == 4
+    np.testing.assert_array_equal(left.lines[2].get_ydata(), result.samples["k"].values[2])
+
+
+@pytest.mark.slow
+def test_a_prediction_has_bands_and_how_cuts_end(result):
+    fig = plot_prediction(result)
+    upper, lower = fig.axes
+    angles, median = upper.lines[0].get_data()
+    exact = LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(angles)))
+    np.testing.assert_allclose(np.asarray(median) * 1e-4, exact, atol=0.03 * np.max(exact))
+    labels = fig.legends[0].get_texts()
+    assert {"95%", "50%", "median", "measured", "rebound", "stop"} <= {text.get_text() for text in labels}
+    assert lower.get_ylim() == (0, 1)
+
+
+@pytest.mark.slow
+def test_a_prediction_of_several_speeds_has_bands_and_rows_for_each():
+    model = "rotating"
+    degrees, speeds = np.tile(np.linspace(8.0, 80.0, 6), 2), np.repeat([2200.0, 8800.0], 6)
+    volume = impact(model, TABLE_1.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
+    data = {"angle [deg]": degrees, "volume [in^3]": volume, "speed [in/s]": speeds,
+            "uncertainty [in^3]": 0.05 * volume}  # fmt: skip
+    fig = plot_prediction(posterior(model, TABLE_1, data, ["psi"], draws=125))
+    upper, *lower = fig.axes
+    labels = {text.get_text() for text in fig.legends[0].get_texts()}
+    assert {"95%", "50%", "median", "v₀ = 2200 in/s", "v₀ = 8800 in/s", "rebound"} <= labels
+    medians = [line for line in upper.lines if len(np.asarray(line.get_xdata())) > 100]
+    for line, speed in zip(medians, (2200.0, 8800.0), strict=True):
+        angles, median = map(np.asarray, line.get_data())
+        exact = impact(model, TABLE_1.replace(alpha=np.deg2rad(angles), v0=speed)).volume
+        np.testing.assert_allclose(median[10:] / np.max(median), exact[10:] / np.max(exact), atol=0.1)
+    rows = [bar for bar in upper.containers if isinstance(bar, ErrorbarContainer)]
+    assert [len(np.asarray(bar.lines[0].get_xdata())) for bar in rows] == [6, 6]
+    assert [bar.lines[0].get_color() for bar in rows] == [line.get_color() for line in medians]
+    # How a cut ends depends on the speed if the body turns meanwhile.
+    assert [ax.get_title("left") for ax in lower] == ["v₀ = 2200 in/s", "v₀ = 8800 in/s"]
+
+
+@pytest.mark.slow
+def test_a_prediction_may_be_at_another_speed(result):
+    fig = plot_prediction(result, {"v0": 8800.0})
+    assert fig.axes[0].get_title("left") == "linearized  v₀ = 8800 in/s"
+    assert not any(isinstance(bar, ErrorbarContainer) for bar in fig.axes[0].containers)
+
+
+@pytest.mark.slow
+def test_best_angles_are_coloured_by_kind(result):
+    best = result.alpha_max(50)
+    fig = plot_best_angles(best)
+    upper, lower = fig.axes
+    bars: list[Any] = [bar for bar in upper.patches if hasattr(bar, "get_height")]
+    assert sum(bar.get_height() for bar in bars) == pytest.approx(50)
+    assert "discrepancy" in fig.legends[0].get_texts()[-1].get_text()
+    np.testing.assert_allclose(np.sort(lower.lines[0].get_xdata()), np.sort(np.rad2deg(best.of_model)))
+
+
+@pytest.mark.slow
+def test_the_next_experiment_has_a_curve_for_each_speed_and_a_star(result):
+    angles = np.deg2rad([20.0, 60.0, 40.0])
+    answer = next_experiment(result, {"alpha": angles[:, None], "v0": [8800.0, 4400.0]})
+    (ax,) = plot_next_experiment(answer).axes
+    slow, fast, star = ax.lines
+    assert [line.get_label() for line in ax.lines[:2]] == ["4400 in/s", "8800 in/s"]
+    np.testing.assert_allclose(np.asarray(slow.get_xdata()), [20, 40, 60])
+    np.testing.assert_allclose(np.asarray(fast.get_ydata()), answer.information[[0, 4, 2]])
+    assert star.get_ydata() == answer.information.max()
+    assert str(star.get_label()).startswith("best: ")
+    assert str(star.get_label()).endswith(", 8800 in/s")
+
+
+@pytest.mark.slow
+def test_tests_of_several_weighings_are_compared_for_one_cost(result):
+    answer = next_experiment(result, {"alpha": np.deg2rad([20.0, 40.0])}, weighings=[1, 3], repeat_cost=0.5)
+    (ax,) = plot_next_experiment(answer).axes
+    lines = {str(line.get_label()): np.asarray(line.get_ydata()) for line in ax.get_lines()}
+    assert str(ax.get_lines()[-1].get_label()).endswith(f" {answer.best['weighings']} weighings")
+    np.testing.assert_allclose(lines["1 weighing"], answer.total[:2])
+    np.testing.assert_allclose(lines["3 weighings"], answer.total[2:] / 2)
+    assert "for the cost of one weighing" in ax.get_ylabel()
+    # Numbers that need two digits beside the axis move the label, which stays on the paper.
+    (ax,) = plot_next_experiment(dataclasses.replace(answer, information=0.426 * answer.cost)).axes
+    ax.figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]
+    assert ax.yaxis.label.get_window_extent().x0 > 0
+
+
+@pytest.mark.slow
+def test_of_several_models_the_next_experiment_has_a_panel_on_the_model():
+    degrees = np.linspace(8.0, 80.0, 4)
+    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
+    data = {"angle [deg]": degrees, "volume [in^3]": volume, "uncertainty [in^3]": np.full(4, 2e-5)}
+    both = rank_posteriors(TABLE_1, data, ["psi"], models=["linearized", "tan-alpha"], draws=125)
+    answer = next_experiment(both, {"alpha": np.deg2rad([20.0, 40.0])})
+    fig = plot_next_experiment(answer)
+    upper, lower = fig.axes
+    np.testing.assert_array_equal(np.asarray(upper.lines[0].get_ydata()), answer.information)
+    np.testing.assert_array_equal(np.asarray(lower.lines[0].get_ydata()), answer.discrimination)
+    assert [text.get_text() for text in fig.legends[0].get_texts()] == [upper.lines[1].get_label()]

@@ -1,20 +1,37 @@
-"""Streams: means with their errors against closed forms, and what is left when one is interrupted."""
+"""Streams: means with their errors against closed forms, and what is left when one is interrupted.
+
+Streams whose own parameters vary: the same impacts as those of the equivalent case without friction.
+
+Streams of particles whose parameters vary together, and the sensitivities of such inputs.
+"""
 
 import json
+from pathlib import Path
 from typing import Any
 
+import equinox as eqx
+import jax
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import stats
 
 import erosion
+from erosion.cli import _status
 from erosion.distributions import LogNormal, Normal, RosinRammler, Samples, Uniform
 from erosion.impacts.dataset_files import StoreError
-from erosion.models import Linearized
+from erosion.impacts.impact import impact
+from erosion.joint_laws import CorrelatedLaws, Rows
+from erosion.models import ForceLaw, Linearized
 from erosion.models.rigid import LinearizedCut
 from erosion.output.tables import to_json
-from erosion.streams.stream import StreamInterrupted, stream
-from erosion.streams.tally import Particles
+from erosion.parameters.parameters import TABLE_1
+from erosion.streams.stream import REPLICATES, StreamInterrupted, stream
+from erosion.streams.tally import Particles, Points, sobol_indices
+from tests.cli.test_set_option import FILE
+from tests.documents import result_of
+from tests.models.test_own_parameters import MODEL, P as PULLED, with_friction
+from tests.reference import AT_20_DEGREES, closed_form
 
 P = erosion.TABLE_1
 FEW: dict[str, Any] = {"best_angle": False, "sensitivities": False}
@@ -166,3 +183,285 @@ def test_spread_of_the_angle_moves_the_best_angle():
 def test_bad_arguments_are_one_sentence(arguments, error, message):
     with pytest.raises(error, match=message):
         stream("linearized", P, **arguments)
+
+
+FRICTION_LAWS: dict[str, Any] = {"friction": Uniform(0.1, 0.3), "v0": LogNormal(4400.0, 0.1)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("points", ["sobol", "random"])
+def test_a_law_of_friction_is_laws_of_flow_stress_and_force_ratio(points):
+    result = stream(MODEL, PULLED, n=2**10, seed=3, points=points, **FEW, **FRICTION_LAWS)
+    drawn = Particles(MODEL, PULLED, FRICTION_LAWS).draw(Points(points, 2, 3, REPLICATES).take(2**10 // REPLICATES))
+    assert drawn["friction"].shape == (REPLICATES, 64)
+    equivalent = with_friction(drawn["friction"], PULLED.replace(v0=drawn["v0"]))
+    volume = erosion.impact("linearized", equivalent).volume
+    np.testing.assert_allclose(result.tally.mean, volume.mean(axis=1), rtol=1e-8)  # the engine's tolerance is 1e-9
+    assert result.quantiles[0.5] == pytest.approx(np.median(volume), rel=3e-3)
+
+
+@pytest.mark.slow
+def test_the_mean_and_the_best_angle_are_those_of_the_closed_form():
+    result = stream(MODEL, PULLED, n=2**16, **FEW, **FRICTION_LAWS)
+    nodes, weights = np.polynomial.legendre.leggauss(30)
+    volume = np.asarray(closed_form("linearized").volume(with_friction(0.2 + 0.1 * nodes)))
+    # V ∝ v₀², of lognormal moment exp(2 s²).
+    exact = float(volume @ weights / 2 * np.exp(2 * 0.1**2))
+    assert result.mean_volume.value == pytest.approx(exact, rel=1e-4)
+    assert result.mean_volume.low < exact < result.mean_volume.high
+    nozzle = stream(MODEL, PULLED, n=64, sensitivities=False, friction=Normal(0.2, 1e-6)).nozzle
+    assert nozzle is not None
+    best = np.arctan(2.0 / 1.4) / 2  # ½ arctan k at k/(1 + μk)
+    assert (nozzle.alpha.value, nozzle.single_alpha) == (pytest.approx(best, abs=1e-4), pytest.approx(best, abs=1e-9))
+
+
+@pytest.mark.slow
+def test_no_range_of_an_own_parameter_is_known():
+    drawn = Particles(MODEL, PULLED, {"friction": Normal(0.0, 0.1)}).draw(np.array([[0.1], [0.9]]))
+    assert drawn["friction"] == pytest.approx([-0.1281551566, 0.1281551566])
+    with pytest.raises(ValueError, match=r"`k` must be positive, but 50\.0% of"):
+        Particles(MODEL, PULLED, {"k": Normal(0.0, 0.1)})
+
+
+@pytest.mark.slow
+def test_sensitivities_and_labels_are_those_of_the_model():
+    result = stream(MODEL, PULLED, n=64, best_angle=False, **FRICTION_LAWS)
+    assert result.sensitivities is not None
+    assert list(result.sensitivities) == ["friction", "v0"]
+    symbols = [row.symbol for row in result.rows() if row.name == "sensitivity"]
+    assert symbols == ["S(μ)", "T(μ)", "S(v₀)", "T(v₀)"]
+    assert result.title == (
+        "Linearized(CoulombTip): a stream, friction uniform(0.1, 0.3), v0 lognormal(4400 in/s, 0.1)"
+    )
+
+
+@pytest.mark.slow
+def test_the_law_is_part_of_the_identity(tmp_path):
+    path = tmp_path / "jet.nc"
+    whole = stream(MODEL, PULLED, n=2**10, **FEW, **FRICTION_LAWS)
+    stream(MODEL, PULLED, n=2**9, store=path, **FEW, **FRICTION_LAWS)
+    result = stream(MODEL, PULLED, n=2**10, store=path, **FEW, **FRICTION_LAWS)
+    np.testing.assert_allclose(result.tally.mean, whole.tally.mean, rtol=1e-14)
+    stored = xr.load_dataset(path, engine="h5netcdf")
+    assert stored.attrs["distributions"] == "friction: Uniform(0.1, 0.3); v0: LogNormal(4400, 0.1)"
+    # Of what varies, the model's own value means nothing.
+    assert "own_parameters" not in stored.attrs
+    with pytest.raises(StoreError, match="another distributions"):
+        stream(MODEL, PULLED, n=2**9, store=path, **FEW, **{**FRICTION_LAWS, "friction": Uniform(0.1, 0.4)})
+
+
+@pytest.mark.slow
+def test_what_cannot_vary_is_one_sentence():
+    class Undeclared(ForceLaw):
+        factor: jax.Array = eqx.field(default=1.0)  # pyright: ignore[reportAssignmentType]
+
+        def __call__(self, state, tip, p):
+            horizontal = -p.stiffness * tip.depth * self.factor
+            return horizontal, p.k * horizontal
+
+        def typical_ratio(self, p):
+            return p.k
+
+    model, data = Linearized(force=Undeclared()), {"angle [deg]": [20.0, 30.0, 40.0], "volume [in^3]": [1e-4] * 3}
+    for call in (
+        lambda: stream(model, PULLED, factor=Normal(1.0, 0.1)),
+        lambda: erosion.sweep(model, PULLED, factor=[1.0, 2.0]),
+        lambda: erosion.calibrate(model, PULLED, data, free=["factor"]),
+    ):
+        with pytest.raises(TypeError, match=r"`factor` must be one number, .*`erosion\.own_parameter`, or as `float`"):
+            call()
+    with pytest.raises(TypeError, match=r"`fricton` is not a parameter; they are .*, friction\."):
+        stream(MODEL, PULLED, fricton=Normal(0.2, 0.1))
+    with pytest.raises(ValueError, match=r"`friction` must be a scalar here, but has shape \(2,\)"):
+        stream(MODEL.replace(friction=np.array([0.1, 0.2])), PULLED, v0=Normal(4400, 40))
+
+
+@pytest.mark.slow
+def test_the_command_line_takes_laws_of_own_parameters(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("harder.py").write_text(FILE)
+    case = '\n[stream]\nmodel = "harder.py"\nn = 1024\nset.factor = "uniform(2, 3)"\n'
+    Path("case.toml").write_text(erosion.dump_case(PULLED) + case)
+    words = ["stream", "case.toml", "--no-best-angle", "-o", "jet.nc", "--json", "--set"]
+    assert _status([*words, "speed=normal(5 m/s, 1 m/s)"]) == 0
+    document = capsys.readouterr().out
+    result = result_of(document)
+    # V ∝ 1/σ, and the mean of 1/f is ln 1.5; 1024 points are worth four digits.
+    single = AT_20_DEGREES["linearized"].volume
+    assert result["mean_volume"] == pytest.approx(single * np.log(1.5), rel=1e-4)
+    assert json.loads(document)["model"] == {"name": "harder.py", "own_parameters": {}}
+    assert set(result["sensitivities"]) == {"factor", "speed"}
+    stored = xr.load_dataset("jet.nc")
+    assert stored.attrs["distributions"] == "factor: Uniform(2, 3); speed: Normal(196.85, 39.3701)"
+    for own, message in (
+        ("speed=normal(5 m/s, 2 m/s)", "holds another result (of another distributions)"),
+        ("factor=2", "must have a law of a parameter, an option such as"),
+        ("speed=normal(5 kg, 2 m/s)", "Option `--set speed` must be a speed"),
+    ):
+        assert _status([*words, own]) == 2
+        assert message in capsys.readouterr().err
+    Path("factors.csv").write_text("factor\n2\n4\n")
+    assert _status(["stream", "--model", "harder.py", "--n", "64", "--no-best-angle", "--set",
+                    "factor=samples(factors.csv)", "--json"]) == 0  # fmt: skip
+    result = result_of(capsys.readouterr().out)
+    assert result["mean_volume"] == pytest.approx(single * 3 / 8, rel=1e-8)
+
+
+def test_rows_give_the_mean_over_the_table():
+    rng = np.random.default_rng(0)
+    angle = rng.uniform(0.2, 1.0, 64)
+    speed = 4400 * (1 + angle)
+    result = stream("linearized", TABLE_1, n=2**12, **FEW, **Rows({"alpha": angle, "v0": speed}))
+    exact = impact("linearized", TABLE_1.replace(alpha=angle, v0=speed)).volume.mean()
+    # 64 rows, and powers of 2 of Sobol points: each row comes equally often.
+    assert result.mean_volume.value == pytest.approx(exact, rel=1e-9)
+    apart = stream("linearized", TABLE_1, n=2**12, **FEW, alpha=Uniform(0.2, 1.0), v0=Uniform(5280, 8800))
+    assert abs(apart.mean_volume.value / exact - 1) > 0.005
+    assert "row by row of alpha, v0" in str(result)
+    assert result.to_dict()["mean_volume"] == result.mean_volume.value
+
+
+def test_correlated_speed_and_size_remove_more():
+    laws: dict[str, Any] = {"v0": LogNormal(4400.0, 0.2), "r": LogNormal(0.04, 0.2)}
+    together = stream("linearized", TABLE_1, n=2**13, **FEW, **CorrelatedLaws(laws, {("v0", "r"): 0.8}))
+    apart = stream("linearized", TABLE_1, n=2**13, **FEW, **laws)
+    # V goes with m v0² and m with r³: the logarithms add, and their covariance is 0.8·0.2².
+    ratio = together.mean_volume.value / apart.mean_volume.value
+    assert ratio == pytest.approx(np.exp(2 * 3 * 0.8 * 0.2**2), rel=0.01)
+
+
+def test_frozen_laws_of_scipy_are_taken():
+    def means(speed: Any, k: Any) -> list[float]:
+        tied = CorrelatedLaws({"v0": speed, "r": LogNormal(0.04, 0.2)}, {("v0", "r"): 0.8})
+        return [
+            stream("linearized", TABLE_1, n=256, **FEW, v0=speed, uncertain={"k": k}).mean_volume.value,
+            stream("linearized", TABLE_1, n=256, **FEW, **tied).mean_volume.value,
+        ]
+
+    ours = means(Normal(4400.0, 400.0), Uniform(1.5, 2.5))
+    assert means(stats.norm(4400.0, 400.0), stats.uniform(1.5, 1.0)) == pytest.approx(ours, rel=1e-9, abs=0)
+
+
+def test_a_joint_law_is_one_input_of_the_sensitivities(tmp_path):
+    laws = {"v0": LogNormal(4400.0, 0.05), "m": LogNormal(float(TABLE_1.m), 0.1)}
+
+    def jet(rho: float, **more: Any):
+        joint = CorrelatedLaws(laws, {("v0", "m"): rho})
+        return stream("linearized", TABLE_1, n=2**12, best_angle=False, **more, **joint)
+
+    stored: dict[str, Any] = {"sigma": LogNormal(2e5, 0.1), "store": tmp_path / "jet.nc"}
+    result, again = jet(-0.5, **stored), jet(-0.5, **stored)
+    assert again.mean_volume == result.mean_volume
+    assert result.sensitivities is not None
+    # log V = log m + 2 log v0 - log σ: variances 0.01 and 0.01 + 4·0.0025 - 4·0.5·0.1·0.05 = 0.01.
+    first = {name: estimate.value for name, (estimate, _) in result.sensitivities.items()}
+    assert first == {"sigma": pytest.approx(0.5, abs=0.02), "v0, m": pytest.approx(0.5, abs=0.02)}
+    assert "S(v₀, m)" in str(result)
+    assert jet(-0.5).sensitivities is None
+    with pytest.raises(ValueError, match="another distributions"):
+        jet(-0.4, **stored)
+
+
+def test_a_store_knows_which_values_stand_in_one_row(tmp_path):
+    angle, speed = np.linspace(0.2, 0.6, 8), np.linspace(4000.0, 5000.0, 8)
+    options: dict[str, Any] = {"n": 64, **FEW, "store": tmp_path / "jet.nc"}
+    first, again = (stream("linearized", TABLE_1, **options, **Rows({"alpha": angle, "v0": speed})) for _ in range(2))
+    assert again.mean_volume == first.mean_volume
+    with pytest.raises(ValueError, match="another distributions"):
+        stream("linearized", TABLE_1, **options, **Rows({"alpha": angle, "v0": speed[::-1]}))
+
+
+def test_sobols_indices_are_those_of_ishigami():
+    # sin x + 7 sin² y + 0.1 z⁴ sin x on (-π, π)³: Saltelli et al., Sensitivity analysis in practice (2004).
+    def ishigami(points: np.ndarray) -> np.ndarray:
+        x, y, z = (2 * points.T - 1) * np.pi
+        return np.sin(x) + 7 * np.sin(y) ** 2 + 0.1 * z**4 * np.sin(x)
+
+    first, total = sobol_indices(ishigami, [1, 1, 1], 2**13, np.random.default_rng(0))
+    np.testing.assert_allclose(first, [0.3139, 0.4424, 0.0], atol=0.01)
+    np.testing.assert_allclose(total, [0.5576, 0.4424, 0.2437], atol=0.01)
+    # The first and the third together cause all that the second does not.
+    first, total = sobol_indices(lambda points: ishigami(points[:, [0, 2, 1]]), [2, 1], 2**13, np.random.default_rng(0))
+    np.testing.assert_allclose(first, [0.5576, 0.4424], atol=0.01)
+    np.testing.assert_allclose(total, [0.5576, 0.4424], atol=0.01)
+
+
+def test_inputs_of_one_number_have_scipys_indices():
+    def function(points: np.ndarray) -> np.ndarray:
+        return points[:, 0] + points[:, 1] ** 2 + points[:, 0] * points[:, 2]
+
+    first, total = sobol_indices(function, [1, 1, 1], 2**11, np.random.default_rng(1))
+    uniform = [stats.uniform(2.0**-31, 1 - 2.0**-30)] * 3
+    known = stats.sobol_indices(func=lambda x: function(x.T), n=2**11, dists=uniform, rng=np.random.default_rng(1))
+    np.testing.assert_allclose(first, known.first_order, atol=0.02)
+    np.testing.assert_allclose(total, known.total_order, atol=0.02)
+
+
+def test_normal_laws_of_a_joint_law_are_cut_off_at_zero():
+    laws = {"v0": Normal(4400.0, 1850.0), "r": Normal(0.04, 0.001)}
+    result = stream("linearized", TABLE_1, n=2**12, **FEW, **CorrelatedLaws(laws, {("v0", "r"): 0.5}))
+    assert set(result.shares) <= {"rebound", "stop"}
+
+
+def test_what_is_uncertain_does_not_average_out():
+    # V of the linearized cut goes with 1/σψ: all means scale alike with it, whatever the particles are.
+    rng = np.random.default_rng(3)
+    sigma, psi = 2e5 * np.exp(0.2 * rng.standard_normal(500)), 0.05 * np.exp(0.1 * rng.standard_normal(500))
+    particles: dict[str, Any] = {"v0": LogNormal(4400.0, 0.2), "r": Normal(0.04, 0.002)}
+    metal = Rows({"sigma": sigma, "psi": psi})
+    few, many = (stream("linearized", TABLE_1, n=n, **FEW, **particles, uncertain=metal) for n in (2**8, 2**15))
+    exact = np.std(1 / (sigma * psi)) / np.mean(1 / (sigma * psi))
+    for jet in (few, many):
+        assert jet.uncertainty is not None
+        assert len(jet.uncertainty.volume) == 256
+        errors = jet.parameter_errors
+        # 256 draws know a standard deviation to 4 %; Sobol's points are better than random ones.
+        assert errors["erosion"] / jet.erosion.value == pytest.approx(exact, rel=0.1)
+        assert errors["mean_volume"] / jet.mean_volume.value == pytest.approx(exact, rel=0.1)
+    assert many.mean_volume.error < few.mean_volume.error / 5
+    ratio = many.mean_volume.value / stream("linearized", TABLE_1, n=2**15, **FEW, **particles).mean_volume.value
+    mean = np.mean(1 / (sigma * psi)) * float(TABLE_1.sigma * TABLE_1.psi)
+    assert ratio == pytest.approx(mean, rel=0.005)
+    assert "of E, by uncertain σ, ψ; ± is by sampling alone" in str(many)
+    assert many.to_dict()["mean_volume_parameter_error"] == many.parameter_errors["mean_volume"]
+
+
+def test_what_varies_from_particle_to_particle_averages_out():
+    law: dict[str, Any] = {"sigma": LogNormal(2e5, 0.3)}
+    varied = stream("linearized", TABLE_1, n=2**15, **FEW, **law)
+    assert varied.parameter_errors == {}
+    assert varied.mean_volume.error < 0.001 * varied.mean_volume.value
+    unknown = stream("linearized", TABLE_1, n=2**15, **FEW, uncertain=law)
+    assert unknown.parameter_errors["mean_volume"] == pytest.approx(
+        unknown.mean_volume.value * np.sqrt(np.exp(0.3**2) - 1), rel=0.05
+    )
+    assert "sigma uncertain lognormal" in unknown.title
+
+
+def test_uncertain_parameters_are_inputs_of_the_sensitivities(tmp_path):
+    metal = CorrelatedLaws({"sigma": LogNormal(2e5, 0.1), "psi": LogNormal(0.05, 0.1)}, {("sigma", "psi"): -0.9})
+    options: dict[str, Any] = {"n": 2**12, "best_angle": False, "v0": LogNormal(4400.0, 0.05)}
+    jet = stream("linearized", TABLE_1, **options, uncertain=metal, store=tmp_path / "jet.nc")
+    assert jet.sensitivities is not None
+    # log V = 2 log v0 - log σψ: variances 4·0.0025 and 0.01 + 0.01 - 2·0.9·0.01 = 0.002.
+    assert jet.sensitivities["sigma, psi"][0].value == pytest.approx(1 / 6, abs=0.02)
+    with pytest.raises(ValueError, match="another distributions"):
+        stream("linearized", TABLE_1, **options, **metal, store=tmp_path / "jet.nc")
+
+
+PAIR: dict[str, Any] = dict(Rows({"k": [1.0, 2.0], "psi": [0.05, 0.06]}))
+SIGMA: dict[str, Any] = {"sigma": LogNormal(2e5, 0.3)}
+
+
+@pytest.mark.parametrize(
+    ("laws", "message"),
+    [
+        ({**SIGMA, "uncertain": SIGMA}, "`uncertain` must name parameters without another law, but sigma has one"),
+        ({"k": PAIR["k"], "uncertain": {"psi": PAIR["psi"]}}, "must include all of a joint law, but psi is missing"),
+        ({"k": PAIR["k"]}, "must include all of a joint law, but psi is missing"),
+        (Rows({"v0": [-1.0, 4000.0]}), "`v0` must be positive"),
+    ],
+)
+def test_laws_that_make_no_sense_are_refused(laws, message):
+    with pytest.raises(ValueError, match=message):
+        stream("linearized", TABLE_1, n=64, **laws)

@@ -1,7 +1,15 @@
-"""Sweeps: the labels, the same bits however a grid is cut and kept, and what happens when it is interrupted."""
+"""Sweeps: the labels, the same bits however a grid is cut and kept, and what happens when it is interrupted.
 
+Blocks of a grid: they cover it once, are of a useful size, and lie as memory does.
+
+Sweeps over a model's own parameters.
+"""
+
+import inspect
 import json
+import math
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +18,21 @@ import pytest
 import xarray as xr
 
 import erosion
+from erosion.cli import _status
+from erosion.impacts import impact as engine
 from erosion.impacts.dataset_files import StoreError
-from erosion.sweeps.grid import make_grid
+from erosion.models import Finnie, Linearized
+from erosion.plotting.curves import pieces, plot_against_correlations, plot_optimum
+from erosion.plotting.labels import broken
+from erosion.plotting.style import render
+from erosion.plotting.sweeps import plot_comparison, plot_regimes, plot_sweep
+from erosion.sweeps import grid
+from erosion.sweeps.grid import Outputs, block_shape, make_grid, regions
 from erosion.sweeps.sweep import MemoryStore, SweepInterrupted, sweep
+from tests.cli.test_set_option import FILE
+from tests.documents import result_of
+from tests.models.test_own_parameters import FRICTION, MODEL, P as PULLED
+from tests.reference import closed_form
 
 P = erosion.TABLE_1
 # 24 000 impacts: two blocks of the least size.
@@ -214,3 +234,266 @@ def test_a_plug_in_is_known_by_its_equations(tmp_path):
 def test_bad_arguments_are_one_sentence(arguments, error, message):
     with pytest.raises(error, match=message):
         sweep(**{"model": "linearized", "p": P, **arguments})
+
+
+NAMES = ("alpha", "k", "v0")
+
+
+def lengths_of(shape: Sequence[int]) -> dict[str, int]:
+    return dict(zip(NAMES, shape, strict=False))
+
+
+@pytest.mark.parametrize("usual", [1, 7, 1000, 10**6])
+@pytest.mark.parametrize("shape", [(1,), (100,), (3, 50), (10, 20, 30)])
+def test_blocks_cover_the_grid_once(usual: int, shape: tuple[int, ...]) -> None:
+    block = block_shape(lengths_of(shape), None, 1, usual)
+    assert min(usual, math.prod(shape)) / 4 <= math.prod(block) <= max(usual, 1)
+    covered = np.zeros(shape, int)
+    for region in regions(shape, block):
+        assert covered[region].size > 0
+        covered[region] += 1
+    assert (covered == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("lengths", "chunks", "least", "usual", "block"),
+    [
+        # The last dimensions stay whole: a block is one piece of memory, or as few as may be.
+        (lengths_of((10, 20, 30)), None, 1, 6000, (10, 20, 30)),
+        (lengths_of((10, 20, 30)), None, 1, 2999, (4, 20, 30)),
+        (lengths_of((10, 20, 30)), None, 1, 100, (1, 3, 30)),
+        # Pieces of about one length: 3 of 34 rather than 2 of 40 and one of 20.
+        (lengths_of((100,)), None, 1, 40, (34,)),
+        # No block holds two models.
+        ({"model": 3, "alpha": 10}, None, 1, 1000, (1, 10)),
+        ({"model": 3, "alpha": 10}, {"model": 2, "alpha": 5}, 1, 1000, (1, 5)),
+        # Chunks are what the user wants; the whole grid may be smaller than the least block.
+        (lengths_of((300, 100)), {"alpha": 100}, 10_000, 0, (100, 100)),
+        (lengths_of((300, 100)), {"alpha": 1000, "k": 50}, 10_000, 0, (300, 50)),
+        (lengths_of((3,)), {"alpha": 3}, 10_000, 0, (3,)),
+    ],
+)
+def test_the_shape_of_a_block(lengths, chunks, least, usual, block) -> None:
+    assert block_shape(lengths, chunks, least, usual) == block
+
+
+def test_regions_come_in_the_order_of_memory() -> None:
+    numbers = np.arange(7 * 5).reshape(7, 5)
+    assert [numbers[region].flat[0] for region in regions((7, 5), (3, 2))] == [0, 2, 4, 15, 17, 19, 30, 32, 34]
+
+
+@pytest.mark.parametrize(
+    ("chunks", "error", "message"),
+    [
+        ({"alpha": 99}, ValueError, "at least 10,000 impacts, but makes blocks of 9,900"),
+        ({"beta": 1}, ValueError, r"name dimensions \(alpha, k\), but has 'beta'"),
+        ({"alpha": 0}, ValueError, "positive whole numbers, but has alpha=0"),
+        ({"alpha": True}, ValueError, "positive whole numbers, but has alpha=True"),
+        ({"alpha": 2.5}, ValueError, r"positive whole numbers, but has alpha=2\.5"),
+        (100, TypeError, "must give lengths by dimension, but is 100"),
+    ],
+)
+def test_chunks_must_be_of_use(chunks, error: type[Exception], message: str) -> None:
+    # Outside of the tests nothing checks types before.
+    with pytest.raises(error, match=message):
+        inspect.unwrap(block_shape)(lengths_of((300, 100)), chunks, 10_000, 0)
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    return erosion.compare(["linearized", "rotating"], P)
+
+
+@pytest.fixture(scope="module")
+def map_of_rotating():
+    return erosion.regimes("rotating", P, alpha=np.deg2rad(np.arange(2.0, 90.0, 4.0)), phidot0=[-55000.0, 0.0, 27500.0])
+
+
+@pytest.mark.slow
+def test_a_comparison_holds_curves_and_optima(comparison):
+    assert dict(comparison.sizes) == {"model": 2, "alpha": 360}
+    exact = closed_form("linearized")
+    p = P.replace(alpha=comparison.alpha.values)
+    np.testing.assert_allclose(comparison.volume.sel(model="linearized"), exact.volume(p), rtol=1e-8, atol=1e-20)
+    np.testing.assert_allclose(comparison.dvolume.sel(model="linearized"), exact.dvolume(p), rtol=1e-8, atol=1e-18)
+    np.testing.assert_allclose(np.rad2deg(comparison.alpha_max), [31.717474411, 25.571827308], atol=1e-8)
+    ends = comparison.alpha_max_ended_by
+    assert [ends.attrs["flag_meanings"].split()[code] for code in ends.values] == ["rebound", "rebound"]
+    assert comparison.volume.attrs["units"] == "in^3"
+
+
+@pytest.mark.slow
+def test_regimes_change_with_spin(map_of_rotating):
+    dataset = map_of_rotating
+    assert dict(dataset.sizes) == {"phidot0": 3, "alpha": 22}
+    names = dataset.ended_by.attrs["flag_meanings"].split()
+    ends = np.array(names)[dataset.ended_by.values]
+    # With s = -0.5 nothing is cut where cos α ≤ 0.5.
+    assert set(ends[0][np.rad2deg(dataset.alpha) > 60]) == {"no-cut"}
+    np.testing.assert_allclose(np.rad2deg(dataset.alpha_max), [47.13850880, 25.57182731, 20.39], atol=5e-3)
+
+
+@pytest.mark.slow
+def test_curves_are_broken_where_they_jump(comparison):
+    one = comparison.sel(model="rotating")
+    x, _ = broken(one.alpha.values, one.volume.values, one.dvolume.values)
+    gaps = np.flatnonzero(np.isnan(x))
+    assert len(gaps) == 1
+    assert x[gaps[0] - 1] < np.deg2rad(42.92255530) < x[gaps[0] + 1]
+
+
+@pytest.mark.slow
+def test_pieces_end_at_jumps():
+    best = erosion.alpha_max("rotating", P.replace(k=1.0))
+    curve = pieces(best)
+    assert [piece.ended_by for piece in curve] == ["rebound", "stop", "stop"]
+    for before, after, jump in zip(curve[:-1], curve[1:], best.jumps, strict=True):
+        assert before.alpha[-1] < jump.alpha < after.alpha[0]
+        assert before.value[-1] == pytest.approx(jump.below, rel=1e-5)
+        assert after.value[0] == pytest.approx(jump.above, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_figures_are_the_same_each_time(comparison, map_of_rotating):
+    best = erosion.alpha_max("rotating", P.replace(k=1.0))
+    for draw in (
+        lambda: plot_optimum(best),
+        lambda: plot_comparison(comparison),
+        lambda: plot_regimes(map_of_rotating),
+    ):
+        assert render(draw(), "svg") == render(draw(), "svg")
+
+
+@pytest.mark.slow
+def test_a_batch_of_optima_is_not_one_figure():
+    best = erosion.alpha_max("rotating", P.replace(k=np.array([1.0, 2.0])))
+    with pytest.raises(ValueError, match="Argument `optimum` must be of one set of parameters"):
+        plot_optimum(best)
+
+
+@pytest.mark.slow
+def test_shapes_lie_over_each_other(comparison):
+    ax = plot_against_correlations(comparison, ["dnv", "oka"]).axes[0]
+    labels = ax.get_legend_handles_labels()[1]
+    assert labels[:2] == ["DNV RP-O501 (2015): 34.7°", "Oka (SiO₂, Hv = 1.8 GPa): 33.9°"]
+    assert len(labels) == 2 + comparison.sizes["model"]
+    for line in ax.get_lines():
+        # The grid of angles misses the greatest by little.
+        assert 0.999 < np.nanmax(line.get_ydata()) <= 1 + 1e-12
+
+
+ANGLES = np.deg2rad([10.0, 20.0, 30.0])
+# One program for the whole file, that of derivatives along any parameter.
+ASKED: dict[str, Any] = {"derivatives": 1, "wrt": "friction"}
+
+
+@pytest.fixture(scope="module")
+def whole_own_axis() -> xr.Dataset:
+    return sweep(MODEL, PULLED, alpha=ANGLES, friction=[0.0, 0.1, 0.3], **ASKED)
+
+
+def alone(friction: float, alpha: Any) -> erosion.Impact:
+    return erosion.impact(MODEL.replace(friction=friction), PULLED.replace(alpha=alpha), **ASKED)
+
+
+def test_an_own_parameter_is_an_axis(whole_own_axis):
+    assert whole_own_axis.volume.dims == ("alpha", "friction")
+    for friction in (0.0, 0.1, 0.3):
+        dataset, hits = whole_own_axis.sel(friction=friction), alone(friction, ANGLES)
+        for name in ("volume", "t_c", "dvolume"):
+            np.testing.assert_array_equal(dataset[name], getattr(hits, name))
+
+
+def test_all_values_are_one_call_of_each_verb(monkeypatch):
+    calls: list[str] = []
+
+    def counted(name: str, verb: Any) -> Any:
+        def call(*arguments: Any, **options: Any) -> Any:
+            calls.append(name)
+            return verb(*arguments, **options)
+
+        return call
+
+    monkeypatch.setattr(engine, "integrate", counted("integrate", engine.integrate))
+    frictions = np.linspace(0.0, 0.5, 200)
+    dataset = sweep(MODEL, PULLED, friction=frictions, alpha=ANGLES)
+    assert calls == ["integrate"]
+    last = erosion.impact(MODEL.replace(friction=0.5), PULLED.replace(alpha=ANGLES))
+    np.testing.assert_array_equal(dataset.volume[-1], last.volume)
+    monkeypatch.setattr(grid, "alpha_max", counted("alpha_max", grid.alpha_max))
+    calls.clear()
+    sweep(MODEL, PULLED, friction=frictions[::50], optimum=True)
+    assert calls.count("alpha_max") == 1
+
+
+def test_it_has_its_label_and_unit(whole_own_axis):
+    assert whole_own_axis.friction.attrs == {"long_name": "coefficient of friction", "symbol": "μ", "units": "1"}
+    by_friction = "derivative of the volume by μ (coefficient of friction)"
+    assert whole_own_axis.dvolume.attrs == {"long_name": by_friction, "symbol": "dV/dμ", "units": "in^3"}
+    # Of what is an axis, the model's own value means nothing.
+    assert "own_parameters" not in whole_own_axis.attrs
+    other = sweep(MODEL.replace(friction=0.3), PULLED, alpha=ANGLES, **ASKED)
+    assert other.attrs["own_parameters"] == "friction = 0.3"
+    np.testing.assert_array_equal(other.volume, whole_own_axis.volume.sel(friction=0.3))
+
+
+def test_it_goes_together_with_a_parameter_of_the_case_and_has_a_best_angle():
+    dataset = sweep(MODEL, PULLED, friction=[0.1, 0.3, 0.3], alpha=ANGLES, paired=("friction", "alpha"), **ASKED)
+    assert dataset.volume.dims == dataset.friction.dims == dataset.alpha.dims == ("pair",)
+    expected = [alone(friction, alpha).volume for friction, alpha in zip((0.1, 0.3, 0.3), ANGLES, strict=True)]
+    np.testing.assert_array_equal(dataset.volume, expected)
+    best = sweep(MODEL, PULLED, friction=[0.0, 0.5], optimum=True, alpha=ANGLES, **ASKED).alpha_max
+    assert best.dims == ("friction",)
+    # linearized at k/(1 + μk): ½ arctan.
+    assert best.values == pytest.approx(np.arctan([2.0, 1.0]) / 2, abs=1e-9)
+
+
+def test_several_models_share_it():
+    grid = make_grid([MODEL, Finnie(force=FRICTION())], PULLED, {"friction": [0.1, 0.2]}, Outputs(wrt="friction"))
+    assert grid.lengths == {"model": 2, "friction": 2}
+    with pytest.raises(ValueError, match="Argument `friction` must be a parameter of every model, but finnie has none"):
+        make_grid([MODEL, "finnie"], PULLED, {"friction": [0.1, 0.2]})
+
+
+def test_it_must_not_be_called_as_a_result():
+    class Odd(FRICTION):
+        volume: float = 1.0
+
+    with pytest.raises(ValueError, match="An axis must not be called `volume`, as something else in a sweep is"):
+        make_grid(Linearized(force=Odd()), PULLED, {"volume": [1.0]})
+
+
+@pytest.mark.parametrize("store", ["out.nc", "out.zarr"])
+def test_an_interrupted_sweep_goes_on(tmp_path, store):
+    axes: dict[str, Any] = {"friction": [0.1, 0.2], "alpha": np.linspace(0.1, 1.5, 10_000), **ASKED}
+    chunks = {"chunks": {"friction": 1}} if store.endswith("zarr") else {}
+    path = tmp_path / store
+    with pytest.raises(SweepInterrupted):
+        sweep(MODEL, PULLED, store=path, progress=stop_after(1), **chunks, **axes)
+    dataset = sweep(MODEL, PULLED, store=path, **chunks, **axes)
+    assert_same_bits(dataset.load(), sweep(MODEL, PULLED, **axes))
+    assert dataset.friction.attrs["symbol"] == "μ"
+    for changed, message in (({"friction": [0.1, 0.3]}, "axes"), ({"model": MODEL.replace(friction=0.9)}, "models")):
+        with pytest.raises(erosion.StoreError, match=f"of another {message}"):
+            sweep(**{"model": MODEL, "p": PULLED, "store": path, **chunks, **axes, **changed})
+
+
+def test_a_figure_names_it(whole_own_axis):
+    map_ = plot_sweep(sweep(MODEL, PULLED, friction=np.linspace(0, 0.5, 7), alpha=np.linspace(0.1, 1.5, 8), **ASKED))
+    assert map_.axes[0].get_xlabel() == "μ  coefficient of friction"
+    family = plot_sweep(whole_own_axis)
+    assert [text.get_text() for text in family.legends[0].get_texts()] == ["μ = 0", "μ = 0.1", "μ = 0.3"]
+
+
+def test_the_command_line_takes_axes_of_own_parameters(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("harder.py").write_text(FILE)
+    Path("case.toml").write_text(erosion.dump_case(PULLED) + '\n[sweep]\nmodel = "harder.py"\nset.factor = [1, 2]\n')
+    words = ["sweep", "case.toml", "-o", "out.nc", "--alpha", "20deg,30deg", "--plot", "out.svg"]
+    assert _status([*words, "--set", "speed=5 m/s", "--json"]) == 0
+    assert result_of(capsys.readouterr().out)["dimensions"] == {"alpha": 2, "factor": 2}
+    dataset = xr.load_dataset("out.nc")
+    assert dataset.volume[0].values == pytest.approx(1.816436352531e-4 / np.array([1, 2]), rel=1e-8)  # golden; V ∝ 1/σ
+    assert dataset.attrs["own_parameters"] == "speed = 196.8503937007874"
+    assert _status([*words, "--set", "speed=6 m/s"]) == 2
+    assert "holds another result (of another models)" in capsys.readouterr().err
