@@ -16,6 +16,7 @@ def test_numbers_read_well() -> None:
     assert number(200e3, 7, strip=True) == "200000"
     assert number(3.01e-11, 1, up=True).translate(plain) == "4 × 10⁻¹¹"
     assert number(3e-11, 1, up=True).translate(plain) == "3 × 10⁻¹¹"
+    assert number(0.1, 1, up=True) == "0.1"  # though the float is slightly above
     assert number(200e3, 6, strip=True) == "200000"
     assert number(2.855e-7, 7, strip=True).translate(plain) == "2.855 × 10⁻⁷"
     assert number(-1.5e9, tex=True) == r"-1.5000\times 10^{9}"

@@ -76,7 +76,8 @@ def number(value: float, digits: int = 5, *, strip: bool = False, tex: bool = Fa
         up: rounded away from zero, for a bound.
     """
     if up and maths.isfinite(value):
-        value = float(decimal.Context(digits, decimal.ROUND_UP).create_decimal_from_float(value))
+        # of the shortest decimal that is this float: 0.1 is slightly above it and stays 0.1
+        value = float(decimal.Context(digits, decimal.ROUND_UP).create_decimal(repr(float(value))))
     text, power = _parts(value, digits, strip)
     if tex:
         return text if power is None else rf"{text}\times 10^{{{power}}}"
