@@ -20,6 +20,9 @@ from erosion.exercises import AnswerKey, answer_key
 from erosion.exercises.answer_key import IN_OTHER_UNITS, NO_NUMBER, SLIPS, TASKS, UNKNOWN_TASK
 from erosion.fits import doubts
 from erosion.fits.measurements import conditions, read_measurements
+from erosion.fits.posterior_files import Draws
+from erosion.joint_laws import Rows
+from erosion.models import load_model
 from erosion.output.language import ENGLISH, Language, catalogue_path, language, languages
 from erosion.parameters.materials import known_particles, known_targets, particle, target
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
@@ -167,6 +170,13 @@ DOUBTS = {
     "rows.csv: 160.5 g/kg is far from what tests on ductile metals find at 112 m/s, about 0.13 to 1.3 g/kg (fits to "
     "tests: DNVGL-RP-O501, 2015, table 3-1).": "rows.csv: 160,5 g/kg liegt",
     "fitted.toml: 120 m/s is 1.33 × the fastest test.": "120 m/s: das 1,33-Fache des schnellsten Versuchs.",
+    "post.nc: 35% of the draws of k lie in the lowest hundredth of its prior, normal(2, 0.2): prior and data disagree, "
+    "or the prior is too narrow.": "35 % der Ziehungen von k liegen im untersten Hundertstel der A-priori-Verteilung "
+    "normal(2, 0.2): Sie",
+    "post.nc: k has no influence on these data and cannot be determined. Its draws are those of the prior.": "Seine",
+    "post.nc: k and psi cannot be told apart: only k/psi is determined. How far the ridge goes, the priors say.": "Wie",
+    "post.nc: The uncertainties do not explain the misfit: χ² is 12.5 for 12 rows. The intervals hold only if the "
+    "model were right.": "χ² ist 12,5 bei 12 Zeilen. Die Intervalle gelten nur",
 }
 
 
@@ -184,6 +194,16 @@ def test_doubts_that_a_case_file_keeps_are_translated(doubt: str) -> None:
     assert ENGLISH_WORD.findall(said) == []
     assert GERMAN.sentences(f"Nobody says 1.5. {doubt} Nor this") == f"Nobody says 1.5. {said} Nor this"
     assert ENGLISH.sentences(doubt) == doubt
+
+
+def test_every_doubt_on_draws_is_translated() -> None:
+    rows, own = Rows(columns={"r": np.ones(2)}), "energy_ratio = 3"
+    draws = Draws(rows, Path("post.nc"), "", own, "", TABLE_1, 1.0, has_scale=True, converged=False)
+    model = load_model("linearized-deformation")
+    said = draws.doubts(model, TABLE_1.replace(k=1.5, psi=0.1, sigma=3e5), 0.5)
+    assert len(said) == 7
+    assert [ENGLISH_WORD.findall(GERMAN.sentences(doubt)) for doubt in said] == [[]] * 7
+    assert GERMAN.sentences(said[1]) == "post.nc: Die Ziehungen gelten für k = 2, aber der Fall hat 1,5."
 
 
 def test_places_of_two_numbers_have_no_english_word() -> None:

@@ -200,7 +200,7 @@ class Posterior(Result):
             share, end = max((low, "lowest"), (high, "highest"))
             if share > _PILED:
                 said.append(
-                    f"{share:.0%} of the draws of {name} lie in the {end} hundredth of its prior, "
+                    f"{100 * share:.0f}% of the draws of {name} lie in the {end} hundredth of its prior, "
                     f"{self._law_in_words(name)}: prior and data disagree, or the prior is too narrow."
                 )
         points, rows = self.run.points.reshape(-1, len(self.names)), len(self.data)

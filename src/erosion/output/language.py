@@ -72,22 +72,27 @@ class Language:
     def sentences(self, text: str) -> str:
         """Finished sentences of a fit, which a case file keeps in English; one that no message fits stays.
 
-        A sentence may begin with the name of a file and a colon. Its fields are found where the message has them.
+        A sentence may begin with the name of a file and a colon. Its fields are found where the message has them;
+        a field `command` stays as it is.
         """
         said, rest = [], text
         while rest and self.messages:
-            fits = ((pattern.match(rest), message) for pattern, message in self._finished)
-            match, message = next(((match, message) for match, message in fits if match), (_ANY.match(rest), ""))
+            fits = ((pattern.match(rest), message, names) for pattern, message, names in self._finished)
+            match, message, names = next((fit for fit in fits if fit[0]), (_ANY.match(rest), "", []))
             assert match is not None
             source, *fields = match.groups("")
-            words = source + message.format(*(self.number(self.text(field)) for field in fields))
-            said.append(words if message else match[0])
+            filled = (field if name == "command" else self.number(self.text(field))
+                      for name, field in zip(names, fields, strict=True))  # fmt: skip
+            said.append(source + message.format(*filled) if message else match[0])
             rest = rest[match.end() :].lstrip()
         return " ".join(said) or text
 
     @functools.cached_property
-    def _finished(self) -> list[tuple[re.Pattern[str], str]]:
-        """What a finished sentence looks like, and its translation with fields by their places; the longest first."""
+    def _finished(self) -> list[tuple[re.Pattern[str], str, list[str]]]:
+        """What a finished sentence looks like, its translation with fields by their places, and the fields' names.
+
+        The longest first. After the name of a file a sentence may begin with a small letter.
+        """
         made = []
         for message, said in self.messages.items():
             if message.endswith(".") and "{%" not in message and "{{" not in message and "\n" not in message:
@@ -95,8 +100,9 @@ class Language:
                 body = _FIELD.sub("\0", message)
                 pattern = re.escape(body).replace("\0", rf"({_PART})")
                 places = _FIELD.sub(lambda name, names=names: f"{{{names.index(name[1])}}}", said)
-                made.append((len(body), re.compile(rf"({_SOURCE})?{pattern}(?=\s|$)"), places))
-        return [(pattern, places) for _, pattern, places in sorted(made, key=lambda one: -one[0])]
+                looks = re.compile(rf"({_SOURCE})?{pattern}(?=\s|$)", re.IGNORECASE)
+                made.append((len(body), looks, places, names))
+        return [(looks, places, names) for _, looks, places, names in sorted(made, key=lambda one: -one[0])]
 
     def cited(self, source: str) -> str:
         """A source with its describing words translated; names and titles stay."""
