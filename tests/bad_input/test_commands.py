@@ -327,7 +327,8 @@ ADVICE = [
     (f"advise {JET} --spread '3 m'", "Option `--spread` must be an angle"),
     (f"advise {JET} --spread '0 deg'", "Option `--spread` must be above 0°"),
     (f"advise {JET} --speed-spread 2", "Option `--speed-spread` must be at least 0"),
-    (f"advise {JET} -o advice.doc", "must end in .html, .pdf or .csv"),
+    (f"advise {JET} -o advice.xlsx", "advice.xlsx: the file name must end in .html, .pdf or .csv, which Excel opens."),
+    (f"advise {JET} -o advice.csv --decimal ;", "Option `--decimal` must be . or a comma, but is ';'."),
     (f"advise {JET} --alpha 20deg", "Option `--alpha` has no meaning here"),
     (f"advise {JET} --density 2.7", "Option `--density` must be a density with its unit"),
 ]

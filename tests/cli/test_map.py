@@ -224,6 +224,7 @@ BAD = [
     ("map {run} --surface {run} --reverse yes", "`--reverse` must have one of the values auto, all, but has 'yes'."),
     ("map {run} --surface {run} --restitution 0.8,0.1", "Option `--restitution` must be left out."),
     ("map {run} --surface {run} --restitution 0.8", 'Option `--restitution` must be two numbers such as "0.8,0.1"'),
+    ("map {run} --surface {run} --restitution ''", 'Option `--restitution` must be two numbers such as "0.8,0.1"'),
     ("map {run} --surface {run} --restitution 0,0", "Option `--restitution` must be (e, μ) with e in (0, 1]"),
     ("map {run}", "gives velocities, so the angle of attack needs the normals of a surface"),
     ("map {run} --surface {run} --alpha 20deg", "Option `--alpha` has no meaning here"),

@@ -110,7 +110,7 @@ def _paragraphs(
     """Write paragraphs below each other from the height y; the height below them."""
     line = 1.45 * size / 72 / _A4[1]
     for text in texts:
-        for words in textwrap.wrap(text, width):
+        for words in textwrap.wrap(text, width, break_on_hyphens=False):  # of a command
             y -= line
             fig.text(0.09, y, words, fontsize=size, weight=weight)
         y -= 0.4 * line
@@ -146,11 +146,11 @@ def write_advice(advice: Advice, path: str | Path, lang: str = "en", decimal: st
         decimal: of the table's numbers: "." or ","; without it that of the language.
 
     Raises:
-        ValueError: for another suffix, or an unknown language.
+        ValueError: for another suffix, other decimals, or an unknown language.
         OSError: where the file cannot be written.
     """
     path = Path(path)
-    require_page_path(path)
+    require_page_path(path, decimal)
     advice = dataclasses.replace(advice, language=language(lang))
     if path.suffix == ".csv":
         write_whole(path, _spreadsheet(advice, decimal or ("," if advice.language.comma else ".")).encode("utf-8-sig"))
@@ -167,17 +167,17 @@ def write_advice(advice: Advice, path: str | Path, lang: str = "en", decimal: st
     return path
 
 
-def require_page_path(path: Path) -> None:
-    """Check that `write_advice` can write to the path; errors as of `write_advice`."""
+def require_page_path(path: Path, decimal: str | None = None) -> None:
+    """Check that `write_advice` can write to the path with these decimals; errors as of `write_advice`."""
     if path.suffix not in (".html", ".pdf", ".csv"):
-        raise ValueError(f"{path}: the file name must end in .html, .pdf or .csv.")
+        raise ValueError(f"{path}: the file name must end in .html, .pdf or .csv, which Excel opens.")
+    if decimal not in (None, ".", ","):
+        raise ValueError(f"Argument `decimal` must be . or a comma, but is {briefly(decimal)}.")
     require_writable(path)
 
 
 def _spreadsheet(advice: Advice, decimal: str) -> str:
     """Angles, also the advised one, the least and the greatest of the amounts that the advice trusts, the share."""
-    if decimal not in (".", ","):
-        raise ValueError(f"Argument `decimal` must be . or a comma, but is {briefly(decimal)}.")
     text, unit = advice.language.text, advice.unit
     advised = round(float(np.rad2deg(advice.alpha)), 6)
     angles = np.unique([*range(5, 91, 5), advised])

@@ -228,7 +228,7 @@ def advise(
     require_outputs(output, plot=plot, inputs=(options.case, *fit.files, *(model or ())))
     if output is not None:
         with user_errors():
-            lazy.require_page_path(output)
+            lazy.require_page_path(output, decimal)
     models = fit.models(chosen_models(model), p)
     abrasive = abrasive or PerMassOptions()
     uncertain, draws = fit.uncertain(models, p, has_fraction=abrasive.cutting_fraction is not None)

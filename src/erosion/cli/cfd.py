@@ -143,7 +143,8 @@ class _Rows:
             InputError: one sentence naming the option.
         """
         try:
-            normal, friction = (float(number) for number in (self.restitution or "0,0").split(","))
+            pair = "0,0" if self.restitution is None else self.restitution
+            normal, friction = (float(number) for number in pair.split(","))
         except ValueError as error:
             raise InputError(
                 f'Option `--restitution` must be two numbers such as "0.8,0.1", but is {briefly(self.restitution)}.'
