@@ -382,3 +382,16 @@ def test_a_part_that_matters_in_no_row_is_none():
     erosion = np.array([10e-6, 40e-6, 90e-6, 120e-6])
     assert ErrorModel.nearest(erosion, np.full(4, 0.2e-6) * (1 + 1e-12 * np.arange(4))).relative == 0
     assert ErrorModel.nearest(erosion, 0.08 * erosion).absolute == 0
+
+
+@pytest.mark.parametrize("title", ["Lab A", "Tests, lab A, 2024", '"Tests; lab A"'])
+def test_a_title_above_the_header_is_named(table, title):
+    text = f"{title}\n\nangle [deg];speed [m/s];mass_loss [mg/kg];remark\n20;98;1,5;\n"
+    with pytest.raises(MeasurementError, match="line 1: is no header, but a title above one; begin it with #"):
+        read_measurements(table(text), "si")
+
+
+@pytest.mark.parametrize("row", ["20;98;1,5;new", "n.a.;98;n.a.;new"])
+def test_a_row_with_words_is_no_header(table, row):
+    text = f"angle [deg];speed [m/s];mass_loss [mg/kg];remark\n{row}\n30;98;1,5;\n"
+    assert read_measurements(table(text), "si", ignore=["remark"]).angle[-1] == np.deg2rad(30)
