@@ -1,5 +1,9 @@
-"""What a run stands for: its duration, the sand that was injected, and bounces of the same parcel."""
+"""Sums over millions of rows: as exact as one row's number.
 
+What a run stands for: its duration, the sand that was injected, and bounces of the same parcel.
+"""
+
+import dataclasses
 import math
 import shutil
 from pathlib import Path
@@ -11,11 +15,54 @@ import xarray as xr
 
 import erosion
 from erosion.cfd.erosion_map import erosion_map
+from erosion.cfd.incidence import LEFT_OUT, Hits
 from erosion.cfd.map_result import YEAR, MapSummary
 from erosion.cfd.rows import ImpactsError
+from erosion.cfd.tally import FaceTally, portion_of
 from tests.cfd.tables import hump, quadrilaterals, sand, warnings_of
 
-pytestmark = pytest.mark.slow
+
+def tally_of(volume: np.ndarray, face: np.ndarray, *, times: int = 1, faces: int = 1, **changes: Any) -> FaceTally:
+    """The sums of portions with these volumes of rows, one portion a line, all of them so many times."""
+    tally, rows = FaceTally(faces), len(face)
+    columns: dict[str, Any] = {field.name: np.ones(rows) for field in dataclasses.fields(Hits)}
+    zeros = np.zeros(rows, np.int64)
+    others = {"fate": zeros, "patch": zeros, "face": face, "distance": np.full(rows, np.nan), "named": zeros > 0}
+    hits = Hits(**{**columns, **others, **changes})
+    for _ in range(times):
+        for line in volume:
+            outcome = np.isnan(line)[None].astype(np.int64)
+            tally.add(portion_of(hits, hits, line[None], outcome, zeros > 0, 1, 2))
+    return tally
+
+
+def test_many_equal_rows_of_one_face_lose_no_digit() -> None:
+    # One after the other, a tenth added ten million times is off by 1e-10.
+    rows = 2**16
+    tally = tally_of(np.full((1, rows), 0.1), np.zeros(rows, np.int64), times=160)
+    assert tally.sums["volume"][0] == pytest.approx(math.fsum([0.1] * 160 * rows), rel=1e-15)
+    assert tally.sums["impacts"][0] == tally.rows == 160 * rows
+
+
+def test_a_small_portion_after_a_large_one_is_not_lost() -> None:
+    tally = tally_of(np.array([[1.0], [1e-20], [1e-20], [-1.0]]), np.zeros(1, np.int64))
+    assert tally.sums["volume"][0] == 2e-20
+
+
+def test_rows_without_a_volume_count_in_no_sum() -> None:
+    tally = tally_of(np.array([[1.0, np.nan, 2.0]]), np.array([2, 0, 2]), faces=3)
+    assert list(tally.sums["impacts"]) == [0, 0, 2]
+    assert list(tally.sums["volume"]) == [0.0, 0.0, 3.0]
+    assert tally.counts["ends"].tolist() == [[2, 1]]
+
+
+def test_the_median_of_distances_is_that_of_the_rows() -> None:
+    distance = np.random.default_rng(0).lognormal(-8, 1.5, 10001)
+    tally = tally_of(np.ones((1, 10001)), np.zeros(10001, np.int64), distance=distance)
+    assert tally.median_distance == pytest.approx(np.median(distance), rel=6e-3)
+    assert (tally.farthest, tally.unnamed) == (distance.max(), 10001)
+    assert len(tally.counts["fates"]) == 1 + len(LEFT_OUT)
+
 
 P = erosion.TABLE_1.to("si")
 SURFACE = hump()
@@ -27,6 +74,7 @@ def wear(table: Any = TABLE, **options: Any) -> xr.Dataset:
     return erosion_map("dnv", P, table, SURFACE, **options)
 
 
+@pytest.mark.slow
 def test_a_rate_of_sand_makes_rates_of_wear() -> None:
     plain, injected, rate = wear(), 0.4, 100 / 86400
     data = wear(sand_rate="100 kg/day", injected="400 g")
@@ -44,6 +92,7 @@ def test_a_rate_of_sand_makes_rates_of_wear() -> None:
         assert words in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [1.0, 1e-4, 1e-8])
 def test_totals_are_those_of_a_year_or_in_a_unit_that_reads_well(share: float) -> None:
     table = TABLE.replace(count=share * TABLE.columns["count"])
@@ -55,6 +104,7 @@ def test_totals_are_those_of_a_year_or_in_a_unit_that_reads_well(share: float) -
     assert {"±"} <= set(rows["mass per year"].value) & set(rows["greatest depth per year"].value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "injected"),
     [
@@ -70,6 +120,7 @@ def test_a_rate_is_a_mass_flow_or_a_share_of_one(rate: Any, injected: Any) -> No
     assert float(wear(sand_rate=rate, injected=injected)["duration"]) == pytest.approx(800, rel=2e-4)
 
 
+@pytest.mark.slow
 def test_each_row_may_be_another_parcel() -> None:
     mass = float(np.sum(TABLE.columns["count"] * TABLE.columns["mass"]))
     data, given = (wear(sand_rate="100 kg/day", injected=injected) for injected in ("rows", mass))
@@ -78,6 +129,7 @@ def test_each_row_may_be_another_parcel() -> None:
     assert "Each row counts as sand of its own" in " ".join(warnings_of(data))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -102,6 +154,7 @@ def test_what_gives_no_rate_is_refused(options: dict[str, Any], words: str) -> N
         wear(**options)
 
 
+@pytest.mark.slow
 def test_more_sand_hits_than_was_injected() -> None:
     erodent = float(wear()["total_erodent"])
     assert any("2 × the mass" in sentence for sentence in MapSummary(wear(injected=erodent / 2)).warnings)
@@ -111,6 +164,7 @@ def test_more_sand_hits_than_was_injected() -> None:
     assert any("The parcels of the table" in said for said in MapSummary(wear(distinct, injected=erodent / 2)).warnings)
 
 
+@pytest.mark.slow
 def test_less_sand_hits_than_was_injected() -> None:
     erodent = float(wear()["total_erodent"])
     assert "a mass or `injected` is in another unit" in " ".join(warnings_of(wear(injected=erodent / 1000)))
@@ -123,6 +177,7 @@ def test_less_sand_hits_than_was_injected() -> None:
 PARCEL = np.random.default_rng(3).integers(0, 150, 400)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("portion", [64, 2**18])
 def test_bounces_are_of_one_parcel(monkeypatch: pytest.MonkeyPatch, portion: int) -> None:
     monkeypatch.setattr("erosion.cfd.erosion_map._PORTION", portion)
@@ -147,6 +202,7 @@ def test_bounces_are_of_one_parcel(monkeypatch: pytest.MonkeyPatch, portion: int
     assert any("hits no wall" in sentence for sentence in MapSummary(data).warnings)
 
 
+@pytest.mark.slow
 def test_parcels_that_change_their_mass_are_others() -> None:
     numbers = {"one": np.full(400, 7), "given again": np.arange(400) % 100}
     for parcel in numbers.values():
@@ -157,6 +213,7 @@ def test_parcels_that_change_their_mass_are_others() -> None:
         assert f"{changing} of the {changing} parcels of the table have rows of different masses" in sentence
 
 
+@pytest.mark.slow
 def test_openfoam_says_what_it_injected(tmp_path: Path) -> None:
     table = erosion.read_impacts(RUN)
     assert (table.injected, table.duration, table.has_parcels) == (1e-4, 0.02, True)
@@ -184,6 +241,7 @@ def test_openfoam_says_what_it_injected(tmp_path: Path) -> None:
     assert erosion.read_impacts(run).injected is None
 
 
+@pytest.mark.slow
 def test_the_duration_is_that_of_the_times() -> None:
     times = np.linspace(3.0, 13.0, 400)
     data = wear(sand(SURFACE, 400, duration=None, time=times))
@@ -203,6 +261,7 @@ def test_the_duration_is_that_of_the_times() -> None:
     assert any("1 s" in sentence and "0.02 s" in sentence for sentence in run.warnings)
 
 
+@pytest.mark.slow
 def test_the_number_of_a_parcel_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     path.write_text("diameter [um],density [kg/m^3],speed [m/s],angle [deg],particle_id\n200,2650,30,20,1.5\n")
@@ -210,6 +269,7 @@ def test_the_number_of_a_parcel_is_whole(tmp_path: Path) -> None:
         list(erosion.read_impacts(path).blocks(10))
 
 
+@pytest.mark.slow
 def test_less_than_a_particle_a_row_is_said(tmp_path: Path) -> None:
     rows = "".join(f"{100 + i},{3e-8 + i * 1e-10},{20 + i},{5 + i}\n" for i in range(40))
     for unit, is_said in (("kg", False), ("g", True)):
@@ -219,6 +279,7 @@ def test_less_than_a_particle_a_row_is_said(tmp_path: Path) -> None:
         assert ("less than one particle; are its unit" in " ".join(warnings_of(data))) == is_said
 
 
+@pytest.mark.slow
 def test_the_greatest_of_many_faces_is_said_to_be_too_large() -> None:
     """Where all faces of a flat floor wear alike, the estimate is nearer to the truth than the greatest depth."""
     for rows, along, is_said in ((12_000, 41, True), (250_000, 41, True), (250_000, 6, False)):
@@ -239,6 +300,7 @@ def test_the_greatest_of_many_faces_is_said_to_be_too_large() -> None:
             assert greatest > (1.4 if rows < 100_000 else 1.08) * mean
 
 
+@pytest.mark.slow
 def test_a_second_line_of_heads_and_pounds_of_mass(tmp_path: Path) -> None:
     (path := tmp_path / "a.csv").write_text("d,m,speed,angle\num,kg,m/s,deg\n100,1e-9,20,30\n")
     with pytest.raises(ImpactsError, match=r"line 2 is a second line of heads.* as `d \[um\]`"):

@@ -1,8 +1,13 @@
-"""`erosion map`, from files to files."""
+"""`erosion export`: files for CFD codes.
+
+`erosion map`, from files to files.
+"""
 
 import csv
 import json
+import re
 import shlex
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +21,128 @@ from erosion.cfd.surface import Surface
 from erosion.cli import _status
 from tests.cfd.parts import PARTS, rows_on, write
 from tests.cli.test_document import SCHEMA
-from tests.documents import Shell
+from tests.documents import Shell, result_of
 
-pytestmark = pytest.mark.slow
+P = erosion.TABLE_1
+SI = P.to("si")
+OPENFOAM = Path(__file__).parents[1] / "cfd" / "openfoam"
+
+
+def rows_of(path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.slow
+def test_all_four_files_are_written(tmp_path, monkeypatch, shell):
+    monkeypatch.chdir(tmp_path)
+    words = "export --model rotating --openfoam p.txt --fluent f.csv --table v.csv --restitution r.csv"
+    options = ["--angles", "20deg, 30deg", "--speeds", "4300 in/s : 4500 in/s : 3", "--diameters", "2.032 mm"]
+    said = shell([*words.split(), *options])
+    assert said.out.startswith("rotating: for CFD codes\n")
+    for name in ("p.txt", "f.csv", "v.csv", "r.csv"):
+        assert name in said.out
+    assert said.err.startswith("warning: OpenFOAM knows Finnie's curve only: it is off by up to 7.1% of the maximum.")
+    assert re.search(r"K +3\.17", (tmp_path / "p.txt").read_text())
+    assert "angle [deg],f [-]" in (tmp_path / "f.csv").read_text()
+    volumes, rebounds = rows_of(tmp_path / "v.csv"), rows_of(tmp_path / "r.csv")
+    assert len(volumes) == len(rebounds) == 6
+    exact = erosion.impact("rotating", SI.replace(alpha=np.deg2rad(30.0), v0=4300 * 0.0254))
+    assert float(volumes[1]["volume [m^3]"]) == pytest.approx(float(exact.volume), rel=1e-8)
+    assert rebounds[1]["ended_by"] == exact.ended_by
+
+
+@pytest.mark.slow
+def test_the_document_has_the_coefficients(tmp_path, shell):
+    path = tmp_path / "p.txt"
+    text = shell(["export", "--model", "finnie", "--openfoam", str(path), "--json"]).out
+    assert json.loads(text)["result"]["openfoam"]["p"]["unit"] == "Pa"
+    printed = result_of(text)["openfoam"]
+    assert printed["file"] == str(path)
+    assert (printed["p"], printed["K"]) == pytest.approx((float(SI.sigma), 2.0), rel=1e-9)
+    assert printed["misfit"] < 1e-12
+
+
+@pytest.mark.slow
+def test_in_an_openfoam_case_the_entry_names_its_walls(tmp_path, shell):
+    mesh = tmp_path / "case" / "constant" / "polyMesh"
+    mesh.mkdir(parents=True)
+    shutil.copy(OPENFOAM / "serial" / "constant" / "polyMesh" / "boundary", mesh)
+    for folder, patches in ((tmp_path, "(walls);"), (mesh.parent, "(floor hump roof sides);")):
+        shell(["export", "--model", "finnie", "--openfoam", str(folder / "p.txt")])
+        assert f"    patches     {patches}" in (folder / "p.txt").read_text()
+
+
+@pytest.mark.slow
+def test_fluents_constant_is_finished_for_a_named_target(tmp_path, shell):
+    path = tmp_path / "f.csv"
+    words = ["export", "--units", "si", "--model", "finnie", "--target", "mild steel", "--fluent", str(path)]
+    table = erosion.to_fluent("finnie", SI.with_target("mild steel"), density=7850.0)
+    assert f"C = {table.factor * 7850.0:.6e} (s/m)^2" in shell(words).out
+    assert "for a target of 7850 kg/m^3" in path.read_text()
+
+
+@pytest.mark.slow
+def test_the_density_sets_the_diameter(tmp_path, capsys):
+    options = ["--table", str(tmp_path / "v.csv"), "--particle-density", "2650 kg/m^3", "--diameters", "1 mm"]
+    assert _status(["export", "--model", "finnie", "--angles", "30deg", "--speeds", "111.76 m/s", *options]) == 0
+    (row,) = rows_of(tmp_path / "v.csv")
+    # A sphere of quartz; finnie removes by mass.
+    mass = 2650 * np.pi / 6 * 1e-9
+    case = float(erosion.impact("finnie", SI.replace(alpha=np.deg2rad(30.0))).volume)
+    assert float(row["volume [m^3]"]) == pytest.approx(case * mass / float(SI.m), rel=1e-8)
+    options[1] = str(tmp_path / "v.txt")
+    assert _status(["export", "--model", "finnie", "--angles", "30deg", "--speeds", "111.76 m/s", *options]) == 0
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "v.txt", comments="%"), [float(text) for text in row.values()])
+
+
+@pytest.mark.slow
+def test_own_parameters_are_set(tmp_path, capsys):
+    path = tmp_path / "f.csv"
+    words = ["export", "--model", "linearized-deformation", "--set", "energy_ratio=3", "--fluent", str(path)]
+    assert _status(words) == 0
+    assert "linearized-deformation (energy_ratio = 3, threshold = 0 m/s)" in path.read_text()
+    assert float(path.read_text().splitlines()[-1].split(",")[1]) == pytest.approx(
+        float(erosion.impact(erosion.load_model("linearized-deformation").replace(energy_ratio=3.0),
+                             P.replace(alpha=np.pi / 2)).volume)
+        / erosion.alpha_max(erosion.load_model("linearized-deformation").replace(energy_ratio=3.0), P).volume,
+        abs=1e-5)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_rebounds_that_are_missing_are_said(tmp_path, capsys, shell):
+    path = tmp_path / "r.csv"
+    assert _status(["export", "--restitution", str(path), "--angles", "45deg, 90deg"]) == 0
+    said = "7 of 14 impacts have no rebound (nan): nothing is cut, or they fail."
+    assert capsys.readouterr().err == f"warning: {said}\n"
+    assert (
+        "of 7 impacts none has a rebound" in shell(["export", "--restitution", str(path), "--angles", "90deg"], 1).err
+    )
+
+
+@pytest.mark.slow
+def test_nothing_is_written_where_one_form_is_refused(tmp_path, shell):
+    table, dictionary = tmp_path / "f.csv", tmp_path / "p.txt"
+    assert (
+        "dnv is not of that shape"
+        in shell(["export", "--model", "dnv", "--fluent", str(table), "--openfoam", str(dictionary)], 2).err
+    )
+    assert not table.exists()
+    assert not dictionary.exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("export --restitution x --model dnv", "dnv has no motion of a rigid body"),
+        ("export --openfoam x --model rotating --speeds 200m/s", "at 200 m/s and 2032 µm it is off by up to"),
+    ],
+)
+def test_a_form_that_cannot_be_made_is_refused(words, message, tmp_path, monkeypatch, shell):
+    monkeypatch.chdir(tmp_path)
+    assert message in shell(words, 2).err
+
 
 pyvista = pytest.importorskip("pyvista")
 pytest.importorskip("foamlib")
@@ -51,6 +175,7 @@ def wear(model: str = "rotating", **options: Any) -> xr.Dataset:
     return erosion.erosion_map(model, erosion.load_case("sand.toml"), impacts, surface, **options)
 
 
+@pytest.mark.slow
 def test_the_command_is_the_function(shell: Shell) -> None:
     # Both patches are in the case's table, and only one of them in the surface.
     files = ["-o", "map.vtp", "--plot", "map.png"]
@@ -63,6 +188,7 @@ def test_the_command_is_the_function(shell: Shell) -> None:
     assert Path("map.png").read_bytes()[1:4] == b"PNG"
 
 
+@pytest.mark.slow
 def test_a_page_is_one_of_the_files(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
     given = ["map", str(RUNS / "serial"), *OPTIONS[:4], "-o", "page.html", "--quantity", "alpha_mean"]
     assert shell(given).out.endswith("map: page.html\n")
@@ -74,6 +200,7 @@ def test_a_page_is_one_of_the_files(shell: Shell, monkeypatch: pytest.MonkeyPatc
     assert "No screen." in shell(["map", "none.csv", "--surface", "none.stl", "-o", "page.pdf"], 1).err
 
 
+@pytest.mark.slow
 def test_a_size_that_is_not_the_named_one_is_said(shell: Shell) -> None:
     rows = "".join(f"{200 + i}, 30, {5 + i}\n" for i in range(20))
     Path("a.csv").write_text("diameter [um], speed [m/s], angle [deg]\n" + rows)
@@ -82,6 +209,7 @@ def test_a_size_that_is_not_the_named_one_is_said(shell: Shell) -> None:
         assert ("Does the table hold diameters?" in err) == is_said
 
 
+@pytest.mark.slow
 def test_options_are_those_of_the_function() -> None:
     given = ["--density", "7.8 g/cm^3", "--diameter", "0.2 mm", "--phidot0", "normal(0, 1e5)", "--seed", "4"]
     assert _status(["map", str(RUNS / "serial"), *OPTIONS, "--model", "rotating", *given, "-o", "map.nc"]) == 0
@@ -94,6 +222,7 @@ def test_options_are_those_of_the_function() -> None:
     assert set(identity) == {"version", "case", "models", "table", "surface", "options"}
 
 
+@pytest.mark.slow
 def test_the_document_says_it_all(shell: Shell) -> None:
     given = ["--model", "dnv:duplex", "--phidot0", "uniform(0, 1)", "--seed", "2", "--json"]
     document = shell(["map", str(RUNS / "serial"), *OPTIONS, *given]).document
@@ -106,6 +235,7 @@ def test_the_document_says_it_all(shell: Shell) -> None:
     assert document["result"]["patches"]["hump"]["impacts"] == int(expected["total_impacts"])
 
 
+@pytest.mark.slow
 def test_without_a_model_the_number_is_one_that_tests_find(shell: Shell) -> None:
     given = ["map", str(RUNS / "serial"), *OPTIONS[:4]]
     named = [*given, "--particle", "quartz sand 0.2 mm", "--target", "carbon steel 1018"]
@@ -122,6 +252,7 @@ def test_without_a_model_the_number_is_one_that_tests_find(shell: Shell) -> None
     assert shell([*given, "--target", "titanium", "--json"]).document["model"]["name"] == "linearized"
 
 
+@pytest.mark.slow
 def test_a_spin_that_is_given_takes_the_place_of_the_tables(shell: Shell) -> None:
     """A spin for this verb, not the one that every case file has."""
     header = "diameter [um], density [kg/m^3], speed [m/s], angle [deg], spin [rad/s]\n"
@@ -140,6 +271,7 @@ def test_a_spin_that_is_given_takes_the_place_of_the_tables(shell: Shell) -> Non
     assert total("plain.csv", "sand.toml") == total("plain.csv", "--phidot0", "-3e4")
 
 
+@pytest.mark.slow
 def test_a_table_of_angles_has_totals_and_sentences(shell: Shell) -> None:
     rows = [("diameter [um]", "density [kg/m^3]", "count", "speed [m/s]", "angle [deg]")]
     rows += [(200, 2650, 10, 0 if i == 0 else 30, 5 + i) for i in range(20)]
@@ -163,6 +295,7 @@ def positions_on(surface: Surface) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["pipe", "plate", "hump"])
 def test_a_surface_in_millimetres(part: str, shell: Shell) -> None:
     table = positions_on(PARTS[part])
@@ -178,6 +311,7 @@ def test_a_surface_in_millimetres(part: str, shell: Shell) -> None:
     assert result["total_volume"]["value"] == pytest.approx(expected["total_volume"]["value"], rel=1e-6, abs=0)
 
 
+@pytest.mark.slow
 def test_a_larger_plate_and_rows_off_it_are_said(shell: Shell) -> None:
     table = positions_on(PARTS["plate"])
     write(PARTS["plate"], Path("part.stl"), 2)
@@ -192,6 +326,7 @@ def test_a_larger_plate_and_rows_off_it_are_said(shell: Shell) -> None:
     )
 
 
+@pytest.mark.slow
 def test_density_is_that_of_the_target_as_in_every_verb(shell: Shell) -> None:
     Path("grains.csv").write_text("diameter [um],speed [m/s],angle [deg]\n200,30,20\n200,30,40\n")
     assert "Option `--particle-density` must give it." in shell("map grains.csv --density '7.8 g/cm^3'", 2).err
@@ -254,6 +389,7 @@ BAD = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("line", "sentence"), BAD)
 def test_bad_input_is_one_line(line: str, sentence: str, shell: Shell, in_folder: Path) -> None:
     assert sentence in shell(line.format(run=shlex.quote(str(RUNS / "serial"))), 2).err

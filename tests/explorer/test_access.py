@@ -1,8 +1,16 @@
-"""Who may speak with the explorer, and what strangers leave behind."""
+"""Where the explorer listens, and who is let in.
+
+Who may speak with the explorer, and what strangers leave behind.
+
+The explorer's threads, and the memory that they share.
+"""
 
 import contextlib
 import http.client
+import os
+import platform
 import socket
+import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -12,9 +20,67 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from erosion.explorer.state import Address, without_token
 from tests.explorer.conftest import served
 
-pytestmark = pytest.mark.slow
+OWN = Address("127.0.0.1", 8080)
+SHARED = Address("0.0.0.0", 8080, "a-token")
+
+
+def test_only_other_hosts_than_the_own_machine_need_a_token() -> None:
+    own, shared = Address.free("127.0.0.1", 0), Address.free("0.0.0.0", 0)
+    assert own.token == ""
+    assert own.admits("")
+    assert own.link == f"http://127.0.0.1:{own.port}/"
+    assert len(shared.token) == 22
+    assert shared.token != Address.free("0.0.0.0", 0).token
+    assert shared.link.endswith(f":{shared.port}/?token={shared.token}")
+    assert "0.0.0.0" not in shared.link
+    assert shared.token not in repr(shared)
+
+
+@pytest.mark.parametrize("token", ["", "a-toke", "a-token ", "A-TOKEN", "ä-token", "\x00"])
+def test_another_token_is_not_admitted(token: str) -> None:
+    assert SHARED.admits("a-token")
+    assert not SHARED.admits(token)
+
+
+def test_the_link_names_an_ipv6_address_in_brackets() -> None:
+    assert Address("fe80::1", 8080, "t").link == "http://[fe80::1]:8080/?token=t"
+    assert Address("fe80::1", 8080, "t").is_own("[fe80::1]:8080", "fe80::1")
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost:8080", "192.168.1.20:8080", "192.168.1.20"])
+def test_names_of_this_machine_are_its_own(host: str) -> None:
+    assert SHARED.is_own(host, "192.168.1.20")
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example:8080", "192.168.1.20.evil.example", "0.0.0.0:8080", "none", "[::]", "a@b"]
+)
+def test_other_names_are_not(host: str) -> None:
+    assert not SHARED.is_own(host, "192.168.1.20")
+    assert not SHARED.is_own(host, None)
+
+
+def test_an_explorer_of_this_machine_alone_has_two_names() -> None:
+    assert OWN.is_own("127.0.0.1:1", "127.0.0.1")
+    assert not OWN.is_own("192.168.1.20:8080", "192.168.1.20")
+
+
+@pytest.mark.parametrize(
+    ("query", "token", "rest"),
+    [
+        ("token=t", "t", ""),
+        ("k=3&token=t&alpha=20+deg", "t", "k=3&alpha=20+deg"),
+        ("k=3", None, "k=3"),
+        ("token=", "", ""),
+        ("", None, ""),
+    ],
+)
+def test_the_token_is_taken_out_of_a_link(query: str, token: str | None, rest: str) -> None:
+    assert without_token(query) == (token, rest)
+
 
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport="
 UPGRADE = {
@@ -82,6 +148,7 @@ STRANGERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("headers", STRANGERS.values(), ids=STRANGERS)
 @pytest.mark.parametrize("path", ["/", SOCKET + "polling", SOCKET + "websocket"])
 def test_a_stranger_is_refused(place: str, path: str, headers: Mapping[str, str]) -> None:
@@ -94,6 +161,7 @@ def test_a_stranger_is_refused(place: str, path: str, headers: Mapping[str, str]
     assert "Access-Control-Allow-Origin" not in answer.headers
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["127.0.0.1", "localhost", "LOCALHOST", "127.0.0.1:{port}", "localhost:9"])
 def test_the_own_page_is_answered(place: str, name: str) -> None:
     host = name.format(port=place.rsplit(":", 1)[1])
@@ -104,11 +172,13 @@ def test_the_own_page_is_answered(place: str, name: str) -> None:
     assert ask(place, SOCKET + "websocket", {**UPGRADE, "Host": host}).status == 101
 
 
+@pytest.mark.slow
 def test_a_link_on_another_page_may_lead_here(place: str) -> None:
     headers = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}
     assert ask(place, "/?alpha=30deg", headers).status == 200
 
 
+@pytest.mark.slow
 def test_two_hosts_are_no_host(place: str) -> None:
     with contextlib.closing(http.client.HTTPConnection(place, timeout=30)) as connection:
         connection.putrequest("GET", "/")
@@ -118,6 +188,7 @@ def test_two_hosts_are_no_host(place: str) -> None:
             assert response.status == 403
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", ["/", "/nothing", SOCKET + "polling"])
 def test_no_other_page_may_show_or_read_it(place: str, path: str) -> None:
     answer = ask(place, path)
@@ -131,6 +202,7 @@ def test_no_other_page_may_show_or_read_it(place: str, path: str) -> None:
 CLIMBS = ["/..%2f", "/../../etc/passwd", "/_nicegui/../../../etc/passwd", "/..%5c..%5cetc", "/%2e%2e/%2e%2e/etc/passwd"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", [*CLIMBS, "/%00", "/docs", "/openapi.json"])
 def test_no_path_leads_out(place: str, path: str) -> None:
     answer = ask(place, path)
@@ -138,6 +210,7 @@ def test_no_path_leads_out(place: str, path: str) -> None:
     assert "root:" not in answer.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["resources", "libraries", "components", "esm", "static", "dynamic_resources"])
 def test_no_folder_of_the_server_leads_out(place: str, part: str) -> None:
     import nicegui
@@ -148,6 +221,7 @@ def test_no_folder_of_the_server_leads_out(place: str, part: str) -> None:
         assert "root:" not in answer.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("characters", [20_000, 60_000])
 def test_a_link_of_absurd_length_is_refused(place: str, characters: int) -> None:
     answer = ask(place, "/?alpha=" + "9" * characters)
@@ -155,12 +229,14 @@ def test_a_link_of_absurd_length_is_refused(place: str, characters: int) -> None
     assert answer.text == f"The address must have at most 16000 characters, but has {characters + 7}.\n"
 
 
+@pytest.mark.slow
 def test_megabytes_of_address_end_no_more_than_the_connection(place: str) -> None:
     with contextlib.suppress(OSError):
         assert ask(place, "/?alpha=" + "9" * 2_000_000).status in (400, 414)
     assert ask(place).status == 200
 
 
+@pytest.mark.slow
 def test_idle_connections_of_one_device_keep_nobody_out(place: str) -> None:
     host, port = place.split(":")
     with contextlib.ExitStack() as stack:
@@ -175,10 +251,12 @@ def test_idle_connections_of_one_device_keep_nobody_out(place: str) -> None:
     assert ask(place).status == 200
 
 
+@pytest.mark.slow
 def test_a_page_without_javascript_says_so(place: str) -> None:
     assert "<noscript><p>The explorer needs JavaScript.</p></noscript>" in ask(place).text
 
 
+@pytest.mark.slow
 def test_requests_without_a_browser_leave_nothing(tmp_path: Path) -> None:
     errors = tmp_path / "errors"
     with errors.open("w") as file, served(command=(sys.executable, "-c", HASTY), errors=file) as (process, address):
@@ -213,3 +291,41 @@ def wait_until_idle(pid: int) -> None:
             return
         computed = now
         time.sleep(1)
+
+
+COUNT = """
+import ctypes, sys, tempfile, threading
+from erosion.explorer.computed import in_thread, share_memory
+libc = ctypes.CDLL(None)
+libc.malloc.restype = ctypes.c_void_p
+libc.fopen.restype = ctypes.c_void_p
+if sys.argv[1] == "shared":
+    share_memory()
+together = threading.Barrier(8)
+def work():
+    libc.malloc(1000)
+    together.wait()
+    libc.malloc(1000)
+for future in [in_thread(work) for _ in range(8)]:
+    future.result()
+with tempfile.NamedTemporaryFile() as file:
+    stream = ctypes.c_void_p(libc.fopen(file.name.encode(), b"w"))
+    libc.malloc_info(0, stream)
+    libc.fclose(stream)
+    print(open(file.name).read().count("<heap nr="))
+"""
+
+
+def arenas(how: str) -> int:
+    """How many arenas glibc has after eight threads at once."""
+    usual = {name: value for name, value in os.environ.items() if name != "MALLOC_ARENA_MAX"}
+    done = subprocess.run(
+        [sys.executable, "-c", COUNT, how], env=usual, capture_output=True, text=True, timeout=60, check=True
+    )
+    return int(done.stdout)
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc's way to give memory to threads")
+def test_threads_share_their_memory() -> None:
+    assert arenas("own") > 2
+    assert arenas("shared") <= 2

@@ -1,10 +1,15 @@
-"""The explorer in a real browser."""
+"""The German page: no English word is left on it, and its numbers have decimal commas.
+
+The explorer in a real browser.
+"""
 
 import json
+import re
 import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +18,96 @@ from playwright.sync_api import Browser, BrowserContext, Page, expect
 
 import erosion
 from erosion.cli import _status
+from erosion.models import available_models
 from tests.explorer.conftest import free_of_pytest, served
 from tests.explorer.driving import CUT, curve, enter, parameters, settle, slide, star
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+# Texts, names and titles of all elements, also of closed menus and of what a canvas draws.
+WORDS = """() => {
+  const texts = [...document.querySelectorAll('body *:not(script):not(style)')].flatMap((one) => [
+    ...[...one.childNodes].filter((node) => node.nodeType === 3).map((node) => node.textContent),
+    one.ariaLabel, one.title, one.getAttribute('aria-valuetext')]);
+  const drawn = [...document.querySelectorAll('.plot')].flatMap((plot) => {
+    const option = plot.chart.getOption();
+    const named = [...option.xAxis, ...option.yAxis, ...option.series].map((part) => part.name);
+    return [...named, ...option.series.flatMap((one) => (one.markArea?.data ?? []).map((area) => area[0].name))];
+  });
+  return [...new Set([...texts, ...drawn].filter(Boolean).map((text) => text.trim()))];
+}"""
+SAME = {"erosion explorer", "inch-pound", "slinch", "mil", "lbf", "in²", "rad", "max",
+        "fullscreen", "download", "link", "contrast", "arrow_drop_down"}  # fmt: skip
+
+
+def words(page: Page) -> set[str]:
+    """What the page says with letters, after its menus were opened."""
+    for menu in page.locator(".presets button, .bar button").all():
+        if menu.locator("i").filter(has_text=re.compile("arrow_drop_down|download")).count():
+            menu.click()
+            page.wait_for_selector(".q-menu")
+            yet = set(page.evaluate(WORDS))
+            page.keyboard.press("Escape")
+            page.wait_for_selector(".q-menu", state="detached")
+            menu.evaluate("(one, texts) => { one.dataset.texts = texts.join('\\n'); }", list(yet))
+    opened = page.evaluate(
+        "() => [...document.querySelectorAll('[data-texts]')].flatMap((m) => m.dataset.texts.split('\\n'))"
+    )
+    texts = {*page.evaluate(WORDS), *opened}
+    return {text for text in texts if re.search(r"[^\W\d_]{3}", text)}
+
+
+@pytest.fixture(scope="module")
+def pages(browser: Browser) -> Iterator[dict[str, Page]]:
+    with served("--lang", "de") as (_, german), served() as (_, english):
+        context = browser.new_context(viewport={"width": 1366, "height": 768})
+        context.set_default_timeout(180_000)
+        pages = {}
+        for lang, address in (("de", german), ("en", english)):
+            pages[lang] = context.new_page()
+            pages[lang].goto(address)
+            pages[lang].wait_for_selector("main[data-ready=true]")
+            pages[lang].wait_for_function(
+                "() => [...document.querySelectorAll('.plot')].every((plot) => plot.chart.getOption()?.series?.length)"
+            )
+        yield pages
+        context.close()
+
+
+@pytest.mark.slow
+def test_no_english_is_left_on_the_german_page(pages: dict[str, Page]) -> None:
+    in_both = words(pages["de"]) & words(pages["en"])
+    same = re.compile("|".join(map(re.escape, sorted({*available_models(), *SAME}, key=len, reverse=True))))
+    assert [text for text in sorted(in_both) if re.search(r"[^\W\d_]{3}", same.sub("", text))] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "height"), [(1920, 1080), (1366, 768), (390, 844)])
+def test_long_german_words_are_not_cut(pages: dict[str, Page], width: int, height: int) -> None:
+    page = pages["de"]
+    page.set_viewport_size({"width": width, "height": height})
+    page.wait_for_timeout(300)
+    assert page.evaluate(CUT) == []
+
+
+@pytest.mark.slow
+def test_numbers_have_decimal_commas_and_are_read_so(pages: dict[str, Page]) -> None:
+    page = pages["de"]
+    said = page.locator("main.explorer").inner_text()
+    assert re.findall(r"\d\.(?!\d{3}\b)\d", said) == []
+    assert page.input_value("#m-entry") == pages["en"].input_value("#m-entry").replace(".", ",")
+    enter(page, "alpha", "20,125")
+    page.wait_for_url("**&alpha=0.3512*")
+    assert page.input_value("#alpha-entry") == "20,125"
+    enter(page, "alpha", "200")
+    page.wait_for_selector("#alpha-why:text('muss in Grad angegeben sein, größer als 0 und höchstens 90; es ist 200.')")
+
 
 # Numbers are drawn with 5 digits behind the point of readable units.
 ATOL = 1e-5
 PLUG_IN = str(Path(__file__).parent.parent.parent / "models" / "coulomb_tip.py")
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_sliders_change_the_plots_to_the_numbers_of_impact(page: Page) -> None:
     # Of two hundred rapid events the last one is shown.
     slide(page, "k", *np.random.default_rng(1).uniform(-0.5, 0.5, 199), -0.25)
@@ -44,6 +129,8 @@ def test_sliders_change_the_plots_to_the_numbers_of_impact(page: Page) -> None:
     expect(row).to_contain_text("jump")
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_the_cut_plays_and_is_scrubbed(page: Page) -> None:
     time = page.locator(".cut-time output")
     end = time.inner_text()
@@ -57,6 +144,8 @@ def test_the_cut_plays_and_is_scrubbed(page: Page) -> None:
     assert page.locator(".cut .grain").get_attribute("points") != grain
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_no_grain_is_drawn_in_metal_and_the_axis_is_above_the_fold(page: Page) -> None:
     page.set_viewport_size({"width": 1366, "height": 768})
     drawn_by = "one => one.closest('[clip-path]').getAttribute('clip-path')"
@@ -71,6 +160,8 @@ def test_no_grain_is_drawn_in_metal_and_the_axis_is_above_the_fold(page: Page) -
 AREAS = "() => [...document.querySelectorAll('.plot-area')].map((one) => one.clientHeight)"
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "height"), [(1920, 1080), (1366, 768), (1366, 600), (1366, 480), (390, 844)])
 def test_nothing_is_cut_in_a_window_of_any_size(page: Page, width: int, height: int) -> None:
     page.set_viewport_size({"width": width, "height": height})
@@ -83,6 +174,8 @@ def test_nothing_is_cut_in_a_window_of_any_size(page: Page, width: int, height: 
         assert table["x"] + table["width"] <= width
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_legends_are_whole(page: Page) -> None:
     page.set_viewport_size({"width": 390, "height": 844})
     names = page.locator(".view-end_times .plot-legend li").all_inner_texts()
@@ -90,6 +183,8 @@ def test_legends_are_whole(page: Page) -> None:
     assert page.locator(".view-histories .plot-legend li").all_inner_texts() == ["centre of mass", "tip"]
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_the_angle_is_dragged_in_the_plot(page: Page) -> None:
     handle = page.get_by_role("slider", name="angle of attack, in the plot").first
     box = handle.bounding_box()
@@ -111,6 +206,8 @@ def test_the_angle_is_dragged_in_the_plot(page: Page) -> None:
     )
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_everything_works_by_keyboard(page: Page) -> None:
     page.focus("#alpha-slider")
     page.keyboard.press("ArrowRight")
@@ -130,6 +227,8 @@ def test_everything_works_by_keyboard(page: Page) -> None:
     assert unnamed == []
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_a_link_carries_the_whole_state(page: Page) -> None:
     page.get_by_role("checkbox", name="as-printed", exact=True).click()
     page.get_by_role("checkbox", name="finnie", exact=True).click()
@@ -168,6 +267,8 @@ BAD_INPUT = [
 ]
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_bad_input_marks_the_field_and_changes_nothing(page: Page) -> None:
     settle(page, "alpha", "20")
     before = page.url
@@ -187,6 +288,8 @@ def test_bad_input_marks_the_field_and_changes_nothing(page: Page) -> None:
         expect(page.locator(f"#{name}-why")).to_be_empty()
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_two_tabs_have_separate_states(page: Page, address: str) -> None:
     other = page.context.new_page()
     other.goto(address)
@@ -200,6 +303,8 @@ def test_two_tabs_have_separate_states(page: Page, address: str) -> None:
     assert curve(page, "volumes", "linearized")[:, 1].max() != curve(other, "volumes", "linearized")[:, 1].max()
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_presets_and_reset(page: Page) -> None:
     far = page.locator(".view-numbers").get_by_text("g/kg is far from what tests on ductile metals find at 112 m/s")
     expect(far).to_have_count(0)  # nobody asks for amounts of the scenario's case
@@ -244,6 +349,8 @@ def test_presets_and_reset(page: Page) -> None:
     assert page.input_value("#phidot0-entry") == "0"
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     enter(page, "alpha", "33.3")
     settle(page, "alpha", "33.3")
@@ -277,6 +384,8 @@ def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pyte
         assert download(f"{title} (PNG)").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_a_plug_in_has_sliders_of_its_own_parameters(context: BrowserContext) -> None:
     with served("--model", PLUG_IN) as (_, address):
         page = context.new_page()
@@ -298,6 +407,8 @@ def test_a_plug_in_has_sliders_of_its_own_parameters(context: BrowserContext) ->
         page.close()
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_only_this_machine_is_spoken_to(page: Page, server: tuple, address: str) -> None:
     asked = []
     other = page.context.new_page()
@@ -328,6 +439,8 @@ def listening_on(pid: int) -> set[tuple[str, int]]:
     return addresses
 
 
+@pytest.mark.browser
+@pytest.mark.slow
 def test_stopping_it_while_it_compiles_says_one_line(browser: Browser, tmp_path: Path) -> None:
     # Nothing kept, so that there is something to compile.
     env = free_of_pytest() | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path)}

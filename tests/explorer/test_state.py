@@ -1,6 +1,10 @@
-"""The state of a tab, its link, and what slider positions mean."""
+"""The state of a tab, its link, and what slider positions mean.
+
+The particles and targets that the page offers.
+"""
 
 import re
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from urllib.parse import parse_qsl
@@ -10,13 +14,23 @@ import pytest
 from nicegui.events import GenericEventArguments
 
 from erosion.explorer.computed import Computed
-from erosion.explorer.controls import SliderRange, _tell, at_position, position, range_of, text_of, unit_of, with_spin
+from erosion.explorer.controls import (
+    SliderRange,
+    _tell,
+    at_position,
+    position,
+    range_of,
+    read_materials,
+    text_of,
+    unit_of,
+    with_spin,
+)
 from erosion.explorer.state import OwnNumber, PageCase, PageState, sentence
 from erosion.explorer.views import numbers
-from erosion.parameters.materials import target
+from erosion.parameters.materials import known_particles, known_targets, target
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import Quantity
+from erosion.parameters.quantities import Quantity, System
 
 KNOWN = ("linearized", "finnie", "rotating")
 CASE = PageCase.of(TABLE_1)
@@ -284,3 +298,30 @@ def test_words_of_a_plug_in_are_no_html() -> None:
     (table,) = numbers(computed, ("rotating",))
     assert "<img" not in table
     assert "&lt;img src=x" in table
+
+
+def test_own_tables_come_before_the_packages(tmp_path: Path) -> None:
+    table = tmp_path / "mine.toml"
+    table.write_text(
+        '[particles.slag]\ndensity = 2800\n[targets."my alloy"]\nvickers = 180\n[targets.brass]\nvickers = 99\n'
+    )
+    materials = read_materials([table])
+    assert list(materials.particles) == ["slag", *known_particles()]
+    assert list(materials.targets) == ["my alloy", "brass", *(name for name in known_targets() if name != "brass")]
+    assert materials.targets["brass"].vickers == 99.0
+    with pytest.raises(ValueError, match=r"none\.toml: cannot be read"):
+        read_materials([tmp_path / "none.toml"])
+
+
+@pytest.mark.parametrize(
+    ("size", "units", "metres"), [("0.3 mm", "si", 3e-4), ("0,3 mm", "si", 3e-4), ("0.01", "inch-pound", 2.54e-4)]
+)
+def test_a_size_is_read_in_the_units_of_the_case(size: str, units: System, metres: float) -> None:
+    garnet = read_materials().sized("garnet", size, units)
+    assert (garnet.size, garnet.density) == (pytest.approx(metres, rel=1e-15), 4190.0)
+
+
+@pytest.mark.parametrize("size", ["", "0 mm", "-1 mm", "1 kg", "x.toml: garnet 1 mm", "1e999 mm", "9**9**9 mm"])
+def test_a_size_that_is_none_is_one_sentence(size: str) -> None:
+    with pytest.raises(ValueError, match=r"^The size .*\.$"):
+        read_materials().sized("garnet", size, "si")

@@ -1,16 +1,19 @@
 """The length of the next step, and when a lane is given up, while no event is near."""
 
+import functools
 import importlib
 import re
 from fractions import Fraction
 from pathlib import Path
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from erosion.ode import step_control
+from erosion.ode.batch import alike_together
 from erosion.ode.step_control import ADVANCING, ENDED, FAILED, NOT_BEGUN, UNFINISHED, Control, Limits
 
 FIRST = 0.17
@@ -138,3 +141,96 @@ def test_the_readme_has_every_constant_of_step_control_as_it_is() -> None:
         source = (folder / f"{module}.py").read_text(encoding="utf-8")
         own = re.findall(r"^(_?[A-Z][A-Z_]+) = [\d(]", source, re.MULTILINE)
         assert {(module, name) for name in set(own) - others} <= told | {("crossings", "_LOOKS")}
+
+
+@functools.cache
+def _forests(order):
+    """The multisets of rooted trees that have `order` vertices together; a tree is its root's forest."""
+    if order == 0:
+        return {()}
+    return {
+        tuple(sorted((*rest, tree), key=repr))
+        for size in range(1, order + 1)
+        for tree in _forests(size - 1)
+        for rest in _forests(order - size)
+    }
+
+
+def _conditions(order):
+    """The stages' elementary weights (trees, stages) of Butcher's conditions up to an order."""
+    a = np.zeros((step_control.B.size,) * 2)
+    for i, row in enumerate(step_control.A):
+        a[i + 1, : row.size] = row
+
+    def weight(tree):
+        return functools.reduce(np.multiply, [a @ weight(child) for child in tree], np.ones(len(a)))
+
+    return np.array([weight(tree) for size in range(order) for tree in _forests(size)])
+
+
+def test_the_second_estimate_is_of_sixth_order_and_its_own():
+    assert len(_conditions(7)) == 1 + 1 + 2 + 4 + 9 + 20 + 48
+    check, error = step_control.B_CHECK, step_control.B_ERROR
+    assert np.abs(_conditions(7) @ error).max() < 1e-13
+    assert np.abs(_conditions(6) @ check).max() < 1e-13
+    assert np.abs(_conditions(7) @ check).max() > 1e-3
+    assert abs(check @ error) < 1e-13
+    assert np.isclose(check @ check, error @ error)
+    # The step makes both estimates from the same stages.
+    assert np.array_equal(check != 0, error != 0)
+
+
+def test_the_pair_is_that_of_diffrax():
+    pair = diffrax.Dopri8.tableau
+    assert [list(row) for row in step_control.A] == [list(row) for row in pair.a_lower]
+    assert list(step_control.B) == list(pair.b_sol)
+    assert list(step_control.B_ERROR) == list(pair.b_error)
+
+
+def test_of_the_second_stage_the_transposed_step_leaves_terms_of_seventh_order():
+    """Of one Jacobian J, Ȳ = Σ (h J)ᵏ⁺¹ (Aᵀ)ᵏ b there: it estimates what a cotangent errs by."""
+    a = np.array([np.pad(row, (0, len(step_control.A) - row.size)) for row in (np.zeros(0), *step_control.A[:-1])])
+    powers = [np.linalg.matrix_power(a.T, k) @ step_control.B[:-1] for k in range(7)]
+    assert np.abs([power[1] for power in powers[:6]]).max() < 1e-15
+    assert abs(powers[6][1]) > 1e-5
+
+
+def _spread(values: np.ndarray, tile: int) -> float:
+    """The mean range of a tile, over the range of all."""
+    return float(np.mean(np.ptp(values.reshape(-1, tile), axis=1)) / np.ptp(values))
+
+
+def test_tiles_are_small_in_every_parameter() -> None:
+    leaves = list(np.random.default_rng(0).random((2, 64 * 64)))
+    order = alike_together(leaves, 64)
+    assert np.array_equal(np.sort(order), np.arange(64 * 64))
+    # 64 tiles halve each of two parameters three times: an eighth of the range, hardly more.
+    assert all(_spread(leaf[order], 64) < 0.2 for leaf in leaves)
+    assert all(_spread(leaf, 64) > 0.9 for leaf in leaves)
+
+
+@pytest.mark.parametrize("size", [1, 5, 64, 65, 1000])
+def test_every_lane_has_one_place(size: int) -> None:
+    random = np.random.default_rng(1).random((3, size))
+    for leaves in (
+        random[:1],
+        random,
+        np.round(random),
+        np.ones((2, size)),
+        np.full((1, size), np.nan),
+        np.full((1, size), np.inf),
+    ):
+        assert np.array_equal(np.sort(alike_together(list(leaves), 64)), np.arange(size))
+
+
+def test_one_parameter_is_put_in_order() -> None:
+    leaf = np.random.default_rng(2).random(500)
+    constant = np.ones(500)
+    # To within the two bytes of a key.
+    assert np.allclose(leaf[alike_together([constant, leaf], 8)], np.sort(leaf), atol=1e-4)
+
+
+def test_numbers_farther_apart_than_any_float_are_put_in_order() -> None:
+    values = np.linspace(-1.0, 1.0, 1000) * 1.7e308
+    order = alike_together([values, np.arange(1000.0)], 8)
+    assert np.array_equal(np.sort(order), np.arange(1000))

@@ -1,10 +1,25 @@
-"""Numbers, units and formulas as a reader sees them."""
+"""Numbers, units and formulas as a reader sees them.
+
+Newton's method for the angle of greatest removal.
+
+The texts of the questions: their Markdown, their fields, and what is said of a mistake in them.
+"""
 
 import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
+from matplotlib.figure import Figure
 
-from erosion.report.text import degrees, formula, math, number, quantity
+from erosion.impacts.simulate import SimulationError
+from erosion.models.rigid import LinearizedCut
+from erosion.parameters.parameters import TABLE_1, Parameters
+from erosion.report.case import Answer, Drawing, OfCut, ReportCase
+from erosion.report.page import Text, TextError, write_text
+from erosion.report.questions.linearized import Jet, greatest
+from erosion.report.text import degrees, formula, math, number, quantity, to_html
 
 
 def test_numbers_read_well() -> None:
@@ -35,3 +50,125 @@ def test_formulas_are_sound_mathml() -> None:
     assert math(r"k\sin x").count("<mspace") == 2
     assert math(r"\cdot\sin(x)").count("<mspace") == 0
     assert formula("x").startswith('<div class="math"')
+
+
+CLOSED = LinearizedCut()
+
+
+def closed_jet(p: Parameters) -> Jet:
+    def jet(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        q = p.replace(alpha=angles)
+        return np.asarray(CLOSED.volume(q)), np.asarray(CLOSED.dvolume(q)), np.asarray(CLOSED.d2volume(q))
+
+    return jet
+
+
+@pytest.mark.parametrize("k", [1e-4, 0.01, 0.1, 0.5, 1.0, 2.0, 10.0, 1e3, 1e6])
+def test_newton_finds_the_greatest_volume_for_any_k(k: float) -> None:
+    steps = greatest(closed_jet(TABLE_1.replace(k=k)))
+    assert steps[-1].alpha == pytest.approx(np.arctan(k) / 2, abs=1e-11)
+    assert len(steps) < 30
+    assert steps[-1].kind == "Newton"
+
+
+def test_newton_refuses_what_it_cannot_answer() -> None:
+    def falling(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return np.cos(angles), -np.sin(angles) - 0.1, -np.cos(angles)
+
+    def failing(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return np.where(angles > 0.7, np.nan, angles), angles, angles
+
+    with pytest.raises(SimulationError, match="vanishes"):
+        greatest(falling)
+    with pytest.raises(SimulationError, match=r"α = 45°|could not be computed"):
+        greatest(failing)
+
+
+CASE = ReportCase(TABLE_1, "Table 1")
+
+
+NONE = np.zeros(9, bool)
+
+
+def text_of(folder: Path, derivation: str, *, figures: str = "", beyond: np.ndarray = NONE, **fields: Any) -> Text:
+    """A text with this derivation, filled in."""
+    path = folder / "q2.md"
+    path.write_text(f"# Title\n\nThe answer.\n\n{figures}\n\n## Derivation\n\n{derivation}\n", encoding="utf-8")
+    return write_text(path, CASE, Answer(fields, {"shape": Drawing(Figure(), beyond, "Dotted")}))
+
+
+def test_a_text_has_a_title_a_sentence_figures_and_a_derivation(tmp_path: Path) -> None:
+    text = text_of(
+        tmp_path, "It is {{ volume | number(3) }}.", figures="![A **line**.](shape)\nThe\nshape.", volume=1.5
+    )
+    assert (text.title, text.sentence, text.derivation) == ("Title", "The answer.", "<p>It is 1.50.</p>")
+    assert text.illustrations == (("shape", "The shape.", "A **line**."),)
+
+
+def test_an_unknown_field_is_named_with_its_file_and_line(tmp_path: Path) -> None:
+    with pytest.raises(TextError, match=r"/q2\.md, line 11: 'volum' is undefined\."):
+        text_of(tmp_path, "First.\n\nThe volume is {{ volum | number }}.", volume=1.0)
+    with pytest.raises(TextError, match=r"/q2\.md, line 9: '.*Parameters object' has no attribute 'width'\."):
+        text_of(tmp_path, "The width is {{ case.p.width }}.")
+
+
+@pytest.mark.parametrize(
+    ("derivation", "reason"),
+    [
+        ("{{ 1.0 | numbr }}", r"line 9: No filter named 'numbr'\."),
+        ("{% if true %}", r"line \d+: Unexpected end of template"),
+        ("Table: t\n| a |\n| 1 |", r"third line of a table must be .*, but is '\| 1 \|'"),
+        (r"$\left(x$", r"formula '.*left\(x' cannot be read \(ExtraLeftOrMissingRightError\)"),
+        ("## Again\n\nText.", "A text must be"),
+    ],
+)
+def test_a_mistake_in_a_text_is_named_with_its_file(tmp_path: Path, derivation: str, reason: str) -> None:
+    with pytest.raises(TextError, match=rf"/q2\.md.*{reason}"):
+        text_of(tmp_path, derivation)
+
+
+def test_what_turns_by_more_than_90_degrees_is_marked_wherever_it_is_printed(tmp_path: Path) -> None:
+    numbers = {"far": OfCut(0.5, beyond=True), "near": OfCut(0.25, beyond=False)}
+    filters = ("number(3)", "degrees(3)", 'quantity("volume")', "fixed(degree, 2)", "per(percent, 2)")
+    shown = " ".join("{{ far | F }} {{ near | F }}".replace("F", name) for name in filters)
+    figures = "![A line.](shape)\nThe shape."
+    text = text_of(
+        tmp_path, f"{shown} ${{{{ far | number_tex }}}}$", figures=figures, beyond=NONE | (NONE.size > 8), **numbers
+    )
+    assert text.derivation.count("†") == len(filters)
+    assert "&#x02020;" in text.derivation
+    assert text.illustrations[0].caption.endswith("by more than 90° (9 of 9), where the model no longer holds.")
+    assert set(text.printed) == {0.5, 0.25}
+    assert "90°" not in text_of(tmp_path, "", figures=figures).illustrations[0].caption
+
+
+def test_an_unknown_figure_is_named(tmp_path: Path) -> None:
+    with pytest.raises(TextError, match=r"/q2\.md: The figure 'shap' is unknown; there are shape\."):
+        text_of(tmp_path, "", figures="![A line.](shap)\nThe shape.")
+
+
+def test_fields_are_text_not_html(tmp_path: Path) -> None:
+    assert "&lt;b&gt;a &amp; b&lt;/b&gt;" in text_of(tmp_path, "{{ words }}", words="<b>a & b</b>").derivation
+
+
+def test_tags_alone_on_a_line_leave_no_gap_and_tags_after_words_do_not_join_lines(tmp_path: Path) -> None:
+    text = text_of(tmp_path, "one\n{% if true %}\ntwo{% if true %} three{% endif %}\nfour\n{% endif %}\nfive")
+    assert text.derivation == "<p>one two three four five</p>"
+
+
+def test_markdown_becomes_html() -> None:
+    assert to_html("One\nline.\n\n> A **note**\n> on `code`.") == (
+        '<p>One line.</p>\n<p class="note">A <strong>note</strong> on <code>code</code>.</p>'
+    )
+    assert to_html("$$\nx\n$$").startswith('<div class="math"')
+    assert "<p>So <math" in to_html("So $x$")
+
+
+def test_tables_of_numbers_are_aligned_to_the_right_and_tables_of_words_to_the_left() -> None:
+    numbers = to_html("Table: Two numbers\n| | V [10 in] |\n|---|--:|\n| a | 1 |")
+    assert numbers == (
+        '<div class="table" tabindex="0"><table><caption>Two numbers</caption><thead><tr>'
+        "<th scope='col'></th><th scope='col'>V [10\N{NO-BREAK SPACE}in]</th></tr></thead>"
+        "<tbody><tr><th scope='row'>a</th><td>1</td></tr></tbody></table></div>"
+    )
+    assert to_html("Table: Words\n| a | b |\n|---|---|\n| c | $d$ |").startswith('<div class="wordy">')
