@@ -1,11 +1,12 @@
 """What is doubtful in the rows of a table: in its columns, and in what hits; noted while they are read."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy import spatial
 
 from erosion.cfd.incidence import HIT, Hits
 from erosion.cfd.rows import POSITION, Columns, ImpactBlock, Impacts
@@ -24,8 +25,9 @@ _LIQUID = 1010.0  # kg/m³; the lightest grain of the package's table, walnut sh
 _DISTINCT = 100  # rows of whole numbers of particles, of which hardly ever no two are the same
 _COMPARED = 1_000_000  # rows at most among which those that repeat others are looked for
 _REPEATED = 0.01  # share of rows above which they are said
-_RUN, _RUNS = 8, 8  # consecutive rows that are looked for again, and how often of the table's beginning
-_ROUNDED = 6e-3  # of the greatest number of a column, what copies with three digits are off
+_NEIGHBOURS, _ASKED = 200_000, 2000  # rows that are compared with their neighbours at most, and those that are asked
+_TWIN = 0.1  # of the distance to the next neighbour; a tenth of random rows on a line are as near to another one
+_TWINS = 0.3  # share of the rows above which such twins are said
 _STEEP = 45.0  # mean angle from which on it may be measured from the normal [°]
 _LARGEST, _IN_GRAINS = 100.0, 20.0  # sizes of a surface that no part has [m], and over the diameter of grains
 _NUMBERED = 10  # rows from which on angles are told in radians
@@ -40,13 +42,12 @@ class Column(NamedTuple):
 
 
 class Repeats:
-    """Rows that repeat others of the table, also with other digits, as of a file that is in the table twice."""
+    """Rows that repeat others of the table, also in other digits or another order, as of a file that is in it twice."""
 
     def __init__(self) -> None:
         # Of equal rows all are kept or none, so that tables of any length can be compared.
         self._rows, self._stride, self._digests = 0, 1, np.zeros(0, np.uint64)
-        self._runs, self._scale = list[tuple[int, np.ndarray]](), np.zeros(0)
-        self._alike, self._begin = "", 0.0
+        self._held, self._axis, self._end = np.zeros((0, 0)), 0, math.inf  # rows up to the end on an axis
 
     def add(self, columns: Columns) -> None:
         """Take note of some rows."""
@@ -62,42 +63,34 @@ class Repeats:
         while len(self._digests) > _COMPARED:
             self._stride *= 2
             self._digests = self._digests[self._digests % np.uint64(self._stride) == 0]
-        if not self._alike:
-            # Other files may number parcels anew.
-            compared = {name: values for name, values in columns.items() if name not in ("parcel", "origin")}
-            if "time" in compared and rows:
-                # Late in a run the last digits alone tell one period from another.
-                self._begin = self._begin if self._rows else float(compared["time"].min())
-                compared["time"] = compared["time"] - self._begin
-            self._look_for_runs(np.array(list(compared.values())))
+        # Other files may number parcels anew.
+        names = [name for name in columns if name not in ("parcel", "origin")]
+        table = np.array([columns[name] for name in names], float)
         self._rows += rows
+        self._hold(table[:, np.isfinite(table).all(axis=0)], names)  # what is not finite is refused after this
 
-    def _look_for_runs(self, table: np.ndarray) -> None:
-        """Look for runs of rows of the table's beginning, whose rows differ; `table` of shape (columns, rows)."""
-        if not self._rows:
-            self._scale = np.abs(table).max(axis=1, initial=1e-300)
-        with np.errstate(invalid="ignore"):  # numbers that are not finite are refused after this
-            table = table / self._scale[:, None]
-        if not self._rows:
-            for begin in range(0, table.shape[1] - _RUN, max(_RUN, table.shape[1] // _RUNS)):
-                run = table[:, begin : begin + _RUN]
-                apart = np.abs(run[:, :, None] - run[:, None, :]).max(axis=0) + np.eye(_RUN)
-                if (apart > 2 * _ROUNDED).all():
-                    self._runs.append((begin, run))
-        for begin, run in self._runs:
-            rows = np.arange(table.shape[1] - _RUN + 1)
-            if not self._rows:
-                rows = rows[np.abs(rows - begin) >= _RUN]
-            for i in range(_RUN):
-                for values, own in zip(table, run[:, i], strict=True):
-                    rows = rows[np.abs(values[rows + i] - own) <= 2 * _ROUNDED]
-            around = rows[:_RUNS, None] + np.arange(_RUN)
-            same = np.abs(table[:, around] - run[:, None]) <= _ROUNDED
-            # Where others are almost as near, as in rows of a regular grid, they are neighbours and no copies.
-            if rows.size and same.all():
-                again = self._rows + int(rows[0])
-                self._alike = f"rows from {begin + 1:,} on are nearly those from {again + 1:,} on"
-                return
+    def _hold(self, table: np.ndarray, names: Sequence[str]) -> None:
+        """Hold rows of the part of the space that has not too many of them."""
+        if not table.size:
+            return
+        if not self._held.size:
+            self._held = table[:, :0]
+            self._axis = max(map(names.index, POSITION), key=lambda axis: np.ptp(table[axis]))
+        self._held = np.append(self._held, table[:, table[self._axis] <= self._end], axis=1)
+        while self._held.shape[1] > _NEIGHBOURS:
+            places = self._held[self._axis]
+            self._end = float(np.median(places)) if np.median(places) < places.max() else -math.inf
+            self._held = self._held[:, places <= self._end]
+
+    def _twins(self) -> float:
+        """The share of rows that have others far nearer to them than all else is."""
+        if self._held.shape[1] < _FEW:
+            return 0.0
+        spread = self._held.std(axis=1)
+        points = (self._held[spread > 0] / spread[spread > 0, None]).T
+        some = points[:: max(1, len(points) // _ASKED)]
+        distance = spatial.KDTree(points).query(some, k=5)[0][:, 1:]
+        return float((distance[:, :-1] < _TWIN * distance[:, 1:]).any(axis=1).mean())
 
     def in_words(self) -> Iterator[str]:
         """Sentences."""
@@ -108,8 +101,8 @@ class Repeats:
             yield (
                 f"{some}{share * self._rows:,.0f} of {self._rows:,} rows repeat another one, number for number; {again}"
             )
-        elif self._alike:
-            yield f"{self._alike}, with other digits; {again}"
+        elif (share := self._twins()) > _TWINS:
+            yield f"about {100 * share:.0f} % of the rows are nearly another one, with other digits; {again}"
 
 
 class Noted:
