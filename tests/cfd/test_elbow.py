@@ -235,6 +235,31 @@ def test_a_wrong_unit_of_both_is_said_where_no_part_has_the_size(tmp_path: Path)
         assert is_right == (not words)
 
 
+def test_what_was_taken_for_granted_is_said(tmp_path: Path) -> None:
+    plain = {head.split(" ")[0]: v for head, v in CLEAN.items()}
+    (tmp_path / "a.csv").write_text(text(plain))
+    table = read_impacts(tmp_path / "a.csv", columns="x,y,z=mm, u,v,w=m/s, diameter=um, density=kg/m^3")
+    surface = read_surface(write(COARSE, tmp_path / "e.stl", 1e3), unit="mm")
+    mass = float((CLEAN["count"] * 2650 * np.pi / 6e18 * CLEAN["diameter [um]"] ** 3).sum())
+    wear = erosion.erosion_map("dnv", erosion.TABLE_1.to("si"), table, surface, injected=3 * mass)
+    said = wear.attrs["read_as"]
+    for words in ("u, v, w in m/s as given", "(33.3 % of the sand injected)", "The surface, in mm as given, is 0.3 m"):
+        assert words in said
+    wear = erosion.erosion_map("dnv", erosion.TABLE_1.to("si"), table, dataclasses.replace(COARSE, unit=None))
+    assert "The surface, taken in metres, is 0.3 m across." in wear.attrs["read_as"]
+    assert "injected" not in wear.attrs["read_as"]
+
+
+@pytest.mark.parametrize(("factor", "words"), [(1.0, ""), (3.2808, "column 'speed [m/s]' is 3.28 × the speed by the")])
+def test_speeds_beside_velocities_are_compared(tmp_path: Path, factor: float, words: str) -> None:
+    speed = np.linalg.norm([CLEAN[f"{axis} [m/s]"] for axis in "uvw"], axis=0)
+    (tmp_path / "a.csv").write_text(text({**CLEAN, "speed [m/s]": factor * speed}))
+    is_right, said = answer(tmp_path / "a.csv")
+    assert is_right
+    assert ("are the units of both right?" in said) == bool(words)
+    assert words in said
+
+
 def test_angles_from_the_normal_are_asked_for(tmp_path: Path) -> None:
     path, angle = tmp_path / "a.csv", np.linspace(5.0, 40.0, 100)
     for angles, is_said in ((angle, False), (90 - angle, True)):

@@ -4,6 +4,7 @@ A map by `finnie` is OpenFOAM's own field Q, which it summed while it ran. Where
 entry runs there.
 """
 
+import dataclasses
 import functools
 import gzip
 import math
@@ -20,7 +21,9 @@ import pytest
 from foamlib import FoamFieldFile, FoamFile
 
 import erosion
+from erosion.cfd.doubts import Journeys
 from erosion.cfd.erosion_map import erosion_map
+from erosion.cfd.incidence import Incidence
 from erosion.cfd.openfoam import open_case
 from erosion.cfd.read import read_impacts, read_surface
 from erosion.cfd.rows import ImpactsError
@@ -142,6 +145,20 @@ def test_a_hidden_file_is_no_table(run):
     assert len(together(read_impacts(run))["count"]) == rows
     (run / LAST).unlink()
     assert "run has no table 0.02/hump, but those of others" in " ".join(read_impacts(run).warnings)
+
+
+@pytest.mark.parametrize(
+    ("what", "factor", "words"),
+    [("", 1.0, ""), ("km/h", 3.6, "0.3 ×"), ("ft/s", 3.28, "0.33 ×"), ("mph", 2.24, "0.49 ×"), ("slow", 0.3, "3.6 ×")],
+)
+def test_ways_between_hits_are_compared_with_speeds(run, what, factor, words):
+    surface, journeys = read_surface(run), Journeys()
+    for block in read_impacts(run).blocks(100):
+        hits = Incidence(surface, mesh_faces=True).hits(block)
+        journeys.add(block, dataclasses.replace(hits, speed=factor * hits.speed))
+    said = " ".join(journeys.in_words())
+    assert words in said
+    assert bool(said) == bool(what)
 
 
 def test_names_of_other_versions(tmp_path):

@@ -9,7 +9,8 @@ import numpy as np
 from scipy import spatial
 
 from erosion.cfd.incidence import HIT, Hits
-from erosion.cfd.rows import POSITION, Columns, ImpactBlock, Impacts
+from erosion.cfd.rows import POSITION, VELOCITY, Columns, ImpactBlock, Impacts
+from erosion.cfd.surface import Surface
 from erosion.cfd.tally import FaceTally
 from erosion.parameters.materials import HEAVIEST
 from erosion.parameters.quantities import Scale, readable_scale
@@ -20,6 +21,7 @@ _DOMINATES = 0.05  # share of the wear from which on one of many rows is named, 
 _FINEST, _COARSEST = 1e-6, 5e-3  # diameters of grains [m]
 _SLOWEST, _FASTEST = 0.5, 300.0  # mean speeds at which sand wears [m/s]
 _MORE, _THOUSANDS = 10, 1000  # rows from which velocities along an axis, and ones without signs, are named
+_ALIKE = 1.02  # ratio of speeds of the same rows
 _SAME = 1.1  # ratio of densities of one solid
 _LIQUID = 1010.0  # kg/m³; the lightest grain of the package's table, walnut shell, has 1200
 _DISTINCT = 100  # rows of whole numbers of particles, of which hardly ever no two are the same
@@ -28,17 +30,20 @@ _REPEATED = 0.01  # share of rows above which they are said
 _NEIGHBOURS, _ASKED = 200_000, 2000  # rows that are compared with their neighbours at most, and those that are asked
 _TWIN = 0.1  # of the distance to the next neighbour; a tenth of random rows on a line are as near to another one
 _TWINS = 0.3  # share of the rows above which such twins are said
+_JOURNEYS = 30  # from one hit to the next, from which on they are compared with speeds
+_DETOUR, _SHORT_CUT = 0.5, 2.5  # the straightest ways over those by the speeds at both ends, in hardly any flow
 _STEEP = 45.0  # mean angle from which on it may be measured from the normal [°]
 _LARGEST, _IN_GRAINS = 100.0, 20.0  # sizes of a surface that no part has [m], and over the diameter of grains
 _NUMBERED = 10  # rows from which on angles are told in radians
 
 
 class Column(NamedTuple):
-    """A column of the file: number in the file × factor = number in SI units; `unit` as the file or the user has it."""
+    """A column: number in the file × factor = number in SI units; `unit` is the file's, or the user's if `is_given`."""
 
     name: str
     factor: float
     unit: str = ""
+    is_given: bool = False
 
 
 class Repeats:
@@ -105,11 +110,42 @@ class Repeats:
             yield f"about {100 * share:.0f} % of the rows are nearly another one, with other digits; {again}"
 
 
+class Journeys:
+    """How far parcels come from one hit to the next, beside what their speeds and times say."""
+
+    def __init__(self) -> None:
+        self._held, self._stride = np.zeros((6, 0)), 1  # parcel, time, position and speed
+
+    def add(self, block: ImpactBlock, hits: Hits) -> None:
+        """Take note of the rows of a block; of a parcel all are kept or none."""
+        if block.time is None or block.parcel is None or block.position is None:
+            return
+        rows = np.array([hits.parcel, np.asarray(block.time), *hits.position.T, hits.speed], float)
+        self._held = np.append(self._held, rows[:, rows[0] % self._stride == 0], axis=1)
+        while self._held.shape[1] > _NEIGHBOURS and self._stride < _COMPARED:
+            self._stride *= 2
+            self._held = self._held[:, self._held[0] % self._stride == 0]
+
+    def in_words(self) -> Iterator[str]:
+        """A sentence where no flow explains the distances."""
+        parcel, time, *position, speed = self._held[:, np.lexsort((self._held[1], self._held[0]))]
+        after = np.flatnonzero((np.diff(parcel) == 0) & (np.diff(time) > 0))
+        if len(after) < _JOURNEYS:
+            return
+        way = (speed[:-1] + speed[1:]) / 2 * np.diff(time)
+        ratio = (np.linalg.norm(np.diff(position), axis=0) / np.maximum(way, 1e-300))[after]
+        if not _DETOUR < (most := float(np.quantile(ratio, 0.95))) < _SHORT_CUT:
+            yield (
+                f"From one hit to the next parcels come up to {most:.2g} × as far as their speeds and times say; are "
+                "the units of speed, position and time right?"
+            )
+
+
 class Noted:
     """What is doubtful in the numbers of a table, noted while its rows are read."""
 
-    def __init__(self, columns: Mapping[str, Column]) -> None:
-        self._columns = columns
+    def __init__(self, columns: Mapping[str, Column], beside: Column | None = None) -> None:
+        self._columns, self._beside, self._speeds = columns, beside, 1.0
         self._density = math.inf, 0.0  # the least and the greatest [kg/m³]
         self._contradictions, self._steepest, self._numbered = 0, 0.0, False
         self._rows, self._particles, self._repeats = 0, 0.0, Repeats()
@@ -125,6 +161,12 @@ class Noted:
         if POSITION[0] in columns:
             self._repeats.add(columns)
         self._rows += len(next(iter(columns.values())))
+
+    def add_speeds(self, columns: Columns, speeds: np.ndarray) -> None:
+        """Note speeds that the table has beside velocities."""
+        own = np.linalg.norm([columns[axis] for axis in VELOCITY], axis=0)
+        both = (own > 0) & np.isfinite(speeds)
+        self._speeds = float(np.median(speeds[both] / own[both])) if both.any() else 1.0
 
     def add_sizes(self, block: ImpactBlock, own: np.ndarray) -> None:
         """Note particles, and their `own` densities where the table has them."""
@@ -172,6 +214,11 @@ class Noted:
             and self._steepest <= math.pi / 2 * angle.factor
         ):
             yield f"no angle is above {math.degrees(self._steepest):.3g}°; are they in radians?"
+        if self._beside is not None and not 1 / _ALIKE < self._speeds < _ALIKE:
+            yield (
+                f"column {self._beside.name!r} is {self._speeds:.3g} × the speed by the components of the velocity, "
+                "which count; are the units of both right?"
+            )
         yield from self._repeats.in_words()
 
 
@@ -182,10 +229,12 @@ class Ranges:
         self._ends = dict.fromkeys(("time", "diameter", "density", "speed", "alpha"), (math.inf, -math.inf))
         self._most, self._place, self._all = 0.0, "", 0.0  # mass × speed^2.6 of a row, the row, and of all
         self._weightless, self._has_angles = 0, False
+        self._journeys = Journeys()
         self._velocity, self._are_same = np.array([[math.inf], [-math.inf]]) * np.ones(3), True  # least, greatest
 
     def add(self, block: ImpactBlock, hits: Hits) -> None:
         """Take note of the rows of a block."""
+        self._journeys.add(block, hits)
         struck, time = hits.fate == HIT, np.zeros(0) if block.time is None else np.asarray(block.time)
         rows = {"time": time, **{name: getattr(hits, name)[struck] for name in ("diameter", "speed", "alpha")}}
         with np.errstate(divide="ignore", over="ignore"):
@@ -205,13 +254,16 @@ class Ranges:
         for name, (least, greatest) in self._ends.items():
             self._ends[name] = float(rows[name].min(initial=least)), float(rows[name].max(initial=greatest))
 
-    def in_words(self, table: Impacts, tally: FaceTally, across: float | None) -> tuple[str, list[str]]:
+    def in_words(
+        self, table: Impacts, tally: FaceTally, surface: Surface | None, injected: float | None
+    ) -> tuple[str, list[str]]:
         """How the table was understood, in its own units, and what no sand has of it.
 
         Args:
             table: the table.
             tally: the sums of its rows.
-            across: from end to end of the surface [m].
+            surface: of the map.
+            injected: the mass of all sand [kg], where it is known.
         """
         names = "diameter", "density", "speed", "alpha"
         (fine, coarse), (light, dense), (slow, fast), (flat, steep) = (self._ends[name] for name in names)
@@ -221,15 +273,20 @@ class Ranges:
         own_units = table.own_units or {}
         length = own_units.get("length") or readable_scale("length", "si", coarse)
         velocity, density = own_units.get("speed") or Scale(1.0, "m/s"), _range(light, dense, Scale(1.0, "kg/m³"))
+        mass = f"{total['erodent']:.4g} kg in all"
+        if injected is not None:
+            come = float(tally.parcels.mass.sum()) or total["erodent"]
+            mass += f" ({100 * come / injected:.3g} % of the sand injected{', each parcel once' * table.has_parcels})"
         read_as = (
             f"Read: {tally.rows:,} rows, {table.read_as or 'in SI units'}. What hits is {total['particles']:,.6g} "
-            f"particles of {_range(fine, coarse, length)} and {density}, {total['erodent']:.4g} kg in all, at "
+            f"particles of {_range(fine, coarse, length)} and {density}, {mass}, at "
             f"{_range(slow, fast, velocity)}, on average {speed / velocity.size:.4g} {velocity.unit}, and at "
             f"{_range(flat, steep, Scale(math.pi / 180, '°'))} to the wall, on average {angle:.3g}°."
         )
-        doubts = self._of_velocities(tally.rows)
-        if across is not None:
-            read_as += f" The surface is {across:.3g} m across."
+        doubts = [*self._of_velocities(tally.rows), *self._journeys.in_words()]
+        if surface is not None:
+            across, unit = surface.length, f"in {surface.unit} as given" if surface.unit else "taken in metres"
+            read_as += f" The surface{f', {unit},' * (surface.mesh_face is None)} is {across:.3g} m across."
             if across > _LARGEST or across < _IN_GRAINS * coarse:
                 doubts.append(
                     f"The surface is {across:.3g} m across, {across / coarse:.3g} diameters of a grain; are both units "

@@ -148,7 +148,7 @@ class MapJob:
         if not tally.sums["impacts"].any():
             raise SimulationError(f"{model_name(task.model)}: of {tally.hits:,} impacts none could be computed.")
         sand = self._sand(tally, ranges)
-        read_as, doubts = ranges.in_words(table, tally, None if surface is None else surface.length)
+        read_as, doubts = ranges.in_words(table, tally, surface, sand.injected)
         attributes = provenance(
             "a map",
             options.p,

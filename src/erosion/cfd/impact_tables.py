@@ -108,6 +108,8 @@ class NamedImpacts(Impacts):
 
     path: Path
     columns: dict[str, Column]
+    beside: Column | None = None
+    """Of speeds that the table has beside velocities."""
     expected: float | None = None
     """The density of the particle that the user names [kg/m³], where the table has its own."""
 
@@ -118,17 +120,22 @@ class NamedImpacts(Impacts):
 
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
         """See `Impacts`; after the last block `warnings` has what is doubtful in its numbers."""
-        first, noted = 0, Noted(self.columns)
-        wanted = [column.name for column in self.columns.values()]
+        first, noted = 0, Noted(self.columns, self.beside)
+        beside = [self.beside] if self.beside else []
+        wanted = [column.name for column in [*self.columns.values(), *beside]]
         for batch in _BATCHES[kind_of(self.path)](self.path, wanted):
             columns = dict[str, np.ndarray]()
-            for name, (head, size, _) in self.columns.items():
+            for name, (head, size, *_) in self.columns.items():
                 is_number = batch.column(head).is_valid().to_numpy(zero_copy_only=False)
                 lacking = f": column `{head}` has no number."
                 require_rows(self.title, first, is_number, lambda _, lacking=lacking: lacking)
                 columns[name] = np.asarray(batch.column(head).to_numpy(zero_copy_only=False), float) * size
             if not first:
                 self._require_weights(columns)
+                for name, size, *_ in beside:
+                    noted.add_speeds(
+                        columns, np.asarray(batch.column(name).to_numpy(zero_copy_only=False), float) * size
+                    )
             noted.add_rows(columns)
             for block in blocks(self.title, first, columns, rows, self.density, self.duration):
                 noted.add_sizes(block, columns.get("density", np.zeros(0))[block.first - first :][: block.rows])
@@ -162,7 +169,7 @@ def open_named(
     Raises:
         ImpactsError: for a file that cannot be read, and columns or units that cannot be used.
     """
-    columns, unused, rows, blocks = _head(path, ignore, meant)
+    columns, unused, rows, blocks, beside = _head(path, ignore, meant)
     if density is not None and _gives_density(columns):
         own = [columns[name].name for name in ("density", "mass", "diameter") if name in columns]
         raise ImpactsError(
@@ -182,6 +189,7 @@ def open_named(
         title=str(path),
         path=path,
         columns=columns,
+        beside=beside,
         rows=rows,
         density=density,
         duration=duration,
@@ -196,13 +204,13 @@ def open_named(
 
 
 def _in_words(columns: Mapping[str, Column]) -> str:
-    """Which columns are what, and in which units: "velocity from u, v, w in m/s, diameter from d in um"."""
+    """Which columns are what, and in which units: "velocity from u, v, w in m/s, diameter from d in um as given"."""
     groups = dict[tuple[str, str], list[str]]()
     for name, column in columns.items():
         what = name[:-2] if name in (*VELOCITY, *POSITION) else name.replace("_", " ")
-        groups.setdefault((what, column.unit), []).append(head_parts(column.name)[0] or column.name.strip())
-    parts = (f"{what} from {', '.join(heads)}{f' in {unit}' * bool(unit)}" for (what, unit), heads in groups.items())
-    return "; ".join(parts)
+        unit = f" in {column.unit}{' as given' * column.is_given}" if column.unit else ""
+        groups.setdefault((what, unit), []).append(head_parts(column.name)[0] or column.name.strip())
+    return "; ".join(f"{what} from {', '.join(heads)}{unit}" for (what, unit), heads in groups.items())
 
 
 def _ends_with_a_line(path: Path) -> bool:
@@ -274,10 +282,17 @@ def _explained(path: Path, heads: Sequence[str], meant: Mapping[str, str]) -> li
     return explained
 
 
-def _head(
-    path: Path, ignore: Sequence[str], meant: Mapping[str, str] | None
-) -> tuple[dict[str, Column], tuple[str, ...], int | None, tuple[str, ...]]:
-    """The columns that are used, by name, the heads of those that are left out, the number of rows if known, blocks."""
+class _Head(NamedTuple):
+    """Columns that are used, by name, the heads of others, the number of rows if known, blocks, and speeds besides."""
+
+    columns: dict[str, Column]
+    unused: tuple[str, ...]
+    rows: int | None
+    blocks: tuple[str, ...]
+    beside: Column | None
+
+
+def _head(path: Path, ignore: Sequence[str], meant: Mapping[str, str] | None) -> _Head:
     blocks: tuple[str, ...] = ()
     if (kind := kind_of(path)) == "parquet":
         heads, units, rows = _parquet_head(path)
@@ -294,20 +309,21 @@ def _head(
         at = "" if error.index is None else f" column {heads[error.index]!r}"
         raise ImpactsError(f"{path}:{at} {error}.") from error
     columns = dict[str, Column]()
-    for head, column in zip(heads, table.columns, strict=True):
+    for head, text, column in zip(heads, texts, table.columns, strict=True):
         if column is not None:
             own, other = (
                 _factor(path, head, column.name, unit) for unit in (column.unit, units.get(head, column.unit))
             )
             if own != other and not math.isnan(other):
                 raise ImpactsError(f"{path}: column {head!r} has another unit in its metadata, {units[head]!r}.")
-            columns[column.name] = Column(head, own, column.unit)
+            columns[column.name] = Column(head, own, column.unit, text != head)
     _require_units(path, columns)
     if {"face", "mesh_face"} <= columns.keys():
         raise ImpactsError(f"{path}: has both columns `face` and `mesh_face`; keep one.")
     # The velocity and the surface give both better.
-    doubled = [columns.pop(name).name for name in ("speed", "angle") if {name, VELOCITY[0]} <= columns.keys()]
-    return columns, (*table.unused, *doubled), rows, blocks
+    doubled = {name: columns.pop(name) for name in ("speed", "angle") if {name, VELOCITY[0]} <= columns.keys()}
+    unused = (*table.unused, *(column.name for column in doubled.values()))
+    return _Head(columns, unused, rows, blocks, doubled.get("speed"))
 
 
 def _known(heads: Sequence[str]) -> Mapping[str, Known]:
