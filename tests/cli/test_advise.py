@@ -307,14 +307,15 @@ def test_an_advice_by_draws_prints_the_tests_and_their_doubts(shell, tmp_path, m
         dump_case(case.replace(v0=160.0)) + f'particle = "garnet 0.3 mm"\ntarget = "copper"\n[advise]\n{tested}'
     )
     attributes = {"inference_library": "erosion", "unit_system": "si", "case": dump_case(case), "model": "linearized",
-                  "cutting_fraction": 0.8, "data": "tests.csv", "tested": '{"v0": [100.0, 100.0]}'}  # fmt: skip
+                  "cutting_fraction": 0.8, "data_file": "tests/my rows.csv",
+                  "tested": '{"v0": [100.0, 100.0]}'}  # fmt: skip
     columns = {name: ("draw", values, {"units": "1"}) for name, values in {"k": [1.9, 2.1], "psi": [2.1, 1.9]}.items()}
     xr.Dataset(columns, attrs=attributes).to_netcdf("post.nc", group="posterior", engine="h5netcdf")
     names = ["--particle", "garnet 0.3 mm", "--target", "copper"]
     printed = shell(["advise", *names, "--v0", "160 m/s", "--uncertain", "post.nc", "-o", "a.html", "--json"])
     assert printed_command(printed.result["statements"]) == [
-        "tests.csv", *names, "--v0", "100 m/s", "--cutting-fraction", "0.8", "--model", "linearized", "--free", "k,psi",
-        "--next-experiment",
+        "tests/my rows.csv", *names, "--v0", "100 m/s", "--cutting-fraction", "0.8", "--model", "linearized",
+        "--free", "k,psi", "--next-experiment",
     ]  # fmt: skip
     doubt = "160 m/s is 1.6 × the fastest test."
     assert (tmp_path / "a.html").read_text().count(f"post.nc: {doubt}") == printed.err.count(doubt) == 1

@@ -13,9 +13,10 @@ import pytest
 import erosion
 from erosion.cli import _status
 from erosion.fits import calibrate, to_case
-from erosion.fits.posterior_files import model_of_draws
+from erosion.fits.posterior_files import model_of_draws, read_draws
 from erosion.models import ProportionalDeformationWear, Rotating, TanAlpha
 from erosion.parameters.case_files import CaseFile, load_case
+from erosion.parameters.quantities import QUANTITIES
 from tests.documents import Shell
 
 PLUG_IN = """
@@ -133,6 +134,9 @@ def test_the_case_of_a_plug_ins_fit_names_its_file(two_folders, capsys):
     assert (written["particle"], written["target"]) == ("../cases/grit.toml: slag 0.3 mm", "../mt.toml: mine")
     assert CaseFile.read("out/fitted.toml").model()[1] == {"softness": 1.0}
     assert Path(model_of_draws("out/post.nc")).resolve() == Path("cases/plug.py").resolve()
+    # The commands of an advice name the table as the user finds it.
+    assert written["advise"]["data"] == "../weighed.csv"
+    assert Path(read_draws("out/post.nc", QUANTITIES, "inch-pound").data).samefile("weighed.csv")
     for verb in (["run", "out/fitted.toml"], ["advise", "out/fitted.toml", "--uncertain", "out/post.nc"]):
         capsys.readouterr()
         assert _status(verb) == 0, capsys.readouterr().err

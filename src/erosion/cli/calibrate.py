@@ -194,8 +194,7 @@ WriteCaseOption = Annotated[
 def write_case(path: Path, ranking: "lazy.Ranking", task: Fit, output: Output) -> None:
     """Write the best fit as a case file; without draws of its parameters, where there are none, with a warning."""
     with user_errors(lazy.CalibrationError):
-        named = {**task.options.names(), "rows": str(task.data)}
-        text = lazy.to_case(ranking.best, str(path), **named, warnings=ranking.warnings_of_best)
+        text = lazy.to_case(ranking.best, str(path), **task.options.names(), warnings=ranking.warnings_of_best)
         lazy.write_whole(path, text.encode())
     if "\n[advise.uncertain]\n" not in text:
         output.warn(f"{path}: has no draws of the fit: `erosion advise` takes ranges of k and ψ about its estimates.")

@@ -132,7 +132,6 @@ def to_case(
     *,
     particle: str | None = None,
     target: str | None = None,
-    rows: str | None = None,
     warnings: Sequence[str] | None = None,
 ) -> str:
     """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
@@ -146,7 +145,6 @@ def to_case(
         path: the file's, for the command in its comment, and where the paths in it begin.
         particle: its name and size, where the case has it by name.
         target: its name, where the case has it by name.
-        rows: the path of the data, for the commands of an advice.
         warnings: sentences for whoever uses the file; those of the fit without them.
 
     Raises:
@@ -164,12 +162,7 @@ def to_case(
     weighed = dump_per_mass(PerMass(density, calibration.cutting_fraction))
     said = calibration.warnings if warnings is None else warnings
     return (
-        commented(text, "#")
-        + case
-        + named
-        + weighed
-        + _model(calibration, path)
-        + _for_advice(calibration, said, rows and _in_file(rows, path))
+        commented(text, "#") + case + named + weighed + _model(calibration, path) + _for_advice(calibration, said, path)
     )
 
 
@@ -191,9 +184,10 @@ def _model(calibration: Calibration, path: str) -> str:
     return named + (f"set = {{ {', '.join(f'{name} = {value!r}' for name, value in own.items())} }}\n" if own else "")
 
 
-def _for_advice(calibration: Calibration, warnings: Sequence[str], rows: str | None) -> str:
+def _for_advice(calibration: Calibration, warnings: Sequence[str], path: str) -> str:
     """The table [advise] of a case file."""
     of_scale = "The tests had units of their own, so the size of the wear is that of the case."
+    rows = "" if calibration.data.path is None else seen_from(Path(path), str(calibration.data.path))
     said, draws = [of_scale] * calibration.data.free_scale + [*warnings], []
     try:
         columns = calibration.rows_of_draws().columns
@@ -204,7 +198,7 @@ def _for_advice(calibration: Calibration, warnings: Sequence[str], rows: str | N
     equations = plug_in_digest(calibration.model, calibration.p)
     lines = sentences(
         (bool(said), f"warning = {toml_string(' '.join(said))}"),
-        (rows is not None, f"data = {toml_string(str(rows))}"),
+        (rows, f"data = {toml_string(rows)}"),
         (True, f"tested = {calibration.problem.forward.tested.dump()}"),
         (equations, f'equations = "{equations}"  # of {model_name(calibration.model)}, as it was'),
     )

@@ -89,6 +89,7 @@ class Measurements:
         lines: of the file, of each row; None for tables in memory.
         notes: sentences on how the table was read: rows that are left out, its characters.
         unit: of `erosion` in the table; empty where numbers do not read well in it.
+        path: of the file, for commands that read it again; None for a table in memory.
     """
 
     angle: np.ndarray
@@ -105,6 +106,7 @@ class Measurements:
     lines: np.ndarray | None = None
     notes: tuple[str, ...] = ()
     unit: str = ""
+    path: Path | None = None
 
     def __post_init__(self) -> None:
         if self.error is None and self.uncertainty is not None:
@@ -339,7 +341,8 @@ def _read_file(path: Path, system: System, ignore: Sequence[str]) -> Measurement
     def read(used: Sequence[int]) -> list[np.ndarray]:
         return [np.frombuffer(column) for column in numbers_of(rows, cells, used, delimiter, path, lines)]
 
-    return _measurements(cells, read, place, system, ignore, path.name, lines=lines, notes=notes)
+    measured = _measurements(cells, read, place, system, ignore, path.name, lines=lines, notes=notes)
+    return dataclasses.replace(measured, path=path)
 
 
 def _measurements(

@@ -24,7 +24,16 @@ from erosion.fits.likelihood import (
     sampled_quantities,
 )
 from erosion.fits.measurements import Measurements
-from erosion.fits.posterior_files import EQUATIONS, LINE, SOURCE, TESTED, WARNINGS, own_in_si, prediction_groups
+from erosion.fits.posterior_files import (
+    DATA_FILE,
+    EQUATIONS,
+    LINE,
+    SOURCE,
+    TESTED,
+    WARNINGS,
+    own_in_si,
+    prediction_groups,
+)
 from erosion.fits.predicted import ANGLES, BestAngles, highest
 from erosion.fits.prediction import Noise, Predictor, make_predictor, of_model
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
@@ -452,6 +461,8 @@ class Posterior(Result):
         tree = self.to_datatree()
         draws = tree["posterior"].attrs
         draws[SOURCE] = with_paths(draws[SOURCE], functools.partial(seen_from, path))
+        if self.data.path is not None:
+            draws[DATA_FILE] = seen_from(path, str(self.data.path))
         # HDF5 then sees numbers that were damaged; it keeps no checksum of what has no axes.
         checked = {
             group.path: {name: {"fletcher32": True} for name, values in group.data_vars.items() if values.ndim}

@@ -32,8 +32,8 @@ EQUATIONS = "equations"
 """The attribute with the digest of a plug-in's equations."""
 LINE = "line"
 """The variable with each row's line of the file of data."""
-SOURCE = "model_source"
-"""The attribute with what loads the model again: its name, or its file, whose path begins at the draws."""
+SOURCE, DATA_FILE = "model_source", "data_file"
+"""The attributes with what loads the model again, its name or its file, and with the tests' table; paths begin here."""
 TESTED, WARNINGS = "tested", "warnings"
 """The attributes with the ranges of the tests, as `Tested` has them, and what is doubtful in the fit; in JSON."""
 _OF_METAL = ("k", "psi", "sigma")  # those that a case must share with the data
@@ -54,7 +54,7 @@ class Draws:
         has_scale: whether the measurements were in units of their own.
         converged: whether the draws are good.
         warnings: what else was doubtful in the fit.
-        data: the name of the tests' table.
+        data: the path of the tests' table.
     """
 
     rows: Rows
@@ -162,7 +162,7 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         has_scale=SCALE in dataset,
         converged=bool(attrs.get("converged", 1)),
         warnings=tuple(_kept(attrs, WARNINGS, [])),
-        **({"data": attrs["data"]} if Path(attrs.get("data", "")).suffix else {}),
+        **({"data": beside(path, attrs[DATA_FILE])} if DATA_FILE in attrs else {}),
     )
 
 
