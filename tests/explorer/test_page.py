@@ -147,14 +147,23 @@ def test_the_cut_plays_and_is_scrubbed(page: Page) -> None:
 @pytest.mark.browser
 @pytest.mark.slow
 def test_no_grain_is_drawn_in_metal_and_the_axis_is_above_the_fold(page: Page) -> None:
-    page.set_viewport_size({"width": 1366, "height": 768})
     drawn_by = "one => one.closest('[clip-path]').getAttribute('clip-path')"
     assert page.locator(".cut .grain").evaluate(drawn_by) == "url(#cut-open)"
     # Open is what is above the surface, and the groove that is cut so far.
     assert page.locator("#cut-open polygon").get_attribute("points") == page.locator(".removed").get_attribute("points")
-    box = page.locator(".view-volumes .plot").bounding_box()
-    assert box is not None
-    assert box["y"] + box["height"] <= 768
+    for width, height in ((1366, 768), (1440, 900), (1536, 864), (1920, 950), (1920, 1080)):
+        page.set_viewport_size({"width": width, "height": height})
+        box = page.locator(".view-volumes .plot").bounding_box()
+        assert box is not None
+        assert box["y"] + box["height"] <= height
+
+
+def test_no_handle_covers_the_numbers_of_an_axis(page: Page) -> None:
+    line, grip = (page.locator(f".view-volumes .plot-{part}").first.bounding_box() for part in ("handle", "grip"))
+    assert line is not None
+    assert grip is not None
+    # Numbers begin 8 pixels below the axis, where the line ends.
+    assert grip["y"] + grip["height"] <= line["y"] + line["height"] + 4
 
 
 AREAS = "() => [...document.querySelectorAll('.plot-area')].map((one) => one.clientHeight)"
