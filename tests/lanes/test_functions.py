@@ -382,3 +382,16 @@ def test_a_quotient_by_what_a_loop_does_not_change_is_a_product():
     for _ in range(100):
         x = x * (1 / 49)
     assert _same_bits(by_constant, x)
+
+
+@pytest.mark.parametrize("rounding", ["floor", "ceil", "trunc", "round", "astype"])
+@pytest.mark.parametrize("divisor", [0.1, 0.7, 49.0])
+def test_a_whole_number_of_a_quotient_is_that_of_the_division(rounding, divisor):
+    def rounded(numbers, values):
+        return values.astype(np.int64) if rounding == "astype" else getattr(numbers, rounding)(values)
+
+    def in_a_loop(x):
+        return lax.fori_loop(0, 100, lambda i, s: jnp.where(i < 99, s + 1, rounded(jnp, (x + 0 * s) / divisor)), 0.0)
+
+    x = np.arange(2000) * divisor
+    np.testing.assert_array_equal(Lanewise(in_a_loop, (number,))(x), rounded(np, x / divisor))

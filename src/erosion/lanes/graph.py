@@ -135,6 +135,7 @@ class Graph:
         self.outputs: list[Value] = []
         self.rows = 0  # of memory, each with a number of every lane; the first are the arguments
         self.numbers = 0  # in memory after them, of arguments that all lanes share
+        self.quotients: dict[Value, tuple[Value, Value]] = {}  # of products with a reciprocal
         self._made = self._asked = 0  # operations
 
     def constant(self, number: float, type_: str) -> Value:
@@ -160,7 +161,10 @@ class Graph:
         self._asked += 1
         if self._made > _MOST or self._asked > _MOST_ASKED:
             raise CannotCompileError(f"more than {_MOST:,} operations")
-        simpler = self._simplified(name, type_, inputs)
+        if name in _STEPS and inputs[0] in self.quotients:
+            # A last digit decides: 49 · (1/49) is less than 1.
+            inputs = (self.op("fdiv", inputs[0].type, *self.quotients[inputs[0]], extra=_EXACT),)
+        simpler = None if extra is _EXACT else self._simplified(name, type_, inputs)
         if simpler is not None:
             return simpler
         # A plain loop, not `max`: this runs ten thousand times while a user waits.
@@ -299,6 +303,10 @@ class Graph:
         return branch.results
 
 
+_EXACT = "exact"
+_STEPS = frozenset({
+    "llvm.floor", "llvm.ceil", "llvm.trunc", "llvm.round", "llvm.roundeven", "llvm.fptosi.sat", "llvm.fptoui.sat",
+})  # fmt: skip
 _FLOATS = ("double", "float")
 _NUMPY: dict[str, Any] = {
     "double": np.float64, "float": np.float32, "i1": np.bool_,
@@ -349,7 +357,10 @@ def _quotient(graph: Graph, x: Value, y: Value) -> Value | None:
     innermost = max(x.region.depth, y.region.depth)
     if is_exact or y.region.level < graph.region.targets[innermost].level:
         # The divisor does not change in the loop: its reciprocal is computed before the loop, and multiplied here.
-        return graph.op("fmul", x.type, x, graph.op("fdiv", y.type, graph.constant(1.0, y.type), y))
+        product = graph.op("fmul", x.type, x, graph.op("fdiv", y.type, graph.constant(1.0, y.type), y))
+        if not is_exact:
+            graph.quotients[product] = x, y
+        return product
     return None
 
 
