@@ -50,15 +50,24 @@ class Surroundings:
 
     Args:
         roots: functions, classes and other callables. What they call is looked at, too.
+        classes: of this package, whose attributes someone may have replaced.
+
+    Attributes:
+        has_own: whether there is any code of the user among them.
     """
 
-    def __init__(self, roots: Iterable[Any]) -> None:
+    def __init__(self, roots: Iterable[Any], classes: Iterable[type] = ()) -> None:
+        self.has_own = False
         self._reads: list[Callable[[], Any]] = []
         self._checks: list[tuple[Callable[[], Any], Any]] = []
         self._seen: dict[int, Any] = {}  # kept, so that no other thing takes an id
         self._asked_for: set[str] = set()  # the names of attributes in all code that is looked at
         self._searched: dict[int, tuple[Mapping[str, Any], set[str]]] = {}  # where only such names are looked at
         self._waiting = list(roots)
+        for owner in classes:
+            names = tuple(vars(owner).keys() - _NOT_READ)
+            self._waiting += map(vars(owner).get, names)
+            self._check(functools.partial(_identities, vars(owner), names))
         while self._waiting:
             while self._waiting:
                 self._look_at(self._waiting.pop())
@@ -104,9 +113,12 @@ class Surroundings:
     def _look_at_function(self, function: types.FunctionType) -> None:
         for cell in function.__closure__ or ():
             self._read(functools.partial(_content, cell))
-        if not is_own(function.__code__.co_filename):
+        # What dataclasses write into a class has no file, but the globals of its module.
+        file = function.__globals__.get("__file__")
+        if not is_own(function.__code__.co_filename) or (isinstance(file, str) and not is_own(file)):
             self._waiting.append(getattr(function, "__wrapped__", None))  # the user's, of `jax.grad` and others
             return
+        self.has_own = True
         for name in ("__code__", "__defaults__", "__kwdefaults__"):
             self._read(functools.partial(getattr, function, name))
         self._look_at_attributes(vars(function))
@@ -234,6 +246,10 @@ def _parts(container: Any) -> Iterator[Any]:
 def _elements(array: np.ndarray) -> tuple[Any, ...]:
     step = -(-array.size // _MOST) or 1
     return array.shape, array.dtype, array.flat[::step].tobytes()
+
+
+def _identities(space: Mapping[str, Any], names: tuple[str, ...]) -> list[int]:
+    return [len(space), *map(id, map(space.get, names))]
 
 
 def _slots(owner: type) -> Iterable[str]:

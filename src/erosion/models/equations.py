@@ -157,26 +157,40 @@ class _ModelKind(TreeKind):
 
     @property
     def is_of_package(self) -> bool:
-        """Whether all of its code is the package's."""
+        """Whether all of its code is the package's, and no method of its classes was replaced."""
         kinds = {kind for kind, _ in _nodes(self.structure)} - {*_PLAIN_NODES}
-        files = [getattr(sys.modules.get(kind.__module__), "__file__", None) for kind in kinds]
-        are_own = all(file is not None and Path(file).is_relative_to(_PACKAGE) for file in files)
-        return are_own and all(leaf is None for leaf in self.leaves)
+        is_own = all(map(_is_of_package, kinds)) and all(leaf is None for leaf in self.leaves)
+        return is_own and not Surroundings((), self._classes).has_own
+
+    @property
+    def _classes(self) -> list[type]:
+        """The package's classes among those of the model and its parts."""
+        kinds = (one for kind, _ in _nodes(self.structure) for one in kind.__mro__)
+        return [kind for kind in dict.fromkeys(kinds) if _is_of_package(kind)]
 
     def traced(self) -> Equations:
         """The equations, as the code is now."""
         nodes, functions = list(_nodes(self.structure)), [leaf for leaf in self.leaves if leaf is not None]
         if self.is_of_package:
-            # The package's code does not change, and a short command need not wait for its trace.
-            return Equations(None, digits("package", repr(self.key)), "", Surroundings(()), self.numbers)
+            # A short command need not wait for the trace of the package's code.
+            surroundings = Surroundings((), self._classes)
+            return Equations(None, digits("package", repr(self.key)), "", surroundings, self.numbers)
         things = [*functions, *(thing for node in nodes for thing in node)]
         try:
             trace, state = _trace(self, [hashed("model", str(i)) for i in range(len(self.numbers))])
         except FlawError as error:
-            return Equations(str(error), digits("flaw", str(error)), "", Surroundings(things), self.numbers)
+            return Equations(
+                str(error), digits("flaw", str(error)), "", Surroundings(things, self._classes), self.numbers
+            )
         # After the trace, which may change what it reads, such as a counter.
-        surroundings, digest = Surroundings(things), digits(*trace.pieces, trace.foreign)
+        surroundings, digest = Surroundings(things, self._classes), digits(*trace.pieces, trace.foreign)
         return Equations(None, digest, trace.foreign, surroundings, self.numbers, state)
+
+
+def _is_of_package(kind: type) -> bool:
+    """Whether a class is one of the package's."""
+    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    return file is not None and Path(file).is_relative_to(_PACKAGE)
 
 
 def _nodes(structure: Structure) -> Iterator[tuple[type, object]]:
