@@ -15,7 +15,7 @@ from jax import lax
 import erosion
 from erosion.impacts.impact import pair_derivatives, split
 from erosion.ode import batch
-from erosion.ode.reduction import may_have_kinks
+from erosion.ode.kinks import may_have_kinks
 from erosion.parameters.parameters import QUANTITIES
 from tests.fine_steps import scipy_cut
 from tests.kinked_laws import KNOTS_OF, Breaking, Cond, KinkedTable, Power, Where, model_of, random_impacts

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from erosion import ode
-from erosion.ode.reduction import may_have_kinks
+from erosion.ode.kinks import may_have_kinks
 from erosion.ode.solve import lanes_of
 from erosion.ode.variational import Clock, Options
 

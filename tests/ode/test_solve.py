@@ -440,6 +440,52 @@ def test_what_moves_within_the_digits_of_its_clock_is_followed_or_fails():
     assert ode.solve(fall, {"push": 1e-3}, t1=3.0).ended_by == "failed"
 
 
+@pytest.mark.parametrize("size", [1.0, -1e-2, 1e-4])
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9])
+def test_a_jump_in_time_has_no_derivatives_however_small_it_is(size, rtol):
+    """Steps need not be short for a small jump; what its time changes is (p - q) exp(tj - 1)."""
+    problem = ode.Problem(0.5, lambda t, y, args: -y + jnp.where(t < args["tj"], args["p"], args["q"]))
+    args = {"tj": np.linspace(0.05, 0.95, 40), "p": 0.3 + size, "q": 0.3}
+    end = ode.solve(problem, args, t1=1.0, wrt=("tj", "p"), derivatives=2, rtol=rtol)
+    assert not np.isnan(end.y).any()
+    for names in (("tj",), ("p",), ("tj", "p"), ("p", "p")):
+        assert np.isnan(end.along(*names).y).all()
+
+
+def test_second_derivatives_do_not_exist_where_a_jump_is_zero_by_chance():
+    """The first ones do. By p the second one is zero, by tj and p it is exp(tj - 1), as the rate jumps with p."""
+    problem = ode.Problem(0.5, lambda t, y, args: -y + jnp.where(t < args["tj"], args["p"], 0.3))
+    end = ode.solve(problem, {"tj": 0.4, "p": 0.3}, t1=1.0, wrt=("tj", "p"), derivatives=2)
+    np.testing.assert_allclose([end.along("tj").y, end.along("p").y], [0.0, np.exp(-0.6) - np.exp(-1)], atol=1e-9)
+    assert np.isnan(end.along("tj", "p").y)
+
+
+_X = np.linspace(0.0, 1.2, 7)
+CONTINUOUS = {
+    "a table": lambda t, y: jnp.interp(y, _X, _X**2 / 2),
+    "a series": lambda t, y: jnp.where(jnp.abs(y - 0.5) < 1e-4, 1 - (y - 0.5) / 2, (y - 0.5) / jnp.expm1(y - 0.5)),
+    "pieces": lambda t, y: jnp.where(y > 0.6, y, jnp.where(y > 0.3, 0.3 + y / 2, 1.5 * y)),
+    "a branch": lambda t, y: jax.lax.cond(y > 0.5, lambda: y, lambda: 0.5 + 0 * y),
+    "a triangle in time": lambda t, y: y * jnp.abs(jnp.mod(3 * t, 2.0) - 1),
+    "steps in time that are joined": lambda t, y: y * (jnp.floor(3 * t) + jnp.mod(3 * t, 1.0)),
+}
+
+
+@pytest.mark.parametrize("name", CONTINUOUS)
+def test_cases_that_change_without_a_jump_keep_derivatives(name):
+    problem = ode.Problem(1.0, lambda t, y, args: -args["k"] * CONTINUOUS[name](t, y))
+
+    def y(k):
+        return ode.solve(problem, {"k": k}, t1=0.9, rtol=1e-12).y
+
+    end = ode.solve(problem, {"k": 1.1}, t1=0.9, wrt="k", derivatives=2)
+    h = 1e-4
+    np.testing.assert_allclose(end.along("k").y, (y(1.1 + h) - y(1.1 - h)) / (2 * h), rtol=1e-6)
+    np.testing.assert_allclose(
+        end.along("k", "k").y, (y(1.1 + h) - 2 * y(1.1) + y(1.1 - h)) / h**2, rtol=1e-3, atol=1e-3
+    )
+
+
 def test_a_rate_that_jumps_leaves_values_without_derivatives():
     problem = ode.Problem(
         {"x": 1.0},

@@ -17,7 +17,7 @@ from erosion.ode.agreement import differ, sizes_of, units_of
 from erosion.ode.dense import takes_times_apart
 from erosion.ode.explicit import LEAST
 from erosion.ode.integrator import TIGHTEST, LaneEnd, integrate_lane
-from erosion.ode.reduction import may_have_kinks
+from erosion.ode.kinks import may_have_kinks
 from erosion.ode.tape import row_width
 from erosion.ode.variational import Clock, Derivatives, Direction, Layout
 

@@ -22,8 +22,9 @@ from erosion.lanes import tapes
 from erosion.lanes.lanewise import by_xla
 from erosion.ode import explicit, stiff
 from erosion.ode.extended import Extended
+from erosion.ode.kinks import may_have_kinks
 from erosion.ode.landing import Flight, Lane
-from erosion.ode.reduction import Rows, may_have_kinks
+from erosion.ode.reduction import Rows
 from erosion.ode.step_control import ARRIVED
 from erosion.ode.variational import Along, AlongFlow, Augmented, Layout, Motion, at_event
 

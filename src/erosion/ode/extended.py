@@ -8,7 +8,8 @@ import jax.numpy as jnp
 
 from erosion.arguments import Number, Scalar
 from erosion.ode.crossings import Ends
-from erosion.ode.reduction import Rows, divisors, may_have_kinks, motion_of
+from erosion.ode.kinks import cases, divisors, may_have_kinks
+from erosion.ode.reduction import Rows, motion_of
 from erosion.ode.rosenbrock import Rodas
 from erosion.ode.step_control import Limits
 from erosion.ode.variational import Augmented, Derivatives, Direction, Layout, Variational
@@ -86,7 +87,10 @@ class Extended:
         def dividing(rows: Rows) -> list[Scalar]:
             return divisors(jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
 
-        self.dividing = dividing
+        def its_cases(rows: Rows) -> list[Scalar]:
+            return cases(jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
+
+        self.dividing, self.cases = dividing, its_cases
         self.motion_rate = functools.partial(motion_rate, self.numbers)
         self.events = functools.partial(events, self.numbers)
         self.rate = functools.partial(rate, self.numbers, places)

@@ -21,7 +21,7 @@ from erosion.lanes.lanewise import WIDTH, Compiled, by_xla, compile_lanes, numbe
 from erosion.ode.adjoint import pulled_back
 from erosion.ode.batch import ROWS, compiling, in_threads, integrate, integrate_along, integrator_of
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.reduction import may_have_kinks
+from erosion.ode.kinks import may_have_kinks
 from erosion.ode.solution import Solution
 from erosion.ode.tape import Recorded, row_width
 from erosion.ode.variational import Clock, Layout

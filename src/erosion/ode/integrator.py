@@ -19,9 +19,10 @@ from erosion.ode.crossings import Ends
 from erosion.ode.dense import Saved, Writer
 from erosion.ode.explicit import APART, LEAST, NOISE
 from erosion.ode.extended import Extended
+from erosion.ode.kinks import breaks, corrected, is_broken
 from erosion.ode.landing import Flight, Lane, all_finite, has_no_derivatives, landed
 from erosion.ode.problem import OTHER_ENDS
-from erosion.ode.reduction import Rows, corrected, is_broken
+from erosion.ode.reduction import Rows
 from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FIRST_STEP, NOT_BEGUN, STIFF, UNFINISHED, Control
 from erosion.ode.tape import Recorded, Tape
 from erosion.ode.variational import (
@@ -309,7 +310,11 @@ def _try_step(problem: Extended, rtol: Scalar, until: Scalar | None, lane: Lane)
     quiet = functools.reduce(jnp.logical_and, clear, lane.control.mode == ADVANCING)
     control, moved = lax.cond(quiet, goes_on, looks)
     if problem.rough and problem.order:
-        broken = is_broken(problem, lane.state, stages, h, problem.time_scale) & moved
+        broken = is_broken(problem, lane.state, stages, h, problem.time_scale)
+        ends = (lane.state, lane.slope), (state, slope)
+        begun = jnp.maximum(_MOMENT, _ULPS * jnp.abs(problem.clock.t0) / h)
+        begun = jnp.where(lane.control.time == 0, begun, -1.0)
+        broken = moved & (broken | breaks(problem, *ends, h, problem.time_scale, begun))
         control = control._replace(mode=jnp.where(broken, step_control.FAILED, control.mode))
     if problem.rough and problem.order == 2:
         ends = (lane.state, lane.slope), (state, slope)

@@ -14,7 +14,8 @@ from erosion.ode import crossings, stiff
 from erosion.ode.crossings import Ends, Watched
 from erosion.ode.explicit import SOON, short_step
 from erosion.ode.extended import Extended
-from erosion.ode.reduction import Rows, is_kinked
+from erosion.ode.kinks import is_kinked
+from erosion.ode.reduction import Rows
 from erosion.ode.step_control import ENDED, FAILED, FIRST_STEP, NOT_BEGUN, Control
 from erosion.ode.variational import Along, AlongFlow, Augmented
 

@@ -1,38 +1,28 @@
-"""A problem's motion with fewer unknowns, and where it is not smooth, read from its own arithmetic.
+"""A problem's motion with fewer unknowns, read from its own arithmetic.
 
 Where the rates of several parts of the state are known multiples of one expression, one
 integral of that expression gives them all: for a force of constant direction ẋ, ẏ and (with the
 horizontal torque) φ̇ follow from ∫ F_x dt. A part on which neither events nor what is wanted depend,
 such as x itself, is not integrated.
-
-Steps across a kink of a rate are so short that each rate has one of two values in them: that before the kink or
-that after it. So kinks need not be known: they show themselves.
-
-The motion s' = f(s) has the derivatives s_a and s_b by two parameters; their rates are G_a and G_b. With [·] a change
-across the kink:
-
-- [f] ≠ 0: the rate jumps. Where it does depends on the parameters, so that even s_a jumps. Nothing says by how much,
-  and the lane fails; see `erosion.ode.batch`, which then computes it without derivatives.
-- [f] = 0: ḟ and G jump together, [G_a] = -τ_a [ḟ] with τ the time of the kink. Then s_ab jumps by [G_a] [G_b] / [ḟ].
-
-Most motions have none, and their programs need not look for any.
 """
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var, jaxpr_as_fun
 from jaxtyping import PyTree
 
-from erosion.arguments import Flag, Number, Scalar, Structure
-from erosion.lanes.scalars import Atom, Equation
+from erosion.arguments import Number, Scalar, Structure
+from erosion.lanes.scalars import Atom
 from erosion.ode.variational import Augmented, Clock, Layout
+
+Rows = list[Scalar]
+"""The state with its derivatives, as plain numbers, one member after the other."""
 
 
 class WholeMotion:
@@ -55,7 +45,7 @@ class WholeMotion:
 
     def start(self) -> list[Scalar]:
         """The state at the start."""
-        return [self.clock.t0] * self._timed + _elements(self._y0[0])
+        return [self.clock.t0] * self._timed + elements_of(self._y0[0])
 
     def initial(self) -> Augmented:
         """The state and the integrals at the start."""
@@ -80,7 +70,7 @@ class WholeMotion:
     def rate(self, at: Augmented) -> Augmented:
         """The time derivative of state and integrals."""
         t, y = self.whole(at.state)
-        rates = _elements(jax.tree.leaves(self.problem.vector_field(t, y, self.args)))
+        rates = elements_of(jax.tree.leaves(self.problem.vector_field(t, y, self.args)))
         integrals = tuple(rate(t, y, self.args) for rate in self.problem.integrals.values())
         return Augmented((*([1.0] * self._timed), *rates), integrals)
 
@@ -94,7 +84,7 @@ class WholeMotion:
     def outputs(self, at: Augmented) -> list[Scalar]:
         """What is wanted at the end: the elements of the state, where they are, and the integrals."""
         _, y = self.whole(at.state)
-        return [*(_elements(jax.tree.leaves(y)) if self.layout.options.whole else []), *at.integrals]
+        return [*(elements_of(jax.tree.leaves(y)) if self.layout.options.whole else []), *at.integrals]
 
     def after(self, event: int, at: Augmented) -> Augmented:
         """The state after an event that the motion survives."""
@@ -102,11 +92,11 @@ class WholeMotion:
         if reset is None:
             return at
         t, y = self.whole(at.state)
-        elements = _elements(jax.tree.leaves(reset(t, y, self.args)))
+        elements = elements_of(jax.tree.leaves(reset(t, y, self.args)))
         return Augmented((*at.state[: int(self._timed)], *elements), at.integrals)
 
 
-def _elements(parts: Sequence[Any]) -> list[Scalar]:
+def elements_of(parts: Sequence[Any]) -> list[Scalar]:
     """The elements of numbers and small arrays, as numbers of one type."""
     elements = []
     for part in parts:
@@ -205,7 +195,7 @@ class Unknowns:
         arguments, outputs = closed.jaxpr.invars, closed.jaxpr.outvars
         state = arguments[len(arguments) - parts :]
         self._state = set(state)
-        self._known = _known(closed.jaxpr, self._state)
+        self._known = known_values(closed.jaxpr, self._state)
         rates = dict(zip(state, outputs[:parts], strict=True))
         needed: set[Var] = set()
         while (more := needed | self._inputs([*outputs[parts:], *(rates[part] for part in needed)])) > needed:
@@ -228,13 +218,13 @@ class Unknowns:
             self.itself.append(itself)
             self._follow += [(i, index, products[i]) for i in group if i != itself]
         first = parts + integrals
-        rates = _evaluate(closed, [*cores, *outputs[parts:first]])
-        values = _evaluate(closed, outputs[first : first + events])
+        rates = evaluate(closed, [*cores, *outputs[parts:first]])
+        values = evaluate(closed, outputs[first : first + events])
         # JAX traces each of these once, for all the places and derivatives that ask for it.
         self.initial = jax.jit(self._initial)
         self.rates = jax.jit(lambda known, integrals: rates(*known, *self.parts(known, integrals)))
         self.events = jax.jit(lambda known, integrals: values(*known, *self.parts(known, integrals)))
-        self._factors = _evaluate(
+        self._factors = evaluate(
             closed, [part for *_, product in self._follow for part in (*product.times, *product.over)]
         )
 
@@ -291,7 +281,7 @@ class Unknowns:
         return self._state & seen
 
 
-def _known(jaxpr: Jaxpr, state: set[Var]) -> set[Var]:
+def known_values(jaxpr: Jaxpr, state: set[Var]) -> set[Var]:
     """The values that do not depend on the state."""
     known = {*jaxpr.constvars, *jaxpr.invars} - state
     for equation in jaxpr.eqns:
@@ -304,7 +294,7 @@ def _is_zero(value: Atom) -> bool:
     return isinstance(value, Literal) and bool(value.val == 0)
 
 
-def _evaluate(closed: ClosedJaxpr, wanted: list[Atom]) -> Callable[..., list[Scalar]]:
+def evaluate(closed: ClosedJaxpr, wanted: list[Atom]) -> Callable[..., list[Scalar]]:
     """A function of the arguments that gives only the wanted values."""
     needed = {value for value in wanted if not isinstance(value, Literal)}
     kept = []
@@ -313,219 +303,3 @@ def _evaluate(closed: ClosedJaxpr, wanted: list[Atom]) -> Callable[..., list[Sca
             kept.append(equation)
             needed |= {atom for atom in equation.invars if not isinstance(atom, Literal)}
     return jaxpr_as_fun(ClosedJaxpr(closed.jaxpr.replace(eqns=kept[::-1], outvars=wanted), closed.consts))
-
-
-_SHORT = 1e-2  # of the time scale: longer steps cross no kink that matters
-_TWO_VALUED = 0.1  # of the change of a rate: so near one of both its ends are its values at the stages
-_ABRUPT = 100.0  # times what a rate that changes within the time scale would: it jumps
-_MOMENT = 1e-8  # of the time scale: so soon before and after an event a smooth rate is the same
-_OTHER = 1e-6  # of its size, and of what it does within the time scale: a rate so different has a kink
-
-Rows = list[Scalar]
-"""The state with its derivatives, as plain numbers, one member after the other."""
-
-
-@runtime_checkable
-class Flow(Protocol):
-    """What is needed of the integrated equations.
-
-    Args:
-        width: number of rows of the motion itself, and of each derivative.
-        rate: of all rows.
-        motion_rate: of the rows of the motion itself.
-    """
-
-    width: int
-    rate: Callable[[Rows], Rows]
-    motion_rate: Callable[[Rows], Rows]
-
-
-def is_broken(problem: Flow, before: Rows, stages: list[Rows], h: Scalar, scale: Scalar) -> Flag:
-    """Whether a rate of the motion itself jumps within a step.
-
-    Args:
-        problem: the equations.
-        before: the state at the step's start.
-        stages: the slopes of each row in the step.
-        h: its length.
-        scale: the time scale.
-    """
-    broken: Flag = jnp.asarray(False)
-    for row in range(problem.width):
-        change = jnp.abs(_jump(stages[row]))
-        size = jnp.maximum(jnp.abs(before[row]), scale * jnp.maximum(jnp.abs(stages[row][0]), jnp.abs(stages[row][-1])))
-        broken = broken | (change * scale * scale > _ABRUPT * h * size)
-    return broken & (h < _SHORT * scale)
-
-
-def is_kinked(problem: Flow, event: Rows, slope: Rows, scale: Scalar) -> Flag:
-    """Whether a rate, of the motion or of its derivatives, is another one after an event than before it.
-
-    Args:
-        problem: the equations.
-        event: the state at the event.
-        slope: its rate near the event.
-        scale: the time scale.
-    """
-    moment = _MOMENT * scale
-    before, after = (
-        problem.rate([u + time * k for u, k in zip(event, slope, strict=True)]) for time in (-moment, moment)
-    )
-    kinked: Flag = jnp.asarray(False)
-    for u, one, other in zip(event, before, after, strict=True):
-        size = jnp.maximum(jnp.maximum(jnp.abs(one), jnp.abs(other)), jnp.abs(u) / scale)
-        kinked = kinked | (jnp.abs(other - one) > _OTHER * size)
-    return kinked
-
-
-def divisors(closed: ClosedJaxpr, operands: Sequence[Scalar], varies: Sequence[bool]) -> list[Scalar]:
-    """What a function divides by, where that depends on the operands that vary."""
-    jaxpr, found, parts = closed.jaxpr, [], []
-    known = _known(jaxpr, {variable for variable, moves in zip(jaxpr.invars, varies, strict=True) if moves})
-    for equation in jaxpr.eqns:
-        moves = [not isinstance(atom, Literal) and atom not in known for atom in equation.invars]
-        inner = equation.params.get("jaxpr")
-        if any(moves) and isinstance(inner, ClosedJaxpr) and equation.primitive.name in ("jit", "pjit"):
-            parts += divisors(inner, _evaluate(closed, list(equation.invars))(*operands), moves)
-        elif equation.primitive.name == "div" and moves[1]:
-            found.append(equation.invars[1])
-        elif equation.primitive.name == "integer_pow" and moves[0] and equation.params["y"] < 0:
-            found.append(equation.invars[0])
-    return _elements(_evaluate(closed, found)(*operands)) + parts
-
-
-def corrected(
-    problem: Flow,
-    before: tuple[Rows, Rows],
-    after: tuple[Rows, Rows],
-    stages: list[Rows],
-    h: Scalar,
-    scale: Scalar,
-) -> tuple[Rows, Rows]:
-    """State and slope after a step, the second derivatives corrected if it crosses a kink.
-
-    Args:
-        problem: the equations, to second order.
-        before: state and slope where the step begins.
-        after: the same at its end.
-        stages: the slopes of each row in the step.
-        h: its length.
-        scale: the time scale.
-    """
-    width, (state, slope) = problem.width, after
-    jumps = [_jump(row) for row in stages[width:-width]]  # of the rates of first derivatives
-    crosses = (h < _SHORT * scale) & (sum(map(jnp.abs, jumps)) > 0)
-
-    def at_kink() -> tuple[Rows, Rows]:
-        bends = [new - old for new, old in zip(_bend(problem, *after), _bend(problem, *before), strict=True)]
-        sizes = [jnp.maximum(jnp.abs(u), scale * jnp.abs(k)) for u, k in zip(state[:width], slope, strict=False)]
-        weights = [bend / (size * size + 1e-200) for bend, size in zip(bends, sizes, strict=True)]
-        first, other = jumps[:width], jumps[-width:]
-        passed = _product(weights, other) / _product(weights, bends)
-        second = [u + jump * passed for u, jump in zip(state[-width:], first, strict=True)]
-        moved = [*state[:-width], *second]
-        return moved, problem.rate(moved)
-
-    return lax.cond(crosses, at_kink, lambda: (state, slope))
-
-
-def _product(weights: Sequence[Scalar], values: Sequence[Scalar]) -> Scalar:
-    return sum(weight * value for weight, value in zip(weights, values, strict=True))
-
-
-@jax.jit
-def _jump(slopes: Sequence[Scalar]) -> Scalar:
-    """By how much a rate jumps within a step; 0 where it takes values between its ends, as smooth rates do."""
-    start, end = slopes[0], slopes[-1]
-    change = end - start
-    near = jnp.zeros(())
-    for slope in slopes[1:-1]:
-        near = jnp.maximum(near, jnp.minimum(jnp.abs(slope - start), jnp.abs(slope - end)))
-    return jnp.where(near <= _TWO_VALUED * jnp.abs(change), change, 0.0)
-
-
-def _bend(problem: Flow, state: Rows, slope: Rows) -> Rows:
-    """The second time derivative of the motion itself."""
-    width = problem.width
-    return jax.jvp(problem.motion_rate, (state[:width],), (slope[:width],))[1]
-
-
-# What is smooth wherever it is finite. `sqrt`, `log` and `pow` are not: at 0 they are NaN or their rates infinite; nor
-# is `atan2`, which jumps at the origin and behind it.
-_SMOOTH = frozenset({
-    "add", "add_any", "sub", "mul", "neg", "div", "integer_pow", "square", "exp", "exp2", "expm1", "log1p", "tanh",
-    "logistic", "sin", "cos", "tan", "atan", "sinh", "cosh", "asinh", "erf", "erfc", "dot_general",
-    "reduce_sum", "cumsum", "broadcast_in_dim", "reshape", "squeeze", "expand_dims", "transpose", "concatenate",
-    "slice", "stack", "rev", "copy", "convert_element_type", "stop_gradient", "split", "pad",
-    "cholesky", "custom_linear_solve", "triangular_solve",
-})  # fmt: skip
-# Of the package: smooth, although its arithmetic has steps.
-_SMOOTH_FUNCTIONS = frozenset({"sincos"})
-
-
-@functools.lru_cache(maxsize=256)
-def may_have_kinks(layout: Layout) -> bool:
-    """Whether the rates of state and integrals have an operation on the state that is not smooth everywhere.
-
-    A part of the state whose rate is zero, such as a switch that resets change, is constant between two events.
-    """
-    if layout.options.smooth is not None:
-        return not layout.options.smooth
-    start = jax.eval_shape(lambda numbers: WholeMotion(layout, numbers).start(), layout.structs())
-
-    def rate(elements: list[Any], numbers: list[Any]) -> Any:
-        return WholeMotion(layout, numbers).rate(Augmented(tuple(elements), ()))
-
-    jaxpr = jax.make_jaxpr(rate)(start, layout.structs()).jaxpr
-    made_by = {made: equation for equation in jaxpr.eqns for made in equation.outvars}
-    varies = [not _is_always_zero(value, made_by) for value in jaxpr.outvars[: len(start)]]
-    return _is_rough(jaxpr, varies + [False] * (len(jaxpr.invars) - len(start)))
-
-
-def _is_always_zero(value: Atom, made_by: Mapping[Var, Equation]) -> bool:
-    """Whether a value is zero by its arithmetic: 0, or 0 times anything."""
-    if isinstance(value, Literal):
-        return bool(np.all(value.val == 0))
-    equation = made_by.get(value)
-    if equation is None or equation.primitive.name not in ("mul", "neg", "convert_element_type", "copy"):
-        return False
-    return any(_is_always_zero(atom, made_by) for atom in equation.invars)
-
-
-def _is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
-    """Whether an operation on the arguments that vary is not smooth."""
-    varying = {variable for variable, moves in zip(jaxpr.invars, varies, strict=True) if moves}
-    pivoted: set[Atom] = set()  # jumps where rows are exchanged; a solution of the system does not
-    for equation in jaxpr.eqns:
-        moves = [not isinstance(atom, Literal) and atom in varying for atom in equation.invars]
-        if not any(moves):
-            continue
-        varying |= set(equation.outvars)
-        if equation.primitive.name == "lu":
-            pivoted |= set(equation.outvars)
-            continue
-        if equation.primitive.name != "custom_linear_solve" and not pivoted.isdisjoint(
-            atom for atom in equation.invars if not isinstance(atom, Literal)
-        ):
-            return True
-        if not all(np.issubdtype(getattr(made.aval, "dtype", float), np.floating) for made in equation.outvars):
-            return True  # whole numbers and truths jump
-        if equation.params.get("name") in _SMOOTH_FUNCTIONS or equation.primitive.name in _SMOOTH:
-            continue
-        if equation.primitive.name == "select_n" and not moves[0]:
-            continue  # the same case all the way
-        inner = list(_inner(equation.params))
-        # A loop or a branch chooses by the state: only plain calls are looked into.
-        if len(inner) != 1 or len(inner[0].invars) != len(moves) or equation.primitive.name in ("while", "scan"):
-            return True
-        if _is_rough(inner[0], moves):
-            return True
-    return not pivoted.isdisjoint(atom for atom in jaxpr.outvars if not isinstance(atom, Literal))
-
-
-def _inner(parameters: dict[str, Any]) -> Iterator[Jaxpr]:
-    """The functions that an operation calls."""
-    for value in parameters.values():
-        for part in value if isinstance(value, (tuple, list)) else (value,):
-            if hasattr(part, "eqns"):
-                yield getattr(part, "jaxpr", part)

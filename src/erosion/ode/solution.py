@@ -12,8 +12,8 @@ from jax.core import Tracer
 from jaxtyping import PyTree
 
 from erosion.arguments import PerImpact
+from erosion.ode.kinks import may_have_kinks
 from erosion.ode.problem import Problem, Words
-from erosion.ode.reduction import may_have_kinks
 from erosion.ode.tape import Recorded
 from erosion.ode.variational import Clock
 from erosion.output.tables import Record, Result, format_number, to_plain
