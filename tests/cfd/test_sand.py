@@ -88,7 +88,7 @@ def test_a_rate_of_sand_makes_rates_of_wear() -> None:
     # The mass per hit stays beside it.
     assert float(data["total_erosion_ratio"]) == float(plain["total_erosion_ratio"])
     text = str(MapSummary(data))
-    for words in ("kg/day", "g/year", "injected ratio"):
+    for words in ("kg/day", "g/year", "injected ratio", "in which 400 g of sand come"):
         assert words in text
 
 
@@ -161,7 +161,10 @@ def test_more_sand_hits_than_was_injected() -> None:
     assert not any("the mass" in sentence for sentence in MapSummary(wear(injected=erodent)).warnings)
     distinct = TABLE.replace(parcel=np.arange(400))
     distinct.has_parcels = True
-    assert any("The parcels of the table" in said for said in MapSummary(wear(distinct, injected=erodent / 2)).warnings)
+    data = wear(distinct, injected=erodent / 2)
+    assert any("The parcels of the table" in said for said in MapSummary(data).warnings)
+    assert "(200 % of the sand injected, each parcel once)" in data.attrs["read_as"]
+    assert "% of" not in wear(distinct).attrs["read_as"]
 
 
 @pytest.mark.slow

@@ -263,7 +263,7 @@ class Ranges:
             table: the table.
             tally: the sums of its rows.
             surface: of the map.
-            injected: the mass of all sand [kg], where it is known.
+            injected: the mass of all sand [kg], where the user or the case says it.
         """
         names = "diameter", "density", "speed", "alpha"
         (fine, coarse), (light, dense), (slow, fast), (flat, steep) = (self._ends[name] for name in names)

@@ -38,7 +38,7 @@ from erosion.ode.step_control import require_float64
 from erosion.output.files import digest
 from erosion.output.tables import briefly
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import conversion_factor
+from erosion.parameters.quantities import conversion_factor, readable_scale
 
 _PORTION = 2**18  # impacts, draws times rows: enough for all cores at once, a few tens of megabytes
 _LITTLE = 0.1  # of the sand injected: radii for diameters leave 1/8 of what hits, g under kg 1/1000
@@ -148,7 +148,8 @@ class MapJob:
         if not tally.sums["impacts"].any():
             raise SimulationError(f"{model_name(task.model)}: of {tally.hits:,} impacts none could be computed.")
         sand = self._sand(tally, ranges)
-        read_as, doubts = ranges.in_words(table, tally, surface, sand.injected)
+        is_told = options.injected != ROWS and bool(options.injected or table.injected)
+        read_as, doubts = ranges.in_words(table, tally, surface, sand.injected if is_told else None)
         attributes = provenance(
             "a map",
             options.p,
@@ -221,7 +222,8 @@ class MapJob:
             )
         if options.sand_rate is not None and injected is not None:
             duration = injected / options.sand_rate
-            duration_from = f"in which {injected:.4g} kg of sand come"
+            mass = readable_scale("mass", "si", injected)
+            duration_from = f"in which {mass.beside(f'{injected / mass.size:.4g}')} of sand come"
         return Sand(duration, duration_from, injected, injected_from, tuple(warnings))
 
     def _compute(self, portions: Iterator[Hits], add: Callable[[Portion], None]) -> None:
