@@ -14,7 +14,7 @@ import numpy as np
 from jax import lax
 from scipy.integrate import solve_ivp
 
-from erosion.models.base import CuttingModel, event_rates
+from erosion.models import CuttingModel, event_rates
 from erosion.parameters.parameters import QUANTITIES, Parameters
 
 STEP = 0.002

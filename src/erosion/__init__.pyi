@@ -63,8 +63,8 @@ from erosion.models.base import Scales as Scales
 from erosion.models.base import State as State
 from erosion.models.base import Tip as Tip
 from erosion.impacts.dataset_files import StoreError as StoreError
-from erosion.models.own_parameters import own_parameter as own_parameter
-from erosion.models.own_parameters import own_quantity as own_quantity
+from erosion.models.base import own_parameter as own_parameter
+from erosion.models.base import own_quantity as own_quantity
 from erosion.models.parts import sincos as sincos
 from erosion.ode.maxima import Regime as Regime
 from erosion.parameters.case_files import CaseError as CaseError

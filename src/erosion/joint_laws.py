@@ -341,7 +341,7 @@ class LawSet:
     Args:
         laws: by parameter, its `Distribution`; those of a joint law all together. Each is restricted to the range of
             its parameter.
-        ranges: of the parameters that there are; see `erosion.models.own_parameters.ranges`.
+        ranges: of the parameters that there are; see `erosion.models.ranges`.
         argument: what messages call the law of a parameter.
 
     Raises:

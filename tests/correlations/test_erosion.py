@@ -41,8 +41,7 @@ from erosion.correlations import (
 from erosion.correlations.families import EDWARDS as FAMILY_EDWARDS
 from erosion.correlations.registry import OKA_PARTICLES, oka_normal
 from erosion.impacts.simulate import path
-from erosion.models import Linearized
-from erosion.models.parts import DeformationWear
+from erosion.models import DeformationWear, Linearized
 from erosion.models.rigid import FinnieCut
 
 STEEP = math.pi / 2

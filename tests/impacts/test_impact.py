@@ -19,8 +19,7 @@ import pytest
 import erosion
 from erosion.impacts.impact import OTHER_ENDS, element_of, end_names, split
 from erosion.lanes.lanewise import WIDTH
-from erosion.models import Linearized
-from erosion.models.base import CuttingModel, Tip
+from erosion.models import CuttingModel, Linearized, Tip
 from erosion.ode import batch
 from erosion.ode.batch import integrate
 from erosion.ode.reduction import WholeMotion, motion_of

@@ -10,10 +10,9 @@ import pytest
 import erosion
 from erosion.cli import _status
 from erosion.correlations import FinnieMaterial
-from erosion.models import Correlated, correlated, made_for, model_name
+from erosion.models import Correlated, correlated, made_for, model_name, own_parameters
 from erosion.models.correlated import CorrelatedByFlowStress, CorrelatedBySize, per_mass_of
 from erosion.models.equations import flaw
-from erosion.models.own_parameters import own_parameters
 from erosion.parameters.materials import known_targets
 
 P = erosion.TABLE_1

@@ -11,8 +11,7 @@ import erosion
 from erosion.checks.verify import Subject
 from erosion.cli import _status
 from erosion.distributions import Normal
-from erosion.models import DeformationWear, Finnie, Linearized, ProportionalDeformationWear, Rotating
-from erosion.models.own_parameters import own_parameters
+from erosion.models import DeformationWear, Finnie, Linearized, ProportionalDeformationWear, Rotating, own_parameters
 
 P = erosion.TABLE_1
 STRESS = float(P.sigma * P.psi)

@@ -15,8 +15,7 @@ from erosion.distributions import Normal
 from erosion.explorer.computed import Answers
 from erosion.explorer.state import PageCase
 from erosion.fits import Measurements, rank_models
-from erosion.models import load_model, model_source
-from erosion.models.equations import model_digest
+from erosion.models import load_model, model_digest, model_source
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.sweep import compute_block, prepare_sweep
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.models.base import event_rates
+from erosion.models import event_rates
 
 pytestmark = pytest.mark.slow
 

@@ -12,18 +12,9 @@ import pytest
 import erosion
 from erosion.checks.verify import Subject
 from erosion.impacts.alpha_max import EndTime
-from erosion.models import Finnie, ForceLaw, Linearized, Torque
+from erosion.models import ConstantRatio, Finnie, ForceLaw, FullTorque, Linearized, Torque
+from erosion.models.base import own_parameters, own_quantities, quantities, replaced, sizes, values, with_values
 from erosion.models.equations import flaw, model_digest
-from erosion.models.own_parameters import (
-    own_parameters,
-    own_quantities,
-    quantities,
-    replaced,
-    sizes,
-    values,
-    with_values,
-)
-from erosion.models.parts import ConstantRatio, FullTorque
 from erosion.ode import batch
 from erosion.parameters.quantities import conversion_factor
 from tests.reference import closed_form

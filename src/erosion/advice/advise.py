@@ -15,10 +15,8 @@ from erosion.fits.forward import FRACTION
 from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.impact import impact
 from erosion.impacts.simulate import SimulationError
-from erosion.models import called, load_model
-from erosion.models.base import CuttingModel
+from erosion.models import CuttingModel, called, load_model, with_values
 from erosion.models.correlated import Correlated, CorrelatedByShape, correlated, made_for, members, per_mass_of
-from erosion.models.own_parameters import with_values
 from erosion.ode.step_control import require_float64
 from erosion.output.tables import briefly
 from erosion.parameters.materials import Particle, Target, particle as read_particle, target as read_target

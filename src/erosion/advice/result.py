@@ -11,9 +11,8 @@ from erosion.advice.abrasives import Job, between, comparison, hardness_sentence
 from erosion.fits.export import command
 from erosion.fits.forward import FACTORS, FRACTION, OF_METAL
 from erosion.joint_laws import SHARE, LawSet, Member, Rows, require_units
-from erosion.models.base import CuttingModel
+from erosion.models import CuttingModel, own_parameters, quantities, ranges
 from erosion.models.correlated import Correlated
-from erosion.models.own_parameters import own_parameters, quantities, ranges
 from erosion.output.language import ENGLISH, Language
 from erosion.output.tables import Record, Result, format_number, to_plain
 from erosion.parameters.materials import Particle, Target

@@ -29,11 +29,7 @@ from erosion.impacts.dataset_files import code_version, identity, model_in_words
 from erosion.impacts.impact import end_names, impact
 from erosion.impacts.simulate import SimulationError
 from erosion.joint_laws import law_digest
-from erosion.models import load_model, model_name
-from erosion.models.base import CuttingModel
-from erosion.models.correlated import Correlated
-from erosion.models.own_parameters import require_one_impact
-from erosion.models.registry import require_loadable
+from erosion.models import Correlated, CuttingModel, load_model, model_name, require_loadable, require_one_impact
 from erosion.ode.step_control import require_float64
 from erosion.output.files import digest
 from erosion.output.tables import briefly

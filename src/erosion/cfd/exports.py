@@ -12,10 +12,9 @@ from erosion.arguments import Broadcast, check_unmasked
 from erosion.impacts.dataset_files import model_in_words, provenance
 from erosion.impacts.impact import OTHER_ENDS, end_names, impact
 from erosion.impacts.simulate import SimulationError
-from erosion.models import load_model, model_name
+from erosion.models import load_model, model_name, own_in_words, require_one_impact
 from erosion.models.base import ZERO, CuttingModel, State
 from erosion.models.correlated import Correlated, per_mass_of
-from erosion.models.own_parameters import own_in_words, require_one_impact
 from erosion.ode.step_control import require_float64
 from erosion.output import tables
 from erosion.output.tables import briefly

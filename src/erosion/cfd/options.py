@@ -15,9 +15,8 @@ from erosion.cfd.incidence import Hits
 from erosion.cfd.rows import ImpactsError
 from erosion.distributions import Distribution, as_law, as_laws
 from erosion.joint_laws import SHARE, LawSet, require_units
-from erosion.models.base import CuttingModel
+from erosion.models import CuttingModel, own_in_words, quantities, ranges, with_values
 from erosion.models.correlated import Correlated, CorrelatedBySize
-from erosion.models.own_parameters import own_in_words, quantities, ranges, with_values
 from erosion.output.tables import briefly
 from erosion.parameters.parameters import Parameters, validate
 from erosion.parameters.quantities import (

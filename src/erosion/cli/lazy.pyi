@@ -109,11 +109,11 @@ from erosion.models import model_name as model_name
 from erosion.models import usable_models as usable_models
 from erosion.models.base import CuttingModel as CuttingModel
 from erosion.models.correlated import per_mass_of as per_mass_of
-from erosion.models.own_parameters import own_in_words as own_in_words
-from erosion.models.own_parameters import own_parameters as own_parameters
-from erosion.models.own_parameters import quantities as quantities
-from erosion.models.own_parameters import ranges as ranges
-from erosion.models.own_parameters import sizes as sizes
+from erosion.models.base import own_in_words as own_in_words
+from erosion.models.base import own_parameters as own_parameters
+from erosion.models.base import quantities as quantities
+from erosion.models.base import ranges as ranges
+from erosion.models.base import sizes as sizes
 from erosion.models.registry import ModelInfo as ModelInfo
 from erosion.output.files import require_writable as require_writable
 from erosion.output.files import write_whole as write_whole

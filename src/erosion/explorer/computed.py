@@ -17,7 +17,7 @@ from erosion.explorer.state import PageCase, PageState, sentence
 from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.impact import OTHER_ENDS, Impact, end_names, impact
 from erosion.impacts.simulate import path
-from erosion.models.base import CuttingModel, Scales, Tip
+from erosion.models import CuttingModel, Scales, Tip
 from erosion.output.language import ENGLISH, Language
 from erosion.parameters.case_files import CaseFile
 from erosion.parameters.parameters import QUANTITIES, Parameters

@@ -9,7 +9,7 @@ import numpy as np
 
 from erosion.explorer.computed import ANGLES, SPINS, Answers
 from erosion.explorer.state import PageState
-from erosion.models.base import State as Body
+from erosion.models import State as Body
 from erosion.output.language import ENGLISH, Language
 from erosion.output.tables import to_csv, to_json
 from erosion.parameters.case_files import dump_case, dump_per_mass

@@ -30,8 +30,7 @@ from erosion.explorer.controls import read_materials
 from erosion.explorer.state import Address, PageCase, PageState, own_numbers, sentence, without_token
 from erosion.explorer.tab import Service, Tab
 from erosion.impacts.simulate import TurnWarning
-from erosion.models import available_models, load_model
-from erosion.models.base import CuttingModel
+from erosion.models import CuttingModel, available_models, load_model
 from erosion.output.language import language
 from erosion.output.tables import briefly
 from erosion.parameters.case_files import CaseFile

@@ -14,8 +14,7 @@ from urllib.parse import parse_qsl, unquote, urlencode
 
 import numpy as np
 
-from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_parameters
+from erosion.models import CuttingModel, own_parameters
 from erosion.output.language import ENGLISH, Language
 from erosion.output.tables import briefly
 from erosion.parameters.materials import Target

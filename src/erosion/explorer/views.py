@@ -22,7 +22,7 @@ from erosion.explorer.controls import (
 )
 from erosion.impacts.alpha_max import Optimum
 from erosion.impacts.impact import Impact
-from erosion.models.base import State as Body
+from erosion.models import State as Body
 from erosion.output.language import ENGLISH, Language
 from erosion.parameters.parameters import QUANTITIES
 from erosion.parameters.per_mass import BEYOND_TESTS, PER_MASS_SCALES, models_far_from_tests

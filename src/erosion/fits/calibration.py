@@ -30,10 +30,7 @@ from erosion.fits.predicted import Predictions, predictions
 from erosion.fits.prediction import of_fit
 from erosion.fits.tempering import SamplingError
 from erosion.joint_laws import Rows
-from erosion.models import model_name
-from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_parameters, quantities
-from erosion.models.registry import impact_to_dict
+from erosion.models import CuttingModel, impact_to_dict, model_name, own_parameters, quantities
 from erosion.output.tables import Result, Row, briefly, format_number, to_plain
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import (

@@ -16,11 +16,9 @@ from erosion.fits.calibration import Calibration
 from erosion.fits.measurements import MOST, conditions, usual_condition
 from erosion.fits.tempering import SamplingError
 from erosion.impacts.impact import impact
-from erosion.models import model_name, model_source
-from erosion.models.base import CuttingModel
+from erosion.models import CuttingModel, model_name, model_source, own_parameters
 from erosion.models.correlated import per_mass_of
 from erosion.models.equations import plug_in_digest
-from erosion.models.own_parameters import own_parameters
 from erosion.output.files import seen_from
 from erosion.output.tables import sentences
 from erosion.parameters.case_files import dump_case, dump_per_mass, toml_string, with_paths

@@ -19,18 +19,8 @@ from erosion.arguments import refuse
 from erosion.fits.errors import ErrorModel
 from erosion.fits.measurements import Measurements, read_measurements
 from erosion.impacts.impact import Impact, impact
-from erosion.models import load_model
-from erosion.models.base import CuttingModel
-from erosion.models.equations import equations_of
-from erosion.models.own_parameters import (
-    own_parameters,
-    quantities,
-    replaced,
-    require_one_impact,
-    sizes,
-    values,
-    with_values,
-)
+from erosion.models import CuttingModel, equations_of, load_model
+from erosion.models.base import own_parameters, quantities, replaced, require_one_impact, sizes, values, with_values
 from erosion.output.tables import briefly
 from erosion.parameters.case_files import Tested
 from erosion.parameters.parameters import QUANTITIES, Parameters, validate

@@ -24,7 +24,7 @@ from scipy.stats import qmc
 from erosion.arguments import as_pair
 from erosion.fits.forward import FRACTION, SCALE, Forward
 from erosion.fits.measurements import Measurements
-from erosion.models.own_parameters import own_parameters
+from erosion.models import own_parameters
 from erosion.output.tables import briefly
 
 # The engine's derivatives hold nine digits, so a direction without influence has 1e-9 or less.

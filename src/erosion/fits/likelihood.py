@@ -18,7 +18,7 @@ from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
 from erosion.fits.least_squares import default_width, make_problem
 from erosion.fits.tempering import Misfit
 from erosion.joint_laws import SHARE, LawSet, Member
-from erosion.models.own_parameters import quantities, ranges
+from erosion.models import quantities, ranges
 from erosion.output.tables import briefly
 from erosion.parameters.quantities import Quantity
 

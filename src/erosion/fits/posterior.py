@@ -40,11 +40,8 @@ from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sampl
 from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.impact import impact
 from erosion.joint_laws import LawSet, Rows
-from erosion.models import model_name, model_source
-from erosion.models.base import CuttingModel
+from erosion.models import CuttingModel, impact_to_dict, model_name, model_source, with_values
 from erosion.models.equations import plug_in_digest
-from erosion.models.own_parameters import with_values
-from erosion.models.registry import impact_to_dict
 from erosion.ode.step_control import require_float64
 from erosion.output.files import require_writable, seen_from, write_whole
 from erosion.output.tables import Result, Row, format_number, sentences, to_plain

@@ -17,10 +17,9 @@ from erosion.fits.likelihood import OF_ERROR
 from erosion.fits.measurements import Measurements
 from erosion.fits.prediction import Predictor, predictor_of
 from erosion.joint_laws import Rows
-from erosion.models import load_model, model_name
-from erosion.models.base import CuttingModel
+from erosion.models import CuttingModel, load_model, model_name
+from erosion.models.base import converted, own_in_words, own_parameters
 from erosion.models.equations import plug_in_digest
-from erosion.models.own_parameters import converted, own_in_words, own_parameters
 from erosion.output.files import beside, require_finite
 from erosion.output.tables import sentences
 from erosion.parameters.case_files import Tested, parse_case, with_paths
@@ -122,7 +121,7 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
 
     Args:
         path: of the file (.nc).
-        quantities: the parameters of the model that is to take them, see `erosion.models.own_parameters.quantities`.
+        quantities: the parameters of the model that is to take them, see `erosion.models.quantities`.
         units: of the result.
 
     Raises:

@@ -24,7 +24,7 @@ from erosion.fits.measurements import Measurements, usual_condition
 from erosion.fits.outliers import chances
 from erosion.fits.tempering import rhats, sample
 from erosion.joint_laws import LawSet
-from erosion.models.own_parameters import own_parameters
+from erosion.models import own_parameters
 from erosion.output.tables import Result, Row, format_number, sentences, to_plain
 
 CHAINS = 4

@@ -22,9 +22,7 @@ from erosion.fits.measurements import conditions, read_measurements
 from erosion.fits.outliers import FEW_PER_CENT
 from erosion.fits.posterior import Posterior, posterior
 from erosion.fits.tempering import SamplingError
-from erosion.models import load_model, model_name, usable_models
-from erosion.models.base import CuttingModel
-from erosion.models.own_parameters import own_in_words, quantities
+from erosion.models import CuttingModel, load_model, model_name, own_in_words, quantities, usable_models
 from erosion.output.tables import Record, Result, format_number, sentences, to_plain
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Scale, table_scale

@@ -18,11 +18,21 @@ from jax.core import Tracer
 
 from erosion.arguments import ModelState, Number, PerImpact, Scalar, Structure, check_order, check_tolerance
 from erosion.lanes.lanewise import Compiled, compile_lanes, number
-from erosion.models import load_model, model_name
-from erosion.models.base import NO_CUT, CuttingModel, units_within
-from erosion.models.equations import CUT, Case, whole_cut
-from erosion.models.own_parameters import own_parameters, own_quantities, quantities, require_one_impact
-from erosion.models.registry import impact_to_dict
+from erosion.models import (
+    CUT,
+    NO_CUT,
+    Case,
+    CuttingModel,
+    impact_to_dict,
+    load_model,
+    model_name,
+    own_parameters,
+    own_quantities,
+    quantities,
+    require_one_impact,
+    units_within,
+    whole_cut,
+)
 from erosion.ode.batch import compiling, integrate, integrate_along
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Equations, is_number

@@ -24,10 +24,16 @@ from erosion.arguments import ModelState, Structure, check_tolerance, check_whol
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
 from erosion.impacts.impact import OTHER_ENDS, element_of, end_names, layout_of, split, tip_at
-from erosion.models import load_model, model_name
-from erosion.models.base import NO_CUT, CuttingModel, State, units_within
-from erosion.models.own_parameters import require_one_impact
-from erosion.models.registry import impact_to_dict
+from erosion.models import (
+    NO_CUT,
+    CuttingModel,
+    State,
+    impact_to_dict,
+    load_model,
+    model_name,
+    require_one_impact,
+    units_within,
+)
 from erosion.ode.batch import integrate
 from erosion.ode.solution import path_of
 from erosion.ode.step_control import LONGEST, require_float64, require_xla

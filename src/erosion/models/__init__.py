@@ -10,7 +10,16 @@ from erosion.models.base import (
     Tip as Tip,
     cuts_at_all as cuts_at_all,
     event_rates as event_rates,
+    own_in_words as own_in_words,
+    own_parameters as own_parameters,
+    own_quantities as own_quantities,
+    quantities as quantities,
+    ranges as ranges,
+    require_one_impact as require_one_impact,
+    sizes as sizes,
     units_within as units_within,
+    values as values,
+    with_values as with_values,
 )
 from erosion.models.correlated import Correlated as Correlated, correlated as correlated, made_for as made_for
 from erosion.models.equations import (
@@ -19,17 +28,6 @@ from erosion.models.equations import (
     equations_of as equations_of,
     model_digest as model_digest,
     whole_cut as whole_cut,
-)
-from erosion.models.own_parameters import (
-    own_in_words as own_in_words,
-    own_parameters as own_parameters,
-    own_quantities as own_quantities,
-    quantities as quantities,
-    ranges as ranges,
-    require_one_impact as require_one_impact,
-    sizes as sizes,
-    values as values,
-    with_values as with_values,
 )
 from erosion.models.parts import (
     CentreOfMassTip as CentreOfMassTip,

@@ -13,8 +13,7 @@ from erosion.arguments import Broadcast, Number, Scalar
 from erosion.correlations import CORRELATIONS, FINNIE_MATERIALS
 from erosion.correlations.ranges import SHARPNESS, OutOfRangeWarning, outside_in_words
 from erosion.correlations.registry import SHAPES
-from erosion.models.base import CuttingModel, Tip
-from erosion.models.own_parameters import fixed_parameter, own_parameter
+from erosion.models.base import CuttingModel, Tip, fixed_parameter, own_parameter
 from erosion.output.tables import briefly
 from erosion.parameters.materials import (
     ANOTHER_METAL,

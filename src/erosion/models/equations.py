@@ -21,8 +21,7 @@ from jaxtyping import PyTree
 from erosion.arguments import Scalar, Structure
 from erosion.lanes.digests import hashed
 from erosion.lanes.surroundings import Surroundings
-from erosion.models.base import CuttingModel, Scales, Tip, units_within
-from erosion.models.own_parameters import own_parameters, own_quantities
+from erosion.models.base import CuttingModel, Scales, Tip, own_parameters, own_quantities, units_within
 from erosion.ode.problem import (
     Equations,
     Event,

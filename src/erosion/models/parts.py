@@ -23,8 +23,7 @@ import numpy as np
 from jax import Array
 
 from erosion.arguments import Broadcast
-from erosion.models.base import State, Tip
-from erosion.models.own_parameters import own_parameter
+from erosion.models.base import State, Tip, own_parameter
 from erosion.parameters.parameters import Parameters
 
 UPRIGHT = np.pi / 2  # φ at contact [rad]

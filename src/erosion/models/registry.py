@@ -16,10 +16,9 @@ import jax
 
 from erosion.arguments import check_path
 from erosion.correlations import CORRELATIONS
-from erosion.models.base import CuttingModel
+from erosion.models.base import CuttingModel, own_parameters
 from erosion.models.correlated import Correlated, correlated
 from erosion.models.equations import equations_of, flaw
-from erosion.models.own_parameters import own_parameters
 from erosion.models.parts import (
     Deformation,
     ForceLaw,

@@ -18,8 +18,7 @@ from erosion.impacts.alpha_max import Optimum, SameMotion, alpha_max
 from erosion.impacts.impact import Impact, impact
 from erosion.impacts.maxima import Jump
 from erosion.impacts.simulate import Trajectory, path
-from erosion.models import Linearized, load_model
-from erosion.models.base import CuttingModel, Events
+from erosion.models import CuttingModel, Events, Linearized, load_model
 from erosion.models.rigid import LinearizedCut
 from erosion.output.tables import Record
 from erosion.parameters.materials import MATERIALS

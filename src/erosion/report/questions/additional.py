@@ -7,8 +7,7 @@ import numpy as np
 from erosion.correlations import CORRELATIONS
 from erosion.impacts.alpha_max import ASIDE, alpha_max
 from erosion.impacts.simulate import SimulationError, path
-from erosion.models import NoDeformation, RigidErodent, load_model
-from erosion.models.registry import BUILT_IN
+from erosion.models import BUILT_IN, NoDeformation, RigidErodent, load_model
 from erosion.models.rigid import StraightCut
 from erosion.output.tables import Record
 from erosion.parameters.parameters import QUANTITIES

@@ -8,8 +8,7 @@ import numpy as np
 
 from erosion.impacts.impact import impact
 from erosion.impacts.simulate import SimulationError, path
-from erosion.models import load_model
-from erosion.models.base import CuttingModel
+from erosion.models import CuttingModel, load_model
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PER_MASS_SCALES
 from erosion.parameters.quantities import Dimension, Scale, conversion_factor, readable_scale
