@@ -249,6 +249,22 @@ def test_words_of_others_are_told_what_is_meant_here(name, word):
     refused(f"`{name}`", word, error=TypeError, **{name: 1e-9})
 
 
+@pytest.mark.parametrize(
+    ("make", "word", "said"),
+    [
+        (ode.Event, "terminal", "`terminal` is none of `ode.Event`; use `reset`"),
+        (ode.Event, "affect", "use `reset`"),
+        (ode.Problem, "fun", "`fun` is none of `ode.Problem`; use `Problem.vector_field`"),
+        (ode.Problem, "t_span", "use `t0` and `t1` of `ode.solve`"),
+        (ode.Problem, "even", "it has y0, vector_field, events, integrals, "),
+        (ode.solve, "solver", "use `method`"),
+    ],
+)
+def test_words_of_others_in_events_and_problems(make, word, said):
+    with pytest.raises(TypeError, match=said):
+        make(**{word: 1})
+
+
 @pytest.mark.parametrize("name", ["direction", "terminal"])
 def test_what_only_scipy_reads_of_a_function_is_refused(name):
     """`function.direction = -1` would be left aside, and a rise taken for the event."""

@@ -7,6 +7,7 @@ wherever its source is. A helper that is defined anew gives another digest; an e
 import abc
 import dataclasses
 import functools
+import inspect
 import re
 import struct
 import traceback
@@ -15,7 +16,7 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any, ParamSpec, TypeGuard, TypeVar
 
 import equinox as eqx
 import jax
@@ -267,6 +268,37 @@ def _where(error: BaseException) -> str:
     return f" in line {own[-1].lineno} of {Path(own[-1].filename).name}" if own else ""
 
 
+_MEANT = {
+    "atol": "`sizes`", "abstol": "`sizes`", "reltol": "`rtol`", "stepsize_controller": "`rtol`", "solver": "`method`",
+    "t_span": "`t0` and `t1` of `ode.solve`", "tspan": "`t0` and `t1` of `ode.solve`", "t_eval": "`ts` of `ode.solve`",
+    "dense_output": "`ts`", "saveat": "`ts`", "y0": "`Problem.y0`", "u0": "`Problem.y0`", "events": "`Problem.events`",
+    "event": "`Problem.events`", "callback": "`Problem.events`", "fun": "`Problem.vector_field`",
+    "f": "`Problem.vector_field`", "terms": "`Problem.vector_field`", "condition": "`function`", "affect": "`reset`",
+    "terminal": "`reset`; without it an event ends the lane", "first_step": "`Problem.time_scale`",
+    "dt0": "`Problem.time_scale`", "adjoint": "`Solution.gradient` or `jax.grad`",
+}  # fmt: skip
+"""Words of scipy, diffrax and DifferentialEquations.jl, and what to use here."""
+
+_Asked = ParamSpec("_Asked")
+_Given = TypeVar("_Given")
+
+
+def in_these_words(function: Callable[_Asked, _Given]) -> Callable[_Asked, _Given]:
+    """The function, with a sentence for an argument that it does not have."""
+    known = [name for name in inspect.signature(function).parameters if name not in ("self", "_")]
+    called = f"ode.{function.__qualname__.removesuffix('.__init__')}"
+
+    @functools.wraps(function)
+    def asked(*args: _Asked.args, **options: _Asked.kwargs) -> _Given:
+        for name in options:
+            if name not in known:
+                hint = f"use {_MEANT[name]}" if name in _MEANT else f"it has {', '.join(known)}"
+                raise TypeError(f"Argument `{name}` is none of `{called}`; {hint}.")
+        return function(*args, **options)
+
+    return asked
+
+
 Rate = Callable[[Scalar, PyTree, Any], PyTree]
 """A function of time, state and arguments."""
 
@@ -402,6 +434,14 @@ class Problem:
     def __repr__(self) -> str:
         y = "a function" if callable(self.y0) else jax.tree.map(lambda _: "…", self.y0)
         return f"Problem(y0={y}, events={list(self.events)}, integrals={list(self.integrals)})"
+
+
+def _says_so(kind: Any) -> None:
+    kind.__init__ = in_these_words(kind.__init__)
+
+
+_says_so(Event)
+_says_so(Problem)
 
 
 class _ProblemKind(TreeKind):

@@ -1,11 +1,9 @@
 """Lanes to their first events, with derivatives: `erosion.ode.solve`."""
 
-import functools
-import inspect
 import itertools
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, ParamSpec
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -15,7 +13,7 @@ from jaxtyping import PyTree
 from erosion.arguments import Number, PerLane, as_names, check_order, check_tolerance, check_unmasked, check_whole
 from erosion.ode.batch import integrate, integrate_along
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.problem import Problem, flattened, is_number
+from erosion.ode.problem import Problem, flattened, in_these_words, is_number
 from erosion.ode.solution import Part, Solution, Times, path_of
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Layout, Options
@@ -68,30 +66,7 @@ class Lanes(NamedTuple):
         return self.layout.offsets[self.names.index(name)]
 
 
-_Asked = ParamSpec("_Asked")
-_SCIPYS = {
-    "atol": "`sizes`", "t_span": "`t0` and `t1`", "t_eval": "`ts`", "dense_output": "`ts`", "y0": "`Problem.y0`",
-    "events": "`Problem.events`", "terminal": "an event without `reset`",
-}  # fmt: skip
-"""Words of `scipy.integrate.solve_ivp`, and what is meant here."""
-
-
-def _in_these_words(function: Callable[_Asked, Solution]) -> Callable[_Asked, Solution]:
-    """The function, with a sentence for an argument that it does not have."""
-    known = inspect.signature(function).parameters
-
-    @functools.wraps(function)
-    def asked(*args: _Asked.args, **options: _Asked.kwargs) -> Solution:
-        for name in options:
-            if name not in known:
-                hint = f"use {_SCIPYS[name]}" if name in _SCIPYS else f"it has {', '.join(known)}"
-                raise TypeError(f"Argument `{name}` is none of `ode.solve`; {hint}.")
-        return function(*args, **options)
-
-    return asked
-
-
-@_in_these_words
+@in_these_words
 def solve(
     problem: Problem,
     args: PyTree = None,
