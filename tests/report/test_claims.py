@@ -288,6 +288,72 @@ def test_the_second_first_integral_holds_with_the_torque_of_the_horizontal_force
         assert (np.abs(spun - slowed).max() < 1e-9 * size) == (model == "rotating")
 
 
+EXACT, CUSP, NEAR = LinearizedCut(), np.arctan(K / 2), 1e-7
+
+
+def at_cusp(side: float) -> Parameters:
+    """The cases at, below or above the angle where the stop takes the place of the rebound, in steps of 1e-7."""
+    return cases(alpha=CUSP + side * NEAR)
+
+
+def shares(side: float) -> np.ndarray:
+    """V over V* of the linearized model beside the cusp."""
+    return np.asarray(EXACT.volume(at_cusp(side))) / np.asarray(cases().volume_scale)
+
+
+def midpoint_errors(panels: int) -> np.ndarray:
+    """Of the volume, over every tenth case."""
+    every = [ReportCase(TABLE_1.replace(k=K[i], alpha=ALPHA[i]), "random") for i in range(0, N, 10)]
+    return np.array([abs(midpoint_rule(case, panels) / case.volume - 1) for case in every])
+
+
+POWERS = {"v0": -1, "m": -0.5, "sigma": 0.5, "b": 0.5, "psi": 0.5}
+
+
+def moves_by_reach() -> np.ndarray:
+    """Whether the best angle of every fifth case moves as Ω does, to four digits: over the move by the size."""
+    p = cases()
+    p = p.replace(**{name: np.asarray(getattr(p, name))[::5] for name in (*FACTORS, "k", "alpha")})
+    best = erosion.alpha_max("rotating", p)
+    moves = {name: np.asarray(best.sensitivities[name]) * np.asarray(getattr(p, name)) for name in ("r", *POWERS)}
+    # Where Ω is small, the side of a jump is known to fewer digits.
+    known = np.isfinite(moves["r"]) & ((best.kind == "interior") | (np.asarray(p.r * p.rate / p.v0) > 0.03))
+    assert known.sum() > 15
+    errors = [np.abs(moves[name] / moves["r"] - power)[known] for name, power in POWERS.items()]
+    return np.max(errors, axis=0) < 1e-4
+
+
+def pushed_forward() -> np.ndarray:
+    """Whether the printed equations push the erodent forward and down at contact."""
+    cuts = [path(load_model("as-printed"), TABLE_1.replace(k=k, alpha=alpha))
+            for k, alpha in zip(K[::10], ALPHA[::10], strict=True)]  # fmt: skip
+    return np.array([cut.vx[1] > cut.vx[0] and cut.vy[1] > cut.vy[0] for cut in cuts])
+
+
+HOLD = {
+    "wherever the stop is real it is the earlier one": lambda: (
+        np.asarray(EXACT.end_times(cases())["stop"])[ALPHA > CUSP] <= np.pi / np.asarray(cases().rate)[ALPHA > CUSP]
+    ),
+    "at the cusp the curve of the stop falls vertically": lambda: (
+        (np.pi - np.asarray(EXACT.t_c(at_cusp(1))) * np.asarray(cases().rate)) / NEAR > 100
+    ),
+    "at the cusp the slope of V is continuous": lambda: np.abs(shares(1) - 2 * shares(0) + shares(-1)) / NEAR < 1e-4,
+    "the midpoint rule comes the closer, the more panels it has": lambda: (
+        (midpoint_errors(10) > midpoint_errors(100)) & (midpoint_errors(100) > midpoint_errors(1000))
+    ),
+    "sensitivities are −1, 1, −½, ½, ½ and ½ times that of the size": moves_by_reach,
+    "taken to the letter they first push the erodent forward": pushed_forward,
+    "without spin a cut removes nothing at 90°": lambda: (
+        np.array([volume(model, cases(alpha=np.pi / 2)) for model in ("linearized", "finnie", *ROTATING)]) == 0
+    ),
+}
+
+
+@pytest.mark.parametrize("claim", HOLD)
+def test_a_claim_holds_in_every_case(claim: str) -> None:
+    assert np.all(HOLD[claim]())
+
+
 def test_both_sides_of_a_jump_never_print_alike() -> None:
     for one, part in zip(10 ** RNG.uniform(-8, 2, N), 10 ** RNG.uniform(-12, -1, N), strict=True):
         digits = _telling_digits(one, one * (1 - part))

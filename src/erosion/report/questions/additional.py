@@ -157,7 +157,8 @@ def _telling_digits(one: float, other: float) -> int:
 def turns(case: ReportCase) -> Record:
     """How far the body has turned at the end of cuts [rad], over the angle of attack; and of two cuts how far it turns.
 
-    `told` are the cuts at the case's own angle and at the best one, with the greatest turn and the least sin φ.
+    `told` are the cuts at the case's own angle and at the best one, where something is cut, with the greatest turn and
+    the least sin φ.
     """
     best = case.impact_and_optimum(MODEL)["alpha_max"]
     angles = [*_TURN_ANGLES, case.alpha, *([best] if best > 0 else [])]
@@ -175,7 +176,7 @@ def turns(case: ReportCase) -> Record:
             "least_sine": float(np.sin(cuts[alpha].phi).min()),
         }
         for alpha in dict.fromkeys((case.alpha, float(best)))
-        if alpha in cuts
+        if alpha in cuts and cuts[alpha].ended_by != "no-cut"
     ]
     return {
         "alpha": list(cuts),
