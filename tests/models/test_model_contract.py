@@ -16,7 +16,8 @@ pytestmark = pytest.mark.slow
 
 P = erosion.TABLE_1
 FILES = sorted(Path(__file__).parents[2].joinpath("models").glob("*.py"))
-NAMES = [*erosion.available_models(), *map(str, FILES)]
+EXPONENTS = ("finnie-exponent", "rotating-deformation-exponent")
+NAMES = [*erosion.available_models(), *EXPONENTS, *map(str, FILES)]
 CASES = [P, P.replace(alpha=0.9, phidot0=0.3 * P.v0 / P.r), P.to("si").replace(alpha=0.1)]
 
 

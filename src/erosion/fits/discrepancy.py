@@ -24,7 +24,7 @@ import numpy as np
 from scipy import special
 
 from erosion.distributions import Distribution, LogNormal, Normal
-from erosion.fits.likelihood import Likelihood
+from erosion.fits.likelihood import LAW_OF_EXPONENT, Likelihood
 from erosion.fits.tempering import Misfit
 from erosion.joint_laws import LawSet
 from erosion.ode.batch import in_threads
@@ -35,7 +35,7 @@ _SINE = "sine_exponent"
 _OF_ANGLE, _OF_BOTH = ("tau_angle", "length_angle"), ("tau", "length", "length_speed")
 
 PRIORS: Mapping[str, Distribution] = {
-    EXPONENT: Normal(2.4, 0.3),
+    EXPONENT: LAW_OF_EXPONENT,
     _SINE: Normal(0.0, 0.5),
     "tau_angle": LogNormal(0.4, np.log(1.5)),
     "length_angle": LogNormal(np.deg2rad(25.0), np.log(1.6)),

@@ -21,6 +21,7 @@ from scipy import stats
 from erosion.fits.least_squares import FitProblem, FitSolution, settle
 from erosion.fits.measurements import Condition, Measurements, conditions, describe
 from erosion.fits.outliers import far_rows
+from erosion.models import BUILT_IN, model_name
 from erosion.output.tables import Result, format_number, sentences
 from erosion.parameters.per_mass import far_from_tests, two_digits
 from erosion.parameters.quantities import conversion_factor, table_scale
@@ -498,7 +499,9 @@ def _of_speed(fit: "Calibration") -> list[str]:
     said = (
         f"{ways}{': ' * bool(ways)}the model removes as v₀^{of_model:.3g}, these data as v₀^{of_model + of_data:.3g}."
     )
-    return [f"{said[0].upper()}{said[1:]}"]
+    name = model_name(fit.problem.forward.model)
+    free = f"The model with an exponent of its own is {name}-exponent; free speed_exponent."
+    return [f"{said[0].upper()}{said[1:]}", *sentences((name in BUILT_IN, free))]
 
 
 def _undetermined(fit: "Calibration") -> list[str]:

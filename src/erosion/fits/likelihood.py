@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from erosion.distributions import Distribution, LogUniform, Uniform, as_law
+from erosion.distributions import Distribution, LogUniform, Normal, Uniform, as_law
 from erosion.fits.errors import errors_at
 from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
 from erosion.fits.least_squares import default_width, make_problem
 from erosion.fits.tempering import Misfit
 from erosion.joint_laws import SHARE, LawSet, Member
-from erosion.models import quantities, ranges
+from erosion.models import SpeedExponent, quantities, ranges
 from erosion.output.tables import briefly
 from erosion.parameters.quantities import Quantity
 
@@ -60,6 +60,10 @@ def make_likelihood(forward: Forward, given: Mapping[str, Any]) -> "Likelihood":
     return Likelihood(forward, priors, tuple(given))
 
 
+LAW_OF_EXPONENT = Normal(2.4, 0.3)
+"""Of an exponent of the speed before the data, as metals have it."""
+
+
 def sampled_quantities(forward: Forward) -> dict[str, Quantity]:
     """Symbol, meaning and dimension of all parameters that may be sampled."""
     of_error = {
@@ -73,6 +77,8 @@ def sampled_quantities(forward: Forward) -> dict[str, Quantity]:
 def _default(forward: Forward, name: str) -> Distribution:
     if name == FRACTION:
         return Uniform(0.0, 1.0)
+    if name == "speed_exponent" and isinstance(forward.model, SpeedExponent):
+        return LAW_OF_EXPONENT
     typical = float(np.sqrt(np.mean(forward.data.erosion**2)))
     if name in _NOISES:
         low, high = np.array(_NOISES[name]) * (typical if name == NOISE else 1.0)

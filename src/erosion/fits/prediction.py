@@ -24,7 +24,7 @@ from erosion.fits.measurements import Measurements, usual_condition
 from erosion.fits.outliers import chances
 from erosion.fits.tempering import rhats, sample
 from erosion.joint_laws import LawSet
-from erosion.models import own_parameters
+from erosion.models import SpeedExponent, own_parameters
 from erosion.output.tables import Result, Row, format_number, sentences, to_plain
 
 CHAINS = 4
@@ -350,7 +350,9 @@ def make_predictor(plain: Predictor, progress: Progress = no_progress) -> Predic
     whole = model.misfit.plain
     few, rng = with_few_conditions(whole), np.random.default_rng([seed, 2])
     ways = {"model": model if few is whole else drawn(Discrepant(few, False, False), rng, progress)}
-    exponent = "v0" not in whole.forward.free and EXPONENT not in own_parameters(whole.forward.model)
+    fitted = whole.forward.model
+    exponent = "v0" not in whole.forward.free and EXPONENT not in own_parameters(fitted)
+    exponent = exponent and not isinstance(fitted, SpeedExponent)  # which has one
     if exponent and is_of_one_speed(few):  # n has no influence on these data
         model, count = ways["model"], _size(ways["model"].values)
         law = {**model.values, EXPONENT: PRIORS[EXPONENT].ppf((rng.permutation(count) + 0.5) / count)}

@@ -9,7 +9,6 @@ all angles first (`resolve.py`). The answer is the best of every maximum, of bot
 every jump and of both ends of the range.
 """
 
-import abc
 import contextlib
 import dataclasses
 import functools
@@ -17,7 +16,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -27,8 +25,7 @@ from erosion.impacts.maxima import in_words, limit_at_zero, over_angles, shallow
 from erosion.models import (
     CuttingModel,
     Events,
-    Scales,
-    Tip,
+    SameMotion,
     impact_to_dict,
     load_model,
     model_name,
@@ -45,35 +42,6 @@ from erosion.parameters.parameters import Parameters, require_parameters, valida
 from erosion.parameters.quantities import DIGITS, QUANTITIES, RESULTS, STEEPEST, quantity_row, result_row, table_scale
 
 _HAIR = 1e-8  # of the first speed into the depth
-
-
-class SameMotion(CuttingModel):
-    """A model's motion with another integrand, `removal_rate`."""
-
-    motion: eqx.AbstractVar[CuttingModel]
-
-    def initial_state(self, p: Parameters) -> ModelState:
-        return self.motion.initial_state(p)
-
-    def derivative(self, state: ModelState, p: Parameters) -> ModelState:
-        return self.motion.derivative(state, p)
-
-    def tip(self, state: ModelState, p: Parameters) -> Tip:
-        return self.motion.tip(state, p)
-
-    def events(self, state: ModelState, p: Parameters) -> Events:
-        return self.motion.events(state, p)
-
-    def scales(self, p: Parameters) -> Scales:
-        return self.motion.scales(p)
-
-    @property
-    def needs_units(self) -> bool:
-        return self.motion.needs_units
-
-    @abc.abstractmethod
-    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
-        """The integrand."""
 
 
 class VolumePerMass(SameMotion):

@@ -5,6 +5,7 @@ from erosion.models.base import (
     ClosedForm as ClosedForm,
     CuttingModel as CuttingModel,
     Events as Events,
+    SameMotion as SameMotion,
     Scales as Scales,
     State as State,
     Tip as Tip,
@@ -67,4 +68,5 @@ from erosion.models.rigid import (
     Linearized as Linearized,
     RigidErodent as RigidErodent,
     Rotating as Rotating,
+    SpeedExponent as SpeedExponent,
 )

@@ -253,6 +253,35 @@ class CuttingModel(eqx.Module):
         return converted(self, p, units)
 
 
+class SameMotion(CuttingModel):
+    """A model's motion with another integrand, `removal_rate`."""
+
+    motion: eqx.AbstractVar[CuttingModel]
+
+    def initial_state(self, p: Parameters) -> ModelState:
+        return self.motion.initial_state(p)
+
+    def derivative(self, state: ModelState, p: Parameters) -> ModelState:
+        return self.motion.derivative(state, p)
+
+    def tip(self, state: ModelState, p: Parameters) -> Tip:
+        return self.motion.tip(state, p)
+
+    def events(self, state: ModelState, p: Parameters) -> Events:
+        return self.motion.events(state, p)
+
+    def scales(self, p: Parameters) -> Scales:
+        return self.motion.scales(p)
+
+    @property
+    def needs_units(self) -> bool:
+        return self.motion.needs_units
+
+    @abc.abstractmethod
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
+        """The integrand."""
+
+
 def units_within(model: CuttingModel, p: Parameters) -> System:
     """The `p.units` that a model's methods see; the same for all cases where it does not count."""
     return p.units if model.needs_units else "inch-pound"

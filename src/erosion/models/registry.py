@@ -29,7 +29,7 @@ from erosion.models.parts import (
     Torque,
     VelocityAligned,
 )
-from erosion.models.rigid import AsPrinted, Finnie, Linearized, Rotating
+from erosion.models.rigid import AsPrinted, Finnie, Linearized, Rotating, SpeedExponent
 from erosion.ode.problem import named
 from erosion.output.tables import Record, briefly, to_plain
 from erosion.parameters.parameters import Parameters
@@ -42,6 +42,9 @@ ENTRY_POINT_GROUP = "erosion.models"
 
 PLUG_IN = "erosion_plugin_"
 """How the name of a plug-in file's module begins."""
+
+
+_EXPONENT = "-exponent"  # after the name of a built-in model, that with an exponent of the speed
 
 
 _LOADED: list[tuple[str, CuttingModel]] = []
@@ -154,6 +157,11 @@ def _built_in_model(name: str) -> CuttingModel:
 
 
 @functools.cache
+def _with_exponent(name: str) -> CuttingModel:
+    return SpeedExponent(_built_in_model(name))
+
+
+@functools.cache
 def _correlated(name: str) -> CuttingModel:
     """A correlation with its default target, or with another after a colon: "dnv:duplex"."""
     correlation, colon, material = name.partition(":")
@@ -171,8 +179,8 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
     can be made without arguments. Loading a file runs it: load only what you trust.
 
     Args:
-        name: "rotating", "models/my_model.py", a correlation such as "dnv" or "dnv:duplex" (see
-            `erosion.models.correlated`), or a model, which is returned as it is.
+        name: "rotating", "rotating-exponent" (see `erosion.models.SpeedExponent`), "models/my_model.py", a correlation
+            such as "dnv" or "dnv:duplex" (see `erosion.models.correlated`), or a model, which is returned as it is.
 
     Raises:
         ModelError: one sentence on what is wrong with the name, the file or the model.
@@ -189,6 +197,8 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
         raise ModelError(f"Argument `model` must be a model, its name or a path, but is {briefly(name)}.")
     if str(name) in BUILT_IN:
         return _built_in_model(str(name))
+    if str(name).removesuffix(_EXPONENT) in BUILT_IN:
+        return _with_exponent(str(name).removesuffix(_EXPONENT))
     if str(name).partition(":")[0] in CORRELATIONS:
         return _correlated(str(name))
     if str(name).endswith(".py"):
@@ -204,6 +214,8 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
 
 def model_name(model: CuttingModel) -> str:
     """The registered name of a model; else its class, with those of its parts that are a plug-in's."""
+    if isinstance(model, SpeedExponent):
+        return f"{model_name(model.motion)}{_EXPONENT}"
     if isinstance(model, Correlated):
         return model.label
     for name, info in BUILT_IN.items():
@@ -222,6 +234,8 @@ def model_source(model: CuttingModel) -> str | None:
     """
     if isinstance(model, Correlated):
         return model.label
+    if isinstance(model, SpeedExponent) and (name := model_name(model.motion)) in BUILT_IN:
+        return f"{name}{_EXPONENT}"
     for name, info in BUILT_IN.items():
         if _same_parts(info.make(), model):
             return name

@@ -22,8 +22,19 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from erosion.arguments import Broadcast, Scalar
-from erosion.models.base import NO_CUT, ZERO, ClosedForm, CuttingModel, Events, Scales, State, Tip
+from erosion.arguments import Broadcast, ModelState, Scalar
+from erosion.models.base import (
+    NO_CUT,
+    ZERO,
+    ClosedForm,
+    CuttingModel,
+    Events,
+    SameMotion,
+    Scales,
+    State,
+    Tip,
+    own_parameter,
+)
 from erosion.models.parts import (
     UPRIGHT,
     CentreOfMassTip,
@@ -43,7 +54,9 @@ from erosion.models.parts import (
 )
 from erosion.ode.step_control import require_xla
 from erosion.parameters.parameters import Parameters
+from erosion.parameters.quantities import conversion_factor
 
+_REFERENCE = 100.0  # m/s, where an exponent of the speed changes nothing
 _Method = TypeVar("_Method", bound=Callable[..., Broadcast | State | Events])
 
 
@@ -243,16 +256,10 @@ def with_deformation(cut: ClosedForm, deformation: Deformation) -> ClosedForm:
     return cut if isinstance(deformation, NoDeformation) else DeformingCut(cut, deformation)
 
 
-class DeformingCut(ClosedForm):
-    """A cut, and wear by deformation: the motion is the cut's, the volumes add up.
+class _SameCut(ClosedForm):
+    """The motion of a cut whose exact solution is known, with other volumes."""
 
-    Args:
-        cut: the exact solution of the cut alone.
-        deformation: what deformation removes.
-    """
-
-    cut: ClosedForm
-    deformation: Deformation
+    cut: eqx.AbstractVar[ClosedForm]
 
     def state(self, t: Broadcast, p: Parameters) -> State:
         return self.cut.state(t, p)
@@ -265,6 +272,18 @@ class DeformingCut(ClosedForm):
 
     def ended_by(self, p: Parameters) -> np.ndarray:
         return self.cut.ended_by(p)
+
+
+class DeformingCut(_SameCut):
+    """A cut, and wear by deformation: the motion is the cut's, the volumes add up.
+
+    Args:
+        cut: the exact solution of the cut alone.
+        deformation: what deformation removes.
+    """
+
+    cut: ClosedForm
+    deformation: Deformation
 
     def volume(self, p: Parameters) -> Broadcast:
         return self.cut.volume(p) + self._derivative(p, 0)
@@ -451,3 +470,68 @@ class Rotating(RigidErodent):
     force: ForceLaw = ConstantRatio()
     torque: Torque = HorizontalTorque()
     kinematics: TipKinematics = CircularTip()
+
+
+class SpeedExponent(SameMotion):
+    """A model's cuts whose volumes grow with the speed as measured ones: all of them times (v₀/100 m/s)^(n - 2).
+
+    At 100 m/s, or with n = 2, it is the model itself. A cut grows as v₀², or nearly so, erosion of metals faster:
+    as v₀^2.6 by DNV and v₀^2.41 by E/CRC (`erosion.correlations`). The model's own quantities are not carried over.
+
+    Args:
+        motion: any model.
+        speed_exponent: n [-], ≥ 0.
+    """
+
+    motion: CuttingModel
+    speed_exponent: float = own_parameter(2.4, "n", "exponent of the speed", least=0.0)
+
+    def factor(self, p: Parameters) -> Broadcast:
+        """Of every volume [-]; NaN, so that the impact fails, where n is negative."""
+        speed = p.v0 * conversion_factor("speed", p.units, "si") / _REFERENCE
+        return jnp.where(self.speed_exponent >= 0, speed ** (self.speed_exponent - 2), jnp.nan)
+
+    @property
+    def needs_units(self) -> bool:
+        return True
+
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
+        return self.motion.removal_rate(state, p) * self.factor(p)
+
+    def removed_at_contact(self, p: Parameters) -> Broadcast:
+        return self.motion.removed_at_contact(p) * self.factor(p)
+
+    @property
+    def removes_at_contact(self) -> bool:
+        return self.motion.removes_at_contact
+
+    def outside_of_range(self, p: Parameters, counted: np.ndarray | None = None) -> str | None:
+        return self.motion.outside_of_range(p, counted)
+
+    def closed_form(self) -> ClosedForm | None:
+        cut = self.motion.closed_form()
+        return None if cut is None else ScaledCut(cut, self)
+
+
+class ScaledCut(_SameCut):
+    """The exact solution of a model with an exponent of the speed: volumes times its factor.
+
+    Args:
+        cut: that of the model alone.
+        by: the model with the exponent.
+    """
+
+    cut: ClosedForm
+    by: SpeedExponent
+
+    def volume(self, p: Parameters) -> Broadcast:
+        return self.cut.volume(p) * self.by.factor(p)
+
+    def dvolume(self, p: Parameters) -> Broadcast:
+        return self.cut.dvolume(p) * self.by.factor(p)
+
+    def d2volume(self, p: Parameters) -> Broadcast:
+        return self.cut.d2volume(p) * self.by.factor(p)
+
+    def alpha_max(self, p: Parameters) -> Broadcast:
+        return self.cut.alpha_max(p)

@@ -14,11 +14,11 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from erosion.arguments import Broadcast, ModelState
-from erosion.impacts.alpha_max import Optimum, SameMotion, alpha_max
+from erosion.impacts.alpha_max import Optimum, alpha_max
 from erosion.impacts.impact import Impact, impact
 from erosion.impacts.maxima import Jump
 from erosion.impacts.simulate import Trajectory, path
-from erosion.models import CuttingModel, Events, Linearized, load_model
+from erosion.models import CuttingModel, Events, Linearized, SameMotion, load_model
 from erosion.models.rigid import LinearizedCut
 from erosion.output.tables import Record
 from erosion.parameters.materials import MATERIALS
