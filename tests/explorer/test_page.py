@@ -448,6 +448,23 @@ def listening_on(pid: int) -> set[tuple[str, int]]:
     return addresses
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="of POSIX alone")
+def test_a_terminal_that_is_closed_ends_it_as_ctrl_c_does() -> None:
+    command = [sys.executable, "-m", "erosion", "explore", "--no-browser", "--port", "0"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=free_of_pytest()
+    ) as process:
+        assert process.stdout is not None
+        try:
+            process.stdout.readline()
+            process.send_signal(signal.SIGHUP)
+            _, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert (said, process.returncode) == ("erosion: interrupted\n", 130)
+
+
 @pytest.mark.browser
 @pytest.mark.slow
 def test_stopping_it_while_it_compiles_says_one_line(browser: Browser, tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ from erosion.explorer.controls import read_materials
 from erosion.explorer.state import Address, PageCase, PageState, own_numbers, sentence, without_token
 from erosion.explorer.tab import Service, Tab
 from erosion.impacts.simulate import TurnWarning
+from erosion.interrupts import ENDING, INTERRUPTED
 from erosion.models import CuttingModel, available_models, load_model
 from erosion.output.language import language
 from erosion.output.tables import briefly
@@ -164,7 +165,6 @@ _SWITCH = 0.0005  # s
 # s; a browser that is silent for longer has left. NiceGUI's default of 3 s lets go of tabs on a busy machine.
 _SILENCE = 15.0
 _ALLOCATIONS = 2_000  # between two looks for garbage
-_INTERRUPTED = 130  # the exit status that shells give a program ended by Ctrl+C
 _CHECKED = ("linearized", "finnie", "rotating")
 _SHOWN = "rotating"
 _STYLE = (Path(__file__).parent / "web" / "page.css").read_text(encoding="utf-8")
@@ -211,6 +211,10 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
 
     app.add_middleware(OnlyOwnPage, address=address)
     app.on_startup(lambda: background_tasks.create(announce()))
+    # Of the signals that ask for an end the server knows all but that of a closed terminal, which `nohup` ignores.
+    for number in ENDING:
+        if number not in (signal.SIGINT, signal.SIGTERM) and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: signal.raise_signal(signal.SIGINT))
     try:
         ui.run(
             host=address.host,
@@ -229,7 +233,7 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
         pass  # The server ends by Ctrl+C only. The exception is lost if it comes while Python collects garbage.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # When the interpreter ends, a thread that is still inside XLA would abort the process.
-    atexit.register(os._exit, _INTERRUPTED)
+    atexit.register(os._exit, INTERRUPTED)
     raise KeyboardInterrupt
 
 
