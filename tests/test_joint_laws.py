@@ -15,7 +15,7 @@ import pytest
 from scipy import special, stats
 
 import erosion
-from erosion.advice.advise import advise
+from erosion import TABLE_1, advise, stream
 from erosion.arguments import check_path, check_tolerance, check_whole
 from erosion.distributions import (
     LogNormal,
@@ -30,9 +30,7 @@ from erosion.distributions import (
 )
 from erosion.fits.posterior_files import read_draws
 from erosion.joint_laws import SHARE, CorrelatedLaws, LawSet, Ranges, Rows, law_digest, read_rows
-from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import QUANTITIES
-from erosion.streams.stream import stream
 
 POINTS = np.random.default_rng(0).random((100_000, 2))
 FROM_0 = (np.nextafter(0.0, -1.0), np.inf)

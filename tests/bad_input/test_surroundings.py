@@ -25,11 +25,10 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import erosion
-from erosion.cfd.erosion_map import erosion_map
+from erosion import erosion_map, read_measurements
 from erosion.cfd.map_result import write_map
 from erosion.cli import _have_room
 from erosion.distributions import Samples
-from erosion.fits import read_measurements
 from erosion.impacts.dataset_files import write_netcdf
 from erosion.joint_laws import Rows
 from erosion.output.files import write_whole

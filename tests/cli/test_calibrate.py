@@ -15,12 +15,10 @@ import pytest
 import xarray as xr
 
 import erosion
-from erosion import impact, load_model, to_fluent
+from erosion import TABLE_1, dump_case, impact, load_case, load_model, to_fluent
 from erosion.cli import _status
 from erosion.fits.posterior_files import read_predictor
 from erosion.models.rigid import LinearizedCut
-from erosion.parameters.case_files import dump_case, load_case
-from erosion.parameters.parameters import TABLE_1
 from tests.cli.test_document import check
 from tests.fits.test_real_data import SAND, measured
 

@@ -13,13 +13,12 @@ import pytest
 from scipy import stats
 
 import erosion
+from erosion import TABLE_1, SamplingError
 from erosion.fits import Calibration, CalibrationError, calibrate, doubts, rank_models, to_fluent, to_openfoam
 from erosion.fits.export import to_case
 from erosion.fits.least_squares import identify
 from erosion.fits.outliers import chances, studentized
-from erosion.fits.tempering import SamplingError
 from erosion.models.rigid import LinearizedCut
-from erosion.parameters.parameters import TABLE_1
 from tests.models.test_own_parameters import P as PULLED
 
 GUESS = TABLE_1.replace(k=3.0, psi=0.06)

@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 
 from benchmarks import next_experiment as simulated
+from erosion import TABLE_1, ErrorModel, calibrate, impact, next_experiment, posterior, rank_posteriors
 from erosion.distributions import Normal, Uniform
-from erosion.fits import calibrate, next_experiment, posterior, rank_posteriors
-from erosion.fits.errors import ErrorModel
 from erosion.fits.experiments import NextExperiment, _gains
-from erosion.impacts.impact import impact
 from erosion.models.rigid import LinearizedCut
-from erosion.parameters.parameters import TABLE_1
 
 pytestmark = pytest.mark.slow
 

@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from erosion import TABLE_1, ErrorModel, MeasurementError, Measurements, calibrate, impact, read_measurements
 from erosion.distributions import Uniform
-from erosion.fits import ErrorModel, MeasurementError, Measurements, calibrate, read_measurements
 from erosion.fits.errors import errors_at
 from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
 from erosion.fits.measurements import unit_system
-from erosion.impacts.impact import impact
-from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import UnitError
 
 HEAD = "angle [deg], volume [in^3], uncertainty [in^3]\n"

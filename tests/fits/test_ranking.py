@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from erosion import TABLE_1, impact
+from erosion import TABLE_1, calibrate, impact, rank_models
 from erosion.advice.result import FIT
-from erosion.fits import calibrate, rank_models
 from erosion.fits.doubts import beyond_scatter, is_beyond_scatter, variances_differ
 from erosion.fits.measurements import conditions, read_measurements
 from erosion.models import model_name

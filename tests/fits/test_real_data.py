@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.fits import Calibration, Measurements, calibrate, rank_models, to_fluent, to_openfoam
+from erosion import TABLE_1, Calibration, Measurements, calibrate, rank_models, to_fluent, to_openfoam
 from erosion.fits.doubts import advise, find_patterns, rounded
 from erosion.fits.export import exported_case
 from erosion.fits.forward import Forward
@@ -17,7 +17,6 @@ from erosion.fits.least_squares import make_problem
 from erosion.fits.measurements import conditions
 from erosion.models import DeformationWear, Linearized
 from erosion.models.rigid import LinearizedCut
-from erosion.parameters.parameters import TABLE_1
 from tests.models.test_own_parameters import FRICTION, MODEL, P
 
 # Grains of sand of 0.3 mm, of density 2650 kg/m³; the target's flow stress is that of steel at high strain rates.

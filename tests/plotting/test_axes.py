@@ -27,12 +27,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 import erosion
-from erosion import ode
+from erosion import TABLE_1, Estimate, NozzleAngle, Trajectory, ode, simulate, stream, sweep
 from erosion.distributions import LogNormal, Normal
-from erosion.impacts.simulate import Trajectory, simulate
 from erosion.models import Linearized, ProportionalDeformationWear
 from erosion.models.rigid import LinearizedCut
-from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import readable_scale
 from erosion.plotting.curves import plot_end_times, plot_optimum, plot_volume
 from erosion.plotting.labels import AT_CONTACT
@@ -49,10 +47,6 @@ from erosion.plotting.style import (
     save_plots,
 )
 from erosion.plotting.sweeps import plot_comparison, plot_sweep
-from erosion.streams.result import NozzleAngle
-from erosion.streams.stream import stream
-from erosion.streams.tally import Estimate
-from erosion.sweeps.sweep import sweep
 
 P = erosion.TABLE_1
 ANGLES = np.deg2rad(np.linspace(5, 85, 9))

@@ -12,10 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.container import ErrorbarContainer
 
-from erosion import impact
-from erosion.fits import calibrate, next_experiment, posterior, rank_posteriors
+from erosion import TABLE_1, calibrate, impact, next_experiment, posterior, rank_posteriors
 from erosion.models.rigid import LinearizedCut
-from erosion.parameters.parameters import TABLE_1
 from erosion.plotting.fits import (
     plot_best_angles,
     plot_calibration,

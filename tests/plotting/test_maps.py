@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 import erosion
-from erosion.cfd.erosion_map import erosion_map
+from erosion import CORRELATIONS, erosion_map
 from erosion.cfd.surface import Surface
-from erosion.correlations import CORRELATIONS
 from erosion.output.tables import with_error
 from erosion.plotting import maps
 from erosion.plotting.maps import plot_map, require_view, write_map_page

@@ -20,15 +20,13 @@ import xarray as xr
 from scipy import stats
 
 import erosion
+from erosion import TABLE_1, StoreError, impact
 from erosion.cli import _status
 from erosion.distributions import LogNormal, Normal, RosinRammler, Samples, Uniform
-from erosion.impacts.dataset_files import StoreError
-from erosion.impacts.impact import impact
 from erosion.joint_laws import CorrelatedLaws, Rows
 from erosion.models import ForceLaw, Linearized
 from erosion.models.rigid import LinearizedCut
 from erosion.output.tables import to_json
-from erosion.parameters.parameters import TABLE_1
 from erosion.streams.stream import REPLICATES, StreamInterrupted, stream
 from erosion.streams.tally import BIN_RATIO, Estimate, Particles, Points, Tally, sobol_indices
 from tests.cli.test_set_option import FILE

@@ -16,9 +16,7 @@ import pytest
 import xarray as xr
 
 import erosion
-from erosion import ode
-from erosion.impacts.dataset_files import StoreError
-from erosion.sweeps.sweep import SweepInterrupted, sweep
+from erosion import StoreError, SweepInterrupted, ode, sweep
 from tests.sweeps.test_sweep import assert_same_bits
 
 distributed = pytest.importorskip("distributed")
