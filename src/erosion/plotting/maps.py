@@ -132,7 +132,7 @@ def _draw(into: Any, wear: xr.Dataset, quantity: str | None, view: Any, zoom: fl
     unit = f" [{scale.unit}]" if scale.unit else ""
     fig.colorbar(
         ScalarMappable(norm, _COLORS), ax=ax, orientation="horizontal", aspect=40, shrink=0.9, pad=0.01,
-        extend="min" if low else "neither", label=f"{FACES[quantity].symbol}  {FACES[quantity].meaning}{unit}",
+        extend="min" if low else "neither", label=f"{FACES[quantity].meaning}{unit}",
     )  # fmt: skip
     ax.set_title(_title(wear, FACES[quantity].meaning), fontsize="medium", loc="left", wrap=True)
     return fig
