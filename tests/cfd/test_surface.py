@@ -153,6 +153,7 @@ def test_each_side_of_a_sheet_has_its_own_impacts(thickness: float, reverse: boo
     wear = erosion.erosion_map("dnv", P, table, surface)
     assert not wear["left_out"].any()
     assert "turned" not in wear.attrs["warnings"]
+    assert ("288 faces that are hit lie on others" in wear.attrs["warnings"]) == (thickness == 0)
     sides = wear["impacts"].values.reshape(2, -1)
     np.testing.assert_array_equal(sides.sum(axis=1), [400, 200])
     alone = erosion.erosion_map("dnv", P, above, upper)

@@ -303,24 +303,30 @@ class MapJob:
         part = surface.parts[0]
         return surface.reversed((np.bincount(part[hits.face], votes, part.max() + 1) < 0)[part])
 
-    def _normals_in_words(self, tally: FaceTally) -> list[str]:
-        """That most normals were turned, or that neighbours have opposite ones, where rows recede from some."""
+    def _normals_in_words(self, tally: FaceTally) -> Iterator[str]:
+        """That most normals were turned, that neighbours have opposite ones where rows recede from some, or sheets."""
         surface = self.surface
-        if surface is not None and np.mean(surface.turned) > 0.5:
+        if surface is None:
+            return
+        if np.mean(surface.turned) > 0.5:
             when, then = ("after", "undo it") if self.task.options.restitution is None else ("before", "be left out")
-            return [
+            yield (
                 f"{surface.title}: the normals of {np.broadcast_to(surface.turned, surface.faces).sum():,} of "
                 f"{surface.faces:,} faces are turned, as Argument `reverse` asks. If the velocities are those {when} "
                 f"the rebound, they should not be: Argument `restitution` must then {then}."
-            ]
-        if surface is None or not tally.counts["fates"][RECEDING] or not surface.mixed.size:
-            return []
-        first = ", ".join(map(str, surface.mixed[:3]))
-        return [
-            f"{surface.title}: {surface.mixed.size:,} of {surface.faces:,} faces have normals against those of their "
-            f"neighbours, the first are {first}; impacts on them are taken for rebounds. Argument `reverse` 'auto' "
-            "turns them."
-        ]
+            )
+        elif tally.counts["fates"][RECEDING] and surface.mixed.size:
+            first = ", ".join(map(str, surface.mixed[:3]))
+            yield (
+                f"{surface.title}: {surface.mixed.size:,} of {surface.faces:,} faces have normals against those of "
+                f"their neighbours, the first are {first}; impacts on them are taken for rebounds. Argument `reverse` "
+                "'auto' turns them."
+            )
+        if tally.unnamed and (sheets := int(((tally.sums["impacts"] > 0) & (surface.other_side >= 0)).sum())):
+            yield (
+                f"{surface.title}: {sheets:,} faces that are hit lie on others with opposite normals, as both sides of "
+                "a sheet. Rows count on the side that they approach; velocities after a rebound would not show."
+            )
 
     def _require_right_way(self, fates: np.ndarray) -> None:
         """Refuse a table in which nearly all rows come from behind."""
