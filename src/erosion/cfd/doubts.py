@@ -137,7 +137,7 @@ class Journeys:
         if not _DETOUR < (most := float(np.quantile(ratio, 0.95))) < _SHORT_CUT:
             yield (
                 f"From one hit to the next parcels come up to {most:.2g} × as far as their speeds and times say; are "
-                "the units of speed, position and time right?"
+                "the units of speed, position and time right, and the numbers those of parcels?"
             )
 
 
