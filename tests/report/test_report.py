@@ -465,7 +465,7 @@ def test_a_handout_has_answers_and_figures_without_derivations(tmp_path: Path) -
 
 @pytest.mark.browser
 @pytest.mark.parametrize("lang", ["en", "de"])
-@pytest.mark.parametrize("key", ["a1", "q4", "q8", "models"])
+@pytest.mark.parametrize("key", ["a1", "q1", "q4", "q8", "models"])
 def test_a_handout_fills_one_sheet_with_readable_figures(tmp_path: Path, key: str, lang: str, browser: Browser) -> None:
     path = write_report(TABLE_1, tmp_path, only=[key], brief=True, lang=lang)
     sheet = browser.new_page(viewport={"width": 695, "height": 1024})  # between the margins of A4, at 96 dots per inch

@@ -326,12 +326,13 @@ def _write(
             numbers[key] = answer.numbers
             counts[key] = {name: drawing.counts for name, drawing in answer.figures.items()}
             texts[key] = write_text(text_file(key), case, answer, language)
+            shown = [answer.figures[name].figure for name, *_ in texts[key].illustrations]
+            alone = brief and len(keys) == 1 and sum(figure.get_figheight() for figure in shown) <= _SHEET
             for name, _, description in texts[key].illustrations:
                 figure = answer.figures[name].figure
                 translate_figure(figure, language)
                 if brief:
-                    alone = len(keys) == len(texts[key].illustrations) == 1
-                    fit_on_sheet(figure, alone=alone)
+                    fit_on_sheet(figure, alone=len(shown) * alone)
                 if is_wide(figure):
                     wide.add(name)
                 svg, _ = save_figure(figure, out / "figures" / name)
@@ -415,7 +416,8 @@ def _lines(path: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 # inches; a handout prints a figure in a column of 3.4 inches, and a wide one across both. Text of 9.5 pt is 7 pt there.
 _IN_A_COLUMN, _WIDE, _FLAT = 4.5, 6.5, 3.6
-_ALONE = 7.2, 6.8  # of the only figure on a sheet, which is printed in this size
+_SHEET = 8.0  # of figures that have room below each other
+_ALONE = 7.2, 6.8  # of the only figure on a sheet, or of two below each other, which are printed in this size
 
 
 def is_wide(figure: Figure) -> bool:
@@ -423,10 +425,15 @@ def is_wide(figure: Figure) -> bool:
     return bool(figure.get_figwidth() > _WIDE)
 
 
-def fit_on_sheet(figure: Figure, *, alone: bool = False) -> None:
-    """Give a figure the size at which its text is readable on a handout; its legends get fewer columns if need be."""
+def fit_on_sheet(figure: Figure, *, alone: int = 0) -> None:
+    """Give a figure the size at which its text is readable on a handout; its legends get fewer columns if need be.
+
+    Args:
+        figure: to be printed.
+        alone: the figures on the sheet, where they are below each other; 0 for a figure in a column.
+    """
     if alone:
-        figure.set_size_inches(_ALONE)
+        figure.set_size_inches(_ALONE[0], _ALONE[1] / alone)
     elif is_wide(figure):
         figure.set_figheight(_FLAT)
     else:
