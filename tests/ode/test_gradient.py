@@ -163,7 +163,7 @@ def test_lanes_without_a_result_are_left_out_of_sums():
         (gradient, "_FEW", 0),
         (gradient, "_CHUNK", 16),
         (gradient, "_MEMORY", 2**15),
-        (gradient, "_BESIDE_STEPS", -8),
+        (gradient, "_BESIDE_STEPS", -5),
     ],
 )
 def test_bits_depend_on_the_lanes_alone(module, name, value, monkeypatch):

@@ -14,7 +14,7 @@ from cyclopts import exceptions
 from erosion.output.tables import briefly
 from erosion.parameters.quantities import about
 
-_POWERS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+_POWERS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻ⁿ", "0123456789-n")
 _SPELLED = {
     "α": "alpha", "β": "beta", "Δ": "D", "μ": "u", "µ": "u", "π": "pi", "ρ": "rho", "σ": "sigma", "Σ": "sum ",
     "φ": "phi", "ψ": "psi", "χ": "chi", "ω": "omega", "∂": "d", "′": "'", "\u0307": "'", "\u0304": "", "ẋ": "x'",
