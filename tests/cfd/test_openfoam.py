@@ -161,6 +161,21 @@ def test_ways_between_hits_are_compared_with_speeds(run, what, factor, words):
     assert bool(said) == bool(what)
 
 
+def test_parcels_that_hit_elsewhere_do_not_come():
+    table = read_impacts(RUNS / "serial")
+    surface, mass, came = read_surface(RUNS / "serial", "hump"), dict[int, float](), set[int]()
+    for block in table.blocks(1000):
+        mass |= dict(zip(block.parcel, block.count * block.mass, strict=True))
+        came |= set(block.parcel[np.isin(block.face, surface.mesh_face)])
+    assert (len(came), len(mass)) == (209, 288)
+    wear, share = (
+        erosion_map("dnv", erosion.TABLE_1.to("si"), table, surface),
+        sum(mass[parcel] for parcel in came) / 1e-4,
+    )
+    assert share == pytest.approx(209 / 288, rel=1e-3)
+    assert f" kg in all ({100 * share:.3g} % of the sand injected, each parcel once)" in wear.attrs["read_as"]
+
+
 def test_names_of_other_versions(tmp_path):
     # As openfoam.org and `particlePostProcessing` of openfoam.com write: (Ux Uy Uz), tabs, and only the wanted fields.
     table = tmp_path / "0.5" / "wall.dat"

@@ -275,7 +275,8 @@ class Ranges:
         velocity, density = own_units.get("speed") or Scale(1.0, "m/s"), _range(light, dense, Scale(1.0, "kg/m³"))
         mass = f"{total['erodent']:.4g} kg in all"
         if injected is not None:
-            come = float(tally.parcels.mass.sum()) or total["erodent"]
+            parcels = tally.parcels
+            come = float(parcels.mass[np.isin(parcels.known, parcels.parcel)].sum()) or total["erodent"]
             mass += f" ({100 * come / injected:.3g} % of the sand injected{', each parcel once' * table.has_parcels})"
         read_as = (
             f"Read: {tally.rows:,} rows, {table.read_as or 'in SI units'}. What hits is {total['particles']:,.6g} "
