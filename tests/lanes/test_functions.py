@@ -395,3 +395,18 @@ def test_a_whole_number_of_a_quotient_is_that_of_the_division(rounding, divisor)
 
     x = np.arange(2000) * divisor
     np.testing.assert_array_equal(Lanewise(in_a_loop, (number,))(x), rounded(np, x / divisor))
+
+
+@pytest.mark.parametrize("divisor", [49.0, 0.7, 3.0])
+def test_the_rest_of_a_quotient_is_never_negative(divisor):
+    def in_a_loop(x):
+        def rest(s):
+            quotient = (x + 0 * s) / divisor
+            # The user's own product with the reciprocal is a product.
+            return jnp.where(jnp.floor((x + 0 * s) * (1 / divisor)) < 0, s, quotient - jnp.floor(quotient))
+
+        return lax.fori_loop(0, 100, lambda i, s: jnp.where(i < 99, s + 1, rest(s)), 0.0)
+
+    x = np.arange(2000) * divisor
+    quotient = x / divisor
+    np.testing.assert_array_equal(Lanewise(in_a_loop, (number,))(x), quotient - np.floor(quotient))

@@ -162,9 +162,9 @@ class Graph:
         if self._made > _MOST or self._asked > _MOST_ASKED:
             raise CannotCompileError(f"more than {_MOST:,} operations")
         if name in _STEPS and inputs[0] in self.quotients:
-            # A last digit decides: 49 · (1/49) is less than 1.
-            inputs = (self.op("fdiv", inputs[0].type, *self.quotients[inputs[0]], extra=_EXACT),)
-        simpler = None if extra is _EXACT else self._simplified(name, type_, inputs)
+            # A last digit decides: 49 · (1/49) is less than 1. Its other uses take the quotient as well.
+            inputs[0].op, inputs[0].inputs = "fdiv", self.quotients.pop(inputs[0])
+        simpler = self._simplified(name, type_, inputs)
         if simpler is not None:
             return simpler
         # A plain loop, not `max`: this runs ten thousand times while a user waits.
@@ -303,7 +303,7 @@ class Graph:
         return branch.results
 
 
-_EXACT = "exact"
+_QUOTIENT = "quotient"  # a product that is none of the user's
 _STEPS = frozenset({
     "llvm.floor", "llvm.ceil", "llvm.trunc", "llvm.round", "llvm.roundeven", "llvm.fptosi.sat", "llvm.fptoui.sat",
 })  # fmt: skip
@@ -357,8 +357,11 @@ def _quotient(graph: Graph, x: Value, y: Value) -> Value | None:
     innermost = max(x.region.depth, y.region.depth)
     if is_exact or y.region.level < graph.region.targets[innermost].level:
         # The divisor does not change in the loop: its reciprocal is computed before the loop, and multiplied here.
-        product = graph.op("fmul", x.type, x, graph.op("fdiv", y.type, graph.constant(1.0, y.type), y))
-        if not is_exact:
+        reciprocal = graph.op("fdiv", y.type, graph.constant(1.0, y.type), y)
+        if is_exact:
+            return graph.op("fmul", x.type, x, reciprocal)
+        product = graph.op("fmul", x.type, x, reciprocal, extra=_QUOTIENT)
+        if product.op == "fmul":
             graph.quotients[product] = x, y
         return product
     return None
