@@ -520,13 +520,21 @@ def test_every_verb_follows_the_newest_code(verb: str) -> None:
     np.testing.assert_array_equal(np.asarray(gives(scope["model"])), usual)
 
 
-@pytest.mark.parametrize("place", [0, 1], ids=["of its class", "of the class that it inherits from"])
-def test_a_method_of_the_package_that_someone_replaces_counts(place: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("place", "kind"),
+    [(0, lambda f: f), (1, lambda f: f), (0, functools.partialmethod), (0, eqx.filter_jit)],
+    ids=["of its class", "of the class that it inherits from", "partialmethod", "filter_jit"],
+)
+def test_a_method_of_the_package_that_someone_replaces_counts(
+    place: int, kind: Callable[..., object], monkeypatch: pytest.MonkeyPatch
+) -> None:
     rate = erosion.models.Rotating.removal_rate
     usual, identity = erosion.impact("rotating", P), model_digest(erosion.load_model("rotating"), P)
     with monkeypatch.context() as patch:
         patch.setattr(
-            erosion.models.Rotating.__mro__[place], "removal_rate", lambda self, state, p: 2 * rate(self, state, p)
+            erosion.models.Rotating.__mro__[place],
+            "removal_rate",
+            kind(lambda self, state, p: 2 * rate(self, state, p)),
         )
         assert model_digest(erosion.load_model("rotating"), P) != identity
         assert erosion.impact("rotating", P).volume == pytest.approx(2 * usual.volume)

@@ -101,7 +101,7 @@ class Surroundings:
             self._check(functools.partial(_elements, thing))
         elif isinstance(thing, types.MethodType):
             self._waiting += [thing.__func__, thing.__self__]
-        elif isinstance(thing, functools.partial):
+        elif isinstance(thing, (functools.partial, functools.partialmethod)):
             self._waiting += [thing.func, thing.args, thing.keywords]
         elif isinstance(thing, property):
             self._waiting.append(thing.fget)
@@ -162,6 +162,7 @@ class Surroundings:
                     self._read(functools.partial(getattr, thing, name))
         elif isinstance(space, dict):
             self._searched[id(thing)] = space, set()
+            self._waiting += [thing.__wrapped__] if hasattr(type(thing), "__wrapped__") else []  # of equinox
             for name in _WRAPPED:
                 if name in space:
                     self._read(functools.partial(space.get, name))
