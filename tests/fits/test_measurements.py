@@ -389,7 +389,12 @@ def test_a_title_above_the_header_is_named(table, title):
         read_measurements(table(text), "si")
 
 
-@pytest.mark.parametrize("row", ["20;98;1,5;new", "n.a.;98;n.a.;new"])
-def test_a_row_with_words_is_no_header(table, row):
-    text = f"angle [deg];speed [m/s];mass_loss [mg/kg];remark\n{row}\n30;98;1,5;\n"
-    assert read_measurements(table(text), "si", ignore=["remark"]).angle[-1] == np.deg2rad(30)
+@pytest.mark.parametrize(
+    "row", ["20,98,1.5,new; dry", '20,98,1.5,"new; dry; a"', "20,98,1.5,A1\tnew", 'n.a.,98,n.a.,"a, b"']
+)
+@pytest.mark.parametrize(
+    "heads", ["angle [deg],speed [m/s],mass_loss [mg/kg]", '"angle\n[deg]","speed\n[m/s]","mass_loss\n[mg/kg]"']
+)
+def test_a_row_with_words_is_no_header(table, heads, row):
+    measured = read_measurements(table(f"{heads},remark\n{row}\n30,98,1.5,\n"), "si", ignore=["remark"])
+    assert measured.angle[-1] == np.deg2rad(30)

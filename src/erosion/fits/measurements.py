@@ -13,6 +13,7 @@ import array
 import contextlib
 import dataclasses
 import functools
+import itertools
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -341,8 +342,23 @@ def _read_file(path: Path, system: System, ignore: Sequence[str]) -> Measurement
     def read(used: Sequence[int]) -> list[np.ndarray]:
         return [np.frombuffer(column) for column in numbers_of(rows, cells, used, delimiter, path, lines)]
 
-    measured = _measurements(cells, read, place, system, ignore, path.name, lines=lines, notes=notes)
+    try:
+        measured = _measurements(cells, read, place, system, ignore, path.name, lines=lines, notes=notes)
+    except MeasurementError as error:
+        if isinstance(error.__cause__, HeaderError) and _is_title(path, first, system, ignore):
+            said = f"{path}, line {first}: is no header, but a title above one; begin it with #."
+            raise MeasurementError(said) from error
+        raise
     return dataclasses.replace(measured, path=path)
+
+
+def _is_title(path: Path, line: int, system: System, ignore: Sequence[str]) -> bool:
+    """Whether what follows a line of a file begins with a header that is understood."""
+    with contextlib.suppress(MeasurementError, HeaderError):
+        rows, _ = lines_of(itertools.islice(text_of(path)[0], line, None), path)
+        read_header(next(rows)[1], system, ignore)
+        return True
+    return False
 
 
 def _measurements(

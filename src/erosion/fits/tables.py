@@ -37,7 +37,6 @@ class MeasurementError(ValueError):
 
 _SKIPPED = re.compile(r'\s*(?:"?\s*#|$)')  # empty, or a comment; a spreadsheet puts one with a comma into quotes
 
-_WORDS = re.compile(r".*[^\W\d_]|\s*$")  # with a letter, or empty
 _MISSING = {"", "-", "–", "—", "--", "?", "n.a.", "n.a", "na", "n/a", "#n/a", "#nv", "nan", "nd", "n.d.", "k.a.",
             "none", "null", "missing"}  # fmt: skip
 """What stands in a cell that has no number, in small letters."""
@@ -62,19 +61,11 @@ def text_of(path: Path) -> tuple[io.StringIO, tuple[str, ...]]:
 def lines_of(file: Iterable[str], path: Path) -> tuple[Iterator[tuple[int, list[str]]], str]:
     """The cells of each line with the line's number, the header first, and what separates them."""
     numbered = ((i, text) for i, text in enumerate(file, start=1) if not _SKIPPED.match(text))
-    top = [*itertools.islice(numbered, 2)]
-    if not top:
+    first = next(numbered, None)
+    if first is None:
         raise MeasurementError(f"{path}: is empty.")
-    (line, first), (_, second) = top[0], top[-1]
-    mark = _delimiter(second)
-    if first.count(mark) < second.count(mark) and all(map(_WORDS.match, second.split(mark))):
-        raise MeasurementError(f"{path}, line {line}: is no header, but a title above one; begin it with #.")
-    delimiter = _delimiter(first)
-    return _rows(itertools.chain(top, numbered), delimiter, path), delimiter
-
-
-def _delimiter(text: str) -> str:
-    return next((mark for mark in (";", "\t") if mark in text), ",")
+    delimiter = next((mark for mark in (";", "\t") if mark in first[1]), ",")
+    return _rows(itertools.chain([first], numbered), delimiter, path), delimiter
 
 
 def _rows(numbered: Iterable[tuple[int, str]], delimiter: str, path: Path) -> Iterator[tuple[int, list[str]]]:
