@@ -145,7 +145,7 @@ def real_numbers(name: str, values: Any, *, unit: str = "") -> np.ndarray:
     parts = values if isinstance(values, (list, tuple)) else [values]
     array = np.empty(0, str)
     for part in parts:
-        if not isinstance(part, _REAL) and unit_of_labels(part) not in ("", unit):
+        if not isinstance(part, _REAL) and unit_of_labels(part) not in ("", unit or "1"):
             raise ValueError(
                 f"Argument `{name}` must hold numbers without units, but is in {briefly(unit_of_labels(part))}: "
                 "give its `.to_numpy()` in the unit that is meant."
