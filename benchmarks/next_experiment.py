@@ -3,7 +3,7 @@
 By brute force, each candidate is simulated: a truth is drawn from the posterior, a row from the truth and its error,
 and the posterior's entropy is measured with the row and without it. That is done without draws of the package: over a
 fine grid of the parameters, by a likelihood that is written here. The same truths and errors of the row serve all
-candidates, so that their differences are known better than each drop.
+candidates within the tested angles, and all beyond them, so that differences are known better than each drop.
 
 What a model may lack is three grids, one for each way to read the data. Each point of the last two has exponents and
 lengths of a discrepancy from their priors, and the discrepancy is integrated out by dense matrices. Beyond the tested

@@ -1,5 +1,7 @@
 """Models whose volumes grow as v₀ⁿ: the cut and the deformation of another, times (v₀/100 m/s)^(n - 2)."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,8 @@ def test_names_and_sources():
     assert model_name(model) == model_source(model) == "rotating-exponent"
     own = SpeedExponent(Rotating(force=erosion.models.TanAlpha()))
     assert model_name(own) == "rotating-tan-alpha-exponent"
+    own = type("Sevenfold", (SpeedExponent,), {"factor": lambda self, p: 7.0})(load_model("rotating"))
+    assert model_source(own) is None
     for name in ("dnv-exponent", "rotating-exponent-exponent", "-exponent"):
         with pytest.raises(erosion.models.ModelError, match=f"no model '{name}'"):
             load_model(name)
@@ -66,6 +70,19 @@ def test_the_exponent_is_fitted_and_named_where_a_model_lacks_it(tests):
     assert not fit.warnings
     without = erosion.calibrate("linearized-deformation", P, tests, free).warnings
     assert "The model with an exponent of its own is linearized-deformation-exponent; free speed_exponent." in without
+
+
+@pytest.mark.slow
+def test_an_exponent_that_is_held_is_not_known(tests):
+    """At one speed the data say nothing of it."""
+    rows = {name: column[SPEEDS == 60.0] for name, column in tests.items()}
+    drawn = erosion.posterior("linearized-deformation-exponent", P, rows, ["k", "psi", "energy_ratio"], draws=125)
+    assert drawn.predictor.exponent == pytest.approx((2.4, 0.25), abs=0.06)  # in one way of three it is as held
+    far = drawn.predict(np.deg2rad([30]), {"v0": 196.0})
+    assert far.std() / far.mean() > 0.3
+    fit = erosion.calibrate("linearized-deformation-exponent", P, tests, ["k", "psi", "energy_ratio"])
+    assert any(said.startswith("Free threshold, speed_exponent or fit each speed alone") for said in fit.warnings)
+    assert pickle.loads(pickle.dumps(drawn)).predictor.weights == drawn.predictor.weights
 
 
 @pytest.mark.slow

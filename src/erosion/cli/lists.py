@@ -116,7 +116,7 @@ def models(
         f"Correlations of engineers can take the place of a model: {', '.join(lazy.CORRELATIONS)}. "
         'Some have a table of targets: "dnv:duplex".'
     )
-    exponent = 'Any of them removes as v₀ⁿ with "-exponent" behind its name: "rotating-exponent", n = speed_exponent.'
+    exponent = '"-exponent" behind a name multiplies its volumes by (v₀/100 m/s)^(n - 2), n = speed_exponent.'
     heads = ("model", "what it says, and the source's equations")
     output.table("", rows, heads, (), [exponent, correlations])
     broken = [name for name, info in catalogue.items() if info.error]

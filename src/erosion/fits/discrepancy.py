@@ -95,7 +95,9 @@ class Discrepant(Misfit):
         """μ, shape (n, conditions)."""
         mean = self.plain.predict(values, conditions)
         if self.has_exponent:
-            mean = mean * np.exp(np.multiply.outer(values[EXPONENT] - 2, self._log_speed(conditions)))
+            held = self.plain.forward.held_exponent
+            assert held is not None
+            mean = mean * np.exp(np.multiply.outer(values[EXPONENT] - held, self._log_speed(conditions)))
         if self.has_discrepancy:
             mean = mean * np.exp(np.multiply.outer(values[_SINE], np.log(np.sin(conditions["alpha"]))))
         return mean
@@ -251,15 +253,15 @@ class Discrepant(Misfit):
         faster = np.abs(np.subtract.outer(self._log_speed(here), self._log_speed(there)))
         # Angles and speeds repeat, so that few distances are distinct.
         pairs, index = np.unique(np.round([apart.ravel(), faster.ravel()], 12), axis=1, return_inverse=True)
-        shape, index = apart.shape, index.ravel()
+        return functools.partial(_covariance, pairs, index.reshape(apart.shape))
 
-        def covariance(values: Mapping[str, np.ndarray]) -> np.ndarray:
-            part = {name: values[name][:, None] for name in (*_OF_ANGLE, *_OF_BOTH)}
-            of_angle = part["tau_angle"] ** 2 * _matern(pairs[0] / part["length_angle"])
-            both = np.hypot(pairs[0] / part["length"], pairs[1] / part["length_speed"])
-            return (of_angle + part["tau"] ** 2 * _matern(both))[:, index].reshape(-1, *shape)
 
-        return covariance
+def _covariance(pairs: np.ndarray, index: np.ndarray, values: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Of δ, where `index` says which of the `pairs` of distances, in angle and ln v, each of its elements has."""
+    part = {name: values[name][:, None] for name in (*_OF_ANGLE, *_OF_BOTH)}
+    of_angle = part["tau_angle"] ** 2 * _matern(pairs[0] / part["length_angle"])
+    both = np.hypot(pairs[0] / part["length"], pairs[1] / part["length_speed"])
+    return (of_angle + part["tau"] ** 2 * _matern(both))[:, index]
 
 
 def _matern(distance: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from scipy import stats
 from erosion.fits.least_squares import FitProblem, FitSolution, settle
 from erosion.fits.measurements import Condition, Measurements, conditions, describe
 from erosion.fits.outliers import far_rows
-from erosion.models import BUILT_IN, model_name
+from erosion.models import BUILT_IN, SPEED_EXPONENT, SpeedExponent, model_name
 from erosion.output.tables import Result, format_number, sentences
 from erosion.parameters.per_mass import far_from_tests, two_digits
 from erosion.parameters.quantities import conversion_factor, table_scale
@@ -493,13 +493,15 @@ def _of_speed(fit: "Calibration") -> list[str]:
     sums = [float(fit.curve(data.angle, {"v0": speed})[0].sum()) for speed in (speeds.min(), speeds.max())]
     of_model = np.log(sums[1] / sums[0]) / np.log(speeds.max() / speeds.min())
     # With a threshold, which all speeds share, the erosion grows faster than as v₀².
-    held = [name for name in fit.problem.forward.own_thresholds if of_data > 0 and name not in fit.names]
+    forward = fit.problem.forward
+    held = [name for name in forward.own_thresholds if of_data > 0 and name not in fit.names]
+    held += [SPEED_EXPONENT] * (isinstance(forward.model, SpeedExponent) and SPEED_EXPONENT not in fit.names)
     alone = min(len(group.rows) for group in groups) > len(fit.names)
     ways = " or ".join(sentences((held, f"free {', '.join(held)}"), (alone, "fit each speed alone")))
     said = (
         f"{ways}{': ' * bool(ways)}the model removes as v₀^{of_model:.3g}, these data as v₀^{of_model + of_data:.3g}."
     )
-    name = model_name(fit.problem.forward.model)
+    name = model_name(forward.model)
     free = f"The model with an exponent of its own is {name}-exponent; free speed_exponent."
     return [f"{said[0].upper()}{said[1:]}", *sentences((name in BUILT_IN, free))]
 

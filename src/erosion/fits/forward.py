@@ -19,7 +19,7 @@ from erosion.arguments import refuse
 from erosion.fits.errors import ErrorModel
 from erosion.fits.measurements import Measurements, read_measurements
 from erosion.impacts.impact import Impact, impact
-from erosion.models import CuttingModel, equations_of, load_model
+from erosion.models import SPEED_EXPONENT, CuttingModel, SpeedExponent, equations_of, load_model
 from erosion.models.base import own_parameters, quantities, replaced, require_one_impact, sizes, values, with_values
 from erosion.output.tables import briefly
 from erosion.parameters.case_files import Tested
@@ -242,6 +242,13 @@ class Forward:
         if self.data.free_scale:
             factor = factor * values[SCALE]
         return hits, factor
+
+    @property
+    def held_exponent(self) -> float | None:
+        """The exponent of the speed over which volumes grow in the model: 2, or its own; None where it is free."""
+        if not isinstance(self.model, SpeedExponent):
+            return 2.0
+        return None if SPEED_EXPONENT in self.free else float(self.model.speed_exponent)
 
     @property
     def own_thresholds(self) -> tuple[str, ...]:

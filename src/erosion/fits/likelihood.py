@@ -18,7 +18,7 @@ from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
 from erosion.fits.least_squares import default_width, make_problem
 from erosion.fits.tempering import Misfit
 from erosion.joint_laws import SHARE, LawSet, Member
-from erosion.models import SpeedExponent, quantities, ranges
+from erosion.models import SPEED_EXPONENT, SpeedExponent, quantities, ranges
 from erosion.output.tables import briefly
 from erosion.parameters.quantities import Quantity
 
@@ -77,7 +77,7 @@ def sampled_quantities(forward: Forward) -> dict[str, Quantity]:
 def _default(forward: Forward, name: str) -> Distribution:
     if name == FRACTION:
         return Uniform(0.0, 1.0)
-    if name == "speed_exponent" and isinstance(forward.model, SpeedExponent):
+    if name == SPEED_EXPONENT and isinstance(forward.model, SpeedExponent):
         return LAW_OF_EXPONENT
     typical = float(np.sqrt(np.mean(forward.data.erosion**2)))
     if name in _NOISES:

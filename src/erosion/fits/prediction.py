@@ -24,7 +24,7 @@ from erosion.fits.measurements import Measurements, usual_condition
 from erosion.fits.outliers import chances
 from erosion.fits.tempering import rhats, sample
 from erosion.joint_laws import LawSet
-from erosion.models import SpeedExponent, own_parameters
+from erosion.models import own_parameters
 from erosion.output.tables import Result, Row, format_number, sentences, to_plain
 
 CHAINS = 4
@@ -122,9 +122,10 @@ class Predictor(Result):
     @property
     def exponent(self) -> tuple[float, float] | None:
         """Mean and standard deviation of the speed's exponent over the model's v², in the average; None without."""
-        if not any(way.misfit.has_exponent for way in self.ways.values()):
+        held = self.forward.held_exponent
+        if held is None or not any(way.misfit.has_exponent for way in self.ways.values()):
             return None
-        draws = [values.get(EXPONENT, np.full(_size(values), 2.0)) for _, values in self.chosen(_MIXED)]
+        draws = [values.get(EXPONENT, np.full(_size(values), held)) for _, values in self.chosen(_MIXED)]
         draws = np.concatenate(draws)
         return float(draws.mean()), float(draws.std())
 
@@ -350,9 +351,9 @@ def make_predictor(plain: Predictor, progress: Progress = no_progress) -> Predic
     whole = model.misfit.plain
     few, rng = with_few_conditions(whole), np.random.default_rng([seed, 2])
     ways = {"model": model if few is whole else drawn(Discrepant(few, False, False), rng, progress)}
-    fitted = whole.forward.model
-    exponent = "v0" not in whole.forward.free and EXPONENT not in own_parameters(fitted)
-    exponent = exponent and not isinstance(fitted, SpeedExponent)  # which has one
+    forward = whole.forward
+    exponent = "v0" not in forward.free and EXPONENT not in own_parameters(forward.model)
+    exponent = exponent and forward.held_exponent is not None
     if exponent and is_of_one_speed(few):  # n has no influence on these data
         model, count = ways["model"], _size(ways["model"].values)
         law = {**model.values, EXPONENT: PRIORS[EXPONENT].ppf((rng.permutation(count) + 0.5) / count)}

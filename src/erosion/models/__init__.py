@@ -63,6 +63,7 @@ from erosion.models.registry import (
     usable_models as usable_models,
 )
 from erosion.models.rigid import (
+    SPEED_EXPONENT as SPEED_EXPONENT,
     AsPrinted as AsPrinted,
     Finnie as Finnie,
     Linearized as Linearized,

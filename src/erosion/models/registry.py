@@ -214,7 +214,7 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
 
 def model_name(model: CuttingModel) -> str:
     """The registered name of a model; else its class, with those of its parts that are a plug-in's."""
-    if isinstance(model, SpeedExponent):
+    if type(model) is SpeedExponent:
         return f"{model_name(model.motion)}{_EXPONENT}"
     if isinstance(model, Correlated):
         return model.label
@@ -234,7 +234,7 @@ def model_source(model: CuttingModel) -> str | None:
     """
     if isinstance(model, Correlated):
         return model.label
-    if isinstance(model, SpeedExponent) and (name := model_name(model.motion)) in BUILT_IN:
+    if type(model) is SpeedExponent and (name := model_name(model.motion)) in BUILT_IN:
         return f"{name}{_EXPONENT}"
     for name, info in BUILT_IN.items():
         if _same_parts(info.make(), model):

@@ -56,6 +56,8 @@ from erosion.ode.step_control import require_xla
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import conversion_factor
 
+SPEED_EXPONENT = "speed_exponent"
+"""The own parameter of `SpeedExponent`."""
 _REFERENCE = 100.0  # m/s, where an exponent of the speed changes nothing
 _Method = TypeVar("_Method", bound=Callable[..., Broadcast | State | Events])
 
@@ -473,10 +475,11 @@ class Rotating(RigidErodent):
 
 
 class SpeedExponent(SameMotion):
-    """A model's cuts whose volumes grow with the speed as measured ones: all of them times (v₀/100 m/s)^(n - 2).
+    """A model's cuts whose volumes grow faster with the speed: all of them times (v₀/100 m/s)^(n - 2).
 
-    At 100 m/s, or with n = 2, it is the model itself. A cut grows as v₀², or nearly so, erosion of metals faster:
-    as v₀^2.6 by DNV and v₀^2.41 by E/CRC (`erosion.correlations`). The model's own quantities are not carried over.
+    At 100 m/s, or with n = 2, it is the model itself. Without spin and threshold, `linearized` and `finnie` remove as
+    v₀², models that turn nearly so; erosion of metals grows as v₀^2.6 by DNV and v₀^2.41 by E/CRC
+    (`erosion.correlations`, which have exponents of their own). The model's own quantities are not carried over.
 
     Args:
         motion: any model.
@@ -484,7 +487,7 @@ class SpeedExponent(SameMotion):
     """
 
     motion: CuttingModel
-    speed_exponent: float = own_parameter(2.4, "n", "exponent of the speed", least=0.0)
+    speed_exponent: float = own_parameter(2.4, "n", "exponent of the speed for volumes as v₀²", least=0.0)
 
     def factor(self, p: Parameters) -> Broadcast:
         """Of every volume [-]; NaN, so that the impact fails, where n is negative."""
