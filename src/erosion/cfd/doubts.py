@@ -30,9 +30,9 @@ _REPEATED = 0.01  # share of rows above which they are said
 _NEIGHBOURS, _ASKED = 200_000, 2000  # rows that are compared with their neighbours at most, and those that are asked
 _TWIN = 0.1  # of the distance to the next neighbour; a tenth of random rows on a line are as near to another one
 _TWINS = 0.3  # share of the rows above which such twins are said
-_JOURNEYS = 30  # from one hit to the next, from which on they are compared with speeds
+_JOURNEYS = 30  # from one shallow hit to the next, from which on they are compared with speeds
 _DETOUR, _SHORT_CUT = 0.5, 2.5  # the straightest ways over those by the speeds at both ends, in hardly any flow
-_STEEP = 45.0  # mean angle from which on it may be measured from the normal [°]
+_STEEP = 45.0  # mean angle from which on it may be measured from the normal, and hits send grains far up [°]
 _LARGEST, _IN_GRAINS = 100.0, 20.0  # sizes of a surface that no part has [m], and over the diameter of grains
 _NUMBERED = 10  # rows from which on angles are told in radians
 
@@ -114,13 +114,14 @@ class Journeys:
     """How far parcels come from one hit to the next, beside what their speeds and times say."""
 
     def __init__(self) -> None:
-        self._held, self._stride = np.zeros((6, 0)), 1  # parcel, time, position and speed
+        self._held, self._stride = np.zeros((7, 0)), 1  # parcel, time, position, speed and angle
 
     def add(self, block: ImpactBlock, hits: Hits) -> None:
         """Take note of the rows of a block; of a parcel all are kept or none."""
         if block.time is None or block.parcel is None or block.position is None:
             return
-        rows = np.array([hits.parcel, np.asarray(block.time), *hits.position.T, hits.speed], float)
+        angle = np.where(hits.fate == HIT, hits.alpha, np.inf)
+        rows = np.array([hits.parcel, np.asarray(block.time), *hits.position.T, hits.speed, angle], float)
         self._held = np.append(self._held, rows[:, rows[0] % self._stride == 0], axis=1)
         while self._held.shape[1] > _NEIGHBOURS and self._stride < _COMPARED:
             self._stride *= 2
@@ -128,16 +129,19 @@ class Journeys:
 
     def in_words(self) -> Iterator[str]:
         """A sentence where no flow explains the distances."""
-        parcel, time, *position, speed = self._held[:, np.lexsort((self._held[1], self._held[0]))]
-        after = np.flatnonzero((np.diff(parcel) == 0) & (np.diff(time) > 0))
+        parcel, time, *position, speed, angle = self._held[:, np.lexsort((self._held[1], self._held[0]))]
+        # After a steep hit a grain comes back to the same place, slowly.
+        is_shallow = angle[:-1] < math.radians(_STEEP)
+        after = np.flatnonzero((np.diff(parcel) == 0) & (np.diff(time) > 0) & is_shallow)
         if len(after) < _JOURNEYS:
             return
         way = (speed[:-1] + speed[1:]) / 2 * np.diff(time)
         ratio = (np.linalg.norm(np.diff(position), axis=0) / np.maximum(way, 1e-300))[after]
         if not _DETOUR < (most := float(np.quantile(ratio, 0.95))) < _SHORT_CUT:
+            cyclic = " Or does the domain repeat itself?" * (most <= _DETOUR)
             yield (
                 f"From one hit to the next parcels come up to {most:.2g} × as far as their speeds and times say; are "
-                "the units of speed, position and time right, and the numbers those of parcels?"
+                f"the units of speed, position and time right, and the numbers those of parcels?{cyclic}"
             )
 
 
