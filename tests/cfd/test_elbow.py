@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
+from pyarrow import parquet as pq
 
 import erosion
 from erosion.cfd.doubts import Repeats
@@ -258,6 +260,32 @@ def test_speeds_beside_velocities_are_compared(tmp_path: Path, factor: float, wo
     assert is_right
     assert ("are the units of both right?" in said) == bool(words)
     assert words in said
+
+
+TEXTS = "n/a", "", "abc", '"1,234.5"', "–", "nan"
+
+
+@pytest.mark.parametrize("kind", [*TEXTS, "texts", "lists", "none", "no type"])
+@pytest.mark.parametrize("factor", [1.0, 3.6])
+def test_speeds_beside_velocities_need_not_be_numbers(tmp_path: Path, kind: str, factor: float) -> None:
+    velocity = np.stack([CLEAN[f"{axis} [m/s]"] for axis in "uvw"], axis=1)
+    speed, path = factor * np.linalg.norm(velocity, axis=1), tmp_path / ("a.csv" if kind in TEXTS else "a.parquet")
+    if kind in TEXTS:
+        head, *rows = text(CLEAN).splitlines()
+        cells = [kind if row % 3 else f"{number:.6g}" for row, number in enumerate(speed)]
+        lines = [f"{head},speed [m/s]", *map(",".join, zip(rows, cells, strict=True)), ""]
+        path.write_bytes("\n".join(lines).encode("cp1252"))
+    else:
+        columns: dict[str, Any] = {
+            "texts": [f"{number:.6g}" for number in speed],
+            "lists": [*velocity],
+            "none": pa.array([None] * len(speed), pa.float64()),
+            "no type": [None] * len(speed),
+        }
+        pq.write_table(pa.table({**CLEAN, "speed [m/s]": columns[kind]}), path)
+    is_right, said = answer(path)
+    assert is_right
+    assert ("is 3.6 × the speed by the" in said) == (factor != 1 and kind in (*TEXTS, "texts"))
 
 
 def test_angles_from_the_normal_are_asked_for(tmp_path: Path) -> None:

@@ -122,8 +122,8 @@ class NamedImpacts(Impacts):
         """See `Impacts`; after the last block `warnings` has what is doubtful in its numbers."""
         first, noted = 0, Noted(self.columns, self.beside)
         beside = [self.beside] if self.beside else []
-        wanted = [column.name for column in [*self.columns.values(), *beside]]
-        for batch in _BATCHES[kind_of(self.path)](self.path, wanted):
+        wanted = [column.name for column in self.columns.values()]
+        for batch in _BATCHES[kind_of(self.path)](self.path, wanted, [column.name for column in beside]):
             columns = dict[str, np.ndarray]()
             for name, (head, size, *_) in self.columns.items():
                 is_number = batch.column(head).is_valid().to_numpy(zero_copy_only=False)
@@ -133,9 +133,7 @@ class NamedImpacts(Impacts):
             if not first:
                 self._require_weights(columns)
                 for name, size, *_ in beside:
-                    noted.add_speeds(
-                        columns, np.asarray(batch.column(name).to_numpy(zero_copy_only=False), float) * size
-                    )
+                    noted.add_speeds(columns, np.array(list(map(_number, batch.column(name).to_pylist()))) * size)
             noted.add_rows(columns)
             for block in blocks(self.title, first, columns, rows, self.density, self.duration):
                 noted.add_sizes(block, columns.get("density", np.zeros(0))[block.first - first :][: block.rows])
@@ -211,6 +209,14 @@ def _in_words(columns: Mapping[str, Column]) -> str:
         unit = f" in {column.unit}{' as given' * column.is_given}" if column.unit else ""
         groups.setdefault((what, unit), []).append(head_parts(column.name)[0] or column.name.strip())
     return "; ".join(f"{what} from {', '.join(heads)}{unit}" for (what, unit), heads in groups.items())
+
+
+def _number(cell: Any) -> float:
+    """That of a cell of any kind, or NaN."""
+    try:
+        return float(cell)
+    except (TypeError, ValueError):
+        return math.nan
 
 
 def _ends_with_a_line(path: Path) -> bool:
@@ -422,12 +428,12 @@ def _csv_header(path: Path) -> _Layout:
     return _Layout(first, heads, delimiter, decimal)
 
 
-def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
-    """Some rows at a time; comments among them are left out."""
+def _csv_batches(path: Path, wanted: Sequence[str], beside: Sequence[str]) -> Iterator[Any]:
+    """Some rows at a time; comments among them are left out, and columns beside those that are wanted are texts."""
     arrow, reader = library("pyarrow", "cfd"), library("pyarrow.csv", "cfd")
     first, heads, delimiter, decimal = _csv_header(path)
     begins = [heads[0]] if heads[0] not in wanted and heads.count(heads[0]) == 1 else []
-    wrong: list[Any] = []
+    texts, wrong = dict.fromkeys(beside, arrow.binary()) | dict.fromkeys(begins, arrow.string()), list[Any]()
 
     def refuse(row: Any) -> str:
         if row.text.lstrip(' "').startswith("#"):
@@ -442,9 +448,9 @@ def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
                 reader.ReadOptions(column_names=heads, skip_rows=first + 1, block_size=_BLOCK),
                 reader.ParseOptions(delimiter=delimiter, invalid_row_handler=refuse, newlines_in_values=False),
                 reader.ConvertOptions(
-                    include_columns=[*wanted, *begins],
+                    include_columns=[*wanted, *texts],
                     decimal_point=decimal,
-                    column_types=dict.fromkeys(wanted, arrow.float64()) | dict.fromkeys(begins, arrow.string()),
+                    column_types=dict.fromkeys(wanted, arrow.float64()) | texts,
                 ),
             )
             for batch in batches:
@@ -453,6 +459,9 @@ def _csv_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
                         raise ImpactsError(
                             f"{path}: column {name!r}: rows begin with # as comments do; take these rows away."
                         )
+                for name in beside:
+                    with_points = library("pyarrow.compute", "cfd").replace_substring(batch.column(name), decimal, ".")
+                    batch = batch.set_column(batch.schema.get_field_index(name), name, with_points)
                 yield batch
         except arrow.ArrowInvalid as error:
             if not wrong:
@@ -502,18 +511,18 @@ def _require_numbers(path: Path, schema: Any, wanted: Sequence[str]) -> None:
             raise ImpactsError(f"{path}: column {name!r} must hold numbers, but holds {kind}.")
 
 
-def _parquet_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
+def _parquet_batches(path: Path, wanted: Sequence[str], beside: Sequence[str]) -> Iterator[Any]:
     with _open_parquet(path) as file:
         _require_numbers(path, file.schema_arrow, wanted)
-        yield from file.iter_batches(_BLOCK // 32, columns=list(wanted))
+        yield from file.iter_batches(_BLOCK // 32, columns=[*wanted, *beside])
 
 
-def _vtk_batches(path: Path, wanted: Sequence[str]) -> Iterator[Any]:
+def _vtk_batches(path: Path, wanted: Sequence[str], beside: Sequence[str]) -> Iterator[Any]:
     for table in vtk_tables(path).values():
         _require_numbers(path, table.schema, wanted)
-        yield from table.select(wanted).to_batches(_BLOCK // 32)
+        yield from table.select([*wanted, *beside]).to_batches(_BLOCK // 32)
 
 
-_BATCHES: Mapping[str, Callable[[Path, Sequence[str]], Iterator[Any]]] = {
+_BATCHES: Mapping[str, Callable[[Path, Sequence[str], Sequence[str]], Iterator[Any]]] = {
     "csv": _csv_batches, "parquet": _parquet_batches, "vtk": _vtk_batches,
 }  # fmt: skip
