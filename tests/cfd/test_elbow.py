@@ -339,6 +339,7 @@ def test_rows_that_are_alike_are_not_called_twice(kind: str) -> None:
     # On a line rows follow one another too closely to be told from their neighbours.
     assert "on a line" in kind or "in the table twice" in said[1]
     assert "50,000 of 100,000 rows repeat another one" in said[2]
+    assert "or does the injection repeat itself?" in said[2]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 1.0])

@@ -99,7 +99,8 @@ class Repeats:
 
     def in_words(self) -> Iterator[str]:
         """Sentences."""
-        compared, again = len(self._digests), "is a part of the run in the table twice?"
+        compared = len(self._digests)
+        again = "is a part of the run in the table twice, or does the injection repeat itself?"
         repeated = compared - len(np.unique(self._digests))
         if repeated > _REPEATED * compared:
             share, some = repeated / compared, "about " * (self._stride > 1)
