@@ -138,6 +138,31 @@ def test_a_strip_with_one_side_is_named() -> None:
     assert strip.mixed.size
 
 
+@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_sides_of_a_sheet_may_have_other_diagonals(part: str, turned: bool) -> None:
+    quads = PARTS[part].corners.reshape(-1, 4)
+    one, other = (np.concatenate([quads[:, cut] for cut in cuts]) for cuts in (([0, 1, 2], [0, 2, 3]),
+                                                                               ([0, 1, 3], [1, 2, 3])))  # fmt: skip
+    # In single precision, and oblique to the axes, as an STL has it.
+    turn = np.linalg.qr(np.random.default_rng(6).standard_normal((3, 3)))[0] if turned else np.eye(3)
+    turn[0] *= np.linalg.det(turn)
+    points = (PARTS[part].points @ turn.T).astype(np.float32).astype(float)
+    upper = polygons(points, one)
+    both = polygons(points, np.concatenate([one, other[:, ::-1]]))
+    sheet = polygons(points, quads)
+    above, below = rows_on(sheet, 400), rows_on(sheet.reversed(), 400, seed=1)
+    table = above.replace(**{name: np.concatenate([its, below.columns[name]]) for name, its in above.columns.items()})
+    wear = erosion.erosion_map("dnv", P, table, both)
+    assert not wear["left_out"].any()
+    sides = wear["impacts"].values.reshape(2, -1)
+    np.testing.assert_array_equal(sides.sum(axis=1), [400, 400])
+    assert "faces that are hit lie on others" in wear.attrs["warnings"]
+    alone = erosion.erosion_map("dnv", P, above, upper)
+    assert "lie on others" not in alone.attrs["warnings"]
+    np.testing.assert_allclose(wear["volume"].values[: upper.faces].sum(), alone["volume"].sum(), rtol=1e-6)
+
+
 @pytest.mark.parametrize("reverse", [False, "auto"])
 @pytest.mark.parametrize("thickness", [0.0, 1e-3])
 def test_each_side_of_a_sheet_has_its_own_impacts(thickness: float, reverse: bool | str, tmp_path: Path) -> None:

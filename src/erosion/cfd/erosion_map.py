@@ -322,7 +322,11 @@ class MapJob:
                 f"their neighbours, the first are {first}; impacts on them are taken for rebounds. Argument `reverse` "
                 "'auto' turns them."
             )
-        if tally.unnamed and (sheets := int(((tally.sums["impacts"] > 0) & (surface.other_side >= 0)).sum())):
+        if not tally.unnamed:
+            return
+        hit = np.flatnonzero(tally.sums["impacts"])
+        centre = surface.centre[hit]
+        if sheets := int((surface.other_side(hit, centre, surface.distance(hit, centre)) >= 0).sum()):
             yield (
                 f"{surface.title}: {sheets:,} faces that are hit lie on others with opposite normals, as both sides of "
                 "a sheet. Rows count on the side that they approach; velocities after a rebound would not show."

@@ -116,7 +116,8 @@ class Incidence:
         meets = fate == HIT
         if self.surface is not None and block.velocity is not None and (behind := meets & ~named & (alpha <= 0)).any():
             # Of both sides of a sheet, which are equally near, the one that is approached.
-            face = np.where(behind & (self.surface.other_side[face] >= 0), self.surface.other_side[face], face)
+            other = self.surface.other_side(face[behind], np.asarray(block.position)[behind], distance[behind])
+            face[behind] = np.where(other >= 0, other, face[behind])
             speed, alpha = self._motion(block, face)
         fate[meets & (alpha <= 0)] = RECEDING
         fate[meets & (speed == 0)] = STUCK

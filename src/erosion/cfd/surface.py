@@ -21,7 +21,8 @@ METRES: Mapping[str, float] = {
 
 _SHARP = np.pi / 3
 """The angle between two faces from which on they are two walls, not facets of a curved one [rad]."""
-_SAME_PLACE = 1e-9  # of the surface's length
+_SAME_PLACE = 1e-6  # of the surface's length, to which files in single precision round it
+_SLANTED = np.array([0.46, 0.59, 0.66])  # a direction in which hardly any wall lies
 _ROWS = 1 << 15  # whose distances are computed at once
 
 
@@ -181,6 +182,31 @@ class Surface:
             distances[first : first + _ROWS] = np.minimum.reduceat(each, begins)
         return distances
 
+    def other_side(self, faces: Indices, positions: Vectors, distances: Numbers) -> Indices:
+        """Of each position the face as near with the opposite normal, as sheets without thickness have one; else -1.
+
+        Args:
+            faces: the nearest of each position.
+            positions: shape (rows, 3) [m].
+            distances: of these faces [m].
+        """
+        core, model = (library(f"vtkmodules.vtkCommon{part}", "cfd") for part in ("Core", "DataModel"))
+        cell, point, number, part, square = model.vtkGenericCell(), [0.0] * 3, *(core.mutable(0) for _ in range(3))
+        radii = distances + _SAME_PLACE * self.length
+        other, normal, position = np.full(len(faces), -1), self.normal, np.asarray(positions, float)
+        along = normal[faces] @ _SLANTED >= 0
+        for (face, triangles), rows in zip(self._halves, (along, ~along), strict=True):
+            if not (face.size and rows.any()):
+                continue
+            tree = model.vtkStaticCellLocator()
+            tree.SetDataSet(triangles)
+            tree.BuildLocator()
+            for row in np.flatnonzero(rows):
+                if tree.FindClosestPointWithinRadius(position[row], radii[row], point, cell, number, part, square):
+                    other[row] = face[int(number)]
+        opposite = np.einsum("ij,ij->i", normal[faces], normal[other]) < -np.cos(_SHARP)
+        return np.where(opposite, other, -1)
+
     @functools.cached_property
     def box(self) -> tuple[Numbers, Numbers]:
         """The least and the greatest coordinates [m]."""
@@ -268,17 +294,6 @@ class Surface:
             return np.unique([one[are_along], other[are_along]])
 
     @functools.cached_property
-    def other_side(self) -> Indices:
-        """Of each face the one in the same place with the opposite normal, as sheets without thickness have; or -1."""
-        place, other_side = np.rint(self.centre / (_SAME_PLACE * self.length)), np.full(self.faces, -1)
-        order = np.lexsort(place.T)
-        one, other = order[:-1], order[1:]
-        opposite = np.einsum("ij,ij->i", self.normal[one], self.normal[other]) < -np.cos(_SHARP)
-        pairs = (place[one] == place[other]).all(axis=1) & opposite
-        other_side[one[pairs]], other_side[other[pairs]] = other[pairs], one[pairs]
-        return other_side
-
-    @functools.cached_property
     def _triangles(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Face and three corners of each triangle: a triangle is itself, another polygon has one to a side."""
         sizes = np.diff(self.ends, prepend=0)
@@ -304,7 +319,17 @@ class Surface:
 
         VTK takes polygons too, but their sides are exact only to 1e-4 of their length.
         """
-        _, *corners = self._triangles
+        return self._polydata(slice(None))
+
+    @functools.cached_property
+    def _halves(self) -> list[tuple[np.ndarray, Any]]:
+        """The face of each triangle, and these for VTK, of the faces that look against a direction, and along it."""
+        face, along = self._triangles[0], self.normal @ _SLANTED >= 0
+        return [(face[half], self._polydata(half)) for half in (~along[face], along[face])]
+
+    def _polydata(self, triangles: Any) -> Any:
+        """Some of the triangles."""
+        _, *corners = (values[triangles] for values in self._triangles)
         cells = np.arange(3 * len(corners[0])).reshape(3, -1).T
         return library("pyvista", "cfd").PolyData.from_regular_faces(np.concatenate(corners), cells)
 
