@@ -28,6 +28,17 @@ def test_advise_prints_a_table_and_writes_a_page(shell, tmp_path):
 
 
 @pytest.mark.slow
+def test_advise_prints_commands_that_can_be_copied(shell, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    lines = shell([*LINE[:-1], "finnie,linearized"]).out.splitlines()
+    (fit,) = [line for line in lines if "“erosion calibrate" in line]
+    assert '--target "aluminium 6061" --v0 "100 m/s"”' in fit
+    (case,) = [line for line in lines if "erosion advise" in line]
+    assert "“erosion advise fitted.toml”" in case
+    assert all(len(line) <= 60 for line in lines if line != fit)
+
+
+@pytest.mark.slow
 def test_advise_reads_a_case_file_and_prints_a_document(shell, tmp_path):
     case = tmp_path / "case.toml"
     case.write_text('particle = "garnet 0.3 mm"\ntarget = "copper"\nk = 2\npsi = 2\nv0 = "80 m/s"\nalpha = "20 deg"\n')

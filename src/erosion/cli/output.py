@@ -5,6 +5,7 @@ import dataclasses
 import os
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,6 +17,8 @@ from erosion.cli.errors import InputError, printable, reading, user_errors
 from erosion.cli.options import MODEL, CaseOptions
 from erosion.parameters.quantities import QUANTITIES
 from erosion.version import __version__
+
+_SPACE = "\ue000"  # within a command; of private use, so that no text has it
 
 
 def require_outputs(*outputs: Path | None, plot: Path | None = None, inputs: Sequence[Any] = ()) -> None:
@@ -145,7 +148,7 @@ class Output:
             rows: cells.
             headings: of the columns.
             numbers: the columns that are flush right.
-            sentences: each wrapped between words.
+            sentences: each wrapped between words, but not within a command, which would be lost to copy and paste.
             before: the same, above the table.
         """
         if self.json:
@@ -162,8 +165,10 @@ class Output:
             for line in lazy.to_lines(title, rows, headings or lazy.HEADINGS, numbers, width):
                 console.print(line, soft_wrap=True)
             for sentence in sentences:
-                console.print(sentence, markup=False, width=width)
-        print(captured.get(), end="")
+                kept = re.sub("[“„]erosion [^“”]*", lambda quoted: quoted[0].replace(" ", _SPACE), sentence)
+                lines = textwrap.fill(kept, width, break_long_words=False, break_on_hyphens=False)
+                console.print(lines, markup=False, soft_wrap=True)
+        print(captured.get().replace(_SPACE, " "), end="")
 
     def wrote(self, *sentences: str, **paths: Path | None) -> None:
         """Say which files are written, those of a `figure` each, and sentences on them; nothing beside JSON."""
