@@ -2,6 +2,7 @@
 
 import errno
 import importlib
+import json
 import socket
 import subprocess
 import sys
@@ -89,7 +90,8 @@ def test_a_plug_in_of_a_case_file_and_an_option_is_offered_once(
     explored: Callable[..., Service], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(Path(PLUG_IN).parent)
-    service = explored(f"{UNFITTED}model = '{PLUG_IN}'\nset = {{ reach = 0.7 }}", "--model", "saturating_lip.py")
+    text = f"{UNFITTED}model = {json.dumps(PLUG_IN)}\nset = {{ reach = 0.7 }}"
+    service = explored(text, "--model", "saturating_lip.py")
     assert [name for name in service.summaries if "lip" in name] == ["saturating_lip"]
     assert service.start.shown == "saturating_lip"
     assert service.start.case.own_values("saturating_lip") == {"reach": 0.7}
