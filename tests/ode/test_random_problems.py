@@ -1,4 +1,4 @@
-"""Random small problems with random smooth events, against DOP853 at 1e-12 and fine sampling.
+"""Random small problems with random smooth events, against DOP853 at 1e-12 and fine sampling, and differences.
 
 The coefficients are arguments, so that one program serves many problems. `EROSION_RANDOM_PROBLEMS=2000` asks for more.
 """
@@ -21,6 +21,8 @@ DIRECTIONS = ((-1,), (1, 0), (0, -1, 1))  # for each number of unknowns, those o
 T1 = 8.0
 SAMPLES = 4000
 GRAZE = 1e-7  # of an event function's size: so near zero without passing it, rounding decides
+STEP = 1e-3  # of differences
+ROUGH = 1e-4  # by which those of orders 2 and 4 may disagree
 FREQUENCIES = np.array([0.7, 1.3])
 
 
@@ -34,6 +36,7 @@ class Numbers(NamedTuple):
         bells: (n, n), of products in exp(-y²).
         force: (n, 2), of cosines in time.
         planes, offsets, curves: (k, n), (k,), (k, n): event functions planes·y + curves·sin(y) - offsets.
+        push: a constant part of each rate, by which derivatives are taken.
     """
 
     start: np.ndarray
@@ -45,6 +48,7 @@ class Numbers(NamedTuple):
     planes: np.ndarray
     offsets: np.ndarray
     curves: np.ndarray
+    push: Any = 0.0
 
 
 def random_numbers(n: int, events: int, random: np.random.Generator) -> Numbers:
@@ -71,7 +75,7 @@ def field(m: Any, t: Any, y: Any, p: Numbers) -> Any:
     """A bounded field, but for its damped linear part."""
     return (
         p.linear @ y + m.sin(p.waves @ y + p.phases) + p.bells @ (y * m.exp(-y * y)) + p.force @ m.cos(FREQUENCIES * t)
-    )
+    ) + p.push
 
 
 def event(m: Any, y: Any, p: Numbers, i: int) -> Any:
@@ -144,19 +148,24 @@ def truth_of(n: int, p: Numbers) -> Truth:
 
 
 class Errors(NamedTuple):
-    """Of one problem: whether its end is wrong, and relative errors of time, state and integral."""
+    """Of one problem: whether its end is wrong, and relative errors of time, state, integral and of their derivatives.
+
+    The last are taken against differences; NaN where a little push changes the event.
+    """
 
     wrong: bool
     t: float
     y: float
     integral: float
+    derivatives: float
 
 
 def errors_of(n: int, count: int, seed: int) -> list[Errors]:
     """Those of random problems with n unknowns."""
     random = np.random.default_rng(seed)
     lanes = [random_numbers(n, len(DIRECTIONS[UNKNOWNS.index(n)]), random) for _ in range(count)]
-    ends = [ode.solve(problem_of(n), p, t1=T1, shared=Numbers._fields) for p in lanes]
+    options = {"t1": T1, "shared": Numbers._fields[:-1]}
+    ends = [ode.solve(problem_of(n), p, **options) for p in lanes]
     errors = []
     for p, end in zip(lanes, ends, strict=True):
         true = truth_of(n, p)
@@ -169,9 +178,29 @@ def errors_of(n: int, count: int, seed: int) -> list[Errors]:
                 abs(float(end.t) / true.t - 1),
                 float(np.max(np.abs(end.y - true.y)) / np.max(np.abs(true.y))),
                 abs(float(end.integrals["speed"]) / true.integral - 1),
+                derivatives_off(n, p, options),
             )
         )
     return errors
+
+
+def derivatives_off(n: int, p: Numbers, options: dict[str, Any]) -> float:
+    """How far the derivatives of t, y and the integral are from differences, over 1 and the greatest of them.
+
+    Where an event is nearly grazed, differences of two orders disagree: then they are not known.
+    """
+    slopes = ode.solve(problem_of(n), p, wrt="push", derivatives=1, **options)
+    sides = ode.solve(problem_of(n), p._replace(push=np.array([-2, -1, 1, 2]) * STEP), rtol=1e-13, **options)
+    if not (sides.ended_by == slopes.ended_by).all():
+        return np.nan
+    along = slopes.along("push")
+    found = np.concatenate([[along.t], np.ravel(along.y), [along.integrals["speed"]]])
+    values = np.concatenate([[sides.t], np.asarray(sides.y).reshape(4, -1).T, [sides.integrals["speed"]]])
+    expected = values @ np.array([1, -8, 8, -1]) / (12 * STEP)
+    size = max(1.0, np.max(np.abs(expected)))
+    if np.max(np.abs(expected - values @ np.array([0, -1, 1, 0]) / (2 * STEP))) > ROUGH * size:
+        return np.nan
+    return float(np.max(np.abs(found - expected)) / size)
 
 
 @pytest.mark.parametrize("n", UNKNOWNS)
@@ -179,6 +208,11 @@ def test_random_problems_end_as_dense_output_says(n: int) -> None:
     errors = errors_of(n, COUNT // len(UNKNOWNS), seed=n)
     assert len(errors) > 0.9 * (COUNT // len(UNKNOWNS))
     print(f"{n} unknowns, {len(errors)} problems")
+    derivatives = np.array([error.derivatives for error in errors if not error.wrong])
+    known = derivatives[np.isfinite(derivatives)]
+    print(f"  {known.size} derivatives: {np.percentile(known, [50, 99, 100])}")
+    assert known.size > 0.9 * derivatives.size
+    assert known.max() < ROUGH / 100
     for name in ("t", "y", "integral"):
         values = [getattr(error, name) for error in errors if not error.wrong]
         print(f"  {name}: {np.percentile(values, [50, 99, 100])}")
