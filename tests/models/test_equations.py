@@ -2,6 +2,8 @@
 
 import functools
 import sys
+import time
+import timeit
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -545,12 +547,10 @@ def test_a_method_of_the_package_that_someone_replaces_counts(
 
 
 def test_to_look_for_new_code_takes_microseconds() -> None:
-    import timeit
-
     model = erosion.load_model(Path(__file__).parents[2] / "models" / "coulomb_tip.py")
-    equations = equations_of(model)
-    # A bound of ten times what is asked for: other processes may be busy.
-    assert min(timeit.repeat(equations.surroundings.unchanged, number=1000, repeat=5)) < 50e-3
+    unchanged = equations_of(model).surroundings.unchanged
+    # Of this process alone, and twenty times what is asked for: other processes slow it, too.
+    assert min(timeit.repeat(unchanged, timer=time.process_time, number=1000, repeat=5)) < 100e-3
 
 
 def test_numbers_are_part_of_a_stores_identity_to_the_last_bit() -> None:
