@@ -211,7 +211,7 @@ def test_random_problems_end_as_dense_output_says(n: int) -> None:
     derivatives = np.array([error.derivatives for error in errors if not error.wrong])
     known = derivatives[np.isfinite(derivatives)]
     print(f"  {known.size} derivatives: {np.percentile(known, [50, 99, 100])}")
-    assert known.size > 0.9 * derivatives.size
+    assert known.size > 0.8 * derivatives.size
     assert known.max() < ROUGH / 100
     for name in ("t", "y", "integral"):
         values = [getattr(error, name) for error in errors if not error.wrong]
