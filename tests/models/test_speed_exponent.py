@@ -80,6 +80,9 @@ def test_an_exponent_that_is_held_is_not_known(tests):
     assert drawn.predictor.exponent == pytest.approx((2.4, 0.25), abs=0.06)  # in one way of three it is as held
     far = drawn.predict(np.deg2rad([30]), {"v0": 196.0})
     assert far.std() / far.mean() > 0.3
+    way = drawn.predictor.ways["exponent"]
+    near, far = way.misfit.mean(way.values, {"alpha": np.full(2, 0.5), "v0": np.array([60.0, 196.0])}).T
+    np.testing.assert_allclose(np.log(far / near) / np.log(196 / 60), way.values["exponent"], rtol=1e-9)
     fit = erosion.calibrate("linearized-deformation-exponent", P, tests, ["k", "psi", "energy_ratio"])
     assert any(said.startswith("Free threshold, speed_exponent or fit each speed alone") for said in fit.warnings)
     assert pickle.loads(pickle.dumps(drawn)).predictor.weights == drawn.predictor.weights
