@@ -26,8 +26,7 @@ from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.incidence import Incidence
 from erosion.cfd.openfoam import open_case
 from erosion.cfd.read import read_impacts, read_surface
-from erosion.cfd.rows import ImpactBlock, ImpactsError
-from tests.cfd.parts import PARTS
+from erosion.cfd.rows import ImpactsError
 
 RUNS = Path(__file__).parent / "openfoam"
 TABLES = Path("postProcessing") / "lagrangian" / "kinematicCloud" / "impacts"
@@ -160,24 +159,6 @@ def test_ways_between_hits_are_compared_with_speeds(run, what, factor, words):
     said = " ".join(journeys.in_words())
     assert words in said
     assert bool(said) == bool(what)
-
-
-@pytest.mark.parametrize(("alpha", "words"), [(80, ""), (60, ""), (30, "does the domain repeat itself?")])
-def test_grains_come_back_slowly_after_a_steep_hit(alpha, words):
-    """A jet sends grains that rebound back; after a shallow hit they are back only in a cyclic domain."""
-    rng, angle, jets = np.random.default_rng(0), math.radians(alpha), 200
-    first = np.column_stack([rng.uniform(-1e-3, 1e-3, (jets, 2)), np.zeros(jets)])
-    position = np.concatenate([first, first + np.column_stack([rng.uniform(0, 2e-3, (jets, 2)), np.zeros(jets)])])
-    velocity = np.repeat([[60 * math.cos(angle), 0, -60 * math.sin(angle)], [5, 0, -1]], jets, axis=0)
-    time = np.concatenate([begin := rng.random(jets), begin + 2e-3])
-    size, parcel = np.full(2 * jets, 2e-4), np.tile(np.arange(jets), 2)
-    block = ImpactBlock("a", 0, np.ones_like(size), 1e-8 * np.ones_like(size), size, velocity=velocity,
-                        position=position, time=time, parcel=parcel)  # fmt: skip
-    journeys = Journeys()
-    journeys.add(block, Incidence(PARTS["plate"]).hits(block))
-    said = " ".join(journeys.in_words())
-    assert words in said
-    assert bool(said) == bool(words)
 
 
 def test_parcels_that_hit_elsewhere_do_not_come():

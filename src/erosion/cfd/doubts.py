@@ -31,7 +31,8 @@ _NEIGHBOURS, _ASKED = 200_000, 2000  # rows that are compared with their neighbo
 _TWIN = 0.1  # of the distance to the next neighbour; a tenth of random rows on a line are as near to another one
 _TWINS = 0.3  # share of the rows above which such twins are said
 _JOURNEYS = 30  # from one shallow hit to the next, from which on they are compared with speeds
-_DETOUR, _SHORT_CUT = 0.5, 2.5  # the straightest ways over those by the speeds at both ends, in hardly any flow
+_WAYS = 0.5, 2.5  # the straightest ways over those by the speeds at both ends, less and more in hardly any flow
+_EVEN, _EVEN_WAYS = 1.25, (0.58, 1.4)  # the same where all are alike, the straightest over the middle one
 _STEEP = 45.0  # mean angle from which on it may be measured from the normal, and hits send grains far up [°]
 _LARGEST, _IN_GRAINS = 100.0, 20.0  # sizes of a surface that no part has [m], and over the diameter of grains
 _NUMBERED = 10  # rows from which on angles are told in radians
@@ -138,8 +139,11 @@ class Journeys:
             return
         way = (speed[:-1] + speed[1:]) / 2 * np.diff(time)
         ratio = (np.linalg.norm(np.diff(position), axis=0) / np.maximum(way, 1e-300))[after]
-        if not _DETOUR < (most := float(np.quantile(ratio, 0.95))) < _SHORT_CUT:
-            cyclic = " Or does the domain repeat itself?" * (most <= _DETOUR)
+        middle, most = np.quantile(ratio, [0.5, 0.95]).tolist()
+        # Ways that are alike are straight, and the flow hardly changes speeds on them.
+        least, greatest = _EVEN_WAYS if most < _EVEN * middle else _WAYS
+        if not least < most < greatest:
+            cyclic = " Or does the domain repeat itself?" * (most <= least)
             yield (
                 f"From one hit to the next parcels come up to {most:.2g} × as far as their speeds and times say; are "
                 f"the units of speed, position and time right, and the numbers those of parcels?{cyclic}"

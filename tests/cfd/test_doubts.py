@@ -1,0 +1,55 @@
+"""What is doubtful in rows: ways between hits beside speeds."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from erosion.cfd.doubts import Journeys
+from erosion.cfd.incidence import Incidence
+from erosion.cfd.rows import ImpactBlock
+from tests.cfd.parts import PARTS
+
+
+@pytest.mark.parametrize(("alpha", "words"), [(80, ""), (60, ""), (30, "does the domain repeat itself?")])
+def test_grains_come_back_slowly_after_a_steep_hit(alpha, words):
+    """A jet sends grains that rebound back; after a shallow hit they are back only in a cyclic domain."""
+    rng, angle, jets = np.random.default_rng(0), math.radians(alpha), 200
+    first = np.column_stack([rng.uniform(-1e-3, 1e-3, (jets, 2)), np.zeros(jets)])
+    position = np.concatenate([first, first + np.column_stack([rng.uniform(0, 2e-3, (jets, 2)), np.zeros(jets)])])
+    velocity = np.repeat([[60 * math.cos(angle), 0, -60 * math.sin(angle)], [5, 0, -1]], jets, axis=0)
+    time = np.concatenate([begin := rng.random(jets), begin + 2e-3])
+    size, parcel = np.full(2 * jets, 2e-4), np.tile(np.arange(jets), 2)
+    block = ImpactBlock("a", 0, np.ones_like(size), 1e-8 * np.ones_like(size), size, velocity=velocity,
+                        position=position, time=time, parcel=parcel)  # fmt: skip
+    journeys = Journeys()
+    journeys.add(block, Incidence(PARTS["plate"]).hits(block))
+    said = " ".join(journeys.in_words())
+    assert words in said
+    assert bool(said) == bool(words)
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1, ""), (2.2369, "0.4 ×"), (1.9438, "0.46 ×"), (1 / 2.2369, "2 ×"), (1 / 1.9438, "1.7 ×")]
+)
+@pytest.mark.parametrize("is_even", [True, False])
+def test_even_ways_tell_miles_and_knots(factor: float, words: str, is_even: bool) -> None:
+    """Grains that hop along a plate, in even hops or, as in eddies, in some that go round."""
+    rng, grains, hops = np.random.default_rng(0), 200, 4
+    along = rng.uniform(20, 30, (grains, 1)) * 0.97 ** np.arange(hops)
+    speed = along * np.ones((grains, hops))
+    step = rng.uniform(1e-4, 2e-4, (grains, hops))
+    far = step * 0.9 * along * (1 if is_even else rng.uniform(0.1, 1.3, (grains, hops)))
+    position = np.zeros((grains, hops, 3))
+    position[..., 0] = np.cumsum(far, axis=1) - 0.05
+    velocity = speed[..., None] * np.array([math.cos(0.3), 0, -math.sin(0.3)])
+    rows = np.ones(grains * hops)
+    block = ImpactBlock("a", 0, rows, 1e-8 * rows, 2e-4 * rows, velocity=velocity.reshape(-1, 3),
+                        position=position.reshape(-1, 3), time=np.cumsum(step, axis=1).ravel(),
+                        parcel=np.repeat(np.arange(grains), hops))  # fmt: skip
+    hits, journeys = Incidence(PARTS["plate"]).hits(block), Journeys()
+    journeys.add(block, dataclasses.replace(hits, speed=factor * hits.speed))
+    said = " ".join(journeys.in_words())
+    assert bool(said) == (bool(words) and (is_even or factor > 2))
+    assert not is_even or words in said
