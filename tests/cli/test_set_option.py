@@ -17,7 +17,6 @@ from erosion.cli.options import (
     CaseOptions,
     chosen_models,
     in_full,
-    load_set,
     read_list,
     read_models,
     read_settings,
@@ -74,9 +73,8 @@ def test_quantities_are_read_in_the_units_of_the_case(harder):
 
     assert read("si") == {"speed": 10.0, "factor": 2.0}
     assert read("inch-pound")["speed"] == pytest.approx(10 / 0.0254)
-    assert (
-        in_full(harder, load_set(harder, said, CaseOptions(), "si"), "si") == "harder.py (factor = 2, speed = 10 m/s)"
-    )
+    made = CaseOptions(units="si").load_as_set(harder, said)
+    assert in_full(harder, made, "si") == "harder.py (factor = 2, speed = 10 m/s)"
     assert in_full("finnie", erosion.load_model("finnie"), "si") == "finnie"
 
 

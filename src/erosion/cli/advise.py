@@ -22,7 +22,6 @@ from erosion.cli.options import (
     SetOption,
     chosen_models,
     is_same_model,
-    load_set,
     output_option,
     read_option,
     settings,
@@ -120,7 +119,7 @@ class GivenFit:
         own = settings(self._options.own, self._section, f"{self._case.case}: `set` of [advise]")
         if own and len(chosen) > 1:
             raise InputError(f"{next(iter(own.values()))[0]} needs one model, but there are {', '.join(chosen)}.")
-        loaded = {name: load_set(name, own, self._case, p.units) for name in chosen}
+        loaded = {name: self._case.load_as_set(name, own) for name in chosen}
         return {lazy.called(name, model): model for name, model in loaded.items()}
 
     def words(

@@ -24,7 +24,6 @@ from erosion.cli.options import (
     Settings,
     WholeOption,
     chosen_models,
-    load_set,
     model_and_settings,
     refuse_same,
     with_file,
@@ -86,7 +85,7 @@ class Fit:
     def models(self) -> "list[lazy.CuttingModel]":
         """The models, all of them different and of the target's metal."""
         own = self.own if len(self.names) == 1 else {}
-        models = [load_set(name, own, self.options, self.p.units) for name in self.names]
+        models = [self.options.load_as_set(name, own) for name in self.names]
         refuse_same(dict(zip(self.names, models, strict=True)))
         for model in models:
             weighing(model, self.fit, self.options)  # refuses the density of another metal than a correlation's

@@ -347,10 +347,6 @@ def _job(
         return lazy.prepare_map(model[0], table, surface, options, model[1])
 
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-
 _OWN_NAMES = {"alpha": "angles", "v0": "speeds", "d": "diameters"}
 _OPTIONS = {name: f"Option `--{option}`" for name, option in _OWN_NAMES.items()}
 
@@ -406,7 +402,7 @@ def export(
         raise InputError("Give one or more of `--openfoam`, `--fluent`, `--table` and `--restitution`.")
     with progress_bar("computing"):
         p = options.parameters()
-        name, chosen = named_model(model, own, options, p.units)
+        name, chosen = named_model(model, own, options)
         of_target = weighing(chosen, None, options).density
         axes: dict[str, Any] = {"alpha": angles, "v0": speeds, "d": diameters}
         for axis, text in axes.items():

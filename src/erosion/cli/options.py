@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
+import numpy as np
 from cyclopts import Group, Parameter
 
 from erosion.cli import lazy
@@ -183,8 +184,6 @@ class CaseOptions:
         Args:
             given: by parameter, what takes the place of the case's: a number, values or a law, in the case's units.
         """
-        import numpy as np
-
         metal = self.materials()[1]
         names = {*given} if self.file is None or self.target is not None else {*given, *self.file.stated}
         if metal is None or "sigma" not in names or "psi" in names:
@@ -251,19 +250,20 @@ class CaseOptions:
         with user_errors():
             return lazy.made_for(lazy.load_model(name), metal, grit)
 
-    def load_as_set(self, name: str, loaded: "lazy.CuttingModel | None" = None) -> "lazy.CuttingModel":
-        """The same with what the case file sets of this model for all verbs."""
-        model = self.load(name) if loaded is None else loaded
-        of_file, own = (None, {}) if self.file is None else self.file.model()
-        if not own or of_file is None or not is_same_model(of_file, name):
-            return model
-        of_model = settings((), with_model_of_case({}, self, [name]), f"{self.case}: `set`")
-        return model.replace(**read_settings(name, model, of_model, self.parameters(changed=False).units))
+    def load_as_set(
+        self, name: str, given: "Settings | None" = None, loaded: "lazy.CuttingModel | None" = None
+    ) -> "lazy.CuttingModel":
+        """The same with the own parameters that are `given`; without any, with those that the case file sets of it."""
+        model, of_file = loaded or self.load(name), None if self.file is None else self.file.model()[0]
+        if not given and of_file is not None and is_same_model(of_file, name):
+            given = settings((), with_model_of_case({}, self, [name]), f"{self.case}: `set`")
+        units = self.parameters(changed=False).units
+        return model.replace(**read_settings(name, model, given, units)) if given else model
 
     def reference(self, name: str, *, as_set: bool = False) -> "str | lazy.CuttingModel":
         """The model, with `as_set` as `load_as_set` gives it; by its name, which other processes know, where it can."""
         loaded = self.load(name)
-        model = self.load_as_set(name, loaded) if as_set else loaded
+        model = self.load_as_set(name, loaded=loaded) if as_set else loaded
         return name if model is loaded and not isinstance(model, lazy.Correlated) else model
 
     def _require_own_units(self, what: str) -> None:
@@ -484,12 +484,10 @@ def model_and_settings(
     return section.get("model", usual) if given is None else given, settings(own, section, f"{case.case}: `set`")
 
 
-def named_model(
-    given: str | None, own: Sequence[str] | None, case: CaseOptions, units: "lazy.System"
-) -> "tuple[str, lazy.CuttingModel]":
+def named_model(given: str | None, own: Sequence[str] | None, case: CaseOptions) -> "tuple[str, lazy.CuttingModel]":
     """The name and the model, with its own parameters set; see `model_and_settings`."""
     name, of_model = model_and_settings(given, own, case)
-    model = load_set(name, of_model, case, units)
+    model = case.load_as_set(name, of_model)
     return lazy.called(name, model), model
 
 
@@ -564,8 +562,6 @@ def read_settings(
     Raises:
         InputError: one sentence naming the option or the field.
     """
-    import numpy as np
-
     own, values = lazy.own_parameters(model), {}
     for key, (source, text) in given.items():
         if key not in own:
@@ -582,14 +578,6 @@ def read_settings(
             kind=InputError,
         )
     return values
-
-
-def load_set(name: str, given: Settings, case: CaseOptions, units: "lazy.System") -> "lazy.CuttingModel":
-    """The model by name or path, with the own parameters that are set, or that the case file sets."""
-    if not given:
-        return case.load_as_set(name)
-    model = case.load(name)
-    return model.replace(**read_settings(name, model, given, units))
 
 
 def in_full(name: str, model: "lazy.CuttingModel", units: "lazy.System") -> str:

@@ -3,10 +3,11 @@
 import dataclasses
 import functools
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
+import numpy as np
 from cyclopts import Parameter
 
 from erosion.cli import lazy
@@ -102,6 +103,9 @@ class _Files:
                 draw(path, functools.partial(getattr(lazy, name), result))
 
 
+_Judge = Callable[["lazy.PosteriorRanking"], "lazy.NextExperiment"]
+
+
 @Parameter(name="*", group=DRAWS)
 @dataclasses.dataclass(frozen=True)
 class _Experiment:
@@ -122,10 +126,8 @@ class _Experiment:
         float | None, Parameter(help="Of a weighing more, over that of a new test; 1 without it.")
     ] = None
 
-    def read(self, units: "lazy.System", free: Sequence[str]) -> "_Candidates":
-        """What is typed, known before anything is computed, for a fit of these parameters."""
-        import numpy as np
-
+    def read(self, units: "lazy.System", free: Sequence[str]) -> "_Judge":
+        """The function that says where one more test tells most; what is typed is read before anything is computed."""
         angles = (
             np.deg2rad(lazy.DEGREES)
             if self.next_angles is None
@@ -151,24 +153,15 @@ class _Experiment:
             weighings = [read_whole(text) for text in self.next_weighings or ("1",)]
         with user_errors():
             lazy.check_repeats(weighings, self.repeat_cost)
-        return _Candidates(angles, speeds, sizes, {"weighings": weighings, "repeat_cost": self.repeat_cost})
 
+        def judge(posteriors: "lazy.PosteriorRanking") -> "lazy.NextExperiment":
+            """Of all models together; without speeds and sizes, at those of the data."""
+            at = _conditions(posteriors.best.likelihood.forward, speeds or None, sizes)
+            others = {name: np.array([one[name] for one in at]) for name in at[0]}
+            candidates = {"alpha": angles[:, None], **others}
+            return lazy.next_experiment(posteriors, candidates, weighings=weighings, repeat_cost=self.repeat_cost)
 
-class _Candidates(NamedTuple):
-    """The tests that are judged: angles [rad], speeds and sizes, those of the data where empty, repeats, their cost."""
-
-    angles: Any
-    speeds: list[float]
-    sizes: list[dict[str, float]]
-    repeats: dict[str, Any]
-
-    def judged(self, posteriors: "lazy.PosteriorRanking") -> "lazy.NextExperiment":
-        """Where one more test tells most, of all models together."""
-        import numpy as np
-
-        at = _conditions(posteriors.best.likelihood.forward, self.speeds or None, self.sizes)
-        others = {name: np.array([one[name] for one in at]) for name in at[0]}
-        return lazy.next_experiment(posteriors, {"alpha": self.angles[:, None], **others}, **self.repeats)
+        return judge
 
 
 def posterior(
@@ -202,7 +195,7 @@ def posterior(
     task, files = given_fit(data, with_file(case, file), fit, model, own, ignore), files or _Files()
     files.require_writable(task.inputs)
     experiment = experiment or _Experiment()
-    candidates = experiment.read(task.p.units, task.fit.free)
+    judge = experiment.read(task.p.units, task.fit.free)
     models = task.models()
     output = Output("posterior", task.p, task.options, json=json, seed=seed or 0)
     with user_errors(), progress_bar("reading") as progress:
@@ -215,7 +208,7 @@ def posterior(
         predictor = posteriors.best.prepared(progress)
         ranking = ranking.preferring(posteriors.names[0])
         is_asked = experiment != _Experiment() or files.plot_next_experiment
-        following = candidates.judged(posteriors) if is_asked else None
+        following = judge(posteriors) if is_asked else None
     output.warn(
         *ranking.warnings, *(f"posterior: {sentence}" for sentence in (*posteriors.warnings, *predictor.warnings))
     )
@@ -315,8 +308,6 @@ def predict(
     that of a new weighing. A warning says how far a question lies outside the
     tests.
     """
-    import numpy as np
-
     require_outputs(output, plot=plot, inputs=(fitted,))
     with user_errors():
         lazy.check_level(level)
@@ -357,8 +348,6 @@ def predict(
 
 def _axis(name: str, text: str, units: "lazy.System", option: str = "") -> Any:
     """The values of an option, shape (n,)."""
-    import numpy as np
-
     with reading(f"Option `--{option or name}`"):
         return np.atleast_1d(lazy.read_axis(text, QUANTITIES[name].dimension, units))
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from cyclopts import Parameter
 
 from erosion.cli import lazy
@@ -47,7 +48,7 @@ def run(
     options = with_file(case, file)
     with progress_bar("computing"):
         p = options.parameters()
-        name, chosen = named_model(model, own, options, p.units)
+        name, chosen = named_model(model, own, options)
         per_mass = weighing(chosen, abrasive, options)
         require_outputs(plot=plot, inputs=(options.case, name))
         trajectory = lazy.path(chosen, p)
@@ -102,7 +103,7 @@ def optimum(
     options.refuse_given("all angles are searched, or those of --alpha-range", "alpha")
     with progress_bar("searching all angles"):
         p = options.parameters()
-        name, chosen = named_model(model, own, options, p.units)
+        name, chosen = named_model(model, own, options)
         per_mass = weighing(chosen, abrasive, options)
         texts = read_list(",".join(alpha_range).replace(":", ",")) if alpha_range else []
         if len(texts) not in (0, 2):
@@ -188,8 +189,6 @@ def compare(
 
     Without --model it compares all models.
     """
-    import numpy as np
-
     options = with_file(case, file)
     with progress_bar("comparing"):
         p = options.parameters()

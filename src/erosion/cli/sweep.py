@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from cyclopts import Parameter
 
 from erosion.cli import lazy
@@ -206,8 +207,6 @@ def _show_sweep(
 
 
 def _summary(dataset: Any) -> dict[str, Any]:
-    import numpy as np
-
     meanings = dataset.ended_by.attrs["flag_meanings"].split()
     counts = np.zeros(len(meanings), int)
     # Block by block, for what is larger than memory.
