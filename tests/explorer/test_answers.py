@@ -24,9 +24,8 @@ from erosion.explorer.computed import (
     end_times,
 )
 from erosion.explorer.controls import Materials
-from erosion.explorer.exports import case_toml, curves_csv, python_lines, results_json
 from erosion.explorer.state import PageCase, PageState, own_numbers
-from erosion.explorer.tab import Service
+from erosion.explorer.tab import Service, case_toml, curves_csv, python_lines, results_json
 from erosion.explorer.views import numbers, sensitivities, volumes
 from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.impact import impact

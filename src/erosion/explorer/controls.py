@@ -98,15 +98,11 @@ def with_spin(s: float, case: PageCase) -> PageCase:
     return case.replace(phidot0=_rounded(s * numbers["v0"] / numbers["r"]))
 
 
-def text_of(name: str, case: PageCase, first: PageCase) -> str:
-    """The text of a parameter's entry, in the unit of `unit_of`."""
-    text = f"{case.numbers()[name] / first.scale(name).size:.6g}"
-    return re.sub(r"e([+-])0*", lambda sign: "e" + sign[1].strip("+"), text)
-
-
-def unit_of(name: str, first: PageCase) -> str:
-    """The unit beside a parameter's entry; it is that of the first number, and stays while the reader changes it."""
-    return first.scale(name).unit
+def entry_of(name: str, case: PageCase, first: PageCase) -> tuple[str, str]:
+    """The text of a parameter's entry and the unit beside it, which is that of the first number and stays."""
+    scale = first.scale(name)
+    text = f"{case.numbers()[name] / scale.size:.6g}"
+    return re.sub(r"e([+-])0*", lambda sign: "e" + sign[1].strip("+"), text), scale.unit
 
 
 def _size(name: str, first: PageCase) -> float:
@@ -382,8 +378,8 @@ class Controls:
         self._showing, self._state = True, state
         first = self._start.case.to(state.case.units)
         for name, field in self._fields.items():
-            shown = self._language.number(text_of(name, state.case, first)), unit_of(name, first)
-            shown = *shown, position(name, state.case, first)
+            text, unit = entry_of(name, state.case, first)
+            shown = self._language.number(text), unit, position(name, state.case, first)
             if self._shown_fields.get(name) != shown:
                 field.show(*shown)
                 self._shown_fields[name] = shown
