@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from erosion.arguments import check_tolerance, check_whole
+from erosion.arguments import check_share, check_whole
 from erosion.cfd.incidence import Hits
 from erosion.cfd.rows import ImpactsError
 from erosion.distributions import Distribution, as_law, as_laws
@@ -93,7 +93,7 @@ class MapOptions:
         if isinstance(self.spin, Distribution):
             object.__setattr__(self, "laws", {**self.laws, "phidot0": self.spin})
             object.__setattr__(self, "spin", None)
-        object.__setattr__(self, "rtol", check_tolerance(self.rtol))
+        object.__setattr__(self, "rtol", check_share("rtol", self.rtol))
         check_whole("seed", self.seed, 0)
         check_whole("draws", self.draws, 2)
         validate(self.p)

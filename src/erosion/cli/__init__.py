@@ -14,8 +14,7 @@ from typing import Any
 
 import cyclopts
 
-from erosion.cli.advise import advise
-from erosion.cli.calibrate import calibrate
+from erosion.cli.calibrate import advise, calibrate
 from erosion.cli.cfd import export, map_
 from erosion.cli.errors import InputError, explain, printable, sentence, spell_out
 from erosion.cli.lists import exercise, explore, materials, models, report, validate, verify

@@ -13,7 +13,7 @@ from erosion.advice.page import write_advice as write_advice
 from erosion.advice.result import UNITS as UNITS
 from erosion.advice.result import Uncertain as Uncertain
 from erosion.arguments import Progress as Progress
-from erosion.arguments import check_level as check_level
+from erosion.arguments import check_share as check_share
 from erosion.arguments import refuse as refuse
 from erosion.cfd.erosion_map import MapJob as MapJob
 from erosion.cfd.erosion_map import prepare_map as prepare_map

@@ -199,7 +199,7 @@ def posterior(
     models = task.models()
     output = Output("posterior", task.p, task.options, json=json, seed=seed or 0)
     with user_errors(), progress_bar("reading") as progress:
-        lazy.check_level(level)
+        lazy.check_share("level", level)
         measured = task.measured(output)
         laws = _read_priors(prior or (), task.fit.names(measured), models, measured)
         ranking = task.ranking(measured, models, progress)
@@ -310,7 +310,7 @@ def predict(
     """
     require_outputs(output, plot=plot, inputs=(fitted,))
     with user_errors():
-        lazy.check_level(level)
+        lazy.check_share("level", level)
         predictor = lazy.read_predictor(fitted)
         draws = lazy.read_draws(fitted, lazy.quantities(predictor.forward.model), predictor.data.units)
     if unit is not None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from erosion.arguments import check_level, check_whole
+from erosion.arguments import check_share, check_whole
 from erosion.fits import doubts
 from erosion.fits.doubts import LEVEL, OPEN, TOUCH, Pattern, Profile, Ridge, are_noise, beyond_scatter, find_patterns
 from erosion.fits.draws import draws_of_theta
@@ -145,7 +145,7 @@ class Calibration(Result):
 
     def rise(self, level: float = LEVEL) -> float:
         """The rise of χ² from the minimum to the ends of the intervals of `level`."""
-        tail = (1 + check_level(level)) / 2
+        tail = (1 + check_share("level", level)) / 2
         if self.data.uncertainty is not None:
             return float(stats.norm.ppf(tail)) ** 2
         return float(stats.t.ppf(tail, self.degrees_of_freedom)) ** 2

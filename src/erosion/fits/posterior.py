@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from scipy import special, stats
 
-from erosion.arguments import Progress, check_level, check_path, check_whole, no_progress
+from erosion.arguments import Progress, check_share, check_path, check_whole, no_progress
 from erosion.fits.doubts import LEVEL, POOR, rounded
 from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import FRACTION, FREE, SCALE, make_forward
@@ -143,7 +143,7 @@ class Posterior(Result):
 
     def intervals(self, level: float = LEVEL) -> dict[str, tuple[float, float]]:
         """The values between which each parameter is with this probability, as likely below as above."""
-        check_level(level)
+        check_share("level", level)
         ends = [(1 - level) / 2, (1 + level) / 2]
         quantiles = {name: np.quantile(self.samples[name].values, ends) for name in self.names}
         return {name: (float(low), float(high)) for name, (low, high) in quantiles.items()}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from erosion.arguments import check_level
+from erosion.arguments import check_share
 from erosion.fits.doubts import LEVEL
 from erosion.fits.prediction import Predictor
 from erosion.impacts.alpha_max import Optimum
@@ -152,7 +152,7 @@ def predictions(
         level: of the intervals.
     """
     asked = {name: column.ravel() for name, column in predictor.question(alpha, at).items()}
-    shares = (1 - check_level(level)) / 2, (1 + level) / 2
+    shares = (1 - check_share("level", level)) / 2, (1 + level) / 2
     parts, lost = [], []
     for start in range(0, len(asked["alpha"]), _TOGETHER):
         some = {name: column[start : start + _TOGETHER] for name, column in asked.items()}

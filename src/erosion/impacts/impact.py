@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 from jax.core import Tracer
 
-from erosion.arguments import ModelState, Number, PerImpact, Scalar, Structure, check_order, check_tolerance
+from erosion.arguments import ModelState, Number, PerImpact, Scalar, Structure, check_order, check_share
 from erosion.lanes.lanewise import Compiled, compile_lanes, number
 from erosion.models import (
     CUT,
@@ -362,7 +362,7 @@ def impact(
             raise ValueError(f"Argument `wrt` must name parameters ({', '.join(known)}), but has {briefly(name)}.")
     if not names or len(set(names)) != len(names):
         raise ValueError(f"Argument `wrt` must name one or several different parameters, but is {briefly(wrt)}.")
-    derivatives, rtol = check_order(derivatives), max(check_tolerance(rtol), _TINY)
+    derivatives, rtol = check_order(derivatives), max(check_share("rtol", rtol), _TINY)
     layout, numbers, shape = lanes_of(model, p)
     single = isinstance(wrt, str)
     if derivatives == 0 or (single and wrt in QUANTITIES):

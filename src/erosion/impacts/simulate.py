@@ -20,7 +20,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 import erosion.impacts.diffrax_steps as flow
-from erosion.arguments import ModelState, Structure, check_tolerance, check_whole, refuse
+from erosion.arguments import ModelState, Structure, check_share, check_whole, refuse
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
 from erosion.impacts.impact import OTHER_ENDS, element_of, end_names, layout_of, split, tip_at
@@ -273,7 +273,7 @@ def simulate(
     model = load_model(model)
     validate(p)
     require_one_impact(model, p, "; for many impacts use `erosion.impact`")
-    rtol, points = check_tolerance(rtol), check_whole("points", points, 2)
+    rtol, points = check_share("rtol", rtol), check_whole("points", points, 2)
     for name, given, kind in (
         ("solver", solver, diffrax.AbstractSolver),
         ("stepsize_controller", stepsize_controller, diffrax.AbstractAdaptiveStepSizeController),

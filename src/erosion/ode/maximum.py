@@ -18,7 +18,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import PyTree
 
-from erosion.arguments import Number, PerImpact, PerLane, Scalar, as_names, as_pair, check_tolerance, check_whole
+from erosion.arguments import Number, PerImpact, PerLane, Scalar, as_names, as_pair, check_share, check_whole
 from erosion.lanes.digests import hashed
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import Compiled, compile_lanes
@@ -207,7 +207,7 @@ def maximum(
     """
     require_float64()
     low, high = _checked_range(between)
-    shared, rtol = as_names("shared", shared), check_tolerance(rtol)
+    shared, rtol = as_names("shared", shared), check_share("rtol", rtol)
     if not rtol <= LOOSE:
         raise ValueError(
             f"Argument `rtol` must be {LOOSE:g} or less, to tell jumps from slopes, but is {briefly(rtol)}."

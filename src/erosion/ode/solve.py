@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import PyTree
 
-from erosion.arguments import Number, PerLane, as_names, check_order, check_tolerance, check_unmasked, check_whole
+from erosion.arguments import Number, PerLane, as_names, check_order, check_share, check_unmasked, check_whole
 from erosion.ode.batch import integrate, integrate_along
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Problem, flattened, in_these_words, is_number
@@ -185,7 +185,7 @@ def checked_lanes(
         raise TypeError(f"Argument `smooth` must be True, False or None, but is {briefly(smooth)}.")
     if not isinstance(problem, Problem):
         raise TypeError(f"Argument `problem` must be an `ode.Problem`, but is {briefly(problem)}.")
-    rtol = max(check_tolerance(rtol), _TINY)
+    rtol = max(check_share("rtol", rtol), _TINY)
     options = Options(
         waits=True,
         begins=start == "end",

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from erosion.arguments import Progress, check_path, check_tolerance, check_whole, no_progress, refuse
+from erosion.arguments import Progress, check_path, check_share, check_whole, no_progress, refuse
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.distributions import as_laws
 from erosion.impacts.dataset_files import identity, read_netcdf, write_netcdf
@@ -124,7 +124,7 @@ class StreamOptions:
         # Of whatever type numbers come, a store's identity must have the same words.
         object.__setattr__(self, "n", check_whole("n", self.n, 1))
         object.__setattr__(self, "seed", check_whole("seed", self.seed, 0))
-        object.__setattr__(self, "rtol", check_tolerance(self.rtol))
+        object.__setattr__(self, "rtol", check_share("rtol", self.rtol))
         refuse(
             "Argument ",
             (

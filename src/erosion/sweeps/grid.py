@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from erosion.arguments import check_order, check_tolerance, real_numbers, refuse, unit_of_labels
+from erosion.arguments import check_order, check_share, real_numbers, refuse, unit_of_labels
 from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.dataset_files import identity, numbers_in_words, provenance
 from erosion.impacts.impact import end_names, impact
@@ -224,7 +224,7 @@ class Outputs:
         object.__setattr__(self, "derivatives", check_order(self.derivatives))
         if not isinstance(self.optimum, bool):
             raise TypeError(f"Argument `optimum` must be true or false, but is {briefly(self.optimum)}.")
-        object.__setattr__(self, "rtol", check_tolerance(self.rtol))
+        object.__setattr__(self, "rtol", check_share("rtol", self.rtol))
 
 
 @dataclasses.dataclass(frozen=True)
