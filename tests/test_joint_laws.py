@@ -16,7 +16,7 @@ from scipy import special, stats
 
 import erosion
 from erosion import TABLE_1, advise, stream
-from erosion.arguments import check_path, check_tolerance, check_whole
+from erosion.arguments import check_path, check_share, check_whole
 from erosion.distributions import (
     LogNormal,
     LogUniform,
@@ -288,14 +288,14 @@ def test_samples_must_be_numbers():
 
 @pytest.mark.parametrize("given", [0.5, np.float32(0.5), 1e-300, 1 - 1e-16])
 def test_a_tolerance_is_a_float(given) -> None:
-    assert type(check_tolerance(given)) is float
-    assert check_tolerance(given) == given
+    assert type(check_share("rtol", given)) is float
+    assert check_share("rtol", given) == given
 
 
 @pytest.mark.parametrize("given", [0, 1, -0.1, True, np.nan, np.inf, "0.1", None, np.array([0.1])])
 def test_what_is_no_tolerance_is_refused(given) -> None:
     with pytest.raises(ValueError, match=r"^Argument `rtol` must be in \(0, 1\), but is .*\.$"):
-        check_tolerance(given)
+        check_share("rtol", given)
 
 
 def test_a_whole_number_is_an_int() -> None:

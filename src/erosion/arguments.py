@@ -64,11 +64,11 @@ def check_order(derivatives: Any) -> int:
     return int(derivatives)
 
 
-def check_tolerance(rtol: Any) -> float:
-    """`rtol` as a float; a `ValueError` where it is not in (0, 1)."""
-    if not isinstance(rtol, NUMBERS) or not 0 < rtol < 1:
-        raise ValueError(f"Argument `rtol` must be in (0, 1), but is {briefly(rtol)}.")
-    return float(rtol)
+def check_share(name: str, value: Any) -> float:
+    """The argument, a tolerance or a probability, as a float; a `ValueError` where it is not in (0, 1)."""
+    if not isinstance(value, NUMBERS) or not 0 < value < 1:
+        raise ValueError(f"Argument `{name}` must be in (0, 1), but is {briefly(value)}.")
+    return float(value)
 
 
 def check_whole(name: str, value: Any, least: int) -> int:
@@ -76,13 +76,6 @@ def check_whole(name: str, value: Any, least: int) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise ValueError(f"Argument `{name}` must be a whole number of at least {least}, but is {briefly(value)}.")
     return int(value)
-
-
-def check_level(level: Any) -> float:
-    """The level of an interval as a float; a `ValueError` where it is no probability in (0, 1)."""
-    if not isinstance(level, NUMBERS) or not 0 < level < 1:
-        raise ValueError(f"Argument `level` must be in (0, 1), but is {briefly(level)}.")
-    return float(level)
 
 
 def as_names(argument: str, given: Any) -> tuple[str, ...]:

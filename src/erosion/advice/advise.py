@@ -8,7 +8,7 @@ import numpy as np
 
 from erosion.advice.abrasives import Job
 from erosion.advice.result import DRAWS, NOZZLE_ANGLES, Advice, Curve, Uncertain
-from erosion.arguments import Progress, no_progress
+from erosion.arguments import Progress, no_progress, refuse
 from erosion.correlations import CORRELATIONS
 from erosion.distributions import Normal, as_laws
 from erosion.fits.forward import FRACTION
@@ -139,10 +139,11 @@ def advise_case(
     validate(p)
     require_scalars(p)
     (grit, metal), (spread, speed_spread) = named, spreads
-    if not 0 < spread < np.deg2rad(45):
-        raise ValueError(f"Argument `spread` must be above 0° and below 45°, but is {np.rad2deg(spread):g}°.")
-    if not 0 <= speed_spread < 1:
-        raise ValueError(f"Argument `speed_spread` must be at least 0 and below 1, but is {speed_spread:g}.")
+    refuse(
+        "Argument ",
+        (not 0 < spread < np.deg2rad(45), f"`spread` must be above 0° and below 45°, but is {np.rad2deg(spread):g}°."),
+        (not 0 <= speed_spread < 1, f"`speed_spread` must be at least 0 and below 1, but is {speed_spread:g}."),
+    )
     if uncertain is not None:
         uncertain = uncertain.checked(models, p.units)
         if uncertain.fraction is not None:

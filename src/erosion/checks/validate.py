@@ -228,9 +228,6 @@ class Validation(Result):
             }
         )
 
-    def __repr__(self) -> str:
-        return f"Validation({self.title!r})"
-
 
 def against_published() -> Validation:
     """Compare models and correlations with published numbers, misses included.

@@ -159,9 +159,6 @@ class Verification(Result):
         checks = [{name: getattr(check, name) for name in names} for check in self.checks]
         return to_plain({"passed": self.passed, "absent": self.absent, "checks": checks})
 
-    def __repr__(self) -> str:
-        return f"Verification({self.title!r})"
-
 
 _RTOL = 1e-12
 _STEP = 5e-4  # of differences, over the parameter's size; their error grows as its fourth power

@@ -19,11 +19,6 @@ from erosion.cli.options import (
     CaseOptions,
     IgnoreOption,
     JsonOption,
-    with_model_of_case,
-    settings,
-    read_option,
-    output_option,
-    is_same_model,
     LangOption,
     ModelsOption,
     PlotOption,
@@ -31,9 +26,14 @@ from erosion.cli.options import (
     Settings,
     WholeOption,
     chosen_models,
+    is_same_model,
     model_and_settings,
+    output_option,
+    read_option,
     refuse_same,
+    settings,
     with_file,
+    with_model_of_case,
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 from erosion.output.tables import briefly

@@ -12,6 +12,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from erosion.arguments import refuse
 from erosion.ode.step_control import require_float64, require_xla
 from erosion.output.tables import briefly
 
@@ -39,13 +40,13 @@ def in_units(ratio: Array, units: str, density: Values, mass: Values | None = No
         ValueError: for other units, or where the mass is missing or of no use.
     """
     wanted = units.replace("³", "3")
-    if wanted not in UNITS:
-        raise ValueError(f"Argument `units` must be one of {', '.join(UNITS)}, but is {briefly(units)}.")
-    if (mass is not None) != (wanted == "mm3/impact"):
-        raise ValueError(
-            "Argument `mass` must be the mass of a particle [kg] for mm3/impact, and be left out for other units, "
-            f"but units are {wanted} and mass is {briefly(mass)}."
-        )
+    refuse(
+        "Argument ",
+        (wanted not in UNITS, f"`units` must be one of {', '.join(UNITS)}, but is {briefly(units)}."),
+        ((mass is not None) != (wanted == "mm3/impact"),
+         "`mass` must be the mass of a particle [kg] for mm3/impact, and be left out for other units, but units are "
+         f"{wanted} and mass is {briefly(mass)}."),
+    )  # fmt: skip
     if wanted == "kg/kg":
         return ratio
     volume = ratio / density * _MM3

@@ -14,6 +14,7 @@ from urllib.parse import parse_qsl, unquote, urlencode
 
 import numpy as np
 
+from erosion.arguments import refuse
 from erosion.models import CuttingModel, own_parameters
 from erosion.output.language import ENGLISH, Language
 from erosion.output.tables import briefly
@@ -89,10 +90,11 @@ class OwnNumber(NamedTuple):
         Raises:
             ValueError: if the number is not finite.
         """
-        if not np.isfinite(value):
-            raise ValueError(f"Field `{self.key}` must be a finite number, but is {value:g}.")
-        if value < self.least:
-            raise ValueError(f"Field `{self.key}` must be at least {self.least:g}, but is {value:g}.")
+        refuse(
+            f"Field `{self.key}` must be ",
+            (not np.isfinite(value), f"a finite number, but is {value:g}."),
+            (value < self.least, f"at least {self.least:g}, but is {value:g}."),
+        )
         return self._replace(value=value)
 
 

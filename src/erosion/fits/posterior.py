@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from scipy import special, stats
 
-from erosion.arguments import Progress, check_share, check_path, check_whole, no_progress
+from erosion.arguments import Progress, check_path, check_share, check_whole, no_progress
 from erosion.fits.doubts import LEVEL, POOR, rounded
 from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import FRACTION, FREE, SCALE, make_forward

@@ -262,6 +262,9 @@ class Result(abc.ABC):
         """The numbers by name, in Python's own types; NaN and infinity stay what they are."""
         return to_plain(self)
 
+    def __repr__(self) -> str:  # of a class that wants no other
+        return f"{type(self).__name__}({self.title!r})"
+
     def __str__(self) -> str:
         table = "\n".join(line.plain.rstrip() for line in to_lines(self.title, self.rows(), self.headings)).rstrip()
         return "\n".join([table, *self.conclusions, *self.warnings])

@@ -145,17 +145,16 @@ def plot_sweep(sweep: xr.Dataset, *, ax: Axes | None = None) -> Figure:
     """
     numeric = sorted((dim for dim in sweep.dims if sweep[dim].dtype.kind == "f"), key=lambda dim: -sweep.sizes[dim])
     many = [dim for dim in numeric if sweep.sizes[dim] > _FEW]
-    if len(sweep.dims) == 2 and len(many) == 2:
-        fig, ax = axes_or_new(ax, 6.2, 4.4)
-        plot_volume_map(ax, sweep, *(str(dim) for dim in sweep.dims))
-        return fig
     if not numeric or len(sweep.dims) > 2:
         shape = " × ".join(f"{n} {dim}" for dim, n in sweep.sizes.items())
         raise ValueError(
             f"A sweep must have one or two dimensions, one of them a parameter, to be drawn; this is {shape}."
         )
     fig, ax = axes_or_new(ax, 6.2, 4.4)
-    plot_volume_family(ax, sweep, str(numeric[0]))
+    if len(sweep.dims) == len(many) == 2:
+        plot_volume_map(ax, sweep, *(str(dim) for dim in sweep.dims))
+    else:
+        plot_volume_family(ax, sweep, str(numeric[0]))
     return fig
 
 

@@ -11,7 +11,7 @@ from erosion.impacts.simulate import SimulationError, path
 from erosion.models import CuttingModel, load_model
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.per_mass import PER_MASS_SCALES
-from erosion.parameters.quantities import Dimension, Scale, conversion_factor, readable_scale
+from erosion.parameters.quantities import STEEPEST, Dimension, Scale, conversion_factor, readable_scale
 from erosion.plotting.curves import plot_end_times, plot_volume
 from erosion.plotting.motion import plot_histories, plot_path, plot_removal_rate
 from erosion.plotting.style import new_axes, new_figure
@@ -231,7 +231,6 @@ def guesses(case: ReportCase) -> Answer:
     return Answer(numbers, figures, {"contacts": contacts, "ratios": ratios})
 
 
-_STEEPEST = np.pi / 2
 _CLOSE = 1e-11  # [rad]: what V′ of a numerical volume can resolve near its root
 _NEAR = 1e-7  # [rad]: Newton's step from a zero of V′ is below this, whatever the rounding
 _MOST = 60  # bisection alone gains 18 digits in as many
@@ -286,7 +285,7 @@ def greatest(jet: Jet, looks: int = 17) -> list[Iterate]:
     Raises:
         SimulationError: where an impact fails, or V′ has no zero near the greatest V seen.
     """
-    scan = _STEEPEST * np.arange(1, looks + 1) / (looks + 1)
+    scan = STEEPEST * np.arange(1, looks + 1) / (looks + 1)
     alpha = float(scan[np.argmax(_finite(scan, jet(scan)[0]))])
     low, high = alpha - scan[0], alpha + scan[0]
     steps: list[Iterate] = []
