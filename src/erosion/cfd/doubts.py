@@ -37,6 +37,13 @@ _STEEP = 45.0  # mean angle from which on it may be measured from the normal, an
 _LARGEST, _IN_GRAINS = 100.0, 20.0  # sizes of a surface that no part has [m], and over the diameter of grains
 _NUMBERED = 10  # rows from which on angles are told in radians
 
+# Wear grows as speed^2.6 and as the mass of a grain; depths as volumes over areas.
+_GRANTED = (
+    " All this is taken for granted: speeds in ft/s, mph or km/h that are taken for m/s make the wear about 22, 8 or "
+    "28 × too great, radii for diameters, without masses, 8 × too little, lost rows in proportion, and inches "
+    "for mm, in table and surface, depths 645 × too great."
+)
+
 
 class Column(NamedTuple):
     """A column: number in the file × factor = number in SI units; `unit` is the file's, or the user's if `is_given`."""
@@ -302,6 +309,8 @@ class Ranges:
                     f"The surface is {across:.3g} m across, {across / coarse:.3g} diameters of a grain; are both units "
                     "right?"
                 )
+        if table.own_units is not None:  # OpenFOAM and Fluent always write the same units
+            read_as += _GRANTED
         if self._has_angles and angle > _STEEP:
             doubts.append(
                 f"The mean angle is {angle:.3g}° from the wall. If the table measures from the normal, it is "
