@@ -37,7 +37,7 @@ from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import conversion_factor, readable_scale
 
 _PORTION = 2**18  # impacts, draws times rows: enough for all cores at once, a few tens of megabytes
-_LITTLE = 0.1  # of the sand injected: radii for diameters leave 1/8 of what hits, g under kg 1/1000
+_LITTLE = 0.13  # of the sand injected: radii for diameters leave 1/8 of what hits, g under kg 1/1000
 _WRONG_WAY = 0.9  # share of rows from behind that no table of real impacts reaches
 
 

@@ -34,6 +34,11 @@ from erosion.parameters.quantities import (
 
 _BY_CHANCE, _MANY = 0.05, 10  # excess of the worst face, and faces beside it, from which chance is told
 _ALONE, _SOME = 0.7, 4  # standard error of a face of some rows, from which on one of them does most of its wear
+_MANY_RECEDE = 0.1  # of the rows, more than recede at the edges of fine facets
+_WHY_RECEDE = (
+    ": is each component of the velocity in its column, with its sign, and before the rebound? Or are the facets too "
+    "coarse for such shallow impacts?"
+)
 _ROUGH = 0.3  # of a depth: such an error is that of a few rows, and not normal
 _NO_LENGTH = 9  # decimals of a metre that a distance is told to
 
@@ -441,10 +446,13 @@ class MapSummary(Result):
                 f"The greatest of many faces lies above the true one by chance: {told}. More impacts or larger faces "
                 "lower this."
             )
+        total = int(data["rows"])
         for name, count in zip(data["reason"].values, data["left_out"].values, strict=True):
             if count and name != "elsewhere":
-                far = f": {data.attrs['far_rows']}" if name == "too-far" else ""
-                sentences.append(f"{count:,} of {int(data['rows']):,} rows {LEFT_OUT[name]}, and are not counted{far}.")
+                more = f": {data.attrs['far_rows']}." if name == "too-far" else "."
+                if name == "receding" and count > _MANY_RECEDE * total:
+                    more = _WHY_RECEDE
+                sentences.append(f"{count:,} of {total:,} rows {LEFT_OUT[name]}, and are not counted{more}")
         if failed := round(float(data["ends"].sum() - data["total_impacts"])):
             sentences.append(f"{failed:,} impacts could not be computed, and are not counted.")
         if "beyond_range" in data and float(data["beyond_range"]) > 0:
