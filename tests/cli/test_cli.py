@@ -5,7 +5,6 @@ Ctrl-C while modules are imported: it waits until they are.
 
 import contextlib
 import hashlib
-import inspect
 import io
 import os
 import shutil
@@ -20,23 +19,14 @@ from typing import Any
 
 import pytest
 
-import erosion
-from erosion.arguments import Progress, no_progress
 from erosion.cli import _status
 from erosion.cli.errors import InputError
 from erosion.cli.options import CaseOptions
 from erosion.cli.output import Output, progress_bar
 from erosion.interrupts import _LONGEST, INTERRUPTED, between_imports, keeping_results, unawaited_threads
 from erosion.parameters.quantities import QUANTITIES
-from erosion.report.page import write_report
 
 ROOT = Path(__file__).parents[2]
-
-
-def erosion_verb(*arguments, **options):
-    """The command as a shell runs it."""
-    command = [sys.executable, "-c", "from erosion.cli import main; main()", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, **options)
 
 
 @pytest.mark.slow
@@ -49,11 +39,45 @@ def test_run_takes_a_model_and_parameters(shell):
 
 
 @pytest.mark.slow
-def test_run_prints_a_table_and_draws(shell, tmp_path):
-    out = shell(["run", "--plot", str(tmp_path / "cut.svg")]).out
-    assert "1.81644   10⁻⁴ in³" in out
-    assert "2.97661   mm³" in out
-    assert (tmp_path / "cut.svg").read_text().startswith("<?xml")
+@pytest.mark.parametrize(
+    ("command", "printed"),
+    [
+        ("run", ["1.81644   10⁻⁴ in³", "2.97661   mm³"]),
+        ("optimum --model rotating --k 1", ["39.996   °", "just below a jump, not reached"]),
+        (
+            "compare --model linearized --model tan-alpha",
+            ["2 models: impacts at α = 20° and best angles; volumes in 10⁻⁴ in³", "31.717°", "→ 0°"],
+        ),
+    ],
+)
+def test_a_verb_prints_a_table_and_draws(shell, monkeypatch, tmp_path, command, printed):
+    monkeypatch.setenv("COLUMNS", "120")
+    screen, page = tmp_path / "screen.svg", tmp_path / "page.pdf"
+    out = shell([*command.split(), "--plot", f"{screen} , {page}@84mm"]).out
+    assert [text for text in printed if text not in out] == []
+    assert out.endswith(f"figure: {screen}\nfigure: {page}\n")
+    assert screen.read_text().startswith("<?xml")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("program", "unused"),
+    [
+        ("from erosion.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass", {"jax"}),
+        (
+            "import erosion, erosion.cli; erosion.alpha_max",
+            {"diffrax", "matplotlib", "pandas", "pint", "rich", "scipy", "xarray"},
+        ),
+        # Ctrl-C is not heeded before.
+        ("import erosion.__main__", {"ast", "importlib.resources", "typing", "concurrent.futures"}),
+    ],
+    ids=["help", "optimum", "start"],
+)
+def test_what_is_not_used_is_not_imported(program, unused):
+    code = f"import sys; sys.path[:0] = {sys.path!r}\n{program}\nprint({unused!r} & {{*sys.modules}})"
+    # Without `site`, which imports what it likes.
+    done = subprocess.run([sys.executable, "-S", "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.endswith("set()\n")
 
 
 @pytest.mark.slow
@@ -96,49 +120,6 @@ def test_a_long_path_is_never_broken(far_model, shell, monkeypatch, words, colum
     lines = shell([*words.split(), str(far_model.parent if words.startswith("models") else far_model)]).out.splitlines()
     assert any(str(far_model) in line for line in lines)
     assert all(len(line) <= int(columns) for line in lines if str(far_model) not in line)
-
-
-@pytest.mark.slow
-def test_help_comes_without_jax():
-    code = "import sys; from erosion.cli import main\ntry: main(['--help'])\nfinally: assert 'jax' not in sys.modules"
-    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
-    assert process.returncode == 0, process.stderr
-    assert "Compute" in process.stdout
-
-
-@pytest.mark.slow
-def test_an_optimum_comes_without_what_it_does_not_use():
-    unused = {"diffrax", "matplotlib", "pandas", "pint", "rich", "scipy", "xarray"}
-    code = f"import sys, erosion, erosion.cli; erosion.alpha_max; sys.exit({unused} & {{*sys.modules}} or 0)"
-    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
-    assert process.returncode == 0, process.stderr
-
-
-@pytest.mark.slow
-def test_the_process_exits_with_the_status():
-    assert erosion_verb("run", "--alpha", "95deg").returncode == 2
-    assert erosion_verb("--version").stdout.strip() == "0.1.0"
-
-
-@pytest.mark.slow
-def test_optimum_is_printed_and_drawn(shell, tmp_path):
-    figure = tmp_path / "best.svg"
-    out = shell(["optimum", "--model", "rotating", "--k", "1", "--plot", str(figure)]).out
-    assert "39.996   °" in out
-    assert "just below a jump, not reached" in out
-    assert figure.read_text().startswith("<?xml")
-
-
-@pytest.mark.slow
-def test_compare_prints_a_table(shell, monkeypatch, tmp_path):
-    monkeypatch.setenv("COLUMNS", "120")
-    plot, printed = tmp_path / "models.svg", tmp_path / "models.pdf"
-    out = shell(["compare", "--model", "linearized", "--model", "tan-alpha", "--plot", f"{plot} , {printed}@84mm"]).out
-    assert "2 models: impacts at α = 20° and best angles; volumes in 10⁻⁴ in³" in out
-    assert "31.717°" in out
-    assert "→ 0°" in out
-    assert out.endswith(f"figure: {plot}\nfigure: {printed}\n")
-    assert plot.read_text().startswith("<?xml")
 
 
 @pytest.mark.slow
@@ -221,37 +202,17 @@ def test_a_case_is_called_by_its_title_and_what_options_change(tmp_path: Path) -
         CaseOptions(case=wrong).title("si")
 
 
-class Terminal(io.StringIO):
-    """A text that says it is a terminal."""
-
-    def isatty(self) -> bool:
-        return True
-
-
-@pytest.mark.parametrize("verb", [erosion.sweep, erosion.stream, erosion.rank_models, erosion.verify, write_report])
-def test_every_verb_reports_its_progress_in_the_same_way(verb):
-    argument = inspect.signature(verb).parameters["progress"]
-    assert argument.annotation == Progress
-    assert argument.default is no_progress
-    assert argument.kind is inspect.Parameter.KEYWORD_ONLY
-
-
-def test_the_bar_shows_the_work_and_how_much_of_it_is_done(monkeypatch):
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_a_bar_shows_the_work_and_how_much_of_it_is_done_on_a_terminal(monkeypatch, is_terminal):
     monkeypatch.setenv("TERM", "xterm")
-    terminal = Terminal()
-    monkeypatch.setattr("sys.stderr", terminal)
+    shown = io.StringIO()
+    monkeypatch.setattr(shown, "isatty", lambda: is_terminal)
+    monkeypatch.setattr("sys.stderr", shown)
     with progress_bar("reading") as progress:
         progress("fitting finnie", 1, 4)
-    assert "fitting finnie" in terminal.getvalue()
-    assert "25%" in terminal.getvalue()
-
-
-def test_without_a_terminal_no_bar_is_shown(monkeypatch):
-    file = io.StringIO()
-    monkeypatch.setattr("sys.stderr", file)
-    with progress_bar("reading") as progress:
-        progress("fitting finnie", 1, 4)
-    assert file.getvalue() == ""
+    for text in ("fitting finnie", "25%"):
+        assert (text in shown.getvalue()) == is_terminal
+    assert is_terminal or shown.getvalue() == ""
 
 
 SLOW = """
@@ -393,20 +354,6 @@ def test_a_library_that_heeds_no_ctrl_c_is_ended_unless_results_are_kept(monkeyp
     with pytest.raises(KeyboardInterrupt):
         compute()
     assert ended.is_set() is not keeps
-
-
-def test_few_modules_come_before_ctrl_c_is_heeded():
-    program = f"""
-        import sys
-        sys.path.insert(0, {str(Path(erosion.__file__).parents[1])!r})
-        import erosion.__main__
-        print({{"ast", "importlib.resources", "typing", "concurrent.futures"}} & {{*sys.modules}})
-    """
-    # Without `site`, which imports what it likes.
-    done = subprocess.run(
-        [sys.executable, "-S", "-c", textwrap.dedent(program)], capture_output=True, text=True, check=True
-    )
-    assert done.stdout == "set()\n"
 
 
 def test_nobody_waits_for_threads_after_an_error():

@@ -64,11 +64,6 @@ def test_without_arviz_it_says_what_to_install(table, shell, monkeypatch):
     )
 
 
-def test_a_fit_alone_has_no_options_of_draws(table, shell):
-    for option in ("--posterior", "--prior", "--draws", "--output", "--plot-pairs", "--next-experiment"):
-        assert f"Option `{option}` is unknown." in shell(["calibrate", str(table), option], 2).err
-
-
 def test_several_models_as_json(table, shell):
     arguments = ["posterior", str(table), "--free", "psi", "--model", "linearized,tan-alpha"]
     printed = shell([*arguments, "--draws", "125", "--json"]).result

@@ -8,7 +8,6 @@ import re
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import erosion
@@ -65,11 +64,10 @@ def test_options_win_over_the_case_file():
 
 
 def test_quantities_are_read_in_the_units_of_the_case(harder):
-    model = erosion.load_model(harder)
     said = settings(["speed=10 m/s", "factor=2"])
 
     def read(units):
-        return read_settings(harder, model, said, units, lambda _, *of: read_quantity(*of))
+        return read_settings(harder, erosion.load_model(harder), said, units, lambda _, *of: read_quantity(*of))
 
     assert read("si") == {"speed": 10.0, "factor": 2.0}
     assert read("inch-pound")["speed"] == pytest.approx(10 / 0.0254)
@@ -112,16 +110,14 @@ def test_models_lists_them(shell, tmp_path, monkeypatch):
     )
 
 
-def test_every_unit_that_is_shown_is_read():
-    assert read_quantity("40.4 1/s", "rate", "si") == 40.4
-    assert np.isclose(read_quantity("3 1/ms", "rate", "si"), 3000)
+@pytest.mark.parametrize(("text", "value"), [("40.4 1/s", 40.4), ("3 1/ms", 3000)])
+def test_every_unit_that_is_shown_is_read(text, value):
+    assert read_quantity(text, "rate", "si") == pytest.approx(value)
 
 
 def test_own_parameters_have_their_units_in_titles(shell):
-    assert (
-        "linearized-deformation (energy_ratio = 1.6, threshold = 12 m/s): one impact"
-        in shell("run --units si --model linearized-deformation --set 'threshold=12 m/s'").out
-    )
+    out = shell("run --units si --model linearized-deformation --set 'threshold=12 m/s'").out
+    assert "linearized-deformation (energy_ratio = 1.6, threshold = 12 m/s): one impact" in out
 
 
 def test_a_list_has_commas_between_its_items():
@@ -148,28 +144,6 @@ def test_all_names_every_usable_model():
 def test_models_are_named_with_commas_or_by_repeating(words, shell):
     compared = shell(["compare", *words.split(), "--json"]).result["models"]
     assert [line["model"] for line in compared] == ["linearized", "finnie"]
-
-
-@pytest.mark.parametrize("name", ["-o", "--output", "--output="])
-def test_an_output_has_one_name_and_a_letter(name, tmp_path, shell):
-    out = str(tmp_path / "out.nc")
-    words = [name + out] if name.endswith("=") else [name, out]
-    assert shell(["sweep", "--alpha", "20deg, 30deg", *words, "--json"]).result["output"] == out
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        "compare --models finnie",
-        "sweep --alpha 5deg:9deg:3 --out x.nc",
-        "run --material copper",
-        "calibrate sand.csv --target-density 1",
-        "map rows.csv --erodent-density 1",
-        "map rows.csv --spin none",
-    ],
-)
-def test_no_option_has_an_older_name(words, shell):
-    assert f"Option `{words.split()[-2]}` is unknown." in shell(words.split(), 2).err
 
 
 @pytest.mark.parametrize("words", [["20deg : 30deg"], ["20deg,30deg"], ["20deg", "30deg"]])
@@ -203,14 +177,6 @@ def test_the_help_of_a_big_verb_is_one_screen_with_all_options(verb, shell, monk
     )
     said = {"--alpha", "--v0", "--case", *re.findall(r"--[\w-]+", "\n".join(lines))}  # the data give them
     assert {name for name in known if name.startswith("--")} <= said
-
-
-@pytest.mark.parametrize("verb", ["calibrate", "map"])
-def test_each_parameter_of_the_case_is_named_and_taken(verb, shell):
-    printed = shell([verb, "--help"]).out
-    for name in ("k", "psi", "r", "b", "m", "sigma", "phidot0", "inertia"):
-        assert f"--{name}" in printed
-    assert "Option `--sigma` must be a stress" in shell([verb, "nowhere.csv", "--sigma", "1 m"], 2).err
 
 
 @pytest.mark.parametrize("verb", ["compare", "calibrate tests.csv"])

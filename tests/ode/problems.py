@@ -30,3 +30,9 @@ def ended(problem: Problem, args: Any, places: Sequence[int] = (), rtol: float =
     arrays = [np.asarray(number) for number in numbers]
     results = integrate(layout, arrays, 1, len(places), tuple(places), rtol)
     return layout.end_names[results.outcome[0]], results
+
+
+def alike(found: Any, expected: Any, rtol: float = 0.0, atol: float = 0.0) -> None:
+    """Compare all numbers of two trees."""
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(one, other, rtol=rtol, atol=atol)

@@ -283,16 +283,22 @@ def test_each_lane_goes_back_by_its_own_method(monkeypatch):
     _alike(jax.grad(loss)(jax.tree.map(jnp.asarray, args)), found, 1e-12)
 
 
-def test_what_does_not_fit_is_refused():
-    """By its name."""
+@pytest.mark.parametrize(
+    ("name", "value", "named"),
+    [
+        ("t", np.ones(2), "`t`"),
+        ("t", None, "`t`"),
+        ("t", np.ma.array(np.ones(3), mask=[False, True, False]), "`t`"),
+        ("y", np.ones(3), "`y`"),
+        ("ys", {"y": 1.0, "v": 0.0}, "`ts`"),
+        ("integrals", {"z": 1.0}, "`integrals`"),
+        ("integrals", 3, "`integrals`"),
+    ],
+)
+def test_what_does_not_fit_is_refused(name, value, named):
     end = ode.solve(FALL, {"height": np.ones(3), "g": 9.0}, t1=9.0)
-    masked = np.ma.array(np.ones(3), mask=[False, True, False])
-    given: list[tuple[str, Any]] = [
-        ("t", np.ones(2)), ("t", None), ("t", masked), ("y", np.ones(3)), ("integrals", {"z": 1.0}), ("integrals", 3),
-    ]  # fmt: skip
-    for name, value in given:
-        with pytest.raises((ValueError, TypeError), match=f"`{name}`"):
-            end.gradient(**{name: value})
+    with pytest.raises((ValueError, TypeError), match=named):
+        end.gradient(**{name: value})
 
 
 def test_whole_numbers_that_lanes_share_have_no_derivatives():
@@ -542,20 +548,6 @@ def test_states_at_times_count_in_jax(problem, args, options, ts):
     np.testing.assert_allclose(curve, (up - down) / (2 * h), rtol=1e-5, atol=1e-5 * np.abs(curve).max())
 
 
-@pytest.mark.slow
-def test_states_at_times_have_gradients_under_vmap():
-    ts = np.linspace(0.0, 5.0, 6)
-
-    def loss(args):
-        return jnp.nansum(ode.solve(DRIVEN, args, t1=5.0, ts=ts).ys["x"] ** 2)
-
-    each = jax.vmap(jax.grad(loss))(OF_DRIVEN)
-    for i in range(3):
-        alone = jax.grad(loss)({name: values[i] for name, values in OF_DRIVEN.items()})
-        for name in alone:
-            np.testing.assert_allclose(each[name][i], alone[name], rtol=1e-12)
-
-
 TURNS = ode.Problem(
     y0=lambda args: {"x": args["x0"], "v": 0.0 * args["x0"]},
     vector_field=lambda t, y, args: {"x": y["v"], "v": -(args["w"] ** 2) * y["x"]},
@@ -631,11 +623,6 @@ def test_lanes_of_vmap_have_times_of_their_own():
             exact = np.sum(2 * end.ys["x"] * end.times.along(name).ys["x"])
             np.testing.assert_allclose(slopes[0][name][i], exact, rtol=1e-7)
         np.testing.assert_allclose(slopes[1][i], 2 * end.ys["x"] * end.ys["v"], rtol=1e-7, atol=1e-9)
-
-
-def test_gradients_of_states_need_times():
-    with pytest.raises(ValueError, match="`ts`"):
-        ode.solve(FALL, {"height": 1.0, "g": 9.81}, t1=10.0).gradient(ys={"y": 1.0, "v": 0.0})
 
 
 DOSED = ode.Problem(

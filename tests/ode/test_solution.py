@@ -116,16 +116,6 @@ def test_a_dataset_says_which_numbers_its_lanes_have(tmp_path):
         np.testing.assert_array_equal(back["time_"], back["t1"])
 
 
-@pytest.mark.slow
-def test_a_dataset_goes_to_a_file(tmp_path):
-    import xarray as xr
-
-    file = tmp_path / "solution.nc"
-    ONE.to_dataset().to_netcdf(file)
-    with xr.open_dataset(file) as back:
-        assert float(back["t"]) == float(ONE.t)
-
-
 def test_along_takes_names_in_any_order_and_refuses_others():
     assert ONE.along("v", "drag.k") is ONE.along("drag.k", "v")
     for names in (("x",), ("v", "x"), (), ("v", "v", "v")):

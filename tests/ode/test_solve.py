@@ -508,12 +508,6 @@ def test_a_lane_with_too_many_steps_tells_what_it_reached():
     assert np.isnan(end.along("x0").y["x"])
 
 
-def test_a_problem_needs_neither_events_nor_arguments():
-    end = ode.solve(ode.Problem((1.0, 2.0), lambda t, y, args: (y[1], -y[0])), t1=1.0)
-    assert (end.ended_by, end.t, end.count) == ("t1", 1.0, 0)
-    np.testing.assert_allclose(end.y, [np.cos(1) + 2 * np.sin(1), 2 * np.cos(1) - np.sin(1)], **CLOSE)
-
-
 def test_arguments_broadcast_and_each_lane_is_its_own():
     c = np.array([[0.1], [0.2]])
     x0 = np.array([1.0, 2.0, 3.0])
