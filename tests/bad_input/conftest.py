@@ -14,6 +14,11 @@ TABLE = "angle [deg], volume [in^3], uncertainty [in^3]\n10,1e-4,1e-6\n20,1.8e-4
 ALL_BYTES = bytes(range(256))
 
 
+unchecked_types = pytest.mark.skipif(
+    os.environ.get("EROSION_CHECK_TYPES") == "1", reason="beartype would be the first to complain"
+)
+
+
 @pytest.fixture(scope="module")
 def workshop(tmp_path_factory) -> Path:
     """Good files, broken files, and folders in the place of files."""

@@ -19,8 +19,7 @@ from erosion.distributions import read_distribution
 from erosion.explorer.state import PageCase, PageState
 from erosion.fits.measurements import HeaderError, read_header
 from erosion.parameters.quantities import Dimension, UnitError, check_system, has_unit, read_axis, read_quantity
-from tests.bad_input.conftest import ALL_BYTES, CASE
-from tests.bad_input.unchecked import without_type_checks
+from tests.bad_input.conftest import ALL_BYTES, CASE, unchecked_types
 from tests.documents import Shell
 from tests.parameters.test_parameters import case_text
 
@@ -106,13 +105,6 @@ def test_files_that_are_no_case(tmp_path, content, message):
     assert message in str(caught.value)
 
 
-def test_cases_that_cannot_be_opened(tmp_path):
-    with pytest.raises(erosion.CaseError, match=r"nowhere.toml: cannot be read \(No such file"):
-        erosion.load_case(tmp_path / "nowhere.toml")
-    with pytest.raises(erosion.CaseError, match=r"cannot be read \(Is a directory"):
-        erosion.load_case(tmp_path)
-
-
 SECTIONS = [
     ("sweep", "speed = 3", ": field `speed` of [sweep] is unknown; they are model, paired"),
     ("sweep", "alpha = []", ": field `alpha` of [sweep] must hold values, but is empty."),
@@ -158,25 +150,16 @@ SECTIONS = [
 ]
 
 
-@pytest.fixture(scope="module")
-def sections(tmp_path_factory):
-    """What the command says of each section."""
-    folder = tmp_path_factory.mktemp("sections")
-    commands = []
-    for i, (verb, lines, _) in enumerate(SECTIONS):
-        (folder / f"case-{i}.toml").write_text(f"{CASE}\n[{verb}]\n{lines}\n")
-        commands.append([verb, f"case-{i}.toml", "-o", "out.nc"])
-    yield dict(zip(SECTIONS, without_type_checks("command", commands, folder), strict=True))
-    assert not (folder / "out.nc").exists()
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("row", SECTIONS)
-def test_bad_sections_are_one_line_and_exit_2(sections, row):
-    status, out, err = sections[row]
-    assert (status, out) == (2, "")
-    assert row[2] in err
-    assert err.count("\n") == 1
+@unchecked_types
+@pytest.mark.parametrize(("verb", "lines", "message"), SECTIONS)
+def test_bad_sections_are_one_line_and_exit_2(tmp_path, monkeypatch, shell, verb, lines, message):
+    monkeypatch.chdir(tmp_path)
+    Path("case.toml").write_text(f"{CASE}\n[{verb}]\n{lines}\n")
+    said = shell([verb, "case.toml", "-o", "out.nc"], 2).err
+    assert message in said
+    assert said.count("\n") == 1
+    assert not Path("out.nc").exists()
 
 
 def test_a_section_that_is_no_table(tmp_path):
@@ -386,13 +369,6 @@ def test_a_law_of_bare_angles_is_refused_with_the_right_spelling(law: str, spell
     assert f"such as {spelled}, but is {law!r}" in str(caught.value)
     assert read_distribution(spelled, "alpha", "angle", "si") is not None
     assert read_distribution("normal(1000, 5)", "phidot0", "angular speed", "si") is not None
-
-
-def test_every_law_of_a_bare_angle_is_one_line(shell: Shell) -> None:
-    assert shell("stream --alpha 'normal(30, 5)'", 2).err == (
-        "erosion: Option `--alpha` must have units in its angles, such as normal(30deg, 5deg), "
-        "but is 'normal(30, 5)'.\n"
-    )
 
 
 @pytest.mark.parametrize("density", ["2700", "2.7", " 2700 ", "1e3"])

@@ -236,6 +236,10 @@ SWEEPS = [
 ]
 STREAMS = [
     ("stream", 'A stream must have a law of a parameter, an option such as --v0 "normal(110 m/s, 10 m/s)"'),
+    (
+        "stream --alpha 'normal(30, 5)'",
+        "must have units in its angles, such as normal(30deg, 5deg), but is",
+    ),
     ("stream --v0 normal(4400)", "Option `--v0` must be normal(mean, deviation), but is 'normal(4400)'."),
     ("stream --v0 normal(4400,-1)", "`deviation` must be positive and finite, but is -1."),
     ("stream --v0 normal(4400,nan)", "`deviation` must be positive and finite, but is nan."),
