@@ -1,13 +1,16 @@
-"""What is doubtful in rows: ways between hits beside speeds."""
+"""What is doubtful in rows: ways between hits beside speeds, and tables that are cut off."""
 
 import dataclasses
 import math
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from erosion.cfd.doubts import Journeys
+from erosion.cfd.doubts import Journeys, Noted
 from erosion.cfd.incidence import Incidence
+from erosion.cfd.read import read_impacts
 from erosion.cfd.rows import ImpactBlock
 from tests.cfd.parts import PARTS
 
@@ -53,3 +56,18 @@ def test_even_ways_tell_miles_and_knots(factor: float, words: str, is_even: bool
     said = " ".join(journeys.in_words())
     assert bool(said) == (bool(words) and (is_even or factor > 2))
     assert not is_even or words in said
+
+
+@pytest.mark.parametrize(("rows", "is_said"), [(2**16 - 1, True), (2**16, False), (2**20 - 1, True)])
+def test_what_a_sheet_holds_may_not_be_all(rows: int, is_said: bool) -> None:
+    noted = Noted({})
+    noted.add_rows({"speed": np.ones(rows)})
+    assert any("as a sheet of Excel holds" in said for said in noted.doubts(None)) == is_said
+
+
+def test_a_table_of_openfoam_may_be_cut_within_a_number(tmp_path: Path) -> None:
+    run = shutil.copytree(Path(__file__).parent / "openfoam" / "parallel", tmp_path / "run")
+    last = max((run / "postProcessing").rglob("hump.post"))
+    assert not any("end of a line" in said for said in read_impacts(run).warnings)
+    last.write_text(last.read_text()[:-2])
+    assert f"{last.name} does not end with the end of a line" in " ".join(read_impacts(run).warnings)

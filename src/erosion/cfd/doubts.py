@@ -36,6 +36,7 @@ _EVEN, _EVEN_WAYS = 1.25, (0.58, 1.4)  # the same where all are alike, the strai
 _STEEP = 45.0  # mean angle from which on it may be measured from the normal, and hits send grains far up [°]
 _LARGEST, _IN_GRAINS = 100.0, 20.0  # sizes of a surface that no part has [m], and over the diameter of grains
 _NUMBERED = 10  # rows from which on angles are told in radians
+_SHEETS = 2**16, 2**20  # lines that sheets of Excel hold: what it saves ends there
 
 # Wear grows as speed^2.6 and as the mass of a grain; depths as volumes over areas.
 _GRANTED = (
@@ -235,6 +236,8 @@ class Noted:
                 f"column {self._beside.name!r} is {self._speeds:.3g} × the speed by the components of the velocity, "
                 "which count; are the units of both right?"
             )
+        if self._rows + 1 in _SHEETS:
+            yield f"it has {self._rows + 1:,} lines, as many as a sheet of Excel holds; did the table have more?"
         yield from self._repeats.in_words()
 
 

@@ -24,6 +24,7 @@ from erosion.cfd.rows import (
     Plain,
     beginning,
     blocks,
+    cut_off,
     digest_of,
     first_wrong_field,
     kind_of,
@@ -181,8 +182,8 @@ def open_named(
     duration, warnings = weigh(str(path), columns, duration)
     if len(blocks) > 1:
         warnings += (f"{path.name}: the points of its blocks {', '.join(blocks)} are joined.",)
-    if not _ends_with_a_line(path):
-        warnings += (f"{path.name} does not end with the end of a line; is it there to its end?",)
+    if kind_of(path) == "csv":
+        warnings += cut_off(path)
     return NamedImpacts(
         title=str(path),
         path=path,
@@ -217,15 +218,6 @@ def _number(cell: Any) -> float:
         return float(cell)
     except (TypeError, ValueError):
         return math.nan
-
-
-def _ends_with_a_line(path: Path) -> bool:
-    """Whether its last line is complete; True of what is compressed or no text."""
-    if path.suffix == ".gz" or kind_of(path) != "csv":
-        return True
-    with path.open("rb") as file:
-        file.seek(-1, io.SEEK_END)
-        return file.read(1) in (b"\n", b"\r")
 
 
 def gives_density(path: Path, ignore: Sequence[str], meant: Mapping[str, str] | None = None) -> bool:

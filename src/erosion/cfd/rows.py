@@ -311,6 +311,16 @@ def open_table(path: Path) -> Iterator[Any]:
         raise ImpactsError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from error
 
 
+def cut_off(path: Path) -> tuple[str, ...]:
+    """A sentence where a text, not compressed, does not end with the end of a line."""
+    if path.suffix == ".gz":
+        return ()
+    with path.open("rb") as file:
+        file.seek(-1, io.SEEK_END)
+        has_end = file.read(1) in (b"\n", b"\r")
+    return () if has_end else (f"{path.name} does not end with the end of a line; is it there to its end?",)
+
+
 _SUFFIXES = {"openfoam": (".post",), "fluent": (".dpm",), "parquet": (".parquet",), "csv": (".csv",),
              "vtk": (".vtp", ".vtu", ".vtm")}  # fmt: skip
 _BEGINS = {"openfoam": rb"^#\s*Time\b", "fluent": rb"^\s*\(+\s*x\s+y\s+z\b.*\bdiameter\b"}

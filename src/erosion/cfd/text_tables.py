@@ -27,6 +27,7 @@ from erosion.cfd.rows import (
     batches,
     beginning,
     blocks,
+    cut_off,
     digest_of,
     require_columns,
     require_rows,
@@ -205,6 +206,7 @@ def open_openfoam(path: Path, case: Path | None, density: float | None, duration
     if not {"mesh_face", POSITION[0]} & first.columns.keys():
         raise ImpactsError(f"{first.path}: names neither the face (`facei`) nor the position of an impact.")
     _, warnings_of_weights = weigh(str(first.path), first.columns, duration)
+    warnings_of_weights += tuple(itertools.chain(*(cut_off(table.path) for table in tables)))
     given, covered = duration, _covered(path, tables, mesh)
     if given is not None and covered is not None and not math.isclose(given, covered, rel_tol=0.01):
         warnings_of_weights += (
@@ -253,6 +255,7 @@ def open_fluent(path: Path, density: float | None, duration: float | None) -> Te
     require_columns(str(path), columns)
     table = Table(path, numbers[0] + 1, names, columns)
     read_as = _READ_AS.format("Fluent")
+    warnings += cut_off(path)
     return TextImpacts(title=str(path), tables=(table,), duration=duration, warnings=warnings, read_as=read_as)
 
 
