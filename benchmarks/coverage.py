@@ -6,6 +6,7 @@ for a weighing.
 """
 
 import argparse
+import dataclasses
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -110,8 +111,8 @@ class Tests(NamedTuple):
     asked: Mapping[str, tuple[np.ndarray, np.ndarray]]
 
 
-def made_up(law: _Law, index: int, key: int) -> Tests:
-    """The data set `index` of a law, whose number is `key`."""
+def made_up(law: _Law, index: int, key: int, common: float = 0.0) -> Tests:
+    """The data set `index` of a law, whose number is `key`; all rows of a speed are off together by a share."""
     rng = np.random.default_rng([38, key, index])
     design = [*DESIGNS][index % len(DESIGNS)]
     angles, repeats = DESIGNS[design]
@@ -119,6 +120,7 @@ def made_up(law: _Law, index: int, key: int) -> Tests:
     degrees, speeds = (part.ravel() for part in np.meshgrid(np.repeat(angles, repeats), (slow, FASTEST)))
     true = law(degrees, speeds)
     measured = np.maximum(true + rng.standard_normal(true.size) * np.hypot(0.3, 0.08 * true), 0.3)
+    measured *= 1 + common * rng.standard_normal(2)[(speeds == FASTEST).astype(int)]
     inside = np.array((12.0, 22.0, 35.0, 55.0, 80.0) if angles[0] == 10 else (22.0, 35.0, 48.0, 55.0, 75.0))
     between = slow + (FASTEST - slow) * np.array([0.25, 0.8])
     asked = {"inside": (np.tile(inside, 2), np.repeat(between, len(inside)))}
@@ -151,11 +153,13 @@ def outcome(law: _Law, tests: Tests, predict: Callable[[np.ndarray, np.ndarray],
     return Outcome(held, width)
 
 
-def drawn(tests: Tests, model: str, free: Sequence[str], **options: Any) -> erosion.Posterior:
+def drawn(
+    tests: Tests, model: str, free: Sequence[str], error: ErrorModel = ERROR, **options: Any
+) -> erosion.Posterior:
     """The posterior of a data set."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", erosion.ConvergenceWarning)
-        return erosion.posterior(model, CASE, tests.table, free, density=DENSITY, error=ERROR, **options)
+        return erosion.posterior(model, CASE, tests.table, free, density=DENSITY, error=error, **options)
 
 
 def in_milligrams(posterior: erosion.Posterior, **options: Any) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
@@ -182,18 +186,24 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=150, help="of each population")
     parser.add_argument("--model", default="linearized-deformation")
     parser.add_argument("--free", default="k,psi,energy_ratio")
+    parser.add_argument("--common", type=float, default=0.0, help="error that the rows of a speed share, such as 0.05")
     arguments = parser.parse_args()
     laws, free = LAWS[arguments.laws], arguments.free.split(",")
     first = sum(len(of) for of in [*LAWS.values()][: [*LAWS].index(arguments.laws)])
-    everything: dict[str, list[Outcome]] = {"averaged": [], "without discrepancy": []}
+    stated = {"": dataclasses.replace(ERROR, common=arguments.common)}
+    stated |= {", without the error of each speed": ERROR} if arguments.common else {}
+    kinds = {"averaged": True, "without discrepancy": False}
+    everything: dict[str, list[Outcome]] = {kind + said: [] for said in stated for kind in kinds}
     begun = time.perf_counter()
     for key, (name, law) in enumerate(laws.items(), start=first):
         since, of_law = time.perf_counter(), {kind: [] for kind in everything}
         for index in range(arguments.sets):
-            tests = made_up(law, index, key)
-            posterior = drawn(tests, arguments.model, free, draws=arguments.draws)
-            of_law["averaged"].append(outcome(law, tests, in_milligrams(posterior)))
-            of_law["without discrepancy"].append(outcome(law, tests, in_milligrams(posterior, discrepancy=False)))
+            tests = made_up(law, index, key, arguments.common)
+            for said, error in stated.items():
+                posterior = drawn(tests, arguments.model, free, error, draws=arguments.draws)
+                for kind, discrepancy in kinds.items():
+                    predict = in_milligrams(posterior, discrepancy=discrepancy)
+                    of_law[kind + said].append(outcome(law, tests, predict))
         for kind, outcomes in of_law.items():
             everything[kind] += outcomes
             report(f"{name}, {kind}", outcomes, time.perf_counter() - since)

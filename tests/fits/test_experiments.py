@@ -214,6 +214,15 @@ def test_weighings_of_one_test_are_worth_their_mean_and_cost_what_is_said(drawn)
     assert "one row there is expected" in dear.sentence
 
 
+def test_repeats_do_not_average_out_what_a_speed_shares(drawn):
+    candidates = {"alpha": np.array([0.3, 0.6]), "v0": 4000.0}
+    error = ErrorModel(1e-6, 0.0, 0.1)
+    answer = next_experiment(drawn, candidates, noise=error, weighings=[1, 400], discrepancy=False)
+    alone = next_experiment(drawn, candidates, noise=ErrorModel(1e-12, 0.1), discrepancy=False)
+    both = next_experiment(drawn, candidates, noise=ErrorModel(1e-6, 0.1), discrepancy=False)
+    np.testing.assert_allclose(answer.information, [*both.information, *alone.information], rtol=1e-2)
+
+
 def test_what_a_model_may_lack_counts_as_in_simulated_experiments(monkeypatch):
     # By dense matrices on grids, one test of each candidate simulated 200 times; the grids err by some 0.02 bit.
     monkeypatch.setattr(simulated, "COARSE", {2: 30})

@@ -3,6 +3,7 @@
 Errors as laboratories have them: read, given as a column or by option, nearest to a column, drawn anew.
 """
 
+import dataclasses
 import math
 import time
 
@@ -12,7 +13,6 @@ from scipy import stats
 
 from erosion import TABLE_1, ErrorModel, MeasurementError, Measurements, calibrate, impact, read_measurements
 from erosion.distributions import Uniform
-from erosion.fits.errors import errors_at
 from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
 from erosion.fits.measurements import unit_system
@@ -272,17 +272,33 @@ def test_amounts_are_shown_in_the_unit_of_the_table(table, head, cell, scale):
         ("8%+3e-1 mg/kg", (3e-7, 0.08)),
         ("5 percent", (0.0, 0.05)),
         ("3e+1 ug/kg", (3e-8, 0.0)),
+        ("5 % of each speed + 0.3 mg/kg + 8 %", (3e-7, 0.08, 0.05)),
+        ("5 percent of each speed", (0.0, 0.0, 0.05)),
     ],
 )
-def test_a_text_has_one_or_two_parts(text, parts):
-    error = ErrorModel.read(text, "mass per mass", "si")
-    np.testing.assert_allclose([error.absolute, error.relative], parts, rtol=1e-12)
+def test_a_text_has_one_or_more_parts(text, parts):
+    error, parts = ErrorModel.read(text, "mass per mass", "si"), (*parts, 0.0)[:3]
+    np.testing.assert_allclose(dataclasses.astuple(error), parts, rtol=1e-12)
     np.testing.assert_allclose(error.deviation(np.array([0.0, 1e-4])), np.hypot(parts[0], [0, parts[1] * 1e-4]))
     again = ErrorModel.read(error.in_words("mass per mass", "si"), "mass per mass", "si")
-    assert (again.absolute, again.relative) == pytest.approx(parts)
+    assert dataclasses.astuple(again) == pytest.approx(parts)
 
 
-@pytest.mark.parametrize("text", ["", "8", "-8 %", "8 % + 3 %", "0.3 mg", "0 %", "nan %", "mg/kg + 8 %"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "8",
+        "-8 %",
+        "8 % + 3 %",
+        "0.3 mg",
+        "0 %",
+        "nan %",
+        "mg/kg + 8 %",
+        "8 % of each day",
+        "2 % of each speed + 3 % of each speed",
+    ],
+)
 def test_other_texts_are_refused(text):
     with pytest.raises(UnitError, match="must be"):
         ErrorModel.read(text, "mass per mass", "si")
@@ -354,7 +370,9 @@ def test_the_likelihood_has_the_error_of_what_is_expected(factor):
 
 def test_a_model_without_erosion_at_a_row_has_an_error_there():
     parts = np.array([[0.0, 0.1], [3e-6, 0.1]])
-    np.testing.assert_allclose(errors_at(parts, np.zeros(2), np.full(2, 8e-5)), [4e-6, 5e-6])
+    rows = read_measurements({"angle [deg]": [20, 40], "volume [m^3]": [8e-5, 8e-5]}, "si", error=ErrorModel(0, 0.1))
+    rows = dataclasses.replace(rows, parts=parts).weighed(np.zeros(2))
+    np.testing.assert_allclose(rows.deviation, [4e-6, 5e-6])
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -374,6 +392,57 @@ def test_repeats_show_what_a_model_misses(known):
     assert lack.scatter == pytest.approx(np.sqrt(pure) / (1e-6 if known else 1.0))
     assert "lack_of_fit" in str(fit)
     assert calibrate("linearized", TABLE_1, {n: v[::3] for n, v in data.items()}, ["psi"]).lack_of_fit is None
+
+
+TWO_SPEEDS = float(TABLE_1.v0) * np.array([0.5, 0.5, 0.5, 1.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize("column", [True, False])
+def test_least_squares_know_what_rows_of_a_speed_share(column):
+    """With ψ free alone the fit is generalized least squares of measured over true erosion, typed once more."""
+    true = impact("linearized", TABLE_1.replace(alpha=np.deg2rad(DEGREES), v0=TWO_SPEEDS)).volume
+    table = {"angle [deg]": DEGREES, "speed [in/s]": TWO_SPEEDS, "volume [in^3]": true * SHARES}
+    more = {"uncertainty [in^3]": 0.1 * true} if column else {}
+    error = ErrorModel(common=0.3) if column else ErrorModel(relative=0.1, common=0.3)
+    fit = calibrate("linearized", TABLE_1, table | more, ["psi"], error=error)
+    factor = float(TABLE_1.psi / fit.estimates["psi"])
+    shared = 0.3**2 * np.equal.outer(TWO_SPEEDS, TWO_SPEEDS)
+    own = np.eye(6) * 0.1**2
+    inverse = np.linalg.inv(own / factor**2 + shared) if column else np.linalg.inv(own + shared)
+    weight = inverse.sum()
+    # The common error is of the fit, as the relative one is.
+    assert factor == pytest.approx(inverse.sum(axis=0) @ SHARES / weight, rel=1e-4)
+    misses = SHARES / factor - 1
+    assert fit.chi2 == pytest.approx(misses @ inverse @ misses, rel=1e-4)
+    assert fit.standard_errors["psi"] / fit.estimates["psi"] == pytest.approx(weight**-0.5, rel=1e-3)
+
+
+def test_a_common_error_needs_rows_of_one_speed_and_errors_of_their_own():
+    table = {"angle [deg]": DEGREES, "speed [in/s]": TWO_SPEEDS, "volume [in^3]": TRUE}
+    apart = table | {"speed [in/s]": TWO_SPEEDS + 100 * np.arange(6)}
+    with pytest.raises(MeasurementError, match="no two rows are of one speed"):
+        read_measurements(apart, "inch-pound", error=ErrorModel(relative=0.1, common=0.05))
+    with pytest.raises(MeasurementError, match="column of uncertainties"):
+        read_measurements(dict(table) | {"uncertainty [%]": [8] * 6}, "inch-pound", error=ErrorModel(0, 0.1, 0.05))
+    with pytest.raises(ValueError, match=r"`error` must also say what the error of each row is"):
+        calibrate("linearized", TABLE_1, table, ["psi"], error=ErrorModel(common=0.05))
+
+
+def test_speeds_that_are_off_together_are_no_pattern():
+    """One speed 12 % high, the other 12 % low, with a tenth of that for each row."""
+    degrees, random = np.tile(np.linspace(10.0, 80.0, 8), 2), np.random.default_rng(3)
+    speeds = float(TABLE_1.v0) * np.repeat([0.5, 1.0], 8)
+    true = impact("linearized-deformation", TABLE_1.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
+    volume = true * np.repeat([1.12, 0.88], 8) * (1 + 0.01 * random.standard_normal(16))
+    table = {"angle [deg]": degrees, "speed [in/s]": speeds, "volume [in^3]": volume}
+    alone, shared = (
+        calibrate("linearized-deformation", TABLE_1, table, ["k", "psi"], error=ErrorModel(0.0, 0.01, common))
+        for common in (0.0, 0.1)
+    )
+    assert any("does not fit" in sentence for sentence in alone.warnings)
+    assert any(pattern.seen for pattern in alone.patterns)
+    assert not shared.warnings
+    assert shared.standard_errors["psi"] > 5 * alone.standard_errors["psi"]
 
 
 def test_a_part_that_matters_in_no_row_is_none():

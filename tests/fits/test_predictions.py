@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 import erosion
+from erosion.distributions import Uniform
 from erosion.fits import Calibration, Posterior, least_squares, prediction
 from erosion.fits.discrepancy import PRIORS, Discrepant, with_few_conditions
 from erosion.fits.errors import ErrorModel
@@ -21,13 +22,13 @@ ERROR = ErrorModel(1e-6, 0.05)
 V0 = float(TABLE_1.v0)
 
 
-def rows(*, known: bool = True, degrees=(15.0, 30.0, 50.0)):
+def rows(*, error: ErrorModel | None = ERROR, degrees=(15.0, 30.0, 50.0)):
     """Repeats at three angles and two speeds, of a curve that no model has."""
     angle, speed = (part.ravel() for part in np.meshgrid(np.repeat(degrees, 2), (0.6 * V0, V0)))
     true = 8e-5 * np.sin(np.deg2rad(2 * angle)) ** 0.6 * (speed / V0) ** 2.5
     volume = true + ERROR.deviation(true) * np.random.default_rng(4).standard_normal(true.size)
     table = {"angle [deg]": angle, "speed [in/s]": speed, "volume [in^3]": volume}
-    return make_forward("linearized", TABLE_1, table, ["k", "psi"], None, 1.0, ERROR if known else None)
+    return make_forward("linearized", TABLE_1, table, ["k", "psi"], None, 1.0, error)
 
 
 def dense(misfit: Discrepant, values: dict, i: int, asked=None):
@@ -38,6 +39,8 @@ def dense(misfit: Discrepant, values: dict, i: int, asked=None):
         angle, speed = np.append(angle, asked[0]), np.append(speed, asked[1])
     at = p.replace(alpha=angle, v0=speed, k=values["k"][i], psi=values["psi"][i])
     mean = erosion.impact("linearized", at).volume * (speed / V0) ** (values["exponent"][i] - 2)
+    if not misfit.has_discrepancy:
+        return mean, np.zeros((len(angle), len(angle)))
     mean = mean * np.sin(angle) ** values["sine_exponent"][i]
 
     def matern(r):
@@ -49,26 +52,56 @@ def dense(misfit: Discrepant, values: dict, i: int, asked=None):
     return mean, kernel + values["tau"][i] ** 2 * matern(both)
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_the_likelihood_is_that_of_all_rows(known):
-    misfit = Discrepant(make_likelihood(rows(known=known), {}), True, True)
+@pytest.mark.parametrize("discrepancy", [True, False])
+@pytest.mark.parametrize("error", [ERROR, None, ErrorModel(1e-6, 0.05, 0.04), ErrorModel(common=0.04)], ids=str)
+def test_the_likelihood_is_that_of_all_rows(error, discrepancy):
+    misfit = Discrepant(make_likelihood(rows(error=error), {}), True, discrepancy)
     points = np.random.default_rng(1).standard_normal((5, misfit.priors.dimension)) / 2
     squares, variance = misfit.squares(points, 0)
     values, data = misfit.values(points), misfit.plain.forward.data
     logs = misfit.plain.constant - 0.5 * (squares / variance + len(data) * np.log(variance))
     for i, log in enumerate(logs):
         mean, kernel = dense(misfit, values, i)
-        error = (
-            data.weighed(mean).deviation ** 2
-            if known
-            else values["noise"][i] ** 2 + (values["relative_noise"][i] * mean) ** 2
+        own = (
+            values["noise"][i] ** 2 + (values["relative_noise"][i] * mean) ** 2
+            if data.uncertainty is None
+            else data.weighed(mean).deviation ** 2
         )
-        joint = stats.multivariate_normal(mean, np.outer(mean, mean) * kernel + np.diag(error))
+        covariance = np.outer(mean, mean) * kernel + np.diag(own) + common(data, mean)
+        joint = stats.multivariate_normal(mean, covariance)
         assert log == pytest.approx(joint.logpdf(data.erosion), rel=1e-5)
 
 
-def test_curves_are_those_of_the_closed_posterior():
-    misfit = Discrepant(make_likelihood(rows(), {}), True, True)
+def common(data, mean: np.ndarray) -> np.ndarray:
+    """The covariance by what rows of a speed share."""
+    shared = data.weighed(mean).common
+    return (
+        np.zeros((len(data), len(data)))
+        if shared is None
+        else np.outer(shared, shared) * np.equal.outer(data.speed, data.speed)
+    )
+
+
+@pytest.mark.parametrize("factor", [None, 1.7])
+def test_the_parameters_are_drawn_with_what_rows_of_a_speed_share(factor):
+    error = ErrorModel(1e-6, 0.05, 0.1)
+    laws = {} if factor is None else {"error_factor": Uniform(1.0, 2.0)}
+    likelihood = make_likelihood(rows(error=error), laws)
+    points = np.array([[0.02, 0.1, 0.524][: 2 if factor is None else 3]])
+    squares, variance = likelihood.squares(points, 0)
+    values, data = likelihood.values(points), likelihood.forward.data
+    mean = likelihood.predict({name: values[name] for name in ("k", "psi")}, data.conditions)[0]
+    covariance = np.diag(data.weighed(mean).deviation ** 2) + common(data, mean)
+    covariance = covariance * values.get("error_factor", np.ones(1)) ** 2
+    log = likelihood.constant - 0.5 * (squares / variance + len(data) * np.log(variance))
+    assert log[0] == pytest.approx(stats.multivariate_normal(mean, covariance).logpdf(data.erosion), rel=1e-5)
+    misses = data.erosion - mean
+    assert likelihood.chi2(points)[0] == pytest.approx(misses @ np.linalg.solve(covariance, misses), rel=1e-5)
+
+
+@pytest.mark.parametrize("error", [ERROR, ErrorModel(1e-6, 0.05, 0.1)], ids=str)
+def test_curves_are_those_of_the_closed_posterior(error):
+    misfit = Discrepant(make_likelihood(rows(error=error), {}), True, True)
     one = misfit.values(np.full((1, misfit.priors.dimension), 0.2))
     values = {name: np.repeat(value, 4000) for name, value in one.items()}
     asked = np.deg2rad(70.0), 1.3 * V0
@@ -77,7 +110,8 @@ def test_curves_are_those_of_the_closed_posterior():
     mean, kernel = dense(misfit, one, 0, asked)
     data = misfit.plain.forward.data
     joint = np.outer(mean, mean) * kernel
-    gain = np.linalg.solve(joint[:-1, :-1] + np.diag(data.weighed(mean[:-1]).deviation ** 2), joint[:-1, -1])
+    own = np.diag(data.weighed(mean[:-1]).deviation ** 2)
+    gain = np.linalg.solve(joint[:-1, :-1] + own + common(data, mean[:-1]), joint[:-1, -1])
     middle = mean[-1] + gain @ (data.erosion - mean[:-1])
     deviation = np.sqrt(joint[-1, -1] - gain @ joint[:-1, -1])
     # Of 4000 draws: 1.6 % of a deviation, and 1.1 % of it.
@@ -171,6 +205,21 @@ def test_predictions_are_kept_in_the_file_of_draws(missed, tmp_path):
         "alpha": np.deg2rad((10.0, 85.0)), "v0": (0.6 * V0 * 0.0254, V0 * 0.0254), "m": 2 * (float(TABLE_1.to("si").m),)
     }.items()}  # fmt: skip
     assert draws.warnings == missed.warnings[len(missed.not_converged) :] != ()
+
+
+def test_what_rows_of_a_speed_share_is_kept_and_is_in_a_new_weighing(tmp_path):
+    """A new weighing is of another day: its speed is off by an error of its own."""
+    error = ErrorModel(1e-6, 0.05, 0.1)
+    drawn = erosion.posterior("linearized", TABLE_1, rows(error=error).data, ["psi"], draws=125, discrepancy=False)
+    asked = np.deg2rad([20.0, 70.0]), {"v0": V0}
+    mean, weighing = drawn.predictor.with_errors(*asked)
+    np.testing.assert_allclose(weighing, np.hypot(error.deviation(mean), 0.1 * mean), rtol=1e-9)
+    again = read_predictor(drawn.save(tmp_path / "draws.nc"))
+    np.testing.assert_array_equal(again.data.common, drawn.data.common)
+    assert again.data.error == error
+    np.testing.assert_allclose(again.predict(*asked, noise=True), drawn.predict(*asked, noise=True), rtol=1e-9)
+    np.testing.assert_allclose(again.row_errors, drawn.data.whole_error)
+    assert "5 % + 10 % of each speed" in predictions(again, *asked).conclusions[0]
 
 
 @pytest.mark.slow

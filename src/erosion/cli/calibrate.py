@@ -54,7 +54,9 @@ class FitOptions(PerMassOptions):
     free: Annotated[list[str], LISTED, Parameter(help=_FREE, show_default=False)] = dataclasses.field(
         default_factory=list
     )
-    error: Annotated[str | None, Parameter(help='If no column has it: "0.3 mg/kg + 8 %", or one part.')] = None
+    error: Annotated[
+        str | None, Parameter(help='Without a column: "0.3 mg/kg + 8 %"; "+ 5 % of each speed": of its rows alike.')
+    ] = None
     starts: Annotated[WholeOption, Parameter(help="Points to begin from; 32 without it.")] = None
 
     def names(self, measured: "lazy.Measurements") -> Sequence[str]:

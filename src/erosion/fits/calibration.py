@@ -198,7 +198,7 @@ class Calibration(Result):
         if rows < self.rows_for_aicc or self.problem.loss == "arctan":
             return np.inf
         # Relative errors are of the fit: those of a larger fit are less likely to be this small.
-        misfit += 2 * float(np.sum(np.log(self.problem.data.deviation / self.problem.forward.data.deviation)))
+        misfit += self.problem.data.log_determinant - self.problem.forward.data.log_determinant
         return misfit + 2 * free + 2 * free * (free + 1) / (rows - free - 1)
 
     @property
@@ -224,8 +224,8 @@ class Calibration(Result):
     def leave_one_out(self) -> float:
         """Root mean square of the errors at rows left out of the fit, in the data's dimension.
 
-        From the leverage of each row (Allen's PRESS): exact for linear models, and to first
-        order in the noise for these. Infinite where one row alone determines a parameter.
+        From the leverage of each row (Allen's PRESS): exact for linear models with errors of
+        their own, and to first order in the noise for these. Infinite where one row alone determines a parameter.
         """
         rest = 1 - self.leverage
         if np.min(rest) < _ROUNDING:
@@ -235,7 +235,7 @@ class Calibration(Result):
     @functools.cached_property
     def identifiability(self) -> Identifiability:
         """The parameters and combinations that the data determines."""
-        return self._identify(self.solution.theta, self.solution.jacobian, self.fitted / self.problem.data.deviation)
+        return self._identify(self.solution.theta, self.solution.jacobian, self.problem.data.over_errors(self.fitted))
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -266,7 +266,7 @@ class Calibration(Result):
         if not are_noise(self.residuals, self.data.erosion):
             return ()
         groups = conditions(self.data)
-        tests = find_patterns(self.data, self.residuals / self.problem.data.deviation, groups)
+        tests = find_patterns(self.data, self.problem.data.over_errors(self.residuals), groups)
         # A robust loss lets rows be far off, which a test of variances takes for a miss.
         if self.data.uncertainty is not None or self.problem.loss != "linear":
             return tests
@@ -489,7 +489,7 @@ class Calibration(Result):
         residuals, jacobian = self.problem.residuals(start)
         if not np.all(np.isfinite(jacobian)):
             return 0
-        return self._identify(start, jacobian, residuals + self.data.erosion / self.problem.data.deviation).rank
+        return self._identify(start, jacobian, residuals + self.problem.data.over_errors(self.data.erosion)).rank
 
     def ends(self, level: float) -> list[tuple[float, float]]:
         """The intervals as distances of θ from the estimates."""
@@ -564,7 +564,8 @@ def calibrate(
             rows may be far off (`scipy.optimize.least_squares`).
         starts: number of points to begin from. V(α) of a turning body jumps, so the misfit
             has several valleys. The best fits with one parameter at its least value are further starts.
-        error: of a row, where the data have no column of it: "0.3 mg/kg + 8 %", see `read_measurements`.
+        error: of a row, where the data have no column of it: "0.3 mg/kg + 8 %", and of each speed, "5 % of each
+            speed", beside the rows' own; see `read_measurements`.
 
     Returns:
         Estimates, their errors, and sentences on parameters that the data does not determine.
@@ -581,6 +582,11 @@ def calibrate(
     if loss not in LOSSES:
         raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {briefly(loss)}.")
     starts, data, free_count = check_whole("starts", starts, 1), forward.data, len(forward.names)
+    if data.common is not None and data.uncertainty is None:
+        raise ValueError(
+            "Argument `error` must also say what the error of each row is, as least squares cannot tell it from that "
+            "of each speed; `posterior` samples it."
+        )
     if len(data) <= free_count:
         parameters = f"{free_count} free parameter" + ("s" if free_count > 1 else "")
         raise ValueError(

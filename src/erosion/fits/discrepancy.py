@@ -7,7 +7,8 @@ the angle alone and one of angle and speed:
 
     τ₁² M(Δα/ℓ₁) + τ₂² M(√((Δα/ℓ₂)² + (Δln v/ℓ_v)²)),   M(r) = (1 + √5 r + 5r²/3) exp(-√5 r)
 
-So rows are normal about μ, with the covariance μμᵀ∘K and that of their errors, and nothing of δ need be sampled. μ may
+So rows are normal about μ, with the covariance μμᵀ∘K and that of their errors, and nothing of δ need be sampled. An
+error that all rows of a speed share adds to the covariance of the rows, but not to that with what is asked for. μ may
 be zero, and rows near the error of a balance are no trouble, as no logarithm is taken.
 
 References:
@@ -24,6 +25,7 @@ import numpy as np
 from scipy import special
 
 from erosion.distributions import Distribution, LogNormal, Normal
+from erosion.fits.errors import by_common
 from erosion.fits.likelihood import LAW_OF_EXPONENT, Likelihood
 from erosion.fits.tempering import Misfit
 from erosion.joint_laws import LawSet
@@ -130,8 +132,13 @@ class Discrepant(Misfit):
         """χ² of the conditions' means, and the logarithm of their covariance's determinant in units of `deviation`."""
         pooled = self.plain.parts[0]
         if not self.has_discrepancy:
-            squares = ((mean - pooled.mean) / pooled.deviation) ** 2 / variances
-            return squares.sum(axis=1), np.log(variances).sum(axis=1)
+            residuals = (mean - pooled.mean) / pooled.deviation / np.sqrt(variances)
+            chi2, logs = np.sum(residuals**2, axis=1), np.log(variances).sum(axis=1)
+            common = self.plain.common(values, mean, pooled)
+            if common is None:
+                return chi2, logs
+            taken, added = by_common(residuals, common / np.sqrt(variances), pooled.speeds)
+            return chi2 - taken, logs + added
         chi2, logs = np.empty((2, len(mean)))
 
         def fill(batch: np.ndarray, _: Any) -> None:
@@ -157,6 +164,11 @@ class Discrepant(Misfit):
         joint = np.empty((len(size), count + 1, count + 1))
         joint[:, :count, :count] = self._process(values)
         joint[:, :count, :count] *= scaled[:, :, None] * scaled[:, None, :]
+        common = self.plain.common(values, mean, pooled)
+        if common is not None:
+            shared = common * pooled.deviation / size
+            is_of_one = pooled.speeds[:, None] == pooled.speeds
+            joint[:, :count, :count] += is_of_one * shared[:, :, None] * shared[:, None, :]
         places = np.arange(count)
         joint[:, places, places] = joint[:, places, places] * (1 + _JITTER) + error / size**2 + _JITTER
         # The last row of the factor is the residuals' L⁻¹.

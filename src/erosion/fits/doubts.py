@@ -333,14 +333,16 @@ def lack_of_fit(data: Measurements, fitted: np.ndarray, rank: int) -> LackOfFit 
         rank: the determined combinations of parameters.
     """
     values, places = data.at_conditions()
-    weight = np.ones(len(data)) if data.uncertainty is None else data.uncertainty**-2
+    weight = data.deviation**-2
     means = (np.bincount(places, weight * data.erosion) / np.bincount(places, weight))[places]
     freedom, of_means = len(data) - values.shape[1], values.shape[1] - rank
-    scatter, misfit = weight @ (data.erosion - means) ** 2, weight @ (means - fitted) ** 2
+    scatter, misfit = (float(np.sum(data.over_errors(part) ** 2)) for part in (data.erosion - means, means - fitted))
     if freedom < 1 or of_means < 1 or not scatter > 0:
         return None
     ratio = float(misfit / of_means / (scatter / freedom))
-    return LackOfFit(ratio, float(stats.f.sf(ratio, of_means, freedom)), float(np.sqrt(scatter / freedom)), freedom)
+    unit = 1.0 if data.uncertainty is not None else float(data.deviation[0])
+    size = unit * float(np.sqrt(scatter / freedom))
+    return LackOfFit(ratio, float(stats.f.sf(ratio, of_means, freedom)), size, freedom)
 
 
 def are_noise(residuals: np.ndarray, erosion: np.ndarray) -> bool:

@@ -30,13 +30,14 @@ class _Fit(Misfit):
     def __init__(self, problem: FitProblem, solution: FitSolution, moving: np.ndarray) -> None:
         whole, rows = problem.data, problem.data.some(THINNED)
         self._forward, self._theta, self._moving = problem.forward, solution.theta, moving
-        residuals, _ = problem.residuals(solution.theta)
+        fitted, _ = problem.forward.predict(solution.theta, whole.conditions)
+        residuals = whole.over_errors(fitted - whole.erosion)
         weights, least = problem.weights(residuals), 2 * solution.cost
-        most = least + float(np.sum(weights * ((whole.erosion / whole.deviation) ** 2 - residuals**2)))
+        most = least + float(np.sum(weights * (whole.over_errors(whole.erosion) ** 2 - residuals**2)))
         self._enough = (least + max(least, most)) / 2
         self._rows, self._known = len(whole), whole.uncertainty is not None
         is_part = len(rows) < len(whole)
-        target = whole.erosion + residuals * whole.deviation if is_part else whole.erosion
+        target = fitted if is_part else whole.erosion
         self._least = least if is_part else least - float(np.sum(weights * residuals**2))
         self._data, self._target = whole.of_rows(rows), target[rows]
         self._weights = weights[rows] * len(whole) / len(rows)
@@ -54,7 +55,7 @@ class _Fit(Misfit):
         """See `Misfit`; the unit is that of the weighted residuals."""
         predicted = self._forward.predict_many(self.theta(points), self._data.conditions)
         with np.errstate(over="ignore", invalid="ignore"):
-            residuals = (predicted - self._target) / self._data.deviation
+            residuals = self._data.over_errors(predicted - self._target)
             squares = self._least + np.sum(self._weights * residuals**2, axis=-1)
             squares *= np.clip(squares / self._enough, 1.0, 2.0) ** _STEEP
         squares = np.where(np.isfinite(squares), squares, np.inf)

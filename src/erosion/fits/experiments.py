@@ -201,7 +201,7 @@ def next_experiment(
     models a row says two things, about the parameters of each, and about which one is right.
 
     A row says less of the parameters where the model may miss it, and weighings of one test all miss by the same
-    discrepancy, which no repeat averages out.
+    discrepancy and share the error of their speed, which no repeat averages out.
 
     Args:
         source: a posterior, or several models' (`rank_posteriors`), with their probabilities.

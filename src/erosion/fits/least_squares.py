@@ -227,10 +227,9 @@ class FitProblem:
     noise: float = 1.0
 
     def residuals(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(prediction - measurement)/deviation, shape (rows,), and its Jacobian, shape (rows, names)."""
+        """Prediction less measurement over the rows' errors, shape (rows,), and its Jacobian, shape (rows, names)."""
         predicted, rates = self.forward.predict(theta, self.data.conditions)
-        deviation = self.data.deviation
-        return (predicted - self.data.erosion) / deviation, rates / deviation[:, None]
+        return self.data.over_errors(predicted - self.data.erosion), self.data.over_errors(rates.T).T
 
     def cost(self, residuals: np.ndarray) -> np.ndarray:
         """Half the sum of squares (of the robust loss) over the last axis; infinite for NaN."""
@@ -245,7 +244,7 @@ class FitProblem:
     def costs(self, thetas: np.ndarray) -> np.ndarray:
         """The cost at several θ, shape (points, names) -> (points,); infinite where impacts fail."""
         predicted = self.forward.predict_many(thetas, self.data.conditions)
-        return self.cost((predicted - self.data.erosion) / self.data.deviation)
+        return self.cost(self.data.over_errors(predicted - self.data.erosion))
 
     def thinned(self) -> "FitProblem":
         """The same problem with at most as many rows as are needed to choose among valleys."""
@@ -367,9 +366,9 @@ def with_noise(problem: FitProblem, theta: np.ndarray, noise: float) -> tuple[Fi
 
 def _reweighted(problem: FitProblem, solution: FitSolution) -> tuple[FitProblem, FitSolution]:
     """The fit whose relative errors are of its own erosion, by fits with the errors of the one before."""
-    for _ in range(_REWEIGHTED if problem.data.parts is not None else 0):
+    for _ in range(_REWEIGHTED if problem.data.has_shares else 0):
         data = problem.data.weighed(problem.forward.predict(solution.theta, problem.data.conditions)[0])
-        if np.allclose(data.deviation, problem.data.deviation, rtol=_SAME_ERRORS, atol=0.0):
+        if np.allclose(data.whole_error, problem.data.whole_error, rtol=_SAME_ERRORS, atol=0.0):
             break
         problem, solution = with_noise(dataclasses.replace(problem, data=data), solution.theta, problem.noise)
     return problem, solution

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import special
 
 from erosion.distributions import Distribution, LogUniform, Normal, Uniform, as_law
-from erosion.fits.errors import errors_at
+from erosion.fits.errors import by_common, of_which
 from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
 from erosion.fits.least_squares import default_width, make_problem
 from erosion.fits.tempering import Misfit
@@ -116,6 +116,7 @@ class _RowPart:
         spread: the sum of squares of the rows about their mean, shape (conditions,).
         counts: number of rows, shape (conditions,).
         parts: of a row's error over its `deviation`, shape (conditions, 2); None where it is one number.
+        speeds: which speed each condition has, shape (conditions,).
     """
 
     conditions: dict[str, np.ndarray]
@@ -124,6 +125,7 @@ class _RowPart:
     spread: np.ndarray
     counts: np.ndarray
     parts: np.ndarray | None
+    speeds: np.ndarray
 
     @property
     def rows(self) -> int:
@@ -169,7 +171,8 @@ class Likelihood(Misfit):
         rows = np.bincount(places, minlength=count)
         first = np.unique(places, return_index=True)[1]
         parts = None if data.parts is None else (data.parts / data.deviation[:, None])[first]
-        ends, end = [], _FIRST
+        # Rows that share an error say nothing one without the other.
+        ends, end = [], _FIRST if data.common is None else count
         while end < count:
             ends.append(end)
             end *= _GROWTH
@@ -181,6 +184,7 @@ class Likelihood(Misfit):
                 spread[chosen],
                 rows[chosen],
                 None if parts is None else parts[chosen],
+                data.speeds[first][chosen],
             )
             for chosen in np.split(np.random.default_rng(0).permutation(count), ends)
         ]
@@ -194,14 +198,19 @@ class Likelihood(Misfit):
         """See `Misfit`; the unit of squares is that of `deviation`."""
         pooled, values = self.parts[part], self.values(points)
         predicted = self.predict(values, pooled.conditions)
-        variances = self.variances(values, predicted, pooled)
+        variances, common = self.variances(values, predicted, pooled), self.common(values, predicted, pooled)
         with np.errstate(over="ignore", invalid="ignore"):
-            squares = ((predicted - pooled.mean) / pooled.deviation) ** 2
-            if variances is None:
-                chi2, variance = float(pooled.spread.sum()) + np.sum(squares, axis=1), np.ones(len(points))
+            residuals = (predicted - pooled.mean) / pooled.deviation
+            if variances is None and common is None:
+                chi2, variance = float(pooled.spread.sum()) + np.sum(residuals**2, axis=1), np.ones(len(points))
             else:
+                variances = np.ones_like(predicted) if variances is None else variances
+                chi2 = np.sum((residuals**2 + pooled.spread) / variances, axis=1)
                 logs = np.log(variances) @ pooled.counts
-                chi2, variance = np.sum((squares + pooled.spread) / variances, axis=1), np.exp(logs / pooled.rows)
+                if common is not None:
+                    taken, added = by_common(residuals / np.sqrt(variances), common / np.sqrt(variances), pooled.speeds)
+                    chi2, logs = chi2 - taken, logs + added
+                variance = np.exp(logs / pooled.rows)
                 chi2 = chi2 * variance
         failed = np.isnan(chi2) | ~(np.isfinite(variance) & (variance > 0))
         return np.where(failed, np.inf, chi2), np.where(failed, 1.0, variance)
@@ -222,9 +231,20 @@ class Likelihood(Misfit):
             return (absolute**2 + (relative * predicted) ** 2) / data.deviation[0] ** 2
         factor = values[ERROR_FACTOR][:, None] ** 2 if ERROR_FACTOR in values else None
         if pooled.parts is not None:
-            own = errors_at(pooled.parts, predicted, pooled.mean) ** 2
+            own = pooled.parts[:, 0] ** 2 + (pooled.parts[:, 1] * of_which(predicted, pooled.mean)) ** 2
             return own if factor is None else factor * own
         return None if factor is None else np.broadcast_to(factor, predicted.shape)
+
+    def common(self, values: Mapping[str, np.ndarray], predicted: np.ndarray, pooled: "_RowPart") -> np.ndarray | None:
+        """The error that all of a speed share over the `deviation` of each mean, shape (n, conditions); None without.
+
+        Arguments as of `variances`.
+        """
+        error = self.forward.data.error
+        if error is None or not error.common:
+            return None
+        factor = values[ERROR_FACTOR][:, None] if ERROR_FACTOR in values else 1.0
+        return factor * error.common * of_which(predicted, pooled.mean) / pooled.deviation
 
     def chi2(self, points: np.ndarray) -> np.ndarray:
         """χ² of all rows at points, shape (n, names) -> (n,)."""

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from erosion.arguments import real_numbers, unit_of_labels
-from erosion.fits.errors import ErrorModel, errors_at
+from erosion.fits.errors import ErrorModel, of_which, without_common
 from erosion.fits.tables import (
     KNOWN,
     REMOVALS,
@@ -87,6 +87,7 @@ class Measurements:
         unused: the headings of the columns that are not used.
         error: what the uncertainties are made of; without it the two parts that come nearest to them.
         parts: absolute and relative part of each uncertainty, shape (n, 2); None where it is one number.
+        common: one standard deviation of the error that a row shares with all of its speed, shape (n,); None without.
         lines: of the file, of each row; None for tables in memory.
         notes: sentences on how the table was read: rows that are left out, its characters.
         unit: of `erosion` in the table; empty where numbers do not read well in it.
@@ -104,6 +105,7 @@ class Measurements:
     unused: tuple[str, ...] = ()
     error: ErrorModel | None = None
     parts: np.ndarray | None = None
+    common: np.ndarray | None = None
     lines: np.ndarray | None = None
     notes: tuple[str, ...] = ()
     unit: str = ""
@@ -192,10 +194,11 @@ class Measurements:
 
         Args:
             error: a model, a text such as "0.3 mg/kg + 8 %", or a standard deviation [of the erosion]; None leaves the
-                rows as they are.
+                rows as they are. The common error of each speed alone leaves them their own uncertainties.
 
         Raises:
-            MeasurementError: for rows that have uncertainties already, and for an error of zero.
+            MeasurementError: for rows that have uncertainties already, for an error of zero, and for a common error of
+                rows that have no speed in common.
         """
         if error is None:
             return self
@@ -204,8 +207,16 @@ class Measurements:
                 error = ErrorModel.read(error, self.dimension, self.units)
         if not isinstance(error, ErrorModel):
             error = ErrorModel(error)
-        if self.uncertainty is not None:
-            raise MeasurementError(f"Argument `error` must be left out: {self.source} has a column of uncertainties.")
+        if self.uncertainty is not None and error.has_own:
+            raise MeasurementError(
+                f"Argument `error` must be left out, but for that of each speed: {self.source} has a column of "
+                "uncertainties."
+            )
+        if error.common and len(self) == self.speeds.max() + 1:
+            raise MeasurementError("Argument `error` must have no part of each speed, as no two rows are of one speed.")
+        if not error.has_own:
+            own = ErrorModel(common=1.0) if self.error is None else self.error
+            return dataclasses.replace(self, error=dataclasses.replace(own, common=error.common)).weighed()
         parts = np.tile([error.absolute, error.relative], (len(self), 1))
         rows = dataclasses.replace(self, error=error, parts=parts).weighed()
         if not rows.deviation.all():
@@ -213,14 +224,52 @@ class Measurements:
         return rows
 
     def weighed(self, expected: np.ndarray | None = None) -> "Measurements":
-        """The same rows, relative parts of whose uncertainties are of this erosion, or of the mean of repeats."""
-        if self.parts is None:
+        """The same rows, relative parts of whose errors are of this erosion, or of the mean of repeats."""
+        if not self.has_shares:
             return self
         _, places = self.at_conditions()
         mean = (np.bincount(places, self.erosion) / np.bincount(places))[places]
-        return dataclasses.replace(
-            self, uncertainty=errors_at(self.parts, mean if expected is None else expected, mean)
-        )
+        of, errors = of_which(mean if expected is None else expected, mean), {}
+        if self.parts is not None:
+            errors["uncertainty"] = np.hypot(self.parts[:, 0], self.parts[:, 1] * of)
+        if self.error is not None and self.error.common:
+            errors["common"] = self.error.common * of
+        return dataclasses.replace(self, **errors)
+
+    @property
+    def has_shares(self) -> bool:
+        """Whether a part of the errors is a share of the erosion."""
+        return self.parts is not None or (self.error is not None and self.error.common > 0)
+
+    @functools.cached_property
+    def speeds(self) -> np.ndarray:
+        """Which speed each row has, of those that agree to three digits, shape (n,)."""
+        if self.speed is None:
+            return np.zeros(len(self), int)
+        return np.unique(_in_digits(self.speed), return_inverse=True)[1].ravel()
+
+    def over_errors(self, of_rows: np.ndarray) -> np.ndarray:
+        """Numbers of rows, such as residuals, over their errors, without what rows of one speed have in common.
+
+        Args:
+            of_rows: shape (…, n).
+        """
+        scaled = of_rows / self.deviation
+        return scaled if self.common is None else without_common(scaled, self.common / self.deviation, self.speeds)
+
+    @property
+    def log_determinant(self) -> float:
+        """The logarithm of the determinant of the covariance of the rows' errors."""
+        logs = 2 * float(np.sum(np.log(self.deviation)))
+        if self.common is None:
+            return logs
+        squares = np.bincount(self.speeds, (self.common / self.deviation) ** 2)
+        return logs + float(np.sum(np.log1p(squares)))
+
+    @property
+    def whole_error(self) -> np.ndarray:
+        """One standard deviation of each row, its own error and the common one, shape (n,); see `deviation`."""
+        return np.hypot(self.deviation, 0.0 if self.common is None else self.common)
 
     def thinned(self, most: int) -> "Measurements":
         """At most `most` rows, drawn at random but always the same."""
@@ -234,7 +283,8 @@ class Measurements:
 
     def of_rows(self, rows: np.ndarray) -> "Measurements":
         """Some rows, by their indexes."""
-        arrays = {name: values[rows] for name, values in vars(self).items() if isinstance(values, np.ndarray)}
+        columns = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        arrays = {name: values[rows] for name, values in columns.items() if isinstance(values, np.ndarray)}
         return dataclasses.replace(self, **arrays)
 
 
@@ -252,7 +302,8 @@ def read_measurements(
             A column of another name that may be one of these is refused; `unused` of the result names all others.
         units: the unit system to convert to.
         ignore: columns that are left out, by their names: ("v_gas",).
-        error: of rows without uncertainties: "0.3 mg/kg + 8 %", an `ErrorModel`, or a number in the unit system.
+        error: of rows without uncertainties: "0.3 mg/kg + 8 %", an `ErrorModel`, or a number in the unit system; and of
+            any "5 % of each speed", by which all rows of a speed are off together.
 
     Raises:
         MeasurementError: one sentence with the file, the line and the column.
@@ -487,8 +538,7 @@ def conditions(data: Measurements, most: int | None = None) -> list[Condition]:
     if not given:
         return [Condition(np.arange(len(data)), {}, "")]
     columns = np.stack(list(given.values()), axis=1)
-    size = 10.0 ** (np.floor(np.log10(columns)) + 1 - _DIGITS)
-    levels, group = np.unique(np.round(columns / size) * size, axis=0, return_inverse=True)
+    levels, group = np.unique(_in_digits(columns), axis=0, return_inverse=True)
     count = len(levels)
     if most is None or count <= most:
         together, sign = [[i] for i in range(count)], "="
@@ -503,6 +553,12 @@ def conditions(data: Measurements, most: int | None = None) -> list[Condition]:
         Condition(rows, middle, describe({name: middle[name] for name in varying}, data.units, sign))
         for rows, middle in zip(parts, middles, strict=True)
     ]
+
+
+def _in_digits(values: np.ndarray) -> np.ndarray:
+    """Values to as many digits as tell conditions apart."""
+    size = 10.0 ** (np.floor(np.log10(values)) + 1 - _DIGITS)
+    return np.round(values / size) * size
 
 
 def usual_condition(data: Measurements, p: Parameters) -> Mapping[str, float]:

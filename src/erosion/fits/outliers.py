@@ -76,7 +76,7 @@ def chances(residuals: np.ndarray, slopes: np.ndarray, fitted: np.ndarray, freed
 def far_rows(fit: "Calibration") -> list[str]:
     """A sentence on the row that is furthest off, or on those that a robust loss holds back."""
     data, problem = fit.data, fit.problem
-    residuals = fit.residuals / problem.data.deviation
+    residuals = problem.data.over_errors(fit.residuals)
     if problem.loss != "linear":
         return _held_back(fit, _WEIGHTS[problem.loss]((residuals / problem.noise) ** 2))
     freedom = fit.degrees_of_freedom

@@ -410,6 +410,8 @@ class Posterior(Result):
         observed: dict[str, Any] = {"erosion": ("row", self.data.erosion, self.data.quantity.attributes(units))}
         if self.data.uncertainty is not None:
             observed["uncertainty"] = ("row", self.data.uncertainty, {"units": self.data.erosion_unit})
+        if self.data.common is not None:
+            observed["common"] = ("row", self.data.common, {"units": self.data.erosion_unit})
         if self.data.parts is not None:
             observed["parts"] = (("row", "part"), self.data.parts, {"long_name": "absolute and relative part"})
         constant = {name: ("row", values, known[name].attributes(units))
@@ -518,7 +520,7 @@ def posterior(
             docs/posterior.md. The result names them all.
         density: of the target, as for `calibrate`.
         cutting_fraction: as for `calibrate`; where it is free, its prior counts alone.
-        error: as for `calibrate`.
+        error: as for `calibrate`; "5 % of each speed" alone leaves the rows' own errors to be sampled.
         draws: of each of the 4 populations, 125 or more.
         seed: the same seed gives the same draws.
         discrepancy: whether predictions hold a discrepancy and an exponent of the speed; draws of parameters never do,

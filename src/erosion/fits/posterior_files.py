@@ -183,7 +183,7 @@ def prediction_groups(predictor: Predictor) -> dict[str, xr.Dataset]:
         "unit": forward.data.unit,
         "cutting_fraction": forward.cutting_fraction,
         **({} if forward.density is None else {"density": forward.density}),
-        **({} if error is None else {"error": [error.absolute, error.relative]}),
+        **({} if error is None else {"error": [*dataclasses.astuple(error)]}),
     }
     groups = {_PREDICTION: xr.Dataset(attrs=described)}
     for name, way in predictor.ways.items():
@@ -216,7 +216,7 @@ def read_predictor(path: str | Path) -> Predictor:
         data = Measurements(
             columns["alpha"], columns["erosion"], about["dimension"], columns.get("uncertainty"), columns.get("v0"),
             columns.get("m"), p.units, attrs["data"], error=None if error is None else ErrorModel(*map(float, error)),
-            parts=columns.get("parts"), lines=columns.get(LINE),
+            parts=columns.get("parts"), common=columns.get("common"), lines=columns.get(LINE),
             unit=str(about.get("unit", "")),
         )  # fmt: skip
         density = None if "density" not in about else float(about["density"])

@@ -95,8 +95,9 @@ class Predictions(Result):
     def conclusions(self) -> tuple[str, ...]:
         """What each interval holds."""
         data, parts = self.predictor.data, ", ".join(self.predictor.parts)
-        known = None if data.error is None else data.error.in_words(data.dimension, data.units)
-        error = "the error that the fit found" if known is None else f"its error, {known}"
+        known = "" if data.error is None else data.error.in_words(data.dimension, data.units)
+        found = "the error that the fit found" if data.uncertainty is None else "its error"
+        error = f"{found}{', ' * bool(known)}{known}"
         return (f"The interval of the mean holds {parts}; that of a new weighing also {error}.",)
 
     @property

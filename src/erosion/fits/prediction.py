@@ -143,15 +143,25 @@ class Predictor(Result):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Draws of the mean, and the standard deviation of a new weighing about each; arguments as of `predict`."""
         means, ways = self._means(alpha, at, count)
-        given = None if noise is True else noise
-        parts = np.split(means.reshape(len(means), -1), np.cumsum([_size(values) for values in ways])[:-1])
-        about = [deviations(self.data, values, part, given) for values, part in zip(ways, parts, strict=True)]
-        return means, np.concatenate(about).reshape(means.shape)
+        own, common = self._errors(means.reshape(len(means), -1), ways, noise)
+        return means, np.hypot(own, common).reshape(means.shape)
+
+    def _errors(
+        self, means: np.ndarray, ways: Sequence[Mapping[str, np.ndarray]], noise: Noise = True
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """`deviations` about means, shape (draws, n), of draws of the parameters by each way in turn."""
+        parts = np.split(means, np.cumsum([_size(values) for values in ways])[:-1])
+        about = [deviations(self.data, values, part, None if noise is True else noise)
+                 for values, part in zip(ways, parts, strict=True)]  # fmt: skip
+        own, common = (np.concatenate(part) for part in zip(*about, strict=True))
+        return own, common
 
     def of_draws(
         self, conditions: Mapping[str, np.ndarray], count: int, noise: Noise = True
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A weighing at conditions, as each draw has it: its mean, and its deviations by the discrepancy and the error.
+        """A weighing at conditions, as each draw has it: its mean, and its deviations by what repeats share, and not.
+
+        Repeats share the discrepancy, and the error of their speed.
 
         Args:
             conditions: of `question`, each of shape (n,).
@@ -171,10 +181,8 @@ class Predictor(Result):
             mean, miss = last.misfit.means(values, there)
             means[place] += share * (mean - means[place])
             missed[place] = np.hypot((1 - share) * missed[place], share * miss)
-        parts = np.split(means, np.cumsum([_size(values) for _, values in chosen])[:-1])
-        errors = [deviations(self.data, values, part, None if noise is True else noise)
-                  for (_, values), part in zip(chosen, parts, strict=True)]  # fmt: skip
-        return means, missed, np.concatenate(errors)
+        own, common = self._errors(means, [values for _, values in chosen], noise)
+        return means, np.hypot(missed, common), own
 
     def _means(
         self, alpha: Any, at: Mapping[str, Any] | None, count: int
@@ -224,10 +232,10 @@ class Predictor(Result):
     def row_errors(self) -> np.ndarray:
         """Standard deviations of the rows, given or the mean of the sampled ones; shape (n,)."""
         if not {*OF_ERROR} & {*self.ways["model"].values}:
-            return self.data.deviation
-        drawn = [deviations(self.data, values, np.tile(self.data.erosion, (_size(values), 1)))
-                 for _, values in self.chosen(_SOME)]  # fmt: skip
-        return np.concatenate(drawn).mean(axis=0)
+            return self.data.whole_error
+        ways = [values for _, values in self.chosen(_SOME)]
+        erosion = np.tile(self.data.erosion, (sum(map(_size, ways)), 1))
+        return np.hypot(*self._errors(erosion, ways)).mean(axis=0)
 
     @property
     def title(self) -> str:
@@ -260,12 +268,13 @@ class Predictor(Result):
         """A sentence on the rows that a new weighing would not give; empty where it would give all."""
         data, few = self.data, self.ways["model"].misfit.plain.forward.data
         at = dict(few.conditions)
-        means, errors = self.with_errors(at.pop("alpha"), at)
+        means, ways = self._means(at.pop("alpha"), at, _SOME)
+        own, common = (np.mean(errors**2, axis=0) for errors in self._errors(means, ways))
         middle = means.mean(axis=0)
-        distance = np.abs(data.erosion - middle) / np.sqrt(means.var(axis=0) + (errors**2).mean(axis=0))
-        distance = np.maximum(distance, _from_repeats(data, np.sqrt((errors**2).mean(axis=0))))
+        distance = np.abs(data.erosion - middle) / np.sqrt(means.var(axis=0) + own + common)
+        distance = np.maximum(distance, _from_repeats(data, np.sqrt(own)))
         odds, freedom = 2 * stats.norm.sf(distance), len(data) - len(self.ways["model"].values)
-        if data.error is None and freedom > 1:  # a row far off makes a sampled error large, which then hides the row
+        if data.uncertainty is None and freedom > 1:  # a row far off makes a sampled error large, which hides the row
             odds = np.minimum(odds, chances(data.erosion - middle, np.zeros((len(data), 0)), middle, freedom))
         rows = np.flatnonzero(len(data) * odds < _UNLIKELY)
         if not len(rows):
@@ -396,21 +405,25 @@ def deviations(
     values: Mapping[str, np.ndarray],
     erosion: np.ndarray,
     given: float | np.ndarray | ErrorModel | None = None,
-) -> np.ndarray:
-    """The standard deviation of a measurement, of the shape of its mean `erosion` (draws, rows).
+) -> tuple[np.ndarray, np.ndarray]:
+    """The standard deviations of a measurement by its own error and by that of its speed, which is of another day.
+
+    Both are of the shape of the mean.
 
     Args:
         data: the measurements; their error counts where none is given.
         values: draws of the parameters, the sampled errors among them.
-        erosion: the mean.
+        erosion: the mean, shape (draws, rows).
         given: another error, which counts instead.
     """
-    if given is None and data.error is None:
-        return np.hypot(values[NOISE][:, None], values[RELATIVE][:, None] * erosion)
     error = data.error if given is None else given
-    deviation = error.deviation(erosion) if isinstance(error, ErrorModel) else np.asarray(error, float)
     factor = values[ERROR_FACTOR][:, None] if given is None and ERROR_FACTOR in values else 1.0
-    return np.broadcast_to(factor * deviation, erosion.shape)
+    common = error.common * np.abs(erosion) if isinstance(error, ErrorModel) else np.zeros(erosion.shape)
+    if given is None and data.uncertainty is None:
+        own = np.hypot(values[NOISE][:, None], values[RELATIVE][:, None] * erosion)
+    else:
+        own = error.deviation(erosion) if isinstance(error, ErrorModel) else np.asarray(error, float)
+    return np.broadcast_to(factor * own, erosion.shape), factor * common
 
 
 def is_of_one_speed(likelihood: Likelihood) -> bool:

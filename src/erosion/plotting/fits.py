@@ -55,11 +55,11 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     for i, group in enumerate(groups):
         look = {"color": INK if len(groups) == 1 else _color(i, len(groups)), "fmt": MARKS[i]}
         angle, erosion, residuals = (values[group.rows] for values in (data.angle, data.erosion, best.residuals))
-        errors = None if data.uncertainty is None else data.uncertainty[group.rows] / scale.size
+        errors = None if data.uncertainty is None else data.whole_error[group.rows] / scale.size
         _draw_rows(upper, angle, erosion / scale.size, errors, {**look, "label": group.label or _source(data)})
         _draw_rows(lower, angle, residuals / scale.size, errors, look)
     lower.axhline(0, color=PALETTE["blue"] if len(groups) == 1 else INK, linewidth=1.4)
-    lowest = data.erosion - (0.0 if data.uncertainty is None else data.uncertainty)
+    lowest = data.erosion - (0.0 if data.uncertainty is None else data.whole_error)
     upper.set_ylim(bottom=min(0.0, 1.1 * float(lowest.min()) / scale.size))
     angle_axis(lower)
     lower.set_xlim(0, _RIGHT)
