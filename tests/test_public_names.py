@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import erosion
+from erosion import parameters
 from erosion.cli import lazy
 
 
@@ -36,8 +37,21 @@ def test_every_name_is_documented():
     assert missing == ["__version__"]
 
 
+def listed(module):
+    stub = Path(f"{module.__file__}i").read_text("utf-8")
+    return re.findall(r"^from \S+ import (\w+) as \1$", stub, re.MULTILINE)
+
+
 def test_what_the_verbs_import_lazily_is_there_and_used():
     verbs = "".join(module.read_text() for module in Path(lazy.__file__).parent.glob("*.py"))
-    for name in vars(lazy)["_MODULE_OF"]:
+    for name in listed(lazy):
         assert hasattr(lazy, name)
         assert re.search(rf"lazy\.{name}\b|^    {name}: ", verbs, re.MULTILINE), name
+
+
+def test_what_parameters_lists_is_there_and_used():
+    house = Path(parameters.__file__).parents[1]
+    others = "".join(file.read_text() for file in house.rglob("*.py") if file.parent.name != "parameters")
+    for name in listed(parameters):
+        assert hasattr(parameters, name)
+        assert re.search(rf"\b{name}\b", others), name

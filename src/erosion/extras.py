@@ -1,8 +1,9 @@
-"""Libraries of extras, which `pip install erosion` alone does not bring: imported when a function needs them."""
+"""Imports on use: libraries of extras, which `pip install erosion` alone does not bring, and names of the package."""
 
 import contextlib
 import importlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 
@@ -32,3 +33,16 @@ def library(module: str, extra_name: str) -> Any:
     """A module of an extra; errors as of `extra`."""
     with extra(extra_name):
         return importlib.import_module(module)
+
+
+def on_use(module: str, file: str) -> Callable[[str], Any]:
+    """The `__getattr__` of a module whose names are imported when they are used; its stub lists them."""
+    lines = [line.split() for line in Path(f"{file}i").read_text("utf-8").splitlines() if line.startswith("from ")]
+    module_of = {name: home for _, home, _, name, *_ in lines}
+
+    def imported(name: str) -> Any:
+        if name not in module_of:
+            raise AttributeError(f"module {module!r} has no attribute {name!r}")
+        return getattr(importlib.import_module(module_of[name]), name)
+
+    return imported

@@ -7,8 +7,7 @@ from erosion.correlations.families import DIAMETER_EXPONENT
 from erosion.correlations.ranges import SHARPNESS
 from erosion.correlations.registry import HARD_ENOUGH, SHAPES, oka_normal
 from erosion.output.language import Language
-from erosion.parameters.materials import VICKERS, Particle, Target
-from erosion.parameters.per_mass import two_digits
+from erosion.parameters import VICKERS, Particle, Target, two_digits
 
 _OKA = "oka:"
 

@@ -19,10 +19,17 @@ from erosion.models import CuttingModel, called, load_model, with_values
 from erosion.models.correlated import Correlated, CorrelatedByShape, correlated, made_for, members, per_mass_of
 from erosion.ode.step_control import require_float64
 from erosion.output.tables import briefly
-from erosion.parameters.materials import Particle, Target, particle as read_particle, target as read_target
-from erosion.parameters.parameters import Parameters, require_scalars, validate
-from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters import (
+    QUANTITIES,
+    Parameters,
+    Particle,
+    PerMass,
+    Target,
+    particle as read_particle,
+    require_scalars,
+    target as read_target,
+    validate,
+)
 from erosion.streams.tally import Particles
 
 MODELS = (

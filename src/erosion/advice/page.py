@@ -16,7 +16,7 @@ from erosion.advice.result import NOZZLE_ANGLES, Advice, degrees, ends
 from erosion.output.files import require_writable, write_whole
 from erosion.output.language import language
 from erosion.output.tables import briefly
-from erosion.parameters.quantities import QUANTITIES, quantity_row
+from erosion.parameters import QUANTITIES, quantity_row
 from erosion.plotting.labels import DIM, FAINT, INK, STYLES
 from erosion.plotting.style import angle_axis, house_style, new_axes, render
 from erosion.report.text import inline_svg, render_page

@@ -15,10 +15,19 @@ from erosion.models import CuttingModel, own_parameters, quantities, ranges
 from erosion.models.correlated import Correlated
 from erosion.output.language import ENGLISH, Language
 from erosion.output.tables import Record, Result, format_number, to_plain
-from erosion.parameters.materials import Particle, Target
-from erosion.parameters.parameters import Parameters
-from erosion.parameters.per_mass import PER_MASS_SCALES, FarFromTests, PerMass, far_from_tests, two_digits
-from erosion.parameters.quantities import Scale, System, table_scale
+from erosion.parameters import (
+    PER_MASS_SCALES,
+    FarFromTests,
+    Parameters,
+    Particle,
+    PerMass,
+    Scale,
+    System,
+    Target,
+    far_from_tests,
+    table_scale,
+    two_digits,
+)
 from erosion.streams.tally import Points
 
 DRAWS = 64

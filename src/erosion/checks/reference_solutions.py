@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 
 import erosion.impacts.diffrax_steps as flow
 from erosion.models import NO_CUT, CuttingModel, own_quantities
-from erosion.parameters.parameters import Parameters
+from erosion.parameters import Parameters
 
 _LATEST = 1e3  # [1/ω]; no cut of the cases is longer
 _LONGEST_STEP = 0.05  # [1/ω], so that no step passes over an event

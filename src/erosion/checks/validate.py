@@ -15,7 +15,7 @@ from erosion.impacts.simulate import path
 from erosion.models import load_model
 from erosion.ode.step_control import require_float64
 from erosion.output.tables import Result, to_plain
-from erosion.parameters.parameters import TABLE_1, Parameters
+from erosion.parameters import TABLE_1, Parameters
 
 KINDS: Mapping[str, str] = {"measured": "measured", "correlation": "a published fit to tests, evaluated"}
 """What a fact may be, from what says most of nature to what says least."""

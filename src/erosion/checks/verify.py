@@ -45,8 +45,7 @@ from erosion.models import (
 )
 from erosion.ode.step_control import require_xla
 from erosion.output.tables import Record, Result, to_plain
-from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
-from erosion.parameters.quantities import conversion_factor
+from erosion.parameters import QUANTITIES, TABLE_1, Parameters, conversion_factor
 
 BOUNDS: Mapping[str, tuple[float, str]] = {
     "closed form": (1e-9, "V, V′, V″, t_c and the state midway, where an exact solution is known"),

@@ -12,7 +12,7 @@ import cyclopts
 from cyclopts import exceptions
 
 from erosion.output.tables import briefly
-from erosion.parameters.quantities import about
+from erosion.parameters import about
 
 _POWERS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻ⁿ", "0123456789-n")
 _SPELLED = {

@@ -12,7 +12,7 @@ from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.options import LAWS, CaseOptions, read_settings, settings, with_model_of_case
 from erosion.output.tables import briefly
-from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters import QUANTITIES
 
 LAW_FIELDS = ("rows", "uncertain", "correlation")
 """The fields of a verb's table in a case file that `LawOptions` reads."""

@@ -16,7 +16,7 @@ from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.output.files import is_file
 from erosion.output.tables import briefly
-from erosion.parameters.quantities import QUANTITIES, example, has_unit, unit_name
+from erosion.parameters import QUANTITIES, example, has_unit, unit_name
 
 if TYPE_CHECKING:
     from cyclopts.help import HelpPanel

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, printable, reading, user_errors
 from erosion.cli.options import MODEL, CaseOptions
-from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters import QUANTITIES
 from erosion.version import __version__
 
 _SPACE = "\ue000"  # within a command; of private use, so that no text has it

@@ -42,7 +42,7 @@ from erosion.cli.options import (
 )
 from erosion.cli.output import Output, draw, progress_bar, require_outputs
 from erosion.output.tables import briefly, to_csv
-from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters import QUANTITIES
 
 _PRIOR = (
     'Law before the data, of a parameter, "noise", "relative_noise" or "error_factor" (on stated errors): '

@@ -36,7 +36,7 @@ from erosion.cli.options import (
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 from erosion.extras import extra
-from erosion.parameters.quantities import QUANTITIES
+from erosion.parameters import QUANTITIES
 
 
 @contextlib.contextmanager

@@ -17,8 +17,16 @@ from erosion.impacts.impact import impact
 from erosion.models import Linearized
 from erosion.output.language import language
 from erosion.output.tables import briefly
-from erosion.parameters.parameters import Parameters, require_scalars, validate
-from erosion.parameters.quantities import Dimension, System, conversion_factor, known_scales, unit_name
+from erosion.parameters import (
+    Dimension,
+    Parameters,
+    System,
+    conversion_factor,
+    known_scales,
+    require_scalars,
+    unit_name,
+    validate,
+)
 
 Rate = Callable[[np.ndarray], np.ndarray]
 

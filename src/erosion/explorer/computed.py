@@ -19,8 +19,7 @@ from erosion.impacts.impact import OTHER_ENDS, Impact, end_names, impact
 from erosion.impacts.simulate import path
 from erosion.models import CuttingModel, Scales, Tip
 from erosion.output.language import ENGLISH, Language
-from erosion.parameters.case_files import CaseFile
-from erosion.parameters.parameters import QUANTITIES, Parameters
+from erosion.parameters import QUANTITIES, CaseFile, Parameters
 
 T = TypeVar("T")
 

@@ -18,16 +18,21 @@ from erosion.explorer.state import PageCase, PageState, sentence, with_point
 from erosion.impacts.impact import Impact
 from erosion.output.language import ENGLISH, Language
 from erosion.output.tables import briefly
-from erosion.parameters.materials import Particle, Target, known_particles, known_targets, particle, target
-from erosion.parameters.parameters import TABLE_1
-from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import (
+from erosion.parameters import (
     QUANTITIES,
     SYSTEMS,
+    TABLE_1,
+    Particle,
+    PerMass,
     Quantity,
     System,
+    Target,
     conversion_factor,
+    known_particles,
+    known_targets,
+    particle,
     read_quantity,
+    target,
 )
 from erosion.plotting.labels import STYLES, broken
 

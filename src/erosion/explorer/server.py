@@ -34,9 +34,7 @@ from erosion.interrupts import ENDING, INTERRUPTED
 from erosion.models import CuttingModel, available_models, load_model
 from erosion.output.language import language
 from erosion.output.tables import briefly
-from erosion.parameters.case_files import CaseFile
-from erosion.parameters.parameters import Parameters, SizeWarning
-from erosion.parameters.per_mass import PerMass
+from erosion.parameters import CaseFile, Parameters, PerMass, SizeWarning
 
 _LONGEST = 16_000  # characters of an address; a case, all models and hundreds of own parameters take far fewer
 # No other page may show this one, read it, or hold its window.

@@ -18,18 +18,21 @@ from erosion.arguments import refuse
 from erosion.models import CuttingModel, own_parameters
 from erosion.output.language import ENGLISH, Language
 from erosion.output.tables import briefly
-from erosion.parameters.materials import Target
-from erosion.parameters.parameters import QUANTITIES, Parameters, validate
-from erosion.parameters.per_mass import PerMass, read_density
-from erosion.parameters.quantities import (
+from erosion.parameters import (
+    QUANTITIES,
+    Parameters,
+    PerMass,
     Quantity,
     Scale,
     System,
+    Target,
     about,
     conversion_factor,
+    read_density,
     read_quantity,
     table_scale,
     unit_name,
+    validate,
 )
 
 _LONGEST = 300  # characters; a link or an entry may repeat as many as it likes

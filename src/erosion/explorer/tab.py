@@ -32,9 +32,7 @@ from erosion.explorer.views import VIEWS, in_language
 from erosion.models import State as Body
 from erosion.output.language import ENGLISH, Language
 from erosion.output.tables import to_csv, to_json
-from erosion.parameters.case_files import CaseFile, dump_case, dump_per_mass
-from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.quantities import RESULTS, Dimension, unit_name
+from erosion.parameters import QUANTITIES, RESULTS, CaseFile, Dimension, dump_case, dump_per_mass, unit_name
 
 T = TypeVar("T")
 

@@ -24,9 +24,17 @@ from erosion.impacts.alpha_max import Optimum
 from erosion.impacts.impact import Impact
 from erosion.models import State as Body
 from erosion.output.language import ENGLISH, Language
-from erosion.parameters.parameters import QUANTITIES
-from erosion.parameters.per_mass import BEYOND_TESTS, PER_MASS_SCALES, models_far_from_tests
-from erosion.parameters.quantities import RESULTS, Dimension, Scale, readable_scale, unit_name
+from erosion.parameters import (
+    BEYOND_TESTS,
+    PER_MASS_SCALES,
+    QUANTITIES,
+    RESULTS,
+    Dimension,
+    Scale,
+    models_far_from_tests,
+    readable_scale,
+    unit_name,
+)
 from erosion.plotting.labels import (
     AT_CONTACT,
     DIM,

@@ -38,8 +38,18 @@ from erosion.models import (
 from erosion.ode.maxima import ASIDE as ASIDE, TIGHT, Maxima, searched
 from erosion.ode.step_control import require_float64
 from erosion.output.tables import Record, Result, Row, briefly, format_number, largest_of, to_plain
-from erosion.parameters.parameters import Parameters, require_parameters, validate
-from erosion.parameters.quantities import DIGITS, QUANTITIES, RESULTS, STEEPEST, quantity_row, result_row, table_scale
+from erosion.parameters import (
+    DIGITS,
+    QUANTITIES,
+    RESULTS,
+    STEEPEST,
+    Parameters,
+    quantity_row,
+    require_parameters,
+    result_row,
+    table_scale,
+    validate,
+)
 
 _HAIR = 1e-8  # of the first speed into the depth
 

@@ -24,9 +24,7 @@ from erosion.models import CuttingModel, model_digest, model_name, own_in_words
 from erosion.ode.step_control import require_float64
 from erosion.output.files import Trace, digest, trace, uninterrupted, write_whole
 from erosion.output.tables import to_csv
-from erosion.parameters.case_files import dump_case
-from erosion.parameters.parameters import Parameters
-from erosion.parameters.per_mass import PerMass
+from erosion.parameters import Parameters, PerMass, dump_case
 from erosion.version import __version__
 
 _PACKAGE = Path(__file__).parents[1]

@@ -23,8 +23,7 @@ from jaxtyping import PyTree
 from erosion.arguments import Broadcast, Flag, ModelState, Scalar, Structure
 from erosion.models import CuttingModel, Events, cuts_at_all, equations_of, event_rates
 from erosion.ode.problem import Same
-from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import System
+from erosion.parameters import Parameters, System
 
 _CLOSE = 4 * float(np.finfo(float).eps)  # of a time: nearer is the same
 _NEWTON_STEPS = 60  # from a cubic's accuracy two or three suffice; a graze needs bisection

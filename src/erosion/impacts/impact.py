@@ -42,8 +42,19 @@ from erosion.ode.step_control import LONGEST, require_float64
 from erosion.ode.traced import Wanted, traced_end
 from erosion.ode.variational import Clock, Derivatives, Layout, Options
 from erosion.output.tables import Record, Result, Row, abbreviate, briefly, format_number, to_plain
-from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, require_concrete, validate
-from erosion.parameters.quantities import RESULTS, System, contact_rows, derivative_row, quantity_row, result_row
+from erosion.parameters import (
+    QUANTITIES,
+    RESULTS,
+    TABLE_1,
+    Parameters,
+    System,
+    contact_rows,
+    derivative_row,
+    quantity_row,
+    require_concrete,
+    result_row,
+    validate,
+)
 
 _NAMES = tuple(QUANTITIES)
 

@@ -14,7 +14,7 @@ from erosion.ode.maxima import QuantityAlong, Search, SearchRange
 from erosion.ode.resolve import Nodes, Ruler
 from erosion.ode.variational import Derivatives, Layout
 from erosion.output.tables import Record
-from erosion.parameters.quantities import QUANTITIES, STEEPEST
+from erosion.parameters import QUANTITIES, STEEPEST
 
 _SHALLOWEST = 1e-6  # rad; below it a function is continued to its limit as α → 0
 _RULER = Ruler(unit=1.0, relative=1e-4)  # rad

@@ -1,1 +1,8 @@
-"""What an impact is: its parameters, their units, and the files and ranges that give them."""
+"""What an impact is: its parameters, their units, and the files and ranges that give them.
+
+`__init__.pyi` lists the names. Each is imported on its first use: units and materials need no JAX.
+"""
+
+from erosion.extras import on_use
+
+__getattr__ = on_use(__name__, __file__)

@@ -14,7 +14,7 @@ from erosion.correlations import CORRELATIONS
 from erosion.impacts.alpha_max import ASIDE, MEASURES, Optimum
 from erosion.impacts.impact import impact
 from erosion.models import NO_CUT
-from erosion.parameters.quantities import QUANTITIES, QUARTER_DEGREES, RESULTS, Scale, System, readable_scale
+from erosion.parameters import QUANTITIES, QUARTER_DEGREES, RESULTS, Scale, System, readable_scale
 from erosion.plotting.labels import (
     AT_CONTACT,
     DIM,

@@ -16,7 +16,7 @@ from erosion.fits.measurements import MOST, Condition, Measurements, conditions,
 from erosion.fits.predicted import BestAngles
 from erosion.fits.prediction import Predictor
 from erosion.models import model_name
-from erosion.parameters.quantities import RESULTS, Scale, readable_scale, unit_name
+from erosion.parameters import RESULTS, Scale, readable_scale, unit_name
 from erosion.plotting.labels import ENDS, INK, MARKS, PALETTE, STYLES, coinciding
 from erosion.plotting.style import angle_axis, house_style, new_figure, typeset
 

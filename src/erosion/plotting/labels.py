@@ -9,7 +9,7 @@ from erosion.impacts.alpha_max import ASIDE, Optimum
 from erosion.impacts.impact import OTHER_ENDS
 from erosion.impacts.maxima import Jump
 from erosion.models import NO_CUT
-from erosion.parameters.quantities import Quantity
+from erosion.parameters import Quantity
 
 # Okabe and Ito (2008), "Color universal design": readers with any colour vision can distinguish them.
 PALETTE: Mapping[str, str] = {

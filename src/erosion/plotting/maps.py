@@ -27,7 +27,7 @@ from erosion.cfd.map_result import FACES, PAGES, MapSummary, require_map_path, t
 from erosion.extras import library
 from erosion.output.files import write_whole
 from erosion.output.tables import briefly, to_html, with_error
-from erosion.parameters.quantities import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale
+from erosion.parameters import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
 from erosion.plotting.style import house_style, new_figure, render
 from erosion.streams.result import NozzleAngle, Stream

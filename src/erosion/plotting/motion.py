@@ -13,7 +13,7 @@ from erosion.impacts.simulate import Trajectory
 from erosion.models import NO_CUT, ClosedForm, State, model_name
 from erosion.ode.solution import Solution
 from erosion.output.tables import briefly
-from erosion.parameters.quantities import RESULTS, System, readable_scale
+from erosion.parameters import RESULTS, System, readable_scale
 from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, HISTORIES, INK, NOTHING, PALETTE
 from erosion.plotting.style import (
     axes_or_new,

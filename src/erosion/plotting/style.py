@@ -23,16 +23,7 @@ from matplotlib.ticker import Formatter
 
 from erosion.output.files import write_whole
 from erosion.output.language import ENGLISH, Language
-from erosion.parameters.quantities import (
-    QUANTITIES,
-    RESULTS,
-    Scale,
-    UnitError,
-    about,
-    conversion_factor,
-    has_unit,
-    read_quantity,
-)
+from erosion.parameters import QUANTITIES, RESULTS, Scale, UnitError, about, conversion_factor, has_unit, read_quantity
 from erosion.plotting.labels import FAINT, INK
 
 _NO_DATES: Mapping[str, Mapping[str, None]] = {

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from erosion.checks import Validation
-from erosion.parameters.quantities import QUANTITIES, System, readable_scale
+from erosion.parameters import QUANTITIES, System, readable_scale
 from erosion.plotting.curves import mark_best
 from erosion.plotting.labels import (
     AT_CONTACT,

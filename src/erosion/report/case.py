@@ -21,10 +21,7 @@ from erosion.impacts.simulate import Trajectory, path
 from erosion.models import CuttingModel, Events, Linearized, SameMotion, load_model
 from erosion.models.rigid import LinearizedCut
 from erosion.output.tables import Record
-from erosion.parameters.materials import MATERIALS
-from erosion.parameters.parameters import QUANTITIES, Parameters
-from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import System, conversion_factor, unit_name
+from erosion.parameters import MATERIALS, QUANTITIES, Parameters, PerMass, System, conversion_factor, unit_name
 from erosion.plotting.curves import AngleSeries, ShapeCurve, plot_best_angles, plot_family
 from erosion.plotting.labels import broken_at, leaps
 from erosion.plotting.style import new_axes

@@ -24,9 +24,18 @@ from erosion.ode.step_control import require_xla
 from erosion.output.files import write_whole
 from erosion.output.language import ENGLISH, Language, language
 from erosion.output.tables import Record, briefly, to_csv, to_json
-from erosion.parameters.parameters import QUANTITIES, Parameters, require_scalars, validate
-from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import Scale, System, readable_scale, table_scale, unit_name
+from erosion.parameters import (
+    QUANTITIES,
+    Parameters,
+    PerMass,
+    Scale,
+    System,
+    readable_scale,
+    require_scalars,
+    table_scale,
+    unit_name,
+    validate,
+)
 from erosion.plotting.style import fit_legends, save_figure, translate_figure
 from erosion.report.case import Answer, Drawing, ReportCase, question
 from erosion.report.questions import QUESTIONS, text_file

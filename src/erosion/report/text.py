@@ -12,7 +12,7 @@ from markupsafe import Markup, escape
 
 from erosion.output.language import Language
 from erosion.output.tables import briefly
-from erosion.parameters.quantities import Dimension, Scale, System, readable_scale, superscript, unit_name
+from erosion.parameters import Dimension, Scale, System, readable_scale, superscript, unit_name
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
 from erosion.version import __version__
 

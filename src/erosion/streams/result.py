@@ -20,12 +20,15 @@ from erosion.impacts.dataset_files import model_in_words, provenance
 from erosion.impacts.impact import impact
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_quantities, quantities
 from erosion.output.tables import Record, Result, Row, largest_of, to_plain, with_error
-from erosion.parameters.per_mass import PER_MASS_SCALES, FarFromTests, PerMass, far_from_tests
-from erosion.parameters.quantities import (
+from erosion.parameters import (
+    PER_MASS_SCALES,
     QUANTITIES,
     RESULTS,
+    FarFromTests,
+    PerMass,
     Quantity,
     conversion_factor,
+    far_from_tests,
     quantity_row,
     result_row,
     table_scale,

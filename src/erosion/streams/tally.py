@@ -19,8 +19,7 @@ from scipy.stats import qmc
 from erosion.arguments import refuse
 from erosion.joint_laws import LawSet, require_units
 from erosion.models import CuttingModel, ranges, with_values
-from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import STEEPEST
+from erosion.parameters import STEEPEST, Parameters
 
 
 @dataclasses.dataclass(frozen=True)

@@ -34,16 +34,20 @@ from erosion.models import (
     with_values,
 )
 from erosion.output.tables import briefly
-from erosion.parameters.headings import factor
-from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters, require_concrete, validate
-from erosion.parameters.quantities import (
+from erosion.parameters import (
+    QUANTITIES,
     RESULTS,
+    TABLE_1,
+    Parameters,
     Quantity,
     System,
     about,
     ascii_unit,
     derivative_unit,
+    require_concrete,
+    validate,
 )
+from erosion.parameters.headings import factor
 
 Region = tuple[slice, ...]
 """The place of a block in its grid: one slice for each dimension."""

@@ -39,8 +39,7 @@ from erosion.interrupts import keeping_results
 from erosion.ode.step_control import require_float64
 from erosion.output.files import claimed, require_writable, trace, written_whole
 from erosion.output.tables import briefly
-from erosion.parameters.parameters import Parameters, require_scalars, validate
-from erosion.parameters.quantities import QUARTER_DEGREES
+from erosion.parameters import QUARTER_DEGREES, Parameters, require_scalars, validate
 from erosion.sweeps.grid import AnyGrid, Model, Outputs, Region, block_shape, make_grid, regions
 
 # zarr's own name for a chunk that it is writing: the chunk's place and a random UUID.

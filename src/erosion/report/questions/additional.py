@@ -10,7 +10,7 @@ from erosion.impacts.simulate import SimulationError, path
 from erosion.models import BUILT_IN, NoDeformation, RigidErodent, load_model
 from erosion.models.rigid import StraightCut
 from erosion.output.tables import Record
-from erosion.parameters.parameters import QUANTITIES
+from erosion.parameters import QUANTITIES
 from erosion.plotting.curves import plot_best_angles, plot_differences, plot_shapes, plot_turn
 from erosion.plotting.sweeps import plot_regimes
 from erosion.report.case import (

@@ -9,9 +9,15 @@ import numpy as np
 from erosion.impacts.impact import impact
 from erosion.impacts.simulate import SimulationError, path
 from erosion.models import CuttingModel, load_model
-from erosion.parameters.parameters import Parameters
-from erosion.parameters.per_mass import PER_MASS_SCALES
-from erosion.parameters.quantities import STEEPEST, Dimension, Scale, conversion_factor, readable_scale
+from erosion.parameters import (
+    PER_MASS_SCALES,
+    STEEPEST,
+    Dimension,
+    Parameters,
+    Scale,
+    conversion_factor,
+    readable_scale,
+)
 from erosion.plotting.curves import plot_end_times, plot_volume
 from erosion.plotting.motion import plot_histories, plot_path, plot_removal_rate
 from erosion.plotting.style import new_axes, new_figure
