@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from erosion.correlations.families import DIAMETER_EXPONENT
 from erosion.correlations.ranges import SHARPNESS
 from erosion.correlations.registry import HARD_ENOUGH, SHAPES, oka_normal
-from erosion.output.language import Language
+from erosion.output import Language
 from erosion.parameters import VICKERS, Particle, Target, two_digits
 
 _OKA = "oka:"

@@ -18,7 +18,7 @@ from erosion.impacts.simulate import SimulationError
 from erosion.models import CuttingModel, called, load_model, with_values
 from erosion.models.correlated import Correlated, CorrelatedByShape, correlated, made_for, members, per_mass_of
 from erosion.ode.step_control import require_float64
-from erosion.output.tables import briefly
+from erosion.output import briefly
 from erosion.parameters import (
     QUANTITIES,
     Parameters,

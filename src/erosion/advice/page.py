@@ -13,9 +13,7 @@ from matplotlib.lines import Line2D
 
 from erosion.advice.abrasives import between
 from erosion.advice.result import NOZZLE_ANGLES, Advice, degrees, ends
-from erosion.output.files import require_writable, write_whole
-from erosion.output.language import language
-from erosion.output.tables import briefly
+from erosion.output import briefly, language, require_writable, write_whole
 from erosion.parameters import QUANTITIES, quantity_row
 from erosion.plotting.labels import DIM, FAINT, INK, STYLES
 from erosion.plotting.style import angle_axis, house_style, new_axes, render

@@ -13,8 +13,7 @@ from erosion.fits.forward import FACTORS, FRACTION, OF_METAL
 from erosion.joint_laws import SHARE, LawSet, Member, Rows, require_units
 from erosion.models import CuttingModel, own_parameters, quantities, ranges
 from erosion.models.correlated import Correlated
-from erosion.output.language import ENGLISH, Language
-from erosion.output.tables import Record, Result, format_number, to_plain
+from erosion.output import ENGLISH, Language, Record, Result, format_number, to_plain
 from erosion.parameters import (
     PER_MASS_SCALES,
     FarFromTests,

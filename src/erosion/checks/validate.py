@@ -14,7 +14,7 @@ from erosion.impacts.impact import impact
 from erosion.impacts.simulate import path
 from erosion.models import load_model
 from erosion.ode.step_control import require_float64
-from erosion.output.tables import Result, to_plain
+from erosion.output import Result, to_plain
 from erosion.parameters import TABLE_1, Parameters
 
 KINDS: Mapping[str, str] = {"measured": "measured", "correlation": "a published fit to tests, evaluated"}

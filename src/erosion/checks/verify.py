@@ -44,7 +44,7 @@ from erosion.models import (
     with_values,
 )
 from erosion.ode.step_control import require_xla
-from erosion.output.tables import Record, Result, to_plain
+from erosion.output import Record, Result, to_plain
 from erosion.parameters import QUANTITIES, TABLE_1, Parameters, conversion_factor
 
 BOUNDS: Mapping[str, tuple[float, str]] = {

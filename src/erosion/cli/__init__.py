@@ -24,7 +24,7 @@ from erosion.cli.run import compare, optimum, run
 from erosion.cli.sweep import stream, sweep
 from erosion.extras import MissingExtraError
 from erosion.interrupts import INTERRUPTED, between_imports
-from erosion.output.tables import briefly
+from erosion.output import briefly
 from erosion.version import __version__
 
 _ALLOCATIONS = 20_000  # between two looks for garbage, instead of 700

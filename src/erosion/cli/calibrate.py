@@ -36,7 +36,7 @@ from erosion.cli.options import (
     with_model_of_case,
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
-from erosion.output.tables import briefly
+from erosion.output import briefly
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or "angle [deg], speed [m/s], '

@@ -35,7 +35,7 @@ from erosion.cli.options import (
 )
 from erosion.cli.output import Output, PerMassOptions, density_option, draw, progress_bar, require_outputs, weighing
 from erosion.cli.sweep import dask_cluster
-from erosion.output.tables import briefly
+from erosion.output import briefly
 from erosion.parameters import QUANTITIES, RESULTS
 
 if TYPE_CHECKING:

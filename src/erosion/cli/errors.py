@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 import cyclopts
 from cyclopts import exceptions
 
-from erosion.output.tables import briefly
+from erosion.output import briefly
 from erosion.parameters import about
 
 _POWERS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻ⁿ", "0123456789-n")

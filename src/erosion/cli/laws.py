@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.options import LAWS, CaseOptions, read_settings, settings, with_model_of_case
-from erosion.output.tables import briefly
+from erosion.output import briefly
 from erosion.parameters import QUANTITIES
 
 LAW_FIELDS = ("rows", "uncertain", "correlation")

@@ -22,7 +22,7 @@ from erosion.cli.options import (
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_apart, require_outputs
 from erosion.extras import extra
-from erosion.output.tables import briefly
+from erosion.output import briefly
 
 _NOTE = (
     "ψ of a target whose flow stress is its Vickers hardness is 2; the others leave ψ as it is. "

@@ -14,8 +14,7 @@ from cyclopts import Group, Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.output.files import is_file
-from erosion.output.tables import briefly
+from erosion.output import briefly, is_file
 from erosion.parameters import QUANTITIES, example, has_unit, unit_name
 
 if TYPE_CHECKING:

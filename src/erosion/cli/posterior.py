@@ -41,7 +41,7 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, draw, progress_bar, require_outputs
-from erosion.output.tables import briefly, to_csv
+from erosion.output import briefly, to_csv
 from erosion.parameters import QUANTITIES
 
 _PRIOR = (

@@ -24,7 +24,7 @@ from erosion.correlations.ranges import (
     sharpness_factor,
     warn_outside,
 )
-from erosion.output.tables import briefly
+from erosion.output import briefly
 
 FORCE_RATIO = 2.0  # K [-]; the default of COMSOL and of OpenFOAM
 CONTACT_RATIO = 2.0  # ψ [-]; OpenFOAM's default

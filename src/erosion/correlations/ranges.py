@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from erosion.arguments import refuse
 from erosion.ode.step_control import require_float64, require_xla
-from erosion.output.tables import briefly
+from erosion.output import briefly
 
 Values = Float[Array | np.ndarray, "..."] | Int[Array | np.ndarray, "..."] | float | int
 """A number or an array; several broadcast."""

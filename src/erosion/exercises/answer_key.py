@@ -15,8 +15,7 @@ from erosion.extras import library
 from erosion.impacts.alpha_max import Optimum, alpha_max
 from erosion.impacts.impact import impact
 from erosion.models import Linearized
-from erosion.output.language import language
-from erosion.output.tables import briefly
+from erosion.output import briefly, language
 from erosion.parameters import (
     Dimension,
     Parameters,

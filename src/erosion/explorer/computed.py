@@ -18,7 +18,7 @@ from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.impact import OTHER_ENDS, Impact, end_names, impact
 from erosion.impacts.simulate import path
 from erosion.models import CuttingModel, Scales, Tip
-from erosion.output.language import ENGLISH, Language
+from erosion.output import ENGLISH, Language
 from erosion.parameters import QUANTITIES, CaseFile, Parameters
 
 T = TypeVar("T")

@@ -16,8 +16,7 @@ from nicegui.events import GenericEventArguments
 from erosion.explorer.computed import ANGLES
 from erosion.explorer.state import PageCase, PageState, sentence, with_point
 from erosion.impacts.impact import Impact
-from erosion.output.language import ENGLISH, Language
-from erosion.output.tables import briefly
+from erosion.output import ENGLISH, Language, briefly
 from erosion.parameters import (
     QUANTITIES,
     SYSTEMS,

@@ -32,8 +32,7 @@ from erosion.explorer.tab import Service, Tab
 from erosion.impacts.simulate import TurnWarning
 from erosion.interrupts import ENDING, INTERRUPTED
 from erosion.models import CuttingModel, available_models, load_model
-from erosion.output.language import language
-from erosion.output.tables import briefly
+from erosion.output import briefly, language
 from erosion.parameters import CaseFile, Parameters, PerMass, SizeWarning
 
 _LONGEST = 16_000  # characters of an address; a case, all models and hundreds of own parameters take far fewer

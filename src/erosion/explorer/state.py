@@ -16,8 +16,7 @@ import numpy as np
 
 from erosion.arguments import refuse
 from erosion.models import CuttingModel, own_parameters
-from erosion.output.language import ENGLISH, Language
-from erosion.output.tables import briefly
+from erosion.output import ENGLISH, Language, briefly
 from erosion.parameters import (
     QUANTITIES,
     Parameters,

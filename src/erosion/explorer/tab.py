@@ -30,8 +30,7 @@ from erosion.explorer.controls import Controls, CutDrawing, Materials, Plot, Pro
 from erosion.explorer.state import PageState, sentence
 from erosion.explorer.views import VIEWS, in_language
 from erosion.models import State as Body
-from erosion.output.language import ENGLISH, Language
-from erosion.output.tables import to_csv, to_json
+from erosion.output import ENGLISH, Language, to_csv, to_json
 from erosion.parameters import QUANTITIES, RESULTS, CaseFile, Dimension, dump_case, dump_per_mass, unit_name
 
 T = TypeVar("T")

@@ -23,7 +23,7 @@ from erosion.explorer.controls import (
 from erosion.impacts.alpha_max import Optimum
 from erosion.impacts.impact import Impact
 from erosion.models import State as Body
-from erosion.output.language import ENGLISH, Language
+from erosion.output import ENGLISH, Language
 from erosion.parameters import (
     BEYOND_TESTS,
     PER_MASS_SCALES,

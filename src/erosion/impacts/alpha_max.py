@@ -37,7 +37,7 @@ from erosion.models import (
 )
 from erosion.ode.maxima import ASIDE as ASIDE, TIGHT, Maxima, searched
 from erosion.ode.step_control import require_float64
-from erosion.output.tables import Record, Result, Row, briefly, format_number, largest_of, to_plain
+from erosion.output import Record, Result, Row, briefly, format_number, largest_of, to_plain
 from erosion.parameters import (
     DIGITS,
     QUANTITIES,

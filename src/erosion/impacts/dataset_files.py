@@ -22,8 +22,7 @@ import xarray as xr
 
 from erosion.models import CuttingModel, model_digest, model_name, own_in_words
 from erosion.ode.step_control import require_float64
-from erosion.output.files import Trace, digest, trace, uninterrupted, write_whole
-from erosion.output.tables import to_csv
+from erosion.output import Trace, digest, to_csv, trace, uninterrupted, write_whole
 from erosion.parameters import Parameters, PerMass, dump_case
 from erosion.version import __version__
 

@@ -41,7 +41,7 @@ from erosion.ode.solve import Lanes, solution
 from erosion.ode.step_control import LONGEST, require_float64
 from erosion.ode.traced import Wanted, traced_end
 from erosion.ode.variational import Clock, Derivatives, Layout, Options
-from erosion.output.tables import Record, Result, Row, abbreviate, briefly, format_number, to_plain
+from erosion.output import Record, Result, Row, abbreviate, briefly, format_number, to_plain
 from erosion.parameters import (
     QUANTITIES,
     RESULTS,

@@ -13,7 +13,7 @@ from erosion.ode.integrator import LaneEnd
 from erosion.ode.maxima import QuantityAlong, Search, SearchRange
 from erosion.ode.resolve import Nodes, Ruler
 from erosion.ode.variational import Derivatives, Layout
-from erosion.output.tables import Record
+from erosion.output import Record
 from erosion.parameters import QUANTITIES, STEEPEST
 
 _SHALLOWEST = 1e-6  # rad; below it a function is continued to its limit as α → 0

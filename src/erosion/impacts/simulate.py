@@ -38,7 +38,7 @@ from erosion.ode.batch import integrate
 from erosion.ode.solution import path_of
 from erosion.ode.step_control import LONGEST, require_float64, require_xla
 from erosion.ode.variational import Clock
-from erosion.output.tables import Record, Result, Row, abbreviate, briefly, format_number, to_plain
+from erosion.output import Record, Result, Row, abbreviate, briefly, format_number, to_plain
 from erosion.parameters import RESULTS, Parameters, contact_rows, result_row, validate
 
 

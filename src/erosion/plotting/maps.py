@@ -25,8 +25,7 @@ from matplotlib.ticker import LogFormatter
 
 from erosion.cfd.map_result import FACES, PAGES, MapSummary, require_map_path, to_polydata, total_scale
 from erosion.extras import library
-from erosion.output.files import write_whole
-from erosion.output.tables import briefly, to_html, with_error
+from erosion.output import briefly, to_html, with_error, write_whole
 from erosion.parameters import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
 from erosion.plotting.style import house_style, new_figure, render

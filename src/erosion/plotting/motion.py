@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from erosion.impacts.simulate import Trajectory
 from erosion.models import NO_CUT, ClosedForm, State, model_name
 from erosion.ode.solution import Solution
-from erosion.output.tables import briefly
+from erosion.output import briefly
 from erosion.parameters import RESULTS, System, readable_scale
 from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, HISTORIES, INK, NOTHING, PALETTE
 from erosion.plotting.style import (

@@ -21,8 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.ticker import Formatter
 
-from erosion.output.files import write_whole
-from erosion.output.language import ENGLISH, Language
+from erosion.output import ENGLISH, Language, write_whole
 from erosion.parameters import QUANTITIES, RESULTS, Scale, UnitError, about, conversion_factor, has_unit, read_quantity
 from erosion.plotting.labels import FAINT, INK
 

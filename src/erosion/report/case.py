@@ -20,7 +20,7 @@ from erosion.impacts.maxima import Jump
 from erosion.impacts.simulate import Trajectory, path
 from erosion.models import CuttingModel, Events, Linearized, SameMotion, load_model
 from erosion.models.rigid import LinearizedCut
-from erosion.output.tables import Record
+from erosion.output import Record
 from erosion.parameters import MATERIALS, QUANTITIES, Parameters, PerMass, System, conversion_factor, unit_name
 from erosion.plotting.curves import AngleSeries, ShapeCurve, plot_best_angles, plot_family
 from erosion.plotting.labels import broken_at, leaps

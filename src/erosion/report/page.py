@@ -21,9 +21,7 @@ from erosion.arguments import Progress, no_progress
 from erosion.impacts.simulate import TurnWarning
 from erosion.interrupts import unawaited_threads
 from erosion.ode.step_control import require_xla
-from erosion.output.files import write_whole
-from erosion.output.language import ENGLISH, Language, language
-from erosion.output.tables import Record, briefly, to_csv, to_json
+from erosion.output import ENGLISH, Language, Record, briefly, language, to_csv, to_json, write_whole
 from erosion.parameters import (
     QUANTITIES,
     Parameters,

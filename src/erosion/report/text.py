@@ -10,8 +10,7 @@ import jinja2
 from latex2mathml.converter import convert
 from markupsafe import Markup, escape
 
-from erosion.output.language import Language
-from erosion.output.tables import briefly
+from erosion.output import Language, briefly
 from erosion.parameters import Dimension, Scale, System, readable_scale, superscript, unit_name
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
 from erosion.version import __version__

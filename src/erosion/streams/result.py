@@ -19,7 +19,7 @@ from erosion.impacts.alpha_max import alpha_max
 from erosion.impacts.dataset_files import model_in_words, provenance
 from erosion.impacts.impact import impact
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_quantities, quantities
-from erosion.output.tables import Record, Result, Row, largest_of, to_plain, with_error
+from erosion.output import Record, Result, Row, largest_of, to_plain, with_error
 from erosion.parameters import (
     PER_MASS_SCALES,
     QUANTITIES,

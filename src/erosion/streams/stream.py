@@ -22,8 +22,7 @@ from erosion.interrupts import keeping_results
 from erosion.joint_laws import law_digest
 from erosion.models import CuttingModel, load_model, model_name, own_quantities, require_one_impact
 from erosion.ode.step_control import require_float64
-from erosion.output.files import Trace, require_writable, trace
-from erosion.output.tables import briefly
+from erosion.output import Trace, briefly, require_writable, trace
 from erosion.parameters import Parameters, validate
 from erosion.streams.result import Stream, best_nozzle_angle, uncertainty_of
 from erosion.streams.tally import Estimate, Particles, Points, Tally, sobol_indices

@@ -33,7 +33,7 @@ from erosion.models import (
     require_one_impact,
     with_values,
 )
-from erosion.output.tables import briefly
+from erosion.output import briefly
 from erosion.parameters import (
     QUANTITIES,
     RESULTS,

@@ -19,7 +19,7 @@ from erosion.ode.solution import Part, Solution, path_of
 from erosion.ode.solve import lanes_of, solve
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Options
-from erosion.output.tables import briefly
+from erosion.output import briefly
 from erosion.sweeps.grid import AnyGrid, Region, Variable, flags
 from erosion.sweeps.sweep import prepare_sweep
 from erosion.version import __version__

@@ -37,8 +37,7 @@ from erosion.impacts.dataset_files import (
 )
 from erosion.interrupts import keeping_results
 from erosion.ode.step_control import require_float64
-from erosion.output.files import claimed, require_writable, trace, written_whole
-from erosion.output.tables import briefly
+from erosion.output import briefly, claimed, require_writable, trace, written_whole
 from erosion.parameters import QUARTER_DEGREES, Parameters, require_scalars, validate
 from erosion.sweeps.grid import AnyGrid, Model, Outputs, Region, block_shape, make_grid, regions
 

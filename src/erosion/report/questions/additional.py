@@ -9,7 +9,7 @@ from erosion.impacts.alpha_max import ASIDE, alpha_max
 from erosion.impacts.simulate import SimulationError, path
 from erosion.models import BUILT_IN, NoDeformation, RigidErodent, load_model
 from erosion.models.rigid import StraightCut
-from erosion.output.tables import Record
+from erosion.output import Record
 from erosion.parameters import QUANTITIES
 from erosion.plotting.curves import plot_best_angles, plot_differences, plot_shapes, plot_turn
 from erosion.plotting.sweeps import plot_regimes
