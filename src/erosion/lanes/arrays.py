@@ -1,5 +1,6 @@
 """Small arrays of one lane: numpy arrays of a graph's values, element by element."""
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -8,7 +9,7 @@ import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 
 from erosion.lanes.graph import BOOL, CannotCompileError, Graph, Value
-from erosion.lanes.large import Large, large
+from erosion.lanes.large import Large, array_of, large
 from erosion.lanes.scalars import SCALARS, Equation, Kind, Params, Rule, aval_of, converted, type_of
 
 Elements = Any
@@ -39,12 +40,13 @@ def part(array: np.ndarray) -> Part:
 
 def constant(graph: Graph, number: ArrayLike, dtype: DTypeLike) -> Part:
     """A number, or an array of them."""
-    type_ = type_of(dtype)
-    numbers = np.asarray(number)
-    made = np.empty(numbers.shape, object)
-    for index in np.ndindex(numbers.shape):
-        made[index] = graph.constant(numbers[index].item(), type_)
-    return part(made)
+    type_, numbers = type_of(dtype), np.asarray(number)
+    return part(array_of(numbers.shape, lambda index: graph.constant(numbers[index].item(), type_)))
+
+
+def of_each(function: Callable[..., Value], *arrays: Elements) -> Elements:
+    """What a function of scalars makes of each element of arrays, which broadcast."""
+    return whole(np.frompyfunc(function, len(arrays), 1)(*arrays))
 
 
 def elementwise(rule: Rule, equation: Equation, *, stored: bool = False) -> Work:
@@ -72,11 +74,7 @@ def elementwise(rule: Rule, equation: Equation, *, stored: bool = False) -> Work
             computed = in_loops(graph, inputs)
             if computed is not None:
                 return [computed]
-        made = np.empty(shape, object)
-        arrays = [np.broadcast_to(whole(given), shape) for given in inputs]
-        for index in np.ndindex(shape):
-            made[index] = rule(graph, kind, *(array[index] for array in arrays))
-        return [made]
+        return [of_each(functools.partial(rule, graph, kind), *map(whole, inputs))]
 
     return work
 
@@ -87,9 +85,13 @@ def kind_of(equation: Equation) -> Kind:
     return Kind(equation.params, inputs, np.dtype(aval_of(equation.outvars[0]).dtype))
 
 
-def _moved(move: Callable[..., np.ndarray]) -> Callable[[Equation], Work]:
+ArrayRule = Callable[[Equation, Graph, list[Part]], Sequence[Part]]
+"""Gives an equation's outputs from its inputs, scalars and arrays."""
+
+
+def _moved(move: Callable[..., np.ndarray]) -> ArrayRule:
     """An operation that only moves elements: `move` takes the equation's parameters and its inputs, as arrays."""
-    return lambda equation: lambda _, inputs: [part(move(equation.params, *map(whole, inputs)))]
+    return lambda equation, _, inputs: [part(move(equation.params, *map(whole, inputs)))]
 
 
 def _broadcast(params: Params, x: np.ndarray) -> np.ndarray:
@@ -116,131 +118,87 @@ def _pad(params: Params, x: np.ndarray, padding: np.ndarray) -> np.ndarray:
     return made
 
 
-def _split(equation: Equation) -> Work:
+def _split(equation: Equation, _: Graph, inputs: list[Part]) -> list[Part]:
     ends = np.cumsum(equation.params["sizes"])[:-1]
-    return lambda _, inputs: list(np.split(whole(inputs[0]), ends, axis=equation.params["axis"]))
+    return list(np.split(whole(inputs[0]), ends, axis=equation.params["axis"]))
 
 
-def _unstack(equation: Equation) -> Work:
-    return lambda _, inputs: list(np.moveaxis(whole(inputs[0]), equation.params["axis"], 0))
+def _iota(equation: Equation, graph: Graph, _: list[Part]) -> list[Part]:
+    aval = aval_of(equation.outvars[0])
+    return [constant(graph, np.indices(aval.shape)[equation.params["dimension"]], aval.dtype)]
 
 
-def _iota(equation: Equation) -> Work:
-    aval, dimension = aval_of(equation.outvars[0]), equation.params["dimension"]
-    numbers = np.broadcast_to(
-        np.arange(aval.shape[dimension]).reshape([-1] + [1] * (aval.ndim - 1 - dimension)), aval.shape
-    )
-    return lambda graph, _: [constant(graph, numbers, aval.dtype)]
+def _reduction(name: str) -> ArrayRule:
+    """The elements along some axes as one, by a rule of scalars."""
+
+    def reduced(equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
+        axes = equation.params["axes"]
+        array = np.moveaxis(whole(inputs[0]), axes, range(len(axes)))
+        rows = array.reshape(-1, *array.shape[len(axes) :])
+        if not len(rows):
+            raise CannotCompileError(f"`{equation.primitive.name}` of an empty array")
+        rule = functools.partial(SCALARS[name], graph, kind_of(equation))
+        return [part(functools.reduce(functools.partial(of_each, rule), rows[1:], whole(rows[0])))]
+
+    return reduced
 
 
-def _reduction(name: str) -> Callable[[Equation], Work]:
-    rule = SCALARS[name]
+def _cumulative(name: str) -> ArrayRule:
+    """The same along an axis, element by element."""
 
-    def of(equation: Equation) -> Work:
-        axes, kind = equation.params["axes"], kind_of(equation)
+    def accumulated(equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
+        axis, array = equation.params["axis"], whole(inputs[0])
+        rule = np.frompyfunc(functools.partial(SCALARS[name], graph, kind_of(equation)), 2, 1)
+        if equation.params["reverse"]:
+            return [np.flip(rule.accumulate(np.flip(array, axis), axis), axis)]
+        return [rule.accumulate(array, axis)]
 
-        def work(graph: Graph, inputs: list[Part]) -> list[Part]:
-            array = np.moveaxis(whole(inputs[0]), axes, range(len(axes)))
-            rest = array.shape[len(axes) :]
-            rows = array.reshape(-1, *rest)
-            if not len(rows):
-                raise CannotCompileError(f"`{equation.primitive.name}` of an empty array")
-            made = np.empty(rest, object)
-            for index in np.ndindex(rest):
-                total, *others = rows[(slice(None), *index)]
-                for other in others:
-                    total = rule(graph, kind, total, other)
-                made[index] = total
-            return [part(made)]
-
-        return work
-
-    return of
+    return accumulated
 
 
-def _cumulative(name: str) -> Callable[[Equation], Work]:
-    rule = SCALARS[name]
-
-    def of(equation: Equation) -> Work:
-        axis, reverse, kind = equation.params["axis"], equation.params["reverse"], kind_of(equation)
-
-        def work(graph: Graph, inputs: list[np.ndarray]) -> list[Part]:
-            rows = np.moveaxis(whole(inputs[0]), axis, 0)
-            made = np.array(rows[::-1] if reverse else rows, object)
-            for i in range(1, len(made)):
-                for index in np.ndindex(made.shape[1:]):
-                    made[(i, *index)] = rule(graph, kind, made[(i - 1, *index)], made[(i, *index)])
-            return [np.moveaxis(made[::-1] if reverse else made, 0, axis)]
-
-        return work
-
-    return of
-
-
-def _index_of_extreme(name: str) -> Callable[[Equation], Work]:
+def _index_of_extreme(equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
     """The index of the first largest (or smallest) element. A NaN comes before every number, as in numpy."""
-    better = SCALARS["gt" if name == "argmax" else "lt"]
+    (axis,), kind = equation.params["axes"], kind_of(equation)
+    better = SCALARS["gt" if equation.primitive.name == "argmax" else "lt"]
+    rows, type_ = np.moveaxis(whole(inputs[0]), axis, 0), type_of(equation.params["index_dtype"])
 
-    def of(equation: Equation) -> Work:
-        (axis,), kind = equation.params["axes"], kind_of(equation)
-        type_ = type_of(equation.params["index_dtype"])
+    def first_best(index: tuple[int, ...]) -> Value:
+        best, where = rows[(0, *index)], graph.constant(0, type_)
+        for i in range(1, len(rows)):
+            other = rows[(i, *index)]
+            take = better(graph, kind, other, best)
+            if kind.inputs[0].kind == "f":
+                is_nan, was_nan = (graph.compare("fcmp uno", value, value) for value in (other, best))
+                either = graph.op("or", BOOL, take, is_nan)
+                take = graph.op("and", BOOL, either, SCALARS["not"](graph, kind, was_nan))
+            best = graph.select(take, other, best)
+            where = graph.select(take, graph.constant(i, type_), where)
+        return where
 
-        def work(graph: Graph, inputs: list[np.ndarray]) -> list[Part]:
-            rows = np.moveaxis(whole(inputs[0]), axis, 0)
-            made = np.empty(rows.shape[1:], object)
-            for index in np.ndindex(made.shape):
-                best, where = rows[(0, *index)], graph.constant(0, type_)
-                for i in range(1, len(rows)):
-                    other = rows[(i, *index)]
-                    take = better(graph, kind, other, best)
-                    if kind.inputs[0].kind == "f":
-                        is_nan, was_nan = (graph.compare("fcmp uno", value, value) for value in (other, best))
-                        either = graph.op("or", BOOL, take, is_nan)
-                        take = graph.op("and", BOOL, either, SCALARS["not"](graph, kind, was_nan))
-                    best = graph.select(take, other, best)
-                    where = graph.select(take, graph.constant(i, type_), where)
-                made[index] = where
-            return [part(made)]
-
-        return work
-
-    return of
+    return [part(array_of(rows.shape[1:], first_best))]
 
 
-def _dot_general(equation: Equation) -> Work:
-    (left, right), (batch_left, batch_right) = equation.params["dimension_numbers"]
-    kind = kind_of(equation)
-    product, total = SCALARS["mul"], SCALARS["add"]
-
-    def folded(
-        graph: Graph, array: Elements, dtype: np.dtype, contracted: Sequence[int], batch: Sequence[int]
-    ) -> Elements:
-        """The array with elements of the output's type, reshaped to (batch, free, contracted)."""
+def _dot_general(equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
+    kind, sides = kind_of(equation), []
+    for given, dtype, contracted, batch in zip(inputs, kind.inputs, *equation.params["dimension_numbers"], strict=True):
+        # Elements of the output's type, in the shape (batch, free, contracted).
+        array = of_each(lambda value, dtype=dtype: converted(graph, value, dtype, kind.output), whole(given))
         free = [axis for axis in range(array.ndim) if axis not in (*contracted, *batch)]
         lengths = [math.prod(array.shape[axis] for axis in axes) for axes in (batch, free, contracted)]
-        elements = np.empty(array.shape, object)
-        for index in np.ndindex(array.shape):
-            elements[index] = converted(graph, array[index], dtype, kind.output)
-        return elements.transpose(*batch, *free, *contracted).reshape(lengths)
-
-    def work(graph: Graph, inputs: list[Part]) -> list[Part]:
-        x = folded(graph, whole(inputs[0]), kind.inputs[0], left, batch_left)
-        y = folded(graph, whole(inputs[1]), kind.inputs[1], right, batch_right)
-        made = np.empty((len(x), x.shape[1], y.shape[1]), object)
-        for b, i, j in np.ndindex(made.shape):
-            terms = [product(graph, kind, u, v) for u, v in zip(x[b, i], y[b, j], strict=True)]
-            value = terms[0] if terms else graph.constant(0, type_of(kind.output))
-            for term in terms[1:]:
-                value = total(graph, kind, value, term)
-            made[b, i, j] = value
-        return [part(made.reshape(aval_of(equation.outvars[0]).shape))]
-
-    return work
+        sides.append(array.transpose(*batch, *free, *contracted).reshape(lengths))
+    x, y = sides
+    product, total = (
+        functools.partial(of_each, functools.partial(SCALARS[name], graph, kind)) for name in ("mul", "add")
+    )
+    terms = np.moveaxis(product(x[:, :, None], y[:, None]), -1, 0)
+    zeros = constant(graph, np.zeros(terms.shape[1:]), kind.output)
+    made = whole(functools.reduce(total, terms[1:], terms[0]) if len(terms) else zeros)
+    return [part(made.reshape(aval_of(equation.outvars[0]).shape))]
 
 
-ARRAYS: Mapping[str, Callable[[Equation], Work]] = {
-    "argmax": _index_of_extreme("argmax"),
-    "argmin": _index_of_extreme("argmin"),
+ARRAYS: Mapping[str, ArrayRule] = {
+    "argmax": _index_of_extreme,
+    "argmin": _index_of_extreme,
     "broadcast_in_dim": _moved(_broadcast),
     "concatenate": _moved(lambda params, *arrays: np.concatenate(arrays, axis=params["dimension"])),
     "cummax": _cumulative("max"),
@@ -265,6 +223,6 @@ ARRAYS: Mapping[str, Callable[[Equation], Work]] = {
     "squeeze": _moved(lambda params, x: np.squeeze(x, params["dimensions"])),
     "tile": _moved(lambda params, x: np.tile(x, params["reps"])),
     "transpose": _moved(lambda params, x: x.transpose(params["permutation"])),
-    "unstack": _unstack,
+    "unstack": lambda equation, _, inputs: list(np.moveaxis(whole(inputs[0]), equation.params["axis"], 0)),
 }
-"""What computes each primitive of arrays, by its name."""
+"""The rule of each primitive of arrays, by its name."""

@@ -14,12 +14,12 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var
 from jax.typing import ArrayLike
 
 from erosion.lanes import tapes
-from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, elementwise, part, whole
+from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, elementwise, of_each, part, whole
 from erosion.lanes.functions import FUNCTIONS
 from erosion.lanes.graph import ARRAY, BOOL, DOUBLE, LONG, NUMBERS, CannotCompileError, Graph, Value
 from erosion.lanes.jax_versions import CALLS, called, carried_by_scan, expansion
-from erosion.lanes.large import LARGE, Large, as_memory, begin_carrying, carry_on, memory, parted
-from erosion.lanes.loops import in_loops
+from erosion.lanes.large import LARGE, Large, array_of, as_memory, begin_carrying, carry_on, memory, parted
+from erosion.lanes.loops import of_arrays
 from erosion.lanes.passes import PLACES, SCATTERS, finish, live, scatter
 from erosion.lanes.scalars import SCALARS, Atom, Equation, Kind, aval_of, converted
 
@@ -117,14 +117,14 @@ class Flattener:
         if name in FUNCTIONS:
             return elementwise(self._function(name, len(equation.invars)), equation, stored=True)
         if name in ARRAYS:
-            return in_loops(name, equation, ARRAYS[name](equation))
+            return functools.partial(of_arrays, equation)
         if name in PLACES:
-            return PLACES[name](equation)
+            return functools.partial(PLACES[name], equation)
         if name in (tapes.WRITE, tapes.READ):
             slot = equation.params["slot"]
             return lambda graph, inputs: [graph.op(name, DOUBLE, *map(_one, inputs), extra=slot)]
         if name in SCATTERS:
-            return scatter(equation, self.call)
+            return functools.partial(scatter, self.call, equation)
         if (expanded := expansion(equation)) is not None:
             return lambda _, inputs: self.closed(expanded, inputs)
         raise CannotCompileError(f"`{name}`")
@@ -198,10 +198,9 @@ class Flattener:
 
     def _where_it_goes_on(self, goes_on: Elements, new: Elements, old: Elements) -> np.ndarray:
         """For a batch of loops: the new values in rows that go on, the old values in the others."""
-        made = np.empty(new.shape, object)
-        for index in np.ndindex(new.shape):
-            made[index] = self.graph.select(goes_on[index[: goes_on.ndim]], new[index], old[index])
-        return made
+        return array_of(
+            new.shape, lambda index: self.graph.select(goes_on[index[: goes_on.ndim]], new[index], old[index])
+        )
 
     def _cond(self, equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
         case, *arguments = inputs
@@ -234,12 +233,10 @@ class Flattener:
             made.append(results[carries:])
         if params["reverse"]:
             made.reverse()
-        stacked = []
-        for j, variable in enumerate(equation.outvars[carries:]):
-            array = np.empty(aval_of(variable).shape, object)
-            for i in range(length):
-                array[i] = whole(made[i][j])[()]
-            stacked.append(array)
+        stacked = [
+            array_of(aval_of(variable).shape, lambda index, j=j: whole(made[index[0]][j])[index[1:]])
+            for j, variable in enumerate(equation.outvars[carries:])
+        ]
         return [*carried, *stacked]
 
     def _counted(self, closed: ClosedJaxpr, fixed: list[Part], carried: list[Part], length: int) -> list[Part]:
@@ -304,12 +301,11 @@ def flatten(closed: ClosedJaxpr, *, shared: bool = True) -> Graph:
             graph.numbers += math.prod(shape) * shared
             place += math.prod(shape)
             continue
-        dtype = np.dtype(aval_of(variable).dtype)
-        array = np.empty(aval_of(variable).shape, object)
-        for index in np.ndindex(array.shape):
-            array[index] = converted(graph, graph.input(place), _DOUBLE, dtype)
-            place += 1
-        arguments.append(part(array))
+        places, dtype = place + np.arange(math.prod(shape)).reshape(shape), np.dtype(aval_of(variable).dtype)
+        place += places.size
+        arguments.append(
+            part(of_each(lambda at, dtype=dtype: converted(graph, graph.input(at), _DOUBLE, dtype), places))
+        )
     try:
         results = Flattener(graph).closed(closed, arguments)
     except CannotCompileError as error:
@@ -349,13 +345,8 @@ def _scalars(parts: Sequence[Part]) -> list[Value]:
 
 def _gathered(values: Sequence[Value], shaped: Sequence[Part]) -> list[Part]:
     """Scalars put together to parts of the shapes of `shaped`."""
-    rest, made = iter(values), []
-    for shape in (whole(example).shape for example in shaped):
-        array = np.empty(shape, object)
-        for index in np.ndindex(array.shape):
-            array[index] = next(rest)
-        made.append(part(array))
-    return made
+    rest = iter(values)
+    return [part(array_of(whole(example).shape, lambda _: next(rest))) for example in shaped]
 
 
 def _unchanged(body: Jaxpr, constants: int) -> set[int]:

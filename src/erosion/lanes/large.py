@@ -97,10 +97,7 @@ class Large:
 
     def apart(self) -> np.ndarray:
         """The elements one by one."""
-        made = np.empty(self.shape, object)
-        for index in np.ndindex(self.shape):
-            made[index] = self.at([self.graph.constant(i, PLACE) for i in index])
-        return made
+        return array_of(self.shape, lambda index: self.at([self.graph.constant(i, PLACE) for i in index]))
 
     def stored(self) -> "Large":
         """The same array in memory."""
@@ -158,6 +155,14 @@ class Large:
         if not stored.is_contiguous:
             stored = memory(self.graph, stored.copied(), self.shape)
         return stored.reshaped(shape)
+
+
+def array_of(shape: Sequence[int], element: Callable[[tuple[int, ...]], Value]) -> np.ndarray:
+    """An array of values, each from its index."""
+    made = np.empty(shape, object)
+    for index in np.ndindex(made.shape):
+        made[index] = element(index)
+    return made
 
 
 def _strides(shape: Sequence[int]) -> tuple[int, ...]:

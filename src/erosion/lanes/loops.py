@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from erosion.lanes.arrays import Part, Work, whole
+from erosion.lanes.arrays import ARRAYS, Part, part, whole
 from erosion.lanes.graph import DOUBLE, Graph, Value
 from erosion.lanes.large import LARGE, Index, Large, large, sums
 from erosion.lanes.scalars import Equation, aval_of
@@ -15,21 +15,13 @@ Rule = Callable[[Equation, Graph, list[Part]], Part | None]
 """The result of an operation where an input is large; None where it knows only small ones."""
 
 
-def in_loops(name: str, equation: Equation, small: Work) -> Work:
-    """What computes an operation of arrays: in loops where they are large."""
-    rule = _LARGE.get(name)
-    if rule is None:
-        return small
+def of_arrays(equation: Equation, graph: Graph, inputs: list[Part]) -> Sequence[Part]:
+    """What an operation of `ARRAYS` gives: in loops where its arrays are large."""
+    name, made = equation.primitive.name, None
     worth = _products(equation) >= _MANY if name == "dot_general" else name == "broadcast_in_dim"
-
-    def work(graph: Graph, inputs: list[Part]) -> Sequence[Part]:
-        if worth or any(isinstance(given, Large) for given in inputs):
-            made = rule(equation, graph, inputs)
-            if made is not None:
-                return [made]
-        return small(graph, inputs)
-
-    return work
+    if name in _LARGE and (worth or any(isinstance(given, Large) for given in inputs)):
+        made = _LARGE[name](equation, graph, inputs)
+    return ARRAYS[name](equation, graph, inputs) if made is None else [made]
 
 
 def _products(equation: Equation) -> int:
@@ -68,10 +60,10 @@ def _slice(equation: Equation, _: Graph, inputs: list[Part]) -> Part | None:
     if not isinstance(array, Large):
         return None
     axes = range(len(array.shape))
-    part = array.moved(
+    moved = array.moved(
         aval_of(equation.outvars[0]).shape, list(axes), params["start_indices"], params["strides"] or [1] * len(axes)
     )
-    return part if part.size >= LARGE else _small(part)
+    return moved if moved.size >= LARGE else part(moved.apart())
 
 
 def _reduce_sum(equation: Equation, graph: Graph, inputs: list[Part]) -> Part | None:
@@ -111,18 +103,13 @@ def _dot_general(equation: Equation, graph: Graph, inputs: list[Part]) -> Part |
         return sums(graph, shape, [x.shape[axis] for axis in left], term)
     product = Large(graph, shape, DOUBLE, lambda index: graph.op("fmul", DOUBLE, *term(index, ())))
     product.reads = dict.fromkeys({**x.reads, **y.reads}, False)
-    return product if product.size >= LARGE else _small(product)
+    return product if product.size >= LARGE else part(product.apart())
 
 
 def _joined(ndim: int, *parts: tuple[Sequence[int], Index]) -> list[Value]:
     """An index of which some axes are given here and others there."""
     by_axis = {axis: value for axes, index in parts for axis, value in zip(axes, index, strict=True)}
     return [by_axis[axis] for axis in range(ndim)]
-
-
-def _small(array: Large) -> Part:
-    made = array.apart()
-    return made if made.shape else made[()]
 
 
 _LARGE: Mapping[str, Rule] = {

@@ -7,7 +7,7 @@ import numpy as np
 from jax.extend.core import Jaxpr
 from jax.typing import ArrayLike
 
-from erosion.lanes.arrays import Elements, Part, Work, kind_of, part, whole
+from erosion.lanes.arrays import ArrayRule, Elements, Part, kind_of, part, whole
 from erosion.lanes.graph import (
     BOOL,
     DOUBLE,
@@ -21,6 +21,7 @@ from erosion.lanes.graph import (
     Step,
     Value,
 )
+from erosion.lanes.large import array_of
 from erosion.lanes.scalars import SCALARS, Equation, Kind, aval_of, converted, type_of
 
 
@@ -193,71 +194,52 @@ def _changed(
             array[index] = graph.select(here, new(array[index]), array[index])
 
 
-def _dynamic_slice(equation: Equation) -> Work:
-    sizes = equation.params["slice_sizes"]
-    dtypes = kind_of(equation).inputs[1:]
-
-    def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
-        array, places = whole(inputs[0]), zip(inputs[1:], dtypes, strict=True)
-        starts = [
-            _clamped(graph, _start(graph, *place), n - size)
-            for place, n, size in zip(places, array.shape, sizes, strict=True)
-        ]
-        made = np.empty(sizes, object)
-        for offset in np.ndindex(*sizes):
-            made[offset] = _element(graph, array, starts, offset)
-        return [made]
-
-    return work
+def _dynamic_slice(equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
+    sizes, array = equation.params["slice_sizes"], whole(inputs[0])
+    starts = _starts_within(equation, graph, inputs[1:], array.shape, sizes)
+    return [array_of(sizes, lambda offset: _element(graph, array, starts, offset))]
 
 
-def _dynamic_update_slice(equation: Equation) -> Work:
-    dtypes = kind_of(equation).inputs[2:]
-
-    def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
-        array, update = whole(inputs[0]).copy(), whole(inputs[1])
-        places = zip(inputs[2:], dtypes, strict=True)
-        starts = [
-            _clamped(graph, _start(graph, *place), n - size)
-            for place, n, size in zip(places, array.shape, update.shape, strict=True)
-        ]
-        for offset in np.ndindex(update.shape):
-            value = update[offset]
-            _changed(graph, array, starts, offset, lambda _, value=value: value)
-        return [array]
-
-    return work
+def _dynamic_update_slice(equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
+    array, update = whole(inputs[0]).copy(), whole(inputs[1])
+    starts = _starts_within(equation, graph, inputs[2:], array.shape, update.shape)
+    for offset in np.ndindex(update.shape):
+        _changed(graph, array, starts, offset, lambda _, value=update[offset]: value)
+    return [array]
 
 
-def _gather(equation: Equation) -> Work:
-    numbers, sizes = equation.params["dimension_numbers"], equation.params["slice_sizes"]
-    mode, shape = equation.params["mode"].name, aval_of(equation.outvars[0]).shape
-    kind, fill = kind_of(equation), equation.params["fill_value"]
+def _starts_within(
+    equation: Equation, graph: Graph, places: Sequence[Elements], shape: Sequence[int], sizes: Sequence[int]
+) -> list[Value]:
+    """Where a slice of some sizes starts, from the last inputs of an equation; it stays within the array."""
+    dtypes, rest = kind_of(equation).inputs[-len(places) :], zip(shape, sizes, strict=True)
+    starts = (_start(graph, *place) for place in zip(places, dtypes, strict=True))
+    return [_clamped(graph, start, n - size) for start, (n, size) in zip(starts, rest, strict=True)]
+
+
+def _gather(equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
+    params, kind = equation.params, kind_of(equation)
+    numbers, array, indices = params["dimension_numbers"], whole(inputs[0]), whole(inputs[1])
+    most = [n - size for n, size in zip(array.shape, params["slice_sizes"], strict=True)]
     gone = (*numbers.collapsed_slice_dims, *numbers.operand_batching_dims)
+    kept = [axis for axis in range(array.ndim) if axis not in gone]
 
-    def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
-        array, indices = whole(inputs[0]), whole(inputs[1])
-        most = [n - size for n, size in zip(array.shape, sizes, strict=True)]
-        kept = [axis for axis in range(array.ndim) if axis not in gone]
-        made = np.empty(shape, object)
-        for index in np.ndindex(shape):
-            batch = [i for axis, i in enumerate(index) if axis not in numbers.offset_dims]
-            offset = [0] * array.ndim
-            for axis, to in zip(numbers.offset_dims, kept, strict=True):
-                offset[to] = index[axis]
-            starts = _starts(graph, numbers.start_index_map, array.ndim, indices[tuple(batch)], kind.inputs[1])
-            pairs = zip(numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True)
-            for axis, of_batch in pairs:
-                starts[axis] = graph.constant(batch[of_batch], LONG)
-            safe = [_clamped(graph, start, highest) for start, highest in zip(starts, most, strict=True)]
-            value = _element(graph, array, safe, offset)
-            if mode == "FILL_OR_DROP":
-                outside = graph.constant(_fill(fill, kind.output), type_of(kind.output))
-                value = graph.select(_within(graph, starts, most), value, outside)
-            made[index] = value
-        return [part(made)]
+    def element(index: tuple[int, ...]) -> Value:
+        batch = [i for axis, i in enumerate(index) if axis not in numbers.offset_dims]
+        offset = [0] * array.ndim
+        for axis, to in zip(numbers.offset_dims, kept, strict=True):
+            offset[to] = index[axis]
+        starts = _starts(graph, numbers.start_index_map, array.ndim, indices[tuple(batch)], kind.inputs[1])
+        for axis, of_batch in zip(numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True):
+            starts[axis] = graph.constant(batch[of_batch], LONG)
+        safe = [_clamped(graph, start, highest) for start, highest in zip(starts, most, strict=True)]
+        value = _element(graph, array, safe, offset)
+        if params["mode"].name != "FILL_OR_DROP":
+            return value
+        outside = graph.constant(_fill(params["fill_value"], kind.output), type_of(kind.output))
+        return graph.select(_within(graph, starts, most), value, outside)
 
-    return work
+    return [part(array_of(aval_of(equation.outvars[0]).shape, element))]
 
 
 def _starts(graph: Graph, axes: Sequence[int], ndim: int, vector: np.ndarray, dtype: np.dtype) -> list[Value]:
@@ -277,48 +259,51 @@ def _fill(fill: float | None, dtype: np.dtype) -> float:
     return True if dtype.kind == "b" else np.iinfo(dtype).min if dtype.kind == "i" else np.iinfo(dtype).max
 
 
-def scatter(equation: Equation, call: Callable[[Jaxpr, Sequence[ArrayLike], Sequence[Part]], list[Part]]) -> Work:
-    """Changes elements of an array: each becomes what a function makes of it and of its update.
+def scatter(
+    call: Callable[[Jaxpr, Sequence[ArrayLike], Sequence[Part]], list[Part]],
+    equation: Equation,
+    graph: Graph,
+    inputs: list[Part],
+) -> list[Part]:
+    """Change elements of an array: each becomes what a function makes of it and of its update.
 
     Args:
-        equation: of one of `SCATTERS`.
         call: gives a function's results.
+        equation: of one of `SCATTERS`.
+        graph: of the elements.
+        inputs: array, places and updates.
     """
     params, kind = equation.params, kind_of(equation)
     numbers, function = params["dimension_numbers"], params["update_jaxpr"]
     if numbers.operand_batching_dims:
         raise CannotCompileError(f"`{equation.primitive.name}` in a batch")
+    array, indices, updates = whole(inputs[0]).copy(), whole(inputs[1]), whole(inputs[2])
+    kept = [axis for axis in range(array.ndim) if axis not in numbers.inserted_window_dims]
+    for index in np.ndindex(updates.shape):
+        batch = tuple(i for axis, i in enumerate(index) if axis not in numbers.update_window_dims)
+        offset, sizes = [0] * array.ndim, [1] * array.ndim
+        for axis, to in zip(numbers.update_window_dims, kept, strict=True):
+            offset[to], sizes[to] = index[axis], updates.shape[axis]
+        starts = _starts(graph, numbers.scatter_dims_to_operand_dims, array.ndim, indices[batch], kind.inputs[1])
+        most = [n - size for n, size in zip(array.shape, sizes, strict=True)]
+        if params["mode"].name == "CLIP":
+            starts = [_clamped(graph, start, highest) for start, highest in zip(starts, most, strict=True)]
+        inside, update = _within(graph, starts, most), updates[index]
 
-    def work(graph: Graph, inputs: list[Elements]) -> list[Part]:
-        array, indices, updates = whole(inputs[0]).copy(), whole(inputs[1]), whole(inputs[2])
-        kept = [axis for axis in range(array.ndim) if axis not in numbers.inserted_window_dims]
-        for index in np.ndindex(updates.shape):
-            batch = tuple(i for axis, i in enumerate(index) if axis not in numbers.update_window_dims)
-            offset, sizes = [0] * array.ndim, [1] * array.ndim
-            for axis, to in zip(numbers.update_window_dims, kept, strict=True):
-                offset[to], sizes[to] = index[axis], updates.shape[axis]
-            starts = _starts(graph, numbers.scatter_dims_to_operand_dims, array.ndim, indices[batch], kind.inputs[1])
-            most = [n - size for n, size in zip(array.shape, sizes, strict=True)]
-            if params["mode"].name == "CLIP":
-                starts = [_clamped(graph, start, highest) for start, highest in zip(starts, most, strict=True)]
-            inside, update = _within(graph, starts, most), updates[index]
+        def new(old: Value, inside: Value = inside, update: Value = update) -> Value:
+            value = whole(call(function, params["update_consts"], [old, update])[0])[()] if function else update
+            return graph.select(inside, value, old)
 
-            def new(old: Value, inside: Value = inside, update: Value = update) -> Value:
-                value = whole(call(function, params["update_consts"], [old, update])[0])[()] if function else update
-                return graph.select(inside, value, old)
-
-            _changed(graph, array, starts, offset, new)
-        return [part(array)]
-
-    return work
+        _changed(graph, array, starts, offset, new)
+    return [part(array)]
 
 
-PLACES: Mapping[str, Callable[[Equation], Work]] = {
+PLACES: Mapping[str, ArrayRule] = {
     "dynamic_slice": _dynamic_slice,
     "dynamic_update_slice": _dynamic_update_slice,
     "gather": _gather,
 }
-"""What computes each primitive that reads or changes a slice at a computed place, by its name."""
+"""The rule of each primitive that reads or changes a slice at a computed place, by its name."""
 
 SCATTERS = {"scatter", "scatter-add", "scatter-sub", "scatter-mul", "scatter-min", "scatter-max"}
 """Names of the primitives that `scatter` computes."""
