@@ -39,10 +39,12 @@ class Value:
 
     __slots__ = ("extra", "inputs", "name", "op", "region", "type", "uses")
 
+    regions = ()  # a step that has none within it
+
     def __init__(self, op: str, inputs: tuple["Value", ...], type_: str, region: "Region", extra: Any = None) -> None:
         self.op, self.inputs, self.type, self.region, self.extra = op, inputs, type_, region, extra
         self.name = ""  # in the text of the program
-        self.uses = 0  # how many operations read it; known once the graph is complete
+        self.uses = 0  # how many steps read it; known once the graph is complete
 
     @property
     def is_constant(self) -> bool:
@@ -77,15 +79,20 @@ class Region:
 class Loop:
     """Runs until the condition fails in every lane; a lane whose condition failed keeps its values."""
 
-    __slots__ = ("arguments", "body", "condition", "head", "initial", "results", "updates")
+    __slots__ = ("arguments", "body", "condition", "head", "initial", "regions", "results", "updates")
 
     def __init__(self, head: Region, initial: Sequence[Value]) -> None:
-        self.head, self.body = head, Region(head)
+        self.regions = self.head, self.body = head, Region(head)
         self.initial = list(initial)
         self.arguments = [Value("argument", (), value.type, head, self) for value in initial]
         self.condition: Value
         self.updates: list[Value] = []
         self.results: list[Value] = []
+
+    @property
+    def inputs(self) -> tuple[Value, ...]:
+        """What it reads."""
+        return self.condition, *self.initial, *self.updates
 
 
 class Branch:
@@ -93,28 +100,39 @@ class Branch:
 
     Args:
         selector: each lane's case: its index, or, for two cases, whether the lane takes the second.
-        cases: their steps.
+        regions: the cases.
         outputs: of each case.
     """
 
-    __slots__ = ("cases", "outputs", "results", "selector")
+    __slots__ = ("outputs", "regions", "results", "selector")
 
-    def __init__(self, selector: Value, cases: list[Region], outputs: list[list[Value]]) -> None:
-        self.selector, self.cases, self.outputs = selector, cases, outputs
+    def __init__(self, selector: Value, regions: list[Region], outputs: list[list[Value]]) -> None:
+        self.selector, self.regions, self.outputs = selector, regions, outputs
         self.results: list[Value] = []
+
+    @property
+    def inputs(self) -> tuple[Value, ...]:
+        """What it reads."""
+        return self.selector, *(value for outputs in self.outputs for value in outputs)
 
 
 class Counted:
     """Runs for each index from 0 to a known length, in all lanes at once, and carries sums along."""
 
-    __slots__ = ("arguments", "body", "index", "initial", "length", "results", "updates")
+    __slots__ = ("arguments", "body", "index", "initial", "length", "regions", "results", "updates")
 
     def __init__(self, parent: Region, length: int, initial: Sequence[Value]) -> None:
         self.length, self.initial, self.body = length, list(initial), Region(parent, is_loop=True)
+        self.regions = (self.body,)
         self.index = Value("index", (), PLACE, self.body, self)
         self.arguments = [Value("argument", (), value.type, self.body, self) for value in initial]
         self.updates: list[Value] = []
         self.results: list[Value] = []
+
+    @property
+    def inputs(self) -> tuple[Value, ...]:
+        """What it reads."""
+        return *self.initial, *self.updates
 
 
 Step = Value | Loop | Branch | Counted
@@ -219,9 +237,7 @@ class Graph:
         outer = loop.head.parent
         assert outer is not None
         loop.updates, self.region = list(updates), outer
-        outer.steps.append(loop)
-        loop.results = [Value("result", (), value.type, outer, loop) for value in loop.initial]
-        return loop.results
+        return self._ended(loop, updates)
 
     def begin_case(self) -> Region:
         """Begin a case of a branch; `end_case` follows."""
@@ -241,9 +257,7 @@ class Graph:
         loop = Counted(outer, length, initial)
         self.region = loop.body
         loop.updates, self.region = list(body(loop.index, loop.arguments)), outer
-        outer.steps.append(loop)
-        loop.results = [Value("result", (), value.type, outer, loop) for value in initial]
-        return loop.results
+        return self._ended(loop, initial)
 
     def place(self, terms: Iterable[tuple[Value, int]], offset: int = 0) -> Value:
         """Σ index · stride + offset, the same in all lanes."""
@@ -297,10 +311,13 @@ class Graph:
 
     def branch(self, selector: Value, cases: list[Region], outputs: list[list[Value]]) -> list[Value]:
         """The outputs of the case that each lane takes."""
-        branch = Branch(selector, cases, outputs)
-        self.region.steps.append(branch)
-        branch.results = [Value("result", (), value.type, self.region, branch) for value in outputs[0]]
-        return branch.results
+        return self._ended(Branch(selector, cases, outputs), outputs[0])
+
+    def _ended(self, step: Loop | Branch | Counted, values: Sequence[Value]) -> list[Value]:
+        """The results of a step that is complete, of the types of some values."""
+        self.region.steps.append(step)
+        step.results = [Value("result", (), value.type, self.region, step) for value in values]
+        return step.results
 
 
 _QUOTIENT = "quotient"  # a product that is none of the user's
@@ -388,18 +405,16 @@ def _choice(_: Graph, condition: Value, x: Value, y: Value) -> Value | None:
     return (x if condition.extra else y) if condition.op == "const" else None
 
 
-def _conjunction(_: Graph, x: Value, y: Value) -> Value | None:
-    for constant, other in ((x, y), (y, x)):
-        if constant.op == "const" and constant.type == BOOL:
-            return other if constant.extra else constant
-    return x if x is y else None
+def _logical(neutral: bool) -> Callable[..., Value | None]:
+    """Of "and" and "or": one of two truths is `neutral`, or decides alone."""
 
+    def simpler(_: Graph, x: Value, y: Value) -> Value | None:
+        for constant, other in ((x, y), (y, x)):
+            if constant.op == "const" and constant.type == BOOL:
+                return other if constant.extra == neutral else constant
+        return x if x is y else None
 
-def _disjunction(_: Graph, x: Value, y: Value) -> Value | None:
-    for constant, other in ((x, y), (y, x)):
-        if constant.op == "const" and constant.type == BOOL:
-            return constant if constant.extra else other
-    return x if x is y else None
+    return simpler
 
 
 def _not_zero(_: Graph, x: Value, y: Value) -> Value | None:
@@ -417,6 +432,6 @@ _SIMPLER: dict[str, Callable[..., Value | None]] = {
     "fsub": _difference,
     "fneg": lambda _, x: x.inputs[0] if x.op == "fneg" else None,
     "select": _choice,
-    "and": _conjunction,
-    "or": _disjunction,
+    "and": _logical(True),
+    "or": _logical(False),
 }

@@ -29,7 +29,9 @@ def finish(graph: Graph, outputs: Sequence[Value]) -> None:
     """Set a graph's outputs: drop what they do not need, count uses, and contract products and sums."""
     graph.outputs = list(outputs)
     _prune(graph.root, live(graph.outputs))
-    _count_uses(graph)
+    _count_uses(graph.root)
+    for value in graph.outputs:
+        value.uses += 1
     _contract(graph.root)
 
 
@@ -62,48 +64,28 @@ def _prune(region: Region, live: set[Value]) -> None:
             if step in live:
                 kept.append(step)
             continue
-        if isinstance(step, Loop | Counted):
+        if isinstance(step, Branch):
+            indices = [i for i, result in enumerate(step.results) if result in live]
+            step.results = [step.results[i] for i in indices]
+            step.outputs = [[outputs[i] for i in indices] for outputs in step.outputs]
+        else:
             # A value of a loop may be needed only inside the loop.
             indices = [i for i, argument in enumerate(step.arguments) if argument in live]
             for name in ("arguments", "initial", "updates", "results"):
                 setattr(step, name, [getattr(step, name)[i] for i in indices])
-            inner = [step.head, step.body] if isinstance(step, Loop) else [step.body]
-        else:
-            indices = [i for i, result in enumerate(step.results) if result in live]
-            step.results = [step.results[i] for i in indices]
-            step.outputs = [[outputs[i] for i in indices] for outputs in step.outputs]
-            inner = step.cases
         if indices or (isinstance(step, Counted) and step.index in live):
             kept.append(step)
-            for part in inner:
-                _prune(part, live)
+            for inner in step.regions:
+                _prune(inner, live)
     region.steps = kept
 
 
-def _count_uses(graph: Graph) -> None:
-    def read(values: Iterable[Value]) -> None:
-        for value in values:
+def _count_uses(region: Region) -> None:
+    for step in region.steps:
+        for value in step.inputs:
             value.uses += 1
-
-    def walk(region: Region) -> None:
-        for step in region.steps:
-            if isinstance(step, Value):
-                for value in step.inputs:
-                    value.uses += 1
-            elif isinstance(step, Loop):
-                read((step.condition, *step.initial, *step.updates))
-                walk(step.head)
-                walk(step.body)
-            elif isinstance(step, Counted):
-                read((*step.initial, *step.updates))
-                walk(step.body)
-            else:
-                read((step.selector, *(value for outputs in step.outputs for value in outputs)))
-                for case in step.cases:
-                    walk(case)
-
-    walk(graph.root)
-    read(graph.outputs)
+        for inner in step.regions:
+            _count_uses(inner)
 
 
 def _contract(region: Region) -> None:
@@ -117,15 +99,9 @@ def _contract(region: Region) -> None:
         return value.op == "fmul" and value.uses == 1 and value.region is region and value.type == DOUBLE
 
     for step in region.steps:
-        if isinstance(step, Loop):
-            _contract(step.head)
-            _contract(step.body)
-        elif isinstance(step, Counted):
-            _contract(step.body)
-        elif isinstance(step, Branch):
-            for case in step.cases:
-                _contract(case)
-        elif step.op in ("fadd", "fsub"):
+        for inner in step.regions:
+            _contract(inner)
+        if isinstance(step, Value) and step.op in ("fadd", "fsub"):
             x, y = step.inputs
             minus = step.op == "fsub"
             if is_product(x):

@@ -122,35 +122,26 @@ _max = _extreme("ogt", "sgt", "ugt", "or")
 _min = _extreme("olt", "slt", "ult", "and")
 
 
-def _divisor(graph: Graph, kind: Kind, x: Value, y: Value) -> tuple[Value, Value]:
-    """A divisor of integers that the processor accepts, and whether the given one was zero."""
-    zero, one = _zero(graph, y), graph.constant(1, y.type)
-    is_zero = graph.compare("icmp eq", y, zero)
-    safe = graph.select(is_zero, one, y)
-    if kind.output.kind == "i":
-        least = graph.constant(np.iinfo(kind.output).min, x.type)
-        minus = graph.constant(-1, y.type)
-        overflows = graph.op("and", BOOL, graph.compare("icmp eq", x, least), graph.compare("icmp eq", y, minus))
-        safe = graph.select(overflows, one, safe)
-    return safe, is_zero
+def _division(name: str) -> Rule:
+    """The quotient ("div") or the remainder ("rem")."""
 
+    def rule(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
+        if kind.output.kind == "f":
+            # For "frem" LLVM calls the C library for each lane. It is exact, so every library gives the same bits.
+            return graph.op(f"f{name}", x.type, x, y)
+        zero, one, minus = (graph.constant(number, y.type) for number in (0, 1, -1))
+        is_zero = graph.compare("icmp eq", y, zero)
+        # The processor accepts no other divisor of integers.
+        safe = graph.select(is_zero, one, y)
+        if kind.output.kind == "i":
+            least = graph.constant(np.iinfo(kind.output).min, x.type)
+            overflows = graph.op("and", BOOL, graph.compare("icmp eq", x, least), graph.compare("icmp eq", y, minus))
+            safe = graph.select(overflows, one, safe)
+        result = graph.op(f"{'s' if kind.output.kind == 'i' else 'u'}{name}", x.type, x, safe)
+        # By zero XLA gives all bits set, and all of x for the remainder.
+        return graph.select(is_zero, minus if name == "div" else x, result)
 
-def _div(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
-    if kind.output.kind == "f":
-        return graph.op("fdiv", x.type, x, y)
-    safe, is_zero = _divisor(graph, kind, x, y)
-    quotient = graph.op("sdiv" if kind.output.kind == "i" else "udiv", x.type, x, safe)
-    # By zero XLA gives all bits set.
-    return graph.select(is_zero, graph.constant(-1, x.type), quotient)
-
-
-def _rem(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
-    if kind.output.kind == "f":
-        # LLVM calls the C library for each lane. The remainder is exact, so every library gives the same bits.
-        return graph.op("frem", x.type, x, y)
-    safe, is_zero = _divisor(graph, kind, x, y)
-    remainder = graph.op("srem" if kind.output.kind == "i" else "urem", x.type, x, safe)
-    return graph.select(is_zero, x, remainder)
+    return rule
 
 
 def _square(graph: Graph, kind: Kind, x: Value) -> Value:
@@ -286,7 +277,7 @@ SCALARS: Mapping[str, Rule] = {
     "convert_element_type": _convert,
     "copy": _same,
     "copy_p": _same,
-    "div": _div,
+    "div": _division("div"),
     "eq": _comparison("oeq", "eq", "eq"),
     "floor": _intrinsic("llvm.floor"),
     "ge": _comparison("oge", "sge", "uge"),
@@ -307,7 +298,7 @@ SCALARS: Mapping[str, Rule] = {
     "or": lambda graph, _, x, y: graph.op("or", x.type, x, y),
     "real": _same,
     "reduce_precision": _reduce_precision,
-    "rem": _rem,
+    "rem": _division("rem"),
     "round": _round,
     "select_n": _select_n,
     "shift_left": _shift("shl", "nothing"),

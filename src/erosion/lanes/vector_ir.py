@@ -5,7 +5,9 @@ a case of a branch runs if any lane takes it; lanes that are not active keep the
 no pass over the result, so its bits depend on the graph alone.
 """
 
+import contextlib
 import struct
+from collections.abc import Iterator
 
 from erosion.lanes import tapes
 from erosion.lanes.graph import ARRAY, BOOL, NUMBERS, PLACE, Branch, Counted, Graph, Loop, Region, Value
@@ -193,43 +195,44 @@ class _Writer:
             )
         value.name = token
 
-    def write_array(self, array: Value, first: str, lane: str) -> None:
-        """Write the numbers of an array into outputs, the first of which is given."""
+    @contextlib.contextmanager
+    def counting(self, length: str | int) -> Iterator[str]:
+        """A loop over indices from 0 to a length; what is written meanwhile is done for each."""
         again, done, before, index = self.new("again"), self.new("done"), self.label, f"%{self.new()}"
         self.do(f"br label %{again}")
         self.start(again)
-        following = f"%{self.new()}"
-        self.do(f"{index} = phi i64 [ 0, %{before} ], [ {following}, %{again} ]")
-        place = self.place_of_output(self.get(f"add i64 {index}, {first}"))
-        row = self.get(f"getelementptr {self.vector('double')}, ptr {self.text(array.inputs[0])}, i64 {index}")
-        self.write("double", self.get(f"load {self.vector('double')}, ptr {row}"), *place, lane)
-        self.do(f"{following} = add i64 {index}, 1")
-        self.do(f"br i1 {self.get(f'icmp slt i64 {following}, {array.extra}')}, label %{again}, label %{done}")
+        phi = len(self.lines)
+        yield index
+        following = self.get(f"add i64 {index}, 1")
+        self.do(f"br i1 {self.get(f'icmp slt i64 {following}, {length}')}, label %{again}, label %{done}")
+        self.lines.insert(phi, f"  {index} = phi i64 [ 0, %{before} ], [ {following}, %{self.label} ]")
         self.start(done)
+
+    def write_array(self, array: Value, first: str, lane: str) -> None:
+        """Write the numbers of an array into outputs, the first of which is given."""
+        with self.counting(array.extra) as index:
+            place = self.place_of_output(self.get(f"add i64 {index}, {first}"))
+            row = self.get(f"getelementptr {self.vector('double')}, ptr {self.text(array.inputs[0])}, i64 {index}")
+            self.write("double", self.get(f"load {self.vector('double')}, ptr {row}"), *place, lane)
 
     def copy_inputs(self, lane: str) -> None:
         """Copy the numbers that vary from lane to lane into `inputs`, in a loop over their places."""
         self.do("%any_varies = icmp sgt i64 %count, 0")
         self.do("br i1 %any_varies, label %copy, label %compute")
-        before = self.label
         self.start("copy")
-        self.do(f"%index = phi i64 [ 0, %{before} ], [ %following, %copy ]")
-        row = self.get("mul i64 %index, 3")
-        fields = []
-        for field, type_ in enumerate(("ptr", "i64", "i64")):
-            address = self.get(f"getelementptr i64, ptr %varying, i64 {self.get(f'add i64 {row}, {field}')}")
-            fields.append(self.get(f"load {type_}, ptr {address}"))
-        address, stride, place = fields
-        longs = self.vector("i64")
-        from_ = self.get(
-            f"getelementptr i8, ptr {address}, {longs} {self.get(f'mul {longs} {lane}, {self.splat(stride)}')}"
-        )
-        numbers = self.gather("double", from_)
-        to = self.get(f"getelementptr {self.vector('double')}, ptr %inputs, i64 {place}")
-        self.do(f"store {self.vector('double')} {numbers}, ptr {to}")
-        self.do("%following = add i64 %index, 1")
-        self.do("%go_on = icmp slt i64 %following, %count")
-        self.do("br i1 %go_on, label %copy, label %compute")
+        with self.counting("%count") as index:
+            row, fields = self.get(f"mul i64 {index}, 3"), []
+            for field, type_ in enumerate(("ptr", "i64", "i64")):
+                address = self.get(f"getelementptr i64, ptr %varying, i64 {self.get(f'add i64 {row}, {field}')}")
+                fields.append(self.get(f"load {type_}, ptr {address}"))
+            (address, stride, place), longs = fields, self.vector("i64")
+            from_ = self.get(
+                f"getelementptr i8, ptr {address}, {longs} {self.get(f'mul {longs} {lane}, {self.splat(stride)}')}"
+            )
+            numbers = self.gather("double", from_)
+            to = self.get(f"getelementptr {self.vector('double')}, ptr %inputs, i64 {place}")
+            self.do(f"store {self.vector('double')} {numbers}, ptr {to}")
+        self.do("br label %compute")
         self.start("compute")
 
     def gather(self, type_: str, addresses: str) -> str:
@@ -352,23 +355,17 @@ class _Writer:
 
     def counted(self, loop: Counted, mask: str) -> None:
         """A loop over indices, in all lanes at once."""
-        again, done, before = self.new("again"), self.new("done"), self.label
-        self.do(f"br label %{again}")
-        self.start(again)
-        phis = len(self.lines)
-        for argument in (loop.index, *loop.arguments):
-            argument.name = f"%{self.new()}"
-        self.region(loop.body, mask)
-        following = self.get(f"add i64 {loop.index.name}, 1")
-        self.do(f"br i1 {self.get(f'icmp slt i64 {following}, {loop.length}')}, label %{again}, label %{done}")
-        lines = [f"  {loop.index.name} = phi i64 [ 0, %{before} ], [ {following}, %{self.label} ]"]
-        for argument, initial, update in zip(loop.arguments, loop.initial, loop.updates, strict=True):
-            lines.append(
+        before = self.label
+        with self.counting(loop.length) as loop.index.name:
+            phis = len(self.lines)
+            for argument in loop.arguments:
+                argument.name = f"%{self.new()}"
+            self.region(loop.body, mask)
+            self.lines[phis:phis] = [
                 f"  {argument.name} = phi {self.vector(argument.type)} [ {self.text(initial)}, %{before} ], "
                 f"[ {self.text(update)}, %{self.label} ]"
-            )
-        self.lines[phis:phis] = lines
-        self.start(done)
+                for argument, initial, update in zip(loop.arguments, loop.initial, loop.updates, strict=True)
+            ]
         for update, result in zip(loop.updates, loop.results, strict=True):
             result.name = self.text(update)
 
@@ -490,7 +487,7 @@ class _Writer:
         """A branch: each case if any lane takes it."""
         results: list[list[str]] = []
         conditions = []
-        for i, case in enumerate(branch.cases):
+        for i, case in enumerate(branch.regions):
             taken = self.taken(branch, i)
             conditions.append(taken)
             results.append(self.case(case, branch.outputs[i], self.both(mask, taken)))
@@ -502,7 +499,7 @@ class _Writer:
 
     def taken(self, branch: Branch, i: int) -> str:
         """Which lanes take a case."""
-        selector, last = branch.selector, len(branch.cases) - 1
+        selector, last = branch.selector, len(branch.regions) - 1
         if selector.type == BOOL:
             if i == 1:
                 return self.text(selector)
