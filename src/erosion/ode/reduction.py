@@ -19,13 +19,13 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Number, Scalar, Structure
 from erosion.lanes.scalars import Atom
-from erosion.ode.variational import Augmented, Clock, Layout
+from erosion.ode.variational import Augmented, Clock, Layout, Motion
 
 Rows = list[Scalar]
 """The state with its derivatives, as plain numbers, one member after the other."""
 
 
-class WholeMotion:
+class WholeMotion(Motion):
     """A problem's motion with the state itself, as a tuple of numbers; where it depends on time, time comes first.
 
     Args:
@@ -48,7 +48,7 @@ class WholeMotion:
         return [self.clock.t0] * self._timed + elements_of(self._y0[0])
 
     def initial(self) -> Augmented:
-        """The state and the integrals at the start."""
+        """State and integrals at the start."""
         return Augmented(tuple(self.start()), self.integrals0())
 
     def integrals0(self) -> tuple[Scalar, ...]:
@@ -68,26 +68,26 @@ class WholeMotion:
         return t, jax.tree.unflatten(self._y0[1], parts)
 
     def rate(self, at: Augmented) -> Augmented:
-        """The time derivative of state and integrals."""
+        """Their time derivative."""
         t, y = self.whole(at.state)
         rates = elements_of(jax.tree.leaves(self.problem.vector_field(t, y, self.args)))
         integrals = tuple(rate(t, y, self.args) for rate in self.problem.integrals.values())
         return Augmented((*([1.0] * self._timed), *rates), integrals)
 
     def events(self, at: Augmented) -> list[Scalar]:
-        """The event functions, positive before their event; those of either direction as they are."""
+        """The event functions."""
         t, y = self.whole(at.state)
         directions = self.problem.directions(self.args)
         values = self.problem.event_values(t, y, self.args)
         return [-value if up == 1 else value for value, up in zip(values, directions, strict=True)]
 
     def outputs(self, at: Augmented) -> list[Scalar]:
-        """What is wanted at the end: the elements of the state, where they are, and the integrals."""
+        """What is wanted at the end."""
         _, y = self.whole(at.state)
         return [*(elements_of(jax.tree.leaves(y)) if self.layout.options.whole else []), *at.integrals]
 
     def after(self, event: int, at: Augmented) -> Augmented:
-        """The state after an event that the motion survives."""
+        """State and integrals after an event."""
         reset = self.problem.resets()[event]
         if reset is None:
             return at
@@ -105,7 +105,7 @@ def elements_of(parts: Sequence[Any]) -> list[Scalar]:
     return elements
 
 
-def motion_of(layout: Layout) -> Callable[[Sequence[Number]], "WholeMotion | ReducedMotion"]:
+def motion_of(layout: Layout) -> Callable[[Sequence[Number]], Motion]:
     """The motion of one lane's numbers: a tuple of integrals, as few as the arithmetic shows.
 
     A chain goes on from a whole state, and so keeps it; so do sizes, which are given for it, and the method for stiff
@@ -132,7 +132,7 @@ def motion_of(layout: Layout) -> Callable[[Sequence[Number]], "WholeMotion | Red
     return functools.partial(ReducedMotion, unknowns, layout)
 
 
-class ReducedMotion:
+class ReducedMotion(Motion):
     """A problem's motion whose state is a tuple of integrals."""
 
     def __init__(self, unknowns: "Unknowns", layout: Layout, numbers: Sequence[Number]) -> None:
@@ -141,11 +141,11 @@ class ReducedMotion:
         self.clock = self._whole.clock
 
     def initial(self) -> Augmented:
-        """The integrals at the start."""
+        """State and integrals at the start."""
         return Augmented(self.unknowns.initial(self.known), self._whole.integrals0())
 
     def rate(self, at: Augmented) -> Augmented:
-        """The time derivative of all integrals."""
+        """Their time derivative."""
         rates = self.unknowns.rates(self.known, at.state)
         count = len(at.state)
         return Augmented(tuple(rates[:count]), tuple(rates[count:]))
@@ -160,10 +160,6 @@ class ReducedMotion:
             return list(at.integrals)
         parts = tuple(self.unknowns.parts(self.known, at.state))
         return self._whole.outputs(Augmented(parts, at.integrals))
-
-    def after(self, event: int, at: Augmented) -> Augmented:
-        """No event is survived."""
-        return at
 
 
 class _Product(NamedTuple):

@@ -8,7 +8,6 @@ along the flow there, but by the length of the last step.
 
 import functools
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +19,7 @@ from erosion.ode.explicit import LEAST
 from erosion.ode.extended import Extended
 from erosion.ode.reduction import Rows
 from erosion.ode.rosenbrock import Rodas, Stages
-from erosion.ode.variational import Derivatives, Motion, OfMotion, Variational
+from erosion.ode.variational import Along, Derivatives, OfMotion
 
 _FIRST = 0.1  # of the time in which a number of the state changes by its own size, alone or by its own feedback
 _SOONEST = 1e-9  # of the time scale: the shortest first step
@@ -147,7 +146,7 @@ def shifted(
     return rows, problem.rate(rows), [old + new for old, new in zip(shift, by, strict=True)]
 
 
-class LastStep(NamedTuple):
+class LastStep(Along):
     """The end of a lane as a function of the length of its last step.
 
     Args:
@@ -158,16 +157,9 @@ class LastStep(NamedTuple):
         greatest: the greatest size so far of each of these rows.
     """
 
-    problem: Extended
-    rows: Rows
-    rates: Rows
-    curves: Rows
-    greatest: Rows
-
-    @property
-    def equations(self) -> Variational:
-        """Of the lane."""
-        return self.problem.equations
+    def __init__(self, problem: Extended, rows: Rows, rates: Rows, curves: Rows, greatest: Rows) -> None:
+        super().__init__(problem.equations)
+        self.problem, self.rows, self.rates, self.curves, self.greatest = problem, rows, rates, curves, greatest
 
     @property
     def events(self) -> list[Ends]:
@@ -177,21 +169,20 @@ class LastStep(NamedTuple):
         return [Ends(*pair) for pair in zip(values, rates, strict=True)]
 
     def here(self, function: OfMotion) -> Derivatives:
-        """A function of state and motion, with its derivatives at a fixed time."""
-        return self.problem.equations.of(function, self.problem.members(self.rows))
+        """See `Along`."""
+        return self.equations.of(function, self.problem.members(self.rows))
 
     def rate(self, function: OfMotion) -> Derivatives:
-        """The same of its time derivative."""
+        """See `Along`."""
 
         def of(rows: Rows) -> Derivatives:
-            return self.problem.equations.of(function, self.problem.members(rows))
+            return self.equations.of(function, self.problem.members(rows))
 
         return jax.jvp(of, (self.rows,), (self.rates,))[1]
 
     def curve(self, function: OfMotion) -> Scalar:
-        """The second time derivative of its value."""
-        width, equations = self.problem.width, self.problem.equations
-        here: Motion = equations.at(equations.numbers)
+        """See `Along`."""
+        width, here = self.problem.width, self.equations.at(self.equations.numbers)
 
         def value(rows: Rows) -> Scalar:
             (at,) = self.problem.members(rows)
@@ -204,8 +195,7 @@ class LastStep(NamedTuple):
 
     def amplification(self, event: OfMotion, rate: Scalar, time: Scalar) -> Scalar:
         """By how much more the event's time errs, relative to itself, than the state."""
-        width, equations = self.problem.width, self.problem.equations
-        here: Motion = equations.at(equations.numbers)
+        width, here = self.problem.width, self.equations.at(self.equations.numbers)
         rows, least = self.rows[:width], least_sizes(self.problem, self.greatest)
 
         def value(rows: Rows) -> Scalar:
@@ -240,7 +230,8 @@ def step_of(problem: Extended, state: Rows, slope: Rows, greatest: Rows, passed:
     """The state a time after a step began, 0 or later."""
     passed = jnp.where(passed > _SMALL * problem.time_scale, passed, 0.0)
     step = last_step(problem, state, slope, greatest, length_of(passed, problem.time_scale))
-    return step._replace(rows=[jnp.where(passed > 0, new, old) for new, old in zip(step.rows, state, strict=True)])
+    rows: Rows = [jnp.where(passed > 0, new, old) for new, old in zip(step.rows, state, strict=True)]
+    return LastStep(problem, rows, step.rates, step.curves, greatest)
 
 
 def length_of(left: Scalar, scale: Scalar) -> Scalar:

@@ -8,10 +8,11 @@ For directions ε and η in the space of parameters the state s is extended by �
 of the event follows by the implicit function theorem.
 """
 
+import abc
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -234,31 +235,30 @@ class Augmented(NamedTuple):
     integrals: tuple[Scalar, ...]
 
 
-@runtime_checkable
-class Motion(Protocol):
+class Motion(abc.ABC):
     """The motion of one lane; see `erosion.ode.reduction`."""
 
     clock: Clock
 
+    @abc.abstractmethod
     def initial(self) -> Augmented:
         """State and integrals at the start."""
-        ...
 
+    @abc.abstractmethod
     def rate(self, at: Augmented) -> Augmented:
         """Their time derivative."""
-        ...
 
+    @abc.abstractmethod
     def events(self, at: Augmented) -> list[Scalar]:
-        """The event functions, in their order."""
-        ...
+        """The event functions, in their order: positive before their event; those of either direction as they are."""
 
+    @abc.abstractmethod
     def outputs(self, at: Augmented) -> list[Scalar]:
-        """What is wanted at the end."""
-        ...
+        """What is wanted at the end: the elements of the state, where they are, and the integrals."""
 
     def after(self, event: int, at: Augmented) -> Augmented:
-        """State and integrals after an event."""
-        ...
+        """State and integrals after an event, which the motion may survive."""
+        return at
 
 
 OfMotion = Callable[[Augmented, Motion], PyTree]
@@ -404,32 +404,34 @@ class AtEvent(NamedTuple):
     amplification: Scalar
 
 
-class Along(Protocol):
-    """How functions of the end depend on the end's time."""
+class Along(abc.ABC):
+    """How functions of the end depend on the end's time.
 
-    @property
-    def equations(self) -> Variational:
-        """Of the lane."""
-        ...
+    Args:
+        equations: of the lane.
+    """
 
+    def __init__(self, equations: Variational) -> None:
+        self.equations = equations
+
+    @abc.abstractmethod
     def here(self, function: OfMotion) -> Derivatives:
         """A function of state and motion, with its derivatives at a fixed time."""
-        ...
 
+    @abc.abstractmethod
     def rate(self, function: OfMotion) -> Derivatives:
         """The same of its time derivative."""
-        ...
 
+    @abc.abstractmethod
     def curve(self, function: OfMotion) -> Any:
         """The second time derivative of its value."""
-        ...
 
+    @abc.abstractmethod
     def amplification(self, event: OfMotion, rate: Scalar, time: Scalar) -> Scalar:
         """How many times larger the relative errors of the event's time may be than those of the state."""
-        ...
 
 
-class AlongFlow(NamedTuple):
+class AlongFlow(Along):
     """Along the flow.
 
     Args:
@@ -439,9 +441,9 @@ class AlongFlow(NamedTuple):
             are the same. None where it is always zero.
     """
 
-    equations: Variational
-    members: tuple[Augmented, ...]
-    rest: Scalar | None = None
+    def __init__(self, equations: Variational, members: tuple[Augmented, ...], rest: Scalar | None = None) -> None:
+        super().__init__(equations)
+        self.members, self.rest = members, rest
 
     def here(self, function: OfMotion) -> Derivatives:
         """See `Along`."""
