@@ -435,7 +435,7 @@ def test_a_lane_without_a_result_is_left_out_along_each_axis():
 def test_a_row_of_a_jacobian_integrates_its_own_lane(monkeypatch):
     counts = []
     ends_of = gradient.ends_of
-    monkeypatch.setattr("erosion.ode.pushes.ends_of", lambda *given: counts.append(given[2]) or ends_of(*given))
+    monkeypatch.setattr("erosion.ode.traced.ends_of", lambda *given: counts.append(given[2]) or ends_of(*given))
     times = jax.jacrev(lambda heights: ode.solve(FALL, {"height": heights, "g": 9.81}, t1=10.0).t)
     heights = jnp.linspace(1.0, 2.0, 20)
     np.testing.assert_allclose(times(heights), np.diag(1 / np.sqrt(2 * 9.81 * heights)), rtol=1e-9, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Ends of lanes as numbers that JAX can trace: a callback into the batch, with rules for its derivatives."""
+"""Ends of lanes as numbers that JAX can trace: a callback into the batch, with rules for derivatives both ways."""
 
 import functools
 import itertools
@@ -10,14 +10,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.core import Tracer
+from jax.core import ShapedArray, Tracer
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
 from jaxtyping import PyTree
 
 from erosion.arguments import Number
 from erosion.lanes.lanewise import by_xla
-from erosion.ode import pushes
 from erosion.ode.batch import compile_ahead, integrate, integrate_along
-from erosion.ode.gradient import is_worth, keep
+from erosion.ode.gradient import AtTimes, ends_of, gradient, is_worth, keep, summed
 from erosion.ode.integrator import LaneEnd, integrate_lane
 from erosion.ode.problem import Equations
 from erosion.ode.solution import Solution, Times
@@ -37,11 +38,13 @@ class Wanted(NamedTuple):
         layout: of problem and arguments.
         rtol: relative tolerance.
         times: at how many times outputs are wanted as well; these follow the numbers of a lane, rising.
+        moving: which numbers have tangents, where derivatives go back.
     """
 
     layout: Layout
     rtol: float
     times: int = 0
+    moving: tuple[int, ...] = ()
 
     @property
     def rows(self) -> int:
@@ -171,7 +174,7 @@ def _kind(order: int) -> str:
 
 def _solve(wanted: Wanted, numbers: Sequence[Number], order: int, places: _Places) -> Any:
     """The row of numbers, and codes; or the derivatives along each direction, shape (rows, directions)."""
-    layout, rtol, _ = wanted
+    layout, rtol, *_ = wanted
     # XLA has no states at times.
     if by_xla():
         if layout.options.method == "auto":
@@ -190,19 +193,19 @@ def _solve(wanted: Wanted, numbers: Sequence[Number], order: int, places: _Place
     else:
         shape = jax.ShapeDtypeStruct((rows,), np.float64), jax.ShapeDtypeStruct((codes,), np.int32)
     compile_ahead(layout, order, len(places[0]) if places else 0, timed=wanted.times > 0)
-    on_host = _callback(wanted, layout.equations, order, places)
+    on_host = _callback(_on_host, layout.equations, wanted, order, places)
     return jax.pure_callback(on_host, shape, *numbers, vmap_method="expand_dims")
 
 
-@functools.lru_cache(maxsize=256)
-def _callback(wanted: Wanted, equations: Equations, order: int, places: _Places) -> Callable[..., Any]:
+@functools.lru_cache(maxsize=512)
+def _callback(function: Callable[..., Any], equations: Equations, *key: Any) -> Callable[..., Any]:
     """The same object each time, as JAX compiles a program for each; but each problem follows its own code."""
-    return functools.partial(_on_host, wanted, order, places)
+    return functools.partial(function, *key)
 
 
 def _on_host(wanted: Wanted, order: int, places: _Places, *given: Number) -> Any:
     """`_solve` by the batch, for numbers that may have axes of `vmap` before their own."""
-    layout, rtol, _ = wanted
+    layout, rtol, *_ = wanted
     arrays = [np.asarray(number) for number in given]
     leading = [array.shape[: array.ndim - len(shape)] for array, shape in zip(arrays, wanted.shapes, strict=True)]
     batch = np.broadcast_shapes(*leading)
@@ -247,9 +250,9 @@ def _end_jvp(wanted: Wanted, primals: _Numbers, tangents: _Numbers) -> Any:
     still = np.zeros(codes.shape, jax.dtypes.float0)
     along = jnp.zeros(wanted.rows)
     if goes_back:
-        along = pushes.pushed(pushes.EndFunction(wanted, moving, _slopes), numbers, moved)
+        along = _push.bind(*numbers, *moved, wanted=wanted._replace(moving=moving), axes=0)
     elif elements:
-        along = _slopes(wanted, elements, numbers) @ _flat(moved)
+        along = _slopes(wanted, elements, numbers) @ _flat(0, moved)
     if _times_move(wanted, rates):
         along = along + _ending_at_times(wanted, numbers, ())[:, 0] * _of_rows(wanted, rates[-1])
     return (vector, codes), (along, still)
@@ -269,7 +272,7 @@ def _slopes_jvp(
     moving, slopes = _moving(wanted.layout, rates), _slopes(wanted, elements, numbers)
     along = jnp.zeros(slopes.shape)
     if moving:
-        others, moved = _elements(wanted.layout, moving), _flat([jnp.asarray(rates[i]) for i in moving])
+        others, moved = _elements(wanted.layout, moving), _flat(0, [jnp.asarray(rates[i]) for i in moving])
         along = _curvatures(wanted, elements, others, numbers) @ moved
     if _times_move(wanted, rates):
         along = along + _ending_at_times(wanted, numbers, elements) * _of_rows(wanted, rates[-1])[:, None]
@@ -345,5 +348,207 @@ def _elements(layout: Layout, numbers: Sequence[int]) -> tuple[int, ...]:
     return tuple(j for i in numbers for j in range(layout.offsets[i], layout.offsets[i + 1]))
 
 
-def _flat(parts: Sequence[Array]) -> Array:
-    return jnp.concatenate([jnp.ravel(part) for part in parts])
+# `_push` gives the tangents of time and outputs. It is linear in those of the numbers, and `_pull` is its transpose: so
+# JAX goes forwards in `jvp`, `jacfwd` and `hessian`, and backwards in `grad`, `vjp` and `jacrev`. Both take numbers
+# with axes of `vmap` before their own, each of length 1 where they are the same along it, and `_pull` sums along them.
+_push, _pull = Primitive("erosion_push"), Primitive("erosion_pull")
+_pull.multiple_results = True
+
+
+def _leading(axes: int, arrays: Sequence[Any]) -> tuple[int, ...]:
+    """The axes of `vmap` before those of the numbers and what follows them."""
+    return np.broadcast_shapes(*(np.shape(array)[:axes] for array in arrays))
+
+
+def _slopes_along(wanted: Wanted, axes: int, numbers: Sequence[Any]) -> Array:
+    """The derivatives forwards, shape (…, rows, elements), of the numbers' own axes of `vmap`."""
+    if axes == 0:
+        return _slopes(wanted._replace(moving=()), _elements(wanted.layout, wanted.moving), list(numbers))
+    varies = [array.shape[0] != 1 for array in numbers]
+    within = functools.partial(_slopes_along, wanted, axes - 1)
+    if not any(varies):
+        return within([array[0] for array in numbers])[None]
+    given = [array if many else array[0] for array, many in zip(numbers, varies, strict=True)]
+    return jax.vmap(within, ([0 if many else None for many in varies],))(given)
+
+
+def _flat(axes: int, parts: Sequence[Any]) -> Array:
+    """Tangents of numbers as those of elements, shape (…, elements)."""
+    leading = _leading(axes, parts)
+    flat = []
+    for part in parts:
+        size = math.prod(part.shape[axes:])
+        flat.append(jnp.broadcast_to(part.reshape(*part.shape[:axes], size), (*leading, size)))
+    return jnp.concatenate(flat, axis=-1)
+
+
+def _push_forwards(*arrays: Any, wanted: Wanted, axes: int) -> Array:
+    numbers, tangents = arrays[: len(wanted.shapes)], arrays[len(wanted.shapes) :]
+    slopes, flat = _slopes_along(wanted, axes, numbers), _flat(axes, tangents)
+    made = jnp.einsum("...re,...e->...r", slopes, flat)
+    return jnp.broadcast_to(made, (*_leading(axes, arrays), wanted.rows))
+
+
+def _pull_forwards(*arrays: Any, wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...]) -> list[Array]:
+    """The transpose of `_push_forwards`."""
+    *numbers, bars = arrays
+    flat = jnp.einsum("...re,...r->...e", _slopes_along(wanted, axes, numbers), bars)
+    leading, made, first = flat.shape[:-1], [], 0
+    for shape in shapes:
+        size = math.prod(shape[axes:])
+        part, first = flat[..., first : first + size], first + size
+        same = tuple(i for i, (length, all_) in enumerate(zip(shape, leading, strict=False)) if length != all_)
+        made.append(part.sum(same, keepdims=True).reshape(shape))
+    return made
+
+
+def _pull_back(*arrays: Any, wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...]) -> list[Array]:
+    results = [jax.ShapeDtypeStruct(shape, np.float64) for shape in shapes]
+    on_host = _callback(_pulled_on_host, wanted.layout.equations, wanted, axes, shapes)
+    return jax.pure_callback(on_host, results, *arrays)
+
+
+def _pulled_on_host(wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...], *given: Any) -> list[np.ndarray]:
+    layout = wanted.layout
+    *numbers, bars = (np.asarray(array) for array in given)
+    leading = _leading(axes, [*numbers, bars])
+    lanes, asked = math.prod(leading), dict(zip(wanted.moving, shapes, strict=True))
+    flat = []
+    for i, (array, own) in enumerate(zip(numbers, wanted.shapes, strict=True)):
+        # A number that all lanes share, and whose derivative is the sum over them.
+        together = math.prod(array.shape[:axes]) == 1 == math.prod(asked.get(i, ())[:axes])
+        flat.append(array.reshape(own) if together else np.broadcast_to(array, (*leading, *own)).reshape(lanes, *own))
+    of_lanes = np.broadcast_to(bars, (*leading, wanted.rows)).reshape(lanes, wanted.rows).T
+    # A row of `jacrev` counts in one lane of all.
+    some = np.flatnonzero(np.any(of_lanes != 0, axis=0))
+    times = np.broadcast_to(flat.pop(), (lanes, wanted.times))[some] if wanted.times else None
+    given_some, bars = layout.of_lanes(flat, some), of_lanes[:, some]
+    ended, at = ends_of(layout, given_some, some.size, wanted.rtol, times), None
+    if times is not None:
+        bars, of_times = bars[: layout.rows], bars[layout.rows :].T.reshape(some.size, times.shape[1], layout.rows - 1)
+        at = AtTimes.of(times, of_times, layout.clock(given_some).t0, ended)
+    found = gradient(layout, given_some, some.size, ended, bars, spoils=True, at=at)
+    made = []
+    for i, shape in asked.items():
+        part, own = found[i], layout.shapes[i]
+        if part.ndim > len(own):
+            part = np.zeros((lanes, *own))
+            part[some] = found[i]
+            part = part.reshape(*leading, *own)
+            for axis, length in enumerate(shape[:axes]):
+                if length != leading[axis]:
+                    part = np.expand_dims(summed(np.moveaxis(part, axis, 0)), axis)
+        made.append(part.reshape(shape))
+    return made
+
+
+def _batched(arrays: Sequence[Any], dims: Sequence[int | None]) -> list[Any]:
+    """Arrays with one axis more in front."""
+    return [
+        jnp.expand_dims(array, 0) if dim is None else jnp.moveaxis(array, dim, 0)
+        for array, dim in zip(arrays, dims, strict=True)
+    ]
+
+
+def _push_batched(arrays: Sequence[Any], dims: Sequence[Any], *, wanted: Wanted, axes: int) -> tuple[Any, int]:
+    return _push.bind(*_batched(arrays, dims), wanted=wanted, axes=axes + 1), 0
+
+
+def _pull_batched(
+    arrays: Sequence[Any], dims: Sequence[Any], *, wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...]
+) -> tuple[Any, list[int]]:
+    given = _batched(arrays, dims)
+    (length,) = np.broadcast_shapes(*(array.shape[:1] for array in given))
+    wide = tuple((length, *shape) for shape in shapes)
+    return _pull.bind(*given, wanted=wanted, axes=axes + 1, shapes=wide), [0] * len(shapes)
+
+
+def _moved(forwards: Callable[..., Any], numbers: Sequence[Any], rates: Sequence[Any], rest: Any) -> Any:
+    """What changes with the numbers alone, by derivatives forwards; None where none moves."""
+    moving = [i for i, rate in enumerate(rates) if type(rate) is not ad.Zero and rate.dtype == np.float64]
+    if not moving:
+        return None
+
+    def of(*some: Any) -> Any:
+        given = list(numbers)
+        for i, one in zip(moving, some, strict=True):
+            given[i] = one
+        return forwards(*given, *rest)
+
+    return jax.jvp(of, [numbers[i] for i in moving], [rates[i] for i in moving])[1]
+
+
+def _push_jvp(primals: Sequence[Any], rates: Sequence[Any], **params: Any) -> tuple[Any, Any]:
+    count = len(params["wanted"].shapes)
+    numbers, tangents = primals[:count], primals[count:]
+    made = _push.bind(*primals, **params)
+    change = _moved(functools.partial(_push_forwards, **params), numbers, rates[:count], tangents)
+    if any(type(rate) is not ad.Zero for rate in rates[count:]):
+        along = _push.bind(*numbers, *map(ad.instantiate_zeros, rates[count:]), **params)
+        change = along if change is None else change + along
+    return made, jnp.zeros_like(made) if change is None else change
+
+
+def _pull_jvp(primals: Sequence[Any], rates: Sequence[Any], **params: Any) -> tuple[Any, Any]:
+    *numbers, bars = primals
+    made = _pull.bind(*primals, **params)
+    changes = _moved(functools.partial(_pull_forwards, **params), numbers, rates[:-1], [bars])
+    if type(rates[-1]) is not ad.Zero:
+        along = _pull.bind(*numbers, rates[-1], **params)
+        changes = along if changes is None else [one + other for one, other in zip(changes, along, strict=True)]
+    return made, [jnp.zeros_like(each) for each in made] if changes is None else changes
+
+
+def _push_transposed(bars: Any, *arrays: Any, wanted: Wanted, axes: int) -> list[Any]:
+    numbers, tangents = arrays[: len(wanted.shapes)], arrays[len(wanted.shapes) :]
+    unknown = [ad.is_undefined_primal(each) for each in tangents]
+    shapes = tuple(
+        each.aval.shape if undefined else each.shape for each, undefined in zip(tangents, unknown, strict=True)
+    )
+    found = _pull.bind(*numbers, bars, wanted=wanted, axes=axes, shapes=shapes)
+    return [None] * len(numbers) + [part if undefined else None for part, undefined in zip(found, unknown, strict=True)]
+
+
+def _pull_transposed(
+    tangents: Sequence[Any], *arrays: Any, wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...]
+) -> list[Any]:
+    *numbers, bars = arrays
+    made = _push.bind(*numbers, *map(ad.instantiate_zeros, tangents), wanted=wanted, axes=axes)
+    same = tuple(i for i in range(axes) if bars.aval.shape[i] != made.shape[i])
+    return [None] * len(numbers) + [made.sum(same, keepdims=True)]
+
+
+def _define(
+    primitive: Primitive,
+    forwards: Callable[..., Any],
+    shape: Callable[..., Any],
+    batched: Any,
+    jvp: Any,
+    transposed: Any,
+) -> None:
+    primitive.def_abstract_eval(shape)
+    # JAX compiles it where it is called by itself.
+    compiled = functools.lru_cache(256)(lambda params: jax.jit(functools.partial(forwards, **dict(params))))
+    primitive.def_impl(lambda *arrays, **params: compiled(tuple(params.items()))(*arrays))
+    mlir.register_lowering(primitive, mlir.lower_fun(forwards, multiple_results=primitive.multiple_results))
+    batching.primitive_batchers[primitive] = batched
+    ad.primitive_jvps[primitive] = jvp
+    ad.primitive_transposes[primitive] = transposed
+
+
+_define(
+    _push,
+    _push_forwards,
+    lambda *arrays, wanted, axes: ShapedArray((*_leading(axes, arrays), wanted.rows), np.dtype(np.float64)),
+    _push_batched,
+    _push_jvp,
+    _push_transposed,
+)
+_define(
+    _pull,
+    _pull_back,
+    lambda *arrays, wanted, axes, shapes: [ShapedArray(shape, np.dtype(np.float64)) for shape in shapes],
+    _pull_batched,
+    _pull_jvp,
+    _pull_transposed,
+)
