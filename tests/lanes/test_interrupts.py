@@ -153,7 +153,7 @@ def test_a_stop_ends_a_loop_that_never_ends():
 _ASK = """
 import json, sys
 import numpy
-from erosion.lanes.surroundings import is_own
+from erosion.lanes.digests import is_own
 print([is_own(file) for file in (json.__file__, numpy.__file__, sys.argv[1])])
 """
 
@@ -183,7 +183,7 @@ def test_libraries_are_not_the_users_in_a_second_folder_of_packages(tmp_path: Pa
 
 _READ = """
 import jax.numpy as jnp
-from erosion.lanes.surroundings import Surroundings
+from erosion.lanes.digests import Surroundings
 Surroundings([jnp.zeros(3)])
 """
 

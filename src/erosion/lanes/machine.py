@@ -13,8 +13,7 @@ from typing import NamedTuple
 import llvmlite
 import llvmlite.binding as llvm
 
-from erosion.lanes.surroundings import PYTHONS
-from erosion.lanes.vector_ir import ENTRY
+from erosion.lanes.vector_ir import ENTRY, PYTHONS
 
 LLVMLITE = (0, 45), (0, 51)
 """The first version of llvmlite that works, and the first that is not known to; the same as in `pyproject.toml`."""

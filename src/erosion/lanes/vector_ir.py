@@ -3,6 +3,10 @@
 Where lanes take different ways, a mask says which of them are active. A loop runs until its last lane is done, and
 a case of a branch runs if any lane takes it; lanes that are not active keep their values. There is no fast-math and
 no pass over the result, so its bits depend on the graph alone.
+
+The code computes without Python's lock. A signal's handler (Ctrl-C) runs only in the main thread, and only where that
+thread asks for it. So the code counts the rounds of its loops, and after many of them it asks. In the other threads
+it looks at a word in memory instead, which the main thread sets.
 """
 
 import contextlib
@@ -11,7 +15,6 @@ from collections.abc import Iterator
 
 from erosion.lanes import tapes
 from erosion.lanes.graph import ARRAY, BOOL, NUMBERS, PLACE, Branch, Counted, Graph, Loop, Region, Value
-from erosion.lanes.surroundings import INTERRUPTED, look_for_a_stop
 
 ENTRY = "run"
 _FEW = 8  # operations of a case that are no longer than the jump around them
@@ -19,6 +22,31 @@ _CHOSEN = 8  # elements of a table among which choosing is quicker than looking 
 _BITS = {"double": 64, "float": 32, "i64": 64, "i32": 32, "i16": 16, "i8": 8, "i1": 1, "ptr": 64}
 _SATURATING = ("llvm.fptosi.sat", "llvm.fptoui.sat")
 _CASTS = {"sitofp", "uitofp", "fpext", "fptrunc", "sext", "zext", "trunc", "bitcast"}
+
+_ROUNDS = 2**14  # some hundredths of a second
+
+PYTHONS = ("PyEval_SaveThread", "PyEval_RestoreThread", "PyErr_CheckSignals")
+"""Functions of Python that the code calls."""
+
+_INTERRUPTED = """declare ptr @PyEval_SaveThread()
+declare void @PyEval_RestoreThread(ptr)
+declare i32 @PyErr_CheckSignals()
+define private i1 @interrupted(ptr %rounds, ptr %stop, ptr %thread) nounwind {
+  store i64 0, ptr %rounds
+  %alone = icmp eq ptr %stop, null
+  br i1 %alone, label %signals, label %told
+told:
+  %word = load volatile i64, ptr %stop
+  %stopped = icmp ne i64 %word, 0
+  ret i1 %stopped
+signals:
+  call void @PyEval_RestoreThread(ptr %thread)
+  %status = call i32 @PyErr_CheckSignals()
+  %same = call ptr @PyEval_SaveThread()
+  %came = icmp ne i32 %status, 0
+  ret i1 %came
+}"""
+"""Whether to end: *stop is not 0, or, where `stop` is null, a handler has raised. Rounds are counted from 0 again."""
 
 
 def vector_ir(graph: Graph, width: int, of_tapes: int = 0) -> str:
@@ -145,7 +173,7 @@ class _Writer:
             "ptr noalias %outputs, ptr %stop"
         )
         return "\n".join([
-            INTERRUPTED,
+            _INTERRUPTED,
             *self.declared.values(),
             *self.tables,
             # Vectors that do not fit the registers go onto the stack, where they must not straddle cache lines.
@@ -471,7 +499,17 @@ class _Writer:
             updates.append(
                 self.get(f"select {self.vector(BOOL)} {active}, {type_} {self.text(update)}, {type_} {argument.name}")
             )
-        self.lines += look_for_a_stop(again)
+        # The end of a round.
+        self.lines += [
+            f"  %before.{again} = load i64, ptr %rounds",
+            f"  %rounds.{again} = add i64 %before.{again}, 1",
+            f"  store i64 %rounds.{again}, ptr %rounds",
+            f"  %many.{again} = icmp ugt i64 %rounds.{again}, {_ROUNDS}",
+            f"  br i1 %many.{again}, label %look.{again}, label %{again}",
+            f"look.{again}:",
+            f"  %stopped.{again} = call i1 @interrupted(ptr %rounds, ptr %stop, ptr %thread)",
+            f"  br i1 %stopped.{again}, label %exit, label %{again}",
+        ]
         self.start(again)
         self.do(f"br label %{head}")
         self.lines[phis:phis] = [

@@ -19,8 +19,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from erosion.arguments import Scalar, Structure
-from erosion.lanes.digests import hashed
-from erosion.lanes.surroundings import Surroundings
+from erosion.lanes.digests import Surroundings, hashed
 from erosion.models.base import CuttingModel, Scales, Tip, own_parameters, own_quantities, units_within
 from erosion.ode.problem import (
     Equations,

@@ -14,11 +14,10 @@ from erosion.arguments import Number, PerLane, Scalar
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import WIDTH, Compiled, alike_together, compile_lanes, number, threads
 from erosion.ode.agreement import differ, sizes_of, units_of
-from erosion.ode.dense import takes_times_apart
 from erosion.ode.explicit import LEAST
 from erosion.ode.integrator import TIGHTEST, LaneEnd, integrate_lane
 from erosion.ode.kinks import may_have_kinks
-from erosion.ode.tape import row_width
+from erosion.ode.tape import row_width, takes_times_apart
 from erosion.ode.variational import Clock, Derivatives, Direction, Layout
 
 _BLOCK = 2**16  # lanes that are ordered together: their numbers fit the second-level cache
@@ -32,7 +31,7 @@ _FEW = 2048  # lanes: fewer are computed sooner by one thread than by several
 class _Batch(NamedTuple):
     """A program, its arguments, and the arrays that it fills.
 
-    Where states at times are wanted there are two tapes, see `dense`: the times, and what is wanted there. Where the
+    Where states at times are wanted there are two tapes, see `tape`: the times, and what is wanted there. Where the
     steps are recorded there is one for them.
     """
 

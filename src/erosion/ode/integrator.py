@@ -16,7 +16,6 @@ from jaxtyping import PyTree
 from erosion.arguments import Flag, Number, PerImpact, Scalar
 from erosion.ode import crossings, explicit, step_control, stiff
 from erosion.ode.crossings import Ends
-from erosion.ode.dense import Saved, Writer
 from erosion.ode.explicit import APART, LEAST, NOISE
 from erosion.ode.extended import Extended
 from erosion.ode.kinks import breaks, corrected, is_broken
@@ -24,7 +23,7 @@ from erosion.ode.landing import Flight, Lane, all_finite, has_no_derivatives, la
 from erosion.ode.problem import OTHER_ENDS
 from erosion.ode.reduction import Rows
 from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FIRST_STEP, NOT_BEGUN, STIFF, UNFINISHED, Control
-from erosion.ode.tape import Recorded, Tape
+from erosion.ode.tape import Recorded, Saved, Tape, Writer
 from erosion.ode.variational import (
     Along,
     AtEvent,

@@ -26,8 +26,7 @@ from jax.extend.core import Literal
 from jaxtyping import PyTree
 
 from erosion.arguments import Number, Scalar, Structure
-from erosion.lanes.digests import digest_of, hashed
-from erosion.lanes.surroundings import Surroundings
+from erosion.lanes.digests import Surroundings, digest_of, hashed
 from erosion.output.tables import briefly
 
 _PACKAGE = Path(__file__).parents[1]

@@ -1,28 +1,41 @@
-"""The tape of a lane: where each of its steps began, how long it was, and where its events were.
+"""What a lane writes on its way: each of its steps and events, or its states at many times.
 
-Each row holds a length and a code, and then the state. A row of a step has the code `STEP`. After the steps of a motion
-comes a row with the code of what ended it and the state there, before any reset; its length is a number whose binary
-digits say which events happened there.
+Of steps each row holds a length and a code, and then the state. A row of a step has the code `STEP`. After the steps
+of a motion comes a row with the code of what ended it and the state there, before any reset; its length is a number
+whose binary digits say which events happened there.
+
+For states, a step that has a time within it takes one more step of half its length from the same start. The polynomial
+of degree 8 through the states, the rates and the second derivatives at the start, in the middle and at the end is about
+as exact as the step. Where the motion may have kinks its second derivatives may be none: unless the polynomial's rates
+are those of the motion, each time has a step of its own from the start of the step around it. The same where the motion
+is stiff: no polynomial is as exact. What is left between the last step and the end has the step that ends a lane.
 """
 
 import functools
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from erosion.arguments import Flag, PerImpact, Scalar
 from erosion.lanes import tapes
+from erosion.lanes.lanewise import by_xla
+from erosion.ode import explicit, stiff
 from erosion.ode.extended import Extended
+from erosion.ode.kinks import may_have_kinks
+from erosion.ode.landing import Flight, Lane
 from erosion.ode.reduction import Rows
-from erosion.ode.variational import Layout
+from erosion.ode.step_control import ARRIVED
+from erosion.ode.variational import Along, AlongFlow, Augmented, Layout, Motion, at_event
 
 STEP = -9.0
 BESIDE = 2  # numbers of a row before the state
 
-_SLOT = 0
+_STEPS = 0
 
 
 class Tape(NamedTuple):
@@ -51,7 +64,7 @@ class Tape(NamedTuple):
 
     def _with(self, length: Scalar, code: Scalar, state: Rows, is_kept: Flag) -> "Tape":
         place = jnp.minimum(self.rows, self.capacity - 1) * (BESIDE + len(state))
-        token = tapes.write(_SLOT, self.token, place, length, code, *state)
+        token = tapes.write(_STEPS, self.token, place, length, code, *state)
         return self._replace(rows=self.rows + jnp.where(is_kept, 1, 0), token=token)
 
 
@@ -86,5 +99,176 @@ class Entry(NamedTuple):
 def read(token: Scalar, row: Scalar, width: int) -> Entry:
     """A row of states of a width."""
     place = row * (BESIDE + width)
-    length, code, *state = (tapes.read(_SLOT, token, place + i) for i in range(BESIDE + width))
+    length, code, *state = (tapes.read(_STEPS, token, place + i) for i in range(BESIDE + width))
     return Entry(length, code, state)
+
+
+TIMES, STATES = 0, 1
+"""Tapes: the times of a lane, rising, ∞ the last of them; and for each time a lane's row of numbers."""
+
+_ROUNDING = 2e-15  # of the times so far: a time that is this much later than the end is the end
+
+
+_LOOKS = 0.25, 0.75  # of a step: where the polynomial's rates are compared with the motion's, if it may have kinks
+_FOLLOWS = 1.0  # tolerances: the polynomial is as exact
+
+
+def takes_times_apart(layout: Layout, order: int) -> bool:
+    """Whether each time has an integration of its own, with so many derivatives.
+
+    XLA has no tapes, second derivatives of a stiff motion are taken at times that follow the parameters, and of
+    derivatives across a kink only two integrations tell whether they exist.
+    """
+    stiff = layout.options.method == "rosenbrock"
+    return by_xla() or (stiff and order == 2) or bool(order and may_have_kinks(layout))
+
+
+class Saved(NamedTuple):
+    """What is written so far.
+
+    Args:
+        following: the index of the next time.
+        token: see `erosion.lanes.tapes`.
+    """
+
+    following: Scalar
+    token: Scalar
+
+
+class Writer:
+    """Writes the states of one motion of a lane.
+
+    Args:
+        problem: the equations; of a stiff motion without second derivatives.
+        rtol: relative tolerance.
+        elapsed: of a chain, the time since the lane began, with derivatives as the members of a state have them.
+    """
+
+    def __init__(self, problem: Extended, rtol: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
+        self.problem, self.rtol = problem, rtol
+        self.elapsed = problem.equations.unpack(elapsed) if elapsed else None
+
+    def after_step(self, saved: Saved, before: Lane, after: Lane) -> Saved:
+        """With the states at the times up to the end of a trial, if the lane moved there."""
+        end = after.control.time
+        due = (end > before.control.time) & (self._time(saved.following) <= end)
+        return lax.cond(due, lambda: self._written(saved, end, self._within(before, after)), lambda: saved)
+
+    def after_landing(self, saved: Saved, lane: Lane, motion: Flight) -> Saved:
+        """With those up to the end of the motion, which may lie before or after that of the last step."""
+        end, problem = motion.time, self.problem
+        if problem.chains:
+            # Another motion begins there, and writes what is later.
+            following = lax.while_loop(
+                lambda k: (k > 0) & (self._time(jnp.maximum(k - 1, 0)) > end), lambda k: k - 1, saved.following
+            )
+            saved = saved._replace(following=following)
+        last: Rows = jax.tree.leaves(motion.members)
+
+        def at(time: Scalar) -> Along:
+            if problem.rodas is not None:
+                return self._by_a_step(lane, jnp.minimum(time, end))
+            there = time >= end
+            passed = jnp.where(there, 0.0, time - lane.control.time)
+            rows = explicit.short_step(problem, lane.state, lane.slope, passed)
+            return self._along([jnp.where(there, at_end, row) for at_end, row in zip(last, rows, strict=True)])
+
+        so_far = jnp.abs(problem.clock.t0) + end + (0.0 if self.elapsed is None else self.elapsed.value)
+        return self._written(saved, end + _ROUNDING * so_far, at)
+
+    def _time(self, index: Scalar) -> Scalar:
+        """A time, since the motion began."""
+        time = tapes.read(TIMES, np.zeros(()), index) - self.problem.clock.t0
+        return time if self.elapsed is None else time - self.elapsed.value
+
+    def _written(self, saved: Saved, until: Scalar, at: Callable[[Scalar], Along]) -> Saved:
+        def writes(saved: Saved) -> Saved:
+            numbers = self._numbers(at(self._time(saved.following)))
+            token = tapes.write(STATES, saved.token, saved.following * len(numbers), *numbers)
+            return Saved(saved.following + 1, token)
+
+        return lax.while_loop(lambda saved: self._time(saved.following) <= until, writes, saved)
+
+    def _numbers(self, along: Along) -> list[Scalar]:
+        """What is wanted of a state, and its derivatives at a fixed time, of a motion that began at any."""
+        problem, equations = self.problem, self.problem.equations
+        if problem.order == 0:
+            return along.here(_outputs).value
+        began = equations.of(lambda _, motion: motion.clock.t0, ())
+        if self.elapsed is not None:
+            began = jax.tree.map(jnp.add, began, self.elapsed)
+        since = jax.tree.map(lambda number: -1.0 * number, began)
+        outputs = at_event(along, jnp.full((), ARRIVED), 0.0 * problem.time_scale, _outputs, since).outputs
+        return jax.tree.leaves(equations.pack(equations.per_unit(outputs)))
+
+    def _along(self, rows: Rows) -> Along:
+        return AlongFlow(self.problem.equations, self.problem.members(rows))
+
+    def _by_a_step(self, before: Lane, time: Scalar) -> Along:
+        passed = time - before.control.time
+        if self.problem.rodas is not None:
+            return stiff.step_of(self.problem, before.state, before.slope, before.greatest, passed)
+        return self._along(explicit.step(self.problem, before.state, before.slope, passed)[0])
+
+    def _within(self, before: Lane, after: Lane) -> Callable[[Scalar], Along]:
+        """The state at a time within a step."""
+        problem, begin, h = self.problem, before.control.time, before.control.trial
+        if problem.rodas is not None:
+            return functools.partial(self._by_a_step, before)
+        middle, *_ = explicit.step(problem, before.state, before.slope, 0.5 * h)
+        flow = problem.rate(middle)
+        points = (before.state, before.slope), (middle, flow), (after.state, after.slope)
+        curves = [jax.jvp(problem.rate, (rows,), (slope,))[1] for rows, slope in points]
+        columns = list(zip(*(rows for rows, _ in points), *(slope for _, slope in points), *curves, strict=True))
+        polynomials = [_polynomial(h, column) for column in columns]
+
+        def at(passed: Scalar) -> Rows:
+            x = 2.0 * passed - 1.0
+            # From the start of the step, which is met exactly.
+            return [u + passed * functools.reduce(lambda sum_, c: sum_ * x + c, cs) for u, cs in polynomials]
+
+        if not problem.rough:
+            return lambda time: self._along(at((time - begin) / h))
+        follows = jnp.asarray(True)
+        for share in _LOOKS:
+            rows, slopes = jax.jvp(at, (jnp.asarray(share),), (jnp.ones(()),))
+            for column, slope, rate in zip(columns, slopes, problem.rate(rows), strict=True):
+                size = functools.reduce(jnp.maximum, [jnp.abs(u) for u in column[:3]]) + jnp.abs(h * rate)
+                follows &= jnp.abs(slope - h * rate) <= _FOLLOWS * self.rtol * size
+
+        def rows_at(time: Scalar) -> Rows:
+            passed = time - begin
+            return lax.cond(
+                follows,
+                lambda: at(passed / h),
+                lambda: explicit.step(problem, before.state, before.slope, passed)[0],
+            )
+
+        return lambda time: self._along(rows_at(time))
+
+
+def _outputs(at: Augmented, motion: Motion) -> list[Scalar]:
+    return motion.outputs(at)
+
+
+# From the values at -1, 0 and 1, the first and the second derivatives, all of them in halves of the step, to the
+# coefficients of 1, x, … x⁸; sixteenths.
+_POWERS = np.arange(9)
+_CONDITIONS = [
+    [np.prod(k - np.arange(order)) * float(x) ** max(k - order, 0) for k in _POWERS]
+    for order in range(3)
+    for x in (-1, 0, 1)
+]
+_COEFFICIENTS = np.round(16 * np.linalg.inv(np.array(_CONDITIONS))) / 16
+# Of a polynomial that is zero at -1, over (1 + x)/2: the coefficients of x⁷, … 1.
+_WEIGHTS = 2.0 * np.array(list(itertools.accumulate(_COEFFICIENTS[:0:-1, 1:], lambda above, c: c - above)))
+
+
+@jax.jit
+def _polynomial(h: Scalar, column: Sequence[Scalar]) -> tuple[Scalar, list[Scalar]]:
+    """The start of a step, and the coefficients of x⁷, … 1 in the rest; x is -1 at its start and 1 at its end."""
+    start, middle, end, *others = column
+    half = 0.5 * h
+    slopes, curves = [half * slope for slope in others[:3]], [half * half * curve for curve in others[3:]]
+    data = [middle - start, end - start, *slopes, *curves]
+    return start, [sum(float(w) * d for w, d in zip(row, data, strict=True) if w != 0) for row in _WEIGHTS]

@@ -53,7 +53,7 @@ class Options(NamedTuple):
         sizes: of each number of the state: below a size times the tolerance it need not be known.
         method: "explicit", "rosenbrock", or "auto": an explicit lane that turns out to be stiff is given up, and
             `batch` integrates it by the other.
-        saves: the state is wanted at times as well, see `dense`.
+        saves: the state is wanted at times as well, see `tape`.
         records: the steps of a lane without derivatives are written on a tape, see `tape`.
     """
 
