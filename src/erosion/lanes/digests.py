@@ -141,7 +141,8 @@ class _Walk:
             return self._evaluated(*called(equation), given)
         if (expanded := expansion(equation)) is not None:
             return self._evaluated(expanded.jaxpr, expanded.consts, given)
-        if name == "copy" or (name == "convert_element_type" and _is_same(equation)):
+        is_cast = name == "convert_element_type"
+        if name == "copy" or (is_cast and aval_of(equation.invars[0]).dtype == aval_of(equation.outvars[0]).dtype):
             return given
         if name == "square":
             name, params = "integer_pow", {"y": 2}
@@ -188,10 +189,6 @@ def _file(equation: Equation) -> str:
     """The file of the function that an equation calls."""
     place = str(called(equation)[0].debug_info.func_src_info)  # "relu at /…/functions.py:47"
     return place.partition(" at ")[2].rpartition(":")[0]
-
-
-def _is_same(equation: Equation) -> bool:
-    return aval_of(equation.invars[0]).dtype == aval_of(equation.outvars[0]).dtype
 
 
 _FOLDERS = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]

@@ -16,7 +16,7 @@ from jax.typing import ArrayLike
 from erosion.lanes import tapes
 from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, elementwise, of_each, part, whole
 from erosion.lanes.functions import FUNCTIONS
-from erosion.lanes.graph import ARRAY, BOOL, DOUBLE, LONG, NUMBERS, CannotCompileError, Graph, Value
+from erosion.lanes.graph import ARRAY, BOOL, DOUBLE, LONG, NUMBERS, CannotCompileError, Graph, Region, Value
 from erosion.lanes.jax_versions import CALLS, called, carried_by_scan, expansion
 from erosion.lanes.large import LARGE, Large, array_of, as_memory, begin_carrying, carry_on, memory, parted
 from erosion.lanes.loops import of_arrays
@@ -207,10 +207,10 @@ class Flattener:
         assert isinstance(case, Value)
         cases, outputs, results = [], [], []
         for closed in equation.params["branches"]:
-            cases.append(graph.begin_case())
-            results = self.closed(closed, arguments)
+            with graph.within(Region(graph.region)) as case_region:
+                results = self.closed(closed, arguments)
+            cases.append(case_region)
             outputs.append(_scalars(results))
-            graph.end_case()
         if len(cases) == 2 and case.type != BOOL:
             case = graph.compare("icmp ne", case, graph.constant(0, case.type))
         return _gathered(graph.branch(case, cases, outputs), results)
@@ -361,14 +361,14 @@ def _located(equation: Equation, function: Callable[[], _Result]) -> _Result:
         return function()
     except CannotCompileError as error:
         traceback = equation.source_info.traceback
-        own = [frame for frame in (traceback.frames if traceback is not None else []) if _is_own(frame.file_name)]
+        own = [
+            frame
+            for frame in (traceback.frames if traceback is not None else [])
+            if not frame.file_name.startswith((*_LIBRARIES, "<"))
+        ]
         if not own:
             raise
         place = (
             f"`{own[0].function_name.split('.<locals>.')[-1]}` ({Path(own[0].file_name).name}, line {own[0].line_num})"
         )
         raise NotForLanesError.at(place, error) from None
-
-
-def _is_own(file: str) -> bool:
-    return not file.startswith((*_LIBRARIES, "<"))

@@ -6,9 +6,10 @@ into the outermost region in which all its inputs are known, so that what a loop
 computed before it.
 """
 
+import contextlib
 import math
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Union
 
 import numpy as np
@@ -239,24 +240,20 @@ class Graph:
         loop.updates, self.region = list(updates), outer
         return self._ended(loop, updates)
 
-    def begin_case(self) -> Region:
-        """Begin a case of a branch; `end_case` follows."""
-        self.region = Region(self.region)
-        return self.region
-
-    def end_case(self) -> None:
-        """End a case."""
-        assert self.region.parent is not None
-        self.region = self.region.parent
+    @contextlib.contextmanager
+    def within(self, region: Region) -> Iterator[Region]:
+        """Operations that are added meanwhile are in this region."""
+        outer, self.region = self.region, region
+        yield region
+        self.region = outer
 
     def counted(
         self, length: int, initial: Sequence[Value], body: Callable[[Value, list[Value]], Sequence[Value]]
     ) -> list[Value]:
         """What a loop over indices carries at its end; `body` gives what is carried on, from the index and what was."""
-        outer = self.region
-        loop = Counted(outer, length, initial)
-        self.region = loop.body
-        loop.updates, self.region = list(body(loop.index, loop.arguments)), outer
+        loop = Counted(self.region, length, initial)
+        with self.within(loop.body):
+            loop.updates = list(body(loop.index, loop.arguments))
         return self._ended(loop, initial)
 
     def place(self, terms: Iterable[tuple[Value, int]], offset: int = 0) -> Value:

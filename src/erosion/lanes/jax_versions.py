@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 from jax.extend.core import ClosedJaxpr, Jaxpr
 from jax.typing import ArrayLike
 
@@ -19,8 +19,20 @@ def _polynomial(x: Array, *coefficients: Array, **_: Any) -> Array:
     return functools.reduce(lambda higher, coefficient: higher * x + coefficient, reversed(coefficients))
 
 
+def _sliced(array: Array, *starts: Array, slice_sizes: tuple[int, ...]) -> Array:
+    axes = tuple(range(array.ndim))
+    return lax.gather(array, jnp.stack(starts), lax.GatherDimensionNumbers(axes, (), axes), slice_sizes, mode="clip")
+
+
+def _with_slice(array: Array, update: Array, *starts: Array) -> Array:
+    axes = tuple(range(array.ndim))
+    return lax.scatter(array, jnp.stack(starts), update, lax.ScatterDimensionNumbers(axes, (), axes), mode="clip")
+
+
 _EXPANSIONS: Mapping[str, Callable[..., Any]] = {
     **MATRICES,
+    "dynamic_slice": _sliced,
+    "dynamic_update_slice": _with_slice,
     "empty2": lambda *, dtype, **_: jnp.zeros((), dtype),  # what a branch leaves to the derivative of another
     "log2": lambda x, **_: jnp.log(x) / jnp.log(jnp.asarray(2.0, x.dtype)),
     "one_minus_square": lambda x: (1 + x) * (1 - x),

@@ -170,29 +170,6 @@ def _changed(
             array[index] = graph.select(here, new(array[index]), array[index])
 
 
-def _dynamic_slice(equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
-    sizes, array = equation.params["slice_sizes"], whole(inputs[0])
-    starts = _starts_within(equation, graph, inputs[1:], array.shape, sizes)
-    return [array_of(sizes, lambda offset: _element(graph, array, starts, offset))]
-
-
-def _dynamic_update_slice(equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
-    array, update = whole(inputs[0]).copy(), whole(inputs[1])
-    starts = _starts_within(equation, graph, inputs[2:], array.shape, update.shape)
-    for offset in np.ndindex(update.shape):
-        _changed(graph, array, starts, offset, lambda _, value=update[offset]: value)
-    return [array]
-
-
-def _starts_within(
-    equation: Equation, graph: Graph, places: Sequence[Elements], shape: Sequence[int], sizes: Sequence[int]
-) -> list[Value]:
-    """Where a slice of some sizes starts, from the last inputs of an equation; it stays within the array."""
-    dtypes, rest = kind_of(equation).inputs[-len(places) :], zip(shape, sizes, strict=True)
-    starts = (_start(graph, *place) for place in zip(places, dtypes, strict=True))
-    return [_clamped(graph, start, n - size) for start, (n, size) in zip(starts, rest, strict=True)]
-
-
 def _gather(equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
     params, kind = equation.params, kind_of(equation)
     numbers, array, indices = params["dimension_numbers"], whole(inputs[0]), whole(inputs[1])
@@ -275,8 +252,6 @@ def scatter(
 
 
 PLACES: Mapping[str, ArrayRule] = {
-    "dynamic_slice": _dynamic_slice,
-    "dynamic_update_slice": _dynamic_update_slice,
     "gather": _gather,
 }
 """The rule of each primitive that reads or changes a slice at a computed place, by its name."""

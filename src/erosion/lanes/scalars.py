@@ -144,10 +144,6 @@ def _division(name: str) -> Rule:
     return rule
 
 
-def _square(graph: Graph, kind: Kind, x: Value) -> Value:
-    return _mul(graph, kind, x, x)
-
-
 _mul = _by_type("fmul", "mul", "and")
 
 
@@ -180,10 +176,6 @@ def _select_n(graph: Graph, kind: Kind, selector: Value, *cases: Value) -> Value
             return graph.select(selector, cases[1], cases[0])
         chosen = graph.select(graph.compare("icmp eq", selector, graph.constant(i, selector.type)), cases[i], chosen)
     return chosen
-
-
-def _clamp(graph: Graph, kind: Kind, low: Value, x: Value, high: Value) -> Value:
-    return _min(graph, kind, _max(graph, kind, low, x), high)
 
 
 def _is_finite(graph: Graph, kind: Kind, x: Value) -> Value:
@@ -254,10 +246,6 @@ def _total_order(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
     return graph.op("or", BOOL, graph.compare("fcmp olt", x, y), graph.op("and", BOOL, y_nan, x_number))
 
 
-def _total_order_or_equal(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
-    return _not(graph, kind, _total_order(graph, kind, y, x))
-
-
 def _reduce_precision(_: Graph, kind: Kind, x: Value) -> Value:
     if (kind.params["exponent_bits"], kind.params["mantissa_bits"]) != (11, 52) or kind.output.itemsize != 8:
         raise CannotCompileError("numbers of reduced precision (`reduce_precision`)")
@@ -273,7 +261,7 @@ SCALARS: Mapping[str, Rule] = {
     "and": lambda graph, _, x, y: graph.op("and", x.type, x, y),
     "bitcast_convert_type": _bitcast,
     "ceil": _intrinsic("llvm.ceil"),
-    "clamp": _clamp,
+    "clamp": lambda graph, kind, low, x, high: _min(graph, kind, _max(graph, kind, low, x), high),
     "convert_element_type": _convert,
     "copy": _same,
     "copy_p": _same,
@@ -285,7 +273,7 @@ SCALARS: Mapping[str, Rule] = {
     "integer_pow": _integer_pow,
     "is_finite": _is_finite,
     "le": _comparison("ole", "sle", "ule"),
-    "le_to": _total_order_or_equal,
+    "le_to": lambda graph, kind, x, y: _not(graph, kind, _total_order(graph, kind, y, x)),
     "lt": _less,
     "lt_to": _total_order,
     "max": _max,
@@ -306,7 +294,7 @@ SCALARS: Mapping[str, Rule] = {
     "shift_right_logical": _shift("lshr", "nothing"),
     "sign": _sign,
     "sqrt": _intrinsic("llvm.sqrt"),
-    "square": _square,
+    "square": lambda graph, kind, x: _mul(graph, kind, x, x),
     "stop_gradient": _same,
     "sub": _by_type("fsub", "sub", "xor"),
     "xor": lambda graph, _, x, y: graph.op("xor", x.type, x, y),

@@ -94,10 +94,8 @@ def pulled_back(
     numbers: Sequence[Number],
     rtol: Scalar,
     count: Scalar,
-    time: Scalar,
-    outputs: Sequence[Scalar],
+    bars: Sequence[Scalar],
     token: Scalar,
-    *,
     due: Scalar | None = None,
 ) -> list[Number]:
     """The derivatives of a number by the lane's real numbers, shapes as of these.
@@ -107,13 +105,12 @@ def pulled_back(
         numbers: of the lane.
         rtol: with which it was integrated.
         count: rows of its tape.
-        time: by what the number changes with the lane's time.
-        outputs: by what it changes with each of the lane's outputs.
+        bars: by what the number changes with the lane's time, and with each of its outputs.
         token: see `erosion.lanes.tapes`.
         due: how many times the lane, which has no resets, reaches, whose states count as well; None where none do.
     """
     adjoint = _Adjoint(layout, numbers, token, timed=due is not None)
-    gradient, error = adjoint.pulled_back(count, time, list(outputs), due)
+    gradient, error = adjoint.pulled_back(count, bars[0], list(bars[1:]), due)
     is_stiff = adjoint.problem.rodas is not None
     most = jnp.minimum(_LOST_STIFF * rtol, _LOST_AT_MOST) if is_stiff else (_LOST * rtol) ** (1 / _POWER)
     return [jnp.where(error <= most, each, jnp.nan) for each in gradient]

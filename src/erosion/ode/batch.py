@@ -46,13 +46,26 @@ class _Batch(NamedTuple):
     def run(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
         """Integrate some lanes with their tolerances."""
         self.used[lanes] = rtol
-        _compute(self.program, [*self.leaves, rtol], lanes, self.outputs, self.tapes)
+        self._compute([*self.leaves, rtol], lanes)
 
     def run_again(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
         """The same for lanes whose trials are known, by which they are ordered."""
         order = np.argsort(self.results.trials[lanes], kind="stable")
         self.used[lanes] = rtol[lanes]
-        _compute(self.program, [*self.leaves, rtol], lanes[order], self.outputs, self.tapes, ordered=True)
+        self._compute([*self.leaves, rtol], lanes[order], ordered=True)
+
+    def _compute(self, leaves: list[np.ndarray], lanes: np.ndarray, *, ordered: bool = False) -> None:
+        """Integrate some lanes, and write their results; unless they are `ordered`, similar ones side by side."""
+
+        def block(lanes: np.ndarray, stop: np.ndarray | None) -> None:
+            if lanes.size > WIDTH and not ordered:
+                inputs = zip(leaves, self.program.inputs, strict=True)
+                varying = [leaf[lanes] for leaf, shape in inputs if shape == () and leaf.ndim and leaf.strides != (0,)]
+                if varying:
+                    lanes = lanes[alike_together(varying, WIDTH)]
+            self.program.run(leaves, lanes, self.outputs, stop, self.tapes)
+
+        in_threads(block, lanes, _BLOCK, _FEW)
 
     @property
     def is_known(self) -> np.ndarray:
@@ -474,19 +487,6 @@ def integrate_along(
     return jax.tree.map(lambda part: part.reshape(lanes, count, *part.shape[1:]), results)
 
 
-def _compute(
-    program: Compiled,
-    leaves: list[np.ndarray],
-    lanes: np.ndarray,
-    outputs: list[np.ndarray],
-    tapes: Sequence[np.ndarray],
-    *,
-    ordered: bool = False,
-) -> None:
-    """Integrate some lanes, and write their results; unless they are `ordered`, similar ones side by side."""
-    in_threads(functools.partial(_compute_block, program, leaves, outputs, tapes, ordered), lanes, _BLOCK, _FEW)
-
-
 def in_threads(each: Callable[[np.ndarray, np.ndarray | None], None], lanes: np.ndarray, block: int, few: int) -> None:
     """Do something for blocks of lanes, by several threads where there are more than a few.
 
@@ -513,23 +513,6 @@ def in_threads(each: Callable[[np.ndarray, np.ndarray | None], None], lanes: np.
             # Signals reach the main thread alone. The others would go on, for ever in a loop that never ends.
             stop[0] = 1
             raise
-
-
-def _compute_block(
-    program: Compiled,
-    leaves: list[np.ndarray],
-    outputs: list[np.ndarray],
-    tapes: Sequence[np.ndarray],
-    ordered: bool,
-    lanes: np.ndarray,
-    stop: np.ndarray | None,
-) -> None:
-    if lanes.size > WIDTH and not ordered:
-        inputs = zip(leaves, program.inputs, strict=True)
-        varying = [leaf[lanes] for leaf, shape in inputs if shape == () and leaf.ndim and leaf.strides != (0,)]
-        if varying:
-            lanes = lanes[alike_together(varying, WIDTH)]
-    program.run(leaves, lanes, outputs, stop, tapes)
 
 
 def _empty(results: LaneEnd, lanes: int, directions: int) -> LaneEnd:

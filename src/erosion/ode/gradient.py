@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from erosion.arguments import Number, PerLane, Scalar, check_unmasked
+from erosion.arguments import PerLane, check_unmasked
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import WIDTH, Compiled, by_xla, compile_lanes, number
 from erosion.ode.adjoint import pulled_back
@@ -182,7 +182,8 @@ def gradient(
         wanted = layout.wanting(method=method)
         if not np.any(those) or not goes_back(wanted) or (at is not None and not _goes_back_at_times(wanted)):
             continue
-        back = _back(wanted, timed=at is not None)
+        with compiling:
+            back = _compiled(wanted, timed=at is not None)
         if back is not None:
             real = [np.asarray(number, float) for number in numbers]
             ways.append((_WayBack(wanted, back, real, ends, bars, at), those))
@@ -319,30 +320,11 @@ class _WayBack:
         ]
 
 
-def _back(layout: Layout, *, timed: bool) -> Compiled | None:
-    """The program that goes back; None where lanes cannot do what it needs."""
-    with compiling:
-        return _compiled(layout, timed=timed)
-
-
-def _backwards(
-    layout: Layout,
-    numbers: list[Number],
-    rtol: Scalar,
-    count: Scalar,
-    bars: list[Scalar],
-    token: Scalar,
-    due: Scalar | None = None,
-) -> list[Number]:
-    time, *of_outputs = bars
-    return pulled_back(layout, numbers, rtol, count, time, of_outputs, token, due=due)
-
-
 @functools.lru_cache(maxsize=256)
 def _is_traced(layout: Layout) -> bool:
     """Whether JAX can go back through a step."""
     try:
-        back = functools.partial(_backwards, layout)
+        back = functools.partial(pulled_back, layout)
         jax.eval_shape(back, layout.structs(), number, number, [number] * layout.rows, number)
     except ValueError:
         return False
@@ -351,9 +333,10 @@ def _is_traced(layout: Layout) -> bool:
 
 @functools.lru_cache(maxsize=64)
 def _compiled(layout: Layout, *, timed: bool) -> Compiled | None:
+    """The program that goes back; None where lanes cannot do what it needs."""
     arguments = (layout.structs(), number, number, [number] * layout.rows, number, *[number] * timed)
     try:
-        return compile_lanes(functools.partial(_backwards, layout), arguments, tapes=3 if timed else 1)
+        return compile_lanes(functools.partial(pulled_back, layout), arguments, tapes=3 if timed else 1)
     except NotForLanesError:
         return None
 

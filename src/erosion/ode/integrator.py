@@ -34,6 +34,7 @@ from erosion.ode.variational import (
     Motion,
     OfMotion,
     at_event,
+    outputs_of,
 )
 
 _SLACK = 4.0  # the embedded estimate is of 7th order, the solution of 8th; benchmarks/TUNING.md
@@ -128,7 +129,7 @@ def integrate_lane(
         return _chain(problem, rtol, tape, saved)
     until = problem.until
     motion, along, tape, saved = _to_its_event(problem, problem.initial, until.value, rtol, tape, saved)
-    end = _at_its_event(problem, motion, along, _outputs, until)
+    end = _at_its_event(problem, motion, along, outputs_of, until)
     if tape is not None:
         tape = tape.with_event(motion.event, [], jax.tree.leaves(motion.members))
     return _finish(problem, motion, end, rtol, saved, tape)
@@ -143,10 +144,6 @@ def _at_its_event(problem: Extended, motion: "Flight", along: Along, outputs: Of
     rest = jax.tree.map(lambda given, gone: given - gone, until, shift)
     end = at_event(along, motion.event, motion.time, outputs, rest)
     return end._replace(time=jax.tree.map(jnp.add, end.time, shift))
-
-
-def _outputs(at: Augmented, motion: Motion) -> list[Scalar]:
-    return motion.outputs(at)
 
 
 def _to_its_event(
@@ -382,7 +379,7 @@ def _finish(
     begun = event != NOT_BEGUN if problem.options.begins else jnp.asarray(True)
     outputs, time = end.outputs, end.time
     if problem.options.begins:
-        at_start = equations.of(_outputs, problem.members(problem.initial))
+        at_start = equations.of(outputs_of, problem.members(problem.initial))
         outputs = jax.tree.map(lambda there, alone: jnp.where(begun, there, alone), outputs, at_start)
         time = jax.tree.map(lambda number: jnp.where(begun, number, 0.0), time)
     both = zip(equations.per_unit(time), equations.per_unit(outputs), strict=True)
@@ -528,7 +525,7 @@ def _chain(problem: Extended, rtol: Scalar, tape: Tape | None, saved: Saved | No
     elapsed = tuple(zero for _ in problem.members(problem.initial))
     chain = _Chain(jnp.asarray(True), start, elapsed, zero + 1.0, tape, saved)
     chain = lax.while_loop(lambda chain: chain.goes_on, flown, chain)
-    outputs = equations.of(_outputs, chain.motion.members)
+    outputs = equations.of(outputs_of, chain.motion.members)
     end = AtEvent(equations.unpack(chain.elapsed), outputs, chain.amplification)
     return _finish(problem, chain.motion, end, rtol, chain.saved, chain.tape)
 

@@ -128,15 +128,13 @@ def cases(closed: ClosedJaxpr, operands: Sequence[Scalar], varies: Sequence[bool
         elif name in _STEPS:
             found += equation.outvars
         else:
-            found += [made for made in equation.outvars if not np.issubdtype(_type_of(made), np.floating)]
+            found += [
+                made for made in equation.outvars if not np.issubdtype(getattr(made.aval, "dtype", float), np.floating)
+            ]
     return elements_of(evaluate(closed, found)(*operands)) + parts
 
 
 _STEPS = frozenset({"floor", "ceil", "round", "sign"})
-
-
-def _type_of(made: Var) -> Any:
-    return getattr(made.aval, "dtype", float)
 
 
 def breaks(

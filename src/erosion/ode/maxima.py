@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -277,7 +277,7 @@ class Search:
             if bends[i]
         ]
 
-    def at_jumps(self, scanned: Scan, jumped: np.ndarray) -> list[tuple[int, Extremum]]:
+    def at_jumps(self, scanned: Scan, jumped: np.ndarray) -> Iterator[tuple[int, Extremum]]:
         """By case, the jumps whose higher side rises towards the jump.
 
         Args:
@@ -288,7 +288,6 @@ class Search:
         aside = np.maximum(self._near(ASIDE, cells.low.at), cells.width / 2)
         range_ = scanned.nodes.at.min(), scanned.nodes.at.max()
         low, high = (self.loose(cells.low.case, np.clip(cells.middle + sign * aside, *range_)) for sign in (-1, 1))
-        candidates = []
         for i, case in enumerate(low.case):
             if low.value[i] > high.value[i] and not low.slope[i] < 0:
                 side, higher, lower = "below", low, high
@@ -298,33 +297,30 @@ class Search:
                 continue
             # An end of the range is computed itself, whatever jumps beside it.
             attained = bool(higher.time[i] < lower.time[i] or higher.at[i] in self.within[:2])
-            candidates.append((int(case), self._candidate(higher, i, kind="jump", side=side, attained=attained)))
-        return candidates
+            yield int(case), self._candidate(higher, i, kind="jump", side=side, attained=attained)
 
-    def _at_boundaries(self, scanned: Scan) -> list[tuple[int, Extremum]]:
+    def _at_boundaries(self, scanned: Scan) -> Iterator[tuple[int, Extremum]]:
         """By case, the ends of the range that the function rises towards."""
         nodes, (low, high, *_) = scanned.nodes, self.within
         limit, apart = self.within.limit, self.within.ends_apart
         first = np.flatnonzero(np.diff(nodes.case, prepend=-1))
         last = np.append(first[1:], nodes.case.size) - 1
         ends = self.loose(np.arange(self.cases), np.full(self.cases, high))
-        candidates = []
         for case, (i, j) in enumerate(zip(first, last, strict=True)):
             # Where a function is level at an end, its next node says where it goes.
             inner, before = min(i + 1, j), max(j - 1, i)
             falls = nodes.slope[i] < 0 or (nodes.slope[i] == 0 and nodes.slope[inner] <= 0)
             rises = nodes.slope[j] > 0 or (nodes.slope[j] == 0 and nodes.slope[before] >= 0)
             if limit is None and falls:
-                candidates.append((case, self._candidate(nodes, i, kind="boundary")))
+                yield case, self._candidate(nodes, i, kind="boundary")
             elif limit is not None and (falls or apart):
                 node, value = limit(nodes, int(i), int(inner))
                 at_limit = self._candidate(nodes, node, kind="boundary", attained=False, **_at(low))
-                candidates.append((case, dataclasses.replace(at_limit, value=value)))
+                yield case, dataclasses.replace(at_limit, value=value)
             if rises or apart:
                 # The function may do at the end what it does at no number beside it.
                 end, at = (ends, case) if np.isfinite(ends.value[case]) else (nodes, j)
-                candidates.append((case, self._candidate(end, at, kind="boundary", **_at(high))))
-        return candidates
+                yield case, self._candidate(end, at, kind="boundary", **_at(high))
 
     def _nearest_jump(self, nodes: Nodes, scanned: Scan, jumped: np.ndarray) -> np.ndarray:
         """The nearest jump of the same case, shape (nodes,); infinite without one."""
@@ -340,7 +336,7 @@ class Search:
 
     def _at_best_nodes(
         self, scanned: Scan, jumped: np.ndarray, candidates: list[list[Extremum]], plateaus: dict[int, Extremum]
-    ) -> list[tuple[int, Extremum]]:
+    ) -> Iterator[tuple[int, Extremum]]:
         """By case without a plateau, the best node where it is above all candidates.
 
         There the function falls so steeply from a jump that it is lower already at the candidate
@@ -348,7 +344,6 @@ class Search:
         """
         nodes = scanned.nodes
         jumps, near = self._nearest_jump(nodes, scanned, jumped), self._near(_BESIDE, nodes.at)
-        best = []
         for case, i in enumerate(_greatest(nodes)):
             above = (
                 max((candidate.value for candidate in candidates[case]), default=-np.inf) + 1e-8 * scanned.size[case]
@@ -357,11 +352,9 @@ class Search:
                 aside = float(nodes.at[i] - jumps[i])
                 if abs(aside) < near[i]:
                     side = "above" if aside > 0 else "below"
-                    candidate = self._candidate(nodes, i, kind="jump", side=side, attained=False)
+                    yield case, self._candidate(nodes, i, kind="jump", side=side, attained=False)
                 else:
-                    candidate = self._by_values(nodes, int(i))
-                best.append((case, candidate))
-        return best
+                    yield case, self._by_values(nodes, int(i))
 
     def _plateaus(self, scanned: Scan, candidates: list[list[Extremum]]) -> dict[int, Extremum]:
         """By case, the widest range of numbers in which all values are the greatest one, if there is one."""

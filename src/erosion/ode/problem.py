@@ -333,6 +333,9 @@ class Event:
                 )
 
 
+_OF_ARGS = ("y0", "integrals0", "time_scale", "typical")
+"""What a problem says of the arguments alone; all else is of (t, y, args)."""
+
 OTHER_ENDS = ("start", "failed", "unfinished", "t1")
 """What `ended_by` may say beside the names of events; a code is an index of events and then these."""
 
@@ -379,7 +382,7 @@ class Problem:
                 if not isinstance(key, str) or not (isinstance(part, kind) if kind else callable(part)):
                     what = "an `ode.Event`" if kind else "a function of (t, y, args)"
                     raise TypeError(f"Argument `{name}` must hold by name {what}, but {key!r} is {briefly(part)}.")
-        for name in ("integrals0", "time_scale", "typical"):
+        for name in _OF_ARGS[1:]:
             if (given := getattr(self, name)) is not None and not callable(given):
                 raise TypeError(f"Argument `{name}` must be a function of args, but is {briefly(given)}.")
         for name in self.events:
@@ -421,13 +424,13 @@ class Problem:
 
     def functions(self) -> dict[str, Any]:
         """What the problem computes with, by the words that a message about it uses."""
-        parts: dict[str, Any] = {"y0": self.y0, "vector_field": self.vector_field}
+        parts: dict[str, Any] = {"vector_field": self.vector_field}
         for name, event in self.events.items():
             parts[f"events[{name!r}]"] = event.function
             if event.reset is not None:
                 parts[f"events[{name!r}].reset"] = event.reset
         parts |= {f"integrals[{name!r}]": rate for name, rate in self.integrals.items()}
-        others = {name: getattr(self, name) for name in ("integrals0", "time_scale", "typical")}
+        others = {name: getattr(self, name) for name in _OF_ARGS}
         return parts | {name: part for name, part in others.items() if part is not None}
 
     def __repr__(self) -> str:
@@ -473,12 +476,9 @@ class _ProblemKind(TreeKind):
         y = trace.given("y0", problem.start)
         require_numbers("y0", y, scalars=False)
         y = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, np.float64), y)
-        of_state: dict[str, Callable[..., PyTree]] = {"vector_field": problem.vector_field}
-        for name, event in problem.events.items():
-            of_state[f"events[{name!r}]"] = event.function
-            if event.reset is not None:
-                of_state[f"events[{name!r}].reset"] = event.reset
-        of_state |= {f"integrals[{name!r}]": rate for name, rate in problem.integrals.items()}
+        of_state: dict[str, Callable[..., PyTree]] = {
+            name: function for name, function in self._functions.items() if name not in _OF_ARGS
+        }
         for name, function in of_state.items():
             given = trace.given(name, lambda args, t, y, function=function: function(t, y, args), time, y)
             if name == "vector_field" or name.endswith(".reset"):

@@ -30,7 +30,7 @@ from erosion.ode.kinks import may_have_kinks
 from erosion.ode.landing import Flight, Lane
 from erosion.ode.reduction import Rows
 from erosion.ode.step_control import ARRIVED
-from erosion.ode.variational import Along, AlongFlow, Augmented, Layout, Motion, at_event
+from erosion.ode.variational import Along, AlongFlow, Layout, at_event, outputs_of
 
 STEP = -9.0
 BESIDE = 2  # numbers of a row before the state
@@ -193,12 +193,12 @@ class Writer:
         """What is wanted of a state, and its derivatives at a fixed time, of a motion that began at any."""
         problem, equations = self.problem, self.problem.equations
         if problem.order == 0:
-            return along.here(_outputs).value
+            return along.here(outputs_of).value
         began = equations.of(lambda _, motion: motion.clock.t0, ())
         if self.elapsed is not None:
             began = jax.tree.map(jnp.add, began, self.elapsed)
         since = jax.tree.map(lambda number: -1.0 * number, began)
-        outputs = at_event(along, jnp.full((), ARRIVED), 0.0 * problem.time_scale, _outputs, since).outputs
+        outputs = at_event(along, jnp.full((), ARRIVED), 0.0 * problem.time_scale, outputs_of, since).outputs
         return jax.tree.leaves(equations.pack(equations.per_unit(outputs)))
 
     def _along(self, rows: Rows) -> Along:
@@ -245,10 +245,6 @@ class Writer:
             )
 
         return lambda time: self._along(rows_at(time))
-
-
-def _outputs(at: Augmented, motion: Motion) -> list[Scalar]:
-    return motion.outputs(at)
 
 
 # From the values at -1, 0 and 1, the first and the second derivatives, all of them in halves of the step, to the

@@ -86,7 +86,9 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
         raise ValueError("Argument `wrt` must be left out where JAX traces: use `jax.grad` and its like.")
     layout, shape = lanes.layout, lanes.shape
     if ts is not None:
-        ts = jnp.asarray(ts if _is_traced(ts) else checked_times(lanes, ts), float)
+        ts = jnp.asarray(
+            ts if any(isinstance(each, Tracer) for each in jax.tree.leaves(ts)) else checked_times(lanes, ts), float
+        )
         if ts.ndim != 1:
             raise ValueError(f"Argument `ts` must be one row of times, but has shape {ts.shape}.")
     wanted = Wanted(layout, rtol, 0 if ts is None or by_xla() else ts.size)
@@ -142,10 +144,6 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
         return jnp.where(known[..., None], vector[..., 1:], jnp.nan)
 
     return solution.with_times(_times_of(lanes, ts, jax.vmap(at, out_axes=-2)(ts)))
-
-
-def _is_traced(ts: Any) -> bool:
-    return any(isinstance(each, Tracer) for each in jax.tree.leaves(ts))
 
 
 def _times_of(lanes: "Lanes", times: Any, vectors: Array) -> Times:

@@ -265,6 +265,11 @@ OfMotion = Callable[[Augmented, Motion], PyTree]
 """A function of the state and its motion; its value is a number, or numbers."""
 
 
+def outputs_of(at: Augmented, motion: Motion) -> list[Scalar]:
+    """What is wanted of a motion."""
+    return motion.outputs(at)
+
+
 class Derivatives(NamedTuple):
     """A quantity with its first and mixed second derivative along two directions."""
 
@@ -297,7 +302,7 @@ class Variational:
         motion: Callable[[Sequence[Number]], Motion],
     ) -> None:
         self.layout, self.numbers, self.order, self.directions = layout, list(numbers), order, directions
-        self.motion = motion
+        self.at = motion
         self.mixed = order == 2 and len(directions) == 2
 
     def initial(self) -> tuple[Augmented, ...]:
@@ -312,10 +317,6 @@ class Variational:
     def rate(self, members: tuple[Augmented, ...]) -> tuple[Augmented, ...]:
         """The time derivative of a state."""
         return self.pack(self.of(lambda at, motion: motion.rate(at), members))
-
-    def at(self, numbers: Sequence[Number]) -> Motion:
-        """The motion with these numbers."""
-        return self.motion(numbers)
 
     def per_unit(self, scaled: Derivatives) -> Derivatives:
         """Derivatives by the directions' units turned into derivatives by the parameters."""
