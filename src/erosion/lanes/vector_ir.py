@@ -114,10 +114,10 @@ class _Writer:
         """A vector of this type in the name of an intrinsic function."""
         return f"v{self.width}{'f' if type_ in ('double', 'float') else 'i'}{_BITS[type_]}"
 
-    def intrinsic(self, name: str, result: str, arguments: str) -> str:
-        """The name of an intrinsic function of LLVM, which is declared once."""
-        self.declared[name] = f"declare {result} @{name}({arguments})"
-        return f"@{name}"
+    def call(self, name: str, result: str, *operands: tuple[str, str]) -> str:
+        """A call of an intrinsic function of LLVM, which is declared once; operands with their types."""
+        self.declared[name] = f"declare {result} @{name}({', '.join(type_ for type_, _ in operands)})"
+        return f"call {result} @{name}({', '.join(' '.join(operand) for operand in operands)})"
 
     def splat(self, scalar: str, type_: str = "i64") -> str:
         """A vector of one number."""
@@ -146,8 +146,7 @@ class _Writer:
         self.do("%at = phi i64 [ 0, %entry ], [ %next, %written ]")
         steps = ", ".join(f"i64 {i}" for i in range(self.width))
         position = self.get(f"add {longs} {self.splat('%at')}, <{steps}>")
-        least = self.intrinsic(f"llvm.smin.v{self.width}i64", longs, f"{longs}, {longs}")
-        position = self.get(f"call {longs} {least}({longs} {position}, {longs} {last})")
+        position = self.get(self.call(f"llvm.smin.v{self.width}i64", longs, (longs, position), (longs, last)))
         in_order = self.get(f"getelementptr i64, ptr %order, {longs} {position}")
         lane = self.gather("i64", in_order)
         for address, stride in tapes_at:
@@ -198,14 +197,11 @@ class _Writer:
         to = self.get(f"getelementptr i8, ptr {address}, {longs} {self.get(f'mul {longs} {lane}, {stride}')}")
         self.scatter(type_, name, to, "splat (i1 true)")
 
-    def scatter(self, type_: str, name: str, addresses: str, active: str) -> None:
+    def scatter(self, type_: str, numbers: str, addresses: str, active: str) -> None:
         """Write the numbers of active lanes to addresses."""
-        vector, pointers, mask = self.vector(type_), self.vector("ptr"), self.vector(BOOL)
-        arguments = f"{vector}, {pointers}, i32, {mask}"
-        scatter = self.intrinsic(f"llvm.masked.scatter.{self.kind(type_)}.v{self.width}p0", "void", arguments)
-        self.do(
-            f"call void {scatter}({vector} {name}, {pointers} {addresses}, i32 {_BITS[type_] // 8}, {mask} {active})"
-        )
+        name = f"llvm.masked.scatter.{self.kind(type_)}.v{self.width}p0"
+        places, size = (self.vector("ptr"), addresses), ("i32", str(_BITS[type_] // 8))
+        self.do(self.call(name, "void", (self.vector(type_), numbers), places, size, (self.vector(BOOL), active)))
 
     def on_tape(self, value: Value, mask: str) -> None:
         """Numbers of the lane's own memory; see `erosion.lanes.tapes`."""
@@ -266,16 +262,11 @@ class _Writer:
     def gather(self, type_: str, addresses: str) -> str:
         """Numbers from memory, each lane's from its own address."""
         vector, pointers, mask = self.vector(type_), self.vector("ptr"), self.vector(BOOL)
-        kind = self.kind(type_)
-        name = self.intrinsic(
-            f"llvm.masked.gather.{kind}.v{self.width}p0", vector, f"{pointers}, i32, {mask}, {vector}"
-        )
         # The alignment as an argument is the form of LLVM 20, which LLVM 22 reads too; LLVM 20 ends the process at the
         # newer form.
-        size = max(_BITS[type_] // 8, 1)
-        return self.get(
-            f"call {vector} {name}({pointers} {addresses}, i32 {size}, {mask} splat (i1 true), {vector} poison)"
-        )
+        size = str(max(_BITS[type_] // 8, 1))
+        operands = (pointers, addresses), ("i32", size), (mask, "splat (i1 true)"), (vector, "poison")
+        return self.get(self.call(f"llvm.masked.gather.{self.kind(type_)}.v{self.width}p0", vector, *operands))
 
     def stored(self, value: Value) -> tuple[str, str]:
         """An output's type in memory, and its vector: truths as bytes."""
@@ -339,15 +330,18 @@ class _Writer:
                 names[2] = self.get(f"fneg {type_} {names[2]}")
             elif op == "fnma":
                 names[0] = self.get(f"fneg {type_} {names[0]}")
-            name = self.intrinsic(f"llvm.fma.v{self.width}f64", type_, f"{type_}, {type_}, {type_}")
-            value.name = self.get(f"call {type_} {name}({', '.join(f'{type_} {operand}' for operand in names)})")
+            value.name = self.get(self.call(f"llvm.fma.v{self.width}f64", type_, *((type_, name) for name in names)))
         elif op[1:5] == "cmp ":
             value.name = self.get(f"{op} {self.vector(value.inputs[0].type)} {names[0]}, {names[1]}")
-        elif op in _CASTS or op in _SATURATING:
-            value.name = self.cast(value)
+        elif op in _CASTS:
+            value.name = self.get(f"{op} {self.vector(value.inputs[0].type)} {names[0]} to {type_}")
+        elif op in _SATURATING:
+            of = value.inputs[0].type
+            kinds = f"{self.kind(value.type)}.{self.kind(of)}"
+            value.name = self.get(self.call(f"{op}.{kinds}", type_, (self.vector(of), names[0])))
         elif op.startswith("llvm."):
-            name = self.intrinsic(f"{op}.{self.kind(value.type)}", type_, ", ".join([type_] * len(names)))
-            value.name = self.get(f"call {type_} {name}({', '.join(f'{type_} {operand}' for operand in names)})")
+            operands = [(type_, name) for name in names]
+            value.name = self.get(self.call(f"{op}.{self.kind(value.type)}", type_, *operands))
         elif op == "table":
             self.table(value, names)
         elif op == "lookup":
@@ -396,15 +390,6 @@ class _Writer:
             ]
         for update, result in zip(loop.updates, loop.results, strict=True):
             result.name = self.text(update)
-
-    def cast(self, value: Value) -> str:
-        """A value as another type."""
-        op, (of,) = value.op, value.inputs
-        type_, from_ = self.vector(value.type), self.vector(of.type)
-        if op not in _SATURATING:
-            return self.get(f"{op} {from_} {self.text(of)} to {type_}")
-        name = self.intrinsic(f"{op}.{self.kind(value.type)}.{self.kind(of.type)}", type_, from_)
-        return self.get(f"call {type_} {name}({from_} {self.text(of)})")
 
     # Tables.
 
@@ -467,9 +452,7 @@ class _Writer:
 
     def any_of(self, mask: str) -> str:
         """Whether any lane of a mask is active."""
-        vector = self.vector(BOOL)
-        name = self.intrinsic(f"llvm.vector.reduce.or.v{self.width}i1", BOOL, vector)
-        return self.get(f"call i1 {name}({vector} {mask})")
+        return self.get(self.call(f"llvm.vector.reduce.or.v{self.width}i1", BOOL, (self.vector(BOOL), mask)))
 
     def both(self, mask: str, other: str) -> str:
         """The lanes of two masks."""

@@ -47,7 +47,7 @@ from erosion.ode import rosenbrock, stiff, tape
 from erosion.ode.extended import Extended
 from erosion.ode.integrator import resets
 from erosion.ode.reduction import Rows, motion_of
-from erosion.ode.step_control import ARRIVED, A, B
+from erosion.ode.step_control import ARRIVED, A, B, weighted
 from erosion.ode.variational import Layout
 
 _STAGES = len(A)  # that at a step's end is not one of them
@@ -308,7 +308,7 @@ class _Adjoint:
     def _step(self, row: tape.Entry) -> _Step:
         h, slopes, pulls = row.length, [[] for _ in row.state], []
         for i in range(_STAGES):
-            rows = [u + h * _weighted(A[i - 1], ks) if i else u for u, ks in zip(row.state, slopes, strict=True)]
+            rows = [u + h * weighted(A[i - 1], ks) if i else u for u, ks in zip(row.state, slopes, strict=True)]
             rates, pull = jax.vjp(self._rate, self.numbers, rows)
             pulls.append(pull)
             for ks, k in zip(slopes, rates, strict=True):
@@ -321,14 +321,14 @@ class _Adjoint:
             for i in reversed(range(_STAGES)):
                 weights = np.array([B[i], *(A[j - 1][i] for j in range(i + 1, _STAGES))])
                 bars = [
-                    h * _weighted(weights, [bar, *(later[j][r] for j in range(i + 1, _STAGES))])
+                    h * weighted(weights, [bar, *(later[j][r] for j in range(i + 1, _STAGES))])
                     for r, bar in enumerate(after)
                 ]
                 grads, later[i] = pulls[i](bars)
                 gained, total = _plus(gained, grads), _plus(total, later[i])
             return _plus(after, total), gained, later[1]
 
-        end: Rows = [u + h * _weighted(B, ks) for u, ks in zip(row.state, slopes, strict=True)]
+        end: Rows = [u + h * weighted(B, ks) for u, ks in zip(row.state, slopes, strict=True)]
         return _Step(end, [ks[0] for ks in slopes], back)
 
     def _stiff_step(self, row: tape.Entry) -> _Step:
@@ -341,11 +341,11 @@ class _Adjoint:
         increments, pulls = [], []
         for a, c in zip(((), *rosenbrock.A), ((), *rosenbrock.C), strict=True):
             so_far = list(zip(*increments, strict=True)) or [()] * self.width
-            rows = [u + _weighted(a, us) if a else u for u, us in zip(row.state, so_far, strict=True)]
+            rows = [u + weighted(a, us) if a else u for u, us in zip(row.state, so_far, strict=True)]
             right, pull = jax.vjp(self._rate, self.numbers, rows)
             slope = slope or right
             if c:
-                right = [r + inverse * _weighted(c, us) for r, us in zip(right, so_far, strict=True)]
+                right = [r + inverse * weighted(c, us) for r, us in zip(right, so_far, strict=True)]
             increments.append(self._solve(factors, right))
             pulls.append(pull)
         count = len(increments)
@@ -360,8 +360,8 @@ class _Adjoint:
                 others = [rosenbrock.C[j - 1][i] for j in later]
                 bars = []
                 for r, bar in enumerate(after):
-                    of_state = _weighted(weights, [bar, *(of_states[j][r] for j in later)])
-                    of_right = _weighted(others, [of_rights[j][r] for j in later]) if others else 0.0
+                    of_state = weighted(weights, [bar, *(of_states[j][r] for j in later)])
+                    of_right = weighted(others, [of_rights[j][r] for j in later]) if others else 0.0
                     bars.append(of_state + inverse * of_right)
                 of_rights[i] = self._solve_transposed(factors, bars)
                 grads, of_states[i] = pulls[i](of_rights[i])
@@ -382,11 +382,6 @@ class _Adjoint:
             return jax.tree.map(functools.partial(jnp.where, steps), results, nothing)
 
         return _Step([], slope, back)
-
-
-def _weighted(weights: Sequence[float] | np.ndarray, values: Sequence[Scalar]) -> Scalar:
-    terms: Rows = [float(weight) * value for weight, value in zip(weights, values, strict=False) if weight != 0]
-    return sum(terms[1:], terms[0]) if terms else 0.0 * values[0]
 
 
 def _zeros(these: Sequence[Any]) -> list[Any]:

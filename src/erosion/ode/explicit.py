@@ -1,7 +1,7 @@
 """A step of Prince and Dormand's 8th-order pair, and its error."""
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ import numpy as np
 from erosion.arguments import Scalar
 from erosion.ode.extended import Extended
 from erosion.ode.reduction import Rows
-from erosion.ode.step_control import B_CHECK, B_ERROR, A, B, eighth_root
+from erosion.ode.step_control import B_CHECK, B_ERROR, A, B, eighth_root, moved_by, weighted
 
 _CHECK = 0.1  # of the second estimate, brought to the first one's order; benchmarks/TUNING.md
 _LOOKS = (5, 9)  # stages at 0.15 and 0.92 of a step: a cubic that errs between them errs at one of them
@@ -36,23 +36,6 @@ def step(
         for ks, k in zip(stages, problem.rate(at), strict=True):
             ks.append(k)
     return [moved_by(B, u, h, ks) for u, ks in zip(state, stages, strict=True)], stages, within
-
-
-def moved_by(weights: np.ndarray, u: Scalar, h: Scalar, slopes: Sequence[Scalar]) -> Scalar:
-    """U + h Σ w k."""
-    used = [k for weight, k in zip(weights, slopes, strict=False) if weight != 0]
-    return _increment(tuple(weights[weights != 0]))(u, h, used)
-
-
-# JAX takes 0.1 ms to trace each product; these are traced once for all rows and programs.
-@functools.cache
-def _increment(weights: tuple[float, ...]) -> Callable[[Scalar, Scalar, Sequence[Scalar]], Scalar]:
-    return jax.jit(lambda u, h, slopes: u + h * _weighted(weights, slopes))
-
-
-def _weighted(weights: Iterable[float] | np.ndarray, slopes: Sequence[Scalar]) -> Scalar:
-    terms = [float(weight) * k for weight, k in zip(weights, slopes, strict=True) if weight != 0]
-    return sum(terms[1:], terms[0])
 
 
 def error_of(
@@ -116,7 +99,7 @@ def _size(before: Scalar, after: Scalar, moved: Scalar, least: Scalar) -> Scalar
 
 @functools.partial(jax.jit, static_argnums=0)
 def _estimate(weights: tuple[float, ...], h: Scalar, slopes: Sequence[Scalar], size: Scalar) -> Scalar:
-    return jnp.abs(h * _weighted(weights, slopes)) / size
+    return jnp.abs(h * weighted(weights, slopes)) / size
 
 
 def stiffness(

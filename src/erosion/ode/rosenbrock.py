@@ -15,7 +15,7 @@ References:
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -26,6 +26,7 @@ from jax import lax
 from erosion.arguments import Flag, Number, Scalar
 from erosion.lanes.flatten import NotForLanesError, dependencies
 from erosion.ode.reduction import Rows
+from erosion.ode.step_control import moved_by, total_by
 from erosion.ode.variational import Augmented, Direction, Motion
 
 if TYPE_CHECKING:
@@ -283,14 +284,14 @@ class Rodas:
         rates = [[k] for k in slope]
         increments = [[u] for u in self._stage(js, factors, d, slope)]
         for a, c in zip(A, C, strict=True):
-            at = [_moved(a)(y, us) for y, us in zip(rows, increments, strict=True)]
+            at = [moved_by(a, y, 1.0, us) for y, us in zip(rows, increments, strict=True)]
             rate = self.problem.rate(at) if whole else self.problem.motion_rate(at)
             for ks, k in zip(rates, rate, strict=True):
                 ks.append(k)
-            right = [_right(c)(k, inverse, us) for k, us in zip(rate, increments, strict=True)]
+            right = [moved_by(c, k, inverse, us) for k, us in zip(rate, increments, strict=True)]
             for us, u in zip(increments, self._stage(js, factors, d, right), strict=True):
                 us.append(u)
-        after = [_moved(B)(y, us) for y, us in zip(rows, increments, strict=True)]
+        after = [moved_by(B, y, 1.0, us) for y, us in zip(rows, increments, strict=True)]
         return after, Stages(increments, rates, js[0], factors.sound)
 
     def within(self, before: Rows, after: Rows, stages: Stages) -> list[tuple[float, list[Scalar]]]:
@@ -300,7 +301,7 @@ class Rodas:
             rest = 1.0 - theta
             rows = []
             for y0, y1, us in zip(before[: self.width], after, stages.increments, strict=False):
-                k = [_weighted(row)(us) for row in H]
+                k = [total_by(row)(us) for row in H]
                 rows.append(rest * y0 + theta * (y1 + rest * (k[0] + theta * (k[1] + theta * k[2]))))
             found.append((theta, self.problem.events(rows)))
         return found
@@ -346,22 +347,3 @@ def _pattern(problem: "Extended") -> np.ndarray:
         return dependencies(jax.make_jaxpr(rate)(rows, problem.layout.structs()))[:, :width]
     except NotForLanesError:
         return np.ones((width, width), bool)  # XLA may compute it all the same
-
-
-@functools.cache
-def _weighted(weights: tuple[float, ...]) -> Callable[[Sequence[Scalar]], Scalar]:
-    def total(us: Sequence[Scalar]) -> Scalar:
-        terms = [weight * u for weight, u in zip(weights, us, strict=True)]
-        return sum(terms[1:], terms[0])
-
-    return jax.jit(total)
-
-
-@functools.cache
-def _moved(weights: tuple[float, ...]) -> Callable[[Scalar, Sequence[Scalar]], Scalar]:
-    return jax.jit(lambda y, us: y + _weighted(weights)(us))
-
-
-@functools.cache
-def _right(weights: tuple[float, ...]) -> Callable[[Scalar, Scalar, Sequence[Scalar]], Scalar]:
-    return jax.jit(lambda k, inverse, us: k + inverse * _weighted(weights)(us))
