@@ -33,15 +33,21 @@ if os.environ.get("EROSION_CHECK_TYPES") == "1":
 
 
 @pytest.fixture
-def table(tmp_path):
-    """Writes a table of measurements, and says where."""
+def written(tmp_path):
+    """Writes a file of this name, and says where."""
 
-    def write(text: str, encoding: str = "utf-8"):
-        path = tmp_path / "data.csv"
-        path.write_bytes(text.encode(encoding))
+    def write(name: str, content: str | bytes):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
         return path
 
     return write
+
+
+@pytest.fixture
+def table(written):
+    """Writes a table of measurements, and says where."""
+    return lambda text, encoding="utf-8": written("data.csv", text.encode(encoding))
 
 
 @pytest.fixture

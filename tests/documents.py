@@ -3,9 +3,11 @@
 import json
 import shlex
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 Shell = Callable[..., "Printed"]
+Written = Callable[[str, str | bytes], Path]
 
 
 class Printed(NamedTuple):

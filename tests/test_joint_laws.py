@@ -89,9 +89,8 @@ def test_a_joint_law_is_a_mapping_of_laws():
         rows["r"]
 
 
-def test_rows_of_a_file(tmp_path):
-    path = tmp_path / "hits.csv"
-    path.write_text("cell, alpha [deg], v0 [m/s]\n1, 30, 100\n2, 20, 200\n")
+def test_rows_of_a_file(written):
+    path = written("hits.csv", "cell, alpha [deg], v0 [m/s]\n1, 30, 100\n2, 20, 200\n")
     rows = read_rows(path, QUANTITIES, "si")
     np.testing.assert_allclose(rows.columns["alpha"], np.deg2rad([30, 20]))
     np.testing.assert_array_equal(rows.columns["v0"], [100, 200])
@@ -250,9 +249,8 @@ def test_text_is_read(text, law):
     assert read_distribution(text, "alpha", dimension, "inch-pound") == law
 
 
-def test_samples_are_read_with_their_unit(tmp_path):
-    file = tmp_path / "jet.csv"
-    file.write_text("n,v0 [ft/s],alpha\n1,100,0.3\n\n2,200,0.4\n")
+def test_samples_are_read_with_their_unit(written):
+    file = written("jet.csv", "n,v0 [ft/s],alpha\n1,100,0.3\n\n2,200,0.4\n")
     found = read_distribution(f"samples({file})", "v0", "speed", "inch-pound")
     assert isinstance(found, Samples)
     np.testing.assert_allclose(found.values, [1200, 2400])

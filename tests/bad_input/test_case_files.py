@@ -20,7 +20,7 @@ from erosion.explorer.state import PageCase, PageState
 from erosion.fits.measurements import HeaderError, read_header
 from erosion.parameters.quantities import Dimension, UnitError, check_system, has_unit, read_axis, read_quantity
 from tests.bad_input.conftest import ALL_BYTES, CASE, unchecked_types
-from tests.documents import Shell
+from tests.documents import Shell, Written
 from tests.parameters.test_parameters import case_text
 
 FIELDS = [
@@ -77,9 +77,8 @@ FIELDS = [
 
 
 @pytest.mark.parametrize(("changes", "message"), FIELDS)
-def test_a_bad_case_gets_one_sentence_with_file_and_field(tmp_path, changes, message):
-    file = tmp_path / "mine.toml"
-    file.write_text(case_text(**changes), encoding="utf-8")
+def test_a_bad_case_gets_one_sentence_with_file_and_field(written, changes, message):
+    file = written("mine.toml", case_text(**changes))
     with pytest.raises(erosion.CaseError) as caught:
         erosion.load_case(file)
     assert str(caught.value).startswith(f"{file}: ")
@@ -169,9 +168,8 @@ def test_a_section_that_is_no_table(tmp_path):
 
 
 @pytest.mark.parametrize("title", [r"a\u0000b", r"\u001b[31mred", r"a\u0085b\u009b31m"])
-def test_a_title_that_a_terminal_would_obey_is_refused(tmp_path, title):
-    file = tmp_path / "mine.toml"
-    file.write_text(case_text(title=f'"{title}"'), encoding="utf-8")
+def test_a_title_that_a_terminal_would_obey_is_refused(written, title):
+    file = written("mine.toml", case_text(title=f'"{title}"'))
     with pytest.raises(erosion.CaseError, match="field `title` must have no control characters, but is "):
         erosion.parameters.case_files.CaseFile.read(file).title()
 
@@ -180,9 +178,8 @@ def test_a_title_that_a_terminal_would_obey_is_refused(tmp_path, title):
     ("title", "words"),
     [(r"a\n\tb", "a b"), ("   ", "mine"), ("", "mine"), ("😀 🏳️‍🌈 שלום $x_$", "😀 🏳️‍🌈 שלום $x_$")],
 )
-def test_a_title_is_one_line_and_never_blank(tmp_path, title, words):
-    file = tmp_path / "mine.toml"
-    file.write_text(case_text(title=f'"{title}"'), encoding="utf-8")
+def test_a_title_is_one_line_and_never_blank(written, title, words):
+    file = written("mine.toml", case_text(title=f'"{title}"'))
     assert erosion.parameters.case_files.CaseFile.read(file).title() == words
 
 
@@ -246,9 +243,8 @@ ENDLESS = ["1 m/s*9**9**9**9", "1" * 50_000 + "x"]
 
 
 @pytest.mark.parametrize("text", ENDLESS, ids=("power", "digits"))
-def test_every_door_refuses_them(text: str, tmp_path: Path, shell: Shell) -> None:
-    file = tmp_path / "case.toml"
-    file.write_text(f'v0 = "{text}"\n')
+def test_every_door_refuses_them(text: str, written: Written, shell: Shell) -> None:
+    file = written("case.toml", f'v0 = "{text}"\n')
     with pytest.raises(erosion.CaseError, match="v0"):
         erosion.load_case(file)
     with pytest.raises(HeaderError):
@@ -273,12 +269,11 @@ def test_long_ranges_are_refused_in_short(text: str) -> None:
 
 
 @pytest.mark.parametrize("head", [" " * 20_000 + "[", "angle" + " " * 20_000 + "]", "[" * 20_000])
-def test_a_long_head_of_a_column_is_refused_at_once(head: str, tmp_path: Path) -> None:
+def test_a_long_head_of_a_column_is_refused_at_once(head: str, written: Written) -> None:
     with pytest.raises(HeaderError, match="has no column `angle") as caught:
         read_header([head, "volume [mm^3]"], "si")
     assert len(str(caught.value)) < 300
-    file = tmp_path / "jet.csv"
-    file.write_text(f"{head}\n1\n")
+    file = written("jet.csv", f"{head}\n1\n")
     with pytest.raises(ValueError, match="must have one column `v0`") as said:
         read_distribution(f"samples({file})", "v0", "speed", "si")
     assert len(str(said.value)) < 400
@@ -337,12 +332,11 @@ def test_ends_of_a_range_are_finite(text: str) -> None:
         read_axis(text, "speed", "si")
 
 
-def test_unit_systems_are_understood_in_capitals(tmp_path: Path) -> None:
+def test_unit_systems_are_understood_in_capitals(written: Written) -> None:
     assert check_system("SI") == "si"
     assert check_system("Inch-Pound") == "inch-pound"
     assert erosion.TABLE_1.to("SI").units == "si"
-    file = tmp_path / "case.toml"
-    file.write_text(erosion.dump_case(erosion.TABLE_1.to("si")).replace('"si"', '"SI"'))
+    file = written("case.toml", erosion.dump_case(erosion.TABLE_1.to("si")).replace('"si"', '"SI"'))
     assert erosion.load_case(file).units == "si"
     assert _status(["run", "--units", "SI", "--v0", "100 m/s", "--json"]) == 0
     for name in ("metric", "s i", "", "SI" * 5000):
@@ -393,9 +387,8 @@ JETS = {
 
 
 @pytest.mark.parametrize("text", JETS, ids=range(len(JETS)))
-def test_a_table_of_samples_that_may_be_misread_is_refused(tmp_path: Path, text: str) -> None:
-    file = tmp_path / "jet.csv"
-    file.write_text(text)
+def test_a_table_of_samples_that_may_be_misread_is_refused(written: Written, text: str) -> None:
+    file = written("jet.csv", text)
     with pytest.raises(ValueError, match="must ") as caught:
         read_distribution(f"samples({file})", "v0", "speed", "si")
     assert JETS[text] in str(caught.value)

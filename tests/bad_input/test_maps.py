@@ -82,27 +82,28 @@ OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
-@pytest.mark.parametrize("what", OPTIONS)
-def test_an_option_that_makes_no_sense_is_refused(what: str) -> None:
-    options, sentence = OPTIONS[what]
+CALLS: dict[str, tuple[dict[str, Any], str]] = {
+    **{name: ({"surface": SURFACE, **options}, sentence) for name, (options, sentence) in OPTIONS.items()},
+    "no surface": ({}, "gives velocities, so the angle of attack needs the normals of a surface"),
+    "angles before a rebound": (
+        {"impacts": AIMED, "surface": SURFACE, "restitution": (0.8, 0.1)},
+        "of which no rebound can be undone: Argument `restitution` must be left out",
+    ),
+    "too far": (
+        {
+            "impacts": GOOD.replace(face=None, position=GOOD.columns["position"] + [0.0, 0.0, 0.1]),
+            "surface": SURFACE,
+            "limit": 1e-3,
+        },
+        "none hits: 20 lie farther from their face than the limit",
+    ),
+    "several impacts": ({"p": P.replace(k=[1.0, 2.0]), "surface": SURFACE}, "must be a scalar here"),
+}
+
+
+@pytest.mark.parametrize("what", CALLS)
+def test_a_call_that_makes_no_sense_is_refused(what: str) -> None:
+    options, sentence = CALLS[what]
     with pytest.raises(ValueError, match=r"\.$") as raised:
-        erosion_map("linearized", P, GOOD, SURFACE, **options)
+        erosion_map("linearized", **{"p": P, "impacts": GOOD, **options})
     assert sentence in str(raised.value)
-
-
-def test_a_table_of_velocities_needs_a_surface_and_one_of_angles_no_rebound() -> None:
-    with pytest.raises(ValueError, match="gives velocities, so the angle of attack needs the normals of a surface"):
-        erosion_map("linearized", P, GOOD)
-    with pytest.raises(ValueError, match="of which no rebound can be undone: Argument `restitution` must be left out"):
-        erosion_map("linearized", P, AIMED, SURFACE, restitution=(0.8, 0.1))
-
-
-def test_rows_that_are_all_too_far_are_told() -> None:
-    table = GOOD.replace(face=None, position=GOOD.columns["position"] + [0.0, 0.0, 0.1])
-    with pytest.raises(ValueError, match="none hits: 20 lie farther from their face than the limit"):
-        erosion_map("linearized", P, table, SURFACE, limit=1e-3)
-
-
-def test_a_case_of_several_impacts_is_refused() -> None:
-    with pytest.raises(ValueError, match="must be a scalar here"):
-        erosion_map("linearized", P.replace(k=[1.0, 2.0]), GOOD, SURFACE)

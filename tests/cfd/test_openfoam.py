@@ -324,9 +324,8 @@ def test_columns_that_are_needed_are_named(tmp_path, header, message):
         read_impacts(tmp_path / "wall.post")
 
 
-def test_what_a_table_lacks_is_said_or_given(tmp_path):
-    table = tmp_path / "wall.post"
-    table.write_text(f"{HEADER}\n")
+def test_what_a_table_lacks_is_said_or_given(written):
+    table = written("wall.post", f"{HEADER}\n")
     assert list(read_impacts(table).blocks(10)) == []
     table.write_text(HEADER.replace(" rho nParticle", "") + "\n0.1 0 (1 2 3) 7 1e-4\n")
     impacts = read_impacts(table, particle_density="2.65 g/cm^3")

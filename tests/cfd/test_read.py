@@ -129,9 +129,8 @@ def test_a_count_that_no_file_of_its_size_has_is_refused(box, name, count):
 @pytest.mark.parametrize("suffix", ["vtp", "stl", "vtu"])
 @pytest.mark.parametrize("content", [b"", b"junk\0\xff" * 100])
 @pytest.mark.filterwarnings("default")  # a program's warnings are no errors
-def test_a_surface_that_cannot_be_read_is_one_sentence(tmp_path, suffix, content, capfd, caplog, recwarn):
-    path = tmp_path / f"wall.{suffix}"
-    path.write_bytes(content)
+def test_a_surface_that_cannot_be_read_is_one_sentence(written, suffix, content, capfd, caplog, recwarn):
+    path = written(f"wall.{suffix}", content)
     with pytest.raises(ImpactsError, match=f"wall.{suffix}: cannot be read; it is damaged, or no .{suffix} file"):
         read_surface(path)
     assert (capfd.readouterr(), caplog.messages, list(recwarn)) == (("", ""), [], [])

@@ -20,6 +20,7 @@ from erosion.cfd.map_result import YEAR, MapSummary
 from erosion.cfd.rows import ImpactsError
 from erosion.cfd.tally import FaceTally, portion_of
 from tests.cfd.tables import hump, quadrilaterals, sand, warnings_of
+from tests.documents import Written
 
 
 def tally_of(volume: np.ndarray, face: np.ndarray, *, times: int = 1, faces: int = 1, **changes: Any) -> FaceTally:
@@ -266,19 +267,19 @@ def test_the_duration_is_that_of_the_times() -> None:
 
 
 @pytest.mark.slow
-def test_the_number_of_a_parcel_is_whole(tmp_path: Path) -> None:
-    path = tmp_path / "rows.csv"
-    path.write_text("diameter [um],density [kg/m^3],speed [m/s],angle [deg],particle_id\n200,2650,30,20,1.5\n")
+def test_the_number_of_a_parcel_is_whole(written: Written) -> None:
+    path = written(
+        "rows.csv", "diameter [um],density [kg/m^3],speed [m/s],angle [deg],particle_id\n200,2650,30,20,1.5\n"
+    )
     with pytest.raises(ImpactsError, match="row 1: `parcel`"):
         list(erosion.read_impacts(path).blocks(10))
 
 
 @pytest.mark.slow
-def test_less_than_a_particle_a_row_is_said(tmp_path: Path) -> None:
+def test_less_than_a_particle_a_row_is_said(written: Written) -> None:
     rows = "".join(f"{100 + i},{3e-8 + i * 1e-10},{20 + i},{5 + i}\n" for i in range(40))
     for unit, is_said in (("kg", False), ("g", True)):
-        path = tmp_path / f"{unit}.csv"
-        path.write_text(f"diameter [um],parcel_mass [{unit}],speed [m/s],angle [deg]\n{rows}")
+        path = written(f"{unit}.csv", f"diameter [um],parcel_mass [{unit}],speed [m/s],angle [deg]\n{rows}")
         data = erosion_map("dnv", P, erosion.read_impacts(path, particle_density=2650.0))
         assert ("less than one particle; are its unit" in " ".join(warnings_of(data))) == is_said
 

@@ -166,9 +166,8 @@ def test_a_wrong_force_is_caught_by_the_reference_solutions(wrong):
 
 
 @pytest.mark.slow
-def test_what_fails_is_said_and_does_not_stop_the_others(tmp_path):
-    file = tmp_path / "nan.py"
-    file.write_text(WRONG.replace("-1.001", "float('nan')"))
+def test_what_fails_is_said_and_does_not_stop_the_others(written):
+    file = written("nan.py", WRONG.replace("-1.001", "float('nan')"))
     verification = erosion.verify([file, "linearized"])
     assert {check.model for check in verification.failures} == {str(file)}
     assert verification.failures[-1].error == math.inf

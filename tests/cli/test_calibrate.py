@@ -176,8 +176,7 @@ DEFORMATION = ["--model", "linearized-deformation"]
 
 
 @pytest.mark.slow
-def test_a_written_case_is_exported_for_cfd_codes(aluminium, tmp_path, monkeypatch, shell):
-    monkeypatch.chdir(tmp_path)
+def test_a_written_case_is_exported_for_cfd_codes(aluminium, shell):
     *_, next_step = shell(
         [*aluminium, *DEFORMATION, "--set", "threshold=8 m/s", "--write-case", "fitted.toml"]
     ).out.splitlines()
@@ -194,8 +193,7 @@ def test_a_written_case_is_exported_for_cfd_codes(aluminium, tmp_path, monkeypat
 
 
 @pytest.mark.slow
-def test_a_written_case_has_the_model_for_every_verb(aluminium, tmp_path, monkeypatch, shell):
-    monkeypatch.chdir(tmp_path)
+def test_a_written_case_has_the_model_for_every_verb(aluminium, tmp_path, shell):
     options = [*aluminium, *DEFORMATION, "--set", "threshold=8 m/s", "--write-case", "fitted.toml"]
     fitted = shell([*options, "--json"]).result["estimates"]["energy_ratio"]
     assert "# The best angle of this fit: erosion optimum fitted.toml" in (tmp_path / "fitted.toml").read_text()
@@ -258,11 +256,10 @@ def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, shel
 
 
 @pytest.mark.slow
-def test_without_a_case_the_units_are_those_of_the_data(tmp_path, shell):
+def test_without_a_case_the_units_are_those_of_the_data(written, shell):
     lines = ["angle [deg], speed [m/s], volume [mm^3]", *(f"{angle}, {speed}, {1e-3 * angle * speed}"
              for angle in (10, 20, 30, 40) for speed in (50, 100))]  # fmt: skip
-    path = tmp_path / "sand.csv"
-    path.write_text("\n".join(lines))
+    path = written("sand.csv", "\n".join(lines))
     out = shell(["calibrate", str(path), "--starts", "1"]).out
     assert "mm³" in out
     assert "in³" not in out

@@ -152,12 +152,11 @@ def test_a_mass_that_fits_no_body_of_the_size_is_a_warning(shell):
 
 
 @pytest.mark.slow
-def test_materials_lists_names_ranges_and_sources(shell, tmp_path):
+def test_materials_lists_names_ranges_and_sources(shell, tmp_path, written):
     out = shell("materials").out
     assert "4190 (4090 to 4310)" in out
     assert "107 HV" in out
-    table = tmp_path / "mine.toml"
-    table.write_text('[targets."my alloy"]\nvickers = 200\n')
+    table = written("mine.toml", '[targets."my alloy"]\nvickers = 200\n')
     result = shell(["materials", str(table), "--json"]).document["result"]
     assert result["particles"] == []
     assert result["targets"][0]["flow_stress"] == {"value": pytest.approx(200 * 9.80665e6), "unit": "Pa"}
@@ -328,9 +327,8 @@ raise KeyboardInterrupt
 @pytest.mark.slow
 @pytest.mark.usefixtures("usual")
 @pytest.mark.parametrize("moment", MOMENTS)
-def test_ctrl_c_is_one_line_and_status_130(tmp_path, moment):
-    plug_in = tmp_path / "interrupted.py"
-    plug_in.write_text(PLUG_IN.format(MOMENTS[moment]))
+def test_ctrl_c_is_one_line_and_status_130(written, moment):
+    plug_in = written("interrupted.py", PLUG_IN.format(MOMENTS[moment]))
     command = [sys.executable, "-m", "erosion", "run", "--model", str(plug_in)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.stderr == "erosion: interrupted\n"

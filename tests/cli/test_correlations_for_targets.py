@@ -25,11 +25,10 @@ TESTS = "angle [deg],volume [mm^3]\n10,2e-5\n30,3e-5\n60,2.5e-5\n"
 
 
 @pytest.fixture(autouse=True)
-def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "impacts.csv").write_text(IMPACTS)
-    (tmp_path / "tests.csv").write_text(TESTS)
-    return tmp_path
+def in_folder(in_folder: Path) -> Path:
+    (in_folder / "impacts.csv").write_text(IMPACTS)
+    (in_folder / "tests.csv").write_text(TESTS)
+    return in_folder
 
 
 @pytest.mark.parametrize("verb", VERBS)

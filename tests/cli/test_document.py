@@ -187,16 +187,15 @@ VERBS = {
 
 
 @pytest.fixture(autouse=True)
-def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "impacts.csv").write_text(IMPACTS)
+def in_folder(in_folder: Path) -> Path:
+    (in_folder / "impacts.csv").write_text(IMPACTS)
     alpha = np.deg2rad([10.0, 20, 30, 45, 60])
     p = erosion.TABLE_1.to("si").replace(alpha=alpha, k=2.5)
     scatter = np.array([1.01, 0.98, 1.02, 0.99, 1.03])
     losses = 2700 * scatter * np.asarray(erosion.impact("linearized", p).volume) / float(p.m)
     rows = [f"{angle:.17g},{loss:.17g}\n" for angle, loss in zip(np.rad2deg(alpha), losses, strict=True)]
-    (tmp_path / "tests.csv").write_text("angle [deg],mass_loss [kg/kg]\n" + "".join(rows))
-    return tmp_path
+    (in_folder / "tests.csv").write_text("angle [deg],mass_loss [kg/kg]\n" + "".join(rows))
+    return in_folder
 
 
 def document_in(words: list[str], shell: Shell) -> dict[str, Any]:

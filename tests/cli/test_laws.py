@@ -304,12 +304,12 @@ TABLE_1_CASE = (Path(__file__).parents[2] / "cases/table-1.toml").read_text()
 
 
 @pytest.fixture
-def case(tmp_path) -> str:
-    path = tmp_path / "case.toml"
-    path.write_text(
+def case(written) -> str:
+    path = written(
+        "case.toml",
         TABLE_1_CASE
         + '\n[sweep]\nalpha = "10deg : 40deg : 4"\nv0 = [2200, "4400 in/s"]\n'
-        + '\n[stream]\nn = 1024\nv0 = "lognormal(4400 in/s, 0.1)"\nalpha = "normal(20deg, 2deg)"\n'
+        + '\n[stream]\nn = 1024\nv0 = "lognormal(4400 in/s, 0.1)"\nalpha = "normal(20deg, 2deg)"\n',
     )
     return str(path)
 
@@ -357,16 +357,16 @@ def test_a_stream_is_told_as_json_and_drawn(case, tmp_path, shell):
     assert float(xr.load_dataset(tmp_path / "jet.nc", engine="h5netcdf").mean_volume) == printed["mean_volume"]
 
 
-def test_impacts_that_fail_among_others_are_a_warning(tmp_path, shell):
-    model = tmp_path / "steep.py"
-    model.write_text(
+def test_impacts_that_fail_among_others_are_a_warning(tmp_path, written, shell):
+    model = written(
+        "steep.py",
         "import erosion, jax.numpy as jnp\n"
         "class F(erosion.models.ForceLaw):\n"
         "  def __call__(self, state, tip, p):\n"
         "    fx = -p.stiffness * tip.depth * jnp.where(p.alpha > 0.5, jnp.nan, 1.0)\n"
         "    return fx, p.k * fx\n"
         "  def typical_ratio(self, p): return p.k\n"
-        "model = erosion.models.Linearized(force=F())\n"
+        "model = erosion.models.Linearized(force=F())\n",
     )
     arguments = ["sweep", "--model", str(model), "--alpha", "0.3, 0.4, 0.7", "-o", str(tmp_path / "out.nc"), "--json"]
     said = shell(arguments)

@@ -34,8 +34,7 @@ def rows_of(path) -> list[dict[str, str]]:
 
 
 @pytest.mark.slow
-def test_all_four_files_are_written(tmp_path, monkeypatch, shell):
-    monkeypatch.chdir(tmp_path)
+def test_all_four_files_are_written(tmp_path, shell):
     words = "export --model rotating --openfoam p.txt --fluent f.csv --table v.csv --restitution r.csv"
     options = ["--angles", "20deg, 30deg", "--speeds", "4300 in/s : 4500 in/s : 3", "--diameters", "2.032 mm"]
     said = shell([*words.split(), *options])
@@ -83,7 +82,7 @@ def test_fluents_constant_is_finished_for_a_named_target(tmp_path, shell):
 
 
 @pytest.mark.slow
-def test_the_density_sets_the_diameter(tmp_path, capsys):
+def test_the_density_sets_the_diameter(tmp_path):
     options = ["--table", str(tmp_path / "v.csv"), "--particle-density", "2650 kg/m^3", "--diameters", "1 mm"]
     assert _status(["export", "--model", "finnie", "--angles", "30deg", "--speeds", "111.76 m/s", *options]) == 0
     (row,) = rows_of(tmp_path / "v.csv")
@@ -97,7 +96,7 @@ def test_the_density_sets_the_diameter(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_own_parameters_are_set(tmp_path, capsys):
+def test_own_parameters_are_set(tmp_path):
     path = tmp_path / "f.csv"
     words = ["export", "--model", "linearized-deformation", "--set", "energy_ratio=3", "--fluent", str(path)]
     assert _status(words) == 0
@@ -139,8 +138,7 @@ def test_nothing_is_written_where_one_form_is_refused(tmp_path, shell):
         ("export --openfoam x --model rotating --speeds 200m/s", "at 200 m/s and 2032 µm it is off by up to"),
     ],
 )
-def test_a_form_that_cannot_be_made_is_refused(words, message, tmp_path, monkeypatch, shell):
-    monkeypatch.chdir(tmp_path)
+def test_a_form_that_cannot_be_made_is_refused(words, message, shell):
     assert message in shell(words, 2).err
 
 
@@ -163,10 +161,9 @@ OPTIONS = ["--surface", str(RUNS / "serial"), "--patch", "hump", "sand.toml"]
 
 
 @pytest.fixture(autouse=True)
-def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "sand.toml").write_text(CASE)
-    return tmp_path
+def in_folder(in_folder: Path) -> Path:
+    (in_folder / "sand.toml").write_text(CASE)
+    return in_folder
 
 
 def wear(model: str = "rotating", **options: Any) -> xr.Dataset:

@@ -32,10 +32,9 @@ FAR = "is far from what tests on ductile metals find at 100 m/s"
 
 
 @pytest.fixture(autouse=True)
-def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "case.toml").write_text(CASE)
-    return tmp_path
+def in_folder(in_folder: Path) -> Path:
+    (in_folder / "case.toml").write_text(CASE)
+    return in_folder
 
 
 def document(words: list[str], shell: Shell) -> dict[str, Any]:
@@ -247,14 +246,13 @@ def test_export_writes_the_share_that_cuts(shell: Shell) -> None:
     assert "cutting fraction" not in Path("whole.txt").read_text()
 
 
-def test_bare_numbers_beside_a_named_particle_are_in_si(shell, tmp_path):
+def test_bare_numbers_beside_a_named_particle_are_in_si(shell, written):
     named = ["run", "--particle", "garnet 0.3 mm", "--json"]
     # Without a case file, and whatever the target; other cases say their own units.
     assert _case([*named, "--v0", "100"], shell)["v0"] == {"value": 100.0, "unit": "m/s"}
     assert _case([*named, "--v0", "4400 in/s"], shell)["v0"] == {"value": pytest.approx(111.76), "unit": "m/s"}
     assert _case([*named, "--units", "inch-pound", "--v0", "4400"], shell)["v0"] == {"value": 4400.0, "unit": "in/s"}
-    case = tmp_path / "case.toml"
-    case.write_text(dump_case(erosion.TABLE_1))
+    case = written("case.toml", dump_case(erosion.TABLE_1))
     assert _case([*named, str(case), "--v0", "4400"], shell)["v0"]["unit"] == "in/s"
     assert _case(["run", "--target", "copper", "--v0", "4400", "--json"], shell)["v0"]["unit"] == "in/s"
 

@@ -68,7 +68,6 @@ def two_folders(tmp_path, monkeypatch):
     _fill(tmp_path, 3.0)
     _fill(tmp_path / "cases", 1.0)
     (tmp_path / "cases" / "case.toml").write_text(CASE)
-    monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
@@ -109,8 +108,7 @@ def test_what_is_not_beside_the_case_is_named_where_it_was_looked_for(two_folder
     assert "cases/plug.py" in shell("run cases/case.toml", 2).err
 
 
-def test_many_models_are_no_path_that_is_too_long(tmp_path, monkeypatch, shell):
-    monkeypatch.chdir(tmp_path)
+def test_many_models_are_no_path_that_is_too_long(shell):
     models = ",".join(f"rotating-{number}" for number in range(30))
     assert (
         "rotating-0"
@@ -160,11 +158,6 @@ def test_a_model_without_a_file_is_refused_a_case(two_folders):
 
 
 SI_CASE = ["--units", "si", "--particle", "quartz 0.1 mm"]
-
-
-@pytest.fixture(autouse=True)
-def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 IMPACTS = "diameter [um],density [kg/m^3],speed [m/s],angle [deg],{},note\n100,2650,50,30,13,a\n100,2650,60,20,13,b\n"
@@ -242,27 +235,18 @@ WEIGHTS = (
 
 @pytest.mark.parametrize("head", WEIGHTS)
 @pytest.mark.parametrize("how", [["--rows", "a.csv"], ["--v0", "samples(a.csv)"]])
-def test_rows_that_do_not_count_alike_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell, head: str, how: list[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_rows_that_do_not_count_alike_are_refused(tmp_path: Path, shell: Shell, head: str, how: list[str]) -> None:
     (tmp_path / "a.csv").write_text(f"v0 [m/s],{head}\n100,1\n300,1000\n")
     assert head in shell(["stream", "--n", "64", "--no-best-angle", *how], 2).err
 
 
 @pytest.mark.parametrize("head", ["x [m]", "time [s]", "particle id", "omega [rad/s]", "phidot0 [rpm]", "k", "note"])
-def test_what_is_no_weight_may_stand_beside_samples(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell, head: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_what_is_no_weight_may_stand_beside_samples(tmp_path: Path, shell: Shell, head: str) -> None:
     (tmp_path / "a.csv").write_text(f"v0 [m/s],{head}\n100,1\n300,1000\n")
     assert shell("stream --n 64 --no-best-angle --v0 'samples(a.csv)'").err == ""
 
 
-def test_columns_of_one_table_that_come_apart_are_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_columns_of_one_table_that_come_apart_are_said(tmp_path: Path, shell: Shell) -> None:
     (tmp_path / "a.csv").write_text("v0 [m/s],alpha [deg]\n100,20\n300,40\n")
     stream = ["stream", "--n", "64", "--no-best-angle"]
     assert (

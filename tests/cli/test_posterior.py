@@ -117,8 +117,7 @@ def test_mistakes_in_the_next_experiment_are_found_before_anything_is_computed(
     assert message in shell(["posterior", str(table), "--free", "psi", *options], 2).err
 
 
-def test_draws_are_kept_where_no_next_experiment_can_be_judged(tmp_path, monkeypatch, shell):
-    monkeypatch.chdir(tmp_path)
+def test_draws_are_kept_where_no_next_experiment_can_be_judged(shell):
     Path("rows.csv").write_text("angle [deg], mass_loss [mg/kg]\n15,190\n30,240\n45,205\n60,150\n")
     # A share of nothing: without deformation nothing is removed at 90°.
     words = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--error", "8 %", "--next-angles", "90deg"]
@@ -163,8 +162,7 @@ def test_means_of_several_models_have_their_units(table, shell, monkeypatch):
     )
 
 
-def test_all_files_of_a_ranking_are_of_one_model(tmp_path, monkeypatch, shell):
-    monkeypatch.chdir(tmp_path)
+def test_all_files_of_a_ranking_are_of_one_model(shell):
     Path("rows.csv").write_text("angle [deg], mass_loss [mg/kg]\n15,190\n30,240\n45,205\n60,150\n75,110\n90,95\n")
     # AICc prefers `rotating-deformation`, whose energy ratio is 10.9; this prior allows that of the other one alone.
     words = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s", "--starts", "8"]

@@ -48,7 +48,6 @@ model = erosion.models.Linearized(force=Harder())
 @pytest.fixture
 def harder(tmp_path, monkeypatch):
     """The name of a file in the folder where the verbs work: `linearized` at a multiple of the flow stress."""
-    monkeypatch.chdir(tmp_path)
     Path("harder.py").write_text(FILE)
     return "harder.py"
 
@@ -153,7 +152,7 @@ def test_a_range_of_angles_is_one_text_or_two(words, shell):
 
 
 @pytest.mark.parametrize("verb", [name for name in app if not name.startswith("-")])
-def test_help_has_no_line_that_80_columns_would_fold(verb, capsys, monkeypatch):
+def test_help_has_no_line_that_80_columns_would_fold(verb, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert _status([verb, "--help"]) == 0
     assert max(map(len, inspect.cleandoc(app[verb].default_command.__doc__ or "").splitlines())) <= 80
@@ -180,10 +179,7 @@ def test_the_help_of_a_big_verb_is_one_screen_with_all_options(verb, shell, monk
 
 
 @pytest.mark.parametrize("verb", ["compare", "calibrate tests.csv"])
-def test_two_names_of_one_model_are_refused(
-    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_two_names_of_one_model_are_refused(verb: str, shell: Shell) -> None:
     Path("tests.csv").write_text("angle [deg],mass_loss [mg/kg]\n10,2\n30,3\n60,2.5\n")
     names = ["--model", "dnv,dnv:carbon-steel", "--target", "carbon steel 1018", "--units", "si"]
     assert "`dnv` and `dnv:carbon-steel` are the same here" in shell([*verb.split(), *names], 2).err

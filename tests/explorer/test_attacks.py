@@ -11,6 +11,7 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import BrowserContext, Page, expect
 
+from tests.documents import Written
 from tests.explorer.conftest import served
 from tests.explorer.driving import enter, settle
 from tests.explorer.test_page import PLUG_IN
@@ -66,10 +67,9 @@ def test_another_page_can_neither_show_nor_read_nor_drive_it(context: BrowserCon
     page.close()
 
 
-def test_the_name_of_a_plug_in_is_text(context: BrowserContext, tmp_path: Path) -> None:
+def test_the_name_of_a_plug_in_is_text(context: BrowserContext, written: Written) -> None:
     name = '<img src=x onerror=window.bad=1>, "it\'s" 100%\n{{ 7*7 }}'
-    path = tmp_path / f"{name}.py"
-    path.write_text(Path(PLUG_IN).read_text())
+    path = written(f"{name}.py", Path(PLUG_IN).read_text())
     with served("--model", str(path)) as (_, address):
         page = context.new_page()
         page.goto(address)

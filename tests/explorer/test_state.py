@@ -30,6 +30,7 @@ from erosion.parameters.materials import known_particles, known_targets, target
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.parameters.per_mass import PerMass
 from erosion.parameters.quantities import Quantity, System
+from tests.documents import Written
 
 KNOWN = ("linearized", "finnie", "rotating")
 CASE = PageCase.of(TABLE_1)
@@ -300,10 +301,10 @@ def test_words_of_a_plug_in_are_no_html() -> None:
     assert "&lt;img src=x" in table
 
 
-def test_own_tables_come_before_the_packages(tmp_path: Path) -> None:
-    table = tmp_path / "mine.toml"
-    table.write_text(
-        '[particles.slag]\ndensity = 2800\n[targets."my alloy"]\nvickers = 180\n[targets.brass]\nvickers = 99\n'
+def test_own_tables_come_before_the_packages(tmp_path: Path, written: Written) -> None:
+    table = written(
+        "mine.toml",
+        '[particles.slag]\ndensity = 2800\n[targets."my alloy"]\nvickers = 180\n[targets.brass]\nvickers = 99\n',
     )
     materials = read_materials([table])
     assert list(materials.particles) == ["slag", *known_particles()]

@@ -235,9 +235,10 @@ def test_a_named_particle_has_the_factor_of_its_shape(family, particle, shape):
         assert own_parameters(of_hand)["sharpness"].value == factor
 
 
-def test_without_a_shape_the_factor_is_the_functions_own(tmp_path):
-    table = tmp_path / "mine.toml"
-    table.write_text("[particles.mine]\ndensity = 3000\n[particles.river]\ndensity = 2650\nshape = 'semi-rounded'")
+def test_without_a_shape_the_factor_is_the_functions_own(written):
+    table = written(
+        "mine.toml", "[particles.mine]\ndensity = 3000\n[particles.river]\ndensity = 2650\nshape = 'semi-rounded'"
+    )
     grains = [
         (family, made_for(correlated(family), None, grit).grains)  # type: ignore[attr-defined]
         for family in ("ecrc", "arabnejad")
@@ -253,9 +254,8 @@ def test_without_a_shape_the_factor_is_the_functions_own(tmp_path):
         erosion.particle(f"{table}: mine 0.2 mm")
 
 
-def test_a_table_of_ones_own_names_the_correlations_of_its_targets(tmp_path):
-    table = tmp_path / "mine.toml"
-    table.write_text('[targets.mine]\nvickers = 200\ndensity = 7800\ncorrelations = ["dnv:duplex"]')
+def test_a_table_of_ones_own_names_the_correlations_of_its_targets(written):
+    table = written("mine.toml", '[targets.mine]\nvickers = 200\ndensity = 7800\ncorrelations = ["dnv:duplex"]')
     made = decided("dnv", f"{table}: mine")
     assert isinstance(made, Correlated)
     assert made.label == "dnv:duplex"

@@ -18,6 +18,7 @@ from erosion.fits import Measurements, rank_models
 from erosion.models import load_model, model_digest, model_source
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.sweep import compute_block, prepare_sweep
+from tests.documents import Written
 
 P = erosion.TABLE_1
 TEXT = """
@@ -49,9 +50,8 @@ def bytecode(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("bytecode")
-def test_a_text_of_the_same_length_and_time_is_the_one_that_runs(tmp_path: Path) -> None:
-    path = tmp_path / "mine.py"
-    path.write_text(text("1.0"))
+def test_a_text_of_the_same_length_and_time_is_the_one_that_runs(tmp_path: Path, written: Written) -> None:
+    path = written("mine.py", text("1.0"))
     os.utime(path, (1e9, 1e9))
     usual = volume(path)
     path.write_text(text("2.0"))
@@ -97,9 +97,8 @@ def test_a_plug_in_behind_a_link_finds_what_lies_beside_the_link(
     assert float(swept.volume[0]) == pytest.approx(expected, rel=1e-9, abs=0)
 
 
-def test_a_model_is_digested_as_it_was_when_it_was_loaded(tmp_path: Path) -> None:
-    path = tmp_path / "mine.py"
-    path.write_text(text("1.0"))
+def test_a_model_is_digested_as_it_was_when_it_was_loaded(written: Written) -> None:
+    path = written("mine.py", text("1.0"))
     first = erosion.load_model(path)
     before = model_digest(first, P)
     path.write_text(text("2.0"))
@@ -111,9 +110,8 @@ def test_a_model_is_digested_as_it_was_when_it_was_loaded(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("suffix", ["nc", "zarr"])
-def test_an_edit_while_a_sweep_runs_changes_nothing_of_it(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / "mine.py"
-    path.write_text(text("1.0"))
+def test_an_edit_while_a_sweep_runs_changes_nothing_of_it(tmp_path: Path, written: Written, suffix: str) -> None:
+    path = written("mine.py", text("1.0"))
     axes: dict[str, Any] = {"alpha": np.linspace(0.1, 1.0, 20_000)}
     whole = erosion.sweep(path, P, **axes)
 
@@ -156,9 +154,8 @@ VERBS: dict[str, Callable[[Path], list[Any]]] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", VERBS)
-def test_an_edit_while_a_verb_runs_changes_nothing_of_it(tmp_path: Path, verb: str) -> None:
-    path = tmp_path / "mine.py"
-    path.write_text(text("1.0"))
+def test_an_edit_while_a_verb_runs_changes_nothing_of_it(written: Written, verb: str) -> None:
+    path = written("mine.py", text("1.0"))
     usual = VERBS[verb](path)
     path.write_text(EDITED)
     for value, as_usual in zip(VERBS[verb](path), usual, strict=True):
@@ -178,9 +175,10 @@ def test_a_stream_of_a_model_that_was_edited_meanwhile_is_known_by_the_older_tex
     erosion.stream(path, P, **laws)
 
 
-def test_a_worker_that_finds_another_text_stops_the_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "mine.py"
-    path.write_text(text("1.0"))
+def test_a_worker_that_finds_another_text_stops_the_sweep(
+    tmp_path: Path, written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = written("mine.py", text("1.0"))
     grid = make_grid(str(path), P, {"alpha": np.linspace(0.1, 1.0, 10)})
     store = tmp_path / "out.zarr"
     job = prepare_sweep(grid, store=store)
@@ -207,10 +205,9 @@ LEAVES = {
 
 @pytest.mark.parametrize("name", LEAVES)
 def test_a_plug_in_that_ends_the_program_is_an_error(
-    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+    written: Written, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "mine.py"
-    path.write_text(LEAVES[name])
+    path = written("mine.py", LEAVES[name])
     with pytest.raises(erosion.ModelError, match=r"mine\.py: .*SystemExit"):
         erosion.load_model(path)
     for command, status in (
@@ -248,9 +245,8 @@ def test_a_plug_in_that_ends_the_program_later_is_an_error_too(
     ],
     ids=range(8),
 )
-def test_what_is_no_program_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
-    path = tmp_path / "mine.py"
-    path.write_bytes(content)
+def test_what_is_no_program_is_refused(written: Written, content: bytes, message: str) -> None:
+    path = written("mine.py", content)
     modules = set(sys.modules)
     with pytest.raises(erosion.ModelError) as caught:
         erosion.load_model(path)
@@ -260,9 +256,8 @@ def test_what_is_no_program_is_refused(tmp_path: Path, content: bytes, message: 
         assert not [name for name in set(sys.modules) - modules if name.startswith("erosion_plugin")]
 
 
-def test_a_text_of_another_encoding_is_read_as_python_does(tmp_path: Path) -> None:
-    path = tmp_path / "mine.py"
-    path.write_bytes("# coding: latin-1\n# Größe\n".encode("latin-1") + text().encode())
+def test_a_text_of_another_encoding_is_read_as_python_does(written: Written) -> None:
+    path = written("mine.py", "# coding: latin-1\n# Größe\n".encode("latin-1") + text().encode())
     assert volume(path) > 0
     path.write_bytes(b"\xef\xbb\xbf" + text().encode())
     assert volume(path) > 0
@@ -282,16 +277,16 @@ def test_the_source_of_a_model_is_found_among_files_of_the_same_parts(tmp_path):
     assert model_source(load_model("dnv:duplex")) == "dnv:duplex"
 
 
-def test_a_model_that_only_seems_equal_has_no_source(tmp_path):
-    file = tmp_path / "typed.py"
-    file.write_text(
+def test_a_model_that_only_seems_equal_has_no_source(written):
+    file = written(
+        "typed.py",
         "import equinox as eqx\nfrom erosion.models import ForceLaw, Linearized\n\n"
         "class Typed(ForceLaw):\n    n: object = eqx.field(static=True)\n\n"
         "    def __call__(self, state, tip, p):\n"
         "        force = -p.stiffness * tip.depth * (1.0 if isinstance(self.n, int) else 0.5)\n"
         "        return force, p.k * force\n\n"
         "    def typical_ratio(self, p):\n        return p.k\n\n"
-        "model = Linearized(force=Typed(2))\n"
+        "model = Linearized(force=Typed(2))\n",
     )
     model = load_model(file)
     kind: Any = type(model)

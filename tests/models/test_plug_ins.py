@@ -161,10 +161,9 @@ VERBS = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_a_broken_plug_in_is_refused_in_one_sentence(tmp_path, name):
+def test_a_broken_plug_in_is_refused_in_one_sentence(tmp_path, written, name):
     text, message = BROKEN[name]
-    file = tmp_path / "mine.py"
-    file.write_text(text)
+    file = written("mine.py", text)
     with pytest.raises(erosion.ModelError) as caught:
         erosion.load_model(file)
     assert str(caught.value).startswith(f"{file}: ")

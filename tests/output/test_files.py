@@ -20,6 +20,7 @@ import erosion
 from erosion.interrupts import between_imports
 from erosion.output.files import require_writable, uninterrupted, write_whole, written_whole
 from erosion.output.tables import Result, abbreviate, format_number, to_json, to_lines, to_plain, with_error
+from tests.documents import Written
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -39,9 +40,8 @@ def test_a_file_comes_when_it_is_whole(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
-def test_what_stops_halfway_leaves_the_older_file(tmp_path: Path, error: type[BaseException]) -> None:
-    path = tmp_path / "out.txt"
-    path.write_bytes(b"old")
+def test_what_stops_halfway_leaves_the_older_file(tmp_path: Path, written: Written, error: type[BaseException]) -> None:
+    path = written("out.txt", b"old")
 
     def stop() -> None:
         with written_whole(path) as draft:
@@ -130,9 +130,8 @@ def test_a_file_keeps_its_permissions(tmp_path: Path) -> None:
     assert path.stat().st_mode & 0o777 == 0o600
 
 
-def test_a_file_that_may_not_be_written_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "kept.txt"
-    path.write_bytes(b"kept")
+def test_a_file_that_may_not_be_written_is_not_replaced(written: Written, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written("kept.txt", b"kept")
     # The tests may run as root, who may write everything.
     monkeypatch.setattr(os, "access", lambda file, mode: not (file == path and mode == os.W_OK))
     for check in (require_writable, lambda path: write_whole(path, b"new")):

@@ -157,9 +157,8 @@ source = "own tests"
 """
 
 
-def test_a_table_of_ones_own_has_the_same_form(tmp_path):
-    table = tmp_path / "mine.toml"
-    table.write_text(OWN)
+def test_a_table_of_ones_own_has_the_same_form(written):
+    table = written("mine.toml", OWN)
     p = P.to("si").with_particle(f"{table}: slag 0.5 mm").with_target(f"{table}:my alloy")
     assert float(p.m) == pytest.approx(2800 * math.pi / 6 * 5e-4**3)
     assert (float(p.sigma), float(p.psi)) == (1.2e9, 1.5)
@@ -198,9 +197,8 @@ def test_a_table_of_ones_own_has_the_same_form(tmp_path):
         (f"[targets.{99_999 * 'a'}]\nvickers = 1", r"one of .{1,50}… \(100,001 characters\) in"),
     ],
 )
-def test_a_table_that_cannot_be_used_names_file_entry_and_field(tmp_path, content, message):
-    table = tmp_path / "mine.toml"
-    table.write_text(content)
+def test_a_table_that_cannot_be_used_names_file_entry_and_field(written, content, message):
+    table = written("mine.toml", content)
     with pytest.raises(ValueError, match=message) as caught:
         erosion.target(f"{table}: x")
     assert str(caught.value).startswith((str(table), "Argument `target` must name one of"))
