@@ -73,26 +73,32 @@ def test_the_nearest_face_by_its_sides_not_by_its_centroid():
 
 
 @pytest.mark.parametrize(
-    ("polygons", "message"),
+    ("make", "message"),
     [
-        ([], "wall: has no faces"),
-        ([TRIANGLE, [(0, 0, 0), (1, 0, 0)]], "wall: face 1 has fewer than three corners"),
-        ([[(0, 0, 0), (1, 0, 0), (float("nan"), 1, 0)]], "wall: has points whose coordinates are not finite"),
+        (surface, "wall: has no faces"),
+        (lambda: surface(TRIANGLE, [(0, 0, 0), (1, 0, 0)]), "wall: face 1 has fewer than three corners"),
         (
-            [[(0, 0, 0), (1, 0, 0), (1e200, 1, 0)]],
+            lambda: surface([(0, 0, 0), (1, 0, 0), (float("nan"), 1, 0)]),
+            "wall: has points whose coordinates are not finite",
+        ),
+        (
+            lambda: surface([(0, 0, 0), (1, 0, 0), (1e200, 1, 0)]),
             "wall: has points whose coordinates are not finite, or above 1e.20 m",
         ),
-        ([TRIANGLE, [(0, 0, 0), (1, 1, 1), (2, 2, 2)]], "wall: 1 faces have no area, the first is face 1"),
+        (
+            lambda: surface(TRIANGLE, [(0, 0, 0), (1, 1, 1), (2, 2, 2)]),
+            "wall: 1 faces have no area, the first is face 1",
+        ),
+        (
+            lambda: Surface("wall", np.eye(3), np.array([0, 1, 3]), np.array([3]), ("wall",), np.zeros(1, int)),
+            "corners that are none of its 3 points",
+        ),
     ],
+    ids=["no face", "an edge", "NaN", "far", "no area", "no such point"],
 )
-def test_a_surface_that_cannot_be_one_is_refused(polygons, message):
+def test_a_surface_that_cannot_be_one_is_refused(make, message):
     with pytest.raises(ImpactsError, match=message):
-        surface(*polygons)
-
-
-def test_corners_that_are_no_points_are_refused():
-    with pytest.raises(ImpactsError, match="corners that are none of its 3 points"):
-        Surface("wall", np.eye(3), np.array([0, 1, 3]), np.array([3]), ("wall",), np.zeros(1, int))
+        make()
 
 
 def flipped(surface: Surface, share: float) -> tuple[Surface, np.ndarray]:

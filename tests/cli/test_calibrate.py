@@ -271,21 +271,6 @@ def test_without_a_case_the_units_are_those_of_the_data(written, shell):
     assert document["case"]["parameters"]["r"] == {"value": 1e-3, "unit": "m"}
 
 
-@pytest.fixture(scope="module")
-def two_speeds(tmp_path_factory):
-    """Two speeds of the model with wear by deformation, and the case of the particles."""
-    folder = tmp_path_factory.mktemp("two speeds")
-    p, model = TABLE_1.to("si"), load_model("linearized-deformation").replace(threshold=17.0)
-    (folder / "case.toml").write_text(dump_case(p))
-    lines = ["angle [deg], speed [m/s], volume [mm^3], uncertainty [mm^3]"]
-    for speed in (60.0, 110.0):
-        volume = 1e9 * impact(model, p.replace(alpha=np.deg2rad(np.arange(10.0, 95.0, 10.0)), v0=speed)).volume
-        noisy = volume + 0.02 * volume.max() * np.random.default_rng(2).standard_normal(9)
-        lines += [f"{10 * i + 10}, {speed}, {one}, {0.02 * volume.max()}" for i, one in enumerate(noisy)]
-    (folder / "sand.csv").write_text("\n".join(lines))
-    return folder
-
-
 @pytest.mark.slow
 def test_a_pipe_needs_units_beside_it(tmp_path, shell):
     pipe = tmp_path / "pipe"
@@ -296,17 +281,16 @@ def test_a_pipe_needs_units_beside_it(tmp_path, shell):
 
 
 @pytest.mark.slow
-def test_own_parameters_have_their_units_everywhere(two_speeds, monkeypatch, shell):
-    monkeypatch.chdir(two_speeds)
+def test_own_parameters_have_their_units_everywhere(aluminium, monkeypatch, shell):
     monkeypatch.setenv("COLUMNS", "300")
-    words = "calibrate sand.csv case.toml --model linearized,linearized-deformation --free k,threshold --starts 1"
-    bounds = ["--bounds", "threshold=0:12 m/s", "--profile", "threshold", "--write-case", "fitted.toml"]
-    out, err = shell([*words.split(), *bounds])
-    assert "threshold = 12 m/s (at its upper bound)" in out
+    share = ["--cutting-fraction", "0.3", "--model", "linearized,linearized-deformation"]
+    words = [*aluminium[:-1], "k,threshold", *share]
+    out, err = shell([*words, "--bounds", "threshold=0:4 m/s", "--profile", "threshold", "--write-case", "fitted.toml"])
+    assert "threshold = 4 m/s (at its upper bound)" in out
     assert "threshold [m/s]" in out
-    assert "threshold is at its upper bound, 12 m/s: its error means nothing." in err
-    assert ", threshold = 12 m/s, at v0 = " in Path("fitted.toml").read_text().splitlines()[1]
-    profile = shell([*words.split(), "--profile", "threshold", "--json"]).document["result"]["profile"]
+    assert "threshold is at its upper bound, 4 m/s: its error means nothing." in err
+    assert ", threshold = 4 m/s, at v0 = " in Path("fitted.toml").read_text().splitlines()[1]
+    profile = shell([*words, "--profile", "threshold", "--json"]).document["result"]["profile"]
     assert profile["values"]["unit"] == "m/s"
 
 

@@ -68,10 +68,11 @@ def test_a_verb_prints_a_table_and_draws(shell, monkeypatch, tmp_path, command, 
             "import erosion, erosion.cli; erosion.alpha_max",
             {"diffrax", "matplotlib", "pandas", "pint", "rich", "scipy", "xarray"},
         ),
+        ("import erosion.explorer.server", {"matplotlib", "scipy", "xarray"}),
         # Ctrl-C is not heeded before.
         ("import erosion.__main__", {"ast", "importlib.resources", "typing", "concurrent.futures"}),
     ],
-    ids=["help", "optimum", "start"],
+    ids=["help", "optimum", "explorer", "start"],
 )
 def test_what_is_not_used_is_not_imported(program, unused):
     code = f"import sys; sys.path[:0] = {sys.path!r}\n{program}\nprint({unused!r} & {{*sys.modules}})"

@@ -47,25 +47,27 @@ def test_another_token_is_not_admitted(token: str) -> None:
 
 def test_the_link_names_an_ipv6_address_in_brackets() -> None:
     assert Address("fe80::1", 8080, "t").link == "http://[fe80::1]:8080/?token=t"
-    assert Address("fe80::1", 8080, "t").is_own("[fe80::1]:8080", "fe80::1")
-
-
-@pytest.mark.parametrize("host", ["127.0.0.1", "localhost:8080", "192.168.1.20:8080", "192.168.1.20"])
-def test_names_of_this_machine_are_its_own(host: str) -> None:
-    assert SHARED.is_own(host, "192.168.1.20")
 
 
 @pytest.mark.parametrize(
-    "host", ["evil.example:8080", "192.168.1.20.evil.example", "0.0.0.0:8080", "none", "[::]", "a@b"]
+    ("address", "host", "at", "is_own"),
+    [
+        *(
+            (SHARED, host, "192.168.1.20", True)
+            for host in ("127.0.0.1", "localhost:8080", "192.168.1.20:8080", "192.168.1.20")
+        ),
+        *(
+            (SHARED, host, at, False)
+            for host in ("evil.example:8080", "192.168.1.20.evil.example", "0.0.0.0:8080", "none", "[::]", "a@b")
+            for at in ("192.168.1.20", None)
+        ),
+        (OWN, "127.0.0.1:1", "127.0.0.1", True),
+        (OWN, "192.168.1.20:8080", "192.168.1.20", False),
+        (Address("fe80::1", 8080, "t"), "[fe80::1]:8080", "fe80::1", True),
+    ],
 )
-def test_other_names_are_not(host: str) -> None:
-    assert not SHARED.is_own(host, "192.168.1.20")
-    assert not SHARED.is_own(host, None)
-
-
-def test_an_explorer_of_this_machine_alone_has_two_names() -> None:
-    assert OWN.is_own("127.0.0.1:1", "127.0.0.1")
-    assert not OWN.is_own("192.168.1.20:8080", "192.168.1.20")
+def test_names_of_this_machine_are_its_own(address: Address, host: str, at: str | None, is_own: bool) -> None:
+    assert address.is_own(host, at) == is_own
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from erosion.explorer.server import offer
 from erosion.explorer.tab import Service
 from erosion.explorer.views import VIEWS
 from erosion.parameters.parameters import TABLE_1
+from tests.documents import Shell
 from tests.explorer.conftest import free_of_pytest
 
 PLUG_IN = str(Path(__file__).parent.parent.parent / "models" / "saturating_lip.py")
@@ -97,22 +98,21 @@ def test_a_plug_in_of_a_case_file_and_an_option_is_offered_once(
     assert service.start.case.own_values("saturating_lip") == {"reach": 0.7}
 
 
-def test_a_taken_port_is_one_line(capsys: pytest.CaptureFixture) -> None:
+def test_a_taken_port_is_one_line(shell: Shell) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = str(taken.getsockname()[1])
-        assert _status(["explore", "--no-browser", "--port", port]) == 2
-    assert f"Option `--port` must be a free port that you may use, but {port} is not (Addr" in capsys.readouterr().err
+        said = shell(["explore", "--no-browser", "--port", port], 2).err
+    assert f"Option `--port` must be a free port that you may use, but {port} is not (Addr" in said
 
 
-def test_a_port_of_the_administrator_is_one_line(capsys: pytest.CaptureFixture, monkeypatch) -> None:
+def test_a_port_of_the_administrator_is_one_line(shell: Shell, monkeypatch) -> None:
     def bind(*_: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 
     monkeypatch.setattr(socket.socket, "bind", bind)
-    assert _status(["explore", "--no-browser", "--port", "80"]) == 2
-    said = capsys.readouterr().err
+    said = shell("explore --no-browser --port 80", 2).err
     assert said == "erosion: Option `--port` must be a free port that you may use, but 80 is not (Permission denied).\n"
 
 
@@ -139,36 +139,18 @@ def test_a_port_that_is_taken_meanwhile_is_one_line() -> None:
     assert (ended.stdout, ended.returncode) == ("", 2)
 
 
+HOST = "Option `--host` must be an address of this machine, but is"
+
+
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("options", "message"),
     [
-        (["--model", "rotating"], "Option `--model` must be the path of a Python file here, but is 'rotating'."),
-        (["--model", "missing.py"], "missing.py: there is no such file or folder of models."),
-        (["--port", "70000"], "Option `--port` must be in 0 … 65535, but is 70000."),
-        (["--alpha", "95deg"], "Option `--alpha` must be in (0, 90°]"),
+        ("--model rotating", "Option `--model` must be the path of a Python file here, but is 'rotating'."),
+        ("--model missing.py", "missing.py: there is no such file or folder of models."),
+        ("--port 70000", "Option `--port` must be in 0 … 65535, but is 70000."),
+        ("--alpha 95deg", "Option `--alpha` must be in (0, 90°]"),
+        *((f"--host '{host}'", f"{HOST} '{host}'.") for host in ("203.0.113.7", "no such host", "300.1.1.1")),
     ],
 )
-def test_bad_options_are_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture) -> None:
-    assert _status(["explore", "--no-browser", *arguments]) == 2
-    assert capsys.readouterr().err.startswith(f"erosion: {message}")
-
-
-def test_without_nicegui_it_says_what_to_install(capsys: pytest.CaptureFixture, monkeypatch) -> None:
-    monkeypatch.setitem(sys.modules, "nicegui", None)
-    for name in [name for name in sys.modules if name.startswith("erosion.explorer")]:
-        monkeypatch.delitem(sys.modules, name)
-    assert _status(["explore", "--no-browser"]) == 2
-    assert "pip install 'erosion[explorer]'" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_the_first_page_does_not_wait_for_the_figures_libraries() -> None:
-    code = "import sys, erosion.explorer.server; sys.exit(bool({'matplotlib', 'scipy', 'xarray'} & set(sys.modules)))"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-@pytest.mark.parametrize("host", ["203.0.113.7", "no such host", "300.1.1.1"])
-def test_a_host_of_another_machine_is_one_line(host: str, capsys: pytest.CaptureFixture) -> None:
-    assert _status(["explore", "--no-browser", "--host", host]) == 2
-    said = capsys.readouterr().err
-    assert said == f"erosion: Option `--host` must be an address of this machine, but is '{host}'.\n"
+def test_bad_options_are_one_line(options: str, message: str, shell: Shell) -> None:
+    assert shell(f"explore --no-browser {options}", 2).err.startswith(f"erosion: {message}")

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.cli import _status
 from erosion.distributions import Normal
 from erosion.explorer.computed import Answers
 from erosion.explorer.state import PageCase
@@ -18,7 +17,7 @@ from erosion.fits import Measurements, rank_models
 from erosion.models import load_model, model_digest, model_source
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.sweep import compute_block, prepare_sweep
-from tests.documents import Written
+from tests.documents import Shell, Written
 
 P = erosion.TABLE_1
 TEXT = """
@@ -204,31 +203,20 @@ LEAVES = {
 
 
 @pytest.mark.parametrize("name", LEAVES)
-def test_a_plug_in_that_ends_the_program_is_an_error(
-    written: Written, name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_plug_in_that_ends_the_program_is_an_error(written: Written, name: str, shell: Shell) -> None:
     path = written("mine.py", LEAVES[name])
     with pytest.raises(erosion.ModelError, match=r"mine\.py: .*SystemExit"):
         erosion.load_model(path)
-    for command, status in (
-        (["verify", str(path)], 2),
-        (["models", "--path", str(path)], 1),
-        (["run", "--model", str(path)], 2),
-    ):
-        assert _status(command) == status
-        said = capsys.readouterr().err
+    for words, status in ((["verify"], 2), (["models", "--path"], 1), (["run", "--model"], 2)):
+        said = shell([*words, str(path)], status).err
         assert said.startswith("erosion: ")
         assert said.count("\n") == 1
 
 
-def test_a_plug_in_that_ends_the_program_later_is_an_error_too(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "mine.py"
+def test_a_plug_in_that_ends_the_program_later_is_an_error_too(written: Written, shell: Shell) -> None:
     is_checked = "any(frame.function == '_trace' for frame in inspect.stack())"
-    path.write_text("import inspect, sys\n" + text(first=f"{is_checked} or sys.exit(0)"))
-    assert _status(["run", "--model", str(path)]) == 1
-    assert "A model's own code ended the program" in capsys.readouterr().err
+    path = written("mine.py", "import inspect, sys\n" + text(first=f"{is_checked} or sys.exit(0)"))
+    assert "A model's own code ended the program" in shell(["run", "--model", str(path)], 1).err
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.cli import main
 from erosion.models import CentreOfMassTip, FullTorque, Linearized, NoTorque, Rotating
 from tests.reference import closed_form
 
@@ -175,18 +174,13 @@ def test_a_broken_plug_in_is_refused_in_one_sentence(tmp_path, written, name):
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_says_it_in_one_line(tmp_path, monkeypatch, capsys, verb):
+def test_every_verb_says_it_in_one_line(tmp_path, written, monkeypatch, shell, verb):
     monkeypatch.chdir(tmp_path)
-    Path("mine.py").write_text(BROKEN["shape"][0])
-    Path("sand.csv").write_text("angle [deg], volume [in^3]\n10,1e-4\n20,1.8e-4\n30,2e-4\n")
-    with pytest.raises(SystemExit) as ended:
-        main([verb, *(word.format("mine.py") for word in VERBS[verb])])
-    assert ended.value.code == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith("erosion: ")
-    assert said.err.endswith("mine.py: `derivative` must give real scalars, but vx has shape (2,).\n")
-    assert said.err.count("\n") == 1
+    written("mine.py", BROKEN["shape"][0])
+    written("sand.csv", "angle [deg], volume [in^3]\n10,1e-4\n20,1.8e-4\n30,2e-4\n")
+    said = shell([verb, *(word.format("mine.py") for word in VERBS[verb])], 2).err
+    assert said.endswith("mine.py: `derivative` must give real scalars, but vx has shape (2,).\n")
+    assert said.count("\n") == 1
     assert not Path("out.nc").exists()
 
 
@@ -214,13 +208,10 @@ ENDLESS = FORCE.format(force="0 * tip.depth, 0 * tip.depth")
         ("run", ENDLESS, "no event ended the cut within"),
     ],
 )
-def test_what_cannot_be_computed_is_one_line_too(tmp_path, monkeypatch, capsys, verb, text, message):
+def test_what_cannot_be_computed_is_one_line_too(tmp_path, written, monkeypatch, shell, verb, text, message):
     monkeypatch.chdir(tmp_path)
-    Path("mine.py").write_text(text)
-    with pytest.raises(SystemExit) as ended:
-        main([verb, *(word.format("mine.py") for word in VERBS[verb])])
-    assert ended.value.code == 1
-    said = capsys.readouterr().err
+    written("mine.py", text)
+    said = shell([verb, *(word.format("mine.py") for word in VERBS[verb])], 1).err
     assert message in said
     assert said.count("\n") == 1
 

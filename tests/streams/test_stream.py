@@ -9,7 +9,6 @@ Points, estimates, and tallies: the numbers of all particles at once, whatever p
 
 import dataclasses
 import json
-from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -21,7 +20,6 @@ from scipy import stats
 
 import erosion
 from erosion import TABLE_1, StoreError, impact
-from erosion.cli import _status
 from erosion.distributions import LogNormal, Normal, RosinRammler, Samples, Uniform
 from erosion.joint_laws import CorrelatedLaws, Rows
 from erosion.models import ForceLaw, Linearized
@@ -30,7 +28,6 @@ from erosion.output.tables import to_json
 from erosion.streams.stream import REPLICATES, StreamInterrupted, stream
 from erosion.streams.tally import BIN_RATIO, Estimate, Particles, Points, Tally, sobol_indices
 from tests.cli.test_set_option import FILE
-from tests.documents import result_of
 from tests.models.test_own_parameters import MODEL, P as PULLED, with_friction
 from tests.reference import AT_20_DEGREES, closed_form
 
@@ -168,17 +165,25 @@ def test_spread_of_the_angle_moves_the_best_angle():
     assert best > np.arctan(2.0) / 2 + 0.01
 
 
+PAIR: dict[str, Any] = dict(Rows({"k": [1.0, 2.0], "psi": [0.05, 0.06]}))
+SIGMA: dict[str, Any] = {"sigma": LogNormal(2e5, 0.3)}
+
+
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
         ({}, ValueError, "must include a distribution"),
         ({"v0": 3.0}, TypeError, "`v0` must be a distribution"),
         ({"v0": Normal(3.0, 1.5)}, ValueError, r"`v0` must be positive, but 2\.3% of"),
+        (Rows({"v0": [-1.0, 4000.0]}), ValueError, "`v0` must be positive"),
         ({"speed": Normal(1, 1)}, TypeError, "`speed` is not a parameter"),
         ({**LAWS, "n": 0}, ValueError, "`n` must be a whole number of at least 1"),
         ({**LAWS, "points": "halton"}, ValueError, "`points` must be"),
         ({**LAWS, "store": "out.csv"}, ValueError, r"must end in \.nc"),
         ({**LAWS, "store": "/nowhere/out.nc"}, OSError, "No such file or directory: '/nowhere/out.nc'"),
+        ({**SIGMA, "uncertain": SIGMA}, ValueError, "`uncertain` must name parameters without another law, but sigma"),
+        ({"k": PAIR["k"], "uncertain": {"psi": PAIR["psi"]}}, ValueError, "all of a joint law, but psi is missing"),
+        ({"k": PAIR["k"]}, ValueError, "must include all of a joint law, but psi is missing"),
     ],
 )
 def test_bad_arguments_are_one_sentence(arguments, error, message):
@@ -251,47 +256,57 @@ def test_the_law_is_part_of_the_identity(tmp_path):
         stream(MODEL, PULLED, n=2**9, store=path, **FEW, **{**FRICTION_LAWS, "friction": Uniform(0.1, 0.4)})
 
 
+class Undeclared(ForceLaw):
+    factor: jax.Array = eqx.field(default=1.0)  # pyright: ignore[reportAssignmentType]
+
+    def __call__(self, state, tip, p):
+        horizontal = -p.stiffness * tip.depth * self.factor
+        return horizontal, p.k * horizontal
+
+    def typical_ratio(self, p):
+        return p.k
+
+
+BARE = Linearized(force=Undeclared())
+DATA = {"angle [deg]": [20.0, 30.0, 40.0], "volume [in^3]": [1e-4] * 3}
+ONE_NUMBER = r"`factor` must be one number, .*`erosion\.own_parameter`, or as `float`"
+CANNOT_VARY = [
+    (lambda: stream(BARE, PULLED, factor=Normal(1.0, 0.1)), TypeError, ONE_NUMBER),
+    (lambda: erosion.sweep(BARE, PULLED, factor=[1.0, 2.0]), TypeError, ONE_NUMBER),
+    (lambda: erosion.calibrate(BARE, PULLED, DATA, free=["factor"]), TypeError, ONE_NUMBER),
+    (
+        lambda: stream(MODEL, PULLED, fricton=Normal(0.2, 0.1)),
+        TypeError,
+        r"`fricton` is not a parameter; they are .*, friction\.",
+    ),
+    (
+        lambda: stream(MODEL.replace(friction=np.array([0.1, 0.2])), PULLED, v0=Normal(4400, 40)),
+        ValueError,
+        r"`friction` must be a scalar here, but has shape \(2,\)",
+    ),
+]
+
+
 @pytest.mark.slow
-def test_what_cannot_vary_is_one_sentence():
-    class Undeclared(ForceLaw):
-        factor: jax.Array = eqx.field(default=1.0)  # pyright: ignore[reportAssignmentType]
-
-        def __call__(self, state, tip, p):
-            horizontal = -p.stiffness * tip.depth * self.factor
-            return horizontal, p.k * horizontal
-
-        def typical_ratio(self, p):
-            return p.k
-
-    model, data = Linearized(force=Undeclared()), {"angle [deg]": [20.0, 30.0, 40.0], "volume [in^3]": [1e-4] * 3}
-    for call in (
-        lambda: stream(model, PULLED, factor=Normal(1.0, 0.1)),
-        lambda: erosion.sweep(model, PULLED, factor=[1.0, 2.0]),
-        lambda: erosion.calibrate(model, PULLED, data, free=["factor"]),
-    ):
-        with pytest.raises(TypeError, match=r"`factor` must be one number, .*`erosion\.own_parameter`, or as `float`"):
-            call()
-    with pytest.raises(TypeError, match=r"`fricton` is not a parameter; they are .*, friction\."):
-        stream(MODEL, PULLED, fricton=Normal(0.2, 0.1))
-    with pytest.raises(ValueError, match=r"`friction` must be a scalar here, but has shape \(2,\)"):
-        stream(MODEL.replace(friction=np.array([0.1, 0.2])), PULLED, v0=Normal(4400, 40))
+@pytest.mark.parametrize(("call", "error", "message"), CANNOT_VARY)
+def test_what_cannot_vary_is_one_sentence(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
 
 
 @pytest.mark.slow
-def test_the_command_line_takes_laws_of_own_parameters(tmp_path, monkeypatch, capsys):
+def test_the_command_line_takes_laws_of_own_parameters(tmp_path, written, monkeypatch, shell):
     monkeypatch.chdir(tmp_path)
-    Path("harder.py").write_text(FILE)
+    written("harder.py", FILE)
     case = '\n[stream]\nmodel = "harder.py"\nn = 1024\nset.factor = "uniform(2, 3)"\n'
-    Path("case.toml").write_text(erosion.dump_case(PULLED) + case)
+    written("case.toml", erosion.dump_case(PULLED) + case)
     words = ["stream", "case.toml", "--no-best-angle", "-o", "jet.nc", "--json", "--set"]
-    assert _status([*words, "speed=normal(5 m/s, 1 m/s)"]) == 0
-    document = capsys.readouterr().out
-    result = result_of(document)
+    printed = shell([*words, "speed=normal(5 m/s, 1 m/s)"])
     # V ∝ 1/σ, and the mean of 1/f is ln 1.5; 1024 points are worth four digits.
     single = AT_20_DEGREES["linearized"].volume
-    assert result["mean_volume"] == pytest.approx(single * np.log(1.5), rel=1e-4)
-    assert json.loads(document)["model"] == {"name": "harder.py", "own_parameters": {}}
-    assert set(result["sensitivities"]) == {"factor", "speed"}
+    assert printed.result["mean_volume"] == pytest.approx(single * np.log(1.5), rel=1e-4)
+    assert printed.document["model"] == {"name": "harder.py", "own_parameters": {}}
+    assert set(printed.result["sensitivities"]) == {"factor", "speed"}
     stored = xr.load_dataset("jet.nc")
     assert stored.attrs["distributions"] == "factor: Uniform(2, 3); speed: Normal(196.85, 39.3701)"
     for own, message in (
@@ -299,13 +314,10 @@ def test_the_command_line_takes_laws_of_own_parameters(tmp_path, monkeypatch, ca
         ("factor=2", "must have a law of a parameter, an option such as"),
         ("speed=normal(5 kg, 2 m/s)", "Option `--set speed` must be a speed"),
     ):
-        assert _status([*words, own]) == 2
-        assert message in capsys.readouterr().err
-    Path("factors.csv").write_text("factor\n2\n4\n")
-    assert _status(["stream", "--model", "harder.py", "--n", "64", "--no-best-angle", "--set",
-                    "factor=samples(factors.csv)", "--json"]) == 0  # fmt: skip
-    result = result_of(capsys.readouterr().out)
-    assert result["mean_volume"] == pytest.approx(single * 3 / 8, rel=1e-8)
+        assert message in shell([*words, own], 2).err
+    written("factors.csv", "factor\n2\n4\n")
+    rows = shell("stream --model harder.py --n 64 --no-best-angle --set 'factor=samples(factors.csv)' --json").result
+    assert rows["mean_volume"] == pytest.approx(single * 3 / 8, rel=1e-8)
 
 
 def test_rows_give_the_mean_over_the_table():
@@ -387,17 +399,6 @@ def test_sobols_indices_are_those_of_ishigami():
     np.testing.assert_allclose(total, [0.5576, 0.4424], atol=0.01)
 
 
-def test_inputs_of_one_number_have_scipys_indices():
-    def function(points: np.ndarray) -> np.ndarray:
-        return points[:, 0] + points[:, 1] ** 2 + points[:, 0] * points[:, 2]
-
-    first, total = sobol_indices(function, [1, 1, 1], 2**11, np.random.default_rng(1))
-    uniform = [stats.uniform(2.0**-31, 1 - 2.0**-30)] * 3
-    known = stats.sobol_indices(func=lambda x: function(x.T), n=2**11, dists=uniform, rng=np.random.default_rng(1))
-    np.testing.assert_allclose(first, known.first_order, atol=0.02)
-    np.testing.assert_allclose(total, known.total_order, atol=0.02)
-
-
 def test_normal_laws_of_a_joint_law_are_cut_off_at_zero():
     laws = {"v0": Normal(4400.0, 1850.0), "r": Normal(0.04, 0.001)}
     result = stream("linearized", TABLE_1, n=2**12, **FEW, **CorrelatedLaws(laws, {("v0", "r"): 0.5}))
@@ -448,24 +449,6 @@ def test_uncertain_parameters_are_inputs_of_the_sensitivities(tmp_path):
     assert jet.sensitivities["sigma, psi"][0].value == pytest.approx(1 / 6, abs=0.02)
     with pytest.raises(ValueError, match="another distributions"):
         stream("linearized", TABLE_1, **options, **metal, store=tmp_path / "jet.nc")
-
-
-PAIR: dict[str, Any] = dict(Rows({"k": [1.0, 2.0], "psi": [0.05, 0.06]}))
-SIGMA: dict[str, Any] = {"sigma": LogNormal(2e5, 0.3)}
-
-
-@pytest.mark.parametrize(
-    ("laws", "message"),
-    [
-        ({**SIGMA, "uncertain": SIGMA}, "`uncertain` must name parameters without another law, but sigma has one"),
-        ({"k": PAIR["k"], "uncertain": {"psi": PAIR["psi"]}}, "must include all of a joint law, but psi is missing"),
-        ({"k": PAIR["k"]}, "must include all of a joint law, but psi is missing"),
-        (Rows({"v0": [-1.0, 4000.0]}), "`v0` must be positive"),
-    ],
-)
-def test_laws_that_make_no_sense_are_refused(laws, message):
-    with pytest.raises(ValueError, match=message):
-        stream("linearized", TABLE_1, n=64, **laws)
 
 
 SCALE = 1e-4

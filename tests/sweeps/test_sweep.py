@@ -18,19 +18,15 @@ import pytest
 import xarray as xr
 
 import erosion
-from erosion.cli import _status
-from erosion.impacts import impact as engine
 from erosion.impacts.dataset_files import StoreError
 from erosion.models import Finnie, Linearized
 from erosion.plotting.curves import pieces, plot_against_correlations, plot_optimum
 from erosion.plotting.labels import broken
 from erosion.plotting.style import render
 from erosion.plotting.sweeps import plot_comparison, plot_regimes, plot_sweep
-from erosion.sweeps import grid
 from erosion.sweeps.grid import Outputs, block_shape, make_grid, regions
 from erosion.sweeps.sweep import MemoryStore, SweepInterrupted, sweep
 from tests.cli.test_set_option import FILE
-from tests.documents import result_of
 from tests.models.test_own_parameters import FRICTION, MODEL, P as PULLED
 from tests.reference import closed_form
 
@@ -404,28 +400,6 @@ def test_an_own_parameter_is_an_axis(whole_own_axis):
             np.testing.assert_array_equal(dataset[name], getattr(hits, name))
 
 
-def test_all_values_are_one_call_of_each_verb(monkeypatch):
-    calls: list[str] = []
-
-    def counted(name: str, verb: Any) -> Any:
-        def call(*arguments: Any, **options: Any) -> Any:
-            calls.append(name)
-            return verb(*arguments, **options)
-
-        return call
-
-    monkeypatch.setattr(engine, "integrate", counted("integrate", engine.integrate))
-    frictions = np.linspace(0.0, 0.5, 200)
-    dataset = sweep(MODEL, PULLED, friction=frictions, alpha=ANGLES)
-    assert calls == ["integrate"]
-    last = erosion.impact(MODEL.replace(friction=0.5), PULLED.replace(alpha=ANGLES))
-    np.testing.assert_array_equal(dataset.volume[-1], last.volume)
-    monkeypatch.setattr(grid, "alpha_max", counted("alpha_max", grid.alpha_max))
-    calls.clear()
-    sweep(MODEL, PULLED, friction=frictions[::50], optimum=True)
-    assert calls.count("alpha_max") == 1
-
-
 def test_it_has_its_label_and_unit(whole_own_axis):
     assert whole_own_axis.friction.attrs == {"long_name": "coefficient of friction", "symbol": "μ", "units": "1"}
     by_friction = "derivative of the volume by μ (coefficient of friction)"
@@ -485,15 +459,13 @@ def test_a_figure_names_it(whole_own_axis):
     assert [text.get_text() for text in family.legends[0].get_texts()] == ["μ = 0", "μ = 0.1", "μ = 0.3"]
 
 
-def test_the_command_line_takes_axes_of_own_parameters(tmp_path, monkeypatch, capsys):
+def test_the_command_line_takes_axes_of_own_parameters(tmp_path, written, monkeypatch, shell):
     monkeypatch.chdir(tmp_path)
-    Path("harder.py").write_text(FILE)
-    Path("case.toml").write_text(erosion.dump_case(PULLED) + '\n[sweep]\nmodel = "harder.py"\nset.factor = [1, 2]\n')
+    written("harder.py", FILE)
+    written("case.toml", erosion.dump_case(PULLED) + '\n[sweep]\nmodel = "harder.py"\nset.factor = [1, 2]\n')
     words = ["sweep", "case.toml", "-o", "out.nc", "--alpha", "20deg,30deg", "--plot", "out.svg"]
-    assert _status([*words, "--set", "speed=5 m/s", "--json"]) == 0
-    assert result_of(capsys.readouterr().out)["dimensions"] == {"alpha": 2, "factor": 2}
+    assert shell([*words, "--set", "speed=5 m/s", "--json"]).result["dimensions"] == {"alpha": 2, "factor": 2}
     dataset = xr.load_dataset("out.nc")
     assert dataset.volume[0].values == pytest.approx(1.816436352531e-4 / np.array([1, 2]), rel=1e-8)  # golden; V ∝ 1/σ
     assert dataset.attrs["own_parameters"] == "speed = 196.8503937007874"
-    assert _status([*words, "--set", "speed=6 m/s"]) == 2
-    assert "holds another result (of another models)" in capsys.readouterr().err
+    assert "holds another result (of another models)" in shell([*words, "--set", "speed=6 m/s"], 2).err
