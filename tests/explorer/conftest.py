@@ -11,6 +11,8 @@ from typing import IO
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
+from tests.explorer.driving import opened
+
 # Busy machines compile for minutes.
 expect.set_options(timeout=60_000)
 
@@ -76,9 +78,6 @@ def context(browser: Browser) -> Iterator[BrowserContext]:
 @pytest.fixture
 def page(context: BrowserContext, address: str) -> Iterator[Page]:
     """A page with everything compiled that a slider moves."""
-    page = context.new_page()
-    page.goto(address)
-    page.wait_for_selector("main[data-ready=true]")
-    yield page
-    for opened in context.pages:
-        opened.close()
+    yield opened(context, address)
+    for page in context.pages:
+        page.close()

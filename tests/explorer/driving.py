@@ -4,7 +4,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
-from playwright.sync_api import Page
+from playwright.sync_api import BrowserContext, Page
 
 import erosion
 from erosion.parameters.parameters import QUANTITIES
@@ -34,6 +34,14 @@ SETTLED = """([name, shown]) => {
 # What is wider than its place, and is cut or scrolled there.
 CUT = """() => [...document.querySelectorAll('.field-name, .plot-name, .plot-legend, .scroll, h2, .numbers td')]
   .filter((one) => one.scrollWidth > one.clientWidth + 1 && one.checkVisibility()).map((one) => one.innerText)"""
+
+
+def opened(context: BrowserContext, address: str) -> Page:
+    """A new page with everything compiled that a slider moves."""
+    page = context.new_page()
+    page.goto(address)
+    page.wait_for_selector("main[data-ready=true]")
+    return page
 
 
 def slide(page: Page, name: str, *positions: float) -> None:

@@ -13,7 +13,7 @@ from playwright.sync_api import BrowserContext, Page, expect
 
 from tests.documents import Written
 from tests.explorer.conftest import served
-from tests.explorer.driving import enter, settle
+from tests.explorer.driving import enter, opened, settle
 from tests.explorer.test_page import PLUG_IN
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -71,22 +71,18 @@ def test_the_name_of_a_plug_in_is_text(context: BrowserContext, written: Written
     name = '<img src=x onerror=window.bad=1>, "it\'s" 100%\n{{ 7*7 }}'
     path = written(f"{name}.py", Path(PLUG_IN).read_text())
     with served("--model", str(path)) as (_, address):
-        page = context.new_page()
-        page.goto(address)
-        page.wait_for_selector("main[data-ready=true]")
+        page = opened(context, address)
         enter(page, f"{name}.friction".replace("'", "\\'").replace("\n", "\\a "), "0.3")
         page.wait_for_url("**friction=0.3**")
-        other = context.new_page()
-        other.goto(page.url)
-        other.wait_for_selector("main[data-ready=true]")
-        for opened in (page, other):
-            expect(opened.get_by_role("group", name="Parameters of <img src=x onerror=window.bad=1>")).to_be_visible()
-            expect(opened.locator(".numbers tr.shown th")).to_contain_text("<img src=x")
-            expect(opened.locator(".q-notification")).to_have_count(0)
-            assert opened.evaluate("[window.bad, document.querySelectorAll('img').length]") == [None, 0]
+        other = opened(context, page.url)
+        for each in (page, other):
+            expect(each.get_by_role("group", name="Parameters of <img src=x onerror=window.bad=1>")).to_be_visible()
+            expect(each.locator(".numbers tr.shown th")).to_contain_text("<img src=x")
+            expect(each.locator(".q-notification")).to_have_count(0)
+            assert each.evaluate("[window.bad, document.querySelectorAll('img').length]") == [None, 0]
         assert other.url == page.url
-        for opened in (page, other):
-            opened.close()
+        for each in (page, other):
+            each.close()
 
 
 def test_a_link_with_a_script_is_text(page: Page, address: str) -> None:
@@ -107,10 +103,8 @@ def test_a_link_that_could_never_be_read_stops_nobody(page: Page, address: str) 
 
 
 def test_a_page_outlives_its_server(context: BrowserContext) -> None:
-    page = context.new_page()
     with served() as (process, address):
-        page.goto(f"{address}?k=3")
-        page.wait_for_selector("main[data-ready=true]")
+        page = opened(context, f"{address}?k=3")
         enter(page, "alpha", "30")
         settle(page, "alpha", "30")
         process.send_signal(signal.SIGKILL)

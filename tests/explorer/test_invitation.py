@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, expect
 
 from erosion.explorer.state import Address
 from tests.explorer.conftest import served
-from tests.explorer.driving import enter, settle, slide
+from tests.explorer.driving import enter, opened, settle, slide
 from tests.explorer.test_access import SOCKET, UPGRADE, Answer, ask
 
 pytestmark = pytest.mark.slow
@@ -88,11 +88,8 @@ def test_the_address_of_the_network_is_answered(place: str, cookie: str) -> None
 def test_a_phone_and_a_tablet_at_once(browser: Browser, link: str) -> None:
     phone = browser.new_context(viewport={"width": 390, "height": 844}, is_mobile=True, has_touch=True)
     tablet = browser.new_context(viewport={"width": 1024, "height": 768}, has_touch=True)
-    pages = [context.new_page() for context in (phone, tablet)]
-    for page in pages:
-        page.goto(link)
-        page.wait_for_selector("main[data-ready=true]")
-        assert "token" not in page.url
+    pages = [opened(context, link) for context in (phone, tablet)]
+    assert not any("token" in page.url for page in pages)
     slide(pages[0], "k", -0.25)
     enter(pages[1], "k", "3,5")
     settle(pages[0], "k", "0.9457")

@@ -20,7 +20,7 @@ import erosion
 from erosion.cli import _status
 from erosion.models import available_models
 from tests.explorer.conftest import free_of_pytest, served
-from tests.explorer.driving import CUT, curve, enter, parameters, settle, slide, star
+from tests.explorer.driving import CUT, curve, enter, opened, parameters, settle, slide, star
 
 # Texts, names and titles of all elements, also of closed menus and of what a canvas draws.
 WORDS = """() => {
@@ -48,10 +48,10 @@ def words(page: Page) -> set[str]:
             page.keyboard.press("Escape")
             page.wait_for_selector(".q-menu", state="detached")
             menu.evaluate("(one, texts) => { one.dataset.texts = texts.join('\\n'); }", list(yet))
-    opened = page.evaluate(
+    menus = page.evaluate(
         "() => [...document.querySelectorAll('[data-texts]')].flatMap((m) => m.dataset.texts.split('\\n'))"
     )
-    texts = {*page.evaluate(WORDS), *opened}
+    texts = {*page.evaluate(WORDS), *menus}
     return {text for text in texts if re.search(r"[^\W\d_]{3}", text)}
 
 
@@ -62,9 +62,7 @@ def pages(browser: Browser) -> Iterator[dict[str, Page]]:
         context.set_default_timeout(180_000)
         pages = {}
         for lang, address in (("de", german), ("en", english)):
-            pages[lang] = context.new_page()
-            pages[lang].goto(address)
-            pages[lang].wait_for_selector("main[data-ready=true]")
+            pages[lang] = opened(context, address)
             pages[lang].wait_for_function(
                 "() => [...document.querySelectorAll('.plot')].every((plot) => plot.chart.getOption()?.series?.length)"
             )
@@ -252,9 +250,7 @@ def test_a_link_carries_the_whole_state(page: Page) -> None:
     expect(page.get_by_text("Link copied.")).to_be_visible()
     link = page.evaluate("navigator.clipboard.readText()")
     assert link == page.url
-    other = page.context.new_page()
-    other.goto(link)
-    other.wait_for_selector("main[data-ready=true]")
+    other = opened(page.context, link)
     settle(other, "v0", "123.457")
     assert other.url == page.url
     expect(other.locator("body.body--dark")).to_have_count(1)
@@ -300,9 +296,7 @@ def test_bad_input_marks_the_field_and_changes_nothing(page: Page) -> None:
 @pytest.mark.browser
 @pytest.mark.slow
 def test_two_tabs_have_separate_states(page: Page, address: str) -> None:
-    other = page.context.new_page()
-    other.goto(address)
-    other.wait_for_selector("main[data-ready=true]")
+    other = opened(page.context, address)
     slide(page, "k", 0.5)
     slide(other, "alpha", 60)
     settle(page, "k", "8.944")
@@ -397,9 +391,7 @@ def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pyte
 @pytest.mark.slow
 def test_a_plug_in_has_sliders_of_its_own_parameters(context: BrowserContext) -> None:
     with served("--model", PLUG_IN) as (_, address):
-        page = context.new_page()
-        page.goto(address)
-        page.wait_for_selector("main[data-ready=true]")
+        page = opened(context, address)
         group = page.get_by_role("group", name="Parameters of coulomb_tip")
         expect(group.get_by_label("coefficient of friction").first).to_have_value("0.2")
         slide(page, "coulomb_tip.friction", 0.3)

@@ -26,20 +26,14 @@ P = erosion.TABLE_1
 ROTATING = [name for name in AT_20_DEGREES if name.startswith("rotating")]
 
 
-def quietly(model, p, **options):
-    """Simulate without the warning that a body turned far."""
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", TurnWarning)
-        return erosion.simulate(model, p, **options)
+pytestmark = pytest.mark.filterwarnings("ignore::erosion.impacts.simulate.TurnWarning")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", AT_20_DEGREES)
 def test_golden_numbers(name):
     figure = AT_20_DEGREES[name]
-    cut = quietly(name, P)
+    cut = erosion.simulate(name, P)
     assert cut.ended_by == figure.ended_by
     assert cut.volume == pytest.approx(figure.volume, rel=1e-11, abs=0)  # printed to 13 digits
     assert cut.t_c == pytest.approx(figure.t_c, rel=1e-10, abs=0)
@@ -47,7 +41,7 @@ def test_golden_numbers(name):
 
 @pytest.mark.slow
 def test_as_printed_is_the_literal_reading():
-    cut = quietly("as-printed", P)
+    cut = erosion.simulate("as-printed", P)
     volume, t_c, ended_by = AS_PRINTED
     assert cut.ended_by == ended_by
     assert cut.volume == pytest.approx(volume, rel=2e-11, abs=0)
@@ -59,7 +53,7 @@ def test_as_printed_is_the_literal_reading():
 @pytest.mark.parametrize("degrees", [0.01, 5, 20, 45, 63, 89, 89.99])
 def test_motion_equals_the_closed_form(name, degrees):
     p = P.replace(alpha=np.deg2rad(degrees), phidot0=3000.0)
-    cut, exact = quietly(name, p), closed_form(name)
+    cut, exact = erosion.simulate(name, p), closed_form(name)
     assert cut.ended_by == str(exact.ended_by(p))
     assert cut.t_c == pytest.approx(float(exact.t_c(p)), rel=1e-12, abs=0)
     assert cut.volume == pytest.approx(float(exact.volume(p)), rel=1e-11, abs=0)
@@ -78,7 +72,7 @@ def test_no_wrong_end_near_the_cusp(name, ratio):
     aside = np.geomspace(1e-4, 2, 10)  # the tie itself has no right answer
     for offset in (*aside, *-aside):
         p = P.replace(alpha=cusp + np.deg2rad(offset))
-        cut = quietly(name, p, points=2)
+        cut = erosion.simulate(name, p, points=2)
         assert cut.ended_by == str(exact.ended_by(p)), offset
         assert cut.t_c == pytest.approx(float(exact.t_c(p)), rel=1e-9, abs=0), offset  # its slope diverges at the cusp
 
@@ -87,7 +81,7 @@ def test_no_wrong_end_near_the_cusp(name, ratio):
 @pytest.mark.parametrize(("name", "s"), [*zip(ROTATING, itertools.cycle([-0.5, 0.0, 0.5]))])
 def test_against_scipy(name, s):
     p = P.replace(phidot0=s * P.v0 / P.r, alpha=0.6)
-    cut = quietly(name, p)
+    cut = erosion.simulate(name, p)
     volume, t_c = scipy_cut(name, p)
     # DOP853 at 1e-12 with its steps bounded; its event is on an interpolant of 7th order.
     assert cut.volume == pytest.approx(volume, rel=1e-9, abs=0)
@@ -128,7 +122,7 @@ def scipy_cut(name, p):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["linearized", "tan-alpha", "velocity-aligned"])
 def test_volume_is_the_kinetic_energy_along_x(name):
-    cut = quietly(name, P)
+    cut = erosion.simulate(name, P)
     energy = P.m / (2 * P.sigma * P.psi) * (cut.vx[0] ** 2 - cut.vx[-1] ** 2)
     assert cut.volume == pytest.approx(float(energy), rel=1e-12, abs=0)
 
@@ -138,7 +132,7 @@ def test_volume_is_the_kinetic_energy_along_x(name):
 @pytest.mark.parametrize("s", [-0.4, 0.0, 0.6])
 def test_energy_balance_with_full_torque(alpha, s):
     p = P.replace(alpha=alpha, phidot0=s * P.v0 / P.r)
-    cut = quietly("rotating-full-torque", p)
+    cut = erosion.simulate("rotating-full-torque", p)
 
     def kinetic(i):
         return (p.m * (cut.vx[i] ** 2 + cut.vy[i] ** 2) + p.moment_of_inertia * cut.omega[i] ** 2) / 2
@@ -150,7 +144,7 @@ def test_energy_balance_with_full_torque(alpha, s):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["rotating", "finnie"])
 def test_linear_invariants(name):
-    cut = quietly(name, P.replace(phidot0=2000.0))
+    cut = erosion.simulate(name, P.replace(phidot0=2000.0))
     gained = cut.vx - cut.vx[0]
     assert cut.vy - cut.vy[0] == pytest.approx(2.0 * gained, abs=1e-12 * P.v0)  # dense output is linear in the stages
     assert cut.omega - cut.omega[0] == pytest.approx(gained / (0.5 * 0.04), abs=1e-11 * P.v0 / P.r)
@@ -159,13 +153,13 @@ def test_linear_invariants(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["velocity-aligned", "rotating-velocity-aligned"])
 def test_the_direction_of_motion_never_changes(name):
-    cut = quietly(name, P.replace(alpha=0.7))
+    cut = erosion.simulate(name, P.replace(alpha=0.7))
     assert np.abs(cut.vy - np.tan(0.7) * cut.vx).max() <= 1e-12 * P.v0
 
 
 @pytest.mark.slow
 def test_tip_and_histories_are_consistent():
-    cut = quietly("rotating", P, points=401)
+    cut = erosion.simulate("rotating", P, points=401)
     assert cut.depth[0] == 0
     assert cut.depth[-1] == pytest.approx(0, abs=1e-13 * P.r)
     assert np.all(cut.depth[1:-1] > 0)
@@ -179,7 +173,7 @@ def test_tip_and_histories_are_consistent():
 
 @pytest.mark.slow
 def test_at_gives_the_motion_at_any_time():
-    cut, exact = quietly("linearized", P), closed_form("linearized")
+    cut, exact = erosion.simulate("linearized", P), closed_form("linearized")
     times = np.linspace(0, cut.t_c, 37)
     assert np.abs(cut.at(times).x - exact.state(times, P).x).max() < 1e-12 * cut.x[-1]
     assert cut.at(cut.t_c / 3).y == pytest.approx(float(exact.state(cut.t_c / 3, P).y), rel=1e-11, abs=0)
@@ -190,7 +184,7 @@ def test_at_gives_the_motion_at_any_time():
 @pytest.mark.slow
 def test_nothing_is_cut_at_normal_impact_or_backward_spin():
     for p in (P.replace(alpha=np.pi / 2), P.replace(alpha=1.2, phidot0=-0.9 * P.v0 / P.r)):
-        cut = quietly("rotating", p)
+        cut = erosion.simulate("rotating", p)
         assert (cut.ended_by, cut.volume, cut.t_c) == ("no-cut", 0.0, 0.0)
         assert cut.at(0.0).vx == cut.vx[0]
 
@@ -199,7 +193,7 @@ def test_nothing_is_cut_at_normal_impact_or_backward_spin():
 def test_a_tip_that_leaves_and_returns_within_a_step_is_seen():
     # Spin lifts the tip at once: depth ≈ v₀ sin α t - r φ̇₀² t²/2, back at t = 2 v₀ sin α/(r φ̇₀²).
     p = P.replace(alpha=1e-5, phidot0=0.9 * P.v0 / P.r)
-    cut = quietly("rotating", p)
+    cut = erosion.simulate("rotating", p)
     assert cut.ended_by == "rebound"
     assert cut.t_c == pytest.approx(2 * float(p.v0) * 1e-5 / (0.04 * float(p.phidot0) ** 2), rel=1e-3, abs=0)
 
@@ -215,7 +209,7 @@ def test_grazing_impacts_with_spin_keep_their_digits(alpha):
     for _ in range(20):  # Newton's method
         depth = v0 * np.sin(alpha) * free - 2 * r * np.sin(spin * free / 2) ** 2
         free -= depth / (v0 * np.sin(alpha) - r * spin * np.sin(spin * free))
-    cut = quietly("rotating", p)
+    cut = erosion.simulate("rotating", p)
     # The force moves the end by (ωt)² or less.
     assert cut.t_c == pytest.approx(free, rel=max(1e-9, (float(p.rate) * free) ** 2))
     assert erosion.impact("rotating", p, rtol=1e-12).t_c == pytest.approx(cut.t_c, rel=1e-9, abs=0)
@@ -226,7 +220,7 @@ def test_a_graze_that_step_ends_cannot_see():
     # tests/golden-numbers.md: the jump of the rotating model at k = 1.
     p = P.replace(k=1.0)
     jump = np.deg2rad(39.99624582)
-    below, above = (quietly("rotating", p.replace(alpha=jump + d)) for d in (-1e-6, 1e-6))
+    below, above = (erosion.simulate("rotating", p.replace(alpha=jump + d)) for d in (-1e-6, 1e-6))
     assert below.volume == pytest.approx(1.77719894e-4, rel=1e-4, abs=0)
     assert above.volume == pytest.approx(7.14990785e-5, rel=1e-2, abs=0)  # its slope diverges at the jump
 
@@ -236,14 +230,14 @@ def test_a_far_turn_is_said_in_plain_words():
     with pytest.warns(TurnWarning, match=r"turned by 155\.\d° during the cut, more than 90°"):
         cut = erosion.simulate("rotating-tan-alpha", P)
     assert len(cut.warnings) == 1
-    assert not quietly("rotating", P).warnings
+    assert not erosion.simulate("rotating", P).warnings
 
 
 @pytest.mark.slow
 def test_other_solvers_and_controllers_agree():
     import diffrax
 
-    cut = quietly("rotating", P, solver=diffrax.Tsit5(),
+    cut = erosion.simulate("rotating", P, solver=diffrax.Tsit5(),
                   stepsize_controller=diffrax.PIDController(rtol=1e-10, atol=1e-14))  # fmt: skip
     assert cut.volume == pytest.approx(AT_20_DEGREES["rotating"].volume, rel=1e-7, abs=0)
 
@@ -261,7 +255,7 @@ def test_an_endless_cut_is_an_error():
             return {"never": 1.0 + 0 * state.x}
 
     with pytest.raises(SimulationError, match="no event ended the cut"):
-        quietly(Endless(), P)
+        erosion.simulate(Endless(), P)
 
 
 @pytest.mark.slow
@@ -282,7 +276,7 @@ def test_bad_parameters_are_refused(changes, message):
 @pytest.mark.slow
 def test_numbers_far_from_one_are_as_good():
     # Softer by 10³⁰⁰: times grow by its root, volumes as it.
-    cut, soft = quietly("linearized", P), quietly("linearized", P.replace(sigma=P.sigma * 1e-300))
+    cut, soft = erosion.simulate("linearized", P), erosion.simulate("linearized", P.replace(sigma=P.sigma * 1e-300))
     assert soft.t_c == pytest.approx(cut.t_c * 1e150, rel=1e-9, abs=0)
     assert soft.volume == pytest.approx(cut.volume * 1e300, rel=1e-9, abs=0)
     assert soft.max_depth == pytest.approx(cut.max_depth * 1e150, rel=1e-9, abs=0)
@@ -290,8 +284,8 @@ def test_numbers_far_from_one_are_as_good():
 
 @pytest.mark.slow
 def test_results_print_with_units():
-    assert repr(quietly("linearized", P)).startswith("Trajectory('linearized', 201 points, t_c=6.6353")
-    cut = quietly("linearized", P)
+    assert repr(erosion.simulate("linearized", P)).startswith("Trajectory('linearized', 201 points, t_c=6.6353")
+    cut = erosion.simulate("linearized", P)
     assert "in³" in str(cut)
     assert "1.81644" in str(cut)
     assert "<td>10⁻⁴ in³</td>" in cut._repr_html_()
@@ -307,7 +301,7 @@ def test_shapes_broadcast_by_name_alone():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("copied", [lambda cut: pickle.loads(pickle.dumps(cut)), copy.deepcopy])
-@pytest.mark.parametrize("follow", [quietly, path])
+@pytest.mark.parametrize("follow", [erosion.simulate, path])
 def test_a_copied_or_pickled_trajectory_tells_the_same(follow, copied):
     for alpha in (0.3, np.pi / 2):  # at 90° the printed moment lets nothing be cut
         cut = follow(erosion.load_model("linearized"), P.replace(alpha=alpha))
@@ -338,7 +332,7 @@ def test_a_function_without_a_hash_is_part_of_a_model():
     for factor in (2.0, 3.0):
         twice.coeffs[0] = factor  # as the code is now
         expected = erosion.impact("rotating", P.replace(k=factor * P.k), rtol=1e-12).volume
-        assert quietly(model, P).volume == pytest.approx(expected, rel=1e-11, abs=0)
+        assert erosion.simulate(model, P).volume == pytest.approx(expected, rel=1e-11, abs=0)
         assert erosion.impact(model, P).volume == pytest.approx(expected, rel=1e-9, abs=0)
 
 

@@ -1,7 +1,6 @@
 """Every model, built in or a file in models/, keeps what `CuttingModel` promises."""
 
 import functools
-import warnings
 from pathlib import Path
 
 import jax
@@ -77,12 +76,11 @@ def test_scales_are_positive(model):
 
 # Built-in models are followed by both in tests/impacts/test_simulate.py and test_impact.py.
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
+@pytest.mark.filterwarnings("ignore::erosion.impacts.simulate.TurnWarning")
 def test_both_engines_follow_a_plug_in_to_the_same_end(file):
     model = load_model(str(file))
     for p in CASES:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", erosion.TurnWarning)
-            cut = erosion.simulate(model, p, points=2)
+        cut = erosion.simulate(model, p, points=2)
         hit = erosion.impact(model, p)
         assert hit.ended_by == cut.ended_by
         assert hit.volume == pytest.approx(cut.volume, rel=2e-9, abs=0)
