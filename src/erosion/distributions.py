@@ -26,17 +26,8 @@ import numpy as np
 from scipy import special
 
 from erosion.arguments import real_numbers
-from erosion.output.tables import briefly
-from erosion.parameters.headings import (
-    Head,
-    HeaderError,
-    head_parts,
-    matching,
-    of_parameters,
-    read_heads,
-    weight_among,
-)
-from erosion.parameters.quantities import (
+from erosion.output import briefly
+from erosion.parameters import (
     QUANTITIES,
     Dimension,
     System,
@@ -45,6 +36,15 @@ from erosion.parameters.quantities import (
     read_quantity,
     table_scale,
     unit_name,
+)
+from erosion.parameters.headings import (
+    Head,
+    HeaderError,
+    head_parts,
+    matching,
+    of_parameters,
+    read_heads,
+    weight_among,
 )
 
 Number = float | int

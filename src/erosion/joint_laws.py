@@ -22,10 +22,9 @@ from scipy import special
 
 from erosion.arguments import real_numbers, refuse
 from erosion.distributions import MOST_OUTSIDE, Distribution, OfScipy, Samples, as_laws, read_columns
-from erosion.output.files import digest
-from erosion.output.tables import briefly
+from erosion.output import briefly, digest
+from erosion.parameters import Dimension, Quantity, System
 from erosion.parameters.headings import unused_note
-from erosion.parameters.quantities import Dimension, Quantity, System
 
 Ranges = Mapping[str, tuple[float, float]]
 """By parameter, the greatest number below its range, and the greatest number of it."""

@@ -31,10 +31,8 @@ from erosion.impacts.simulate import SimulationError
 from erosion.joint_laws import law_digest
 from erosion.models import Correlated, CuttingModel, load_model, model_name, require_loadable, require_one_impact
 from erosion.ode.step_control import require_float64
-from erosion.output.files import digest
-from erosion.output.tables import briefly
-from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import conversion_factor, readable_scale
+from erosion.output import briefly, digest
+from erosion.parameters import Parameters, conversion_factor, readable_scale
 
 _PORTION = 2**18  # impacts, draws times rows: enough for all cores at once, a few tens of megabytes
 _LITTLE = 0.13  # of the sand injected: radii for diameters leave 1/8 of what hits, g under kg 1/1000

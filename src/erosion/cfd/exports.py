@@ -16,11 +16,18 @@ from erosion.models import load_model, model_name, own_in_words, require_one_imp
 from erosion.models.base import ZERO, CuttingModel, State
 from erosion.models.correlated import Correlated, per_mass_of
 from erosion.ode.step_control import require_float64
-from erosion.output import tables
-from erosion.output.tables import briefly
-from erosion.parameters.parameters import Parameters, are_angles, validate
-from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import QUANTITIES, RESULTS, ascii_unit, conversion_factor, unit_name
+from erosion.output import briefly, tables
+from erosion.parameters import (
+    QUANTITIES,
+    RESULTS,
+    Parameters,
+    PerMass,
+    are_angles,
+    ascii_unit,
+    conversion_factor,
+    unit_name,
+    validate,
+)
 from erosion.version import __version__
 
 _RTOL = 1e-12

@@ -14,8 +14,7 @@ import numpy as np
 
 from erosion.cfd.rows import ImpactBlock, ImpactsError, require_rows
 from erosion.cfd.surface import METRES, Surface, metres_of
-from erosion.parameters.parameters import are_angles
-from erosion.parameters.quantities import STEEPEST
+from erosion.parameters import STEEPEST, are_angles
 
 LEFT_OUT: Mapping[str, str] = types.MappingProxyType(
     {

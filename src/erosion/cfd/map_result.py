@@ -17,16 +17,17 @@ from erosion.cfd.surface import Surface
 from erosion.cfd.tally import FaceTally
 from erosion.extras import library
 from erosion.impacts.dataset_files import code_version, write_netcdf
-from erosion.output.files import write_whole
-from erosion.output.tables import Record, Result, Row, to_csv, to_plain, with_error
-from erosion.parameters.per_mass import BEYOND_TESTS, FarFromTests, far_from_tests
-from erosion.parameters.quantities import (
+from erosion.output import Record, Result, Row, to_csv, to_plain, with_error, write_whole
+from erosion.parameters import (
+    BEYOND_TESTS,
     QUANTITIES,
     RESULTS,
+    FarFromTests,
     Quantity,
     Scale,
     System,
     conversion_factor,
+    far_from_tests,
     quantity_row,
     readable_scale,
     table_scale,

@@ -17,16 +17,17 @@ from erosion.distributions import Distribution, as_law, as_laws
 from erosion.joint_laws import SHARE, LawSet, require_units
 from erosion.models import CuttingModel, own_in_words, quantities, ranges, with_values
 from erosion.models.correlated import Correlated, CorrelatedBySize
-from erosion.output.tables import briefly
-from erosion.parameters.parameters import Parameters, validate
-from erosion.parameters.quantities import (
+from erosion.output import briefly
+from erosion.parameters import (
     QUANTITIES,
     Dimension,
+    Parameters,
     UnitError,
     about,
     conversion_factor,
     has_unit,
     read_quantity,
+    validate,
 )
 
 SCALINGS = ("similar", "none")

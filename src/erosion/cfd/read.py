@@ -13,9 +13,8 @@ from erosion.cfd.openfoam import case_of, open_case
 from erosion.cfd.rows import Impacts, ImpactsError, kind_of, vtk_blocks
 from erosion.cfd.surface import Surface, metres_of
 from erosion.extras import library
-from erosion.output.files import require_finite
-from erosion.output.tables import briefly
-from erosion.parameters.quantities import about, read_quantity
+from erosion.output import briefly, require_finite
+from erosion.parameters import about, read_quantity
 
 _STL_HEAD = 256  # bytes, of which VTK tells text from numbers as well
 _POLYGONS = (5, 7, 9)  # VTK's numbers of triangle, polygon and quadrilateral

@@ -24,8 +24,8 @@ import numpy as np
 
 from erosion.arguments import Indices, Numbers, Vectors
 from erosion.extras import library
-from erosion.output.tables import briefly
-from erosion.parameters.quantities import Scale
+from erosion.output import briefly
+from erosion.parameters import Scale
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,8 +13,8 @@ import numpy as np
 from scipy import optimize, sparse
 
 from erosion.arguments import Number
-from erosion.output.tables import briefly, sentences
-from erosion.parameters.quantities import Dimension, System, UnitError, has_unit, read_quantity, table_scale
+from erosion.output import briefly, sentences
+from erosion.parameters import Dimension, System, UnitError, has_unit, read_quantity, table_scale
 
 _PLUS = re.compile(r"(?<![eE])\+")  # not that of 1e+3
 _SHARE = re.compile(r"(.*\S)\s*(?:%|percent)\s*(of each speed)?\s*")

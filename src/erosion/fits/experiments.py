@@ -13,9 +13,8 @@ from erosion.fits.errors import ErrorModel
 from erosion.fits.posterior import Posterior
 from erosion.fits.ranking import PosteriorRanking
 from erosion.models import model_name
-from erosion.output.tables import Result, briefly, to_plain
-from erosion.parameters.parameters import array_of
-from erosion.parameters.quantities import QUANTITIES, Scale, table_scale
+from erosion.output import Result, briefly, to_plain
+from erosion.parameters import QUANTITIES, Scale, array_of, table_scale
 
 _DRAWS = 1000
 _PER_NOISE = 16  # points of the grid in one standard deviation: the entropy errs by 1e-4 bit

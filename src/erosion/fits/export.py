@@ -19,12 +19,8 @@ from erosion.impacts.impact import impact
 from erosion.models import CuttingModel, model_name, model_source, own_parameters
 from erosion.models.correlated import per_mass_of
 from erosion.models.equations import plug_in_digest
-from erosion.output.files import seen_from
-from erosion.output.tables import sentences
-from erosion.parameters.case_files import dump_case, dump_per_mass, toml_string, with_paths
-from erosion.parameters.parameters import Parameters
-from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import conversion_factor
+from erosion.output import seen_from, sentences
+from erosion.parameters import Parameters, PerMass, conversion_factor, dump_case, dump_per_mass, toml_string, with_paths
 from erosion.version import __version__
 
 _POINTS = 20

@@ -21,11 +21,19 @@ from erosion.fits.measurements import Measurements, read_measurements
 from erosion.impacts.impact import Impact, impact
 from erosion.models import SPEED_EXPONENT, CuttingModel, SpeedExponent, equations_of, load_model
 from erosion.models.base import own_parameters, quantities, replaced, require_one_impact, sizes, values, with_values
-from erosion.output.tables import briefly
-from erosion.parameters.case_files import Tested
-from erosion.parameters.parameters import QUANTITIES, Parameters, validate
-from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import Quantity, about, example, has_unit, read_quantity
+from erosion.output import briefly
+from erosion.parameters import (
+    QUANTITIES,
+    Parameters,
+    PerMass,
+    Quantity,
+    Tested,
+    about,
+    example,
+    has_unit,
+    read_quantity,
+    validate,
+)
 
 FREE = "k", "psi"
 """The free parameters where none are named."""

@@ -19,8 +19,8 @@ from erosion.fits.least_squares import default_width, make_problem
 from erosion.fits.tempering import Misfit
 from erosion.joint_laws import SHARE, LawSet, Member
 from erosion.models import SPEED_EXPONENT, SpeedExponent, quantities, ranges
-from erosion.output.tables import briefly
-from erosion.parameters.quantities import Quantity
+from erosion.output import briefly
+from erosion.parameters import Quantity
 
 NOISE, RELATIVE = "noise", "relative_noise"
 """The absolute and the relative part of a row's standard deviation, parameters where the data give no uncertainties."""

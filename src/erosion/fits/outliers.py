@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special, stats
 
 from erosion.fits.least_squares import Loss, settle
-from erosion.output.tables import format_number
+from erosion.output import format_number
 
 if TYPE_CHECKING:
     from erosion.fits.calibration import Calibration

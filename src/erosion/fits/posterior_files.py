@@ -20,11 +20,18 @@ from erosion.joint_laws import Rows
 from erosion.models import CuttingModel, load_model, model_name
 from erosion.models.base import converted, own_in_words, own_parameters
 from erosion.models.equations import plug_in_digest
-from erosion.output.files import beside, require_finite
-from erosion.output.tables import sentences
-from erosion.parameters.case_files import Tested, parse_case, with_paths
-from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import QUANTITIES, Quantity, System, check_system, conversion_factor
+from erosion.output import beside, require_finite, sentences
+from erosion.parameters import (
+    QUANTITIES,
+    Parameters,
+    Quantity,
+    System,
+    Tested,
+    check_system,
+    conversion_factor,
+    parse_case,
+    with_paths,
+)
 
 _PREDICTION, _EVIDENCE = "prediction", "log_evidence"
 EQUATIONS = "equations"

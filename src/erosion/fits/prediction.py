@@ -25,7 +25,7 @@ from erosion.fits.outliers import chances
 from erosion.fits.tempering import rhats, sample
 from erosion.joint_laws import LawSet
 from erosion.models import own_parameters
-from erosion.output.tables import Result, Row, format_number, sentences, to_plain
+from erosion.output import Result, Row, format_number, sentences, to_plain
 
 CHAINS = 4
 _DRAWS = 150  # of each population of a way to read the data: ends of intervals are known to a tenth of their width

@@ -23,9 +23,8 @@ from erosion.fits.outliers import FEW_PER_CENT
 from erosion.fits.posterior import Posterior, posterior
 from erosion.fits.tempering import SamplingError
 from erosion.models import CuttingModel, load_model, model_name, own_in_words, quantities, usable_models
-from erosion.output.tables import Record, Result, format_number, sentences, to_plain
-from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import Scale, table_scale
+from erosion.output import Record, Result, format_number, sentences, to_plain
+from erosion.parameters import Parameters, Scale, table_scale
 
 _Models = Sequence[CuttingModel | str | Path] | None
 _EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)

@@ -11,7 +11,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from erosion.output.tables import briefly
+from erosion.output import briefly
+from erosion.parameters import Dimension, System, UnitError
 from erosion.parameters.headings import (
     ANGLE_WORDS,
     ANGLES,
@@ -28,7 +29,6 @@ from erosion.parameters.headings import (
     head_parts,
     read_heads,
 )
-from erosion.parameters.quantities import Dimension, System, UnitError
 
 
 class MeasurementError(ValueError):

@@ -22,9 +22,19 @@ import numpy as np
 from jax.core import Tracer
 
 from erosion.arguments import Broadcast, Flag, ModelState, Number, check_scalars, check_unmasked
-from erosion.output.tables import abbreviate, briefly
-from erosion.parameters.parameters import QUANTITIES, Parameters, require_concrete, require_parameters
-from erosion.parameters.quantities import RESULTS, Quantity, System, about, conversion_factor, read_dimension
+from erosion.output import abbreviate, briefly
+from erosion.parameters import (
+    QUANTITIES,
+    RESULTS,
+    Parameters,
+    Quantity,
+    System,
+    about,
+    conversion_factor,
+    read_dimension,
+    require_concrete,
+    require_parameters,
+)
 
 if TYPE_CHECKING:
     from erosion.ode.problem import Problem

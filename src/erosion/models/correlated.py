@@ -14,17 +14,17 @@ from erosion.correlations import CORRELATIONS, FINNIE_MATERIALS
 from erosion.correlations.ranges import SHARPNESS, OutOfRangeWarning, outside_in_words
 from erosion.correlations.registry import SHAPES
 from erosion.models.base import CuttingModel, Tip, fixed_parameter, own_parameter
-from erosion.output.tables import briefly
-from erosion.parameters.materials import (
+from erosion.output import briefly
+from erosion.parameters import (
     ANOTHER_METAL,
+    Parameters,
     Particle,
+    PerMass,
     Target,
+    conversion_factor,
     particle as read_particle,
     target as read_target,
 )
-from erosion.parameters.parameters import Parameters
-from erosion.parameters.per_mass import PerMass
-from erosion.parameters.quantities import conversion_factor
 
 
 class Correlated(CuttingModel):

@@ -35,9 +35,8 @@ from erosion.ode.problem import (
     require_numbers,
     struct_of,
 )
-from erosion.output.tables import briefly
-from erosion.parameters.parameters import QUANTITIES, TABLE_1, Parameters
-from erosion.parameters.quantities import System
+from erosion.output import briefly
+from erosion.parameters import QUANTITIES, TABLE_1, Parameters, System
 
 _PACKAGE = Path(__file__).parents[1]
 _PLAIN_NODES = (tuple, list, dict, type(None))  # of pytrees

@@ -24,7 +24,7 @@ from jax import Array
 
 from erosion.arguments import Broadcast
 from erosion.models.base import State, Tip, own_parameter
-from erosion.parameters.parameters import Parameters
+from erosion.parameters import Parameters
 
 UPRIGHT = np.pi / 2  # φ at contact [rad]
 

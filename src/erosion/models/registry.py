@@ -31,8 +31,8 @@ from erosion.models.parts import (
 )
 from erosion.models.rigid import AsPrinted, Finnie, Linearized, Rotating, SpeedExponent
 from erosion.ode.problem import named
-from erosion.output.tables import Record, briefly, to_plain
-from erosion.parameters.parameters import Parameters
+from erosion.output import Record, briefly, to_plain
+from erosion.parameters import Parameters
 
 _PARTS = {"force": ForceLaw, "torque": Torque, "kinematics": TipKinematics, "deformation": Deformation}
 

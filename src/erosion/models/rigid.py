@@ -53,8 +53,7 @@ from erosion.models.parts import (
     sincos,
 )
 from erosion.ode.step_control import require_xla
-from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import conversion_factor
+from erosion.parameters import Parameters, conversion_factor
 
 SPEED_EXPONENT = "speed_exponent"
 """The own parameter of `SpeedExponent`."""
