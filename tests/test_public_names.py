@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import erosion
-from erosion import parameters
+from erosion import impacts, parameters
 from erosion.cli import lazy
 
 
@@ -49,9 +49,10 @@ def test_what_the_verbs_import_lazily_is_there_and_used():
         assert re.search(rf"lazy\.{name}\b|^    {name}: ", verbs, re.MULTILINE), name
 
 
-def test_what_parameters_lists_is_there_and_used():
-    house = Path(parameters.__file__).parents[1]
-    others = "".join(file.read_text() for file in house.rglob("*.py") if file.parent.name != "parameters")
-    for name in listed(parameters):
-        assert hasattr(parameters, name)
+@pytest.mark.parametrize("room", [parameters, impacts])
+def test_what_a_room_lists_is_there_and_used(room):
+    folder = Path(room.__file__).parent
+    others = "".join(file.read_text() for file in folder.parent.rglob("*.py") if file.parent != folder)
+    for name in listed(room):
+        assert hasattr(room, name)
         assert re.search(rf"\b{name}\b", others), name

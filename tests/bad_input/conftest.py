@@ -62,17 +62,17 @@ def in_workshop(workshop, monkeypatch):
 @pytest.fixture
 def no_computing(monkeypatch):
     """What is wrong with the input must be known before the first impact."""
+    import erosion.impacts.batch
     import erosion.impacts.diffrax_steps
-    import erosion.impacts.impact
-    import erosion.impacts.simulate
+    import erosion.impacts.trajectory
     import erosion.ode.maxima
 
     def computed(*arguments, **options):
         raise AssertionError("computed before the input was checked")
 
-    monkeypatch.setattr(erosion.impacts.impact, "integrate", computed)
+    monkeypatch.setattr(erosion.impacts.batch, "integrate", computed)
     monkeypatch.setattr(erosion.ode.maxima, "integrate", computed)
-    monkeypatch.setattr(erosion.impacts.simulate, "integrate", computed)
+    monkeypatch.setattr(erosion.impacts.trajectory, "integrate", computed)
     monkeypatch.setattr(erosion.impacts.diffrax_steps, "solve", computed)
 
 

@@ -204,7 +204,7 @@ def test_an_interrupt_that_a_library_swallows_comes_again(monkeypatch, shell, lo
             time.sleep(0.1)
         return "never comes here"
 
-    monkeypatch.setattr("erosion.impacts.simulate.path", path)
+    monkeypatch.setattr("erosion.impacts.trajectory.path", path)
     assert shell("run", 130).err == "erosion: interrupted\n"
 
 
@@ -222,7 +222,7 @@ def test_one_ctrl_c_does_not_interrupt_what_it_ends(monkeypatch, shell):
                 raise ValueError
             cleaned.append(True)
 
-    monkeypatch.setattr("erosion.impacts.simulate.path", path)
+    monkeypatch.setattr("erosion.impacts.trajectory.path", path)
     assert shell("run", 130).err == "erosion: interrupted\n"
     assert cleaned
 

@@ -40,7 +40,7 @@ from erosion.correlations import (
 )
 from erosion.correlations.families import EDWARDS as FAMILY_EDWARDS
 from erosion.correlations.registry import OKA_PARTICLES, oka_normal
-from erosion.impacts.simulate import path
+from erosion.impacts.trajectory import path
 from erosion.models import DeformationWear, Linearized
 from erosion.models.rigid import FinnieCut
 

@@ -27,8 +27,8 @@ from erosion.explorer.controls import Materials
 from erosion.explorer.state import PageCase, PageState, own_numbers
 from erosion.explorer.tab import Service, case_toml, curves_csv, python_lines, results_json
 from erosion.explorer.views import numbers, sensitivities, volumes
-from erosion.impacts.alpha_max import alpha_max
-from erosion.impacts.impact import impact
+from erosion.impacts.batch import impact
+from erosion.impacts.optimum import alpha_max
 from erosion.models import Linearized, load_model
 from erosion.parameters.case_files import CaseFile
 from erosion.parameters.parameters import QUANTITIES, TABLE_1

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.alpha_max import OBJECTIVES
-from erosion.impacts.impact import split
+from erosion.impacts.batch import split
 from erosion.impacts.maxima import limit_at_zero, over_angles
+from erosion.impacts.optimum import OBJECTIVES
 from erosion.models import Linearized
 from erosion.models.base import Broadcast
 from erosion.models.parts import Deformation, sincos

@@ -23,8 +23,8 @@ from numpy.polynomial import Polynomial
 import erosion
 from benchmarks.fast_turns import fast_turns
 from erosion.distributions import Distribution, read_distribution
+from erosion.impacts.batch import split
 from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
-from erosion.impacts.impact import split
 from erosion.models.rigid import LinearizedCut
 from erosion.ode.batch import integrate
 from erosion.parameters.parameters import QUANTITIES

@@ -13,7 +13,7 @@ import pytest
 from jax import lax
 
 import erosion
-from erosion.impacts.impact import pair_derivatives, split
+from erosion.impacts.batch import pair_derivatives, split
 from erosion.ode import batch
 from erosion.ode.kinks import may_have_kinks
 from erosion.parameters.parameters import QUANTITIES

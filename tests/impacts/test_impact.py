@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.impact import OTHER_ENDS, element_of, end_names, split
+from erosion.impacts.batch import OTHER_ENDS, element_of, end_names, split
 from erosion.lanes.lanewise import WIDTH
 from erosion.models import CuttingModel, Linearized, Tip
 from erosion.ode import batch

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.impact import split
+from erosion.impacts.batch import split
 from erosion.ode import traced as module
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.variational import Derivatives

@@ -16,8 +16,8 @@ import pytest
 
 import erosion
 from erosion.distributions import Normal
-from erosion.impacts.impact import split
-from erosion.impacts.simulate import path
+from erosion.impacts.batch import split
+from erosion.impacts.trajectory import path
 from erosion.models.equations import equations_of, model_digest
 from tests.impacts.test_force_laws import TableOfDepth
 

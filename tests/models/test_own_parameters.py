@@ -13,7 +13,7 @@ import pytest
 
 import erosion
 from erosion.checks.verify import Subject
-from erosion.impacts.alpha_max import EndTime
+from erosion.impacts.optimum import EndTime
 from erosion.models import ConstantRatio, Finnie, ForceLaw, FullTorque, Linearized, Torque
 from erosion.models.base import own_parameters, own_quantities, quantities, replaced, sizes, values, with_values
 from erosion.models.equations import flaw, model_digest

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.simulate import path
+from erosion.impacts.trajectory import path
 from erosion.models import load_model
 from erosion.models.rigid import LinearizedCut, StraightCut
 from erosion.parameters.parameters import TABLE_1, Parameters

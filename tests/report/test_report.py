@@ -16,7 +16,7 @@ import pytest
 from fontTools.ttLib import TTFont
 from playwright.sync_api import Browser
 
-from erosion.impacts.simulate import path
+from erosion.impacts.trajectory import path
 from erosion.models import load_model
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1

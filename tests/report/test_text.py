@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from erosion.impacts.simulate import SimulationError
+from erosion.impacts.trajectory import SimulationError
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1, Parameters
 from erosion.report.case import Answer, Drawing, OfCut, ReportCase

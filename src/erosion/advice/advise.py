@@ -12,9 +12,7 @@ from erosion.arguments import Progress, no_progress, refuse
 from erosion.correlations import CORRELATIONS
 from erosion.distributions import Normal, as_laws
 from erosion.fits.forward import FRACTION
-from erosion.impacts.alpha_max import alpha_max
-from erosion.impacts.impact import impact
-from erosion.impacts.simulate import SimulationError
+from erosion.impacts import SimulationError, alpha_max, impact
 from erosion.models import CuttingModel, called, load_model, with_values
 from erosion.models.correlated import Correlated, CorrelatedByShape, correlated, made_for, members, per_mass_of
 from erosion.ode.step_control import require_float64

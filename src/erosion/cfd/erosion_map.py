@@ -25,9 +25,16 @@ from erosion.cfd.tally import FaceTally, Portion, portion_of
 from erosion.correlations import CORRELATIONS
 from erosion.correlations.ranges import masks_outside
 from erosion.distributions import Distribution
-from erosion.impacts.dataset_files import code_version, identity, model_in_words, provenance, require_code
-from erosion.impacts.impact import end_names, impact
-from erosion.impacts.simulate import SimulationError
+from erosion.impacts import (
+    SimulationError,
+    code_version,
+    end_names,
+    identity,
+    impact,
+    model_in_words,
+    provenance,
+    require_code,
+)
 from erosion.joint_laws import law_digest
 from erosion.models import Correlated, CuttingModel, load_model, model_name, require_loadable, require_one_impact
 from erosion.ode.step_control import require_float64

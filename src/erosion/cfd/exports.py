@@ -9,9 +9,7 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import Broadcast, check_unmasked
-from erosion.impacts.dataset_files import model_in_words, provenance
-from erosion.impacts.impact import OTHER_ENDS, end_names, impact
-from erosion.impacts.simulate import SimulationError
+from erosion.impacts import OTHER_ENDS, SimulationError, end_names, impact, model_in_words, provenance
 from erosion.models import load_model, model_name, own_in_words, require_one_impact
 from erosion.models.base import ZERO, CuttingModel, State
 from erosion.models.correlated import Correlated, per_mass_of

@@ -16,7 +16,7 @@ from erosion.cfd.options import MapOptions
 from erosion.cfd.surface import Surface
 from erosion.cfd.tally import FaceTally
 from erosion.extras import library
-from erosion.impacts.dataset_files import code_version, write_netcdf
+from erosion.impacts import code_version, write_netcdf
 from erosion.output import Record, Result, Row, to_csv, to_plain, with_error, write_whole
 from erosion.parameters import (
     BEYOND_TESTS,

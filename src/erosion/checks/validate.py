@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 
 from erosion.arguments import Number
-from erosion.impacts.alpha_max import alpha_max
-from erosion.impacts.impact import impact
-from erosion.impacts.simulate import path
+from erosion.impacts import alpha_max, impact, path
 from erosion.models import load_model
 from erosion.ode.step_control import require_float64
 from erosion.output import Result, to_plain

@@ -21,8 +21,7 @@ from erosion.checks.reference_solutions import (
     scipy_solution,
     scipy_solution_of_model,
 )
-from erosion.impacts.impact import Impact, impact, pair_derivatives
-from erosion.impacts.simulate import Trajectory, TurnWarning, simulate
+from erosion.impacts import Impact, Trajectory, TurnWarning, impact, pair_derivatives, simulate
 from erosion.interrupts import unawaited_threads
 from erosion.models import (
     CentreOfMassTip,

@@ -12,8 +12,7 @@ import jinja2
 import numpy as np
 
 from erosion.extras import library
-from erosion.impacts.alpha_max import Optimum, alpha_max
-from erosion.impacts.impact import impact
+from erosion.impacts import Optimum, alpha_max, impact
 from erosion.models import Linearized
 from erosion.output import briefly, language
 from erosion.parameters import (

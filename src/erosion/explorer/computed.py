@@ -14,9 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.explorer.state import PageCase, PageState, sentence
-from erosion.impacts.alpha_max import alpha_max
-from erosion.impacts.impact import OTHER_ENDS, Impact, end_names, impact
-from erosion.impacts.simulate import path
+from erosion.impacts import OTHER_ENDS, Impact, alpha_max, end_names, impact, path
 from erosion.models import CuttingModel, Scales, Tip
 from erosion.output import ENGLISH, Language
 from erosion.parameters import QUANTITIES, CaseFile, Parameters

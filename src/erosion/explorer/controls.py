@@ -15,7 +15,7 @@ from nicegui.events import GenericEventArguments
 
 from erosion.explorer.computed import ANGLES
 from erosion.explorer.state import PageCase, PageState, sentence, with_point
-from erosion.impacts.impact import Impact
+from erosion.impacts import Impact
 from erosion.output import ENGLISH, Language, briefly
 from erosion.parameters import (
     QUANTITIES,

@@ -29,7 +29,7 @@ from erosion.explorer.computed import Answers, Preparation, all_ready, share_mem
 from erosion.explorer.controls import read_materials
 from erosion.explorer.state import Address, PageCase, PageState, own_numbers, sentence, without_token
 from erosion.explorer.tab import Service, Tab
-from erosion.impacts.simulate import TurnWarning
+from erosion.impacts import TurnWarning
 from erosion.interrupts import ENDING, INTERRUPTED
 from erosion.models import CuttingModel, available_models, load_model
 from erosion.output import briefly, language

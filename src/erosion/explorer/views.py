@@ -20,8 +20,7 @@ from erosion.explorer.controls import (
     points,
     styles,
 )
-from erosion.impacts.alpha_max import Optimum
-from erosion.impacts.impact import Impact
+from erosion.impacts import Impact, Optimum
 from erosion.models import State as Body
 from erosion.output import ENGLISH, Language
 from erosion.parameters import (

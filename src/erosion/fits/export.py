@@ -15,7 +15,7 @@ from erosion.cfd.exports import ANGLES, ExportedParticle, Reach, commented, part
 from erosion.fits.calibration import Calibration
 from erosion.fits.measurements import MOST, conditions, usual_condition
 from erosion.fits.tempering import SamplingError
-from erosion.impacts.impact import impact
+from erosion.impacts import impact
 from erosion.models import CuttingModel, model_name, model_source, own_parameters
 from erosion.models.correlated import per_mass_of
 from erosion.models.equations import plug_in_digest

@@ -18,7 +18,7 @@ import numpy as np
 from erosion.arguments import refuse
 from erosion.fits.errors import ErrorModel
 from erosion.fits.measurements import Measurements, read_measurements
-from erosion.impacts.impact import Impact, impact
+from erosion.impacts import Impact, impact
 from erosion.models import SPEED_EXPONENT, CuttingModel, SpeedExponent, equations_of, load_model
 from erosion.models.base import own_parameters, quantities, replaced, require_one_impact, sizes, values, with_values
 from erosion.output import briefly

@@ -37,8 +37,8 @@ from erosion.fits.posterior_files import (
 from erosion.fits.predicted import ANGLES, BestAngles, highest
 from erosion.fits.prediction import Noise, Predictor, make_predictor, of_model
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
-from erosion.impacts.alpha_max import alpha_max
-from erosion.impacts.impact import impact
+from erosion.impacts.batch import impact
+from erosion.impacts.optimum import alpha_max
 from erosion.joint_laws import LawSet, Rows
 from erosion.models import CuttingModel, impact_to_dict, model_name, model_source, with_values
 from erosion.models.equations import plug_in_digest

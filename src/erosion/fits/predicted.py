@@ -11,7 +11,7 @@ from scipy import special
 from erosion.arguments import check_share
 from erosion.fits.doubts import LEVEL
 from erosion.fits.prediction import Predictor
-from erosion.impacts.alpha_max import Optimum
+from erosion.impacts import Optimum
 from erosion.models.registry import model_name
 from erosion.output import Result, Row, largest_of, sentences, to_plain
 from erosion.parameters import QUANTITIES, RESULTS, Dimension, Scale, ascii_unit, known_scales, table_scale, unit_name

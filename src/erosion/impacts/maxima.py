@@ -6,7 +6,7 @@ import functools
 import numpy as np
 
 from erosion.arguments import PerImpact
-from erosion.impacts.impact import OTHER_ENDS, volume_of
+from erosion.impacts.batch import OTHER_ENDS, volume_of
 from erosion.models import NO_CUT
 from erosion.ode import maxima
 from erosion.ode.integrator import LaneEnd

@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from erosion.correlations import CORRELATIONS
-from erosion.impacts.alpha_max import ASIDE, MEASURES, Optimum
-from erosion.impacts.impact import impact
+from erosion.impacts import ASIDE, MEASURES, Optimum, impact
 from erosion.models import NO_CUT
 from erosion.parameters import QUANTITIES, QUARTER_DEGREES, RESULTS, Scale, System, readable_scale
 from erosion.plotting.labels import (

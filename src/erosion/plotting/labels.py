@@ -5,9 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from erosion.impacts.alpha_max import ASIDE, Optimum
-from erosion.impacts.impact import OTHER_ENDS
-from erosion.impacts.maxima import Jump
+from erosion.impacts import ASIDE, OTHER_ENDS, Jump, Optimum
 from erosion.models import NO_CUT
 from erosion.parameters import Quantity
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from scipy.interpolate import CubicSpline
 
-from erosion.impacts.simulate import Trajectory
+from erosion.impacts import Trajectory
 from erosion.models import NO_CUT, ClosedForm, State, model_name
 from erosion.ode.solution import Solution
 from erosion.output import briefly

@@ -14,10 +14,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from erosion.arguments import Broadcast, ModelState
-from erosion.impacts.alpha_max import Optimum, alpha_max
-from erosion.impacts.impact import Impact, impact
-from erosion.impacts.maxima import Jump
-from erosion.impacts.simulate import Trajectory, path
+from erosion.impacts import Impact, Jump, Optimum, Trajectory, alpha_max, impact, path
 from erosion.models import CuttingModel, Events, Linearized, SameMotion, load_model
 from erosion.models.rigid import LinearizedCut
 from erosion.output import Record

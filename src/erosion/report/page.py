@@ -18,7 +18,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from erosion.arguments import Progress, no_progress
-from erosion.impacts.simulate import TurnWarning
+from erosion.impacts import TurnWarning
 from erosion.interrupts import unawaited_threads
 from erosion.ode.step_control import require_xla
 from erosion.output import ENGLISH, Language, Record, briefly, language, to_csv, to_json, write_whole

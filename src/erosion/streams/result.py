@@ -15,9 +15,7 @@ import xarray as xr
 from scipy.optimize import minimize_scalar
 
 from erosion.arguments import Progress, no_progress
-from erosion.impacts.alpha_max import alpha_max
-from erosion.impacts.dataset_files import model_in_words, provenance
-from erosion.impacts.impact import impact
+from erosion.impacts import alpha_max, impact, model_in_words, provenance
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_quantities, quantities
 from erosion.output import Record, Result, Row, largest_of, to_plain, with_error
 from erosion.parameters import (

@@ -15,9 +15,7 @@ import numpy as np
 from erosion.arguments import Progress, check_path, check_share, check_whole, no_progress, refuse
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.distributions import as_laws
-from erosion.impacts.dataset_files import identity, read_netcdf, write_netcdf
-from erosion.impacts.impact import end_names, impact
-from erosion.impacts.simulate import SimulationError
+from erosion.impacts import SimulationError, end_names, identity, impact, read_netcdf, write_netcdf
 from erosion.interrupts import keeping_results
 from erosion.joint_laws import law_digest
 from erosion.models import CuttingModel, load_model, model_name, own_quantities, require_one_impact

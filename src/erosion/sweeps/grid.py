@@ -17,9 +17,7 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import check_order, check_share, real_numbers, refuse, unit_of_labels
-from erosion.impacts.alpha_max import alpha_max
-from erosion.impacts.dataset_files import identity, numbers_in_words, provenance
-from erosion.impacts.impact import end_names, impact
+from erosion.impacts import alpha_max, end_names, identity, impact, numbers_in_words, provenance
 from erosion.models import (
     BUILT_IN,
     CuttingModel,

@@ -13,7 +13,7 @@ import xarray as xr
 from jaxtyping import PyTree
 
 from erosion.arguments import Progress, no_progress, real_numbers, unit_of_labels
-from erosion.impacts.dataset_files import code_version, numbers_in_words
+from erosion.impacts import code_version, numbers_in_words
 from erosion.ode.problem import OTHER_ENDS, Problem, is_number
 from erosion.ode.solution import Part, Solution, path_of
 from erosion.ode.solve import lanes_of, solve

@@ -26,15 +26,7 @@ import xarray as xr
 from erosion.arguments import Progress, check_path, no_progress
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.extras import library
-from erosion.impacts.dataset_files import (
-    IDENTITY,
-    StoreError,
-    code_version,
-    read_netcdf,
-    require_code,
-    require_same,
-    write_netcdf,
-)
+from erosion.impacts import IDENTITY, StoreError, code_version, read_netcdf, require_code, require_same, write_netcdf
 from erosion.interrupts import keeping_results
 from erosion.ode.step_control import require_float64
 from erosion.output import briefly, claimed, require_writable, trace, written_whole

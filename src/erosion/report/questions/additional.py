@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 
 from erosion.correlations import CORRELATIONS
-from erosion.impacts.alpha_max import ASIDE, alpha_max
-from erosion.impacts.simulate import SimulationError, path
+from erosion.impacts import ASIDE, SimulationError, alpha_max, path
 from erosion.models import BUILT_IN, NoDeformation, RigidErodent, load_model
 from erosion.models.rigid import StraightCut
 from erosion.output import Record

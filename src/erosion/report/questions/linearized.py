@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from erosion.impacts.impact import impact
-from erosion.impacts.simulate import SimulationError, path
+from erosion.impacts import SimulationError, impact, path
 from erosion.models import CuttingModel, load_model
 from erosion.parameters import (
     PER_MASS_SCALES,

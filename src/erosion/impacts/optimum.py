@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.arguments import Broadcast, ModelState, PerImpact, as_pair
-from erosion.impacts.impact import PairDerivatives, impact, lanes_of, pair_derivatives
+from erosion.impacts.batch import PairDerivatives, impact, lanes_of, pair_derivatives
 from erosion.impacts.maxima import in_words, limit_at_zero, over_angles, shallowest
 from erosion.models import (
     CuttingModel,
@@ -275,7 +275,7 @@ def alpha_max(
         alpha_range: ends of the range of angles [rad]; all of (0, π/2] without it.
         objective: "volume", "volume per mass", "t_c", "depth" (where the tip first stops
             going deeper), or a function that turns a model into one with another
-            `removal_rate`, as those of `erosion.impacts.alpha_max` do.
+            `removal_rate`, as those of `erosion.impacts.optimum` do.
 
     Returns:
         The certified optimum; see `Optimum`.

@@ -22,8 +22,8 @@ from jax.typing import ArrayLike
 import erosion.impacts.diffrax_steps as flow
 from erosion.arguments import ModelState, Structure, check_share, check_whole, refuse
 from erosion.correlations.ranges import OutOfRangeWarning
+from erosion.impacts.batch import OTHER_ENDS, element_of, end_names, layout_of, split, tip_at
 from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
-from erosion.impacts.impact import OTHER_ENDS, element_of, end_names, layout_of, split, tip_at
 from erosion.models import (
     NO_CUT,
     CuttingModel,
