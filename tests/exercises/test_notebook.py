@@ -255,19 +255,22 @@ def test_what_is_no_number_is_refused_in_one_short_sentence(answer: Any) -> None
         jax.jit(lambda traced: 1.0 * KEY.check("t_c", traced).right)(1e-5)
 
 
-def test_an_unknown_task_or_language_is_told_in_short() -> None:
-    with pytest.raises(ValueError, match=r"^Argument `task` must be one of omega, euler_depth, .* but is 'tc'"):
-        KEY.check("tc", 1.0)
-    for ask in (KEY.answer, lambda name: erosion.AnswerKey(erosion.TABLE_1, lang=name)):
-        with pytest.raises(ValueError, match=r"must be one of (?s:.){1,250}$"):
-            ask(100_000 * "x")
-
-
-def test_a_case_that_cuts_nothing_is_refused() -> None:
-    with pytest.raises(
-        ValueError, match=r"^Argument `alpha` must be an angle at which something is cut, but is 90°\.$"
-    ):
-        erosion.AnswerKey(P.replace(alpha=np.pi / 2))
+@pytest.mark.parametrize(
+    ("ask", "message"),
+    [
+        (lambda: KEY.check("tc", 1.0), "^Argument `task` must be one of omega, euler_depth, .* but is 'tc'"),
+        (lambda: KEY.answer(100_000 * "x"), "must be one of (?s:.){1,250}$"),
+        (lambda: erosion.AnswerKey(erosion.TABLE_1, lang=100_000 * "x"), "must be one of (?s:.){1,250}$"),
+        (
+            lambda: erosion.AnswerKey(P.replace(alpha=np.pi / 2)),
+            r"^Argument `alpha` must be an angle at which something is cut, but is 90°\.$",
+        ),
+    ],
+    ids=["task", "long task", "language", "nothing is cut"],
+)
+def test_what_a_key_cannot_answer_is_told_in_short(ask: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        ask()
 
 
 def test_the_methods_of_the_tasks_have_their_orders() -> None:

@@ -347,15 +347,23 @@ def test_a_line_for_each_part_and_a_mark_at_each_end() -> None:
     plt.close("all")
 
 
-def test_what_cannot_be_drawn_is_refused() -> None:
-    with pytest.raises(ValueError, match="ts"):
-        plot_solution(ode.solve(SPRING, {"c": 1.0}, t1=1.0))
-    with pytest.raises(ValueError, match="names"):
-        plot_solution(ode.solve(SPRING, {"c": 1.0}, t1=1.0, ts=[0.5]), ["z"])
-    with pytest.raises(ValueError, match="has 0"):
-        plot_solution(ode.solve(SPRING, {"c": np.ones(0)}, t1=1.0, ts=[0.5]))
-    with pytest.raises(ValueError, match="lanes"):
-        plot_solution(ode.solve(SPRING, {"c": np.ones(13)}, t1=1.0, ts=[0.5]))
+@pytest.mark.parametrize(
+    ("draw", "message"),
+    [
+        (lambda: plot_solution(ode.solve(SPRING, {"c": 1.0}, t1=1.0)), "ts"),
+        (lambda: plot_solution(ode.solve(SPRING, {"c": 1.0}, t1=1.0, ts=[0.5]), ["z"]), "names"),
+        (lambda: plot_solution(ode.solve(SPRING, {"c": np.ones(0)}, t1=1.0, ts=[0.5])), "has 0"),
+        (lambda: plot_solution(ode.solve(SPRING, {"c": np.ones(13)}, t1=1.0, ts=[0.5])), "lanes"),
+        (
+            lambda: plot_sweep(make(alpha=[0.2, 0.3], k=[2.0], v0=[2200.0])),
+            r"one or two dimensions, .* to be drawn; this is 2 alpha × 1 k × 1 v0\.$",
+        ),
+    ],
+    ids=["no times", "no part", "no lane", "many lanes", "three axes"],
+)
+def test_what_cannot_be_drawn_is_refused(draw, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        draw()
 
 
 def make(**axes: Any) -> xr.Dataset:
@@ -395,11 +403,6 @@ def test_many_values_of_a_second_axis_are_a_map():
     (image,) = [one for one in ax.collections if isinstance(one, QuadMesh)]
     np.testing.assert_allclose(np.asarray(image.get_array()) * 1e-4, found.volume.T, rtol=1e-12)
     assert ax.get_ylabel() == "v₀  impact speed  [in/s]"
-
-
-def test_what_cannot_be_drawn_says_so():
-    with pytest.raises(ValueError, match=r"one or two dimensions, .* to be drawn; this is 2 alpha × 1 k × 1 v0\.$"):
-        plot_sweep(make(alpha=[0.2, 0.3], k=[2.0], v0=[2200.0]))
 
 
 def test_a_streams_histogram_holds_its_shares():
