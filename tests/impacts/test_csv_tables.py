@@ -110,12 +110,10 @@ def test_another_result_is_refused(tmp_path: Path) -> None:
         read_netcdf(path, {**IDENTITY, "case": "k = 3\n"})
 
 
-def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
-    foreign, text = tmp_path / "foreign.nc", tmp_path / "text.nc"
-    with h5py.File(foreign, "w") as file:
+@pytest.mark.parametrize(("name", "message"), [("foreign.nc", "holds something else"), ("text.nc", "no netCDF file")])
+def test_what_is_no_result_is_refused(tmp_path: Path, name: str, message: str) -> None:
+    (tmp_path / "text.nc").write_text("volume 1.0")
+    with h5py.File(tmp_path / "foreign.nc", "w") as file:
         file["volume"] = [1.0]
-    text.write_text("volume 1.0")
-    with pytest.raises(StoreError, match="holds something else"):
-        read_netcdf(foreign, IDENTITY)
-    with pytest.raises(StoreError, match="no netCDF file"):
-        read_netcdf(text, IDENTITY)
+    with pytest.raises(StoreError, match=message):
+        read_netcdf(tmp_path / name, IDENTITY)
