@@ -75,7 +75,7 @@ def test_no_wrong_end_near_the_cusp(name, ratio):
 @pytest.mark.parametrize(
     "name", ["rotating-full-torque", "rotating-tan-alpha", "rotating-velocity-aligned-full-torque"]
 )
-@pytest.mark.filterwarnings("ignore::erosion.impacts.simulate.TurnWarning")
+@pytest.mark.filterwarnings("ignore::erosion.impacts.trajectory.TurnWarning")
 def test_both_engines_agree(name):
     rng = np.random.default_rng(7)
     alphas, spins = rng.uniform(0.02, 1.55, 12), rng.uniform(-0.9, 0.9, 12)

@@ -26,7 +26,7 @@ P = erosion.TABLE_1
 ROTATING = [name for name in AT_20_DEGREES if name.startswith("rotating")]
 
 
-pytestmark = pytest.mark.filterwarnings("ignore::erosion.impacts.simulate.TurnWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::erosion.impacts.trajectory.TurnWarning")
 
 
 @pytest.mark.slow

@@ -76,7 +76,7 @@ def test_scales_are_positive(model):
 
 # Built-in models are followed by both in tests/impacts/test_simulate.py and test_impact.py.
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
-@pytest.mark.filterwarnings("ignore::erosion.impacts.simulate.TurnWarning")
+@pytest.mark.filterwarnings("ignore::erosion.impacts.trajectory.TurnWarning")
 def test_both_engines_follow_a_plug_in_to_the_same_end(file):
     model = load_model(str(file))
     for p in CASES:
