@@ -1,6 +1,7 @@
 """What operations of JAX do with large arrays: a rule for each, beside that for small ones."""
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +12,8 @@ from erosion.lanes.scalars import Equation, aval_of
 
 _MANY = 512  # products of two small arrays from which on they are taken in loops
 
-Rule = Callable[[Equation, Graph, list[Part]], Part | None]
-"""The result of an operation where an input is large; None where it knows only small ones."""
+Rule = Callable[[Equation, Graph, list[Any]], Part | None]
+"""The result of an operation, of which an input is large or which is better taken in loops; None where it is not."""
 
 
 def of_arrays(equation: Equation, graph: Graph, inputs: list[Part]) -> Sequence[Part]:
@@ -30,7 +31,7 @@ def _products(equation: Equation) -> int:
     return int(np.prod(aval_of(equation.outvars[0]).shape)) * int(np.prod([x.shape[axis] for axis in contracted]))
 
 
-def _broadcast(equation: Equation, graph: Graph, inputs: list[Part]) -> Part | None:
+def _broadcast(equation: Equation, graph: Graph, inputs: list[Any]) -> Part | None:
     shape, dimensions = equation.params["shape"], equation.params["broadcast_dimensions"]
     (given,) = inputs
     if not isinstance(given, Large) and (np.prod(shape, dtype=int) < LARGE or np.size(whole(given)) > 1):
@@ -42,23 +43,18 @@ def _broadcast(equation: Equation, graph: Graph, inputs: list[Part]) -> Part | N
     return array.moved(shape, axes, [0] * len(axes), [1] * len(axes))
 
 
-def _reshape(equation: Equation, _: Graph, inputs: list[Part]) -> Part | None:
-    array = inputs[0]
-    return array.reshaped(aval_of(equation.outvars[0]).shape) if isinstance(array, Large) else None
+def _reshape(equation: Equation, _: Graph, inputs: list[Any]) -> Part | None:
+    return inputs[0].reshaped(aval_of(equation.outvars[0]).shape)
 
 
-def _transpose(equation: Equation, _: Graph, inputs: list[Part]) -> Part | None:
+def _transpose(equation: Equation, _: Graph, inputs: list[Any]) -> Part | None:
     array, order = inputs[0], equation.params["permutation"]
-    if not isinstance(array, Large):
-        return None
     axes = [order.index(axis) for axis in range(len(order))]
     return array.moved([array.shape[axis] for axis in order], axes, [0] * len(axes), [1] * len(axes))
 
 
-def _slice(equation: Equation, _: Graph, inputs: list[Part]) -> Part | None:
+def _slice(equation: Equation, _: Graph, inputs: list[Any]) -> Part | None:
     array, params = inputs[0], equation.params
-    if not isinstance(array, Large):
-        return None
     axes = range(len(array.shape))
     moved = array.moved(
         aval_of(equation.outvars[0]).shape, list(axes), params["start_indices"], params["strides"] or [1] * len(axes)
@@ -66,9 +62,9 @@ def _slice(equation: Equation, _: Graph, inputs: list[Part]) -> Part | None:
     return moved if moved.size >= LARGE else part(moved.apart())
 
 
-def _reduce_sum(equation: Equation, graph: Graph, inputs: list[Part]) -> Part | None:
+def _reduce_sum(equation: Equation, graph: Graph, inputs: list[Any]) -> Part | None:
     array, axes = inputs[0], equation.params["axes"]
-    if not isinstance(array, Large) or array.type != DOUBLE:
+    if array.type != DOUBLE:
         return None
     free = [axis for axis in range(len(array.shape)) if axis not in axes]
 
@@ -78,7 +74,7 @@ def _reduce_sum(equation: Equation, graph: Graph, inputs: list[Part]) -> Part | 
     return sums(graph, [array.shape[axis] for axis in free], [array.shape[axis] for axis in axes], term)
 
 
-def _dot_general(equation: Equation, graph: Graph, inputs: list[Part]) -> Part | None:
+def _dot_general(equation: Equation, graph: Graph, inputs: list[Any]) -> Part | None:
     (left, right), (batch_left, batch_right) = equation.params["dimension_numbers"]
     x, y = (large(graph, whole(given) if isinstance(given, Value) else given) for given in inputs)
     if x is None or y is None or {x.type, y.type} != {DOUBLE}:

@@ -315,21 +315,43 @@ class _Adjoint:
                 ks.append(k)
 
         def back(after: Rows) -> tuple[Rows, list[Number], Rows]:
+            total, gained, (_, of_states) = self._transposed(
+                B, A, after, pulls, lambda _, bars, __: [h * bar for bar in bars]
+            )
             # Of the second stage's cotangents nothing but terms of 7th order is left.
-            gained, total = _zeros(self.numbers), _zeros(after)
-            later: dict[int, Rows] = {}
-            for i in reversed(range(_STAGES)):
-                weights = np.array([B[i], *(A[j - 1][i] for j in range(i + 1, _STAGES))])
-                bars = [
-                    h * weighted(weights, [bar, *(later[j][r] for j in range(i + 1, _STAGES))])
-                    for r, bar in enumerate(after)
-                ]
-                grads, later[i] = pulls[i](bars)
-                gained, total = _plus(gained, grads), _plus(total, later[i])
-            return _plus(after, total), gained, later[1]
+            return _plus(after, total), gained, of_states[1]
 
         end: Rows = [u + h * weighted(B, ks) for u, ks in zip(row.state, slopes, strict=True)]
         return _Step(end, [ks[0] for ks in slopes], back)
+
+    def _transposed(
+        self,
+        b: Sequence[float] | np.ndarray,
+        a: Sequence[Sequence[float] | np.ndarray],
+        after: Rows,
+        pulls: Sequence[Callable[[Rows], tuple[list[Number], Rows]]],
+        of_right: Callable[[int, Rows, dict[int, Rows]], Rows],
+    ) -> tuple[Rows, list[Number], tuple[dict[int, Rows], dict[int, Rows]]]:
+        """The cotangents of the start of a step and of the numbers, but for those of its end; and those of the stages.
+
+        Args:
+            b: weights of the stages in the step.
+            a: and in the state of each stage after the first.
+            after: cotangents of the step's end.
+            pulls: from cotangents of the rates of a stage to those of the numbers and of its state.
+            of_right: the cotangents of a stage's rates, from those of what it gives, and of the rates of later stages.
+        """
+        gained, total = _zeros(self.numbers), _zeros(after)
+        of_rights: dict[int, Rows] = {}
+        of_states: dict[int, Rows] = {}
+        for i in reversed(range(len(pulls))):
+            later = range(i + 1, len(pulls))
+            weights = [b[i], *(a[j - 1][i] for j in later)]
+            bars = [weighted(weights, [bar, *(of_states[j][r] for j in later)]) for r, bar in enumerate(after)]
+            of_rights[i] = of_right(i, bars, of_rights)
+            grads, of_states[i] = pulls[i](of_rights[i])
+            gained, total = _plus(gained, grads), _plus(total, of_states[i])
+        return total, gained, (of_rights, of_states)
 
     def _stiff_step(self, row: tape.Entry) -> _Step:
         """The same by the Rosenbrock method; a motion that ends where it began takes no step."""
@@ -350,22 +372,16 @@ class _Adjoint:
             pulls.append(pull)
         count = len(increments)
 
+        def of_right(i: int, bars: Rows, of_rights: dict[int, Rows]) -> Rows:
+            later = range(i + 1, count)
+            others = [rosenbrock.C[j - 1][i] for j in later]
+            if others:
+                rights = ([of_rights[j][r] for j in later] for r in range(self.width))
+                bars = [bar + inverse * weighted(others, each) for bar, each in zip(bars, rights, strict=True)]
+            return self._solve_transposed(factors, bars)
+
         def transposed(b: Sequence[float], after: Rows) -> tuple[Rows, list[Number]]:
-            gained, total = _zeros(self.numbers), _zeros(after)
-            of_rights: dict[int, Rows] = {}
-            of_states: dict[int, Rows] = {}
-            for i in reversed(range(count)):
-                later = range(i + 1, count)
-                weights = [b[i], *(rosenbrock.A[j - 1][i] for j in later)]
-                others = [rosenbrock.C[j - 1][i] for j in later]
-                bars = []
-                for r, bar in enumerate(after):
-                    of_state = weighted(weights, [bar, *(of_states[j][r] for j in later)])
-                    of_right = weighted(others, [of_rights[j][r] for j in later]) if others else 0.0
-                    bars.append(of_state + inverse * of_right)
-                of_rights[i] = self._solve_transposed(factors, bars)
-                grads, of_states[i] = pulls[i](of_rights[i])
-                gained, total = _plus(gained, grads), _plus(total, of_states[i])
+            total, gained, (of_rights, _) = self._transposed(b, rosenbrock.A, after, pulls, of_right)
             of_entries = [
                 sum((of_rights[k][i] * increments[k][j] for k in range(count)), jnp.zeros(()))
                 for i, j in rodas.sparse.places

@@ -13,7 +13,6 @@ from jaxtyping import PyTree
 from erosion.arguments import Number, PerLane, Scalar
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import WIDTH, Compiled, alike_together, compile_lanes, number, threads
-from erosion.ode.agreement import differ, sizes_of, units_of
 from erosion.ode.explicit import LEAST
 from erosion.ode.integrator import TIGHTEST, LaneEnd, integrate_lane
 from erosion.ode.kinks import may_have_kinks
@@ -23,6 +22,8 @@ from erosion.ode.variational import Clock, Derivatives, Direction, Layout
 _BLOCK = 2**16  # lanes that are ordered together: their numbers fit the second-level cache
 _REPEATED = 4  # times at most
 _ANOTHER = 1 / 300, 10.0  # times the tolerance: to compare derivatives with, of a lane that was repeated or was not
+_AGREE = 1e-7, 1e-6  # of its size: as near are two values of a first derivative, and of a second one
+_SMALL = 1e-3  # of what a value does by a number's own size: a smaller derivative need not be known relative to itself
 _EXACT = 3e-5  # of its size: an estimated error of a second derivative of a stiff motion, so that none errs by 1e-4
 ROWS, _RECORDED = 64, 2**12  # of the tape of a lane that is recorded, and how many lanes are at most
 _FEW = 2048  # lanes: fewer are computed sooner by one thread than by several
@@ -79,17 +80,11 @@ class _Batch(NamedTuple):
     @property
     def judged(self) -> list[np.ndarray]:
         """The second derivatives whose errors are estimated, and those are told that are small."""
-        return [self.results.time.second, *self.results.outputs.second] if self.results.second_sizes else []
-
-    @property
-    def quantities(self) -> Derivatives:
-        """Lists of the arrays of the lanes' times and outputs."""
-        both = zip(self.results.time, self.results.outputs, strict=True)
-        return Derivatives(*(None if time is None else [time, *outputs] for time, outputs in both))
+        return self.results.quantities.second if self.results.second_sizes else []
 
     def derivatives(self, lanes: np.ndarray) -> Derivatives:
         """Lists of derivatives of some lanes' times and outputs, without values."""
-        return jax.tree.map(lambda part: part[lanes], self.quantities._replace(value=None))
+        return jax.tree.map(lambda part: part[lanes], self.results.quantities._replace(value=None))
 
     def values(self, lanes: np.ndarray) -> list[np.ndarray]:
         """How some lanes ended, their outputs and times, and the second derivatives that are judged."""
@@ -417,6 +412,9 @@ def _require_agreement(
 ) -> None:
     """Make derivatives NaN on which no two integrations agree.
 
+    Where a derivative of a rate is infinite, is not defined, or is rounding alone, as the second one of √(v²) is near
+    v = 0, no estimate of an error holds. But two integrations, which step in different ways, then differ.
+
     Args:
         batch: of lanes that may have kinks.
         lanes: those that were integrated again.
@@ -430,10 +428,12 @@ def _require_agreement(
 
     def differing(lanes: np.ndarray, one: Derivatives) -> list[list[np.ndarray]]:
         own = layout.of_lanes(numbers, lanes)
-        units = [units_of(layout, own, each, lanes.size) for each in _of_lanes(directions, lanes)]
-        time, *values = [value[lanes] for value in batch.quantities.value]
-        sizes = [np.abs(time), *sizes_of(values, [part[lanes] for part in results.least])]
-        return differ(one, batch.derivatives(lanes), sizes, (units[0], units[-1]))
+        units = [_units_of(layout, own, each, lanes.size) for each in _of_lanes(directions, lanes)]
+        sizes = [np.abs(value[lanes]) for value in results.quantities.value]
+        # Parts of the state may be zero at an event: their greatest size on the way.
+        for i, part in enumerate(results.least, 1):
+            sizes[i] = np.maximum(sizes[i], part[lanes] / LEAST)
+        return _differences(one, batch.derivatives(lanes), sizes, (units[0], units[-1]))
 
     doubtful = ~repeated | np.any([flags[-1] for flags in differing(lanes, first)], axis=0)
     lanes, repeated = lanes[doubtful], repeated[doubtful]
@@ -446,12 +446,48 @@ def _require_agreement(
     differs = differing(lanes, final)
     for output, old in zip(batch.kept, kept, strict=True):
         output[lanes] = old
-    quantities = batch.quantities
+    quantities = results.quantities
     for i, (of_first, *of_second) in enumerate(differs):
         for array in (quantities.first[i], quantities.other[i]):
             array[lanes[of_first]] = np.nan
         for unlike in of_second:
             quantities.second[i][lanes[unlike]] = np.nan
+
+
+def _units_of(layout: Layout, numbers: Sequence[PerLane], direction: int | PerLane, lanes: int) -> np.ndarray:
+    """The size of the number that a direction changes; 1 where it is zero. Shape (lanes,)."""
+    sizes = zip(layout.sizes(numbers), layout.shapes, strict=True)
+    columns = [np.broadcast_to(np.asarray(size), (lanes, *shape)).reshape(lanes, -1) for size, shape in sizes]
+    unit = np.concatenate(columns, axis=1)[np.arange(lanes), np.asarray(direction, int)]
+    return np.where(unit == 0, 1.0, unit)
+
+
+def _differences(
+    one: Derivatives, two: Derivatives, sizes: Sequence[np.ndarray], units: tuple[np.ndarray, np.ndarray]
+) -> list[list[np.ndarray]]:
+    """For each quantity whether two integrations differ in its first derivatives, and in its second ones or those.
+
+    Args:
+        one: derivatives of quantities, lists; there may be no second ones.
+        two: the same of another integration.
+        sizes: of the quantities, arrays (lanes,).
+        units: of both directions, see `_units_of`.
+    """
+    unit, other = units
+    found = []
+    for i, size in enumerate(sizes):
+        pairs = (one.first[i], two.first[i], size / unit), (one.other[i], two.other[i], size / other)
+        first = np.logical_or(*(_differ(*pair, _AGREE[0]) for pair in pairs))
+        second = []
+        if one.second is not None:
+            second = [first | _differ(one.second[i], two.second[i], size / (unit * other), _AGREE[1])]
+        found.append([first, *second])
+    return found
+
+
+def _differ(one: np.ndarray, two: np.ndarray, size: np.ndarray, share: float) -> np.ndarray:
+    with np.errstate(all="ignore"):
+        return ~(np.abs(one - two) <= share * np.maximum(np.maximum(np.abs(one), np.abs(two)), _SMALL * size))
 
 
 def integrate_along(

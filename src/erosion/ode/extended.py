@@ -84,19 +84,20 @@ class Extended:
         def motion_rate(numbers: Sequence[Number], rows: Rows) -> Rows:
             return jax.tree.leaves(motion(numbers).rate(self.members(rows)[0]))
 
-        def dividing(rows: Rows) -> list[Scalar]:
-            return divisors(jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
-
-        def its_cases(rows: Rows) -> list[Scalar]:
-            return cases(jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
-
-        self.dividing, self.cases = dividing, its_cases
         self.motion_rate = functools.partial(motion_rate, self.numbers)
         self.events = functools.partial(events, self.numbers)
         self.rate = functools.partial(rate, self.numbers, places)
         self.rate_and_events = functools.partial(rate_and_events, self.numbers, places)
         self.rodas = Rodas(self) if is_stiff else None
         self.watches = self.options.method == "auto" and not self.rough
+
+    def dividing(self, rows: Rows) -> list[Scalar]:
+        """What the rates of the motion itself divide by; see `divisors`."""
+        return divisors(jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
+
+    def cases(self, rows: Rows) -> list[Scalar]:
+        """The cases of the rates of the motion itself; see `erosion.ode.kinks.cases`."""
+        return cases(jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
 
     def members(self, rows: Rows) -> tuple[Augmented, ...]:
         """Value and derivatives of a state."""

@@ -367,7 +367,7 @@ def _fill_forwards(
         own = layout.of_lanes(numbers, each)
         times = None if at is None else at.times[each]
         slopes = integrate_along(layout, own, each.size, 1, places, ends.rtol, times=times)
-        along = [slopes.time.first, *slopes.outputs.first]
+        along = slopes.quantities.first
         total = np.zeros((each.size, len(elements)))
         for bar, slope in zip(bars, along, strict=True):
             if np.any(bar[each]):

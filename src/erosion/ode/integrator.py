@@ -99,6 +99,12 @@ class LaneEnd(NamedTuple):
     saved: PerImpact | None = None
     recorded: Recorded | None = None
 
+    @property
+    def quantities(self) -> Derivatives:
+        """Lists of the time and the outputs, and of their derivatives."""
+        both = zip(self.time, self.outputs, strict=True)
+        return Derivatives(*(None if time is None else [time, *outputs] for time, outputs in both))
+
 
 def integrate_lane(
     layout: Layout,

@@ -305,9 +305,9 @@ class _Quantity:
     def __call__(self, results: LaneEnd, numbers: list[PerLane]) -> Derivatives:
         """Value, and where the ends have derivatives, `first` and `second`."""
         parts = [
-            [np.asarray(part) for part in (getattr(results.time, kind), *getattr(results.outputs, kind))]
-            for kind in ("value", "first", "second")
-            if getattr(results.time, kind) is not None
+            list(map(np.asarray, each))
+            for each in (results.quantities.value, results.quantities.first, results.quantities.second)
+            if each is not None
         ]
         with compiling:
             program = self._compiled(len(parts) > 1)

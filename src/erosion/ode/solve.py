@@ -372,7 +372,7 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np
         """Times, states and integrals, or one of their derivatives."""
         time, *outputs = (
             found[:, column].reshape(lanes.shape)[()] if several else found.reshape(lanes.shape)[()]
-            for found in (getattr(results.time, kind), *getattr(results.outputs, kind))
+            for found in getattr(results.quantities, kind)
         )
         return shaped(lanes, time, outputs)
 

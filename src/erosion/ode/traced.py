@@ -155,11 +155,6 @@ def _times_of(lanes: "Lanes", times: Any, vectors: Array) -> Times:
     return Times(times, of_times.y, of_times.integrals)
 
 
-def _rows(end: LaneEnd, kind: str) -> list[Any]:
-    time, outputs = (getattr(part, kind) for part in (end.time, end.outputs))
-    return [time, *outputs]
-
-
 def _codes(end: LaneEnd) -> list[Any]:
     """Outcome, number of events, steps tried, and for each event whether it happens at the end."""
     count = 0 * end.trials if end.count is None else end.count
@@ -181,8 +176,10 @@ def _solve(wanted: Wanted, numbers: Sequence[Number], order: int, places: _Place
         lane = functools.partial(integrate_lane, layout, list(numbers), rtol=rtol, order=order)
         if not places:
             end = lane(directions=())
-            return jnp.stack(_rows(end, "value")), jnp.stack([code.astype(np.int32) for code in _codes(end)])
-        along = jax.vmap(lambda row: jnp.stack(_rows(lane(directions=tuple(row)), _kind(order))), out_axes=-1)
+            return jnp.stack(end.quantities.value), jnp.stack([code.astype(np.int32) for code in _codes(end)])
+        along = jax.vmap(
+            lambda row: jnp.stack(getattr(lane(directions=tuple(row)).quantities, _kind(order))), out_axes=-1
+        )
         return along(jnp.asarray(places, float))
     rows = wanted.rows
     codes = len(("outcome", "count", "trials")) + (len(layout.event_names) if layout.options.clock else 0)
@@ -218,12 +215,12 @@ def _on_host(wanted: Wanted, order: int, places: _Places, *given: Number) -> Any
     if not places:
         end = integrate(layout, numbers, lanes, 0, (), rtol, times=times)
         keep(layout, numbers, end, rtol)
-        vector = np.stack(_rows(end, "value"), -1)
+        vector = np.stack(end.quantities.value, -1)
         if end.saved is not None:
             vector = np.concatenate([vector, end.saved[:, :, 0].reshape(lanes, -1)], -1)
         return vector.reshape(*batch, -1), np.stack(_codes(end), -1).astype(np.int32).reshape(*batch, -1)
     end = integrate_along(layout, numbers, lanes, order, np.array(places, float).T, rtol, times=times)
-    slopes = np.stack(_rows(end, _kind(order)), 1)
+    slopes = np.stack(getattr(end.quantities, _kind(order)), 1)
     if times is not None and end.saved is not None:
         # What comes before a lane's start or after its end is no number, and has no cotangents.
         t0 = np.reshape(layout.clock(numbers).t0, (-1, 1, 1))
