@@ -16,7 +16,7 @@ from jax.typing import ArrayLike
 from erosion.lanes import tapes
 from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, elementwise, of_each, part, whole
 from erosion.lanes.functions import FUNCTIONS
-from erosion.lanes.graph import ARRAY, BOOL, DOUBLE, LONG, NUMBERS, CannotCompileError, Graph, Region, Value
+from erosion.lanes.graph import ARRAY, BOOL, DOUBLE, LONG, NUMBERS, CannotCompileError, Graph, Loop, Region, Value
 from erosion.lanes.jax_versions import CALLS, called, carried_by_scan, expansion
 from erosion.lanes.large import LARGE, Large, array_of, as_memory, begin_carrying, carry_on, memory, parted
 from erosion.lanes.loops import of_arrays
@@ -178,23 +178,25 @@ class Flattener:
                     (carried[i],) = _gathered([next(rest) for _ in range(whole(initial[i]).size)], [initial[i]])
             return carried
 
-        loop = graph.loop(_scalars([memories[i].now if i in memories else initial[i] for i in changing]))
-        carried = all_of(loop.arguments)
-        goes_on = condition(carried)
-        # A batch of loops within a lane goes on while any of its rows does; rows that are done keep their values.
-        rows = whole(goes_on).ravel()
-        graph.begin_body(loop, functools.reduce(lambda x, y: graph.op("or", BOOL, x, y), rows))
-        after = body(carried)
-        if isinstance(goes_on, np.ndarray):
-            after = [
-                self._where_it_goes_on(goes_on, whole(new), whole(old)) for new, old in zip(after, carried, strict=True)
-            ]
-        held = {i: array for i in memories if isinstance(array := carried[i], Large)}
-        ready = {i: parted(array, as_memory(graph, after[i])) for i, array in held.items()}
-        # What is not kept in memory is computed before the memory that it may be read from changes.
-        scalars = {i: _scalars([after[i]]) for i in changing if i not in memories}
-        scalars |= {i: _scalars([carry_on(held[i], ready[i])]) for i in changing if i in memories}
-        return all_of(graph.end_loop(loop, [value for i in changing for value in scalars[i]]))
+        begun = _scalars([memories[i].now if i in memories else initial[i] for i in changing])
+        loop = Loop(Region(graph.region, is_loop=True), begun)
+        with graph.within(loop.head):
+            carried = all_of(loop.arguments)
+            goes_on = condition(carried)
+            # A batch of loops within a lane goes on while any of its rows does; rows that are done keep their values.
+            loop.condition = functools.reduce(lambda x, y: graph.op("or", BOOL, x, y), whole(goes_on).ravel())
+        with graph.within(loop.body):
+            after = body(carried)
+            if isinstance(goes_on, np.ndarray):
+                pairs = zip(after, carried, strict=True)
+                after = [self._where_it_goes_on(goes_on, whole(new), whole(old)) for new, old in pairs]
+            held = {i: array for i in memories if isinstance(array := carried[i], Large)}
+            ready = {i: parted(array, as_memory(graph, after[i])) for i, array in held.items()}
+            # What is not kept in memory is computed before the memory that it may be read from changes.
+            scalars = {i: _scalars([after[i]]) for i in changing if i not in memories}
+            scalars |= {i: _scalars([carry_on(held[i], ready[i])]) for i in changing if i in memories}
+            loop.updates = [value for i in changing for value in scalars[i]]
+        return all_of(graph.ended(loop, begun))
 
     def _where_it_goes_on(self, goes_on: Elements, new: Elements, old: Elements) -> np.ndarray:
         """For a batch of loops: the new values in rows that go on, the old values in the others."""

@@ -224,22 +224,6 @@ class Graph:
         """One of two values."""
         return self.op("select", if_true.type, condition, if_true, if_false)
 
-    def loop(self, initial: Sequence[Value]) -> Loop:
-        """Begin a loop's condition; `begin_body` and `end_loop` follow."""
-        self.region = Region(self.region, is_loop=True)
-        return Loop(self.region, initial)
-
-    def begin_body(self, loop: Loop, condition: Value) -> None:
-        """Go on with what the loop does while the condition holds."""
-        loop.condition, self.region = condition, loop.body
-
-    def end_loop(self, loop: Loop, updates: Sequence[Value]) -> list[Value]:
-        """The loop's values when it has ended."""
-        outer = loop.head.parent
-        assert outer is not None
-        loop.updates, self.region = list(updates), outer
-        return self._ended(loop, updates)
-
     @contextlib.contextmanager
     def within(self, region: Region) -> Iterator[Region]:
         """Operations that are added meanwhile are in this region."""
@@ -254,7 +238,7 @@ class Graph:
         loop = Counted(self.region, length, initial)
         with self.within(loop.body):
             loop.updates = list(body(loop.index, loop.arguments))
-        return self._ended(loop, initial)
+        return self.ended(loop, initial)
 
     def place(self, terms: Iterable[tuple[Value, int]], offset: int = 0) -> Value:
         """Σ index · stride + offset, the same in all lanes."""
@@ -308,9 +292,9 @@ class Graph:
 
     def branch(self, selector: Value, cases: list[Region], outputs: list[list[Value]]) -> list[Value]:
         """The outputs of the case that each lane takes."""
-        return self._ended(Branch(selector, cases, outputs), outputs[0])
+        return self.ended(Branch(selector, cases, outputs), outputs[0])
 
-    def _ended(self, step: Loop | Branch | Counted, values: Sequence[Value]) -> list[Value]:
+    def ended(self, step: Loop | Branch | Counted, values: Sequence[Value]) -> list[Value]:
         """The results of a step that is complete, of the types of some values."""
         self.region.steps.append(step)
         step.results = [Value("result", (), value.type, self.region, step) for value in values]

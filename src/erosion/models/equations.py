@@ -323,7 +323,6 @@ def problem_of(model: CuttingModel) -> Problem:
         return lambda t, state, p: function(t, state, Case(p, model))
 
     cut, found = whole_cut(model), list[str]()
-    zeros = dict.fromkeys(own_quantities(type(model)), 0.0)
     jax.eval_shape(lambda p: found.extend(cut.event_names(Case(p, model))), TABLE_1)
     return Problem(
         y0=lambda p: cut.start(Case(p, model)),
@@ -332,7 +331,7 @@ def problem_of(model: CuttingModel) -> Problem:
             name: Event(lambda t, state, p, name=name: model.events(state, p)[name], direction=-1) for name in found
         },
         integrals={name: of(rate) for name, rate in cut.integrals.items()},
-        integrals0=lambda p: {"volume": model.removed_at_contact(p), **zeros},
+        integrals0=lambda p: {"volume": model.removed_at_contact(p), **dict.fromkeys(own_quantities(type(model)), 0.0)},
         time_scale=lambda p: model.scales(p).time,
         typical=lambda p: _typical(Case(p, model)).p,
     )
