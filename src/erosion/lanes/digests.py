@@ -289,14 +289,16 @@ class Surroundings:
         for name in ("__code__", "__defaults__", "__kwdefaults__"):
             self._read(functools.partial(getattr, function, name))
         self._look_at_attributes(vars(function))
-        names = _Names(function.__code__)
-        self._asked_for |= names.attributes
+        names: collections.defaultdict[str, set[str]] = collections.defaultdict(set)
+        for kind, name in _names(function.__code__):
+            names[kind].add(name)
+        self._asked_for |= names["attribute"]
         space = function.__globals__
-        for name in {*names.of_globals, *(text for text in names.texts if text in space)}:
+        for name in names["global"] | names["text"].intersection(space):
             self._read(functools.partial(space.get, name))
-        for name in names.imported:
+        for name in names["module"]:
             self._read(functools.partial(sys.modules.get, name))
-        if not {"environ", "getenv"}.isdisjoint({*names.attributes, *names.of_globals}):
+        if not {"environ", "getenv"}.isdisjoint(names["attribute"] | names["global"]):
             self._check(functools.partial(dict, getattr(os.environ, "_data", os.environ)))
 
     def _look_at_class(self, owner: type) -> None:
@@ -369,33 +371,30 @@ def _is_own_class(owner: type) -> bool:
     return owner.__module__ == "__main__" or is_own(getattr(sys.modules.get(owner.__module__), "__file__", ""))
 
 
-class _Names:
-    """The names that code reads: globals, attributes, modules that it imports; and its texts. With functions within."""
+_READS = {
+    "global": ("LOAD_GLOBAL", "LOAD_NAME"),
+    "module": ("IMPORT_NAME",),
+    "attribute": ("LOAD_ATTR", "LOAD_METHOD", "LOAD_SUPER_ATTR", "IMPORT_FROM"),
+}
+"""How the operations of Python's code begin that read a name, by what it is the name of."""
 
-    def __init__(self, code: types.CodeType) -> None:
-        self.of_globals, self.attributes, self.imported = set[str](), set[str](), set[str]()
-        self.texts = set[str]()
-        self._add(code)
 
-    def _add(self, code: types.CodeType) -> None:
-        for instruction in dis.get_instructions(code):
-            if instruction.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
-                self.of_globals.add(instruction.argval)
-            elif instruction.opname == "IMPORT_NAME":
-                self.imported.add(instruction.argval)
-            elif instruction.opname.startswith(("LOAD_ATTR", "LOAD_METHOD", "LOAD_SUPER_ATTR", "IMPORT_FROM")):
-                self.attributes.add(instruction.argval)
-        self._add_constants(code.co_consts)
-
-    def _add_constants(self, constants: Iterable[Any]) -> None:
-        for constant in constants:
-            if isinstance(constant, types.CodeType):
-                self._add(constant)
-            elif isinstance(constant, (tuple, frozenset)):
-                self._add_constants(constant)
-            elif isinstance(constant, str):
-                self.texts.add(constant)
-                self.attributes.add(constant)  # what `getattr` asks for
+def _names(code: types.CodeType) -> Iterator[tuple[str, str]]:
+    """What code and the functions within it read: a kind of `_READS` or "text", and a name."""
+    for instruction in dis.get_instructions(code):
+        for kind, operations in _READS.items():
+            if instruction.opname.startswith(operations):
+                yield kind, instruction.argval
+    constants = list(code.co_consts)
+    while constants:
+        constant = constants.pop()
+        if isinstance(constant, types.CodeType):
+            yield from _names(constant)
+        elif isinstance(constant, (tuple, frozenset)):
+            constants += constant
+        elif isinstance(constant, str):
+            yield "text", constant
+            yield "attribute", constant  # what `getattr` asks for
 
 
 def _content(cell: Any) -> Any:
