@@ -238,6 +238,9 @@ def test_an_amount_beyond_all_tests_is_no_headline():
     assert "The models say " in amount(table)
 
 
+BESIDE = {"target": "mild steel", "models": ["finnie"]}
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -249,11 +252,21 @@ def test_an_amount_beyond_all_tests_is_no_headline():
         ({"uncertain": {}}, "`uncertain` must have a law, but has none"),
         ({"uncertain": {"r": Normal(1e-4, 1e-6)}, "models": ["finnie"]}, "parameters of the metal or of finnie"),
         ({"target": "gold"}, "`target` must name one of"),
+        ({**BESIDE, "compare": "garnet 0.1 mm"}, "`compare` needs a particle and a target"),
+        (
+            {**BESIDE, "compare": "aluminium oxide", "particle": "garnet 80 mesh"},
+            "`compare` must be a material and a size",
+        ),
     ],
 )
 def test_bad_arguments_are_one_sentence(options, message):
     with pytest.raises(ValueError, match=message):
         erosion.advise(P, **options)
+
+
+def test_a_job_must_be_positive():
+    with pytest.raises(ValueError, match="`depth` must be positive"):
+        Job(area=1.0, depth=0.0)
 
 
 def test_a_model_that_cannot_be_computed_is_named(monkeypatch):
@@ -366,15 +379,6 @@ def test_another_abrasive_is_compared_by_size_shape_and_hardness(shop):
     assert "only " not in shop.reasons[-1]
 
 
-@pytest.mark.parametrize(("named", "other", "message"), [
-    ({}, "garnet 0.1 mm", "`compare` needs a particle and a target"),
-    ({"particle": "garnet 80 mesh"}, "aluminium oxide", "`compare` must be a material and a size"),
-])  # fmt: skip
-def test_what_is_wrong_with_another_abrasive_names_it(named, other, message):
-    with pytest.raises(ValueError, match=message):
-        erosion.advise(P, target="mild steel", compare=other, models=["finnie"], **named)
-
-
 @pytest.mark.slow
 def test_the_table_for_a_spreadsheet_has_the_numbers_of_the_advice(shop, tmp_path):
     rows = list(csv.reader(write_advice(shop, tmp_path / "a.csv").read_text("utf-8-sig").splitlines()))
@@ -409,8 +413,3 @@ def test_nothing_on_the_sheet_lies_on_its_footer(shop, lang):
     FigureCanvasAgg(figure).draw()
     boxes = sorted((text.get_window_extent() for text in figure.texts), key=lambda box: box.y0)
     assert boxes[1].y0 > boxes[0].y1
-
-
-def test_a_job_must_be_positive():
-    with pytest.raises(ValueError, match="`depth` must be positive"):
-        Job(area=1.0, depth=0.0)
