@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 import erosion
 from erosion import CuttingModel, Tip, ode
-from erosion.impacts import simulate as module
+from erosion.impacts import trajectory as module
 from erosion.impacts.trajectory import SimulationError, TurnWarning, path, path as follow
 from erosion.plotting.motion import plot_trajectory
 from tests.reference import AS_PRINTED, AT_20_DEGREES, CLOSED, closed_form
