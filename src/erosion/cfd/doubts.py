@@ -20,7 +20,7 @@ _GROWTH = 2.6  # of the wear with speed, as of metals in DNVGL-RP-O501 (2015), t
 _DOMINATES = 0.05  # share of the wear from which on one of many rows is named, if it has 30 times the mean, too
 _FINEST, _COARSEST = 1e-6, 5e-3  # diameters of grains [m]
 _SLOWEST, _FASTEST = 0.5, 300.0  # mean speeds at which sand wears [m/s]
-_MORE, _THOUSANDS = 10, 1000  # rows from which velocities along an axis, and ones without signs, are named
+_MORE, _THOUSANDS = 10, 1000  # rows from which velocities along an axis and radians, and ones without signs, are named
 _ALIKE = 1.02  # ratio of speeds of the same rows
 _SAME = 1.1  # ratio of densities of one solid
 _LIQUID = 1010.0  # kg/m³; the lightest grain of the package's table, walnut shell, has 1200
@@ -31,12 +31,10 @@ _NEIGHBOURS, _ASKED = 200_000, 2000  # rows that are compared with their neighbo
 _TWIN = 0.1  # of the distance to the next neighbour; a tenth of random rows on a line are as near to another one
 _TWINS = 0.3  # share of the rows above which such twins are said
 _JOURNEYS = 30  # from one shallow hit to the next, from which on they are compared with speeds
-_WAYS = 0.5, 2.5  # the straightest ways over those by the speeds at both ends, less and more in hardly any flow
-_EVEN, _EVEN_WAYS = 1.25, (0.58, 1.4)  # the same where all are alike, the straightest over the middle one
+# The straightest ways over those by the speeds at both ends: less and more in hardly any flow, and where all are alike.
+_WAYS, _EVEN_WAYS, _EVEN = (0.5, 2.5), (0.58, 1.4), 1.25
 _STEEP = 45.0  # mean angle from which on it may be measured from the normal, and hits send grains far up [°]
 _LARGEST, _IN_GRAINS = 100.0, 20.0  # sizes of a surface that no part has [m], and over the diameter of grains
-_NUMBERED = 10  # rows from which on angles are told in radians
-_SHEETS = 2**16, 2**20  # lines that sheets of Excel hold: what it saves ends there
 
 # Wear grows as speed^2.6 and as the mass of a grain; depths as volumes over areas.
 _GRANTED = (
@@ -227,7 +225,7 @@ class Noted:
         if (
             angle is not None
             and angle.factor < 1
-            and self._rows >= _NUMBERED
+            and self._rows >= _MORE
             and self._steepest <= math.pi / 2 * angle.factor
         ):
             yield f"no angle is above {math.degrees(self._steepest):.3g}°; are they in radians?"
@@ -236,7 +234,7 @@ class Noted:
                 f"column {self._beside.name!r} is {self._speeds:.3g} × the speed by the components of the velocity, "
                 "which count; are the units of both right?"
             )
-        if self._rows + 1 in _SHEETS:
+        if self._rows + 1 in (2**16, 2**20):
             yield f"it has {self._rows + 1:,} lines, as many as a sheet of Excel holds; did the table have more?"
         yield from self._repeats.in_words()
 

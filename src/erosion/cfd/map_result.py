@@ -450,9 +450,8 @@ class MapSummary(Result):
         total = int(data["rows"])
         for name, count in zip(data["reason"].values, data["left_out"].values, strict=True):
             if count and name != "elsewhere":
-                more = f": {data.attrs['far_rows']}." if name == "too-far" else "."
-                if name == "receding" and count > _MANY_RECEDE * total:
-                    more = _WHY_RECEDE
+                why = _WHY_RECEDE if name == "receding" and count > _MANY_RECEDE * total else "."
+                more = f": {data.attrs['far_rows']}." if name == "too-far" else why
                 sentences.append(f"{count:,} of {total:,} rows {LEFT_OUT[name]}, and are not counted{more}")
         if failed := round(float(data["ends"].sum() - data["total_impacts"])):
             sentences.append(f"{failed:,} impacts could not be computed, and are not counted.")
