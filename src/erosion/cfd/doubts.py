@@ -40,7 +40,7 @@ _LARGEST, _IN_GRAINS = 100.0, 20.0  # sizes of a surface that no part has [m], a
 _GRANTED = (
     " All this is taken for granted: speeds in ft/s, mph or km/h that are taken for m/s make the wear about 22, 8 or "
     "28 × too great, radii for diameters, without masses, 8 × too little, lost rows in proportion, and inches "
-    "for mm, in table and surface, depths 645 × too great."
+    "or cm for mm, in table and surface, depths 645 or 100 × too great."
 )
 
 
