@@ -425,7 +425,30 @@ def test_a_common_error_needs_rows_of_one_speed_and_errors_of_their_own():
     with pytest.raises(MeasurementError, match="column of uncertainties"):
         read_measurements(dict(table) | {"uncertainty [%]": [8] * 6}, "inch-pound", error=ErrorModel(0, 0.1, 0.05))
     with pytest.raises(ValueError, match=r"`error` must also say what the error of each row is"):
-        calibrate("linearized", TABLE_1, table, ["psi"], error=ErrorModel(common=0.05))
+        calibrate("linearized", TABLE_1, table, ["psi"], error=ErrorModel(common=0.05), loss="huber")
+    few = {name: np.asarray(values)[[0, 1, 3]] for name, values in dict(table).items()}
+    with pytest.raises(ValueError, match="1 free parameter and 2 errors of speeds"):
+        calibrate("linearized", TABLE_1, few, ["psi"], error=ErrorModel(common=0.05))
+
+
+def test_the_error_of_rows_is_found_beside_that_of_their_speed():
+    """Of many rows, by least squares."""
+    degrees, random = np.tile(np.linspace(10.0, 80.0, 60), 4), np.random.default_rng(3)
+    speeds = float(TABLE_1.v0) * np.repeat([0.4, 0.6, 0.8, 1.0], 60)
+    true = impact("linearized-deformation", TABLE_1.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
+    own = 0.03 * float(true.max())
+    volume = true * np.repeat([1.1, 0.95, 1.05, 0.9], 60) + own * random.standard_normal(240)
+    table = {"angle [deg]": degrees, "speed [in/s]": speeds, "volume [in^3]": volume}
+    said, found = (
+        calibrate("linearized-deformation", TABLE_1, table, ["k", "psi"], error=error)
+        for error in (ErrorModel(own, 0.0, 0.1), ErrorModel(common=0.1))
+    )
+    assert np.sqrt(found.variance) * found.data.deviation[0] == pytest.approx(own, rel=0.1)
+    for name in ("k", "psi"):
+        assert found.estimates[name] == pytest.approx(said.estimates[name], rel=2e-3)
+        assert found.standard_errors[name] == pytest.approx(said.standard_errors[name], rel=0.1)
+    assert not found.warnings
+    assert any(pattern.seen for pattern in calibrate("linearized-deformation", TABLE_1, table, ["k", "psi"]).patterns)
 
 
 def test_speeds_that_are_off_together_are_no_pattern():

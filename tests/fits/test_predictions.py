@@ -74,7 +74,8 @@ def test_the_likelihood_is_that_of_all_rows(error, discrepancy):
 
 def common(data, mean: np.ndarray) -> np.ndarray:
     """The covariance by what rows of a speed share."""
-    shared = data.weighed(mean).common
+    rows = data.weighed(mean)
+    shared = None if rows.common is None else rows.common * rows.deviation
     return (
         np.zeros((len(data), len(data)))
         if shared is None

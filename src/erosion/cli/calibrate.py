@@ -55,7 +55,7 @@ class FitOptions(PerMassOptions):
         default_factory=list
     )
     error: Annotated[
-        str | None, Parameter(help='Without a column: "0.3 mg/kg + 8 %"; "+ 5 % of each speed": of its rows alike.')
+        str | None, Parameter(help='Without a column: "0.3 mg/kg + 8 %"; with "+ 5 % of each speed" in common.')
     ] = None
     starts: Annotated[WholeOption, Parameter(help="Points to begin from; 32 without it.")] = None
 

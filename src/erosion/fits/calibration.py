@@ -582,16 +582,19 @@ def calibrate(
     if loss not in LOSSES:
         raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {briefly(loss)}.")
     starts, data, free_count = check_whole("starts", starts, 1), forward.data, len(forward.names)
-    if data.common is not None and data.uncertainty is None:
+    own_is_found = data.common is not None and data.uncertainty is None
+    if own_is_found and loss != "linear":
         raise ValueError(
-            "Argument `error` must also say what the error of each row is, as least squares cannot tell it from that "
-            "of each speed; `posterior` samples it."
+            f"Argument `error` must also say what the error of each row is for the loss {loss}, but has that of each "
+            "speed alone."
         )
-    if len(data) <= free_count:
+    speeds = int(data.speeds.max()) + 1 if own_is_found else 0
+    if len(data) <= free_count + speeds:
         parameters = f"{free_count} free parameter" + ("s" if free_count > 1 else "")
+        parameters += f" and {speeds} errors of speeds" if speeds else ""
         raise ValueError(
-            f"Argument `data` must have at least {free_count + 1} rows for {parameters}, as no degree of freedom "
-            f"is left otherwise, but has {len(data)}."
+            f"Argument `data` must have at least {free_count + speeds + 1} rows for {parameters}, as no degree of "
+            f"freedom is left otherwise, but has {len(data)}."
         )
     greatest = float(np.max(np.abs(data.erosion)))
     if not 1 / _GREATEST <= greatest <= _GREATEST:  # squares are summed

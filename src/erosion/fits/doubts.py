@@ -276,7 +276,7 @@ def beyond_scatter(data: Measurements, fitted: np.ndarray, freedom: int, groups:
             scatter_freedom += len(erosion) - degree - 1
     if scatter_freedom == 0:
         return None
-    residuals = data.erosion - fitted
+    residuals = data.over_errors(data.erosion - fitted) * data.deviation
     variance, of_scatter = float(np.sum(residuals**2)) / freedom, squares / scatter_freedom
     ratio, probability = variances_differ((variance, freedom), (of_scatter, scatter_freedom), data.erosion)
     scale = table_scale(data.dimension, data.units, float(np.sqrt(variance)))

@@ -366,8 +366,11 @@ def with_noise(problem: FitProblem, theta: np.ndarray, noise: float) -> tuple[Fi
 
 def _reweighted(problem: FitProblem, solution: FitSolution) -> tuple[FitProblem, FitSolution]:
     """The fit whose relative errors are of its own erosion, by fits with the errors of the one before."""
+    freedom = len(problem.data) - len(problem.start)
     for _ in range(_REWEIGHTED if problem.data.has_shares else 0):
-        data = problem.data.weighed(problem.forward.predict(solution.theta, problem.data.conditions)[0])
+        fitted = problem.forward.predict(solution.theta, problem.data.conditions)[0]
+        scatter = np.sqrt(2 * solution.cost / freedom) * float(problem.data.deviation[0])
+        data = problem.data.weighed(fitted, None if problem.data.uncertainty is not None else scatter)
         if np.allclose(data.whole_error, problem.data.whole_error, rtol=_SAME_ERRORS, atol=0.0):
             break
         problem, solution = with_noise(dataclasses.replace(problem, data=data), solution.theta, problem.noise)

@@ -87,7 +87,7 @@ class Measurements:
         unused: the headings of the columns that are not used.
         error: what the uncertainties are made of; without it the two parts that come nearest to them.
         parts: absolute and relative part of each uncertainty, shape (n, 2); None where it is one number.
-        common: one standard deviation of the error that a row shares with all of its speed, shape (n,); None without.
+        common: the error that a row shares with all of its speed, over its own, shape (n,); None without.
         lines: of the file, of each row; None for tables in memory.
         notes: sentences on how the table was read: rows that are left out, its characters.
         unit: of `erosion` in the table; empty where numbers do not read well in it.
@@ -223,8 +223,13 @@ class Measurements:
             raise MeasurementError("Argument `error` must have an absolute part, as there are rows without erosion.")
         return rows
 
-    def weighed(self, expected: np.ndarray | None = None) -> "Measurements":
-        """The same rows, relative parts of whose errors are of this erosion, or of the mean of repeats."""
+    def weighed(self, expected: np.ndarray | None = None, scatter: float | None = None) -> "Measurements":
+        """The same rows, relative parts of whose errors are of this erosion, or of the mean of repeats.
+
+        Args:
+            expected: shape (n,).
+            scatter: the rows' own error where no uncertainties are known; a typical erosion without it.
+        """
         if not self.has_shares:
             return self
         _, places = self.at_conditions()
@@ -233,7 +238,8 @@ class Measurements:
         if self.parts is not None:
             errors["uncertainty"] = np.hypot(self.parts[:, 0], self.parts[:, 1] * of)
         if self.error is not None and self.error.common:
-            errors["common"] = self.error.common * of
+            own = self.deviation if scatter is None else scatter
+            errors["common"] = self.error.common * of / errors.get("uncertainty", own)
         return dataclasses.replace(self, **errors)
 
     @property
@@ -255,7 +261,7 @@ class Measurements:
             of_rows: shape (…, n).
         """
         scaled = of_rows / self.deviation
-        return scaled if self.common is None else without_common(scaled, self.common / self.deviation, self.speeds)
+        return scaled if self.common is None else without_common(scaled, self.common, self.speeds)
 
     @property
     def log_determinant(self) -> float:
@@ -263,13 +269,12 @@ class Measurements:
         logs = 2 * float(np.sum(np.log(self.deviation)))
         if self.common is None:
             return logs
-        squares = np.bincount(self.speeds, (self.common / self.deviation) ** 2)
-        return logs + float(np.sum(np.log1p(squares)))
+        return logs + float(np.sum(np.log1p(np.bincount(self.speeds, self.common**2))))
 
     @property
     def whole_error(self) -> np.ndarray:
         """One standard deviation of each row, its own error and the common one, shape (n,); see `deviation`."""
-        return np.hypot(self.deviation, 0.0 if self.common is None else self.common)
+        return self.deviation * np.hypot(1.0, 0.0 if self.common is None else self.common)
 
     def thinned(self, most: int) -> "Measurements":
         """At most `most` rows, drawn at random but always the same."""

@@ -411,7 +411,7 @@ class Posterior(Result):
         if self.data.uncertainty is not None:
             observed["uncertainty"] = ("row", self.data.uncertainty, {"units": self.data.erosion_unit})
         if self.data.common is not None:
-            observed["common"] = ("row", self.data.common, {"units": self.data.erosion_unit})
+            observed["common"] = ("row", self.data.common, {"long_name": "error of its speed over its own"})
         if self.data.parts is not None:
             observed["parts"] = (("row", "part"), self.data.parts, {"long_name": "absolute and relative part"})
         constant = {name: ("row", values, known[name].attributes(units))
