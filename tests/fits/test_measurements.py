@@ -424,11 +424,69 @@ def test_a_common_error_needs_rows_of_one_speed_and_errors_of_their_own():
         read_measurements(apart, "inch-pound", error=ErrorModel(relative=0.1, common=0.05))
     with pytest.raises(MeasurementError, match="column of uncertainties"):
         read_measurements(dict(table) | {"uncertainty [%]": [8] * 6}, "inch-pound", error=ErrorModel(0, 0.1, 0.05))
-    with pytest.raises(ValueError, match=r"`error` must also say what the error of each row is"):
-        calibrate("linearized", TABLE_1, table, ["psi"], error=ErrorModel(common=0.05), loss="huber")
+    twice = {name: np.tile(values, 2) for name, values in dict(table).items()}
+    with pytest.raises(MeasurementError, match="speeds are no groups"):
+        read_measurements(
+            twice | {"speed [in/s]": 3000 * 1.018 ** np.arange(12)}, "inch-pound", error=ErrorModel(0, 0.1, 0.05)
+        )
+    with pytest.raises(ValueError, match="`loss` must be linear"):
+        calibrate("linearized", TABLE_1, table, ["psi"], error=ErrorModel(0.0, 0.1, 0.05), loss="huber")
     few = {name: np.asarray(values)[[0, 1, 3]] for name, values in dict(table).items()}
     with pytest.raises(ValueError, match="1 free parameter and 2 errors of speeds"):
         calibrate("linearized", TABLE_1, few, ["psi"], error=ErrorModel(common=0.05))
+
+
+def test_speeds_that_were_measured_row_by_row_are_groups_and_an_error_of_them_stays():
+    table = {
+        "angle [deg]": DEGREES,
+        "speed [in/s]": TWO_SPEEDS * [1, 1.01, 0.99, 1.005, 1, 0.99],
+        "volume [in^3]": TRUE,
+    }
+    rows = read_measurements(table, "inch-pound", error="5 % of each speed")
+    assert rows.speeds is not None
+    assert rows.speeds.tolist() == [0, 0, 0, 1, 1, 1]
+    assert rows.with_error("8 %").error == ErrorModel(0.0, 0.08, 0.05)
+    assert rows.with_error("8 %").of_rows(np.array([0, 4])).weighed(np.ones(2)).common == pytest.approx(0.05 / 0.08)
+
+
+def of_two_speeds(count: int, own: float, *, factor: float = 1.0) -> dict[str, np.ndarray]:
+    """Rows of ψ = 0.04 that are off by a share of each, and one more of them by a factor."""
+    degrees, random = np.tile(np.linspace(12.0, 85.0, count), 2), np.random.default_rng(7)
+    speeds = float(TABLE_1.v0) * np.repeat([0.5, 1.0], count)
+    true = impact("linearized-deformation", TABLE_1.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
+    volume = true * (1 + own * random.standard_normal(2 * count))
+    volume[3] *= factor
+    return {"angle [deg]": degrees, "speed [in/s]": speeds, "volume [in^3]": volume}
+
+
+@pytest.mark.parametrize(
+    ("count", "own", "error", "factor"),
+    [(300, 0.05, (0.0, 0.05, 0.1), 1.0), (16, 0.1, (0.0, 0.02, 0.1), 1.0), (8, 0.02, (0.0, 0.02, 0.2), 2.0)],
+    ids=["many rows", "errors too small", "an outlier"],
+)
+def test_what_speeds_share_does_not_explain_a_model_that_is_far_too_small(count, own, error, factor):
+    """Errors of the measured erosion would: the fit was a quarter of the data (Peelle's puzzle)."""
+    table, error = of_two_speeds(count, own, factor=factor), ErrorModel(*error)
+    fit = calibrate("linearized-deformation", TABLE_1, table, ["psi"], error=error, starts=4)
+    assert fit.estimates["psi"] == pytest.approx(0.04, rel=0.15)
+    assert any("outlier" in sentence for sentence in fit.warnings) == (factor > 1)
+    likelihood = make_likelihood(fit.problem.forward, {"psi": Uniform(0.03, 0.23)})
+    squares, variance = likelihood.squares(stats.norm.ppf([[0.05], [0.3], [0.8]]), 0)  # ψ of 0.04, 0.09, 0.19
+    logs = -0.5 * (squares / variance + 2 * count * np.log(variance))
+    assert logs.argmax() == 0
+
+
+def test_draws_of_many_rows_are_as_wide_as_the_errors_of_their_speeds():
+    fit = calibrate(
+        "linearized-deformation",
+        TABLE_1,
+        of_two_speeds(500, 0.05),
+        ["psi"],
+        error=ErrorModel(0.0, 0.05, 0.02),
+        starts=4,
+    )
+    drawn = fit.rows_of_draws(400).columns["psi"]
+    assert np.std(drawn) == pytest.approx(fit.standard_errors["psi"], rel=0.15)
 
 
 def test_the_error_of_rows_is_found_beside_that_of_their_speed():

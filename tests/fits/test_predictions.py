@@ -143,7 +143,7 @@ def test_beyond_the_tested_angles_the_discrepancy_counts_alone():
     inside, beside = predictor.predict(np.deg2rad([50.0, 50.0 + 1e-7]), {"v0": V0}, 200).T
     np.testing.assert_allclose(beside, inside, rtol=2e-3)
     # The next experiment weighs a test as predictions do.
-    means, missed, _ = predictor.of_draws(predictor.question(alpha, {"v0": V0}), 200)
+    means, missed, *_ = predictor.of_draws(predictor.question(alpha, {"v0": V0}), 200)
     mixed = np.hypot(means.std(axis=0), np.sqrt(np.mean(missed**2, axis=0)))
     np.testing.assert_allclose(mixed, curves.std(axis=0), rtol=0.25)
 
@@ -216,7 +216,7 @@ def test_what_rows_of_a_speed_share_is_kept_and_is_in_a_new_weighing(tmp_path):
     mean, weighing = drawn.predictor.with_errors(*asked)
     np.testing.assert_allclose(weighing, np.hypot(error.deviation(mean), 0.1 * mean), rtol=1e-9)
     again = read_predictor(drawn.save(tmp_path / "draws.nc"))
-    np.testing.assert_array_equal(again.data.common, drawn.data.common)
+    np.testing.assert_array_equal(again.data.speeds, drawn.data.speeds)
     assert again.data.error == error
     np.testing.assert_allclose(again.predict(*asked, noise=True), drawn.predict(*asked, noise=True), rtol=1e-9)
     np.testing.assert_allclose(again.row_errors, drawn.data.whole_error)

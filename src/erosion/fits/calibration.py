@@ -168,7 +168,8 @@ class Calibration(Result):
     @property
     def noise(self) -> float:
         """The typical standard deviation of a row over the greatest fitted erosion."""
-        deviation = float(np.median(self.problem.data.deviation)) * np.sqrt(self.variance)
+        own = self.problem.data.deviation * np.sqrt(self.variance)
+        deviation = float(np.median(np.hypot(own, self.data.share_of_speeds * self.fitted)))
         return deviation / float(np.abs(self.fitted).max())
 
     @property
@@ -582,13 +583,9 @@ def calibrate(
     if loss not in LOSSES:
         raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {briefly(loss)}.")
     starts, data, free_count = check_whole("starts", starts, 1), forward.data, len(forward.names)
-    own_is_found = data.common is not None and data.uncertainty is None
-    if own_is_found and loss != "linear":
-        raise ValueError(
-            f"Argument `error` must also say what the error of each row is for the loss {loss}, but has that of each "
-            "speed alone."
-        )
-    speeds = int(data.speeds.max()) + 1 if own_is_found else 0
+    if data.speeds is not None and loss != "linear":  # what its speed shares would spread a far row over the others
+        raise ValueError(f"Argument `loss` must be linear beside an error of each speed, but is {loss}.")
+    speeds = int(data.speeds.max()) + 1 if data.speeds is not None and data.uncertainty is None else 0
     if len(data) <= free_count + speeds:
         parameters = f"{free_count} free parameter" + ("s" if free_count > 1 else "")
         parameters += f" and {speeds} errors of speeds" if speeds else ""

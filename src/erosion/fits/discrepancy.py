@@ -294,6 +294,7 @@ def with_few_conditions(likelihood: Likelihood, most: int = MOST) -> Likelihood:
     while places.max() >= most:
         cells = [np.floor((column if name == "alpha" else np.log(column)) / log_steps[name])
                  for name, column in columns.items()]  # fmt: skip
+        cells += [] if data.speeds is None else [data.speeds]
         places = np.unique(np.stack(cells), axis=1, return_inverse=True)[1].ravel()
         log_steps = {name: step * _COARSER for name, step in log_steps.items()}
     if places.max() + 1 == data.at_conditions()[0].shape[1]:

@@ -299,7 +299,7 @@ def variances_differ(first: tuple[float, int], second: tuple[float, int], erosio
 
 def worst_row(data: Measurements, fitted: np.ndarray, groups: Sequence[Condition]) -> str:
     """The row that is furthest from the fit: "at 90° the fit has 0 mg/kg, the data have 95 mg/kg"."""
-    deviation = 1.0 if data.uncertainty is None else data.uncertainty
+    deviation = 1.0 if data.uncertainty is None else data.whole_error
     row = int(np.argmax(np.abs((data.erosion - fitted) / deviation)))
     of_fit, of_data = (data.scale.beside(format_number(value, 3, data.scale.size))
                        for value in (fitted[row], data.erosion[row]))  # fmt: skip

@@ -1,5 +1,6 @@
 """Draws of what a fit leaves open: parameters that explain the rows as well as their scatter allows."""
 
+import dataclasses
 from collections.abc import Collection
 
 import numpy as np
@@ -40,6 +41,9 @@ class _Fit(Misfit):
         target = fitted if is_part else whole.erosion
         self._least = least if is_part else least - float(np.sum(weights * residuals**2))
         self._data, self._target = whole.of_rows(rows), target[rows]
+        if is_part and self._data.common is not None:  # which does not grow with the rows
+            common = self._data.common * np.sqrt(len(whole) / len(rows))
+            self._data = dataclasses.replace(self._data, common=common)
         self._weights = weights[rows] * len(whole) / len(rows)
         self._finest = float(np.mean((_FINEST * whole.erosion / whole.deviation) ** 2))
         lower, upper, start = problem.lower[moving], problem.upper[moving], problem.start[moving]

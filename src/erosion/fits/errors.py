@@ -17,7 +17,7 @@ from erosion.output import briefly, sentences
 from erosion.parameters import Dimension, System, UnitError, has_unit, read_quantity, table_scale
 
 _PLUS = re.compile(r"(?<![eE])\+")  # not that of 1e+3
-_SHARE = re.compile(r"(.*\S)\s*(?:%|percent)\s*(of each speed)?\s*")
+_SHARE = re.compile(r"(.*\S)\s*(?:%|percent)\s*(of\s+each\s+speed)?\s*", re.IGNORECASE)
 _NOTHING = 1e-3  # of the greater part
 _LEAST = 0.5  # of a measured erosion, whose error a model has that is far below it
 _EXAMPLE = '"0.3 mg/kg + 8 %" or "8 % + 5 % of each speed"'
@@ -33,10 +33,10 @@ class ErrorModel:
         absolute: a ≥ 0 [of the erosion].
         relative: b ≥ 0, a share.
         common: c ≥ 0, a share by which all rows of one speed are off together. Alone it leaves a row's own error to a
-            column, or to be sampled.
+            column, or to be found.
 
     Raises:
-        ValueError: for parts that are negative or not finite, or all zero.
+        ValueError: for parts that are no numbers, negative or not finite, or all zero.
     """
 
     absolute: float = 0.0
@@ -45,8 +45,9 @@ class ErrorModel:
 
     def __post_init__(self) -> None:
         parts = dataclasses.astuple(self)
-        if not (np.isfinite(parts).all() and min(parts) >= 0 < max(parts)):
-            listed = ", ".join(f"{part:g}" for part in parts)
+        are_numbers = all(isinstance(part, (int, float, np.number)) and not isinstance(part, bool) for part in parts)
+        if not (are_numbers and np.isfinite(parts).all() and min(parts) >= 0 < max(parts)):
+            listed = ", ".join(map(briefly, parts))
             raise ValueError(f"An error must have parts of zero or more, not all zero, but has {listed}.")
 
     @property
@@ -70,6 +71,8 @@ class ErrorModel:
         texts = _PLUS.split(text)
         for part in texts:
             share = _SHARE.fullmatch(part.strip())
+            if not share and "%" in part:
+                raise UnitError(f"must be a sum of parts such as {_EXAMPLE}, but is {briefly(text)}")
             name = "absolute" if not share else "common" if share[2] else "relative"
             size = read_quantity(share[1], "1", units) / 100 if share else read_quantity(part, dimension, units)
             bare = not share and dimension != "1" and not has_unit(part)
@@ -108,7 +111,7 @@ class ErrorModel:
 
 
 def of_which(expected: Any, measured: np.ndarray) -> np.ndarray:
-    """The erosion of which relative errors are, the model's; of the measured one they bias a fit.
+    """The erosion of which the relative errors of rows are, the model's; of the measured one they bias a fit.
 
     Rows that are low by chance would count more, and a fit would be low by about 2 b². A model that has next to nothing
     at a row would have no error there: its least is that of half of the measured erosion.
@@ -145,6 +148,6 @@ def by_common(residuals: np.ndarray, common: np.ndarray, speeds: np.ndarray) -> 
         common: over the same, shape (m, n).
         speeds: which speed each row has, shape (n,).
     """
-    is_of = np.eye(speeds.max() + 1)[speeds]
+    is_of = sparse.csr_array((np.ones(len(speeds)), (np.arange(len(speeds)), speeds)))
     squares, products = common**2 @ is_of, (common * residuals) @ is_of
     return np.sum(products**2 / (1 + squares), axis=1), np.sum(np.log1p(squares), axis=1)

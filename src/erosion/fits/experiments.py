@@ -239,15 +239,18 @@ def next_experiment(
     information, discrimination = np.zeros((2, len(numbers), len(conditions["alpha"])))
     for at, i in np.ndindex(information.shape):
         # A draw whose impact fails at a candidate predicts nothing there.
-        known = [np.isfinite(means[:, i]) for means, _, _ in expected]
-        shares = [(means[of, i], np.hypot(missed[of, i], errors[of, i] / np.sqrt(numbers[at])))
-                  for (means, missed, errors), of in zip(expected, known, strict=True)]  # fmt: skip
+        known = [np.isfinite(means[:, i]) for means, *_ in expected]
+        shares = [(means[of, i], np.sqrt(missed[of, i] ** 2 + common[of, i] ** 2 + own[of, i] ** 2 / numbers[at]))
+                  for (means, missed, common, own), of in zip(expected, known, strict=True)]  # fmt: skip
         information[at, i], discrimination[at, i] = _gains(shares, weights)
     return NextExperiment(
         {name: np.tile(values, len(numbers)) for name, values in conditions.items()},
         information.ravel(),
         discrimination.ravel(),
-        np.tile(np.nanmean([np.nanmean(errors, axis=0) for _, _, errors in expected], axis=0), len(numbers)),
+        np.tile(
+            np.nanmean([np.nanmean(np.hypot(common, own), axis=0) for _, _, common, own in expected], axis=0),
+            len(numbers),
+        ),
         tuple(model_name(posterior.model) for posterior in posteriors),
         posteriors[0].p.units,
         min(predictor.distinct(draws) for predictor in predictors),

@@ -366,12 +366,15 @@ def with_noise(problem: FitProblem, theta: np.ndarray, noise: float) -> tuple[Fi
 
 def _reweighted(problem: FitProblem, solution: FitSolution) -> tuple[FitProblem, FitSolution]:
     """The fit whose relative errors are of its own erosion, by fits with the errors of the one before."""
-    freedom = len(problem.data) - len(problem.start)
-    for _ in range(_REWEIGHTED if problem.data.has_shares else 0):
-        fitted = problem.forward.predict(solution.theta, problem.data.conditions)[0]
-        scatter = np.sqrt(2 * solution.cost / freedom) * float(problem.data.deviation[0])
-        data = problem.data.weighed(fitted, None if problem.data.uncertainty is not None else scatter)
-        if np.allclose(data.whole_error, problem.data.whole_error, rtol=_SAME_ERRORS, atol=0.0):
+    has_shares, freedom = problem.data.parts is not None or problem.data.share_of_speeds, len(problem.data)
+    for _ in range(_REWEIGHTED if has_shares else 0):
+        before = problem.data
+        fitted = problem.forward.predict(solution.theta, before.conditions)[0]
+        scatter = np.sqrt(2 * solution.cost / (freedom - len(solution.theta))) * float(before.deviation[0])
+        data = before.weighed(fitted, None if before.uncertainty is not None else scatter)
+        if all(np.allclose(now, 0.0 if then is None else then, rtol=_SAME_ERRORS, atol=0.0)
+               for now, then in ((data.deviation, before.deviation), (data.common, before.common))
+               if now is not None):  # fmt: skip
             break
         problem, solution = with_noise(dataclasses.replace(problem, data=data), solution.theta, problem.noise)
     return problem, solution
@@ -402,7 +405,7 @@ def settle(problem: FitProblem, theta: np.ndarray, held: int | None = None, ftol
     rng = np.random.default_rng(0)
     drawn = min(_DRAWN if held is None else _DRAWN_HELD, _SEARCHED // len(problem.data))
     reach = np.geomspace(*_REACH, drawn)[:, None]
-    names, size = problem.forward.names, float(np.linalg.norm(problem.data.erosion / problem.data.deviation))
+    names, size = problem.forward.names, float(np.linalg.norm(problem.data.over_errors(problem.data.erosion)))
     for _ in range(_HOPS if drawn else 0):
         modes = identify(names, best.jacobian, np.ones(len(names)), size).modes
         spread = np.sqrt(2 * best.cost / max(len(problem.data) - modes.shape[1], 1))

@@ -172,7 +172,7 @@ class Likelihood(Misfit):
         first = np.unique(places, return_index=True)[1]
         parts = None if data.parts is None else (data.parts / data.deviation[:, None])[first]
         # Rows that share an error say nothing one without the other.
-        ends, end = [], _FIRST if data.common is None else count
+        ends, end = [], _FIRST if data.speeds is None else count
         while end < count:
             ends.append(end)
             end *= _GROWTH
@@ -184,7 +184,7 @@ class Likelihood(Misfit):
                 spread[chosen],
                 rows[chosen],
                 None if parts is None else parts[chosen],
-                data.speeds[first][chosen],
+                np.zeros(len(chosen), int) if data.speeds is None else data.speeds[first][chosen],
             )
             for chosen in np.split(np.random.default_rng(0).permutation(count), ends)
         ]
@@ -240,11 +240,11 @@ class Likelihood(Misfit):
 
         Arguments as of `variances`.
         """
-        error = self.forward.data.error
-        if error is None or not error.common:
+        share = self.forward.data.share_of_speeds
+        if not share:
             return None
         factor = values[ERROR_FACTOR][:, None] if ERROR_FACTOR in values else 1.0
-        return factor * error.common * of_which(predicted, pooled.mean) / pooled.deviation
+        return factor * share * np.abs(predicted) / pooled.deviation
 
     def chi2(self, points: np.ndarray) -> np.ndarray:
         """χ² of all rows at points, shape (n, names) -> (n,)."""

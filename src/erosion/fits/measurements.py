@@ -67,6 +67,7 @@ _INCH_POUND = {
     "in", "inch", "inches", "mil", "mils", "thou", "ft", "foot", "feet", "mph", "mile", "miles", "lb", "lbs", "lbm",
     "pound", "pounds", "oz", "ounce", "ounces", "grain", "grains", "slug", "slugs", "slinch",
 }  # fmt: skip
+_SAME_SPEED, _SPREAD = 0.02, 0.1  # of ln v: between rows of one speed, and between the first and the last of them
 _HEAVIEST = 0.02  # kg; a ball of steel of 17 mm, but less than the sand of a test
 
 
@@ -87,7 +88,8 @@ class Measurements:
         unused: the headings of the columns that are not used.
         error: what the uncertainties are made of; without it the two parts that come nearest to them.
         parts: absolute and relative part of each uncertainty, shape (n, 2); None where it is one number.
-        common: the error that a row shares with all of its speed, over its own, shape (n,); None without.
+        speeds: which speed each row has, of those whose rows share an error, shape (n,); None without such an error.
+        common: this error over the row's own at the erosion that is expected, see `weighed`; None without one.
         lines: of the file, of each row; None for tables in memory.
         notes: sentences on how the table was read: rows that are left out, its characters.
         unit: of `erosion` in the table; empty where numbers do not read well in it.
@@ -105,6 +107,7 @@ class Measurements:
     unused: tuple[str, ...] = ()
     error: ErrorModel | None = None
     parts: np.ndarray | None = None
+    speeds: np.ndarray | None = None
     common: np.ndarray | None = None
     lines: np.ndarray | None = None
     notes: tuple[str, ...] = ()
@@ -194,7 +197,7 @@ class Measurements:
 
         Args:
             error: a model, a text such as "0.3 mg/kg + 8 %", or a standard deviation [of the erosion]; None leaves the
-                rows as they are. The common error of each speed alone leaves them their own uncertainties.
+                rows as they are. That of each speed alone leaves them their own, and is kept beside another.
 
         Raises:
             MeasurementError: for rows that have uncertainties already, for an error of zero, and for a common error of
@@ -212,47 +215,66 @@ class Measurements:
                 f"Argument `error` must be left out, but for that of each speed: {self.source} has a column of "
                 "uncertainties."
             )
-        if error.common and len(self) == self.speeds.max() + 1:
-            raise MeasurementError("Argument `error` must have no part of each speed, as no two rows are of one speed.")
-        if not error.has_own:
-            own = ErrorModel(common=1.0) if self.error is None else self.error
-            return dataclasses.replace(self, error=dataclasses.replace(own, common=error.common)).weighed()
+        if error.common:
+            own = error if error.has_own else self.error or error
+            error = dataclasses.replace(own, common=error.common)
+            if self.uncertainty is not None or not error.has_own:
+                return dataclasses.replace(self, error=error, speeds=self._speeds())
+        elif self.error is not None:
+            error = dataclasses.replace(error, common=self.error.common)
         parts = np.tile([error.absolute, error.relative], (len(self), 1))
-        rows = dataclasses.replace(self, error=error, parts=parts).weighed()
+        speeds = self._speeds() if error.common else None
+        rows = dataclasses.replace(self, error=error, parts=parts, speeds=speeds).weighed()
         if not rows.deviation.all():
             raise MeasurementError("Argument `error` must have an absolute part, as there are rows without erosion.")
         return rows
 
-    def weighed(self, expected: np.ndarray | None = None, scatter: float | None = None) -> "Measurements":
+    def weighed(self, expected: np.ndarray | None = None, scatter: Any = None) -> "Measurements":
         """The same rows, relative parts of whose errors are of this erosion, or of the mean of repeats.
+
+        The common error is of an expected erosion alone. Of the measured one it explains rows that a model misses by
+        far, as all of a speed are off by as much (Peelle's puzzle).
 
         Args:
             expected: shape (n,).
-            scatter: the rows' own error where no uncertainties are known; a typical erosion without it.
+            scatter: the rows' own error where no uncertainties are known, a number or of shape (n,).
         """
-        if not self.has_shares:
-            return self
-        _, places = self.at_conditions()
-        mean = (np.bincount(places, self.erosion) / np.bincount(places))[places]
-        of, errors = of_which(mean if expected is None else expected, mean), {}
+        errors = {}
         if self.parts is not None:
+            _, places = self.at_conditions()
+            mean = (np.bincount(places, self.erosion) / np.bincount(places))[places]
+            of = of_which(mean if expected is None else expected, mean)
             errors["uncertainty"] = np.hypot(self.parts[:, 0], self.parts[:, 1] * of)
-        if self.error is not None and self.error.common:
-            own = self.deviation if scatter is None else scatter
-            errors["common"] = self.error.common * of / errors.get("uncertainty", own)
+        if self.share_of_speeds and expected is not None:
+            own = errors.get("uncertainty", self.deviation if scatter is None else scatter)
+            errors["common"] = self.share_of_speeds * np.abs(expected) / own
         return dataclasses.replace(self, **errors)
 
     @property
-    def has_shares(self) -> bool:
-        """Whether a part of the errors is a share of the erosion."""
-        return self.parts is not None or (self.error is not None and self.error.common > 0)
+    def share_of_speeds(self) -> float:
+        """The share of the erosion by which all rows of a speed are off together; 0 without."""
+        return 0.0 if self.error is None else self.error.common
 
-    @functools.cached_property
-    def speeds(self) -> np.ndarray:
-        """Which speed each row has, of those that agree to three digits, shape (n,)."""
+    def _speeds(self) -> np.ndarray:
+        """Which speed each row has, shape (n,).
+
+        Raises:
+            MeasurementError: where no two rows have one speed, or it is not clear which do.
+        """
         if self.speed is None:
             return np.zeros(len(self), int)
-        return np.unique(_in_digits(self.speed), return_inverse=True)[1].ravel()
+        order = np.argsort(self.speed)
+        logs = np.log(self.speed[order])
+        begins = np.append(True, np.diff(logs) > _SAME_SPEED)
+        first, last = logs[begins], logs[np.append(begins[1:], True)]
+        if len(first) == len(self) or (last - first).max() > _SPREAD:
+            raise MeasurementError(
+                "Argument `error` must have no part of each speed, as "
+                + ("no two rows are of one speed." if len(first) == len(self) else "the rows' speeds are no groups.")
+            )
+        speeds = np.empty(len(self), int)
+        speeds[order] = np.cumsum(begins) - 1
+        return speeds
 
     def over_errors(self, of_rows: np.ndarray) -> np.ndarray:
         """Numbers of rows, such as residuals, over their errors, without what rows of one speed have in common.
@@ -261,20 +283,22 @@ class Measurements:
             of_rows: shape (…, n).
         """
         scaled = of_rows / self.deviation
-        return scaled if self.common is None else without_common(scaled, self.common, self.speeds)
+        return (
+            scaled if self.speeds is None or self.common is None else without_common(scaled, self.common, self.speeds)
+        )
 
     @property
     def log_determinant(self) -> float:
         """The logarithm of the determinant of the covariance of the rows' errors."""
         logs = 2 * float(np.sum(np.log(self.deviation)))
-        if self.common is None:
+        if self.speeds is None or self.common is None:
             return logs
         return logs + float(np.sum(np.log1p(np.bincount(self.speeds, self.common**2))))
 
     @property
     def whole_error(self) -> np.ndarray:
-        """One standard deviation of each row, its own error and the common one, shape (n,); see `deviation`."""
-        return self.deviation * np.hypot(1.0, 0.0 if self.common is None else self.common)
+        """One standard deviation of each row, its own error and that of its speed, shape (n,); see `deviation`."""
+        return np.hypot(self.deviation, self.share_of_speeds * self.erosion)
 
     def thinned(self, most: int) -> "Measurements":
         """At most `most` rows, drawn at random but always the same."""
@@ -543,7 +567,8 @@ def conditions(data: Measurements, most: int | None = None) -> list[Condition]:
     if not given:
         return [Condition(np.arange(len(data)), {}, "")]
     columns = np.stack(list(given.values()), axis=1)
-    levels, group = np.unique(_in_digits(columns), axis=0, return_inverse=True)
+    size = 10.0 ** (np.floor(np.log10(columns)) + 1 - _DIGITS)
+    levels, group = np.unique(np.round(columns / size) * size, axis=0, return_inverse=True)
     count = len(levels)
     if most is None or count <= most:
         together, sign = [[i] for i in range(count)], "="
@@ -558,12 +583,6 @@ def conditions(data: Measurements, most: int | None = None) -> list[Condition]:
         Condition(rows, middle, describe({name: middle[name] for name in varying}, data.units, sign))
         for rows, middle in zip(parts, middles, strict=True)
     ]
-
-
-def _in_digits(values: np.ndarray) -> np.ndarray:
-    """Values to as many digits as tell conditions apart."""
-    size = 10.0 ** (np.floor(np.log10(values)) + 1 - _DIGITS)
-    return np.round(values / size) * size
 
 
 def usual_condition(data: Measurements, p: Parameters) -> Mapping[str, float]:

@@ -87,7 +87,7 @@ def far_rows(fit: "Calibration") -> list[str]:
     row = int(np.argmin(odds))
     # A few other rows may be fitted too well by chance.
     usual = FEW_PER_CENT * np.abs(data.erosion).max() if data.uncertainty is None else _USUAL * data.uncertainty[row]
-    if abs(fit.residuals[row]) <= usual:
+    if abs(residuals[row] * problem.data.deviation[row]) <= usual:
         return []
     probability = min(1.0, len(data) * float(odds[row]))
     return [_outlier(fit, row, probability)] if probability < _UNLIKELY else []

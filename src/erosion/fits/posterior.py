@@ -410,8 +410,8 @@ class Posterior(Result):
         observed: dict[str, Any] = {"erosion": ("row", self.data.erosion, self.data.quantity.attributes(units))}
         if self.data.uncertainty is not None:
             observed["uncertainty"] = ("row", self.data.uncertainty, {"units": self.data.erosion_unit})
-        if self.data.common is not None:
-            observed["common"] = ("row", self.data.common, {"long_name": "error of its speed over its own"})
+        if self.data.speeds is not None:
+            observed["speeds"] = ("row", self.data.speeds, {"long_name": "which speed's error it shares"})
         if self.data.parts is not None:
             observed["parts"] = (("row", "part"), self.data.parts, {"long_name": "absolute and relative part"})
         constant = {name: ("row", values, known[name].attributes(units))

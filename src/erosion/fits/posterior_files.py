@@ -223,7 +223,7 @@ def read_predictor(path: str | Path) -> Predictor:
         data = Measurements(
             columns["alpha"], columns["erosion"], about["dimension"], columns.get("uncertainty"), columns.get("v0"),
             columns.get("m"), p.units, attrs["data"], error=None if error is None else ErrorModel(*map(float, error)),
-            parts=columns.get("parts"), common=columns.get("common"), lines=columns.get(LINE),
+            parts=columns.get("parts"), speeds=columns.get("speeds"), lines=columns.get(LINE),
             unit=str(about.get("unit", "")),
         )  # fmt: skip
         density = None if "density" not in about else float(about["density"])

@@ -158,10 +158,8 @@ class Predictor(Result):
 
     def of_draws(
         self, conditions: Mapping[str, np.ndarray], count: int, noise: Noise = True
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A weighing at conditions, as each draw has it: its mean, and its deviations by what repeats share, and not.
-
-        Repeats share the discrepancy, and the error of their speed.
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """A weighing at conditions, as each draw has it: its mean, and its deviations.
 
         Args:
             conditions: of `question`, each of shape (n,).
@@ -169,7 +167,8 @@ class Predictor(Result):
             noise: as of `predict`, or True.
 
         Returns:
-            Three of shape (draws, n).
+            Means, and deviations by the discrepancy, by the error of the speed, which repeats share, too, and by that
+            of the row; each of shape (draws, n).
         """
         chosen = [(way, values) for way, values in self.chosen(count) if _size(values)]
         means, missed = (
@@ -182,7 +181,7 @@ class Predictor(Result):
             means[place] += share * (mean - means[place])
             missed[place] = np.hypot((1 - share) * missed[place], share * miss)
         own, common = self._errors(means, [values for _, values in chosen], noise)
-        return means, np.hypot(missed, common), own
+        return means, missed, common, own
 
     def _means(
         self, alpha: Any, at: Mapping[str, Any] | None, count: int
@@ -275,7 +274,8 @@ class Predictor(Result):
         distance = np.maximum(distance, _from_repeats(data, np.sqrt(own)))
         odds, freedom = 2 * stats.norm.sf(distance), len(data) - len(self.ways["model"].values)
         if data.uncertainty is None and freedom > 1:  # a row far off makes a sampled error large, which hides the row
-            odds = np.minimum(odds, chances(data.erosion - middle, np.zeros((len(data), 0)), middle, freedom))
+            apart = data.weighed(middle, np.sqrt(own)).over_errors(data.erosion - middle) * data.deviation
+            odds = np.minimum(odds, chances(apart, np.zeros((len(data), 0)), middle, freedom))
         rows = np.flatnonzero(len(data) * odds < _UNLIKELY)
         if not len(rows):
             return ""
@@ -416,6 +416,8 @@ def deviations(
         erosion: the mean, shape (draws, rows).
         given: another error, which counts instead.
     """
+    if isinstance(given, ErrorModel) and not given.has_own:
+        return deviations(data, values, erosion)[0], given.common * np.abs(erosion)
     error = data.error if given is None else given
     factor = values[ERROR_FACTOR][:, None] if given is None and ERROR_FACTOR in values else 1.0
     common = error.common * np.abs(erosion) if isinstance(error, ErrorModel) else np.zeros(erosion.shape)
