@@ -135,15 +135,6 @@ def goes_back(layout: Layout) -> bool:
     return _is_traced(layout.renewed().wanting(method=method))
 
 
-def _goes_back_at_times(layout: Layout) -> bool:
-    """Whether states at times go back as well.
-
-    Of a stiff motion they have rates of which few digits are left. In a chain rounding decides whether a time at a
-    reset is before it.
-    """
-    return layout.options.method != "rosenbrock" and not any(layout.problem.resets())
-
-
 def gradient(
     layout: Layout,
     numbers: Sequence[PerLane],
@@ -180,7 +171,10 @@ def gradient(
     forwards = known.copy()
     for method, those in (("explicit", known & ~stiff), ("rosenbrock", known & stiff)):
         wanted = layout.wanting(method=method)
-        if not np.any(those) or not goes_back(wanted) or (at is not None and not _goes_back_at_times(wanted)):
+        # At a time the rates of a stiff motion have few digits left, and in a chain rounding decides whether a time
+        # at a reset is before it.
+        forwards_only = at is not None and (method == "rosenbrock" or any(layout.problem.resets()))
+        if forwards_only or not np.any(those) or not goes_back(wanted):
             continue
         with compiling:
             back = _compiled(wanted, timed=at is not None)

@@ -87,20 +87,17 @@ def landed(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[Flight,
 
 
 def has_no_derivatives(problem: Extended, motion: Flight) -> Flag:
-    """Whether derivatives at the end of a motion are not defined, as far as nothing else tells."""
+    """Whether derivatives at the end of a motion are not defined, as far as nothing else tells.
+
+    A rate that divides by what vanishes there leaves nothing but rounding of them, as of those of sin(v)/v.
+    """
     if problem.rough or not problem.options.waits:
         return jnp.asarray(False)
-    return (motion.control.mode == ENDED) & _divides_by_zero(problem, motion)
-
-
-def _divides_by_zero(problem: Extended, motion: Flight) -> Flag:
-    """Whether a rate divides by what vanishes at the end: of derivatives of sin(v)/v nothing but rounding is left."""
     rows: Rows = jax.tree.leaves(motion.members[0])
-    flow = problem.motion_rate(rows)
     scale = problem.scale_near(motion.control.step, FIRST_STEP)
-    ends = zip(*jax.jvp(problem.dividing, (rows,), (flow,)), strict=True)
+    ends = zip(*jax.jvp(problem.dividing, (rows,), (problem.motion_rate(rows),)), strict=True)
     vanish = (~(jnp.abs(value) > _VANISHES * scale * jnp.abs(rate)) for value, rate in ends)
-    return functools.reduce(jnp.logical_or, vanish, jnp.asarray(False))
+    return (motion.control.mode == ENDED) & functools.reduce(jnp.logical_or, vanish, jnp.asarray(False))
 
 
 def _by_a_short_step(problem: Extended, lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:

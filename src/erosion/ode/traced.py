@@ -57,6 +57,7 @@ class Wanted(NamedTuple):
         return (*self.layout.shapes, *([(self.times,)] if self.times else []))
 
 
+_KINDS = ("value", "first", "second")  # of `Derivatives`, by their order
 _zero = jax.custom_derivatives.SymbolicZero
 
 # What JAX gives to a rule of derivatives: the numbers, or their tangents, of which some are symbols for zero.
@@ -161,10 +162,6 @@ def _codes(end: LaneEnd) -> list[Any]:
     return [end.outcome, count, end.trials, *end.at_once]
 
 
-def _kind(order: int) -> str:
-    return ("value", "first", "second")[order]
-
-
 def _solve(wanted: Wanted, numbers: Sequence[Number], order: int, places: _Places) -> Any:
     """The row of numbers, and codes; or the derivatives along each direction, shape (rows, directions)."""
     layout, rtol, *_ = wanted
@@ -178,7 +175,7 @@ def _solve(wanted: Wanted, numbers: Sequence[Number], order: int, places: _Place
             end = lane(directions=())
             return jnp.stack(end.quantities.value), jnp.stack([code.astype(np.int32) for code in _codes(end)])
         along = jax.vmap(
-            lambda row: jnp.stack(getattr(lane(directions=tuple(row)).quantities, _kind(order))), out_axes=-1
+            lambda row: jnp.stack(getattr(lane(directions=tuple(row)).quantities, _KINDS[order])), out_axes=-1
         )
         return along(jnp.asarray(places, float))
     rows = wanted.rows
@@ -220,7 +217,7 @@ def _on_host(wanted: Wanted, order: int, places: _Places, *given: Number) -> Any
             vector = np.concatenate([vector, end.saved[:, :, 0].reshape(lanes, -1)], -1)
         return vector.reshape(*batch, -1), np.stack(_codes(end), -1).astype(np.int32).reshape(*batch, -1)
     end = integrate_along(layout, numbers, lanes, order, np.array(places, float).T, rtol, times=times)
-    slopes = np.stack(getattr(end.quantities, _kind(order)), 1)
+    slopes = np.stack(getattr(end.quantities, _KINDS[order]), 1)
     if times is not None and end.saved is not None:
         # What comes before a lane's start or after its end is no number, and has no cotangents.
         t0 = np.reshape(layout.clock(numbers).t0, (-1, 1, 1))
