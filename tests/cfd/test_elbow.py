@@ -246,7 +246,7 @@ def test_what_was_taken_for_granted_is_said(tmp_path: Path) -> None:
     mass = float((CLEAN["count"] * 2650 * np.pi / 6e18 * CLEAN["diameter [um]"] ** 3).sum())
     wear = erosion.erosion_map("dnv", erosion.TABLE_1.to("si"), table, surface, injected=3 * mass)
     said = wear.attrs["read_as"]
-    mistakes = "mph or km/h that are taken for m/s make the wear about 22, 8 or 28 × too great, radii for diameters"
+    mistakes = "about 22, 8 or 28 × too great, knots 6 ×, radii for diameters"
     sand, part = "(33.3 % of the sand injected)", "The surface, in mm as given, is 0.3 m"
     for words in ("u, v, w in m/s as given", sand, part, mistakes, "inches or cm for mm"):
         assert words in said

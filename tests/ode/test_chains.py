@@ -92,6 +92,23 @@ def test_the_events_of_a_chain_are_listed():
     assert ode.solve(BALL, {"h": 2.0, "g": 9.81, "e": 0.8}, t1=0.1).events.t.shape == (0,)
 
 
+def test_states_at_times_pass_through_a_chain():
+    args = {"h": 2.0, "g": 9.81, "e": 0.8}
+    ts = np.array([0.3, 1.0, 1.9])
+    end = ode.solve(BALL, args, t1=2.0, ts=ts)
+    exact = [2 - 9.81 * 0.09 / 2, height(args, 1.0, 1)[0], height(args, 1.9, 2)[0]]
+    np.testing.assert_allclose(end.ys["y"], exact, rtol=1e-9)
+
+
+def test_the_longest_chain_may_differ_from_lane_to_lane():
+    n = np.array([[1, 4], [2, 30]])
+    args = {"h": 1.0, "g": 9.81, "e": np.array([0.5, 0.9])}
+    end = ode.solve(BALL, args, t1=1e3, max_events=n)
+    np.testing.assert_array_equal(end.count, n)
+    times = [[impact(args | {"e": args["e"][j]}, n[i, j])[0] for j in range(2)] for i in range(2)]
+    np.testing.assert_allclose(end.t, times, rtol=1e-9)
+
+
 @pytest.mark.parametrize("direction", [-1, 0])
 @pytest.mark.parametrize("rest", [0.0, None])
 def test_bounces_that_accumulate_end_unfinished(direction, rest):
@@ -148,6 +165,17 @@ def test_a_lane_that_is_beyond_its_event_after_a_reset_goes_on():
     )
     assert (one.ended_by, one.count, one.t) == (other.ended_by, other.count, other.t)
     assert other.count == 3
+
+
+def test_a_reset_may_take_the_body_elsewhere():
+    ball = ode.Problem(
+        BALL.y0,
+        BALL.vector_field,
+        {"floor": ode.Event(lambda t, y, args: y["y"], -1, lambda t, y, args: {"y": args["h"], "v": 0})},
+    )
+    args = {"h": 1.0, "g": 10.0}
+    end = ode.solve(ball, args, t1=90.0, max_events=5, wrt=("h", "g"), derivatives=2)
+    agrees(end, lambda part: part.t, lambda args: 5 * jnp.sqrt(2 * args["h"] / args["g"]), args)
 
 
 def test_doses_at_times():

@@ -282,3 +282,11 @@ def test_numpy_arrays_of_two_dimensions_may_stand_beside_what_is_traced():
     )
     fall = jax.jit(lambda g: ode.solve(problem, {"h": heights, "g": g}, t1=100.0).t)(9.81)
     np.testing.assert_allclose(fall, np.sqrt(2 * heights / 9.81), rtol=1e-9)
+
+
+def test_jit_of_one_lane_and_of_times():
+    ts = jnp.array([0.1, 0.5, 5.0])
+    outside = ode.solve(BALL, ARGS, t1=10.0, ts=ts)
+    inside = jax.jit(lambda args, ts: ode.solve(BALL, args, t1=10.0, ts=ts).ys)(ARGS, ts)
+    close(inside, outside.ys)
+    assert np.isnan(inside["y"][2])

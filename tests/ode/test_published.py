@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -70,6 +71,23 @@ def test_a_plane_section_of_three_bodies():
     np.testing.assert_allclose(jacobi(end.y, MOON), before, rtol=1e-8)
 
 
+def test_the_cannon_of_scipy():
+    """The documentation of `scipy.integrate.solve_ivp`: a shot upwards hits the ground at 40, its apex is at 20."""
+    cannon = ode.Problem(
+        jnp.array([0.0, 10.0]),
+        lambda t, y, args: jnp.stack([y[1], jnp.float64(-0.5)]),
+        {
+            "hit_ground": ode.Event(lambda t, y, args: y[0], -1),
+            "apex": ode.Event(lambda t, y, args: y[1], 0, lambda t, y, args: y),
+        },
+    )
+    end = ode.solve(cannon, t1=100.0)
+    assert (end.ended_by, end.t) == ("hit_ground", pytest.approx(40, rel=1e-12))
+    assert list(end.events.name) == ["apex", "hit_ground"]
+    np.testing.assert_allclose(end.events.t, [20, 40], rtol=1e-12)
+    np.testing.assert_allclose(end.events.y, [[100, 0], [0, -10]], atol=1e-9)
+
+
 @pytest.mark.parametrize(("direction", "times"), [(0, 3), (1, 2), (-1, 1)])
 def test_the_events_of_scipys_tests(direction, times):
     """`scipy/integrate/_ivp/tests/test_ivp.py`, test_events: a rational problem whose solution is known."""
@@ -99,6 +117,43 @@ def test_the_events_of_scipys_tests(direction, times):
     assert end.count == times
     np.testing.assert_allclose(end.events.t, [roots[name] for name in names], rtol=1e-9)
     np.testing.assert_allclose(end.y, exact(8.0), rtol=1e-9)
+
+
+def test_the_sensitivity_of_heyokas_notebook():
+    """heyoka.py, doc/notebooks/ev_sensitivity.ipynb: when an oscillator is at its maximum, and f = (x - A)²."""
+    spring = ode.Problem(
+        {"x": 0.0, "v": 1.0},
+        lambda t, y, args: {"x": y["v"], "v": -args["k"] * y["x"]},
+        {"maximum": ode.Event(lambda t, y, args: y["v"])},
+    )
+    end = ode.solve(spring, {"k": np.array([0.456, 7.23])}, t1=100.0, wrt="k", derivatives=2)
+    k = np.array([0.456, 7.23])
+    np.testing.assert_allclose(end.t, np.pi / (2 * np.sqrt(k)), rtol=1e-10)
+    assert end.along("k").t[0] == pytest.approx(-2.550601538829664, rel=1e-9)
+    np.testing.assert_allclose(end.along("k", "k").t, 3 * np.pi / (8 * k**2.5), rtol=1e-7)
+    slope = 2 * (end.y["x"] - 10.123) * end.along("k").y["x"]
+    assert slope[1] == pytest.approx(0.5015866697490922, rel=1e-8)
+
+
+def test_matlabs_ballode():
+    """MATLAB, `ballode`: ten bounces of a ball thrown up at 20 m/s, which keeps 0.9 of its speed at each."""
+    ball = ode.Problem(
+        lambda args: {"y": 0.0, "v": args["v"]},
+        lambda t, y, args: {"y": y["v"], "v": -9.8},
+        {"bounce": ode.Event(lambda t, y, args: y["y"], -1, lambda t, y, args: {"y": 0.0, "v": -args["e"] * y["v"]})},
+    )
+    args = {"v": 20.0, "e": 0.9}
+    end = ode.solve(ball, args, t1=30.0, max_events=10, wrt=("v", "e"), derivatives=2)
+
+    def tenth(v: Any, e: Any) -> Any:
+        return 2 * v / 9.8 * (1 - e**10) / (1 - e)
+
+    assert (end.ended_by, end.count) == ("bounce", 10)
+    np.testing.assert_allclose(end.events.t, 40 / 9.8 * np.cumsum(0.9 ** np.arange(10)), rtol=1e-9)
+    slopes, curves = jax.jacfwd(tenth, (0, 1))(20.0, 0.9), jax.hessian(tenth, (0, 1))(20.0, 0.9)
+    np.testing.assert_allclose([end.along("v").t, end.along("e").t], slopes, rtol=1e-8)
+    given = [[end.along(one, other).t for other in args] for one in args]
+    np.testing.assert_allclose(given, curves, rtol=1e-6, atol=1e-9)
 
 
 def test_petscs_switched_linear_system():
@@ -240,6 +295,35 @@ def test_keplers_apsides():
     np.testing.assert_allclose(end.along("e").y["x"], [[-1] * 3] * 2, rtol=1e-7)
     np.testing.assert_allclose(end.along("e").t, 0, atol=1e-7)
     np.testing.assert_allclose(end.along("e", "e").y["x"], 0, atol=1e-5)
+
+
+def test_an_event_that_is_zero_at_the_start():
+    """torchdiffeq #285: a body thrown from the ground must come down, and not end where it starts."""
+    ball = ode.Problem(
+        lambda args: (0.0, args),
+        lambda t, y, args: (y[1], -9.81),
+        {"ground": ode.Event(lambda t, y, args: y[0])},
+    )
+    v = np.array([1e-3, 1.0, 1e3])
+    end = ode.solve(ball, v, t1=1e3, wrt="")
+    np.testing.assert_allclose(end.t, 2 * v / 9.81, rtol=1e-9)
+    np.testing.assert_allclose(end.along("").t, 2 / 9.81, rtol=1e-8)
+
+
+def test_to_go_on_after_an_event():
+    """diffrax #492: a field that changes at an event; here a tank that a valve fills again once it is low."""
+    tank = ode.Problem(
+        {"level": 1.0, "fills": 0.0},
+        lambda t, y, args: {"level": args["in"] * y["fills"] - y["level"], "fills": 0.0},
+        {
+            "low": ode.Event(lambda t, y, args: y["level"] - 0.2, -1, lambda t, y, args: {**y, "fills": 1.0}),
+            "full": ode.Event(lambda t, y, args: y["level"] - 0.9, 1),
+        },
+    )
+    end = ode.solve(tank, {"in": 2.0}, t1=50.0, wrt="in")
+    assert (end.ended_by, end.count) == ("full", 2)
+    assert end.t == pytest.approx(np.log(5) + np.log(1.8 / 1.1), rel=1e-9)
+    assert end.along("in").t == pytest.approx(1 / 1.8 - 1 / 1.1, rel=1e-8)
 
 
 @pytest.mark.parametrize("waves", [1, 3, 10, 30])

@@ -559,3 +559,14 @@ def test_an_estimate_is_students() -> None:
     assert (mean.low, mean.high) == pytest.approx((2.5 - 3.182446 * mean.error, 2.5 + 3.182446 * mean.error), rel=1e-6)
     # A value of its own moves the interval, not the error.
     assert (moved.value, moved.error, moved.high) == (7, mean.error, pytest.approx(7 + mean.high - 2.5))
+
+
+def test_inputs_of_one_number_have_scipys_indices():
+    def function(points: np.ndarray) -> np.ndarray:
+        return points[:, 0] + points[:, 1] ** 2 + points[:, 0] * points[:, 2]
+
+    first, total = sobol_indices(function, [1, 1, 1], 2**11, np.random.default_rng(1))
+    uniform = [stats.uniform(2.0**-31, 1 - 2.0**-30)] * 3
+    known = stats.sobol_indices(func=lambda x: function(x.T), n=2**11, dists=uniform, rng=np.random.default_rng(1))
+    np.testing.assert_allclose(first, known.first_order, atol=0.02)
+    np.testing.assert_allclose(total, known.total_order, atol=0.02)

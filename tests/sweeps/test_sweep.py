@@ -18,12 +18,14 @@ import pytest
 import xarray as xr
 
 import erosion
+from erosion.impacts import batch as engine
 from erosion.impacts.dataset_files import StoreError
 from erosion.models import Finnie, Linearized
 from erosion.plotting.curves import pieces, plot_against_correlations, plot_optimum
 from erosion.plotting.labels import broken
 from erosion.plotting.style import render
 from erosion.plotting.sweeps import plot_comparison, plot_regimes, plot_sweep
+from erosion.sweeps import grid
 from erosion.sweeps.grid import Outputs, block_shape, make_grid, regions
 from erosion.sweeps.sweep import MemoryStore, SweepInterrupted, sweep
 from tests.cli.test_set_option import FILE
@@ -469,3 +471,25 @@ def test_the_command_line_takes_axes_of_own_parameters(tmp_path, written, monkey
     assert dataset.volume[0].values == pytest.approx(1.816436352531e-4 / np.array([1, 2]), rel=1e-8)  # golden; V ∝ 1/σ
     assert dataset.attrs["own_parameters"] == "speed = 196.8503937007874"
     assert "holds another result (of another models)" in shell([*words, "--set", "speed=6 m/s"], 2).err
+
+
+def test_all_values_are_one_call_of_each_verb(monkeypatch):
+    calls: list[str] = []
+
+    def counted(name: str, verb: Any) -> Any:
+        def call(*arguments: Any, **options: Any) -> Any:
+            calls.append(name)
+            return verb(*arguments, **options)
+
+        return call
+
+    monkeypatch.setattr(engine, "integrate", counted("integrate", engine.integrate))
+    frictions = np.linspace(0.0, 0.5, 200)
+    dataset = sweep(MODEL, PULLED, friction=frictions, alpha=ANGLES)
+    assert calls == ["integrate"]
+    last = erosion.impact(MODEL.replace(friction=0.5), PULLED.replace(alpha=ANGLES))
+    np.testing.assert_array_equal(dataset.volume[-1], last.volume)
+    monkeypatch.setattr(grid, "alpha_max", counted("alpha_max", grid.alpha_max))
+    calls.clear()
+    sweep(MODEL, PULLED, friction=frictions[::50], optimum=True)
+    assert calls.count("alpha_max") == 1

@@ -39,7 +39,7 @@ _LARGEST, _IN_GRAINS = 100.0, 20.0  # sizes of a surface that no part has [m], a
 # Wear grows as speed^2.6 and as the mass of a grain; depths as volumes over areas.
 _GRANTED = (
     " All this is taken for granted: speeds in ft/s, mph or km/h that are taken for m/s make the wear about 22, 8 or "
-    "28 × too great, radii for diameters, without masses, 8 × too little, lost rows in proportion, and inches "
+    "28 × too great, knots 6 ×, radii for diameters, without masses, 8 × too little, lost rows in proportion, inches "
     "or cm for mm, in table and surface, depths 645 or 100 × too great."
 )
 
