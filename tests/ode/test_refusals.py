@@ -216,7 +216,9 @@ OPTIONS: list[tuple[Any, list[str], dict[str, Any]]] = [
 
 
 @pytest.mark.parametrize(
-    ("error", "words", "options"), OPTIONS, ids=[re.sub(r"\s+", " ", str(options))[:60] for *_, options in OPTIONS]
+    ("error", "words", "options"),
+    OPTIONS,
+    ids=[re.sub(r" at 0x\w+|\s+", " ", str(options))[:60] for *_, options in OPTIONS],
 )
 def test_an_option_that_makes_no_sense_is_refused(error, words, options):
     refused(*words, error=error, **options)
