@@ -192,8 +192,7 @@ class Surface:
         """
         core, model = (library(f"vtkmodules.vtkCommon{part}", "cfd") for part in ("Core", "DataModel"))
         cell, point, number, part, square = model.vtkGenericCell(), [0.0] * 3, *(core.mutable(0) for _ in range(3))
-        # Facets of both sides of a wall that is curved both ways lie apart where their diagonals differ.
-        radii = distances + _SAME_PLACE * self.length + 2 * self.bulge[faces]
+        radii = distances + _SAME_PLACE * self.length
         other, normal, position = np.full(len(faces), -1), self.normal, np.asarray(positions, float)
         along = normal[faces] @ _SLANTED >= 0
         for (face, triangles), rows in zip(self._halves, (along, ~along), strict=True):
