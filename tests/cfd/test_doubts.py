@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from erosion.cfd.doubts import Journeys, Noted
+from erosion.cfd.doubts import Column, Journeys, Noted
 from erosion.cfd.incidence import Incidence
 from erosion.cfd.read import read_impacts
 from erosion.cfd.rows import ImpactBlock
@@ -34,7 +34,8 @@ def test_grains_come_back_slowly_after_a_steep_hit(alpha, words):
 
 
 @pytest.mark.parametrize(
-    ("factor", "words"), [(1, ""), (2.2369, "0.4 ×"), (1.9438, "0.46 ×"), (1 / 2.2369, "2 ×"), (1 / 1.9438, "1.7 ×")]
+    ("factor", "words"),
+    [(1, ""), (1 / 1.6, ""), (2.2369, "0.4 ×"), (1.9438, "0.46 ×"), (1 / 2.2369, "2 ×"), (1 / 1.9438, "1.7 ×")],
 )
 @pytest.mark.parametrize("is_even", [True, False])
 def test_even_ways_tell_miles_and_knots(factor: float, words: str, is_even: bool) -> None:
@@ -71,3 +72,26 @@ def test_a_table_of_openfoam_may_be_cut_within_a_number(tmp_path: Path) -> None:
     assert not any("end of a line" in said for said in read_impacts(run).warnings)
     last.write_text(last.read_text()[:-2])
     assert f"{last.name} does not end with the end of a line" in " ".join(read_impacts(run).warnings)
+
+
+def test_parcels_whose_numbers_have_a_pattern_are_compared_where_there_are_many() -> None:
+    """Odd numbers only, of more rows than are held."""
+    rows = 300_000
+    parcel = 2 * np.repeat(np.arange(rows // 2), 2) + 1
+    position = np.zeros((rows, 3))
+    position[1::2, 0] = 0.01
+    block = ImpactBlock("a", 0, np.ones(rows), 1e-8 * np.ones(rows), 2e-4 * np.ones(rows),
+                        velocity=np.tile([36.0, 0, -9.0], (rows, 1)), position=position,
+                        time=np.tile([0.0, 1e-3], rows // 2), parcel=parcel)  # fmt: skip
+    journeys = Journeys()
+    journeys.add(block, Incidence(PARTS["plate"]).hits(block))
+    assert "0.27 ×" in " ".join(journeys.in_words())
+
+
+@pytest.mark.parametrize(("digits", "numbered"), [(6, False), (12, True)])
+def test_large_counts_in_few_digits_are_no_numbers_of_rows(digits: int, numbered: bool) -> None:
+    counts = 1e7 * np.exp(np.random.default_rng(0).standard_normal(200)).clip(0.3, 3)
+    counts = np.array([float(f"{round(count):.{digits}g}") for count in counts])
+    noted = Noted({"count": Column("count", 1.0)})
+    noted.add_rows({"count": counts})
+    assert noted._numbered == (numbered and len(np.unique(counts)) == 200)

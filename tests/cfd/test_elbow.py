@@ -174,7 +174,7 @@ TABLES: dict[str, tuple[Callable[[Columns], Columns], str]] = {
     "size and density": (swapped("diameter [um]", "density [kg/m^3]"), "which a fluid has"),
     "size and count": (swapped("diameter [um]", "count"), "of 50."),
     "NaN": (every_7th("u [m/s]", np.nan), "row 1: column `u [m/s]` has no number"),
-    "backwards at times": (every_7th("u [m/s]", -SPEED), "is each component of the velocity in its column"),
+    "backwards at times": (every_7th("u [m/s]", -SPEED), "are velocities or angles in their columns"),
     "no weight": (every_7th("count", 0.0), "286 rows that hit have the weight 0"),
     "negative": (every_7th("count", -1.0), "row 1: `count` must be a number of at least 0"),
     "infinite": (every_7th("count", np.inf), "row 1: column `count` must be finite"),

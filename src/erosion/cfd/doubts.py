@@ -32,7 +32,7 @@ _TWIN = 0.1  # of the distance to the next neighbour; a tenth of random rows on 
 _TWINS = 0.3  # share of the rows above which such twins are said
 _JOURNEYS = 30  # from one shallow hit to the next, from which on they are compared with speeds
 # The straightest ways over those by the speeds at both ends: less and more in hardly any flow, and where all are alike.
-_WAYS, _EVEN_WAYS, _EVEN = (0.5, 2.5), (0.58, 1.4), 1.25
+_WAYS, _EVEN_WAYS, _EVEN = (0.5, 2.5), (0.58, 1.7), 1.25
 _STEEP = 45.0  # mean angle from which on it may be measured from the normal, and hits send grains far up [°]
 _LARGEST, _IN_GRAINS = 100.0, 20.0  # sizes of a surface that no part has [m], and over the diameter of grains
 
@@ -130,10 +130,15 @@ class Journeys:
             return
         angle = np.where(hits.fate == HIT, hits.alpha, np.inf)
         rows = np.array([hits.parcel, np.asarray(block.time), *hits.position.T, hits.speed, angle], float)
-        self._held = np.append(self._held, rows[:, rows[0] % self._stride == 0], axis=1)
+        self._held = np.append(self._held, self._of_some(rows), axis=1)
         while self._held.shape[1] > _NEIGHBOURS and self._stride < _COMPARED:
             self._stride *= 2
-            self._held = self._held[:, self._held[0] % self._stride == 0]
+            self._held = self._of_some(self._held)
+
+    def _of_some(self, rows: np.ndarray) -> np.ndarray:
+        """The rows of one of `stride` parcels, by digests of their numbers, which may have a pattern."""
+        digest = (np.ascontiguousarray(rows[0]).view(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)
+        return rows[:, digest % np.uint64(self._stride) == 0]
 
     def in_words(self) -> Iterator[str]:
         """A sentence where no flow explains the distances."""
@@ -169,9 +174,9 @@ class Noted:
         """Note what rows have in their columns."""
         if not self._rows:
             count = columns.get("count", np.zeros(0))
-            self._numbered = bool(
-                len(count) >= _DISTINCT and (np.floor(count) == count).all() and len(np.unique(count)) == len(count)
-            )
+            # Large counts of six digits are whole numbers, too, but multiples of ten.
+            whole = len(count) >= _DISTINCT and (np.floor(count) == count).all() and (count % 10 != 0).any()
+            self._numbered = bool(whole and len(np.unique(count)) == len(count))
         self._steepest = max(self._steepest, float(columns.get("angle", np.zeros(1)).max(initial=0.0)))
         if POSITION[0] in columns:
             self._repeats.add(columns)

@@ -37,8 +37,8 @@ _BY_CHANCE, _MANY = 0.05, 10  # excess of the worst face, and faces beside it, f
 _ALONE, _SOME = 0.7, 4  # standard error of a face of some rows, from which on one of them does most of its wear
 _MANY_RECEDE = 0.1  # of the rows, more than recede at the edges of fine facets
 _WHY_RECEDE = (
-    ": is each component of the velocity in its column, with its sign, and before the rebound? Or are the facets too "
-    "coarse for such shallow impacts?"
+    ": are velocities or angles in their columns, with their signs, before or after the rebound as said? Or are the "
+    "facets too coarse for such shallow impacts?"
 )
 _ROUGH = 0.3  # of a depth: such an error is that of a few rows, and not normal
 _NO_LENGTH = 9  # decimals of a metre that a distance is told to
