@@ -2,8 +2,8 @@
 
 import contextlib
 import importlib
+import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 
@@ -37,7 +37,9 @@ def library(module: str, extra_name: str) -> Any:
 
 def on_use(module: str, file: str) -> Callable[[str], Any]:
     """The `__getattr__` of a module whose names are imported when they are used; its stub lists them."""
-    lines = [line.split() for line in Path(f"{file}i").read_text("utf-8").splitlines() if line.startswith("from ")]
+    loader: Any = sys.modules[module].__loader__  # also that of a zip file
+    stub = loader.get_data(f"{file}i").decode().splitlines()
+    lines = [line.split() for line in stub if line.startswith("from ")]
     module_of = {name: home for _, home, _, name, *_ in lines}
 
     def imported(name: str) -> Any:

@@ -17,7 +17,7 @@ from erosion.advice.result import NOZZLE_ANGLES
 from erosion.correlations import OutOfRangeWarning
 from erosion.distributions import Normal, Uniform
 from erosion.joint_laws import Rows
-from erosion.output.language import language
+from erosion.output.translation import language
 from erosion.parameters.per_mass import two_digits
 
 P = erosion.TABLE_1.to("si").replace(v0=100.0)

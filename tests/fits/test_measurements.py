@@ -476,6 +476,24 @@ def test_what_speeds_share_does_not_explain_a_model_that_is_far_too_small(count,
     assert logs.argmax() == 0
 
 
+def test_the_error_of_speeds_stays_where_parameters_are_tied_and_rows_are_exact():
+    """And it is that of the fit at hand where the rows come from another one."""
+    table = of_two_speeds(5, 1e-6)
+    table["volume [in^3]"] *= np.repeat([1.02, 0.98], 5)
+    one, tied = (
+        calibrate("linearized-deformation", TABLE_1, table, free, error="5 % of each speed", starts=4)
+        for free in (["psi"], ["psi", "sigma"])
+    )
+    for fit in (one, tied):
+        assert fit.data.common is not None
+        share = fit.data.common * fit.data.deviation * np.sqrt(fit.variance) / fit.fitted
+        assert np.all(share < 0.0501)
+    assert one.standard_errors["psi"] / one.estimates["psi"] == pytest.approx(0.05 / np.sqrt(2), rel=0.05)
+    assert "5 % of each speed" in one.error_meaning
+    again = calibrate("linearized-deformation", TABLE_1, one.data, ["psi"], starts=4)
+    assert again.aicc == pytest.approx(one.aicc, abs=1e-6)
+
+
 def test_draws_of_many_rows_are_as_wide_as_the_errors_of_their_speeds():
     fit = calibrate(
         "linearized-deformation",

@@ -493,3 +493,15 @@ def test_a_verb_says_it_in_one_line() -> None:
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("erosion: erosion needs llvmlite 0.45 or newer, below 0.51, but llvmlite 0.44.0 ")
     assert done.stderr.count("\n") == 1
+
+
+def test_arrays_are_chosen_among_any_number_of_cases():
+    """And a part of a number without axes is that number."""
+
+    def function(x):
+        number = lax.dynamic_update_slice(x, lax.dynamic_slice(x, (), ()), ())
+        return lax.select_n(
+            (x * 20).astype(np.int32) * jnp.ones(2, np.int32), *(number * jnp.ones(2) + k for k in range(70))
+        )
+
+    np.testing.assert_allclose(Lanewise(function, (number,))(X), jax.vmap(function)(X), rtol=1e-15)

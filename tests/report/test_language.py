@@ -23,7 +23,7 @@ from erosion.fits.measurements import conditions, read_measurements
 from erosion.fits.posterior_files import Draws
 from erosion.joint_laws import Rows
 from erosion.models import load_model
-from erosion.output.language import ENGLISH, Language, catalogue_path, language, languages
+from erosion.output.translation import ENGLISH, Language, catalogue_path, language, languages
 from erosion.parameters.materials import known_particles, known_targets, particle, target
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.report import page, write_report

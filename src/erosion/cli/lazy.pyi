@@ -117,7 +117,7 @@ from erosion.models.base import sizes as sizes
 from erosion.models.registry import ModelInfo as ModelInfo
 from erosion.output.files import require_writable as require_writable
 from erosion.output.files import write_whole as write_whole
-from erosion.output.language import language as language
+from erosion.output.translation import language as language
 from erosion.output.tables import HEADINGS as HEADINGS
 from erosion.output.tables import WIDTH as WIDTH
 from erosion.output.tables import Row as Row

@@ -256,8 +256,9 @@ class CaseOptions:
         model, of_file = loaded or self.load(name), None if self.file is None else self.file.model()[0]
         if not given and of_file is not None and is_same_model(of_file, name):
             given = settings((), with_model_of_case({}, self, [name]), f"{self.case}: `set`")
-        units = self.parameters(changed=False).units
-        return model.replace(**read_settings(name, model, given, units)) if given else model
+        if not given:
+            return model
+        return model.replace(**read_settings(name, model, given, self.parameters(changed=False).units))
 
     def reference(self, name: str, *, as_set: bool = False) -> "str | lazy.CuttingModel":
         """The model, with `as_set` as `load_as_set` gives it; by its name, which other processes know, where it can."""

@@ -16,6 +16,7 @@ from erosion.fits.draws import draws_of_theta
 from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import FACTORS, FRACTION, FREE, OF_METAL, SCALE, make_forward
 from erosion.fits.least_squares import (
+    FINEST,
     LOSSES,
     CalibrationError,
     FitProblem,
@@ -390,7 +391,8 @@ class Calibration(Result):
     def error_meaning(self) -> str:
         """What the errors and intervals of the estimates hold, in words."""
         source = "their scatter" if self.data.uncertainty is None else "the rows' uncertainties"
-        return f"± and intervals are by {source} alone"
+        share = self.data.share_of_speeds
+        return f"± and intervals are by {source} {f'and {100 * share:.4g} % of each speed' if share else 'alone'}"
 
     def rows(self, level: float = LEVEL) -> list[Row]:
         """Estimates with standard errors and intervals of `level`."""
@@ -476,7 +478,7 @@ class Calibration(Result):
         """The variance of the weighted residuals, 1 with uncertainties, else estimated from the residuals."""
         if self.data.uncertainty is not None:
             return 1.0
-        return 2 * self.solution.cost / self.degrees_of_freedom
+        return max(2 * self.solution.cost / self.degrees_of_freedom, FINEST**2 if self.data.speeds is not None else 0.0)
 
     def _identify(self, theta: np.ndarray, jacobian: np.ndarray, weighted: np.ndarray) -> Identifiability:
         """The parameters and combinations that the data determines about θ, from the Jacobian and prediction there."""
@@ -589,10 +591,8 @@ def calibrate(
     if len(data) <= free_count + speeds:
         parameters = f"{free_count} free parameter" + ("s" if free_count > 1 else "")
         parameters += f" and {speeds} errors of speeds" if speeds else ""
-        raise ValueError(
-            f"Argument `data` must have at least {free_count + speeds + 1} rows for {parameters}, as no degree of "
-            f"freedom is left otherwise, but has {len(data)}."
-        )
+        least = f"at least {free_count + speeds + 1} rows for {parameters}, as no degree of freedom is left otherwise"
+        raise ValueError(f"Argument `data` must have {least}, but has {len(data)}.")
     greatest = float(np.max(np.abs(data.erosion)))
     if not 1 / _GREATEST <= greatest <= _GREATEST:  # squares are summed
         raise ValueError(f"Argument `data` must have erosion that a metal can have, but has {greatest:g} (SI) at most.")

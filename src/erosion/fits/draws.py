@@ -7,11 +7,10 @@ import numpy as np
 from scipy import special
 
 from erosion.arguments import no_progress
-from erosion.fits.least_squares import THINNED, FitProblem, FitSolution
+from erosion.fits.least_squares import FINEST, THINNED, FitProblem, FitSolution
 from erosion.fits.tempering import Misfit, sample
 
 _POPULATION = 256
-_FINEST = 1e-4  # scatter over the typical erosion: the digits of a balance
 _WIDE = np.log(100.0)  # of the scale of data in units of its own, which has no bounds
 _STEEP = 20  # power of the squares by which draws that explain too little lose their likelihood
 
@@ -45,7 +44,7 @@ class _Fit(Misfit):
             common = self._data.common * np.sqrt(len(whole) / len(rows))
             self._data = dataclasses.replace(self._data, common=common)
         self._weights = weights[rows] * len(whole) / len(rows)
-        self._finest = float(np.mean((_FINEST * whole.erosion / whole.deviation) ** 2))
+        self._finest = float(np.mean((FINEST * whole.erosion / whole.deviation) ** 2))
         lower, upper, start = problem.lower[moving], problem.upper[moving], problem.start[moving]
         self._lower = np.where(np.isfinite(lower), lower, start - _WIDE)
         self._width = np.where(np.isfinite(upper), upper, start + _WIDE) - self._lower

@@ -325,6 +325,7 @@ def make_forward(
         raise ValueError("Argument `data` must have erosion other than zero.")
     share = PerMass(cutting_fraction=cutting_fraction).cutting_fraction
     names = check_free(free, measured, model)
+    measured = dataclasses.replace(measured, common=None)  # that of another fit
     return Forward(model, p, names, measured, _density(density, measured, p), share)
 
 

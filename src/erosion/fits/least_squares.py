@@ -198,6 +198,7 @@ _WEIGHTS: Mapping[Loss, Callable[[np.ndarray], np.ndarray]] = {
 }  # their derivatives
 _NOISES, _SAME_NOISE = 10, 0.01  # rounds of a robust fit and its noise; the relative change that ends them
 _REWEIGHTED, _SAME_ERRORS = 10, 1e-3  # rounds of a fit and its relative errors; the relative change that ends them
+FINEST = 1e-4  # scatter over the typical erosion: the digits of a balance
 _MAD = 1.4826  # median absolute deviation to standard deviation of a normal distribution
 
 
@@ -366,12 +367,16 @@ def with_noise(problem: FitProblem, theta: np.ndarray, noise: float) -> tuple[Fi
 
 def _reweighted(problem: FitProblem, solution: FitSolution) -> tuple[FitProblem, FitSolution]:
     """The fit whose relative errors are of its own erosion, by fits with the errors of the one before."""
-    has_shares, freedom = problem.data.parts is not None or problem.data.share_of_speeds, len(problem.data)
+    has_shares, names = problem.data.parts is not None or problem.data.share_of_speeds, problem.forward.names
     for _ in range(_REWEIGHTED if has_shares else 0):
-        before = problem.data
+        before, scatter = problem.data, None
         fitted = problem.forward.predict(solution.theta, before.conditions)[0]
-        scatter = np.sqrt(2 * solution.cost / (freedom - len(solution.theta))) * float(before.deviation[0])
-        data = before.weighed(fitted, None if before.uncertainty is not None else scatter)
+        if before.uncertainty is None:
+            size = float(np.linalg.norm(before.over_errors(fitted)))
+            rank = identify(names, solution.jacobian, np.ones(len(names)), size).rank
+            own = np.sqrt(2 * solution.cost / (len(before) - rank))
+            scatter = max(own, FINEST) * float(before.deviation[0])
+        data = before.weighed(fitted, scatter)
         if all(np.allclose(now, 0.0 if then is None else then, rtol=_SAME_ERRORS, atol=0.0)
                for now, then in ((data.deviation, before.deviation), (data.common, before.common))
                if now is not None):  # fmt: skip

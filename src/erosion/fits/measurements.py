@@ -68,6 +68,7 @@ _INCH_POUND = {
     "pound", "pounds", "oz", "ounce", "ounces", "grain", "grains", "slug", "slugs", "slinch",
 }  # fmt: skip
 _SAME_SPEED, _SPREAD = 0.02, 0.1  # of ln v: between rows of one speed, and between the first and the last of them
+_MOST_SPEEDS = 50
 _HEAVIEST = 0.02  # kg; a ball of steel of 17 mm, but less than the sand of a test
 
 
@@ -88,12 +89,12 @@ class Measurements:
         unused: the headings of the columns that are not used.
         error: what the uncertainties are made of; without it the two parts that come nearest to them.
         parts: absolute and relative part of each uncertainty, shape (n, 2); None where it is one number.
-        speeds: which speed each row has, of those whose rows share an error, shape (n,); None without such an error.
-        common: this error over the row's own at the erosion that is expected, see `weighed`; None without one.
         lines: of the file, of each row; None for tables in memory.
         notes: sentences on how the table was read: rows that are left out, its characters.
         unit: of `erosion` in the table; empty where numbers do not read well in it.
         path: of the file, for commands that read it again; None for a table in memory.
+        speeds: which speed each row has, of those whose rows share an error, shape (n,); None without such an error.
+        common: this error over the row's own at the erosion that is expected, see `weighed`; None without one.
     """
 
     angle: np.ndarray
@@ -107,12 +108,12 @@ class Measurements:
     unused: tuple[str, ...] = ()
     error: ErrorModel | None = None
     parts: np.ndarray | None = None
-    speeds: np.ndarray | None = None
-    common: np.ndarray | None = None
     lines: np.ndarray | None = None
     notes: tuple[str, ...] = ()
     unit: str = ""
     path: Path | None = None
+    speeds: np.ndarray | None = None
+    common: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         if self.error is None and self.uncertainty is not None:
@@ -232,8 +233,7 @@ class Measurements:
     def weighed(self, expected: np.ndarray | None = None, scatter: Any = None) -> "Measurements":
         """The same rows, relative parts of whose errors are of this erosion, or of the mean of repeats.
 
-        The common error is of an expected erosion alone. Of the measured one it explains rows that a model misses by
-        far, as all of a speed are off by as much (Peelle's puzzle).
+        The common error is of an expected erosion alone: of the measured one it explains a model that misses by far.
 
         Args:
             expected: shape (n,).
@@ -267,7 +267,7 @@ class Measurements:
         logs = np.log(self.speed[order])
         begins = np.append(True, np.diff(logs) > _SAME_SPEED)
         first, last = logs[begins], logs[np.append(begins[1:], True)]
-        if len(first) == len(self) or (last - first).max() > _SPREAD:
+        if len(first) == len(self) or (last - first).max() > _SPREAD or len(first) > _MOST_SPEEDS:
             raise MeasurementError(
                 "Argument `error` must have no part of each speed, as "
                 + ("no two rows are of one speed." if len(first) == len(self) else "the rows' speeds are no groups.")

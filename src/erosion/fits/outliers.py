@@ -109,9 +109,10 @@ def _outlier(fit: "Calibration", row: int, probability: float) -> str:
         changes = f" Without it the fit is {', '.join(parts)}." if parts else ""
     measured, fitted = (data.scale.beside(format_number(of[row], 3, data.scale.size))
                         for of in (data.erosion, fit.fitted))  # fmt: skip
+    remedy = "; the loss soft_l1 holds it back" if data.speeds is None else ""
     return (
         f"{data.source}, {data.where(row)}, is an outlier: it has {measured}, the fit has {fitted} "
-        f"(probability {probability:.1g}).{changes} See that it is written down right; the loss soft_l1 holds it back."
+        f"(probability {probability:.1g}).{changes} See that it is written down right{remedy}."
     )
 
 

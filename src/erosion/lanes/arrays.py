@@ -46,7 +46,8 @@ def constant(graph: Graph, number: ArrayLike, dtype: DTypeLike) -> Part:
 
 def of_each(function: Callable[..., Value], *arrays: Elements) -> Elements:
     """What a function of scalars makes of each element of arrays, which broadcast."""
-    return whole(np.frompyfunc(function, len(arrays), 1)(*arrays))
+    spread = np.broadcast_arrays(*arrays)
+    return array_of(spread[0].shape, lambda index: function(*(array[index] for array in spread)))
 
 
 def elementwise(rule: Rule, equation: Equation, *, stored: bool = False) -> Work:

@@ -20,11 +20,15 @@ def _polynomial(x: Array, *coefficients: Array, **_: Any) -> Array:
 
 
 def _sliced(array: Array, *starts: Array, slice_sizes: tuple[int, ...]) -> Array:
+    if not starts:
+        return array
     axes = tuple(range(array.ndim))
     return lax.gather(array, jnp.stack(starts), lax.GatherDimensionNumbers(axes, (), axes), slice_sizes, mode="clip")
 
 
 def _with_slice(array: Array, update: Array, *starts: Array) -> Array:
+    if not starts:
+        return update
     axes = tuple(range(array.ndim))
     return lax.scatter(array, jnp.stack(starts), update, lax.ScatterDimensionNumbers(axes, (), axes), mode="clip")
 

@@ -16,7 +16,6 @@ from erosion.output.files import (
     write_whole as write_whole,
     written_whole as written_whole,
 )
-from erosion.output.language import ENGLISH as ENGLISH, Language as Language, language as language
 from erosion.output.tables import (
     Record as Record,
     Result as Result,
@@ -32,3 +31,4 @@ from erosion.output.tables import (
     to_plain as to_plain,
     with_error as with_error,
 )
+from erosion.output.translation import ENGLISH as ENGLISH, Language as Language, language as language
