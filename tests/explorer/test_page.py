@@ -442,6 +442,7 @@ def listening_on(pid: int) -> set[tuple[str, int]]:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="of POSIX alone")
+@pytest.mark.skipif(signal.getsignal(signal.SIGHUP) == signal.SIG_IGN, reason="nohup keeps what is within")
 def test_a_terminal_that_is_closed_ends_it_as_ctrl_c_does() -> None:
     command = [sys.executable, "-m", "erosion", "explore", "--no-browser", "--port", "0"]
     with subprocess.Popen(
