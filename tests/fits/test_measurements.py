@@ -494,6 +494,23 @@ def test_the_error_of_speeds_stays_where_parameters_are_tied_and_rows_are_exact(
     assert again.aicc == pytest.approx(one.aicc, abs=1e-6)
 
 
+@pytest.mark.parametrize("free", [["psi"], ["psi", "sigma"], ["psi", "sigma", "cutting_fraction"]])
+def test_the_error_of_speeds_is_as_stated_however_many_parameters_are_tied(free):
+    fit = calibrate(
+        "linearized-deformation", TABLE_1, of_two_speeds(3, 0.04), free, error="5 % of each speed", starts=4
+    )
+    assert fit.data.common is not None
+    share = fit.data.common * fit.data.deviation * np.sqrt(fit.variance) / fit.fitted
+    np.testing.assert_allclose(share, 0.05, rtol=5e-3)
+
+
+def test_no_loss_is_advised_that_is_refused():
+    table, error = of_two_speeds(8, 0.02, factor=1.6), ErrorModel(0.0, 0.02, 0.05)
+    said = calibrate("linearized-deformation", TABLE_1, table, ["psi"], error=error, starts=4).warnings
+    assert [sentence for sentence in said if "outlier" in sentence]
+    assert not [sentence for sentence in said if "soft_l1" in sentence]
+
+
 def test_draws_of_many_rows_are_as_wide_as_the_errors_of_their_speeds():
     fit = calibrate(
         "linearized-deformation",

@@ -158,6 +158,19 @@ def test_many_conditions_are_put_together_and_no_row_is_lost():
     assert with_few_conditions(few, 60) is few
 
 
+def test_conditions_that_are_put_together_are_of_one_speed():
+    degrees, speeds = np.tile(np.linspace(10, 80, 150), 2), V0 * np.repeat([0.97, 1.0], 150)
+    volume = erosion.impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
+    table = {"angle [deg]": degrees, "speed [in/s]": speeds, "volume [in^3]": volume}
+    error = ErrorModel(1e-6, 0.05, 0.05)
+    few = with_few_conditions(
+        make_likelihood(make_forward("linearized", TABLE_1, table, ["psi"], None, 1.0, error), {}), 60
+    )
+    assert len(few.parts[0].mean) <= 60
+    assert few.forward.data.speed is not None
+    np.testing.assert_allclose(few.forward.data.speed, speeds)
+
+
 @pytest.fixture(scope="module")
 def missed() -> Posterior:
     forward = rows(degrees=(10.0, 20.0, 30.0, 45.0, 65.0, 85.0))
@@ -219,7 +232,11 @@ def test_what_rows_of_a_speed_share_is_kept_and_is_in_a_new_weighing(tmp_path):
     np.testing.assert_array_equal(again.data.speeds, drawn.data.speeds)
     assert again.data.error == error
     np.testing.assert_allclose(again.predict(*asked, noise=True), drawn.predict(*asked, noise=True), rtol=1e-9)
-    np.testing.assert_allclose(again.row_errors, drawn.data.whole_error)
+    data = drawn.data
+    np.testing.assert_allclose(again.row_errors, np.hypot(data.deviation, 0.1 * data.erosion))
+    # Alone it leaves a row's own error to the data.
+    alone = drawn.predictor.with_errors(*asked, noise=ErrorModel(common=0.1))
+    np.testing.assert_allclose(alone[1], weighing, rtol=1e-9)
     assert "5 % + 10 % of each speed" in predictions(again, *asked).conclusions[0]
 
 
