@@ -50,7 +50,6 @@ COMMANDS: dict[str, list[str]] = {
     "calibrate": ["calibrate", *_FIT, "--plot", "fit.svg", "--write-case", "fit.toml"],
     "posterior": ["posterior", *_FIT, *_POSTERIOR, "--plot-pairs", "pairs.svg", "--plot-prediction", "band.svg"],
     "report": ["report", "--only", "q1,q4", "-o", "page"],
-    "validate": ["validate", "--plot", "facts.svg"],
     "map": [*_MAP, "-o", "map.vtp"],
     "map-nc": [*_MAP, "-o", "map.nc"],
     "map-csv": [*_MAP, "-o", "map.csv"],

@@ -14,9 +14,7 @@ from erosion.cfd.exports import volume_table as volume_table
 from erosion.cfd.read import read_impacts as read_impacts
 from erosion.cfd.read import read_surface as read_surface
 from erosion.cfd.rows import ImpactsError as ImpactsError
-from erosion.checks import Validation as Validation
 from erosion.checks import Verification as Verification
-from erosion.checks import against_published as against_published
 from erosion.checks import verify as verify
 from erosion.correlations import CORRELATIONS as CORRELATIONS
 from erosion.correlations import Correlation as Correlation

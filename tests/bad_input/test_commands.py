@@ -197,8 +197,6 @@ QUESTIONS = [
     ("compare --model finnie,finnie", "must name one or several different models, but is 'finnie,finnie'."),
     ("compare --model", "Option `--model` must name one or several different models, but is ''."),
     ("compare --model finnie finnie", "must name one or several different models, but is 'finnie,finnie'."),
-    ("validate --plot facts.txt", "facts.txt: a plot's file name must end in .svg, .png or .pdf."),
-    ("validate table-1.toml", "The word 'table-1.toml' belongs to no option."),
     ("verify --model finnie,nothing", "There is no model 'nothing'"),
     ("compare --model nothing", "There is no model 'nothing'"),
 ]

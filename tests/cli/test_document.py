@@ -144,16 +144,6 @@ def test_models_and_verify(document) -> None:
 
 
 @pytest.mark.slow
-def test_validate(document, tmp_path) -> None:
-    printed = document("validate", "--plot", str(tmp_path / "facts.svg"))
-    assert printed["case"] is printed["units"] is printed["model"] is None
-    crater = next(fact for fact in printed["result"]["facts"] if fact["name"] == "Crater, 5 mm sphere, 9.99 m/s")
-    assert crater["published"] == {"value": 22.961, "unit": "um"}
-    assert (crater["computed"]["unit"], crater["kind"]) == ("um", "measured")
-    assert (tmp_path / "facts.svg").read_bytes().startswith(b"<?xml")
-
-
-@pytest.mark.slow
 def test_warnings_are_in_the_document_and_on_stderr(shell) -> None:
     said = shell("run --model rotating-tan-alpha --json")
     document = said.document

@@ -39,7 +39,6 @@ COMMANDS = {
     "models": "",
     "materials": "",
     "verify --model tan-alpha": "",
-    "validate --plot facts.svg": "facts.svg",
 }
 
 

@@ -18,7 +18,6 @@ import pytest
 
 import erosion
 from erosion import TABLE_1, correlations
-from erosion.checks.validate import sphere
 from erosion.correlations import (
     CORRELATIONS,
     OutOfRangeWarning,
@@ -40,8 +39,6 @@ from erosion.correlations import (
 )
 from erosion.correlations.families import EDWARDS as FAMILY_EDWARDS
 from erosion.correlations.registry import OKA_PARTICLES, oka_normal
-from erosion.impacts.trajectory import path
-from erosion.models import DeformationWear, Linearized
 from erosion.models.rigid import FinnieCut
 
 STEEP = math.pi / 2
@@ -166,8 +163,6 @@ def test_mistakes_are_sentences(call, message):
 
 # One grain of 10 µg at 50 m/s, K = ψ = 2, p = 1 GPa [µm³]; OpenFOAM's formula, evaluated apart.
 OPENFOAM = {10.0: 1572.24421565, 40.0: 1222.55018507}
-# 5 mm sphere of 7850 kg/m³ at 10 m/s and 90°, p = 1.005 GPa: constant contact pressure (Tabor 1951).
-DEPTH, TIME, VOLUME = 57.0487557e-6, 8.9611976e-6, 0.0255612586e-9  # v √(m/(2πRp)), (π/2) √(m/(2πRp)), m v²/(2p)
 
 
 def speed_exponent(erosion_of_speed):
@@ -242,16 +237,6 @@ def test_openfoams_formula_is_a_limit_of_finnies_model_and_the_correlation(angle
     p = erosion.Parameters(k=2.0, psi=2.0, r=1e-4, b=1e-4, m=1e-8, v0=50.0, sigma=1e9, alpha=alpha, units="si")
     for volume in (erosion.impact("finnie", p).volume, correlations.finnie_volume(alpha, 50.0, 1e-8, 1e9)):
         assert float(volume) * 1e18 == pytest.approx(OPENFOAM[angle], rel=1e-8)
-
-
-@pytest.mark.slow
-def test_a_sphere_under_constant_pressure_is_a_limit_of_models():
-    normal = path(Linearized(), sphere(10.0 * np.sqrt(2), 45.0))
-    assert normal.max_depth == pytest.approx(DEPTH, rel=1e-8)
-    assert normal.t_c / 2 == pytest.approx(TIME, rel=1e-8)
-    # What the energy displaces: a model that deforms removes it with ε in the place of p; at 90° nothing is cut.
-    model = Linearized(deformation=DeformationWear(specific_energy=3 * 335e6, threshold=0.0))
-    assert float(erosion.impact(model, sphere(10.0, 90.0)).volume) == pytest.approx(VOLUME, rel=1e-8)
 
 
 RIGHT = np.pi / 2

@@ -17,7 +17,7 @@ import cyclopts
 from erosion.cli.calibrate import advise, calibrate
 from erosion.cli.cfd import export, map_
 from erosion.cli.errors import InputError, explain, printable, sentence, spell_out
-from erosion.cli.lists import exercise, explore, materials, models, report, validate, verify
+from erosion.cli.lists import exercise, explore, materials, models, report, verify
 from erosion.cli.options import OPTIONS, Help
 from erosion.cli.posterior import posterior, predict
 from erosion.cli.run import compare, optimum, run
@@ -46,9 +46,9 @@ _VERBS = {
     "Fit": (calibrate, posterior, predict, advise),
     "CFD": (map_, export),
     "Teach": (report, exercise, explore),
-    "Check": (verify, validate, models, materials),
+    "Check": (verify, models, materials),
 }
-_WITHOUT_EPILOGUE = (predict, map_, verify, validate, models, materials)  # which say it themselves, or have no case
+_WITHOUT_EPILOGUE = (predict, map_, verify, models, materials)  # which say it themselves, or have no case
 for at, (title, verbs) in enumerate(_VERBS.items()):
     group = cyclopts.Group(title, sort_key=at)
     for place, verb in enumerate(verbs):

@@ -39,7 +39,6 @@ from erosion.cfd.rows import Impacts as Impacts
 from erosion.cfd.rows import ImpactsError as ImpactsError
 from erosion.cfd.rows import kind_of as kind_of
 from erosion.cfd.surface import Surface as Surface
-from erosion.checks import against_published as against_published
 from erosion.checks import verify as verify
 from erosion.correlations import CORRELATIONS as CORRELATIONS
 from erosion.correlations import OutOfRangeWarning as OutOfRangeWarning
@@ -174,7 +173,6 @@ from erosion.plotting.style import plot_files as plot_files
 from erosion.plotting.style import save_plots as save_plots
 from erosion.plotting.sweeps import plot_comparison as plot_comparison
 from erosion.plotting.sweeps import plot_sweep as plot_sweep
-from erosion.plotting.sweeps import plot_validation as plot_validation
 from erosion.report.page import PARTS as PARTS
 from erosion.report.page import chosen_questions as chosen_questions
 from erosion.report.page import require_folder as require_folder

@@ -1,4 +1,4 @@
-"""The verbs that list, check and teach, such as `materials`, `models`, `validate`, `verify`, `exercise`, `report`."""
+"""The verbs that list, check and teach, such as `materials`, `models`, `verify`, `exercise`, `report`."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,13 +14,12 @@ from erosion.cli.options import (
     JsonOption,
     LangOption,
     ModelsOption,
-    PlotOption,
     chosen_models,
     ending,
     output_option,
     with_file,
 )
-from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_apart, require_outputs
+from erosion.cli.output import Output, PerMassOptions, progress_bar, require_apart, require_outputs
 from erosion.extras import extra
 from erosion.output import briefly
 
@@ -135,27 +134,6 @@ def _own(info: "lazy.ModelInfo") -> dict[str, dict[str, Any]]:
         }
         for name, parameter in own.items()
     }
-
-
-def validate(
-    *,
-    plot: PlotOption = None,
-    json: JsonOption = False,
-) -> None:
-    """Compare models and correlations with published numbers.
-
-    Each number has its source. It was measured, or comes from a fit to tests.
-    Misses are shown; the exit status is 0 all the same, because a model that
-    misses a measurement is computed no worse for it: see `erosion verify`.
-    """
-    require_outputs(plot=plot)
-    with progress_bar("comparing"):
-        validation = lazy.against_published()
-    draw(plot, lambda: lazy.plot_validation(validation))
-    output = Output("validate", json=json)
-    output.document(validation.to_dict())
-    output.table(validation.title, validation.rows(), validation.headings, (1, 2, 4), validation.conclusions)
-    output.wrote(figure=plot)
 
 
 def verify(

@@ -1,4 +1,4 @@
-"""Figures of sweeps, comparisons and regimes from their Datasets, and of published numbers beside computed ones."""
+"""Figures of sweeps, comparisons and regimes from their Datasets."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,14 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from erosion.checks import Validation
 from erosion.parameters import QUANTITIES, System, readable_scale
 from erosion.plotting.curves import mark_best
 from erosion.plotting.labels import (
     AT_CONTACT,
     DIM,
     ENDS,
-    FAINT,
     INK,
     PALETTE,
     STYLES,
@@ -33,9 +31,7 @@ from erosion.plotting.style import (
     angle_axis,
     axes_or_new,
     house_style,
-    legend_below,
     legend_of_panel,
-    new_axes,
     new_figure,
     result_label,
 )
@@ -228,35 +224,3 @@ def _labels(sweep: xr.Dataset, name: str) -> list[str]:
     return [
         f"{sweep[name].attrs['symbol']} = {value:.4g}{'' if unit == '°' else ' '}{unit}".rstrip() for value in values
     ]
-
-
-_KIND_STYLES = {"measured": ("o", PALETTE["vermillion"]), "correlation": ("s", PALETTE["blue"])}
-_NOTHING = 0.02  # where a number of zero is drawn
-
-
-@house_style()
-def plot_validation(validation: Validation) -> Figure:
-    """Computed over published for each fact, on a logarithmic axis; 1 is agreement.
-
-    Args:
-        validation: from `against_published`.
-    """
-    comparisons = validation.comparisons
-    fig, ax = new_axes(6.6, 1.4 + 0.2 * len(comparisons))
-    places = -np.arange(len(comparisons), dtype=float)
-    ax.axvspan(0.9, 1.1, color=FAINT, alpha=0.5, linewidth=0, label="within 10 %")
-    ax.axvline(1, color=INK, linewidth=0.8)
-    for kind, (marker, color) in _KIND_STYLES.items():
-        rows = [i for i, comparison in enumerate(comparisons) if comparison.fact.kind == kind]
-        ratios = [max(comparisons[i].ratio, _NOTHING) for i in rows]
-        ax.plot(ratios, places[rows], marker, color=color, markersize=5, label=kind)
-    for place, comparison in zip(places, comparisons, strict=True):
-        if comparison.computed == 0:
-            ax.annotate(
-                "0", (_NOTHING, place), xytext=(6, 0), textcoords="offset points", va="center", fontsize="small"
-            )
-    ax.set_yticks(places, [comparison.fact.name for comparison in comparisons], fontsize="small")
-    ax.set(xscale="log", ylim=(places[-1] - 0.7, 0.7), xlabel="computed over published")
-    ax.grid(axis="y", linewidth=0.3)
-    legend_below(ax, 3)
-    return fig
