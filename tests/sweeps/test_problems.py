@@ -131,3 +131,11 @@ def test_workers_of_a_cluster_compute_the_same_bits(tmp_path, swept) -> None:
     with erosion.local_cluster(2):
         lazy = erosion.sweep_problem(BALL, ARGS, AXES, store=tmp_path / "ball.zarr", chunks={"angle": 75}, **OPTIONS)
         assert np.array_equal(lazy["dt_dangle"].values, swept["dt_dangle"])
+
+
+def test_options_count_to_their_last_digit(tmp_path) -> None:
+    axes, still = {"angle": np.linspace(0.1, 1.4, 3)}, {"x": 1.0, "y": 1.0}
+    given: dict[str, Any] = {"problem": BALL, "args": ARGS, "axes": axes, "store": tmp_path / "ball.nc", **OPTIONS}
+    erosion.sweep_problem(**given, sizes={**still, "v": np.array([1.0, 1.0])})
+    with pytest.raises(StoreError, match="options"):
+        erosion.sweep_problem(**given, sizes={**still, "v": np.array([1.0, 1.0 + 1e-12])})

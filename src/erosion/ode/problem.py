@@ -147,6 +147,10 @@ class Traced:
         made: the arguments, made of their numbers.
         numbers: shapes and types of these.
         labels: what each number is.
+
+    Attributes:
+        pieces: a digest of each function and its name.
+        foreign: what in them holds only in this process.
     """
 
     def __init__(
@@ -168,7 +172,7 @@ class Traced:
         # A user's own code may raise anything, and may ask to end the program.
         except (Exception, SystemExit) as error:
             raise FlawError(f"`{name}` fails{_where(error)}: {_said(error)}") from error
-        self.pieces.append(digest.text)
+        self.pieces.append(digits(name, digest.text))
         self.foreign = self.foreign or digest.foreign
         return digest.results
 

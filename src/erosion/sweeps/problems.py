@@ -90,14 +90,7 @@ class ProblemGrid(AnyGrid):
         Raises:
             ValueError: for a problem that computes by what only this process knows.
         """
-        leaves = jax.tree_util.tree_flatten_with_path(self.args)[0]
-        numbers: dict[str, Any] = {}
-        for keys, leaf in leaves:
-            if is_number(leaf):
-                name = ".".join(path_of(keys))
-                # Names that are joined may be equal.
-                numbers[name if name not in numbers else jax.tree_util.keystr(keys)] = np.asarray(leaf)
-        options = {name: np.asarray(value) if is_number(value) else value for name, value in self.options.items()}
+        numbers = {name: leaf for name, leaf in _by_path(self.args).items() if is_number(leaf)}
         clock = Clock(0.0, 1.0, math.inf, math.inf)
         lanes = lanes_of(self.problem, self.args, clock, Options(clock=True), self.options.get("shared", ()))
         equations = lanes.layout.equations
@@ -110,8 +103,19 @@ class ProblemGrid(AnyGrid):
             "problem": equations.digest,
             "args": numbers_in_words(numbers),
             "axes": numbers_in_words(self.axes),
-            "options": numbers_in_words(dict(sorted(options.items()))),
+            "options": numbers_in_words(_by_path(self.options)),
         }
+
+
+def _by_path(tree: PyTree) -> dict[str, Any]:
+    """The leaves of a pytree by their paths; numbers as arrays, which are told to their last bit."""
+    leaves: dict[str, Any] = {}
+    for keys, leaf in jax.tree_util.tree_flatten_with_path(tree)[0]:
+        name = ".".join(path_of(keys))
+        # Names that are joined may be equal.
+        name = name if name not in leaves else jax.tree_util.keystr(keys)
+        leaves[name] = np.asarray(leaf) if is_number(leaf) else leaf
+    return leaves
 
 
 def _numbers(label: str, part: Part | Solution) -> dict[str, np.ndarray]:
