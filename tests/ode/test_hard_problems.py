@@ -80,33 +80,6 @@ def test_a_fast_part_of_the_state_is_not_missed(direction):
     assert not silently_wrong(end, end.t, crossings(direction, -s, w, 1)).any()
 
 
-# Problems that differ in which of their pieces is which.
-def decay_with_integral(**pieces: Any) -> ode.Problem:
-    return growth(lambda t, u, args: -u, y0=1.0, integrals={"w": lambda t, y, args: y["u"]}, **pieces)
-
-
-@fault("the digest of a problem does not hold the names of its pieces: another problem's program serves it")
-def test_a_start_of_integrals_is_no_time_scale():
-    one = decay_with_integral(integrals0=lambda args: {"w": args["a"]})
-    other = decay_with_integral(time_scale=lambda args: args["a"])
-    ends = [ode.solve(problem, {"a": 2.0}, t1=1.0) for problem in (one, other)]
-    np.testing.assert_allclose([end.integrals["w"] for end in ends], [3 - np.exp(-1), 1 - np.exp(-1)], rtol=1e-9)
-    assert ends[0].digest != ends[1].digest
-
-
-@fault("the digest of a problem does not say which event a reset belongs to")
-def test_a_reset_belongs_to_its_event():
-    """u = t, once with the reset at 3 and the end at 2, once with the end at 3 and the reset at 2."""
-    two, three = (lambda t, y, args, at=at: y["u"] - at for at in (2.0, 3.0))
-    back = lambda t, y, args: {"u": y["u"] - 2.0}  # noqa: E731
-    rate = lambda t, u, args: 1.0 + 0 * u  # noqa: E731
-    one = growth(rate, {"e": ode.Event(three, 1, back), "f": ode.Event(two, 1)})
-    other = growth(rate, {"e": ode.Event(three, 1), "f": ode.Event(two, 1, back)})
-    ends = [ode.solve(problem, t1=9.0) for problem in (one, other)]
-    assert ends[0].digest != ends[1].digest
-    assert [(end.ended_by, end.count) for end in ends] == [("f", 1), ("t1", 4)]
-
-
 # Events at once.
 TIMES = ("ta", "tb")
 
