@@ -7,12 +7,11 @@ import types
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import erosion
 from erosion.advice.abrasives import Job
 from erosion.advice.advise import MODELS
-from erosion.advice.page import notes_of, plot_advice, sheet, write_advice
+from erosion.advice.page import plot_advice, write_advice
 from erosion.advice.result import NOZZLE_ANGLES
 from erosion.correlations import OutOfRangeWarning
 from erosion.distributions import Normal, Uniform
@@ -276,7 +275,7 @@ def test_a_model_that_cannot_be_computed_is_named(monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_page_has_all_of_it_and_the_sheet_is_one(advice, tmp_path):
+def test_the_page_has_all_of_it(advice, tmp_path):
     page = write_advice(advice, tmp_path / "advice.html").read_text()
     for sentence in advice.conclusions:
         assert sentence in html.unescape(page)
@@ -286,11 +285,10 @@ def test_the_page_has_all_of_it_and_the_sheet_is_one(advice, tmp_path):
     assert "MatWeb" in page
     again = write_advice(advice, tmp_path / "again.html")
     assert again.read_text() == page
-    sheet = write_advice(advice, tmp_path / "advice.pdf").read_bytes()
-    assert sheet.startswith(b"%PDF")
-    assert b"/Count 1 " in sheet
-    with pytest.raises(ValueError, match=r"must end in \.html, \.pdf or \.csv"):
+    with pytest.raises(ValueError, match=r"advice\.doc: .*\.html"):
         write_advice(advice, tmp_path / "advice.doc")
+    with pytest.raises(ValueError, match=r"-o .*advice\.html"):
+        write_advice(advice, tmp_path / "advice.pdf")
 
 
 @pytest.mark.slow
@@ -304,28 +302,13 @@ def test_the_table_names_each_correlation_with_its_angle(advice):
 
 
 @pytest.mark.slow
-def test_nothing_leaves_the_sheet_and_lines_of_correlations_differ():
+def test_lines_of_correlations_differ():
     advice = erosion.advise(
         P.replace(v0=123.4),
         particle="silicon carbide 0.125 mm",
         target="titanium Ti-6Al-4V",
         models=["finnie", "rotating-full-torque"],
     )
-    figure = sheet(advice, notes_of(advice))
-    FigureCanvasAgg(figure).draw()
-    width, height = figure.get_size_inches() * figure.dpi
-    legend = figure.axes[0].get_legend()
-    assert legend is not None
-    boxes = [one.get_window_extent() for one in (*figure.texts, figure.axes[0].yaxis.label, legend)]
-    assert min(box.x0 for box in boxes) > 0.02 * width
-    assert max(box.x1 for box in boxes) < 0.96 * width
-    assert min(box.y0 for box in boxes) > 0.01 * height
-    # The curves are no flat band, and their axis' name is no longer than the axis.
-    axes, name = figure.axes[0].get_window_extent(), figure.axes[0].yaxis.label.get_window_extent()
-    assert axes.height > 0.5 * axes.width
-    assert axes.y0 < name.y0 < name.y1 < axes.y1
-    # The version stands alone at the foot.
-    assert sorted(box.y0 for box in boxes)[1] > sorted(box.y1 for box in boxes)[0]
     grey = [line for line in plot_advice(advice).axes[0].get_lines() if line.get_marker() not in ("None", "*", "")]
     assert len({str(line.get_marker()) for line in grey}) == len(advice.group("correlations")) == 6
 
@@ -403,13 +386,3 @@ def test_german_ticks_have_all_their_digits_and_names_keep_their_case(shop):
     assert german.title.startswith("Granat 0,18 mm, Baustahl, 160\N{NO-BREAK SPACE}m/s: ")
     formatter = plot_advice(german).axes[0].yaxis.get_major_formatter()
     assert [formatter(value, 0) for value in (0.25, 0.5, 0.75)] == ["0,25", "0,5", "0,75"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("lang", ["en", "de"])
-def test_nothing_on_the_sheet_lies_on_its_footer(shop, lang):
-    long = dataclasses.replace(shop, language=language(lang), doubts=("The fit left " + 9 * "k and ψ open, ",) * 2)
-    figure = sheet(long, notes_of(long))
-    FigureCanvasAgg(figure).draw()
-    boxes = sorted((text.get_window_extent() for text in figure.texts), key=lambda box: box.y0)
-    assert boxes[1].y0 > boxes[0].y1

@@ -118,12 +118,10 @@ def test_a_page_has_the_worst_faces_the_totals_and_the_warnings(tmp_path: Path) 
     amounts = "0.00115741 kg/s", "kg/day", "mass per year", "Read: 400 rows"
     for words in (source, *constants, *amounts, "has not worn", "dnv"):
         assert words in page
-    sheet = write_map_page(wear, tmp_path / "a.pdf").read_bytes()
-    assert sheet.startswith(b"%PDF")
-    assert sheet.count(b"/Type /Page ") == 1
-    assert sheet == write_map_page(wear, tmp_path / "b.pdf").read_bytes()
-    with pytest.raises(ValueError, match=r"must end in \.html, \.pdf"):
+    with pytest.raises(ValueError, match=r"must end in \.html"):
         write_map_page(wear, tmp_path / "a.vtp")
+    with pytest.raises(ValueError, match=r"-o .*a\.html"):
+        write_map_page(wear, tmp_path / "a.pdf")
 
 
 def test_a_wide_range_has_colours_by_the_logarithm() -> None:

@@ -510,7 +510,7 @@ class MapSummary(Result):
         return to_plain(numbers)
 
 
-SUFFIXES, PAGES = (".vtp", ".csv", ".nc"), (".html", ".pdf")
+SUFFIXES, PAGE = (".vtp", ".csv", ".nc"), ".html"
 
 
 def write_map(dataset: xr.Dataset, path: str | Path, identity: Mapping[str, str] | None = None) -> Path:
@@ -547,7 +547,7 @@ def require_map_path(path: str | Path, *, has_surface: bool = True, suffixes: Se
     path = check_path("path", path)
     if path.suffix not in suffixes:
         raise ValueError(f"{path}: the name of a map's file must end in {', '.join(suffixes)}.")
-    if path.suffix in (".vtp", *PAGES) and not has_surface:
+    if path.suffix in (".vtp", PAGE) and not has_surface:
         raise ValueError(f"{path}: a {path.suffix} file holds a surface, but there is none; a .csv file holds totals.")
     return path
 

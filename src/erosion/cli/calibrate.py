@@ -496,7 +496,7 @@ def advise(
     fit_of_tests: TestedFitOptions | None = None,
     shop: JobOptions | None = None,
     output: Annotated[
-        Path | None, output_option("Also write it as a page, .html or .pdf, or its angles as a table, .csv.")
+        Path | None, output_option("Also write it as a page, .html, or its angles as a table, .csv.")
     ] = None,
     decimal: Annotated[str | None, Parameter(group=OUTPUT, help='Of the table, "." or ","; that of --lang.')] = None,
     plot: PlotOption = None,

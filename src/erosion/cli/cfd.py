@@ -231,7 +231,7 @@ def map_(
     rows: _Rows | None = None,
     abrasive: Annotated[PerMassOptions | None, Parameter(show=False)] = None,
     output: Annotated[
-        Path | None, output_option("map.vtp (ParaView), .csv, .nc; a page .html, .pdf"), Parameter(group=_OUTPUT)
+        Path | None, output_option("map.vtp (ParaView), .csv, .nc; a page .html"), Parameter(group=_OUTPUT)
     ] = None,
     picture: _Picture | None = None,
     workers: Annotated[WholeOption, Parameter(show=False)] = None,
@@ -260,10 +260,11 @@ def map_(
         of_metal = options.materials()[1]
         usual = next(iter(of_metal.correlations), None) if of_metal else "dnv:carbon-steel"
     sand = case_and_laws(options, "map", section, model or usual, own, joint)
-    is_page = output is not None and output.suffix in lazy.PAGES
+    is_page = output is not None and output.suffix == lazy.PAGE
     if output is not None:
         with user_errors():
-            suffixes = (*lazy.SUFFIXES, *lazy.PAGES)
+            lazy.require_no_pdf(output)
+            suffixes = (*lazy.SUFFIXES, lazy.PAGE)
             lazy.require_map_path(output, has_surface=target.surface is not None, suffixes=suffixes)
     picture.check(has_surface=target.surface is not None, has_page=is_page)
     require_outputs(output, plot=picture.plot, inputs=(impacts, target.surface, *sand.inputs))

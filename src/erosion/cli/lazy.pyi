@@ -25,7 +25,7 @@ from erosion.cfd.impact_tables import NamedImpacts as NamedImpacts
 from erosion.cfd.impact_tables import gives_density as gives_density
 from erosion.cfd.impact_tables import read_meanings as read_meanings
 from erosion.cfd.map_result import FACES as FACES
-from erosion.cfd.map_result import PAGES as PAGES
+from erosion.cfd.map_result import PAGE as PAGE
 from erosion.cfd.map_result import SUFFIXES as SUFFIXES
 from erosion.cfd.map_result import MapSummary as MapSummary
 from erosion.cfd.map_result import require_map_path as require_map_path
@@ -114,6 +114,7 @@ from erosion.models.base import quantities as quantities
 from erosion.models.base import ranges as ranges
 from erosion.models.base import sizes as sizes
 from erosion.models.registry import ModelInfo as ModelInfo
+from erosion.output.files import require_no_pdf as require_no_pdf
 from erosion.output.files import require_writable as require_writable
 from erosion.output.files import write_whole as write_whole
 from erosion.output.translation import language as language

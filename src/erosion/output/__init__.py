@@ -9,6 +9,7 @@ from erosion.output.files import (
     read_toml as read_toml,
     readable as readable,
     require_finite as require_finite,
+    require_no_pdf as require_no_pdf,
     require_writable as require_writable,
     seen_from as seen_from,
     trace as trace,

@@ -46,6 +46,17 @@ def written_whole(path: Path) -> Iterator[Path]:
         draft.replace(target)
 
 
+def require_no_pdf(path: Path) -> None:
+    """Check that a page is not asked for as a PDF.
+
+    Raises:
+        ValueError: naming the page to write instead.
+    """
+    if path.suffix.lower() == ".pdf":
+        page = path.with_suffix(".html")
+        raise ValueError(f"{path}: a browser makes the PDF: write the page, `-o {page}`, and print it from there.")
+
+
 def require_writable(path: Path) -> None:
     """Find out, before a long computation, whether a file can be written.
 

@@ -8,8 +8,7 @@ import math
 import os
 import re
 import sys
-import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,9 +22,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogFormatter
 
-from erosion.cfd.map_result import FACES, PAGES, MapSummary, require_map_path, to_polydata, total_scale
+from erosion.cfd.map_result import FACES, PAGE, MapSummary, require_map_path, to_polydata, total_scale
 from erosion.extras import library
-from erosion.output import briefly, to_html, with_error, write_whole
+from erosion.output import briefly, require_no_pdf, to_html, with_error, write_whole
 from erosion.parameters import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
 from erosion.plotting.style import house_style, new_figure, render
@@ -83,16 +82,6 @@ def plot_map(
     require_view(view, zoom)
     if "face" not in wear.dims:
         raise ValueError("Argument `wear` must be the map of a surface, but holds totals alone.")
-    return _draw(None, wear, quantity, view, zoom, log)
-
-
-def _depth_of(wear: xr.Dataset) -> str:
-    """The depth a year where the duration is known, else the depth."""
-    return "depth_per_year" if "depth_per_year" in wear else "depth"
-
-
-def _draw(into: Any, wear: xr.Dataset, quantity: str | None, view: Any, zoom: float, log: bool | None) -> Any:
-    """The picture in a part of a figure, or in one of its own; see `plot_map`."""
     quantity = quantity or _depth_of(wear)
     if quantity not in FACES or quantity not in wear:
         known = ", ".join(name for name in FACES if name in wear)
@@ -110,12 +99,11 @@ def _draw(into: Any, wear: xr.Dataset, quantity: str | None, view: Any, zoom: fl
     if isinstance(view, str) and view == "worst":
         view = _view_of_worst(wear)
     camera = _camera(wear["point"].values[wear["corner"].values], view, zoom)
-    fig = into or new_figure(_SCREEN)
+    fig = new_figure(_SCREEN)
+    wide = fig.get_figwidth()
     # Letters do not shrink with a column's width.
-    strip = _STRIP * max(_SCREEN * fig.dpi / fig.bbox.width, 1.0)
-    if into is None:
-        wide = fig.get_figwidth()
-        fig.set_figheight(min(wide * (camera.height / camera.width + strip) + _AROUND, 9.0))
+    strip = _STRIP * max(_SCREEN / wide, 1.0)
+    fig.set_figheight(min(wide * (camera.height / camera.width + strip) + _AROUND, 9.0))
     ax = fig.subplots()
     ax.imshow(_picture(wear, colours, camera), extent=(0, camera.width, 0, camera.height))
     _add_ruler_and_axes(ax, camera, strip)
@@ -135,6 +123,11 @@ def _draw(into: Any, wear: xr.Dataset, quantity: str | None, view: Any, zoom: fl
     )  # fmt: skip
     ax.set_title(_title(wear, FACES[quantity].meaning), fontsize="medium", loc="left", wrap=True)
     return fig
+
+
+def _depth_of(wear: xr.Dataset) -> str:
+    """The depth a year where the duration is known, else the depth."""
+    return "depth_per_year" if "depth_per_year" in wear else "depth"
 
 
 def require_view(view: str | Sequence[float | int], zoom: float | int, normals: np.ndarray | None = None) -> None:
@@ -348,12 +341,7 @@ def described(wear: xr.Dataset) -> list[str]:
     return [*lines, ", ".join(sand)] if sand else lines
 
 
-_A4 = (8.27, 11.69)  # in
 _WORST = 10  # faces that a page lists
-_HEAD, _PICTURE = 0.05, 0.4  # of the page's height
-_PLACES = {7: (0.07, 0.15, 0.29, 0.5, 0.7, 0.77, 0.87), 4: (0.07, 0.24, 0.38, 0.47)}
-"""Where the columns of a table of so many begin."""
-_LETTERS, _OF_MEANING = 128, 74  # of a line of the page, and of a meaning
 _ASSUMED = (
     "Each impact meets a plane, smooth wall that has not worn; impacts do not know of each other. ± is the standard "
     "error of the sample of impacts: it knows no error of the flow, of the velocities or of the model."
@@ -363,7 +351,9 @@ _STYLE = (
     "img{max-width:100%}table{border-collapse:collapse;margin:1rem 0;font-size:.9rem}caption{text-align:left;"
     "font-weight:600}th,td{border-bottom:1px solid #d9dde2;padding:.15rem .8rem .15rem 0;text-align:left;"
     "vertical-align:top;white-space:nowrap}td:last-child{white-space:normal}"
-    "@media print{@page{size:A4;margin:12mm}body{font-size:9pt;margin:0}img{max-width:15cm}}"
+    "@media print{@page{size:A4;margin:12mm}body{font-size:9pt;margin:0;padding:0;max-width:none}"
+    "img{max-width:15cm;max-height:14cm}img,tr,p{break-inside:avoid}h1,caption,thead{break-after:avoid}"
+    "thead{display:table-header-group}}"
 )
 
 
@@ -372,7 +362,7 @@ def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = No
 
     Args:
         wear: what `erosion_map` returns, of a surface.
-        path: ends in .html, with the picture in it, or in .pdf for one sheet of A4.
+        path: ends in .html; the picture is in the file. A browser prints it.
         quantity: of the picture, see `plot_map`.
         look: view, zoom and log of `plot_map`.
 
@@ -380,7 +370,8 @@ def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = No
         ValueError: for another suffix, and as of `plot_map`.
         OSError: where the file cannot be written.
     """
-    path = require_map_path(path, has_surface="face" in wear.dims, suffixes=PAGES)
+    require_no_pdf(Path(path))
+    path = require_map_path(path, has_surface="face" in wear.dims, suffixes=(PAGE,))
     title = f"Wear of {Path(wear.attrs['surface']).name}"
     summary = MapSummary(wear)
     totals = [(row.name, row.value, row.unit, row.meaning) for row in summary.rows()]
@@ -391,19 +382,16 @@ def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = No
     # A reader of the page knows no arguments.
     warnings = ["⚠ " + re.sub(r"(?:Argument )?`(\w+)`", r"“\1”", warning) for warning in summary.warnings]
     notes = [wear.attrs["read_as"], _ASSUMED, f"{wear.attrs['model']}: {wear.attrs['constants']}", source]
-    if path.suffix == ".pdf":
-        content = render(_sheet(wear, title, tables, (warnings, notes), {"quantity": quantity, **look}), "pdf")
-    else:
-        picture = base64.b64encode(render(plot_map(wear, quantity, **look), "png")).decode()
-        content = "\n".join([
-            f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>',
-            f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>',
-            f"<h1>{html.escape(title)}</h1>", *(f"<p>{html.escape(warning)}</p>" for warning in warnings),
-            f'<img alt="The surface, coloured by its wear." src="data:image/png;base64,{picture}">',
-            *(to_html(*table) for table in tables), *(f"<p>{html.escape(note)}</p>" for note in notes),
-            "</body></html>",
-        ]).encode()  # fmt: skip
-    write_whole(path, content)
+    picture = base64.b64encode(render(plot_map(wear, quantity, **look), "png")).decode()
+    content = "\n".join([
+        f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>',
+        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>',
+        f"<h1>{html.escape(title)}</h1>", *(f"<p>{html.escape(warning)}</p>" for warning in warnings),
+        f'<img alt="The surface, coloured by its wear." src="data:image/png;base64,{picture}">',
+        *(to_html(*table) for table in tables), *(f"<p>{html.escape(note)}</p>" for note in notes),
+        "</body></html>",
+    ])  # fmt: skip
+    write_whole(path, content.encode())
     return path
 
 
@@ -430,37 +418,6 @@ def _worst_faces(wear: xr.Dataset) -> _Table:
     headings = ["face", "patch", f"x, y, z [{length.unit}]", f"{FACES[name].meaning.split(',')[0]} [{scale.unit}]",
                 "rows", "mean angle", "speed [m/s]"]  # fmt: skip
     return f"The worst {len(rows)} faces", rows, headings
-
-
-@house_style()
-def _sheet(wear: xr.Dataset, title: str, tables: Sequence[_Table], notes: Sequence[Sequence[str]], look: Any) -> Figure:
-    """The page as one sheet of A4; where its text is long, it is small."""
-    fig = new_figure(*_A4)
-    parts: Any = fig.subfigures(3, 1, height_ratios=[_HEAD, _PICTURE, 1 - _HEAD - _PICTURE])
-    head, top, bottom = parts
-    head.text(0.07, 0.2, title, fontsize=15, weight="bold")
-    _draw(top, wear, look["quantity"], look.get("view", "worst"), look.get("zoom", 1.0), look.get("log"))
-    lines = [*_lines((), notes[0]), *_lines(tables, notes[1])]
-    step = min(0.0245, 0.97 / len(lines))
-    for i, (cells, is_bold) in enumerate(lines):
-        for x, cell in zip(_PLACES.get(len(cells), (0.07,)), cells, strict=True):
-            weight = "bold" if is_bold else "normal"
-            bottom.text(x, 0.99 - (i + 1) * step, cell, fontsize=8 * step / 0.0245, weight=weight, parse_math=False)
-    return fig
-
-
-def _lines(tables: Sequence[_Table], notes: Sequence[str]) -> Iterator[tuple[Sequence[str], bool]]:
-    """The lines of a sheet, each with whether it is bold."""
-    for title, rows, headings in tables:
-        yield from (([title], True), (headings, True))
-        for row in rows:
-            *cells, last = row
-            first, *others = textwrap.wrap(last, _OF_MEANING) or [""]
-            yield [*cells, first], False
-            yield from (([""] * len(cells) + [other], False) for other in others)
-        yield [""], False
-    for note in notes:
-        yield from (([line], False) for line in textwrap.wrap(note, _LETTERS))
 
 
 @house_style()
