@@ -173,7 +173,7 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
 
 
 def _kept(attrs: Mapping[str, Any], name: str, without: Any) -> Any:
-    """What an attribute keeps in JSON; files of an earlier version are without it."""
+    """What an attribute keeps in JSON, or `without` where the file lacks it."""
     return json.loads(attrs[name]) if name in attrs else without
 
 
@@ -215,7 +215,7 @@ def read_predictor(path: str | Path) -> Predictor:
     _require_same_equations(path, attrs.get(EQUATIONS, ""), model, p)
     with xr.open_datatree(path, engine="h5netcdf") as tree:
         if _PREDICTION not in tree.children:
-            raise ValueError(f"{path}: has draws without predictions, of an earlier version.")
+            raise ValueError(f"{path}: has draws without predictions.")
         about, ways = tree[_PREDICTION].attrs, tree[_PREDICTION].children
         rows = {**tree["observed_data"].data_vars, **tree["constant_data"].data_vars}
         columns = {name: values.values for name, values in rows.items()}
