@@ -8,20 +8,24 @@ STAMP := .venv/.synced
 # A uv of one's own is used if there is one; else a private copy is installed beside .venv.
 UV := $(shell command -v uv 2>/dev/null || echo .uv/bin/uv)
 
-.PHONY: report test test-all test-types test-lowest test-newest coverage bench docs lint format clean
+.PHONY: report test test-all test-types test-lowest test-newest durations coverage bench docs lint format clean
 
 # What one page needs, no more: the tools of development and the extras come with `make test`.
 report: | $(UV)
 	$(UV) sync --quiet --inexact --locked --no-default-groups --python $(PYTHON)
 	.venv/bin/erosion report
 
-# All but what is marked `slow`.
+# All but what tests/slow.txt lists.
 test: $(STAMP)
 	.venv/bin/pytest --numprocesses 2 --dist worksteal -m "not slow"
 
 # What CI runs.
 test-all: $(STAMP)
 	.venv/bin/pytest --numprocesses 2 --dist worksteal
+
+# Lists in tests/slow.txt the tests that take more than half a second: on an otherwise idle machine.
+durations: $(STAMP)
+	.venv/bin/python -m pytest --numprocesses 2 --dist worksteal -p tests.durations
 
 # Every call's shapes and types are checked, which takes three times as long: a nightly job.
 test-types: $(STAMP)

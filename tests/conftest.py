@@ -11,6 +11,7 @@ import pytest
 from jaxtyping import install_import_hook
 
 from tests.documents import run
+from tests.durations import mark_slow
 
 # One run's processes share what they compile; earlier runs and the user's own cache play no part.
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
@@ -30,6 +31,20 @@ if os.environ.get("EROSION_CHECK_TYPES") == "1":
     importlib.import_module("erosion.lanes.lanewise")
     # Before any other module of the package is imported.
     install_import_hook("erosion", "beartype.beartype").__enter__()
+
+ENTRIES_OF_NO_TEST = pytest.StashKey[list[str]]()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config, items):
+    """Before pytest selects by marks."""
+    config.stash[ENTRIES_OF_NO_TEST] = mark_slow(items)
+
+
+@pytest.fixture(scope="session")
+def entries_of_no_test(pytestconfig):
+    """Those of `slow.txt`, as far as tests are collected."""
+    return pytestconfig.stash[ENTRIES_OF_NO_TEST]
 
 
 @pytest.fixture

@@ -28,3 +28,8 @@ def test_modules_and_functions_are_short():
             if lines > 90 or len(given) > 7:
                 long.append(f"{module}, {function.name}: {lines} lines, {len(given)} parameters by position")
     assert not long
+
+
+def test_slow_tests_exist(entries_of_no_test):
+    """`make durations` writes the table anew."""
+    assert not entries_of_no_test

@@ -29,7 +29,6 @@ def advice() -> erosion.Advice:
     return erosion.advise(P, particle="garnet 0.3 mm", target="aluminium 6061")
 
 
-@pytest.mark.slow
 def test_a_narrow_jet_has_the_closed_form_of_the_linearized_cut():
     advice = erosion.advise(P, target="aluminium 6061", spread=NARROW, models=["linearized"], cutting_fraction=1.0)
     of = {(curve.group, curve.setting): curve for curve in advice.curves}
@@ -45,7 +44,6 @@ def test_a_narrow_jet_has_the_closed_form_of_the_linearized_cut():
     assert dnv.at(alpha) == pytest.approx(float(erosion.correlations.dnv(alpha, 100.0, "aluminium")), rel=1e-5)
 
 
-@pytest.mark.slow
 def test_the_jet_is_that_of_a_stream():
     spread = math.radians(4)
     advice = erosion.advise(
@@ -58,7 +56,6 @@ def test_the_jet_is_that_of_a_stream():
     assert curve.at(math.radians(25)) == pytest.approx(0.5 * 2700 * jet.erosion.value, rel=3e-3)
 
 
-@pytest.mark.slow
 def test_the_advised_angle_loses_least_where_most_is_lost(advice):
     worst = [min(curve.share(angle) for curve in advice.curves) for angle in NOZZLE_ANGLES]
     assert advice.alpha == NOZZLE_ANGLES[int(np.argmax(worst))]
@@ -72,7 +69,6 @@ def test_the_advised_angle_loses_least_where_most_is_lost(advice):
     assert 0.2e-3 < min(curve.at(advice.alpha) for curve in advice.group("correlations") if curve.fits) < 0.25e-3
 
 
-@pytest.mark.slow
 def test_the_sentences_say_angle_amount_and_what_would_narrow_it(advice):
     (angle, amount), (why, narrower, hardness) = advice.answers, advice.reasons
     assert angle == f"Set the nozzle to {math.degrees(advice.alpha):.0f}° from the surface."
@@ -93,7 +89,6 @@ def fitted() -> erosion.Advice:
     return erosion.advise(P, target="aluminium 6061", spread=NARROW, models=["linearized"], uncertain=rows)
 
 
-@pytest.mark.slow
 def test_draws_of_a_fit_take_the_place_of_the_ranges(fitted):
     draws = fitted.group("draws")
     assert len(draws) == 64
@@ -124,7 +119,6 @@ def test_draws_of_a_fit_take_the_place_of_the_ranges(fitted):
     assert max(curve.at(alpha) for curve in draws) < 1.08 * min(curve.at(alpha) for curve in draws)
 
 
-@pytest.mark.slow
 def test_an_advice_after_a_fit_names_it_and_asks_for_no_test_again(fitted, tmp_path):
     (angle, amount), (why, narrower) = fitted.answers, fitted.reasons
     assert angle.startswith("By your weighings: set the nozzle to 32°")
@@ -150,7 +144,6 @@ def test_an_advice_after_a_fit_names_it_and_asks_for_no_test_again(fitted, tmp_p
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("weighed", "advised", "says"), [
     ((15, 90), 32, "more tests"),
     ((40, 60), 40, "weigh at 32°, too. The fit removes most there, but no weighing of yours is that flat."),
@@ -164,14 +157,12 @@ def test_the_advised_angle_is_among_those_that_were_weighed(fitted, weighed, adv
     assert f"remove on average {100 * mean:.0f}% of" in within.reasons[0]
 
 
-@pytest.mark.slow
 def test_the_command_after_a_fit_has_the_speed_of_its_tests(fitted):
     rows = Rows({"k": [1.9, 2.1], "psi": [10.0, 9.0]}, "post.nc", tested={"v0": (60.0, 60.0)})
     advice = dataclasses.replace(fitted, uncertain=dataclasses.replace(fitted.uncertain, laws=dict(rows)))
     assert '--v0 "60 m/s" --model' in advice.reasons[1]
 
 
-@pytest.mark.slow
 def test_the_model_of_draws_with_open_parameters_is_one_of_them():
     # Of draws that all remove as much, the medians remove four times it.
     psi, sigma, share = np.array([[1.0, 1, 0.1], [1, 4, 0.4], [4, 1, 0.4]]).T
@@ -183,7 +174,6 @@ def test_the_model_of_draws_with_open_parameters_is_one_of_them():
     assert math.degrees(advice.alpha) == pytest.approx(40)
 
 
-@pytest.mark.slow
 def test_an_uncertain_share_of_cutting_particles_changes_amounts_alone():
     laws = {"cutting_fraction": Uniform(0.1, 0.3)}
     advice = erosion.advise(P, target="aluminium 6061", models=["finnie"], uncertain=laws)
@@ -193,7 +183,6 @@ def test_an_uncertain_share_of_cutting_particles_changes_amounts_alone():
     assert advice.low == pytest.approx(advice.high)
 
 
-@pytest.mark.slow
 def test_round_particles_are_told_apart():
     advice = erosion.advise(P, particle="glass beads 0.2 mm", target="titanium Ti-6Al-4V", models=["finnie"])
     assert advice.conclusions[-1].startswith("The models take a sharp edge; round particles plough")
@@ -203,7 +192,6 @@ def test_round_particles_are_told_apart():
     assert "correlations" not in advice.answers[1]
 
 
-@pytest.mark.slow
 def test_without_a_density_amounts_are_volumes():
     advice = erosion.advise(NAMED, models=["finnie"])
     assert advice.headings[-1].endswith("[mm³/kg]")
@@ -217,7 +205,6 @@ def amount(advice: erosion.Advice) -> str:
     return advice.answers[1]
 
 
-@pytest.mark.slow
 def test_an_amount_beyond_all_tests_is_no_headline():
     # ψ of Table 1: a thousand g of steel for a kg of garnet.
     soft = P.with_particle("garnet 0.3 mm").replace(sigma=255e6)
@@ -274,7 +261,6 @@ def test_a_model_that_cannot_be_computed_is_named(monkeypatch):
         erosion.advise(P, models=["finnie"])
 
 
-@pytest.mark.slow
 def test_the_page_has_all_of_it(advice, tmp_path):
     page = write_advice(advice, tmp_path / "advice.html").read_text()
     for sentence in advice.conclusions:
@@ -291,7 +277,6 @@ def test_the_page_has_all_of_it(advice, tmp_path):
         write_advice(advice, tmp_path / "advice.pdf")
 
 
-@pytest.mark.slow
 def test_the_table_names_each_correlation_with_its_angle(advice):
     rows = {row[0].partition(",")[0]: row[1:] for row in advice.rows()}
     for curve in advice.group("correlations"):
@@ -301,7 +286,6 @@ def test_the_table_names_each_correlation_with_its_angle(advice):
         assert (erosion == "–") == (not curve.fits)
 
 
-@pytest.mark.slow
 def test_lines_of_correlations_differ():
     advice = erosion.advise(
         P.replace(v0=123.4),
@@ -313,7 +297,6 @@ def test_lines_of_correlations_differ():
     assert len({str(line.get_marker()) for line in grey}) == len(advice.group("correlations")) == 6
 
 
-@pytest.mark.slow
 def test_correlations_outside_of_their_range_are_told(tmp_path):
     advice = erosion.advise(P.replace(v0=260.0), target="aluminium 6061", models=["dnv:aluminium"])
     (message,) = [message for message in advice.outside if message.startswith("dnv:aluminium")]
@@ -328,7 +311,6 @@ def shop() -> erosion.Advice:
     )  # fmt: skip
 
 
-@pytest.mark.slow
 def test_a_job_is_answered_in_kilogrammes_and_minutes(shop):
     alpha = shop.alpha
     # By the published forms: DNV and E/CRC with the angle spread over the jet, which changes them by less than 3 %.
@@ -351,7 +333,6 @@ def test_a_job_is_answered_in_kilogrammes_and_minutes(shop):
     assert f"{float(f'{least / 5:.2g}'):g} to {float(f'{greatest / 5:.2g}'):g} minutes at 5 kg/min" in job
 
 
-@pytest.mark.slow
 def test_another_abrasive_is_compared_by_size_shape_and_hardness(shop):
     # (0.2/0.18)^0.19; both are sharp, and harder than 1.2 times the steel.
     assert "about as much for a kilogramme, 1.02 times by the size" in shop.answers[3]
@@ -362,7 +343,6 @@ def test_another_abrasive_is_compared_by_size_shape_and_hardness(shop):
     assert "only " not in shop.reasons[-1]
 
 
-@pytest.mark.slow
 def test_the_table_for_a_spreadsheet_has_the_numbers_of_the_advice(shop, tmp_path):
     rows = list(csv.reader(write_advice(shop, tmp_path / "a.csv").read_text("utf-8-sig").splitlines()))
     best = round(math.degrees(shop.alpha), 1)
@@ -380,7 +360,6 @@ def test_the_table_for_a_spreadsheet_has_the_numbers_of_the_advice(shop, tmp_pat
         write_advice(shop, tmp_path / "b.csv", decimal=";")
 
 
-@pytest.mark.slow
 def test_german_ticks_have_all_their_digits_and_names_keep_their_case(shop):
     german = dataclasses.replace(shop, language=language("de"))
     assert german.title.startswith("Granat 0,18 mm, Baustahl, 160\N{NO-BREAK SPACE}m/s: ")

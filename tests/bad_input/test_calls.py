@@ -424,7 +424,6 @@ NAMES = {
 }
 
 
-@pytest.mark.slow
 @unchecked_types
 @pytest.mark.parametrize(("expression", "error", "message"), ROWS, ids=[expression for expression, _, _ in ROWS])
 def test_a_bad_argument_is_one_sentence(tmp_path, monkeypatch, expression, error, message):

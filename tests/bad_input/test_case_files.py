@@ -149,7 +149,6 @@ SECTIONS = [
 ]
 
 
-@pytest.mark.slow
 @unchecked_types
 @pytest.mark.parametrize(("verb", "lines", "message"), SECTIONS)
 def test_bad_sections_are_one_line_and_exit_2(tmp_path, monkeypatch, shell, verb, lines, message):

@@ -26,8 +26,6 @@ from erosion.sweeps.sweep import SweepInterrupted, ZarrStore, sweep
 from tests.documents import Shell
 from tests.sweeps.test_sweep import assert_same_bits
 
-pytestmark = pytest.mark.slow
-
 P = erosion.TABLE_1
 AXES: dict[str, Any] = {"alpha": np.linspace(0.1, 1.0, 6), "phidot0": [0.0, 100.0]}
 CHUNKS = {"alpha": 3}
@@ -436,7 +434,6 @@ KEPT: dict[str, Callable[[Path], xr.Dataset]] = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind", "draft"),
     [

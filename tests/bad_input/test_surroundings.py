@@ -99,7 +99,6 @@ def test_a_block_that_could_not_be_written_is_computed_again(tmp_path):
 COMMAND = [sys.executable, "-m", "erosion"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "status", "errors"),
     [
@@ -148,7 +147,6 @@ def heeds_ctrl_c():
     signal.signal(signal.SIGINT, usual)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("heeds_ctrl_c")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path, name):
@@ -264,7 +262,6 @@ def python(code: str, *arguments: str, **environment: str) -> subprocess.Complet
     )  # fmt: skip
 
 
-@pytest.mark.slow
 def test_every_way_to_a_number_refuses_single_precision() -> None:
     done = python(
         """
@@ -311,7 +308,6 @@ ways = {
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("first", "then", "statuses"),
     [
@@ -346,7 +342,6 @@ def commands(*lines: list[str], **environment: str) -> tuple[list[tuple[int, str
     return [(int(status), errors) for errors, status in ended], done.stdout
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("platform", ["cuda", "nonsense", "cuda,nonsense"])
 def test_a_device_that_is_not_there_is_a_sentence(platform: str, tmp_path: Path) -> None:
     ended, _ = commands(
@@ -361,7 +356,6 @@ def test_a_device_that_is_not_there_is_a_sentence(platform: str, tmp_path: Path)
     assert ended == [(1, sentence), (1, sentence), (0, "")]
 
 
-@pytest.mark.slow
 def test_a_home_that_cannot_be_written_is_no_warning(tmp_path: Path) -> None:
     nowhere = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), "/dev/null")
     ended, _ = commands(
@@ -378,7 +372,6 @@ ASCII = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("environment", ASCII)
 def test_a_terminal_without_greek_letters_gets_words(environment: str) -> None:
     (*shown, refused), said = commands(

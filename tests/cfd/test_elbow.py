@@ -19,8 +19,6 @@ from tests.cfd.parts import write
 from tests.cfd.tables import quadrilaterals
 from tests.correlations.test_erosion import pipes
 
-pytestmark = pytest.mark.slow
-
 PIPE, RADIUS, SPEED, SIZE, ROWS = 0.1, 0.15, 20.0, 250e-6, 100_000
 MASS = 2650 * np.pi / 6 * SIZE**3
 A_YEAR = 100 / 86400 * 365.25 * 86400.0  # kg of 100 kg/day

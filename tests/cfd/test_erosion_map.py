@@ -20,8 +20,6 @@ from erosion.correlations import CORRELATIONS, OKA_MATERIALS, oka
 from erosion.distributions import Normal
 from tests.cfd.tables import Table, hump, sand, warnings_of
 
-pytestmark = pytest.mark.slow
-
 P = erosion.TABLE_1.to("si")
 SURFACE = hump()
 

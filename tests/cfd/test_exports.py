@@ -12,8 +12,6 @@ from scipy.integrate import solve_ivp
 import erosion
 from erosion.cfd.exports import particle_of, to_comsol, to_csv
 
-pytestmark = pytest.mark.slow
-
 P = erosion.TABLE_1
 SI = P.to("si")
 ANGLES = np.deg2rad(np.linspace(1.0, 89.0, 177))

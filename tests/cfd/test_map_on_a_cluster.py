@@ -14,8 +14,6 @@ from erosion.distributions import LogNormal, Normal
 from erosion.joint_laws import Rows
 from tests.cfd.tables import hump, sand
 
-pytestmark = pytest.mark.slow
-
 distributed = pytest.importorskip("distributed")
 
 P = erosion.TABLE_1.to("si")

@@ -203,7 +203,6 @@ def test_patches_of_the_ascii_and_of_the_binary_mesh():
     assert hump.area.sum() == pytest.approx(2 * radius * math.asin(2 / radius) * 2 * 1e-4, rel=3e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("icoUncoupledKinematicParcelFoam") is None, reason="OpenFOAM is not installed")
 def test_the_recipe_makes_the_same_runs_again(tmp_path):
     subprocess.run(["sh", RUNS / "run.sh", tmp_path], check=True, capture_output=True)
@@ -563,7 +562,6 @@ def run_of_export(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(shutil.which(SOLVER) is None, reason="OpenFOAM is not installed")
 @pytest.mark.parametrize("patch", ["hump", "floor"])
 def test_openfoams_field_is_the_map_of_the_model(run_of_export: Path, patch: str) -> None:

@@ -75,7 +75,6 @@ def wear(table: Any = TABLE, **options: Any) -> xr.Dataset:
     return erosion_map("dnv", P, table, SURFACE, **options)
 
 
-@pytest.mark.slow
 def test_a_rate_of_sand_makes_rates_of_wear() -> None:
     plain, injected, rate = wear(), 0.4, 100 / 86400
     data = wear(sand_rate="100 kg/day", injected="400 g")
@@ -93,7 +92,6 @@ def test_a_rate_of_sand_makes_rates_of_wear() -> None:
         assert words in text
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("share", [1.0, 1e-4, 1e-8])
 def test_totals_are_those_of_a_year_or_in_a_unit_that_reads_well(share: float) -> None:
     table = TABLE.replace(count=share * TABLE.columns["count"])
@@ -105,7 +103,6 @@ def test_totals_are_those_of_a_year_or_in_a_unit_that_reads_well(share: float) -
     assert {"±"} <= set(rows["mass per year"].value) & set(rows["greatest depth per year"].value)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "injected"),
     [
@@ -121,7 +118,6 @@ def test_a_rate_is_a_mass_flow_or_a_share_of_one(rate: Any, injected: Any) -> No
     assert float(wear(sand_rate=rate, injected=injected)["duration"]) == pytest.approx(800, rel=2e-4)
 
 
-@pytest.mark.slow
 def test_each_row_may_be_another_parcel() -> None:
     mass = float(np.sum(TABLE.columns["count"] * TABLE.columns["mass"]))
     data, given = (wear(sand_rate="100 kg/day", injected=injected) for injected in ("rows", mass))
@@ -130,7 +126,6 @@ def test_each_row_may_be_another_parcel() -> None:
     assert "Each row counts as sand of its own" in " ".join(warnings_of(data))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -155,7 +150,6 @@ def test_what_gives_no_rate_is_refused(options: dict[str, Any], words: str) -> N
         wear(**options)
 
 
-@pytest.mark.slow
 def test_more_sand_hits_than_was_injected() -> None:
     erodent = float(wear()["total_erodent"])
     assert any("2 × the mass" in sentence for sentence in MapSummary(wear(injected=erodent / 2)).warnings)
@@ -168,7 +162,6 @@ def test_more_sand_hits_than_was_injected() -> None:
     assert "% of" not in wear(distinct).attrs["read_as"]
 
 
-@pytest.mark.slow
 def test_less_sand_hits_than_was_injected() -> None:
     erodent = float(wear()["total_erodent"])
     assert "a mass or `injected` is in another unit" in " ".join(warnings_of(wear(injected=erodent / 1000)))
@@ -182,7 +175,6 @@ def test_less_sand_hits_than_was_injected() -> None:
 PARCEL = np.random.default_rng(3).integers(0, 150, 400)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("portion", [64, 2**18])
 def test_bounces_are_of_one_parcel(monkeypatch: pytest.MonkeyPatch, portion: int) -> None:
     monkeypatch.setattr("erosion.cfd.erosion_map._PORTION", portion)
@@ -207,7 +199,6 @@ def test_bounces_are_of_one_parcel(monkeypatch: pytest.MonkeyPatch, portion: int
     assert any("hits no wall" in sentence for sentence in MapSummary(data).warnings)
 
 
-@pytest.mark.slow
 def test_parcels_that_change_their_mass_are_others() -> None:
     numbers = {"one": np.full(400, 7), "given again": np.arange(400) % 100}
     for parcel in numbers.values():
@@ -218,7 +209,6 @@ def test_parcels_that_change_their_mass_are_others() -> None:
         assert f"{changing} of the {changing} parcels of the table have rows of different masses" in sentence
 
 
-@pytest.mark.slow
 def test_openfoam_says_what_it_injected(tmp_path: Path) -> None:
     table = erosion.read_impacts(RUN)
     assert (table.injected, table.duration, table.has_parcels) == (1e-4, 0.02, True)
@@ -246,7 +236,6 @@ def test_openfoam_says_what_it_injected(tmp_path: Path) -> None:
     assert erosion.read_impacts(run).injected is None
 
 
-@pytest.mark.slow
 def test_the_duration_is_that_of_the_times() -> None:
     times = np.linspace(3.0, 13.0, 400)
     data = wear(sand(SURFACE, 400, duration=None, time=times))
@@ -266,7 +255,6 @@ def test_the_duration_is_that_of_the_times() -> None:
     assert any("1 s" in sentence and "0.02 s" in sentence for sentence in run.warnings)
 
 
-@pytest.mark.slow
 def test_the_number_of_a_parcel_is_whole(written: Written) -> None:
     path = written(
         "rows.csv", "diameter [um],density [kg/m^3],speed [m/s],angle [deg],particle_id\n200,2650,30,20,1.5\n"
@@ -275,7 +263,6 @@ def test_the_number_of_a_parcel_is_whole(written: Written) -> None:
         list(erosion.read_impacts(path).blocks(10))
 
 
-@pytest.mark.slow
 def test_less_than_a_particle_a_row_is_said(written: Written) -> None:
     rows = "".join(f"{100 + i},{3e-8 + i * 1e-10},{20 + i},{5 + i}\n" for i in range(40))
     for unit, is_said in (("kg", False), ("g", True)):
@@ -284,7 +271,6 @@ def test_less_than_a_particle_a_row_is_said(written: Written) -> None:
         assert ("less than one particle; are its unit" in " ".join(warnings_of(data))) == is_said
 
 
-@pytest.mark.slow
 def test_the_greatest_of_many_faces_is_said_to_be_too_large() -> None:
     """Where all faces of a flat floor wear alike, the estimate is nearer to the truth than the greatest depth."""
     for rows, along, is_said in ((12_000, 41, True), (250_000, 41, True), (250_000, 6, False)):
@@ -305,7 +291,6 @@ def test_the_greatest_of_many_faces_is_said_to_be_too_large() -> None:
             assert greatest > (1.4 if rows < 100_000 else 1.08) * mean
 
 
-@pytest.mark.slow
 def test_a_second_line_of_heads_and_pounds_of_mass(tmp_path: Path) -> None:
     (path := tmp_path / "a.csv").write_text("d,m,speed,angle\num,kg,m/s,deg\n100,1e-9,20,30\n")
     with pytest.raises(ImpactsError, match=r"line 2 is a second line of heads.* as `d \[um\]`"):

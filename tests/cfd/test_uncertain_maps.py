@@ -16,8 +16,6 @@ from erosion.distributions import LogNormal, Normal, Uniform
 from erosion.joint_laws import CorrelatedLaws, JointLaw, Rows
 from tests.cfd.tables import Table, hump, sand, warnings_of
 
-pytestmark = pytest.mark.slow
-
 P = erosion.TABLE_1.to("si")
 SURFACE = hump()
 TABLE = sand(SURFACE, 1000)

@@ -47,12 +47,10 @@ def wrong(tmp_path_factory):
     return file
 
 
-@pytest.mark.slow
 def test_the_equations_are_typed_a_second_time_for_every_registered_model():
     assert set(EQUATIONS_OF) == set(BUILT_IN)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", FIGURES)
 def test_reference_solutions_know_the_golden_numbers(name):
     volume, t_c, ended_by = FIGURES[name]
@@ -66,7 +64,6 @@ def test_reference_solutions_know_the_golden_numbers(name):
         assert solution.ended_by == ended_by
 
 
-@pytest.mark.slow
 def test_a_wrong_closed_form_is_caught(wrong, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["verify", str(wrong), "--json"])
@@ -80,7 +77,6 @@ def test_a_wrong_closed_form_is_caught(wrong, capsys):
     assert "1 of 9 checks are out of bounds." in said.err
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::erosion.TurnWarning")
 def test_a_wrong_force_is_caught_by_the_reference_solutions(wrong):
     subject = Subject("linearized", erosion.load_model(wrong), registered=True)
@@ -91,7 +87,6 @@ def test_a_wrong_force_is_caught_by_the_reference_solutions(wrong):
     assert subject.worst(checks["scaling"]())[0] < BOUNDS["scaling"][0]
 
 
-@pytest.mark.slow
 def test_what_fails_is_said_and_does_not_stop_the_others(written):
     file = written("nan.py", WRONG.replace("-1.001", "float('nan')"))
     verification = erosion.verify([file, "linearized"])
@@ -104,7 +99,6 @@ def test_what_fails_is_said_and_does_not_stop_the_others(written):
     assert "✗" in str(verification)
 
 
-@pytest.mark.slow
 def test_errors_that_are_no_numbers_do_not_pass():
     assert not Check("m", "engines", math.nan, "").passed
     assert not Check("m", "engines", math.inf, "").passed
@@ -112,7 +106,6 @@ def test_errors_that_are_no_numbers_do_not_pass():
     assert Verification((Check("m", "engines", 0.0, ""),)).passed
 
 
-@pytest.mark.slow
 def test_cases_are_valid_and_differ():
     for p in cases():
         erosion.validate(p)
@@ -120,7 +113,6 @@ def test_cases_are_valid_and_differ():
     assert np.ptp([float(p.spin) for p in cases()]) > 0
 
 
-@pytest.mark.slow
 def test_unknown_models_are_bad_input(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["verify", "rotated"])

@@ -16,7 +16,6 @@ from tests.cli.test_document import check
 LINE = ["advise", "--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s", "--model", "finnie"]
 
 
-@pytest.mark.slow
 def test_advise_prints_a_table_and_writes_a_page(shell, tmp_path):
     page, plot = tmp_path / "advice.html", tmp_path / "curves.svg"
     said = shell([*LINE, "-o", str(page), "--plot", str(plot)])
@@ -27,7 +26,6 @@ def test_advise_prints_a_table_and_writes_a_page(shell, tmp_path):
     assert plot.read_text().startswith("<?xml")
 
 
-@pytest.mark.slow
 def test_advise_prints_commands_that_can_be_copied(shell, monkeypatch):
     monkeypatch.setenv("COLUMNS", "60")
     lines = shell([*LINE[:-1], "finnie,linearized"]).out.splitlines()
@@ -38,7 +36,6 @@ def test_advise_prints_commands_that_can_be_copied(shell, monkeypatch):
     assert all(len(line) <= 60 for line in lines if line != fit)
 
 
-@pytest.mark.slow
 def test_advise_reads_a_case_file_and_prints_a_document(shell, written):
     case = written(
         "case.toml", 'particle = "garnet 0.3 mm"\ntarget = "copper"\nk = 2\npsi = 2\nv0 = "80 m/s"\nalpha = "20 deg"\n'
@@ -66,7 +63,6 @@ ROWS = """angle [deg], speed [m/s], erosion [g/kg]
 """
 
 
-@pytest.mark.slow
 def test_a_fit_goes_from_its_case_file_to_the_advice(shell, tmp_path):
     (tmp_path / "rows.csv").write_text(ROWS)
     materials = LINE[1:7]
@@ -90,7 +86,6 @@ def test_a_fit_goes_from_its_case_file_to_the_advice(shell, tmp_path):
     assert _status(["run", "fitted.toml"]) == 0
 
 
-@pytest.mark.slow
 def test_draws_in_a_table_are_taken_together(shell, tmp_path):
     (tmp_path / "draws.csv").write_text("k, psi\n1.9, 10.5\n2, 10\n2.1, 9.5\n")
     assert f"64 curves that the tests allow ({tmp_path}" in shell(
@@ -179,7 +174,6 @@ def test_laws_need_a_model_that_takes_them(shell):
     assert "must have one that takes what is uncertain; a correlation does not." in shell([*LINE[:-2], *words], 2).err
 
 
-@pytest.mark.slow
 def test_the_law_of_a_parameter_near_its_least_value_is_cut(shell, tmp_path):
     case, law = tmp_path / "fitted.toml", 'energy_ratio = "normal(2, 0.2)"'
     text = FITTED.replace("set = { threshold = 5.0 }", "")
@@ -189,7 +183,6 @@ def test_the_law_of_a_parameter_near_its_least_value_is_cut(shell, tmp_path):
     assert shell(["advise", str(case), "--json"]).document["result"]["alpha"]["value"] > 0
 
 
-@pytest.mark.slow
 def test_a_fit_to_tests_in_units_of_their_own_says_so(shell, tmp_path):
     rows = zip((15, 20, 30, 45, 60, 75), (6, 7, 7.2, 5.5, 3, 1), strict=True)
     lines = "".join(f"{angle}, {erosion}\n" for angle, erosion in rows)
@@ -209,7 +202,6 @@ FLAT = """angle [deg], mass_loss [mg/kg]
 """
 
 
-@pytest.mark.slow
 def test_weighings_that_leave_parameters_open_still_decide_the_angle(shell, tmp_path):
     (tmp_path / "rows.csv").write_text(FLAT)
     metal = ["--particle", "garnet 80 mesh", "--target", "mild steel", "--v0", "160 m/s"]
@@ -232,7 +224,6 @@ def test_weighings_that_leave_parameters_open_still_decide_the_angle(shell, tmp_
     assert "Measure next at" in shell([*words[1:], "--draws", "125", "--starts", "4"]).out
 
 
-@pytest.mark.slow
 def test_a_fit_that_rises_beyond_the_weighings_asks_for_one_there(shell, tmp_path):
     falling = zip((15, 30, 45, 60, 75, 90), (5407, 4094, 3133, 2014, 948, 499), strict=True)
     (tmp_path / "rows.csv").write_text(
@@ -252,7 +243,6 @@ def printed_command(statements):
     return shlex.split(re.findall("“erosion posterior (.*?)”", " ".join(statements))[0])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -273,7 +263,6 @@ def test_the_printed_command_is_of_the_tests(shell, tmp_path, options, words):
     assert [word.replace(str(tmp_path) + "/", "") for word in command] == [*words, "--next-experiment"]
 
 
-@pytest.mark.slow
 def test_an_advice_by_draws_prints_the_tests_and_their_doubts(shell, tmp_path):
     case = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("copper").replace(v0=100.0, alpha=0.3)
     tested = 'tested = { v0 = ["100 m/s", "100 m/s"] }\n'

@@ -36,7 +36,6 @@ def table(tmp_path_factory):
     return path
 
 
-@pytest.mark.slow
 def test_a_fit_as_json_with_a_figure(table, tmp_path, shell):
     figure = tmp_path / "fit.svg"
     options = ["--plot", str(figure), "--profile", "k"]
@@ -53,7 +52,6 @@ def test_a_fit_as_json_with_a_figure(table, tmp_path, shell):
     assert figure.read_text().startswith("<?xml")
 
 
-@pytest.mark.slow
 def test_what_is_not_determined_is_a_warning(table, shell):
     captured = shell(["calibrate", str(table), "--free", "psi,sigma", *GUESS])
     assert captured.err.startswith("warning: psi and sigma cannot be told apart: only psi·sigma is determined.")
@@ -63,7 +61,6 @@ def test_what_is_not_determined_is_a_warning(table, shell):
     assert printed["standard_errors"] == {"psi": None, "sigma": None}  # JSON has no infinity
 
 
-@pytest.mark.slow
 def test_columns_that_are_not_used_are_named(table, tmp_path, shell):
     path = tmp_path / "notes.csv"
     heading, *rows = table.read_text().splitlines()
@@ -84,7 +81,6 @@ def sand(tmp_path_factory):
     return ["calibrate", str(data), str(case), "--density", "7850 kg/m^3", "--starts", "2"]
 
 
-@pytest.mark.slow
 def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, shell):
     path = tmp_path / "fitted.toml"
     options = ["--free", "sigma,k", "--cutting-fraction", "0.3", "--bounds", "sigma=1 GPa:2 GPa,k=1:5"]
@@ -110,7 +106,6 @@ def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, shell):
     assert f"{path}: 600 m/s is {600 / float(fastest):.3g} × the fastest test." in said
 
 
-@pytest.mark.slow
 def test_draws_are_within_bounds_and_spread_where_the_data_say_nothing(sand, tmp_path):
     path = tmp_path / "fitted.toml"
     bounded = [*sand, "--free", "sigma,k", "--cutting-fraction", "0.3", "--bounds", "sigma=1 GPa:1.4 GPa"]
@@ -127,7 +122,6 @@ def test_draws_are_within_bounds_and_spread_where_the_data_say_nothing(sand, tmp
     )
 
 
-@pytest.mark.slow
 def test_bounds_that_are_touched_are_in_table_and_json(sand, shell):
     options = ["--free", "k,cutting_fraction", "--bounds", "cutting_fraction=0.05:0.1"]
     captured = shell([*sand, *options])
@@ -137,13 +131,11 @@ def test_bounds_that_are_touched_are_in_table_and_json(sand, shell):
     assert {"parameter": "cutting_fraction", "touches": ["estimate at upper", "interval at upper"]} in touched
 
 
-@pytest.mark.slow
 def test_what_a_ranking_says_is_in_its_json(sand, shell):
     warnings = shell([*sand, "--model", "linearized,finnie", "--json"]).document["warnings"]
     assert warnings == ["linearized and finnie give the same curve: these data cannot tell them apart."]
 
 
-@pytest.mark.slow
 def test_tables_fit_a_terminal_of_80_characters(sand, monkeypatch, shell):
     monkeypatch.setenv("COLUMNS", "80")
     out = shell([*sand, "--model", "rotating,linearized,tan-alpha", "--free", "k,cutting_fraction"]).out
@@ -175,7 +167,6 @@ def aluminium(tmp_path_factory):
 DEFORMATION = ["--model", "linearized-deformation"]
 
 
-@pytest.mark.slow
 def test_a_written_case_is_exported_for_cfd_codes(aluminium, shell):
     *_, next_step = shell(
         [*aluminium, *DEFORMATION, "--set", "threshold=8 m/s", "--write-case", "fitted.toml"]
@@ -192,7 +183,6 @@ def test_a_written_case_is_exported_for_cfd_codes(aluminium, shell):
     assert not Path("erosionDict").exists()
 
 
-@pytest.mark.slow
 def test_a_written_case_has_the_model_for_every_verb(aluminium, tmp_path, shell):
     options = [*aluminium, *DEFORMATION, "--set", "threshold=8 m/s", "--write-case", "fitted.toml"]
     fitted = shell([*options, "--json"]).result["estimates"]["energy_ratio"]
@@ -220,7 +210,6 @@ def test_a_written_case_has_the_model_for_every_verb(aluminium, tmp_path, shell)
     )
 
 
-@pytest.mark.slow
 def test_models_are_ranked_though_one_lacks_a_parameter(aluminium, capsys, shell):
     options = ["--model", "linearized,linearized-deformation", "--bounds", "threshold=0:40 m/s,energy_ratio=0.5:5"]
     words = [*aluminium[:-1], "k,cutting_fraction,energy_ratio,threshold"]
@@ -232,14 +221,12 @@ def test_models_are_ranked_though_one_lacks_a_parameter(aluminium, capsys, shell
     assert line in capsys.readouterr().err
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("ends", ["100:300 kip/in^2", "100 kip/in^2:300"])
 def test_an_end_without_a_unit_has_the_unit_of_the_other_end(table, shell, ends):
     fit = shell(["calibrate", str(table), "--free", "k,sigma", "--bounds", f"sigma={ends}", "--json"]).result
     assert fit["bounds"]["sigma"] == pytest.approx([1e5, 3e5])
 
 
-@pytest.mark.slow
 def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, shell):
     monkeypatch.setenv("COLUMNS", "96")
     page = (Path(__file__).parents[2] / "docs" / "calibration.md").read_text()
@@ -255,7 +242,6 @@ def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, shel
     assert next_step == ": --write-case fitted.toml, then erosion advise fitted.toml\n"
 
 
-@pytest.mark.slow
 def test_without_a_case_the_units_are_those_of_the_data(written, shell):
     lines = ["angle [deg], speed [m/s], volume [mm^3]", *(f"{angle}, {speed}, {1e-3 * angle * speed}"
              for angle in (10, 20, 30, 40) for speed in (50, 100))]  # fmt: skip
@@ -271,7 +257,6 @@ def test_without_a_case_the_units_are_those_of_the_data(written, shell):
     assert document["case"]["parameters"]["r"] == {"value": 1e-3, "unit": "m"}
 
 
-@pytest.mark.slow
 def test_a_pipe_needs_units_beside_it(tmp_path, shell):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
@@ -280,7 +265,6 @@ def test_a_pipe_needs_units_beside_it(tmp_path, shell):
     )
 
 
-@pytest.mark.slow
 def test_own_parameters_have_their_units_everywhere(aluminium, monkeypatch, shell):
     monkeypatch.setenv("COLUMNS", "300")
     share = ["--cutting-fraction", "0.3", "--model", "linearized,linearized-deformation"]
@@ -294,7 +278,6 @@ def test_own_parameters_have_their_units_everywhere(aluminium, monkeypatch, shel
     assert profile["values"]["unit"] == "m/s"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("deforms", "best"), [(0.0, "linearized"), (3e-9, "linearized-deformation")])
 def test_without_model_and_parameters_wear_at_steep_angles_is_tried(tmp_path, shell, deforms, best):
     """Metals lose much at 90°, where a cut removes nothing."""
@@ -321,7 +304,6 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return drawn.save(tmp_path_factory.mktemp("fit") / "draws.nc")
 
 
-@pytest.mark.slow
 def test_the_numbers_are_those_of_the_predictor(fitted, shell, tmp_path):
     table = tmp_path / "table.csv"
     words = ["predict", str(fitted), "--alpha", "35deg, 50deg", "--v0", "60 m/s, 120 m/s", "--level", "0.9"]
@@ -349,7 +331,6 @@ def test_the_numbers_are_those_of_the_predictor(fitted, shell, tmp_path):
     np.testing.assert_allclose([float(row[2]) for row in rows], 1e6 * of_mean.mean(axis=0).ravel())
 
 
-@pytest.mark.slow
 def test_the_tables_say_what_is_in_each_interval(fitted, shell, tmp_path):
     printed = shell(["predict", str(fitted), "--plot", str(tmp_path / "bands.png")])
     assert "α [°]   v₀ [m/s]   mean [ug/g]   95 % of the mean   95 % of a new weighing" in printed.out
@@ -367,7 +348,6 @@ def test_the_tables_say_what_is_in_each_interval(fitted, shell, tmp_path):
     assert (tmp_path / "bands.png").stat().st_size > 1000
 
 
-@pytest.mark.slow
 def test_another_size_is_another_mass(fitted, shell):
     printed = shell(["predict", str(fitted), "--alpha", "35deg", "--v0", "98 m/s", "--particle", "garnet 0.6 mm"])
     assert "is 8 × the heaviest test." in printed.err
@@ -378,7 +358,6 @@ def test_another_size_is_another_mass(fitted, shell):
     assert heavy[:2] + heavy[3:] == light  # the mass stands between
 
 
-@pytest.mark.slow
 def test_the_wear_is_in_the_unit_that_is_asked_for(fitted, shell, tmp_path):
     words = ["predict", str(fitted), "--alpha", "35deg", "--v0", "98 m/s", "-o", str(tmp_path / "table.csv")]
     rows = {}
@@ -393,7 +372,6 @@ def test_the_wear_is_in_the_unit_that_is_asked_for(fitted, shell, tmp_path):
     assert rows["mg/kg"] == pytest.approx(rows["ug/g"]) == pytest.approx(1e3 * rows["g/kg"])
 
 
-@pytest.mark.slow
 def test_draws_that_did_not_converge_are_named(fitted, shell, tmp_path):
     with xr.open_datatree(fitted, engine="h5netcdf") as stored:
         tree = stored.load()
@@ -402,7 +380,6 @@ def test_draws_that_did_not_converge_are_named(fitted, shell, tmp_path):
     assert "bad.nc: the draws did not converge." in shell(["predict", str(tmp_path / "bad.nc"), "--alpha", "35deg"]).err
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -29,7 +29,6 @@ from erosion.parameters.quantities import QUANTITIES
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.slow
 def test_run_takes_a_model_and_parameters(shell):
     assert shell("run --model rotating --alpha 20deg --json").result["volume"] == pytest.approx(
         1.014085387462e-04, rel=1e-10
@@ -38,7 +37,6 @@ def test_run_takes_a_model_and_parameters(shell):
     assert printed["volume"] == pytest.approx(4 * 1.816436352531e-04 * 0.0254**3, rel=1e-10)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "printed"),
     [
@@ -59,7 +57,6 @@ def test_a_verb_prints_a_table_and_draws(shell, monkeypatch, tmp_path, command, 
     assert screen.read_text().startswith("<?xml")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("program", "unused"),
     [
@@ -81,7 +78,6 @@ def test_what_is_not_used_is_not_imported(program, unused):
     assert done.stdout.endswith("set()\n")
 
 
-@pytest.mark.slow
 def test_models_lists_a_bad_file_with_its_reason_and_goes_on(shell, monkeypatch, tmp_path):
     monkeypatch.setenv("COLUMNS", "200")
     (tmp_path / "a_bad.py").write_text("1/0")
@@ -95,7 +91,6 @@ def test_models_lists_a_bad_file_with_its_reason_and_goes_on(shell, monkeypatch,
     assert "run as Python" in " ".join(shell("models --help").out.replace("│", " ").split())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("columns", [80, 120])
 def test_models_table_fits_the_terminal(shell, monkeypatch, columns):
     monkeypatch.setenv("COLUMNS", str(columns))
@@ -112,7 +107,6 @@ def far_model(tmp_path):
     return Path(shutil.copy(ROOT / "models/coulomb_tip.py", folder))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("columns", ["80", "120"])
 @pytest.mark.parametrize("words", ["models --path", "run --model", "optimum --model", "compare --model finnie --model"])
 def test_a_long_path_is_never_broken(far_model, shell, monkeypatch, words, columns):
@@ -123,7 +117,6 @@ def test_a_long_path_is_never_broken(far_model, shell, monkeypatch, words, colum
     assert all(len(line) <= int(columns) for line in lines if str(far_model) not in line)
 
 
-@pytest.mark.slow
 def test_a_table_keeps_units_and_names_whole(capsys):
     """rich takes brackets for markup and shortens names, unless told otherwise."""
     row = ("rotating-velocity-aligned-full-torque", "0.5", "rebound")
@@ -134,7 +127,6 @@ def test_a_table_keeps_units_and_names_whole(capsys):
     assert row[0] in printed
 
 
-@pytest.mark.slow
 def test_every_parameter_of_an_impact_is_an_option(shell, monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
     printed = shell("run --help").out
@@ -144,7 +136,6 @@ def test_every_parameter_of_an_impact_is_an_option(shell, monkeypatch):
     assert 'v₀, impact speed: "4400 in/s".' in printed
 
 
-@pytest.mark.slow
 def test_a_mass_that_fits_no_body_of_the_size_is_a_warning(shell):
     said = shell("run --r '0.3 mm' --json")
     assert said.err.startswith("warning: m does not fit r and b: ")
@@ -152,7 +143,6 @@ def test_a_mass_that_fits_no_body_of_the_size_is_a_warning(shell):
     assert "does not fit" not in shell("run --particle 'garnet 0.3 mm'").err
 
 
-@pytest.mark.slow
 def test_materials_lists_names_ranges_and_sources(shell, tmp_path, written):
     out = shell("materials").out
     assert "4190 (4090 to 4310)" in out
@@ -167,7 +157,6 @@ def test_materials_lists_names_ranges_and_sources(shell, tmp_path, written):
 NAMED = ["--units", "si", "--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s"]
 
 
-@pytest.mark.slow
 def test_compare_and_sweep_write_tables_for_spreadsheets(shell, tmp_path):
     table = tmp_path / "curves.csv"
     first = shell(["compare", *NAMED, "--model", "linearized,dnv:aluminium", "-o", str(table), "--json"]).document[
@@ -186,7 +175,6 @@ def test_compare_and_sweep_write_tables_for_spreadsheets(shell, tmp_path):
     assert "warning: m does not fit r and b" in shell(["sweep", "--r", "0.2mm,0.4mm", "-o", str(table)]).err
 
 
-@pytest.mark.slow
 def test_a_case_is_called_by_its_title_and_what_options_change(tmp_path: Path) -> None:
     named, bare, wrong = tmp_path / "a.toml", tmp_path / "sand.toml", tmp_path / "c.toml"
     named.write_text('title = "Quartz\\non aluminium"\n')
@@ -279,7 +267,6 @@ def test_another_handler_and_another_thread_are_left_alone(usual):
     assert handlers == [signal.SIG_IGN, usual]
 
 
-@pytest.mark.slow
 def test_ctrl_c_while_the_program_starts():
     """It comes while the first module of the command line is imported."""
     program = """
@@ -325,7 +312,6 @@ raise KeyboardInterrupt
 }
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("usual")
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_ctrl_c_is_one_line_and_status_130(written, moment):

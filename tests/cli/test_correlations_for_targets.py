@@ -6,8 +6,6 @@ import pytest
 
 from tests.documents import Shell
 
-pytestmark = pytest.mark.slow
-
 SI = ["--units", "si", "--v0", "30 m/s"]
 VERBS = {
     "run": ["run", *SI],

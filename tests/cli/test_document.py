@@ -44,7 +44,6 @@ def document(shell):
     return of
 
 
-@pytest.mark.slow
 def test_the_schema_is_one_and_refuses(document) -> None:
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
     good = document("run")
@@ -54,7 +53,6 @@ def test_the_schema_is_one_and_refuses(document) -> None:
             check(wrong)
 
 
-@pytest.mark.slow
 def test_run(document) -> None:
     printed = document("run", CASE, "--model", "rotating")
     assert printed["case"]["name"] == "table-1-si"
@@ -69,7 +67,6 @@ def test_run(document) -> None:
     assert result["ended_by"] == "rebound"
 
 
-@pytest.mark.slow
 def test_optimum(document) -> None:
     printed = document("optimum", "--model", "rotating", "--sensitivities")
     result, best = printed["result"], erosion.alpha_max("rotating", erosion.TABLE_1)
@@ -82,7 +79,6 @@ def test_optimum(document) -> None:
     assert document("optimum", "--objective", "volume per mass")["result"]["value"]["unit"] == "in^3/slinch"
 
 
-@pytest.mark.slow
 def test_compare(document) -> None:
     printed = document("compare", "--model", "linearized,finnie")
     assert [model["name"] for model in printed["model"]] == ["linearized", "finnie"]
@@ -91,7 +87,6 @@ def test_compare(document) -> None:
     assert printed["result"]["statements"][0].startswith("The best angle is 16.8° to 31.7° over 2 models, and 16.8° to")
 
 
-@pytest.mark.slow
 def test_sweep_and_stream(document, tmp_path) -> None:
     printed = document("sweep", "--alpha", "10deg, 30deg", "-o", str(tmp_path / "out.nc"))
     assert printed["case"]["varied"] == {"alpha": "2 values"}
@@ -104,7 +99,6 @@ def test_sweep_and_stream(document, tmp_path) -> None:
     assert printed["result"]["quantiles"]["unit"] == "in^3"
 
 
-@pytest.mark.slow
 def test_calibrate(document, tmp_path) -> None:
     data = tmp_path / "data.csv"
     angles = [10, 15, 20, 30, 45, 60, 75]
@@ -122,7 +116,6 @@ def test_calibrate(document, tmp_path) -> None:
     assert printed["result"]["leave_one_out"]["unit"] == "m^3"
 
 
-@pytest.mark.slow
 def test_export(document, tmp_path) -> None:
     paths = {name: str(tmp_path / name) for name in ("openfoam", "fluent", "table", "restitution")}
     options = [word for name, path in paths.items() for word in (f"--{name}", path)]
@@ -133,7 +126,6 @@ def test_export(document, tmp_path) -> None:
     assert (result["table"]["angles"], result["restitution"]["speeds"]) == (36, 7)
 
 
-@pytest.mark.slow
 def test_models_and_verify(document) -> None:
     printed = document("models")
     assert printed["case"] is printed["units"] is printed["model"] is None
@@ -143,7 +135,6 @@ def test_models_and_verify(document) -> None:
     assert printed["model"]["name"] == "linearized"
 
 
-@pytest.mark.slow
 def test_warnings_are_in_the_document_and_on_stderr(shell) -> None:
     said = shell("run --model rotating-tan-alpha --json")
     document = said.document
@@ -248,7 +239,6 @@ def table_in_si(path: Path) -> pd.DataFrame:
     return table.set_axis(table.columns.str.partition(" [").get_level_values(0), axis=1)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("verb", VERBS)
 def test_numbers_and_sentences_are_the_same_in_both_unit_systems(verb: str, shell: Shell, in_folder: Path) -> None:
     documents, tables = {}, {}
@@ -263,7 +253,6 @@ def test_numbers_and_sentences_are_the_same_in_both_unit_systems(verb: str, shel
         pd.testing.assert_frame_equal(*tables.values(), rtol=1e-6, atol=1e-22)
 
 
-@pytest.mark.slow
 def test_a_map_without_a_case_is_in_si(shell: Shell) -> None:
     words = ["map", "impacts.csv", "--model", "linearized"]
     bare = document_in(words, shell)

@@ -10,8 +10,6 @@ import pytest
 from erosion.cli import _status, app
 from tests.explorer.conftest import served
 
-pytestmark = pytest.mark.slow
-
 ROOT = Path(__file__).parents[2]
 CHANNEL = shlex.quote(str(ROOT / "tests" / "cfd" / "openfoam" / "serial"))
 JET = "--particle 'garnet 0.3 mm' --target 'aluminium 6061' --v0 '100 m/s'"

@@ -76,7 +76,6 @@ def value(document: dict[str, Any], name: str) -> float:
     return number["value"] if isinstance(number, dict) else number
 
 
-@pytest.mark.slow
 def test_the_error_of_a_fit_goes_on_to_the_map(shell: Shell) -> None:
     document, err = said("map impacts.csv sand.toml --uncertain post.nc --draws 256 --json", shell)
     assert err == ""
@@ -94,7 +93,6 @@ def test_the_error_of_a_fit_goes_on_to_the_map(shell: Shell) -> None:
     assert value(plain, "total_relative_error") < value(document, "total_relative_error")
 
 
-@pytest.mark.slow
 def test_and_to_a_stream(shell: Shell) -> None:
     line = f'stream sand.toml --v0 "lognormal(25 m/s, 0.1)" --uncertain post.nc {FEW}'
     document, err = said(line, shell)
@@ -106,7 +104,6 @@ def test_and_to_a_stream(shell: Shell) -> None:
     assert document["case"]["varied"]["psi"].startswith("uncertain 1,000 values of post.nc")
 
 
-@pytest.mark.slow
 def test_a_table_of_particles_is_taken_row_by_row(shell: Shell) -> None:
     angles, speeds = np.linspace(10.0, 60.0, 64), np.linspace(40.0, 20.0, 64)
     with Path("jet.csv").open("w") as file:
@@ -117,7 +114,6 @@ def test_a_table_of_particles_is_taken_row_by_row(shell: Shell) -> None:
     assert value(document, "mean_volume") == pytest.approx(exact, rel=1e-9)
 
 
-@pytest.mark.slow
 def test_laws_are_correlated_in_options_and_in_a_case_file(shell: Shell) -> None:
     laws = '--v0 "lognormal(25 m/s, 0.2)" --r "lognormal(0.125 mm, 0.2)"'
     options, _ = said(f"stream sand.toml {laws} --correlation v0,r=0.8 {FEW}", shell)
@@ -131,7 +127,6 @@ def test_laws_are_correlated_in_options_and_in_a_case_file(shell: Shell) -> None
     assert value(options, "mean_volume") == pytest.approx(here.mean_volume.value, rel=1e-9)
 
 
-@pytest.mark.slow
 def test_uncertain_laws_are_a_table_of_a_case_file(shell: Shell) -> None:
     section = """[map]
 model = "rotating"
@@ -155,7 +150,6 @@ psi = "lognormal(2, 0.1)"
     assert value(options, "total_parameter_error") == pytest.approx(float(wear["total_parameter_error"]), rel=1e-9)
 
 
-@pytest.mark.slow
 def test_draws_in_a_csv_file_are_uncertain_together(shell: Shell) -> None:
     psi = np.geomspace(1.5, 2.5, 64)
     with Path("draws.csv").open("w") as file:
@@ -165,7 +159,6 @@ def test_draws_in_a_csv_file_are_uncertain_together(shell: Shell) -> None:
     assert value(document, "total_parameter_error") == pytest.approx(0, abs=1e-8)
 
 
-@pytest.mark.slow
 def test_impacts_take_spin_and_force_ratio_from_one_row(shell: Shell) -> None:
     spin, k = np.linspace(-2e4, 2e4, 16), np.linspace(1.5, 3.0, 16)
     with Path("spins.csv").open("w") as file:
@@ -178,7 +171,6 @@ def test_impacts_take_spin_and_force_ratio_from_one_row(shell: Shell) -> None:
     assert document["seed"] == 2
 
 
-@pytest.mark.slow
 def test_the_share_that_cuts_is_a_factor_of_the_map(shell: Shell) -> None:
     whole, _ = said("map impacts.csv sand.toml --json", shell)
     part, _ = said("map impacts.csv sand.toml --cutting-fraction 0.4 --json", shell)
@@ -191,7 +183,6 @@ def test_the_share_that_cuts_is_a_factor_of_the_map(shell: Shell) -> None:
     assert value(unknown, "total_volume") == pytest.approx(0.3 * value(whole, "total_volume"), rel=0.01)
 
 
-@pytest.mark.slow
 def test_a_case_that_is_not_the_fits_is_a_warning(shell: Shell) -> None:
     line = "map impacts.csv sand.toml --uncertain post.nc --sigma '2 GPa' --cutting-fraction 0.5 --draws 4 --json"
     document, err = said(line, shell)
@@ -202,7 +193,6 @@ def test_a_case_that_is_not_the_fits_is_a_warning(shell: Shell) -> None:
     assert err.count("warning: ") == 2
 
 
-@pytest.mark.slow
 def test_draws_of_a_bad_fit_are_a_warning() -> None:
     known = {"psi": QUANTITIES["psi"]}
     draws = read_draws("post.nc", known, "si")
@@ -223,7 +213,6 @@ def test_draws_of_a_bad_fit_are_a_warning() -> None:
     assert {*bad.rows} == {"psi"}
 
 
-@pytest.mark.slow
 def test_own_parameters_may_be_those_of_the_fit_in_other_units(shell: Shell) -> None:
     model = ["--model", "linearized-deformation", "--set", "threshold=12 m/s"]
     fit = ["posterior", "tests.csv", "sand.toml", "--draws", "125", "--free", "psi"]
@@ -237,7 +226,6 @@ def test_own_parameters_may_be_those_of_the_fit_in_other_units(shell: Shell) -> 
     assert warning.endswith("threshold = 15 m/s.")
 
 
-@pytest.mark.slow
 def test_draws_are_read_in_other_units() -> None:
     degrees = np.array([10.0, 30.0, 60.0])
     p = erosion.TABLE_1
@@ -284,7 +272,6 @@ BAD = [
 ]  # fmt: skip
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("line", "sentence"), BAD)
 def test_bad_laws_are_one_line(line: str, sentence: str, shell: Shell) -> None:
     Path("wrong.nc").write_text("psi")

@@ -33,7 +33,6 @@ def rows_of(path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-@pytest.mark.slow
 def test_all_four_files_are_written(tmp_path, shell):
     words = "export --model rotating --openfoam p.txt --fluent f.csv --table v.csv --restitution r.csv"
     options = ["--angles", "20deg, 30deg", "--speeds", "4300 in/s : 4500 in/s : 3", "--diameters", "2.032 mm"]
@@ -51,7 +50,6 @@ def test_all_four_files_are_written(tmp_path, shell):
     assert rebounds[1]["ended_by"] == exact.ended_by
 
 
-@pytest.mark.slow
 def test_the_document_has_the_coefficients(tmp_path, shell):
     path = tmp_path / "p.txt"
     text = shell(["export", "--model", "finnie", "--openfoam", str(path), "--json"]).out
@@ -62,7 +60,6 @@ def test_the_document_has_the_coefficients(tmp_path, shell):
     assert printed["misfit"] < 1e-12
 
 
-@pytest.mark.slow
 def test_in_an_openfoam_case_the_entry_names_its_walls(tmp_path, shell):
     mesh = tmp_path / "case" / "constant" / "polyMesh"
     mesh.mkdir(parents=True)
@@ -72,7 +69,6 @@ def test_in_an_openfoam_case_the_entry_names_its_walls(tmp_path, shell):
         assert f"    patches     {patches}" in (folder / "p.txt").read_text()
 
 
-@pytest.mark.slow
 def test_fluents_constant_is_finished_for_a_named_target(tmp_path, shell):
     path = tmp_path / "f.csv"
     words = ["export", "--units", "si", "--model", "finnie", "--target", "mild steel", "--fluent", str(path)]
@@ -81,7 +77,6 @@ def test_fluents_constant_is_finished_for_a_named_target(tmp_path, shell):
     assert "for a target of 7850 kg/m^3" in path.read_text()
 
 
-@pytest.mark.slow
 def test_the_density_sets_the_diameter(tmp_path):
     options = ["--table", str(tmp_path / "v.csv"), "--particle-density", "2650 kg/m^3", "--diameters", "1 mm"]
     assert _status(["export", "--model", "finnie", "--angles", "30deg", "--speeds", "111.76 m/s", *options]) == 0
@@ -95,7 +90,6 @@ def test_the_density_sets_the_diameter(tmp_path):
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "v.txt", comments="%"), [float(text) for text in row.values()])
 
 
-@pytest.mark.slow
 def test_own_parameters_are_set(tmp_path):
     path = tmp_path / "f.csv"
     words = ["export", "--model", "linearized-deformation", "--set", "energy_ratio=3", "--fluent", str(path)]
@@ -108,7 +102,6 @@ def test_own_parameters_are_set(tmp_path):
         abs=1e-5)  # fmt: skip
 
 
-@pytest.mark.slow
 def test_rebounds_that_are_missing_are_said(tmp_path, capsys, shell):
     path = tmp_path / "r.csv"
     assert _status(["export", "--restitution", str(path), "--angles", "45deg, 90deg"]) == 0
@@ -119,7 +112,6 @@ def test_rebounds_that_are_missing_are_said(tmp_path, capsys, shell):
     )
 
 
-@pytest.mark.slow
 def test_nothing_is_written_where_one_form_is_refused(tmp_path, shell):
     table, dictionary = tmp_path / "f.csv", tmp_path / "p.txt"
     assert (
@@ -130,7 +122,6 @@ def test_nothing_is_written_where_one_form_is_refused(tmp_path, shell):
     assert not dictionary.exists()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -172,7 +163,6 @@ def wear(model: str = "rotating", **options: Any) -> xr.Dataset:
     return erosion.erosion_map(model, erosion.load_case("sand.toml"), impacts, surface, **options)
 
 
-@pytest.mark.slow
 def test_the_command_is_the_function(shell: Shell) -> None:
     # Both patches are in the case's table, and only one of them in the surface.
     files = ["-o", "map.vtp", "--plot", "map.png"]
@@ -185,7 +175,6 @@ def test_the_command_is_the_function(shell: Shell) -> None:
     assert Path("map.png").read_bytes()[1:4] == b"PNG"
 
 
-@pytest.mark.slow
 def test_a_page_is_one_of_the_files(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
     given = ["map", str(RUNS / "serial"), *OPTIONS[:4], "-o", "page.html", "--quantity", "alpha_mean"]
     assert shell(given).out.endswith("map: page.html\n")
@@ -197,7 +186,6 @@ def test_a_page_is_one_of_the_files(shell: Shell, monkeypatch: pytest.MonkeyPatc
     assert "No screen." in shell(["map", "none.csv", "--surface", "none.stl", "-o", "page.html"], 1).err
 
 
-@pytest.mark.slow
 def test_a_size_that_is_not_the_named_one_is_said(shell: Shell) -> None:
     rows = "".join(f"{200 + i}, 30, {5 + i}\n" for i in range(20))
     Path("a.csv").write_text("diameter [um], speed [m/s], angle [deg]\n" + rows)
@@ -206,7 +194,6 @@ def test_a_size_that_is_not_the_named_one_is_said(shell: Shell) -> None:
         assert ("Does the table hold diameters?" in err) == is_said
 
 
-@pytest.mark.slow
 def test_options_are_those_of_the_function() -> None:
     given = ["--density", "7.8 g/cm^3", "--diameter", "0.2 mm", "--phidot0", "normal(0, 1e5)", "--seed", "4"]
     assert _status(["map", str(RUNS / "serial"), *OPTIONS, "--model", "rotating", *given, "-o", "map.nc"]) == 0
@@ -219,7 +206,6 @@ def test_options_are_those_of_the_function() -> None:
     assert set(identity) == {"version", "case", "models", "table", "surface", "options"}
 
 
-@pytest.mark.slow
 def test_the_document_says_it_all(shell: Shell) -> None:
     given = ["--model", "dnv:duplex", "--phidot0", "uniform(0, 1)", "--seed", "2", "--json"]
     document = shell(["map", str(RUNS / "serial"), *OPTIONS, *given]).document
@@ -232,7 +218,6 @@ def test_the_document_says_it_all(shell: Shell) -> None:
     assert document["result"]["patches"]["hump"]["impacts"] == int(expected["total_impacts"])
 
 
-@pytest.mark.slow
 def test_without_a_model_the_number_is_one_that_tests_find(shell: Shell) -> None:
     given = ["map", str(RUNS / "serial"), *OPTIONS[:4]]
     named = [*given, "--particle", "quartz sand 0.2 mm", "--target", "carbon steel 1018"]
@@ -249,7 +234,6 @@ def test_without_a_model_the_number_is_one_that_tests_find(shell: Shell) -> None
     assert shell([*given, "--target", "titanium", "--json"]).document["model"]["name"] == "linearized"
 
 
-@pytest.mark.slow
 def test_a_spin_that_is_given_takes_the_place_of_the_tables(shell: Shell) -> None:
     """A spin for this verb, not the one that every case file has."""
     header = "diameter [um], density [kg/m^3], speed [m/s], angle [deg], spin [rad/s]\n"
@@ -268,7 +252,6 @@ def test_a_spin_that_is_given_takes_the_place_of_the_tables(shell: Shell) -> Non
     assert total("plain.csv", "sand.toml") == total("plain.csv", "--phidot0", "-3e4")
 
 
-@pytest.mark.slow
 def test_a_table_of_angles_has_totals_and_sentences(shell: Shell) -> None:
     rows = [("diameter [um]", "density [kg/m^3]", "count", "speed [m/s]", "angle [deg]")]
     rows += [(200, 2650, 10, 0 if i == 0 else 30, 5 + i) for i in range(20)]
@@ -292,7 +275,6 @@ def positions_on(surface: Surface) -> Path:
     return path
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("part", ["pipe", "plate", "hump"])
 def test_a_surface_in_millimetres(part: str, shell: Shell) -> None:
     table = positions_on(PARTS[part])
@@ -308,7 +290,6 @@ def test_a_surface_in_millimetres(part: str, shell: Shell) -> None:
     assert result["total_volume"]["value"] == pytest.approx(expected["total_volume"]["value"], rel=1e-6, abs=0)
 
 
-@pytest.mark.slow
 def test_a_larger_plate_and_rows_off_it_are_said(shell: Shell) -> None:
     table = positions_on(PARTS["plate"])
     write(PARTS["plate"], Path("part.stl"), 2)
@@ -323,7 +304,6 @@ def test_a_larger_plate_and_rows_off_it_are_said(shell: Shell) -> None:
     )
 
 
-@pytest.mark.slow
 def test_density_is_that_of_the_target_as_in_every_verb(shell: Shell) -> None:
     Path("grains.csv").write_text("diameter [um],speed [m/s],angle [deg]\n200,30,20\n200,30,40\n")
     assert "Option `--particle-density` must give it." in shell("map grains.csv --density '7.8 g/cm^3'", 2).err
@@ -386,7 +366,6 @@ BAD = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("line", "sentence"), BAD)
 def test_bad_input_is_one_line(line: str, sentence: str, shell: Shell, in_folder: Path) -> None:
     assert sentence in shell(line.format(run=shlex.quote(str(RUNS / "serial"))), 2).err

@@ -14,8 +14,6 @@ from erosion.cli import _status
 from erosion.parameters.case_files import dump_case
 from tests.documents import Shell
 
-pytestmark = pytest.mark.slow
-
 NAMES = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061"]
 SHARE = ["--cutting-fraction", "0.03"]
 CASE = """units = "si"

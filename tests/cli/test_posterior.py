@@ -15,8 +15,6 @@ from erosion.models.rigid import LinearizedCut
 from erosion.parameters.case_files import CaseFile
 from erosion.parameters.parameters import TABLE_1
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory):

@@ -78,14 +78,12 @@ EXACT = {
 }  # fmt: skip
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", EXACT)
 def test_each_has_the_constants_of_its_source(name):
     compute, value = EXACT[name]
     assert float(compute()) == pytest.approx(value, rel=1e-12)
 
 
-@pytest.mark.slow
 def test_tables_of_targets_and_shapes():
     # The three targets that pysand's tests hold.
     known = {"carbon-steel": (2e-9, 2.6, 7800), "grp-epoxy": (3e-10, 3.6, 1800), "psz-zirconia": (4.1e-9, 2.5, 5700)}
@@ -97,7 +95,6 @@ def test_tables_of_targets_and_shapes():
     assert float(dnv(STEEP, 30.0, edition=2007)) == pytest.approx(2e-9 * 30**2.6 * 0.56851, rel=1e-5)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_units_go_by_density_and_mass(name):
     function, density = FUNCTIONS[name], CORRELATIONS[name].density
@@ -107,7 +104,6 @@ def test_units_go_by_density_and_mass(name):
     assert float(function(0.5, 40.0, units="mm3/impact", mass=3e-8)) == pytest.approx(volume * 3e-8, rel=1e-12)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_broadcasts_and_differentiates(name):
     function = FUNCTIONS[name]
@@ -122,7 +118,6 @@ def test_broadcasts_and_differentiates(name):
         assert float(slope) == pytest.approx(float(ahead - behind) / (2 * h), rel=1e-5, abs=1e-8 * float(ahead))
 
 
-@pytest.mark.slow
 def test_all_grow_with_the_speed_and_are_of_one_order():
     for name, function in FUNCTIONS.items():
         slow, fast = (float(function(np.deg2rad(30), speed)) for speed in (30.0, 60.0))
@@ -131,7 +126,6 @@ def test_all_grow_with_the_speed_and_are_of_one_order():
         assert 1e-5 < slow < 9e-5, name
 
 
-@pytest.mark.slow
 def test_a_warning_says_by_how_much():
     with pytest.warns(OutOfRangeWarning, match="DNV RP-O501 is made for speeds from 0 m/s to 200 m/s: 250 m/s is 1.25"):
         correlations.dnv(0.5, np.array([100.0, 250.0]))
@@ -145,7 +139,6 @@ def test_a_warning_says_by_how_much():
         jax.jit(correlations.dnv)(jnp.asarray(2.0), 300.0)  # traced numbers are not known
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -222,7 +215,6 @@ PUBLISHED = {
 """By name: what computes it, the number, computed over published, and the source."""
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_formulas_give_what_others_print_or_miss_it_by_what_is_known(name):
     compute, published, ratio, _ = PUBLISHED[name]
@@ -230,7 +222,6 @@ def test_formulas_give_what_others_print_or_miss_it_by_what_is_known(name):
     assert float(compute()) == pytest.approx(published * ratio, rel=1e-6 if ratio == 1.0 else 1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("angle", OPENFOAM)
 def test_openfoams_formula_is_a_limit_of_finnies_model_and_the_correlation(angle):
     alpha = math.radians(angle)
@@ -242,7 +233,6 @@ def test_openfoams_formula_is_a_limit_of_finnies_model_and_the_correlation(angle
 RIGHT = np.pi / 2
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "angle", "peak", "at_90"),
     [
@@ -268,7 +258,6 @@ def test_peak_and_value_at_normal_impact(name, angle, peak, at_90):
     assert abs(float(jax.grad(found.function)(found.alpha_max))) < 1e-12
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("hardness", "angle"), [(1.05, 27.65), (1.8, 33.86), (3.43, 43.02)])
 def test_okas_peak_moves_with_hardness(hardness, angle):
     at = dataclasses.replace(CORRELATIONS["oka"], function=lambda alpha: oka_angle(alpha, hardness))
@@ -279,7 +268,6 @@ def test_okas_peak_moves_with_hardness(hardness, angle):
     assert float(dnv_polynomial(RIGHT, misprinted)) == pytest.approx(1.838, abs=5e-4)
 
 
-@pytest.mark.slow
 def test_finnie_is_the_model_and_openfoams_formula():
     p = TABLE_1.replace(alpha=np.deg2rad(np.linspace(1, 89, 45)))
     volume = finnie_volume(p.alpha, p.v0, p.m, p.sigma, p.psi, force_ratio=2.0)
@@ -289,7 +277,6 @@ def test_finnie_is_the_model_and_openfoams_formula():
 
 
 # With the value of y that is in print McLaury's step would be greater, and of the other sign.
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("function", "at", "step", "tolerance"),
     [
@@ -307,7 +294,6 @@ def test_how_far_branches_meet(function, at, step, tolerance):
     assert float(function(at + 1e-9) / function(at - 1e-9)) - 1 == pytest.approx(step, abs=tolerance)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "function",
     [finnie_angle, dnv_2015, dnv_brittle, dnv_polynomial, ecrc_angle, mclaury_angle, oka_angle, arabnejad_cutting],
@@ -322,7 +308,6 @@ def test_vectorized_and_differentiable(function):
     np.testing.assert_allclose(slopes, differences, atol=2e-8)
 
 
-@pytest.mark.slow
 def test_each_names_its_source_and_its_range():
     for name, correlation in CORRELATIONS.items():
         assert correlation.name == name

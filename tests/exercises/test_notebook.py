@@ -57,7 +57,6 @@ def verdicts(values: list[Any]) -> list[Verdict]:
     return [value for value in values if isinstance(value, Verdict)]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("units", "lang", "says"),
     [
@@ -70,7 +69,6 @@ def test_the_numbers_of_a_case_have_their_units_named(units: Any, lang: str, say
     assert says in " ".join(json.loads(text)["cells"][0]["source"]).replace("\n", " ").replace("  ", " ")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("p", CASES.values(), ids=CASES)
 def test_all_solutions_are_right(p: erosion.Parameters) -> None:
     key = erosion.AnswerKey(p)
@@ -81,7 +79,6 @@ def test_all_solutions_are_right(p: erosion.Parameters) -> None:
     assert key.with_spin is None or "jump" in str(values[-1])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("lang", "still_to_do"), [("en", "still to do."), ("de", "noch zu lösen.")])
 def test_an_unfilled_notebook_runs_and_gives_no_answer_away(lang: str, still_to_do: str) -> None:
     key = erosion.AnswerKey(P, lang)
@@ -92,7 +89,6 @@ def test_an_unfilled_notebook_runs_and_gives_no_answer_away(lang: str, still_to_
     assert not any(isinstance(value, erosion.Optimum) for value in values)
 
 
-@pytest.mark.slow
 def test_the_notebook_is_one_and_has_no_solutions() -> None:
     text = notebook(erosion.AnswerKey(P), title="Table 1")
     nbformat.validate(nbformat.reads(text, as_version=4))
@@ -108,7 +104,6 @@ def test_the_notebook_is_one_and_has_no_solutions() -> None:
     assert text == notebook(erosion.AnswerKey(P), title="Table 1")
 
 
-@pytest.mark.slow
 def test_gaps_and_solutions_are_told_apart() -> None:
     text = (
         "Do it.\n\n```python task\nx = ...\n```\n\n```python solution\nx = 1\n```\n\n```python\nx\n```\n## Next\nEnd.\n"
@@ -118,7 +113,6 @@ def test_gaps_and_solutions_are_told_apart() -> None:
     assert list(cells_of(text, solved=True)) == [gaps[0], ("code", "x = 1"), *gaps[2:]]
 
 
-@pytest.mark.slow
 def test_the_command_writes_both_notebooks(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     tasks, solved = tmp_path / "tasks.ipynb", tmp_path / "solved.ipynb"
     assert _status(["exercise", "--alpha", "40deg", "-o", str(tasks), "--solved", str(solved)]) == 0
@@ -130,7 +124,6 @@ def test_the_command_writes_both_notebooks(tmp_path: Path, capsys: pytest.Captur
     assert solved.read_text() == notebook(key, title=title, solved=True)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -149,7 +142,6 @@ def test_what_cannot_be_done_is_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
 def test_the_name_of_a_file_is_shown_as_it_is() -> None:
     name = "<img src=x onerror=alert(1)> & $x$ `y` *z* [a](javascript:b)"
     text = nbformat.reads(notebook(AnswerKey(erosion.TABLE_1), title=name), 4).cells[0].source.splitlines()[0]
@@ -158,7 +150,6 @@ def test_the_name_of_a_file_is_shown_as_it_is() -> None:
     )
 
 
-@pytest.mark.slow
 def test_the_teachers_copy_alone_answers_the_open_questions() -> None:
     key = erosion.AnswerKey(P)
     solved, handed_out = (notebook(key, title="Table 1", solved=solved) for solved in (True, False))

@@ -150,7 +150,6 @@ STRANGERS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("headers", STRANGERS.values(), ids=STRANGERS)
 @pytest.mark.parametrize("path", ["/", SOCKET + "polling", SOCKET + "websocket"])
 def test_a_stranger_is_refused(place: str, path: str, headers: Mapping[str, str]) -> None:
@@ -163,7 +162,6 @@ def test_a_stranger_is_refused(place: str, path: str, headers: Mapping[str, str]
     assert "Access-Control-Allow-Origin" not in answer.headers
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["127.0.0.1", "localhost", "LOCALHOST", "127.0.0.1:{port}", "localhost:9"])
 def test_the_own_page_is_answered(place: str, name: str) -> None:
     host = name.format(port=place.rsplit(":", 1)[1])
@@ -174,13 +172,11 @@ def test_the_own_page_is_answered(place: str, name: str) -> None:
     assert ask(place, SOCKET + "websocket", {**UPGRADE, "Host": host}).status == 101
 
 
-@pytest.mark.slow
 def test_a_link_on_another_page_may_lead_here(place: str) -> None:
     headers = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}
     assert ask(place, "/?alpha=30deg", headers).status == 200
 
 
-@pytest.mark.slow
 def test_two_hosts_are_no_host(place: str) -> None:
     with contextlib.closing(http.client.HTTPConnection(place, timeout=30)) as connection:
         connection.putrequest("GET", "/")
@@ -190,7 +186,6 @@ def test_two_hosts_are_no_host(place: str) -> None:
             assert response.status == 403
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("path", ["/", "/nothing", SOCKET + "polling"])
 def test_no_other_page_may_show_or_read_it(place: str, path: str) -> None:
     answer = ask(place, path)
@@ -204,7 +199,6 @@ def test_no_other_page_may_show_or_read_it(place: str, path: str) -> None:
 CLIMBS = ["/..%2f", "/../../etc/passwd", "/_nicegui/../../../etc/passwd", "/..%5c..%5cetc", "/%2e%2e/%2e%2e/etc/passwd"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("path", [*CLIMBS, "/%00", "/docs", "/openapi.json"])
 def test_no_path_leads_out(place: str, path: str) -> None:
     answer = ask(place, path)
@@ -212,7 +206,6 @@ def test_no_path_leads_out(place: str, path: str) -> None:
     assert "root:" not in answer.text
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("part", ["resources", "libraries", "components", "esm", "static", "dynamic_resources"])
 def test_no_folder_of_the_server_leads_out(place: str, part: str) -> None:
     import nicegui
@@ -223,7 +216,6 @@ def test_no_folder_of_the_server_leads_out(place: str, part: str) -> None:
         assert "root:" not in answer.text
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("characters", [20_000, 60_000])
 def test_a_link_of_absurd_length_is_refused(place: str, characters: int) -> None:
     answer = ask(place, "/?alpha=" + "9" * characters)
@@ -231,14 +223,12 @@ def test_a_link_of_absurd_length_is_refused(place: str, characters: int) -> None
     assert answer.text == f"The address must have at most 16000 characters, but has {characters + 7}.\n"
 
 
-@pytest.mark.slow
 def test_megabytes_of_address_end_no_more_than_the_connection(place: str) -> None:
     with contextlib.suppress(OSError):
         assert ask(place, "/?alpha=" + "9" * 2_000_000).status in (400, 414)
     assert ask(place).status == 200
 
 
-@pytest.mark.slow
 def test_idle_connections_of_one_device_keep_nobody_out(place: str) -> None:
     host, port = place.split(":")
     with contextlib.ExitStack() as stack:
@@ -253,12 +243,10 @@ def test_idle_connections_of_one_device_keep_nobody_out(place: str) -> None:
     assert ask(place).status == 200
 
 
-@pytest.mark.slow
 def test_a_page_without_javascript_says_so(place: str) -> None:
     assert "<noscript><p>The explorer needs JavaScript.</p></noscript>" in ask(place).text
 
 
-@pytest.mark.slow
 def test_requests_without_a_browser_leave_nothing(tmp_path: Path) -> None:
     errors = tmp_path / "errors"
     with errors.open("w") as file, served(command=(sys.executable, "-c", HASTY), errors=file) as (process, address):

@@ -35,8 +35,6 @@ from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.parameters.per_mass import PerMass
 from erosion.plotting.labels import AT_CONTACT
 
-pytestmark = pytest.mark.slow
-
 CASE = PageCase.of(TABLE_1)
 STATE = PageState(CASE, ("linearized",), "linearized")
 TIP = str(Path(__file__).parent.parent.parent / "models" / "coulomb_tip.py")

@@ -16,7 +16,7 @@ from tests.explorer.conftest import served
 from tests.explorer.driving import enter, opened, settle
 from tests.explorer.test_page import PLUG_IN
 
-pytestmark = [pytest.mark.browser, pytest.mark.slow]
+pytestmark = pytest.mark.browser
 
 FOREIGN = """<!doctype html><iframe src="{address}"></iframe><script>
 const tried = {{}};

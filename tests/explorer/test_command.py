@@ -127,7 +127,6 @@ main()
 """
 
 
-@pytest.mark.slow
 def test_a_port_that_is_taken_meanwhile_is_one_line() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

@@ -13,8 +13,6 @@ from tests.explorer.conftest import served
 from tests.explorer.driving import enter, opened, settle, slide
 from tests.explorer.test_access import SOCKET, UPGRADE, Answer, ask
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def link() -> Iterator[str]:

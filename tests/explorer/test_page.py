@@ -70,14 +70,12 @@ def pages(browser: Browser) -> Iterator[dict[str, Page]]:
         context.close()
 
 
-@pytest.mark.slow
 def test_no_english_is_left_on_the_german_page(pages: dict[str, Page]) -> None:
     in_both = words(pages["de"]) & words(pages["en"])
     same = re.compile("|".join(map(re.escape, sorted({*available_models(), *SAME}, key=len, reverse=True))))
     assert [text for text in sorted(in_both) if re.search(r"[^\W\d_]{3}", same.sub("", text))] == []
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("width", "height"), [(1920, 1080), (1366, 768), (390, 844)])
 def test_long_german_words_are_not_cut(pages: dict[str, Page], width: int, height: int) -> None:
     page = pages["de"]
@@ -86,7 +84,6 @@ def test_long_german_words_are_not_cut(pages: dict[str, Page], width: int, heigh
     assert page.evaluate(CUT) == []
 
 
-@pytest.mark.slow
 def test_numbers_have_decimal_commas_and_are_read_so(pages: dict[str, Page]) -> None:
     page = pages["de"]
     said = page.locator("main.explorer").inner_text()
@@ -105,7 +102,6 @@ PLUG_IN = str(Path(__file__).parent.parent.parent / "models" / "coulomb_tip.py")
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_sliders_change_the_plots_to_the_numbers_of_impact(page: Page) -> None:
     # Of two hundred rapid events the last one is shown.
     slide(page, "k", *np.random.default_rng(1).uniform(-0.5, 0.5, 199), -0.25)
@@ -128,7 +124,6 @@ def test_sliders_change_the_plots_to_the_numbers_of_impact(page: Page) -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_the_cut_plays_and_is_scrubbed(page: Page) -> None:
     time = page.locator(".cut-time output")
     end = time.inner_text()
@@ -143,7 +138,6 @@ def test_the_cut_plays_and_is_scrubbed(page: Page) -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_no_grain_is_drawn_in_metal_and_the_axis_is_above_the_fold(page: Page) -> None:
     drawn_by = "one => one.closest('[clip-path]').getAttribute('clip-path')"
     assert page.locator(".cut .grain").evaluate(drawn_by) == "url(#cut-open)"
@@ -168,7 +162,6 @@ AREAS = "() => [...document.querySelectorAll('.plot-area')].map((one) => one.cli
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 @pytest.mark.parametrize(("width", "height"), [(1920, 1080), (1366, 768), (1366, 600), (1366, 480), (390, 844)])
 def test_nothing_is_cut_in_a_window_of_any_size(page: Page, width: int, height: int) -> None:
     page.set_viewport_size({"width": width, "height": height})
@@ -182,7 +175,6 @@ def test_nothing_is_cut_in_a_window_of_any_size(page: Page, width: int, height: 
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_legends_are_whole(page: Page) -> None:
     page.set_viewport_size({"width": 390, "height": 844})
     names = page.locator(".view-end_times .plot-legend li").all_inner_texts()
@@ -191,7 +183,6 @@ def test_legends_are_whole(page: Page) -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_the_angle_is_dragged_in_the_plot(page: Page) -> None:
     handle = page.get_by_role("slider", name="angle of attack, in the plot").first
     box = handle.bounding_box()
@@ -214,7 +205,6 @@ def test_the_angle_is_dragged_in_the_plot(page: Page) -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_everything_works_by_keyboard(page: Page) -> None:
     page.focus("#alpha-slider")
     page.keyboard.press("ArrowRight")
@@ -235,7 +225,6 @@ def test_everything_works_by_keyboard(page: Page) -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_a_link_carries_the_whole_state(page: Page) -> None:
     page.get_by_role("checkbox", name="as-printed", exact=True).click()
     page.get_by_role("checkbox", name="finnie", exact=True).click()
@@ -273,7 +262,6 @@ BAD_INPUT = [
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_bad_input_marks_the_field_and_changes_nothing(page: Page) -> None:
     settle(page, "alpha", "20")
     before = page.url
@@ -294,7 +282,6 @@ def test_bad_input_marks_the_field_and_changes_nothing(page: Page) -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_two_tabs_have_separate_states(page: Page, address: str) -> None:
     other = opened(page.context, address)
     slide(page, "k", 0.5)
@@ -307,7 +294,6 @@ def test_two_tabs_have_separate_states(page: Page, address: str) -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_presets_and_reset(page: Page) -> None:
     far = page.locator(".view-numbers").get_by_text("g/kg is far from what tests on ductile metals find at 112 m/s")
     expect(far).to_have_count(0)  # nobody asks for amounts of the scenario's case
@@ -353,7 +339,6 @@ def test_presets_and_reset(page: Page) -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     enter(page, "alpha", "33.3")
     settle(page, "alpha", "33.3")
@@ -388,7 +373,6 @@ def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pyte
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_a_plug_in_has_sliders_of_its_own_parameters(context: BrowserContext) -> None:
     with served("--model", PLUG_IN) as (_, address):
         page = opened(context, address)
@@ -409,7 +393,6 @@ def test_a_plug_in_has_sliders_of_its_own_parameters(context: BrowserContext) ->
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_only_this_machine_is_spoken_to(page: Page, server: tuple, address: str) -> None:
     asked = []
     other = page.context.new_page()
@@ -440,7 +423,6 @@ def listening_on(pid: int) -> set[tuple[str, int]]:
     return addresses
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="of POSIX alone")
 @pytest.mark.skipif(signal.getsignal(signal.SIGHUP) == signal.SIG_IGN, reason="nohup keeps what is within")
 def test_a_terminal_that_is_closed_ends_it_as_ctrl_c_does() -> None:
@@ -459,7 +441,6 @@ def test_a_terminal_that_is_closed_ends_it_as_ctrl_c_does() -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 def test_stopping_it_while_it_compiles_says_one_line(browser: Browser, tmp_path: Path) -> None:
     # Nothing kept, so that there is something to compile.
     env = free_of_pytest() | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path)}

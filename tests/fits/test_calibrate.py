@@ -54,7 +54,6 @@ def fit():
     return fitted(starts=8)
 
 
-@pytest.mark.slow
 def test_a_row_that_alone_determines_a_parameter_cannot_be_left_out():
     degrees = np.array([10.0, 50.0, 60.0, 70.0])  # only at 10° does the tip leave the surface, which k decides
     fit = fitted(data={"angle [deg]": degrees, "volume [in^3]": exact(degrees) * [1, 1.01, 0.98, 1.02]}, starts=4)
@@ -64,7 +63,6 @@ def test_a_row_that_alone_determines_a_parameter_cannot_be_left_out():
     )
 
 
-@pytest.mark.slow
 def test_exact_data_give_the_truth_back():
     result = fitted(data=synthetic(0) | {"volume [in^3]": EXACT}, starts=4)
     # The kernel keeps nine digits.
@@ -76,7 +74,6 @@ def test_exact_data_give_the_truth_back():
     assert numbers["intervals"] == {name: list(interval) for name, interval in result.intervals().items()}
 
 
-@pytest.mark.slow
 def test_errors_are_those_of_the_normal_equations(fit):
     best = fit.estimates
     slopes = [(exact(**{**best, name: 1.0001 * best[name]}) - exact(**{**best, name: 0.9999 * best[name]}))
@@ -92,7 +89,6 @@ def test_errors_are_those_of_the_normal_equations(fit):
     assert (fit.degrees_of_freedom, fit.aicc) == (48, pytest.approx(fit.chi2 + 4 + 12 / 47))
 
 
-@pytest.mark.slow
 def test_an_interval_ends_where_the_misfit_has_risen(fit):
     measured = synthetic(1)["volume [in^3]"]
 
@@ -114,7 +110,6 @@ def test_an_interval_ends_where_the_misfit_has_risen(fit):
     np.testing.assert_allclose(profile.rise, parabola, rtol=0.12, atol=0.02)
 
 
-@pytest.mark.slow
 def test_left_out_errors_are_those_of_fits_without_the_row(fit):
     data, alone = synthetic(1), []
     for row in range(0, 50, 14):
@@ -126,7 +121,6 @@ def test_left_out_errors_are_those_of_fits_without_the_row(fit):
     assert fit.rms < fit.leave_one_out < 1.1 * fit.rms
 
 
-@pytest.mark.slow
 def test_noise_is_estimated_where_none_is_given(fit):
     data = without_errors(synthetic(1))
     result = fitted(data=data)
@@ -140,7 +134,6 @@ def test_noise_is_estimated_where_none_is_given(fit):
     assert np.log(high / low) / (2 * error) == pytest.approx(2.571, rel=0.1)
 
 
-@pytest.mark.slow
 def test_what_cannot_be_told_apart_and_what_has_no_influence_is_said(fit):
     result = fitted(["k", "psi", "sigma", "r"])
     assert result.warnings == (
@@ -159,7 +152,6 @@ def test_what_cannot_be_told_apart_and_what_has_no_influence_is_said(fit):
     assert result.leave_one_out == pytest.approx(fit.leave_one_out, rel=1e-5)
 
 
-@pytest.mark.slow
 def test_combinations_are_named_as_products_of_powers():
     shape, height, spin = np.random.default_rng(0).standard_normal((3, 20))
     names = ["k", "m", "sigma", "v0", "phidot0", "r"]
@@ -178,7 +170,6 @@ def test_combinations_are_named_as_products_of_powers():
     assert root.warnings == ("m and b cannot be told apart: only m/b^(1/2) is determined.",)
 
 
-@pytest.mark.slow
 def test_bounds_are_kept_and_said(fit):
     result = fitted(bounds={"k": (1.99, 2.02)})
     assert result.intervals()["k"] == pytest.approx((1.99, 2.02))
@@ -191,7 +182,6 @@ def test_bounds_are_kept_and_said(fit):
     assert off.warnings[2].startswith("The model does not fit within the uncertainties: χ² is")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("unit", "name", "factor", "density"),
     [
@@ -210,7 +200,6 @@ def test_other_kinds_of_erosion_give_the_same_answer(fit, unit, name, factor, de
     assert result.standard_errors == pytest.approx(fit.standard_errors, rel=1e-6)
 
 
-@pytest.mark.slow
 def test_a_free_scale_leaves_the_shape(fit):
     table = {"angle [deg]": DEGREES, "erosion [-]": synthetic(1)["volume [in^3]"] * 1e5}
     result = fitted(["k"], table, starts=2)
@@ -221,7 +210,6 @@ def test_a_free_scale_leaves_the_shape(fit):
     assert tied.warnings == ("psi and scale cannot be told apart: only psi/scale is determined. Fix one of them.",)
 
 
-@pytest.mark.slow
 def test_speed_and_mass_by_row():
     speed, mass = np.linspace(3000, 6000, 50), np.geomspace(1e-7, 1e-6, 50)
     table = {"angle [deg]": DEGREES, "volume [in^3]": exact(v0=speed, m=mass),
@@ -234,7 +222,6 @@ def test_speed_and_mass_by_row():
 ANGLES = {"angle [deg]": [20, 30, 40]}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -272,7 +259,6 @@ class Unfittable(erosion.models.Linearized):
         return super().removal_rate(state, p) * np.nan
 
 
-@pytest.mark.slow
 def test_a_model_that_fails_is_said_to_fail():
     with pytest.raises(CalibrationError, match="its impacts failed for every start"):
         fitted(["k"], model=Unfittable(), starts=2)
@@ -284,7 +270,6 @@ def test_a_model_that_fails_is_said_to_fail():
     assert ranking.failures[0].startswith("Unfittable: The model could not be fitted")
 
 
-@pytest.mark.slow
 def test_an_interval_on_whose_way_the_model_fails_is_said(fit, monkeypatch):
     monkeypatch.setattr(doubts, "settle", lambda *arguments: None)
     again = Calibration(fit.problem, fit.solution)
@@ -301,7 +286,6 @@ def turning() -> np.ndarray:
     return np.asarray(erosion.impact("rotating", p, derivatives=1, wrt=("k", "psi")).volume)
 
 
-@pytest.mark.slow
 def test_intervals_end_at_cliffs(turning):
     # Two sets in which the jump of V(α) comes upon a row within the standard error of k.
     k, psi = np.meshgrid(2.0 * np.linspace(0.87, 1.13, 105), 0.04 * np.linspace(0.94, 1.06, 73), indexing="ij")
@@ -318,7 +302,6 @@ def test_intervals_end_at_cliffs(turning):
         assert result.intervals()["k"] == pytest.approx((inside.min(), inside.max()), abs=0.01)
 
 
-@pytest.mark.slow
 def test_a_curve_with_a_jump_is_found_from_afar_and_goes_to_openfoam_with_its_misfit(turning):
     # V(α) of `rotating` jumps at 42.9°, and the misfit jumps as k moves that across a row.
     data = synthetic(5, turning)
@@ -334,7 +317,6 @@ def test_a_curve_with_a_jump_is_found_from_afar_and_goes_to_openfoam_with_its_mi
     assert f"by up to {coefficients.misfit:.2%} of its maximum" in coefficients.text()
 
 
-@pytest.mark.slow
 def test_a_ranking_has_the_right_model_first_and_says_what_is_the_same_and_what_is_open(turning):
     data = synthetic(6, turning)
     names = ["linearized", "finnie", "rotating", "tan-alpha", "velocity-aligned"]
@@ -358,7 +340,6 @@ def test_a_ranking_has_the_right_model_first_and_says_what_is_the_same_and_what_
     assert "<th>left out [10⁻⁶ in³]</th>" in ranking._repr_html_()
 
 
-@pytest.mark.slow
 def test_a_ranking_says_which_own_parameters_are_held(turning):
     names = ["linearized", "linearized-deformation", "rotating-deformation"]
     ranking = rank_models(GUESS, synthetic(6, turning), ["psi", "energy_ratio"], models=names, starts=1)
@@ -369,7 +350,6 @@ def test_a_ranking_says_which_own_parameters_are_held(turning):
     assert (of_threshold.value, of_threshold.unit, of_threshold.meaning) == ("0", "in/s", "held")
 
 
-@pytest.mark.slow
 def test_a_parameter_that_lost_its_influence_counts_in_the_ranking():
     # With k below 2 tan α of all rows, `linearized` is `tan-alpha`: it may not come first for that.
     volume = float(TABLE_1.volume_scale / 2) * np.cos(np.deg2rad(DEGREES)) ** 2
@@ -382,7 +362,6 @@ def test_a_parameter_that_lost_its_influence_counts_in_the_ranking():
     assert nested.aicc - simple.aicc == pytest.approx((4 + 12 / 47) - (2 + 4 / 48))
 
 
-@pytest.mark.slow
 def test_a_fit_goes_to_cfd_codes_as_its_model_and_case_do(fit):
     for export in (to_openfoam, to_fluent):
         own, of_case = export(fit).text(), export(fit.model, fit.p).text()
@@ -392,7 +371,6 @@ def test_a_fit_goes_to_cfd_codes_as_its_model_and_case_do(fit):
             export(fit, fit.p)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ask", "message"),
     [
@@ -405,7 +383,6 @@ def test_what_a_fit_has_not_is_refused(fit, ask, message):
         ask(fit)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("heading", "factor", "said"),
     [

@@ -9,8 +9,6 @@ from erosion.distributions import Normal, Uniform
 from erosion.fits.experiments import NextExperiment, _gains
 from erosion.models.rigid import LinearizedCut
 
-pytestmark = pytest.mark.slow
-
 
 def gains(*predicted: np.ndarray, weights=(1.0,), noise: float = 1.0) -> tuple[float, float]:
     return _gains([(of, np.full(len(of), noise)) for of in predicted], np.array(weights))

@@ -64,7 +64,6 @@ def test_units_say_what_was_measured(table, column, dimension, factor):
     assert conditions == pytest.approx({"alpha": 0.5, "v0": 100 / 0.0254, "m": 2e-3 / SLINCH})
 
 
-@pytest.mark.slow
 def test_a_million_rows_are_read_and_the_last_one_is_checked(table):
     rows = "".join(f"{1 + i % 89},{i % 97}.25e-6,1e-6\n" for i in range(10**6))
     begin = time.process_time()

@@ -32,7 +32,6 @@ def deviation(result: Ranks) -> np.ndarray:
 
 
 # Of 20 sets 90 % intervals hold the truth in 14 or more, but for one time in 400.
-@pytest.mark.slow
 @pytest.mark.parametrize(("model", "known"), [("linearized", False), ("rotating", True)])
 def test_ranks_of_the_truth_are_uniform(model, known):
     result = calibrated(model, 20, known=known, seed=1)
@@ -63,7 +62,6 @@ def result() -> Posterior:
     return posterior("k", "psi", p=TABLE_1.replace(k=3.0), data=measured(12), seed=1)
 
 
-@pytest.mark.slow
 def test_with_k_fixed_the_posterior_is_the_closed_one():
     data, law = measured(5), Normal(0.6, 0.15)
     drawn = posterior("cutting_fraction", data=data, priors={"cutting_fraction": law}, draws=10_000)
@@ -86,7 +84,6 @@ def test_with_k_fixed_the_posterior_is_the_closed_one():
     assert drawn.log_evidence_error < 0.05
 
 
-@pytest.mark.slow
 def test_draws_are_labelled_arrays_and_numbers_for_programs(result):
     psi, numbers = result.samples["psi"], result.to_dict(0.9)
     assert dict(psi.sizes) == {"chain": 4, "draw": 200}
@@ -100,7 +97,6 @@ def test_draws_are_labelled_arrays_and_numbers_for_programs(result):
     assert numbers["priors"][0] == {"parameter": "k", "law": "loguniform(0.03, 300), the default"}
 
 
-@pytest.mark.slow
 def test_the_same_seed_gives_the_same_draws(result):
     again, other = (posterior("k", "psi", p=TABLE_1.replace(k=3.0), data=measured(12), seed=seed) for seed in (1, 2))
     np.testing.assert_array_equal(again.run.points, result.run.points)
@@ -108,7 +104,6 @@ def test_the_same_seed_gives_the_same_draws(result):
     assert other.means["k"] == pytest.approx(result.means["k"], abs=0.4 * result.deviations["k"])
 
 
-@pytest.mark.slow
 def test_damaged_draws_are_refused_by_file_and_parameter(result, tmp_path):
     path = result.save(tmp_path / "draws.nc")
     with xr.open_dataset(path, group="posterior") as stored:
@@ -125,7 +120,6 @@ def test_damaged_draws_are_refused_by_file_and_parameter(result, tmp_path):
         read_draws(path, QUANTITIES, "si")
 
 
-@pytest.mark.slow
 def test_a_file_has_arvizs_layout(result, tmp_path):
     data = result.data
     with xr.open_datatree(result.save(tmp_path / "draws.nc")) as tree:
@@ -145,7 +139,6 @@ def erosion_at(model, p, alpha):
     return erosion.impact(model, p.replace(alpha=alpha)).volume
 
 
-@pytest.mark.slow
 def test_curves_and_best_angles_are_those_of_the_draws(result):
     angles = np.deg2rad([[10.0, 30.0]])
     curves = result.predict(angles, count=50, discrepancy=False)
@@ -164,7 +157,6 @@ def test_curves_and_best_angles_are_those_of_the_draws(result):
     assert "interior" in str(best)
 
 
-@pytest.mark.slow
 def test_a_ridge_is_said_in_one_sentence_and_its_parameters_have_no_deviation():
     drawn = posterior("sigma", "psi", "r")
     nothing, ridge = drawn.warnings
@@ -182,21 +174,18 @@ def test_a_ridge_is_said_in_one_sentence_and_its_parameters_have_no_deviation():
     assert float(row.value) == pytest.approx(float(drawn.samples["psi"].median()), rel=0.02)
 
 
-@pytest.mark.slow
 def test_a_prior_that_decides_is_said():
     drawn = posterior("psi", priors={"psi": Uniform(0.05, 0.2)})
     assert any("lowest hundredth of its prior, uniform(0.05, 0.2)" in sentence for sentence in drawn.warnings)
     assert any("The uncertainties do not explain the misfit" in sentence for sentence in drawn.warnings)
 
 
-@pytest.mark.slow
 def test_scipys_laws_are_priors():
     drawn = posterior("psi", priors={"psi": stats.gamma(4, scale=0.01)}, draws=125)
     assert drawn.prior_in_words("psi") == "gamma(4, scale=0.01)"
     assert drawn.means["psi"] == pytest.approx(0.04, rel=0.05)
 
 
-@pytest.mark.slow
 def test_a_scale_and_a_noise_are_sampled_where_data_leave_them_open():
     data = measured(10, known=False)
     data["erosion [-]"] = data.pop("volume [in^3]") * 1e7
@@ -205,7 +194,6 @@ def test_a_scale_and_a_noise_are_sampled_where_data_leave_them_open():
     assert drawn.means["scale"] == pytest.approx(1e7, rel=0.1)
 
 
-@pytest.mark.slow
 def test_draws_that_are_not_good_are_never_silent(monkeypatch):
     # One sweep and one look: copies of few draws remain.
     for name in ("_MOST", "_FEWEST", "_LAST", "_LOOKS"):
@@ -217,7 +205,6 @@ def test_draws_that_are_not_good_are_never_silent(monkeypatch):
     assert drawn.to_dict()["converged"] is False
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -240,14 +227,12 @@ def test_bad_arguments(options, message):
         posterior("psi", **options)
 
 
-@pytest.mark.slow
 def test_a_model_that_fails_is_said_to_fail(monkeypatch):
     monkeypatch.setattr(Forward, "erosion", lambda self, values, *rest: np.full((len(values["psi"]), 8), np.nan))
     with pytest.raises(SamplingError, match="impacts of all draws"):
         posterior("psi")
 
 
-@pytest.mark.slow
 def test_rows_of_the_same_conditions_count_each():
     """They are one impact; the squares are those of all rows."""
     random = np.random.default_rng(3)
@@ -262,7 +247,6 @@ def test_rows_of_the_same_conditions_count_each():
     assert likelihood.squares(points, 0)[0] == pytest.approx(direct, rel=1e-5)
 
 
-@pytest.mark.slow
 def test_a_default_prior_reaches_what_the_amounts_ask_for():
     """Weighings of a whole jet are often far below the cuts of the case: ψ is then hundreds of times the case's."""
     data = measured(8)

@@ -177,7 +177,6 @@ def missed() -> Posterior:
     return erosion.posterior("linearized", TABLE_1, forward.data, ["k", "psi"], draws=125, seed=3)
 
 
-@pytest.mark.slow
 def test_a_model_that_misses_predicts_with_wide_intervals(missed):
     degrees = np.array([15.0, 35.0, 55.0, 75.0])
     true = 8e-5 * np.sin(np.deg2rad(2 * degrees)) ** 0.6
@@ -207,7 +206,6 @@ def test_a_row_is_as_far_off_as_it_is_from_its_repeats():
     assert prediction._from_repeats(three, np.ones(4)) == pytest.approx(np.array([1.5, 1.5, 3.0, 0.0]) / np.sqrt(1.5))
 
 
-@pytest.mark.slow
 def test_predictions_are_kept_in_the_file_of_draws(missed, tmp_path):
     path = missed.save(tmp_path / "draws.nc")
     again = read_predictor(path)
@@ -240,7 +238,6 @@ def test_what_rows_of_a_speed_share_is_kept_and_is_in_a_new_weighing(tmp_path):
     assert "5 % + 10 % of each speed" in predictions(again, *asked).conclusions[0]
 
 
-@pytest.mark.slow
 def test_one_speed_leaves_the_exponent_to_its_prior_and_says_so():
     degrees = np.array([10.0, 20.0, 30.0, 50.0, 70.0])
     volume = erosion.impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees))).volume
@@ -262,7 +259,6 @@ def test_an_end_of_a_weighing_is_that_of_the_sum_of_both_errors():
     assert _end_of_weighing(means, np.zeros_like(means), 0.975) == pytest.approx(3 * stats.norm.ppf(0.975), 1e-3)
 
 
-@pytest.mark.slow
 def test_rows_that_are_put_together_keep_evidence_and_ranges_and_those_that_are_missed_are_named(monkeypatch):
     monkeypatch.setattr(prediction, "with_few_conditions", lambda likelihood: with_few_conditions(likelihood, 6))
     degrees = np.array([14.0, 15.0, 25.0, 26.0, 40.0, 41.0, 65.0, 88.5, 90.0])

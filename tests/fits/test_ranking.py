@@ -143,7 +143,6 @@ def test_a_model_with_too_many_parameters_for_the_criterion_is_named():
     assert "linearized-deformation (AICc needs at least 6 rows for its parameters)" in said
 
 
-@pytest.mark.slow
 def test_noise_about_a_right_curve_is_rarely_beyond_the_scatter():
     angles, random, seen = np.deg2rad(np.arange(15.0, 91, 15)), np.random.default_rng(1), 0
     basis = np.stack([np.sin(angles) * np.cos(angles), np.sin(angles) ** 2], axis=1)

@@ -66,7 +66,6 @@ def share() -> Calibration:
     return fitted("k", "cutting_fraction")
 
 
-@pytest.mark.slow
 def test_the_first_guess_comes_from_the_size_of_the_data():
     # Table 1 removes 300 times as much from a particle's mass as this data has.
     guess = functools.partial(fitted, "k", "psi", p=TABLE_1, density="7850 kg/m^3", starts=1)
@@ -78,7 +77,6 @@ def test_the_first_guess_comes_from_the_size_of_the_data():
     assert guess(bounds={"psi": (0.01, 0.3)}).estimates["psi"] == pytest.approx(0.3)
 
 
-@pytest.mark.slow
 def test_the_share_of_particles_that_cut_is_found(share):
     assert share.cutting_fraction == share.estimates["cutting_fraction"]
     for name, truth in (("k", 2.0), ("cutting_fraction", FRACTION)):
@@ -92,7 +90,6 @@ def test_the_share_of_particles_that_cut_is_found(share):
     assert fitted("k", "cutting_fraction", p=SAND.replace(sigma=1.5e10)).cutting_fraction == pytest.approx(1.0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -115,14 +112,12 @@ def assert_derivatives(forward: Forward) -> None:
         assert differences == pytest.approx(rate, rel=1e-6, abs=1e-8 * np.abs(rates).max())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("free", [("k", "cutting_fraction", "m"), ("cutting_fraction",)])
 def test_derivatives_by_the_cutting_fraction(free):
     data = erosion.read_measurements(measured(), "si")
     assert_derivatives(Forward(erosion.load_model("linearized"), SAND.replace(k=1.9), free, data, DENSITY, 0.4))
 
 
-@pytest.mark.slow
 def test_what_the_data_do_not_decide_is_said():
     fit = fitted("k", "psi", "cutting_fraction", model="rotating", data=turning_data())
     assert fit.undecided == ("psi", "cutting_fraction")
@@ -137,7 +132,6 @@ def test_what_the_data_do_not_decide_is_said():
     assert fitted("k", "psi", model="rotating", data=turning_data()).undecided == ()
 
 
-@pytest.mark.slow
 def test_no_place_is_advised_for_a_product():
     fit = fitted("k", "sigma", "cutting_fraction", starts=1)
     assert fit.warnings == (
@@ -146,7 +140,6 @@ def test_no_place_is_advised_for_a_product():
     assert fit.rows()[1].value == f"{fit.estimates['sigma'] / 1e9:.4g}"
 
 
-@pytest.mark.slow
 def test_a_place_to_measure_is_one_where_the_parameter_acts_and_no_row_is():
     # All rows are steeper than the cusp at tan α = k/2, where k has no influence; at shallow angles it has.
     columns = {name: values[DEGREES.size + 8 :] for name, values in measured().items()}
@@ -161,7 +154,6 @@ def test_a_place_to_measure_is_one_where_the_parameter_acts_and_no_row_is():
     assert said.endswith(("v₀ = 15 m/s.", "v₀ = 120 m/s."))
 
 
-@pytest.mark.slow
 def test_bounds_that_are_touched_are_marked():
     bounds = {"k": (1.99, 2.5), "cutting_fraction": (0.2, 0.25)}
     fit = fitted("k", "cutting_fraction", bounds=bounds)
@@ -182,7 +174,6 @@ def test_bounds_that_are_touched_are_marked():
     assert "psi = 0.3 (at its upper bound)" in ranking.rows()[0][-1]
 
 
-@pytest.mark.slow
 def test_a_good_fit_has_no_pattern_and_no_warning(share):
     assert [(test["over"], test["seen"]) for test in share.to_dict()["patterns"]] == [
         ("angle", False),
@@ -191,7 +182,6 @@ def test_a_good_fit_has_no_pattern_and_no_warning(share):
     assert (share.warnings, share.degrees_of_freedom) == ((), 22)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("over", "model", "power", "said"),
     [
@@ -216,7 +206,6 @@ def rows_of(count: int, **columns: np.ndarray) -> Measurements:
     return Measurements(np.linspace(0.1, 1.5, count), np.ones(count), "volume", None, speed, mass, "si", "x")
 
 
-@pytest.mark.slow
 def test_runs_are_counted_as_in_the_textbook():
     # Mood, Graybill and Boes: n₁ = n₂ = 10 has the mean 11 and the variance 90/19 of the number of runs.
     data = rows_of(20)
@@ -233,7 +222,6 @@ def test_runs_are_counted_as_in_the_textbook():
     assert find_patterns(data, np.zeros(20), groups) == ()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("value", "size", "least", "text"),
     [
@@ -251,7 +239,6 @@ def test_digits_end_with_the_error(value, size, least, text):
     assert rounded(value, size, least) == text
 
 
-@pytest.mark.slow
 def test_rows_of_one_speed_and_mass_are_a_group():
     groups = conditions(rows_of(8, speed=np.repeat([30.0, 60.0], 4), mass=np.tile([1e-8, 4e-8], 4)))
     assert [group.label for group in groups[:2]] == ["v₀ = 30 m/s, m = 10 µg", "v₀ = 30 m/s, m = 40 µg"]
@@ -265,7 +252,6 @@ def test_rows_of_one_speed_and_mass_are_a_group():
     assert conditions(rows_of(8))[0].label == ""
 
 
-@pytest.mark.slow
 def test_exports_are_at_a_speed_of_the_data():
     # The case is at 110 m/s, at which nothing was measured.
     fit = fitted("k", "cutting_fraction", p=SAND.replace(v0=110.0))
@@ -282,7 +268,6 @@ def test_exports_are_at_a_speed_of_the_data():
     assert float(exported_case(fitted("k", p=SAND.replace(v0=30.0))).v0) == 30
 
 
-@pytest.mark.slow
 def test_models_that_fit_as_well_are_said_to():
     # Sand turns little before it leaves: with and without rotation, the curves are nearly alike.
     models = ["rotating", "linearized", "finnie"]
@@ -294,7 +279,6 @@ def test_models_that_fit_as_well_are_said_to():
     assert ranking.to_dict()["warnings"][:2] == [first, second]
 
 
-@pytest.mark.slow
 def test_the_growth_with_speed_is_said_with_its_exponent():
     fit = fitted("k", "cutting_fraction", data=measured(power=0.3))
     said = next(said for said in fit.warnings if said.startswith("Fit each speed alone: the model removes as v₀^2, "))
@@ -302,7 +286,6 @@ def test_the_growth_with_speed_is_said_with_its_exponent():
     assert float(said.rstrip(".").rsplit("^", 1)[1]) == pytest.approx(2.3, abs=0.05)
 
 
-@pytest.mark.slow
 def test_errors_of_a_fit_that_is_wrong_are_marked():
     rank = functools.partial(
         rank_models, SAND, free=["psi"], models=["linearized", "tan-alpha"], density=DENSITY, starts=4
@@ -341,7 +324,6 @@ def data() -> erosion.Measurements:
     return erosion.read_measurements({"angle [deg]": TO_53, **columns}, "inch-pound")
 
 
-@pytest.mark.slow
 def test_a_fit_finds_friction_and_gives_the_model_back(data):
     fit = erosion.calibrate(MODEL, P, data, free=FREE)
     assert_is_near(fit, TRUTH, 0.4)
@@ -352,7 +334,6 @@ def test_a_fit_finds_friction_and_gives_the_model_back(data):
     np.testing.assert_array_equal(again.volume, fit.fitted)
 
 
-@pytest.mark.slow
 def test_what_starts_at_zero_may_have_either_sign(data):
     smooth, bounds = MODEL.replace(friction=0.0), {"friction": (-1.0, 0.1)}
     fit = erosion.calibrate(smooth, P, data, free=FREE)
@@ -365,13 +346,11 @@ def test_what_starts_at_zero_may_have_either_sign(data):
         erosion.calibrate(MODEL, P, data, free=FREE, bounds=bounds)
 
 
-@pytest.mark.slow
 def test_what_erosion_cannot_tell_is_said(data):
     fit = erosion.calibrate(MODEL, P, data, free=["k", *FREE], starts=1)
     assert fit.warnings[0].startswith("k, psi and friction cannot be told apart")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.2, -0.1])
 def test_derivatives_are_those_of_the_prediction_and_many_points_are_one_call(data, friction, monkeypatch):
     forward = Forward(MODEL.replace(friction=friction), P, ("friction", "psi"), data, None)
@@ -384,7 +363,6 @@ def test_derivatives_are_those_of_the_prediction_and_many_points_are_one_call(da
     assert len(calls) == 1
 
 
-@pytest.mark.slow
 def test_the_name_of_the_scale_is_taken(data):
     class Scaled(FRICTION):
         scale: float = 1.0
@@ -405,7 +383,6 @@ TURNING = "rotating-deformation"
 
 # A cut alone misses these curves by 0.23 to 0.26 of their maximum. DNV's and Oka's ask for no threshold: the least
 # misfit is at the end of its range.
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("guess", "correlation", "rms"),
     [
@@ -422,7 +399,6 @@ def test_with_deformation_cuts_follow_angle_functions_of_tests(guess, correlatio
     assert guess == TURNING or (fit.estimates["threshold"] == 0) == (correlation != "ecrc")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("energy", "threshold"), [(3e9, 0.0), (3e9, 9.0), (2e7, 50.0)])
 def test_numbers_of_deformation_that_all_speeds_share_are_found_from_any_guess(energy, threshold):
     p, truth = P.to("si"), {"k": 1.5, "psi": 0.04, "specific_energy": 0.5e9, "threshold": 12.0}
@@ -440,7 +416,6 @@ def test_numbers_of_deformation_that_all_speeds_share_are_found_from_any_guess(e
     assert held.warnings[-1].startswith("Free threshold or fit each speed alone: the model removes as v₀^2, ")
 
 
-@pytest.mark.slow
 def test_bounds_hold_for_a_stress_that_is_guessed():
     truth = Linearized(deformation=DeformationWear(1200.0))
     volume = erosion.impact(truth, P.replace(psi=0.004, alpha=np.deg2rad(STEPS))).volume
@@ -463,7 +438,6 @@ def worn() -> erosion.Measurements:
     return erosion.read_measurements({"angle [deg]": degrees, "speed [m/s]": speeds, **columns}, "si")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("start", [0.0, 5.0])
 def test_a_threshold_is_looked_for_among_the_normal_speeds_of_the_data(worn, start):
     model, free = (
@@ -482,7 +456,6 @@ def test_a_threshold_is_looked_for_among_the_normal_speeds_of_the_data(worn, sta
         erosion.calibrate(model, SAND, worn, free, density=DENSITY, bounds={"threshold": (-1.0, 40.0)})
 
 
-@pytest.mark.slow
 def test_a_ranking_frees_in_each_model_what_it_has(worn):
     options = {"density": DENSITY, "starts": 1, "models": ["linearized", "linearized-deformation"]}
     free, bounds = ["k", "psi", "energy_ratio"], {"energy_ratio": (0.5, 5.0), "k": (0.5, 9.0)}

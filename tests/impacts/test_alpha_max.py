@@ -292,7 +292,6 @@ def _brute_force(model, p) -> tuple[float, float]:
     return angles[np.argmax(volumes)], np.max(volumes)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("law", [KinkedTable, Where, Power], ids=lambda law: law.__name__)
 @pytest.mark.parametrize("k", [1.0, 2.0])
 def test_a_continuous_law_is_certified(law, k):
@@ -305,7 +304,6 @@ def test_a_continuous_law_is_certified(law, k):
     assert "the search resolved all angles" in str(best)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("k", [1.0, 2.0])
 def test_where_the_force_jumps_the_best_angle_is_unresolved_and_says_so(k):
     model, p = model_of(Breaking), P.replace(k=k)
@@ -320,7 +318,6 @@ def test_where_the_force_jumps_the_best_angle_is_unresolved_and_says_so(k):
     assert len(plot_optimum(best).axes) == 1
 
 
-@pytest.mark.slow
 def test_a_batch_says_how_many_are_certified():
     assert "0 of 2" in str(erosion.alpha_max(model_of(Breaking), P.replace(k=[1.0, 2.0])))
 
@@ -353,7 +350,6 @@ class Cliff(Deformation):
         return p.volume_scale * jnp.where(p.alpha < self.angle, 2 + p.alpha, 1.0)
 
 
-@pytest.mark.slow
 def test_a_kink_moves_with_the_parameters_that_move_it():
     best = erosion.alpha_max(Linearized(deformation=Roof()), P)
     assert best.kind == "kink"
@@ -423,7 +419,6 @@ STEEP = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("name", "k", "r", "inertia", "s"), STEEP)
 def test_a_steep_smooth_maximum_beside_a_change_of_outcome_is_interior(name, k, r, inertia, s):
     p = P.replace(k=k, r=r, inertia=inertia, phidot0=s * P.v0 / r)

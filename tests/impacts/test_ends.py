@@ -210,7 +210,6 @@ def random_impacts(count: int) -> erosion.Parameters:
 RANDOM = random_impacts(COUNT)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [*erosion.available_models(), *PLUG_INS])
 def test_random_impacts_all_end(name):
     found = erosion.impact(name, RANDOM)
@@ -232,7 +231,6 @@ def test_random_impacts_all_end(name):
     assert np.max((np.abs(found.volume[::20] - tight.volume) / size)[met]) < 1e-8
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rotating", "rotating-full-torque"])
 def test_random_ends_are_those_of_small_steps(name):
     few = RANDOM.replace(**{q: getattr(RANDOM, q)[::200] for q in QUANTITIES})
@@ -254,7 +252,6 @@ def similar(length, speed, alpha):
                         alpha=alpha)  # fmt: skip
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["linearized", "rotating"])
 def test_impacts_scale(name):
     p = similar(LENGTHS, SPEEDS, ALPHAS)
@@ -267,7 +264,6 @@ def test_impacts_scale(name):
         np.testing.assert_allclose(scaled, np.broadcast_to(wanted / BASE.volume_scale, scaled.shape), rtol=0, atol=2e-9)
 
 
-@pytest.mark.slow
 def test_impacts_have_the_closed_form():
     p = random_impacts(2000)
     exact, found = LinearizedCut(), erosion.impact("linearized", p)
@@ -278,7 +274,6 @@ def test_impacts_have_the_closed_form():
     np.testing.assert_array_equal(found.ended_by[beside], exact.ended_by(p)[beside])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [1e-6, np.pi / 2])
 @pytest.mark.parametrize(("length", "speed"), [(1e-6, 1e4), (1.0, 1.0)])
 def test_simulations_reach_their_end(length, speed, alpha):
@@ -290,7 +285,6 @@ def test_simulations_reach_their_end(length, speed, alpha):
     assert cut.max_depth >= 0
 
 
-@pytest.mark.slow
 def test_the_best_angle_does_not_depend_on_the_scale():
     best = erosion.alpha_max("linearized", similar(LENGTHS[..., 0], SPEEDS[:, 0], 0.3))
     np.testing.assert_allclose(best.alpha, np.arctan(2.0) / 2, rtol=1e-8)
@@ -331,14 +325,12 @@ def loaded(path, content: bytes) -> None:
     assert all(np.asarray(getattr(p, name)).dtype == np.float64 for name in QUANTITIES)
 
 
-@pytest.mark.slow
 @SAME
 @given(st.binary(max_size=200))
 def test_bytes_are_no_case(tmp_path_factory, content):
     loaded(tmp_path_factory.mktemp("fuzz") / "case.toml", content)
 
 
-@pytest.mark.slow
 @SAME
 @given(st.integers(0, 400), st.integers(0, 40), st.binary(max_size=8))
 def test_damaged_cases(tmp_path_factory, begin, length, instead):
@@ -352,7 +344,6 @@ VALUES = st.one_of(
 )
 
 
-@pytest.mark.slow
 @SAME
 @given(st.dictionaries(st.sampled_from([*GOOD, "title", "phidot0", "inertia", "sweep"]), VALUES, max_size=3))
 def test_cases_of_other_values(tmp_path_factory, changes):
@@ -373,7 +364,6 @@ def toml(value: object) -> str:
     return repr(value)
 
 
-@pytest.mark.slow
 @SAME
 @given(QUANTITY_TEXTS, DIMENSIONS, SYSTEMS)
 def test_any_text_is_a_quantity_an_axis_a_law_or_a_clause(text, dimension, system):
@@ -386,7 +376,6 @@ def _law(text, dimension, system):
     return read_distribution(f"normal({text})", "v0", dimension, system)
 
 
-@pytest.mark.slow
 @SAME
 @given(st.text(max_size=20), QUANTITY_TEXTS)
 def test_any_header_and_cell_is_a_table_or_a_sentence(tmp_path_factory, header, cell):

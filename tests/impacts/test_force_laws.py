@@ -92,7 +92,6 @@ LAWS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", LAWS)
 def test_the_batch_is_scipys(name):
     model = LAWS[name]()
@@ -105,7 +104,6 @@ def test_the_batch_is_scipys(name):
         assert hits.t_c[i] == pytest.approx(t_c, rel=1e-8, abs=0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["implicit", "network"])
 def test_derivatives_are_differences(name):
     model = LAWS[name]()
@@ -116,7 +114,6 @@ def test_derivatives_are_differences(name):
     assert hit.d2volume == pytest.approx((near[2] - 2 * near[1] + near[0]) / step**2, rel=1e-4, abs=0)
 
 
-@pytest.mark.slow
 def test_gradients_by_a_networks_weights_are_differences():
     model = network()
     weights, rest = eqx.partition(model, eqx.is_array)
@@ -136,7 +133,6 @@ def test_gradients_by_a_networks_weights_are_differences():
             assert slope[i] == pytest.approx((ends[1] - ends[0]) / 2e-4, rel=1e-5, abs=1e-12)
 
 
-@pytest.mark.slow
 def test_what_lanes_cannot_do_names_the_models_method():
     class Spectral(erosion.models.ForceLaw):
         def __call__(self, state, tip, p):
@@ -153,7 +149,6 @@ def test_what_lanes_cannot_do_names_the_models_method():
         erosion.impact(model, P)
 
 
-@pytest.mark.slow
 def test_many_impacts_of_one_case_are_all_computed():
     """Where no plain number varies, and many threads share the lanes."""
     model, count = network(), 5000
@@ -186,7 +181,6 @@ class Paired(erosion.models.ForceLaw):
         return p.k
 
 
-@pytest.mark.slow
 def test_a_field_may_be_a_named_tuple():
     model = erosion.models.Rotating(force=Paired())
     assert erosion.impact(model, P).volume == pytest.approx(erosion.impact("rotating", P).volume, rel=1e-9, abs=0)
@@ -208,7 +202,6 @@ class TwoLayers(erosion.models.ForceLaw):
         return p.k
 
 
-@pytest.mark.slow
 def test_plain_gradient_descent_under_jit_learns_a_force():
     p, angles = P.replace(psi=0.2), np.deg2rad(np.linspace(4, 34, 8))
     truth = erosion.load_model("models/saturating_lip.py").replace(reach=0.3)
@@ -233,7 +226,6 @@ def test_plain_gradient_descent_under_jit_learns_a_force():
     assert value < 0.1**2
 
 
-@pytest.mark.slow
 # Every model's are compared with coarser differences in its contract.
 @pytest.mark.parametrize("name", ["rotating-full-torque", "rotating-velocity-aligned"])
 def test_derivatives_equal_differences(name):
@@ -319,7 +311,6 @@ def _case(p: erosion.Parameters, i: int) -> erosion.Parameters:
     return p.replace(**{q: float(getattr(p, q)[i]) for q in ("alpha", "k", "phidot0", "v0")})
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("law", [KinkedTable, Where, Cond, Breaking], ids=lambda law: law.__name__)
 def test_volumes_are_scipys_started_anew_at_the_kinks(law):
     p = random_impacts(3, seed=3)
@@ -331,7 +322,6 @@ def test_volumes_are_scipys_started_anew_at_the_kinks(law):
             assert hit.volume[i] == pytest.approx(volume, rel=2e-8)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("law", [*CONTINUOUS, Breaking], ids=lambda law: law.__name__)
 def test_every_impact_has_its_volume_to_every_order(law):
     p = random_impacts(500 if law is KinkedTable else 2000, seed=1)  # each knot takes as long as another impact
@@ -346,7 +336,6 @@ def test_every_impact_has_its_volume_to_every_order(law):
         assert np.max(error) < 5e-8
 
 
-@pytest.mark.slow
 def test_a_power_without_a_value_above_the_surface_is_the_guarded_one():
     class Guarded(Power):
         def factor(self, u):
@@ -370,7 +359,6 @@ def _differences(model, p, step=1e-5):
     return (high.volume - low.volume) / (2 * step), (high.dvolume - low.dvolume) / (2 * step), alike
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("law", CONTINUOUS, ids=lambda law: law.__name__)
 def test_derivatives_across_kinks_are_differences(law):
     model, p = model_of(law), random_impacts(500, seed=1)
@@ -388,7 +376,6 @@ def test_derivatives_across_kinks_are_differences(law):
     assert np.median(curves) < 1e-7
 
 
-@pytest.mark.slow
 def test_mixed_derivatives_across_kinks_are_differences():
     model, p, step = model_of(Where), erosion.TABLE_1.replace(alpha=0.7), 1e-4
     hit = erosion.impact(model, p, derivatives=2, wrt=("alpha", "k"))
@@ -398,7 +385,6 @@ def test_mixed_derivatives_across_kinks_are_differences():
     )
 
 
-@pytest.mark.slow
 def test_where_the_force_jumps_there_is_a_volume_and_a_reason():
     model, p = model_of(Breaking), random_impacts(1000, seed=1)
     hit = erosion.impact(model, p, derivatives=2)
@@ -415,7 +401,6 @@ def test_where_the_force_jumps_there_is_a_volume_and_a_reason():
     assert "no_derivatives" not in str(erosion.impact("rotating", p, derivatives=2))
 
 
-@pytest.mark.slow
 def test_first_derivatives_remain_where_only_the_second_fails():
     class Rooted(erosion.models.RigidErodent):
         """`linearized` with an end that moves as |α - 0.2|^1.5."""

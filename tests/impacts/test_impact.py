@@ -70,7 +70,6 @@ def test_no_wrong_end_near_the_cusp(name, ratio):
     assert np.count_nonzero(hit.ended_by != exact.ended_by(p)) == 0
 
 
-@pytest.mark.slow
 # Each force and each torque once: the contract of models has both engines for every model, at one impact.
 @pytest.mark.parametrize(
     "name", ["rotating-full-torque", "rotating-tan-alpha", "rotating-velocity-aligned-full-torque"]
@@ -99,7 +98,6 @@ def test_a_batch_equals_its_members():
             assert getattr(batch, field)[i, j] == getattr(one, field)
 
 
-@pytest.mark.slow
 def test_more_lanes_than_a_call_in_order():
     count = 2**17 + 17
     alphas = np.linspace(0.3, 0.31, count)
@@ -321,7 +319,6 @@ def test_the_order_of_impacts_does_not_matter() -> None:
         assert erosion.impact("rotating", p.replace(alpha=p.alpha[i], phidot0=p.phidot0[i])).volume == one.volume[i]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("model", "order"), [*zip(erosion.available_models(), itertools.cycle([2, 1, 0]))])
 def test_the_place_in_a_block_does_not_matter(model: str, order: int) -> None:
     """Bit for bit: a block of equal lanes has equal results, and so has one lane among others."""
@@ -407,7 +404,6 @@ def test_as_few_unknowns_as_the_physics_allows(name, unknowns):
     assert len(_reduced(erosion.load_model(name)).initial().state) == unknowns
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", erosion.available_models())
 def test_the_motion_is_the_same(name):
     """Rates of events and volume along the motion, at contact and after a step."""

@@ -11,8 +11,6 @@ import pytest
 import erosion
 from erosion.models import DeformationWear, Finnie, Linearized, ProportionalDeformationWear
 
-pytestmark = pytest.mark.slow
-
 P = erosion.TABLE_1
 V0, STRESS = float(P.v0), float(P.sigma * P.psi)
 CASES = 100  # of each kind of cut

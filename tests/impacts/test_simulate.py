@@ -29,7 +29,6 @@ ROTATING = [name for name in AT_20_DEGREES if name.startswith("rotating")]
 pytestmark = pytest.mark.filterwarnings("ignore::erosion.impacts.trajectory.TurnWarning")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", AT_20_DEGREES)
 def test_golden_numbers(name):
     figure = AT_20_DEGREES[name]
@@ -39,7 +38,6 @@ def test_golden_numbers(name):
     assert cut.t_c == pytest.approx(figure.t_c, rel=1e-10, abs=0)
 
 
-@pytest.mark.slow
 def test_as_printed_is_the_literal_reading():
     cut = erosion.simulate("as-printed", P)
     volume, t_c, ended_by = AS_PRINTED
@@ -48,7 +46,6 @@ def test_as_printed_is_the_literal_reading():
     assert cut.t_c == pytest.approx(t_c, rel=1e-9, abs=0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CLOSED)
 @pytest.mark.parametrize("degrees", [0.01, 5, 20, 45, 63, 89, 89.99])
 def test_motion_equals_the_closed_form(name, degrees):
@@ -64,7 +61,6 @@ def test_motion_equals_the_closed_form(name, degrees):
         assert np.abs(found - true).max() <= 1e-11 * np.abs(true).max(), field
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("name", "ratio"), [("linearized", 2.0), ("finnie", 2 / 3)])
 def test_no_wrong_end_near_the_cusp(name, ratio):
     cusp = np.arctan(ratio / 2)
@@ -77,7 +73,6 @@ def test_no_wrong_end_near_the_cusp(name, ratio):
         assert cut.t_c == pytest.approx(float(exact.t_c(p)), rel=1e-9, abs=0), offset  # its slope diverges at the cusp
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("name", "s"), [*zip(ROTATING, itertools.cycle([-0.5, 0.0, 0.5]))])
 def test_against_scipy(name, s):
     p = P.replace(phidot0=s * P.v0 / P.r, alpha=0.6)
@@ -119,7 +114,6 @@ def scipy_cut(name, p):
     return found.y[-1, -1], found.t[-1]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["linearized", "tan-alpha", "velocity-aligned"])
 def test_volume_is_the_kinetic_energy_along_x(name):
     cut = erosion.simulate(name, P)
@@ -127,7 +121,6 @@ def test_volume_is_the_kinetic_energy_along_x(name):
     assert cut.volume == pytest.approx(float(energy), rel=1e-12, abs=0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [0.2, 0.5, 0.9, 1.3])
 @pytest.mark.parametrize("s", [-0.4, 0.0, 0.6])
 def test_energy_balance_with_full_torque(alpha, s):
@@ -141,7 +134,6 @@ def test_energy_balance_with_full_torque(alpha, s):
     assert cut.volume == pytest.approx(float(balance), rel=1e-10, abs=0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rotating", "finnie"])
 def test_linear_invariants(name):
     cut = erosion.simulate(name, P.replace(phidot0=2000.0))
@@ -150,14 +142,12 @@ def test_linear_invariants(name):
     assert cut.omega - cut.omega[0] == pytest.approx(gained / (0.5 * 0.04), abs=1e-11 * P.v0 / P.r)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["velocity-aligned", "rotating-velocity-aligned"])
 def test_the_direction_of_motion_never_changes(name):
     cut = erosion.simulate(name, P.replace(alpha=0.7))
     assert np.abs(cut.vy - np.tan(0.7) * cut.vx).max() <= 1e-12 * P.v0
 
 
-@pytest.mark.slow
 def test_tip_and_histories_are_consistent():
     cut = erosion.simulate("rotating", P, points=401)
     assert cut.depth[0] == 0
@@ -171,7 +161,6 @@ def test_tip_and_histories_are_consistent():
     assert cut.max_depth >= cut.depth.max()
 
 
-@pytest.mark.slow
 def test_at_gives_the_motion_at_any_time():
     cut, exact = erosion.simulate("linearized", P), closed_form("linearized")
     times = np.linspace(0, cut.t_c, 37)
@@ -181,7 +170,6 @@ def test_at_gives_the_motion_at_any_time():
         cut.at(1.01 * cut.t_c)
 
 
-@pytest.mark.slow
 def test_nothing_is_cut_at_normal_impact_or_backward_spin():
     for p in (P.replace(alpha=np.pi / 2), P.replace(alpha=1.2, phidot0=-0.9 * P.v0 / P.r)):
         cut = erosion.simulate("rotating", p)
@@ -189,7 +177,6 @@ def test_nothing_is_cut_at_normal_impact_or_backward_spin():
         assert cut.at(0.0).vx == cut.vx[0]
 
 
-@pytest.mark.slow
 def test_a_tip_that_leaves_and_returns_within_a_step_is_seen():
     # Spin lifts the tip at once: depth ≈ v₀ sin α t - r φ̇₀² t²/2, back at t = 2 v₀ sin α/(r φ̇₀²).
     p = P.replace(alpha=1e-5, phidot0=0.9 * P.v0 / P.r)
@@ -198,7 +185,6 @@ def test_a_tip_that_leaves_and_returns_within_a_step_is_seen():
     assert cut.t_c == pytest.approx(2 * float(p.v0) * 1e-5 / (0.04 * float(p.phidot0) ** 2), rel=1e-3, abs=0)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [1e-6, 1e-5, 1e-3])
 def test_grazing_impacts_with_spin_keep_their_digits(alpha):
     # To first order the force does not matter: depth = v₀ sin α t - r (1 - cos φ̇₀t).
@@ -215,7 +201,6 @@ def test_grazing_impacts_with_spin_keep_their_digits(alpha):
     assert erosion.impact("rotating", p, rtol=1e-12).t_c == pytest.approx(cut.t_c, rel=1e-9, abs=0)
 
 
-@pytest.mark.slow
 def test_a_graze_that_step_ends_cannot_see():
     # tests/golden-numbers.md: the jump of the rotating model at k = 1.
     p = P.replace(k=1.0)
@@ -225,7 +210,6 @@ def test_a_graze_that_step_ends_cannot_see():
     assert above.volume == pytest.approx(7.14990785e-5, rel=1e-2, abs=0)  # its slope diverges at the jump
 
 
-@pytest.mark.slow
 def test_a_far_turn_is_said_in_plain_words():
     with pytest.warns(TurnWarning, match=r"turned by 155\.\d° during the cut, more than 90°"):
         cut = erosion.simulate("rotating-tan-alpha", P)
@@ -233,7 +217,6 @@ def test_a_far_turn_is_said_in_plain_words():
     assert not erosion.simulate("rotating", P).warnings
 
 
-@pytest.mark.slow
 def test_other_solvers_and_controllers_agree():
     import diffrax
 
@@ -242,7 +225,6 @@ def test_other_solvers_and_controllers_agree():
     assert cut.volume == pytest.approx(AT_20_DEGREES["rotating"].volume, rel=1e-7, abs=0)
 
 
-@pytest.mark.slow
 def test_an_endless_cut_is_an_error():
     class Endless(erosion.models.RigidErodent):
         """Nothing resists, so the tip goes down for ever."""
@@ -258,7 +240,6 @@ def test_an_endless_cut_is_an_error():
         erosion.simulate(Endless(), P)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -273,7 +254,6 @@ def test_bad_parameters_are_refused(changes, message):
         erosion.simulate("linearized", P.replace(**changes))
 
 
-@pytest.mark.slow
 def test_numbers_far_from_one_are_as_good():
     # Softer by 10³⁰⁰: times grow by its root, volumes as it.
     cut, soft = erosion.simulate("linearized", P), erosion.simulate("linearized", P.replace(sigma=P.sigma * 1e-300))
@@ -282,7 +262,6 @@ def test_numbers_far_from_one_are_as_good():
     assert soft.max_depth == pytest.approx(cut.max_depth * 1e150, rel=1e-9, abs=0)
 
 
-@pytest.mark.slow
 def test_results_print_with_units():
     assert repr(erosion.simulate("linearized", P)).startswith("Trajectory('linearized', 201 points, t_c=6.6353")
     cut = erosion.simulate("linearized", P)
@@ -291,7 +270,6 @@ def test_results_print_with_units():
     assert "<td>10⁻⁴ in³</td>" in cut._repr_html_()
 
 
-@pytest.mark.slow
 def test_shapes_broadcast_by_name_alone():
     with jax.numpy_rank_promotion("raise"):
         assert erosion.simulate("rotating", erosion.TABLE_1).volume == pytest.approx(
@@ -299,7 +277,6 @@ def test_shapes_broadcast_by_name_alone():
         )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("copied", [lambda cut: pickle.loads(pickle.dumps(cut)), copy.deepcopy])
 @pytest.mark.parametrize("follow", [erosion.simulate, path])
 def test_a_copied_or_pickled_trajectory_tells_the_same(follow, copied):
@@ -325,7 +302,6 @@ class Factor(erosion.models.ForceLaw):
         return p.k
 
 
-@pytest.mark.slow
 def test_a_function_without_a_hash_is_part_of_a_model():
     twice = np.poly1d([2.0, 0.0])
     model = erosion.models.Rotating(force=Factor(twice))

@@ -172,7 +172,6 @@ def test_what_fails_is_not_a_number() -> None:
 PAGE = Path(__file__).parents[1] / "golden-numbers.md"
 
 
-@pytest.mark.slow
 def test_the_golden_numbers_are_those_of_two_solvers(monkeypatch: pytest.MonkeyPatch) -> None:
     code = "\n".join(re.findall(r"^```python\n(.*?)^```", PAGE.read_text("utf-8"), re.MULTILINE | re.DOTALL))
     assert code.count("assert ") > 15

@@ -197,7 +197,6 @@ def _reference(name):
     return _REFERENCES.get(name) or getattr(np, name)
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(np.finfo(np.longdouble).nmant < 63, reason="no 80-bit reference")
 @pytest.mark.parametrize("engine", [*_ENGINES, *_OLDER])
 @pytest.mark.parametrize("name", _CASES)

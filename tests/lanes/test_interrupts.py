@@ -61,7 +61,6 @@ def _interrupted(arguments: list[str], folder: Path) -> tuple[int, str]:
         return process.returncode, errors
 
 
-@pytest.mark.slow
 def test_ctrl_c_ends_a_loop_that_never_ends(tmp_path):
     program = """
         import signal
@@ -81,7 +80,6 @@ def test_ctrl_c_ends_a_loop_that_never_ends(tmp_path):
     assert (status, errors) == (7, "")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("impacts", [1, 5000])
 def test_ctrl_c_ends_a_model_that_never_ends(impacts, tmp_path):
     """In one thread, and in several."""

@@ -308,7 +308,6 @@ def _printed(x):
     return x
 
 
-@pytest.mark.slow
 def test_a_small_network():
     network = eqx.nn.MLP(2, "scalar", 8, 2, activation=jnp.tanh, key=jax.random.PRNGKey(0))
     weights, rest = eqx.partition(network, eqx.is_array)
@@ -408,7 +407,6 @@ def test_an_index_without_a_sign_may_be_beyond_every_signed_one(kind):
         assert np.array_equal(one, np.asarray(other), equal_nan=True)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("function", FUNCTIONS)
 def test_both_compilers_agree(function):
     exact = Lanewise(function, (number, number))(X, Y)
@@ -432,7 +430,6 @@ print(*hits.volume, *hits.outcome, jax.jit(slope, compiler_options=_ON_A_CPU)(0.
 """
 
 
-@pytest.mark.slow
 def test_impacts_and_volumes_are_the_same_by_xla():
     said = [
         subprocess.run(
@@ -445,7 +442,6 @@ def test_impacts_and_volumes_are_the_same_by_xla():
     assert one == pytest.approx(other, rel=1e-10)
 
 
-@pytest.mark.slow
 def test_an_engine_that_nobody_knows_is_refused():
     process = subprocess.run(
         [sys.executable, "-c", "import erosion; erosion.impact('finnie', erosion.TABLE_1)"],
@@ -454,7 +450,6 @@ def test_an_engine_that_nobody_knows_is_refused():
     assert "EROSION_ENGINE must be `lanes` or `xla`, but is 'cuda'." in process.stderr
 
 
-@pytest.mark.slow
 def test_a_gpu_alone_does_not_make_xla_compile(monkeypatch):
     monkeypatch.delenv("EROSION_ENGINE", raising=False)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: name)

@@ -27,7 +27,6 @@ _BLOCKS = int(os.environ.get("EROSION_RANDOM_FUNCTIONS", "125")) // 25  # of 25 
 _TARGETS = [None, Processor("x86-64-v3", ""), Processor("x86-64", "")] if "x86" in _machine() else [None]
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value) encountered in cast")
 @pytest.mark.parametrize("block", range(4 * _BLOCKS // 5))
 def test_random_functions(block, monkeypatch):
@@ -52,7 +51,6 @@ def _numbers(seed):
     ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("block", range(_BLOCKS // 5))
 def test_random_functions_of_whole_numbers(block):
     """As the compiler is: one rounding or two give the same."""
@@ -81,7 +79,6 @@ def _same_bits(one, other):
     return np.all(nan | ((one == other) & (np.signbit(one) == np.signbit(other))))
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value) encountered in cast")
 def test_random_functions_are_xlas():
     """Where neither subnormal numbers, which XLA takes for zeros, nor a last digit decide: whole numbers, exactly."""

@@ -30,7 +30,6 @@ def expected(name, alpha, material=None):
     return correlation.erosion(alpha, float(SI.v0), **factors) * float(SI.m) / density
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", erosion.CORRELATIONS)
 def test_volume_and_derivatives_are_the_correlations(name):
     model, alpha = erosion.load_model(name), float(P.alpha)
@@ -71,7 +70,6 @@ def test_oka_takes_the_size_of_a_sphere_of_the_cases_mass():
     assert light == pytest.approx(erosion.impact(model, SI).volume * 2**0.19, rel=1e-12, abs=0)
 
 
-@pytest.mark.slow
 def test_it_stands_beside_models_in_comparisons_sweeps_and_streams():
     curves = erosion.compare(["rotating", "dnv"], P, alpha=np.deg2rad([20.0, 40.0]))
     assert curves.volume.sel(model="dnv").values * 0.0254**3 == pytest.approx(
@@ -89,7 +87,6 @@ SPEEDS = "outside of the range that {} is made for: speeds from 0 m/s to {} m/s.
 BEYOND, ALWAYS = SPEEDS.format("dnv", 200), f"dnv is used {SPEEDS.format('it', 200)}"
 
 
-@pytest.mark.slow
 def test_sweeps_say_which_share_is_outside_of_the_range():
     with pytest.warns(erosion.correlations.OutOfRangeWarning, match=f"^40 % of the impacts are {BEYOND}$"):
         grid = erosion.sweep("dnv", SI, v0=[100.0, 150.0, 200.0, 201.0, 300.0], alpha=[0.2, 0.4])
@@ -103,7 +100,6 @@ def test_sweeps_say_which_share_is_outside_of_the_range():
     assert [str(warning.message) for warning in warned] == [ALWAYS, f"oka is used {SPEEDS.format('it', 135)}"]
 
 
-@pytest.mark.slow
 def test_streams_say_which_share_is_outside_of_the_range():
     # Particles that miss are not counted: every second one, whatever its speed.
     laws: dict[str, Any] = {
@@ -116,7 +112,6 @@ def test_streams_say_which_share_is_outside_of_the_range():
     assert erosion.stream("rotating", SI, **laws, n=256, best_angle=False, sensitivities=False).warnings == ()
 
 
-@pytest.mark.slow
 def test_one_impact_outside_of_the_range_is_a_warning():
     with pytest.warns(erosion.correlations.OutOfRangeWarning, match=f"^{ALWAYS}$"):
         followed = erosion.simulate("dnv", SI.replace(v0=250.0))
@@ -125,7 +120,6 @@ def test_one_impact_outside_of_the_range_is_a_warning():
     assert erosion.impact("dnv", SI.replace(v0=250.0)).volume_at_contact > 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "said"),
     [

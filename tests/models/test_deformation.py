@@ -35,7 +35,6 @@ def removed(kind, alpha, k, v0, specific_energy, threshold):
     return P.m * v0**2 / STRESS / k * cut + P.m * above**2 / (2 * specific_energy)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_volumes_and_all_their_derivatives_are_those_of_the_closed_form(kind):
     model = KINDS[kind](deformation=DeformationWear()).replace(specific_energy=ENERGY, threshold=THRESHOLD)
@@ -86,7 +85,6 @@ def test_at_90_degrees_deformation_alone_removes():
     assert (followed.ended_by, followed.volume) == ("no-cut", pytest.approx(alone, rel=1e-14, abs=0))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [3.0, 25.0, 80.0])
 def test_histories_start_at_what_deformation_removes(degrees):
     deformation = DeformationWear(3 * STRESS, 0.2 * float(P.v0))
@@ -159,7 +157,6 @@ def test_one_bad_number_of_many_fails_alone():
     assert erosion.impact(model, P).ended_by.tolist() == ["rebound", "failed", "failed", "rebound"]
 
 
-@pytest.mark.slow
 def test_results_say_what_deformation_removes(capsys):
     angles, energies = np.deg2rad([[20.0], [90.0]]), np.array([1.0, 2.0, 5.0])
     model = Linearized(deformation=ProportionalDeformationWear()).replace(energy_ratio=energies)
@@ -181,7 +178,6 @@ def test_results_say_what_deformation_removes(capsys):
     )
 
 
-@pytest.mark.slow
 def test_streams_and_sweeps_take_its_numbers():
     model, p = erosion.load_model("linearized-deformation"), P.replace(alpha=np.pi / 2)
     # At 90° V is V* sin²α/(2e), and the mean of v₀² is its mean's square and its variance.
@@ -195,7 +191,6 @@ def test_streams_and_sweeps_take_its_numbers():
     np.testing.assert_allclose(shares, [[0.5, 0.125], [0.125, 0.03125]], rtol=1e-12)
 
 
-@pytest.mark.slow
 def test_datasets_keep_apart_what_deformation_removes():
     angles = np.deg2rad([5.0, 30.0, 90.0])
     names = ["linearized", "linearized-deformation", "dnv"]
@@ -214,7 +209,6 @@ def test_datasets_keep_apart_what_deformation_removes():
     assert not threshold.sel(threshold=9000.0).any()
 
 
-@pytest.mark.slow
 def test_blocks_of_a_store_all_have_it(tmp_path):
     options = {"alpha": np.deg2rad([20.0, 60.0]), "store": tmp_path / "sweep.zarr", "chunks": {"model": 1}}
     stored = erosion.sweep(["linearized", "linearized-deformation"], P, **options).volume_at_contact.values

@@ -4,7 +4,7 @@ import functools
 import sys
 import time
 import timeit
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -333,11 +333,6 @@ SAME = {
 }
 
 
-def a_few_at_once(names: Iterable[str], each: int) -> list[Any]:
-    """The names; all but one in `each` are slow."""
-    return [pytest.param(name, marks=[pytest.mark.slow] * (i % each > 0)) for i, name in enumerate(names)]
-
-
 @pytest.fixture(autouse=True)
 def _the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("EROSION_TEST_GAIN", "1.0")
@@ -353,21 +348,20 @@ def digests(text: str) -> tuple[str, Any]:
     return store, split(model, P)[0]
 
 
-@pytest.mark.parametrize("name", a_few_at_once(DIFFERENT, 4))
+@pytest.mark.parametrize("name", DIFFERENT)
 def test_stores_and_programs_tell_apart(name: str) -> None:
     one, other = map(digests, DIFFERENT[name])
     assert one[0] != other[0]
     assert one[1] != other[1]
 
 
-@pytest.mark.parametrize("name", a_few_at_once(SAME, 4))
+@pytest.mark.parametrize("name", SAME)
 def test_stores_and_programs_do_not_tell_apart(name: str) -> None:
     one, other = map(digests, SAME[name])
     assert one[0] == other[0]
     assert one[1] == other[1]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["computed twice", "the order of statements"])
 def test_models_of_one_digest_have_the_same_bits(name: str) -> None:
     from erosion.ode import batch
@@ -480,7 +474,7 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("name", a_few_at_once(CHANGES, 4))
+@pytest.mark.parametrize("name", CHANGES)
 def test_what_is_defined_anew_counts_at_once(name: str) -> None:
     before, ratio, change = CHANGES[name]
     scope: dict[str, Any] = {"__name__": "__main__"}
@@ -507,7 +501,6 @@ GIVES: dict[str, Callable[[Any], Any]] = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("verb", GIVES)
 def test_every_verb_follows_the_newest_code(verb: str) -> None:
     gives = GIVES[verb]

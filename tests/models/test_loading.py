@@ -151,7 +151,6 @@ VERBS: dict[str, Callable[[Path], list[Any]]] = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("verb", VERBS)
 def test_an_edit_while_a_verb_runs_changes_nothing_of_it(written: Written, verb: str) -> None:
     path = written("mine.py", text("1.0"))

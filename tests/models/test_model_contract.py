@@ -11,8 +11,6 @@ import pytest
 import erosion
 from erosion.models import event_rates
 
-pytestmark = pytest.mark.slow
-
 P = erosion.TABLE_1
 FILES = sorted(Path(__file__).parents[2].joinpath("models").glob("*.py"))
 EXPONENTS = ("finnie-exponent", "rotating-deformation-exponent")

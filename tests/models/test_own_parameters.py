@@ -110,7 +110,6 @@ def test_what_replaces_a_value_must_be_a_number(model, changes, error, message):
         model.replace(**changes)
 
 
-@pytest.mark.slow
 def test_derivatives_by_friction_are_those_of_the_closed_form():
     exact = closed_form("linearized")
     alpha = np.deg2rad([10.0, 20.0, 40.0])
@@ -131,7 +130,6 @@ def test_derivatives_by_friction_are_those_of_the_closed_form():
     assert "coefficient of friction" in str(found)
 
 
-@pytest.mark.slow
 def test_own_parameters_stand_beside_those_of_the_case():
     both = erosion.impact(MODEL, P, derivatives=2, wrt=["k", "friction"])
     alone = erosion.impact(MODEL, P, derivatives=2, wrt="friction")
@@ -197,7 +195,6 @@ def test_an_array_is_a_number_for_each_impact():
     np.testing.assert_array_equal(single, erosion.impact(model, P, derivatives=1, wrt=["friction"]).dvolume[:, 0])
 
 
-@pytest.mark.slow
 def test_best_angles_of_arrays_and_their_sensitivities_are_those_of_each():
     model = erosion.models.Rotating(force=FRICTION()).replace(friction=FRICTIONS)
     found = erosion.alpha_max(model, P)
@@ -275,7 +272,6 @@ def test_a_force_that_adds_to_a_built_in_one_has_no_closed_form():
     assert Linearized(force=Dragged()).closed_form() is None
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("forces", [(Lip(), Nameless()), (Dragged(), NamelessDrag())])
 def test_the_check_of_units_knows_declared_dimensions(forces):
     declared, nameless = (Subject("own", Linearized(force=force), registered=False) for force in forces)
@@ -372,7 +368,6 @@ def test_a_stored_stream_goes_on_with_it(jet: erosion.Stream, tmp_path) -> None:
     assert whole.mean_quantities["work"].error == pytest.approx(jet.mean_quantities["work"].error, rel=1e-6)
 
 
-@pytest.mark.slow
 def test_verify_compares_it() -> None:
     def error(model: erosion.models.Rotating) -> float:
         return next(check.error for check in erosion.verify(model).checks if check.name == "own quantities")

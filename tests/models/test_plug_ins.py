@@ -11,8 +11,6 @@ import erosion
 from erosion.models import CentreOfMassTip, FullTorque, Linearized, NoTorque, Rotating
 from tests.reference import closed_form
 
-pytestmark = pytest.mark.slow
-
 P = erosion.TABLE_1
 CASES = [P, P.replace(alpha=0.9, phidot0=0.2 * P.v0 / P.r)]
 FOLDER = Path(__file__).parents[2] / "models"

@@ -36,7 +36,6 @@ def depth(v0: float) -> float:
     return float(path(Linearized(), sphere(v0, 45.0)).max_depth) * 1e6
 
 
-@pytest.mark.slow
 def test_craters_of_a_sphere_are_60_to_90_percent_too_deep():
     """Cao's craters, and their exponent of the speed, 1.137."""
     ratios = [depth(v0) / measured for v0, measured in CRATERS.items()]
@@ -46,7 +45,6 @@ def test_craters_of_a_sphere_are_60_to_90_percent_too_deep():
     assert math.log(depth(18.0) / depth(10.0)) / math.log(1.8) == pytest.approx(1.0, rel=1e-6)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "published", "ratio"),
     [

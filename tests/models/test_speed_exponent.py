@@ -72,7 +72,6 @@ def test_the_exponent_is_fitted_and_named_where_a_model_lacks_it(tests):
     assert "The model with an exponent of its own is linearized-deformation-exponent; free speed_exponent." in without
 
 
-@pytest.mark.slow
 def test_an_exponent_that_is_held_is_not_known(tests):
     """At one speed the data say nothing of it."""
     rows = {name: column[SPEEDS == 60.0] for name, column in tests.items()}
@@ -88,7 +87,6 @@ def test_an_exponent_that_is_held_is_not_known(tests):
     assert pickle.loads(pickle.dumps(drawn)).predictor.weights == drawn.predictor.weights
 
 
-@pytest.mark.slow
 def test_predictions_have_one_exponent(tests):
     names = ["k", "psi", "energy_ratio", "speed_exponent"]
     drawn = erosion.posterior("linearized-deformation-exponent", P, tests, names, draws=125)

@@ -49,7 +49,6 @@ def agrees(end: ode.Solution, given: Any, exact: Any, args: dict[str, Any]) -> N
             np.testing.assert_allclose(given(end.along(one, other)), curves[one][other], rtol=1e-6, atol=1e-7)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 2, 7])
 def test_bounces_have_all_their_derivatives(n):
     args = {"h": 2.0, "g": 9.81, "e": 0.8}

@@ -152,7 +152,6 @@ def both_ways(control: Control, before: list[Ends], after: list[Ends], within: l
     return clear, decided(clear), decided(none), step_control.go_on(control, error, SCALE, LIMITS)
 
 
-@pytest.mark.slow
 def test_a_look_at_clear_events_changes_nothing() -> None:
     """Two random cubics with wiggles, before their events and beyond them, near zero and far from it."""
     random = np.random.default_rng(3)
@@ -214,7 +213,6 @@ def follow(
     return control, int(event), float(control.time + control.left + remaining)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("step", [FIRST, 3.0])
 @pytest.mark.parametrize("roots", [[0.9], [-2.0, 0.31], [0.75, 6.0, 9.0]])
 def test_a_fall_is_located(roots: list[float], step: float) -> None:
@@ -228,7 +226,6 @@ def test_a_fall_is_located(roots: list[float], step: float) -> None:
     assert abs(control.left) <= 0.01 * SCALE
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, -1])
 def test_of_two_falls_the_first_ends_the_lane(order: int) -> None:
     first, second = Polynomial([0.5, -1.0]), Polynomial([0.501, -1.0])

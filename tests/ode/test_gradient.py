@@ -111,7 +111,6 @@ def test_a_chain_that_ends_at_a_time():
         np.testing.assert_allclose(found[name], best[name].sum(), rtol=1e-8)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_standard_problems(name):
     """Every lane relative to its own largest derivative by a number of its size: 1e-7 at 99 %."""
@@ -222,7 +221,6 @@ STIFF: list[Any] = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("problem", "args", "options"), STIFF, ids=["event", "t1", "doses", "doses to t1", "HIRES"])
 def test_stiff_motions_go_backwards(problem, args, options, monkeypatch):
     """To events, to times, through resets; with time in the rates, and integrals."""
@@ -528,7 +526,6 @@ def test_states_at_times_count(problem, args, options, ts):
         np.testing.assert_allclose(found[key], exact, rtol=1e-7, atol=1e-7 * np.abs(exact).max())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("problem", "args", "options", "ts"), SEEN[:3])
 def test_states_at_times_count_in_jax(problem, args, options, ts):
     """Backwards by all numbers and by where lanes begin, forwards, and twice."""
@@ -555,7 +552,6 @@ TURNS = ode.Problem(
 )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("lanes", [(), (3,)])
 def test_times_that_jax_traces(lanes):
     """x = x₀ cos wt and its integral, by hand: in any order, twice, before the start and after the end, and their
@@ -646,7 +642,6 @@ def test_times_at_resets_have_the_gradient_of_what_was_before():
     np.testing.assert_allclose(jax.grad(loss)(args)["d"], found, rtol=1e-8)
 
 
-@pytest.mark.slow
 def test_gradients_at_times_are_as_exact_as_the_states():
     """Chaos until t = 8, and then a rest that hardly depends on it: the end alone would ask for less."""
 
@@ -683,7 +678,6 @@ def test_no_times_have_no_gradient():
     np.testing.assert_array_equal(found["dies"], end.gradient(y={"prey": 1.0, "hunters": 0.0})["dies"])
 
 
-@pytest.mark.slow
 def test_states_at_times_have_gradients_under_vmap():
     ts = np.linspace(0.0, 5.0, 6)
 

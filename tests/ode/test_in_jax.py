@@ -96,7 +96,6 @@ def test_second_derivatives(transform):
     close(transform(end_of)(ARGS), jax.hessian(lands)(ARGS), rtol=1e-6)
 
 
-@pytest.mark.slow
 def test_vmap_nested_vmap_and_their_derivatives():
     """galpy #1344: derivatives under `vmap` are those of each lane alone."""
     heights, speeds = jnp.linspace(0.5, 3, 4), jnp.array([0.0, 1.0, 2.0])
@@ -221,7 +220,6 @@ def test_what_jax_cannot_trace_is_refused(word):
         jax.grad(function)(9.81)
 
 
-@pytest.mark.slow
 def test_a_helper_that_is_redefined_is_seen():
     space: dict[str, Any] = {"ode": ode}
     exec("def rate(y):\n    return -y\nproblem = ode.Problem(1.0, lambda t, y, args: args * rate(y))", space)
@@ -261,7 +259,6 @@ print("as computed by XLA")
 """
 
 
-@pytest.mark.slow
 def test_xla_agrees():
     done = subprocess.run(
         [sys.executable, "-c", XLA],

@@ -130,7 +130,6 @@ def test_an_end_a_little_before_an_event(rtol: float) -> None:
         np.testing.assert_allclose(end.t, event.t, rtol=1e-7)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("wrt", [(), "k3"])
 def test_states_at_times_are_those_of_lanes_that_end_there(wrt: Any) -> None:
     """To the event, and none after it; a lane out of steps has none that it did not reach."""
@@ -157,7 +156,6 @@ def test_states_at_times_are_those_of_lanes_that_end_there(wrt: Any) -> None:
                 np.testing.assert_allclose(part[name][i, j], expected[name], rtol=1e-6, atol=1e-16)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("derivatives", [0, 1, 2])
 def test_a_number_that_is_always_zero(derivatives: int) -> None:
     """Such as a switch that is off; the motion is that without it."""
@@ -302,7 +300,6 @@ def test_an_event_of_a_number_far_below_its_size_needs_sizes() -> None:
     np.testing.assert_allclose(ode.solve(decay, t1=1e4, sizes=1e-50, **STIFF).t, 100, rtol=1e-8)
 
 
-@pytest.mark.slow
 def test_the_program_finds_the_stiff_lanes() -> None:
     """Each lane has the bits of the method that it is integrated by, whatever its neighbours are."""
     args = {"mu": np.array([1.0, 1000.0, 3.0, 500.0])}
@@ -345,7 +342,6 @@ def test_a_lane_out_of_steps_shows_what_the_explicit_method_reached() -> None:
     np.testing.assert_array_equal(auto.y["x"], explicit.y["x"])
 
 
-@pytest.mark.slow
 def test_a_stiff_lane_of_the_program_in_jax() -> None:
     slope = jax.grad(lambda mu: ode.solve(OSCILLATOR, {"mu": mu}, t1=1e4, rtol=1e-7).t)(1000.0)
     end = ode.solve(OSCILLATOR, {"mu": 1000.0}, t1=1e4, rtol=1e-7, wrt="mu")

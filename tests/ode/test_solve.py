@@ -871,7 +871,6 @@ def test_derivatives_through_a_singular_rate_at_the_event_are_right_or_nan(path)
         np.testing.assert_allclose(found[known], exact[known], rtol=1e-6)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "ratio",
     [lambda v: jnp.sin(v) / v, lambda v: jax.jit(lambda u: u**-2 * (u * jnp.expm1(u)))(v)],

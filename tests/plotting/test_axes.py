@@ -58,7 +58,6 @@ FIGURES = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("plot", FIGURES, ids=lambda plot: plot.__name__)
 def test_a_figure_draws_where_it_is_told(plot):
     assert inspect.signature(plot).parameters["ax"].kind == inspect.Parameter.KEYWORD_ONLY
@@ -71,13 +70,11 @@ def test_a_figure_draws_where_it_is_told(plot):
     assert render(fig, "png")
 
 
-@pytest.mark.slow
 def test_without_axes_there_is_a_new_figure():
     assert len(plot_sweep(FIGURES[plot_sweep]()).axes) == 1
     assert plot_path(FIGURES[plot_path]()).lines
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["svg", "png", "pdf"])
 def test_files_are_the_same_each_time_and_undated(cut: Trajectory, tmp_path, suffix: str) -> None:
     contents = {save_plot(plot_trajectory(cut), tmp_path / f"{n}.{suffix}").read_bytes() for n in range(2)}
@@ -86,7 +83,6 @@ def test_files_are_the_same_each_time_and_undated(cut: Trajectory, tmp_path, suf
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"0.{suffix}", f"1.{suffix}"]
 
 
-@pytest.mark.slow
 def test_style_does_not_depend_on_the_users_settings(cut: Trajectory, tmp_path) -> None:
     import matplotlib as mpl
 
@@ -97,7 +93,6 @@ def test_style_does_not_depend_on_the_users_settings(cut: Trajectory, tmp_path) 
         assert mpl.rcParams["font.size"] == before
 
 
-@pytest.mark.slow
 def test_a_figure_is_laid_out_once_for_both_kinds(cut: Trajectory, tmp_path, monkeypatch) -> None:
     fig, ax = new_axes()
     plot_path(cut, ax=ax)
@@ -110,7 +105,6 @@ def test_a_figure_is_laid_out_once_for_both_kinds(cut: Trajectory, tmp_path, mon
     assert fig.get_layout_engine() is engine
 
 
-@pytest.mark.slow
 def test_one_text_names_files_of_several_widths() -> None:
     assert plot_files("a,b.png") == {Path("a,b.png"): None}
     named = {Path(name): width for name, width in (("a.PNG", None), ("b@c.pdf", 0.084), ("d.svg", 0.174))}
@@ -120,7 +114,6 @@ def test_one_text_names_files_of_several_widths() -> None:
     assert plot_files(f"{cloud},Berlin,2026.png@84mm") == {Path(cloud): None, Path("Berlin,2026.png"): 0.084}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -139,7 +132,6 @@ def test_a_text_that_names_no_files_is_refused(text: str, message: str) -> None:
         plot_files(text)
 
 
-@pytest.mark.slow
 def test_a_figure_for_print_has_its_width_and_all_of_its_legend(tmp_path) -> None:
     drawn = []
 
@@ -163,7 +155,6 @@ def test_a_figure_for_print_has_its_width_and_all_of_its_legend(tmp_path) -> Non
     assert [text.get_text()[-1] for text in legend.get_texts()] == ["0", "1", "2", "3", "4"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["plot.jpg", "plot", "plot.svg.gz"])
 def test_other_suffixes_are_refused_before_anything_is_written(tmp_path, name: str) -> None:
     with pytest.raises(ValueError, match=r"must end in \.svg, \.png or \.pdf\.$"):
@@ -178,7 +169,6 @@ def labels(fig: Figure) -> list[str]:
     return [text.get_text() for text in fig.legends[0].get_texts()]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("objective", ["volume", "volume per mass"])
 def test_the_area_below_what_deformation_removes_is_shaded(objective) -> None:
     best = erosion.alpha_max(MODEL, P, objective=objective)
@@ -192,7 +182,6 @@ def test_the_area_below_what_deformation_removes_is_shaded(objective) -> None:
     np.testing.assert_allclose(drawn, expected / (1 if objective == "volume" else P.m), rtol=1e-4)
 
 
-@pytest.mark.slow
 def test_nothing_is_shaded_where_the_cut_removes_all_or_the_time_is_asked_for() -> None:
     never_cuts = erosion.alpha_max("dnv", P)
     for best in (erosion.alpha_max("linearized", P), erosion.alpha_max(MODEL, P, objective="t_c"), never_cuts):
@@ -201,7 +190,6 @@ def test_nothing_is_shaded_where_the_cut_removes_all_or_the_time_is_asked_for() 
         assert not fig.axes[0].collections
 
 
-@pytest.mark.slow
 def test_a_comparison_shades_it_below_the_curves_that_have_both() -> None:
     curves = erosion.compare(["linearized", "linearized-deformation", "dnv"], P)
     fig = plot_comparison(curves)
@@ -216,7 +204,6 @@ def test_a_comparison_shades_it_below_the_curves_that_have_both() -> None:
     assert AT_CONTACT not in labels(plot_comparison(erosion.compare(["linearized", "dnv"], P)))
 
 
-@pytest.mark.slow
 def test_the_heading_of_a_cut_names_both_shares() -> None:
     heading = plot_trajectory(erosion.simulate(MODEL, P.replace(alpha=0.9))).get_suptitle()
     assert heading.endswith("in³ of it at contact, beside the cut")
@@ -266,7 +253,6 @@ def test_path_points_down_into_the_target(cut: Trajectory) -> None:
     assert abs(twice) / 2 * 1e-6 * TABLE_1.b == pytest.approx(cut.volume, rel=1e-4)
 
 
-@pytest.mark.slow
 def test_rotating_body_shows_tip_and_centre_of_mass() -> None:
     cut = simulate("rotating", TABLE_1)
     fig = plot_trajectory(cut)

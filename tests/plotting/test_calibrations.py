@@ -47,7 +47,6 @@ def measured(ax: Axes) -> np.ndarray:
     return np.array(bars.lines[0].get_data(), dtype=float)
 
 
-@pytest.mark.slow
 def test_data_fit_band_and_residuals(fit):
     upper, lower = plot_calibration([fit, fit]).axes
     assert upper.get_ylabel() == "$V$  removed volume  [10⁻⁴ in³]"
@@ -63,7 +62,6 @@ def test_data_fit_band_and_residuals(fit):
     np.testing.assert_allclose(measured(lower)[1], fit.residuals * 1e4)
 
 
-@pytest.mark.slow
 def test_a_fit_is_called_the_same_where_it_is_in_each_group():
     # At the lower speed the second is twice the first, which is little beside the erosion at the greater speed.
     first = np.outer([1.0, 1000.0], np.sin(np.linspace(0.1, 3.0, 50)))
@@ -81,7 +79,6 @@ def at_two_speeds():
     return calibrate("linearized", TABLE_1, table, ["k", "psi"], density=1e-7, starts=1)
 
 
-@pytest.mark.slow
 def test_each_speed_has_a_curve_and_a_colour(at_two_speeds):
     upper, lower = plot_calibration([at_two_speeds, at_two_speeds]).axes
     curves = [line for line in upper.get_lines() if len(np.asarray(line.get_xdata())) == 180]
@@ -98,7 +95,6 @@ def test_each_speed_has_a_curve_and_a_colour(at_two_speeds):
     ]
 
 
-@pytest.mark.slow
 def test_labels_are_whole_and_residuals_have_a_unit(at_two_speeds):
     fig = plot_calibration([at_two_speeds])
     upper = fig.axes[0]
@@ -122,7 +118,6 @@ def result():
     return posterior("linearized", TABLE_1, data, ["sigma", "psi", "k"], draws=125)
 
 
-@pytest.mark.slow
 def test_pairs_show_each_draw_and_a_ridge_on_logarithmic_axes(result):
     fig = plot_pairs(result)
     assert len(fig.axes) == 6  # three parameters, and their pairs
@@ -135,7 +130,6 @@ def test_pairs_show_each_draw_and_a_ridge_on_logarithmic_axes(result):
     assert k.get_xscale() == "linear"
 
 
-@pytest.mark.slow
 def test_traces_have_a_line_for_each_population(result):
     fig = plot_traces(result)
     left = fig.axes[4]
@@ -143,7 +137,6 @@ def test_traces_have_a_line_for_each_population(result):
     np.testing.assert_array_equal(left.lines[2].get_ydata(), result.samples["k"].values[2])
 
 
-@pytest.mark.slow
 def test_a_prediction_has_bands_and_how_cuts_end(result):
     fig = plot_prediction(result)
     upper, lower = fig.axes
@@ -155,7 +148,6 @@ def test_a_prediction_has_bands_and_how_cuts_end(result):
     assert lower.get_ylim() == (0, 1)
 
 
-@pytest.mark.slow
 def test_a_prediction_of_several_speeds_has_bands_and_rows_for_each():
     model = "rotating"
     degrees, speeds = np.tile(np.linspace(8.0, 80.0, 6), 2), np.repeat([2200.0, 8800.0], 6)
@@ -178,14 +170,12 @@ def test_a_prediction_of_several_speeds_has_bands_and_rows_for_each():
     assert [ax.get_title("left") for ax in lower] == ["v₀ = 2200 in/s", "v₀ = 8800 in/s"]
 
 
-@pytest.mark.slow
 def test_a_prediction_may_be_at_another_speed(result):
     fig = plot_prediction(result, {"v0": 8800.0})
     assert fig.axes[0].get_title("left") == "linearized  v₀ = 8800 in/s"
     assert not any(isinstance(bar, ErrorbarContainer) for bar in fig.axes[0].containers)
 
 
-@pytest.mark.slow
 def test_best_angles_are_coloured_by_kind(result):
     best = result.alpha_max(50)
     fig = plot_best_angles(best)
@@ -196,7 +186,6 @@ def test_best_angles_are_coloured_by_kind(result):
     np.testing.assert_allclose(np.sort(lower.lines[0].get_xdata()), np.sort(np.rad2deg(best.of_model)))
 
 
-@pytest.mark.slow
 def test_the_next_experiment_has_a_curve_for_each_speed_and_a_star(result):
     angles = np.deg2rad([20.0, 60.0, 40.0])
     answer = next_experiment(result, {"alpha": angles[:, None], "v0": [8800.0, 4400.0]})
@@ -210,7 +199,6 @@ def test_the_next_experiment_has_a_curve_for_each_speed_and_a_star(result):
     assert str(star.get_label()).endswith(", 8800 in/s")
 
 
-@pytest.mark.slow
 def test_tests_of_several_weighings_are_compared_for_one_cost(result):
     answer = next_experiment(result, {"alpha": np.deg2rad([20.0, 40.0])}, weighings=[1, 3], repeat_cost=0.5)
     (ax,) = plot_next_experiment(answer).axes
@@ -225,7 +213,6 @@ def test_tests_of_several_weighings_are_compared_for_one_cost(result):
     assert ax.yaxis.label.get_window_extent().x0 > 0
 
 
-@pytest.mark.slow
 def test_of_several_models_the_next_experiment_has_a_panel_on_the_model():
     degrees = np.linspace(8.0, 80.0, 4)
     volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))

@@ -19,8 +19,6 @@ from erosion.plotting.maps import plot_map, require_view, write_map_page
 from erosion.plotting.style import for_print
 from tests.cfd.tables import Table, hump, sand
 
-pytestmark = pytest.mark.slow
-
 pytest.importorskip("pyvista")
 
 P = erosion.TABLE_1.to("si")

@@ -140,7 +140,6 @@ def test_the_german_notebook_is_german_and_its_code_the_same() -> None:
     assert all("label(" in of_german or '"""' in of_german for of_german, _ in differ[1:])
 
 
-@pytest.mark.slow
 def test_the_german_advice_is_german(tmp_path: Path) -> None:
     advice = erosion.advise(
         TABLE_1.to("si").replace(v0=100.0), particle="garnet 0.3 mm", target="aluminium 6061", models=["linearized"],
@@ -302,7 +301,6 @@ def test_english_texts_stay_as_they_are() -> None:
     assert Language("xx", {"# Title": "# Titel"}).template("# Title\n\nRest.\n") == "# Titel\n\nRest.\n"
 
 
-@pytest.mark.slow
 def test_the_german_page_and_its_figures_are_german(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     labels: list[str] = []
     translate = page.translate_figure

@@ -28,8 +28,6 @@ from erosion.report.page import PARTS, Text, fit_on_sheet, write_text
 from erosion.report.questions import QUESTIONS, additional, text_file
 from erosion.report.text import degrees
 
-pytestmark = pytest.mark.slow
-
 CLOSED = LinearizedCut()
 UNUSUAL = TABLE_1.replace(k=12.0, psi=0.003, alpha=np.deg2rad(50), phidot0=0.4 * TABLE_1.v0 / TABLE_1.r)
 CASES = {

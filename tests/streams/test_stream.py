@@ -127,7 +127,6 @@ def test_an_interrupted_stream_is_readable_and_goes_on(tmp_path, monkeypatch):
         stream("linearized", P, n=2**12, store=path, **FEW, v0=LogNormal(4400.0, 0.2))
 
 
-@pytest.mark.slow
 def test_the_best_angle_of_a_narrow_stream_is_the_particles():
     # The linearized model's α_max depends on k alone: neither speeds nor masses move it.
     result = stream("linearized", P, n=64, sensitivities=False, v0=LogNormal(4400.0, 0.3))
@@ -147,7 +146,6 @@ def test_the_best_angle_of_a_narrow_stream_is_the_particles():
     assert "α_max" in str(result)
 
 
-@pytest.mark.slow
 def test_spread_of_the_angle_moves_the_best_angle():
     """V(α) falls more slowly than it rises: a wide jet is best aimed steeper than a particle."""
     spread = 0.2
@@ -194,7 +192,6 @@ def test_bad_arguments_are_one_sentence(arguments, error, message):
 FRICTION_LAWS: dict[str, Any] = {"friction": Uniform(0.1, 0.3), "v0": LogNormal(4400.0, 0.1)}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("points", ["sobol", "random"])
 def test_a_law_of_friction_is_laws_of_flow_stress_and_force_ratio(points):
     result = stream(MODEL, PULLED, n=2**10, seed=3, points=points, **FEW, **FRICTION_LAWS)
@@ -206,7 +203,6 @@ def test_a_law_of_friction_is_laws_of_flow_stress_and_force_ratio(points):
     assert result.quantiles[0.5] == pytest.approx(np.median(volume), rel=3e-3)
 
 
-@pytest.mark.slow
 def test_the_mean_and_the_best_angle_are_those_of_the_closed_form():
     result = stream(MODEL, PULLED, n=2**16, **FEW, **FRICTION_LAWS)
     nodes, weights = np.polynomial.legendre.leggauss(30)
@@ -221,7 +217,6 @@ def test_the_mean_and_the_best_angle_are_those_of_the_closed_form():
     assert (nozzle.alpha.value, nozzle.single_alpha) == (pytest.approx(best, abs=1e-4), pytest.approx(best, abs=1e-9))
 
 
-@pytest.mark.slow
 def test_no_range_of_an_own_parameter_is_known():
     drawn = Particles(MODEL, PULLED, {"friction": Normal(0.0, 0.1)}).draw(np.array([[0.1], [0.9]]))
     assert drawn["friction"] == pytest.approx([-0.1281551566, 0.1281551566])
@@ -229,7 +224,6 @@ def test_no_range_of_an_own_parameter_is_known():
         Particles(MODEL, PULLED, {"k": Normal(0.0, 0.1)})
 
 
-@pytest.mark.slow
 def test_sensitivities_and_labels_are_those_of_the_model():
     result = stream(MODEL, PULLED, n=64, best_angle=False, **FRICTION_LAWS)
     assert result.sensitivities is not None
@@ -241,7 +235,6 @@ def test_sensitivities_and_labels_are_those_of_the_model():
     )
 
 
-@pytest.mark.slow
 def test_the_law_is_part_of_the_identity(tmp_path):
     path = tmp_path / "jet.nc"
     whole = stream(MODEL, PULLED, n=2**10, **FEW, **FRICTION_LAWS)
@@ -287,14 +280,12 @@ CANNOT_VARY = [
 ]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("call", "error", "message"), CANNOT_VARY)
 def test_what_cannot_vary_is_one_sentence(call, error, message):
     with pytest.raises(error, match=message):
         call()
 
 
-@pytest.mark.slow
 def test_the_command_line_takes_laws_of_own_parameters(tmp_path, written, monkeypatch, shell):
     monkeypatch.chdir(tmp_path)
     written("harder.py", FILE)

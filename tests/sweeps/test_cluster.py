@@ -16,8 +16,6 @@ import erosion
 from erosion.sweeps.sweep import sweep
 from tests.sweeps.test_sweep import assert_same_bits
 
-pytestmark = pytest.mark.slow
-
 distributed = pytest.importorskip("distributed")
 
 P = erosion.TABLE_1

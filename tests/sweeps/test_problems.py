@@ -126,7 +126,6 @@ def test_what_makes_no_sweep_is_refused(args, axes, options, named: str) -> None
         erosion.sweep_problem(BALL, args, axes, **({"t1": 100.0} | options))
 
 
-@pytest.mark.slow
 def test_workers_of_a_cluster_compute_the_same_bits(tmp_path, swept) -> None:
     with erosion.local_cluster(2):
         lazy = erosion.sweep_problem(BALL, ARGS, AXES, store=tmp_path / "ball.zarr", chunks={"angle": 75}, **OPTIONS)

@@ -309,7 +309,6 @@ def map_of_rotating():
     return erosion.regimes("rotating", P, alpha=np.deg2rad(np.arange(2.0, 90.0, 4.0)), phidot0=[-55000.0, 0.0, 27500.0])
 
 
-@pytest.mark.slow
 def test_a_comparison_holds_curves_and_optima(comparison):
     assert dict(comparison.sizes) == {"model": 2, "alpha": 360}
     exact = closed_form("linearized")
@@ -322,7 +321,6 @@ def test_a_comparison_holds_curves_and_optima(comparison):
     assert comparison.volume.attrs["units"] == "in^3"
 
 
-@pytest.mark.slow
 def test_regimes_change_with_spin(map_of_rotating):
     dataset = map_of_rotating
     assert dict(dataset.sizes) == {"phidot0": 3, "alpha": 22}
@@ -333,7 +331,6 @@ def test_regimes_change_with_spin(map_of_rotating):
     np.testing.assert_allclose(np.rad2deg(dataset.alpha_max), [47.13850880, 25.57182731, 20.39], atol=5e-3)
 
 
-@pytest.mark.slow
 def test_curves_are_broken_where_they_jump(comparison):
     one = comparison.sel(model="rotating")
     x, _ = broken(one.alpha.values, one.volume.values, one.dvolume.values)
@@ -342,7 +339,6 @@ def test_curves_are_broken_where_they_jump(comparison):
     assert x[gaps[0] - 1] < np.deg2rad(42.92255530) < x[gaps[0] + 1]
 
 
-@pytest.mark.slow
 def test_pieces_end_at_jumps():
     best = erosion.alpha_max("rotating", P.replace(k=1.0))
     curve = pieces(best)
@@ -353,7 +349,6 @@ def test_pieces_end_at_jumps():
         assert after.value[0] == pytest.approx(jump.above, rel=1e-4)
 
 
-@pytest.mark.slow
 def test_figures_are_the_same_each_time(comparison, map_of_rotating):
     best = erosion.alpha_max("rotating", P.replace(k=1.0))
     for draw in (
@@ -364,14 +359,12 @@ def test_figures_are_the_same_each_time(comparison, map_of_rotating):
         assert render(draw(), "svg") == render(draw(), "svg")
 
 
-@pytest.mark.slow
 def test_a_batch_of_optima_is_not_one_figure():
     best = erosion.alpha_max("rotating", P.replace(k=np.array([1.0, 2.0])))
     with pytest.raises(ValueError, match="Argument `optimum` must be of one set of parameters"):
         plot_optimum(best)
 
 
-@pytest.mark.slow
 def test_shapes_lie_over_each_other(comparison):
     ax = plot_against_correlations(comparison, ["dnv", "oka"]).axes[0]
     labels = ax.get_legend_handles_labels()[1]
