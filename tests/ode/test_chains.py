@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from erosion import ode
+from erosion.ode.ensemble import lanes_of
 from erosion.ode.kinks import may_have_kinks
-from erosion.ode.solve import lanes_of
 from erosion.ode.variational import Clock, Options
 
 BALL = ode.Problem(

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from erosion import ode
 from erosion.ode.batch import integrate
-from erosion.ode.solve import lanes_of
+from erosion.ode.ensemble import lanes_of
 from erosion.ode.variational import Clock, Options
 
 CLOSE: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}

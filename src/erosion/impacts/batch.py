@@ -34,10 +34,11 @@ from erosion.models import (
     whole_cut,
 )
 from erosion.ode.batch import compiling, integrate, integrate_along
+from erosion.ode.ensemble import Lanes
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Equations, is_number
 from erosion.ode.solution import Solution
-from erosion.ode.solve import Lanes, solution
+from erosion.ode.solve import solution
 from erosion.ode.step_control import LONGEST, require_float64
 from erosion.ode.traced import Wanted, traced_end
 from erosion.ode.variational import Clock, Derivatives, Layout, Options

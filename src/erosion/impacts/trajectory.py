@@ -35,7 +35,7 @@ from erosion.models import (
     units_within,
 )
 from erosion.ode.batch import integrate
-from erosion.ode.solution import path_of
+from erosion.ode.ensemble import path_of
 from erosion.ode.step_control import LONGEST, require_float64, require_xla
 from erosion.ode.variational import Clock
 from erosion.output import Record, Result, Row, abbreviate, briefly, format_number, to_plain

@@ -15,14 +15,14 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from erosion.arguments import PerLane, check_unmasked
+from erosion.arguments import PerImpact, PerLane, check_unmasked
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import WIDTH, Compiled, by_xla, compile_lanes, number
 from erosion.ode.adjoint import pulled_back
 from erosion.ode.batch import ROWS, compiling, in_threads, integrate, integrate_along, integrator_of
+from erosion.ode.ensemble import Lanes
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.kinks import may_have_kinks
-from erosion.ode.solution import Solution
 from erosion.ode.tape import Recorded, row_width
 from erosion.ode.variational import Clock, Layout
 from erosion.output.tables import briefly
@@ -376,9 +376,20 @@ def _fill_forwards(
             parts[i][each - begin] = part.reshape(each.size, *layout.shapes[i])
 
 
-def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, Any], ys: PyTree = None) -> PyTree:
-    """See `Solution.gradient`."""
-    lanes = solution.lanes
+def gradient_of(
+    lanes: Lanes,
+    rtol: float,
+    ended: Ended | None,
+    ts: PerImpact,
+    t: Any,
+    y: PyTree,
+    integrals: Mapping[str, Any],
+    ys: PyTree,
+) -> PyTree:
+    """The gradient of a number that changes by `t`, `y`, `integrals` and `ys`; see `Solution.gradient`.
+
+    `ended` is None where the solution has derivatives, and `ts` where it has no states at times.
+    """
     layout, shape = lanes.layout, lanes.shape
     bars = [_bar("t", t, shape), *_state_bars("y", y, layout, shape)]
     names = layout.problem.integrals
@@ -391,17 +402,12 @@ def gradient_of(solution: Solution, t: Any, y: PyTree, integrals: Mapping[str, A
             )
     bars += [_bar("integrals", integrals.get(name, 0.0), shape) for name in names]
     rows = np.concatenate([bar.reshape(lanes.size, math.prod(bar.shape[len(shape) :])).T for bar in bars])
-    if solution.tolerance is None:
-        times = None if ys is None or solution.times is None else np.unique(solution.ts[np.isfinite(solution.ts)])
-        ends = ends_of(layout, lanes.numbers, lanes.size, solution.rtol, times)
-    else:
-        of_lanes = (solution.outcome, solution.t, solution.trials, solution.tolerance, solution.stiff)
-        outcome, t, trials, tolerance, stiff = (np.reshape(np.asarray(each), -1) for each in of_lanes)
-        time = t - layout.clock(lanes.numbers).t0
-        ends = Ended(outcome, time, trials, tolerance, stiff, solution.rtol, solution.recorded)
-    at = None if ys is None else _at_times(solution, ends, ys)
-    found = gradient(layout, lanes.numbers, lanes.size, ends, rows, spoils=False, at=at)
-    gone = np.asarray(layout.has_no_result(ends.outcome) & _counts(rows, at)).reshape(shape)
+    if ended is None:
+        times = None if ys is None or ts is None else np.unique(ts[np.isfinite(ts)])
+        ended = ends_of(layout, lanes.numbers, lanes.size, rtol, times)
+    at = None if ys is None else _at_times(lanes, ended, ts, ys)
+    found = gradient(layout, lanes.numbers, lanes.size, ended, rows, spoils=False, at=at)
+    gone = np.asarray(layout.has_no_result(ended.outcome) & _counts(rows, at)).reshape(shape)
     own = [
         _as_given(part, gone, leaf, each) if dtype == "float64" else np.zeros(each, jax.dtypes.float0)
         for part, leaf, dtype, each in zip(found, layout.shapes, layout.dtypes, lanes.given, strict=True)
@@ -419,12 +425,12 @@ def _state_bars(name: str, given: PyTree, layout: Layout, shape: tuple[int, ...]
     return [_bar(name, part, (*shape, *leaf.shape)) for part, leaf in zip(jax.tree.leaves(given), state, strict=True)]
 
 
-def _at_times(solution: Solution, ends: Ended, ys: PyTree) -> AtTimes:
+def _at_times(lanes: Lanes, ended: Ended, ts: PerImpact, ys: PyTree) -> AtTimes:
     """The same with states at times; integrals there do not count."""
-    lanes, layout = solution.lanes, solution.lanes.layout
-    if solution.times is None:
+    layout = lanes.layout
+    if ts is None:
         raise ValueError("Argument `ys` needs states at times, but the solution has none: give `solve` times, `ts`.")
-    ts = np.asarray(solution.times.ts)
+    ts = np.asarray(ts)
     parts = _state_bars("ys", ys, layout, (*lanes.shape, ts.size))
     given = np.concatenate(
         [part.reshape(lanes.size, ts.size, math.prod(part.shape[len(lanes.shape) + 1 :])) for part in parts], axis=-1
@@ -434,7 +440,7 @@ def _at_times(solution: Solution, ends: Ended, ys: PyTree) -> AtTimes:
     bars = np.zeros((lanes.size, times.size, layout.rows - 1))
     for place, bar in zip(places, np.moveaxis(given[:, known], 1, 0), strict=True):
         bars[:, place, : bar.shape[-1]] += bar
-    return AtTimes.of(times, bars, layout.clock(lanes.numbers).t0, ends)
+    return AtTimes.of(times, bars, layout.clock(lanes.numbers).t0, ended)
 
 
 def _bar(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -23,12 +23,11 @@ from erosion.lanes.digests import hashed
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import Compiled, compile_lanes
 from erosion.ode.batch import compiling
+from erosion.ode.ensemble import Lanes, checked_lanes, path_of, shaped
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.maxima import LOOSE, TIGHT, Maxima, QuantityAlong, Search, SearchRange, columns, searched
 from erosion.ode.problem import FlawError, Problem, Traced, flattened, is_number, require_numbers
 from erosion.ode.resolve import Ruler
-from erosion.ode.solution import path_of
-from erosion.ode.solve import Lanes, checked_lanes, shaped
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Derivatives
 from erosion.output.tables import Record, Result, Row, briefly, format_number, to_plain

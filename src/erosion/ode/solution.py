@@ -12,6 +12,8 @@ from jax.core import Tracer
 from jaxtyping import PyTree
 
 from erosion.arguments import PerImpact
+from erosion.ode.ensemble import Lanes, Part, again, named_events, path_of, shaped
+from erosion.ode.gradient import Ended, gradient_of
 from erosion.ode.kinks import may_have_kinks
 from erosion.ode.problem import Problem, Words
 from erosion.ode.tape import Recorded
@@ -21,28 +23,7 @@ from erosion.output.tables import Record, Result, format_number, to_plain
 if TYPE_CHECKING:
     import xarray as xr
 
-    from erosion.ode.solve import Lanes
-
 _SEARCHED = 16  # failed lanes whose time is looked for
-
-
-def path_of(keys: Sequence[Any]) -> tuple[str, ...]:
-    """The path of a leaf in a pytree, as words."""
-    return tuple(str(getattr(key, "key", getattr(key, "name", getattr(key, "idx", key)))) for key in keys)
-
-
-class Part(NamedTuple):
-    """Times, states and integrals of lanes at their ends, or derivatives of these.
-
-    Args:
-        t: shape of the lanes.
-        y: a pytree like the state, of arrays of that shape.
-        integrals: by name, of that shape.
-    """
-
-    t: PerImpact
-    y: PyTree
-    integrals: Mapping[str, PerImpact]
 
 
 class Times(NamedTuple):
@@ -125,7 +106,7 @@ class Solution(Result):
     trials: PerImpact
     at_once: Mapping[str, PerImpact]
     derivatives: Mapping[tuple[str, ...], Part] = dataclasses.field(repr=False)
-    lanes: "Lanes" = dataclasses.field(repr=False)
+    lanes: Lanes = dataclasses.field(repr=False)
     rtol: float
     digest: str = dataclasses.field(repr=False)
     stiff: PerImpact | None = None
@@ -206,11 +187,15 @@ class Solution(Result):
             >>> found["height"], float(found["g"])
             (array([0.2038..., 0.2038...]), -0.5195...)
         """
-        from erosion.ode.gradient import gradient_of
-
         self._require_numbers("gradient")
         self._require_problem("gradient")
-        return gradient_of(self, t, y, integrals or {}, ys)
+        ended = None
+        if self.tolerance is not None:
+            of_lanes = (self.outcome, self.t, self.trials, self.tolerance, self.stiff)
+            outcome, time, trials, tolerance, stiff = (np.reshape(np.asarray(each), -1) for each in of_lanes)
+            since = time - self.lanes.layout.clock(self.lanes.numbers).t0
+            ended = Ended(outcome, since, trials, tolerance, stiff, self.rtol, self.recorded)
+        return gradient_of(self.lanes, self.rtol, ended, self.ts, t, y, integrals or {}, ys)
 
     @property
     def ts(self) -> PerImpact:
@@ -236,8 +221,6 @@ class Solution(Result):
         Raises:
             ValueError: where JAX traces the solution, and where the problem computes something else since.
         """
-        from erosion.ode.solve import again, named_events, shaped
-
         self._require_numbers("events")
         self._require_problem("events")
 
@@ -472,7 +455,7 @@ def _failing(flags: np.ndarray, title: str) -> str:
     return f"{np.count_nonzero(flags):,} of {title} failed"
 
 
-def _undefined_at_start(lanes: "Lanes", which: np.ndarray) -> dict[str, np.ndarray]:
+def _undefined_at_start(lanes: Lanes, which: np.ndarray) -> dict[str, np.ndarray]:
     """By the name of each function of the problem in which lanes it is NaN or infinite at the start, shape (lanes,).
 
     Args:
@@ -510,8 +493,6 @@ def _undefined_at_start(lanes: "Lanes", which: np.ndarray) -> dict[str, np.ndarr
 
 def _given_up(solution: Solution, which: np.ndarray) -> np.ndarray:
     """About when lanes that failed on the way did: the latest `t1` before which they do not; NaN without a `t1`."""
-    from erosion.ode.solve import again
-
     lanes, layout = solution.lanes, solution.lanes.layout
     lanes = lanes._replace(numbers=layout.of_lanes(lanes.numbers, which), shape=which.shape)
     clock = layout.clock(lanes.numbers)

@@ -4,7 +4,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import jax
 import jax.numpy as jnp
@@ -18,14 +18,12 @@ from jaxtyping import PyTree
 from erosion.arguments import Number
 from erosion.lanes.lanewise import by_xla
 from erosion.ode.batch import compile_ahead, integrate, integrate_along
+from erosion.ode.ensemble import Lanes, checked_times, named_events, shaped
 from erosion.ode.gradient import AtTimes, ends_of, gradient, is_worth, keep, summed
 from erosion.ode.integrator import LaneEnd, integrate_lane
 from erosion.ode.problem import Equations
 from erosion.ode.solution import Solution, Times
 from erosion.ode.variational import Clock, Layout
-
-if TYPE_CHECKING:
-    from erosion.ode.solve import Lanes
 
 # For each derivative the places of one or two elements, see `Variational`.
 _Places = tuple[tuple[int, ...], ...]
@@ -75,14 +73,12 @@ def traced_end(wanted: Wanted, numbers: Sequence[Number]) -> tuple[Array, Array]
     return _end(wanted, [jnp.asarray(number, dtype) for number, dtype in zip(numbers, dtypes, strict=False)])
 
 
-def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float, ts: Any) -> Solution:
+def traced_solution(lanes: Lanes, wrt: Sequence[str], order: int, rtol: float, ts: Any) -> Solution:
     """The solution of lanes of which some number is traced.
 
     Raises:
         ValueError: where it asks for what only numbers have.
     """
-    from erosion.ode.solve import checked_times, named_events, shaped
-
     if wrt or order:
         raise ValueError("Argument `wrt` must be left out where JAX traces: use `jax.grad` and its like.")
     layout, shape = lanes.layout, lanes.shape
@@ -147,10 +143,8 @@ def traced_solution(lanes: "Lanes", wrt: Sequence[str], order: int, rtol: float,
     return solution.with_times(_times_of(lanes, ts, jax.vmap(at, out_axes=-2)(ts)))
 
 
-def _times_of(lanes: "Lanes", times: Any, vectors: Array) -> Times:
+def _times_of(lanes: Lanes, times: Any, vectors: Array) -> Times:
     """States at times from the outputs there, shape (…, times, outputs)."""
-    from erosion.ode.solve import shaped
-
     wide = lanes._replace(shape=(*lanes.shape, len(times)))
     of_times = shaped(wide, vectors[..., 0], [vectors[..., i] for i in range(vectors.shape[-1])])
     return Times(times, of_times.y, of_times.integrals)

@@ -14,9 +14,10 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Progress, no_progress, real_numbers, unit_of_labels
 from erosion.impacts import code_version, numbers_in_words
+from erosion.ode.ensemble import Part, lanes_of, path_of
 from erosion.ode.problem import OTHER_ENDS, Problem, is_number
-from erosion.ode.solution import Part, Solution, path_of
-from erosion.ode.solve import lanes_of, solve
+from erosion.ode.solution import Solution
+from erosion.ode.solve import solve
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Options
 from erosion.output import briefly
