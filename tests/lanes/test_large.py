@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from jax import lax
 
-from erosion.lanes import lanewise, tapes
+from erosion.lanes import tapes
 from erosion.lanes.flatten import NotForLanesError, flatten
 from erosion.lanes.lanewise import Lanewise, number
 
@@ -149,10 +149,3 @@ def test_a_lane_writes_its_own_tape_and_reads_it(width):
         assert expected[-1] < 1000 <= expected[-1] * x
         assert np.isnan(row[n:]).all()
         assert sum_ == 0
-
-
-def test_xla_has_no_tapes(monkeypatch):
-    """A sentence says so before anything runs."""
-    monkeypatch.setattr(lanewise, "by_xla", lambda: True)
-    with pytest.raises(NotForLanesError, match="tapes"):
-        lanewise.compile_lanes(powers, (number, number), tapes=1)

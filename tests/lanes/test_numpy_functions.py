@@ -160,5 +160,5 @@ def test_functions_of_jax_are_jaxs(first):
 
 @pytest.mark.parametrize("primitive", REFUSED)
 def test_what_lanes_cannot_do_is_refused_by_name(primitive):
-    with pytest.raises(NotForLanesError, match=f"`{primitive}`, which lanes cannot do: .*EROSION_ENGINE=xla"):
+    with pytest.raises(NotForLanesError, match=f"`{primitive}`, which lanes cannot do: "):
         Lanewise(REFUSED[primitive], (number,))

@@ -1,9 +1,6 @@
 """`ode.solve` within JAX's transformations."""
 
 import functools
-import os
-import subprocess
-import sys
 from typing import Any
 
 import jax
@@ -232,42 +229,6 @@ def test_a_helper_that_is_redefined_is_seen():
     exec("def rate(y):\n    return -2 * y", space)
     assert at_one(2.0) == pytest.approx(np.exp(-4), rel=1e-9)
     assert float(jax.jit(lambda k: at_one(k))(2.0)) == pytest.approx(np.exp(-4), rel=1e-9)
-
-
-XLA = """
-import numpy as np
-import jax
-from tests.ode.test_in_jax import ARGS, BALL, BOUNCES, lands
-from erosion import ode
-from tests.ode.problems import alike
-
-end = ode.solve(BALL, ARGS | {"h": np.array([1.0, 1.5, 3.9])}, t1=10.0, wrt=("g", "h"), derivatives=2)
-exact = lands(ARGS | {"h": 1.5})
-np.testing.assert_allclose(end.t[1], exact, rtol=1e-9)
-assert list(end.ended_by) == ["ground", "ground", "roof"]
-curves = jax.hessian(lands)(ARGS)
-np.testing.assert_allclose(end.along("g", "h").t[1], curves["g"]["h"], rtol=1e-6)
-np.testing.assert_array_equal(end.at_once["roof"], [False, False, True])
-bounces = ode.solve(BOUNCES, ARGS | {"v": 0.0, "e": np.array([0.5, 0.7])}, t1=99.0, max_events=4, wrt="e")
-e = np.array([0.5, 0.7])
-first = np.sqrt(2 * 1.5 / 9.81)
-np.testing.assert_allclose(bounces.t, first * (1 + 2 * (e + e**2 + e**3)), rtol=1e-9)
-np.testing.assert_allclose(bounces.along("e").t, first * 2 * (1 + 2 * e + 3 * e**2), rtol=1e-8)
-slope = jax.jit(jax.grad(lambda h: ode.solve(BALL, ARGS | {"h": h}, t1=10.0).t))(1.5)
-np.testing.assert_allclose(slope, jax.grad(lands)(ARGS)["h"], rtol=1e-8)
-print("as computed by XLA")
-"""
-
-
-def test_xla_agrees():
-    done = subprocess.run(
-        [sys.executable, "-c", XLA],
-        env=os.environ | {"EROSION_ENGINE": "xla"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.stdout == "as computed by XLA\n", done.stderr
 
 
 def test_numpy_arrays_of_two_dimensions_may_stand_beside_what_is_traced():

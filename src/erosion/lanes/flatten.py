@@ -35,10 +35,7 @@ class NotForLanesError(ValueError):
     @classmethod
     def at(cls, place: str, error: CannotCompileError) -> "NotForLanesError":
         """The error of a place, and what to do."""
-        return cls(
-            f"{place} uses {error}, which lanes cannot do: write it by other functions of `jax.numpy`, or start Python "
-            "with EROSION_ENGINE=xla, which compiles more, but for longer."
-        )
+        return cls(f"{place} uses {error}, which lanes cannot do: write it by other functions of `jax.numpy`.")
 
 
 class Flattener:
@@ -127,7 +124,8 @@ class Flattener:
             return functools.partial(scatter, self.call, equation)
         if (expanded := expansion(equation)) is not None:
             return lambda _, inputs: self.closed(expanded, inputs)
-        raise CannotCompileError(f"`{name}`")
+        # JAX gives the forward derivative of a `custom_vjp` another name.
+        raise CannotCompileError(f"`{'custom_vjp' if name == 'custom_lin' else name}`")
 
     def _function(self, name: str, inputs: int) -> Callable[..., Value]:
         """A function such as `exp` in plain arithmetic."""

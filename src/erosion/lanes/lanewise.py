@@ -1,4 +1,4 @@
-"""A function of one lane, compiled for many: by this package, or by XLA where the environment asks for it.
+"""A function of one lane, compiled for many.
 
 add = Lanewise(lambda x, y: x + y, (number, number))
 add((np.arange(5.0), 2.0))  # -> an array of 5
@@ -12,9 +12,9 @@ from typing import Protocol, runtime_checkable
 import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr
-from jaxtyping import Array, PyTree
+from jaxtyping import PyTree
 
-from erosion.lanes.flatten import NotForLanesError, flatten, is_large
+from erosion.lanes.flatten import flatten, is_large
 from erosion.lanes.machine import MachineCode, Processor, without_garbage_collection
 from erosion.lanes.scalars import aval_of
 from erosion.lanes.vector_ir import vector_ir
@@ -163,54 +163,6 @@ def _compiled(
     return MachineCode(vector_ir(graph, width, tapes), target), graph.rows, graph.numbers
 
 
-# On a CPU XLA would fuse every stage of an integrator with all before it, and compile for minutes.
-_ON_A_CPU = {"xla_disable_hlo_passes": "fusion,cpu-instruction-fusion", "xla_backend_optimization_level": 0}
-
-
-class XlaLanes:
-    """A function of one lane's numbers, compiled for many lanes: `jax.vmap` of it; arguments as of `Lanewise`."""
-
-    def __init__(self, function: Callable[..., PyTree], examples: Sequence[PyTree]) -> None:
-        leaves, structure = jax.tree.flatten(tuple(examples))
-        self.inputs = [tuple(leaf.shape) for leaf in leaves]
-        self._dtypes = [leaf.dtype for leaf in leaves]
-
-        def lane(given: list[Array]) -> list[Array]:
-            return jax.tree.leaves(function(*jax.tree.unflatten(structure, given)))
-
-        # A function that cannot be traced fails here, before anything runs.
-        jax.eval_shape(lane, leaves)
-        options = _ON_A_CPU if jax.default_backend() == "cpu" else None
-        self._lanes = jax.jit(jax.vmap(lane), compiler_options=options)
-
-    def run(
-        self,
-        leaves: Sequence[np.ndarray],
-        order: np.ndarray,
-        results: Sequence[np.ndarray],
-        stop: np.ndarray | None = None,
-        tapes: Sequence[np.ndarray] = (),
-    ) -> None:
-        """Compute some lanes, in an order, and write their results; see `Lanewise.run`. XLA cannot be stopped."""
-        del stop, tapes
-        if not len(order):
-            return
-        # A program for each power of two: the last lane is repeated.
-        count = 1 << (len(order) - 1).bit_length()
-        filled = np.concatenate([order, np.full(count - len(order), order[-1])])
-        given = [
-            np.broadcast_to(leaf, (count, *leaf.shape)) if leaf.ndim == len(shape) else leaf[filled]
-            for leaf, shape in zip(leaves, self.inputs, strict=True)
-        ]
-        computed = self._lanes([leaf.astype(dtype) for leaf, dtype in zip(given, self._dtypes, strict=True)])
-        for result, part in zip(results, computed, strict=True):
-            result[order] = np.asarray(part)[: len(order)]
-
-
-ENGINE = "EROSION_ENGINE"
-"""The environment variable that says "xla" to have XLA compile, for JAX's default device."""
-
-
 @runtime_checkable
 class Compiled(Protocol):
     """A function of one lane, compiled for many."""
@@ -231,35 +183,12 @@ class Compiled(Protocol):
 
 
 def compile_lanes(function: Callable[..., PyTree], examples: Sequence[PyTree], *, tapes: int = 0) -> Compiled:
-    """Compile a function of one lane's numbers; see `Lanewise`.
-
-    Raises:
-        NotForLanesError: for tapes where XLA compiles.
-    """
-    if not by_xla():
-        return Lanewise(function, examples, tapes=tapes)
-    if tapes:
-        raise NotForLanesError("The function writes on tapes, which XLA cannot do.")
-    return XlaLanes(function, examples)
-
-
-@functools.cache
-def by_xla() -> bool:
-    """Whether XLA compiles lanes.
-
-    Raises:
-        ValueError: for an unknown value of `EROSION_ENGINE`.
-    """
-    asked = os.environ.get(ENGINE, "")
-    if asked not in ("", "lanes", "xla"):
-        raise ValueError(f"The environment variable {ENGINE} must be `lanes` or `xla`, but is {asked!r}.")
-    return asked == "xla"
+    """Compile a function of one lane's numbers; see `Lanewise`."""
+    return Lanewise(function, examples, tapes=tapes)
 
 
 def threads() -> int:
     """How many threads compute lanes at once."""
-    if by_xla():
-        return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

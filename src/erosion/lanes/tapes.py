@@ -13,7 +13,6 @@ a token: a number that the function passes on from write to write, and gives bac
 
     Lanewise(lane, (number, number), tapes=1)
 
-XLA knows no tapes.
 """
 
 from typing import Any

@@ -17,7 +17,7 @@ from jaxtyping import PyTree
 
 from erosion.arguments import PerImpact, PerLane, check_unmasked
 from erosion.lanes.flatten import NotForLanesError
-from erosion.lanes.lanewise import WIDTH, Compiled, by_xla, compile_lanes, number
+from erosion.lanes.lanewise import WIDTH, Compiled, compile_lanes, number
 from erosion.ode.adjoint import pulled_back
 from erosion.ode.batch import ROWS, compiling, in_threads, integrate, integrate_along, integrator_of
 from erosion.ode.ensemble import Lanes
@@ -129,7 +129,7 @@ def goes_back(layout: Layout) -> bool:
 
     JAX cannot go backwards through a `while_loop` of the rates.
     """
-    if by_xla() or may_have_kinks(layout):
+    if may_have_kinks(layout):
         return False
     method = "rosenbrock" if layout.options.method == "rosenbrock" else "explicit"
     return _is_traced(layout.renewed().wanting(method=method))

@@ -23,7 +23,6 @@ from jax import lax
 
 from erosion.arguments import Flag, PerImpact, Scalar
 from erosion.lanes import tapes
-from erosion.lanes.lanewise import by_xla
 from erosion.ode import explicit, stiff
 from erosion.ode.extended import Extended
 from erosion.ode.kinks import may_have_kinks
@@ -116,11 +115,11 @@ _FOLLOWS = 1.0  # tolerances: the polynomial is as exact
 def takes_times_apart(layout: Layout, order: int) -> bool:
     """Whether each time has an integration of its own, with so many derivatives.
 
-    XLA has no tapes, second derivatives of a stiff motion are taken at times that follow the parameters, and of
+    Second derivatives of a stiff motion are taken at times that follow the parameters, and of
     derivatives across a kink only two integrations tell whether they exist.
     """
     stiff = layout.options.method == "rosenbrock"
-    return by_xla() or (stiff and order == 2) or bool(order and may_have_kinks(layout))
+    return (stiff and order == 2) or bool(order and may_have_kinks(layout))
 
 
 class Saved(NamedTuple):

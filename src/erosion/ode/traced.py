@@ -16,11 +16,10 @@ from jax.interpreters import ad, batching, mlir
 from jaxtyping import PyTree
 
 from erosion.arguments import Number
-from erosion.lanes.lanewise import by_xla
 from erosion.ode.batch import compile_ahead, integrate, integrate_along
 from erosion.ode.ensemble import Lanes, checked_times, named_events, shaped
 from erosion.ode.gradient import AtTimes, ends_of, gradient, is_worth, keep, summed
-from erosion.ode.integrator import LaneEnd, integrate_lane
+from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Equations
 from erosion.ode.solution import Solution, Times
 from erosion.ode.variational import Clock, Layout
@@ -88,7 +87,7 @@ def traced_solution(lanes: Lanes, wrt: Sequence[str], order: int, rtol: float, t
         )
         if ts.ndim != 1:
             raise ValueError(f"Argument `ts` must be one row of times, but has shape {ts.shape}.")
-    wanted = Wanted(layout, rtol, 0 if ts is None or by_xla() else ts.size)
+    wanted = Wanted(layout, rtol, 0 if ts is None else ts.size)
     own = [len(numbers) for numbers in wanted.shapes]
     # Where `ts` alone is traced the numbers have one axis of lanes already.
     numbers = [
@@ -126,21 +125,10 @@ def traced_solution(lanes: Lanes, wrt: Sequence[str], order: int, rtol: float, t
     )  # fmt: skip
     if ts is None:
         return solution
-    if wanted.times or not ts.size:
-        rows = at_times.reshape(*shape, ts.size, layout.rows - 1)[..., jnp.argsort(jnp.argsort(ts)), :]
-        is_within = (ts >= t0[..., None]) & (ts <= t[..., None])
-        vectors = jnp.where(is_within[..., None], rows, jnp.nan)
-        return solution.with_times(_times_of(lanes, ts, vectors))
-    place = len(lanes.numbers) - len(Clock._fields) + Clock._fields.index("t1")
-
-    def at(time: Array) -> Array:
-        numbers: list[Number] = list(lanes.numbers)
-        numbers[place] = jnp.clip(time, t0, t)
-        vector, codes = many(wanted, numbers)
-        known = (time >= t0) & (time <= t) & ~layout.has_no_result(codes[..., 0])
-        return jnp.where(known[..., None], vector[..., 1:], jnp.nan)
-
-    return solution.with_times(_times_of(lanes, ts, jax.vmap(at, out_axes=-2)(ts)))
+    rows = at_times.reshape(*shape, ts.size, layout.rows - 1)[..., jnp.argsort(jnp.argsort(ts)), :]
+    is_within = (ts >= t0[..., None]) & (ts <= t[..., None])
+    vectors = jnp.where(is_within[..., None], rows, jnp.nan)
+    return solution.with_times(_times_of(lanes, ts, vectors))
 
 
 def _times_of(lanes: Lanes, times: Any, vectors: Array) -> Times:
@@ -158,21 +146,7 @@ def _codes(end: LaneEnd) -> list[Any]:
 
 def _solve(wanted: Wanted, numbers: Sequence[Number], order: int, places: _Places) -> Any:
     """The row of numbers, and codes; or the derivatives along each direction, shape (rows, directions)."""
-    layout, rtol, *_ = wanted
-    # XLA has no states at times.
-    if by_xla():
-        if layout.options.method == "auto":
-            # No other method could follow there.
-            layout = layout.wanting(method="explicit")
-        lane = functools.partial(integrate_lane, layout, list(numbers), rtol=rtol, order=order)
-        if not places:
-            end = lane(directions=())
-            return jnp.stack(end.quantities.value), jnp.stack([code.astype(np.int32) for code in _codes(end)])
-        along = jax.vmap(
-            lambda row: jnp.stack(getattr(lane(directions=tuple(row)).quantities, _KINDS[order])), out_axes=-1
-        )
-        return along(jnp.asarray(places, float))
-    rows = wanted.rows
+    layout, rows = wanted.layout, wanted.rows
     codes = len(("outcome", "count", "trials")) + (len(layout.event_names) if layout.options.clock else 0)
     if places:
         shape: Any = jax.ShapeDtypeStruct((rows, len(places)), np.float64)
