@@ -11,8 +11,8 @@ import pytest
 
 from benchmarks.ode_problems import MichaelisMenten
 from erosion import ode
-from erosion.ode import rosenbrock
-from erosion.ode.rosenbrock import A, Sparse, columns_together, least_fill
+from erosion.ode.methods import rosenbrock_steps as rosenbrock
+from erosion.ode.methods.rosenbrock_steps import A, Sparse, columns_together, least_fill
 
 STIFF: Any = {"method": "rosenbrock"}
 
@@ -237,48 +237,19 @@ def test_in_jax() -> None:
     np.testing.assert_allclose([value, slope], [end.t, end.along("k3").t], rtol=1e-9)
 
 
-def second_of_differences(problem: ode.Problem, name: str, q: np.ndarray, t1: float) -> np.ndarray:
-    """Of first derivatives of the time, extrapolated."""
-
-    def slope(h: float) -> np.ndarray:
-        up, down = (
-            ode.solve(problem, {name: q * (1 + s * h)}, t1=t1, wrt=name, rtol=1e-10, **STIFF).along(name).t
-            for s in (1, -1)
-        )
-        return (up - down) / (2 * h * q)
-
-    return (4 * slope(1e-3) - slope(2e-3)) / 3
-
-
-@pytest.mark.parametrize(("problem", "name", "q", "t1"), [
-    (EARLY, "k3", 1e4 * np.array([0.7, 1.3]), 1e3),
-    (LATE, "k3", 1e4 * np.array([0.7, 1.3]), 1e11),
-    (OSCILLATOR, "mu", np.linspace(500, 1500, 9), 1e4),
-], ids=["early", "late", "oscillator"])  # fmt: skip
-def test_second_derivatives_are_those_of_differences_or_are_withheld(
-    problem: ode.Problem, name: str, q: np.ndarray, t1: float
-) -> None:
-    """At a fixed time those of the oscillator are 1e12 times as large as at its event, where it jumps."""
-    expected = second_of_differences(problem, name, q, t1)
-    for rtol in (1e-3, 1e-5, 1e-7):
-        end = ode.solve(problem, {name: q}, t1=t1, wrt=name, derivatives=2, rtol=rtol, **STIFF)
-        found = end.along(name, name).t
-        known = np.isfinite(found)
-        np.testing.assert_allclose(found[known], expected[known], rtol=2e-4)  # the estimate is one
-        assert np.all(known) or rtol > 1e-7
-        assert bool(end.warnings) == (not np.all(known))
-
-
-def test_mixed_second_derivatives() -> None:
-    q = {"mu": 1000.0, "x0": 2.0}
+@pytest.mark.parametrize("method", ["rosenbrock", "auto"])
+def test_second_derivatives_are_none_and_first_ones_are_those_without_them(method: str) -> None:
+    q = {"mu": np.array([800.0, 1000.0]), "x0": 2.0}
     problem = dataclasses.replace(OSCILLATOR, y0=lambda args: {"x": args["x0"], "v": 0.0})
-    h = 1e-3
-    end = ode.solve(problem, q, t1=1e4, wrt=("mu", "x0"), derivatives=2, rtol=1e-7, **STIFF)
-    shifted = [
-        ode.solve(problem, q | {"mu": 1000.0 * (1 + s * h)}, t1=1e4, wrt="x0", rtol=1e-10, **STIFF).along("x0").t
-        for s in (1, -1)
-    ]
-    np.testing.assert_allclose(end.along("mu", "x0").t, (shifted[0] - shifted[1]) / (2000 * h), rtol=1e-4)
+    both = {"t1": 1e4, "wrt": ("mu", "x0"), "rtol": 1e-7, "method": method}
+    end, first = ode.solve(problem, q, derivatives=2, **both), ode.solve(problem, q, **both)
+    assert set(end.ended_by) == set(first.ended_by) == {"zero"}
+    for name in both["wrt"]:
+        assert np.array_equal(end.along(name).t, first.along(name).t)
+    assert np.isnan(end.along("mu", "x0").t).all()
+    assert np.isnan(end.along("mu", "mu").y["v"]).all()
+    (*_, last) = end.warnings
+    assert "2 of 2 lanes that are stiff" in last
 
 
 def test_a_chain_whose_resets_change_nothing() -> None:

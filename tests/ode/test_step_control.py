@@ -2,6 +2,7 @@
 
 import functools
 import importlib
+import operator
 import re
 from fractions import Fraction
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 
 from erosion.ode import step_control
 from erosion.ode.batch import alike_together
+from erosion.ode.methods import dormand_prince
 from erosion.ode.step_control import ADVANCING, ENDED, FAILED, NOT_BEGUN, UNFINISHED, Control, Limits
 
 FIRST = 0.17
@@ -130,14 +132,15 @@ def test_the_eighth_root() -> None:
 def test_the_readme_has_every_constant_of_step_control_as_it_is() -> None:
     folder = Path(step_control.__file__).parent
     text, told = (folder / "README.md").read_text(encoding="utf-8"), set()
-    for names, module, values in re.findall(r"^\| (`_?[A-Z].*?) \| `(\w+)` \| (.*?) \|", text, re.MULTILINE):
+    for names, module, values in re.findall(r"^\| (`_?[A-Z].*?) \| `([\w.]+)` \| (.*?) \|", text, re.MULTILINE):
         code = importlib.import_module(f"erosion.ode.{module}")
-        constants = [getattr(code, name) for name in re.findall(r"`(\w+)`", names)]
-        assert [float(Fraction(value)) for value in values.split(",")] == np.hstack(constants).tolist(), names
-        told |= {(module, name) for name in re.findall(r"`(\w+)`", names)}
+        named = re.findall(r"`([\w.]+)`", names)
+        constants = jax.tree.leaves([operator.attrgetter(name)(code) for name in named])
+        assert [float(Fraction(value)) for value in values.split(",")] == constants, names
+        told |= {(module, name) for name in named}
     assert told
     others = {"_KEYS", "_BINS", "_CROWDED", "_TINY", "_NONE"}
-    for module in ("crossings", "step_control", "integrator", "extended"):
+    for module in ("crossings", "step_control", "integrator", "extended", "events", "guards"):
         source = (folder / f"{module}.py").read_text(encoding="utf-8")
         own = re.findall(r"^(_?[A-Z][A-Z_]+) = [\d(]", source, re.MULTILINE)
         assert {(module, name) for name in set(own) - others} <= told | {("crossings", "_LOOKS")}
@@ -158,8 +161,8 @@ def _forests(order):
 
 def _conditions(order):
     """The stages' elementary weights (trees, stages) of Butcher's conditions up to an order."""
-    a = np.zeros((step_control.B.size,) * 2)
-    for i, row in enumerate(step_control.A):
+    a = np.zeros((dormand_prince.B.size,) * 2)
+    for i, row in enumerate(dormand_prince.A):
         a[i + 1, : row.size] = row
 
     def weight(tree):
@@ -170,7 +173,7 @@ def _conditions(order):
 
 def test_the_second_estimate_is_of_sixth_order_and_its_own():
     assert len(_conditions(7)) == 1 + 1 + 2 + 4 + 9 + 20 + 48
-    check, error = step_control.B_CHECK, step_control.B_ERROR
+    check, error = dormand_prince.B_CHECK, dormand_prince.B_ERROR
     assert np.abs(_conditions(7) @ error).max() < 1e-13
     assert np.abs(_conditions(6) @ check).max() < 1e-13
     assert np.abs(_conditions(7) @ check).max() > 1e-3
@@ -182,15 +185,15 @@ def test_the_second_estimate_is_of_sixth_order_and_its_own():
 
 def test_the_pair_is_that_of_diffrax():
     pair = diffrax.Dopri8.tableau
-    assert [list(row) for row in step_control.A] == [list(row) for row in pair.a_lower]
-    assert list(step_control.B) == list(pair.b_sol)
-    assert list(step_control.B_ERROR) == list(pair.b_error)
+    assert [list(row) for row in dormand_prince.A] == [list(row) for row in pair.a_lower]
+    assert list(dormand_prince.B) == list(pair.b_sol)
+    assert list(dormand_prince.B_ERROR) == list(pair.b_error)
 
 
 def test_of_the_second_stage_the_transposed_step_leaves_terms_of_seventh_order():
     """Of one Jacobian J, Ȳ = Σ (h J)ᵏ⁺¹ (Aᵀ)ᵏ b there: it estimates what a cotangent errs by."""
-    a = np.array([np.pad(row, (0, len(step_control.A) - row.size)) for row in (np.zeros(0), *step_control.A[:-1])])
-    powers = [np.linalg.matrix_power(a.T, k) @ step_control.B[:-1] for k in range(7)]
+    a = np.array([np.pad(row, (0, len(dormand_prince.A) - row.size)) for row in (np.zeros(0), *dormand_prince.A[:-1])])
+    powers = [np.linalg.matrix_power(a.T, k) @ dormand_prince.B[:-1] for k in range(7)]
     assert np.abs([power[1] for power in powers[:6]]).max() < 1e-15
     assert abs(powers[6][1]) > 1e-5
 

@@ -33,7 +33,7 @@ References:
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -43,19 +43,15 @@ from jax import lax
 
 from erosion.arguments import Number, Scalar
 from erosion.lanes import tapes
-from erosion.ode import rosenbrock, stiff, tape
+from erosion.ode import tape
 from erosion.ode.extended import Extended
 from erosion.ode.integrator import resets
+from erosion.ode.methods.base import BackStep
+from erosion.ode.methods.transposes import plus, zeros
 from erosion.ode.reduction import Rows, motion_of
-from erosion.ode.step_control import ARRIVED, A, B, weighted
+from erosion.ode.step_control import ARRIVED
 from erosion.ode.variational import Layout
 
-_STAGES = len(A)  # that at a step's end is not one of them
-# A cotangent is not known that errs by so many tolerances of the greatest that it had, which counts as so much of the
-# greatest effect of a row by its own size, at least. A power brings an estimate of 7th order to the 9th. That for stiff
-# motions, of 4th order, is far greater than the error, and counts effects alone.
-_LOST, _LEAST, _POWER = 1e3, 1e-6, 9 / 7
-_LOST_STIFF, _LOST_AT_MOST, _LEAST_STIFF = 1e6, 0.01, 1.0
 _TINY = 1e-200  # keeps 0/0 away
 
 
@@ -111,23 +107,8 @@ def pulled_back(
     """
     adjoint = _Adjoint(layout, numbers, token, timed=due is not None)
     gradient, error = adjoint.pulled_back(count, bars[0], list(bars[1:]), due)
-    is_stiff = adjoint.problem.rodas is not None
-    most = jnp.minimum(_LOST_STIFF * rtol, _LOST_AT_MOST) if is_stiff else (_LOST * rtol) ** (1 / _POWER)
+    most = adjoint.steps.most(rtol)
     return [jnp.where(error <= most, each, jnp.nan) for each in gradient]
-
-
-class _Step(NamedTuple):
-    """A step that is gone back through.
-
-    Args:
-        end: the state there; nothing of a stiff motion.
-        slope: the rates where it began.
-        back: from cotangents at its end those at its start, what those of the numbers gain, and errors of the former.
-    """
-
-    end: Rows
-    slope: Rows
-    back: Callable[[Rows], tuple[Rows, list[Number], Rows]]
 
 
 class _Adjoint:
@@ -144,10 +125,7 @@ class _Adjoint:
 
         # Each is traced once for all the places where it is called.
         self._rate = jax.jit(rate)
-        if self.problem.rodas is not None:
-            rodas = self.problem.rodas
-            self._entries = jax.jit(lambda numbers, rows: rodas.entries(rows, self._with_whole(numbers)))
-            self._solve, self._solve_transposed = jax.jit(rodas.sparse.solve), jax.jit(rodas.sparse.solve_transposed)
+        self.steps = self.problem.method.reverse(self._rate, self.numbers, self._with_whole)
 
     def _at(self, numbers: list[Number]) -> Any:
         return self.motion(self._with_whole(numbers))
@@ -172,7 +150,7 @@ class _Adjoint:
         if self.timed:
             until = self._end(last)
         greatest: Rows = [jnp.abs(bar) for bar in state]
-        back = _Back(last, state, time, sums, greatest, 0.0 * time, until, left, _zeros(state))
+        back = _Back(last, state, time, sums, greatest, 0.0 * time, until, left, zeros(state))
         if self.problem.chains:
             back = lax.while_loop(
                 lambda back: back.row >= 0, lambda back: self._steps(self._event(back, is_last=back.row == last)), back
@@ -182,7 +160,7 @@ class _Adjoint:
         _, pull = jax.vjp(lambda numbers: jax.tree.leaves(self._start(numbers)), self.numbers)
         # A time before the first step, which a lane that ends at its start has not.
         error = jnp.where(back.due > 0, jnp.inf, back.error)
-        return _plus(back.sums, pull(back.state)[0]), error
+        return plus(back.sums, pull(back.state)[0]), error
 
     def _from_outputs(self, rows: Rows, bars: Rows) -> tuple[list[Number], Rows]:
         """Cotangents of the numbers and of the state, from those of the outputs there."""
@@ -218,7 +196,7 @@ class _Adjoint:
             _, pull = jax.vjp(both, self.numbers, rows)
             met = [jnp.where(is_last, bar, 0.0) for bar in state]
             grads, state = pull((met, [jnp.where(is_last, 0.0, bar) for bar in state]))
-            sums = _plus(sums, grads)
+            sums = plus(sums, grads)
         flow = self._flow(back.row, rows)
         total = back.time + _dot(state, flow)
 
@@ -228,31 +206,26 @@ class _Adjoint:
         _, falls = jax.jvp(lambda rows: events(self.numbers, rows), (rows,), (flow,))
         _, pull = jax.vjp(events, self.numbers, rows)
         grads, more = pull([jnp.where(event == i, -total / fall, 0.0) for i, fall in enumerate(falls)])
-        sums, state = _plus(sums, grads), _plus(state, more)
+        sums, state = plus(sums, grads), plus(state, more)
         time = back.time
         if self.problem.options.clock:
             # A lane without an event ends at a given time, and what came before took of it.
             of_clock = jnp.where(event == ARRIVED, total, 0.0)
             _, pull = jax.vjp(lambda numbers: self._at(numbers).clock.t1 - self._at(numbers).clock.t0, self.numbers)
-            sums, time = _plus(sums, pull(of_clock)[0]), time - of_clock
+            sums, time = plus(sums, pull(of_clock)[0]), time - of_clock
         greatest: Rows = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
         return back._replace(row=back.row - 1, state=state, time=time, sums=sums, greatest=greatest)
 
     def _flow(self, event: Scalar, rows: Rows) -> Rows:
         """What the state at an event changes by with its time."""
-        if self.problem.rodas is None:
-            return self._rate(self.numbers, rows)
-        last = tape.read(self.token, jnp.maximum(event - 1, 0), self.width)
-        h = stiff.length_of(last.length, self.problem.time_scale)
-        return stiff.last_step(self.problem, last.state, self._rate(self.numbers, last.state), [], h).rates
+        return self.steps.flow(rows, lambda: tape.read(self.token, jnp.maximum(event - 1, 0), self.width))
 
     def _steps(self, back: _Back) -> _Back:
         """Where a motion began, from its event."""
-        one = self._step if self.problem.rodas is None else self._stiff_step
 
         def step(at: tuple[_Back, tape.Entry]) -> tuple[_Back, tape.Entry]:
             back, row = at
-            after = self._at_time(back, row) if self.timed else self._before(back, row, one(row))
+            after = self._at_time(back, row) if self.timed else self._before(back, row, self.steps.step(row))
             return after, tape.read(self.token, jnp.maximum(after.row, 0), self.width)
 
         def goes_on(at: tuple[_Back, tape.Entry]) -> Scalar:
@@ -261,22 +234,22 @@ class _Adjoint:
 
         return lax.while_loop(goes_on, step, (back, tape.read(self.token, jnp.maximum(back.row, 0), self.width)))[0]
 
-    def _before(self, back: _Back, row: tape.Entry, step: _Step) -> _Back:
+    def _before(self, back: _Back, row: tape.Entry, step: BackStep) -> _Back:
         """Where a step began, from its end."""
         state, gained, errors = step.back(back.state)
         if self.timed:
-            state = _plus(state, back.there)
+            state = plus(state, back.there)
         greatest: Rows = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
         moved = [jnp.abs(row.length * k) for k in step.slope]
         sizes = list(map(jnp.maximum, map(jnp.abs, row.state), moved))
         most = functools.reduce(jnp.maximum, [bar * size for bar, size in zip(greatest, sizes, strict=True)])
-        error, share = back.error, _LEAST if self.problem.rodas is None else _LEAST_STIFF
+        error, share = back.error, self.steps.share
         for e, bar, size in zip(errors, greatest, sizes, strict=True):
             least = jnp.where(size > 0, share * most / (size + _TINY), 0.0)
             error = jnp.maximum(error, jnp.abs(e) / (jnp.maximum(bar, least) + _TINY))
         return back._replace(
-            row=back.row - 1, state=state, sums=_plus(back.sums, gained), greatest=greatest, error=error,
-            until=back.until - row.length, there=_zeros(back.there),
+            row=back.row - 1, state=state, sums=plus(back.sums, gained), greatest=greatest, error=error,
+            until=back.until - row.length, there=zeros(back.there),
         )  # fmt: skip
 
     def _at_time(self, back: _Back, row: tape.Entry) -> _Back:
@@ -288,7 +261,7 @@ class _Adjoint:
         time = tapes.read(TIMES, np.zeros(()), place) - self.problem.clock.t0
         passed = time - (back.until - row.length)
         within = (back.due > 0) & ((passed > 0) | (back.row == 0))
-        step = self._step(row._replace(length=jnp.where(within, jnp.clip(passed, 0.0, row.length), row.length)))
+        step = self.steps.step(row._replace(length=jnp.where(within, jnp.clip(passed, 0.0, row.length), row.length)))
         count = self.outputs
         bars = [tapes.read(BARS, self.token, place * count + i) for i in range(count)]
         of_outputs, there = self._from_outputs(step.end, bars)
@@ -300,112 +273,10 @@ class _Adjoint:
         )
         # At a given time it is later since the start, where that is earlier.
         at_time = back._replace(
-            sums=_plus(before.sums, _plus(of_outputs, pull(-of_time)[0])),
-            due=back.due - 1, there=_plus(back.there, before.state), error=before.error,
+            sums=plus(before.sums, plus(of_outputs, pull(-of_time)[0])),
+            due=back.due - 1, there=plus(back.there, before.state), error=before.error,
         )  # fmt: skip
         return jax.tree.map(functools.partial(jnp.where, within), at_time, before)
-
-    def _step(self, row: tape.Entry) -> _Step:
-        h, slopes, pulls = row.length, [[] for _ in row.state], []
-        for i in range(_STAGES):
-            rows = [u + h * weighted(A[i - 1], ks) if i else u for u, ks in zip(row.state, slopes, strict=True)]
-            rates, pull = jax.vjp(self._rate, self.numbers, rows)
-            pulls.append(pull)
-            for ks, k in zip(slopes, rates, strict=True):
-                ks.append(k)
-
-        def back(after: Rows) -> tuple[Rows, list[Number], Rows]:
-            total, gained, (_, of_states) = self._transposed(
-                B, A, after, pulls, lambda _, bars, __: [h * bar for bar in bars]
-            )
-            # Of the second stage's cotangents nothing but terms of 7th order is left.
-            return _plus(after, total), gained, of_states[1]
-
-        end: Rows = [u + h * weighted(B, ks) for u, ks in zip(row.state, slopes, strict=True)]
-        return _Step(end, [ks[0] for ks in slopes], back)
-
-    def _transposed(
-        self,
-        b: Sequence[float] | np.ndarray,
-        a: Sequence[Sequence[float] | np.ndarray],
-        after: Rows,
-        pulls: Sequence[Callable[[Rows], tuple[list[Number], Rows]]],
-        of_right: Callable[[int, Rows, dict[int, Rows]], Rows],
-    ) -> tuple[Rows, list[Number], tuple[dict[int, Rows], dict[int, Rows]]]:
-        """The cotangents of the start of a step and of the numbers, but for those of its end; and those of the stages.
-
-        Args:
-            b: weights of the stages in the step.
-            a: and in the state of each stage after the first.
-            after: cotangents of the step's end.
-            pulls: from cotangents of the rates of a stage to those of the numbers and of its state.
-            of_right: the cotangents of a stage's rates, from those of what it gives, and of the rates of later stages.
-        """
-        gained, total = _zeros(self.numbers), _zeros(after)
-        of_rights: dict[int, Rows] = {}
-        of_states: dict[int, Rows] = {}
-        for i in reversed(range(len(pulls))):
-            later = range(i + 1, len(pulls))
-            weights = [b[i], *(a[j - 1][i] for j in later)]
-            bars = [weighted(weights, [bar, *(of_states[j][r] for j in later)]) for r, bar in enumerate(after)]
-            of_rights[i] = of_right(i, bars, of_rights)
-            grads, of_states[i] = pulls[i](of_rights[i])
-            gained, total = _plus(gained, grads), _plus(total, of_states[i])
-        return total, gained, (of_rights, of_states)
-
-    def _stiff_step(self, row: tape.Entry) -> _Step:
-        """The same by the Rosenbrock method; a motion that ends where it began takes no step."""
-        rodas, steps = stiff.rodas_of(self.problem), row.length > 0
-        inverse = 1.0 / stiff.length_of(row.length, self.problem.time_scale)
-        entries, pull_entries = jax.vjp(self._entries, self.numbers, row.state)
-        factors = rodas.factors(entries, inverse * (1 / rosenbrock.GAMMA))
-        slope: Rows = []
-        increments, pulls = [], []
-        for a, c in zip(((), *rosenbrock.A), ((), *rosenbrock.C), strict=True):
-            so_far = list(zip(*increments, strict=True)) or [()] * self.width
-            rows = [u + weighted(a, us) if a else u for u, us in zip(row.state, so_far, strict=True)]
-            right, pull = jax.vjp(self._rate, self.numbers, rows)
-            slope = slope or right
-            if c:
-                right = [r + inverse * weighted(c, us) for r, us in zip(right, so_far, strict=True)]
-            increments.append(self._solve(factors, right))
-            pulls.append(pull)
-        count = len(increments)
-
-        def of_right(i: int, bars: Rows, of_rights: dict[int, Rows]) -> Rows:
-            later = range(i + 1, count)
-            others = [rosenbrock.C[j - 1][i] for j in later]
-            if others:
-                rights = ([of_rights[j][r] for j in later] for r in range(self.width))
-                bars = [bar + inverse * weighted(others, each) for bar, each in zip(bars, rights, strict=True)]
-            return self._solve_transposed(factors, bars)
-
-        def transposed(b: Sequence[float], after: Rows) -> tuple[Rows, list[Number]]:
-            total, gained, (of_rights, _) = self._transposed(b, rosenbrock.A, after, pulls, of_right)
-            of_entries = [
-                sum((of_rights[k][i] * increments[k][j] for k in range(count)), jnp.zeros(()))
-                for i, j in rodas.sparse.places
-            ]
-            grads, of_state = pull_entries(of_entries)
-            return _plus(total, of_state), _plus(gained, grads)
-
-        def back(after: Rows) -> tuple[Rows, list[Number], Rows]:
-            moved, gained = transposed(rosenbrock.B, after)
-            # What is damped within the step is no error of what comes before: W^-T d takes it away.
-            errors = self._solve_transposed(factors, transposed((*[0.0] * (count - 1), 1.0), after)[0])
-            results = _plus(after, moved), gained, [inverse * (1 / rosenbrock.GAMMA) * e for e in errors]
-            nothing = list(after), _zeros(gained), _zeros(after)
-            return jax.tree.map(functools.partial(jnp.where, steps), results, nothing)
-
-        return _Step([], slope, back)
-
-
-def _zeros(these: Sequence[Any]) -> list[Any]:
-    return [jnp.zeros(jnp.shape(each)) for each in these]
-
-
-def _plus(these: Sequence[Any], those: Sequence[Any]) -> list[Any]:
-    return [one + other for one, other in zip(these, those, strict=True)]
 
 
 def _dot(these: Rows, those: Rows) -> Scalar:

@@ -13,9 +13,10 @@ from jaxtyping import PyTree
 from erosion.arguments import Number, PerLane, Scalar
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import WIDTH, Compiled, alike_together, compile_lanes, number, threads
-from erosion.ode.explicit import LEAST
-from erosion.ode.integrator import TIGHTEST, LaneEnd, integrate_lane
+from erosion.ode.integrator import LaneEnd, integrate_lane
 from erosion.ode.kinks import may_have_kinks
+from erosion.ode.methods import METHODS
+from erosion.ode.methods.base import LEAST, TIGHTEST
 from erosion.ode.tape import row_width, takes_times_apart
 from erosion.ode.variational import Clock, Derivatives, Direction, Layout
 
@@ -24,9 +25,22 @@ _REPEATED = 4  # times at most
 _ANOTHER = 1 / 300, 10.0  # times the tolerance: to compare derivatives with, of a lane that was repeated or was not
 _AGREE = 1e-7, 1e-6  # of its size: as near are two values of a first derivative, and of a second one
 _SMALL = 1e-3  # of what a value does by a number's own size: a smaller derivative need not be known relative to itself
-_EXACT = 3e-5  # of its size: an estimated error of a second derivative of a stiff motion, so that none errs by 1e-4
 ROWS, _RECORDED = 64, 2**12  # of the tape of a lane that is recorded, and how many lanes are at most
 _FEW = 2048  # lanes: fewer are computed sooner by one thread than by several
+
+
+class _Reached(NamedTuple):
+    """Results of lanes.
+
+    Args:
+        results: of the program.
+        used: their tolerances.
+        tapes: states at times, or steps, where they are written.
+    """
+
+    results: LaneEnd
+    used: np.ndarray
+    tapes: Sequence[np.ndarray]
 
 
 class _Batch(NamedTuple):
@@ -41,7 +55,7 @@ class _Batch(NamedTuple):
     leaves: list[np.ndarray]
     results: LaneEnd
     used: np.ndarray  # tolerances of the results
-    errors: np.ndarray  # of second derivatives that are judged, and last of values, by their greatest sizes
+    errors: np.ndarray  # of values, by their greatest sizes
     tapes: Sequence[np.ndarray] = ()
 
     def run(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
@@ -77,19 +91,35 @@ class _Batch(NamedTuple):
             known &= np.isfinite(leaf).all(axis=tuple(range(leaf.ndim - len(shape), leaf.ndim)))
         return known
 
-    @property
-    def judged(self) -> list[np.ndarray]:
-        """The second derivatives whose errors are estimated, and those are told that are small."""
-        return self.results.quantities.second if self.results.second_sizes else []
-
     def derivatives(self, lanes: np.ndarray) -> Derivatives:
         """Lists of derivatives of some lanes' times and outputs, without values."""
         return jax.tree.map(lambda part: part[lanes], self.results.quantities._replace(value=None))
 
-    def values(self, lanes: np.ndarray) -> list[np.ndarray]:
-        """How some lanes ended, their outputs and times, and the second derivatives that are judged."""
-        results = self.results
-        return [part[lanes] for part in (results.outcome, *results.outputs.value, results.time.value, *self.judged)]
+    def reached(self, lanes: np.ndarray) -> _Reached:
+        """The results of some lanes; they stay as they are whatever follows."""
+        return jax.tree.map(lambda part: part[lanes], self._arrays)
+
+    def put(self, lanes: np.ndarray, reached: _Reached) -> None:
+        """Write the results of some lanes."""
+        _put(self._arrays, reached, lanes)
+
+    def refine(self, lanes: np.ndarray, rtol: np.ndarray) -> _Reached:
+        """Integrate some lanes again, each with its tolerance; their results before that."""
+        before = self.reached(lanes)
+        self.run_again(lanes, rtol)
+        return before
+
+    def adopt(self, found: LaneEnd, lanes: np.ndarray, better: np.ndarray | slice = slice(None)) -> None:
+        """Write the results of another program into some lanes, where they are better."""
+        those, results = lanes[better], self.results
+        for name in ("outcome", "time", "outputs", "trials", "count", "at_once", "least"):
+            part = jax.tree.map(lambda each: each[better], getattr(found, name))
+            _put(getattr(results, name), part, those)
+        if self.timed:
+            self.saved[those] = np.asarray(found.saved)[better]
+        if results.recorded is not None:
+            results.recorded.rows[those] = 0
+        self.used[those], self.errors[those] = np.asarray(found.tolerance)[better], np.asarray(found.error)[better]
 
     def times(self, lanes: np.ndarray) -> np.ndarray | None:
         """The times at which states of some lanes are wanted, shape (lanes, n)."""
@@ -105,44 +135,38 @@ class _Batch(NamedTuple):
         """Outputs at times and their derivatives, shape (lanes, times, members, outputs)."""
         return self.tapes[1]
 
-    def error(
-        self, lanes: np.ndarray, before: list[np.ndarray], kept: list[np.ndarray], rtol: float, ratio: np.ndarray
-    ) -> np.ndarray:
+    def error(self, lanes: np.ndarray, before: _Reached, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The greatest relative error of some lanes' values, a `ratio` of their change; 1 where they end otherwise.
 
-        Second derivatives may err by more: their errors count as if they might not. The last of `errors` is of values.
+        Also the same by the greatest sizes that the state has had.
 
         Args:
             lanes: some lanes.
-            before: their `values` before the last integration.
-            kept: the arrays `kept`, of these lanes, before it.
-            rtol: the tolerance at first.
+            before: their results before the last integration.
             ratio: of the error to the change.
         """
-        (old, *before), (outcome, *found) = before, self.values(lanes)
-        judged, events, results, of_times = len(self.judged), len(self.layout.event_names), self.results, 0.0
+        after, events = self.reached(lanes), len(self.layout.event_names)
+        outcome, old = after.results.outcome, before.results.outcome
+        values, of_times = (_values(each.results) for each in (before, after)), 0.0
+        before_it, found = values
         with np.errstate(all="ignore"):
             if self.timed:
                 # Relative to the greatest size among the times: a state may pass through zero there.
-                states = kept[-1][:, :, 0], self.saved[lanes, :, 0]
+                states = before.tapes[-1][:, :, 0], after.tapes[-1][:, :, 0]
                 for old_part, part in zip(*(np.moveaxis(each, -1, 0) for each in states), strict=True):
                     moved, size = (np.fmax.reduce(np.abs(each), 1, initial=0.0) for each in (part - old_part, part))
                     of_times = np.fmax(of_times, moved / size * ratio)
-            sizes = [np.abs(new) for new in found[: len(found) - judged]]
+            sizes = [np.abs(new) for new in found]
             greatest = [*sizes]
             # At an event a part of the state may be zero by definition, and nothing is known relative to it.
-            for i, least in enumerate(results.least):
-                greatest[i] = np.maximum(sizes[i], least[lanes] / LEAST)
-                sizes[i] = np.where(outcome < events, np.inf, np.maximum(sizes[i], least[lanes]))
-            sizes += [size[lanes] for size in results.second_sizes]
-            moved = np.abs(np.array(found) - np.array(before))
-            changes = np.concatenate([moved / np.array(sizes), moved[: len(greatest)] / np.array(greatest)])
+            for i, least in enumerate(after.results.least):
+                greatest[i] = np.maximum(sizes[i], least / LEAST)
+                sizes[i] = np.where(outcome < events, np.inf, np.maximum(sizes[i], least))
+            moved = np.abs(np.array(found) - np.array(before_it))
+            changes = np.array([moved / np.array(sizes), moved / np.array(greatest)])
             changes = np.where(outcome == old, np.nan_to_num(changes, posinf=1.0), 1.0) * ratio
-            changes, self.errors[-1, lanes] = changes[: len(sizes)], changes[len(sizes) :].max(0)
-            if judged:
-                self.errors[:-1, lanes] = changes[-judged:]
-                changes[-judged:] *= rtol / _EXACT
-            return np.fmax(changes.max(0), of_times)
+            error, of_greatest = changes.max(1)
+            return np.fmax(error, of_times), of_greatest
 
     @property
     def outputs(self) -> list[np.ndarray]:
@@ -150,9 +174,14 @@ class _Batch(NamedTuple):
         return jax.tree.leaves(self.results)
 
     @property
-    def kept(self) -> list[np.ndarray]:
-        """The arrays that stay where an integration after the first is not taken."""
-        return [*self.outputs, self.used, *self.tapes[-1:]]
+    def _arrays(self) -> _Reached:
+        """The arrays of all lanes that stay where an integration after the first is not taken."""
+        return _Reached(self.results, self.used, self.tapes[-1:])
+
+
+def _values(results: LaneEnd) -> list[np.ndarray]:
+    """Outputs and times."""
+    return [*results.outputs.value, results.time.value]
 
 
 def integrate(
@@ -189,11 +218,12 @@ def integrate(
     layout = layout.renewed().wanting(records=records)
     if times is not None:
         times = np.broadcast_to(times, (lanes, times.shape[-1]))
-        if takes_times_apart(layout, order):
-            results = integrate(layout, numbers, lanes, order, directions, rtol, again=again)
-            return results._replace(
-                saved=_one_by_one(layout, numbers, lanes, order, directions, rtol, times, again=again)
-            )
+    if order > METHODS[layout.options.method].derivatives:
+        return _by_fewer_derivatives(layout, numbers, lanes, order, directions, rtol, again=again, times=times)
+    if times is not None and takes_times_apart(layout, order):
+        results = integrate(layout, numbers, lanes, order, directions, rtol, again=again)
+        saved = _one_by_one(layout, numbers, lanes, order, directions, rtol, times, again=again)
+        return results._replace(saved=saved)
     layout = layout.wanting(saves=times is not None)
     fixed = tuple(direction for direction in directions if isinstance(direction, int))
     program, results = integrator_of(layout, order, fixed, 0 if fixed else len(directions))
@@ -208,8 +238,7 @@ def integrate(
         rising = np.full((lanes, times.shape[1] + 1), np.inf)
         rising[:, :-1] = times
         tapes = [rising, np.full((*times.shape, members, len(empty.outputs.value)), np.nan)]
-    errors = np.zeros((len(empty.second_sizes) + 1, lanes))
-    batch = _Batch(layout, program, leaves, empty, np.empty(lanes), errors, tapes)
+    batch = _Batch(layout, program, leaves, empty, np.empty(lanes), np.zeros(lanes), tapes)
     batch.run(np.arange(lanes), np.asarray(rtol))
     if layout.options.method == "auto":
         _by_other_methods(batch, order, directions, rtol, again=again)
@@ -220,11 +249,9 @@ def integrate(
         repeated = _repeat(batch, doubtful, rtol)
         if first is not None and doubtful.size:
             _require_agreement(batch, doubtful, first, repeated, directions, rtol)
-        for second, error in zip(batch.judged, batch.errors, strict=False):
-            second[error > _EXACT] = np.nan
     if order:
         _with_fewer_derivatives(batch, order, directions, rtol, again=again)
-    results = batch.results._replace(tolerance=batch.used, error=batch.errors[-1])
+    results = batch.results._replace(tolerance=batch.used, error=batch.errors)
     if results.recorded is not None:
         return results._replace(recorded=results.recorded._replace(tapes=batch.tapes[0]))
     return results if times is None else results._replace(saved=batch.saved)
@@ -287,54 +314,59 @@ def _by_other_methods(
             continue
         lost = layout.has_no_result(found.outcome)
         better = given_up[lanes] | ~lost
-        those = lanes[better]
-        for name in ("outcome", "time", "outputs", "trials", "count", "at_once", "least"):
-            part = jax.tree.map(lambda each, kept=better: each[kept], getattr(found, name))
-            _put(getattr(results, name), part, those)
-        if batch.timed:
-            batch.saved[those] = np.asarray(found.saved)[better]
-        if results.recorded is not None:
-            results.recorded.rows[those] = 0
-        results.tolerance[those], batch.used[those] = rtol, found.tolerance[better]
-        batch.errors[-1, those] = np.asarray(found.error)[better]
-        results.stiff[those] = method == "rosenbrock"
+        batch.adopt(found, lanes, better)
+        results.tolerance[lanes[better]], results.stiff[lanes[better]] = rtol, method == "rosenbrock"
         lanes = lanes[lost & given_up[lanes]]
 
 
 def _with_fewer_derivatives(
     batch: _Batch, order: int, directions: tuple[int | PerLane, ...], rtol: float, *, again: bool
 ) -> None:
-    """Integrate lanes that failed with derivatives again with fewer: their outputs may exist although these do not.
-
-    The derivatives that are not computed are NaN.
-    """
-    results = batch.results
-    lost = np.flatnonzero(batch.layout.has_no_result(results.outcome) & batch.is_known)
+    """Integrate lanes that failed with derivatives again with fewer: their outputs may exist although these do not."""
+    lost = np.flatnonzero(batch.layout.has_no_result(batch.results.outcome) & batch.is_known)
     if not lost.size:
         return
-    numbers = batch.layout.of_lanes(batch.leaves[: len(batch.layout.shapes)], lost)
-    along = _of_lanes(directions, lost)
+    numbers, along = batch.layout.of_lanes(batch.leaves[: len(batch.layout.shapes)], lost), _of_lanes(directions, lost)
+    batch.adopt(
+        _by_fewer_derivatives(
+            batch.layout, numbers, lost.size, order, along, rtol, again=again, times=batch.times(lost)
+        ),
+        lost,
+    )
+
+
+def _by_fewer_derivatives(
+    layout: Layout,
+    numbers: Sequence[PerLane],
+    lanes: int,
+    order: int,
+    directions: tuple[int | PerLane, ...],
+    rtol: float,
+    *,
+    again: bool,
+    times: np.ndarray | None,
+) -> LaneEnd:
+    """Results of a program with one derivative less; those of the order are NaN. See `integrate`."""
     # Along two directions the first derivatives are two integrations.
     lower = [
-        integrate(batch.layout, numbers, lost.size, order - 1, each, rtol, again=again, times=batch.times(lost))
-        for each in ([(direction,) for direction in along] if order == 2 else [()])
+        integrate(layout, numbers, lanes, order - 1, each, rtol, again=again, times=times)
+        for each in ([(direction,) for direction in directions] if order == 2 else [()])
     ]
-    for name in ("outcome", "trials", "count", "at_once"):
-        _put(getattr(results, name), getattr(lower[0], name), lost)
-    batch.errors[-1, lost] = np.asarray(lower[0].error)
-    for name in ("time", "outputs"):
-        parts, (of_first, *of_other) = getattr(results, name), [getattr(each, name) for each in lower]
-        _put(parts.value, of_first.value, lost)
-        if order == 2:
-            _put(parts.first, of_first.first, lost)
-            for other in of_other:
-                _put(parts.other, other.first, lost)
-    if batch.timed:
-        batch.saved[lost] = np.nan
-        for i, each in enumerate(lower):
-            # The other first derivative follows the first.
-            found = np.asarray(each.saved)
-            batch.saved[lost, :, 0], batch.saved[lost, :, i + 1 : i + order] = found[:, :, 0], found[:, :, 1:]
+    one, other = lower[0], lower[-1]
+
+    def derivatives(of_one: Derivatives, of_other: Derivatives) -> Derivatives:
+        none = jax.tree.map(lambda part: np.full_like(part, np.nan), of_one.value)
+        if order == 1:
+            return Derivatives(of_one.value, none, none, None)
+        return Derivatives(of_one.value, of_one.first, of_other.first, none)
+
+    time, outputs = (derivatives(getattr(one, name), getattr(other, name)) for name in ("time", "outputs"))
+    saved = None
+    if times is not None:
+        # A value and its first derivatives, one or two; the last is of the order.
+        parts = [np.asarray(one.saved), *(np.asarray(each.saved)[:, :, 1:] for each in lower[1:])]
+        saved = np.concatenate([*parts, np.full_like(parts[0][:, :, :1], np.nan)], axis=2)
+    return one._replace(time=time, outputs=outputs, saved=saved)
 
 
 def _of_lanes(directions: tuple[int | PerLane, ...], lanes: np.ndarray) -> tuple[int | PerLane, ...]:
@@ -355,13 +387,10 @@ def _check(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
     """
     if not lanes.size:
         return
-    kept, tolerances = [output[lanes] for output in batch.kept], np.array(batch.results.tolerance)
-    greater = tolerances[lanes]
-    before = batch.values(lanes)
-    batch.run_again(lanes, tolerances)
-    error = batch.error(lanes, before, kept, rtol, rtol / greater)
-    for output, old in zip(batch.kept, kept, strict=True):
-        output[lanes] = old
+    tolerances = np.array(batch.results.tolerance)
+    before = batch.refine(lanes, tolerances)
+    error, batch.errors[lanes] = batch.error(lanes, before, rtol / tolerances[lanes])
+    batch.put(lanes, before)
     with np.errstate(divide="ignore"):
         batch.results.tolerance[lanes] = np.maximum(np.minimum(rtol * rtol / error, rtol), TIGHTEST)
 
@@ -383,17 +412,14 @@ def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> np.ndarray:
     for _ in range(_REPEATED):
         if not lanes.size:
             break
-        previous = [output[lanes] for output in batch.kept]
-        before = batch.values(lanes)
         tolerances[lanes] = following
-        batch.run_again(lanes, tolerances)
-        lost = batch.layout.has_no_result(results.outcome[lanes]) & ~batch.layout.has_no_result(before[0])
+        before = batch.refine(lanes, tolerances)
+        has_result = ~batch.layout.has_no_result(results.outcome[lanes])
+        lost = ~has_result & ~batch.layout.has_no_result(before.results.outcome)
         repeated[lanes[~lost]] = True
-        errors = batch.errors[:, lanes[lost]]
-        error = batch.error(lanes, before, previous, rtol, following / used)
-        batch.errors[:, lanes[lost]] = errors
-        for output, old_output in zip(batch.kept, previous, strict=True):
-            output[lanes[lost]] = old_output[lost]
+        error, of_greatest = batch.error(lanes, before, following / used)
+        batch.errors[lanes[~lost]] = of_greatest[~lost]
+        batch.put(lanes[lost], jax.tree.map(lambda part, lost=lost: part[lost], before))
         with np.errstate(all="ignore"):
             wanted = np.maximum(following * rtol / error, TIGHTEST)
             wanted = np.where(lost, np.sqrt(used * following), wanted)
@@ -439,13 +465,11 @@ def _require_agreement(
     lanes, repeated = lanes[doubtful], repeated[doubtful]
     if not lanes.size:
         return
-    kept, final = [output[lanes] for output in batch.kept], batch.derivatives(lanes)
-    tolerances = np.full(results.tolerance.shape, rtol)
+    final, tolerances = batch.derivatives(lanes), np.full(results.tolerance.shape, rtol)
     tolerances[lanes] *= np.where(repeated, *_ANOTHER)
-    batch.run_again(lanes, tolerances)
+    before = batch.refine(lanes, tolerances)
     differs = differing(lanes, final)
-    for output, old in zip(batch.kept, kept, strict=True):
-        output[lanes] = old
+    batch.put(lanes, before)
     quantities = results.quantities
     for i, (of_first, *of_second) in enumerate(differs):
         for array in (quantities.first[i], quantities.other[i]):
@@ -577,6 +601,7 @@ def compile_ahead(layout: Layout, order: int, directions: int, *, timed: bool = 
     Raises:
         NotForLanesError: for a problem that cannot be compiled; a callback would bury it under JAX's own words.
     """
+    order = min(order, METHODS[layout.options.method].derivatives)
     saves = timed and not takes_times_apart(layout, order)
     layout = layout.renewed().wanting(saves=saves, records=layout.options.records and not timed)
     integrator_of(layout, order, (), directions)

@@ -9,8 +9,9 @@ turned so that it falls to zero: of either direction by its sign at the step's s
 step, as the functions come in any unit.
 """
 
+import abc
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -280,20 +281,108 @@ def look(
     )
 
 
+class Ending(abc.ABC):
+    """How the step that ends a lane is found from a trial near the event.
+
+    Of a trial `expected` is the time to the event from its start, and `left` that from its end.
+    """
+
+    @abc.abstractmethod
+    def nearness(self, control: Control, size: Scalar, scale: Scalar, error: Scalar) -> tuple[Scalar, Scalar]:
+        """How near the end of a trial a steep fall may be that ends the lane, and a flat one."""
+
+    def may_end(self, expected: Scalar, step: Scalar, past: Flag) -> Flag:
+        """Whether the lane may end by such a trial."""
+        return True
+
+    def is_left(self, steep: Flag, left: Scalar, expected: Scalar, trial: Scalar, reach: Callable[[], Scalar]) -> Flag:
+        """Whether a trial that does not end the lane moves it."""
+        return True
+
+    def aim(self, expected: Scalar, left: Scalar, past: Flag, accepted: Flag, step: Scalar) -> Scalar:
+        """The length of the next trial towards the event."""
+        return jnp.where(past, expected, left)
+
+    def moved(self, accepted: Flag, ended: Flag) -> Flag:
+        """Whether the lane moves to the trial's end."""
+        return accepted | ended
+
+    def left(self, expected: Scalar, left: Scalar) -> Scalar:
+        """The time to the event from where the lane stays."""
+        return left
+
+
+class ByAShortStep(Ending):
+    """From the end of the last step, which is near the event."""
+
+    def nearness(self, control: Control, size: Scalar, scale: Scalar, error: Scalar) -> tuple[Scalar, Scalar]:
+        """See `Ending`."""
+        return _NEAR * size, jnp.where(error <= _SETTLED * _NEAR_FLAT * size, _NEAR_FLAT * size, -1.0)
+
+
+class ShortOfKinks(ByAShortStep):
+    """The same of a motion that may not be defined past its end: a step towards it ends a little before it."""
+
+    def nearness(self, control: Control, size: Scalar, scale: Scalar, error: Scalar) -> tuple[Scalar, Scalar]:
+        """See `Ending`."""
+        near, flat = super().nearness(control, size, scale, error)
+        return jnp.maximum(near, _ROUGH_NEAR * scale), flat
+
+    def may_end(self, expected: Scalar, step: Scalar, past: Flag) -> Flag:
+        """See `Ending`: beyond the event the rates may be others."""
+        return jnp.logical_not(past)
+
+    def aim(self, expected: Scalar, left: Scalar, past: Flag, accepted: Flag, step: Scalar) -> Scalar:
+        """See `Ending`."""
+        return _SHORT_OF_IT * super().aim(expected, left, past, accepted, step)
+
+
+class ByTheLastStep(Ending):
+    """From the start of the step that ends the lane, which is no short one, as of a stiff motion."""
+
+    def nearness(self, control: Control, size: Scalar, scale: Scalar, error: Scalar) -> tuple[Scalar, Scalar]:
+        """See `Ending`."""
+        return _STIFF_NEAR * control.trial, _STIFF_FLAT * control.trial
+
+    def may_end(self, expected: Scalar, step: Scalar, past: Flag) -> Flag:
+        """See `Ending`: the derivatives of a long step by its length err by far more than the step."""
+        return expected <= _PARTED * step
+
+    def is_left(self, steep: Flag, left: Scalar, expected: Scalar, trial: Scalar, reach: Callable[[], Scalar]) -> Flag:
+        """See `Ending`: one that ends a little before the event is tried again with the whole length to it."""
+        return jnp.logical_not(steep & (left > 0) & (left < _LAST_STEP * trial) & (expected <= reach()))
+
+    def aim(self, expected: Scalar, left: Scalar, past: Flag, accepted: Flag, step: Scalar) -> Scalar:
+        """See `Ending`."""
+        aim = jnp.where(accepted, left, expected)
+        return jnp.where(aim > _PARTED * step, _NEARER * aim, aim)
+
+    def moved(self, accepted: Flag, ended: Flag) -> Flag:
+        """See `Ending`."""
+        return accepted
+
+    def left(self, expected: Scalar, left: Scalar) -> Scalar:
+        """See `Ending`."""
+        return expected
+
+
 def decide(
-    control: Control, trial: Trial, scale: Scalar, limits: Limits, *, rough: bool = False, reach: Scalar | None = None
+    control: Control,
+    trial: Trial,
+    scale: Scalar,
+    limits: Limits,
+    *,
+    ending: "Ending | None" = None,
+    reach: Callable[[], Scalar] = lambda: jnp.asarray(jnp.inf),
 ) -> tuple[Control, Flag]:
     """The control after a trial near an event, and whether the lane moves to the trial's end.
-
-    Where the motion is `rough`, it may not be defined past its end, and a step towards it ends a little before it.
 
     Where a dip may reach below zero, the next step ends there before anything else is decided. Where a body
     turns by radians within a step, the cubic says little: the step is too long if an event may be in it.
 
-    Of a stiff motion, which has a `reach`, the longest step that is allowed, the lane stays at the start of the step
-    that ends it, and that step is no short one.
+    `ending` is how the method finds the end from a trial near it, `reach` the longest step that is allowed.
     """
-    stiff = reach is not None
+    ending = ending or ByAShortStep()
     too_long = (control.mode == ADVANCING) & trial.hidden
     trial = trial._replace(error=jnp.where(too_long, jnp.maximum(trial.error, _TOO_LONG), trial.error))
     locating, past = control.mode == LOCATING, trial.past
@@ -303,42 +392,29 @@ def decide(
     expected, event, steep, uncertainty = _first_expected(control, trial)
     left = expected - control.trial
     size = jnp.minimum(jnp.minimum(scale, control.step), control.time + control.trial)
-    flat = jnp.where(uncertainty <= _SETTLED * _NEAR_FLAT * size, _NEAR_FLAT * size, -1.0)
-    near = jnp.maximum(_NEAR * size, _ROUGH_NEAR * scale) if rough else _NEAR * size
-    if stiff:
-        near, flat = _STIFF_NEAR * control.trial, _STIFF_FLAT * control.trial
+    near, flat = ending.nearness(control, size, scale, uncertainty)
     ended = fits & (jnp.abs(left) <= jnp.where(steep, near, flat))
     wanted = next_step(control, trial.error, good)
     step = jnp.where(locating, control.step, foreseen_step(control, wanted, good, limits))
-    if stiff:
-        # The derivatives of a long step by its length err by far more than the step.
-        ended = ended & (expected <= _PARTED * step)
-    if rough:
-        ended = ended & ~past  # beyond the event the rates may be others
+    ended = _both(ended, ending.may_end(expected, step, past))
     # A lane that locates moves on as well, or it would look at both sides of a dip for ever.
-    accepted = fits & ~past & ~ended
-    if stiff:
-        # A trial that ends a little before the event is tried again with the whole length to it.
-        accepted = accepted & ~(steep & (left > 0) & (left < _LAST_STEP * control.trial) & (expected <= reach))
-
-    aim = jnp.where(accepted, left, expected) if stiff else jnp.where(past, expected, left)
-    if rough:
-        aim = _SHORT_OF_IT * aim
-    if stiff:
-        aim = jnp.where(aim > _PARTED * step, _NEARER * aim, aim)
+    accepted = fits & jnp.logical_not(past | ended)
+    accepted = _both(accepted, ending.is_left(steep, left, expected, control.trial, reach))
+    aim = ending.aim(expected, left, past, accepted, step)
+    moved = ending.moved(accepted, ended)
     length = jnp.where(lands, trial.dip * control.trial, jnp.where(bracketed | (good & (left < step)), aim, step))
-    after = counted(control, trial.lowest, good | too_long, accepted if stiff else accepted | ended)._replace(
+    after = counted(control, trial.lowest, good | too_long, moved)._replace(
         mode=jnp.where(bracketed & ~lands, LOCATING, control.mode),
         step=step,
         trial=length,
         wanted=jnp.where(accepted & ~locating, wanted, control.wanted),
         high=jnp.where(accepted, trial.high - control.trial, trial.high),
         event=jnp.where(ended, event, control.event),
-        left=jnp.where(ended, expected if stiff else left, control.left),
+        left=jnp.where(ended, ending.left(expected, left), control.left),
     )
     after = given_up(after, scale, limits)
     mode = jnp.where(ended, ENDED, jnp.where(locating & ~good, FAILED, after.mode))
-    return after._replace(mode=mode), accepted if stiff else accepted | ended
+    return after._replace(mode=mode), moved
 
 
 def stop_at(control: Control, until: Scalar) -> Control:
@@ -368,6 +444,10 @@ def first_fall(control: Control, events: Sequence[Ends]) -> tuple[Scalar, Scalar
         earlier = (event.rate < 0) & (time < remaining) & (time > -jnp.abs(control.left)) & (index >= 0)
         index, remaining = jnp.where(earlier, i, index), jnp.where(earlier, time, remaining)
     return index, remaining
+
+
+def _both(one: Flag, other: Flag) -> Flag:
+    return one if other is True else one & other
 
 
 def _any(conditions: Iterable[Flag]) -> Flag:

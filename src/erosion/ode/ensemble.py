@@ -12,13 +12,14 @@ from jaxtyping import PyTree
 from erosion.arguments import Number, PerImpact, PerLane, as_names, check_share, check_unmasked, check_whole
 from erosion.ode.batch import integrate
 from erosion.ode.integrator import LaneEnd
+from erosion.ode.methods import METHODS
 from erosion.ode.problem import Problem, flattened, is_number
 from erosion.ode.variational import Clock, Layout, Options
 from erosion.output.tables import briefly
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
 _STARTS = ("wait", "end")
-_METHODS = ("auto", "explicit", "rosenbrock")
+_METHODS = tuple(METHODS)
 
 
 def path_of(keys: Sequence[Any]) -> tuple[str, ...]:

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from erosion.arguments import Number, Scalar
 from erosion.ode.crossings import Ends
 from erosion.ode.kinks import cases, divisors, may_have_kinks
+from erosion.ode.methods import method_of
 from erosion.ode.reduction import Rows, motion_of
-from erosion.ode.rosenbrock import Rodas
 from erosion.ode.step_control import Limits
 from erosion.ode.variational import Augmented, Derivatives, Direction, Layout, Variational
 
@@ -34,12 +34,6 @@ class Extended:
         self.layout, self.numbers, self.options = layout, list(numbers), layout.options
         motion = motion_of(layout)
         self.order, self.rough = order, may_have_kinks(layout)
-        is_stiff = self.options.method == "rosenbrock"
-        if is_stiff and self.rough:
-            raise ValueError(
-                'The method "rosenbrock" needs rates without kinks, but these may have some (`abs`, `where`, …): '
-                'use the method "explicit", or say `smooth=True` where there are none.'
-            )
         fixed = all(isinstance(direction, int) for direction in directions)
         places = () if fixed else directions
 
@@ -57,9 +51,6 @@ class Extended:
         self.width, self.integrals = self._member.num_leaves, len(integrals)
         given = self.options.sizes or ()
         self.sizes = [_TINY] * (len(state) - len(given)) + list(given) + [_TINY] * self.integrals
-        scaled, clocked = layout.problem.time_scale is not None, self.options.clock
-        by_scale = scaled and (not clocked or jnp.isinf(self.clock.t1))
-        self.limits = Limits(self.options.max_steps, by_scale, foresees=self.options.waits and not is_stiff)
 
         # Each is traced once for all the places where it is called.
         @jax.jit
@@ -88,7 +79,11 @@ class Extended:
         self.events = functools.partial(events, self.numbers)
         self.rate = functools.partial(rate, self.numbers, places)
         self.rate_and_events = functools.partial(rate_and_events, self.numbers, places)
-        self.rodas = Rodas(self) if is_stiff else None
+        self.method = method_of(self)
+        scaled, clocked = layout.problem.time_scale is not None, self.options.clock
+        by_scale = scaled and (not clocked or jnp.isinf(self.clock.t1))
+        foresees = self.options.waits and self.method.foresees
+        self.limits = Limits(self.options.max_steps, by_scale, foresees=foresees)
         self.watches = self.options.method == "auto" and not self.rough
 
     def dividing(self, rows: Rows) -> list[Scalar]:

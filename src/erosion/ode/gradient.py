@@ -124,6 +124,11 @@ def is_worth(layout: Layout, elements: int) -> bool:
     return elements >= FEW and goes_back(layout)
 
 
+def first_method(layout: Layout) -> str:
+    """That by which a lane is integrated unless it turns out to be stiff."""
+    return "explicit" if layout.options.method == "auto" else layout.options.method
+
+
 def goes_back(layout: Layout) -> bool:
     """Whether lanes of a layout have an adjoint.
 
@@ -131,7 +136,7 @@ def goes_back(layout: Layout) -> bool:
     """
     if may_have_kinks(layout):
         return False
-    method = "rosenbrock" if layout.options.method == "rosenbrock" else "explicit"
+    method = first_method(layout)
     return _is_traced(layout.renewed().wanting(method=method))
 
 
@@ -169,7 +174,7 @@ def gradient(
     stiff = ends.stiff | (layout.options.method == "rosenbrock")
     ways: list[tuple[_WayBack, np.ndarray]] = []
     forwards = known.copy()
-    for method, those in (("explicit", known & ~stiff), ("rosenbrock", known & stiff)):
+    for method, those in ((first_method(layout), known & ~stiff), ("rosenbrock", known & stiff)):
         wanted = layout.wanting(method=method)
         # At a time the rates of a stiff motion have few digits left, and in a chain rounding decides whether a time
         # at a reset is before it.

@@ -257,9 +257,16 @@ class Solution(Result):
             )
         has_result = ~self.lanes.layout.has_no_result(np.asarray(self.outcome))
         for path, part in self.derivatives.items():
-            lost = np.count_nonzero(has_result & np.isnan(part.t))
+            by = " and ".join(map(_label, dict.fromkeys(path)))
+            none = has_result & np.isnan(part.t)
+            stiff = np.count_nonzero(none & np.asarray(self.stiff)) if len(path) == 2 else 0
+            if stiff:
+                sentences.append(
+                    f"The second derivatives by {by} are NaN in {stiff:,} of {self.title} that are stiff: the method "
+                    "for stiff motions has none; take differences of first ones."
+                )
+            lost = np.count_nonzero(none) - stiff
             if lost:
-                by = " and ".join(map(_label, dict.fromkeys(path)))
                 jump = "a rate jumps on the way (write the jump as an event with a `reset`), "
                 sentences.append(
                     f"The {'second' if len(path) == 2 else 'first'} derivatives by {by} are NaN in {lost:,} of "

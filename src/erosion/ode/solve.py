@@ -73,8 +73,8 @@ def solve(
             arithmetic is looked at.
         max_steps: trials of steps after which a lane is "unfinished".
         method: "explicit", a Runge-Kutta method of 8th order; "rosenbrock", Rodas5P of 5th order for stiff motions of
-            up to some twenty unknowns without kinks, whose second derivatives are NaN where they are not known to
-            about 1e-4; or "auto": explicit, and lanes that turn out to be stiff by the other (`Solution.stiff`).
+            up to some twenty unknowns without kinks, whose second derivatives are NaN; or "auto": explicit, and lanes
+            that turn out to be stiff by the other (`Solution.stiff`).
         shared: paths of arrays that each lane has as a whole, such as tables and weights.
         gradient: whether `Solution.gradient` follows; it then takes the steps of this integration.
 

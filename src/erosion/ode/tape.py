@@ -12,7 +12,6 @@ is stiff: no polynomial is as exact. What is left between the last step and the 
 """
 
 import functools
-import itertools
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -23,13 +22,12 @@ from jax import lax
 
 from erosion.arguments import Flag, PerImpact, Scalar
 from erosion.lanes import tapes
-from erosion.ode import explicit, stiff
 from erosion.ode.extended import Extended
 from erosion.ode.kinks import may_have_kinks
 from erosion.ode.landing import Flight, Lane
 from erosion.ode.reduction import Rows
 from erosion.ode.step_control import ARRIVED
-from erosion.ode.variational import Along, AlongFlow, Layout, at_event, outputs_of
+from erosion.ode.variational import Along, Layout, at_event, outputs_of
 
 STEP = -9.0
 BESIDE = 2  # numbers of a row before the state
@@ -108,18 +106,12 @@ TIMES, STATES = 0, 1
 _ROUNDING = 2e-15  # of the times so far: a time that is this much later than the end is the end
 
 
-_LOOKS = 0.25, 0.75  # of a step: where the polynomial's rates are compared with the motion's, if it may have kinks
-_FOLLOWS = 1.0  # tolerances: the polynomial is as exact
-
-
 def takes_times_apart(layout: Layout, order: int) -> bool:
     """Whether each time has an integration of its own, with so many derivatives.
 
-    Second derivatives of a stiff motion are taken at times that follow the parameters, and of
-    derivatives across a kink only two integrations tell whether they exist.
+    Of derivatives across a kink only two integrations tell whether they exist.
     """
-    stiff = layout.options.method == "rosenbrock"
-    return (stiff and order == 2) or bool(order and may_have_kinks(layout))
+    return bool(order and may_have_kinks(layout))
 
 
 class Saved(NamedTuple):
@@ -151,7 +143,9 @@ class Writer:
         """With the states at the times up to the end of a trial, if the lane moved there."""
         end = after.control.time
         due = (end > before.control.time) & (self._time(saved.following) <= end)
-        return lax.cond(due, lambda: self._written(saved, end, self._within(before, after)), lambda: saved)
+        return lax.cond(
+            due, lambda: self._written(saved, end, self.problem.method.within(before, after, self.rtol)), lambda: saved
+        )
 
     def after_landing(self, saved: Saved, lane: Lane, motion: Flight) -> Saved:
         """With those up to the end of the motion, which may lie before or after that of the last step."""
@@ -162,18 +156,8 @@ class Writer:
                 lambda k: (k > 0) & (self._time(jnp.maximum(k - 1, 0)) > end), lambda k: k - 1, saved.following
             )
             saved = saved._replace(following=following)
-        last: Rows = jax.tree.leaves(motion.members)
-
-        def at(time: Scalar) -> Along:
-            if problem.rodas is not None:
-                return self._by_a_step(lane, jnp.minimum(time, end))
-            there = time >= end
-            passed = jnp.where(there, 0.0, time - lane.control.time)
-            rows = explicit.short_step(problem, lane.state, lane.slope, passed)
-            return self._along([jnp.where(there, at_end, row) for at_end, row in zip(last, rows, strict=True)])
-
         so_far = jnp.abs(problem.clock.t0) + end + (0.0 if self.elapsed is None else self.elapsed.value)
-        return self._written(saved, end + _ROUNDING * so_far, at)
+        return self._written(saved, end + _ROUNDING * so_far, problem.method.beyond(lane, motion))
 
     def _time(self, index: Scalar) -> Scalar:
         """A time, since the motion began."""
@@ -199,71 +183,3 @@ class Writer:
         since = jax.tree.map(lambda number: -1.0 * number, began)
         outputs = at_event(along, jnp.full((), ARRIVED), 0.0 * problem.time_scale, outputs_of, since).outputs
         return jax.tree.leaves(equations.pack(equations.per_unit(outputs)))
-
-    def _along(self, rows: Rows) -> Along:
-        return AlongFlow(self.problem.equations, self.problem.members(rows))
-
-    def _by_a_step(self, before: Lane, time: Scalar) -> Along:
-        passed = time - before.control.time
-        if self.problem.rodas is not None:
-            return stiff.step_of(self.problem, before.state, before.slope, before.greatest, passed)
-        return self._along(explicit.step(self.problem, before.state, before.slope, passed)[0])
-
-    def _within(self, before: Lane, after: Lane) -> Callable[[Scalar], Along]:
-        """The state at a time within a step."""
-        problem, begin, h = self.problem, before.control.time, before.control.trial
-        if problem.rodas is not None:
-            return functools.partial(self._by_a_step, before)
-        middle, *_ = explicit.step(problem, before.state, before.slope, 0.5 * h)
-        flow = problem.rate(middle)
-        points = (before.state, before.slope), (middle, flow), (after.state, after.slope)
-        curves = [jax.jvp(problem.rate, (rows,), (slope,))[1] for rows, slope in points]
-        columns = list(zip(*(rows for rows, _ in points), *(slope for _, slope in points), *curves, strict=True))
-        polynomials = [_polynomial(h, column) for column in columns]
-
-        def at(passed: Scalar) -> Rows:
-            x = 2.0 * passed - 1.0
-            # From the start of the step, which is met exactly.
-            return [u + passed * functools.reduce(lambda sum_, c: sum_ * x + c, cs) for u, cs in polynomials]
-
-        if not problem.rough:
-            return lambda time: self._along(at((time - begin) / h))
-        follows = jnp.asarray(True)
-        for share in _LOOKS:
-            rows, slopes = jax.jvp(at, (jnp.asarray(share),), (jnp.ones(()),))
-            for column, slope, rate in zip(columns, slopes, problem.rate(rows), strict=True):
-                size = functools.reduce(jnp.maximum, [jnp.abs(u) for u in column[:3]]) + jnp.abs(h * rate)
-                follows &= jnp.abs(slope - h * rate) <= _FOLLOWS * self.rtol * size
-
-        def rows_at(time: Scalar) -> Rows:
-            passed = time - begin
-            return lax.cond(
-                follows,
-                lambda: at(passed / h),
-                lambda: explicit.step(problem, before.state, before.slope, passed)[0],
-            )
-
-        return lambda time: self._along(rows_at(time))
-
-
-# From the values at -1, 0 and 1, the first and the second derivatives, all of them in halves of the step, to the
-# coefficients of 1, x, … x⁸; sixteenths.
-_POWERS = np.arange(9)
-_CONDITIONS = [
-    [np.prod(k - np.arange(order)) * float(x) ** max(k - order, 0) for k in _POWERS]
-    for order in range(3)
-    for x in (-1, 0, 1)
-]
-_COEFFICIENTS = np.round(16 * np.linalg.inv(np.array(_CONDITIONS))) / 16
-# Of a polynomial that is zero at -1, over (1 + x)/2: the coefficients of x⁷, … 1.
-_WEIGHTS = 2.0 * np.array(list(itertools.accumulate(_COEFFICIENTS[:0:-1, 1:], lambda above, c: c - above)))
-
-
-@jax.jit
-def _polynomial(h: Scalar, column: Sequence[Scalar]) -> tuple[Scalar, list[Scalar]]:
-    """The start of a step, and the coefficients of x⁷, … 1 in the rest; x is -1 at its start and 1 at its end."""
-    start, middle, end, *others = column
-    half = 0.5 * h
-    slopes, curves = [half * slope for slope in others[:3]], [half * half * curve for curve in others[3:]]
-    data = [middle - start, end - start, *slopes, *curves]
-    return start, [sum(float(w) * d for w, d in zip(row, data, strict=True) if w != 0) for row in _WEIGHTS]

@@ -424,10 +424,6 @@ class Along(abc.ABC):
         """The same of its time derivative."""
 
     @abc.abstractmethod
-    def curve(self, function: OfMotion) -> Any:
-        """The second time derivative of its value."""
-
-    @abc.abstractmethod
     def amplification(self, event: OfMotion, rate: Scalar, time: Scalar) -> Scalar:
         """How many times larger the relative errors of the event's time may be than those of the state."""
 
@@ -461,7 +457,7 @@ class AlongFlow(Along):
         return self.equations.of(_along_flow(function), self.members)
 
     def curve(self, function: OfMotion) -> Any:
-        """See `Along`."""
+        """The second time derivative of a function's value."""
         here = self.equations.at(self.equations.numbers)
         return _along_flow(_along_flow(function))(self.members[0], here)
 
@@ -518,13 +514,14 @@ def at_event(
         return AtEvent(
             Derivatives(time, t_first, t_other, None), Derivatives(wanted.value, v_first, v_other, None), amplification
         )
+    assert isinstance(along, AlongFlow)
     g_curve, r_rate = along.curve(event_function), along.curve(outputs)
 
     def chain(mixed: Scalar, first: Scalar, other: Scalar, curve: Scalar) -> list[Scalar]:
         return [mixed, first * t_other, other * t_first, curve * t_first * t_other]
 
     t_second = or_given(-sum(chain(g.second, g_rate.first, g_rate.other, g_curve)) / g_rate.value, until.second)
-    if isinstance(along, AlongFlow) and along.equations.layout.options.waits:
+    if along.equations.layout.options.waits:
         # So flat a function leaves no digits of them.
         t_second = jnp.where(amplification < _FLAT, t_second, jnp.nan)
     parts = wanted.value, v_first, v_other, wanted.second, r.value, r.first, r.other, r_rate

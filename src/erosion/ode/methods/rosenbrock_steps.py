@@ -25,8 +25,8 @@ from jax import lax
 
 from erosion.arguments import Flag, Number, Scalar
 from erosion.lanes.flatten import NotForLanesError, dependencies
+from erosion.ode.methods.sums import moved_by, total_by
 from erosion.ode.reduction import Rows
-from erosion.ode.step_control import moved_by, total_by
 from erosion.ode.variational import Augmented, Direction, Motion
 
 if TYPE_CHECKING:
@@ -315,15 +315,8 @@ def _solved(sparse: Sparse, width: int, js: list[list[Scalar]], factors: Factors
     """
     parts = [rate[first : first + width] for first in range(0, len(rate), width)]
     u = [sparse.solve(factors, parts[0])]
-    if len(parts) == 4:
-        u += [sparse.solve(factors, sparse.add_product(js[i], u[0], parts[i])) for i in (1, 2)]
-        right = sparse.add_product(js[2], u[1], sparse.add_product(js[1], u[2], parts[3]))
-        u.append(sparse.solve(factors, sparse.add_product(js[3], u[0], right)))
-    elif len(parts) > 1:
+    if len(parts) > 1:
         u.append(sparse.solve(factors, sparse.add_product(js[1], u[0], parts[1])))
-        if len(parts) == 3:
-            right = sparse.add_product(js[1], [2.0 * each for each in u[1]], parts[2])
-            u.append(sparse.solve(factors, sparse.add_product(js[2], u[0], right)))
     return [each for part in u for each in part]
 
 

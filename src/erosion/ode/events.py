@@ -1,0 +1,132 @@
+"""The events of a program as one object: which count where a motion begins, and what a trial says about them."""
+
+import abc
+import functools
+from collections.abc import Callable, Sequence
+
+import jax.numpy as jnp
+from jax import lax
+
+from erosion.arguments import Flag, Scalar
+from erosion.ode import crossings, step_control
+from erosion.ode.crossings import Ending, Ends, Trial, Watched
+from erosion.ode.methods.base import Step
+from erosion.ode.step_control import ADVANCING, Control, Limits
+
+GRAZE = 1e4  # tolerances: a dip this close to zero may be a fall, after many turns of a fast spin
+_ZERO = 1e-15  # event functions of order 1 below this are zero at the start: cos(π/2) is 6e-17 in floating point
+
+
+class EventSet(abc.ABC):
+    """See above.
+
+    Args:
+        directions: of the events.
+        rough: whether a motion may go behind a kink and return unseen, so that steps end at crests.
+    """
+
+    def __init__(self, directions: Sequence[int], *, rough: bool) -> None:
+        self.directions, self.rough = directions, rough
+
+    @abc.abstractmethod
+    def begins(self, events: Sequence[Ends], scale: Scalar) -> Flag:
+        """Whether a lane goes on from its start: every event function is positive or rises from zero."""
+
+    @abc.abstractmethod
+    def begun(self, events: list[Ends]) -> list[Ends]:
+        """The event functions where a lane goes on from its start."""
+
+    @abc.abstractmethod
+    def watch(self, events: Sequence[Ends], scale: Scalar) -> list[Watched]:
+        """How they are watched in a step that begins there."""
+
+    @abc.abstractmethod
+    def look(
+        self, watched: Sequence[Watched], control: Control, start: Sequence[Ends], step: Step, visible: Scalar,
+        clear: Sequence[Flag],
+    ) -> Trial:  # fmt: skip
+        """What a trial says."""
+
+    def decide(
+        self, watched: Sequence[Watched], control: Control, start: Sequence[Ends], step: Step,
+        scales: tuple[Scalar, Scalar], rtol: Scalar, limits: Limits, ending: Ending, reach: Callable[[], Scalar],
+    ) -> tuple[Control, Flag]:  # fmt: skip
+        """The control after a trial, and whether the lane moves to its end.
+
+        Args:
+            watched: how the events are watched.
+            control: before the trial.
+            start: the event functions there.
+            step: the trial.
+            scales: the time scale, and that by which events are looked for.
+            rtol: relative tolerance.
+            limits: when a lane is given up.
+            ending: how the method finds the end.
+            reach: the longest step that is allowed.
+        """
+        scale, visible = scales
+
+        def goes_on() -> tuple[Control, Flag]:
+            return step_control.go_on(control, step.error, scale, limits)
+
+        def looks() -> tuple[Control, Flag]:
+            trial = self.look(watched, control, start, step, visible, clear)
+            return crossings.decide(control, trial, scale, limits, ending=ending, reach=reach)
+
+        clear = crossings.are_clear(
+            watched, control.trial, start, step.events, step.within, GRAZE * rtol, rough=self.rough
+        )
+        quiet = functools.reduce(jnp.logical_and, clear, control.mode == ADVANCING)
+        return lax.cond(quiet, goes_on, looks)
+
+
+class Falling(EventSet):
+    """All count from the start, and fall to their events."""
+
+    def begins(self, events: Sequence[Ends], scale: Scalar) -> Flag:
+        """See `EventSet`."""
+        rises = ((jnp.abs(event.value) <= _ZERO) & (event.rate * scale > _ZERO) for event in events)
+        going = ((event.value > _ZERO) | rising for event, rising in zip(events, rises, strict=True))
+        return functools.reduce(jnp.logical_and, going, jnp.asarray(True))
+
+    def begun(self, events: list[Ends]) -> list[Ends]:
+        """See `EventSet`: where an event function is zero at the start it rises, or the lane ends there."""
+        return [Ends(jnp.maximum(event.value, 0.0), event.rate) for event in events]
+
+    def watch(self, events: Sequence[Ends], scale: Scalar) -> list[Watched]:
+        """See `EventSet`."""
+        return []
+
+    def look(
+        self, watched: Sequence[Watched], control: Control, start: Sequence[Ends], step: Step, visible: Scalar,
+        clear: Sequence[Flag],
+    ) -> Trial:  # fmt: skip
+        """See `EventSet`."""
+        return crossings.look(
+            control, start, step.events, step.within, step.error, visible, clear=clear, rough=self.rough
+        )
+
+
+class Armed(EventSet):
+    """Of any direction; each counts once it is before its event."""
+
+    def begins(self, events: Sequence[Ends], scale: Scalar) -> Flag:
+        """See `EventSet`."""
+        return crossings.all_count(self.directions, events, scale)
+
+    def begun(self, events: list[Ends]) -> list[Ends]:
+        """See `EventSet`."""
+        return events
+
+    def watch(self, events: Sequence[Ends], scale: Scalar) -> list[Watched]:
+        """See `EventSet`."""
+        return crossings.watch(self.directions, events, scale)
+
+    def look(
+        self, watched: Sequence[Watched], control: Control, start: Sequence[Ends], step: Step, visible: Scalar,
+        clear: Sequence[Flag],
+    ) -> Trial:  # fmt: skip
+        """See `EventSet`."""
+        return crossings.look_directed(
+            watched, control, start, step.events, step.within, step.error, visible, clear=clear, rough=self.rough
+        )

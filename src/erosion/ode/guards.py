@@ -1,0 +1,161 @@
+"""What watches the trials of a lane beside its error, and may change one, or stop the lane.
+
+A program has a list of guards, chosen where it is traced. What a guard remembers is of one motion.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from erosion.arguments import Flag, Scalar
+from erosion.ode.extended import Extended
+from erosion.ode.horizon import Horizon
+from erosion.ode.kinks import breaks, corrected, is_broken
+from erosion.ode.landing import Lane
+from erosion.ode.methods.base import Step
+from erosion.ode.methods.runge_kutta import RungeKutta
+from erosion.ode.step_control import FAILED, FIRST_STEP, STIFF, UNFINISHED, Control, goes_on
+
+MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start, or jumps, is taken this much later
+ULPS = 1e-15  # of a number, at least: then it is another one
+_MANY_STIFF = 12  # steps, more than others, that are short although the motion is smooth: it is stiff
+_FAR = 200  # steps: a nearer end is reached all the same
+
+
+class Decided(NamedTuple):
+    """A trial, and what was decided after it.
+
+    Args:
+        memory: of the guard.
+        step: the trial.
+        control: after it.
+    """
+
+    memory: Any
+    step: Step
+    control: Control
+
+
+class Guard:
+    """Sees the trials of a lane; it may change one, or stop the lane.
+
+    Args:
+        problem: the equations.
+        rtol: relative tolerance.
+    """
+
+    def __init__(self, problem: Extended, rtol: Scalar) -> None:
+        self.problem, self.rtol = problem, rtol
+
+    def begin(self, scale: Scalar) -> Any:
+        """The memory where a motion begins: 0.0 * scale for a number."""
+        return ()
+
+    def at_rest(self, memory: Any, control: Control, scale: Scalar) -> Scalar:
+        """The time scale of a row at zero."""
+        return scale
+
+    def sees(self, lane: Lane, step: Step, visible: Scalar) -> tuple[Step, Scalar]:
+        """A trial, and the time scale by which events are looked for in it."""
+        return step, visible
+
+    def decided(self, memory: Any, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
+        """What follows."""
+        return Decided(memory, step, control)
+
+
+class LongestStep(Guard):
+    """A row at zero has the size that it gains in the longest step, where a rate may jump at an unknown time scale."""
+
+    def begin(self, scale: Scalar) -> Scalar:
+        """See `Guard`."""
+        return 0.0 * scale
+
+    def at_rest(self, memory: Scalar, control: Control, scale: Scalar) -> Scalar:
+        """See `Guard`."""
+        return self.problem.scale_near(jnp.maximum(control.step, memory), FIRST_STEP)
+
+    def decided(self, memory: Scalar, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
+        """See `Guard`."""
+        return Decided(jnp.maximum(memory, lane.control.trial), step, control)
+
+
+class DigitsOfTheClock(Guard):
+    """A jump is met no closer than the clock's digits tell, however small its row is there."""
+
+    def sees(self, lane: Lane, step: Step, visible: Scalar) -> tuple[Step, Scalar]:
+        """See `Guard`."""
+        h = lane.control.trial
+        sizes = zip(lane.slope, step.slope, lane.greatest, strict=False)
+        still = (jnp.abs(h * k) <= self.rtol * size for *ks, size in sizes for k in ks)
+        now = self.problem.clock.t0 + lane.control.time
+        blink = functools.reduce(jnp.logical_and, still, h <= ULPS * jnp.abs(now))
+        error = jnp.where(blink, 0.0 * step.error, step.error)
+        return step._replace(error=error), jnp.where(blink, jnp.inf, visible)
+
+
+class Jumps(Guard):
+    """A lane with derivatives fails where a rate jumps."""
+
+    def decided(self, memory: Any, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
+        """See `Guard`."""
+        problem, h = self.problem, lane.control.trial
+        broken = is_broken(problem, lane.state, step.stages, h, problem.time_scale)
+        begun = jnp.maximum(MOMENT, ULPS * jnp.abs(problem.clock.t0) / h)
+        begun = jnp.where(lane.control.time == 0, begun, -1.0)
+        ends = (lane.state, lane.slope), (step.state, step.slope)
+        broken = moved & (broken | breaks(problem, *ends, h, problem.time_scale, begun))
+        return Decided(memory, step, control._replace(mode=jnp.where(broken, FAILED, control.mode)))
+
+
+class Kinks(Guard):
+    """Second derivatives jump at a kink."""
+
+    def decided(self, memory: Any, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
+        """See `Guard`."""
+        ends = (lane.state, lane.slope), (step.state, step.slope)
+        state, slope = corrected(self.problem, *ends, step.stages, lane.control.trial, self.problem.time_scale)
+        return Decided(memory, step._replace(state=state, slope=slope), control)
+
+
+class Stiffness(Guard):
+    """A lane is given up whose steps are short although the motion is smooth.
+
+    Args:
+        problem, rtol: see `Guard`.
+        method: whose stages tell eigenvalues.
+    """
+
+    def __init__(self, problem: Extended, rtol: Scalar, method: RungeKutta) -> None:
+        super().__init__(problem, rtol)
+        self.method = method
+
+    def begin(self, scale: Scalar) -> Scalar:
+        """See `Guard`."""
+        return 0.0 * scale
+
+    def decided(self, memory: Scalar, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
+        """See `Guard`."""
+        rows = (lane.state, step.state)
+        one = self.method.stiffness(lane.greatest, rows, step.stages, lane.control.trial, self.rtol)
+        count = jnp.maximum(memory + jnp.where(moved, one, 0.0), 0.0)
+        stops = goes_on(control) & (count >= _MANY_STIFF) & end.is_far(control, _FAR)
+        mode, event = jnp.where(stops, UNFINISHED, control.mode), jnp.where(stops, STIFF, control.event)
+        return Decided(count, step, control._replace(mode=mode, event=event))
+
+
+def guards_of(problem: Extended, rtol: Scalar) -> list[Guard]:
+    """Those that a program needs."""
+    guards: list[Guard] = []
+    if problem.rough and problem.layout.problem.time_scale is None:
+        guards.append(LongestStep(problem, rtol))
+    if problem.rough and problem.layout.equations.timed and not problem.order:
+        guards.append(DigitsOfTheClock(problem, rtol))
+    if problem.rough and problem.order:
+        guards.append(Jumps(problem, rtol))
+    if problem.rough and problem.order == 2:
+        guards.append(Kinks(problem, rtol))
+    if problem.watches and isinstance(problem.method, RungeKutta):
+        guards.append(Stiffness(problem, rtol, problem.method))
+    return guards

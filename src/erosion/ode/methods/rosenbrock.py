@@ -1,0 +1,358 @@
+"""Rodas5P for stiff motions: the first step, the error, and the end.
+
+An explicit step may be as short as one likes. A step that is to damp what is stiff may not: so the last one begins
+where the one before it ended and reaches the event, with the length that Newton's method finds. At the event the rates
+of stiff rows are known badly, as an error of the state counts there times an eigenvalue. So nothing is differentiated
+along the flow there, but by the length of the last step.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from erosion.arguments import Flag, Number, Scalar
+from erosion.ode import crossings
+from erosion.ode.crossings import ByTheLastStep, Ends
+from erosion.ode.landing import Flight, Lane, flight, happening
+from erosion.ode.methods.base import APART, LEAST, NOISE, TIGHTEST, BackStep, Method, Reverse, Step
+from erosion.ode.methods.rosenbrock_steps import GAMMA, A, B, C, Rodas, Stages
+from erosion.ode.methods.sums import weighted
+from erosion.ode.methods.transposes import plus, transposed, zeros
+from erosion.ode.reduction import Rows
+from erosion.ode.step_control import ENDED, FIRST_STEP, NOT_BEGUN, Control
+from erosion.ode.variational import Along, Derivatives, OfMotion
+
+if TYPE_CHECKING:
+    from erosion.ode.extended import Extended
+    from erosion.ode.tape import Entry
+
+_FIRST = 0.1  # of the time in which a number of the state changes by its own size, alone or by its own feedback
+_SOONEST = 1e-9  # of the time scale: the shortest first step
+_TINY, _SMALL = 1e-200, 1e-100  # keep 0/0 away, and a square above 0
+_ROUNDING = 1e-15  # of the terms of a rate
+NEAR = 0.1  # of the last step: Newton's method moves its end by less
+_SHORTEST = 1e-14  # of the time scale: the last step of a lane that takes none
+BLURRED = 1e-2  # of itself, at the tightest tolerance: a time that errs by more is not known
+_POWER = 1.6  # an error of 5th order brought to the 8th, whose root the step control takes
+
+
+class _Landing(NamedTuple):
+    """The last step of a stiff motion on its way to the event.
+
+    Args:
+        rounds: of Newton's method so far.
+        length: of the step.
+        event, remaining: which event is first, and how much longer the step must be, where `events` were looked at.
+        events: event functions after the step, turned so that they fall to their events.
+        step: rows after the step, and their derivatives by its length.
+    """
+
+    rounds: Scalar
+    length: Scalar
+    event: Scalar
+    remaining: Scalar
+    events: list[Ends]
+    step: tuple[Rows, Rows]
+
+
+class LastStep(Along):
+    """The end of a lane as a function of the length of its last step.
+
+    Args:
+        method: with the equations.
+        rows: at the end, with derivatives at a fixed time.
+        rates: their derivatives by the step's length.
+        greatest: the greatest size so far of each of these rows.
+    """
+
+    def __init__(self, method: "Rodas5P", rows: Rows, rates: Rows, greatest: Rows) -> None:
+        super().__init__(method.problem.equations)
+        self.method, self.problem, self.rows, self.rates, self.greatest = method, method.problem, rows, rates, greatest
+
+    @property
+    def events(self) -> list[Ends]:
+        """The event functions, and their derivatives by the step's length."""
+        width = self.problem.width
+        values, rates = jax.jvp(self.problem.events, (self.rows[:width],), (self.rates[:width],))
+        return [Ends(*pair) for pair in zip(values, rates, strict=True)]
+
+    def here(self, function: OfMotion) -> Derivatives:
+        """See `Along`."""
+        return self.equations.of(function, self.problem.members(self.rows))
+
+    def rate(self, function: OfMotion) -> Derivatives:
+        """See `Along`."""
+
+        def of(rows: Rows) -> Derivatives:
+            return self.equations.of(function, self.problem.members(rows))
+
+        return jax.jvp(of, (self.rows,), (self.rates,))[1]
+
+    def amplification(self, event: OfMotion, rate: Scalar, time: Scalar) -> Scalar:
+        """By how much more the event's time errs, relative to itself, than the state."""
+        width, here = self.problem.width, self.equations.at(self.equations.numbers)
+        rows, least = self.rows[:width], self.method.least_sizes(self.greatest)
+
+        def value(rows: Rows) -> Scalar:
+            (at,) = self.problem.members(rows)
+            return event(at, here)
+
+        error: Scalar = 0.0 * time
+        for i, row in enumerate(rows):
+            slope = jax.jvp(lambda x, i=i: value([*rows[:i], x, *rows[i + 1 :]]), (row,), (jnp.ones(()),))[1]
+            error = error + jnp.abs(slope) * jnp.maximum(jnp.abs(row), least[i])
+        return jnp.maximum(1.0, jnp.where(rate * time == 0, 1.0, error / jnp.abs(rate * time)))
+
+
+class Rodas5P(Method):
+    """See `Method`."""
+
+    # Where a motion is fast its second derivatives at a fixed time are huge, and those at an event their small
+    # difference.
+    derivatives = 1
+    foresees = False
+    ending = ByTheLastStep()
+
+    def __init__(self, problem: "Extended") -> None:
+        if problem.rough:
+            raise ValueError(
+                'The method "rosenbrock" needs rates without kinks, but these may have some (`abs`, `where`, …): '
+                'use the method "explicit", or say `smooth=True` where there are none.'
+            )
+        super().__init__(problem)
+        self.rodas = Rodas(problem)
+
+    def sizes_at_start(self, initial: Rows, before: Flight | None) -> Rows:
+        """See `Method`: what a chain has had counts in all of it."""
+        return self.sizes([0.0 * row for row in initial] if before is None else before.greatest, initial)
+
+    def tried(self, lane: Lane, scales: tuple[Scalar, Scalar], rtol: Scalar) -> Step:
+        """See `Method`."""
+        h, before = lane.control.trial, lane.state
+        state, found = self.rodas.step(before, lane.slope, h)
+        slope, events = self.problem.rate_and_events(state)
+        apart = jnp.maximum(APART, NOISE / rtol) if self.problem.layout.problem.typical is None else 1.0
+        error = self.error_of(lane.greatest, apart, (before, state), found, h, rtol)
+        return Step(state, slope, found, events, self.rodas.within(before, state, found), error)
+
+    def arrives(self, before: Control, after: Control, moved: Flag) -> tuple[Control, Flag]:
+        """See `Method`: the step that arrives is the last one, which a lane ends with."""
+        last = moved & (after.mode == ENDED)
+        after = after._replace(
+            time=jnp.where(last, before.time, after.time), left=jnp.where(last, before.trial, after.left)
+        )
+        return after, moved & jnp.logical_not(last)
+
+    def is_known(self, ended: Flag, amplification: Scalar) -> Flag:
+        """See `Method`."""
+        return ended & (amplification < BLURRED / TIGHTEST)
+
+    def within(self, before: Lane, after: Lane, rtol: Scalar) -> Callable[[Scalar], Along]:
+        """See `Method`: no polynomial is as exact as a step."""
+        return functools.partial(self._by_a_step, before)
+
+    def beyond(self, lane: Lane, motion: Flight) -> Callable[[Scalar], Along]:
+        """See `Method`."""
+        return lambda time: self._by_a_step(lane, jnp.minimum(time, motion.time))
+
+    def _by_a_step(self, before: Lane, time: Scalar) -> Along:
+        return self.step_of(before.state, before.slope, before.greatest, time - before.control.time)
+
+    def reverse(self, rate: Callable[[list[Number], Rows], Rows], numbers: list[Number], every: Any) -> "_Reverse":
+        """See `Method`."""
+        return _Reverse(self, rate, numbers, every)
+
+    def first_step(self, initial: Rows, slope: Rows, scale: Scalar, asked: Scalar) -> Scalar:
+        """A length in which little happens, but for numbers that are almost zero."""
+        motion = zip(initial[: self.problem.width], slope, strict=False)
+        times = [jnp.where(u == 0, jnp.inf, jnp.abs(u) / (jnp.abs(k) + _TINY)) for u, k in motion]
+        own = zip(self.rodas.sparse.places, self.rodas.entries(initial), strict=True)
+        times += [1.0 / (jnp.abs(entry) + _TINY) for (i, j), entry in own if i == j]
+        return jnp.minimum(
+            asked, jnp.maximum(_FIRST * functools.reduce(jnp.minimum, times, jnp.asarray(jnp.inf)), _SOONEST * scale)
+        )
+
+    def least_sizes(self, greatest: Rows) -> list[Scalar]:
+        """Sizes of the rows of the motion itself below which these need not be known: as given, or by the greatest."""
+        given = self.problem.options.sizes is not None
+        return [np.float64(least) if given and least > _TINY else jnp.maximum(LEAST * size, _TINY)
+                for least, size in zip(self.problem.sizes, greatest, strict=True)]  # fmt: skip
+
+    def error_of(
+        self, greatest: Rows, apart: Scalar, rows: tuple[Rows, Rows], stages: Stages, h: Scalar, rtol: Scalar
+    ) -> Scalar:
+        """The largest error of a row relative to its size, over the tolerance, as the step control wants it.
+
+        A row need not be known better than relative to its greatest size so far, nor than rounding of the terms of
+        its rate allows. The size of a derivative's row is at least that of the row which it differentiates.
+
+        Args:
+            greatest: the greatest size so far of each row of the motion itself.
+            apart: the least size of a derivative's row, of the size of that which it differentiates.
+            rows: before and after the step.
+            stages: of the step.
+            h: its length.
+            rtol: the tolerance.
+        """
+        before, after = rows
+        width, places = self.problem.width, self.rodas.sparse.places
+        terms: list[Scalar] = [0.0 * h for _ in range(width)]
+        damped = [h for _ in range(width)]
+        for (i, j), entry in zip(places, stages.entries, strict=True):
+            terms[i] = terms[i] + jnp.abs(entry * after[j])
+            if i == j:
+                damped[i] = 1.0 / (1.0 / h + jnp.abs(entry))
+        rounding = [_ROUNDING / rtol * term * time for term, time in zip(terms, damped, strict=True)]
+        sizes: list[Scalar] = list(map(jnp.maximum, self.least_sizes(greatest), rounding))
+        error, of_motion = 0.0 * h, sizes
+        for first in range(0, len(after), width):
+            if first:
+                sizes = [apart * size for size in of_motion]
+            for i in range(width):
+                row = first + i
+                sizes[i] = jnp.maximum(jnp.maximum(jnp.abs(before[row]), jnp.abs(after[row])), sizes[i])
+                error = jnp.maximum(error, jnp.abs(stages.increments[row][-1]) / sizes[i])
+            of_motion = of_motion if first else list(sizes)
+        error = jnp.where(stages.sound, error / rtol, jnp.inf)
+        return jnp.exp(_POWER * jnp.log(error + 1e-30))
+
+    def last_step(self, state: Rows, slope: Rows, greatest: Rows, h: Scalar) -> LastStep:
+        """The step of a length, with its derivatives by that."""
+        at, rates = jax.jvp(lambda h: self.rodas.step(state, slope, h)[0], (h,), (jnp.ones(()),))
+        return LastStep(self, at, rates, greatest)
+
+    def step_of(self, state: Rows, slope: Rows, greatest: Rows, passed: Scalar) -> LastStep:
+        """The state a time after a step began, 0 or later."""
+        passed = jnp.where(passed > _SMALL * self.problem.time_scale, passed, 0.0)
+        step = self.last_step(state, slope, greatest, length_of(passed, self.problem.time_scale))
+        rows: Rows = [jnp.where(passed > 0, new, old) for new, old in zip(step.rows, state, strict=True)]
+        return LastStep(self, rows, step.rates, greatest)
+
+    def landed(self, lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:
+        """The same by the method for stiff motions: the length of the last step is what Newton's method finds.
+
+        The step is written once, in a loop: it is most of a program for many unknowns.
+        """
+        control, options = lane.control, self.problem.options
+        scale = self.problem.scale_near(control.step, FIRST_STEP)
+        watched = crossings.watch(self.problem.directions, lane.events, scale) if options.waits else []
+        ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
+
+        def nearer(landing: _Landing) -> _Landing:
+            along = self.last_step(lane.state, lane.slope, lane.greatest, landing.length)
+            events = along.events
+            if options.waits:
+                events = [
+                    crossings.silenced(crossings.turned(event, each.turn), each.counts | (control.event == i))
+                    for i, (event, each) in enumerate(zip(events, watched, strict=True))
+                ]
+            more = sum(
+                (jnp.where(control.event == i, -each.value / each.rate, 0.0) for i, each in enumerate(events)),
+                jnp.zeros(()),
+            )
+            near = ended & (jnp.abs(more) < NEAR * landing.length)
+            event, remaining = crossings.first_fall(control, events)
+            if options.waits and until is not None:
+                event, remaining = crossings.last_moment(event, remaining, events, scale)
+            found = event, jnp.where(ended, remaining, 0.0), events
+            # The first round finds the place of the event that was seen, the second which is the first there.
+            looks = landing.rounds == 1
+            event, remaining, events = jax.tree.map(
+                functools.partial(jnp.where, looks), found, (landing.event, landing.remaining, landing.events)
+            )
+            moves = jnp.where(landing.rounds == 0, jnp.where(near, more, 0.0), jnp.where(looks, remaining, 0.0))
+            return _Landing(
+                landing.rounds + 1, landing.length + moves, event, remaining, events, (along.rows, along.rates)
+            )
+
+        length = length_of(control.left, scale)
+        nothing = [0.0 * row for row in lane.state]
+        landing = _Landing(0 * control.mode, length, control.event, 0.0 * length, lane.events, (nothing, nothing))
+        landing = lax.while_loop(lambda landing: landing.rounds < 3, nearer, landing)
+        stepped = control.left > 0
+        rows, rates = landing.step
+        rows: Rows = [jnp.where(stepped, new, old) for new, old in zip(rows, lane.state, strict=True)]
+        along = LastStep(self, rows, rates, lane.greatest)
+        at_once = happening(self.problem, ended, landing.event, landing.remaining, landing.events, scale)
+        time = control.time + jnp.where(stepped, landing.length, 0.0)
+        return flight(lane, self.problem.members(rows), landing.event, time, at_once), along
+
+
+def length_of(left: Scalar, scale: Scalar) -> Scalar:
+    """The length of the last step; a lane that takes none may take its derivatives by a very short one."""
+    return jnp.where(left > 0, left, _SHORTEST * scale)
+
+
+_LOST, _LOST_AT_MOST = 1e6, 0.01  # an estimate of 4th order is far greater than the error, and counts effects alone
+
+
+class _Reverse(Reverse):
+    share = 1.0
+
+    def __init__(
+        self, method: Rodas5P, rate: Callable[[list[Number], Rows], Rows], numbers: list[Number], every: Any
+    ) -> None:
+        self._method, self._rate, self._numbers, rodas = method, rate, numbers, method.rodas
+        self._entries = jax.jit(lambda numbers, rows: rodas.entries(rows, every(numbers)))
+        self._solve, self._solve_transposed = jax.jit(rodas.sparse.solve), jax.jit(rodas.sparse.solve_transposed)
+
+    def most(self, rtol: Scalar) -> Scalar:
+        """See `Reverse`."""
+        return jnp.minimum(_LOST * rtol, _LOST_AT_MOST)
+
+    def flow(self, rows: Rows, before: Callable[[], "Entry"]) -> Rows:
+        """See `Reverse`."""
+        last = before()
+        h = length_of(last.length, self._method.problem.time_scale)
+        return self._method.last_step(last.state, self._rate(self._numbers, last.state), [], h).rates
+
+    def step(self, row: "Entry") -> BackStep:
+        """The same by the Rosenbrock method; a motion that ends where it began takes no step."""
+        rodas, steps = self._method.rodas, row.length > 0
+        inverse = 1.0 / length_of(row.length, self._method.problem.time_scale)
+        entries, pull_entries = jax.vjp(self._entries, self._numbers, row.state)
+        factors = rodas.factors(entries, inverse * (1 / GAMMA))
+        slope: Rows = []
+        increments, pulls = [], []
+        for a, c in zip(((), *A), ((), *C), strict=True):
+            so_far = list(zip(*increments, strict=True)) or [()] * self._method.problem.width
+            rows = [u + weighted(a, us) if a else u for u, us in zip(row.state, so_far, strict=True)]
+            right, pull = jax.vjp(self._rate, self._numbers, rows)
+            slope = slope or right
+            if c:
+                right = [r + inverse * weighted(c, us) for r, us in zip(right, so_far, strict=True)]
+            increments.append(self._solve(factors, right))
+            pulls.append(pull)
+        count = len(increments)
+
+        def of_right(i: int, bars: Rows, of_rights: dict[int, Rows]) -> Rows:
+            later = range(i + 1, count)
+            others = [C[j - 1][i] for j in later]
+            if others:
+                rights = ([of_rights[j][r] for j in later] for r in range(self._method.problem.width))
+                bars = [bar + inverse * weighted(others, each) for bar, each in zip(bars, rights, strict=True)]
+            return self._solve_transposed(factors, bars)
+
+        def of_all(b: Sequence[float], after: Rows) -> tuple[Rows, list[Number]]:
+            total, gained, (of_rights, _) = transposed(self._numbers, b, A, after, pulls, of_right)
+            of_entries = [
+                sum((of_rights[k][i] * increments[k][j] for k in range(count)), jnp.zeros(()))
+                for i, j in rodas.sparse.places
+            ]
+            grads, of_state = pull_entries(of_entries)
+            return plus(total, of_state), plus(gained, grads)
+
+        def back(after: Rows) -> tuple[Rows, list[Number], Rows]:
+            moved, gained = of_all(B, after)
+            # What is damped within the step is no error of what comes before: W^-T d takes it away.
+            errors = self._solve_transposed(factors, of_all((*[0.0] * (count - 1), 1.0), after)[0])
+            results = plus(after, moved), gained, [inverse * (1 / GAMMA) * e for e in errors]
+            nothing = list(after), zeros(gained), zeros(after)
+            return jax.tree.map(functools.partial(jnp.where, steps), results, nothing)
+
+        return BackStep([], slope, back)

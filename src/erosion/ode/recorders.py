@@ -1,0 +1,120 @@
+"""What a lane writes on its way; see `erosion.ode.tape`. What a recorder has written is of all motions of a lane."""
+
+import abc
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+from jax import lax
+
+from erosion.arguments import Flag, Scalar
+from erosion.ode.extended import Extended
+from erosion.ode.landing import Flight, Lane, has_no_derivatives
+from erosion.ode.reduction import Rows
+from erosion.ode.tape import Recorded, Saved, Tape, Writer
+
+
+class Recorder(abc.ABC):
+    """See above."""
+
+    @abc.abstractmethod
+    def begin(self) -> Any:
+        """Nothing is written yet."""
+
+    def of_motion(self, elapsed: tuple[Scalar, ...]) -> "Recorder":
+        """That for a motion which begins so much later than the lane, with derivatives."""
+        return self
+
+    @abc.abstractmethod
+    def after_step(self, written: Any, before: Lane, after: Lane) -> Any:
+        """With a trial."""
+
+    @abc.abstractmethod
+    def after_landing(self, written: Any, lane: Lane, motion: Flight) -> Any:
+        """With the end of a motion."""
+
+    def after_event(self, written: Any, event: Scalar, happens: Sequence[Flag], state: Rows) -> Any:
+        """With the events there."""
+        return written
+
+    @abc.abstractmethod
+    def results(self, written: Any) -> Mapping[str, Any]:
+        """What is left of it in `LaneEnd`."""
+
+
+class Steps(Recorder):
+    """Each step and event, for reverse mode.
+
+    Args:
+        problem: the equations.
+        rtol: relative tolerance.
+        rows: of the tape.
+    """
+
+    def __init__(self, problem: Extended, rtol: Scalar, rows: Scalar) -> None:
+        self.problem, self.rtol, self.rows = problem, rtol, rows
+
+    def begin(self) -> Tape:
+        """See `Recorder`."""
+        rows = lax.convert_element_type(self.rows, int)
+        return Tape(jnp.zeros((), int), rows, 0.0 * self.rtol, jnp.asarray(True))
+
+    def after_step(self, written: Tape, before: Lane, after: Lane) -> Tape:
+        """See `Recorder`."""
+        now, then = before.control.time, after.control.time
+        return written.with_step(then - now, before.state, then != now)
+
+    def after_landing(self, written: Tape, lane: Lane, motion: Flight) -> Tape:
+        """See `Recorder`."""
+        written = written.with_step(motion.time - lane.control.time, lane.state, jnp.asarray(True))
+        has = written.has_derivatives & ~has_no_derivatives(self.problem, motion)
+        return written._replace(has_derivatives=has)
+
+    def after_event(self, written: Tape, event: Scalar, happens: Sequence[Flag], state: Rows) -> Tape:
+        """See `Recorder`."""
+        return written.with_event(event, happens, state)
+
+    def results(self, written: Tape) -> Mapping[str, Any]:
+        """See `Recorder`."""
+        return {"recorded": Recorded(jnp.where(written.has_derivatives, written.rows, 0), written.token)}
+
+
+class SaveAt(Recorder):
+    """States at many times.
+
+    Args:
+        problem, rtol, elapsed: see `Writer`.
+    """
+
+    def __init__(self, problem: Extended, rtol: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
+        self.problem, self.rtol, self.writer = problem, rtol, Writer(problem, rtol, elapsed)
+
+    def begin(self) -> Saved:
+        """See `Recorder`."""
+        return Saved(jnp.zeros((), int), 0.0 * self.rtol)
+
+    def of_motion(self, elapsed: tuple[Scalar, ...]) -> "SaveAt":
+        """See `Recorder`."""
+        return SaveAt(self.problem, self.rtol, elapsed)
+
+    def after_step(self, written: Saved, before: Lane, after: Lane) -> Saved:
+        """See `Recorder`."""
+        return self.writer.after_step(written, before, after)
+
+    def after_landing(self, written: Saved, lane: Lane, motion: Flight) -> Saved:
+        """See `Recorder`."""
+        return self.writer.after_landing(written, lane, motion)
+
+    def results(self, written: Saved) -> Mapping[str, Any]:
+        """See `Recorder`."""
+        return {"saved": written.token}
+
+
+def recorders_of(problem: Extended, rtol: Scalar, rows: Scalar) -> list[Recorder]:
+    """Those that a program asks for."""
+    recorders: list[Recorder] = []
+    if problem.options.records:
+        recorders.append(Steps(problem, rtol, rows))
+    if problem.options.saves:
+        recorders.append(SaveAt(problem, rtol))
+    return recorders
