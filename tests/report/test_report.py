@@ -463,10 +463,9 @@ def test_a_handout_has_answers_and_figures_without_derivations(tmp_path: Path) -
 
 
 @pytest.mark.browser
-@pytest.mark.parametrize("lang", ["en", "de"])
 @pytest.mark.parametrize("key", ["a1", "q1", "q4", "q8", "models"])
-def test_a_handout_fills_one_sheet_with_readable_figures(tmp_path: Path, key: str, lang: str, browser: Browser) -> None:
-    path = write_report(TABLE_1, tmp_path, only=[key], brief=True, lang=lang)
+def test_a_handout_fills_one_sheet_with_readable_figures(tmp_path: Path, key: str, browser: Browser) -> None:
+    path = write_report(TABLE_1, tmp_path, only=[key], brief=True)
     sheet = browser.new_page(viewport={"width": 695, "height": 1024})  # between the margins of A4, at 96 dots per inch
     sheet.goto(path.as_uri())
     sheet.emulate_media(media="print")
@@ -538,10 +537,6 @@ def test_the_best_angle_is_told_per_mass_of_abrasive(tmp_path):
     assert "If 0.5 of the particles cut like this one, a kilogramme of abrasive would remove 94.47 g" in " ".join(
         beyond.split()
     )
-    without = write_report(TABLE_1, tmp_path / "mm", only=["q4"], lang="de").read_text("utf-8")
-    assert "Ein Kilogramm Strahlmittel trägt" not in without
-    said = " ".join(without.split())
-    assert "trüge ein Kilogramm Strahlmittel bei diesem Winkel 69980 mm³ ab" in said
-    assert "Die Menge bei diesem Winkel ist weit von dem entfernt, was Versuche" in said
-    assert "wenn σψ etwa 145-mal so groß wäre" in said
+    without = write_report(TABLE_1, tmp_path / "mm", only=["q4"]).read_text("utf-8")
+    assert "a kilogramme of abrasive would remove 69980 mm³" in " ".join(without.split())
     assert "erosion_ratio" not in (tmp_path / "mm" / "numbers.json").read_text()

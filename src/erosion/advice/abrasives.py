@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from erosion.correlations.families import DIAMETER_EXPONENT
 from erosion.correlations.ranges import SHARPNESS
 from erosion.correlations.registry import HARD_ENOUGH, SHAPES, oka_normal
-from erosion.output import Language
 from erosion.parameters import VICKERS, Particle, Target, two_digits
 
 _OKA = "oka:"
@@ -17,26 +16,22 @@ def hardness_ratio(particle: Particle, target: Target) -> float | None:
     return None if particle.vickers is None else particle.vickers * VICKERS / target.hardness
 
 
-def hardness_sentence(particle: Particle, target: Target, name: str, language: Language) -> str:
+def hardness_sentence(particle: Particle, target: Target, name: str) -> str:
     """What the abrasive's hardness does to the amounts."""
-    say, ratio = language.say, hardness_ratio(particle, target)
+    ratio = hardness_ratio(particle, target)
     if ratio is None:
-        return say(
-            "{particle}: its hardness is not known here and enters no number; below about 1.2 times that of the "
-            "metal it would remove much less (Pintaude 2010).",
-            particle=name,
+        return (
+            f"{name}: its hardness is not known here and enters no number; below about 1.2 times that of the "
+            "metal it would remove much less (Pintaude 2010)."
         )
-    numbers = {"particle": name, "ratio": f"{ratio:.2g}"}
     if ratio < HARD_ENOUGH:
-        return say(
-            "{particle}: only {ratio} times as hard as the metal. Below about 1.2 times an abrasive hardly scratches "
-            "(Pintaude 2010): the amounts are too large.",
-            **numbers,
+        return (
+            f"{name}: only {ratio:.2g} times as hard as the metal. Below about 1.2 times an abrasive hardly scratches "
+            "(Pintaude 2010): the amounts are too large."
         )
-    return say(
-        "{particle}: {ratio} times as hard as the metal. Above about 1.2 times (Pintaude 2010) tests find no effect "
-        "of the abrasive's hardness (Feng and Ball 1999), and it enters no number here.",
-        **numbers,
+    return (
+        f"{name}: {ratio:.2g} times as hard as the metal. Above about 1.2 times (Pintaude 2010) tests find no effect "
+        "of the abrasive's hardness (Feng and Ball 1999), and it enters no number here."
     )
 
 
@@ -59,36 +54,25 @@ def oka_ratio(particle: Particle, other: Particle, target: Target, v0: float) ->
     return oka_normal(other.oka, v0, other.size, metals[0]) / oka_normal(particle.oka, v0, particle.size, metals[0])
 
 
-def comparison(
-    particle: Particle, other: Particle, target: Target, v0: float, names: tuple[str, str], language: Language
-) -> str:
-    """Whether another abrasive removes more of a metal, and by what; `names` of both in the language."""
-    say, factors = language.say, size_and_shape(particle, other)
-    numbers = {"particle": names[0], "other": names[1]}
+def comparison(particle: Particle, other: Particle, target: Target, v0: float, names: tuple[str, str]) -> str:
+    """Whether another abrasive removes more of a metal, and by what; with the `names` of both."""
+    factors, both = size_and_shape(particle, other), f"{names[1]} instead of {names[0]}"
     ratios = [hardness_ratio(grit, target) for grit in (particle, other)]
     soft = [name for name, ratio in zip(names, ratios, strict=True) if ratio is not None and ratio < HARD_ENOUGH]
-    if soft or factors is None or None in ratios:
-        because = (
-            say("{particle} is less than 1.2 times as hard as the metal", particle=soft[0])
-            if soft
-            else language.text("a shape or a hardness is not known")
-        )
-        return say("{other} instead of {particle}: no ratio can be told, for {because}.", **numbers, because=because)
+    if soft:
+        return f"{both}: no ratio can be told, for {soft[0]} is less than 1.2 times as hard as the metal."
+    if factors is None or None in ratios:
+        return f"{both}: no ratio can be told, for a shape or a hardness is not known."
     size, shape = factors
     ratio = f"{size * shape:.2g}"
-    text = say(
-        "{other} instead of {particle}: {amount} for a kilogramme, {size} times by the size (diameter to the power "
-        "0.19, Oka 2005) and {shape} times by the shape (E/CRC). Both are more than 1.2 times as hard as the metal, so "
-        "that hardness changes little (Feng and Ball 1999).",
-        **numbers,
-        amount=language.text("about as much") if ratio == "1" else say("about {ratio} times as much", ratio=ratio),
-        size=f"{size:.2f}",
-        shape=f"{shape:.2f}",
+    amount = "about as much" if ratio == "1" else f"about {ratio} times as much"
+    text = (
+        f"{both}: {amount} for a kilogramme, {size:.2f} times by the size (diameter to the power 0.19, Oka 2005) and "
+        f"{shape:.2f} times by the shape (E/CRC). Both are more than 1.2 times as hard as the metal, so that hardness "
+        "changes little (Feng and Ball 1999)."
     )
     oka = oka_ratio(particle, other, target, v0)
-    if oka is None:
-        return text
-    return f"{text} {say('In tests of Oka at 90° it is {ratio} times.', ratio=f'{oka:.2g}')}"
+    return text if oka is None else f"{text} In tests of Oka at 90° it is {oka:.2g} times."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,28 +103,21 @@ class Job:
         """The least and the greatest mass of abrasive [kg], by the erosion at the angle [m³/kg]."""
         return self.volume / max(erosion), self.volume / min(erosion)
 
-    def sentence(self, erosion: Sequence[float], density: float | None, language: Language) -> str:
+    def sentence(self, erosion: Sequence[float], density: float | None) -> str:
         """Volume, abrasive and time; `density` of the target [kg/m³]."""
-        say, ends = language.say, self.abrasive(erosion)
-        numbers = {"volume": f"{self.volume * 1e6:.3g}", "abrasive": between(map(two_digits, ends), language)}
-        numbers |= {"area": f"{self.area:.3g}", "depth": f"{self.depth * 1e6:.3g}"}
-        metal = say("{area} m² by {depth} µm are {volume} cm³ of metal", **numbers)
+        ends = self.abrasive(erosion)
+        metal = f"{self.area:.3g} m² by {self.depth * 1e6:.3g} µm are {self.volume * 1e6:.3g} cm³ of metal"
         if density is not None:
-            metal = say("{metal}, {mass} kg", metal=metal, mass=f"{self.volume * density:.3g}")
+            metal += f", {self.volume * density:.3g} kg"
+        text = f"{metal}: that takes {between(map(two_digits, ends))} kg of abrasive"
         if self.feed is None:
-            return say("{metal}: that takes {abrasive} kg of abrasive.", metal=metal, abrasive=numbers["abrasive"])
-        minutes = [mass / self.feed / 60 for mass in ends]
-        return say(
-            "{metal}: that takes {abrasive} kg of abrasive, {minutes} minutes at {feed} kg/min.",
-            metal=metal,
-            abrasive=numbers["abrasive"],
-            minutes=between(map(two_digits, minutes), language),
-            feed=f"{self.feed * 60:.3g}",
-        )
+            return f"{text}."
+        minutes = between(two_digits(mass / self.feed / 60) for mass in ends)
+        return f"{text}, {minutes} minutes at {self.feed * 60:.3g} kg/min."
 
 
-def between(texts: Iterable[str], language: Language) -> str:
+def between(texts: Iterable[str]) -> str:
     """From the first to the last of some texts in order; one text where they are the same."""
     texts = list(texts)
     low, high = texts[0], texts[-1]
-    return language.number(low) if low == high else language.say("{low} to {high}", low=low, high=high)
+    return low if low == high else f"{low} to {high}"

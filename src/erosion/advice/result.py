@@ -13,7 +13,7 @@ from erosion.fits.forward import FACTORS, FRACTION, OF_METAL
 from erosion.joint_laws import SHARE, LawSet, Member, Rows, require_units
 from erosion.models import CuttingModel, own_parameters, quantities, ranges
 from erosion.models.correlated import Correlated
-from erosion.output import ENGLISH, Language, Record, Result, format_number, to_plain
+from erosion.output import Record, Result, format_number, to_plain
 from erosion.parameters import (
     PER_MASS_SCALES,
     FarFromTests,
@@ -180,7 +180,6 @@ class Advice(Result):
         particle, target: where they were named.
         outside: sentences on correlations that are used outside of their range.
         uncertain: the laws that took the place of the ranges of k and ψ, from a fit for example.
-        language: of all texts but `to_dict`'s.
         doubts: sentences on the fit that it rests on, as the case file has them.
         weighed: the least and the greatest angle of its tests [rad]; the advised angle is between them.
         job: what is to be removed.
@@ -198,7 +197,6 @@ class Advice(Result):
     target: Target | None = None
     outside: tuple[str, ...] = ()
     uncertain: Uncertain | None = None
-    language: Language = ENGLISH
     doubts: tuple[str, ...] = ()
     weighed: tuple[float, float] | None = None
     job: Job | None = None
@@ -253,35 +251,16 @@ class Advice(Result):
     @property
     def title(self) -> str:
         """Particle, target and speed."""
-        say, text = self.language.say, self.language.text
-        title = say(
-            "{particle} on {target} at {speed} m/s: {angle}",
-            particle=text("the particle of the case") if self.particle is None else self.particle_name,
-            target=text("the target of the case") if self.target is None else text(self.target.name),
-            speed=f"{float(self.p.to('si').v0):.4g}",
-            angle=degrees(self.alpha),
-        )
+        particle = "the particle of the case" if self.particle is None else str(self.particle)
+        target = "the target of the case" if self.target is None else self.target.name
+        title = f"{particle} on {target} at {float(self.p.to('si').v0):.4g} m/s: {degrees(self.alpha)}"
         return f"{title[0].upper()}{title[1:]}"
-
-    @property
-    def particle_name(self) -> str:
-        """Material and size of the particle, in the language; "" without one."""
-        return "" if self.particle is None else self._name(self.particle)
-
-    def _name(self, particle: Particle) -> str:
-        size = str(particle).removeprefix(particle.name)
-        return self.language.text(particle.name) + self.language.number(size)
 
     @property
     def headings(self) -> Sequence[str]:
         """The columns of the table."""
-        say, at = self.language.say, degrees(self.alpha)
-        return (
-            self.language.text("what varies"),
-            self.language.text("best nozzle angle"),
-            say("share at {angle}", angle=at),
-            say("erosion at {angle} [{unit}]", angle=at, unit=self.unit),
-        )
+        at = degrees(self.alpha)
+        return "what varies", "best nozzle angle", f"share at {at}", f"erosion at {at} [{self.unit}]"
 
     @property
     def unit(self) -> str:
@@ -295,44 +274,35 @@ class Advice(Result):
 
     def rows(self) -> list[tuple[str, ...]]:
         """What varies, the range of best angles, and what the advised angle gives."""
-        say, text = self.language.say, self.language.text
         models = self.group("models")
-        count = models[0].name if len(models) == 1 else say("{count} models", count=str(len(models)))
+        count = models[0].name if len(models) == 1 else f"{len(models)} models"
         at = f", k = {float(self.p.k):.4g}, ψ = {float(self.p.psi):.4g}"
-        rows = [self._row(count + self.language.number(at), models)]
+        rows = [self._row(count + at, models)]
         for name, symbol in (("k", "k"), ("psi", "ψ")):
             varied = self.group(name)
             if varied:
                 ends = list(dict.fromkeys(curve.setting.partition(" = ")[2] for curve in varied))
-                what = say("{symbol} from {low} to {high}", symbol=symbol, low=ends[0], high=ends[-1])
+                what = f"{symbol} from {ends[0]} to {ends[-1]}"
                 rows.append(self._row(what, varied))
         draws = self.group("draws")
         if draws:
-            what = say(
-                "{count} curves that the tests allow ({source}), 95% of them",
-                count=str(len(draws)),
-                source=str(self.uncertain),
-            )
+            what = f"{len(draws)} curves that the tests allow ({self.uncertain}), 95% of them"
             rows.append(self._row(what, draws))
         correlations = self.group("correlations")
         if correlations:
-            rows.append(self._row(say("{count} correlations of tests", count=str(len(correlations))), correlations))
+            rows.append(self._row(f"{len(correlations)} correlations of tests", correlations))
             for curve in correlations:
-                grains = f", {text(curve.setting)}" if curve.setting else ""
+                grains = f", {curve.setting}" if curve.setting else ""
                 rows.append(self._row(f"· {curve.name}{grains}", [curve]))
         singles = [curve.single for curve in models if curve.single is not None]
-        alone = (
-            text("without the spread of the jet")
-            if len(models) == 1
-            else text("the models without the spread of the jet")
-        )
-        rows.append((alone, between(map(degrees, sorted(singles)), self.language), "", ""))
+        alone = "without the spread of the jet" if len(models) == 1 else "the models without the spread of the jet"
+        rows.append((alone, between(map(degrees, sorted(singles))), "", ""))
         return rows
 
     def _row(self, what: str, curves: Sequence[Curve]) -> tuple[str, ...]:
-        best = between(map(degrees, ends(curves, lambda curve: curve.best)), self.language)
+        best = between(map(degrees, ends(curves, lambda curve: curve.best)))
         share = _percent(ends(curves, lambda curve: curve.share(self.alpha))[0])
-        least = self.language.say("{share}%" if len(curves) == 1 else "at least {share}%", share=share)
+        least = f"{share}%" if len(curves) == 1 else f"at least {share}%"
         return what, best, least, self.span([curve for curve in curves if curve.fits])
 
     def _far(self, curves: Sequence[Curve]) -> FarFromTests | None:
@@ -350,9 +320,9 @@ class Advice(Result):
         if not curves:
             return "–"
         if self._is_beyond(curves):
-            return self.language.text("beyond tests")
+            return "beyond tests"
         amounts = ends(curves, lambda curve: curve.at(self.alpha) / self.scale.size)
-        return between(map(two_digits, amounts), self.language)
+        return between(map(two_digits, amounts))
 
     @property
     def trusted(self) -> Sequence[Curve]:
@@ -374,20 +344,19 @@ class Advice(Result):
     @property
     def answers(self) -> list[str]:
         """Angle, amount, the job, the other abrasive."""
-        say = self.language.say
-        mine = "" if self.uncertain is None else say("By your weighings:") + " "
+        mine = "" if self.uncertain is None else "By your weighings: "
         sentences = [
-            mine + say("set the nozzle to {angle} from the surface.", angle=degrees(self.alpha)),
+            mine + f"set the nozzle to {degrees(self.alpha)} from the surface.",
             self._amount(),
         ]
         if self.job is not None and self.trusted:
             erosion = ends(self.trusted, lambda curve: curve.at(self.alpha) / (curve.density or 1.0))
-            job = self.job.sentence(erosion, self.per_mass.density, self.language)
-            sentences.append(job if self.uncertain is None else f"{say('With 95% confidence:')} {job}")
+            job = self.job.sentence(erosion, self.per_mass.density)
+            sentences.append(job if self.uncertain is None else f"With 95% confidence: {job}")
         if self.other is not None and self.particle is not None and self.target is not None:
-            names = (self.particle_name, self._name(self.other))
+            names = (str(self.particle), str(self.other))
             speed = float(self.p.to("si").v0)
-            sentences.append(comparison(self.particle, self.other, self.target, speed, names, self.language))
+            sentences.append(comparison(self.particle, self.other, self.target, speed, names))
         return [f"{sentence[0].upper()}{sentence[1:]}" for sentence in sentences]
 
     @property
@@ -395,14 +364,12 @@ class Advice(Result):
         """Why this angle, what would narrow it, and what the abrasive does."""
         sentences = [self._why(), self._narrowing()]
         if self.particle is not None and self.target is not None:
-            name = self.language.text(self.particle.name)
-            sentences.append(hardness_sentence(self.particle, self.target, name, self.language))
+            name = self.particle.name
+            sentences.append(hardness_sentence(self.particle, self.target, name))
         if self.particle is not None and self.particle.shape == "round":
             sentences.append(
-                self.language.say(
-                    "The models take a sharp edge; round particles plough more and cut less, so expect less: 0.2 "
-                    "times by E/CRC's factor for rounded sand."
-                )
+                "The models take a sharp edge; round particles plough more and cut less, so expect less: 0.2 "
+                "times by E/CRC's factor for rounded sand."
             )
         return [f"{sentence[0].upper()}{sentence[1:]}" for sentence in sentences]
 
@@ -411,102 +378,77 @@ class Advice(Result):
         """Sentences on a size that fits no body, correlations out of range, amounts far from tests, and the fit."""
         far = self._far([curve for curve in self.curves if curve.group != "correlations"])
         said = (self.p.size_warning, *self.outside, far and str(far))
-        return [self._translated(message) for message in said if message] + [*map(self.language.sentences, self.doubts)]
-
-    def _translated(self, message: str) -> str:
-        """A sentence in the language; one on a correlation begins with its name."""
-        name, gap, rest = message.partition(" ")
-        return name + gap + self.language.text(rest) if message in self.outside else self.language.text(message)
+        return [*filter(None, said), *self.doubts]
 
     def _why(self) -> str:
         """What the advised angle is worth by the curves that count."""
-        say = self.language.say
-        numbers = {"share": _percent(self.share), "low": degrees(self.low), "high": degrees(self.high)}
+        share, span = _percent(self.share), f"from {degrees(self.low)} to {degrees(self.high)}"
         if self.uncertain is None:
-            return say(
-                "At this angle every model and correlation removes at least {share}% of what it removes at its own "
-                "best angle; these best angles lie from {low} to {high}.",
-                **numbers,
+            return (
+                f"At this angle every model and correlation removes at least {share}% of what it removes at its own "
+                f"best angle; these best angles lie {span}."
             )
-        return say(
-            "At this angle the {count} curves that the tests allow ({source}) remove on average {share}% of what they "
-            "remove at their own best angles, and 95% of them at least {least}%; 95% of these best angles lie from "
-            "{low} to {high}. The correlations are made from other tests, and do not count.",
-            **numbers,
-            least=_percent(self.worst),
-            count=str(len(self.group("draws"))),
-            source=str(self.uncertain),
+        return (
+            f"At this angle the {len(self.group('draws'))} curves that the tests allow ({self.uncertain}) remove on "
+            f"average {share}% of what they remove at their own best angles, and 95% of them at least "
+            f"{_percent(self.worst)}%; 95% of these best angles lie {span}. The correlations are made from other "
+            "tests, and do not count."
         )
 
     def _amount(self) -> str:
-        say = self.language.say
         models = [curve for curve in self.curves if curve.group != "correlations"]
         fitting = [curve for curve in self.group("correlations") if curve.fits]
         share = self.per_mass.cutting_fraction
-        fraction = self.language.text("all") if share == 1 else f"{share:.3g}"
-        numbers = {"amount": self.span(models), "unit": self.unit, "fraction": fraction}
-        numbers |= {"tests": self.span(fitting)} if fitting else {}
+        amount, tests = f"{self.span(models)} {self.unit}", f"{self.span(fitting)} {self.unit}"
+        cutting = f"if {'all' if share == 1 else f'{share:.3g}'} of the particles cut"
         if self._is_beyond(models) and fitting:
-            text = say(
-                "Expect {tests} {unit}, by the correlations for this metal. The models' amount is left out, because "
-                "it is more than ten times what tests find.",
-                **numbers,
+            text = (
+                f"Expect {tests}, by the correlations for this metal. The models' amount is left out, because it is "
+                "more than ten times what tests find."
             )
         elif self._is_beyond(models):
-            text = say(
+            text = (
                 "The models' amount is left out, because it is more than ten times what tests find, and no correlation "
                 "is made for this metal."
             )
         elif self.uncertain is not None:
-            text = (
-                say("Expect {amount} {unit} with 95% confidence.", **numbers)
-                if share == 1
-                else say("Expect {amount} {unit} with 95% confidence, if {fraction} of the particles cut.", **numbers)
-            )
+            text = f"Expect {amount} with 95% confidence{'' if share == 1 else f', {cutting}'}."
             if fitting:
-                text += " " + say(
-                    "The correlations for this metal, made from other tests, say {tests} {unit}.", **numbers
-                )
+                text += f" The correlations for this metal, made from other tests, say {tests}."
         elif fitting:
-            text = say(
-                "Expect {tests} {unit}, by the correlations for this metal. The models say {amount} {unit} if "
-                "{fraction} of the particles cut: trust the correlations more.",
-                **numbers,
+            text = (
+                f"Expect {tests}, by the correlations for this metal. The models say {amount} {cutting}: trust the "
+                "correlations more."
             )
         else:
-            text = say("Expect {amount} {unit}, by the models, if {fraction} of the particles cut.", **numbers)
-        return text if self.per_mass.density else f"{text} {say('Name the target, or give its density, for g/kg.')}"
+            text = f"Expect {amount}, by the models, {cutting}."
+        return text if self.per_mass.density else f"{text} Name the target, or give its density, for g/kg."
 
     def _narrowing(self) -> str:
         """What would narrow the range of best angles most."""
-        best, text = float(NOZZLE_ANGLES[np.argmax(self.shares)]), self.language.text
+        best = float(NOZZLE_ANGLES[np.argmax(self.shares)])
         if abs(best - self.alpha) > _SAME_ANGLE:
-            return self.language.say(
-                "What would narrow it: weigh at {best}, too. The fit removes most there, but no weighing of yours is "
-                "that {direction}.",
-                best=degrees(best),
-                direction=text("flat") if best < self.alpha else text("steep"),
+            return (
+                f"What would narrow it: weigh at {degrees(best)}, too. The fit removes most there, but no weighing of "
+                f"yours is that {'flat' if best < self.alpha else 'steep'}."
             )
         if self.uncertain is not None:
             words = (self.rows_file, *self._typed, "--free", ",".join(self.uncertain.laws), "--next-experiment")
-            return self.language.say(
-                "What would narrow it: more tests. “{command}” says at which angle and speed one more test tells most "
-                "(extra posterior).",
-                command=command("posterior", *words),
+            return (
+                f"What would narrow it: more tests. “{command('posterior', *words)}” says at which angle and speed one "
+                "more test tells most (extra posterior)."
             )
         models = self.group("models")
-        spans = {text("the choice of the model"): _width(models)}
-        for name, words in (("k", text("the force ratio k")), ("psi", text("the contact ratio ψ"))):
+        spans = {"the choice of the model": _width(models)}
+        for name, words in (("k", "the force ratio k"), ("psi", "the contact ratio ψ")):
             widths = [_width([*self.group(name), model], model.name) for model in models]
             spans[words] = max(widths, default=0.0)
         widest = max(spans, key=lambda name: spans[name])
-        return self.language.say(
-            "What would narrow it: {what} moves the best angle of the models most, by up to {width}. Weigh the loss "
-            "at six angles, 15° to 90° in steps of 15°, with your own abrasive and metal, and write the rows into "
-            "rows.csv. Then “{command}”, and “erosion advise fitted.toml”.",
-            what=widest,
-            width=degrees(spans[widest]),
-            command=command(*FIT.split()[1:], *self._typed),
+        return (
+            f"What would narrow it: {widest} moves the best angle of the models most, by up to "
+            f"{degrees(spans[widest])}. Weigh the loss at six angles, 15° to 90° in steps of 15°, with your own "
+            "abrasive and metal, and write the rows into rows.csv. Then "
+            f"“{command(*FIT.split()[1:], *self._typed)}”, and “erosion advise fitted.toml”."
         )
 
     @property

@@ -19,7 +19,6 @@ from erosion.cli.options import (
     CaseOptions,
     IgnoreOption,
     JsonOption,
-    LangOption,
     ModelsOption,
     PlotOption,
     SetOption,
@@ -498,9 +497,8 @@ def advise(
     output: Annotated[
         Path | None, output_option("Also write it as a page, .html, or its angles as a table, .csv.")
     ] = None,
-    decimal: Annotated[str | None, Parameter(group=OUTPUT, help='Of the table, "." or ","; that of --lang.')] = None,
+    decimal: Annotated[str, Parameter(group=OUTPUT, help='Of the table, "." or ",".')] = ".",
     plot: PlotOption = None,
-    lang: LangOption = "en",
     json: JsonOption = False,
 ) -> None:
     """Advise a nozzle's angle: the erosion to expect, and how sure.
@@ -522,7 +520,6 @@ def advise(
     job = shop.job()
     with user_errors():
         other = lazy.compared_with(shop.compare, *options.materials())
-        lazy.language(lang)
     require_outputs(output, plot=plot, inputs=(options.case, *fit.files, *(model or ())))
     if output is not None:
         with user_errors():
@@ -552,8 +549,8 @@ def advise(
         )  # fmt: skip
     if output is not None:
         with user_errors():
-            lazy.write_advice(advice, output, lang, decimal)
-    draw(plot, lambda: lazy.plot_advice(dataclasses.replace(advice, language=lazy.language(lang))))
+            lazy.write_advice(advice, output, decimal)
+    draw(plot, lambda: lazy.plot_advice(advice))
     printed = Output("advise", p, options, json=json)
     printed.warn(*advice.warnings, *(lazy.unused_columns(uncertain.laws) if uncertain else ()))
     printed.document(advice.to_dict(), models, lazy.UNITS)

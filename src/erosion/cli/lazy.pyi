@@ -117,7 +117,6 @@ from erosion.models.registry import ModelInfo as ModelInfo
 from erosion.output.files import require_no_pdf as require_no_pdf
 from erosion.output.files import require_writable as require_writable
 from erosion.output.files import write_whole as write_whole
-from erosion.output.translation import language as language
 from erosion.output.tables import HEADINGS as HEADINGS
 from erosion.output.tables import WIDTH as WIDTH
 from erosion.output.tables import Row as Row

@@ -12,7 +12,6 @@ from erosion.cli.options import (
     CaseArgument,
     CaseOptions,
     JsonOption,
-    LangOption,
     ModelsOption,
     chosen_models,
     ending,
@@ -180,7 +179,6 @@ def exercise(
             help="Also write it with the solutions into this file (.ipynb), for the teacher.",
         ),
     ] = None,
-    lang: LangOption = "en",
 ) -> None:
     """Make a notebook of tasks for students, which checks their numbers.
 
@@ -193,7 +191,7 @@ def exercise(
 
     name = options.title(p.units)
     with user_errors(), progress_bar("solving the tasks"):
-        key = lazy.AnswerKey(p, lang)
+        key = lazy.AnswerKey(p)
         texts = {path: lazy.notebook(key, title=name, solved=path == solved) for path in (output, solved) if path}
         for path, text in texts.items():
             lazy.write_whole(path, text.encode())
@@ -228,7 +226,6 @@ def explore(
         ),
     ] = "127.0.0.1",
     browser: Annotated[bool, Parameter(negative="--no-browser", help="Open the page in a browser.")] = True,
-    lang: LangOption = "en",
 ) -> None:
     """Explore cuts in the browser: sliders, live plots, exports."""
     options = with_file(case, file)
@@ -244,7 +241,7 @@ def explore(
         options.warn_once(f"{options.case}: {named} is a correlation, which has no cut to draw, and is left out.")
         fitted = None
     with extra("explorer"), user_errors():
-        service = lazy.offer(p, model or [], materials or [], weights, lang, fitted=fitted, file=options.file)
+        service = lazy.offer(p, model or [], materials or [], weights, fitted=fitted, file=options.file)
         lazy.serve(service, lazy.free_address(host, port), show=browser)
 
 
@@ -267,7 +264,6 @@ def report(
         Parameter(negative="", show_default=False, help="Answers and figures alone; a question fits on a sheet of A4."),
     ] = False,
     abrasive: PerMassOptions | None = None,
-    lang: LangOption = "en",
 ) -> None:
     """Answer the scenario's questions for a case, on one page."""
     options = with_file(case, file)
@@ -276,9 +272,8 @@ def report(
     require_apart([output / part for part in lazy.PARTS], (options.case,))
     with user_errors():
         lazy.chosen_questions(only)
-        lazy.language(lang)
         lazy.require_folder(output)
     with progress_bar("report") as progress:
-        chosen = {"case_name": options.title(p.units), "only": only, "brief": brief, "lang": lang, "per_mass": per_mass}
+        chosen = {"case_name": options.title(p.units), "only": only, "brief": brief, "per_mass": per_mass}
         page = lazy.write_report(p, output, **chosen, progress=progress)
     print(page.resolve())

@@ -381,7 +381,6 @@ JsonOption = Annotated[
 PlotOption = Annotated[
     Path | None, Parameter(group=OUTPUT, help='Also draw it: "a.svg"; for print "a.png,a.pdf@84mm".')
 ]
-LangOption = Annotated[str, Parameter(group=OUTPUT, help='Language of what is written: "en", or "de" for German.')]
 
 
 def read_whole(number: Any) -> int:

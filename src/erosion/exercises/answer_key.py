@@ -14,7 +14,7 @@ import numpy as np
 from erosion.extras import library
 from erosion.impacts import Optimum, alpha_max, impact
 from erosion.models import Linearized
-from erosion.output import briefly, language
+from erosion.output import briefly
 from erosion.parameters import (
     Dimension,
     Parameters,
@@ -133,12 +133,6 @@ SLIPS = (
 )
 """Factors by which an answer is often off, and what to say then."""
 
-UNKNOWN_TASK = "Argument `task` must be one of {tasks}, but is {task}."
-NO_NUMBER = "Argument `answer` must be one finite number, but is {answer}."
-
-IN_OTHER_UNITS = "It is right in {other}; give {unit}."
-"""What to say of an answer in other units than those of the case."""
-
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Verdict:
@@ -165,14 +159,12 @@ class AnswerKey:
     Args:
         p: the case, all scalars. Its own spin is left aside: the tasks are about the linearized model, and about
             `rotating` with the spin `spin`.
-        lang: the language of its sentences: "en", or "de" for German.
 
     Raises:
-        ValueError: for parameters out of range, a case that cuts nothing, or an unknown language.
+        ValueError: for parameters out of range, and a case that cuts nothing.
     """
 
-    def __init__(self, p: Parameters, lang: str = "en") -> None:
-        self.language = language(lang)
+    def __init__(self, p: Parameters) -> None:
         validate(p)
         require_scalars(p)
         self.p = p.replace(phidot0=0.0)
@@ -220,8 +212,7 @@ class AnswerKey:
             ValueError: for a name that is no task.
         """
         if not isinstance(task, str) or task not in self.tasks:
-            words = self.language.text(UNKNOWN_TASK)
-            raise ValueError(words.format(tasks=", ".join(self.tasks), task=briefly(task)))
+            raise ValueError(f"Argument `task` must be one of {', '.join(self.tasks)}, but is {briefly(task)}.")
         return self._answers[task]()
 
     def check(self, task: str, answer: Any) -> Verdict:
@@ -237,53 +228,48 @@ class AnswerKey:
         Raises:
             ValueError: for a name that is no task, and for an answer that is no single finite number, or has a unit.
         """
-        say, text = self.language.say, self.language.text
         given = _finite_number(answer)
         if given is None and answer is not ...:
-            raise ValueError(text(NO_NUMBER).format(answer=briefly(answer)))
+            raise ValueError(f"Argument `answer` must be one finite number, but is {briefly(answer)}.")
         right, asked = self.answer(task), TASKS[task]
         if given is None:
-            return Verdict(False, f"{task}: {text('still to do.')}")
+            return Verdict(False, f"{task}: still to do.")
         ratio = given / right
         if abs(ratio - 1) <= asked.tolerance:
             words = self._in_words(right, asked.dimension)
-            return Verdict(
-                True, f"{task}: {say('right. It is {asks}: {answer}.', asks=text(asked.asks), answer=words)}"
-            )
+            return Verdict(True, f"{task}: right. It is {asked.asks}: {words}.")
         slip = self._slip(ratio, asked)
         if slip:
             return Verdict(False, f"{task}: {slip}")
         near = abs(ratio - 1) <= _NEAR
-        hint = text(asked.hint) if near else say("It is to be {asks}.", asks=text(asked.asks))
+        hint = asked.hint if near else f"It is to be {asked.asks}."
         return Verdict(False, f"{task}: {self._how_far(ratio)} {hint}")
 
     def _slip(self, ratio: float, asked: Task) -> str:
         """What is said of an answer that is off by the factor of a common slip; empty for any other."""
         for factor, slip in SLIPS:
             if abs(ratio / factor - 1) <= asked.tolerance and (asked.dimension == "angle" or "radians" not in slip):
-                return self.language.text(slip)
+                return slip
         unit = unit_name(asked.dimension, self.p.units)
         for system in get_args(System):
             per_unit = conversion_factor(asked.dimension, self.p.units, system)
             for scale in known_scales(asked.dimension, system):
                 factor = per_unit / scale.size
                 if scale.unit != unit and abs(ratio / factor - 1) <= asked.tolerance:
-                    return self.language.say(IN_OTHER_UNITS, other=scale.unit, unit=unit)
+                    return f"It is right in {scale.unit}; give {unit}."
         return ""
 
     def _how_far(self, ratio: float) -> str:
         """How far off a number is, to two or three digits, as a sentence."""
-        say = self.language.say
         if ratio == 0:
-            return say("The answer is not 0.")
-        sign = "" if ratio > 0 else say("The sign is wrong.") + " "
+            return "The answer is not 0."
+        sign = "" if ratio > 0 else "The sign is wrong. "
         size = min(abs(ratio), _MOST)
         if size >= 2:
-            return sign + say("It is {factor} times the answer.", factor=_plain_digits(size, 3))
+            return sign + f"It is {_plain_digits(size, 3)} times the answer."
         if size <= 0.5:
-            return sign + say("The answer is {factor} times as large.", factor=_plain_digits(1 / size, 3))
-        side = "{share} above the answer." if size > 1 else "{share} below the answer."
-        return sign + say(side, share=f"{_plain_digits(100 * abs(size - 1), 2)} %")
+            return sign + f"The answer is {_plain_digits(1 / size, 3)} times as large."
+        return f"{sign}{_plain_digits(100 * abs(size - 1), 2)} % {'above' if size > 1 else 'below'} the answer."
 
     def _in_words(self, value: float, dimension: Dimension) -> str:
         if dimension == "angle":
@@ -422,18 +408,15 @@ def _plain(text: str) -> str:
 def _filled(key: AnswerKey, title: str, *, solved: bool) -> str:
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     best = key.with_spin
-    return environment.from_string(key.language.template(TEXT.read_text("utf-8"))).render(
-        title=_plain(key.language.text(title)),
+    return environment.from_string(TEXT.read_text("utf-8")).render(
+        title=_plain(title),
         solved=solved,
-        _=key.language.text,
-        lang=key.language.tag,
         p=repr(key.p),
         units=", ".join(unit_name(dimension, key.p.units) for dimension in ("mass", "length", "speed", "stress")),
         alpha=f"{math.degrees(float(key.p.alpha)):g}",
         euler_steps=EULER_STEPS,
         rk4_steps=RK4_STEPS,
         first_guess=f"{math.degrees(key.first_guess):g}",
-        number=key.language.number_tex,
         spin=None if best is None else float(best.p.phidot0),
         spin_ratio=None if best is None else f"{float(best.p.spin):g}",
     )

@@ -16,7 +16,6 @@ import numpy as np
 from erosion.explorer.state import PageCase, PageState, sentence
 from erosion.impacts import OTHER_ENDS, Impact, alpha_max, end_names, impact, path
 from erosion.models import CuttingModel, Scales, Tip
-from erosion.output import ENGLISH, Language
 from erosion.parameters import QUANTITIES, CaseFile, Parameters
 
 T = TypeVar("T")
@@ -346,14 +345,12 @@ class Computed:
         state: the state of the page.
         answers: by their step.
         errors: one line for each answer that could not be computed.
-        language: of the page.
         file: the case file.
     """
 
     state: PageState
     answers: dict[Step, Any] = dataclasses.field(default_factory=dict)
     errors: list[str] = dataclasses.field(default_factory=list)
-    language: Language = ENGLISH
     file: CaseFile | None = None
 
     def of_shown(self, kind: str) -> Any:

@@ -16,7 +16,7 @@ from nicegui.events import GenericEventArguments
 from erosion.explorer.computed import ANGLES
 from erosion.explorer.state import PageCase, PageState, sentence, with_point
 from erosion.impacts import Impact
-from erosion.output import ENGLISH, Language, briefly
+from erosion.output import briefly
 from erosion.parameters import (
     QUANTITIES,
     SYSTEMS,
@@ -122,9 +122,9 @@ def _rounded(number: float) -> float:
 _SHARES = SliderRange(0.0, 1.0, 0.005)  # of the cut's time
 
 
-def warn(sentence: str, language: Language) -> None:
+def warn(sentence: str) -> None:
     """Show the reader a message, long enough to read it."""
-    ui.notify(sentence, type="warning", multi_line=True, timeout=8000, close_button=language.text("Close"))
+    ui.notify(sentence, type="warning", multi_line=True, timeout=8000, close_button="Close")
 
 
 class Field(ui.element, component="web/field.js"):
@@ -173,14 +173,11 @@ class CutDrawing(Drawn, component="web/cut.js"):
     Args:
         instant: the time that is shown first, as a share of the cut's time.
         on_instant: is called with the time, as a share, at which the reader or the animation stops.
-        language: of its words and numbers.
     """
 
-    def __init__(self, instant: float, on_instant: Callable[[float], None], language: Language) -> None:
+    def __init__(self, instant: float, on_instant: Callable[[float], None]) -> None:
         super().__init__()
-        text = language.text
-        self.props.update({"instant": instant, "comma": language.comma, "slider": text("Time in the cut"),
-                           "play": text("Play"), "pause": text("Pause")})  # fmt: skip
+        self.props["instant"] = instant
         self.on("instant", partial(_tell, on_instant, _SHARES))
 
 
@@ -191,15 +188,12 @@ class Plot(Drawn, component="web/plot.js"):
         height: the least height of the plot, in CSS; a legend of many lines adds to it.
         follows: whether the fixed handles follow the time of the cut.
         moved: the parameter that a handle moves, if the reader can drag one.
-        comma: whether numbers have a decimal comma.
         on_pick: is called with this parameter and the position to which the reader drags the handle.
     """
 
-    def __init__(
-        self, height: str, *, follows: bool, moved: str | None, comma: bool, on_pick: Callable[[str, float], None]
-    ) -> None:
+    def __init__(self, height: str, *, follows: bool, moved: str | None, on_pick: Callable[[str, float], None]) -> None:
         super().__init__()
-        self.props.update({"height": height, "follows": follows, "comma": comma})
+        self.props.update({"height": height, "follows": follows})
         if moved is not None:
             self.on("pick", partial(_tell, partial(on_pick, moved), range_of(moved)))
 
@@ -315,15 +309,15 @@ def gaps(curve: Impact) -> np.ndarray:
     return at - np.arange(at.size)
 
 
-def handle(name: str, case: PageCase, language: Language = ENGLISH) -> Option:
+def handle(name: str, case: PageCase) -> Option:
     """The handle at a parameter's number, which the reader can drag along the axis of its slider's positions."""
     at, text = _place(name, case, case), "{:.4g}°" if name == "alpha" else "s = {:.3g}"
     return {
         "x": at,
         "movable": True,
         **range_of(name)._asdict(),
-        "label": language.say("{name}, in the plot", name=language.text(QUANTITIES[name].meaning)),
-        "text": language.number(text.format(at)),
+        "label": f"{QUANTITIES[name].meaning}, in the plot",
+        "text": text.format(at),
     }
 
 
@@ -339,7 +333,6 @@ class Controls:
         summaries: one line on each model, by name.
         materials: the particles and targets of the menus.
         go: is called with the state that the reader asks for.
-        language: of the page.
     """
 
     def __init__(
@@ -348,32 +341,28 @@ class Controls:
         summaries: Mapping[str, str],
         materials: Materials,
         go: Callable[[PageState], None],
-        language: Language,
     ) -> None:
-        self._start, self._go, self._state, self._language = start, go, start, language
-        text = language.text
+        self._start, self._go, self._state = start, go, start
         self._showing = False
         self._shown_fields: dict[str, tuple[str, str, float]] = {}
         with ui.element("div").classes("presets"):
-            ui.button(text("Reset"), on_click=self._reset).props("dense no-caps outline")
-            ui.button(text("Table 1"), on_click=self._table_1).props("dense no-caps outline")
+            ui.button("Reset", on_click=self._reset).props("dense no-caps outline")
+            ui.button("Table 1", on_click=self._table_1).props("dense no-caps outline")
             self._particle_menu(materials)
-            with ui.button(text("Metal")).props(_MENU), ui.menu():
+            with ui.button("Metal").props(_MENU), ui.menu():
                 for name, metal in materials.targets.items():
-                    item = ui.menu_item(text(name), partial(self._take_metal, name, metal))
-                    item.tooltip(language.cited(metal.source))
-            with ui.button(text("Spin")).props(_MENU), ui.menu():
+                    item = ui.menu_item(name, partial(self._take_metal, name, metal))
+                    item.tooltip(metal.source)
+            with ui.button("Spin").props(_MENU), ui.menu():
                 for s in SPIN_PRESETS:
-                    ui.menu_item(
-                        language.number(f"s = {s:g}".replace("-", "−")), partial(self.change, partial(with_spin, s))
-                    )
+                    ui.menu_item(f"s = {s:g}".replace("-", "−"), partial(self.change, partial(with_spin, s)))
             self._units = ui.toggle(list(SYSTEMS), value=start.case.units, on_change=self._convert)
-            self._units.props(f'dense no-caps unelevated aria-label="{text("Units")}"')
+            self._units.props('dense no-caps unelevated aria-label="Units"')
         self._fields = {name: self._field(name) for name in _ORDER}
         self._groups = {model: self._group(model) for model in dict.fromkeys(number.model for number in start.case.own)}
-        with ui.element("div").classes("models").props(f'role=group aria-label="{text("Models")}"'):
-            ui.html(text("Models"), tag="h2", sanitize=False)
-            self._shown = ui.select(list(start.models), label=text("model drawn"), value=start.shown)
+        with ui.element("div").classes("models").props('role=group aria-label="Models"'):
+            ui.html("Models", tag="h2", sanitize=False)
+            self._shown = ui.select(list(start.models), label="model drawn", value=start.shown)
             self._shown.props("dense options-dense").on_value_change(self._draw_other)
             self._boxes = {name: self._box(name, summaries) for name in summaries}
 
@@ -383,7 +372,7 @@ class Controls:
         first = self._start.case.to(state.case.units)
         for name, field in self._fields.items():
             text, unit = entry_of(name, state.case, first)
-            shown = self._language.number(text), unit, position(name, state.case, first)
+            shown = text, unit, position(name, state.case, first)
             if self._shown_fields.get(name) != shown:
                 field.show(*shown)
                 self._shown_fields[name] = shown
@@ -407,20 +396,20 @@ class Controls:
         try:
             state = dataclasses.replace(self._state, case=change(self._state.case))
         except ValueError as error:
-            (complain or self._warn)(sentence(error, self._language))
+            (complain or self._warn)(sentence(error))
             return False
         self._go(state)
         return True
 
     def _warn(self, why: str) -> None:
-        warn(why, self._language)
+        warn(why)
         self._go(self._state)
 
     def _group(self, model: str) -> ui.element:
         """The fields of a model's own parameters."""
         with ui.element("div").props("role=group") as group:
             # The name of a plug-in's file may hold quotes and ends of lines, which a text of properties cannot.
-            group.props["aria-label"] = self._language.say("Parameters of {model}", model=model)
+            group.props["aria-label"] = f"Parameters of {model}"
             ui.html(html.escape(model), tag="h2", sanitize=False)
             keys = [number.key for number in self._start.case.own if number.model == model]
             self._fields |= {key: self._field(key) for key in keys}
@@ -431,24 +420,21 @@ class Controls:
 
         def ask(change: Callable[[PageCase], PageCase]) -> None:
             self._shown_fields.pop(name, None)
-            mine = self._language.say("Field {name}", name=f"`{name}` ")
-            self.change(change, lambda why: self._fields[name].complain(why.removeprefix(mine)))
+            self.change(change, lambda why: self._fields[name].complain(why.removeprefix(f"Field `{name}` ")))
 
         def slide(at: float) -> None:
             ask(lambda case: at_position(name, at, case, self._start.case.to(case.units)))
 
         def entry(text: str) -> None:
-            # Where a comma is the decimal separator, 1,234 is no thousand.
-            typed = text.replace(",", ".") if self._language.comma and "." not in text else text
-            ask(lambda case: case.read(name, typed, self._start.case.to(case.units)))
+            ask(lambda case: case.read(name, text, self._start.case.to(case.units)))
 
-        return Field(name, dataclasses.replace(quantity, meaning=self._language.text(quantity.meaning)), slide, entry)
+        return Field(name, quantity, slide, entry)
 
     def _box(self, name: str, summaries: Mapping[str, str]) -> ui.checkbox:
         with ui.element("div").classes("model"):
             ui.html(f"<i style='background:{styles(summaries)[name][0]}'></i>", sanitize=False)
             box = ui.checkbox(name, on_change=lambda event: self._check(name, bool(event.value))).props("dense")
-            box.tooltip(self._language.text(summaries[name]))
+            box.tooltip(summaries[name])
         return box
 
     def _check(self, name: str, checked: bool) -> None:
@@ -457,7 +443,7 @@ class Controls:
         states = {model: model in self._state.models for model in self._boxes} | {name: checked}
         models = tuple(model for model, is_checked in states.items() if is_checked)
         if not models:
-            ui.notify(self._language.text("At least one model must stay checked."))
+            ui.notify("At least one model must stay checked.")
             self.show(self._state)
             return
         self._go(self._state.checking(models))
@@ -480,8 +466,7 @@ class Controls:
 
     def _take_metal(self, name: str, metal: Target) -> None:
         state = self._state.of_metal(metal)
-        text = self._language.text
-        ui.notify(f"{text(name)}: {state.changes(self._state, self._language) or text('no number changed')}")
+        ui.notify(f"{name}: {state.changes(self._state) or 'no number changed'}")
         self._go(state)
 
     def _particle_menu(self, materials: Materials) -> None:
@@ -489,24 +474,18 @@ class Controls:
 
         def use() -> None:
             def of(case: PageCase) -> PageCase:
-                typed = str(size.value).replace(",", ".") if self._language.comma else str(size.value)
-                grit = materials.sized(str(material.value), typed, case.units)
+                grit = materials.sized(str(material.value), str(size.value), case.units)
                 return case.with_parameters(case.parameters().with_particle(grit))
 
             if self.change(of):
                 menu.close()
 
-        text = self._language.text
         with (
-            ui.button(text("Particle")).props(_MENU),
+            ui.button("Particle").props(_MENU),
             ui.menu() as menu,
             ui.element("div").classes("particle"),
         ):
-            names = {name: text(name) for name in materials.particles}
-            material = ui.select(names, value=next(iter(names)), label=text("material")).props("dense options-dense")
-            size = (
-                ui.input(text("diameter"), value=self._language.number("0.3 mm"))
-                .props("dense")
-                .on("keydown.enter", use)
-            )
-            ui.button(text("Use"), on_click=use).props("dense no-caps unelevated")
+            names = list(materials.particles)
+            material = ui.select(names, value=names[0], label="material").props("dense options-dense")
+            size = ui.input("diameter", value="0.3 mm").props("dense").on("keydown.enter", use)
+            ui.button("Use", on_click=use).props("dense no-caps unelevated")

@@ -32,7 +32,7 @@ from erosion.explorer.tab import Service, Tab
 from erosion.impacts import TurnWarning
 from erosion.interrupts import ENDING, INTERRUPTED
 from erosion.models import CuttingModel, available_models, load_model
-from erosion.output import briefly, language
+from erosion.output import briefly
 from erosion.parameters import CaseFile, Parameters, PerMass, SizeWarning
 
 _LONGEST = 16_000  # characters of an address; a case, all models and hundreds of own parameters take far fewer
@@ -183,8 +183,7 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
     @ui.page("/", title="erosion explorer", dark=None)
     async def page(request: Request) -> None:
         ui.add_css(_STYLE)
-        needed = service.language.text("The explorer needs JavaScript.")
-        ui.add_body_html(f"<noscript><p>{needed}</p></noscript>")
+        ui.add_body_html("<noscript><p>The explorer needs JavaScript.</p></noscript>")
         client = ui.context.client
         # A crawler never connects. After a minute NiceGUI deletes its client; until then it costs next to nothing.
         await client.connected()
@@ -219,7 +218,6 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
             show=address.path if show else False,
             reload=False,
             show_welcome_message=False,
-            language="de" if service.language.tag == "de" else "en-US",
             reconnect_timeout=_SILENCE,
             http=_Connection,
         )
@@ -254,7 +252,7 @@ def _open_tab(service: Service, address: Address, link: Mapping[str, str]) -> No
     try:
         state = state.reading(link, list(service.summaries))
     except ValueError as error:
-        complaint = service.language.say("The link cannot be used: {why}", why=sentence(error, service.language))
+        complaint = f"The link cannot be used: {sentence(error)}"
     tab = Tab(service, state, address.link if address.token else None)
     tab.begin()
     if complaint:
@@ -266,7 +264,6 @@ def offer(
     plug_ins: Sequence[str] = (),
     tables: Sequence[Path] = (),
     per_mass: PerMass | None = None,
-    lang: str = "en",
     *,
     fitted: tuple[str, CuttingModel] | None = None,
     file: CaseFile | None = None,
@@ -278,7 +275,6 @@ def offer(
         plug_ins: paths of further models; the cut of the first of them is drawn.
         tables: TOML files of further particles and targets.
         per_mass: how volumes become erosion per mass of abrasive, at first.
-        lang: the language of the page.
         fitted: the model that the case file names, by name or path, with what the file sets of it; its cut is drawn.
         file: the case file, for what is doubtful in the fit that wrote it, and its tests.
 
@@ -310,7 +306,6 @@ def offer(
         summaries={name: summary for name, (_, summary) in offered.items()},
         sources={name: source for name, (source, _) in offered.items()},
         materials=materials,
-        language=language(lang),
         file=file,
     )
 

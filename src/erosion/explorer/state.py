@@ -16,7 +16,7 @@ import numpy as np
 
 from erosion.arguments import refuse
 from erosion.models import CuttingModel, own_parameters
-from erosion.output import ENGLISH, Language, briefly
+from erosion.output import briefly
 from erosion.parameters import (
     QUANTITIES,
     Parameters,
@@ -35,18 +35,12 @@ from erosion.parameters import (
 )
 
 _LONGEST = 300  # characters; a link or an entry may repeat as many as it likes
-_OF_FIELD = re.compile(r"(?:Field (`[^`]*` ))?(.*)", re.DOTALL)
 
 
-def sentence(error: BaseException, language: Language = ENGLISH) -> str:
+def sentence(error: BaseException) -> str:
     """An error in one line of bounded length. What is an argument in Python is a field here."""
     line = " ".join(str(error).split()).replace("Argument `", "Field `") or type(error).__name__
-    line = line if len(line) <= _LONGEST else f"{line[:_LONGEST]} …"
-    field, rest = _OF_FIELD.fullmatch(line).groups("")  # pyright: ignore[reportOptionalMemberAccess]
-    said = language.text(rest)
-    if said == rest and language != ENGLISH:
-        said = language.say("cannot be used: {why}", why=rest)
-    return (language.say("Field {name}", name=field) if field else "") + said
+    return line if len(line) <= _LONGEST else f"{line[:_LONGEST]} …"
 
 
 _NAMES = tuple(QUANTITIES)
@@ -244,14 +238,14 @@ class PageState:
         per_mass = dataclasses.replace(self.per_mass, density=metal.density)
         return dataclasses.replace(self, case=case, per_mass=per_mass)
 
-    def changes(self, before: "PageState", language: Language = ENGLISH) -> str:
+    def changes(self, before: "PageState") -> str:
         """The numbers of the case that another state of the same units had otherwise: "σ = 1049 MPa, ψ = 2"."""
         numbers, had, units = self.case.numbers(), before.case.numbers(), self.case.units
         changed = [f"{quantity.symbol} = {quantity.in_words(numbers[name], units, 6)}"
                    for name, quantity in QUANTITIES.items() if numbers[name] != had[name]]  # fmt: skip
         if self.per_mass.density not in (None, before.per_mass.density):
-            changed.append(f"{language.text('density')} = {self.per_mass.density:.4g} kg/m³")
-        return ("; " if language.comma else ", ").join(map(language.number, changed))
+            changed.append(f"density = {self.per_mass.density:.4g} kg/m³")
+        return ", ".join(changed)
 
     def query(self) -> str:
         """The state as the query of a link, exact to the last bit, without models that are not checked."""

@@ -28,9 +28,9 @@ from erosion.explorer.computed import (
 )
 from erosion.explorer.controls import Controls, CutDrawing, Materials, Plot, Prose, at_position, warn
 from erosion.explorer.state import PageState, sentence
-from erosion.explorer.views import VIEWS, in_language
+from erosion.explorer.views import VIEWS
 from erosion.models import State as Body
-from erosion.output import ENGLISH, Language, to_csv, to_json
+from erosion.output import to_csv, to_json
 from erosion.parameters import QUANTITIES, RESULTS, CaseFile, Dimension, dump_case, dump_per_mass, unit_name
 
 T = TypeVar("T")
@@ -149,14 +149,12 @@ def _csv(columns: Mapping[str, Any]) -> bytes:
     return to_csv({heading: np.asarray(column).tolist() for heading, column in columns.items()}).encode()
 
 
-def _figure(name: str, suffix: str, answers: Answers, state: PageState, language: Language = ENGLISH) -> bytes:
+def _figure(name: str, suffix: str, answers: Answers, state: PageState) -> bytes:
     # Imported here: matplotlib, scipy and xarray would delay the first page.
     from erosion.explorer import figures
-    from erosion.plotting.style import render, translate_figure
+    from erosion.plotting.style import render
 
-    figure = figures.FIGURES[name](answers, state)
-    translate_figure(figure, language)
-    return render(figure, suffix)
+    return render(figures.FIGURES[name](answers, state), suffix)
 
 
 Export = tuple[str, Callable[..., bytes]]
@@ -191,7 +189,6 @@ class Service:
         summaries: one line on each model, by name.
         sources: the argument of `erosion.load_model` for each model, by name.
         materials: the particles and targets that the page offers.
-        language: of the page.
         file: the case file; where a fit wrote it, its doubts are on the page.
     """
 
@@ -201,7 +198,6 @@ class Service:
     summaries: Mapping[str, str]
     sources: Mapping[str, str]
     materials: Materials
-    language: Language = ENGLISH
     file: CaseFile | None = None
     _turns: asyncio.Semaphore = dataclasses.field(default_factory=lambda: asyncio.Semaphore(_IN_PARALLEL))
     _later_turns: asyncio.Semaphore = dataclasses.field(default_factory=lambda: asyncio.Semaphore(_IN_PARALLEL))
@@ -223,7 +219,6 @@ class Tab:
 
     def __init__(self, service: Service, state: PageState, invitation: str | None = None) -> None:
         self.service, self.state = service, state
-        text = service.language.text
         self._models = list(service.summaries)
         self._drawn: dict[str, Any] = {}
         self._link: asyncio.TimerHandle | None = None
@@ -233,22 +228,16 @@ class Tab:
         with ui.element("header").classes("bar"):
             ui.html("erosion explorer", tag="h1", sanitize=False)
             with ui.element("div").classes("status").props("role=status"):
-                self._progress = ui.linear_progress(0, show_value=False).props(
-                    f"aria-label='{text('models prepared')}'"
-                )
+                self._progress = ui.linear_progress(0, show_value=False).props("aria-label='models prepared'")
                 self._status = ui.label()
             self._sharing_buttons()
             if invitation is not None:
-                _invite_button(invitation, service.language)
+                _invite_button(invitation)
             screen = ui.fullscreen()
-            ui.button(text("Full screen"), icon="fullscreen", on_click=screen.toggle).props(_OUTLINE).classes(
-                "full-screen"
-            )
+            ui.button("Full screen", icon="fullscreen", on_click=screen.toggle).props(_OUTLINE).classes("full-screen")
         with ui.element("main").classes("explorer") as self._main:
-            with ui.element("section").classes("panel controls").props(f'aria-label="{text("Parameters and models")}"'):
-                self._controls = Controls(
-                    service.start, service.summaries, service.materials, self._go, service.language
-                )
+            with ui.element("section").classes("panel controls").props('aria-label="Parameters and models"'):
+                self._controls = Controls(service.start, service.summaries, service.materials, self._go)
             with ui.element("div").classes("views"):
                 self._elements = {name: self._view(name) for name in VIEWS}
 
@@ -269,46 +258,42 @@ class Tab:
     def say(self, sentence: str) -> None:
         """Show the reader a message."""
         with self._main:
-            warn(sentence, self.service.language)
+            warn(sentence)
 
     def _sharing_buttons(self) -> None:
         """The buttons for the link, for exports, and for the dark page."""
-        text = self.service.language.text
-        ui.button(text("Copy link"), icon="link", on_click=self._copy_link).props(_OUTLINE)
-        with ui.button(text("Export"), icon="download").props(_OUTLINE), ui.menu().props("max-height=95vh"):
+        ui.button("Copy link", icon="link", on_click=self._copy_link).props(_OUTLINE)
+        with ui.button("Export", icon="download").props(_OUTLINE), ui.menu().props("max-height=95vh"):
             for group in (FIGURES, TABLES, CASES):
                 for file, (title, make) in group.items():
-                    ui.menu_item(text(title), partial(self._download, file, make))
+                    ui.menu_item(title, partial(self._download, file, make))
                 if group is not CASES:
                     ui.separator()
-            ui.menu_item(text("Python lines…"), self._show_python)
-        ui.button(text("Dark"), icon="contrast", on_click=self._toggle_dark).props(_OUTLINE)
+            ui.menu_item("Python lines…", self._show_python)
+        ui.button("Dark", icon="contrast", on_click=self._toggle_dark).props(_OUTLINE)
         with ui.dialog() as self._python, ui.card().classes("panel"):
             self._lines = ui.code("", language="python").classes("w-full")
             with ui.row():
-                ui.button(text("Close"), on_click=self._python.close).props("dense no-caps flat")
+                ui.button("Close", on_click=self._python.close).props("dense no-caps flat")
 
     async def _download(self, file: str, make: Callable[..., bytes]) -> None:
         state = self.state
-        if file in FIGURES:
-            make = partial(make, language=self.service.language)
         try:
             content = await asyncio.wrap_future(in_thread(lambda: make(self.service.answers, state)))
         # A plug-in's own code may raise any error; the page shows the error and goes on.
         except Exception as error:  # noqa: BLE001
-            ui.notify(f"{file}: {sentence(error, self.service.language)}", type="negative")
+            ui.notify(f"{file}: {sentence(error)}", type="negative")
             return
         ui.download.content(content, file)
 
     async def _copy_link(self) -> None:
-        text = self.service.language.text
         query = json.dumps(f"/?{self.state.query()}")
         try:
             await ui.run_javascript(f"navigator.clipboard.writeText(location.origin + {query}).then(() => true)")
         except TimeoutError:
-            ui.notify(text("The browser refused to copy the link; you find it in the address line."), type="negative")
+            ui.notify("The browser refused to copy the link; you find it in the address line.", type="negative")
             return
-        ui.notify(text("Link copied."))
+        ui.notify("Link copied.")
 
     async def _toggle_dark(self) -> None:
         # Only the browser knows whether it prefers a dark page.
@@ -320,22 +305,20 @@ class Tab:
         self._python.open()
 
     def _view(self, name: str) -> Any:
-        language = self.service.language
-        title = language.text(_TITLES[name])
+        title = _TITLES[name]
         with ui.element("section").classes(f"panel view-{name}").props(f'aria-label="{title}"'):
-            note = f" <small>{language.text(_NOTES[name])}</small>" if name in _NOTES else ""
+            note = f" <small>{_NOTES[name]}</small>" if name in _NOTES else ""
             ui.html(title + note, tag="h2", sanitize=False)
             if name == "cut":
                 return CutDrawing(
                     self.state.instant,
                     lambda instant: self._go(dataclasses.replace(self.state, instant=instant)),
-                    language,
                 )
             if name == "numbers":
                 return Prose()
             moved = {"volumes": "alpha", "end_times": "alpha", "spins": "phidot0"}.get(name)
             follows = name == "histories"
-            return Plot("400px", follows=follows, moved=moved, comma=language.comma, on_pick=self._pick)
+            return Plot("400px", follows=follows, moved=moved, on_pick=self._pick)
 
     def _pick(self, parameter: str, at: float) -> None:
         self._controls.change(lambda case: at_position(parameter, at, case, self.service.start.case))
@@ -377,11 +360,9 @@ class Tab:
 
     async def _show_at_once(self, state: PageState) -> None:
         answers, preparation = self.service.answers, self.service.preparation
-        computed = Computed(state, language=self.service.language, file=self.service.file)
+        computed = Computed(state, file=self.service.file)
         computed.take_remembered(answers, LATER)
-        patience = asyncio.get_running_loop().call_later(
-            _PATIENCE, self._status.set_text, self.service.language.text("Computing …")
-        )
+        patience = asyncio.get_running_loop().call_later(_PATIENCE, self._status.set_text, "Computing …")
         for kinds, views in STAGES:
 
             def work(kinds: Sequence[str] = kinds, views: Sequence[str] = views) -> dict[str, Any]:
@@ -397,7 +378,7 @@ class Tab:
         if self._later.waiting:
             return
         answers, preparation = self.service.answers, self.service.preparation
-        computed = Computed(state, language=self.service.language, file=self.service.file)
+        computed = Computed(state, file=self.service.file)
         missing = computed.take_remembered(answers, LATER)
         for kinds, _ in STAGES:
             await self.service.in_turn(partial(computing.at_once, computed, kinds, answers, preparation))
@@ -423,7 +404,6 @@ class Tab:
             element = self._elements[name]
             if isinstance(element, Plot):
                 option, handles, label = content
-                option = in_language(option, self.service.language)
                 unchanged = self._drawn.get(name) == option
                 element.draw(None if unchanged else option, handles, label, key=key)
                 self._drawn[name] = option
@@ -438,19 +418,17 @@ class Tab:
         errors = list(dict.fromkeys([*failures, *computed.errors]))
         self._progress.set_visibility(done < begun)
         self._progress.set_value(done / max(begun, 1))
-        numbers = {"models": ", ".join(models), "done": str(done), "begun": str(begun)}
-        preparing = self.service.language.say("Preparing {models}: {done} of {begun} programs compiled", **numbers)
+        preparing = f"Preparing {', '.join(models)}: {done} of {begun} programs compiled"
         self._status.set_text(" · ".join([*errors, *([preparing] if models else [])]))
         self._main.props(f"data-ready={'true' if ready else 'false'}")
 
 
-def _invite_button(link: str, language: Language) -> None:
+def _invite_button(link: str) -> None:
     """A button that shows the link, which lets other devices in."""
-    text = language.text
     with ui.dialog() as dialog, ui.card().classes("panel invitation"):
-        ui.html(text("Scan the code to open this page on another device of this network"), tag="h2", sanitize=False)
+        ui.html("Scan the code to open this page on another device of this network", tag="h2", sanitize=False)
         code = segno.make_qr(link).svg_inline(scale=8, border=4, light="white", omitsize=True)
-        ui.html(code, sanitize=False).props(f'role=img aria-label="{text("QR code of the link")}"')
+        ui.html(code, sanitize=False).props('role=img aria-label="QR code of the link"')
         ui.label(link).classes("invitation-link")
-        ui.button(text("Close"), on_click=dialog.close).props("dense no-caps flat")
-    ui.button(text("Invite"), icon="qr_code", on_click=dialog.open).props(_OUTLINE)
+        ui.button("Close", on_click=dialog.close).props("dense no-caps flat")
+    ui.button("Invite", icon="qr_code", on_click=dialog.open).props(_OUTLINE)

@@ -22,7 +22,6 @@ from erosion.explorer.controls import (
 )
 from erosion.impacts import Impact, Optimum
 from erosion.models import State as Body
-from erosion.output import ENGLISH, Language
 from erosion.parameters import (
     BEYOND_TESTS,
     PER_MASS_SCALES,
@@ -57,22 +56,18 @@ _NOT_YET: Drawing = ({"series": []}, [], "")
 def volumes(computed: Computed, models: Collection[str]) -> Drawing:
     """V(α) of the checked models, with their maxima."""
     curves, best, shown = computed.of_all("curve"), computed.of_all("best"), computed.state.shown
-    language = computed.language
     largest = [float(np.nanmax(curve.volume, initial=0.0)) for curve in curves.values()]
     scale = readable_scale("volume", computed.state.case.units, max(largest, default=0.0))
     series = []
     for model, curve in curves.items():
         color = styles(models)[model][0]
-        marks = _marks(best[model], scale.size, color, language, shown=model == shown) if model in best else {}
+        marks = _marks(best[model], scale.size, color, shown=model == shown) if model in best else {}
         series.append(_over_angle(model, curve, "volume", scale, models, **marks))
         if model == shown and np.any(curve.t_c > 0) and curve.volume_at_contact.any():
             at_contact, area = curve.volume_at_contact / scale.size, {"opacity": 0.2, "color": color}
             thin = {"color": color, "width": 0}
             series.append(line(AT_CONTACT, DEGREES, at_contact, color, areaStyle=area, lineStyle=thin, z=1))
-    maxima = [
-        language.say("{model} removes most {where}", model=model, where=language.text(describe(optimum)))
-        for model, optimum in best.items()
-    ]
+    maxima = [f"{model} removes most {describe(optimum)}" for model, optimum in best.items()]
     return _over_angles(computed, "volume", scale, series, "; ".join(["", *maxima]))
 
 
@@ -92,8 +87,7 @@ def end_times(computed: Computed, models: Collection[str]) -> Drawing:
         degrees, times = with_gaps(before, DEGREES, times / scale.size)
         series.append(line(EVENT_LABELS.get(event) or event, degrees, times, color, lineStyle=thin, z=1))
     top = {"max": float(f"{1.5 * largest / scale.size:.1g}")} if largest else {}
-    dashed = "dashed, when each event alone would end the cut of {model}"
-    more = "; " + computed.language.say(dashed, model=computed.state.shown)
+    more = f"; dashed, when each event alone would end the cut of {computed.state.shown}"
     return _over_angles(computed, "t_c", scale, series, more, **top)
 
 
@@ -107,13 +101,13 @@ def _over_angles(
     computed: Computed, result: str, scale: Scale, series: list[Option], more: str, **axis_options: Any
 ) -> Drawing:
     """Curves of a result, with the handle at the angle of the case."""
-    quantity, language = RESULTS[result], computed.language
+    quantity = RESULTS[result]
     y_axis = axis(f"{quantity.symbol}  {quantity.meaning}  [{scale.unit}]", min=0, **axis_options)
-    label = language.say("{result} over the angle of attack", result=language.text(quantity.meaning)) + more
-    return frame(angle_axis(), y_axis, series), [handle("alpha", computed.state.case, language)], label
+    label = f"{quantity.meaning} over the angle of attack" + more
+    return frame(angle_axis(), y_axis, series), [handle("alpha", computed.state.case)], label
 
 
-def _marks(best: Optimum, size: float, color: str, language: Language, *, shown: bool) -> Mapping[str, Any]:
+def _marks(best: Optimum, size: float, color: str, *, shown: bool) -> Mapping[str, Any]:
     """A star at the maximum, hollow if the maximum is only approached; the jumps; the regimes of the model shown."""
     jumps = [
         [{"coord": [float(np.rad2deg(jump.alpha)), end / size]} for end in (jump.below, jump.above)]
@@ -128,7 +122,7 @@ def _marks(best: Optimum, size: float, color: str, language: Language, *, shown:
     if shown:
         areas = [
             [
-                {"xAxis": float(np.rad2deg(regime.low)), "name": language.text(regime.ended_by),
+                {"xAxis": float(np.rad2deg(regime.low)), "name": regime.ended_by,
                  "itemStyle": {"color": ENDS.get(regime.ended_by, DIM), "opacity": 0.09}},
                 {"xAxis": float(np.rad2deg(regime.high))},
             ]
@@ -156,13 +150,12 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
     longest = float(p.r) / length.size
     power = 10.0 ** np.floor(np.log10(longest))
     bar = float(max(factor for factor in (1, 2, 5) if factor * power <= longest * (1 + 1e-9)) * power)
-    say, text = computed.language.say, computed.language.text
-    end = text(NOTHING)
+    end = NOTHING
     if motion.t_c:
         after = f"{motion.t_c / time.size:.4g} {time.unit}"
-        end = say("{end} after {time}", end=text(str(motion.ended_by)), time=after)
+        end = f"{motion.ended_by} after {after}"
     if motion.t_c and np.isfinite(motion.turn) and motion.turn:
-        end += ", " + say("the body turned by {angle}", angle=f"{np.rad2deg(motion.turn):.0f}°")
+        end += f", the body turned by {np.rad2deg(motion.turn):.0f}°"
     content = {
         "t": motion.t.tolist(),
         "x": (motion.x_tip / length.size).tolist(),
@@ -174,7 +167,7 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
         # In the base unit if the unit is a power of ten of it.
         "bar": {
             "size": bar,
-            "text": computed.language.number(
+            "text": (
                 f"{bar * length.size:.6g} {unit_name('length', p.units)}"
                 if length.unit.startswith("10")
                 else f"{bar:g} {length.unit}"
@@ -214,7 +207,7 @@ def histories(computed: Computed, models: Collection[str]) -> Drawing:
     return (
         option | {"tooltip": tooltip},
         handles,
-        computed.language.text("position and speed of the tip over time"),
+        "position and speed of the tip over time",
     )
 
 
@@ -223,28 +216,26 @@ _HEADINGS = ("t_c", "ended_by", "volume", "dvolume", "alpha_max", "volume_max")
 
 def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
     """For each checked model t_c, how the cut ended, V, dV/dα, and α_max with its kind."""
-    language = computed.language
-    text = language.text
-    heads, symbols = [f"<th scope='col'>{text('model')}</th>"], []
+    heads, symbols = ["<th scope='col'>model</th>"], []
     for name in _HEADINGS:
-        meaning, symbol = "how the cut ends", text("ends by")
+        meaning, symbol = "how the cut ends", "ends by"
         if name in RESULTS:
             meaning, (symbol, _, below) = RESULTS[name].meaning, RESULTS[name].symbol.partition("_")
             symbol += f"<sub>{below}</sub>" if below else ""
-        heads.append(f"<th scope='col' title='{html.escape(text(meaning))}'>{symbol}</th>")
+        heads.append(f"<th scope='col' title='{html.escape(meaning)}'>{symbol}</th>")
         symbols.append(symbol)
     points, optima = computed.of_all("point"), computed.of_all("best")
     rows = []
     for model in computed.state.models:
         point, best = points.get(model), optima.get(model)
         at_angle = ["…"] * 4 if point is None else [
-            _read("time", float(point.t_c), computed), html.escape(text(str(point.ended_by))),
+            _read("time", float(point.t_c), computed), html.escape(str(point.ended_by)),
             _volume(computed, float(point.volume)), _read("volume per angle", float(point.dvolume), computed),
         ]  # fmt: skip
         at_best = ["…"] * 2
         if best is not None:
-            kind = text(str(best.kind)) + ("" if best.certified else f", {text('not certified')}")
-            where = f"{text(describe(best))} <small>{html.escape(kind)}</small>"
+            kind = str(best.kind) + ("" if best.certified else ", not certified")
+            where = f"{describe(best)} <small>{html.escape(kind)}</small>"
             at_best = [where, _volume(computed, float(best.volume))]
         mark = "shown" if model == computed.state.shown else ""
         swatch = f"<i style='background:{styles(models)[model][0]}'></i>"
@@ -253,7 +244,7 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
         cells = "".join(f"<td><span class='head'>{symbol}</span>{cell}</td>" for symbol, cell in named)
         rows.append(f"<tr class='{mark}'><th scope='row'>{swatch}{html.escape(model)}</th>{cells}</tr>")
     table = f"<thead><tr>{''.join(heads)}</tr></thead><tbody>{''.join(rows)}</tbody>"
-    caption = f"<caption>{text('Numbers of the checked models')}</caption>"
+    caption = "<caption>Numbers of the checked models</caption>"
     below = _of_the_cut(computed) + _far_from_tests(computed) + _of_the_fit(computed)
     return (f"<div class='scroll'><table class='numbers'>{caption}{table}</table></div>{below}",)
 
@@ -263,15 +254,14 @@ def _of_the_cut(computed: Computed) -> str:
     if cut is None:
         return ""
     depth = _read("length", cut.max_depth, computed)
-    language = computed.language
-    facts = [f"{language.text(RESULTS['max_depth'].meaning)}: {depth}"]
+    facts = [f"{RESULTS['max_depth'].meaning}: {depth}"]
     if cut.volume_at_contact:
         at_contact = _read("volume", cut.volume_at_contact, computed)
-        facts.append(f"{language.text(RESULTS['volume_at_contact'].meaning)}: {at_contact}")
+        facts.append(f"{RESULTS['volume_at_contact'].meaning}: {at_contact}")
     if np.isfinite(cut.turn):
-        turn = language.number(f"{np.rad2deg(cut.turn):.4g}°".replace("-", "−"))
-        facts.append(f"{language.text(RESULTS['turn'].meaning)}: {turn}")
-    return f"<p>{html.escape(computed.state.shown)}, {'; '.join(facts)}.</p>{_warnings(cut.warnings, language)}"
+        turn = f"{np.rad2deg(cut.turn):.4g}°".replace("-", "−")
+        facts.append(f"{RESULTS['turn'].meaning}: {turn}")
+    return f"<p>{html.escape(computed.state.shown)}, {'; '.join(facts)}.</p>{_warnings(cut.warnings)}"
 
 
 def _far_from_tests(computed: Computed) -> str:
@@ -279,7 +269,7 @@ def _far_from_tests(computed: Computed) -> str:
     state = computed.state
     volumes = {model: float(optimum.volume) for model, optimum in computed.of_all("best").items()}
     weights = dict.fromkeys(volumes, state.per_mass)
-    return _warnings(models_far_from_tests(weights, volumes, state.case.parameters()), computed.language)
+    return _warnings(models_far_from_tests(weights, volumes, state.case.parameters()))
 
 
 def _of_the_fit(computed: Computed) -> str:
@@ -288,22 +278,11 @@ def _of_the_fit(computed: Computed) -> str:
     if file is None:
         return ""
     outside = file.outside(computed.state.case.parameters(), angle=True)
-    return _warnings(filter(None, [file.doubt, *outside]), computed.language)
+    return _warnings(filter(None, [file.doubt, *outside]))
 
 
-def _warnings(lines: Iterable[str], language: Language) -> str:
-    said = (html.escape(_said(line, language)) for line in lines)
-    return "".join(f"<p class='warning' role='status'>{line}</p>" for line in said)
-
-
-def _said(line: str, language: Language) -> str:
-    """A warning in the language; it may begin with the names of models."""
-    said = language.text(line)
-    for gap in (": ", " "):
-        names, found, rest = line.partition(gap)
-        if said == line and language.text(rest) != rest:
-            said = names + found + language.text(rest)
-    return language.sentences(line) if said == line else said
+def _warnings(lines: Iterable[str]) -> str:
+    return "".join(f"<p class='warning' role='status'>{html.escape(line)}</p>" for line in lines)
 
 
 def _volume(computed: Computed, volume: float) -> str:
@@ -311,22 +290,18 @@ def _volume(computed: Computed, volume: float) -> str:
 
     An amount that is asked for and beyond all tests is none to show.
     """
-    state, language = computed.state, computed.language
+    state = computed.state
     text = _read("volume", volume, computed)
     if not np.isfinite(volume):
         return text
     p = state.case.parameters()
     if state.per_mass.is_given and state.per_mass.is_beyond_tests(volume, p):
-        return f"{text}<br><small>{language.text(BEYOND_TESTS)}</small>".replace("-", "−")
+        return f"{text}<br><small>{BEYOND_TESTS}</small>".replace("-", "−")
     for name, value in state.per_mass.to_dict(volume, p).items():
         scale = PER_MASS_SCALES[name]
         number = f"{float(f'{float(value) / scale.size:.4g}'):,.12g}"
-        number = number.translate(_SEPARATORS) if language.comma else number
         text += f"<br><small>{number} {scale.unit}</small>"
     return text.replace("-", "−")
-
-
-_SEPARATORS = str.maketrans(",.", ".,")
 
 
 def _read(dimension: Dimension, value: float, computed: Computed) -> str:
@@ -335,8 +310,7 @@ def _read(dimension: Dimension, value: float, computed: Computed) -> str:
     units = computed.state.case.units
     scale = readable_scale(dimension, units, abs(value))
     unit = scale.unit if value else unit_name(dimension, units)
-    text = f"{value / scale.size:.5g} {unit}".strip().replace(" 10", "·10").replace("-", "−")
-    return computed.language.number(text)
+    return f"{value / scale.size:.5g} {unit}".strip().replace(" 10", "·10").replace("-", "−")
 
 
 def spins(computed: Computed, models: Collection[str]) -> Drawing:
@@ -351,7 +325,7 @@ def spins(computed: Computed, models: Collection[str]) -> Drawing:
         hollow = {"color": "transparent", "borderColor": color, "borderWidth": 1.6}
         marks = {
             "type": "scatter",
-            "name": computed.language.say("{model}, at a jump", model=model),
+            "name": f"{model}, at a jump",
             "itemStyle": hollow,
             "symbolSize": 8,
         }
@@ -362,10 +336,8 @@ def spins(computed: Computed, models: Collection[str]) -> Drawing:
     result = RESULTS["alpha_max"]
     y_axis = axis(f"{result.symbol}  {result.meaning}", min=0, max=90, interval=15,
                   axisLabel={"formatter": "{value}°"})  # fmt: skip
-    say, text = computed.language.say, computed.language.text
-    label = say("{result} over the {parameter}", result=text(result.meaning),
-                parameter=text(QUANTITIES["phidot0"].meaning))  # fmt: skip
-    return frame(x_axis, y_axis, series), [handle("phidot0", computed.state.case, computed.language)], label
+    label = f"{result.meaning} over the {QUANTITIES['phidot0'].meaning}"  # fmt: skip
+    return frame(x_axis, y_axis, series), [handle("phidot0", computed.state.case)], label
 
 
 def sensitivities(computed: Computed, models: Collection[str]) -> Drawing:
@@ -392,23 +364,9 @@ def sensitivities(computed: Computed, models: Collection[str]) -> Drawing:
                "animation": False, "barCategoryGap": "35%"}]  # fmt: skip
     grid = {"left": 40, "right": 24, "top": 6, "bottom": 26}
     moved = ", ".join(f"{label} {bar:+.3g}°" for label, bar in zip(labels, bars, strict=True) if bar)
-    language = computed.language
-    nothing = language.text("not known" if all(bar is None for bar in bars) else "nothing")
-    said = "move of the angle of greatest removal for one per cent more: {moves}"
+    nothing = "not known" if all(bar is None for bar in bars) else "nothing"
     option = frame(x_axis, y_axis, series, grid=grid)
-    return option, [], language.say(said, moves=moved or nothing)
-
-
-def in_language(option: Option, language: Language) -> Option:
-    """The plot with the names of its axes and curves in a language."""
-
-    def renamed(part: Any) -> Any:
-        if isinstance(part, list):
-            return [renamed(one) for one in part]
-        return part | {"name": language.label(part["name"])} if part.get("name") else part
-
-    named = ("xAxis", "yAxis", "series")
-    return option | {name: renamed(option[name]) for name in named if language != ENGLISH and name in option}
+    return option, [], f"move of the angle of greatest removal for one per cent more: {moved or nothing}"
 
 
 VIEWS: Mapping[str, Callable[[Computed, Collection[str]], Any]] = {

@@ -1,4 +1,4 @@
-"""What leaves the package: text tables, whole files, two languages."""
+"""What leaves the package: text tables, whole files."""
 
 from erosion.output.files import (
     Trace as Trace,
@@ -32,4 +32,3 @@ from erosion.output.tables import (
     to_plain as to_plain,
     with_error as with_error,
 )
-from erosion.output.translation import ENGLISH as ENGLISH, Language as Language, language as language

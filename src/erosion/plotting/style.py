@@ -11,17 +11,15 @@ import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
-from matplotlib.text import Text
-from matplotlib.ticker import Formatter
 
-from erosion.output import ENGLISH, Language, write_whole
+from erosion.output import write_whole
 from erosion.parameters import QUANTITIES, RESULTS, Scale, UnitError, about, conversion_factor, has_unit, read_quantity
 from erosion.plotting.labels import FAINT, INK
 
@@ -239,19 +237,3 @@ def legend_below(ax: Axes, columns: int) -> None:
     """Put the axes' legend below the axes, at the bottom of the figure."""
     figure: Any = ax.figure
     figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
-
-
-def translate_figure(figure: Figure, language: Language) -> None:
-    """Translate all texts of a figure, and the numbers of its axes."""
-    if language == ENGLISH:
-        return
-    for text in cast(Sequence[Text], figure.findobj(Text)):
-        text.set_text(language.number(language.label(text.get_text())))
-    for axes in figure.axes:
-        for axis in (axes.xaxis, axes.yaxis):
-            _translate_ticks(axis.get_major_formatter(), language)
-
-
-def _translate_ticks(formatter: Formatter, language: Language) -> None:
-    texts = formatter.format_ticks
-    setattr(formatter, "format_ticks", lambda values: [language.number(text) for text in texts(values)])  # noqa: B010

@@ -21,7 +21,7 @@ from erosion.arguments import Progress, no_progress
 from erosion.impacts import TurnWarning
 from erosion.interrupts import unawaited_threads
 from erosion.ode.step_control import require_xla
-from erosion.output import ENGLISH, Language, Record, briefly, language, to_csv, to_json, write_whole
+from erosion.output import Record, briefly, to_csv, to_json, write_whole
 from erosion.parameters import (
     QUANTITIES,
     Parameters,
@@ -34,7 +34,7 @@ from erosion.parameters import (
     unit_name,
     validate,
 )
-from erosion.plotting.style import fit_legends, save_figure, translate_figure
+from erosion.plotting.style import fit_legends, save_figure
 from erosion.report.case import Answer, Drawing, ReportCase, question
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.text import blocks, degrees, inline, inline_svg, number, quantity, render_page, to_html
@@ -43,7 +43,6 @@ from erosion.version import __version__
 _FOLDER = Path(__file__).parent
 _IMAGE = re.compile(r"!\[(?P<description>.*?)\]\((?P<name>[^)]*)\)\s*(?P<caption>.*)", re.DOTALL)
 _DERIVATION = re.compile(r"^## .*$", re.MULTILINE)
-_BETWEEN_PARTS = re.compile(r", (?![^(]*\))")
 _TAG_AFTER_TEXT = re.compile(r"(?m)^(?!\s*\{%(?:(?!%\}).)*%\}$)(.*)%\}$")
 
 
@@ -83,14 +82,13 @@ class Text(NamedTuple):
     printed: tuple[float, ...]
 
 
-def write_text(path: Path, case: ReportCase, answer: Answer, language: Language = ENGLISH) -> Text:
+def write_text(path: Path, case: ReportCase, answer: Answer) -> Text:
     """Fill in a question's text and divide it into its parts.
 
     Args:
         path: of the Markdown file.
         case: a field of the text, `case`.
         answer: its numbers and fields are fields of the text by their own names, the numbers also as `numbers`.
-        language: of the page.
 
     Raises:
         TextError: for a field that does not exist, or a wrong form; it names the file, the line and the reason.
@@ -98,8 +96,8 @@ def write_text(path: Path, case: ReportCase, answer: Answer, language: Language 
     fields = {"case": case, "numbers": answer.numbers, **answer.numbers, **answer.fields}
     printed: list[float] = []
     try:
-        filled = _fill(path, fields, case.units, language, printed)
-        return Text(*_parts(filled, answer.figures, language), tuple(printed))
+        filled = _fill(path, fields, case.units, printed)
+        return Text(*_parts(filled, answer.figures), tuple(printed))
     except Exception as error:  # a field may call any function
         raise TextError(f"{_place(path, error)}: {str(error).rstrip('.')}.") from error
 
@@ -110,16 +108,16 @@ def _place(path: Path, error: Exception) -> str:
     return f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else str(path)
 
 
-def _fill(path: Path, fields: Mapping[str, Any], units: System, language: Language, printed: list[float]) -> str:
+def _fill(path: Path, fields: Mapping[str, Any], units: System, printed: list[float]) -> str:
     def plain(value: Any) -> Any:
         if isinstance(value, str) and not isinstance(value, Markup):
-            return language.text(value)
+            return value
         if isinstance(value, (int, float)):
             printed.append(value)
         return value
 
     environment = jinja2.Environment(
-        loader=_Translating([path.parent, _FOLDER], language),
+        loader=jinja2.FileSystemLoader([path.parent, _FOLDER]),
         finalize=plain,
         extensions=[_KeepNewlines],
         autoescape=True,
@@ -127,21 +125,9 @@ def _fill(path: Path, fields: Mapping[str, Any], units: System, language: Langua
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= _filters(units, language, printed)
+    environment.filters |= _filters(units, printed)
     environment.globals |= {"parameters": QUANTITIES, "degree": _DEGREE, "percent": _PERCENT}
     return environment.get_template(path.name).render(fields)
-
-
-class _Translating(jinja2.FileSystemLoader):
-    """Loads texts in a language."""
-
-    def __init__(self, folders: Sequence[Path], language: Language) -> None:
-        super().__init__(list(map(str, folders)))
-        self._language = language
-
-    def get_source(self, environment: jinja2.Environment, template: str) -> tuple[str, str, Callable[[], bool]]:
-        source, path, is_current = super().get_source(environment, template)
-        return self._language.template(source), path, is_current
 
 
 class _KeepNewlines(jinja2.ext.Extension):
@@ -157,11 +143,11 @@ TURNED = "†"
 _DEGREE, _PERCENT = Scale(math.pi / 180, "°"), Scale(0.01, "%")
 
 
-def _filters(units: System, language: Language, printed: list[float]) -> dict[str, Callable[..., Any]]:
-    def of_number(function: Callable[..., str], last: Callable[[str], str], mark: str) -> Callable[..., str]:
+def _filters(units: System, printed: list[float]) -> dict[str, Callable[..., Any]]:
+    def of_number(function: Callable[..., str], mark: str) -> Callable[..., str]:
         def shown(value: Any, *args: Any, **options: Any) -> str:
             printed.append(float(value))  # an error for a field that does not exist
-            return last(function(float(value), *args, **options)) + mark * getattr(value, "beyond", False)
+            return function(float(value), *args, **options) + mark * getattr(value, "beyond", False)
 
         return shown
 
@@ -175,8 +161,8 @@ def _filters(units: System, language: Language, printed: list[float]) -> dict[st
     }
     in_tex = {name: functools.partial(plain[name], tex=True) for name in ("number", "degrees", "quantity")}
     return {
-        **{name: of_number(function, language.number, TURNED) for name, function in plain.items()},
-        **{f"{name}_tex": of_number(function, language.number_tex, r"{}^{\dagger}")
+        **{name: of_number(function, TURNED) for name, function in plain.items()},
+        **{f"{name}_tex": of_number(function, r"{}^{\dagger}")
            for name, function in in_tex.items()},
         "to_degrees": lambda value: math.degrees(float(value)),
         "scale": lambda largest, dimension: readable_scale(dimension, units, float(largest)),
@@ -194,18 +180,16 @@ CUTS: Mapping[str, str] = types.MappingProxyType(
 )  # fmt: skip
 
 
-def _beyond(drawing: Drawing, language: Language) -> str:
+def _beyond(drawing: Drawing) -> str:
     """What a caption says of cuts that turn the body by more than 90°."""
     turned, cuts = drawing.counts
     if not turned:
         return ""
-    words = language.text(ONE_CUT) if cuts == 1 else language.say(CUTS[drawing.style], n=str(turned), m=str(cuts))
+    words = ONE_CUT if cuts == 1 else CUTS[drawing.style].format(n=turned, m=cuts)
     return f" {words}"
 
 
-def _parts(
-    text: str, figures: Mapping[str, Drawing], language: Language
-) -> tuple[str, Markup, tuple[Illustration, ...], Markup]:
+def _parts(text: str, figures: Mapping[str, Drawing]) -> tuple[str, Markup, tuple[Illustration, ...], Markup]:
     answer, *derivation = _DERIVATION.split(text)
     title, *paragraphs = blocks(answer)
     images = [_IMAGE.fullmatch(block) for block in paragraphs]
@@ -217,7 +201,7 @@ def _parts(
         name = image["name"]
         if name not in figures:
             raise ValueError(f"The figure {name!r} is unknown; there are {', '.join(figures) or 'none'}.")
-        caption = inline(image["caption"] + _beyond(figures[name], language))
+        caption = inline(image["caption"] + _beyond(figures[name]))
         illustrations.append(Illustration(name, caption, " ".join(image["description"].split())))
     return title.removeprefix("# "), inline(sentences[0]), tuple(illustrations), to_html(derivation[0])
 
@@ -237,7 +221,6 @@ def write_report(
     case_name: str = "Table 1",
     only: Sequence[str] | None = None,
     brief: bool = False,
-    lang: str = "en",
     per_mass: PerMass | None = None,
     progress: Progress = no_progress,
 ) -> Path:
@@ -253,7 +236,6 @@ def write_report(
         case_name: what to call the case on the page.
         only: keys of the questions to answer, by default all; the page keeps its own order.
         brief: a handout: answers and figures without derivations, so that a question fits on a sheet of A4.
-        lang: the language: "en", or "de" for German.
         per_mass: the density of the target, for g/kg, and the share of the particles that cut.
         progress: called before each part with its title, how many parts are done, and how many there are.
 
@@ -261,17 +243,16 @@ def write_report(
         The path of the page.
 
     Raises:
-        ValueError: for parameters out of range or not scalar, an unknown key in `only`, or an unknown language.
+        ValueError: for parameters out of range or not scalar, or an unknown key in `only`.
         OSError: one sentence, where a file cannot be written.
     """
     keys = chosen_questions(only)
-    translation = language(lang)
     validate(p)
     require_scalars(p)
     require_xla()
     out = Path(out)
     with _naming(out), _folders(out):
-        return _write(ReportCase(p, case_name, per_mass), keys, out, translation, progress, brief=brief)
+        return _write(ReportCase(p, case_name, per_mass), keys, out, progress, brief=brief)
 
 
 PARTS = ("index.html", "numbers.json", "numbers.csv", "figures")
@@ -314,9 +295,7 @@ def _naming(out: Path) -> Iterator[None]:
         raise type(error)(f"{out}: the report cannot be written there ({reason}).") from error
 
 
-def _write(
-    case: ReportCase, keys: Sequence[str], out: Path, language: Language, progress: Progress, *, brief: bool
-) -> Path:
+def _write(case: ReportCase, keys: Sequence[str], out: Path, progress: Progress, *, brief: bool) -> Path:
     numbers: Record = {}
     counts: dict[str, Record] = {}
     texts: dict[str, Text] = {}
@@ -332,12 +311,11 @@ def _write(
             answer = QUESTIONS[key].answer(case)
             numbers[key] = answer.numbers
             counts[key] = {name: drawing.counts for name, drawing in answer.figures.items()}
-            texts[key] = write_text(text_file(key), case, answer, language)
+            texts[key] = write_text(text_file(key), case, answer)
             shown = [answer.figures[name].figure for name, *_ in texts[key].illustrations]
             alone = brief and len(keys) == 1 and sum(figure.get_figheight() for figure in shown) <= _SHEET
             for name, _, description in texts[key].illustrations:
                 figure = answer.figures[name].figure
-                translate_figure(figure, language)
                 if brief:
                     fit_on_sheet(figure, alone=len(shown) * alone)
                 if is_wide(figure):
@@ -358,17 +336,16 @@ def _write(
     write_whole(out / "numbers.csv", to_csv({"name": names, "value": values}).encode())
     page = render_page(
         "handout.html" if brief else "page.html",
-        language,
-        case_name=_name_of(case, language),
+        case_name=case.name,
         system=_SYSTEMS[case.units],
-        parameters=_parameter_rows(case.p, language),
+        parameters=_parameter_rows(case.p),
         texts=texts,
         question=question,
         drawings=drawings,
         wide=wide,
         alone=alone,
         turned=TURNED,
-        footnote=f"{TURNED} {language.text(ONE_CUT)}",
+        footnote=f"{TURNED} {ONE_CUT}",
         formula_font=base64.b64encode(Path(__file__).with_name("formulas.woff").read_bytes()).decode(),
     )
     write_whole(out / "index.html", page.encode())
@@ -386,17 +363,7 @@ def chosen_questions(only: Sequence[str] | None) -> list[str]:
     return [key for key in QUESTIONS if key in only]
 
 
-def _name_of(case: ReportCase, language: Language) -> str:
-    """The name of a case, what is known of it translated: "Tabelle 1, Granat 0,3 mm, v₀ = 112,5 m/s"."""
-
-    def translated(part: str) -> str:
-        whole, (words, *number) = language.text(part), re.split(r"(?=\d)", part, maxsplit=1)
-        return whole if whole != part else language.text(words) + language.number("".join(number))
-
-    return ", ".join(map(translated, _BETWEEN_PARTS.split(case.name)))
-
-
-def _parameter_rows(p: Parameters, language: Language) -> list[tuple[str, str, str, str]]:
+def _parameter_rows(p: Parameters) -> list[tuple[str, str, str, str]]:
     """Symbol, meaning, value, unit; in units in which the values read well."""
     rows = []
     for name, entry in QUANTITIES.items():
@@ -404,8 +371,8 @@ def _parameter_rows(p: Parameters, language: Language) -> list[tuple[str, str, s
         scale = table_scale(entry.dimension, p.units, abs(value))
         if scale.unit.startswith("10"):
             scale = Scale(1.0, unit_name(entry.dimension, p.units))
-        shown = language.number(number(value / scale.size, 7, strip=True))
-        rows.append((entry.symbol, language.text(entry.meaning), shown, scale.unit or "–"))
+        shown = number(value / scale.size, 7, strip=True)
+        rows.append((entry.symbol, entry.meaning, shown, scale.unit or "–"))
     return rows
 
 

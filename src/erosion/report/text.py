@@ -10,7 +10,7 @@ import jinja2
 from latex2mathml.converter import convert
 from markupsafe import Markup, escape
 
-from erosion.output import Language, briefly
+from erosion.output import briefly
 from erosion.parameters import Dimension, Scale, System, readable_scale, superscript, unit_name
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
 from erosion.version import __version__
@@ -85,8 +85,6 @@ def number(value: float, digits: int = 5, *, strip: bool = False, tex: bool = Fa
     return text.replace("-", _MINUS)
 
 
-# "1{,}5" is one number.
-_DECIMAL_COMMA = re.compile(r"<mn>(\d+)</mn><mrow><mo>&#x0002C;</mo></mrow><mn>(\d+)</mn>")
 _CORRECTIONS = (
     ("<mi>&#x000B1;</mi>", "<mo>&#x000B1;</mo>"),
     ("<mo>&#x0002F;</mo>", '<mo lspace="0" rspace="0">&#x0002F;</mo>'),
@@ -138,7 +136,7 @@ def math(tex: str, *, display: bool = False) -> Markup:
         raise ValueError(f"The formula {tex!r} cannot be read ({type(error).__name__}).") from error
     for written, meant in _CORRECTIONS:
         mathml = mathml.replace(written, meant)
-    return Markup(_DECIMAL_COMMA.sub(r"<mn>\1,\2</mn>", mathml))
+    return Markup(mathml)
 
 
 def formula(tex: str) -> Markup:
@@ -206,12 +204,11 @@ def _table(caption: str, head: str, rule: str, *rows: str) -> Markup:
     return table if "-:" in rule else Markup('<div class="wordy">{}</div>').format(table)
 
 
-def render_page(template: str, language: Language, *, package: str = "erosion.report", **fields: Any) -> str:
+def render_page(template: str, *, package: str = "erosion.report", **fields: Any) -> str:
     """The text of a page.
 
     Args:
         template: a file of the package, which extends "frame.html".
-        language: of the page; templates translate by `_`.
         package: that has the file.
         fields: of the template.
     """
@@ -223,6 +220,4 @@ def render_page(template: str, language: Language, *, package: str = "erosion.re
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    return environment.get_template(template).render(
-        _=language.text, lang=language.tag, themes=THEMES, version=__version__, **fields
-    )
+    return environment.get_template(template).render(themes=THEMES, version=__version__, **fields)

@@ -22,11 +22,11 @@ export default {
         <line x1="0" :x2="bar.size" y1="0" y2="0" />
         <text :x="bar.size" :y="-box[3] * 0.025" :font-size="letters" text-anchor="end">{{ bar.text }}</text></g>
     </svg>
-    <div class="cut-time"><button type="button" class="cut-play" @click="toggle" :aria-label="playing ? pause : play"
+    <div class="cut-time"><button type="button" class="cut-play" @click="toggle" :aria-label="playing ? 'Pause' : 'Play'"
       :disabled="!moves"><svg viewBox="0 0 24 24" aria-hidden="true"><path :d="playing ? 'M6 5h4v14H6zM14 5h4v14h-4z' : 'M8 5v14l11-7z'"/></svg></button>
-      <input type="range" min="0" max="1" step="0.005" :value="fraction" :aria-label="slider" :aria-valuetext="time"
+      <input type="range" min="0" max="1" step="0.005" :value="fraction" aria-label="Time in the cut" :aria-valuetext="time"
         :disabled="!moves" @input="scrub"><output>{{ time }}</output></div></div>`,
-  props: { instant: Number, comma: Boolean, slider: String, play: String, pause: String },
+  props: { instant: Number },
   data: (own) => ({
     t: [], x: [], depth: [], phi: [], size: 1, unit: 1, units: "", label: "", bar: null, box: [0, 0, 1, 1],
     fraction: own.instant, playing: false, letters: 0.1,
@@ -36,8 +36,7 @@ export default {
     ghosts() { return this.moves ? GHOSTS : []; },
     time() {
       const end = this.t.length ? this.t[this.t.length - 1] : 0;
-      const number = ((this.fraction * end) / this.unit).toFixed(2);
-      return `t = ${this.comma ? number.replace(".", ",") : number} ${this.units}`;
+      return `t = ${((this.fraction * end) / this.unit).toFixed(2)} ${this.units}`;
     },
   },
   mounted() {

@@ -42,7 +42,7 @@ export default {
       :style="place(h)" @pointerdown="grab($event, h)" @pointermove="move($event, h)" @pointerup="held = null"
       @pointercancel="held = null" @keydown="key($event, h)"><span v-if="h.movable" class="plot-grip"></span></div></div>
     <p v-if="names.x" class="plot-name plot-name-x"><component :is="i % 2 ? 'sub' : 'span'" v-for="(part, i) in names.x" :key="i">{{ part }}</component></p></div>`,
-  props: { height: String, follows: Boolean, comma: Boolean },
+  props: { height: String, follows: Boolean },
   data: () => ({ handles: [], legend: [], names: {}, label: "", held: null, layout: 0 }),
   mounted() {
     this.chart = echarts.init(this.$refs.chart, theme());
@@ -74,7 +74,6 @@ export default {
   methods: {
     draw(option, handles, label, key) {
       if (option) {
-        if (this.comma) this.write_commas(option);
         this.take_words(option);
         this.chart.setOption(option, { replaceMerge: ["series"] });
         this.option = option;
@@ -105,16 +104,6 @@ export default {
         name, area: areaStyle?.opacity, hollow: type === "scatter", color: itemStyle.borderColor ?? itemStyle.color,
         dashes: lineStyle?.type === "dashed" ? "6 4" : Array.isArray(lineStyle?.type) ? lineStyle.type.join(" ") : null,
       }));
-    },
-    write_commas(option) {
-      const number = (value) => String(Array.isArray(value) ? value[1] : value).replace(".", ",");
-      for (const axis of [option.xAxis, option.yAxis].flat()) {
-        if (axis?.type !== "value") continue;
-        const pattern = axis.axisLabel?.formatter ?? "{value}";
-        axis.axisLabel = { ...axis.axisLabel, formatter: (value) => pattern.replace("{value}", number(value)) };
-        axis.axisPointer = { label: { formatter: ({ value }) => pattern.replace("{value}", number(Number(value.toFixed(4)))) } };
-      }
-      if (option.tooltip) option.tooltip.valueFormatter = number;
     },
     grid(h) {
       return this.chart.getModel().getComponent("grid", h.grid || 0).coordinateSystem.getRect();
