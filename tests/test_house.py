@@ -1,11 +1,13 @@
-"""Sizes that CONTRIBUTING.md asks for."""
+"""Sizes that CONTRIBUTING.md asks for, and tests that other files name."""
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import erosion
 
+ROOT = Path(__file__).parents[1]
 SOURCE = Path(erosion.__file__).parent
 MODULES = sorted(SOURCE.rglob("*.py"))
 
@@ -33,3 +35,12 @@ def test_modules_and_functions_are_short():
 def test_slow_tests_exist(entries_of_no_test):
     """`make durations` writes the table anew."""
     assert not entries_of_no_test
+
+
+def test_a_test_holds_each_known_limit():
+    rows = [row for row in (ROOT / "docs" / "limits.md").read_text("utf-8").splitlines() if row.startswith("| ")]
+    limits = [row for row in rows if not row.startswith("| limit |")]
+    assert limits
+    for limit in limits:
+        file, test = re.findall(r"`(tests/\S+\.py)::(test_\w+)`", limit)[0]
+        assert test in {function.name for function in functions(ROOT / file)}, limit

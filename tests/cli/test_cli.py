@@ -33,7 +33,7 @@ def test_run_takes_a_model_and_parameters(shell):
     assert shell("run --model rotating --alpha 20deg --json").result["volume"] == pytest.approx(
         1.014085387462e-04, rel=1e-10
     )
-    printed = shell(["run", str(ROOT / "cases/table-1-si.toml"), "--v0", "8800 in/s", "--json"]).result
+    printed = shell(["run", str(ROOT / "examples/table-1-si.toml"), "--v0", "8800 in/s", "--json"]).result
     assert printed["volume"] == pytest.approx(4 * 1.816436352531e-04 * 0.0254**3, rel=1e-10)
 
 

@@ -23,7 +23,7 @@ from tests.documents import Shell
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = json.loads(importlib.resources.files("erosion.cli").joinpath("document.schema.json").read_text())
-CASE = str(ROOT / "cases/table-1-si.toml")
+CASE = str(ROOT / "examples/table-1-si.toml")
 
 
 def check(document) -> None:

@@ -283,7 +283,7 @@ def test_bad_laws_are_one_line(line: str, sentence: str, shell: Shell) -> None:
     assert sentence in shell(line, 2).err
 
 
-TABLE_1_CASE = (Path(__file__).parents[2] / "cases/table-1.toml").read_text()
+TABLE_1_CASE = (Path(__file__).parents[2] / "examples/table-1.toml").read_text()
 
 
 @pytest.fixture

@@ -1,11 +1,6 @@
 """The length of the next step, and when a lane is given up, while no event is near."""
 
 import functools
-import importlib
-import operator
-import re
-from fractions import Fraction
-from pathlib import Path
 
 import diffrax
 import jax
@@ -127,23 +122,6 @@ def test_a_time_scale_that_is_no_limit_gives_no_lane_up(time: float) -> None:
 
 def test_the_eighth_root() -> None:
     assert step_control.eighth_root(jnp.asarray(256.0)) == 2
-
-
-def test_the_readme_has_every_constant_of_step_control_as_it_is() -> None:
-    folder = Path(step_control.__file__).parent
-    text, told = (folder / "README.md").read_text(encoding="utf-8"), set()
-    for names, module, values in re.findall(r"^\| (`_?[A-Z].*?) \| `([\w.]+)` \| (.*?) \|", text, re.MULTILINE):
-        code = importlib.import_module(f"erosion.ode.{module}")
-        named = re.findall(r"`([\w.]+)`", names)
-        constants = jax.tree.leaves([operator.attrgetter(name)(code) for name in named])
-        assert [float(Fraction(value)) for value in values.split(",")] == constants, names
-        told |= {(module, name) for name in named}
-    assert told
-    others = {"_KEYS", "_BINS", "_CROWDED", "_TINY", "_NONE"}
-    for module in ("crossings", "step_control", "integrator", "extended", "events", "guards"):
-        source = (folder / f"{module}.py").read_text(encoding="utf-8")
-        own = re.findall(r"^(_?[A-Z][A-Z_]+) = [\d(]", source, re.MULTILINE)
-        assert {(module, name) for name in set(own) - others} <= told | {("crossings", "_LOOKS")}
 
 
 @functools.cache

@@ -1,1 +1,1 @@
-"""Compiles a function of one lane's numbers to LLVM vector code. README.md leads through it by an example."""
+"""Compiles a function of one lane's numbers to LLVM vector code; docs/develop/lanes.md shows how, by an example."""

@@ -3,7 +3,7 @@
 from erosion import ode
 
 `Problem` says what moves and what happens on the way, `solve` integrates lanes to their events, `Solution` is what
-came out. README.md leads through the folder; docs/ode.md through its use.
+came out. docs/develop/ode.md leads through the folder; docs/ode.md through its use.
 """
 
 from erosion.ode.maximum import Maximum as Maximum, maximum as maximum
