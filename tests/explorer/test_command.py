@@ -117,7 +117,7 @@ def test_a_port_of_the_administrator_is_one_line(shell: Shell, monkeypatch) -> N
 BLIND = """
 import sys
 import erosion.explorer.server as server
-server.free_address = server.Address
+server.free_port = lambda port: port
 from erosion.cli import main
 sys.argv[0] = "erosion"
 main()
@@ -135,9 +135,6 @@ def test_a_port_that_is_taken_meanwhile_is_one_line() -> None:
     assert (ended.stdout, ended.returncode) == ("", 2)
 
 
-HOST = "Option `--host` must be an address of this machine, but is"
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -145,7 +142,6 @@ HOST = "Option `--host` must be an address of this machine, but is"
         ("--model missing.py", "missing.py: there is no such file or folder of models."),
         ("--port 70000", "Option `--port` must be in 0 … 65535, but is 70000."),
         ("--alpha 95deg", "Option `--alpha` must be in (0, 90°]"),
-        *((f"--host '{host}'", f"{HOST} '{host}'.") for host in ("203.0.113.7", "no such host", "300.1.1.1")),
     ],
 )
 def test_bad_options_are_one_line(options: str, message: str, shell: Shell) -> None:

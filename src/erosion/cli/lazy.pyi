@@ -46,7 +46,7 @@ from erosion.distributions import LAWS as LAWS
 from erosion.distributions import read_distribution as read_distribution
 from erosion.exercises import AnswerKey as AnswerKey
 from erosion.exercises.answer_key import notebook as notebook
-from erosion.explorer.server import free_address as free_address
+from erosion.explorer.server import free_port as free_port
 from erosion.explorer.server import offer as offer
 from erosion.explorer.server import serve as serve
 from erosion.fits import CalibrationError as CalibrationError

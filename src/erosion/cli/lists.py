@@ -218,13 +218,6 @@ def explore(
         Parameter(negative="", help="Also offer the particles and targets of this table (TOML); it may be repeated."),
     ] = None,
     port: Annotated[int | None, Parameter(help=f"Listen on this port; {_PORT}, or a free one, without it.")] = None,
-    host: Annotated[
-        str,
-        Parameter(
-            help="Listen on this address of the machine, for other devices of a network that you trust: 0.0.0.0 for "
-            "all. They need the link that is printed."
-        ),
-    ] = "127.0.0.1",
     browser: Annotated[bool, Parameter(negative="--no-browser", help="Open the page in a browser.")] = True,
 ) -> None:
     """Explore cuts in the browser: sliders, live plots, exports."""
@@ -242,7 +235,7 @@ def explore(
         fitted = None
     with extra("explorer"), user_errors():
         service = lazy.offer(p, model or [], materials or [], weights, fitted=fitted, file=options.file)
-        lazy.serve(service, lazy.free_address(host, port), show=browser)
+        lazy.serve(service, lazy.free_port(port), show=browser)
 
 
 def report(

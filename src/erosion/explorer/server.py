@@ -1,67 +1,52 @@
-"""The page's server, and who may speak with it."""
+"""The page's server on 127.0.0.1, which answers to its own page only."""
 
 import asyncio
 import atexit
-import contextlib
-import errno
 import gc
 import logging
 import os
+import re
 import signal
 import socket
 import sys
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from http.cookies import CookieError, SimpleCookie
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import segno
 from fastapi import Request
 from nicegui import app, background_tasks, ui
 from nicegui.server import Server
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from erosion.explorer.computed import Answers, Preparation, all_ready, share_memory
 from erosion.explorer.controls import read_materials
-from erosion.explorer.state import Address, PageCase, PageState, own_numbers, sentence, without_token
+from erosion.explorer.state import PageCase, PageState, own_numbers, sentence
 from erosion.explorer.tab import Service, Tab
 from erosion.impacts import TurnWarning
 from erosion.interrupts import ENDING, INTERRUPTED
 from erosion.models import CuttingModel, available_models, load_model
-from erosion.output import briefly
 from erosion.parameters import CaseFile, Parameters, PerMass, SizeWarning
 
-_LONGEST = 16_000  # characters of an address; a case, all models and hundreds of own parameters take far fewer
-# No other page may show this one, read it, or hold its window.
-_CLOSED = {
-    "Content-Security-Policy": "frame-ancestors 'none'",
-    "X-Frame-Options": "DENY",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-}
+_HOST = "127.0.0.1"
+_OWN = re.compile(r"(127\.0\.0\.1|localhost)(:\d+)?")
 
 
 class OnlyOwnPage:
-    """Refuses requests and websockets that other pages send, whatever name they give this machine.
+    """Refuses requests and websockets that other pages send.
 
     A page of the internet may let its own host name point to 127.0.0.1 (DNS rebinding); the browser
-    then takes the explorer for a part of that page. Its `Host` header betrays it.
-
-    A device that opens the link with the token is given a cookie, and led to the same address without the token.
+    then takes the explorer for a part of that page. Its `Host` header betrays it. Any other page betrays itself by
+    its `Origin`, which browsers send with every websocket.
 
     Args:
         app: the application behind.
-        address: where the explorer listens.
     """
 
-    def __init__(self, app: ASGIApp, address: Address) -> None:
-        self._app, self._address = app, address
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request or a websocket, or refuse it with one sentence."""
@@ -69,92 +54,23 @@ class OnlyOwnPage:
             await self._app(scope, receive, send)
             return
 
-        async def send_closed(message: Message) -> None:
-            if message["type"] in ("http.response.start", "websocket.http.response.start"):
-                MutableHeaders(scope=message).update(_CLOSED)
+        async def send_unframed(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message)["Content-Security-Policy"] = "frame-ancestors 'none'"
             await send(message)
 
         headers = Headers(scope=scope)
-        refusal = (
-            _too_long(scope) or _foreign(headers, self._address, scope) or _uninvited(headers, self._address, scope)
-        )
-        if refusal is None:
-            await self._app(scope, receive, send_closed)
-        elif scope["type"] == "websocket":
-            await WebSocket(scope, receive, send_closed).send_denial_response(refusal)
+        hosts = [host.lower() for host in headers.getlist("host")]
+        # Whoever forwards a port of another machine (ssh -L) names that port.
+        own = len(hosts) == 1 and _OWN.fullmatch(hosts[0]) is not None
+        if own and {origin.lower() for origin in headers.getlist("origin")} <= {f"http://{hosts[0]}"}:
+            await self._app(scope, receive, send_unframed)
+            return
+        refusal = PlainTextResponse("The explorer answers to its own page on 127.0.0.1 and localhost only.\n", 403)
+        if scope["type"] == "websocket":
+            await WebSocket(scope, receive, send).send_denial_response(refusal)
         else:
-            await refusal(scope, receive, send_closed)
-
-
-def _too_long(scope: Scope) -> PlainTextResponse | None:
-    length = len(scope["raw_path"]) + len(scope["query_string"])
-    if length <= _LONGEST:
-        return None
-    sentence = f"The address must have at most {_LONGEST} characters, but has {length}.\n"
-    return PlainTextResponse(sentence, 414)
-
-
-def _foreign(headers: Headers, address: Address, scope: Scope) -> PlainTextResponse | None:
-    hosts = [host.lower() for host in headers.getlist("host")]
-    reached, _ = scope.get("server") or (None, None)
-    if len(hosts) != 1 or not address.is_own(hosts[0], reached):
-        names = "127.0.0.1, localhost and names of this machine" if address.token else "127.0.0.1 and localhost"
-        return _refuse(f"The explorer answers to {names} only, but was asked for", hosts)
-    origins = [origin.lower() for origin in headers.getlist("origin")]
-    if not set(origins) <= {f"http://{hosts[0]}", f"https://{hosts[0]}"}:
-        return _refuse("The explorer answers to its own page only, but was asked by", origins)
-    # A link on another page may lead here; images, scripts and forms there may not.
-    if headers.get("sec-fetch-site") in ("cross-site", "same-site") and headers.get("sec-fetch-mode") != "navigate":
-        return _refuse("The explorer answers to its own page only, but was asked by", ["another page"])
-    return None
-
-
-def _uninvited(headers: Headers, address: Address, scope: Scope) -> Response | None:
-    """A refusal of a device without the token; one that brings it in a link is led on, with a cookie."""
-    token, rest = without_token(scope["query_string"].decode("latin-1"))
-    if scope["type"] == "http" and address.token and token is not None and address.admits(token):
-        # "//name/" would lead to another machine.
-        path = "/" + scope["path"].lstrip("/") + (f"?{rest}" if rest else "")
-        response = RedirectResponse(path, 303)
-        # "Lax": a link or a code in another program may lead here; requests by other pages come without the cookie.
-        response.set_cookie(address.cookie, address.token, httponly=True, samesite="lax")
-        return response
-    if address.admits(_cookie(headers, address.cookie)):
-        return None
-    sentence = "Scan the code or open the link that `erosion explore` shows: the address alone is not enough."
-    return PlainTextResponse(f"{sentence}\n", 403)
-
-
-def _cookie(headers: Headers, name: str) -> str:
-    with contextlib.suppress(CookieError, KeyError):
-        return SimpleCookie("; ".join(headers.getlist("cookie")))[name].value
-    return ""
-
-
-def _refuse(sentence: str, names: Iterable[str]) -> PlainTextResponse:
-    return PlainTextResponse(f"{sentence} {', '.join(names)[:200] or 'no host'}.\n", 403)
-
-
-_MOST = 100  # connections of one address; a tab of a browser holds at most seven
-_PATIENCE = 10.0  # s
-
-
-class _Connection(HttpToolsProtocol):
-    """A connection that must ask soon for something, one of a few of its address: idle ones keep nobody out."""
-
-    def connection_made(self, transport: asyncio.Transport) -> None:
-        """Take it, unless its address holds too many."""
-        super().connection_made(transport)
-        devices = [getattr(connection, "client", None) or ("",) for connection in self.connections]
-        if [address for address, *_ in devices].count((self.client or ("",))[0]) > _MOST:
-            transport.abort()
-        else:
-            self.loop.call_later(_PATIENCE, self._end_if_silent)
-
-    def _end_if_silent(self) -> None:
-        # A websocket's connection has another protocol by now.
-        if self.cycle is None and self in self.connections:
-            self.transport.abort()
+            await refusal(scope, receive, send)
 
 
 _PORT = 8080
@@ -167,12 +83,12 @@ _SHOWN = "rotating"
 _STYLE = (Path(__file__).parent / "web" / "page.css").read_text(encoding="utf-8")
 
 
-def serve(service: Service, address: Address, *, show: bool = True) -> None:
+def serve(service: Service, port: int, *, show: bool = True) -> None:
     """Serve the explorer until Ctrl+C.
 
     Args:
         service: the models and the first state.
-        address: where to listen.
+        port: on which it listens.
         show: whether to open a browser.
 
     Raises:
@@ -188,15 +104,12 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
         # A crawler never connects. After a minute NiceGUI deletes its client; until then it costs next to nothing.
         await client.connected()
         if not client.is_deleted:
-            _open_tab(service, address, request.query_params)
+            _open_tab(service, request.query_params)
 
     async def announce() -> None:
         while not Server.instance.started:
             await asyncio.sleep(0.02)
-        print(address.link, flush=True)
-        # For other devices also as a code, where people read it.
-        if address.token and sys.stdout.isatty():
-            segno.make_qr(address.link).terminal(compact=True)
+        print(f"http://{_HOST}:{port}/", flush=True)
         # The command line looks for garbage seldom, since a verb ends before there is any. A server does not end, and
         # the parts of a closed tab refer to one another; what is there at its start, half a million objects of
         # modules, need not be looked at again.
@@ -205,7 +118,7 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
         # Not earlier: compiling would slow the start of the server.
         all_ready(service.start, service.preparation)
 
-    app.add_middleware(OnlyOwnPage, address=address)
+    app.add_middleware(OnlyOwnPage)
     app.on_startup(lambda: background_tasks.create(announce()))
     # Of the signals that ask for an end the server knows all but that of a closed terminal, which `nohup` ignores.
     for number in ENDING:
@@ -213,16 +126,15 @@ def serve(service: Service, address: Address, *, show: bool = True) -> None:
             signal.signal(number, lambda *_: signal.raise_signal(signal.SIGINT))
     try:
         ui.run(
-            host=address.host,
-            port=address.port,
-            show=address.path if show else False,
+            host=_HOST,
+            port=port,
+            show=show,
             reload=False,
             show_welcome_message=False,
             reconnect_timeout=_SILENCE,
-            http=_Connection,
         )
     except SystemExit as error:
-        sentence = f"must be free, but another program took {address.port} meanwhile."
+        sentence = f"must be free, but another program took {port} meanwhile."
         raise ValueError(f"Argument `port` {sentence}") from error
     except KeyboardInterrupt:
         pass  # The server ends by Ctrl+C only. The exception is lost if it comes while Python collects garbage.
@@ -246,14 +158,14 @@ def _prepare_process() -> None:
     logging.getLogger("uvicorn.error").addFilter(lambda record: not isinstance(record.msg, OSError))
 
 
-def _open_tab(service: Service, address: Address, link: Mapping[str, str]) -> None:
+def _open_tab(service: Service, link: Mapping[str, str]) -> None:
     """Fill the page with what its link asks for."""
     complaint, state = "", service.start
     try:
         state = state.reading(link, list(service.summaries))
     except ValueError as error:
         complaint = f"The link cannot be used: {sentence(error)}"
-    tab = Tab(service, state, address.link if address.token else None)
+    tab = Tab(service, state)
     tab.begin()
     if complaint:
         tab.say(complaint)
@@ -310,20 +222,19 @@ def offer(
     )
 
 
-def free_address(host: str, port: int | None) -> Address:
-    """The address of the port if it is free; of any free port for 0; for None of 8080, or any if 8080 is in use.
+def free_port(port: int | None) -> int:
+    """The port if it is free; any free port for 0; for None 8080, or any if 8080 is in use.
 
     Raises:
-        ValueError: if the port is not free, or not for this user; if the host is no address of this machine.
+        ValueError: if the port is not free, or not for this user.
     """
-    try:
-        return Address.free(host, _PORT if port is None else port)
-    except socket.gaierror as error:
-        raise ValueError(f"Argument `host` must be an address of this machine, but is {briefly(host)}.") from error
-    except OSError as error:
-        if error.errno == errno.EADDRNOTAVAIL:
-            raise ValueError(f"Argument `host` must be an address of this machine, but is {briefly(host)}.") from error
-        if port is None:
-            return free_address(host, 0)
-        sentence = f"must be a free port that you may use, but {port} is not ({error.strerror})."
-        raise ValueError(f"Argument `port` {sentence}") from error
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((_HOST, _PORT if port is None else port))
+        except OSError as error:
+            if port is None:
+                return free_port(0)
+            sentence = f"must be a free port that you may use, but {port} is not ({error.strerror})."
+            raise ValueError(f"Argument `port` {sentence}") from error
+        return probe.getsockname()[1]

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
-import segno
 from nicegui import background_tasks, ui
 
 from erosion.explorer import computed as computing
@@ -214,10 +213,9 @@ class Tab:
     Args:
         service: the data that all tabs share.
         state: the first state.
-        invitation: the link that lets other devices in; None where they cannot reach the explorer.
     """
 
-    def __init__(self, service: Service, state: PageState, invitation: str | None = None) -> None:
+    def __init__(self, service: Service, state: PageState) -> None:
         self.service, self.state = service, state
         self._models = list(service.summaries)
         self._drawn: dict[str, Any] = {}
@@ -231,8 +229,6 @@ class Tab:
                 self._progress = ui.linear_progress(0, show_value=False).props("aria-label='models prepared'")
                 self._status = ui.label()
             self._sharing_buttons()
-            if invitation is not None:
-                _invite_button(invitation)
             screen = ui.fullscreen()
             ui.button("Full screen", icon="fullscreen", on_click=screen.toggle).props(_OUTLINE).classes("full-screen")
         with ui.element("main").classes("explorer") as self._main:
@@ -421,14 +417,3 @@ class Tab:
         preparing = f"Preparing {', '.join(models)}: {done} of {begun} programs compiled"
         self._status.set_text(" · ".join([*errors, *([preparing] if models else [])]))
         self._main.props(f"data-ready={'true' if ready else 'false'}")
-
-
-def _invite_button(link: str) -> None:
-    """A button that shows the link, which lets other devices in."""
-    with ui.dialog() as dialog, ui.card().classes("panel invitation"):
-        ui.html("Scan the code to open this page on another device of this network", tag="h2", sanitize=False)
-        code = segno.make_qr(link).svg_inline(scale=8, border=4, light="white", omitsize=True)
-        ui.html(code, sanitize=False).props('role=img aria-label="QR code of the link"')
-        ui.label(link).classes("invitation-link")
-        ui.button("Close", on_click=dialog.close).props("dense no-caps flat")
-    ui.button("Invite", icon="qr_code", on_click=dialog.open).props(_OUTLINE)
