@@ -88,6 +88,9 @@ def test_the_events_of_a_chain_are_listed():
             np.testing.assert_allclose(end.events.y["v"][i, n], v, rtol=1e-9)
     assert np.isnan(end.events.t[2]).all()
     np.testing.assert_array_equal(end.events.at_once["floor"], end.events.name == "floor")
+    moving = ode.solve(BALL, {"h": 2.0, "g": 9.81, "e": 0.8}, t1=9.0, max_events=3, wrt="h")
+    assert moving.events.t[-1] == pytest.approx(float(moving.t), rel=1e-12)
+    np.testing.assert_allclose(moving.events.y["v"][-1], moving.y["v"], rtol=1e-12)
     assert ode.solve(BALL, {"h": 2.0, "g": 9.81, "e": 0.8}, t1=0.1).events.t.shape == (0,)
 
 

@@ -430,7 +430,6 @@ def test_a_chaotic_motion_to_an_event_is_as_exact_as_to_a_time():
     assert not silently_wrong(end, end.y["q"], exact.y["q"], 1e-4).any()
 
 
-@fault("each event of a chain is found by an integration from the start")
 def test_the_list_of_events_costs_about_an_integration():
     ball = ode.Problem(
         {"y": 1.0, "v": 0.0},

@@ -612,7 +612,7 @@ def _compiled(layout: Layout, order: int, fixed: tuple[int, ...], directions: in
     def lane(numbers: list[Number], places: tuple[Direction, ...], rows: list[Scalar], rtol: Scalar) -> LaneEnd:
         return integrate_lane(layout, numbers, fixed or places, rtol, order=order, rows=rows[0] if rows else 0)
 
-    saves, records = layout.options.saves, layout.options.records
-    arguments = (layout.structs(), (number,) * directions, [number] if records else [], number)
-    program = compile_lanes(lane, arguments, tapes=2 if saves else int(records))
+    saves, records, logs = layout.options.saves, layout.options.records, layout.options.logs
+    arguments = (layout.structs(), (number,) * directions, [number] if records or logs else [], number)
+    program = compile_lanes(lane, arguments, tapes=2 if saves else int(records or logs))
     return program, jax.eval_shape(lane, *arguments)

@@ -68,6 +68,7 @@ class LaneEnd(NamedTuple):
         saved: the token of what is written at times; after the batch outputs there and their derivatives, in the
             order of `Variational.pack`, shape (lanes, times, members, outputs).
         recorded: the steps, where they are recorded.
+        logged: the events, where they are logged.
     """
 
     outcome: PerImpact
@@ -82,6 +83,7 @@ class LaneEnd(NamedTuple):
     error: PerImpact | None = None
     saved: PerImpact | None = None
     recorded: Recorded | None = None
+    logged: Recorded | None = None
 
     @property
     def quantities(self) -> Derivatives:
@@ -110,7 +112,7 @@ def integrate_lane(
         directions: of the derivatives; see `Variational`.
         rtol: of outputs, end time and derivatives.
         order: 0, 1 or 2 derivatives.
-        rows: of the tape, where the steps are recorded.
+        rows: of the tape, where steps are recorded or events logged.
     """
     problem = Extended(layout, numbers, order, directions)
     loop = _Loop(problem, rtol, rows)
@@ -123,7 +125,7 @@ class _Loop:
     Args:
         problem: the equations.
         rtol: relative tolerance.
-        rows: of the tape, where the steps are recorded.
+        rows: of the tape, where steps are recorded or events logged.
     """
 
     def __init__(self, problem: Extended, rtol: Scalar, rows: Scalar) -> None:
@@ -159,10 +161,12 @@ class _Loop:
         written = [one.after_landing(so_far, lane, motion) for one, so_far in zip(recorders, written, strict=True)]
         return motion, along, written
 
-    def after_event(self, written: Written, event: Scalar, happens: Sequence[Flag], state: Rows) -> Written:
+    def after_event(
+        self, written: Written, motion: Flight, happens: Sequence[Flag], elapsed: tuple[Scalar, ...]
+    ) -> Written:
         """What the recorders have written with the end of a motion."""
         pairs = zip(self.recorders, written, strict=True)
-        return [recorder.after_event(so_far, event, happens, state) for recorder, so_far in pairs]
+        return [recorder.of_motion(elapsed).after_event(so_far, motion, happens) for recorder, so_far in pairs]
 
     def recorded(self, written: Written) -> Mapping[str, Any]:
         """What they leave of the lane's results."""
@@ -231,7 +235,7 @@ def _single(problem: Extended, loop: _Loop, rtol: Scalar) -> LaneEnd:
     written = [recorder.begin() for recorder in loop.recorders]
     motion, along, written = loop.to_its_event(problem.initial, until.value, written, None, ())
     end = at_event(along, motion.event, motion.time, outputs_of, until)
-    written = loop.after_event(written, motion.event, [], jax.tree.leaves(motion.members))
+    written = loop.after_event(written, motion, [], ())
     return _finish(problem, motion, end, rtol, loop.recorded(written))
 
 
@@ -362,7 +366,7 @@ def _chain(problem: Extended, loop: _Loop, rtol: Scalar) -> LaneEnd:
         members = equations.pack(end.outputs)
         elapsed = tuple(map(jnp.add, chain.elapsed, equations.pack(end.time)))
         last, count, happens = _in_turn(problem, members[0], motion, before.count)
-        written = loop.after_event(written, motion.event, happens, jax.tree.leaves(members))
+        written = loop.after_event(written, motion._replace(members=members), happens, elapsed)
         survives = functools.reduce(jnp.logical_or, [last == i for i in problem.chains])
         typical = jnp.minimum(problem.time_scale, elapsed[0])
         soon = jnp.where(last == before.event, _ACCUMULATED * typical, _ROUNDING * elapsed[0])

@@ -4,14 +4,15 @@ import abc
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
 from erosion.arguments import Flag, Scalar
 from erosion.ode.extended import Extended
 from erosion.ode.landing import Flight, Lane, has_no_derivatives
-from erosion.ode.reduction import Rows
-from erosion.ode.tape import Recorded, Saved, Tape, Writer
+from erosion.ode.tape import EventLog, Recorded, Saved, Tape, Writer
+from erosion.ode.variational import Augmented, Derivatives, Motion, outputs_of
 
 
 class Recorder(abc.ABC):
@@ -22,19 +23,19 @@ class Recorder(abc.ABC):
         """Nothing is written yet."""
 
     def of_motion(self, elapsed: tuple[Scalar, ...]) -> "Recorder":
-        """That for a motion which begins so much later than the lane, with derivatives."""
+        """That for a motion which begins or ends so much later than the lane begins, with derivatives."""
         return self
 
-    @abc.abstractmethod
     def after_step(self, written: Any, before: Lane, after: Lane) -> Any:
         """With a trial."""
+        return written
 
-    @abc.abstractmethod
     def after_landing(self, written: Any, lane: Lane, motion: Flight) -> Any:
         """With the end of a motion."""
+        return written
 
-    def after_event(self, written: Any, event: Scalar, happens: Sequence[Flag], state: Rows) -> Any:
-        """With the events there."""
+    def after_event(self, written: Any, motion: Flight, happens: Sequence[Flag]) -> Any:
+        """With the events at the end of a motion, which has its state before their resets."""
         return written
 
     @abc.abstractmethod
@@ -70,9 +71,9 @@ class Steps(Recorder):
         has = written.has_derivatives & ~has_no_derivatives(self.problem, motion)
         return written._replace(has_derivatives=has)
 
-    def after_event(self, written: Tape, event: Scalar, happens: Sequence[Flag], state: Rows) -> Tape:
+    def after_event(self, written: Tape, motion: Flight, happens: Sequence[Flag]) -> Tape:
         """See `Recorder`."""
-        return written.with_event(event, happens, state)
+        return written.with_event(motion.event, happens, jax.tree.leaves(motion.members))
 
     def results(self, written: Tape) -> Mapping[str, Any]:
         """See `Recorder`."""
@@ -110,6 +111,49 @@ class SaveAt(Recorder):
         return {"saved": written.token}
 
 
+class Events(Recorder):
+    """Each event that happens, with the outputs before its own reset.
+
+    Args:
+        problem: the equations.
+        rtol: relative tolerance.
+        rows: of the tape.
+        elapsed: the time of the event, with derivatives.
+    """
+
+    def __init__(self, problem: Extended, rtol: Scalar, rows: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
+        self.problem, self.rtol, self.rows, self.elapsed = problem, rtol, rows, elapsed
+
+    def begin(self) -> EventLog:
+        """See `Recorder`."""
+        return EventLog(jnp.zeros((), int), lax.convert_element_type(self.rows, int), 0.0 * self.rtol)
+
+    def of_motion(self, elapsed: tuple[Scalar, ...]) -> "Events":
+        """See `Recorder`."""
+        return Events(self.problem, self.rtol, self.rows, elapsed)
+
+    def after_event(self, written: EventLog, motion: Flight, happens: Sequence[Flag]) -> EventLog:
+        """See `Recorder`."""
+        equations = self.problem.equations
+        for event, event_happens in enumerate(happens):
+
+            def before(at: Augmented, motion_here: Motion, event: int = event) -> list[Scalar]:
+                for earlier in range(event):
+                    after = motion_here.after(earlier, at)
+                    at = jax.tree.map(lambda one, other, i=earlier: jnp.where(happens[i], one, other), after, at)
+                return outputs_of(at, motion_here)
+
+            pairs = zip(equations.unpack(self.elapsed), equations.of(before, motion.members), strict=True)
+            there = Derivatives(*(None if outputs is None else [time, *outputs] for time, outputs in pairs))
+            numbers = jax.tree.leaves(equations.pack(equations.per_unit(there)))
+            written = written.with_event(event, event_happens, motion.at_once, numbers)
+        return written
+
+    def results(self, written: EventLog) -> Mapping[str, Any]:
+        """See `Recorder`."""
+        return {"logged": Recorded(written.rows, written.token)}
+
+
 def recorders_of(problem: Extended, rtol: Scalar, rows: Scalar) -> list[Recorder]:
     """Those that a program asks for."""
     recorders: list[Recorder] = []
@@ -117,4 +161,6 @@ def recorders_of(problem: Extended, rtol: Scalar, rows: Scalar) -> list[Recorder
         recorders.append(Steps(problem, rtol, rows))
     if problem.options.saves:
         recorders.append(SaveAt(problem, rtol))
+    if problem.options.logs:
+        recorders.append(Events(problem, rtol, rows))
     return recorders

@@ -12,7 +12,9 @@ from jax.core import Tracer
 from jaxtyping import PyTree
 
 from erosion.arguments import PerImpact
-from erosion.ode.ensemble import Lanes, Part, again, named_events, path_of, shaped
+from erosion.ode.batch import integrate
+from erosion.ode.ensemble import Lanes, Part, again, path_of
+from erosion.ode.event_log import Passed, events_passed
 from erosion.ode.gradient import Ended, gradient_of
 from erosion.ode.kinks import may_have_kinks
 from erosion.ode.problem import Problem, Words
@@ -48,26 +50,6 @@ class Times(NamedTuple):
     def __repr__(self) -> str:
         ys, integrals = jax.tree.map(lambda part: Words(format_number(part, 6)), (self.ys, dict(self.integrals)))
         return f"Times(ts={format_number(self.ts, 6)}, ys={ys}{f', integrals={integrals}' if integrals else ''})"
-
-
-class Passed(NamedTuple):
-    """The events on the way of lanes, arrays (…, n); n is the greatest number of them.
-
-    Args:
-        name: of the event; "" after the last.
-        t: when; NaN after the last.
-        y: the state just before a reset, a pytree of arrays; NaN after the last.
-        at_once: by name whether an event happens there, as others may at the same time.
-    """
-
-    name: np.ndarray
-    t: np.ndarray
-    y: PyTree
-    at_once: Mapping[str, np.ndarray]
-
-    def __repr__(self) -> str:
-        happened = self.name[self.name != ""]
-        return f"Passed({format_number(happened) or 'no events'}, t={format_number(self.t, 6)})"
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -213,7 +195,7 @@ class Solution(Result):
 
     @functools.cached_property
     def events(self) -> Passed:
-        """Each event on the way, that at the end included; computed when first read.
+        """Each event on the way, that at the end included; lanes are integrated once more when it is first read.
 
         `name`, `t`, `y` (before the event's reset) and `at_once` have one axis more, for the events. They have no
         derivatives: for those of the n-th event let it be the end, by `max_events=n`.
@@ -224,20 +206,27 @@ class Solution(Result):
         self._require_numbers("events")
         self._require_problem("events")
 
+        if not any(self.problem.resets()):
+            return self._end_alone
+        tolerance = self.tolerance
+        if tolerance is None:  # of an integration with derivatives
+            tolerance = integrate(self.lanes.layout, self.lanes.numbers, self.lanes.size, 0, (), self.rtol).tolerance
+        return events_passed(self.lanes, self.count, tolerance, self.stiff)
+
+    @property
+    def _end_alone(self) -> Passed:
+        """The events of lanes that end with the first."""
+        axis, there = np.ndim(self.t), np.expand_dims(np.asarray(self.count) > 0, -1)
         most = int(np.max(self.count, initial=0))
-        wide = self.lanes._replace(shape=(*self.lanes.shape, most))
-        numbers = np.broadcast_to(np.arange(1.0, most + 1), (self.lanes.size, most))
-        results = again(self.lanes, most, self.rtol, max_events=numbers)
-        there = (numbers <= np.reshape(self.count, (-1, 1))).reshape(wide.shape)
 
-        def known(found: np.ndarray) -> np.ndarray:
-            return np.where(there, found.reshape(wide.shape), np.nan)
+        def of(found: Any, nothing: Any) -> np.ndarray:
+            wide = np.expand_dims(found, axis)
+            flags = there.reshape(*there.shape, *[1] * (wide.ndim - there.ndim))
+            return np.where(flags, wide, nothing).take(range(most), axis)
 
-        t0 = np.reshape(np.broadcast_to(self.lanes.numbers[-4], self.lanes.size), (*self.lanes.shape, 1))
-        part = shaped(wide, known(results.time.value) + t0, [known(output) for output in results.outputs.value])
-        names = np.where(there, np.array(self.names)[results.outcome.reshape(wide.shape)], "")
-        at_once = [there & (each.reshape(wide.shape) > 0) for each in results.at_once]
-        return Passed(names, part.t, part.y, named_events(self.lanes, at_once))
+        y = jax.tree.map(lambda part: of(part, np.nan), self.y)
+        at_once = {name: of(flags, False) for name, flags in self.at_once.items()}
+        return Passed(of(self.ended_by, ""), of(self.t, np.nan), y, at_once)
 
     @property
     def title(self) -> str:

@@ -100,6 +100,35 @@ def read(token: Scalar, row: Scalar, width: int) -> Entry:
     return Entry(length, code, state)
 
 
+_EVENTS = 0
+
+
+class EventLog(NamedTuple):
+    """The events that are written so far.
+
+    A row has the index of an event, a number whose binary digits say which happen at once, and time and outputs there
+    with their derivatives.
+
+    Args:
+        rows: how many.
+        capacity: of the tape, in rows; one more than events that are kept.
+        token: see `erosion.lanes.tapes`.
+    """
+
+    rows: Scalar
+    capacity: Scalar
+    token: Scalar
+
+    BESIDE = 2  # numbers of a row before time and outputs
+
+    def with_event(self, event: int, happens: Flag, at_once: Sequence[Flag], numbers: Rows) -> "EventLog":
+        """With an event, which the next one replaces unless it happens."""
+        digits = sum((2.0**i * flag for i, flag in enumerate(at_once)), jnp.zeros(()))
+        place = jnp.minimum(self.rows, self.capacity - 1) * (self.BESIDE + len(numbers))
+        token = tapes.write(_EVENTS, self.token, place, jnp.full((), float(event)), digits, *numbers)
+        return self._replace(rows=self.rows + jnp.where(happens, 1, 0), token=token)
+
+
 TIMES, STATES = 0, 1
 """Tapes: the times of a lane, rising, ∞ the last of them; and for each time a lane's row of numbers."""
 

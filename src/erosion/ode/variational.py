@@ -55,6 +55,7 @@ class Options(NamedTuple):
             `batch` integrates it by the other.
         saves: the state is wanted at times as well, see `tape`.
         records: the steps of a lane without derivatives are written on a tape, see `tape`.
+        logs: the events on the way are written on a tape, see `tape`.
     """
 
     waits: bool = False
@@ -67,6 +68,7 @@ class Options(NamedTuple):
     method: str = "explicit"
     saves: bool = False
     records: bool = False
+    logs: bool = False
 
 
 class Layout:
