@@ -5,6 +5,13 @@ PYTHON ?= python3
 UV_VERSION := 0.13.8
 STAMP := .venv/.synced
 
+ifdef CI
+PYRIGHT = .venv/bin/pyright
+else
+PYRIGHT = { git diff --name-only -z --diff-filter=d main -- 'src/*.py' 'tests/*.py' 'models/*.py'; \
+  git ls-files -z --others --exclude-standard -- 'src/*.py' 'tests/*.py' 'models/*.py'; } | xargs -0 -r .venv/bin/pyright
+endif
+
 # A uv of one's own is used if there is one; else a private copy is installed beside .venv.
 UV := $(shell command -v uv 2>/dev/null || echo .uv/bin/uv)
 
@@ -58,10 +65,11 @@ docs: $(STAMP)
 	.venv/bin/sphinx-build -W --keep-going -E -q -j auto docs docs/_build/html
 	@echo "The documentation: $(CURDIR)/docs/_build/html/index.html"
 
+# Types of the files that differ from main; of all where CI is set.
 lint: $(STAMP)
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
-	.venv/bin/pyright
+	$(PYRIGHT)
 	.venv/bin/lint-imports
 
 format: $(STAMP)
@@ -72,7 +80,7 @@ clean:
 	rm -rf .venv .venv-lowest .venv-newest .uv report docs/_build docs/examples
 
 $(STAMP): pyproject.toml uv.lock | $(UV)
-	$(UV) sync --locked --all-extras --compile-bytecode --python $(PYTHON)
+	$(UV) sync --locked --all-extras --python $(PYTHON)
 	@touch $@
 
 .uv/bin/uv:

@@ -1,6 +1,5 @@
 """How the pages are built: `make docs`."""
 
-import importlib.metadata
 import os
 import shutil
 import sys
@@ -16,7 +15,7 @@ HERE = Path(__file__).parent
 
 project = "erosion"
 author = "The erosion developers"
-version = release = importlib.metadata.version("erosion")
+version = release = erosion.__version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build", "models/cells.md"]

@@ -25,7 +25,7 @@ def extra(name: str) -> Iterator[None]:
         if package == "erosion":
             raise
         raise MissingExtraError(
-            f"The package {package} is not installed: pip install 'erosion[{name}]'.", name=package
+            f"The package {package} is not installed: pip install 'particle-erosion[{name}]'.", name=package
         ) from error
 
 

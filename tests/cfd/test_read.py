@@ -169,7 +169,7 @@ def test_what_cannot_be_used_is_refused(box, read, name, options, message):
 
 def test_a_missing_extra_is_one_sentence(box, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyvista", None)
-    said = re.escape("The package pyvista is not installed: pip install 'erosion[cfd]'.")
+    said = re.escape("The package pyvista is not installed: pip install 'particle-erosion[cfd]'.")
     with pytest.raises(MissingExtraError, match=f"^{said}$"):
         read_surface(box / "box.vtp")
 

@@ -363,19 +363,19 @@ def test_impacts_that_fail_among_others_are_a_warning(tmp_path, written, shell):
         (
             "zarr",
             ["sweep", "--alpha", "0.3, 0.4", "-o", "x.zarr"],
-            "The package zarr is not installed: pip install 'erosion[dask]'.",
+            "The package zarr is not installed: pip install 'particle-erosion[dask]'.",
         ),
         (
             "distributed",
             ["sweep", "--alpha", "0.3, 0.4", "-o", "x.zarr", "--workers", "2"],
-            "The package distributed is not installed: pip install 'erosion[dask]'.",
+            "The package distributed is not installed: pip install 'particle-erosion[dask]'.",
         ),
         (
             "nicegui",
             ["explore", "--no-browser"],
-            "The package nicegui is not installed: pip install 'erosion[explorer]'.",
+            "The package nicegui is not installed: pip install 'particle-erosion[explorer]'.",
         ),
-        ("nbformat", ["exercise"], "The package nbformat is not installed: pip install 'erosion[classroom]'."),
+        ("nbformat", ["exercise"], "The package nbformat is not installed: pip install 'particle-erosion[classroom]'."),
     ],
 )
 def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch, shell, absent, arguments, message):

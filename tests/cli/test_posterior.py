@@ -58,7 +58,7 @@ def test_without_arviz_it_says_what_to_install(table, shell, monkeypatch):
     monkeypatch.setitem(sys.modules, "arviz_stats.base.array", None)
     assert (
         shell(["posterior", str(table), "--free", "psi", "--draws", "125"], 2).err
-        == "erosion: The package arviz_stats is not installed: pip install 'erosion[posterior]'.\n"
+        == "erosion: The package arviz_stats is not installed: pip install 'particle-erosion[posterior]'.\n"
     )
 
 
