@@ -154,7 +154,6 @@ class Graph:
         self.outputs: list[Value] = []
         self.rows = 0  # of memory, each with a number of every lane; the first are the arguments
         self.numbers = 0  # in memory after them, of arguments that all lanes share
-        self.quotients: dict[Value, tuple[Value, Value]] = {}  # of products with a reciprocal
         self._made = self._asked = 0  # operations
 
     def constant(self, number: float, type_: str) -> Value:
@@ -180,9 +179,6 @@ class Graph:
         self._asked += 1
         if self._made > _MOST or self._asked > _MOST_ASKED:
             raise CannotCompileError(f"more than {_MOST:,} operations")
-        if name in _STEPS and inputs[0] in self.quotients:
-            # A last digit decides: 49 · (1/49) is less than 1. Its other uses take the quotient as well.
-            inputs[0].op, inputs[0].inputs = "fdiv", self.quotients.pop(inputs[0])
         simpler = self._simplified(name, type_, inputs)
         if simpler is not None:
             return simpler
@@ -301,10 +297,6 @@ class Graph:
         return step.results
 
 
-_QUOTIENT = "quotient"  # a product that is none of the user's
-_STEPS = frozenset({
-    "llvm.floor", "llvm.ceil", "llvm.trunc", "llvm.round", "llvm.roundeven", "llvm.fptosi.sat", "llvm.fptoui.sat",
-})  # fmt: skip
 _FLOATS = ("double", "float")
 _NUMPY: dict[str, Any] = {
     "double": np.float64, "float": np.float32, "i1": np.bool_,
@@ -349,19 +341,9 @@ def _product(graph: Graph, x: Value, y: Value) -> Value | None:
 
 
 def _quotient(graph: Graph, x: Value, y: Value) -> Value | None:
-    if y.op == "const" and not 1e-30 < abs(y.extra) < 1e30:
-        return None  # its reciprocal may be subnormal or infinite
-    is_exact = y.op == "const" and abs(math.frexp(y.extra)[0]) == 0.5
-    innermost = max(x.region.depth, y.region.depth)
-    if is_exact or y.region.level < graph.region.targets[innermost].level:
-        # The divisor does not change in the loop: its reciprocal is computed before the loop, and multiplied here.
-        reciprocal = graph.op("fdiv", y.type, graph.constant(1.0, y.type), y)
-        if is_exact:
-            return graph.op("fmul", x.type, x, reciprocal)
-        product = graph.op("fmul", x.type, x, reciprocal, extra=_QUOTIENT)
-        if product.op == "fmul":
-            graph.quotients[product] = x, y
-        return product
+    # The reciprocal of a power of two is exact.
+    if y.op == "const" and 1e-30 < abs(y.extra) < 1e30 and abs(math.frexp(y.extra)[0]) == 0.5:
+        return graph.op("fmul", x.type, x, graph.constant(1.0 / y.extra, y.type))
     return None
 
 
