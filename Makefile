@@ -54,7 +54,8 @@ test-newest: | $(UV)
 coverage: $(STAMP)
 	.venv/bin/pytest --numprocesses 2 --dist worksteal --cov
 
-# Not part of the tests: minutes, on an otherwise idle machine. `make bench ARGS=--quick` for a look.
+# Makes docs/performance.md: ten minutes, on an otherwise idle machine. `make bench ARGS=--quick` for a look. The nightly
+# checks of ends, fits and posteriors: `make bench ARGS="--only random_ends fits"`.
 bench: $(STAMP)
 	$(UV) sync --inexact --locked --all-extras --group bench --python $(PYTHON)
 	.venv/bin/python -m benchmarks.run $(ARGS)

@@ -1,9 +1,4 @@
-"""How many impacts a second a map computes, beside `erosion.impact` on the same lanes, and the memory that it takes.
-
-    python -m benchmarks.maps [rows] [faces along]
-
-Rows are made block by block, as a reader makes them, and the time of making them is taken off.
-"""
+"""How many impacts a second a map computes, beside `erosion.impact` on the same lanes, and the memory that it takes."""
 
 import resource
 import sys
@@ -13,10 +8,16 @@ from collections.abc import Iterator
 import numpy as np
 
 import erosion
+from benchmarks.page import Table
+from benchmarks.timing import by_turns
 from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.rows import ImpactBlock, Impacts
 from erosion.cfd.surface import Surface
 from tests.cfd.tables import hump
+
+TITLE = "Maps"
+TEXT = """Two million impacts on 40,000 faces, made block by block as a reader makes them, on all cores; the time of
+making them is taken off. The memory does not grow with the rows."""
 
 P = erosion.TABLE_1.to("si")
 
@@ -64,27 +65,31 @@ def lanes(rain: Rain) -> Iterator[erosion.Parameters]:
         yield P.replace(r=P.r * growth, b=P.b * growth, m=block.mass, v0=speed, alpha=alpha)
 
 
-def main() -> None:
-    """Compute the map and its impacts alone, one after the other."""
-    rows = int(float(sys.argv[1])) if len(sys.argv) > 1 else 10**7
-    along = int(sys.argv[2]) if len(sys.argv) > 2 else 400
-    rain = Rain(rows, hump(along, along // 4))
-    erosion.impact("rotating", P.replace(alpha=np.full(8, 0.3)))
+def measure(quick: bool) -> Table:
+    """The map by turns with its impacts alone."""
+    rows = 10**5 if quick else 2 * 10**6
+    rain = Rain(rows, hump(400, 100))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    begin = time.perf_counter()
-    wear = erosion_map("rotating", P, rain, rain.surface)
-    of_map = time.perf_counter() - begin - rain.seconds
-    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    of_impact = 0.0
-    for p in lanes(rain):
-        begin = time.perf_counter()
-        erosion.impact("rotating", p)
-        of_impact += time.perf_counter() - begin
-    print(f"{rows:,} impacts on {rain.surface.faces:,} faces: total {float(wear['total_volume']):.15g} m³")
-    print(f"map    {rows / of_map:,.0f} impacts/s, {of_map:.1f} s")
-    print(f"impact {rows / of_impact:,.0f} impacts/s, {of_impact:.1f} s; ratio {of_impact / of_map:.2f}")
-    print(f"peak memory {after / 1024:,.0f} MiB, of which {(after - before) / 1024:,.0f} MiB came with the map")
 
+    def whole() -> float:
+        rain.seconds, begin = 0.0, time.perf_counter()
+        erosion_map("rotating", P, rain, rain.surface)
+        return time.perf_counter() - begin - rain.seconds
 
-if __name__ == "__main__":
-    main()
+    def alone() -> float:
+        seconds = 0.0
+        for p in lanes(rain):
+            begin = time.perf_counter()
+            erosion.impact("rotating", p)
+            seconds += time.perf_counter() - begin
+        return seconds
+
+    alone()
+    times = by_turns({"map": whole, "impacts alone": alone}, 2 if quick else 3)
+    # Linux counts kilobytes, macOS bytes.
+    more = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    memory = more / (2**20 if sys.platform == "darwin" else 2**10)
+    cells = [[name, rows / each.median, each.ratio] for name, each in times.items()]
+    return Table(
+        ["", "rows a second", "time over the map's", "peak memory added, MiB"], [[*cells[0], memory], [*cells[1], None]]
+    )

@@ -53,6 +53,9 @@ class Case(abc.ABC):
         wrt: the number by which derivatives are taken.
         only_at_start: numbers on which the start alone depends.
         t1: where a lane without an event ends.
+        judged: the result by which contenders are compared, the time of the event or a part of the state.
+        at_start: an event before this time is the section on which a lane begins.
+        absolute: the absolute tolerance of scipy and diffrax, of the relative one.
     """
 
     name: ClassVar[str]
@@ -61,6 +64,9 @@ class Case(abc.ABC):
     wrt: ClassVar[str]
     only_at_start: ClassVar[tuple[str, ...]]
     t1: ClassVar[float]
+    judged: ClassVar[str] = "t"
+    at_start: ClassVar[float] = 1e-9
+    absolute: ClassVar[float] = 1e-3
 
     @abc.abstractmethod
     def sample(self, lanes: int, random: np.random.Generator) -> Lanes:

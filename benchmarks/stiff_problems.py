@@ -14,7 +14,6 @@ class StiffCase(Case):
     Args:
         nominal: the numbers as published.
         spread: by which factors lanes differ from them.
-        absolute: the absolute tolerance of scipy and diffrax, of the relative one.
     """
 
     nominal: ClassVar[Mapping[str, float]]

@@ -1,63 +1,64 @@
-"""Measuring by turns, and seconds and rates as text."""
+"""Honest timing: contenders by turns, medians, and ratios of the same turn."""
 
-import math
+import os
 import statistics
 import time
-from collections.abc import Callable, Collection, Hashable, Mapping
-from typing import Any, TypeVar
-
-_Key = TypeVar("_Key", bound=Hashable)
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 
-def seconds_of(run: Callable[[], Any], calls: int = 1) -> float:
-    """Seconds of a call, the mean of several."""
-    begin = time.perf_counter()
-    for _ in range(calls):
-        run()
-    return (time.perf_counter() - begin) / calls
-
-
-def by_turns(
-    measures: Mapping[_Key, Callable[[], float]],
-    rounds: int,
-    say: Callable[[str], None] = lambda _: None,
-    seldom: Collection[_Key] = (),
-) -> dict[_Key, list[float]]:
-    """Take each measure once a round (A B C A B C …), so that other work of the machine hits all alike.
+class Timed(NamedTuple):
+    """The times of a contender.
 
     Args:
-        measures: each gives seconds.
-        rounds: how many.
-        say: gets a line a round.
-        seldom: measures of every third round.
+        seconds: of each turn.
+        ratio: the median of its time over that of the first contender in the same turn.
     """
-    seconds: dict[_Key, list[float]] = {key: [] for key in measures}
-    for i in range(rounds):
-        say(f"  round {i + 1} of {rounds}")
-        for key, measure in measures.items():
-            if i % 3 == 0 or key not in seldom:
-                seconds[key].append(measure())
-    return seconds
+
+    seconds: list[float]
+    ratio: float
+
+    @property
+    def median(self) -> float:
+        """Of all turns [s]."""
+        return statistics.median(self.seconds)
+
+    @property
+    def spread(self) -> float:
+        """The greatest time over the least: how far other work of the machine moved this one."""
+        return max(self.seconds) / min(self.seconds)
 
 
-def rate_text(rate: float) -> str:
-    """Three digits: 7,120,000."""
-    return f"{float(f'{rate:.3g}'):,.0f}" if rate >= 100 else f"{rate:.3g}"
+def by_turns(measures: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, Timed]:
+    """Measure each contender once a round (A B C A B C …), so that other work of the machine slows all alike.
+
+    Args:
+        measures: functions that give seconds; the first is the one that all are compared with.
+        rounds: how many.
+    """
+    turns = [{name: measure() for name, measure in measures.items()} for _ in range(rounds)]
+    first = next(iter(measures))
+    return {
+        name: Timed([turn[name] for turn in turns], statistics.median(turn[name] / turn[first] for turn in turns))
+        for name in measures
+    }
 
 
-def time_text(seconds: float) -> str:
-    """Three digits: 0.152 ms, 23.4 ms, 1.46 s."""
-    value, unit = (seconds, "s") if seconds >= 1 else (1e3 * seconds, "ms")
-    return f"{value:.{max(0, 2 - math.floor(math.log10(value)))}f} {unit}" if value > 0 else f"0 {unit}"
+def processor_time(run: Callable[[], Any], calls: int = 1) -> float:
+    """Seconds of processor time of a call, the mean of some calls."""
+    begin = time.process_time()
+    for _ in range(calls):
+        run()
+    return (time.process_time() - begin) / calls
 
 
-def spread_text(seconds: list[float]) -> str:
-    """Seconds: the median, with the least and the greatest."""
-    return f"{statistics.median(seconds):.2f} ({min(seconds):.2f}–{max(seconds):.2f})"
+def warm(run: Callable[[], Any], seconds: float) -> None:
+    """Call for as long, until optimised code has taken the place of quickly compiled code."""
+    begin = time.process_time()
+    while time.process_time() - begin < seconds:
+        run()
 
 
-def table_text(head: str, rows: list[list[str]]) -> str:
-    """A table; all columns but the first are numbers. `head` is "contender | impacts | …"."""
-    columns = head.count("|")
-    lines = [f"| {head} |", "|---|" + "--:|" * columns]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
+def cores() -> set[int]:
+    """The cores that this process may use; empty where the system does not tell."""
+    return os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()

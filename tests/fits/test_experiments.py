@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from benchmarks import next_experiment as simulated
 from erosion import TABLE_1, ErrorModel, calibrate, impact, next_experiment, posterior, rank_posteriors
 from erosion.distributions import Normal, Uniform
 from erosion.fits.experiments import NextExperiment, _gains
 from erosion.models.rigid import LinearizedCut
+from tests.fits.simulated_experiments import compared
 
 
 def gains(*predicted: np.ndarray, weights=(1.0,), noise: float = 1.0) -> tuple[float, float]:
@@ -221,11 +221,8 @@ def test_repeats_do_not_average_out_what_a_speed_shares(drawn):
     np.testing.assert_allclose(answer.information, [*both.information, *alone.information], rtol=1e-2)
 
 
-def test_what_a_model_may_lack_counts_as_in_simulated_experiments(monkeypatch):
-    # By dense matrices on grids, one test of each candidate simulated 200 times; the grids err by some 0.02 bit.
-    monkeypatch.setattr(simulated, "COARSE", {2: 30})
-    monkeypatch.setattr(simulated, "LACKS", 60)
-    answer, gains = simulated.compared(simulated.CASES[10], 10)
+def test_what_a_model_may_lack_counts_as_in_simulated_experiments():
+    answer, gains = compared(10)
     error = gains.std(axis=0, ddof=1) / np.sqrt(len(gains))
     assert (np.abs(answer.total - gains.mean(axis=0)) < 0.03 + 3.5 * error).all()
     # Five weighings at 20° would say up to log₂ 5 / 2 = 1.16 bit more, if they did not miss by one discrepancy.

@@ -1,4 +1,4 @@
-"""Posteriors hold the truth as often as they say: a sample of what benchmarks/sbc.py measures.
+"""Posteriors hold the truth as often as they say: a sample of what benchmarks/fits.py measures.
 
 Posteriors of models: against closed ones, and what is said about them.
 """
@@ -11,7 +11,7 @@ import xarray as xr
 from scipy import stats
 
 import erosion
-from benchmarks.sbc import Ranks, calibrated
+from benchmarks.fits import Ranks, calibrated
 from erosion.distributions import Normal, Uniform
 from erosion.fits import ConvergenceWarning, Posterior, SamplingError, tempering
 from erosion.fits.forward import Forward, make_forward

@@ -21,7 +21,7 @@ from hypothesis import given, settings, strategies as st
 from numpy.polynomial import Polynomial
 
 import erosion
-from benchmarks.fast_turns import fast_turns
+from benchmarks.impacts import fast_turns
 from erosion.distributions import Distribution, read_distribution
 from erosion.impacts.batch import split
 from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
@@ -40,7 +40,7 @@ P = erosion.TABLE_1
     "name", ["rotating", "rotating-full-torque", "rotating-tan-alpha", "rotating-velocity-aligned-full-torque"]
 )
 def test_ends_are_those_of_small_steps(name):
-    # A sample of the grid that benchmarks/ends.py covers (20,000 angles × 19 spins).
+    # benchmarks/random_ends.py covers more.
     alphas = np.deg2rad(np.linspace(0.05, 89.95, 201))
     spins = np.linspace(-0.9, 0.9, 7)[:, None]
     p = P.replace(alpha=alphas, phidot0=spins * P.v0 / P.r)
@@ -176,7 +176,6 @@ def test_a_stop_within_a_fast_oscillation_is_not_stepped_over():
 
 @pytest.mark.parametrize("name", ["rotating", "rotating-full-torque"])
 def test_bodies_that_turn_fast_miss_no_end(name):
-    # A sample of what benchmarks/fast_turns.py covers (a million).
     p = fast_turns(4000, seed=5)
     hits, exact = erosion.impact(name, p), erosion.impact(name, p, rtol=1e-12)
     assert np.array_equal(hits.ended_by, exact.ended_by)

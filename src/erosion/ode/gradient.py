@@ -116,7 +116,7 @@ def keep(layout: Layout, numbers: Sequence[PerLane], found: LaneEnd, rtol: float
 
 
 FEW = 3
-"""Elements by which derivatives are taken from which on going backwards costs less; benchmarks/RESULTS-ode.md."""
+"""Elements by which derivatives are taken from which on going backwards costs less, as measured."""
 
 
 def is_worth(layout: Layout, elements: int) -> bool:

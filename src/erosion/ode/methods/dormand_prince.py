@@ -77,8 +77,8 @@ class DormandPrince(RungeKutta):
     """See `RungeKutta`."""
 
     tableau, back_steps = Tableau(A, B, B_ERROR), _Back
-    # The embedded estimate is of 7th order, the solution of 8th; benchmarks/TUNING.md. Where states are wanted, too,
-    # at an event they err by the error of its time as well. Measured on the six problems of benchmarks/ode_accuracy.py.
+    # The embedded estimate is of 7th order, the solution of 8th. Where states are wanted, too,
+    # at an event they err by the error of its time as well. Measured on the six problems of benchmarks/ode_problems.py.
     slack = 4.0, (1.0, 0.7, 4.0)
     looks = (5, 9)  # stages at 0.15 and 0.92 of a step: a cubic that errs between them errs at one of them
 

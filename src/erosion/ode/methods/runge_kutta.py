@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from erosion.ode.extended import Extended
     from erosion.ode.tape import Entry
 
-_CHECK = 0.1  # of the second estimate, brought to the first one's order; benchmarks/TUNING.md
+_CHECK = 0.1  # of the second estimate, brought to the first one's order
 _FAST = 1.0  # over an eigenvalue is a step at least that a fast part of the motion makes short
 _LONGER = 0.5  # times as long a step at least would do for the method for stiff motions
 _TOLD = 1e-4  # tolerances: stages that differ by less say nothing about eigenvalues
