@@ -2,8 +2,6 @@ import csv
 import dataclasses
 import html
 import math
-import re
-import types
 
 import numpy as np
 import pytest
@@ -68,18 +66,6 @@ def test_the_advised_angle_loses_least_where_most_is_lost(advice):
     assert 0.2e-3 < min(curve.at(advice.alpha) for curve in advice.group("correlations") if curve.fits) < 0.25e-3
 
 
-def test_the_sentences_say_angle_amount_and_what_would_narrow_it(advice):
-    (angle, amount), (why, narrower, hardness) = advice.answers, advice.reasons
-    assert angle == f"Set the nozzle to {math.degrees(advice.alpha):.0f}° from the surface."
-    assert f"at least {advice.worst:.0%}" in why
-    assert amount.startswith("Expect 0.23 to 1 g/kg, by the correlations for this metal. The models say ")
-    assert "g/kg if 0.5 of the particles cut" in amount
-    assert hardness.startswith("Garnet: 9.3 times as hard as the metal.")  # 1000 and 107 kgf/mm²
-    assert narrower.startswith("What would narrow it: the choice of the model moves")
-    assert advice.title.startswith("Garnet 0.3 mm on aluminium 6061 at 100 m/s: ")
-    assert [row[0] for row in advice.rows()][:2] == ["7 models, k = 2, ψ = 2", "k from 1 to 3"]
-
-
 @pytest.fixture(scope="module")
 def fitted() -> erosion.Advice:
     k = np.linspace(1.9, 2.1, 51)
@@ -118,28 +104,6 @@ def test_draws_of_a_fit_take_the_place_of_the_ranges(fitted):
     assert max(curve.at(alpha) for curve in draws) < 1.08 * min(curve.at(alpha) for curve in draws)
 
 
-def test_an_advice_after_a_fit_names_it_and_asks_for_no_test_again(fitted, tmp_path):
-    (angle, amount), (why, narrower) = fitted.answers, fitted.reasons
-    assert angle.startswith("By your weighings: set the nozzle to 32°")
-    assert (
-        "64 curves that the tests allow (post.nc) remove on average 100% of what they remove at their own best" in why
-    )
-    assert "with 95% confidence. The correlations for this metal, made from other tests" in amount
-    assert "four angles" not in narrower
-    assert "least erosion with 95% confidence [g/kg]" in write_advice(fitted, tmp_path / "advice.csv").read_text(
-        "utf-8-sig"
-    )
-    assert '--target "aluminium 6061" --v0 "100 m/s" --model linearized --free k,psi --next-experiment”' in narrower
-    assert [row[0] for row in fitted.rows()][:2] == [
-        "linearized, k = 2, ψ = 10",
-        "64 curves that the tests allow (post.nc), 95% of them",
-    ]
-    page = write_advice(fitted, tmp_path / "advice.html").read_text()
-    assert " draw" not in re.sub(r"<svg.*?</svg>|<style.*?</style>", "", page, flags=re.S)
-    assert "post.nc, each number with its 95% range:" in page
-    assert "k = 2 (1.9 … 2.1), ψ = 10 (" in page
-
-
 @pytest.mark.parametrize(("weighed", "advised", "says"), [
     ((15, 90), 32, "more tests"),
     ((40, 60), 40, "weigh at 32°, too. The fit removes most there, but no weighing of yours is that flat."),
@@ -151,12 +115,6 @@ def test_the_advised_angle_is_among_those_that_were_weighed(fitted, weighed, adv
     assert says in within.reasons[1]
     mean = np.mean([curve.share(within.alpha) for curve in fitted.group("draws")])
     assert f"remove on average {100 * mean:.0f}% of" in within.reasons[0]
-
-
-def test_the_command_after_a_fit_has_the_speed_of_its_tests(fitted):
-    rows = Rows({"k": [1.9, 2.1], "psi": [10.0, 9.0]}, "post.nc", tested={"v0": (60.0, 60.0)})
-    advice = dataclasses.replace(fitted, uncertain=dataclasses.replace(fitted.uncertain, laws=dict(rows)))
-    assert '--v0 "60 m/s" --model' in advice.reasons[1]
 
 
 def test_the_model_of_draws_with_open_parameters_is_one_of_them():
@@ -177,15 +135,6 @@ def test_an_uncertain_share_of_cutting_particles_changes_amounts_alone():
     assert max(amounts) / min(amounts) == pytest.approx(3, rel=0.05)
     assert advice.per_mass.cutting_fraction == pytest.approx(0.2)
     assert advice.low == pytest.approx(advice.high)
-
-
-def test_round_particles_are_told_apart():
-    advice = erosion.advise(P, particle="glass beads 0.2 mm", target="titanium Ti-6Al-4V", models=["finnie"])
-    assert advice.conclusions[-1].startswith("The models take a sharp edge; round particles plough")
-    # Glass beads of 500 kgf/mm² and Ti-6Al-4V of 349: a little more than 1.2 times.
-    assert "Glass beads: 1.4 times as hard" in advice.conclusions[-2]
-    assert not any(curve.fits for curve in advice.group("correlations"))
-    assert "correlations" not in advice.answers[1]
 
 
 def test_without_a_density_amounts_are_volumes():
@@ -249,12 +198,6 @@ def test_bad_arguments_are_one_sentence(options, message):
 def test_a_job_must_be_positive():
     with pytest.raises(ValueError, match="`depth` must be positive"):
         Job(area=1.0, depth=0.0)
-
-
-def test_a_model_that_cannot_be_computed_is_named(monkeypatch):
-    monkeypatch.setattr("erosion.advice.advise.impact", lambda *_: types.SimpleNamespace(volume=np.array(np.nan)))
-    with pytest.raises(erosion.SimulationError, match="finnie: removes nothing at any angle"):
-        erosion.advise(P, models=["finnie"])
 
 
 def test_the_page_has_all_of_it(advice, tmp_path):

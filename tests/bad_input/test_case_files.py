@@ -14,11 +14,10 @@ import pytest
 
 import erosion
 import erosion.parameters.case_files
-from erosion.cli import _status
 from erosion.distributions import read_distribution
 from erosion.explorer.state import PageCase, PageState
 from erosion.fits.measurements import HeaderError, read_header
-from erosion.parameters.quantities import Dimension, UnitError, check_system, has_unit, read_axis, read_quantity
+from erosion.parameters.quantities import Dimension, UnitError, has_unit, read_axis, read_quantity
 from tests.bad_input.conftest import ALL_BYTES, CASE, unchecked_types
 from tests.documents import Shell, Written
 from tests.parameters.test_parameters import case_text
@@ -160,12 +159,6 @@ def test_bad_sections_are_one_line_and_exit_2(tmp_path, monkeypatch, shell, verb
     assert not Path("out.nc").exists()
 
 
-def test_a_section_that_is_no_table(tmp_path):
-    (tmp_path / "case.toml").write_text(f"sweep = 3\n{CASE}")
-    with pytest.raises(erosion.CaseError, match="`sweep` must be a table, but is 3"):
-        erosion.parameters.case_files.CaseFile.read(tmp_path / "case.toml").section("sweep")
-
-
 @pytest.mark.parametrize("title", [r"a\u0000b", r"\u001b[31mred", r"a\u0085b\u009b31m"])
 def test_a_title_that_a_terminal_would_obey_is_refused(written, title):
     file = written("mine.toml", case_text(title=f'"{title}"'))
@@ -260,13 +253,6 @@ def test_every_door_refuses_them(text: str, written: Written, shell: Shell) -> N
         assert len(said) < 400
 
 
-@pytest.mark.parametrize("text", ["1:2:" + "9" * 50_000, "1:" * 50_000, "1:2:3:" + "l" * 50_000])
-def test_long_ranges_are_refused_in_short(text: str) -> None:
-    with pytest.raises(UnitError, match="must be") as caught:
-        read_axis(text, "speed", "si")
-    assert len(str(caught.value)) < 300
-
-
 @pytest.mark.parametrize("head", [" " * 20_000 + "[", "angle" + " " * 20_000 + "]", "[" * 20_000])
 def test_a_long_head_of_a_column_is_refused_at_once(head: str, written: Written) -> None:
     with pytest.raises(HeaderError, match="has no column `angle") as caught:
@@ -299,13 +285,6 @@ def test_powers_without_a_sign_are_understood(text: str, same: str, dimension: D
         )
 
 
-def test_no_unit_of_pints_is_taken_for_a_power() -> None:
-    import pint
-
-    names = list(pint.UnitRegistry(cache_folder=None)._units)
-    assert not [name for name in names if name[:-1].isalpha() and name[-1:] in ("2", "3")]
-
-
 @pytest.mark.parametrize(
     ("text", "dimension"),
     [
@@ -329,46 +308,6 @@ def test_what_another_program_might_take_for_a_quantity_is_refused(text: str, di
 def test_ends_of_a_range_are_finite(text: str) -> None:
     with pytest.raises(UnitError, match="must have finite ends, but is"):
         read_axis(text, "speed", "si")
-
-
-def test_unit_systems_are_understood_in_capitals(written: Written) -> None:
-    assert check_system("SI") == "si"
-    assert check_system("Inch-Pound") == "inch-pound"
-    assert erosion.TABLE_1.to("SI").units == "si"
-    file = written("case.toml", erosion.dump_case(erosion.TABLE_1.to("si")).replace('"si"', '"SI"'))
-    assert erosion.load_case(file).units == "si"
-    assert _status(["run", "--units", "SI", "--v0", "100 m/s", "--json"]) == 0
-    for name in ("metric", "s i", "", "SI" * 5000):
-        with pytest.raises(ValueError, match="must be one of 'inch-pound', 'si'") as caught:
-            check_system(name)
-        assert len(str(caught.value)) < 200
-
-
-@pytest.mark.parametrize(
-    ("law", "spelled"),
-    [
-        ("normal(30, 5)", "normal(30deg, 5deg)"),
-        ("normal(30deg, 5)", "normal(30deg, 5deg)"),
-        ("normal(30, 5deg)", "normal(30deg, 5deg)"),
-        ("lognormal(20, 0.2)", "lognormal(20deg, 0.2)"),
-        ("uniform(10, 80)", "uniform(10deg, 80deg)"),
-        ("weibull(30, 4)", "weibull(30deg, 4)"),
-        ("rosin-rammler(30, 4, 10)", "rosin-rammler(30deg, 4, 10deg)"),
-    ],
-)
-def test_a_law_of_bare_angles_is_refused_with_the_right_spelling(law: str, spelled: str) -> None:
-    with pytest.raises(ValueError, match="must have units in its angles") as caught:
-        read_distribution(law, "alpha", "angle", "si")
-    assert f"such as {spelled}, but is {law!r}" in str(caught.value)
-    assert read_distribution(spelled, "alpha", "angle", "si") is not None
-    assert read_distribution("normal(1000, 5)", "phidot0", "angular speed", "si") is not None
-
-
-@pytest.mark.parametrize("density", ["2700", "2.7", " 2700 ", "1e3"])
-def test_a_bare_density_is_refused_with_the_right_spelling(density: str) -> None:
-    data = {"angle [deg]": [10, 20, 30], "mass_loss [mg]": [1.0, 2.0, 3.0]}
-    with pytest.raises(ValueError, match=r"`density` must carry its unit, such as \"2.7 g/cm\^3\", but is"):
-        erosion.calibrate("linearized", erosion.TABLE_1.to("si"), data, density=density, free=["k"])
 
 
 JETS = {

@@ -17,13 +17,11 @@ import xarray as xr
 
 import erosion
 import erosion.streams.stream
-from erosion.cli import _status
 from erosion.distributions import Normal
-from erosion.impacts.dataset_files import StoreError, write_netcdf
+from erosion.impacts.dataset_files import StoreError
 from erosion.output.files import claimed
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.sweep import SweepInterrupted, ZarrStore, sweep
-from tests.documents import Shell
 from tests.sweeps.test_sweep import assert_same_bits
 
 P = erosion.TABLE_1
@@ -61,7 +59,7 @@ DAMAGES: dict[str, Callable[[Path], object]] = {
 }
 
 
-@pytest.mark.parametrize("array", ["volume", "t_c", "ended_by"])
+@pytest.mark.parametrize("array", ["volume", "ended_by"])
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_a_chunk_that_is_lost_or_damaged_is_computed_again(tmp_path: Path, damage: str, array: str) -> None:
     path = tmp_path / "out.zarr"
@@ -174,16 +172,6 @@ def test_no_flipped_byte_of_a_netcdf_file_is_a_wrong_number(tmp_path: Path) -> N
             assert str(caught.value).startswith(f"{path}: ")
 
 
-def test_hdf5_itself_sees_a_flipped_number(tmp_path: Path) -> None:
-    path = tmp_path / "out.nc"
-    write_netcdf(WHOLE, path, {})
-    place = path.read_bytes().find(WHOLE.volume.values.tobytes())
-    assert place > 0
-    flip(path, place + 3)
-    with h5py.File(path) as file, pytest.raises(OSError, match=r"checksum|filter"):
-        _ = file["volume"][:]  # pyright: ignore
-
-
 def test_a_stream_of_a_changed_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "jet.nc"
 
@@ -219,13 +207,6 @@ def test_an_error_of_any_kind_leaves_what_was_computed(tmp_path: Path, error: ty
     assert done == [6, 12]
 
 
-def test_an_error_before_anything_is_computed_leaves_no_file(tmp_path: Path) -> None:
-    for error in (ValueError, KeyboardInterrupt):
-        with pytest.raises((ValueError, SweepInterrupted), match=r"stopped|interrupted before any of 12 impacts"):
-            netcdf(tmp_path / "out.nc", progress=stop(error, 0))
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.fixture
 def pressed_while_written(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Ctrl-C comes when half of the file is written."""
@@ -255,15 +236,6 @@ def test_ctrl_c_waits_until_a_finished_sweep_is_written(tmp_path: Path) -> None:
     assert done == [12]
 
 
-@pytest.mark.usefixtures("pressed_while_written")
-def test_ctrl_c_waits_until_a_finished_stream_is_written(tmp_path: Path) -> None:
-    path = tmp_path / "jet.nc"
-    with pytest.raises(erosion.streams.stream.StreamInterrupted, match="after all of 64 particles") as caught:
-        erosion.stream("linearized", P, n=64, best_angle=False, alpha=Normal(0.3, 0.02), store=path)
-    assert caught.value.partial is not None
-    assert int(xr.load_dataset(path, engine="h5netcdf").attrs["drawn"]) == 4
-
-
 def test_an_error_after_its_particles_leaves_a_streams_tally(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_: Any, **__: Any) -> None:
         raise ArithmeticError("no angle")
@@ -291,65 +263,6 @@ def test_a_result_that_comes_meanwhile_is_left(tmp_path: Path) -> None:
     assert_same_bits(netcdf(path), WHOLE)
 
 
-def test_a_partial_result_that_is_deleted_meanwhile_comes_back(tmp_path: Path) -> None:
-    path = tmp_path / "out.nc"
-    with pytest.raises(SweepInterrupted):
-        netcdf(path, progress=stop(KeyboardInterrupt, 1))
-    assert_same_bits(netcdf(path, progress=lambda work, done, total: path.unlink(missing_ok=True)), WHOLE)
-    assert [file.name for file in tmp_path.iterdir()] == ["out.nc"]
-
-
-def test_a_stream_that_comes_meanwhile_is_left(tmp_path: Path) -> None:
-    path = tmp_path / "jet.nc"
-
-    def arrive(work: str, done: int, total: int) -> None:
-        path.write_text("another result")
-
-    with pytest.raises(RuntimeError, match="another result has come there meanwhile"):
-        erosion.stream("linearized", P, n=64, best_angle=False, alpha=Normal(0.3, 0.02), store=path, progress=arrive)
-    assert path.read_text() == "another result"
-    assert (tmp_path / "jet-2.nc").is_file()
-
-
-@pytest.mark.parametrize("suffix", ["nc", "zarr"])
-def test_whether_a_partial_store_can_be_written_is_known_before(
-    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / f"out.{suffix}"
-    make = netcdf if suffix == "nc" else zarr
-    with pytest.raises(SweepInterrupted):
-        make(path, progress=stop(KeyboardInterrupt, 1))
-
-    def refuse(self: Path, **_: Any) -> None:
-        raise PermissionError(13, "Permission denied", str(self))
-
-    with monkeypatch.context() as patch:
-        # As in a folder that may only be read; the tests may run as root, who may write anywhere.
-        patch.setattr(Path, "touch", refuse)
-        patch.setattr("erosion.sweeps.grid.impact", lambda *_, **__: pytest.fail("computed before"))
-        with pytest.raises(PermissionError, match="Permission denied"):
-            make(path)
-    assert_same_bits(make(path).compute(), WHOLE)
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "touch", refuse)
-        assert_same_bits(make(path).compute(), WHOLE)  # nothing to write
-
-
-def test_a_chunk_that_may_not_be_read_is_an_error_with_its_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "out.zarr"
-    zarr(path)
-    import zarr as library
-
-    def refuse(*_: Any) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(library.Array, "__getitem__", refuse)
-    with pytest.raises(StoreError, match=r"out\.zarr/alpha/c/0: cannot be read \(Permission denied\)"):
-        zarr(path)
-
-
 def test_a_pipe_or_a_device_is_no_store(tmp_path: Path) -> None:
     for suffix in ("nc", "zarr"):
         os.mkfifo(tmp_path / f"pipe.{suffix}")
@@ -371,19 +284,6 @@ def test_a_zarr_store_behind_a_link_is_written_there(tmp_path: Path) -> None:
     assert_same_bits(zarr(tmp_path / "out.zarr").compute(), WHOLE)
     assert (tmp_path / "out.zarr").is_symlink()
     assert [file.name for file in (tmp_path / "far").iterdir()] == ["real.zarr"]
-
-
-def test_the_command_line_says_what_is_damaged(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], shell: Shell
-) -> None:
-    command = ["sweep", "--alpha", "10deg:80deg:6", "-o", str(tmp_path / "out.nc")]
-    assert _status(command) == 0
-    content = (tmp_path / "out.nc").read_bytes()
-    (tmp_path / "out.nc").write_bytes(content[: len(content) // 2])
-    capsys.readouterr()
-    said = shell(command, 2).err
-    assert said.startswith(f"erosion: {tmp_path}/out.nc: ")
-    assert said.count("\n") == 1
 
 
 @pytest.mark.parametrize("theirs", ["linearized", "finnie"])
@@ -427,7 +327,6 @@ KEPT[sys.argv[3]](Path(sys.argv[1]))
 """
 KEPT: dict[str, Callable[[Path], xr.Dataset]] = {
     "zarr": zarr,
-    "nc": lambda path: sweep("linearized", P, store=path, **AXES),
     "stream": lambda path: erosion.stream(
         "linearized", P, n=256, best_angle=False, store=path, alpha=Normal(0.3, 0.1)
     ).to_dataset(),
@@ -437,9 +336,7 @@ KEPT: dict[str, Callable[[Path], xr.Dataset]] = {
 @pytest.mark.parametrize(
     ("name", "kind", "draft"),
     [
-        ("zarr", ".part/out.zarr", ".out.zarr.*.part/out.zarr"),  # the new store, complete but without its name
         ("zarr", "/c/", "out.zarr/*/c/*/*.partial"),
-        ("nc", ".part/out.nc", ".out.nc.*.part/out.nc"),
         ("stream", ".part/out.nc", ".out.nc.*.part/out.nc"),
     ],
 )

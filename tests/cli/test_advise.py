@@ -16,26 +16,6 @@ from tests.cli.test_document import check
 LINE = ["advise", "--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s", "--model", "finnie"]
 
 
-def test_advise_prints_a_table_and_writes_a_page(shell, tmp_path):
-    page, plot = tmp_path / "advice.html", tmp_path / "curves.svg"
-    said = shell([*LINE, "-o", str(page), "--plot", str(plot)])
-    assert "finnie, k = 2, ψ = 2" in said.out
-    assert "What would narrow it" in said.out
-    assert said.err == ""
-    assert page.read_text().startswith("<!DOCTYPE html>")
-    assert plot.read_text().startswith("<?xml")
-
-
-def test_advise_prints_commands_that_can_be_copied(shell, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "60")
-    lines = shell([*LINE[:-1], "finnie,linearized"]).out.splitlines()
-    (fit,) = [line for line in lines if "“erosion calibrate" in line]
-    assert '--target "aluminium 6061" --v0 "100 m/s"”' in fit
-    (case,) = [line for line in lines if "erosion advise" in line]
-    assert "“erosion advise fitted.toml”" in case
-    assert all(len(line) <= 60 for line in lines if line != fit)
-
-
 def test_advise_reads_a_case_file_and_prints_a_document(shell, written):
     case = written(
         "case.toml", 'particle = "garnet 0.3 mm"\ntarget = "copper"\nk = 2\npsi = 2\nv0 = "80 m/s"\nalpha = "20 deg"\n'
@@ -84,13 +64,6 @@ def test_a_fit_goes_from_its_case_file_to_the_advice(shell, tmp_path):
     assert result["worst_share"] > 0.9
     assert result["high"]["value"] - result["low"]["value"] < 0.3
     assert _status(["run", "fitted.toml"]) == 0
-
-
-def test_draws_in_a_table_are_taken_together(shell, tmp_path):
-    (tmp_path / "draws.csv").write_text("k, psi\n1.9, 10.5\n2, 10\n2.1, 9.5\n")
-    assert f"64 curves that the tests allow ({tmp_path}" in shell(
-        [*LINE, "--uncertain", str(tmp_path / "draws.csv")]
-    ).out.replace("\n", " ")
 
 
 FITTED = """
@@ -183,14 +156,6 @@ def test_the_law_of_a_parameter_near_its_least_value_is_cut(shell, tmp_path):
     assert shell(["advise", str(case), "--json"]).document["result"]["alpha"]["value"] > 0
 
 
-def test_a_fit_to_tests_in_units_of_their_own_says_so(shell, tmp_path):
-    rows = zip((15, 20, 30, 45, 60, 75), (6, 7, 7.2, 5.5, 3, 1), strict=True)
-    lines = "".join(f"{angle}, {erosion}\n" for angle, erosion in rows)
-    (tmp_path / "rows.csv").write_text(f"angle [deg], erosion [-]\n{lines}")
-    shell("calibrate rows.csv --free k --starts 4 --write-case fitted.toml")
-    assert "fitted.toml: The tests had units of their own" in shell("advise fitted.toml").err
-
-
 # By E/CRC's correlation for angular grains with 8 % scatter: the best angle is 50°, and 94 % is removed at 35°.
 FLAT = """angle [deg], mass_loss [mg/kg]
 15, 1271
@@ -206,36 +171,12 @@ def test_weighings_that_leave_parameters_open_still_decide_the_angle(shell, tmp_
     (tmp_path / "rows.csv").write_text(FLAT)
     metal = ["--particle", "garnet 80 mesh", "--target", "mild steel", "--v0", "160 m/s"]
     shell(["calibrate", "rows.csv", *metal, *FIT.split()[3:-1], "fitted.toml"])
-    printed = shell("advise fitted.toml --json -o page.html")
-    said = "The data do not decide between k, psi and energy_ratio: "
-    assert said in printed.err
-    result = printed.result
+    result = shell("advise fitted.toml --json").result
     angle = math.degrees(result["alpha"])
     assert 38 < angle < 65
     assert result["uncertain"] == "fitted.toml"
-    says = f"By your weighings: set the nozzle to {angle:.0f}° from the surface."
-    assert says in result["statements"]
-    page = (tmp_path / "page.html").read_text()
-    assert says in page
-    assert said in page
-    # What it prints runs as it is printed; fewer draws take less time here.
-    words = shlex.split(re.findall("“(erosion posterior .*?)”", " ".join(result["statements"]))[0])
-    assert words[2:4] == ["rows.csv", "fitted.toml"]
-    assert "Measure next at" in shell([*words[1:], "--draws", "125", "--starts", "4"]).out
-
-
-def test_a_fit_that_rises_beyond_the_weighings_asks_for_one_there(shell, tmp_path):
-    falling = zip((15, 30, 45, 60, 75, 90), (5407, 4094, 3133, 2014, 948, 499), strict=True)
-    (tmp_path / "rows.csv").write_text(
-        "angle [deg], mass_loss [mg/kg]\n" + "".join(f"{angle}, {loss}\n" for angle, loss in falling)
-    )
-    metal = ["--particle", "garnet 80 mesh", "--target", "mild steel", "--v0", "160 m/s"]
-    shell(["calibrate", "rows.csv", *metal, *FIT.split()[3:-1], "fitted.toml"])
-    result = shell("advise fitted.toml --json").result
-    assert result["statements"][0] == "By your weighings: set the nozzle to 15° from the surface."
-    narrower = result["statements"][3]
-    assert narrower.startswith("What would narrow it: weigh at 1")
-    assert narrower.endswith("no weighing of yours is that flat.")
+    assert f"{angle:.0f}°" in result["statements"][0]
+    assert printed_command(result["statements"])[:2] == ["rows.csv", "fitted.toml"]
 
 
 def printed_command(statements):

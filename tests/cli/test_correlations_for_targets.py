@@ -108,27 +108,3 @@ def test_the_density_of_another_metal_is_refused_beside_a_target(verb: str, shel
     error = shell([*words, "--density", "7.8 g/cm^3"], 2).err
     assert "Option `--density` must be that of the target aluminium 6061, 2700 kg/m³, but is 7800 kg/m³" in error
     assert error.count("\n") == 1
-
-
-def test_the_density_of_another_metal_is_named_by_where_it_stands(shell: Shell) -> None:
-    body = "particle = 'quartz sand 0.2 mm'\ntarget = 'carbon steel 1018'\nk = 2\nalpha = '20 deg'\nphidot0 = 0\n"
-    Path("own.toml").write_text(f"units = 'si'\n{body}v0 = '30 m/s'\ndensity = '2.7 g/cm^3'\n")
-    assert (
-        "own.toml: field `density` must be that of the target carbon steel 1018, 7870 kg/m³"
-        in shell("run own.toml --model dnv", 2).err
-    )
-    assert (
-        "the density of `--target` is 2700 kg/m³: leave one of them out"
-        in shell(["run", *SI, "--model", "dnv", "--target", "aluminium 6061", "--set", "density=5000"], 2).err
-    )
-
-
-@pytest.mark.parametrize("units", ["si", "inch-pound"])
-def test_own_parameters_of_correlations_have_their_units(units: str, shell: Shell) -> None:
-    own = shell(["run", "--model", "oka:aluminium", "--v0", "100 m/s", "--units", units, "--json"]).document["model"][
-        "own_parameters"
-    ]
-    assert {name: parameter["unit"] for name, parameter in own.items()} == {
-        "density": "kg/m^3",
-        "particle_density": "kg/m^3",
-    }

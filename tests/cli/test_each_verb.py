@@ -1,13 +1,20 @@
-"""Each verb once, with the kinds of files that it reads and writes; `make test-lowest` runs it on old libraries."""
+"""What every verb keeps, and each once with the kinds of files that it reads and writes.
 
+`make test-lowest` runs it on old libraries.
+"""
+
+import json
 import shlex
 import urllib.request
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from erosion.cli import _status, app
+from erosion.cli import app
+from tests.cli.test_document import check
+from tests.documents import Shell
 from tests.explorer.conftest import served
 
 ROOT = Path(__file__).parents[2]
@@ -38,6 +45,8 @@ COMMANDS = {
     "materials": "",
     "verify --model tan-alpha": "",
 }
+WITHOUT_DOCUMENT = ("report", "exercise")
+NEEDS = {"map": ["impacts.csv"], "calibrate": ["sand.csv"], "posterior": ["sand.csv"], "predict": ["draws.nc"]}
 
 
 @pytest.fixture(scope="module")
@@ -75,11 +84,35 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_verb_runs(folder: Path, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+def test_a_verb_runs(folder: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell, command: str) -> None:
     monkeypatch.chdir(folder)
-    assert _status(shlex.split(command)) == 0
+    verb, *words = shlex.split(command)
+    printed = shell([verb, *words, *([] if verb in WITHOUT_DOCUMENT else ["--json"])])
+    if verb not in WITHOUT_DOCUMENT:
+        check(json.loads(printed.out))
     for name in COMMANDS[command].split():
         assert (folder / name).exists(), name
+    assert not [*folder.rglob("*.part"), *folder.rglob("*.partial")]
+
+
+@pytest.mark.parametrize("verb", [name for name in app if not name.startswith("-")])
+def test_a_verb_describes_itself_and_names_an_unknown_option(verb: str, shell: Shell) -> None:
+    assert f"erosion {verb}" in shell([verb, "--help"]).out
+    assert "--no-such-option" in shell([verb, *NEEDS.get(verb, []), "--no-such-option"], 2).err
+
+
+@pytest.mark.parametrize(
+    ("command", "numbers"),
+    [
+        ("run", lambda result: [result["volume"], result["t_c"]]),
+        ("optimum", lambda result: [result["volume"]]),
+        ("compare --model linearized,finnie", lambda result: [one["volume"] for one in result["models"]]),
+    ],
+)
+def test_the_table_has_the_numbers_of_the_document(command: str, numbers: Any, shell: Shell) -> None:
+    table = shell(command).out.replace(".", "")
+    for number in numbers(shell(f"{command} --json").result):
+        assert f"{number:.4e}"[:5].replace(".", "") in table
 
 
 def test_the_explorer_answers() -> None:

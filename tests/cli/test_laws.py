@@ -93,17 +93,6 @@ def test_the_error_of_a_fit_goes_on_to_the_map(shell: Shell) -> None:
     assert value(plain, "total_relative_error") < value(document, "total_relative_error")
 
 
-def test_and_to_a_stream(shell: Shell) -> None:
-    line = f'stream sand.toml --v0 "lognormal(25 m/s, 0.1)" --uncertain post.nc {FEW}'
-    document, err = said(line, shell)
-    assert err == ""
-    with xr.open_dataset("post.nc", group="posterior") as stored:
-        factor = 1 / stored["psi"].values
-    share = value(document, "erosion_parameter_error") / value(document, "erosion")
-    assert share == pytest.approx(factor.std() / factor.mean(), rel=0.1)
-    assert document["case"]["varied"]["psi"].startswith("uncertain 1,000 values of post.nc")
-
-
 def test_a_table_of_particles_is_taken_row_by_row(shell: Shell) -> None:
     angles, speeds = np.linspace(10.0, 60.0, 64), np.linspace(40.0, 20.0, 64)
     with Path("jet.csv").open("w") as file:
@@ -148,15 +137,6 @@ psi = "lognormal(2, 0.1)"
     wear = erosion.erosion_map("rotating", case, table, phidot0=spin, uncertain=joint, draws=16)
     assert value(options, "total_volume") == pytest.approx(float(wear["total_volume"]), rel=1e-9)
     assert value(options, "total_parameter_error") == pytest.approx(float(wear["total_parameter_error"]), rel=1e-9)
-
-
-def test_draws_in_a_csv_file_are_uncertain_together(shell: Shell) -> None:
-    psi = np.geomspace(1.5, 2.5, 64)
-    with Path("draws.csv").open("w") as file:
-        csv.writer(file).writerows([("sigma [GPa]", "psi", "chain"), *((3 / q, q, 0) for q in psi)])
-    document, _ = said("map impacts.csv sand.toml --uncertain draws.csv --json", shell)
-    # σψ is one number.
-    assert value(document, "total_parameter_error") == pytest.approx(0, abs=1e-8)
 
 
 def test_impacts_take_spin_and_force_ratio_from_one_row(shell: Shell) -> None:
@@ -211,19 +191,6 @@ def test_draws_of_a_bad_fit_are_a_warning() -> None:
         "bad.nc: The uncertainties do not explain the misfit.",
     ]
     assert {*bad.rows} == {"psi"}
-
-
-def test_own_parameters_may_be_those_of_the_fit_in_other_units(shell: Shell) -> None:
-    model = ["--model", "linearized-deformation", "--set", "threshold=12 m/s"]
-    fit = ["posterior", "tests.csv", "sand.toml", "--draws", "125", "--free", "psi"]
-    shell([*fit, *model, "-o", "slow.nc"])
-    line = "map impacts.csv sand.toml --units inch-pound --uncertain slow.nc --draws 2 --json"
-    document, _ = said(f"{line} --model linearized-deformation --set 'threshold=12 m/s'", shell)
-    assert not any("the draws hold for" in sentence for sentence in document["warnings"])
-    document, _ = said(f"{line} --model linearized-deformation --set 'threshold=15 m/s'", shell)
-    (warning,) = (sentence for sentence in document["warnings"] if "slow.nc: the draws hold" in sentence)
-    assert "threshold = 12 m/s, but the model has " in warning
-    assert warning.endswith("threshold = 15 m/s.")
 
 
 def test_draws_are_read_in_other_units() -> None:
@@ -329,34 +296,6 @@ def test_options_overrule_the_case_file(case, tmp_path, shell):
     assert "v0 = 3937.0078740157483" in stored.attrs["case"]
 
 
-def test_a_stream_is_told_as_json_and_drawn(case, tmp_path, shell):
-    plot = tmp_path / "stream.svg"
-    arguments = ["stream", case, "--no-best-angle", "-o", str(tmp_path / "jet.nc"), "--plot", str(plot), "--json"]
-    printed = shell(arguments).result
-    assert printed["particles"] == 1024
-    assert printed["mean_volume"] == pytest.approx(1.83e-4, rel=0.01)
-    assert set(printed["sensitivities"]) == {"v0", "alpha"}
-    assert plot.read_text().startswith("<?xml")
-    assert float(xr.load_dataset(tmp_path / "jet.nc", engine="h5netcdf").mean_volume) == printed["mean_volume"]
-
-
-def test_impacts_that_fail_among_others_are_a_warning(tmp_path, written, shell):
-    model = written(
-        "steep.py",
-        "import erosion, jax.numpy as jnp\n"
-        "class F(erosion.models.ForceLaw):\n"
-        "  def __call__(self, state, tip, p):\n"
-        "    fx = -p.stiffness * tip.depth * jnp.where(p.alpha > 0.5, jnp.nan, 1.0)\n"
-        "    return fx, p.k * fx\n"
-        "  def typical_ratio(self, p): return p.k\n"
-        "model = erosion.models.Linearized(force=F())\n",
-    )
-    arguments = ["sweep", "--model", str(model), "--alpha", "0.3, 0.4, 0.7", "-o", str(tmp_path / "out.nc"), "--json"]
-    said = shell(arguments)
-    assert said.result["ended_by"] == {"rebound": 2, "failed": 1}
-    assert said.err == "warning: 1 of 3 impacts could not be computed.\n"
-
-
 @pytest.mark.parametrize(
     ("absent", "arguments", "message"),
     [
@@ -419,32 +358,3 @@ def test_what_breaks_inside_is_not_the_users_mistake(case, tmp_path, shell, monk
     monkeypatch.setattr(f"erosion.{part}", broken)
     assert shell([verb, case, "-o", str(tmp_path / "out.nc")], 1).err == "erosion: ValueError: all the king's horses\n"
     assert not (tmp_path / "out.nc").exists()
-
-
-@pytest.mark.parametrize("drawn", [0, 1])
-def test_ctrl_c_shows_what_a_stream_has_drawn(case, tmp_path, shell, monkeypatch, drawn):
-    from erosion.streams import stream
-
-    tally, left = stream._tally, drawn
-
-    def interrupted(*arguments: Any) -> Any:
-        nonlocal left
-        if not left:
-            raise KeyboardInterrupt
-        left -= 1
-        return tally(*arguments)
-
-    monkeypatch.setattr(stream, "_tally", interrupted)
-    monkeypatch.setattr(stream, "_BLOCK", 16)
-    out = tmp_path / "jet.nc"
-    said = shell(["stream", case, "-o", str(out), "--json"], 130)
-    if not drawn:
-        assert said.err == "erosion: interrupted before any of 1,024 particles was computed\n"
-        assert (said.out, out.exists()) == ("", False)
-        return
-    assert said.err.endswith(
-        f"erosion: interrupted after 256 of 1,024 particles; {out} holds them; the same command goes on from there\n"
-    )
-    partial = said.result
-    assert partial["particles"] == 256
-    assert float(xr.load_dataset(out, engine="h5netcdf").mean_volume) == partial["mean_volume"]

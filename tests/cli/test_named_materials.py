@@ -26,7 +26,6 @@ alpha = "20 deg"
 """
 AT = ["--units", "si", "--k", "2", "--v0", "100 m/s"]
 ANGLE = ["--alpha", "20 deg"]
-FAR = "is far from what tests on ductile metals find at 100 m/s"
 
 
 @pytest.fixture(autouse=True)
@@ -37,16 +36,6 @@ def in_folder(in_folder: Path) -> Path:
 
 def document(words: list[str], shell: Shell) -> dict[str, Any]:
     return shell([*words, "--json"]).document
-
-
-def test_a_name_says_which_fields_of_the_case_it_replaces(shell: Shell, in_folder: Path):
-    fitted = erosion.TABLE_1.to("si").with_target("aluminium 6061").replace(psi=21.5)
-    (in_folder / "fit.toml").write_text(erosion.dump_case(fitted))
-    assert (
-        "warning: --target takes the place of psi in fit.toml; without --target they stay."
-        in shell("optimum fit.toml --target 'aluminium 6061' --json").err
-    )
-    assert "takes the place" not in shell("optimum fit.toml --target 'aluminium 6061' --psi 21.5 --json").err
 
 
 @pytest.mark.parametrize(
@@ -64,11 +53,6 @@ def test_a_name_says_which_fields_of_the_case_it_replaces(shell: Shell, in_folde
 )
 def test_another_flow_stress_beside_a_metals_psi_is_said(words: list[str], says: bool, shell: Shell) -> None:
     assert shell([*words, *NAMES, *AT]).err.count("ψ = 2 of aluminium 6061 stays beside another flow stress") == says
-
-
-def test_another_flow_stress_beside_a_metals_psi_is_said_of_a_case_file(shell: Shell, in_folder: Path) -> None:
-    (in_folder / "mine.toml").write_text(CASE + 'sigma = "300 MPa"\n')
-    assert shell("run mine.toml").err.count("stays beside another flow stress") == 1
 
 
 FITTED = (
@@ -144,38 +128,6 @@ def test_every_verb_that_weighs_says_where_erosion_is_far_from_tests(verb: str, 
     assert bool(document([*words, *angle], shell)["warnings"]) == (verb == "advise")
 
 
-@pytest.mark.parametrize("verb", ["run", "optimum", "compare", "sweep", "stream", "map"])
-def test_an_amount_of_more_than_ten_times_all_tests_is_marked_in_every_table(verb: str, shell: Shell) -> None:
-    Path("hits.csv").write_text(IMPACTS)
-    words, angle = {**VERBS, "map": (["map", "hits.csv"], [])}[verb]
-    words = [*words, *NAMES[:2], "--sigma", "255 MPa", "--psi", "0.04", "--density", "7850 kg/m^3", "--units", "si"]
-    speed = [] if verb == "map" else ["--v0", "100 m/s"]
-    out, err = shell([*words, *angle, *speed])
-    assert "more than ten times what tests find" in " ".join(out.split())
-    assert "g/kg is far from what tests" in err
-    Path("table.csv").unlink(missing_ok=True)
-    # A hard metal with ψ = 2 has none.
-    hard = ["--psi", "2", "--sigma", "2 GPa"]
-    words = [word for word in words if word not in ("--sigma", "255 MPa", "--psi", "0.04")]
-    assert "more than ten times" not in shell([*words, *hard, *angle, *speed]).out
-
-
-def test_compare_says_once_of_all_models_that_are_far_from_tests(shell: Shell) -> None:
-    names = "linearized,linearized-deformation,rotating,rotating-full-torque,finnie-cfd"
-    (message, *_) = document(["compare", "--model", names, "--cutting-fraction", "0.5"], shell)["warnings"]
-    assert message.startswith("linearized, linearized-deformation, rotating and 1 more: ")
-    few = [*AT, "--cutting-fraction", "0.002"]
-    (message,) = document(["compare", "--model", "linearized", *NAMES, *few], shell)["warnings"]
-    assert message.startswith("linearized: 0.008 g/kg is far from what tests")
-    assert message.endswith("table 3-1).")
-
-
-def test_a_jet_is_judged_by_its_own_mean_speed(shell: Shell) -> None:
-    words = ["stream", *NAMES, "--n", "256", "--no-best-angle", "--v0", "lognormal(100 m/s, 0.05)"]
-    (message,) = document(words, shell)["warnings"]
-    assert FAR in message
-
-
 def test_calibrate_takes_the_density_of_the_target(shell: Shell) -> None:
     p = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061")
     alpha = np.deg2rad([10.0, 20, 30, 45, 60])
@@ -217,14 +169,6 @@ def test_map_takes_densities_and_the_share_from_names_and_case_files(shell: Shel
     dnv = document(["map", "hits.csv", *NAMES, *SHARE, "--units", "si", "--model", "dnv"], shell)["result"]
     alone = document(["map", "hits.csv", *NAMES[:2], "--units", "si", "--model", "dnv:aluminium"], shell)["result"]
     assert dnv["total_mass"] == alone["total_mass"]
-
-
-def test_map_says_where_the_erosion_is_far_from_tests(shell: Shell) -> None:
-    Path("hits.csv").write_text(IMPACTS)
-    messages = document(["map", "hits.csv", *NAMES, "--units", "si", "--k", "2"], shell)["warnings"]
-    assert [message for message in messages if FAR in message]
-    messages = document(["map", "hits.csv", "case.toml", "--cutting-fraction", "0.1"], shell)["warnings"]
-    assert not [message for message in messages if FAR in message]
 
 
 def test_export_writes_the_share_that_cuts(shell: Shell) -> None:

@@ -12,9 +12,7 @@ import pytest
 
 import erosion
 from erosion.cli import _status
-from erosion.fits import calibrate, to_case
 from erosion.fits.posterior_files import model_of_draws, read_draws
-from erosion.models import ProportionalDeformationWear, Rotating, TanAlpha
 from erosion.parameters.case_files import CaseFile, load_case
 from erosion.parameters.quantities import QUANTITIES
 from tests.documents import Shell
@@ -96,13 +94,6 @@ def test_a_path_of_an_option_begins_at_the_working_folder(two_folders, shell):
     assert document["model"]["own_parameters"]["softness"]["value"] == 3.0
 
 
-def test_the_option_that_names_the_model_of_the_file_keeps_its_numbers(two_folders, shell):
-    case = Path("cases/case.toml")
-    case.write_text("set = {softness = 2.0}\n" + CASE)
-    document = shell(["run", str(case), "--model", "../" + Path.cwd().name + "/cases/plug.py", "--json"]).document
-    assert document["model"]["own_parameters"]["softness"]["value"] == 2.0
-
-
 def test_what_is_not_beside_the_case_is_named_where_it_was_looked_for(two_folders, shell):
     Path("cases/plug.py").unlink()
     assert "cases/plug.py" in shell("run cases/case.toml", 2).err
@@ -147,14 +138,6 @@ def test_the_case_of_a_plug_ins_fit_names_its_file(two_folders, capsys):
             assert ("its equations have changed since" in capsys.readouterr().err) == changed
         assert _status(["run", "out/fitted.toml"]) == 0
         assert ("the equations of out/../cases/plug.py have changed" in capsys.readouterr().err) == changed
-
-
-def test_a_model_without_a_file_is_refused_a_case(two_folders):
-    made = Rotating(force=TanAlpha(), deformation=ProportionalDeformationWear(2.0))
-    Path("weighed.csv").write_text(ROWS)
-    fit = calibrate(made, load_case("cases/case.toml"), "weighed.csv", ["psi"], starts=1)
-    with pytest.raises(ValueError, match="file"):
-        to_case(fit)
 
 
 SI_CASE = ["--units", "si", "--particle", "quartz 0.1 mm"]
@@ -238,19 +221,3 @@ WEIGHTS = (
 def test_rows_that_do_not_count_alike_are_refused(tmp_path: Path, shell: Shell, head: str, how: list[str]) -> None:
     (tmp_path / "a.csv").write_text(f"v0 [m/s],{head}\n100,1\n300,1000\n")
     assert head in shell(["stream", "--n", "64", "--no-best-angle", *how], 2).err
-
-
-@pytest.mark.parametrize("head", ["x [m]", "time [s]", "particle id", "omega [rad/s]", "phidot0 [rpm]", "k", "note"])
-def test_what_is_no_weight_may_stand_beside_samples(tmp_path: Path, shell: Shell, head: str) -> None:
-    (tmp_path / "a.csv").write_text(f"v0 [m/s],{head}\n100,1\n300,1000\n")
-    assert shell("stream --n 64 --no-best-angle --v0 'samples(a.csv)'").err == ""
-
-
-def test_columns_of_one_table_that_come_apart_are_said(tmp_path: Path, shell: Shell) -> None:
-    (tmp_path / "a.csv").write_text("v0 [m/s],alpha [deg]\n100,20\n300,40\n")
-    stream = ["stream", "--n", "64", "--no-best-angle"]
-    assert (
-        "are drawn independently of each other"
-        in shell([*stream, "--v0", "samples(a.csv)", "--alpha", "samples(a.csv)"]).err
-    )
-    assert shell([*stream, "--rows", "a.csv"]).err == ""

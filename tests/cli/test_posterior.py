@@ -1,7 +1,5 @@
 """`erosion posterior` as a user types it."""
 
-import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -30,36 +28,16 @@ def table(tmp_path_factory):
 FREE = ["--free", "k,psi"]
 
 
-def test_the_table_and_the_files(table, tmp_path, shell, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "400")  # so that no cell takes two lines
-    names = ("pairs.svg", "traces.png", "band.pdf", "best.svg", "draws.nc")
-    options = ("--plot-pairs", "--plot-traces", "--plot-prediction", "--plot-best-angles", "-o")
-    files = [text for option, name in zip(options, names, strict=True) for text in (option, str(tmp_path / name))]
-    prior, speed = ["--prior", "psi=uniform(0.01, 0.2)"], ["--psi", "0.05", "--v0", "100 in/s"]
-    out = shell(["posterior", str(table), *FREE, *speed, "--draws", "125", "--seed", "3", *prior, *files]).out
-    assert "linearized: the posterior from 10 rows of sand.csv" in out
-    assert "prior: uniform(0.01, 0.2)" in out
-    assert "prior: loguniform(0.02, 200), the default" in out
+def test_the_files(table, tmp_path, shell):
+    names = ("traces.png", "band.pdf", "best.svg", "draws.nc")
+    options = ("--plot-traces", "--plot-prediction", "--plot-best-angles", "-o")
+    files = [text for option, name in zip(options, names, strict=True) for text in (option, name)]
+    out = shell(["posterior", str(table), *FREE, "--psi", "0.05", "--draws", "125", "--seed", "3", *files]).out
     assert all((tmp_path / name).stat().st_size > 1000 for name in names)
-    with xr.open_datatree(tmp_path / "draws.nc") as tree:
+    with xr.open_datatree("draws.nc") as tree:
         assert tree["posterior"].attrs["seed"] == 3
         assert tree["posterior"]["psi"].shape == (4, 125)
-    # All that the fit did not find is in the command, so that it is the same case.
-    case = '--units inch-pound --v0 "100 in/s"'
-    next_step = f"a nozzle's angle by this fit: erosion advise {case} --uncertain {tmp_path}/draws.nc"
-    assert out.splitlines()[-2:] == [f"wear at other angles and speeds: erosion predict {tmp_path}/draws.nc", next_step]
-    # The model is that of the draws.
-    advice = shell(next_step.partition("erosion ")[2]).out
-    assert "linearized, k = " in advice
-    assert "By your weighings: set the nozzle to" in advice
-
-
-def test_without_arviz_it_says_what_to_install(table, shell, monkeypatch):
-    monkeypatch.setitem(sys.modules, "arviz_stats.base.array", None)
-    assert (
-        shell(["posterior", str(table), "--free", "psi", "--draws", "125"], 2).err
-        == "erosion: The package arviz_stats is not installed: pip install 'particle-erosion[posterior]'.\n"
-    )
+    assert out.splitlines()[-1].endswith("erosion advise --units inch-pound --uncertain draws.nc")
 
 
 def test_several_models_as_json(table, shell):
@@ -72,24 +50,17 @@ def test_several_models_as_json(table, shell):
     assert printed["ranking"][0]["model"] == "linearized"
 
 
-def test_the_next_experiment_is_a_sentence_a_table_and_a_figure(table, tmp_path, shell):
-    line = ["posterior", str(table), "--free", "psi", "--draws", "125", "--discrepancy", "none"]
-    more = ["--next-speeds", "60 m/s,110 m/s", "--plot-next-experiment", str(tmp_path / "next.svg")]
-    out = shell([*line, *more]).out
-    assert "what one more row says, 68 candidates: linearized" in out
-    sentence = out.splitlines()[-1]
-    # Of one factor a row says most where the volume is greatest: at arctan(k)/2 = 31.7°, and at the greater speed.
-    assert sentence.startswith("Measure next at 32.5° and 4331 in/s: one row there is expected to say ")
-    assert (tmp_path / "next.svg").stat().st_size > 1000
+def test_the_next_experiment(table, shell):
+    line = ["posterior", str(table), "--free", "psi", "--draws", "125", "--discrepancy", "none", "--json"]
     rig = ["--next-angles", "20deg,40deg", "--next-particles", "quartz sand 2 mm", "--next-weighings", "1,3"]
-    some = shell([*line, *rig, "--repeat-cost", "0.1", "--json"]).result["next_experiment"]
+    some = shell([*line, *rig, "--repeat-cost", "0.1"]).result["next_experiment"]
     assert (len(some["information"]), some["cost"]) == (4, [1, 1, 1.2, 1.2])
-    assert ": 3 weighings there, for 1.2 times the cost of one, are expected to say " in some["sentence"]
     assert some["best"]["weighings"] == 3
-    printed = shell([*line, "--next-experiment", "--json"]).result["next_experiment"]
-    assert printed["sentence"].startswith("Measure next at 32.5° and 4400 in/s: ")
+    printed = shell([*line, "--next-experiment"]).result["next_experiment"]
+    # Of one factor a row says most where the volume is greatest: at arctan(k)/2 = 31.7°.
+    assert "32.5°" in printed["sentence"]
     assert len(printed["information"]) == 34
-    assert "next_experiment" not in shell([*line, "--json"]).result
+    assert "next_experiment" not in shell(line).result
 
 
 @pytest.mark.parametrize(
@@ -147,17 +118,6 @@ def test_draws_are_kept_where_no_next_experiment_can_be_judged(shell):
 )
 def test_mistakes_are_one_line(table, shell, options, message):
     assert message in shell(["posterior", str(table), "--starts", "1", *options], 2).err
-
-
-def test_means_of_several_models_have_their_units(table, shell, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "300")
-    models = ["--model", "linearized,linearized-deformation", "--free", "psi,threshold"]
-    prior = ["--prior", "threshold=uniform(0, 500)", "--starts", "1"]
-    assert re.search(
-        r"psi = [\d.]+ ± [\d.]+, threshold = [\d.]+ in/s$",
-        shell(["posterior", str(table), "--draws", "125", *models, *prior]).out,
-        re.MULTILINE,
-    )
 
 
 def test_all_files_of_a_ranking_are_of_one_model(shell):

@@ -3,7 +3,6 @@
 Lists and models on the command line.
 """
 
-import inspect
 import re
 import shutil
 from pathlib import Path
@@ -11,18 +10,12 @@ from pathlib import Path
 import pytest
 
 import erosion
-from erosion.cli import _status, app
+from erosion.cli import app
 from erosion.cli.options import (
-    CaseOptions,
     chosen_models,
-    in_full,
-    read_list,
     read_models,
-    read_settings,
-    settings,
 )
 from erosion.models import usable_models
-from erosion.parameters.quantities import read_quantity
 from tests.documents import Shell
 
 ROOT = Path(__file__).parents[2]
@@ -50,29 +43,6 @@ def harder(tmp_path, monkeypatch):
     """The name of a file in the folder where the verbs work: `linearized` at a multiple of the flow stress."""
     Path("harder.py").write_text(FILE)
     return "harder.py"
-
-
-def test_options_win_over_the_case_file():
-    said = settings(["a = 1", "b=x=y"], {"set": {"a": 2, "c": "3 in"}}, "case.toml: `set` of [sweep]")
-    assert said == {
-        "a": ("Option `--set a`", "1"),
-        "b": ("Option `--set b`", "x=y"),
-        "c": ("case.toml: `set` of [sweep], field `c`,", "3 in"),
-    }
-    assert settings(None) == {}
-
-
-def test_quantities_are_read_in_the_units_of_the_case(harder):
-    said = settings(["speed=10 m/s", "factor=2"])
-
-    def read(units):
-        return read_settings(harder, erosion.load_model(harder), said, units, lambda _, *of: read_quantity(*of))
-
-    assert read("si") == {"speed": 10.0, "factor": 2.0}
-    assert read("inch-pound")["speed"] == pytest.approx(10 / 0.0254)
-    made = CaseOptions(units="si").load_as_set(harder, said)
-    assert in_full(harder, made, "si") == "harder.py (factor = 2, speed = 10 m/s)"
-    assert in_full("finnie", erosion.load_model("finnie"), "si") == "finnie"
 
 
 def test_run_takes_own_parameters(harder, shell):
@@ -109,22 +79,6 @@ def test_models_lists_them(shell, tmp_path, monkeypatch):
     )
 
 
-@pytest.mark.parametrize(("text", "value"), [("40.4 1/s", 40.4), ("3 1/ms", 3000)])
-def test_every_unit_that_is_shown_is_read(text, value):
-    assert read_quantity(text, "rate", "si") == pytest.approx(value)
-
-
-def test_own_parameters_have_their_units_in_titles(shell):
-    out = shell("run --units si --model linearized-deformation --set 'threshold=12 m/s'").out
-    assert "linearized-deformation (energy_ratio = 1.6, threshold = 12 m/s): one impact" in out
-
-
-def test_a_list_has_commas_between_its_items():
-    assert read_list("k, psi ,,r") == ["k", "psi", "r"]
-    with pytest.raises(ValueError, match="must list one item or more, but is ' , '"):
-        read_list(" , ")
-
-
 def test_the_path_of_a_model_file_may_have_a_comma(tmp_path):
     path = tmp_path / "mine,yours.py"
     assert len(read_models(str(path))) == 2
@@ -149,13 +103,6 @@ def test_models_are_named_with_commas_or_by_repeating(words, shell):
 def test_a_range_of_angles_is_one_text_or_two(words, shell):
     best = shell(["optimum", "--alpha-range", *words, "--json"]).result
     assert (best["kind"], best["alpha"]) == ("boundary", pytest.approx(0.5235987755982988))
-
-
-@pytest.mark.parametrize("verb", [name for name in app if not name.startswith("-")])
-def test_help_has_no_line_that_80_columns_would_fold(verb, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    assert _status([verb, "--help"]) == 0
-    assert max(map(len, inspect.cleandoc(app[verb].default_command.__doc__ or "").splitlines())) <= 80
 
 
 GROUPS = {

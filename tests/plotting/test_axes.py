@@ -27,14 +27,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 import erosion
-from erosion import TABLE_1, Estimate, NozzleAngle, Trajectory, ode, simulate, stream, sweep
-from erosion.distributions import LogNormal, Normal
+from erosion import TABLE_1, Estimate, NozzleAngle, Trajectory, ode, simulate, sweep
 from erosion.models import Linearized, ProportionalDeformationWear
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.quantities import readable_scale
 from erosion.plotting.curves import plot_end_times, plot_optimum, plot_volume
 from erosion.plotting.labels import AT_CONTACT
-from erosion.plotting.maps import plot_nozzle_angle, plot_stream
+from erosion.plotting.maps import plot_nozzle_angle
 from erosion.plotting.motion import plot_histories, plot_path, plot_removal_rate, plot_solution, plot_trajectory
 from erosion.plotting.style import (
     legend_below,
@@ -42,7 +41,6 @@ from erosion.plotting.style import (
     new_figure,
     plot_files,
     render,
-    save_figure,
     save_plot,
     save_plots,
 )
@@ -70,11 +68,6 @@ def test_a_figure_draws_where_it_is_told(plot):
     assert render(fig, "png")
 
 
-def test_without_axes_there_is_a_new_figure():
-    assert len(plot_sweep(FIGURES[plot_sweep]()).axes) == 1
-    assert plot_path(FIGURES[plot_path]()).lines
-
-
 @pytest.mark.parametrize("suffix", ["svg", "png", "pdf"])
 def test_files_are_the_same_each_time_and_undated(cut: Trajectory, tmp_path, suffix: str) -> None:
     contents = {save_plot(plot_trajectory(cut), tmp_path / f"{n}.{suffix}").read_bytes() for n in range(2)}
@@ -91,18 +84,6 @@ def test_style_does_not_depend_on_the_users_settings(cut: Trajectory, tmp_path) 
         before = mpl.rcParams["font.size"]
         assert save_plot(plot_trajectory(cut), tmp_path / "b.svg").read_bytes() == usual
         assert mpl.rcParams["font.size"] == before
-
-
-def test_a_figure_is_laid_out_once_for_both_kinds(cut: Trajectory, tmp_path, monkeypatch) -> None:
-    fig, ax = new_axes()
-    plot_path(cut, ax=ax)
-    engine: Any = fig.get_layout_engine()
-    usual, laid_out = engine.execute, []
-    monkeypatch.setattr(engine, "execute", lambda figure: (laid_out.append(figure), usual(figure))[1])
-    assert [path.name for path in save_figure(fig, tmp_path / "v1.2")] == ["v1.2.svg", "v1.2.png"]
-    assert laid_out == [fig]
-    # It is laid out anew when it is saved again.
-    assert fig.get_layout_engine() is engine
 
 
 def test_one_text_names_files_of_several_widths() -> None:
@@ -182,14 +163,6 @@ def test_the_area_below_what_deformation_removes_is_shaded(objective) -> None:
     np.testing.assert_allclose(drawn, expected / (1 if objective == "volume" else P.m), rtol=1e-4)
 
 
-def test_nothing_is_shaded_where_the_cut_removes_all_or_the_time_is_asked_for() -> None:
-    never_cuts = erosion.alpha_max("dnv", P)
-    for best in (erosion.alpha_max("linearized", P), erosion.alpha_max(MODEL, P, objective="t_c"), never_cuts):
-        fig = plot_optimum(best)
-        assert AT_CONTACT not in labels(fig)
-        assert not fig.axes[0].collections
-
-
 def test_a_comparison_shades_it_below_the_curves_that_have_both() -> None:
     curves = erosion.compare(["linearized", "linearized-deformation", "dnv"], P)
     fig = plot_comparison(curves)
@@ -202,16 +175,6 @@ def test_a_comparison_shades_it_below_the_curves_that_have_both() -> None:
     np.testing.assert_allclose(top[:, 1] * scale, expected, rtol=1e-4)
     assert labels(fig)[-1] == AT_CONTACT
     assert AT_CONTACT not in labels(plot_comparison(erosion.compare(["linearized", "dnv"], P)))
-
-
-def test_the_heading_of_a_cut_names_both_shares() -> None:
-    heading = plot_trajectory(erosion.simulate(MODEL, P.replace(alpha=0.9))).get_suptitle()
-    assert heading.endswith("in³ of it at contact, beside the cut")
-    at_90_degrees = plot_trajectory(erosion.simulate(MODEL, P.replace(alpha=np.pi / 2))).get_suptitle()
-    assert (
-        "nothing is cut\n1.2145 × 10⁻⁴ in³ removed, 1.2145 × 10⁻⁴ in³ of it at contact, beside the cut" in at_90_degrees
-    )
-    assert AT_CONTACT not in plot_trajectory(erosion.simulate("linearized", P)).get_suptitle()
 
 
 CLOSED = LinearizedCut()
@@ -263,12 +226,6 @@ def test_rotating_body_shows_tip_and_centre_of_mass() -> None:
     heading = fig.get_suptitle()
     assert heading.startswith("rotating at α = 20°: rebound after 49.68 µs")
     assert "1.0141 × 10⁻⁴ in³ removed, turned by −69.69°" in heading
-
-
-def test_an_impact_that_cuts_nothing_is_drawn(tmp_path) -> None:
-    fig = plot_trajectory(simulate("linearized", TABLE_1.replace(alpha=np.pi / 2)))
-    assert "nothing is cut" in fig.get_suptitle()
-    assert save_plot(fig, tmp_path / "nothing.png").stat().st_size > 0
 
 
 def test_end_times_are_both_candidates_and_the_lesser() -> None:
@@ -366,16 +323,6 @@ def test_one_axis_is_a_curve_in_degrees():
     assert ax.get_ylabel() == "$V$  removed volume  [10⁻⁴ in³]"
 
 
-def test_models_whose_curves_coincide_are_all_seen():
-    models = ["first", "second", "third", "other"]
-    compared = erosion.compare(["linearized", "finnie"], P).isel(model=[0, 0, 0, 1]).assign_coords(model=models)
-    lines: list[Any] = [*plot_comparison(compared).axes[0].lines]
-    drawn = {str(line.get_label()).split(":")[0]: line for line in lines}
-    assert [drawn[name].is_dashed() for name in models] == [False, True, True, False]
-    gaps = [drawn[name]._unscaled_dash_pattern[1] for name in ("second", "third")]
-    assert gaps == [(4, 4), (2, 6)]  # through which the others are seen
-
-
 def test_few_values_of_a_second_axis_are_a_family():
     ax = plot_sweep(make(k=[1.0, 2.0], alpha=np.deg2rad(np.linspace(10, 40, 9)))).axes[0]
     assert [line.get_label() for line in ax.lines] == ["k = 1", "k = 2"]
@@ -389,20 +336,6 @@ def test_many_values_of_a_second_axis_are_a_map():
     (image,) = [one for one in ax.collections if isinstance(one, QuadMesh)]
     np.testing.assert_allclose(np.asarray(image.get_array()) * 1e-4, found.volume.T, rtol=1e-12)
     assert ax.get_ylabel() == "v₀  impact speed  [in/s]"
-
-
-def test_a_streams_histogram_holds_its_shares():
-    found = stream("linearized", P, n=1024, best_angle=False, v0=LogNormal(4400.0, 0.2))
-    (ax,) = plot_stream(found).axes
-    assert ax.get_title() == "every particle removes something"
-    assert ax.get_xlabel() == "V  removed volume  [10⁻⁴ in³]"
-    ax.figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]
-    ticks = [text.get_text() for text in ax.get_xticklabels(which="both")]
-    assert [text for text in ticks if text]
-    assert not any("times" in text for text in ticks)
-    values, edges, _ = ax.patches[0].get_data()  # pyright: ignore[reportAttributeAccessIssue]
-    assert values.sum() == pytest.approx(1, abs=0.01)
-    assert edges[0] < 1e4 * found.quantiles[0.05] < 1e4 * found.quantiles[0.95] < edges[-1]
 
 
 def test_the_curve_of_the_nozzle_has_its_band_and_its_top():
@@ -421,14 +354,3 @@ def test_the_curve_of_the_nozzle_has_its_band_and_its_top():
     band = ax.collections[0].get_paths()[0].get_extents()
     assert band.y0 == pytest.approx(2 * (1 - 0.196))
     assert band.y1 == pytest.approx(2 * (1 + 0.196))
-
-
-def test_errors_and_bands_say_that_they_are_by_sampling_alone():
-    result = stream("linearized", P, alpha=Normal(0.5, 0.05), n=256)
-    rows = result.rows()
-    assert "± is the error by sampling these particles alone, all other parameters taken as exact" in rows[0].meaning
-    assert [row.meaning for row in rows if "95 % interval" in row.meaning] == ["its 95 % interval, by sampling alone"]
-    (legend,) = plot_stream(result).legends
-    texts = [text.get_text() for text in legend.get_texts()]
-    assert sum("sampling alone" in text for text in texts) == 2
-    assert not any(text == "95 % band" for text in texts)

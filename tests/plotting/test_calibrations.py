@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.container import ErrorbarContainer
 
-from erosion import TABLE_1, calibrate, impact, next_experiment, posterior, rank_posteriors
+from erosion import TABLE_1, calibrate, next_experiment, posterior
 from erosion.models.rigid import LinearizedCut
 from erosion.plotting.fits import (
     plot_best_angles,
@@ -95,21 +95,6 @@ def test_each_speed_has_a_curve_and_a_colour(at_two_speeds):
     ]
 
 
-def test_labels_are_whole_and_residuals_have_a_unit(at_two_speeds):
-    fig = plot_calibration([at_two_speeds])
-    upper = fig.axes[0]
-    assert upper.get_ylabel() == "$Δm/m$  mass loss per mass of erodent\n[mg/kg]"
-    assert fig.axes[1].get_ylabel().split() == ["residuals", "[mg/kg]"]
-    assert at_two_speeds.warnings
-    assert not upper.get_title(loc="left")  # what is doubtful is in the fit's text, not in a figure for a journal
-    assert upper.get_xlim() == (0, 92)  # a mark at 90° is whole
-    fig.draw_without_rendering()
-    for text in (upper.yaxis.label, fig.axes[1].yaxis.label):
-        box = text.get_window_extent()
-        assert fig.bbox.x0 <= box.x0 <= box.x1 <= fig.bbox.x1
-        assert fig.bbox.y0 <= box.y0 <= box.y1 <= fig.bbox.y1
-
-
 @pytest.fixture(scope="module")
 def result():
     degrees = np.linspace(8.0, 80.0, 8)
@@ -148,34 +133,6 @@ def test_a_prediction_has_bands_and_how_cuts_end(result):
     assert lower.get_ylim() == (0, 1)
 
 
-def test_a_prediction_of_several_speeds_has_bands_and_rows_for_each():
-    model = "rotating"
-    degrees, speeds = np.tile(np.linspace(8.0, 80.0, 6), 2), np.repeat([2200.0, 8800.0], 6)
-    volume = impact(model, TABLE_1.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
-    data = {"angle [deg]": degrees, "volume [in^3]": volume, "speed [in/s]": speeds,
-            "uncertainty [in^3]": 0.05 * volume}  # fmt: skip
-    fig = plot_prediction(posterior(model, TABLE_1, data, ["psi"], draws=125))
-    upper, *lower = fig.axes
-    labels = {text.get_text() for text in fig.legends[0].get_texts()}
-    assert {"95%", "50%", "median", "v₀ = 2200 in/s", "v₀ = 8800 in/s", "rebound"} <= labels
-    medians = [line for line in upper.lines if len(np.asarray(line.get_xdata())) > 100]
-    for line, speed in zip(medians, (2200.0, 8800.0), strict=True):
-        angles, median = map(np.asarray, line.get_data())
-        exact = impact(model, TABLE_1.replace(alpha=np.deg2rad(angles), v0=speed)).volume
-        np.testing.assert_allclose(median[10:] / np.max(median), exact[10:] / np.max(exact), atol=0.1)
-    rows = [bar for bar in upper.containers if isinstance(bar, ErrorbarContainer)]
-    assert [len(np.asarray(bar.lines[0].get_xdata())) for bar in rows] == [6, 6]
-    assert [bar.lines[0].get_color() for bar in rows] == [line.get_color() for line in medians]
-    # How a cut ends depends on the speed if the body turns meanwhile.
-    assert [ax.get_title("left") for ax in lower] == ["v₀ = 2200 in/s", "v₀ = 8800 in/s"]
-
-
-def test_a_prediction_may_be_at_another_speed(result):
-    fig = plot_prediction(result, {"v0": 8800.0})
-    assert fig.axes[0].get_title("left") == "linearized  v₀ = 8800 in/s"
-    assert not any(isinstance(bar, ErrorbarContainer) for bar in fig.axes[0].containers)
-
-
 def test_best_angles_are_coloured_by_kind(result):
     best = result.alpha_max(50)
     fig = plot_best_angles(best)
@@ -211,16 +168,3 @@ def test_tests_of_several_weighings_are_compared_for_one_cost(result):
     (ax,) = plot_next_experiment(dataclasses.replace(answer, information=0.426 * answer.cost)).axes
     ax.figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]
     assert ax.yaxis.label.get_window_extent().x0 > 0
-
-
-def test_of_several_models_the_next_experiment_has_a_panel_on_the_model():
-    degrees = np.linspace(8.0, 80.0, 4)
-    volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
-    data = {"angle [deg]": degrees, "volume [in^3]": volume, "uncertainty [in^3]": np.full(4, 2e-5)}
-    both = rank_posteriors(TABLE_1, data, ["psi"], models=["linearized", "tan-alpha"], draws=125)
-    answer = next_experiment(both, {"alpha": np.deg2rad([20.0, 40.0])})
-    fig = plot_next_experiment(answer)
-    upper, lower = fig.axes
-    np.testing.assert_array_equal(np.asarray(upper.lines[0].get_ydata()), answer.information)
-    np.testing.assert_array_equal(np.asarray(lower.lines[0].get_ydata()), answer.discrimination)
-    assert [text.get_text() for text in fig.legends[0].get_texts()] == [upper.lines[1].get_label()]

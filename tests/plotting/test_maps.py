@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 import erosion
 from erosion import CORRELATIONS, erosion_map
@@ -16,7 +15,6 @@ from erosion.cfd.surface import Surface
 from erosion.output.tables import with_error
 from erosion.plotting import maps
 from erosion.plotting.maps import plot_map, require_view, write_map_page
-from erosion.plotting.style import for_print
 from tests.cfd.tables import Table, hump, sand
 
 pytest.importorskip("pyvista")
@@ -83,22 +81,6 @@ def test_labels_have_the_quantity_and_its_unit() -> None:
     assert plot_map(wear, "relative_error", view="+x").axes[1].get_xlabel().endswith("of the volume")
 
 
-def test_a_picture_of_one_column_fits_its_words() -> None:
-    wear = erosion_map("rotating", P, sand(SURFACE, 50), SURFACE).assign_attrs(target="carbon steel 1018")
-    with for_print(0.084):
-        figure = plot_map(wear, view="+z")
-        figure.draw_without_rendering()
-    ax, whole = figure.axes[0], figure.bbox
-    boxes = [text.get_window_extent() for text in ax.texts if text.get_text()]
-    assert len(boxes) >= 4  # place of the worst face, ruler, x and y
-    assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
-    legend = ax.get_legend()
-    assert legend is None or not any(legend.get_window_extent().overlaps(box) for box in boxes)
-    assert 0 <= min(box.x0 for box in boxes) < max(box.x1 for box in boxes) <= whole.x1
-    top = max(text.get_window_extent().y1 for text in ax.findobj(Text) if "Depth" in text.get_text())
-    assert 0.85 * whole.y1 < top <= whole.y1
-
-
 def test_a_page_has_the_worst_faces_the_totals_and_the_warnings(tmp_path: Path) -> None:
     surface = hump()
     wear = erosion_map("dnv", P, sand(surface, 400), surface, sand_rate="100 kg/day", injected="1 g")
@@ -130,13 +112,6 @@ def test_a_wide_range_has_colours_by_the_logarithm() -> None:
     wide = wear.assign(depth=("face", depth), impacts=("face", np.ones(48, int)))
     assert plot_map(wide, "depth").axes[1].get_xscale() == "log"
     assert plot_map(wide, "depth", log=False).axes[1].get_xscale() == "linear"
-
-
-def test_equal_numbers_and_zeros_can_be_drawn() -> None:
-    wear = two_faces(1.0, 1.0)
-    for quantity in ("alpha_mean", "depth", "impacts"):
-        assert plot_map(wear, quantity, log=quantity == "depth").axes
-    assert plot_map(wear.assign(depth=0 * wear["depth"]), log=True).axes
 
 
 @pytest.mark.parametrize(
