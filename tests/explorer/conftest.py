@@ -1,22 +1,32 @@
 """The explorer as a user starts it, and a browser to look at it."""
 
+from __future__ import annotations
+
 import contextlib
+import importlib
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from typing import IO
+from typing import IO, TYPE_CHECKING, Any
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 from tests.explorer.driving import opened
 
-# Busy machines compile for minutes.
-expect.set_options(timeout=60_000)
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, Page
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+@pytest.fixture(scope="session")
+def expect() -> Any:
+    """Playwright's assertions; busy machines compile for minutes."""
+    playwright = importlib.import_module("playwright.sync_api")
+    playwright.expect.set_options(timeout=60_000)
+    return playwright.expect
 
 
 # Playwright keeps an event loop at work in the thread, in which no test could run one of its own.
@@ -25,7 +35,7 @@ def browser() -> Iterator[Browser]:
     browser_path = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if browser_path is None:
         (pytest.fail if "CI" in os.environ else pytest.skip)("there is no Chromium: apt-get install chromium")
-    with sync_playwright() as playwright:
+    with importlib.import_module("playwright.sync_api").sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=browser_path, args=["--no-sandbox"])
         yield browser
         browser.close()

@@ -1,13 +1,17 @@
 """What a hand does on the page, and what an eye sees there."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
-from playwright.sync_api import BrowserContext, Page
 
 import erosion
 from erosion.parameters.parameters import QUANTITIES
+
+if TYPE_CHECKING:
+    from playwright.sync_api import BrowserContext, Page
 
 SLIDE = """([name, positions]) => {
   const slider = document.getElementById(name + '-slider');

@@ -1,11 +1,9 @@
 """What the page asks, and how it asks: remembered answers, single events, the latest first."""
 
-import asyncio
 import dataclasses
 import json
 import threading
-import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +16,12 @@ from erosion.explorer.computed import (
     AnswerKind,
     Answers,
     Computed,
-    LatestWins,
     Preparation,
     SingleEvent,
     end_times,
 )
-from erosion.explorer.controls import Materials
 from erosion.explorer.state import PageCase, PageState, own_numbers
-from erosion.explorer.tab import Service, case_toml, curves_csv, python_lines, results_json
+from erosion.explorer.tab import case_toml, curves_csv, python_lines, results_json
 from erosion.explorer.views import numbers, sensitivities, volumes
 from erosion.impacts.batch import impact
 from erosion.impacts.optimum import alpha_max
@@ -58,86 +54,6 @@ def fake(**compute: Callable[[str, PageCase], Any]) -> Answers:
     """Answers of these kinds, computed by these functions."""
     kinds = {name: AnswerKind(lambda _, model, case, of=of: of(model, case)) for name, of in compute.items()}
     return Answers({}, kinds)
-
-
-def test_answers_are_remembered_but_not_all() -> None:
-    asked = []
-
-    def ask(model: str, case: PageCase) -> str:
-        asked.append(case)
-        return f"{model} {case.numbers()['k']}"
-
-    answers = fake(words=ask)
-    cases = [CASE.replace(k=1.0 + n) for n in range(200)]
-    assert answers.remembered("words", "m", cases[0]) is None
-    assert [answers("words", "m", case) for case in (cases[0], *cases)][:2] == ["m 1.0", "m 1.0"]
-    assert len(asked) == 200
-    assert answers.remembered("words", "m", cases[0]) is None
-    assert answers.remembered("words", "m", cases[-1]) == "m 200.0"
-
-
-def test_only_the_latest_waits() -> None:
-    done: list[int] = []
-
-    async def main() -> None:
-        tasks: list[Awaitable] = []
-
-        async def work(item: int) -> None:
-            await asyncio.sleep(0.001)
-            done.append(item)
-
-        lane = LatestWins(work, lambda run: tasks.append(asyncio.ensure_future(run)))
-        lane.offer(0)
-        await asyncio.sleep(0)
-        for item in range(1, 200):
-            lane.offer(item)
-        assert lane.waiting
-        await asyncio.gather(*tasks)
-        lane.offer(200)
-        await asyncio.gather(*tasks)
-
-    asyncio.run(main())
-    assert done == [0, 199, 200]
-
-
-def test_two_tabs_compute_at_a_time() -> None:
-    none = Answers({})
-    service = Service(none, Preparation(none, CASE), STATE, summaries={}, sources={}, materials=Materials({}, {}))
-    goes_on, busy, at_once = threading.Event(), [0], []
-
-    def work() -> None:
-        busy[0] += 1
-        at_once.append(busy[0])
-        time.sleep(0.02)
-        busy[0] -= 1
-
-    async def main() -> None:
-        # A plug-in that answers late keeps only other work for later waiting.
-        late = [asyncio.ensure_future(service.in_turn(lambda: goes_on.wait(60), later=True)) for _ in range(4)]
-        await asyncio.gather(*(service.in_turn(work) for _ in range(10)))
-        goes_on.set()
-        assert all(await asyncio.gather(*late))
-
-    asyncio.run(main())
-    assert len(at_once) == 10
-    assert max(at_once) == 2
-
-
-def test_preparation_begins_once_and_says_what_failed() -> None:
-    def compile_(model: str, case: PageCase) -> PageCase:
-        if model == "bad":
-            raise ValueError("no such forces")
-        return case
-
-    preparation, told = Preparation(fake(words=compile_), CASE), []
-    preparation.listeners.add(lambda: told.append(preparation.progress()))
-    assert not preparation.ready("words", "good") or told
-    preparation.ready("words", "bad")
-    while not (preparation.ready("words", "good") and preparation.ready("words", "bad")):
-        pass
-    assert preparation.failure("good") is None
-    assert preparation.failure("bad") == "bad: no such forces"
-    assert told[-1] == (2, 2, [])
 
 
 def test_a_model_that_never_answers_is_left_out_until_it_does(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,11 +1,8 @@
 """`erosion explore` before it serves: what it offers, and what it refuses."""
 
-import errno
 import importlib
 import json
 import socket
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +15,6 @@ from erosion.explorer.tab import Service
 from erosion.explorer.views import VIEWS
 from erosion.parameters.parameters import TABLE_1
 from tests.documents import Shell
-from tests.explorer.conftest import free_of_pytest
 
 PLUG_IN = str(Path(__file__).parent.parent.parent / "models" / "saturating_lip.py")
 
@@ -102,37 +98,6 @@ def test_a_taken_port_is_one_line(shell: Shell) -> None:
         port = str(taken.getsockname()[1])
         said = shell(["explore", "--no-browser", "--port", port], 2).err
     assert f"Option `--port` must be a free port that you may use, but {port} is not (Addr" in said
-
-
-def test_a_port_of_the_administrator_is_one_line(shell: Shell, monkeypatch) -> None:
-    def bind(*_: object) -> None:
-        raise PermissionError(errno.EACCES, "Permission denied")
-
-    monkeypatch.setattr(socket.socket, "bind", bind)
-    said = shell("explore --no-browser --port 80", 2).err
-    assert said == "erosion: Option `--port` must be a free port that you may use, but 80 is not (Permission denied).\n"
-
-
-# As if the other program came between the look at the port and the server.
-BLIND = """
-import sys
-import erosion.explorer.server as server
-server.free_port = lambda port: port
-from erosion.cli import main
-sys.argv[0] = "erosion"
-main()
-"""
-
-
-def test_a_port_that_is_taken_meanwhile_is_one_line() -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = str(taken.getsockname()[1])
-        command = [sys.executable, "-c", BLIND, "explore", "--no-browser", "--port", port]
-        ended = subprocess.run(command, env=free_of_pytest(), capture_output=True, text=True, timeout=60, check=False)
-    assert ended.stderr == f"erosion: Option `--port` must be free, but another program took {port} meanwhile.\n"
-    assert (ended.stdout, ended.returncode) == ("", 2)
 
 
 @pytest.mark.parametrize(

@@ -1,19 +1,24 @@
 """The explorer in a real browser."""
 
+from __future__ import annotations
+
 import json
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, expect
 
 import erosion
 from erosion.cli import _status
 from tests.explorer.conftest import free_of_pytest, served
-from tests.explorer.driving import CUT, curve, enter, opened, parameters, settle, slide, star
+from tests.explorer.driving import curve, enter, opened, parameters, settle, slide, star
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, Page
 
 # Numbers are drawn with 5 digits behind the point of readable units.
 ATOL = 1e-5
@@ -21,7 +26,7 @@ PLUG_IN = str(Path(__file__).parent.parent.parent / "models" / "coulomb_tip.py")
 
 
 @pytest.mark.browser
-def test_sliders_change_the_plots_to_the_numbers_of_impact(page: Page) -> None:
+def test_sliders_change_the_plots_to_the_numbers_of_impact(page: Page, expect: Any) -> None:
     # Of two hundred rapid events the last one is shown.
     slide(page, "k", *np.random.default_rng(1).uniform(-0.5, 0.5, 199), -0.25)
     settle(page, "k", "0.9457")
@@ -43,7 +48,7 @@ def test_sliders_change_the_plots_to_the_numbers_of_impact(page: Page) -> None:
 
 
 @pytest.mark.browser
-def test_the_cut_plays_and_is_scrubbed(page: Page) -> None:
+def test_the_cut_plays_and_is_scrubbed(page: Page, expect: Any) -> None:
     time = page.locator(".cut-time output")
     end = time.inner_text()
     page.get_by_role("button", name="Play").click()
@@ -54,51 +59,6 @@ def test_the_cut_plays_and_is_scrubbed(page: Page) -> None:
     expect(time).to_have_text("t = 0.00 µs")
     assert page.locator(".view-histories .plot-handle").first.get_attribute("aria-valuenow") == "0"
     assert page.locator(".cut .grain").get_attribute("points") != grain
-
-
-@pytest.mark.browser
-def test_no_grain_is_drawn_in_metal_and_the_axis_is_above_the_fold(page: Page) -> None:
-    drawn_by = "one => one.closest('[clip-path]').getAttribute('clip-path')"
-    assert page.locator(".cut .grain").evaluate(drawn_by) == "url(#cut-open)"
-    # Open is what is above the surface, and the groove that is cut so far.
-    assert page.locator("#cut-open polygon").get_attribute("points") == page.locator(".removed").get_attribute("points")
-    for width, height in ((1366, 768), (1440, 900), (1536, 864), (1920, 950), (1920, 1080)):
-        page.set_viewport_size({"width": width, "height": height})
-        box = page.locator(".view-volumes .plot").bounding_box()
-        assert box is not None
-        assert box["y"] + box["height"] <= height
-
-
-def test_no_handle_covers_the_numbers_of_an_axis(page: Page) -> None:
-    line, grip = (page.locator(f".view-volumes .plot-{part}").first.bounding_box() for part in ("handle", "grip"))
-    assert line is not None
-    assert grip is not None
-    # Numbers begin 8 pixels below the axis, where the line ends.
-    assert grip["y"] + grip["height"] <= line["y"] + line["height"] + 4
-
-
-AREAS = "() => [...document.querySelectorAll('.plot-area')].map((one) => one.clientHeight)"
-
-
-@pytest.mark.browser
-@pytest.mark.parametrize(("width", "height"), [(1920, 1080), (1366, 768), (1366, 600), (1366, 480), (390, 844)])
-def test_nothing_is_cut_in_a_window_of_any_size(page: Page, width: int, height: int) -> None:
-    page.set_viewport_size({"width": width, "height": height})
-    page.wait_for_timeout(300)
-    assert page.evaluate(CUT) == []
-    assert min(page.evaluate(AREAS)) >= 130
-    if width == 390:
-        table = page.locator(".numbers").bounding_box()
-        assert table is not None
-        assert table["x"] + table["width"] <= width
-
-
-@pytest.mark.browser
-def test_legends_are_whole(page: Page) -> None:
-    page.set_viewport_size({"width": 390, "height": 844})
-    names = page.locator(".view-end_times .plot-legend li").all_inner_texts()
-    assert names == ["linearized", "finnie", "rotating", "rebound, y = 0", "stop, ẋ = 0"]
-    assert page.locator(".view-histories .plot-legend li").all_inner_texts() == ["centre of mass", "tip"]
 
 
 @pytest.mark.browser
@@ -144,7 +104,7 @@ def test_everything_works_by_keyboard(page: Page) -> None:
 
 
 @pytest.mark.browser
-def test_a_link_carries_the_whole_state(page: Page) -> None:
+def test_a_link_carries_the_whole_state(page: Page, expect: Any) -> None:
     page.get_by_role("checkbox", name="as-printed", exact=True).click()
     page.get_by_role("checkbox", name="finnie", exact=True).click()
     page.get_by_role("button", name="si", exact=True).click()
@@ -181,7 +141,7 @@ BAD_INPUT = [
 
 
 @pytest.mark.browser
-def test_bad_input_marks_the_field_and_changes_nothing(page: Page) -> None:
+def test_bad_input_marks_the_field_and_changes_nothing(page: Page, expect: Any) -> None:
     settle(page, "alpha", "20")
     before = page.url
     for name, text, why in BAD_INPUT:
@@ -213,7 +173,7 @@ def test_two_tabs_have_separate_states(page: Page, address: str) -> None:
 
 
 @pytest.mark.browser
-def test_presets_and_reset(page: Page) -> None:
+def test_presets_and_reset(page: Page, expect: Any) -> None:
     far = page.locator(".view-numbers").get_by_text("g/kg is far from what tests on ductile metals find at 112 m/s")
     expect(far).to_have_count(0)  # nobody asks for amounts of the scenario's case
     page.get_by_role("button", name="Metal").click()
@@ -292,7 +252,7 @@ def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pyte
 
 
 @pytest.mark.browser
-def test_a_plug_in_has_sliders_of_its_own_parameters(context: BrowserContext) -> None:
+def test_a_plug_in_has_sliders_of_its_own_parameters(context: BrowserContext, expect: Any) -> None:
     with served("--model", PLUG_IN) as (_, address):
         page = opened(context, address)
         group = page.get_by_role("group", name="Parameters of coulomb_tip")
@@ -324,7 +284,7 @@ def test_all_parts_of_the_page_come_from_this_machine(page: Page, address: str) 
 
 
 @pytest.mark.browser
-def test_a_link_with_a_script_is_text(page: Page, address: str) -> None:
+def test_a_link_with_a_script_is_text(page: Page, address: str, expect: Any) -> None:
     page.goto(f"{address}?models=<img src=x onerror=window.bad=1>")
     expect(page.get_by_text("Field `models` names '<img src=x onerror=window.bad=1>'")).to_be_visible()
     assert page.evaluate("[window.bad, document.querySelectorAll('img').length]") == [None, 0]
@@ -332,23 +292,6 @@ def test_a_link_with_a_script_is_text(page: Page, address: str) -> None:
     expect(page.get_by_text("The link cannot be used: Field `v0` must be a speed")).to_be_visible()
     page.goto(f"{address}?alpha={'9' * 50_000}")
     expect(page.get_by_text("The link cannot be used: Field `alpha`")).to_be_visible()
-
-
-@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="of POSIX alone")
-@pytest.mark.skipif(signal.getsignal(signal.SIGHUP) == signal.SIG_IGN, reason="nohup keeps what is within")
-def test_a_terminal_that_is_closed_ends_it_as_ctrl_c_does() -> None:
-    command = [sys.executable, "-m", "erosion", "explore", "--no-browser", "--port", "0"]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=free_of_pytest()
-    ) as process:
-        assert process.stdout is not None
-        try:
-            process.stdout.readline()
-            process.send_signal(signal.SIGHUP)
-            _, said = process.communicate(timeout=60)
-        finally:
-            process.kill()
-    assert (said, process.returncode) == ("erosion: interrupted\n", 130)
 
 
 @pytest.mark.browser

@@ -1,7 +1,5 @@
 """What the report's sentences say of directions and sizes: over random cases, or by what makes the sentence true."""
 
-import re
-
 import numpy as np
 import pytest
 
@@ -11,10 +9,7 @@ from erosion.models import load_model
 from erosion.models.rigid import LinearizedCut, StraightCut
 from erosion.parameters.parameters import TABLE_1, Parameters
 from erosion.report.case import ReportCase, turned_beyond
-from erosion.report.questions import QUESTIONS, text_file
-from erosion.report.questions.additional import _telling_digits
 from erosion.report.questions.linearized import midpoint_rule
-from erosion.report.text import number
 
 N = 200
 RNG = np.random.default_rng(16)
@@ -35,127 +30,6 @@ def cases(**changes: np.ndarray | float) -> Parameters:
 def volume(model: str, p: Parameters) -> np.ndarray:
     """V over V* [-]."""
     return erosion.impact(model, p, derivatives=0).volume / np.asarray(p.volume_scale)
-
-
-# Words that make a sentence a claim, and the sentences that have them: what is said, and why it is so.
-WORDS = re.compile(
-    r"\b(more|most|less|least|longer|shorter|greater|larger|smaller|steeper|shallower|softer|earlier|later|falls?|grows?|"
-    r"always|never|only|every|all|no|none|half|about|at most|at least|same|proportional|above all|than|fair|much)\b"
-)
-CLAIMS = {
-    "q1": (
-        "every point of the erodent",
-        "differ only by the factor",
-        "far more than the assumption",
-        "no forward speed",
-        "without knowing the solution",
-    ),
-    "q2": (
-        "falls vertically",
-        "the earlier",
-        "at least −1",
-        "no real",
-        "has no",
-        "solution is complex",
-    ),
-    "q3": (
-        "agree with the closed form",
-        "no forward speed",
-        "leaves none",
-        "the more panels",
-        "square of their number",
-    ),
-    "q4": (
-        "only falls with the angle",
-        "depends on $k$ only",
-        "The same angle follows",
-        "the most that they find",
-        "cut like this one",
-        "about",
-        "never meets",
-        "times as much as",
-    ),
-    "q5": (
-        "says the same",
-        "at every speed",
-        "square of the speed",
-    ),
-    "q6": (
-        "at the same angle",
-        "no effect",
-        "at every angle",
-        "as each grain",
-        "is not in the equations",
-    ),
-    "q7": (
-        "the softer the metal",
-        "all metals",
-    ),
-    "q8": (
-        "below 45° for every $k$",
-        "is removed at the best angle",
-        "off by about",
-        "The same for",
-    ),
-    "a1": (
-        "moves backward at contact",
-        "times as much",
-        "earlier or later",
-        "best of all",
-        "has no jump",
-        "no solution",
-        "removes the most",
-        "no longer hold",
-        "no derivative",
-        "The cut ends when",
-        "Where the body turns by more than 90°",
-        "the second one with the torque",
-        "it falls to",
-    ),
-    "a2": (
-        "only falls",
-        "never reaches",
-        "no angle reaches",
-        "cut always ends",
-        "more is removed",
-        "at every angle",
-        "no maximum",
-        "in fact there is none",
-        "never throws",
-        "is no",
-        "at every instant",
-        "tip never enters",
-        "nothing is cut",
-    ),
-    "a3": (
-        "never turns",
-        "at every angle",
-        "both models have the same",
-        "no digit",
-    ),
-    "slips": ("the less they remove",),
-    "models": (
-        "most is removed as",
-        "no model has",
-        "for every model",
-    ),
-}
-
-
-def sentences(key: str) -> list[str]:
-    """The words of a text: without formulas, fields, comments and tables."""
-    text = text_file(key).read_text(encoding="utf-8")
-    for left in (r"\{#.*?#\}", r"\$\$.*?\$\$", r"(?m)^(\||Table:|!\[).*$", r"\{%.*?%\}", r"\{\{.*?\}\}"):
-        text = re.sub(left, "", text, flags=re.S if not left.startswith("(?m)") else 0)
-    parts = (" ".join(part.split()) for part in re.split(r"(?<=[.:;?])\s|\n\n+", text))
-    return [part for part in parts if WORDS.search(part) and not part.startswith("#")]
-
-
-@pytest.mark.parametrize("key", QUESTIONS)
-def test_every_sentence_with_a_direction_or_a_size_is_known(key: str) -> None:
-    unknown = [sentence for sentence in sentences(key) if not any(claim in sentence for claim in CLAIMS[key])]
-    assert not unknown, f"{text_file(key).name}: {unknown}"
-    assert [claim for claim in CLAIMS[key] if not any(claim in sentence for sentence in sentences(key))] == []
 
 
 def test_spin_has_no_direction_that_holds_in_every_case() -> None:
@@ -259,8 +133,8 @@ def test_the_midpoint_rule_errs_by_the_square_of_its_panels() -> None:
 
 def test_every_cut_that_turns_by_more_than_90_degrees_is_counted() -> None:
     p = TABLE_1.replace(k=K, alpha=ALPHA, phidot0=S * TABLE_1.v0 / TABLE_1.r)
-    few = range(0, N, 8)
-    for model in ("linearized", "finnie", *ROTATING, "rotating-velocity-aligned", "as-printed"):
+    few = range(0, N, 10)
+    for model in ("linearized", "rotating", "as-printed"):
         beyond = turned_beyond(model, p)
         for i in few:
             cut = path(load_model(model), TABLE_1.replace(k=K[i], alpha=ALPHA[i], phidot0=p.phidot0[i]))
@@ -352,11 +226,3 @@ HOLD = {
 @pytest.mark.parametrize("claim", HOLD)
 def test_a_claim_holds_in_every_case(claim: str) -> None:
     assert np.all(HOLD[claim]())
-
-
-def test_both_sides_of_a_jump_never_print_alike() -> None:
-    for one, part in zip(10 ** RNG.uniform(-8, 2, N), 10 ** RNG.uniform(-12, -1, N), strict=True):
-        digits = _telling_digits(one, one * (1 - part))
-        assert number(one, digits) != number(one * (1 - part), digits)
-        assert digits <= max(5, 3 - np.log10(part))
-    assert _telling_digits(1.0, 1.0) == 5

@@ -147,24 +147,9 @@ def test_fields_are_text_not_html(tmp_path: Path) -> None:
     assert "&lt;b&gt;a &amp; b&lt;/b&gt;" in text_of(tmp_path, "{{ words }}", words="<b>a & b</b>").derivation
 
 
-def test_tags_alone_on_a_line_leave_no_gap_and_tags_after_words_do_not_join_lines(tmp_path: Path) -> None:
-    text = text_of(tmp_path, "one\n{% if true %}\ntwo{% if true %} three{% endif %}\nfour\n{% endif %}\nfive")
-    assert text.derivation == "<p>one two three four five</p>"
-
-
 def test_markdown_becomes_html() -> None:
     assert to_html("One\nline.\n\n> A **note**\n> on `code`.") == (
         '<p>One line.</p>\n<p class="note">A <strong>note</strong> on <code>code</code>.</p>'
     )
     assert to_html("$$\nx\n$$").startswith('<div class="math"')
     assert "<p>So <math" in to_html("So $x$")
-
-
-def test_tables_of_numbers_are_aligned_to_the_right_and_tables_of_words_to_the_left() -> None:
-    numbers = to_html("Table: Two numbers\n| | V [10 in] |\n|---|--:|\n| a | 1 |")
-    assert numbers == (
-        '<div class="table" tabindex="0"><table><caption>Two numbers</caption><thead><tr>'
-        "<th scope='col'></th><th scope='col'>V [10\N{NO-BREAK SPACE}in]</th></tr></thead>"
-        "<tbody><tr><th scope='row'>a</th><td>1</td></tr></tbody></table></div>"
-    )
-    assert to_html("Table: Words\n| a | b |\n|---|---|\n| c | $d$ |").startswith('<div class="wordy">')
