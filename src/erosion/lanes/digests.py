@@ -34,6 +34,9 @@ from erosion.lanes.jax_versions import CALLS, called, expansion
 from erosion.lanes.scalars import Atom, Equation, aval_of
 
 _PACKAGE = str(Path(__file__).parents[1]) + os.sep
+TRACED = "a number that JAX is tracing"
+"""What is foreign in a function that reads a tracer from outside."""
+
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+")  # of a thing in this process
 _IGNORED = ("weak_type", "sharding", "out_sharding")  # parameters that change no number
 
@@ -173,7 +176,7 @@ class _Walk:
 
     def _number(self, number: Any, dtype: Any = None) -> bytes:
         if isinstance(number, Tracer):
-            self.foreign = self.foreign or "a number that JAX is tracing"
+            self.foreign = TRACED
             return hashed("traced", str(id(number)))
         if jax.numpy.issubdtype(getattr(number, "dtype", float), jax.dtypes.extended):  # keys of random numbers
             number = jax.random.key_data(number)

@@ -35,7 +35,7 @@ class NotForLanesError(ValueError):
     @classmethod
     def at(cls, place: str, error: CannotCompileError) -> "NotForLanesError":
         """The error of a place, and what to do."""
-        return cls(f"{place} uses {error}, which lanes cannot do: write it by other functions of `jax.numpy`.")
+        return cls(f"{place} uses {error}, which lanes cannot do: {error.instead}.")
 
 
 class Flattener:
@@ -85,7 +85,8 @@ class Flattener:
         steps.constants, steps.arguments = [list(map(slot, atoms)) for atoms in (jaxpr.constvars, jaxpr.invars)]
         for equation in jaxpr.eqns:
             work = self._work(equation)
-            steps.work.append((work, list(map(slot, equation.invars)), list(map(slot, equation.outvars))))
+            inputs = _located(equation, lambda given=equation.invars: list(map(slot, given)))
+            steps.work.append((work, inputs, list(map(slot, equation.outvars))))
         steps.results = list(map(slot, jaxpr.outvars))
         return steps
 
@@ -124,8 +125,9 @@ class Flattener:
             return functools.partial(scatter, self.call, equation)
         if (expanded := expansion(equation)) is not None:
             return lambda _, inputs: self.closed(expanded, inputs)
-        # JAX gives the forward derivative of a `custom_vjp` another name.
-        raise CannotCompileError(f"`{'custom_vjp' if name == 'custom_lin' else name}`")
+        if name == "custom_lin":  # the forward derivative of a `custom_vjp`
+            raise CannotCompileError("`custom_vjp`", "use `custom_jvp`, by which JAX goes backwards as well")
+        raise CannotCompileError(f"`{name}`")
 
     def _function(self, name: str, inputs: int) -> Callable[..., Value]:
         """A function such as `exp` in plain arithmetic."""

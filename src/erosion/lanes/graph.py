@@ -23,7 +23,16 @@ _MOST_ASKED = 2_000_000  # operations asked for, of which many may be known alre
 
 
 class CannotCompileError(Exception):
-    """Something that lanes cannot do; the message says what."""
+    """Something that lanes cannot do.
+
+    Args:
+        what: the end of "… uses".
+        instead: what to do.
+    """
+
+    def __init__(self, what: str, instead: str = "write it by other functions of `jax.numpy`") -> None:
+        super().__init__(what)
+        self.instead = instead
 
 
 class Value:

@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
+from jax._src.util import clear_all_caches
 from jax.extend.core import ClosedJaxpr, Jaxpr
 from jax.typing import ArrayLike
 
@@ -58,6 +59,11 @@ def expansion(equation: Equation) -> ClosedJaxpr | None:
         return None
     inputs = [jax.ShapeDtypeStruct(aval_of(atom).shape, aval_of(atom).dtype) for atom in equation.invars]
     return jax.make_jaxpr(functools.partial(function, **equation.params))(*inputs)
+
+
+def forget_traces() -> None:
+    """Have JAX trace all functions anew. What it has compiled stays, unlike after `jax.clear_caches`."""
+    clear_all_caches()
 
 
 CALLS = frozenset({

@@ -46,7 +46,10 @@ def type_of(dtype: DTypeLike) -> str:
     try:
         return _TYPES[np.dtype(dtype).name]
     except (KeyError, TypeError):
-        raise CannotCompileError(f"numbers of type {dtype}") from None
+        what = f"numbers of type {dtype}"
+        if str(dtype).startswith("complex"):
+            raise CannotCompileError(what, "write it by real ones, such as cos and sin for exp(1j·x)") from None
+        raise CannotCompileError(what) from None
 
 
 Rule = Callable[..., Value]

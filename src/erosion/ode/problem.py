@@ -26,7 +26,8 @@ from jax.extend.core import Literal
 from jaxtyping import PyTree
 
 from erosion.arguments import Number, Scalar, Structure
-from erosion.lanes.digests import Surroundings, digest_of, hashed
+from erosion.lanes.digests import TRACED, Surroundings, digest_of, hashed
+from erosion.lanes.jax_versions import forget_traces
 from erosion.output.tables import briefly
 
 _PACKAGE = Path(__file__).parents[1]
@@ -127,7 +128,7 @@ def equations_of(kind: TreeKind, *, anew: bool = False) -> Equations:
         if not anew:
             return known
     elif known is not None:
-        jax.clear_caches()  # JAX, too, remembers what functions within have computed
+        forget_traces()  # JAX, too, remembers what functions within have computed
     equations = kind.traced()
     _by_kind.pop(kind, None)
     _by_kind[kind] = equations
@@ -172,6 +173,8 @@ class Traced:
         # A user's own code may raise anything, and may ask to end the program.
         except (Exception, SystemExit) as error:
             raise FlawError(f"`{name}` fails{_where(error)}: {_said(error)}") from error
+        if digest.foreign == TRACED:
+            raise FlawError(f"`{name}` reads a number that JAX traces outside of it; give the number by `args`")
         self.pieces.append(digits(name, digest.text))
         self.foreign = self.foreign or digest.foreign
         return digest.results
