@@ -42,6 +42,9 @@ _CONVERGED = 1e-3  # of a step: the cubic's zero is known when Newton's method w
 _CREST = 3e-3  # of a step: this near a highest point, it is where the step begins or ends
 _NONE = 1e-200  # instead of no slope
 _LOW = 0.1  # a dip's cubic errs by less than this times its variation times θ²(1-θ)², unless `is_crooked`
+_MISSED = 0.05  # of the range of an event function in a step: by so much its cubic may miss values within the step
+_FAR = 2.0  # times that range: a function so far from zero does not come to it
+_EQUAL = 1e-12  # of its size: a smaller range is rounding
 _LOOKS = (0.25, 0.5, 0.75)  # of a step: where the cubic of a crooked function is asked
 
 
@@ -53,6 +56,28 @@ class Ends(NamedTuple):
 
 
 # JAX traces these once, for all events and programs.
+@functools.partial(jax.jit, static_argnames="smooth")
+def unresolved(
+    start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Scalar, Scalar]], *, smooth: bool
+) -> Scalar:
+    """By how much an event function moves too fast for a step, as an error of 8th order over the tolerance.
+
+    The cubic through both ends errs by the fourth power of the length. It may miss the values within the step by a
+    share of the range of all values. Unless the function is `smooth` it may miss them by more where all are far from
+    zero: at a kink its error stays the same share in any step.
+    """
+    values = [start.value, end.value, *(value for _, value in looks)]
+    size = functools.reduce(jnp.maximum, map(jnp.abs, values))
+    spread = functools.reduce(jnp.maximum, values) - functools.reduce(jnp.minimum, values)
+    misses = [jnp.abs(value - _cubic(start, end, length, theta)) for theta, value in looks]
+    miss = functools.reduce(jnp.maximum, misses)
+    share = miss / (_MISSED * jnp.maximum(spread, _EQUAL * size) + _NONE)
+    if smooth:
+        return share * share
+    is_far = functools.reduce(jnp.minimum, map(jnp.abs, values)) > _FAR * (spread + miss)
+    return jnp.where(is_far, 0.0, share * share)
+
+
 @jax.jit
 def cubic_error(start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Scalar, Scalar]]) -> Scalar:
     """How many times θ²(1-θ)² the cubic through both ends errs by, from the function's values within the step.
@@ -158,15 +183,37 @@ def _crest(start: Ends, end: Ends, length: Scalar) -> tuple[Scalar, Flag]:
 
 
 @jax.jit
-def crest_above_zero(start: Ends, end: Ends, length: Scalar) -> Scalar:
-    """Where in the step (0 to 1) a function that begins below zero is highest before it falls to zero, or 2."""
+def crest_above_zero(start: Ends, end: Ends, length: Scalar, error: Scalar) -> Scalar:
+    """Where in the step (0 to 1) a function that begins below zero is highest before it falls to zero, or 2.
+
+    For `error` see `cubic_error`.
+    """
     theta, turns = _crest(start, end, length)
     inside = turns & (theta > 0) & (theta < 1) & (theta * (1 - theta) > _LANDED)
     place = jnp.where(inside, theta, 0.5)
     dip, _ = dip_in_step(start, end, length, 0.0)
     height = _cubic(start, end, length, place)
-    falls = (end.value <= _LANDED * height) | ((dip > place) & (dip < 1))
-    return jnp.where(inside & falls & (height > 0), place, 2.0)
+    falls = (end.value <= jnp.maximum(_LANDED * height, 0.0)) | ((dip > place) & (dip < 1))
+    # The cubic may put the crest too low by as much as it may put a dip too high.
+    slopes = length * (jnp.abs(start.rate) + jnp.abs(end.rate))
+    doubt = jnp.maximum(_LOW * slopes, 2 * error) * (place * (1 - place)) ** 2
+    return jnp.where(inside & falls & (height > -doubt), place, 2.0)
+
+
+@jax.jit
+def rise_unless_clear(
+    clear: Flag, start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Scalar, Scalar]]
+) -> tuple[Scalar, Flag]:
+    """A crest as in `crest_above_zero`, and whether a rise may be hidden in the step; neither if that is `clear`."""
+
+    def asked() -> tuple[Scalar, Flag]:
+        error = cubic_error(start, end, length, looks)
+        crest, below = crest_above_zero(start, end, length, error), (turned(start, -1.0), turned(end, -1.0))
+        error = _SHARP * error
+        hidden = is_crooked(*below, length, error) & may_hide_a_fall(*below, length, error)
+        return crest, hidden & (end.value < 0)
+
+    return lax.cond(clear, lambda: (jnp.asarray(2.0), jnp.asarray(False)), asked)
 
 
 @jax.jit
@@ -574,14 +621,16 @@ def are_clear(
     for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
         looks = [(theta, values[i]) for theta, values in within]
         if events:
-            turn, least = events[i].turn, graze * jnp.maximum(_size(start, end, h), _TINY)
+            # One that does not count is before zero on its other side.
+            on = events[i].counts
+            turn = jnp.where(on, events[i].turn, -events[i].turn)
+            least = jnp.where(on, graze * jnp.maximum(_size(start, end, h), _TINY), 0.0)
             start, end, looks = (
                 turned(start, turn),
                 turned(end, turn),
                 [(theta, turn * value) for theta, value in looks],
             )
-            is_below = functools.reduce(jnp.maximum, _bezier(start, end, h)) <= 0
-            clear.append(jnp.where(events[i].counts, _is_clear(start, end, h, looks, least), is_below))
+            clear.append(_is_clear(start, end, h, looks, least))
         else:
             clear.append(_is_clear(start, end, h, looks, graze))
         if rough:
@@ -630,11 +679,12 @@ def look_directed(
     Where one that does not count rises above zero within the step, the step ends there: it counts from there on.
     """
     h = control.trial
-    on, factors, crests = [event.counts for event in events], [], []
-    for event, start, end, is_clear in zip(events, starts, ends, clear, strict=True):
+    on, factors, rises = [event.counts for event in events], [], []
+    for i, (event, start, end, is_clear) in enumerate(zip(events, starts, ends, clear, strict=True)):
         factors.append(event.turn / jnp.maximum(_size(start, end, h), _TINY))
-        crest = functools.partial(crest_above_zero, start, end, h)
-        crests.append(lax.cond(event.counts | is_clear, lambda: jnp.asarray(2.0), crest))
+        looks = [(theta, event.turn * values[i]) for theta, values in within]
+        both = turned(start, event.turn), turned(end, event.turn)
+        rises.append(rise_unless_clear(event.counts | is_clear, *both, h, looks))
 
     def watched(events: Sequence[Ends]) -> list[Ends]:
         parts = zip(events, factors, on, strict=True)
@@ -650,7 +700,8 @@ def look_directed(
     ]
     # A function such as a distance bends in a small part of a step, where the cubic errs by more than was seen.
     trial = look(control, begun, watched(ends), inside, error, scale, clear=clear, rough=rough, sharp=_SHARP)
-    return trial._replace(dip=functools.reduce(jnp.minimum, crests, trial.dip))
+    crest, hidden = _least([crest for crest, _ in rises], 2.0), _any(hidden for _, hidden in rises)
+    return trial._replace(dip=jnp.minimum(crest, trial.dip), hidden=trial.hidden | hidden)
 
 
 def last_moment(event: Scalar, remaining: Scalar, events: Sequence[Ends], scale: Scalar) -> tuple[Scalar, Scalar]:

@@ -40,6 +40,10 @@ class EventSet(abc.ABC):
     def watch(self, events: Sequence[Ends], scale: Scalar) -> list[Watched]:
         """How they are watched in a step that begins there."""
 
+    def resolved(self, start: Sequence[Ends], step: Step, h: Scalar) -> Step:
+        """A trial whose error is that of the event functions, too."""
+        return step
+
     @abc.abstractmethod
     def look(
         self, watched: Sequence[Watched], control: Control, start: Sequence[Ends], step: Step, visible: Scalar,
@@ -108,7 +112,26 @@ class Falling(EventSet):
 
 
 class Armed(EventSet):
-    """Of any direction; each counts once it is before its event."""
+    """Of any direction; each counts once it is before its event.
+
+    Args:
+        directions, rough: see `EventSet`.
+        affine: of each event whether its function is affine in the state; others may move faster than it.
+        smooth: whether all event functions are smooth.
+    """
+
+    def __init__(self, directions: Sequence[int], *, rough: bool, affine: Sequence[bool], smooth: bool) -> None:
+        super().__init__(directions, rough=rough)
+        self.affine, self.smooth = affine, smooth
+
+    def resolved(self, start: Sequence[Ends], step: Step, h: Scalar) -> Step:
+        """See `EventSet`."""
+        error = step.error
+        for i, (begin, end, affine) in enumerate(zip(start, step.events, self.affine, strict=True)):
+            if not affine:
+                looks = [(theta, values[i]) for theta, values in step.within]
+                error = jnp.maximum(error, crossings.unresolved(begin, end, h, looks, smooth=self.smooth))
+        return step._replace(error=error)
 
     def begins(self, events: Sequence[Ends], scale: Scalar) -> Flag:
         """See `EventSet`."""

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+from jax.extend.core import Jaxpr
 
 from erosion.arguments import Number, Scalar
 from erosion.ode.crossings import Ends
-from erosion.ode.kinks import cases, divisors, may_have_kinks
+from erosion.ode.kinks import cases, divisors, is_rough, may_have_kinks
 from erosion.ode.methods import method_of
-from erosion.ode.reduction import Rows, motion_of
+from erosion.ode.reduction import Rows, are_affine, motion_of
 from erosion.ode.step_control import Limits
 from erosion.ode.variational import Augmented, Derivatives, Direction, Layout, Variational
 
@@ -85,6 +86,25 @@ class Extended:
         foresees = self.options.waits and self.method.foresees
         self.limits = Limits(self.options.max_steps, by_scale, foresees=foresees)
         self.watches = self.options.method == "auto" and not self.rough
+
+    @functools.cached_property
+    def affine_events(self) -> list[bool]:
+        """Of each event whether its function is affine in the rows: then it moves no faster than they."""
+        return are_affine(self._events_jaxpr, [True] * self.width)
+
+    @functools.cached_property
+    def events_are_smooth(self) -> bool:
+        """Whether all event functions are smooth by their arithmetic."""
+        return not is_rough(self._events_jaxpr, [True] * self.width)
+
+    @functools.cached_property
+    def _events_jaxpr(self) -> Jaxpr:
+        return jax.make_jaxpr(self.events)(self.initial[: self.width]).jaxpr
+
+    @property
+    def events_are_slow(self) -> bool:
+        """Whether no event function may move faster than the state."""
+        return not self.options.waits or all(self.affine_events)
 
     def dividing(self, rows: Rows) -> list[Scalar]:
         """What the rates of the motion itself divide by; see `divisors`."""

@@ -132,8 +132,14 @@ class _Loop:
         self.problem, self.rtol, self.method = problem, rtol, problem.method
         self.guards: list[Guard] = guards_of(problem, rtol)
         self.recorders: list[Recorder] = recorders_of(problem, rtol, rows)
-        kind = Armed if problem.options.waits else Falling
-        self.events: EventSet = kind(problem.directions, rough=problem.rough)
+        self.events: EventSet = Falling(problem.directions, rough=problem.rough)
+        if problem.options.waits:
+            self.events = Armed(
+                problem.directions,
+                rough=problem.rough,
+                affine=problem.affine_events,
+                smooth=problem.events_are_smooth,
+            )
 
     def to_its_event(
         self, initial: Rows, until: Scalar | None, written: Written, before: Flight | None, elapsed: tuple[Scalar, ...]
@@ -212,6 +218,7 @@ class _Loop:
         step = method.tried(lane, (scale, at_rest), self.rtol)
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
         step = step._replace(error=sum((0.0 * part for event in step.events for part in event), step.error))
+        step = self.events.resolved(lane.events, step, before.trial)
         for guard in self.guards:
             step, visible = guard.sees(lane, step, visible)
         watched = self.events.watch(lane.events, scale)

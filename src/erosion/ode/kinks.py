@@ -286,7 +286,7 @@ def may_have_kinks(layout: Layout) -> bool:
     jaxpr = jax.make_jaxpr(rate)(start, layout.structs()).jaxpr
     made_by = {made: equation for equation in jaxpr.eqns for made in equation.outvars}
     varies = [not _is_always_zero(value, made_by) for value in jaxpr.outvars[: len(start)]]
-    return _is_rough(jaxpr, varies + [False] * (len(jaxpr.invars) - len(start)))
+    return is_rough(jaxpr, varies + [False] * (len(jaxpr.invars) - len(start)))
 
 
 def _is_always_zero(value: Atom, made_by: Mapping[Var, Equation]) -> bool:
@@ -299,7 +299,7 @@ def _is_always_zero(value: Atom, made_by: Mapping[Var, Equation]) -> bool:
     return any(_is_always_zero(atom, made_by) for atom in equation.invars)
 
 
-def _is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
+def is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
     """Whether an operation on the arguments that vary is not smooth."""
     varying = {variable for variable, moves in zip(jaxpr.invars, varies, strict=True) if moves}
     pivoted: set[Atom] = set()  # jumps where rows are exchanged; a solution of the system does not
@@ -325,7 +325,7 @@ def _is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
         # A loop or a branch chooses by the state: only plain calls are looked into.
         if len(inner) != 1 or len(inner[0].invars) != len(moves) or equation.primitive.name in ("while", "scan"):
             return True
-        if _is_rough(inner[0], moves):
+        if is_rough(inner[0], moves):
             return True
     return not pivoted.isdisjoint(atom for atom in jaxpr.outvars if not isinstance(atom, Literal))
 

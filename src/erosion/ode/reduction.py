@@ -286,6 +286,36 @@ def known_values(jaxpr: Jaxpr, state: set[Var]) -> set[Var]:
     return known
 
 
+# What keeps a function affine; beside these a product with a known number, and a quotient by one.
+_AFFINE = frozenset({
+    "neg", "add", "sub", "add_any", "convert_element_type", "broadcast_in_dim", "reshape", "squeeze", "slice",
+    "concatenate", "reduce_sum", "copy", "transpose", "expand_dims", "rev",
+})  # fmt: skip
+
+
+def are_affine(jaxpr: Jaxpr, varies: Sequence[bool]) -> list[bool]:
+    """Of each result whether it is an affine function of the arguments that vary."""
+    degree: dict[Any, int] = dict(zip(jaxpr.invars, map(int, varies), strict=True))
+    return [each < 2 for each in _degrees(jaxpr, degree)]
+
+
+def _degrees(jaxpr: Jaxpr, degree: dict[Any, int]) -> list[int]:
+    """Of each result whether it is known (0), affine in what varies (1), or neither (2); `degree` has the arguments."""
+
+    def of(atom: Atom) -> int:
+        return 0 if isinstance(atom, Literal) else degree.get(atom, 0)
+
+    for equation in jaxpr.eqns:
+        name, inputs = equation.primitive.name, [of(atom) for atom in equation.invars]
+        inner, made = equation.params.get("jaxpr"), [2 if any(inputs) else 0] * len(equation.outvars)
+        if any(inputs) and isinstance(inner, ClosedJaxpr) and name in ("jit", "pjit"):
+            made = _degrees(inner.jaxpr, dict(zip(inner.jaxpr.invars, inputs, strict=True)))
+        elif name in _AFFINE or (name == "mul" and not all(inputs)) or (name == "div" and not inputs[1]):
+            made = [max(inputs)] * len(equation.outvars)
+        degree |= zip(equation.outvars, made, strict=True)
+    return [of(atom) for atom in jaxpr.outvars]
+
+
 def _is_zero(value: Atom) -> bool:
     return isinstance(value, Literal) and bool(value.val == 0)
 

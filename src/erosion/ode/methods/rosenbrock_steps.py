@@ -72,6 +72,7 @@ H = (
 """Weights of the increments in the polynomial of 4th order within a step."""
 
 _LOOKS = (0.25, 0.75)  # of a step: where the events are asked for
+_MORE_LOOKS = (0.25, 0.56, 0.75)  # the same where they may move faster than the state
 _CANCELLED = 1e-13  # of its terms: a pivot this small has no digits
 
 
@@ -297,7 +298,7 @@ class Rodas:
     def within(self, before: Rows, after: Rows, stages: Stages) -> list[tuple[float, list[Scalar]]]:
         """The events at two places within a step."""
         found = []
-        for theta in _LOOKS:
+        for theta in _LOOKS if self.problem.events_are_slow else _MORE_LOOKS:
             rest = 1.0 - theta
             rows = []
             for y0, y1, us in zip(before[: self.width], after, stages.increments, strict=False):
