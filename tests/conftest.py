@@ -6,7 +6,6 @@ import os
 import shutil
 import tempfile
 
-import hypothesis
 import pytest
 from jaxtyping import install_import_hook
 
@@ -20,10 +19,6 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     atexit.register(shutil.rmtree, os.environ["JAX_COMPILATION_CACHE_DIR"], ignore_errors=True)
 
 os.environ.setdefault("XDG_CACHE_HOME", os.environ["JAX_COMPILATION_CACHE_DIR"])
-
-# How long an example takes depends on what else the machine does.
-hypothesis.settings.register_profile("erosion", deadline=None)
-hypothesis.settings.load_profile("erosion")
 
 # `make test-types`: the checks take more time than all else that the tests do.
 if os.environ.get("EROSION_CHECK_TYPES") == "1":

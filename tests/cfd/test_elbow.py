@@ -6,12 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
-from pyarrow import parquet as pq
 
 import erosion
-from erosion.cfd.doubts import Repeats
 from erosion.cfd.map_result import MapSummary
 from erosion.cfd.read import read_impacts, read_surface
 from erosion.cfd.surface import Surface
@@ -205,54 +202,6 @@ def test_no_wrong_number_is_without_a_sentence(tmp_path: Path, name: str) -> Non
     assert not is_right
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda content: content[: content.rindex(",")], "fields"),
-        (lambda content: content[:-2], "does not end with the end of a line"),
-        (lambda content: content.replace(".", ","), "fields"),
-        (lambda content: content + content, "row 2,001: column `x [mm]` must be a number"),
-        (lambda content: content + "Total\n", "has 1 fields"),
-        (lambda content: content.replace("um", "µm").encode("cp1252"), ""),
-        (lambda content: text(CLEAN, ";").replace(".", ",").encode("utf-8-sig"), ""),
-        (lambda content: content.replace("\n", "\r\n"), ""),
-    ],
-)
-def test_no_wrong_text_is_read_without_a_sentence(tmp_path: Path, change: Callable[[str], Any], words: str) -> None:
-    content = change(text(CLEAN))
-    (tmp_path / "a.csv").write_bytes(content if isinstance(content, bytes) else content.encode())
-    is_right, said = answer(tmp_path / "a.csv")
-    assert words in said
-    assert is_right == (not words or "does not end" in words)
-
-
-def test_a_wrong_unit_of_both_is_said_where_no_part_has_the_size(tmp_path: Path) -> None:
-    for factor, words in ((1e3, "300 m across"), (1e-3, "0.0003 m across"), (1.0, "")):
-        (tmp_path / "a.csv").write_text(text(times(factor, "x", "y", "z")(CLEAN)))
-        surface = dataclasses.replace(COARSE, points=factor * COARSE.points)
-        is_right, said = answer(tmp_path / "a.csv", surface)
-        assert ("are both units right?" in said) == bool(words)
-        assert words in said
-        assert is_right == (not words)
-
-
-def test_what_was_taken_for_granted_is_said(tmp_path: Path) -> None:
-    plain = {head.split(" ")[0]: v for head, v in CLEAN.items()}
-    (tmp_path / "a.csv").write_text(text(plain))
-    table = read_impacts(tmp_path / "a.csv", columns="x,y,z=mm, u,v,w=m/s, diameter=um, density=kg/m^3")
-    surface = read_surface(write(COARSE, tmp_path / "e.stl", 1e3), unit="mm")
-    mass = float((CLEAN["count"] * 2650 * np.pi / 6e18 * CLEAN["diameter [um]"] ** 3).sum())
-    wear = erosion.erosion_map("dnv", erosion.TABLE_1.to("si"), table, surface, injected=3 * mass)
-    said = wear.attrs["read_as"]
-    mistakes = "about 22, 8 or 28 × too great, knots 6 ×, radii for diameters"
-    sand, part = "(33.3 % of the sand injected)", "The surface, in mm as given, is 0.3 m"
-    for words in ("u, v, w in m/s as given", sand, part, mistakes, "inches or cm for mm"):
-        assert words in said
-    wear = erosion.erosion_map("dnv", erosion.TABLE_1.to("si"), table, dataclasses.replace(COARSE, unit=None))
-    assert "The surface, taken in metres, is 0.3 m across." in wear.attrs["read_as"]
-    assert "injected" not in wear.attrs["read_as"]
-
-
 @pytest.mark.parametrize(("factor", "words"), [(1.0, ""), (3.2808, "column 'speed [m/s]' is 3.28 × the speed by the")])
 def test_speeds_beside_velocities_are_compared(tmp_path: Path, factor: float, words: str) -> None:
     speed = np.linalg.norm([CLEAN[f"{axis} [m/s]"] for axis in "uvw"], axis=0)
@@ -261,86 +210,6 @@ def test_speeds_beside_velocities_are_compared(tmp_path: Path, factor: float, wo
     assert is_right
     assert ("are the units of both right?" in said) == bool(words)
     assert words in said
-
-
-TEXTS = "n/a", "", "abc", '"1,234.5"', "–", "nan"
-
-
-@pytest.mark.parametrize("kind", [*TEXTS, "texts", "lists", "none", "no type"])
-@pytest.mark.parametrize("factor", [1.0, 3.6])
-def test_speeds_beside_velocities_need_not_be_numbers(tmp_path: Path, kind: str, factor: float) -> None:
-    velocity = np.stack([CLEAN[f"{axis} [m/s]"] for axis in "uvw"], axis=1)
-    speed, path = factor * np.linalg.norm(velocity, axis=1), tmp_path / ("a.csv" if kind in TEXTS else "a.parquet")
-    if kind in TEXTS:
-        head, *rows = text(CLEAN).splitlines()
-        cells = [kind if row % 3 else f"{number:.6g}" for row, number in enumerate(speed)]
-        lines = [f"{head},speed [m/s]", *map(",".join, zip(rows, cells, strict=True)), ""]
-        path.write_bytes("\n".join(lines).encode("cp1252"))
-    else:
-        columns: dict[str, Any] = {
-            "texts": [f"{number:.6g}" for number in speed],
-            "lists": [*velocity],
-            "none": pa.array([None] * len(speed), pa.float64()),
-            "no type": [None] * len(speed),
-        }
-        pq.write_table(pa.table({**CLEAN, "speed [m/s]": columns[kind]}), path)
-    is_right, said = answer(path)
-    assert is_right
-    assert ("is 3.6 × the speed by the" in said) == (factor != 1 and kind in (*TEXTS, "texts"))
-
-
-def test_angles_from_the_normal_are_asked_for(tmp_path: Path) -> None:
-    path, angle = tmp_path / "a.csv", np.linspace(5.0, 40.0, 100)
-    for angles, is_said in ((angle, False), (90 - angle, True)):
-        rows = "".join(f"{number},20,200,2650\n" for number in angles)
-        path.write_text(f"angle [deg],speed [m/s],diameter [um],density [kg/m^3]\n{rows}")
-        wear = erosion.erosion_map("dnv:carbon-steel", erosion.TABLE_1.to("si"), read_impacts(path))
-        assert ("measures from the normal, it is 22.5°" in wear.attrs["warnings"]) == is_said
-
-
-def innocent(kind: str) -> dict[str, np.ndarray]:
-    """Rows of a steady flow of equal grains, whose velocity follows from the place, none of them twice."""
-    rows, rng = 50_000, np.random.default_rng(0)
-    along, across = rng.random((2, rows))
-    if kind == "sorted":
-        along = np.sort(along)
-    if kind in ("on a line", "at random on a line"):
-        along, across = np.linspace(0, 1, rows) if kind == "on a line" else along, np.zeros(rows)
-    up = along * across
-    if kind == "ring by ring":
-        along, angle = np.divmod(np.arange(rows), 100)
-        along, across, up = along / along.max(), np.sin(0.02 * np.pi * angle), np.cos(0.02 * np.pi * angle)
-    if kind == "grid":
-        along, across = np.divmod(np.arange(rows), 200) / np.array([[250], [200]])
-        up = 0 * along
-    if kind in ("each period", "late"):
-        along, across, up = (np.tile(values[:5000], 10) for values in (along, across, up))
-    names = "position_x", "position_y", "position_z", "velocity_x", "velocity_y", "diameter", "time", "parcel"
-    flow = along, across, up, 20 + along, across, np.full(rows, 2e-4)
-    time = np.arange(rows) // 5000 * (0.01 if kind == "late" else 1) + (50 if kind == "late" else 0.5)
-    return dict(zip(names, (*flow, time, np.arange(rows)), strict=True))
-
-
-KINDS = "at random", "sorted", "on a line", "at random on a line", "ring by ring", "grid", "each period", "late"
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_rows_that_are_alike_are_not_called_twice(kind: str) -> None:
-    table, said = innocent(kind), {}
-    for copy in (
-        table,
-        {name: np.r_[v, v.round(4)] for name, v in table.items()},
-        {n: np.r_[v, v] for n, v in table.items()},
-    ):
-        repeats, length = Repeats(), len(copy["time"])
-        for begin in range(0, length, 12_345):
-            repeats.add({name: values[begin : begin + 12_345] for name, values in copy.items()})
-        said[len(said)] = " ".join(repeats.in_words())
-    assert not said[0]
-    # On a line rows follow one another too closely to be told from their neighbours.
-    assert "on a line" in kind or "in the table twice" in said[1]
-    assert "50,000 of 100,000 rows repeat another one" in said[2]
-    assert "or does the injection repeat itself?" in said[2]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 1.0])

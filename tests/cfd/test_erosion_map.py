@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,6 @@ import xarray as xr
 import erosion
 import erosion.cfd.erosion_map
 from erosion.cfd.erosion_map import erosion_map
-from erosion.cfd.map_result import MapSummary
-from erosion.cfd.read import read_impacts
 from erosion.cfd.rows import ImpactsError
 from erosion.correlations import CORRELATIONS, OKA_MATERIALS, oka
 from erosion.distributions import Normal
@@ -49,55 +46,6 @@ TABLE = sand(SURFACE, 300)
 @pytest.fixture(scope="module")
 def wear() -> xr.Dataset:
     return erosion_map("rotating", P, TABLE, SURFACE, density=2700.0)
-
-
-HEADS = ("diameter_um", "density [kg/m^3]", "u [m/s]", "v [m/s]", "w [m/s]", "x [mm]", "y [mm]", "z [mm]", "count")
-UNDERSTOOD = {
-    "right": ({}, " and 2650 kg/m³, 0.008171 kg in all, at 20.01 to 79.72 m/s, on average 49.69 m/s", ""),
-    "mm/s": ({"u": 1e3, "v": 1e3, "w": 1e3}, "on average 4.969e+04 m/s", "The mean speed is 4.97e+04 m/s, at which"),
-    "ft/s": ({"u": 3.2808, "v": 3.2808, "w": 3.2808}, "on average 163 m/s", ""),
-    "slow": ({"u": 1e-3, "v": 1e-3, "w": 1e-3}, "on average 0.04969 m/s", "The mean speed is 0.0497 m/s, at which"),
-    "radii": ({"diameter_um": 0.5}, "of 50.06 to 249.4 um and 2650 kg/m³, 0.001021 kg in all", ""),
-    "steel": ({"density": 2.943}, "of 100.1 to 498.8 um and 7799 kg/m³, 0.02405 kg in all", ""),
-    "in m": ({"diameter_um": 1e-6}, "of 0.0001001 to 0.0004988 um", "diameters of 1e-10 to 4.99e-10 m, as no"),
-    "a cut file": ({}, "Read: 150 rows, diameter from diameter_um in um; density from density in kg/m^3; velocity", ""),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", UNDERSTOOD)
-def test_how_a_table_was_understood_is_said(tmp_path: Path, name: str) -> None:
-    """With the numbers in the units of the table, so that a wrong unit shows."""
-    changed, words, doubt = UNDERSTOOD[name]
-    of, rows = TABLE.columns, 150 if name == "a cut file" else 300
-    columns = [of["diameter"] * 1e6, np.full(300, 2650.0), *of["velocity"].T, *of["position"].T * 1e3, of["count"]]
-    numbers = [values * changed.get(head.split(" ")[0], 1.0) for head, values in zip(HEADS, columns, strict=True)]
-    np.savetxt(tmp_path / "a.csv", np.column_stack(numbers)[:rows], delimiter=",", header=",".join(HEADS), comments="")
-    summary = MapSummary(erosion_map("dnv", P, read_impacts(tmp_path / "a.csv"), SURFACE))
-    assert words in summary.to_dict()["read_as"]
-    said = [sentence for sentence in summary.warnings if "far from what tests" not in sentence]
-    assert doubt in " ".join(said)
-    assert bool(said) == bool(doubt) or "outside the range" in " ".join(said)
-
-
-@pytest.mark.parametrize(
-    ("column", "factor", "words"),
-    [
-        ("count", 1e3, "Row 18 of table.csv alone does about 53 %"),
-        ("speed", 14.0, "Row 18 of table.csv alone does about 52 %"),
-        ("count", 10.0, ""),
-        ("weights", 0.0, "150 rows that hit have the weight 0"),
-    ],
-)
-def test_rows_of_too_much_weight_or_none_are_said(column: str, factor: float, words: str) -> None:
-    alike = {"count": 1.0, "mass": 2e-8, "diameter": 2.43e-4, "speed": 30.0, "alpha": 0.4}
-    table = sand(SURFACE, 900).replace(velocity=None, **{name: np.full(900, value) for name, value in alike.items()})
-    field = "count" if column == "weights" else column
-    values = table.columns[field].copy()
-    values[slice(0, 150) if column == "weights" else 17] *= factor
-    said = warnings_of(erosion_map("dnv", P, table.replace(**{field: values}), SURFACE))
-    said = [sentence for sentence in said if "outside the range" not in sentence]
-    assert len(said) == bool(words)
-    assert words in " ".join(said)
 
 
 def test_faces_patches_and_totals_are_the_sums_of_the_rows(wear: xr.Dataset) -> None:
@@ -240,22 +188,6 @@ def test_the_rebound_is_undone(wear: xr.Dataset) -> None:
         erosion_map("rotating", P, TABLE, SURFACE, restitution=(e, friction))
 
 
-def test_what_is_stuck_or_recedes_is_counted_apart() -> None:
-    velocity = TABLE.columns["velocity"].copy()
-    velocity[:5], velocity[5:15] = 0.0, -velocity[5:15]
-    table = TABLE.replace(velocity=velocity)
-    left = erosion_map("rotating", P, table, SURFACE)
-    lost = (table.columns["count"] * table.columns["mass"])[5:15].sum()
-    assert (list(left["left_out"].values), int(left["total_impacts"])) == ([5, 10, 0, 0], 285)
-    assert float(left["left_out_mass"][1]) == pytest.approx(lost, rel=1e-12, abs=0)
-    same = erosion_map("rotating", P, TABLE.only(slice(15, None)), SURFACE)
-    assert float(left["total_volume"]) == pytest.approx(float(same["total_volume"]), rel=1e-12, abs=0)
-    assert warnings_of(left) == [
-        "5 of 300 rows have no velocity, as parcels that stick to a wall, and are not counted.",
-        "10 of 300 rows move along the surface or away from it (n·U ≤ 0), and are not counted.",
-    ]
-
-
 @pytest.mark.parametrize("unnamed", [300, 50])
 def test_a_row_without_a_face_goes_to_the_nearest(wear: xr.Dataset, unnamed: int) -> None:
     face = TABLE.columns["face"]
@@ -313,29 +245,6 @@ def test_impacts_that_fail_are_counted_apart(monkeypatch: pytest.MonkeyPatch) ->
         erosion_map("rotating", P, table, SURFACE)
 
 
-def test_the_summary_reads_well(wear: xr.Dataset) -> None:
-    summary = MapSummary(wear)
-    text, numbers = str(summary), summary.to_dict()
-    assert text.startswith("rotating: table on hump")
-    for words in ("48 of 48", "volume front", "greatest depth per year", "mm/year", "share rebound", " ± "):
-        assert words in text
-    assert "by sampling the impacts alone" in summary.rows()[0].meaning
-    assert sum(patch["volume"] for patch in numbers["patches"].values()) == pytest.approx(
-        numbers["total_volume"], abs=0
-    )
-    assert numbers["units"]["total_volume"] == "m^3"
-
-
-def test_the_constants_of_a_model_are_told() -> None:
-    varied = erosion_map("rotating-deformation", P, TABLE, SURFACE, k=Normal(2.0, 0.1))
-    for words in ("ψ = 0.04, σ = 1.379 GPa", "energy_ratio = ", "k = normal(2, 0.1)"):
-        assert words in varied.attrs["constants"]
-    for name in erosion.CORRELATIONS:
-        said = erosion_map(name, P, TABLE, SURFACE).attrs["constants"]
-        assert "E = " in said
-        assert "{" not in said
-
-
 @pytest.mark.parametrize("target", OKA_MATERIALS)
 def test_okas_constants_as_printed_give_its_erosion(target: str) -> None:
     model = erosion.models.correlated("oka", target)
@@ -345,30 +254,3 @@ def test_okas_constants_as_printed_give_its_erosion(target: str) -> None:
     expected = one["E₉₀"] * (30 / one["v'"]) ** one["k₂"] * (200 / one["D'"]) ** one["k₃"] * shape
     ratio = oka(0.5, 30.0, 200e-6, material=target)
     assert float(ratio) / float(model.density) == pytest.approx(expected, rel=2e-3)  # four digits are printed
-
-
-def test_progress_tells_the_rows() -> None:
-    calls: list[tuple[str, int, int]] = []
-    erosion_map("linearized", P, TABLE, SURFACE, progress=lambda *call: calls.append(call))
-    assert calls == [("map", 300, 300)]
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda velocity: velocity, ""),
-        (lambda velocity: 0 * velocity + np.linalg.norm(velocity, axis=1)[:, None], "are the same number"),
-        (lambda velocity: abs(velocity) * [0, 0, 1], "two of the three components"),
-        (lambda velocity: -abs(velocity) * [0, 0, 1], ""),
-        (lambda velocity: velocity * [1, 0, 1], ""),
-        (np.abs, "has a negative component"),
-        (lambda velocity: np.abs(velocity) + 5, ""),
-    ],
-)
-def test_velocities_that_may_be_speeds_are_said(change, words):
-    table = sand(SURFACE, 2000)
-    table.columns["velocity"] = change(table.columns["velocity"])
-    surface = dataclasses.replace(SURFACE, turns_itself=True)
-    said = [sentence for sentence in warnings_of(erosion_map("dnv", P, table, surface)) if "magnitudes" in sentence]
-    assert len(said) == bool(words)
-    assert not said or words in said[0].lower()

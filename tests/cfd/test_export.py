@@ -64,17 +64,6 @@ def test_a_table_has_a_line_for_each_face(wear: xr.Dataset, tmp_path: Path) -> N
     assert float(rows[5]["x [m]"]) == SURFACE.centre[5, 0]
 
 
-def test_totals_alone_are_one_line(tmp_path: Path) -> None:
-    table = sand(SURFACE, 20).replace(velocity=None, face=None, position=None, speed=np.full(20, 50.0),
-                                      alpha=np.full(20, 0.4))  # fmt: skip
-    totals = erosion_map("linearized", P, table)
-    (header, line) = write_map(totals, tmp_path / "map.csv").read_text().splitlines()
-    assert header.startswith("patch,volume [mm^3],")
-    assert float(line.split(",")[1]) == pytest.approx(float(totals["total_volume"]) * MM**3, abs=0)
-    with pytest.raises(ValueError, match=r"a \.vtp file holds a surface, but there is none"):
-        write_map(totals, tmp_path / "map.vtp")
-
-
 def test_netcdf_holds_it_all(wear: xr.Dataset, tmp_path: Path) -> None:
     stored = xr.load_dataset(write_map(wear, tmp_path / "map.nc"), engine="h5netcdf")
     xr.testing.assert_equal(stored, wear)

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import erosion
-from erosion.cfd.exports import particle_of, to_comsol, to_csv
+from erosion.cfd.exports import particle_of, to_csv
 
 P = erosion.TABLE_1
 SI = P.to("si")
@@ -63,12 +63,6 @@ def test_what_a_form_loses_at_other_speeds_is_said_and_refused_if_asked_for(expo
         export("rotating", P, v0=[4400.0, 8800.0])
     narrow = export("rotating", P, v0=[4300.0, 4400.0])
     assert narrow.losses.statement.startswith("Over 109.2 to 111.8 m/s the form is off by up to ")
-
-
-def test_openfoam_says_how_far_off_finnies_curve_is():
-    form = erosion.to_openfoam("rotating", P)
-    assert 0.05 < form.misfit < 0.1
-    assert form.warnings[0].startswith("OpenFOAM knows Finnie's curve only: it is off by up to 7.1% of the maximum.")
 
 
 @pytest.mark.parametrize(
@@ -189,25 +183,6 @@ def test_the_csv_is_in_si_and_degrees_and_can_be_read_again():
     assert float(rows[1]["volume [m^3]"]) == pytest.approx(exact, rel=1e-9)
 
 
-def test_the_table_of_comsol_has_its_arguments_first():
-    table = erosion.volume_table("finnie", P, alpha=np.deg2rad([20.0, 30.0]), v0=[4400.0, 5000.0], d=[0.04, 0.08])
-    first, *rows = to_comsol(table).splitlines()
-    assert first == "% diameter [m],speed [m/s],angle [deg],volume [m^3]"
-    numbers = np.array([row.split(" ") for row in rows], float)
-    axes = np.meshgrid(table.d * 0.0254, table.v0 * 0.0254, [20.0, 30.0], indexing="ij")
-    expected = np.stack([*axes, table.volume * 0.0254**3], axis=-1).reshape(-1, 4)
-    np.testing.assert_allclose(numbers, expected, rtol=1e-9)
-
-
-def test_without_axes_the_table_reaches_from_half_to_twice_the_case():
-    table = erosion.volume_table("finnie", SI)
-    assert dict(table.sizes) == {"d": 7, "v0": 7, "alpha": 36}
-    assert table.v0.values[[0, 2, -1]] == pytest.approx(111.76 * np.array([0.5, 1.0, 2.0]))
-    assert float(table.alpha[-1]) == pytest.approx(np.pi / 2)
-    # Similar bodies remove by mass.
-    assert (table.volume / table.d**3).std("d").max() < 1e-9 * float((table.volume / table.d**3).max())
-
-
 def volumes_over(**axes):
     return erosion.volume_table("finnie", P, **axes)
 
@@ -240,18 +215,6 @@ def volumes_over(**axes):
 def test_what_makes_no_table_or_form_is_refused(make, error, message):
     with pytest.raises(error, match=message):
         make()
-
-
-def test_a_model_whose_impacts_fail_has_no_table(tmp_path):
-    (tmp_path / "mine.py").write_text(
-        "import erosion, jax.numpy as jnp\n"
-        "class F(erosion.models.ForceLaw):\n"
-        "    def __call__(self, state, tip, p): return jnp.log(-1 - tip.depth), 0 * tip.depth\n"
-        "    def typical_ratio(self, p): return p.k\n"
-        "model = erosion.models.Linearized(force=F())\n"
-    )
-    with pytest.raises(erosion.SimulationError, match="impacts could not be computed"):
-        erosion.volume_table(tmp_path / "mine.py", P)
 
 
 @pytest.mark.parametrize("table", [erosion.volume_table, erosion.restitution])
@@ -354,10 +317,3 @@ def test_what_cuts_nothing_has_no_rebound():
     assert upright.e_t.isnull().all()
     assert upright.spin.notnull().all()
     assert upright.vx.notnull().all()
-
-
-def test_units_are_those_of_the_case():
-    here, there = (erosion.restitution("rotating", p, alpha=ALPHA, v0=[p.v0]) for p in (P, P.to("si")))
-    assert there.e_n.values == pytest.approx(here.e_n.values, rel=1e-9)
-    assert there.vx.values == pytest.approx(here.vx.values * 0.0254, rel=1e-9)
-    assert (here.vx.attrs["units"], there.vx.attrs["units"]) == ("in/s", "m/s")

@@ -12,7 +12,6 @@ import pyarrow.parquet as pq
 import pytest
 import pyvista
 
-from erosion.cfd.impact_tables import NamedImpacts
 from erosion.cfd.read import read_impacts
 from erosion.cfd.rows import ImpactBlock, ImpactsError
 
@@ -68,10 +67,6 @@ MASSES = {
     "mass [kg]": 1.0, "particle mass [ug]": 1e9, "mass_of_particle (mg)": 1e6, "mass_kg": 1.0, "mass, g": 1e3,
     "mass per particle [g]": 1e3,
 }  # fmt: skip
-FOREIGN = [
-    "note", "material id", "temperature [K]", "particle temperature [K]", "Pressure [Pa]", "age [s]", "injection",
-    "residence time [s]", "vtkValidPointMask", "date", "label", "viscosity [Pa s]",
-]  # fmt: skip
 
 
 UNDERSTOOD = [
@@ -138,13 +133,6 @@ def test_a_name_that_leaves_a_doubt_is_refused(tmp_path, kind, name):
     if "others of the vector" not in str(caught.value):
         assert repr(name) in str(caught.value)
         check(block_of(path, ignore=(name,)), count=[1])
-
-
-@kinds
-@pytest.mark.parametrize("name", FOREIGN)
-def test_other_columns_are_left_out_and_named(tmp_path, kind, name):
-    impacts = read_impacts(a_table(tmp_path, kind, {**BODY, **MOTION, "count": 3, name: 7}))
-    assert impacts.warnings == (f"impacts.{kind}: columns that are not used: {name!r}.",)
 
 
 def test_units_in_the_metadata_of_parquet_count_as_those_of_a_name(tmp_path):
@@ -259,17 +247,6 @@ WEIGHED = UNSTEADY.replace(" n-in-parcel", "").replace(" 20 ", " ").replace(" 3 
 )  # fmt: skip
 def test_a_file_is_read(tmp_path, name, content, options, expected):
     check(block_of(written(tmp_path / name, content), **options), **expected)
-
-
-def test_what_a_table_says_of_itself(tmp_path):
-    impacts = read_impacts(written(tmp_path / "a.csv", INCIDENT))
-    assert impacts.mesh_faces
-    assert impacts.warnings[0].startswith("a.csv has no column of the number of particles")
-    unsteady = read_impacts(written(tmp_path / "wall.dpm", UNSTEADY))
-    assert (unsteady.warnings, unsteady.duration, unsteady.mesh_faces) == ((), None, False)
-    steady = read_impacts(written(tmp_path / "wall.dpm", STEADY))
-    assert steady.duration == 1.0
-    assert "what hits in 1 s" in steady.warnings[0]
 
 
 def test_parquet_with_columns_of_other_types(tmp_path):
@@ -390,45 +367,6 @@ def test_a_density_beside_that_of_the_table_is_refused(tmp_path, column):
         read_impacts(written(tmp_path / "wall.dpm", UNSTEADY), particle_density=2650)
 
 
-@pytest.mark.parametrize(
-    ("column", "number", "sentence"),
-    [
-        ("density [kg/m^3]", "1.2", "a density of 1.2 kg/m³, which a fluid has"),
-        ("density [kg/m^3],mass [ng]", "2650,600", "in 1 rows the density is not that of mass and diameter"),
-        ("density [kg/m^3]", "4000", "a density of 4000 kg/m³, which counts, but the particle that is named has 2650"),
-        ("mass [ng]", "13875", "a density of 2.65e+04 kg/m³, more than any solid; if a mass is that of all particles"),
-        ("density [kg/m^3],mass [ng]", "2650,1387.537", None),
-    ],
-)
-def test_a_density_of_no_grain_is_said(tmp_path, column, number, sentence):
-    impacts = read_impacts(written(tmp_path / "a.csv", GRAINS.format(f"count,{column}", f"1,{number}")))
-    assert isinstance(impacts, NamedImpacts)
-    impacts.expected = 2650.0 if number in ("4000", "2650,1387.537") else None
-    for _ in range(2):
-        list(impacts.blocks(10))
-        assert len(impacts.warnings) == (sentence is not None)
-    assert sentence is None or sentence in impacts.warnings[0]
-
-
-@pytest.mark.parametrize("first", [0, 1])
-def test_numbers_of_rows_are_no_numbers_of_particles(tmp_path, first):
-    rows = "".join(f"{first + row},100,2650,50,30\n" for row in range(20))
-    path = written(tmp_path / "a.csv", f"count,diameter [um],density [kg/m^3],speed [m/s],angle [deg]\n{rows}")
-    with pytest.raises(ImpactsError, match=r"column 'count' counts the rows, .* Argument `ignore`"):
-        list(read_impacts(path).blocks(10))
-    assert sum(block.rows for block in read_impacts(path, ignore=("count",)).blocks(10)) == 20
-
-
-def doubtful(**changed: Any) -> dict[str, np.ndarray]:
-    """A table of 200 rows in which nothing is doubtful, but for what is changed."""
-    rng = np.random.default_rng(0)
-    own = {"count": rng.uniform(1, 100, 200), "diameter [um]": rng.uniform(100, 300, 200),
-           "density [kg/m^3]": np.full(200, 2650.0), "speed [m/s]": rng.uniform(20, 40, 200),
-           "angle [deg]": rng.uniform(5, 85, 200), **{f"{axis} [m]": rng.random(200) for axis in "xyz"}}  # fmt: skip
-    heads = {head.split(" ")[0]: head for head in own}
-    return own | {heads[name]: change(own[heads[name]]) for name, change in changed.items()}
-
-
 DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
     "nothing": ({}, ""),
     "whole numbers of particles": ({"count": np.round}, ""),
@@ -439,25 +377,6 @@ DOUBTS: dict[str, tuple[dict[str, Any], str]] = {
     "repeated": (dict.fromkeys(["count", "diameter", "speed", "angle", "x", "y", "z"], lambda values: np.where(
         np.arange(200) < 180, values, np.roll(values, 180))), "20 of 200 rows repeat another one, number for number"),
 }  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", ["csv", "parquet"])
-@pytest.mark.parametrize("name", DOUBTS)
-def test_numbers_that_leave_a_doubt_are_said(tmp_path, name, kind):
-    changed, sentence = DOUBTS[name]
-    impacts = read_impacts(a_table(tmp_path, kind, doubtful(**changed)))
-    for _ in range(2):
-        assert sum(block.rows for block in impacts.blocks(64)) == 200
-    (said,) = impacts.warnings or ("",)
-    assert sentence in said
-    assert bool(sentence) == bool(said)
-
-
-def test_a_table_that_may_be_cut_is_said(tmp_path):
-    text = GRAINS.format("count,density [kg/m^3]", "1,2650").rstrip("\n")
-    assert read_impacts(written(tmp_path / "a.csv", text + "\n")).warnings == ()
-    (said,) = read_impacts(written(tmp_path / "b.csv", text)).warnings
-    assert said == "b.csv does not end with the end of a line; is it there to its end?"
 
 
 PLAIN = "x,y,z,vel_x,vel_y,vel_z,diameter_um\n1.5,2,-3,30,0.5,-4,200\n2.5,2,-3,30,0.5,-4,100\n"
@@ -487,17 +406,6 @@ def test_meanings_come_from_a_file_and_of_any_name(tmp_path):
     file = written(tmp_path / "names.toml", "".join(f"{head!r} = {text!r}\n" for head, text in meant.items()))
     for columns in (meant, str(file), ", ".join(f"{head}={text}" for head, text in meant.items())):
         check(block_of(path, particle_density=2650, columns=columns), speed=[30], alpha=[math.radians(20)])
-
-
-def test_a_micrometre_of_windows_is_one(tmp_path):
-    path = tmp_path / "a.csv"
-    text = "diameter [µm],density [kg/m^3],speed [m/s],angle [deg]\n200,2650,50,30\n"
-    for encoding in ("utf-8", "utf-8-sig", "cp1252"):
-        path.write_bytes(text.encode(encoding))
-        check(block_of(path), diameter=[2e-4])
-    path.write_text(text.replace("µ", "?"))  # as programs write what they lack
-    with pytest.raises(ImpactsError, match="unit of column"):
-        read_impacts(path)
 
 
 def test_other_endings_are_known_by_their_content(tmp_path):
@@ -574,30 +482,3 @@ def test_points_of_vtk_are_a_table(tmp_path, name):
     assert impacts.rows == 2
     assert ("lagrangian/sand0, lagrangian/sand1 are joined" in " ".join(impacts.warnings)) == (name == "hits.vtm")
     assert name == "hand.vtu" or "columns that are not used: 'age'" in impacts.warnings[-1]
-
-
-def test_points_of_vtk_that_are_no_table_are_refused(tmp_path):
-    pyvista.Sphere().save(tmp_path / "wall.vtp")
-    with pytest.raises(ImpactsError, match="no points of their own, as impacts are, but corners of cells"):
-        read_impacts(tmp_path / "wall.vtp")
-    path = written(tmp_path / "swapped.vtu", BY_HAND.format(corners="1 0", ends="1 2", kinds="1 1"))
-    with pytest.raises(ImpactsError, match="arrays of cells that are not one to each point"):
-        read_impacts(path)
-    for name, values in {"U:0": [7, 7], "Points": ARRAYS["U"]}.items():
-        with pytest.raises(ImpactsError, match=f"has the array '{name}(:0)?' twice"):
-            read_impacts(points_file(tmp_path / "twice.vtu", {**ARRAYS, name: values}))
-    path = points_file(tmp_path / "hits.vtm")
-    before = read_impacts(path, columns=MEANT_OF_POINTS).identity()
-    (second,) = (tmp_path / "hits").glob("*_3.*")
-    text = points_file(tmp_path / "other.vtu", {**ARRAYS, "d": [201, 100]}).read_bytes()
-    assert second.suffix == ".vtu"
-    second.write_bytes(text)
-    assert read_impacts(path, columns=MEANT_OF_POINTS).identity() != before
-    points_file(tmp_path / "other.vtu", {"U": ARRAYS["U"]}).rename(second)
-    with pytest.raises(
-        ImpactsError, match="'lagrangian/sand0' and 'lagrangian/sand1' both hold points, but with other"
-    ):
-        read_impacts(path, columns=MEANT_OF_POINTS)
-    second.unlink()
-    with pytest.raises(ImpactsError, match=r"hits.vtm: names the file '.*_3.vtu', which is not there"):
-        read_impacts(path, columns=MEANT_OF_POINTS)

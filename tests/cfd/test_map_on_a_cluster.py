@@ -60,11 +60,3 @@ def test_workers_load_a_plug_in_by_its_path(client: object) -> None:
     with pytest.raises(ValueError, match="`model` must be the path of a plug-in where a cluster computes"):
         erosion_map(erosion.load_model(PLUG_IN), P, TABLE, SURFACE)
     assert there.identical(here(erosion.load_model(PLUG_IN).replace(friction=0.5)))
-
-
-def test_large_portions_are_sent_without_a_word(client: Any) -> None:
-    from erosion.impacts.cluster import run_blocks
-
-    sizes = list[int]()
-    run_blocks(client, len, iter([(bytes(11_000_000),)]), sizes.append)
-    assert sizes == [11_000_000]

@@ -150,15 +150,6 @@ def test_what_is_right_is_taken_without_a_word(what: str) -> None:
     assert sentences == []
 
 
-def test_a_spot_on_a_plate_about_the_origin_is_said_unless_the_unit_is_given() -> None:
-    surface = plate(cells=120)
-    dataset, (sentence,) = wear(SPOT, in_unit(surface, None))
-    assert "The impacts reach over 0.0" in sentence
-    again, sentences = wear(SPOT, surface)
-    assert sentences == []
-    np.testing.assert_array_equal(dataset["volume"], again["volume"])
-
-
 GIVEN = [(true, said) for true in ("mm", "cm", "in", "m") for said in ("mm", "cm", "in", "ft", "m", "km")]
 
 
@@ -189,31 +180,6 @@ def test_a_small_part_of_what_is_hit_needs_a_limit() -> None:
     left = 400 - int(dataset["total_impacts"])
     assert sentence.startswith(f"{left} of 400 rows lie farther from their face than the limit")
     assert "with a limit of 1e-06 m" in sentence
-
-
-def test_a_limit_that_lets_far_rows_count_says_so() -> None:
-    table = TABLES["pipe"].replace(position=TABLES["pipe"].columns["position"] * [1, 0.5, 0.5])
-    dataset, (sentence,) = wear(table, PARTS["pipe"], limit=0.02)
-    assert int(dataset["total_impacts"]) == 400
-    assert "400 of 400 rows lie up to 0.00991 m from their face, and are counted only because" in sentence
-
-
-@pytest.mark.parametrize(
-    ("move", "words"),
-    [
-        (lambda normal: [0, 0.0003, 0], "shifted by (0.00, 0.30, 0.00) mm"),
-        (lambda normal: [0, 0.0002, -0.0003], "shifted by (0.00, 0.20, -0.30) mm"),
-        # The centres of spheres, and what another mesh or a table rounds off.
-        (lambda normal: -2.5e-5 * normal, ""),
-        (lambda normal: np.random.default_rng(3).normal(0, 1e-4, (400, 1)) * normal, ""),
-        (lambda normal: np.random.default_rng(3).normal(0, 2e-4, (400, 3)), ""),
-    ],
-)
-def test_positions_beside_the_surface_are_said(move: Any, words: str) -> None:
-    normal = PARTS["pipe"].normal[np.arange(400) % PARTS["pipe"].faces]
-    table = TABLES["pipe"].replace(position=TABLES["pipe"].columns["position"] + move(normal))
-    _, sentences = wear(table, PARTS["pipe"])
-    assert [words in sentence for sentence in sentences if "shifted" in sentence] == [True] * bool(words)
 
 
 class TestRowsThatNameTheirFace:
@@ -250,32 +216,3 @@ class TestRowsThatNameTheirFace:
         dataset, sentences = wear(table, read_surface(path, unit="mm"))
         assert sentences == []
         assert is_right(dataset, "hump")
-
-
-def test_sentences_do_not_depend_on_the_blocks() -> None:
-    table = rows_on(plate(), 1500)
-    surface = in_unit(plate(0.4), None)
-    whole, one = wear(table, surface)
-    table.block = 7
-    cut, other = wear(table, surface)
-    assert one == other != []
-    assert whole.identical(cut)
-
-
-@pytest.mark.parametrize("cells", [1, 120])
-def test_where_several_units_fit_all_are_named_and_none_must_be(cells: int) -> None:
-    surface = in_unit(plate(0.137 / 0.0254, cells), None)
-    if cells == 1:
-        with pytest.raises(ImpactsError, match="may be in another unit") as raised:
-            wear(spot(plate(), (0, 0, 0), 0.03), surface)
-        message = str(raised.value)
-    else:
-        _, (message,) = wear(spot(plate(), (0, 0, 0), 0.03), surface)
-    assert all(repr(unit) in message for unit in ("in", "dm", "ft", "m"))
-    assert "must then" not in message
-
-
-def test_a_plate_in_metres_is_not_said_to_be_in_a_unit_that_no_file_has() -> None:
-    _, (sentence,) = wear(spot(plate(), (0, 0, 0), 0.025), in_unit(plate(), None))
-    assert "2 × smaller" in sentence
-    assert "2.54" not in sentence

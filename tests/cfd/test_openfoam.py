@@ -4,7 +4,6 @@ A map by `finnie` is OpenFOAM's own field Q, which it summed while it ran. Where
 entry runs there.
 """
 
-import dataclasses
 import functools
 import gzip
 import math
@@ -21,9 +20,7 @@ import pytest
 from foamlib import FoamFieldFile, FoamFile
 
 import erosion
-from erosion.cfd.doubts import Journeys
 from erosion.cfd.erosion_map import erosion_map
-from erosion.cfd.incidence import Incidence
 from erosion.cfd.openfoam import open_case
 from erosion.cfd.read import read_impacts, read_surface
 from erosion.cfd.rows import ImpactsError
@@ -136,41 +133,6 @@ def test_faces_that_fit_a_serial_and_a_parallel_run_are_refused(run):
     (run / TABLES / "0.01" / "floor.post").write_text(table)
     with pytest.raises(ImpactsError, match="names faces of patch 'floor', whether they are counted in the whole mesh"):
         together(read_impacts(run))
-
-
-def test_a_hidden_file_is_no_table(run):
-    rows = len(together(read_impacts(run))["count"])
-    shutil.copy(run / LAST, run / LAST.with_name(".hump.post"))
-    shutil.copytree(run / TABLES, run / TABLES / ".kept")
-    assert len(together(read_impacts(run))["count"]) == rows
-    (run / LAST).unlink()
-    assert "run has no table 0.02/hump, but those of others" in " ".join(read_impacts(run).warnings)
-
-
-@pytest.mark.parametrize(
-    ("what", "factor", "words"),
-    [("", 1.0, ""), ("km/h", 3.6, "0.36 ×"), ("ft/s", 3.28, "0.39 ×"), ("slow", 0.3, "4.3 ×")],
-)
-def test_ways_between_hits_are_compared_with_speeds(run, what, factor, words):
-    surface, journeys = read_surface(run), Journeys()
-    for block in read_impacts(run).blocks(100):
-        hits = Incidence(surface, mesh_faces=True).hits(block)
-        journeys.add(block, dataclasses.replace(hits, speed=factor * hits.speed))
-    said = " ".join(journeys.in_words())
-    assert words in said
-    assert bool(said) == bool(what)
-
-
-def test_parcels_that_hit_elsewhere_do_not_come():
-    table, surface = read_impacts(RUNS / "serial"), read_surface(RUNS / "serial", "hump")
-    rows = together(table)
-    mass = dict(zip(rows["parcel"], rows["count"] * rows["mass"], strict=True))
-    came = np.unique(rows["parcel"][np.isin(rows["face"], np.asarray(surface.mesh_face))])
-    assert (len(came), len(mass)) == (209, 288)
-    wear = erosion_map("dnv", erosion.TABLE_1.to("si"), table, surface)
-    share = sum(mass[parcel] for parcel in came) / 1e-4
-    assert share == pytest.approx(209 / 288, rel=1e-3)
-    assert f" kg in all ({100 * share:.3g} % of the sand injected, each parcel once)" in wear.attrs["read_as"]
 
 
 def test_names_of_other_versions(tmp_path):
@@ -323,19 +285,6 @@ def test_columns_that_are_needed_are_named(tmp_path, header, message):
         read_impacts(tmp_path / "wall.post")
 
 
-def test_what_a_table_lacks_is_said_or_given(written):
-    table = written("wall.post", f"{HEADER}\n")
-    assert list(read_impacts(table).blocks(10)) == []
-    table.write_text(HEADER.replace(" rho nParticle", "") + "\n0.1 0 (1 2 3) 7 1e-4\n")
-    impacts = read_impacts(table, particle_density="2.65 g/cm^3")
-    assert impacts.warnings == (
-        "wall.post has no column of the number of particles that a row stands for, so each row counts as one particle.",
-    )
-    rows = together(impacts)
-    np.testing.assert_array_equal([rows["count"], rows["face"]], [[1], [7]])
-    np.testing.assert_allclose(rows["mass"], [2650 * math.pi / 6 * 1e-12], rtol=1e-14)
-
-
 @pytest.mark.parametrize(
     ("patch", "message"),
     [("hmup", "has no patch 'hmup', but has inlet, outlet, floor, hump, roof, sides"), (["hump", "x"], "no patch 'x'")],
@@ -424,12 +373,6 @@ def test_a_mesh_with_a_wrong_number_is_refused_by_its_file(tmp_path, name, old, 
     key = name.replace("compact", "faces")
     with pytest.raises(ImpactsError, match=message):
         read_surface(tetrahedron(tmp_path, **{key: parts[name].replace(old, new, 1)}), ["a", "b"])
-
-
-def test_a_long_list_that_is_cut_off_is_refused_at_once(tmp_path):
-    faces = "2000(" + " ".join("3(0 2 1)" for _ in range(1000))
-    with pytest.raises(ImpactsError, match=r"faces: cannot be read .* as a file that was cut off"):
-        read_surface(tetrahedron(tmp_path, faces=faces))
 
 
 @pytest.mark.parametrize("name", ["boundary", "faces", "points"])

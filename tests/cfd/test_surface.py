@@ -8,7 +8,7 @@ import pytest
 import erosion
 from erosion.cfd.rows import ImpactsError
 from erosion.cfd.surface import Surface
-from tests.cfd.parts import PARTS, polygons, rows_on, write
+from tests.cfd.parts import PARTS, rows_on, write
 
 P = erosion.TABLE_1.to("si")
 
@@ -125,67 +125,3 @@ def test_normals_that_are_mixed_are_known_and_turned_by_the_impacts(part: str, s
     if 0 < share < 0.9:
         left = erosion.erosion_map("dnv", P, table, erosion.read_surface(file, unit="m"))
         assert "normals against those of their neighbours" in left.attrs["warnings"]
-
-
-def test_a_strip_with_one_side_is_named() -> None:
-    turn = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    across, turn_of_half = np.array([-0.3, 0.3])[:, None], turn / 2
-    points = np.stack(
-        [(1 + across * np.cos(turn_of_half)) * np.cos(turn), (1 + across * np.cos(turn_of_half)) * np.sin(turn),
-         across * np.sin(turn_of_half)], axis=-1,
-    )  # fmt: skip
-    i = np.arange(12)
-    following = np.where(i == 11, 0, i + 1)
-    # The last piece joins each edge with the other one.
-    corners = np.stack([i, np.where(i == 11, 12, following), np.where(i == 11, 0, 12 + following), 12 + i], axis=1)
-    strip = polygons(points.reshape(-1, 3), corners)
-    with pytest.raises(ImpactsError, match="one side only"):
-        _ = strip.parts
-    assert strip.mixed.size
-
-
-@pytest.mark.parametrize("part", PARTS)
-@pytest.mark.parametrize("turned", [False, True])
-def test_the_sides_of_a_sheet_may_have_other_diagonals(part: str, turned: bool) -> None:
-    quads = PARTS[part].corners.reshape(-1, 4)
-    one, other = (np.concatenate([quads[:, cut] for cut in cuts]) for cuts in (([0, 1, 2], [0, 2, 3]),
-                                                                               ([0, 1, 3], [1, 2, 3])))  # fmt: skip
-    # In single precision, and oblique to the axes, as an STL has it.
-    turn = np.linalg.qr(np.random.default_rng(6).standard_normal((3, 3)))[0] if turned else np.eye(3)
-    turn[0] *= np.linalg.det(turn)
-    points = (PARTS[part].points @ turn.T).astype(np.float32).astype(float)
-    upper = polygons(points, one)
-    both = polygons(points, np.concatenate([one, other[:, ::-1]]))
-    sheet = polygons(points, quads)
-    above, below = rows_on(sheet, 400), rows_on(sheet.reversed(), 400, seed=1)
-    table = above.replace(**{name: np.concatenate([its, below.columns[name]]) for name, its in above.columns.items()})
-    wear = erosion.erosion_map("dnv", P, table, both)
-    assert not wear["left_out"].any()
-    sides = wear["impacts"].values.reshape(2, -1)
-    np.testing.assert_array_equal(sides.sum(axis=1), [400, 400])
-    assert "faces that are hit lie on others" in wear.attrs["warnings"]
-    alone = erosion.erosion_map("dnv", P, above, upper)
-    assert "lie on others" not in alone.attrs["warnings"]
-    np.testing.assert_allclose(wear["volume"].values[: upper.faces].sum(), alone["volume"].sum(), rtol=1e-6)
-
-
-@pytest.mark.parametrize("reverse", [False, "auto"])
-@pytest.mark.parametrize("thickness", [0.0, 1e-3])
-def test_each_side_of_a_sheet_has_its_own_impacts(thickness: float, reverse: bool | str, tmp_path: Path) -> None:
-    upper, lower = PARTS["plate"], PARTS["plate"].reversed()
-    above, below = rows_on(upper, 400), rows_on(lower, 200)
-    points, corners = np.concatenate([upper.points, lower.points]), np.concatenate([upper.corners, lower.corners])
-    points[len(upper.points) :, 2] -= thickness
-    corners[len(upper.corners) :] += len(upper.points)
-    both = polygons(points, corners.reshape(-1, 4))
-    table = above.replace(**{name: np.concatenate([its, below.columns[name]]) for name, its in above.columns.items()})
-    table.columns["position"][400:, 2] -= thickness
-    surface = erosion.read_surface(write(both, tmp_path / "part.vtp"), reverse=reverse, unit="m")
-    wear = erosion.erosion_map("dnv", P, table, surface)
-    assert not wear["left_out"].any()
-    assert "turned" not in wear.attrs["warnings"]
-    assert ("288 faces that are hit lie on others" in wear.attrs["warnings"]) == (thickness == 0)
-    sides = wear["impacts"].values.reshape(2, -1)
-    np.testing.assert_array_equal(sides.sum(axis=1), [400, 200])
-    alone = erosion.erosion_map("dnv", P, above, upper)
-    np.testing.assert_allclose(wear["volume"].values[: upper.faces], alone["volume"], rtol=1e-12)

@@ -9,12 +9,12 @@ from scipy import stats
 
 import erosion
 import erosion.cfd.erosion_map
-from erosion.cfd.erosion_map import erosion_map, prepare_map
+from erosion.cfd.erosion_map import erosion_map
 from erosion.cfd.map_result import MapSummary
 from erosion.cfd.options import MapOptions
 from erosion.distributions import LogNormal, Normal, Uniform
 from erosion.joint_laws import CorrelatedLaws, JointLaw, Rows
-from tests.cfd.tables import Table, hump, sand, warnings_of
+from tests.cfd.tables import Table, hump, sand
 
 P = erosion.TABLE_1.to("si")
 SURFACE = hump()
@@ -138,32 +138,6 @@ def test_a_models_own_parameter_may_be_uncertain() -> None:
     wear = erosion_map(path, P, TABLE, SURFACE, uncertain={"friction": Normal(0.2, 0.05)}, draws=16)
     assert 0.001 < float(wear["total_parameter_error"]) < 0.5
     assert "uncertain friction = Normal(0.2, 0.05), draws = 16, seed = 0" in wear.attrs["options"]
-
-
-def test_the_identity_of_a_map_knows_the_rows_of_a_law() -> None:
-    rows = metal()
-    swapped = Rows({"sigma": rows.columns["sigma"][::-1], "psi": rows.columns["psi"]})
-    jobs = [prepare_map("linearized", TABLE, SURFACE, MapOptions(P, uncertain=law)) for law in (rows, swapped, rows)]
-    first, other, again = (job.identity()["options"] for job in jobs)
-    assert first == again != other
-
-
-def test_an_impact_that_fails_for_one_draw_is_counted_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    import dataclasses
-
-    computed, failed = erosion.cfd.erosion_map.impact, erosion.impact("rotating", P.replace(v0=[np.nan])).outcome[0]
-
-    def failing(*arguments: Any, **options: Any) -> Any:
-        results = computed(*arguments, **options)
-        lost = np.zeros(results.volume.shape, bool)
-        lost[1, :5] = True
-        outcome = np.where(lost, failed, results.outcome)
-        return dataclasses.replace(results, volume=np.where(lost, np.nan, results.volume), outcome=outcome)
-
-    monkeypatch.setattr("erosion.cfd.erosion_map.impact", failing)
-    wear = erosion_map("rotating", P, TABLE, SURFACE, uncertain=metal(), draws=4)
-    assert int(wear["total_impacts"]) == 995
-    assert warnings_of(wear) == ["5 impacts could not be computed, and are not counted."]
 
 
 PAIR: JointLaw = Rows({"k": [1.0, 2.0], "psi": [0.05, 0.06]})

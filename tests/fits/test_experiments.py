@@ -49,13 +49,6 @@ def test_predictions_any_number_of_errors_apart_say_which_draw_is_right(spread):
     assert gains(apart, apart + spread / 2, weights=(0.5, 0.5))[1] == pytest.approx(1, abs=0.01)
 
 
-@pytest.mark.parametrize(("bits", "is_said"), [(4.0, False), (9.0, True)])
-def test_information_near_what_draws_can_show_is_said(bits, is_said):
-    candidates = {"alpha": np.array([0.5, 1.0])}
-    answer = NextExperiment(candidates, np.array([1, bits]), np.zeros(2), np.ones(2), ("linearized",), "si", 1024)
-    assert ("1,024 draws show 10.0 bit" in answer.sentence) == is_said
-
-
 @pytest.mark.parametrize("size", [1e-300, 1e-30, 1e200, 1e300])
 def test_the_information_does_not_depend_on_the_unit(size):
     predicted = np.random.default_rng(3).normal(0, 5, 64)
@@ -172,12 +165,6 @@ def test_a_condition_that_makes_no_sense_is_refused_wherever_it_is_asked_for(dra
             ask()
 
 
-@pytest.mark.parametrize("at", [3, "v0", {"alpha": 0.2}])
-def test_other_conditions_are_named_beside_the_angle(drawn, at):
-    with pytest.raises(ValueError, match="`at` must be such as"):
-        drawn.predict(0.3, at)
-
-
 def test_conditions_broadcast_with_angles(drawn):
     both = drawn.predict([[0.3], [0.5]], {"v0": [3000.0, 4000.0]}, 5)
     assert both.shape == (5, 2, 2)
@@ -229,22 +216,3 @@ def test_what_a_model_may_lack_counts_as_in_simulated_experiments():
     assert 0.4 < answer.total[16] - answer.total[2] < 0.9
     # Beyond the tested angles, at 10°, it counts alone: they say little more.
     assert answer.total[14] - answer.total[0] < 0.3
-
-
-def test_a_particle_of_another_size_is_shown_by_its_mass(drawn):
-    sizes = {"r": [0.02, 0.04], "b": [0.02, 0.04], "m": [1e-7, 8e-7]}
-    answer = next_experiment(drawn, {"alpha": np.array([[0.3], [0.6]]), **sizes})
-    assert [*answer.shown] == ["alpha", "m"]
-    assert {*answer.best} == {"alpha", *sizes}
-
-
-def test_a_candidate_whose_error_is_a_share_of_nothing_is_not_judged(drawn):
-    answer = next_experiment(drawn, {"alpha": [0.3, np.pi / 2]}, noise=ErrorModel(0, 0.08))
-    assert np.isfinite(answer.total).tolist() == [True, False]
-    assert answer.best["alpha"] == 0.3
-    assert len(answer.rows()) == 1
-    assert " 1 of 2 candidates, at 90°, cannot be judged: " in answer.sentence
-    assert not next_experiment(drawn, {"alpha": np.pi / 2}, noise=ErrorModel(0, 0.08)).best
-    assert (
-        "No candidate can be judged" in next_experiment(drawn, {"alpha": np.pi / 2}, noise=ErrorModel(0, 0.08)).sentence
-    )

@@ -5,7 +5,6 @@ Errors as laboratories have them: read, given as a column or by option, nearest 
 
 import dataclasses
 import math
-import time
 
 import numpy as np
 import pytest
@@ -62,15 +61,6 @@ def test_units_say_what_was_measured(table, column, dimension, factor):
     assert (measured.dimension, measured.erosion) == (dimension, pytest.approx(3 * factor, rel=1e-9))
     conditions = {name: float(values[0]) for name, values in measured.conditions.items()}
     assert conditions == pytest.approx({"alpha": 0.5, "v0": 100 / 0.0254, "m": 2e-3 / SLINCH})
-
-
-def test_a_million_rows_are_read_and_the_last_one_is_checked(table):
-    rows = "".join(f"{1 + i % 89},{i % 97}.25e-6,1e-6\n" for i in range(10**6))
-    begin = time.process_time()
-    with pytest.raises(MeasurementError, match="line 1000002, column 1"):
-        read_measurements(table(HEAD + rows + "90.5,1,1\n"), "si")
-    # 1 s on an idle machine; the checks of types in tests and a busy machine cost some.
-    assert time.process_time() - begin < 20
 
 
 def test_columns_of_other_names_are_not_read(table):
@@ -241,27 +231,6 @@ def test_characters_of_other_programs_are_read_or_named(table, encoding, notes):
     measured = read_measurements(table(MESSY, encoding), "si")
     assert (len(measured), len(measured.notes)) == (2, notes)
     assert notes == 1 or "Windows-1252" in measured.notes[0]
-
-
-def test_a_table_without_an_angle_says_what_it_has(table):
-    with pytest.raises(MeasurementError, match=r"`angle \[deg\]`.*Angel, mass loss.*'Angel' comes nearest"):
-        read_measurements(table("Angel,mass loss [mg/kg]\n20,5\n"), "si")
-
-
-@pytest.mark.parametrize(
-    ("head", "cell", "scale"),
-    [
-        ("mass_loss [mg/kg]", "1500", (1e-6, "mg/kg")),
-        ("mass_loss [mg/g]", "0,02", (1e-3, "mg/g")),
-        ("volume [mm^3/kg]", "30", (1e-9, "mm³/kg")),
-        # Numbers do not read well in these.
-        ("mass_loss [kg/kg]", "3e-7", (1e-9, "µg/kg")),
-        ("volume [1e-3 mm^3/kg]", "300", (1e-9, "mm³/kg")),
-    ],
-)
-def test_amounts_are_shown_in_the_unit_of_the_table(table, head, cell, scale):
-    size, unit = read_measurements(table(f"angle [deg];{head}\n20;{cell}\n"), "si").scale
-    assert (size, unit) == (pytest.approx(scale[0]), scale[1])
 
 
 @pytest.mark.parametrize(
@@ -458,41 +427,6 @@ def of_two_speeds(count: int, own: float, *, factor: float = 1.0) -> dict[str, n
     return {"angle [deg]": degrees, "speed [in/s]": speeds, "volume [in^3]": volume}
 
 
-@pytest.mark.parametrize(
-    ("count", "own", "error", "factor"),
-    [(300, 0.05, (0.0, 0.05, 0.1), 1.0), (16, 0.1, (0.0, 0.02, 0.1), 1.0), (8, 0.02, (0.0, 0.02, 0.2), 2.0)],
-    ids=["many rows", "errors too small", "an outlier"],
-)
-def test_what_speeds_share_does_not_explain_a_model_that_is_far_too_small(count, own, error, factor):
-    """Errors of the measured erosion would: the fit was a quarter of the data (Peelle's puzzle)."""
-    table, error = of_two_speeds(count, own, factor=factor), ErrorModel(*error)
-    fit = calibrate("linearized-deformation", TABLE_1, table, ["psi"], error=error, starts=4)
-    assert fit.estimates["psi"] == pytest.approx(0.04, rel=0.15)
-    assert any("outlier" in sentence for sentence in fit.warnings) == (factor > 1)
-    likelihood = make_likelihood(fit.problem.forward, {"psi": Uniform(0.03, 0.23)})
-    squares, variance = likelihood.squares(stats.norm.ppf([[0.05], [0.3], [0.8]]), 0)  # ψ of 0.04, 0.09, 0.19
-    logs = -0.5 * (squares / variance + 2 * count * np.log(variance))
-    assert logs.argmax() == 0
-
-
-def test_the_error_of_speeds_stays_where_parameters_are_tied_and_rows_are_exact():
-    """And it is that of the fit at hand where the rows come from another one."""
-    table = of_two_speeds(5, 1e-6)
-    table["volume [in^3]"] *= np.repeat([1.02, 0.98], 5)
-    one, tied = (
-        calibrate("linearized-deformation", TABLE_1, table, free, error="5 % of each speed", starts=4)
-        for free in (["psi"], ["psi", "sigma"])
-    )
-    for fit in (one, tied):
-        assert fit.data.common is not None
-        share = fit.data.common * fit.data.deviation * np.sqrt(fit.variance) / fit.fitted
-        assert np.all(share < 0.0501)
-    assert one.standard_errors["psi"] / one.estimates["psi"] == pytest.approx(0.05 / np.sqrt(2), rel=0.05)
-    assert "5 % of each speed" in one.error_meaning
-    again = calibrate("linearized-deformation", TABLE_1, one.data, ["psi"], starts=4)
-    assert again.aicc == pytest.approx(one.aicc, abs=1e-6)
-
-
 @pytest.mark.parametrize("free", [["psi"], ["psi", "sigma"], ["psi", "sigma", "cutting_fraction"]])
 def test_the_error_of_speeds_is_as_stated_however_many_parameters_are_tied(free):
     fit = calibrate(
@@ -503,74 +437,10 @@ def test_the_error_of_speeds_is_as_stated_however_many_parameters_are_tied(free)
     np.testing.assert_allclose(share, 0.05, rtol=5e-3)
 
 
-def test_no_loss_is_advised_that_is_refused():
-    table, error = of_two_speeds(8, 0.02, factor=1.6), ErrorModel(0.0, 0.02, 0.05)
-    said = calibrate("linearized-deformation", TABLE_1, table, ["psi"], error=error, starts=4).warnings
-    assert [sentence for sentence in said if "outlier" in sentence]
-    assert not [sentence for sentence in said if "soft_l1" in sentence]
-
-
-def test_draws_of_many_rows_are_as_wide_as_the_errors_of_their_speeds():
-    fit = calibrate(
-        "linearized-deformation",
-        TABLE_1,
-        of_two_speeds(500, 0.05),
-        ["psi"],
-        error=ErrorModel(0.0, 0.05, 0.02),
-        starts=4,
-    )
-    drawn = fit.rows_of_draws(400).columns["psi"]
-    assert np.std(drawn) == pytest.approx(fit.standard_errors["psi"], rel=0.15)
-
-
-def test_the_error_of_rows_is_found_beside_that_of_their_speed():
-    """Of many rows, by least squares."""
-    degrees, random = np.tile(np.linspace(10.0, 80.0, 60), 4), np.random.default_rng(3)
-    speeds = float(TABLE_1.v0) * np.repeat([0.4, 0.6, 0.8, 1.0], 60)
-    true = impact("linearized-deformation", TABLE_1.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
-    own = 0.03 * float(true.max())
-    volume = true * np.repeat([1.1, 0.95, 1.05, 0.9], 60) + own * random.standard_normal(240)
-    table = {"angle [deg]": degrees, "speed [in/s]": speeds, "volume [in^3]": volume}
-    said, found = (
-        calibrate("linearized-deformation", TABLE_1, table, ["k", "psi"], error=error)
-        for error in (ErrorModel(own, 0.0, 0.1), ErrorModel(common=0.1))
-    )
-    assert np.sqrt(found.variance) * found.data.deviation[0] == pytest.approx(own, rel=0.1)
-    for name in ("k", "psi"):
-        assert found.estimates[name] == pytest.approx(said.estimates[name], rel=2e-3)
-        assert found.standard_errors[name] == pytest.approx(said.standard_errors[name], rel=0.1)
-    assert not found.warnings
-    assert any(pattern.seen for pattern in calibrate("linearized-deformation", TABLE_1, table, ["k", "psi"]).patterns)
-
-
-def test_speeds_that_are_off_together_are_no_pattern():
-    """One speed 12 % high, the other 12 % low, with a tenth of that for each row."""
-    degrees, random = np.tile(np.linspace(10.0, 80.0, 8), 2), np.random.default_rng(3)
-    speeds = float(TABLE_1.v0) * np.repeat([0.5, 1.0], 8)
-    true = impact("linearized-deformation", TABLE_1.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
-    volume = true * np.repeat([1.12, 0.88], 8) * (1 + 0.01 * random.standard_normal(16))
-    table = {"angle [deg]": degrees, "speed [in/s]": speeds, "volume [in^3]": volume}
-    alone, shared = (
-        calibrate("linearized-deformation", TABLE_1, table, ["k", "psi"], error=ErrorModel(0.0, 0.01, common))
-        for common in (0.0, 0.1)
-    )
-    assert any("does not fit" in sentence for sentence in alone.warnings)
-    assert any(pattern.seen for pattern in alone.patterns)
-    assert not shared.warnings
-    assert shared.standard_errors["psi"] > 5 * alone.standard_errors["psi"]
-
-
 def test_a_part_that_matters_in_no_row_is_none():
     erosion = np.array([10e-6, 40e-6, 90e-6, 120e-6])
     assert ErrorModel.nearest(erosion, np.full(4, 0.2e-6) * (1 + 1e-12 * np.arange(4))).relative == 0
     assert ErrorModel.nearest(erosion, 0.08 * erosion).absolute == 0
-
-
-@pytest.mark.parametrize("title", ["Lab A", "Tests, lab A, 2024", '"Tests; lab A"'])
-def test_a_title_above_the_header_is_named(table, title):
-    text = f"{title}\n\nangle [deg];speed [m/s];mass_loss [mg/kg];remark\n20;98;1,5;\n"
-    with pytest.raises(MeasurementError, match="line 1: is no header, but a title above one; begin it with #"):
-        read_measurements(table(text), "si")
 
 
 @pytest.mark.parametrize(

@@ -11,33 +11,15 @@ import xarray as xr
 from scipy import stats
 
 import erosion
-from benchmarks.fits import Ranks, calibrated
 from erosion.distributions import Normal, Uniform
-from erosion.fits import ConvergenceWarning, Posterior, SamplingError, tempering
-from erosion.fits.forward import Forward, make_forward
+from erosion.fits import Posterior
+from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
 from erosion.fits.posterior_files import read_draws
 from erosion.joint_laws import CorrelatedLaws
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import QUANTITIES
-
-
-def deviation(result: Ranks) -> np.ndarray:
-    """Kolmogorov and Smirnov's distance of the ranks from uniform ones, times the root of their number."""
-    ordered = np.sort(result.ranks, axis=0)
-    sets = len(ordered)
-    steps = np.arange(sets + 1)[:, None] / sets
-    return np.sqrt(sets) * np.maximum(steps[1:] - ordered, ordered - steps[:-1]).max(axis=0)
-
-
-# Of 20 sets 90 % intervals hold the truth in 14 or more, but for one time in 400.
-@pytest.mark.parametrize(("model", "known"), [("linearized", False), ("rotating", True)])
-def test_ranks_of_the_truth_are_uniform(model, known):
-    result = calibrated(model, 20, known=known, seed=1)
-    # Exceeded once in a thousand times by right posteriors.
-    assert (deviation(result) < 1.95).all()
-    assert (result.covered.sum(axis=0) >= 14).all()
 
 
 def volumes(degrees: np.ndarray) -> np.ndarray:
@@ -157,29 +139,6 @@ def test_curves_and_best_angles_are_those_of_the_draws(result):
     assert "interior" in str(best)
 
 
-def test_a_ridge_is_said_in_one_sentence_and_its_parameters_have_no_deviation():
-    drawn = posterior("sigma", "psi", "r")
-    nothing, ridge = drawn.warnings
-    assert nothing == "r has no influence on these data and cannot be determined. Its draws are those of the prior."
-    assert ridge.startswith("sigma and psi cannot be told apart: only sigma·psi is determined.")
-    assert ridge.endswith("How far the ridge goes, the priors say.")
-    # The product is known to some percents, where each alone varies by decades.
-    assert np.log(drawn.samples["sigma"] * drawn.samples["psi"]).std() < 0.05
-    assert np.log(drawn.samples["psi"]).std() > 1
-    # The draws of each are as lopsided as the prior, log-uniform over two decades.
-    (low, high), row = drawn.intervals()["psi"], drawn.rows()[1]
-    assert "±" not in row.value + drawn.mean_in_words("psi")
-    assert row.meaning.startswith("the median; 95%: ")
-    assert low < float(row.value) < high
-    assert float(row.value) == pytest.approx(float(drawn.samples["psi"].median()), rel=0.02)
-
-
-def test_a_prior_that_decides_is_said():
-    drawn = posterior("psi", priors={"psi": Uniform(0.05, 0.2)})
-    assert any("lowest hundredth of its prior, uniform(0.05, 0.2)" in sentence for sentence in drawn.warnings)
-    assert any("The uncertainties do not explain the misfit" in sentence for sentence in drawn.warnings)
-
-
 def test_scipys_laws_are_priors():
     drawn = posterior("psi", priors={"psi": stats.gamma(4, scale=0.01)}, draws=125)
     assert drawn.prior_in_words("psi") == "gamma(4, scale=0.01)"
@@ -192,17 +151,6 @@ def test_a_scale_and_a_noise_are_sampled_where_data_leave_them_open():
     drawn = posterior("k", data=data)
     assert drawn.names == ("k", "scale", "noise", "relative_noise")
     assert drawn.means["scale"] == pytest.approx(1e7, rel=0.1)
-
-
-def test_draws_that_are_not_good_are_never_silent(monkeypatch):
-    # One sweep and one look: copies of few draws remain.
-    for name in ("_MOST", "_FEWEST", "_LAST", "_LOOKS"):
-        monkeypatch.setattr(tempering, name, 1)
-    with pytest.warns(ConvergenceWarning, match="Not converged: "):
-        drawn = posterior("k", "psi", "sigma", p=TABLE_1.replace(k=3.0), data=measured(12), draws=125)
-    assert drawn.warnings[0].startswith("Not converged: ")
-    assert "Ask for more draws." in str(drawn)
-    assert drawn.to_dict()["converged"] is False
 
 
 @pytest.mark.parametrize(
@@ -225,12 +173,6 @@ def test_draws_that_are_not_good_are_never_silent(monkeypatch):
 def test_bad_arguments(options, message):
     with pytest.raises((ValueError, TypeError), match=message):
         posterior("psi", **options)
-
-
-def test_a_model_that_fails_is_said_to_fail(monkeypatch):
-    monkeypatch.setattr(Forward, "erosion", lambda self, values, *rest: np.full((len(values["psi"]), 8), np.nan))
-    with pytest.raises(SamplingError, match="impacts of all draws"):
-        posterior("psi")
 
 
 def test_rows_of_the_same_conditions_count_each():

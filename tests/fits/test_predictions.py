@@ -1,20 +1,18 @@
 """Discrepancy and exponent: the likelihood against dense matrices, curves against the closed posterior, what holds."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from scipy import stats
 
 import erosion
 from erosion.distributions import Uniform
-from erosion.fits import Calibration, Posterior, least_squares, prediction
-from erosion.fits.discrepancy import PRIORS, Discrepant, with_few_conditions
+from erosion.fits import Posterior
+from erosion.fits.discrepancy import Discrepant, with_few_conditions
 from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
 from erosion.fits.posterior_files import read_draws, read_predictor
-from erosion.fits.predicted import _end_of_weighing, predictions
+from erosion.fits.predicted import predictions
 from erosion.fits.prediction import predictor_of
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 
@@ -198,14 +196,6 @@ def test_a_model_that_misses_predicts_with_wide_intervals(missed):
     assert noisy.std() > 2e-5
 
 
-def test_a_row_is_as_far_off_as_it_is_from_its_repeats():
-    forward = rows()
-    forward.data.erosion[:2] = 6e-5, 9e-5  # each less far from the middle, where the prediction lies
-    assert prediction._from_repeats(forward.data, np.full(12, 4e-6))[:2] == pytest.approx(3e-5 / 4e-6 / np.sqrt(2))
-    three = dataclasses.replace(forward.data.of_rows(np.array([0, 0, 1, 3])), erosion=np.array([1.0, 1.0, 4.0, 9.0]))
-    assert prediction._from_repeats(three, np.ones(4)) == pytest.approx(np.array([1.5, 1.5, 3.0, 0.0]) / np.sqrt(1.5))
-
-
 def test_predictions_are_kept_in_the_file_of_draws(missed, tmp_path):
     path = missed.save(tmp_path / "draws.nc")
     again = read_predictor(path)
@@ -236,57 +226,6 @@ def test_what_rows_of_a_speed_share_is_kept_and_is_in_a_new_weighing(tmp_path):
     alone = drawn.predictor.with_errors(*asked, noise=ErrorModel(common=0.1))
     np.testing.assert_allclose(alone[1], weighing, rtol=1e-9)
     assert "5 % + 10 % of each speed" in predictions(again, *asked).conclusions[0]
-
-
-def test_one_speed_leaves_the_exponent_to_its_prior_and_says_so():
-    degrees = np.array([10.0, 20.0, 30.0, 50.0, 70.0])
-    volume = erosion.impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees))).volume
-    noisy = volume * (1 + 0.05 * np.random.default_rng(2).standard_normal(5))
-    table = {"angle [deg]": degrees, "volume [in^3]": noisy}
-    drawn = erosion.posterior("linearized", TABLE_1, table, ["psi"], error=ErrorModel(1e-7, 0.05), draws=125)
-    predictor = drawn.predictor
-    assert predictor.weights["exponent"] == pytest.approx(predictor.weights["model"])
-    # A model that is right is the likeliest way to read the data.
-    assert predictor.weights["discrepancy"] < 0.5
-    assert any("exponent" in sentence for sentence in predictor.warnings)
-    assert drawn.predict(0.5, {"v0": V0}).std() < drawn.predict(0.5, {"v0": 2 * V0}).std() / 5
-
-
-def test_an_end_of_a_weighing_is_that_of_the_sum_of_both_errors():
-    means = 3 * stats.norm.ppf((np.arange(20000) + 0.5) / 20000)[:, None]
-    assert _end_of_weighing(means, np.full_like(means, 4.0), 0.975) == pytest.approx(5 * stats.norm.ppf(0.975), 1e-3)
-    # An error that is nothing leaves the mean's end.
-    assert _end_of_weighing(means, np.zeros_like(means), 0.975) == pytest.approx(3 * stats.norm.ppf(0.975), 1e-3)
-
-
-def test_rows_that_are_put_together_keep_evidence_and_ranges_and_those_that_are_missed_are_named(monkeypatch):
-    monkeypatch.setattr(prediction, "with_few_conditions", lambda likelihood: with_few_conditions(likelihood, 6))
-    degrees = np.array([14.0, 15.0, 25.0, 26.0, 40.0, 41.0, 65.0, 88.5, 90.0])
-    volume = np.maximum(erosion.impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees))).volume, 1e-5)
-    volume[-1] *= 3  # which a model without deformation has not
-    table = {"angle [deg]": degrees, "volume [in^3]": volume}
-    drawn = erosion.posterior("linearized", TABLE_1, table, ["psi"], error=ErrorModel(1e-6, 0.05), draws=125)
-    predictor = drawn.predictor
-    # At one speed the exponent has no influence.
-    assert predictor.weights["exponent"] == pytest.approx(predictor.weights["model"])
-    assert not predictor.outside(np.deg2rad([14.0, 90.0]))
-    (missed,) = (sentence for sentence in predictor.warnings if "miss" in sentence)
-    assert "row 8 (90°)" in missed
-    assert "deformation" in missed
-    asked = predictions(predictor, np.deg2rad([40.0, 90.0]))
-    assert any("90°" in sentence and sentence not in predictor.warnings for sentence in asked.warnings)
-
-
-def test_a_speed_that_is_not_asked_for_is_that_of_most_rows():
-    forward = dataclasses.replace(rows(), p=TABLE_1.replace(v0=7 * V0))
-    fit = Calibration(*least_squares.fit(least_squares.make_problem(forward, forward.data, {}), "linear", 4))
-    degrees = np.deg2rad([20.0, 60.0])
-    table = fit.predict(degrees)
-    np.testing.assert_array_equal(table.columns["v0"], V0)
-    assert not any("fastest" in sentence for sentence in table.warnings)
-    np.testing.assert_allclose(table.columns["mean"], fit.curve(degrees, {"v0": V0})[0], rtol=0.01)
-    np.testing.assert_array_equal(fit.predict(degrees, {"v0": 2 * V0}).columns["v0"], 2 * V0)
-    assert any("2 × the fastest" in sentence for sentence in fit.predict(degrees, {"v0": 2 * V0}).warnings)
 
 
 class Springs(erosion.models.ForceLaw):
@@ -332,16 +271,3 @@ def test_a_fit_predicts_by_its_errors(known):
     noise = 2e-6 if known else np.sqrt(fit.variance) * fit.data.deviation[0]
     whole = (asked["weighing_high"] - asked["weighing_low"]) / 2
     assert whole == pytest.approx(half * np.hypot(error, noise), rel=0.03)
-
-
-def test_populations_that_disagree_are_named_where_they_count():
-    apart = np.random.default_rng(0).standard_normal((4, 150, 2))
-    assert prediction._agree(apart)
-    assert not prediction._agree(apart + np.array([0.0, 0.0, 0.0, 1.0])[:, None, None])
-    values = {"k": np.full(4, 2.0), "psi": np.full(4, 0.05)}
-    ways = {name: {"values": values | more, "log_evidence": np.zeros(4), "weight": weight, "converged": name == "model"}
-            for name, more, weight in (("model", {}, 0.595), ("exponent", {"exponent": np.full(4, 2.4)}, 0.4),
-                                       ("discrepancy", dict.fromkeys(PRIORS, np.full(4, 0.5)), 0.005))}  # fmt: skip
-    (sentence,) = (said for said in predictor_of(rows(), ways, 0).warnings if "disagree" in said)
-    assert "exponent" in sentence
-    assert "discrepancy" not in sentence

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion import TABLE_1, Calibration, Measurements, calibrate, rank_models, to_fluent, to_openfoam
-from erosion.fits.doubts import advise, find_patterns, rounded
+from erosion import TABLE_1, Calibration, Measurements, calibrate, to_fluent, to_openfoam
+from erosion.fits.doubts import find_patterns
 from erosion.fits.export import exported_case
 from erosion.fits.forward import Forward
-from erosion.fits.least_squares import make_problem
 from erosion.fits.measurements import conditions
 from erosion.models import DeformationWear, Linearized
 from erosion.models.rigid import LinearizedCut
@@ -44,16 +43,6 @@ def measured(noise: float = 0.03, power: float = 0.0) -> dict[str, np.ndarray]:
     noisy = loss + noise / 0.03 * error * np.random.default_rng(7).standard_normal(loss.size)
     return {"angle [deg]": np.tile(DEGREES, 2), "speed [m/s]": SPEEDS, "mass_loss [mg/kg]": noisy,
             "uncertainty [mg/kg]": error}  # fmt: skip
-
-
-def turning_data() -> dict[str, np.ndarray]:
-    """The same with bodies that turn, whose ψ and share of cutting particles differ in little but the size."""
-    columns = measured()
-    loss = FRACTION * DENSITY / float(SAND.m) * 1e6 * erosion.impact(
-        "rotating", SAND.replace(alpha=np.deg2rad(columns["angle [deg]"]), v0=SPEEDS)
-    ).volume  # fmt: skip
-    noise = columns["uncertainty [mg/kg]"] * np.random.default_rng(7).standard_normal(loss.size)
-    return columns | {"mass_loss [mg/kg]": loss + noise}
 
 
 def fitted(*free: str, model: str = "linearized", p=SAND, data=None, **options) -> Calibration:
@@ -118,87 +107,12 @@ def test_derivatives_by_the_cutting_fraction(free):
     assert_derivatives(Forward(erosion.load_model("linearized"), SAND.replace(k=1.9), free, data, DENSITY, 0.4))
 
 
-def test_what_the_data_do_not_decide_is_said():
-    fit = fitted("k", "psi", "cutting_fraction", model="rotating", data=turning_data())
-    assert fit.undecided == ("psi", "cutting_fraction")
-    assert fit.warnings[0].startswith("The data do not decide between psi and cutting_fraction: fix one of them")
-    assert not any("psi is known" in said for said in fit.warnings)
-    rows = {row.name: row for row in fit.rows()}
-    assert rows["k"].meaning.startswith("95%: ")
-    for name in fit.undecided:
-        assert "±" not in rows[name].value
-        assert rows[name].meaning.startswith("not decided by these data; 95%: ")
-    # With one of them fixed, all is decided.
-    assert fitted("k", "psi", model="rotating", data=turning_data()).undecided == ()
-
-
-def test_no_place_is_advised_for_a_product():
-    fit = fitted("k", "sigma", "cutting_fraction", starts=1)
-    assert fit.warnings == (
-        "sigma and cutting_fraction cannot be told apart: only sigma/cutting_fraction is determined. Fix one of them.",
-    )
-    assert fit.rows()[1].value == f"{fit.estimates['sigma'] / 1e9:.4g}"
-
-
-def test_a_place_to_measure_is_one_where_the_parameter_acts_and_no_row_is():
-    # All rows are steeper than the cusp at tan α = k/2, where k has no influence; at shallow angles it has.
-    columns = {name: values[DEGREES.size + 8 :] for name, values in measured().items()}
-    said = fitted("k", "psi", data=columns).warnings[0]
-    assert said.startswith(("k has no influence on these data", "The data do not decide k: fix it, or measure at "))
-    assert float(said.split("measure at ")[1].split("°")[0]) < columns["angle [deg]"].min()
-    every = np.tile(np.arange(5.0, 90.0, 5.0), 2)
-    full = {"angle [deg]": every, "speed [m/s]": np.repeat([30.0, 60.0], 17), "volume [mm^3]": np.ones(every.size)}
-    forward = Forward(erosion.load_model("linearized"), SAND, ("k",), erosion.read_measurements(full, "si"), None)
-    said = advise(make_problem(forward, forward.data, {}), ["k"], np.log([[0.5], [4.0]]), 0.03)
-    assert said.startswith("Fix it, or measure at ")
-    assert said.endswith(("v₀ = 15 m/s.", "v₀ = 120 m/s."))
-
-
-def test_bounds_that_are_touched_are_marked():
-    bounds = {"k": (1.99, 2.5), "cutting_fraction": (0.2, 0.25)}
-    fit = fitted("k", "cutting_fraction", bounds=bounds)
-    assert {name: pytest.approx(pair) for name, pair in fit.bounds.items()} == bounds
-    mark = ("estimate at upper", "interval at upper")
-    assert fit.bounds_touched()["cutting_fraction"] == mark
-    numbers = fit.to_dict()
-    assert {"parameter": "cutting_fraction", "touches": [*mark]} in numbers["bounds_touched"]
-    assert numbers["bounds"]["cutting_fraction"] == pytest.approx([0.2, 0.25])
-    row = {row.name: row for row in fit.rows()}["cutting_fraction"]
-    assert row.value == "0.25"
-    assert row.meaning.startswith("at its upper bound; 95%, if the model were right: 0.24")
-    assert row.meaning.endswith(" … 0.25000 (upper bound)")
-    near = fitted("k", "psi", bounds={"k": (1.9, 1.99)})
-    assert any(said.startswith(("The interval of k ends at its ", "k is at its ")) for said in near.warnings)
-    ranking = rank_models(SAND, measured(), ["k", "psi"], models=["linearized"], density=DENSITY,
-                          bounds={"psi": (0.01, 0.3)}, starts=1)  # fmt: skip
-    assert "psi = 0.3 (at its upper bound)" in ranking.rows()[0][-1]
-
-
 def test_a_good_fit_has_no_pattern_and_no_warning(share):
     assert [(test["over"], test["seen"]) for test in share.to_dict()["patterns"]] == [
         ("angle", False),
         ("speed", False),
     ]
     assert (share.warnings, share.degrees_of_freedom) == ((), 22)
-
-
-@pytest.mark.parametrize(
-    ("over", "model", "power", "said"),
-    [
-        # Finnie's K = tan α has another shape at shallow angles.
-        ("angle", "tan-alpha", 0.0, "The residuals show a pattern over the angle: "),
-        # Erosion with the exponent 2.6 of speed, as many tests find, where every model here has 2.
-        ("speed", "linearized", 0.6, "The residuals rise with the speed (correlation of ranks 0."),
-    ],
-)
-def test_residuals_with_a_pattern_are_said(over, model, power, said):
-    fit = fitted("psi", *["k"] * (over == "speed"), model=model, data=measured(power=power))
-    (pattern,) = [test for test in fit.patterns if test.seen and test.over == over]
-    assert pattern.probability < 0.01
-    assert pattern.statistic < -2 or pattern.statistic > 0.5
-    assert pattern.sentence.startswith(said)
-    assert pattern.sentence in fit.warnings
-    assert over == "angle" or pattern.sentence.endswith("the data grow more with the speed than the fit.")
 
 
 def rows_of(count: int, **columns: np.ndarray) -> Measurements:
@@ -222,36 +136,6 @@ def test_runs_are_counted_as_in_the_textbook():
     assert find_patterns(data, np.zeros(20), groups) == ()
 
 
-@pytest.mark.parametrize(
-    ("value", "size", "least", "text"),
-    [
-        (1.91723, 0.0978, 1, "1.917"),
-        (0.0978, 0.0978, 1, "0.098"),
-        (1964.56, 2900.0, 1, "2000"),
-        (0.067791, 7.2, 2, "0.068"),
-        (-3725.84, 11500.0, 2, "-3700"),
-        (1.78566e10, np.inf, 1, "1.786e+10"),
-        (2.765e9, 3.1e7, 1, "2.765e+09"),
-        (0.0, 1.0, 1, "0"),
-    ],
-)
-def test_digits_end_with_the_error(value, size, least, text):
-    assert rounded(value, size, least) == text
-
-
-def test_rows_of_one_speed_and_mass_are_a_group():
-    groups = conditions(rows_of(8, speed=np.repeat([30.0, 60.0], 4), mass=np.tile([1e-8, 4e-8], 4)))
-    assert [group.label for group in groups[:2]] == ["v₀ = 30 m/s, m = 10 µg", "v₀ = 30 m/s, m = 40 µg"]
-    assert [group.values for group in groups] == [{"v0": v, "m": m} for v in (30.0, 60.0) for m in (1e-8, 4e-8)]
-    assert sorted(int(row) for group in groups for row in group.rows) == list(range(8))
-    many = conditions(rows_of(50, speed=np.linspace(30, 60, 50)), 5)
-    assert [len(group.rows) for group in many] == [10] * 5
-    assert many[0].label.startswith("v₀ ≈ 3")
-    # Rows of one speed stay together.
-    assert [len(group.rows) for group in conditions(rows_of(24, speed=np.repeat(np.arange(30.0, 38), 3)), 4)] == [6] * 4
-    assert conditions(rows_of(8))[0].label == ""
-
-
 def test_exports_are_at_a_speed_of_the_data():
     # The case is at 110 m/s, at which nothing was measured.
     fit = fitted("k", "cutting_fraction", p=SAND.replace(v0=110.0))
@@ -266,39 +150,6 @@ def test_exports_are_at_a_speed_of_the_data():
     assert form.factor == pytest.approx(float(greatest), rel=1e-4)
     # A speed of the case that the data has is kept.
     assert float(exported_case(fitted("k", p=SAND.replace(v0=30.0))).v0) == 30
-
-
-def test_models_that_fit_as_well_are_said_to():
-    # Sand turns little before it leaves: with and without rotation, the curves are nearly alike.
-    models = ["rotating", "linearized", "finnie"]
-    ranking = rank_models(SAND, turning_data(), ["k", "psi"], models=models, density=DENSITY, starts=4)
-    first, second = ranking.warnings[:2]
-    assert first == "linearized and finnie give the same curve: these data cannot tell them apart."
-    assert second.startswith("The data do not decide between ")
-    assert "rotating" in second
-    assert ranking.to_dict()["warnings"][:2] == [first, second]
-
-
-def test_the_growth_with_speed_is_said_with_its_exponent():
-    fit = fitted("k", "cutting_fraction", data=measured(power=0.3))
-    said = next(said for said in fit.warnings if said.startswith("Fit each speed alone: the model removes as v₀^2, "))
-    # Errors of 3 % in 12 rows of each speed.
-    assert float(said.rstrip(".").rsplit("^", 1)[1]) == pytest.approx(2.3, abs=0.05)
-
-
-def test_errors_of_a_fit_that_is_wrong_are_marked():
-    rank = functools.partial(
-        rank_models, SAND, free=["psi"], models=["linearized", "tan-alpha"], density=DENSITY, starts=4
-    )
-    ranking, right = rank(data=measured(power=0.6)), rank(data=measured())
-    assert ranking.warnings[0].startswith("None of the models fits within the uncertainties: χ²/dof is ")
-    assert "95%, if the model were right: " in ranking.best.rows()[0].meaning
-    assert any("hold only if the model were right" in said for said in ranking.best.warnings)
-    assert ranking.headings[3] == "χ²/dof"
-    shown = [float(row[3]) for row in ranking.rows()]
-    assert shown == pytest.approx([fit.chi2 / fit.degrees_of_freedom for fit in ranking.fits], rel=5e-3)
-    assert not any("None of the models" in said or "do not decide" in said for said in right.warnings)
-    assert "if the model" not in right.best.rows()[0].meaning
 
 
 TO_53 = np.arange(8.0, 56.0, 3.0)
@@ -344,11 +195,6 @@ def test_what_starts_at_zero_may_have_either_sign(data):
     assert any(said.startswith("friction is at its upper bound, 0.1") for said in bound.warnings)
     with pytest.raises(ValueError, match="`bounds` must give friction two ascending values in its range, but has"):
         erosion.calibrate(MODEL, P, data, free=FREE, bounds=bounds)
-
-
-def test_what_erosion_cannot_tell_is_said(data):
-    fit = erosion.calibrate(MODEL, P, data, free=["k", *FREE], starts=1)
-    assert fit.warnings[0].startswith("k, psi and friction cannot be told apart")
 
 
 @pytest.mark.parametrize("friction", [0.2, -0.1])
@@ -414,16 +260,6 @@ def test_numbers_of_deformation_that_all_speeds_share_are_found_from_any_guess(e
     assert_is_near(fit, truth, 0.27)
     held = erosion.calibrate(model.replace(threshold=0.0), p, columns, ["k", "psi", "specific_energy"], starts=1)
     assert held.warnings[-1].startswith("Free threshold or fit each speed alone: the model removes as v₀^2, ")
-
-
-def test_bounds_hold_for_a_stress_that_is_guessed():
-    truth = Linearized(deformation=DeformationWear(1200.0))
-    volume = erosion.impact(truth, P.replace(psi=0.004, alpha=np.deg2rad(STEPS))).volume
-    data, free = {"angle [deg]": STEPS, "volume [in^3]": volume}, ["psi", "specific_energy"]
-    # σψ of the case is 8000, and it is a tenth of that which the data ask for.
-    for bounds, found in (({"specific_energy": (6e3, 1e5)}, 6e3), ({}, 1200)):
-        fit = erosion.calibrate(WORN["specific energy"], P, data, free, bounds=bounds)
-        assert fit.estimates["specific_energy"] == pytest.approx(found)
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,6 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from erosion.arguments import no_progress
-from erosion.fits import tempering
-from erosion.fits.posterior import effective, rhats
 from erosion.fits.tempering import Misfit, Run, SamplingError, sample
 
 LINE = np.linspace(-6.0, 6.0, 12_001)
@@ -111,28 +109,3 @@ def test_points_at_which_the_model_fails_get_no_draws():
     assert run.points.min() > 0
     with pytest.raises(SamplingError, match="impacts of all draws of the prior failed"):
         drawn(Rows(lambda points: np.full((len(points), 1), np.nan)))
-
-
-def test_draws_are_moved_until_they_are_good_and_progress_only_grows():
-    looks, seen = [], list[int]()
-    run = drawn(
-        Rows(lambda points: (points[:, :1] - 1) / 1e-3),
-        draws=50,
-        enough=lambda points: looks.append(points.shape) or len(looks) == 3,
-        tell=lambda work, done, total: seen.append(done * 100 // total),
-    )
-    assert looks == [(4, 50, 1)] * 3
-    assert run.sweeps >= 3 * tempering._LAST
-    assert seen == sorted(seen)
-    assert 0 <= seen[0] < 40
-    assert 80 <= seen[-1] <= 100
-
-
-def test_populations_that_disagree_have_a_great_rhat_and_copies_count_once():
-    draws = np.random.default_rng(0).standard_normal((4, 500, 3))
-    draws[0, :, 1] += 2
-    draws[..., 2] = np.repeat(draws[:, :50, 2], 10, axis=1)
-    agree, disagree, _ = rhats(draws)
-    assert agree < 1.01 < 1.2 < disagree
-    several, _, once = effective(draws)
-    assert several > 1500 > 400 > once
