@@ -19,7 +19,7 @@ from erosion.parameters.per_mass import far_from_tests
 from erosion.parameters.quantities import QUANTITIES, read_quantity
 
 P = erosion.TABLE_1
-CASES = Path(__file__).parents[2] / "cases"
+CASES = Path(__file__).parents[2] / "examples"
 
 
 def test_table_1_and_its_derived_numbers():
