@@ -594,6 +594,16 @@ def test_a_custom_derivative_is_computed_or_refused():
         assert end.y["u"] == pytest.approx(1 / 3, rel=1e-8)
 
 
+def test_a_number_of_the_clock_and_an_argument_may_have_one_name():
+    problem = growth(lambda t, u, args: -args["t1"] * u, y0=1.0)
+    with pytest.raises(ValueError, match=r"'args\.t1' or 'solve\.t1'"):
+        ode.solve(problem, {"t1": 2.0}, t1=1.0, wrt="t1")
+    end = ode.solve(problem, {"t1": 2.0}, t1=1.0, wrt=("args.t1", "solve.t1", "t0"))
+    slopes = [end.along(name).y["u"] * np.exp(2) for name in ("args.t1", "solve.t1", "t0")]
+    np.testing.assert_allclose(slopes, [-1, -2, 2], rtol=1e-8)
+    assert [end.along(name).t for name in ("args.t1", "solve.t1", "t0")] == [0, 1, 0]
+
+
 def test_the_advice_on_a_custom_derivative_works():
     square = jax.custom_jvp(lambda u: u**2)
     square.defjvps(lambda dot, _, u: 2 * u * dot)
@@ -609,15 +619,22 @@ def test_complex_numbers_within_rates_are_refused_with_their_line():
         ode.solve(problem, t1=1.0)
 
 
-@fault("an array of the state's length becomes lanes without a word")
-def test_an_array_of_the_states_length_is_doubted():
-    problem = ode.Problem({"x": jnp.ones(3)}, lambda t, y, args: {"x": -args["k"] * y["x"]})
-    try:
-        end = ode.solve(problem, {"k": np.array([1.0, 2.0, 3.0])}, t1=1.0)
-    except ValueError as error:
-        assert "shared" in str(error)  # noqa: PT017
-    else:
-        assert any("shared" in warning for warning in end.warnings)
+@pytest.mark.parametrize(
+    ("rate", "said"),
+    [(lambda k, x: -k * x, ["shared='k'"]), (lambda k, x: jnp.stack([-k * x[0], x[0], x[1]]), [])],
+    ids=["of each lane or of each part", "of each lane"],
+)
+def test_an_array_of_the_states_length_is_doubted(rate, said):
+    problem = ode.Problem({"x": jnp.ones(3)}, lambda t, y, args: {"x": rate(args["k"], y["x"])})
+    args = {"k": np.array([1.0, 2.0, 3.0])}
+    end = ode.solve(problem, args, t1=1.0)
+    assert end.t.shape == (3,)
+    assert len(end.warnings) == len(said)
+    assert all(words in warning for words, warning in zip(said, end.warnings, strict=True))
+    if said:
+        whole = ode.solve(problem, args, t1=1.0, shared="k")
+        np.testing.assert_allclose(whole.y["x"], np.exp(-args["k"]), rtol=1e-8)
+        assert not whole.warnings
 
 
 def test_a_changed_problem_keeps_what_the_user_compiled():

@@ -19,6 +19,7 @@ from erosion.output.tables import briefly
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
 _STARTS = ("wait", "end")
+_CLOCK = ("t0", "t1")  # by which there are derivatives
 _METHODS = tuple(METHODS)
 
 
@@ -55,17 +56,27 @@ class Lanes(NamedTuple):
         Raises:
             ValueError: where the name is none of a number that each lane has.
         """
-        known = [one for one, shape in zip(self.names, self.layout.shapes, strict=True) if shape == ()][:-2]
-        if self.names.count(name) > 1:
-            raise ValueError(f"Argument `wrt` must say which {name!r} is meant: there is one among `args` as well.")
-        if name not in known:
-            arrays = [one for one, shape in zip(self.names, self.layout.shapes, strict=True) if shape]
-            inside = name in arrays or name.rpartition(".")[0] in arrays
+        count = len(self.names) - len(Clock._fields)
+        known = [*self.names[:count], *_CLOCK]
+        # "args.t1" is an argument although `solve` has a number of that name, which is "solve.t1".
+        labels = [*(f"args.{one}" for one in self.names[:count]), *(f"solve.{one}" for one in _CLOCK)]
+        places = [i for i, one in enumerate(known) if one == name]
+        places = places or [i for i, one in enumerate(labels) if one == name]
+        if len(places) > 1:
+            which = " or ".join(dict.fromkeys(repr(labels[i]) for i in places))
+            raise ValueError(f"Argument `wrt` must say which {name!r} is meant, {which}, as there are several.")
+        if not places or self.layout.shapes[places[0]] != ():
+            inside = bool(places) or name.rpartition(".")[0] in self.names
             hint = "; for an array that lanes share, use `Solution.gradient` or `jax.grad`" if inside else ""
+            scalars = [one for one, shape in zip(known, self.layout.shapes, strict=False) if shape == ()]
             raise ValueError(
-                f"Argument `wrt` must name numbers of `args` ({', '.join(known)}), but has {briefly(name)}{hint}."
+                f"Argument `wrt` must name numbers of `args` ({', '.join(scalars)}), but has {briefly(name)}{hint}."
             )
-        return self.layout.offsets[self.names.index(name)]
+        return self.layout.offsets[places[0]]
+
+    def begins_with(self, name: str) -> bool:
+        """Whether a name is that of where lanes begin."""
+        return self.element_of(name) == self.layout.offsets[len(self.names) - len(Clock._fields)]
 
 
 def checked_lanes(

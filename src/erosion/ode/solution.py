@@ -237,7 +237,7 @@ class Solution(Result):
     @property
     def warnings(self) -> Sequence[str]:
         """Why lanes have no result, no derivatives or less exact ones than asked for, and what to do."""
-        sentences = [*self._unfinished(), *self._failed]
+        sentences = [*self._unfinished(), *self._failed, *self._arrays_of_lanes()]
         inexact = np.count_nonzero(self.inexact)
         if inexact:
             sentences.append(
@@ -263,6 +263,21 @@ class Solution(Result):
                     "or cancellation leaves too few of their digits."
                 )
         return sentences
+
+    def _arrays_of_lanes(self) -> Iterator[str]:
+        """Arrays of the state's length that made lanes, although each lane could compute with all of them."""
+        layout, structs = self.lanes.layout, list(self.lanes.layout.equations.numbers)
+        lengths = {leaf.shape[-1] for leaf in jax.tree.leaves(layout.state) if leaf.shape}
+        for i, (name, given) in enumerate(zip(self.lanes.names, self.lanes.given[: len(structs)], strict=False)):
+            if structs[i].shape or not given or given[-1] not in lengths or given[-1] == 1:
+                continue
+            shared = [*structs[:i], jax.ShapeDtypeStruct(given[-1:], structs[i].dtype), *structs[i + 1 :]]
+            args = layout.args([np.zeros(struct.shape, struct.dtype) for struct in shared])
+            if layout.problem.equations(args, shared).flaw is None:
+                yield (
+                    f"The array `{_label(name)}` of shape {given} makes lanes, and is as long as an array of the "
+                    f"state: where each lane needs all of it, say `shared={name!r}`."
+                )
 
     def _in_lanes(self, flags: np.ndarray, said: str) -> str:
         """In how many lanes something is so: "2 of 5 lanes are unfinished"."""

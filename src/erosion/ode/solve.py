@@ -58,7 +58,8 @@ def solve(
             `time_scale`: then a lane may take any time.
         t0: where lanes begin; numbers or arrays.
         wrt: the numbers by which derivatives are taken, by their path in `args` with dots between: "angle",
-            "drag.coefficient", "masses.0"; also "t0" and "t1".
+            "drag.coefficient", "masses.0"; also "t0" and "t1". Where an argument has such a name say "args.t1" for it,
+            and "solve.t1" for the other.
         derivatives: 0, 1 or 2; 1 by default where `wrt` names something.
         rtol: relative tolerance of times, states, integrals and their derivatives.
         start: "wait": an event function that is zero or beyond its event at the start counts once it has returned;
@@ -161,8 +162,9 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np
         for kind, path in (("first", each[:1]), ("other", each[-1:]), ("second", each[:2])):
             if len(path) <= order and (kind != "second" or order == 2) and path not in found:
                 found[path] = part(kind, i)
-    if ("t0",) in found:
-        found[("t0",)] = found[("t0",)]._replace(t=found[("t0",)].t + 1.0)
+    for name in names if order else ():
+        if lanes.begins_with(name):
+            found[(name,)] = found[(name,)]._replace(t=found[(name,)].t + 1.0)
     outcome = results.outcome.reshape(lanes.shape)
     t1 = np.broadcast_to(np.asarray(lanes.layout.clock(lanes.numbers).t1), lanes.size).reshape(lanes.shape)
     # To the last digit: t0 + (t1 - t0) may be another number.
