@@ -192,8 +192,9 @@ def threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-_KEYS = 2**16  # whole numbers of two bytes, which numpy sorts digit by digit
+_KEYS = 2**16  # whole numbers of two bytes
 _BINS = 2**12
+_SAMPLE = 2**13  # lanes whose numbers say where quantiles are
 _CROWDED = 1 / 16  # share of the lanes in one bin, above which lanes are ranked instead
 
 
@@ -210,31 +211,31 @@ def alike_together(numbers: Sequence[np.ndarray], group: int) -> np.ndarray:
     Returns:
         Indices of lanes, shape (lanes,).
     """
+    # Whole numbers of two bytes: numpy sorts them digit by digit, and no array needs fresh pages of memory.
     lanes = numbers[0].size
-    varying = [leaf for leaf in numbers if leaf.min() != leaf.max()]
-    key = np.zeros(lanes, np.int64)
-    strips = max(round((lanes / group) ** (1 / max(len(varying), 1))), 1)
-    for i, leaf in enumerate(varying):
+    spans = [(leaf, low, high) for leaf in numbers if (low := leaf.min()) != (high := leaf.max())]
+    key = np.zeros(lanes, np.uint16)
+    strips = max(round((lanes / group) ** (1 / max(len(spans), 1))), 1)
+    for i, (leaf, low, high) in enumerate(spans):
         # The last one sorts what is left within a strip.
-        parts = strips if i < len(varying) - 1 else max(_KEYS // strips**i, 1)
-        part = _quantile(leaf, parts)
-        key = key * parts + np.where(key & 1, parts - 1 - part, part)
-    return np.argsort(np.minimum(key, _KEYS - 1).astype(np.uint16), kind="stable")
+        parts = strips if i < len(spans) - 1 else max(_KEYS // strips**i, 1)
+        part = _quantile(leaf, low, high, parts)
+        key = key * np.uint16(parts) + part + (key & np.uint16(1)) * (np.uint16(parts - 1) - 2 * part)
+    return np.argsort(key, kind="stable")
 
 
-def _quantile(leaf: np.ndarray, parts: int) -> np.ndarray:
-    """To which of `parts` quantiles each number belongs."""
-    low, high = leaf.min(), leaf.max()
+def _quantile(leaf: np.ndarray, low: float, high: float, parts: int) -> np.ndarray:
+    """To which of `parts` quantiles each number belongs, as far as a sample knows; of two bytes."""
     with np.errstate(all="ignore"):
         width = high - low
         scale = (_BINS - 1) / width
         if parts <= _BINS and np.isfinite(width) and np.isfinite(scale):
-            bins = ((leaf - low) * scale).astype(np.intp)
-            counts = np.bincount(bins, minlength=_BINS)
-            if counts.max() <= _CROWDED * leaf.size:
+            bins = ((leaf - low) * scale).astype(np.uint16)
+            counts = np.bincount(bins[:: max(leaf.size // _SAMPLE, 1)], minlength=_BINS)
+            if counts.max() <= _CROWDED * counts.sum():
                 middle = np.cumsum(counts) - counts / 2
-                return (middle * (parts / leaf.size)).astype(np.int64)[bins]
+                return (middle * (parts / counts.sum())).astype(np.uint16).take(bins)
     # By rank: for numbers that lie close together, and those that are not finite.
     rank = np.empty(leaf.size, np.int64)
     rank[np.argsort(leaf)] = np.arange(leaf.size)
-    return rank * parts // leaf.size
+    return (rank * parts // leaf.size).astype(np.uint16)
