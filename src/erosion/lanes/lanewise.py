@@ -192,7 +192,7 @@ def threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-_KEYS = 2**16  # whole numbers of two bytes
+_KEYS = 2**16 - 1  # whole numbers of two bytes
 _BINS = 2**12
 _SAMPLE = 2**13  # lanes whose numbers say where quantiles are
 _CROWDED = 1 / 16  # share of the lanes in one bin, above which lanes are ranked instead
