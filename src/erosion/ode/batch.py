@@ -25,6 +25,7 @@ _REPEATED = 4  # times at most
 _ANOTHER = 1 / 300, 10.0  # times the tolerance: to compare derivatives with, of a lane that was repeated or was not
 _AGREE = 1e-7, 1e-6  # of its size: as near are two values of a first derivative, and of a second one
 _SMALL = 1e-3  # of what a value does by a number's own size: a smaller derivative need not be known relative to itself
+_DERIVED = 3e-2  # of its error, relative as that of a value, counts in a derivative: `Solution.inexact` tells the rest
 ROWS, _RECORDED = 64, 2**12  # of the tape of a lane that is recorded, and how many lanes are at most
 _FEW = 2048  # lanes: fewer are computed sooner by one thread than by several
 
@@ -56,6 +57,7 @@ class _Batch(NamedTuple):
     results: LaneEnd
     used: np.ndarray  # tolerances of the results
     errors: np.ndarray  # of values, by their greatest sizes
+    directions: tuple[int | PerLane, ...] = ()
     tapes: Sequence[np.ndarray] = ()
 
     def run(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
@@ -161,12 +163,37 @@ class _Batch(NamedTuple):
             # At an event a part of the state may be zero by definition, and nothing is known relative to it.
             for i, least in enumerate(after.results.least):
                 greatest[i] = np.maximum(sizes[i], least / LEAST)
-                sizes[i] = np.where(outcome < events, np.inf, np.maximum(sizes[i], least))
+                sizes[i] = np.where(outcome < events, greatest[i], np.maximum(sizes[i], least))
             moved = np.abs(np.array(found) - np.array(before_it))
             changes = np.array([moved / np.array(sizes), moved / np.array(greatest)])
             changes = np.where(outcome == old, np.nan_to_num(changes, posinf=1.0), 1.0) * ratio
             error, of_greatest = changes.max(1)
+            of_derivatives = self._error_of_derivatives(lanes, before.results, after.results, greatest) * ratio
+            error, of_greatest = np.fmax(error, _DERIVED * of_derivatives), np.fmax(of_greatest, of_derivatives)
             return np.fmax(error, of_times), of_greatest
+
+    def _error_of_derivatives(
+        self, lanes: np.ndarray, before: LaneEnd, after: LaneEnd, greatest: Sequence[np.ndarray]
+    ) -> np.ndarray | float:
+        """The greatest change of a derivative, relative to it or to the value by a change of a number by its own size.
+
+        What a chain or a chaotic motion multiplies in its derivatives need not show in its values.
+        """
+        if not self.layout.options.whole or not self.directions:
+            return 0.0
+        numbers = self.layout.of_lanes(self.leaves[: len(self.layout.shapes)], lanes)
+        units = [_units_of(self.layout, numbers, each, lanes.size) for each in _of_lanes(self.directions, lanes)]
+        by_one, by_other = units[0], units[-1]
+        error = np.zeros(lanes.size)
+        one, other = (
+            Derivatives(*(part and [*part[1:], part[0]] for part in each.quantities)) for each in (before, after)
+        )
+        for kind, unit in (("first", by_one), ("other", by_other), ("second", by_one * by_other)):
+            pairs = zip(getattr(one, kind) or [], getattr(other, kind) or [], greatest, strict=False)
+            for old, new, size in pairs:
+                change = np.abs(new - old) / np.maximum(np.abs(new), size / unit)
+                error = np.fmax(error, np.nan_to_num(change, posinf=1.0))
+        return error
 
     @property
     def outputs(self) -> list[np.ndarray]:
@@ -238,7 +265,7 @@ def integrate(
         rising = np.full((lanes, times.shape[1] + 1), np.inf)
         rising[:, :-1] = times
         tapes = [rising, np.full((*times.shape, members, len(empty.outputs.value)), np.nan)]
-    batch = _Batch(layout, program, leaves, empty, np.empty(lanes), np.zeros(lanes), tapes)
+    batch = _Batch(layout, program, leaves, empty, np.empty(lanes), np.zeros(lanes), directions, tapes)
     batch.run(np.arange(lanes), np.asarray(rtol))
     if layout.options.method == "auto":
         _by_other_methods(batch, order, directions, rtol, again=again)
