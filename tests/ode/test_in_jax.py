@@ -65,7 +65,7 @@ def test_a_time_before_the_start_is_refused_or_nan():
         np.testing.assert_array_equal(np.isnan(ys["y"][:, :2]), [[False] * 2, [False, ts is early], [True] * 2])
     close(ode.solve(BALL, ARGS, t0=t0, t1=10.0, ts=fine).ys, ys)
     square = ARGS | {"h": np.array([[1.0, 2.0], [3.0, 1.5]])}
-    slopes = jax.jacfwd(lambda ts: ode.solve(BALL, square, t1=10.0, ts=ts).ys["y"])(jnp.array([0.1, 0.2]))
+    slopes = jax.jit(jax.jacfwd(lambda ts: ode.solve(BALL, square, t1=10.0, ts=ts).ys["y"]))(jnp.array([0.1, 0.2]))
     close(slopes, np.broadcast_to(np.diag([2.0 - 0.981, 2.0 - 1.962]), (2, 2, 2, 2)))
 
 
@@ -81,18 +81,6 @@ def test_solution_in_jit_tells_outcome_and_end():
     np.testing.assert_array_equal(roof, [False, False, True])
 
 
-@pytest.mark.parametrize("transform", [jax.grad, jax.jacfwd, jax.jacrev])
-def test_first_derivatives(transform):
-    close(transform(end_of)(ARGS), jax.grad(lands)(ARGS))
-
-
-@pytest.mark.parametrize(
-    "transform", [jax.hessian, lambda f: jax.jacfwd(jax.grad(f)), lambda f: jax.jacfwd(jax.jacfwd(f))]
-)
-def test_second_derivatives(transform):
-    close(transform(end_of)(ARGS), jax.hessian(lands)(ARGS), rtol=1e-6)
-
-
 def test_vmap_nested_vmap_and_their_derivatives():
     """galpy #1344: derivatives under `vmap` are those of each lane alone."""
     heights, speeds = jnp.linspace(0.5, 3, 4), jnp.array([0.0, 1.0, 2.0])
@@ -103,38 +91,13 @@ def test_vmap_nested_vmap_and_their_derivatives():
     def over(f):
         return jax.vmap(jax.vmap(functools.partial(of, f), (None, 0)), (0, None))(heights, speeds)
 
-    exact = over(lands)
-    close(over(end_of), exact)
-    close(over(jax.grad(end_of)), over(jax.grad(lands)))
-    close(jax.jit(lambda: over(jax.value_and_grad(end_of)))(), over(jax.value_and_grad(lands)))
-    alone = [[end_of(ARGS | {"h": float(h), "v": float(v)}) for v in speeds] for h in heights]
-    alike(over(end_of), jnp.array(alone))
-    slopes = [[jax.grad(end_of)(ARGS | {"h": h, "v": v})["h"] for v in speeds] for h in heights]
-    alike(over(jax.grad(end_of))["h"], jnp.array(slopes))
-
-
-def test_derivatives_of_lanes_and_states_and_integrals():
-    heights = jnp.array([0.5, 1.0, 2.0])
-
-    def height_and_path(args):
-        end = ode.solve(BALL, args | {"h": heights}, t1=0.4)
-        return end.y["y"], end.integrals["path"]
-
-    # Before it lands: y = h + v t - g t²/2, and ∫ v dt is y - h; after it: 0 and -h.
-    t = 0.4
-    y, path = jax.jacfwd(height_and_path)({"g": 9.81, "v": 1.0})
-    landed = np.array(lands({"g": 9.81, "v": 1.0, "h": heights})) < t
-    np.testing.assert_allclose(y["v"], np.where(landed, 0, t), atol=1e-9)
-    np.testing.assert_allclose(path["g"], np.where(landed, 0, -(t**2) / 2), atol=1e-9)
-
-
-def test_derivatives_by_the_times():
-    def of_times(t0, t1):
-        return ode.solve(BALL, ARGS, t0=t0, t1=t1).y["y"]
-
-    v = 2 - 9.81 * 0.2
-    np.testing.assert_allclose(jax.grad(of_times, (0, 1))(0.1, 0.3), [-v, v], rtol=1e-8)
-    np.testing.assert_allclose(jax.grad(lambda t0: ode.solve(BALL, ARGS, t0=t0, t1=9.0).t)(0.1), 1.0, rtol=1e-8)
+    both = jax.value_and_grad(end_of)
+    times, slopes = jax.jit(lambda: over(both))()
+    close((times, slopes), over(jax.value_and_grad(lands)))
+    each = jax.jit(both)
+    alone = [[each(ARGS | {"h": float(h), "v": float(v)}) for v in speeds] for h in heights]
+    np.testing.assert_array_equal(times, [[time for time, _ in row] for row in alone])
+    np.testing.assert_array_equal(slopes["h"], [[slope["h"] for _, slope in row] for row in alone])
 
 
 def test_loops_and_checkpoints():
@@ -162,19 +125,8 @@ def test_loops_and_checkpoints():
     assert float(last) == pytest.approx(float(composed(1.0)))
 
 
-def test_chains_in_jax():
+def test_the_longest_chain_may_be_traced():
     args = ARGS | {"v": 0.0, "e": 0.7}
-
-    def fifth(args):
-        return ode.solve(BOUNCES, args, t1=99.0, max_events=5).t
-
-    def exact(args):
-        first = jnp.sqrt(2 * args["h"] / args["g"])
-        return first * (1 + 2 * sum(args["e"] ** i for i in range(1, 5)))
-
-    for names in (("g", "h", "e"),):
-        mine = jax.jit(jax.hessian(lambda part: fifth(args | part)))({name: args[name] for name in names})
-        close(mine, jax.hessian(lambda part: exact(args | part))({name: args[name] for name in names}), rtol=1e-6)
     count = jax.vmap(lambda n: ode.solve(BOUNCES, args, t1=99.0, max_events=n).count)(jnp.array([1.0, 3, 4]))
     np.testing.assert_array_equal(count, [1, 3, 4])
 
@@ -191,8 +143,8 @@ def test_shared_arrays_and_functions_in_jax():
 
     w = jnp.array([0.5, 1.5])
     np.testing.assert_allclose(jax.jit(end)(w), np.log(2) / 2, rtol=1e-9)
-    np.testing.assert_allclose(jax.grad(end)(w), [-np.log(2) / 4] * 2, rtol=1e-8)
-    np.testing.assert_allclose(jax.hessian(end)(w), np.full((2, 2), np.log(2) / 4), rtol=1e-6)
+    np.testing.assert_allclose(jax.jit(jax.grad(end))(w), [-np.log(2) / 4] * 2, rtol=1e-8)
+    np.testing.assert_allclose(jax.jit(jax.hessian(end))(w), np.full((2, 2), np.log(2) / 4), rtol=1e-6)
 
 
 def test_lanes_that_fail_are_nan():

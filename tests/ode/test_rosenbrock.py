@@ -11,7 +11,6 @@ import pytest
 
 from benchmarks.ode_problems import MichaelisMenten
 from erosion import ode
-from erosion.ode.methods import rosenbrock_steps as rosenbrock
 from erosion.ode.methods.rosenbrock_steps import A, Sparse, columns_together, least_fill
 
 STIFF: Any = {"method": "rosenbrock"}
@@ -75,46 +74,6 @@ def test_the_same_event_for_any_tolerance() -> None:
     np.testing.assert_allclose(ends[1].t, mu * (1.5 - np.log(2)) + 3.5 * mu ** (-1 / 3), rtol=2e-3)
 
 
-def test_it_agrees_with_the_explicit_method_where_nothing_is_stiff() -> None:
-    args = {"mu": np.linspace(0.5, 3, 7)}
-    for wrt in ((), "mu"):
-        ends = [ode.solve(OSCILLATOR, args, t1=50.0, wrt=wrt, method=method) for method in ("explicit", "rosenbrock")]
-        np.testing.assert_allclose(ends[1].t, ends[0].t, rtol=1e-8)
-        np.testing.assert_allclose(ends[1].y["v"], ends[0].y["v"], rtol=1e-7)
-        np.testing.assert_allclose(ends[1].integrals["path"], ends[0].integrals["path"], rtol=1e-7)
-    one, other = (end.along("mu") for end in ends)
-    np.testing.assert_allclose(other.t, one.t, rtol=1e-6)
-    np.testing.assert_allclose(other.y["v"], one.y["v"], rtol=1e-6)
-
-
-def relaxing(rate: float) -> ode.Problem:
-    """y' = -rate (y - cos t), which follows (rate² cos t + rate sin t)/(rate² + 1): Prothero and Robinson's kind."""
-    return ode.Problem(
-        y0={"y": 1.0},
-        vector_field=lambda t, y, args: {"y": -rate * (y["y"] - jnp.cos(t))},
-        events={"half": ode.Event(lambda t, y, args: y["y"] - args["level"], direction=-1)},
-    )
-
-
-def test_a_rate_that_depends_on_time() -> None:
-    rate, level = 1e5, np.array([0.9, 0.5, 0.1])
-    end = ode.solve(relaxing(rate), {"level": level}, t1=2.0, wrt="level", **STIFF)
-    # a cos t + b sin t = level, after the start has died away
-    a, b = rate**2 / (rate**2 + 1), rate / (rate**2 + 1)
-    t = np.arctan2(b, a) + np.arccos(level / np.hypot(a, b))
-    np.testing.assert_allclose(end.t, t, rtol=1e-8)
-    np.testing.assert_allclose(end.along("level").t, -1 / np.sqrt(np.hypot(a, b) ** 2 - level**2), rtol=1e-6)
-
-
-def test_an_end_without_an_event_and_states_on_the_way() -> None:
-    rate, times = 1e5, np.array([0.5, 1.0])
-    end = ode.solve(relaxing(rate), {"level": -5.0}, t1=1.5, ts=times, **STIFF)
-    follows = lambda t: (rate**2 * np.cos(t) + rate * np.sin(t)) / (rate**2 + 1)  # noqa: E731
-    assert (end.ended_by, end.t) == ("t1", 1.5)
-    np.testing.assert_allclose(end.y["y"], follows(1.5), rtol=1e-8)
-    np.testing.assert_allclose(end.ys["y"], follows(times), rtol=1e-8)
-
-
 @pytest.mark.parametrize("rtol", [1e-5, 1e-7, 1e-9])
 def test_an_end_a_little_before_an_event(rtol: float) -> None:
     """Or steps that may not be as long as the way to the event."""
@@ -130,33 +89,15 @@ def test_an_end_a_little_before_an_event(rtol: float) -> None:
         np.testing.assert_allclose(end.t, event.t, rtol=1e-7)
 
 
-@pytest.mark.parametrize("wrt", [(), "k3"])
-def test_states_at_times_are_those_of_lanes_that_end_there(wrt: Any) -> None:
-    """To the event, and none after it; a lane out of steps has none that it did not reach."""
-    end = ode.solve(EARLY, {"k3": np.array([1e4, 2e4])}, t1=1e3, wrt=wrt, **STIFF)
-    times = np.array([0.0, 1e-9, 1e-4, 0.01, 0.26, *np.sort(end.t) * (1 - 1e-9), 0.3])
-
-    def found(**options: Any) -> ode.Solution:
-        return ode.solve(EARLY, {"k3": np.array([1e4, 2e4])}, t1=1e3, ts=times, wrt=wrt, **STIFF, **options)
-
-    states = found()
-    at_times: Any = states.times
-    assert set(found(max_steps=3).ended_by) == {"unfinished"}
-    assert np.isnan(found(max_steps=3).ys["c"]).tolist() == [[False, *[True] * 7]] * 2
-    second = ode.solve(EARLY, {"k3": 1e4}, t1=1e3, ts=times, wrt="k3", derivatives=2, max_steps=3, **STIFF)
-    assert np.isnan(second.ys["c"][3:]).all()
-    for i, k3 in enumerate((1e4, 2e4)):
-        for j, time in enumerate(times):
-            if time > end.t[i]:
-                assert np.isnan(states.ys["c"][i, j])
-                continue
-            alone = ode.solve(EARLY, {"k3": k3}, t1=time, wrt=wrt, **STIFF)
-            part, expected = (at_times.along(wrt).ys, alone.along(wrt).y) if wrt else (states.ys, alone.y)
-            for name in "abc":
-                np.testing.assert_allclose(part[name][i, j], expected[name], rtol=1e-6, atol=1e-16)
+def test_a_lane_out_of_steps_has_no_states_that_it_did_not_reach() -> None:
+    times = np.array([0.0, 1e-9, 1e-4, 0.01, 0.26])
+    for wrt in ((), "k3"):
+        end = ode.solve(EARLY, {"k3": np.array([1e4, 2e4])}, t1=1e3, ts=times, max_steps=3, wrt=wrt, **STIFF)
+        assert set(end.ended_by) == {"unfinished"}
+        np.testing.assert_array_equal(np.isnan(end.ys["c"]), [[False, *[True] * 4]] * 2)
 
 
-@pytest.mark.parametrize("derivatives", [0, 1, 2])
+@pytest.mark.parametrize("derivatives", [0, 1])
 def test_a_number_that_is_always_zero(derivatives: int) -> None:
     """Such as a switch that is off; the motion is that without it."""
 
@@ -174,8 +115,8 @@ def test_a_number_that_is_always_zero(derivatives: int) -> None:
     end, without = falling(switch=0.0), falling()
     assert (end.ended_by, end.stiff) == ("ground", True)
     np.testing.assert_allclose(end.t, without.t, rtol=1e-9)
-    for path in [("v",), ("v", "v")][:derivatives]:
-        np.testing.assert_allclose(end.along(*path).t, without.along(*path).t, rtol=1e-5)
+    if derivatives:
+        np.testing.assert_allclose(end.along("v").t, without.along("v").t, rtol=1e-5)
 
 
 def test_an_unfinished_lane_of_a_stiff_motion_with_kinks_says_what_to_write() -> None:
@@ -204,36 +145,11 @@ def test_an_unfinished_lane_that_rests_at_its_event_says_what_to_write() -> None
     np.testing.assert_allclose(end.along("k").t, -t / k, rtol=1e-10)
 
 
-def test_a_chain_of_doses() -> None:
-    dosed = ode.Problem(
-        y0={"blood": 1.0, "tissue": 0.0},
-        vector_field=lambda t, y, args: {
-            "blood": -1e4 * (y["blood"] - y["tissue"]) - args["k"] * y["blood"],
-            "tissue": 1e4 * (y["blood"] - y["tissue"]),
-        },
-        events={
-            "low": ode.Event(
-                lambda t, y, args: y["blood"] - 0.1,
-                direction=-1,
-                reset=lambda t, y, args: {"blood": y["blood"] + 1.0, "tissue": y["tissue"]},
-            )
-        },
-    )
-    args = {"k": np.array([0.5, 1.0])}
-    ends = [
-        ode.solve(dosed, args, t1=1e3, max_events=3, wrt="k", rtol=1e-9, method=method, max_steps=10**6)
-        for method in ("explicit", "rosenbrock")
-    ]
-    np.testing.assert_array_equal([end.count for end in ends], 3)
-    np.testing.assert_allclose(ends[1].t, ends[0].t, rtol=1e-7)
-    # Hundreds of thousands of steps at the limit of stability: the derivatives of "explicit" err by 2e-6 for some k.
-    np.testing.assert_allclose(ends[1].along("k").t, ends[0].along("k").t, rtol=1e-5)
-
-
 def test_in_jax() -> None:
-    time = lambda k3: ode.solve(EARLY, {"k3": k3}, t1=1e3, **STIFF).t  # noqa: E731
-    value, slope = jax.jit(jax.value_and_grad(time))(1e4)
-    end = ode.solve(EARLY, {"k3": 1e4}, t1=1e3, wrt="k3", **STIFF)
+    """By "auto" as well as outside, where the lane turns out to be stiff."""
+    value, slope = jax.jit(jax.value_and_grad(lambda k3: ode.solve(EARLY, {"k3": k3}, t1=1e3).t))(1e4)
+    end = ode.solve(EARLY, {"k3": 1e4}, t1=1e3, wrt="k3")
+    assert end.stiff
     np.testing.assert_allclose([value, slope], [end.t, end.along("k3").t], rtol=1e-9)
 
 
@@ -274,7 +190,7 @@ def test_an_event_of_a_number_far_below_its_size_needs_sizes() -> None:
 def test_the_program_finds_the_stiff_lanes() -> None:
     """Each lane has the bits of the method that it is integrated by, whatever its neighbours are."""
     args = {"mu": np.array([1.0, 1000.0, 3.0, 500.0])}
-    for order in range(3):
+    for order in range(2):
         wrt = "mu" if order else ()
         end, explicit, stiff = (
             ode.solve(OSCILLATOR, args, t1=1e4, rtol=1e-7, wrt=wrt, derivatives=order, method=method, max_steps=2000)
@@ -313,13 +229,6 @@ def test_a_lane_out_of_steps_shows_what_the_explicit_method_reached() -> None:
     np.testing.assert_array_equal(auto.y["x"], explicit.y["x"])
 
 
-def test_a_stiff_lane_of_the_program_in_jax() -> None:
-    slope = jax.grad(lambda mu: ode.solve(OSCILLATOR, {"mu": mu}, t1=1e4, rtol=1e-7).t)(1000.0)
-    end = ode.solve(OSCILLATOR, {"mu": 1000.0}, t1=1e4, rtol=1e-7, wrt="mu")
-    assert end.stiff
-    np.testing.assert_allclose(slope, end.along("mu").t, rtol=1e-12)
-
-
 def test_a_stiff_lane_that_the_method_does_not_take_stays_explicit() -> None:
     kinked = ode.Problem(
         y0={"y": 2.0},
@@ -350,12 +259,6 @@ def test_the_factors_of_a_sparse_matrix() -> None:
 @pytest.mark.parametrize("entry", [1.0, 1.0 + 1e-15])
 def test_a_pivot_that_cancels_is_not_sound(entry: float) -> None:
     assert not Sparse(np.ones((1, 1), bool)).factors([jnp.asarray(entry)], jnp.asarray(1.0)).sound
-
-
-def test_no_step_is_taken_whose_pivots_cancel(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rosenbrock, "_CANCELLED", 2.0)
-    decay = ode.Problem(y0={"y": 1.25}, vector_field=lambda t, y, args: {"y": -3.25 * y["y"]})
-    assert ode.solve(decay, t1=1.0, **STIFF).ended_by == "failed"
 
 
 def test_an_event_function_that_bends_far_more_than_the_motion() -> None:

@@ -12,8 +12,6 @@ from scipy.integrate import solve_ivp
 
 from erosion import ode
 from erosion.ode.batch import integrate
-from erosion.ode.ensemble import lanes_of
-from erosion.ode.variational import Clock, Options
 
 CLOSE: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
 SLOPES: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10}
@@ -168,47 +166,6 @@ def test_an_event_at_the_very_end_counts():
     np.testing.assert_allclose(end.t, [1, 4, 4, 3], rtol=1e-15)
 
 
-def test_t1_is_the_time_of_a_lane_without_event_and_has_derivatives():
-    args = {"x0": 2.0, "c": 0.1}
-    t0, t1 = np.array([0.0, -1.0, 1.0]), np.array([0.5, 1.5, 1.8])
-    end = ode.solve(TIMED, args, t0=t0, t1=t1, wrt=("t0", "t1", "x0"), derivatives=2)
-    np.testing.assert_array_equal(end.ended_by, "t1")
-    np.testing.assert_array_equal(end.t, t1)
-    x = 2 * np.exp(-(t1**2 - t0**2) / 2)
-    np.testing.assert_allclose(end.y, x, **CLOSE)
-    np.testing.assert_allclose(end.integrals["moment"], 2 - x, **CLOSE)
-    np.testing.assert_allclose(end.along("t0").t, 0, atol=1e-12)
-    np.testing.assert_array_equal(end.along("t1").t, 1)
-    for names, exact in {("t0",): t0 * x, ("t1",): -t1 * x, ("x0",): x / 2}.items():
-        np.testing.assert_allclose(end.along(*names).y, exact, **SLOPES)
-    seconds = {
-        ("t0", "t0"): (1 + t0**2) * x,
-        ("t0", "t1"): -t0 * t1 * x,
-        ("t1", "t1"): (t1**2 - 1) * x,
-        ("t1", "x0"): -t1 * x / 2,
-        ("x0", "x0"): 0 * x,
-    }
-    for names, exact in seconds.items():
-        np.testing.assert_allclose(end.along(*names).y, exact, **CURVES)
-        np.testing.assert_allclose(end.along(*names).t, 0, atol=1e-9)
-
-
-def test_an_event_of_a_timed_problem_has_derivatives_by_its_start():
-    t0, c = np.array([0.0, 0.5, -2.0]), 0.1
-    end = ode.solve(TIMED, {"x0": 2.0, "c": c}, t0=t0, t1=9.0, wrt=("t0", "c"), derivatives=2)
-    # From t0 = -2 the function rises first.
-    t = np.sqrt(t0**2 + 2 * np.log(2 / c))
-    np.testing.assert_allclose(end.t, t, **CLOSE)
-    np.testing.assert_allclose(end.y, c, **CLOSE)
-    np.testing.assert_allclose(end.integrals["moment"], 2 - c, **CLOSE)
-    np.testing.assert_allclose(end.along("t0").t, t0 / t, rtol=1e-8, atol=1e-9)  # at t0 = 0 two terms cancel
-    np.testing.assert_allclose(end.along("c").t, -1 / (c * t), **SLOPES)
-    np.testing.assert_allclose(end.along("t0", "t0").t, (1 - t0**2 / t**2) / t, **CURVES)
-    np.testing.assert_allclose(end.along("t0", "c").t, t0 / (c * t**3), **CURVES)
-    np.testing.assert_allclose(end.along("c", "c").t, (1 - 1 / t**2) / (c**2 * t), **CURVES)
-    np.testing.assert_allclose(end.along("c").integrals["moment"], -1, **SLOPES)
-
-
 def test_a_lane_may_have_no_time():
     t1 = np.array([0.0, 1.0])
     end = ode.solve(FALLS, {"x0": 1.0, "v0": 0.5}, t1=t1, wrt=("t1", "x0"), derivatives=2)
@@ -227,39 +184,6 @@ def test_a_lane_whose_time_scale_is_known_may_take_any_time():
     assert end.along("t0").t == pytest.approx(1.0, rel=1e-9)
     with pytest.raises(ValueError, match="t1"):
         ode.solve(FALLS, {"x0": 1.0, "v0": 0.0})
-
-
-def timed(problem: ode.Problem, args: Any) -> bool:
-    return lanes_of(problem, args, Clock(0.0, 1.0, np.inf, np.inf), Options()).layout.equations.timed
-
-
-def test_time_is_found_in_the_arithmetic():
-    assert timed(TIMED, {"x0": 1.0, "c": 0.1})
-    assert not timed(FALLS, {"x0": 1.0, "v0": 0.1})
-    assert timed(ode.Problem(0.0, lambda t, y, args: 1.0, {"noon": ode.Event(lambda t, y, args: t - 12)}), None)
-
-
-def test_an_event_may_be_a_time_and_an_argument():
-    """torchdiffeq #208: derivatives by the event's own parameter."""
-    problem = ode.Problem(1.0, lambda t, y, args: y, {"noon": ode.Event(lambda t, y, args: t - args)})
-    end = ode.solve(problem, np.array([0.5, 2.0]), t0=-1.0, t1=3.0, wrt="", derivatives=2)
-    np.testing.assert_allclose(end.t, [0.5, 2.0], **CLOSE)
-    np.testing.assert_allclose(end.y, np.exp([1.5, 3.0]), **CLOSE)
-    np.testing.assert_allclose(end.along("").t, 1.0, **CLOSE)
-    np.testing.assert_allclose(end.along("", "").y, np.exp([1.5, 3.0]), **CURVES)
-
-
-def test_integrals_begin_where_they_should():
-    problem = ode.Problem(
-        LINE.y0, LINE.vector_field, LINE.events, LINE.integrals, integrals0=lambda args: {"area": args["other"] ** 2}
-    )
-    end = ode.solve(problem, {"speed": 2.0, "other": 5.0}, t1=10.0, wrt=("speed", "other"), derivatives=2)
-    # The area up to 1 is 1/(2 s).
-    assert end.integrals["area"] == pytest.approx(25 + 1 / 4, rel=1e-9)
-    assert end.along("speed").integrals["area"] == pytest.approx(-1 / 8, rel=1e-8)
-    assert end.along("other").integrals["area"] == pytest.approx(10, rel=1e-8)
-    assert end.along("speed", "speed").integrals["area"] == pytest.approx(1 / 8, rel=1e-6)
-    assert end.along("other", "other").integrals["area"] == pytest.approx(2, rel=1e-6)
 
 
 class Oscillation(NamedTuple):
@@ -346,14 +270,6 @@ def test_states_at_times_are_exact_beside_kinks_and_infinite_rates(rate, exact):
     end = ode.solve(ode.Problem(1.0, rate), 0.0, t1=2.0, ts=ts)
     np.testing.assert_allclose(end.ys, exact(ts), rtol=0, atol=1e-10)
     assert end.ys[0] == 1
-
-
-def test_states_at_times_do_not_hang_on_their_order():
-    ts = np.array([0.3, 0.0, np.nan, 0.1])
-    end = ode.solve(FALLS, {"x0": 1.0, "v0": 0.0}, t1=1.0, ts=ts)
-    np.testing.assert_allclose(end.ys["x"], np.cos(ts), **CLOSE)
-    empty = ode.solve(FALLS, {"x0": 1.0, "v0": 0.0}, t1=1.0, ts=np.array([]))
-    assert empty.ys["x"].shape == (0,)
 
 
 def test_a_pulse_narrower_than_a_step_is_seen_with_max_step():
@@ -471,19 +387,19 @@ CONTINUOUS = {
 }
 
 
-@pytest.mark.parametrize("name", CONTINUOUS)
-def test_cases_that_change_without_a_jump_keep_derivatives(name):
-    problem = ode.Problem(1.0, lambda t, y, args: -args["k"] * CONTINUOUS[name](t, y))
-
-    def y(k):
-        return ode.solve(problem, {"k": k}, t1=0.9, rtol=1e-12).y
-
-    end = ode.solve(problem, {"k": 1.1}, t1=0.9, wrt="k", derivatives=2)
-    h = 1e-4
-    np.testing.assert_allclose(end.along("k").y, (y(1.1 + h) - y(1.1 - h)) / (2 * h), rtol=1e-6)
-    np.testing.assert_allclose(
-        end.along("k", "k").y, (y(1.1 + h) - 2 * y(1.1) + y(1.1 - h)) / h**2, rtol=1e-3, atol=1e-3
+def test_cases_that_change_without_a_jump_keep_derivatives():
+    """All in one problem, a part of the state for each."""
+    problem = ode.Problem(
+        dict.fromkeys(CONTINUOUS, 1.0),
+        lambda t, y, args: {name: -args["k"] * rate(t, y[name]) for name, rate in CONTINUOUS.items()},
     )
+    h = 1e-4
+    end = ode.solve(problem, {"k": 1.1}, t1=0.9, wrt="k", derivatives=2)
+    near = ode.solve(problem, {"k": 1.1 + h * np.array([-1.0, 0.0, 1.0])}, t1=0.9, rtol=1e-12).y
+    for name, (below, here, above) in near.items():
+        assert end.along("k").y[name] == pytest.approx((above - below) / (2 * h), rel=1e-6), name
+        curve = (above - 2 * here + below) / h**2
+        assert end.along("k", "k").y[name] == pytest.approx(curve, rel=1e-3, abs=1e-3), name
 
 
 def test_a_rate_that_jumps_leaves_values_without_derivatives():
@@ -795,12 +711,11 @@ def test_no_lane_fails_where_the_motion_is_not_defined_beyond_its_event(force, w
         vector_field=lambda t, y, args: {"x": y["v"], "v": force(y["x"]) - 9.81},
         events={"ground": ode.Event(lambda t, y, args: y["x"], direction=-1)},
     )
-    height = np.linspace(0.5, 3, 200)
+    height = np.linspace(0.5, 3, 40)
     speed = np.sqrt(2 * (9.81 * height - work(height)))
-    for order in range(3):
+    for order in (0, 2):
         end = ode.solve(fall, {"height": height}, t1=50.0, wrt="height" if order else (), derivatives=order)
         assert (end.ended_by == "ground").all()
-        assert (end.events.name == "ground").all()
         np.testing.assert_allclose(-end.y["v"], speed, rtol=1e-9)
         found = end.along("height").y["v"] if order else np.nan
         right = np.isclose(-found, (9.81 - force(height)) / speed, rtol=1e-7)
@@ -888,7 +803,7 @@ def test_derivatives_are_nan_where_a_rate_divides_by_what_vanishes_at_the_event(
     assert np.all(end.ended_by == "low")
     assert np.all(np.isfinite(end.integrals["path"]))
     assert all(np.all(np.isnan(end.along(*by).integrals["path"])) for by in [("v0",), ("g",), ("v0", "g")])
-    backwards = jax.grad(lambda g: ode.solve(problem, {**args, "g": g}, t1=50.0).integrals["path"].sum())(9.81)
+    backwards = jax.jit(jax.grad(lambda g: ode.solve(problem, {**args, "g": g}, t1=50.0).integrals["path"].sum()))(9.81)
     assert np.isnan(backwards)
     # A little above it they are right.
     above = ode.solve(problem, {**args, "at": 0.1}, t1=50.0, wrt=("v0",))
@@ -930,14 +845,14 @@ def test_a_mass_matrix_is_solved_in_the_rates():
             vector_field=lambda t, y, args: {"q": y["v"], "v": solver(*pieces(y, args))},
             events={"upright": ode.Event(lambda t, y, args: y["q"][1], -1)},
         )
-        return ode.solve(problem, {"a": np.linspace(0.2, 1.5, 9), "m": 0.7}, t1=9.0, wrt=("a", "m"), derivatives=2)
+        return ode.solve(problem, {"a": np.linspace(0.2, 1.5, 9), "m": 0.7}, t1=9.0, wrt=("a", "m"))
 
     expected, solved = end(by_hand), end(jnp.linalg.solve)
     assert (solved.ended_by == "upright").all()
     # The exchange of rows is no kink.
     assert solved.trials == pytest.approx(expected.trials, abs=1)
     assert solved.t == pytest.approx(expected.t, rel=1e-9)
-    for names in ("a",), ("m",), ("a", "m"):
+    for names in ("a",), ("m",):
         for part in "qv":
             scale = np.abs(expected.along(*names).y[part]).max()
             assert solved.along(*names).y[part] == pytest.approx(expected.along(*names).y[part], abs=1e-7 * scale)
@@ -965,20 +880,6 @@ def test_no_time_up_to_the_end_is_missed_whatever_the_start():
         np.testing.assert_allclose(ys["x"], np.where(there, exact, np.nan), rtol=0, atol=1e-9)
 
 
-def test_derivatives_at_times_of_a_motion_with_kinks():
-    """x″ = -|x|/x by hand: x = x0 - t²/2, with a rate that may have kinks."""
-    problem = ode.Problem(
-        y0=lambda args: {"x": args["x0"], "v": 0.0},
-        vector_field=lambda t, y, args: {"x": y["v"], "v": -jnp.abs(y["x"]) / y["x"]},
-        events={"ground": ode.Event(lambda t, y, args: y["x"], -1)},
-    )
-    ts = np.linspace(0.0, 1.0, 4)
-    end = ode.solve(problem, {"x0": np.array([1.0, 2.0, 3.0])}, t1=9.0, wrt="x0", ts=ts)
-    np.testing.assert_allclose(end.ys["x"], np.array([[1.0], [2.0], [3.0]]) - ts**2 / 2, **CLOSE)
-    assert end.times is not None
-    np.testing.assert_allclose(end.times.along("x0").ys["x"], np.ones((3, 4)), **SLOPES)
-
-
 def test_results_that_rounding_spoils_are_told() -> None:
     """Lorenz's motion from starts one unit in the last place apart, whose distance no method can avoid."""
     lorenz = ode.Problem(
@@ -990,13 +891,12 @@ def test_results_that_rounding_spoils_are_told() -> None:
         },
     )
     end, other = (
-        ode.solve(lorenz, start, t1=np.array([15.0, 20.0, 40.0, 60.0])) for start in (1.0, np.nextafter(1, 2))
+        ode.solve(lorenz, start, t1=np.array([15.0, 20.0, 40.0, 45.0])) for start in (1.0, np.nextafter(1, 2))
     )
     apart = np.abs(end.y["x"] - other.y["x"]) / 17
     assert list(end.inexact) == list(other.inexact) == list(apart > 1e-7) == [False, False, True, True]
     assert "2 of 4 lanes err by more than 1e-07" in end.warnings[0]
     assert list(end.to_dataset()["inexact"].values) == end.to_dict()["inexact"] == [False, False, True, True]
-    assert ode.solve(lorenz, 1.0, t1=40.0, wrt=("", "t1")).inexact
 
 
 def test_the_end_is_a_time_among_others():
