@@ -31,7 +31,6 @@ _BESIDE_STEPS = 8  # rows of a tape beside one for each trial: those of events, 
 _CHUNK = 512  # lanes at most whose tapes are kept at once
 _MEMORY = 2**26  # bytes of tapes, and of derivatives by numbers that lanes share, at once
 _FEW = 64  # lanes that one thread computes sooner
-_ROUNDING = 4e-15  # of the times so far: a time this much later than the end is the end
 _FORWARD = 2**20  # lanes at once of derivatives forwards
 
 
@@ -40,7 +39,7 @@ class Ended(NamedTuple):
 
     Args:
         outcome: indices of `Layout.end_names`.
-        time: since their start.
+        t: when, see `Layout.end_times`.
         trials: of steps.
         tolerance: of the results.
         stiff: whether the method for stiff motions integrated them.
@@ -49,7 +48,7 @@ class Ended(NamedTuple):
     """
 
     outcome: np.ndarray
-    time: np.ndarray
+    t: np.ndarray
     trials: np.ndarray
     tolerance: np.ndarray
     stiff: np.ndarray
@@ -71,12 +70,11 @@ class AtTimes(NamedTuple):
     bars: np.ndarray
 
     @classmethod
-    def of(cls, times: np.ndarray, bars: np.ndarray, t0: Any, ends: "Ended") -> "AtTimes":
-        """With how many times these lanes reach, which began at some."""
-        end = np.asarray(t0 + ends.time)
+    def of(cls, times: np.ndarray, bars: np.ndarray, ends: "Ended") -> "AtTimes":
+        """With how many times these lanes reach."""
         times = np.broadcast_to(times, bars.shape[:2])
-        due = np.count_nonzero(times <= (end + _ROUNDING * (np.abs(t0) + np.abs(end)))[:, None], axis=1)
-        is_late = (np.arange(times.shape[1]) >= due[:, None]) & np.isfinite(end)[:, None]
+        due = np.count_nonzero(times <= ends.t[:, None], axis=1)
+        is_late = (np.arange(times.shape[1]) >= due[:, None]) & np.isfinite(ends.t)[:, None]
         return cls(times, due, np.where(is_late[..., None], 0.0, bars))
 
 
@@ -95,24 +93,27 @@ def ends_of(
 ) -> Ended:
     """How lanes end, with their steps; where states at times count, with the tolerance that these need."""
     if times is not None:
-        return _ended(integrate(layout, numbers, lanes, 0, (), rtol, times=times), rtol)
+        return _ended(layout, numbers, integrate(layout, numbers, lanes, 0, (), rtol, times=times), rtol)
     layout = layout.renewed().wanting(records=True)
     for known in list(_known):
         alike = known.layout == layout and known.ended.rtol == rtol and known.ended.outcome.size == lanes
         if alike and all(np.array_equal(*pair, equal_nan=True) for pair in zip(known.numbers, numbers, strict=True)):
             return known.ended
-    return _ended(integrate(layout, numbers, lanes, 0, (), rtol), rtol)
+    return _ended(layout, numbers, integrate(layout, numbers, lanes, 0, (), rtol), rtol)
 
 
-def _ended(found: LaneEnd, rtol: float) -> Ended:
+def _ended(layout: Layout, numbers: Sequence[PerLane], found: LaneEnd, rtol: float) -> Ended:
     stiff = np.zeros(found.outcome.shape, bool) if found.stiff is None else found.stiff > 0
-    return Ended(found.outcome, found.time.value, found.trials, found.tolerance, stiff, rtol, found.recorded)
+    t = layout.end_times(numbers, found.outcome, found.time.value)
+    return Ended(found.outcome, t, found.trials, found.tolerance, stiff, rtol, found.recorded)
 
 
 def keep(layout: Layout, numbers: Sequence[PerLane], found: LaneEnd, rtol: float) -> None:
     """Keep lanes, for `ends_of` them."""
     if found.recorded is not None:
-        _known.append(_Known(layout.renewed(), [np.array(number) for number in numbers], _ended(found, rtol)))
+        _known.append(
+            _Known(layout.renewed(), [np.array(number) for number in numbers], _ended(layout, numbers, found, rtol))
+        )
 
 
 FEW = 3
@@ -445,7 +446,7 @@ def _at_times(lanes: Lanes, ended: Ended, ts: PerImpact, ys: PyTree) -> AtTimes:
     bars = np.zeros((lanes.size, times.size, layout.rows - 1))
     for place, bar in zip(places, np.moveaxis(given[:, known], 1, 0), strict=True):
         bars[:, place, : bar.shape[-1]] += bar
-    return AtTimes.of(times, bars, layout.clock(lanes.numbers).t0, ended)
+    return AtTimes.of(times, bars, ended)
 
 
 def _bar(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:

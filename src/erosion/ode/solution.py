@@ -174,9 +174,7 @@ class Solution(Result):
         ended = None
         if self.tolerance is not None:
             of_lanes = (self.outcome, self.t, self.trials, self.tolerance, self.stiff)
-            outcome, time, trials, tolerance, stiff = (np.reshape(np.asarray(each), -1) for each in of_lanes)
-            since = time - self.lanes.layout.clock(self.lanes.numbers).t0
-            ended = Ended(outcome, since, trials, tolerance, stiff, self.rtol, self.recorded)
+            ended = Ended(*(np.reshape(np.asarray(each), -1) for each in of_lanes), self.rtol, self.recorded)
         return gradient_of(self.lanes, self.rtol, ended, self.ts, t, y, integrals or {}, ys)
 
     @property

@@ -19,7 +19,6 @@ from erosion.ode.problem import Problem, in_these_words
 from erosion.ode.solution import Solution, Times
 from erosion.ode.step_control import require_float64
 from erosion.ode.traced import traced_solution
-from erosion.ode.variational import Clock
 from erosion.output.tables import briefly
 
 _INEXACT = 100.0  # tolerances: results that err by more are told
@@ -156,7 +155,6 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np
         return shaped(lanes, time, outputs)
 
     value = part("value", 0)
-    t0 = np.broadcast_to(np.asarray(lanes.numbers[-len(Clock._fields)]), lanes.size).reshape(lanes.shape)
     found: dict[tuple[str, ...], Part] = {}
     for i, each in enumerate(along if order else []):
         for kind, path in (("first", each[:1]), ("other", each[-1:]), ("second", each[:2])):
@@ -166,9 +164,8 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np
         if lanes.begins_with(name):
             found[(name,)] = found[(name,)]._replace(t=found[(name,)].t + 1.0)
     outcome = results.outcome.reshape(lanes.shape)
-    t1 = np.broadcast_to(np.asarray(lanes.layout.clock(lanes.numbers).t1), lanes.size).reshape(lanes.shape)
-    # To the last digit: t0 + (t1 - t0) may be another number.
-    t = np.where(outcome == lanes.layout.end_names.index("t1"), t1, value.t + t0)[()]
+    elapsed = np.reshape(value.t, lanes.size)
+    t = lanes.layout.end_times(lanes.numbers, results.outcome, elapsed).reshape(lanes.shape)[()]
     times = None if ts is None or results.saved is None else _at_times(lanes, ts, t, results.saved, along)
     stiff = np.full(lanes.size, lanes.layout.options.method == "rosenbrock")
     if results.stiff is not None:

@@ -115,8 +115,7 @@ def traced_solution(lanes: Lanes, wrt: Sequence[str], order: int, rtol: float, t
     t0 = jnp.broadcast_to(jnp.asarray(clock.t0), shape)
     vector, at_times = vector[..., : layout.rows], vector[..., layout.rows :]
     part = shaped(lanes, vector[..., 0], [vector[..., i] for i in range(1, layout.rows)])
-    # To the last digit: t0 + (t1 - t0) may be another number.
-    t = jnp.where(codes[..., 0] == layout.end_names.index("t1"), clock.t1, part.t + t0)
+    t = layout.end_times(lanes.numbers, codes[..., 0], part.t)
     solution = Solution(
         problem=layout.problem, names=layout.end_names, wrt=(), outcome=codes[..., 0], t=t, y=part.y,
         integrals=part.integrals, count=codes[..., 1], trials=codes[..., 2],
@@ -386,7 +385,7 @@ def _pulled_on_host(wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ..
     ended, at = ends_of(layout, given_some, some.size, wanted.rtol, times), None
     if times is not None:
         bars, of_times = bars[: layout.rows], bars[layout.rows :].T.reshape(some.size, times.shape[1], layout.rows - 1)
-        at = AtTimes.of(times, of_times, layout.clock(given_some).t0, ended)
+        at = AtTimes.of(times, of_times, ended)
     found = gradient(layout, given_some, some.size, ended, bars, spoils=True, at=at)
     made = []
     for i, shape in asked.items():

@@ -157,6 +157,19 @@ class Layout:
         """What a code of an outcome means."""
         return (*self.event_names, *OTHER_ENDS)
 
+    def end_times(self, numbers: Sequence[Any], codes: Any, elapsed: Any) -> Any:
+        """When lanes ended, which is the end wherever one is asked for: a later time is after it, by one digit too.
+
+        Args:
+            numbers: of the lanes.
+            codes: how they ended, see `end_names`.
+            elapsed: since they began.
+        """
+        clock = self.clock(numbers)
+        where = jnp.where if isinstance(elapsed, jax.Array) else np.where
+        # t0 + (t1 - t0) may be another number than t1.
+        return where(codes == self.end_names.index("t1"), clock.t1, clock.t0 + elapsed)
+
     def has_no_result(self, codes: Any) -> Any:
         """Whether lanes failed or are unfinished."""
         names = self.end_names
