@@ -17,7 +17,7 @@ import erosion.parameters.case_files
 from erosion.distributions import read_distribution
 from erosion.explorer.state import PageCase, PageState
 from erosion.fits.measurements import HeaderError, read_header
-from erosion.parameters.quantities import Dimension, UnitError, has_unit, read_axis, read_quantity
+from erosion.parameters.quantities import Dimension, UnitError, check_system, has_unit, read_axis, read_quantity
 from tests.bad_input.conftest import ALL_BYTES, CASE, unchecked_types
 from tests.documents import Shell, Written
 from tests.parameters.test_parameters import case_text
@@ -308,6 +308,31 @@ def test_what_another_program_might_take_for_a_quantity_is_refused(text: str, di
 def test_ends_of_a_range_are_finite(text: str) -> None:
     with pytest.raises(UnitError, match="must have finite ends, but is"):
         read_axis(text, "speed", "si")
+
+
+def test_unit_systems_are_understood_in_capitals(written: Written, shell: Shell) -> None:
+    assert check_system("SI") == "si"
+    assert check_system("Inch-Pound") == "inch-pound"
+    assert erosion.TABLE_1.to("SI").units == "si"
+    file = written("case.toml", erosion.dump_case(erosion.TABLE_1.to("si")).replace('"si"', '"SI"'))
+    assert erosion.load_case(file).units == "si"
+    assert shell("run --units SI --v0 '100 m/s' --json").document["units"] == "si"
+    for name in ("metric", "s i", "", "SI" * 5000):
+        with pytest.raises(ValueError, match="must be one of 'inch-pound', 'si'") as caught:
+            check_system(name)
+        assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize("density", ["2700", "2.7", " 2700 ", "1e3"])
+def test_a_bare_density_is_refused_with_the_right_spelling(density: str) -> None:
+    data = {"angle [deg]": [10, 20, 30], "mass_loss [mg]": [1.0, 2.0, 3.0]}
+    with pytest.raises(ValueError, match=r"`density` must carry its unit, such as \"2.7 g/cm\^3\", but is"):
+        erosion.calibrate("linearized", erosion.TABLE_1.to("si"), data, density=density, free=["k"])
+
+
+def test_a_section_that_is_no_table(written: Written, shell: Shell) -> None:
+    file = written("case.toml", f"sweep = 3\n{CASE}")
+    assert "`sweep` must be a table, but is 3" in shell(f"sweep {file} -o out.nc", 2).err
 
 
 JETS = {

@@ -263,6 +263,30 @@ def test_a_result_that_comes_meanwhile_is_left(tmp_path: Path) -> None:
     assert_same_bits(netcdf(path), WHOLE)
 
 
+@pytest.mark.parametrize("suffix", ["nc", "zarr"])
+def test_whether_a_partial_store_can_be_written_is_known_before(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"out.{suffix}"
+    make = netcdf if suffix == "nc" else zarr
+    with pytest.raises(SweepInterrupted):
+        make(path, progress=stop(KeyboardInterrupt, 1))
+
+    def refuse(self: Path, **_: Any) -> None:
+        raise PermissionError(13, "Permission denied", str(self))
+
+    with monkeypatch.context() as patch:
+        # As in a folder that may only be read; the tests may run as root, who may write anywhere.
+        patch.setattr(Path, "touch", refuse)
+        patch.setattr("erosion.sweeps.grid.impact", lambda *_, **__: pytest.fail("computed before"))
+        with pytest.raises(PermissionError, match="Permission denied"):
+            make(path)
+    assert_same_bits(make(path).compute(), WHOLE)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "touch", refuse)
+        assert_same_bits(make(path).compute(), WHOLE)  # nothing to write
+
+
 def test_a_pipe_or_a_device_is_no_store(tmp_path: Path) -> None:
     for suffix in ("nc", "zarr"):
         os.mkfifo(tmp_path / f"pipe.{suffix}")

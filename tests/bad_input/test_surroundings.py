@@ -334,6 +334,15 @@ def test_a_device_that_is_not_there_is_a_sentence(platform: str, tmp_path: Path)
     assert ended == [(1, sentence), (1, sentence), (0, "")]
 
 
+def test_a_home_that_cannot_be_written_is_no_warning(tmp_path: Path) -> None:
+    nowhere = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), "/dev/null")
+    ended, _ = commands(
+        ["run", "--plot", str(tmp_path / "cut.svg")], ["report", "--only", "q1", "-o", str(tmp_path / "page")],
+        MPLCONFIGDIR="", **nowhere,
+    )  # fmt: skip
+    assert ended == [(0, ""), (0, "")]
+
+
 ASCII = {
     "PYTHONIOENCODING": {"PYTHONIOENCODING": "ascii"},
     "LANG": {"LANG": "C", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},
@@ -463,3 +472,19 @@ def test_the_unit_that_labels_say_counts_or_is_refused() -> None:
     for make in (Samples, lambda values: Rows({"alpha": values}), lambda values: Samples([*values])):
         with pytest.raises(ValueError, match="must hold numbers without units, but is in 'deg'"):
             make(_in_degrees(1.0, 1.2))
+
+
+def test_the_unit_of_labelled_measurements_is_that_of_their_head() -> None:
+    rows = {"angle": _in_degrees(10.0, 20.0), "volume [in^3]": [1e-5, 2e-5]}
+    np.testing.assert_array_equal(read_measurements(rows, "si").angle, np.deg2rad([10.0, 20.0]))
+    rows = {"angle [deg]": rows["angle"], "volume [in^3]": rows["angle"]}
+    with pytest.raises(ValueError, match=r"`volume \[in\^3\]` must hold numbers without units, but is in 'deg'"):
+        read_measurements(rows, "si")
+
+
+def test_a_masked_array_without_masked_values_is_an_array() -> None:
+    values = np.ma.masked_array([0.1, 0.2])
+    np.testing.assert_array_equal(
+        erosion.impact("linearized", P.replace(alpha=values)).volume,
+        erosion.impact("linearized", P.replace(alpha=[0.1, 0.2])).volume,
+    )

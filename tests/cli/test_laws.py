@@ -193,6 +193,28 @@ def test_draws_of_a_bad_fit_are_a_warning() -> None:
     assert {*bad.rows} == {"psi"}
 
 
+def test_draws_in_a_csv_file_are_uncertain_together(shell: Shell) -> None:
+    psi = np.geomspace(1.5, 2.5, 64)
+    with Path("draws.csv").open("w") as file:
+        csv.writer(file).writerows([("sigma [GPa]", "psi", "chain"), *((3 / q, q, 0) for q in psi)])
+    document, _ = said("map impacts.csv sand.toml --uncertain draws.csv --json", shell)
+    # σψ is one number.
+    assert value(document, "total_parameter_error") == pytest.approx(0, abs=1e-8)
+
+
+def test_own_parameters_may_be_those_of_the_fit_in_other_units(shell: Shell) -> None:
+    model = ["--model", "linearized-deformation", "--set", "threshold=12 m/s"]
+    fit = ["posterior", "tests.csv", "sand.toml", "--draws", "125", "--free", "psi"]
+    shell([*fit, *model, "-o", "slow.nc"])
+    line = "map impacts.csv sand.toml --units inch-pound --uncertain slow.nc --draws 2 --json"
+    document, _ = said(f"{line} --model linearized-deformation --set 'threshold=12 m/s'", shell)
+    assert not any("the draws hold for" in sentence for sentence in document["warnings"])
+    document, _ = said(f"{line} --model linearized-deformation --set 'threshold=15 m/s'", shell)
+    (warning,) = (sentence for sentence in document["warnings"] if "slow.nc: the draws hold" in sentence)
+    assert "threshold = 12 m/s, but the model has " in warning
+    assert warning.endswith("threshold = 15 m/s.")
+
+
 def test_draws_are_read_in_other_units() -> None:
     degrees = np.array([10.0, 30.0, 60.0])
     p = erosion.TABLE_1
@@ -315,14 +337,19 @@ def test_options_overrule_the_case_file(case, tmp_path, shell):
             "The package nicegui is not installed: pip install 'particle-erosion[explorer]'.",
         ),
         ("nbformat", ["exercise"], "The package nbformat is not installed: pip install 'particle-erosion[classroom]'."),
+        (
+            "arviz_stats.base.array",
+            ["posterior", "{folder}/tests.csv", "{folder}/sand.toml", "--free", "psi", "--draws", "125"],
+            "The package arviz_stats is not installed: pip install 'particle-erosion[posterior]'.",
+        ),
     ],
 )
-def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch, shell, absent, arguments, message):
+def test_an_extra_that_is_not_installed_is_named(folder, tmp_path, monkeypatch, shell, absent, arguments, message):
     monkeypatch.chdir(tmp_path)
     for module in [name for name in sys.modules if name.startswith("erosion.explorer")]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, absent, None)
-    said = shell(arguments, 2).err
+    said = shell([word.format(folder=folder) for word in arguments], 2).err
     assert message in said
     assert said.count("\n") == 1
     assert not list(tmp_path.iterdir())

@@ -294,8 +294,14 @@ def test_a_link_with_a_script_is_text(page: Page, address: str, expect: Any) -> 
     expect(page.get_by_text("The link cannot be used: Field `alpha`")).to_be_visible()
 
 
+HANGUP = pytest.mark.skipif(
+    not hasattr(signal, "SIGHUP") or signal.getsignal(signal.SIGHUP) == signal.SIG_IGN, reason="POSIX, without nohup"
+)
+
+
 @pytest.mark.browser
-def test_stopping_it_while_it_compiles_says_one_line(browser: Browser, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["SIGINT", pytest.param("SIGHUP", marks=HANGUP)])
+def test_stopping_it_while_it_compiles_says_one_line(browser: Browser, tmp_path: Path, name: str) -> None:
     # Nothing kept, so that there is something to compile.
     env = free_of_pytest() | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path)}
     command = [sys.executable, "-m", "erosion", "explore", "--no-browser", "--port", "0"]
@@ -305,7 +311,7 @@ def test_stopping_it_while_it_compiles_says_one_line(browser: Browser, tmp_path:
         try:
             # It compiles from now on, for seconds; its progress may be shown too shortly to be waited for.
             page.goto(process.stdout.readline().strip(), wait_until="commit")
-            process.send_signal(signal.SIGINT)
+            process.send_signal(getattr(signal, name))
             _, said = process.communicate(timeout=60)
         finally:
             process.kill()

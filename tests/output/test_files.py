@@ -128,6 +128,17 @@ def test_a_file_keeps_its_permissions(tmp_path: Path) -> None:
     assert path.stat().st_mode & 0o777 == 0o600
 
 
+def test_a_file_that_may_not_be_written_is_not_replaced(written: Written, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written("kept.txt", b"kept")
+    # The tests may run as root, who may write everything.
+    monkeypatch.setattr(os, "access", lambda file, mode: not (file == path and mode == os.W_OK))
+    for check in (require_writable, lambda path: write_whole(path, b"new")):
+        with pytest.raises(PermissionError) as caught:
+            check(path)
+        assert caught.value.filename == str(path)
+    assert path.read_bytes() == b"kept"
+
+
 @pytest.fixture
 def heeds_ctrl_c():
     usual = signal.signal(signal.SIGINT, signal.default_int_handler)
