@@ -8,7 +8,8 @@ STAMP := .venv/.synced
 ifdef CI
 PYRIGHT = .venv/bin/pyright
 else
-PYRIGHT = { git diff --name-only -z --diff-filter=d main -- 'src/*.py' 'tests/*.py' 'models/*.py'; \
+PYRIGHT = git rev-parse --quiet --verify main >/dev/null || { echo "There is no branch main to compare with; CI=1 checks all." >&2; exit 1; }; \
+  { git diff --name-only -z --diff-filter=d main -- 'src/*.py' 'tests/*.py' 'models/*.py'; \
   git ls-files -z --others --exclude-standard -- 'src/*.py' 'tests/*.py' 'models/*.py'; } | xargs -0 -r .venv/bin/pyright
 endif
 
