@@ -45,7 +45,6 @@ from erosion.arguments import Number, Scalar
 from erosion.lanes import tapes
 from erosion.ode import tape
 from erosion.ode.extended import Extended
-from erosion.ode.integrator import resets
 from erosion.ode.methods.base import BackStep
 from erosion.ode.methods.transposes import plus, zeros
 from erosion.ode.reduction import Rows, motion_of
@@ -184,18 +183,19 @@ class _Adjoint:
     def _event(self, back: _Back, *, is_last: Scalar) -> _Back:
         """Before the event of a motion, from after it."""
         # Lanes that are done go on beside others, and read the first row.
-        digits, event, rows = tape.read(self.token, jnp.maximum(back.row, 0), self.width)
-        state, sums = back.state, back.sums
+        _, event, rows = tape.read(self.token, jnp.maximum(back.row, 0), self.width)
+        state, sums = list(back.state), back.sums
         if self.problem.chains:
-            happens = [jnp.floor(digits / 2.0**i) % 2 == 1 for i in range(len(self.problem.directions))]
 
-            def both(numbers: list[Number], rows: Rows) -> tuple[Rows, Rows]:
-                met, after = resets(happens, self._member(rows), self._at(numbers))
-                return jax.tree.leaves(met), jax.tree.leaves(after)
+            def after(numbers: list[Number], rows: Rows) -> Rows:
+                at, motion = self._member(rows), self._at(numbers)
+                for i in self.problem.chains:
+                    at = jax.tree.map(functools.partial(jnp.where, event == i), motion.after(i, at), at)
+                return jax.tree.leaves(at)
 
-            _, pull = jax.vjp(both, self.numbers, rows)
-            met = [jnp.where(is_last, bar, 0.0) for bar in state]
-            grads, state = pull((met, [jnp.where(is_last, 0.0, bar) for bar in state]))
+            _, pull = jax.vjp(after, self.numbers, rows)
+            grads, earlier = pull([jnp.where(is_last, 0.0, bar) for bar in state])
+            state: Rows = [jnp.where(is_last, bar, before) for bar, before in zip(state, earlier, strict=True)]
             sums = plus(sums, grads)
         flow = self._flow(back.row, rows)
         total = back.time + _dot(state, flow)

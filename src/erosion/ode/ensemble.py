@@ -18,7 +18,7 @@ from erosion.ode.variational import Clock, Layout, Options
 from erosion.output.tables import briefly
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
-_STARTS = ("wait", "end")
+_STARTS = ("wait", "fire", "end")
 _CLOCK = ("t0", "t1")  # by which there are derivatives
 _METHODS = tuple(METHODS)
 
@@ -109,6 +109,7 @@ def checked_lanes(
     options = Options(
         waits=True,
         begins=start == "end",
+        fires=start == "fire",
         clock=True,
         whole=True,
         smooth=smooth,

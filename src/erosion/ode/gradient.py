@@ -135,7 +135,7 @@ def goes_back(layout: Layout) -> bool:
 
     JAX cannot go backwards through a `while_loop` of the rates.
     """
-    if may_have_kinks(layout):
+    if may_have_kinks(layout) or layout.options.fires:
         return False
     method = first_method(layout)
     return _is_traced(layout.renewed().wanting(method=method))

@@ -1,6 +1,7 @@
 """What a lane writes on its way; see `erosion.ode.tape`. What a recorder has written is of all motions of a lane."""
 
 import abc
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,7 +13,7 @@ from erosion.arguments import Flag, Scalar
 from erosion.ode.extended import Extended
 from erosion.ode.landing import Flight, Lane, has_no_derivatives
 from erosion.ode.tape import EventLog, Recorded, Saved, Tape, Writer
-from erosion.ode.variational import Augmented, Derivatives, Motion, outputs_of
+from erosion.ode.variational import Augmented, Derivatives, outputs_of
 
 
 class Recorder(abc.ABC):
@@ -34,8 +35,14 @@ class Recorder(abc.ABC):
         """With the end of a motion."""
         return written
 
-    def after_event(self, written: Any, motion: Flight, happens: Sequence[Flag]) -> Any:
-        """With the events at the end of a motion, which has its state before their resets."""
+    def after_segment(self, written: Any, segment: Flight) -> Any:
+        """With the end of a segment, before any reset."""
+        return written
+
+    def after_event(
+        self, written: Any, event: int, fires: Flag, at_once: Sequence[Flag], at: tuple[Augmented, ...]
+    ) -> Any:
+        """With an event, if it fires, those that happen at once and the state before its reset."""
         return written
 
     @abc.abstractmethod
@@ -71,9 +78,17 @@ class Steps(Recorder):
         has = written.has_derivatives & ~has_no_derivatives(self.problem, motion)
         return written._replace(has_derivatives=has)
 
-    def after_event(self, written: Tape, motion: Flight, happens: Sequence[Flag]) -> Tape:
+    def after_segment(self, written: Tape, segment: Flight) -> Tape:
         """See `Recorder`."""
-        return written.with_event(motion.event, happens, jax.tree.leaves(motion.members))
+        return written.with_event(segment.event, jax.tree.leaves(segment.members))
+
+    def after_event(
+        self, written: Tape, event: int, fires: Flag, at_once: Sequence[Flag], at: tuple[Augmented, ...]
+    ) -> Tape:
+        """See `Recorder`: several events at one time are gone through forwards."""
+        others = [flag for i, flag in enumerate(at_once) if i != event]
+        several = fires & functools.reduce(jnp.logical_or, others, jnp.asarray(False))
+        return written._replace(has_derivatives=written.has_derivatives & ~several)
 
     def results(self, written: Tape) -> Mapping[str, Any]:
         """See `Recorder`."""
@@ -132,22 +147,15 @@ class Events(Recorder):
         """See `Recorder`."""
         return Events(self.problem, self.rtol, self.rows, elapsed)
 
-    def after_event(self, written: EventLog, motion: Flight, happens: Sequence[Flag]) -> EventLog:
+    def after_event(
+        self, written: EventLog, event: int, fires: Flag, at_once: Sequence[Flag], at: tuple[Augmented, ...]
+    ) -> EventLog:
         """See `Recorder`."""
         equations = self.problem.equations
-        for event, event_happens in enumerate(happens):
-
-            def before(at: Augmented, motion_here: Motion, event: int = event) -> list[Scalar]:
-                for earlier in range(event):
-                    after = motion_here.after(earlier, at)
-                    at = jax.tree.map(lambda one, other, i=earlier: jnp.where(happens[i], one, other), after, at)
-                return outputs_of(at, motion_here)
-
-            pairs = zip(equations.unpack(self.elapsed), equations.of(before, motion.members), strict=True)
-            there = Derivatives(*(None if outputs is None else [time, *outputs] for time, outputs in pairs))
-            numbers = jax.tree.leaves(equations.pack(equations.per_unit(there)))
-            written = written.with_event(event, event_happens, motion.at_once, numbers)
-        return written
+        pairs = zip(equations.unpack(self.elapsed), equations.of(outputs_of, at), strict=True)
+        there = Derivatives(*(None if outputs is None else [time, *outputs] for time, outputs in pairs))
+        numbers = jax.tree.leaves(equations.pack(equations.per_unit(there)))
+        return written.with_event(event, fires, at_once, numbers)
 
     def results(self, written: EventLog) -> Mapping[str, Any]:
         """See `Recorder`."""

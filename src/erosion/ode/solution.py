@@ -254,11 +254,13 @@ class Solution(Result):
                 )
             lost = np.count_nonzero(none) - stiff
             if lost:
+                several = sum(reset is not None for reset in self.problem.resets()) > 1
+                at_once = "events happen at once whose order matters, " if several else ""
                 jump = "a rate jumps on the way (write the jump as an event with a `reset`), "
                 sentences.append(
                     f"The {'second' if len(path) == 2 else 'first'} derivatives by {by} are NaN in {lost:,} of "
                     f"{self.title}: they do not exist there, {jump if may_have_kinks(self.lanes.layout) else ''}"
-                    "or cancellation leaves too few of their digits."
+                    f"{at_once}or cancellation leaves too few of their digits."
                 )
         return sentences
 
@@ -309,8 +311,12 @@ class Solution(Result):
         if np.any(late):
             yield f"{self._in_lanes(late, 'unfinished')}: no event came within 10⁴ time scales; give `t1`."
         for those, why, or_else in (
-            (gathered & ~endless, "where events accumulate", ""),
-            (gathered & endless, "where events accumulate, or within 10⁴ time scales none follows", ", or `t1`"),
+            (gathered & ~endless, "where events accumulate, or cause each other without end", ""),
+            (
+                gathered & endless,
+                "where events accumulate, cause each other without end, or within 10⁴ time scales none follows",
+                ", or `t1`",
+            ),
         ):
             if np.any(those):
                 said = self._in_lanes(those, f"unfinished {_times(self.t, those)}")

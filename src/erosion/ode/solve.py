@@ -62,7 +62,7 @@ def solve(
         derivatives: 0, 1 or 2; 1 by default where `wrt` names something.
         rtol: relative tolerance of times, states, integrals and their derivatives.
         start: "wait": an event function that is zero or beyond its event at the start counts once it has returned;
-            "end": such a lane ends at its start.
+            "end": such a lane ends at its start; "fire": such an event happens there, with its reset.
         ts: times at which the state is wanted as well, shape (n,), none before `t0`; at an event that before its
             reset. Where JAX traces `t0` or them nothing can be refused: a state before `t0` is NaN.
         max_step: no step is longer; a pulse of an event function shorter than a step may go unseen.

@@ -1,8 +1,8 @@
 """What a lane writes on its way: each of its steps and events, or its states at many times.
 
 Of steps each row holds a length and a code, and then the state. A row of a step has the code `STEP`. After the steps
-of a motion comes a row with the code of what ended it and the state there, before any reset; its length is a number
-whose binary digits say which events happened there.
+of a motion comes a row with the code of what ended it and the state there, before any reset. A lane in which several
+events happen at one time is gone through forwards.
 
 For states, a step that has a time within it takes one more step of half its length from the same start. The polynomial
 of degree 8 through the states, the rates and the second derivatives at the start, in the middle and at the end is about
@@ -54,10 +54,9 @@ class Tape(NamedTuple):
         """With a step, which the next row replaces unless the lane moved."""
         return self._with(length, jnp.full((), STEP), state, moved)
 
-    def with_event(self, event: Scalar, happens: Sequence[Flag], state: Rows) -> "Tape":
+    def with_event(self, event: Scalar, state: Rows) -> "Tape":
         """With the end of a motion."""
-        digits = sum((2.0**i * flag for i, flag in enumerate(happens)), jnp.zeros(()))
-        return self._with(digits, lax.convert_element_type(event, float), state, jnp.asarray(True))
+        return self._with(0.0 * state[0], lax.convert_element_type(event, float), state, jnp.asarray(True))
 
     def _with(self, length: Scalar, code: Scalar, state: Rows, is_kept: Flag) -> "Tape":
         place = jnp.minimum(self.rows, self.capacity - 1) * (BESIDE + len(state))

@@ -46,6 +46,7 @@ class Options(NamedTuple):
     Args:
         waits: an event whose function is zero or beyond it counts once it has returned.
         begins: a lane whose event functions are not all before their events at the start ends there.
+        fires: an event whose function is zero or past it at the start happens there.
         clock: the numbers end with those of `Clock`.
         whole: the state at the end is wanted, beside the integrals.
         smooth: the motion has no kinks, whatever its arithmetic looks like; None looks.
@@ -60,6 +61,7 @@ class Options(NamedTuple):
 
     waits: bool = False
     begins: bool = True
+    fires: bool = False
     clock: bool = False
     whole: bool = False
     smooth: bool | None = None

@@ -1,0 +1,303 @@
+"""A hybrid trajectory: segments of a motion, and the events between them.
+
+At each event the state gets its total derivatives, those of the event's time included; the reset is pushed forward over
+them, and the next segment starts on its own clock. So there are no saltation matrices.
+
+Several events may happen at one time. Those whose functions come to zero together happen in their order, each at its
+own time, which is that of the first in its value alone: between two resets is a motion that takes no time. Where
+another order gives another state, derivatives by what moves one of these times against the other are NaN. Then the
+event functions are asked again, in their order, until no reset has taken another one through zero.
+"""
+
+import functools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import PyTree
+
+from erosion.arguments import Flag, Scalar
+from erosion.ode import step_control
+from erosion.ode.extended import Extended
+from erosion.ode.landing import Flight
+from erosion.ode.segments import Loop, Written
+from erosion.ode.step_control import ARRIVED, ENDED, FIRST_STEP, UNFINISHED
+from erosion.ode.variational import Along, AlongFlow, AtEvent, Augmented, Derivatives, Motion, at_event, outputs_of
+
+_ACCUMULATED = (
+    1e-11  # of the time scale, and of the time so far: where an event follows itself sooner, events accumulate
+)
+_ROUNDING = 1e-14  # of the time so far: where any event follows sooner, they do
+_ENDLESS = 100  # rounds of events that resets make happen
+_ALIKE = 1e-9, 1e-7, 1e-6  # of their sizes: two states, their first derivatives and second ones are the same
+
+_NO_TIME = Derivatives(None, None, None, None)
+
+
+class Instant(NamedTuple):
+    """A state, and what has happened to it at one time.
+
+    Args:
+        members: the state after the events so far, with its total derivatives.
+        met: the same before the last of them.
+        elapsed: the time since the lane began, with derivatives as the members of a state have them.
+        last: the last event.
+        count: events of the lane so far.
+        survives: whether the motion goes on after the last event.
+        at_once: of each event whether it happens at this time.
+        written: by the recorders.
+    """
+
+    members: tuple[Augmented, ...]
+    met: tuple[Augmented, ...]
+    elapsed: tuple[Scalar, ...]
+    last: Scalar
+    count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
+    survives: Flag
+    at_once: Sequence[Flag]
+    written: Written
+
+
+class _Trajectory(NamedTuple):
+    """A hybrid trajectory under way.
+
+    Args:
+        goes_on: whether there is another segment.
+        segment: the last one; its members are those from which the next begins, or at the end.
+        elapsed: time since the start, with derivatives as the members of a state have them.
+        amplification: the greatest so far.
+        written: by the recorders so far.
+    """
+
+    goes_on: Flag
+    segment: Flight
+    elapsed: tuple[Scalar, ...]
+    amplification: Scalar
+    written: Written
+
+
+class Transitions:
+    """What events do to a state.
+
+    Args:
+        problem: the equations.
+        loop: with the recorders.
+    """
+
+    def __init__(self, problem: Extended, loop: Loop) -> None:
+        self.problem, self.loop, self.here = problem, loop, problem.equations.at(problem.numbers)
+        self.most = problem.clock.max_events
+
+    def fired(self, instant: Instant, event: int, fires: Flag, own_time: Flag | None = None) -> Instant:
+        """With an event, if it `fires`; where it has its own time the state comes to it from that of the one before."""
+        equations, members, elapsed = self.problem.equations, instant.members, instant.elapsed
+        if own_time is not None and self.problem.order:
+            at_it = at_event(AlongFlow(equations, members), jnp.asarray(event), 0.0 * elapsed[0], _itself, _NO_TIME)
+            later = fires & own_time
+            members = chosen(later, equations.pack(at_it.outputs), members)
+            elapsed = chosen(later, tuple(map(jnp.add, elapsed, equations.pack(at_it.time))), elapsed)
+        at_once = [flag | fires if i == event else flag for i, flag in enumerate(instant.at_once)]
+        written = self.loop.after_event(instant.written, event, fires, at_once, members, elapsed)
+        after, survives = members, event in self.problem.chains
+        if survives:
+            after = equations.pack(equations.of(lambda at, motion: motion.after(event, at), members))
+        return Instant(
+            members=chosen(fires, after, members),
+            met=chosen(fires, members, instant.met),
+            elapsed=elapsed,
+            last=jnp.where(fires, event, instant.last),
+            count=instant.count + jnp.where(fires, 1, 0),
+            survives=jnp.where(fires, survives, instant.survives),
+            at_once=at_once,
+            written=written,
+        )
+
+    def in_turn(self, instant: Instant, segment: Flight, order: Sequence[int], first: Scalar) -> Instant:
+        """With the events that come to zero together, in an order; the state is that at the first one's time.
+
+        Each after the first happens where its function falls still after the resets before it.
+        """
+
+        def rates(at: Augmented) -> list[Scalar]:
+            return jax.jvp(self.here.events, (at,), (self.here.rate(at),))[1]
+
+        falling = rates(instant.members[0])
+        for i in order:
+            still = (first == i) | (rates(instant.members[0])[i] * falling[i] > 0)
+            fires = segment.at_once[i] & still & instant.survives & (instant.count < self.most)
+            instant = self.fired(instant, i, fires, first != i)
+        return instant
+
+    def commuting(self, instant: Instant, segment: Flight, along: Along, before: Instant) -> Instant:
+        """An instant without the derivatives that another order of its events would change.
+
+        Args:
+            instant: after all events.
+            segment: to the first of them.
+            along: its end.
+            before: where the segment began, in time.
+        """
+        equations, order = self.problem.equations, range(len(self.problem.directions))
+        if not self.problem.order or len(self.problem.directions) < 2:
+            return instant
+
+        def fixed(instant: Instant) -> tuple[Augmented, ...]:
+            since = equations.unpack(tuple(-part for part in instant.elapsed))
+            along = AlongFlow(equations, instant.members)
+            return equations.pack(at_event(along, jnp.full((), ARRIVED), instant.elapsed[0], _itself, since).outputs)
+
+        def checked() -> tuple[Augmented, ...]:
+            last = functools.reduce(jnp.maximum, [jnp.where(near, i, -1) for i, near in enumerate(segment.at_once)])
+            end = at_event(along, last, segment.time, _itself, _NO_TIME)
+            gone = tuple(map(jnp.add, before.elapsed, equations.pack(end.time)))
+            start = before._replace(members=equations.pack(end.outputs), elapsed=gone)
+            other = self.in_turn(start, segment, order[::-1], last)
+            one, two = fixed(instant), fixed(other)
+            times = zip(instant.elapsed, other.elapsed, strict=True)
+            apart = [_differ(a, b, share=_ALIKE[0], size=0.0) for a, b in times]
+            unlike = jax.tree.map(functools.partial(_differ, share=_ALIKE[0], size=0.0), one[0], two[0])
+            members = [instant.members[0]]
+            for k in range(1, len(one)):
+                is_second = equations.order == 2 and k == len(one) - 1
+                moves = functools.reduce(jnp.logical_or, apart[1:]) if is_second else apart[k]
+                lost = jax.tree.map(
+                    lambda a, b, u, jump, k=k, moves=moves, share=_ALIKE[2 if is_second else 1]: (jump & moves)
+                    | _differ(a, b, share=share, size=u),
+                    one[k], two[k], one[0], unlike,
+                )  # fmt: skip
+                members.append(jax.tree.map(lambda u, gone: jnp.where(gone, jnp.nan, u), instant.members[k], lost))
+            return tuple(members)
+
+        several = sum(jnp.where(near, 1, 0) for near in segment.at_once) > 1
+        return instant._replace(members=lax.cond(several, checked, lambda: instant.members))
+
+    def settled(self, instant: Instant, before: Sequence[Scalar]) -> tuple[Instant, Flag]:
+        """With the events whose functions a reset takes through zero, and whether they are without end.
+
+        Args:
+            instant: after the events that happened by themselves.
+            before: the event functions before their resets; 0 of those that happened.
+        """
+
+        def crosses(i: int, old: Scalar, new: Scalar) -> Flag:
+            if self.problem.directions[i]:
+                return (old > 0) & (new <= 0)
+            return (old * new < 0) | ((old != 0) & (new == 0))
+
+        def values(instant: Instant) -> list[Scalar]:
+            return self.here.events(instant.members[0])
+
+        def goes_on(state: tuple[Instant, list[Scalar], Scalar]) -> Flag:
+            instant, old, rounds = state
+            pairs = enumerate(zip(old, values(instant), strict=True))
+            any_crosses = functools.reduce(jnp.logical_or, [crosses(i, *pair) for i, pair in pairs])
+            return any_crosses & instant.survives & (instant.count < self.most) & (rounds < _ENDLESS)
+
+        def asked(state: tuple[Instant, list[Scalar], Scalar]) -> tuple[Instant, list[Scalar], Scalar]:
+            instant, old, rounds = state
+            old = list(old)
+            for i in range(len(old)):
+                new = values(instant)[i]
+                fires = crosses(i, old[i], new) & instant.survives & (instant.count < self.most)
+                instant = self.fired(self._edged(instant, i, fires & (new == 0)), i, fires)
+                old[i] = values(instant)[i]
+            return instant, old, rounds + 1
+
+        state = lax.while_loop(goes_on, asked, (instant, list(before), 0 * instant.count))
+        return state[0], state[2] >= _ENDLESS
+
+    def _edged(self, instant: Instant, event: int, at_zero: Flag) -> Instant:
+        """Without the derivatives that decide whether an event happens now or, as its function is zero, soon."""
+        equations = self.problem.equations
+        if not self.problem.order:
+            return instant
+        moved = equations.pack(equations.of(lambda at, motion: motion.events(at)[event], instant.members))
+        lost = [at_zero & (part != 0) for part in moved[1:]]
+        if equations.order == 2:
+            lost[-1] = functools.reduce(jnp.logical_or, lost)
+        pairs = zip(instant.members[1:], lost, strict=True)
+        members = [jax.tree.map(lambda u, gone=gone: jnp.where(gone, jnp.nan, u), member) for member, gone in pairs]
+        return instant._replace(members=(instant.members[0], *members))
+
+
+def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]:
+    """Integrate one lane through the events that it survives: its last segment, and its end with derivatives."""
+    equations, until, transitions = problem.equations, problem.until, Transitions(problem, loop)
+    zero = 0.0 * problem.time_scale
+    control = step_control.begin(problem.time_scale, jnp.asarray(True), jnp.asarray(True), FIRST_STEP)
+    none, nothing = 0 * control.mode, [jnp.asarray(False)] * len(problem.directions)
+    initial, written = problem.members(problem.initial), [recorder.begin() for recorder in loop.recorders]
+    elapsed = tuple(zero for _ in initial)
+    sizes = problem.method.sizes_at_start(problem.initial, None)
+    start = Flight(control, initial, none - 1, zero, none, nothing, sizes)
+
+    def ended(
+        instant: Instant, endless: Flag, segment: Flight, amplification: Scalar, accumulates: Flag
+    ) -> _Trajectory:
+        more = (instant.count > segment.count) & instant.survives & (instant.count < problem.clock.max_events)
+        stops = accumulates | endless
+        control = segment.control._replace(mode=jnp.where(more & stops, UNFINISHED, segment.control.mode))
+        goes_on = more & jnp.logical_not(stops)
+        members = chosen(goes_on, instant.members, instant.met)
+        segment = segment._replace(
+            control=control, members=members, event=instant.last, count=instant.count, at_once=instant.at_once
+        )
+        return _Trajectory(goes_on, segment, instant.elapsed, amplification, instant.written)
+
+    def flown(so_far: _Trajectory) -> _Trajectory:
+        before = so_far.segment
+        rest = jax.tree.map(lambda part, gone: part - gone, until, equations.unpack(so_far.elapsed))
+        segment, along, written = loop.to_its_event(
+            jax.tree.leaves(before.members), rest.value, so_far.written, before, so_far.elapsed
+        )
+        end = at_event(along, segment.event, segment.time, _itself, rest)
+        members, elapsed = equations.pack(end.outputs), tuple(map(jnp.add, so_far.elapsed, equations.pack(end.time)))
+        written = loop.after_segment(written, segment._replace(members=members))
+        met = Instant(
+            members, members, elapsed, segment.event, before.count, jnp.asarray(True), segment.at_once, written
+        )
+        instant = transitions.in_turn(met, segment, range(len(nothing)), segment.event)
+        instant = transitions.commuting(instant, segment, along, met._replace(elapsed=so_far.elapsed))
+        functions = transitions.here.events(members[0])
+        functions = [jnp.where(near, 0.0, value) for near, value in zip(segment.at_once, functions, strict=True)]
+        instant, endless = transitions.settled(instant, functions)
+        typical = jnp.minimum(problem.time_scale, elapsed[0])
+        soon = jnp.where(instant.last == before.event, _ACCUMULATED * typical, _ROUNDING * elapsed[0])
+        amplification = jnp.maximum(so_far.amplification, end.amplification)
+        return ended(instant, endless, segment._replace(count=before.count), amplification, segment.time <= soon)
+
+    begun = _Trajectory(jnp.asarray(True), start, elapsed, zero + 1.0, written)
+    if problem.options.fires:
+        # An event that is past zero fires, as if a reset had brought the lane there.
+        functions = transitions.here.events(initial[0])
+        pairs = zip(problem.directions, functions, strict=True)
+        before = [jnp.where(value == 0, 1.0, 1.0 if direction else value) for direction, value in pairs]
+        instant = Instant(initial, initial, elapsed, none - 1, none, jnp.asarray(True), nothing, written)
+        instant, endless = transitions.settled(instant, before)
+        ends = (instant.count > 0) & ~(instant.survives & (instant.count < problem.clock.max_events))
+        begun = ended(instant, endless, start, zero + 1.0, jnp.asarray(False))
+        mode = jnp.where(ends, ENDED, begun.segment.control.mode)
+        segment = begun.segment._replace(control=begun.segment.control._replace(mode=mode))
+        fires = instant.count > 0
+        goes_on = jnp.where(fires, begun.goes_on, True)
+        segment = segment._replace(members=chosen(fires, segment.members, initial))
+        begun = begun._replace(goes_on=goes_on, segment=segment)
+    last = lax.while_loop(lambda so_far: so_far.goes_on, flown, begun)
+    outputs = equations.of(outputs_of, last.segment.members)
+    return last.segment, AtEvent(equations.unpack(last.elapsed), outputs, last.amplification), last.written
+
+
+def _itself(at: Augmented, _: Motion) -> Augmented:
+    return at
+
+
+def _differ(one: Scalar, other: Scalar, *, share: float, size: Scalar) -> Flag:
+    """Whether two numbers are unlike, relative to their sizes and a part of another."""
+    return jnp.abs(one - other) > share * (jnp.abs(one) + jnp.abs(other)) + _ALIKE[0] * jnp.abs(size)
+
+
+def chosen(condition: Flag, this: PyTree, that: PyTree) -> PyTree:
+    """One of two trees, number by number."""
+    return jax.tree.map(lambda one, other: jnp.where(condition, one, other), this, that)

@@ -1,0 +1,186 @@
+"""One segment of a motion: the loop of trial steps from a state to the first event."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from erosion.arguments import Flag, Number, Scalar
+from erosion.ode import crossings, step_control
+from erosion.ode.crossings import Ends
+from erosion.ode.events import Armed, EventSet, Falling
+from erosion.ode.extended import Extended
+from erosion.ode.guards import MOMENT, ULPS, Guard, guards_of
+from erosion.ode.horizon import Horizon, To
+from erosion.ode.landing import Flight, Lane, all_finite, landed
+from erosion.ode.recorders import Recorder, recorders_of
+from erosion.ode.reduction import Rows
+from erosion.ode.step_control import FIRST_STEP
+from erosion.ode.variational import (
+    Along,
+    Augmented,
+)
+
+_SHARE = 1e-3  # of a rate, or of its jump: by more a rate jumps at the start, and by less it goes on after that
+
+Written = list[Any]  # by each recorder, so far
+
+
+class Loop:
+    """The loop of steps, for every motion of a lane.
+
+    Args:
+        problem: the equations.
+        rtol: relative tolerance.
+        rows: of the tape, where steps are recorded or events logged.
+    """
+
+    def __init__(self, problem: Extended, rtol: Scalar, rows: Scalar) -> None:
+        self.problem, self.rtol, self.method = problem, rtol, problem.method
+        self.guards: list[Guard] = guards_of(problem, rtol)
+        self.recorders: list[Recorder] = recorders_of(problem, rtol, rows)
+        self.events: EventSet = Falling(problem.directions, rough=problem.rough)
+        if problem.options.waits:
+            self.events = Armed(
+                problem.directions,
+                rough=problem.rough,
+                affine=problem.affine_events,
+                smooth=problem.events_are_smooth,
+            )
+
+    def to_its_event(
+        self, initial: Rows, until: Scalar | None, written: Written, before: Flight | None, elapsed: tuple[Scalar, ...]
+    ) -> tuple[Flight, Along, Written]:
+        """Integrate from a state to the first event; with how it and what is wanted there depend on the event's time.
+
+        Args:
+            initial: the state with derivatives.
+            until: stop after this time.
+            written: by the recorders so far.
+            before: the motion before it in a chain.
+            elapsed: the time since the chain began, with derivatives.
+        """
+        end = Horizon() if until is None else To(until, self.problem.clock.max_step)
+        recorders = [recorder.of_motion(elapsed) for recorder in self.recorders]
+
+        def tries(at: tuple[Lane, Written]) -> tuple[Lane, Written]:
+            lane, written = at
+            after = self._try_step(end, lane)
+            return after, [one.after_step(so_far, lane, after) for one, so_far in zip(recorders, written, strict=True)]
+
+        start = self._start(initial, end, before), written
+        lane, written = lax.while_loop(lambda at: step_control.goes_on(at[0].control), tries, start)
+        motion, along = landed(self.problem, lane, until)
+        written = [one.after_landing(so_far, lane, motion) for one, so_far in zip(recorders, written, strict=True)]
+        return motion, along, written
+
+    def after_segment(self, written: Written, segment: Flight) -> Written:
+        """What the recorders have written with the end of a segment, before any reset."""
+        pairs = zip(self.recorders, written, strict=True)
+        return [recorder.after_segment(so_far, segment) for recorder, so_far in pairs]
+
+    def after_event(
+        self, written: Written, event: int, fires: Flag, at_once: Sequence[Flag], at: tuple[Augmented, ...],
+        elapsed: tuple[Scalar, ...],
+    ) -> Written:  # fmt: skip
+        """What they have written with an event, if it fires: the state there before its reset, and the time."""
+        pairs = zip(self.recorders, written, strict=True)
+        return [one.of_motion(elapsed).after_event(so_far, event, fires, at_once, at) for one, so_far in pairs]
+
+    def recorded(self, written: Written) -> Mapping[str, Any]:
+        """What they leave of the lane's results."""
+        results: dict[str, Any] = {}
+        for recorder, so_far in zip(self.recorders, written, strict=True):
+            results |= recorder.results(so_far)
+        return results
+
+    def _start(self, initial: Rows, end: Horizon, before: Flight | None) -> Lane:
+        problem, method = self.problem, self.method
+        slope, events = _at_start(problem, initial, problem.time_scale)
+        scale = problem.scale_at_start(initial, slope)
+        # 0·NaN and 0·∞ are NaN: this finds them also in parameters that the motion does not depend on.
+        zero = sum(jnp.sum(0.0 * number) for number in _own(problem))
+        zero = zero + sum(0.0 * row for row in (*initial, *slope)) + 0.0 * scale
+        for event in events:
+            zero = zero + 0.0 * event.value + 0.0 * event.rate
+        begins = self.events.begins(events, scale) if problem.options.begins else jnp.asarray(True)
+        if before is not None:
+            begins = begins | (before.count > 0)
+        control = step_control.begin(scale, begins, jnp.isfinite(zero), FIRST_STEP)
+        events = self.events.begun(events)
+        if before is not None:
+            # The functions of events that have just happened are zero, but for rounding.
+            events = [crossings.after_event(*each, scale) for each in zip(events, before.at_once, strict=True)]
+            past, trial = before.control, jnp.minimum(control.trial, before.control.step)
+            control = control._replace(
+                trial=trial, step=trial, trials=past.trials, rejected=past.rejected, margin=past.margin
+            )
+        first = method.first_step(initial, slope, scale, control.trial)
+        control = control._replace(trial=first, step=first)
+        memories = tuple(guard.begin(scale) for guard in self.guards)
+        watched, greatest = self.events.watch(events, scale), method.sizes_at_start(initial, before)
+        return Lane(end.within(control), events, initial, slope, watched, greatest, memories)
+
+    def _try_step(self, end: Horizon, lane: Lane) -> Lane:
+        """Try one step, and decide what follows."""
+        problem, method, before = self.problem, self.method, lane.control
+        guarded = list(zip(self.guards, lane.memories, strict=True))
+        at_rest = scale = visible = problem.scale_near(before.step, FIRST_STEP)
+        for guard, memory in guarded:
+            at_rest = guard.at_rest(memory, before, at_rest)
+        step = method.tried(lane, (scale, at_rest), self.rtol)
+        # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
+        step = step._replace(error=sum((0.0 * part for event in step.events for part in event), step.error))
+        step = self.events.resolved(lane.events, step, before.trial)
+        for guard in self.guards:
+            step, visible = guard.sees(lane, step, visible)
+        watched = self.events.watch(lane.events, scale)
+        control, moved = self.events.decide(
+            watched, before, lane.events, step, (scale, visible), self.rtol, problem.limits, method.ending,
+            lambda: end.reach(before),
+        )  # fmt: skip
+        memories = []
+        for guard, memory in guarded:
+            memory, step, control = guard.decided(memory, lane, step, moved, control, end)
+            memories.append(memory)
+        control, moved = method.arrives(before, end.within(control), moved)
+        greatest = method.sizes(lane.greatest, step.state)
+        after = step.events, step.state, step.slope, watched, greatest, tuple(memories)
+        kept = jax.tree.map(lambda new, old: jnp.where(moved, new, old), after, tuple(lane[1:]))
+        return Lane(control, *kept)
+
+
+def _own(problem: Extended) -> list[Number]:
+    """The numbers that must be finite: those of the arguments, and of the clock t0, and t1 if it is not ∞."""
+    if not problem.options.clock:
+        return problem.numbers
+    t0, t1, *_ = problem.clock
+    return [*problem.numbers[: -len(problem.clock)], t0, jnp.where(t1 == jnp.inf, t0, t1)]
+
+
+def _at_start(problem: Extended, initial: Rows, scale: Scalar) -> tuple[Rows, list[Ends]]:
+    """Rate and events at the start; where a rate is 0·∞ by a √0, or jumps there, those just after it."""
+    slope, events = problem.rate_and_events(initial)
+    if not problem.rough:
+        return slope, events
+    known = [jnp.where(jnp.isfinite(k), k, 0.0) for k in slope]
+
+    def after(moments: float) -> Rows:
+        changes = [(MOMENT * scale * k, ULPS * jnp.abs(u) * jnp.sign(k)) for u, k in zip(initial, known, strict=True)]
+        pairs = zip(initial, changes, strict=True)
+        return [u + moments * jnp.where(jnp.abs(d) > jnp.abs(least), d, least) for u, (d, least) in pairs]
+
+    # What a rate that is no root, but jumps, does once it does hardly again in a time that is longer.
+    jumps: Flag = jnp.asarray(False)
+    rates, later = (problem.motion_rate(after(moments)[: problem.width]) for moments in (1.0, 3.0))
+    for now, soon, then in zip(known, rates, later, strict=False):
+        jump = jnp.abs(soon - now)
+        jumps = jumps | ((jump > _SHARE * jnp.abs(now)) & (jnp.abs(then - soon) < _SHARE * jump))
+
+    def limit() -> tuple[Rows, list[Ends]]:
+        rates, ends = problem.rate_and_events(after(1.0))
+        return rates, [Ends(event.value, end.rate) for event, end in zip(events, ends, strict=True)]
+
+    return lax.cond(all_finite(slope) & ~jumps, lambda: (slope, events), limit)
