@@ -28,10 +28,10 @@ class Printed(NamedTuple):
 
 def run(words: str | Sequence[str], status: int, capsys: Any) -> Printed:
     """Run a command line as a shell does; it must end with this status, and say in one line what is wrong."""
-    from erosion.cli import _status
+    from erosion.cli import exit_status
 
     capsys.readouterr()
-    assert _status(shlex.split(words) if isinstance(words, str) else words) == status, capsys.readouterr().err
+    assert exit_status(shlex.split(words) if isinstance(words, str) else words) == status, capsys.readouterr().err
     printed = Printed(*capsys.readouterr())
     if status == 2:
         *warnings, error = printed.err.splitlines()

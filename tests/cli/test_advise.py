@@ -9,7 +9,7 @@ import xarray as xr
 
 import erosion
 from erosion.advice.result import FIT
-from erosion.cli import _status
+from erosion.cli import exit_status
 from erosion.parameters.case_files import dump_case
 from tests.cli.test_document import check
 
@@ -63,7 +63,7 @@ def test_a_fit_goes_from_its_case_file_to_the_advice(shell, tmp_path):
     assert result["curves"][0]["erosion_ratio"]["value"] == pytest.approx(0.47e-3, rel=0.1)
     assert result["worst_share"] > 0.9
     assert result["high"]["value"] - result["low"]["value"] < 0.3
-    assert _status(["run", "fitted.toml"]) == 0
+    assert exit_status(["run", "fitted.toml"]) == 0
 
 
 FITTED = """

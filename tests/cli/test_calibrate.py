@@ -16,7 +16,7 @@ import xarray as xr
 
 import erosion
 from erosion import TABLE_1, dump_case, impact, load_case, load_model, to_fluent
-from erosion.cli import _status
+from erosion.cli import exit_status
 from erosion.fits.posterior_files import read_predictor
 from erosion.models.rigid import LinearizedCut
 from tests.cli.test_document import check
@@ -98,7 +98,7 @@ def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, shell):
 def test_draws_are_within_bounds_and_spread_where_the_data_say_nothing(sand, tmp_path):
     path = tmp_path / "fitted.toml"
     bounded = [*sand, "--free", "sigma,k", "--cutting-fraction", "0.3", "--bounds", "sigma=1 GPa:1.4 GPa"]
-    assert _status([*bounded, "--write-case", str(path)]) == 0
+    assert exit_status([*bounded, "--write-case", str(path)]) == 0
     draws = tomllib.loads(path.read_text())["advise"]["uncertain"]["sigma"]
     assert len(draws) == 64
     assert 1e9 <= min(draws) < max(draws) == pytest.approx(1.4e9, rel=0.01)
@@ -183,7 +183,7 @@ def test_models_are_ranked_though_one_lacks_a_parameter(aluminium, capsys, shell
     first, second = shell([*words, *options, "--json"]).result["ranking"]
     assert list(first["estimates"]) == ["k", "cutting_fraction", "energy_ratio", "threshold"]
     assert list(second["estimates"]) == ["k", "cutting_fraction"]
-    assert _status([*aluminium[:-1], "k,friction", *options[:2]]) == 2
+    assert exit_status([*aluminium[:-1], "k,friction", *options[:2]]) == 2
     line = "Option `--free` must name parameters of the models, but 'friction' is none of linearized, linearized-"
     assert line in capsys.readouterr().err
 

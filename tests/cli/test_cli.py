@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from erosion.cli import _status
+from erosion.cli import exit_status
 from erosion.cli.output import progress_bar
 from erosion.interrupts import _LONGEST, INTERRUPTED, between_imports, keeping_results, unawaited_threads
 from erosion.parameters.quantities import QUANTITIES
@@ -106,7 +106,7 @@ def test_materials_lists_names_ranges_and_sources(shell, tmp_path, written):
     result = shell(["materials", str(table), "--json"]).document["result"]
     assert result["particles"] == []
     assert result["targets"][0]["flow_stress"] == {"value": pytest.approx(200 * 9.80665e6), "unit": "Pa"}
-    assert _status(["materials", str(tmp_path / "none.toml")]) == 2
+    assert exit_status(["materials", str(tmp_path / "none.toml")]) == 2
 
 
 NAMED = ["--units", "si", "--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s"]
@@ -126,7 +126,7 @@ def test_compare_and_sweep_write_tables_for_spreadsheets(shell, tmp_path):
     result = shell(["sweep", *NAMED, "--alpha", "10deg,20deg", "-o", str(table), "--json"]).document["result"]
     assert result["erosion_ratio_greatest"]["value"] == pytest.approx(3.38e-3, rel=1e-2)
     assert len(table.read_text().splitlines()) == 3
-    assert _status(["sweep", *NAMED, "--alpha", "10deg,20deg", "-o", str(table), "--workers", "2"]) == 2
+    assert exit_status(["sweep", *NAMED, "--alpha", "10deg,20deg", "-o", str(table), "--workers", "2"]) == 2
     assert "warning: m does not fit r and b" in shell(["sweep", "--r", "0.2mm,0.4mm", "-o", str(table)]).err
 
 

@@ -16,7 +16,7 @@ import pytest
 import xarray as xr
 
 import erosion
-from erosion.cli import _status
+from erosion.cli import exit_status
 from erosion.distributions import LogNormal, Normal
 from erosion.fits.posterior_files import read_draws
 from erosion.joint_laws import CorrelatedLaws, Rows
@@ -56,7 +56,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(made)
         prior = '--free psi --prior "psi=loguniform(0.5, 8)" --draws 250'
-        assert _status(shlex.split(f"posterior tests.csv sand.toml {prior} -o post.nc")) == 0
+        assert exit_status(shlex.split(f"posterior tests.csv sand.toml {prior} -o post.nc")) == 0
     return made
 
 

@@ -17,7 +17,7 @@ import xarray as xr
 
 import erosion
 from erosion.cfd.surface import Surface
-from erosion.cli import _status
+from erosion.cli import exit_status
 from tests.cfd.parts import PARTS, rows_on, write
 from tests.documents import Shell
 
@@ -59,14 +59,14 @@ def test_in_an_openfoam_case_the_entry_names_its_walls(tmp_path, shell):
 
 def test_the_density_sets_the_diameter(tmp_path):
     options = ["--table", str(tmp_path / "v.csv"), "--particle-density", "2650 kg/m^3", "--diameters", "1 mm"]
-    assert _status(["export", "--model", "finnie", "--angles", "30deg", "--speeds", "111.76 m/s", *options]) == 0
+    assert exit_status(["export", "--model", "finnie", "--angles", "30deg", "--speeds", "111.76 m/s", *options]) == 0
     (row,) = rows_of(tmp_path / "v.csv")
     # A sphere of quartz; finnie removes by mass.
     mass = 2650 * np.pi / 6 * 1e-9
     case = float(erosion.impact("finnie", SI.replace(alpha=np.deg2rad(30.0))).volume)
     assert float(row["volume [m^3]"]) == pytest.approx(case * mass / float(SI.m), rel=1e-8)
     options[1] = str(tmp_path / "v.txt")
-    assert _status(["export", "--model", "finnie", "--angles", "30deg", "--speeds", "111.76 m/s", *options]) == 0
+    assert exit_status(["export", "--model", "finnie", "--angles", "30deg", "--speeds", "111.76 m/s", *options]) == 0
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "v.txt", comments="%"), [float(text) for text in row.values()])
 
 
@@ -146,7 +146,7 @@ def test_a_page_is_one_of_the_files(shell: Shell, monkeypatch: pytest.MonkeyPatc
 
 def test_options_are_those_of_the_function() -> None:
     given = ["--density", "7.8 g/cm^3", "--diameter", "0.2 mm", "--phidot0", "normal(0, 1e5)", "--seed", "4"]
-    assert _status(["map", str(RUNS / "serial"), *OPTIONS, "--model", "rotating", *given, "-o", "map.nc"]) == 0
+    assert exit_status(["map", str(RUNS / "serial"), *OPTIONS, "--model", "rotating", *given, "-o", "map.nc"]) == 0
     law = erosion.distributions.Normal(0.0, 1e5)
     expected = wear(density=7800.0, diameter=2e-4, phidot0=law, seed=4)
     with xr.open_dataset("map.nc", engine="h5netcdf") as stored:

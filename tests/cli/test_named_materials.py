@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.cli import _status
+from erosion.cli import exit_status
 from erosion.parameters.case_files import dump_case
 from tests.documents import Shell
 
@@ -83,7 +83,7 @@ def test_a_fitted_model_keeps_its_own_parameters_among_others(shell: Shell, in_f
     both = ["--model", "linearized,linearized-deformation"]
     compared = document(["compare", "fitted.toml", "--alpha", "60 deg", *both], shell)["result"]["models"]
     assert compared[1]["volume"]["value"] == pytest.approx(alone, rel=1e-9, abs=0)
-    assert _status(["sweep", "fitted.toml", "--alpha", "60 deg, 70 deg", "-o", "table.csv", *both]) == 0
+    assert exit_status(["sweep", "fitted.toml", "--alpha", "60 deg, 70 deg", "-o", "table.csv", *both]) == 0
     (row,) = [line for line in Path("table.csv").read_text().splitlines() if line.startswith("linearized-def")][:1]
     assert float(row.split(",")[2]) == pytest.approx(alone, rel=1e-9, abs=0)
 
@@ -174,7 +174,7 @@ def test_map_takes_densities_and_the_share_from_names_and_case_files(shell: Shel
 def test_export_writes_the_share_that_cuts(shell: Shell) -> None:
     axes = ["--angles", "20deg", "--speeds", "100 m/s", "--diameters", "0.3 mm"]
     for path, words in (("whole.csv", [*NAMES, *AT]), ("part.csv", ["case.toml"])):
-        assert _status(["export", "--model", "linearized", "--table", path, *axes, *words]) == 0
+        assert exit_status(["export", "--model", "linearized", "--table", path, *axes, *words]) == 0
     (whole,), (part,) = (
         list(csv.DictReader(Path(path).read_text().splitlines())) for path in ("whole.csv", "part.csv")
     )

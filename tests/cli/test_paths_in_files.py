@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.cli import _status
+from erosion.cli import exit_status
 from erosion.fits.posterior_files import model_of_draws, read_draws
 from erosion.parameters.case_files import CaseFile, load_case
 from erosion.parameters.quantities import QUANTITIES
@@ -117,7 +117,7 @@ def test_the_case_of_a_plug_ins_fit_names_its_file(two_folders, capsys):
     Path("out").mkdir()
     fit = ["posterior", "weighed.csv", "cases/case.toml", "--target", "mt.toml: mine", "--free", "k", "--starts", "1"]
     files = ["--write-case", "out/fitted.toml", "--draws", "125", "-o", "out/post.nc"]
-    assert _status([*fit, *files]) == 0
+    assert exit_status([*fit, *files]) == 0
     written = tomllib.loads(Path("out/fitted.toml").read_text())
     assert written["model"] == "../cases/plug.py"
     assert (written["particle"], written["target"]) == ("../cases/grit.toml: slag 0.3 mm", "../mt.toml: mine")
@@ -128,15 +128,15 @@ def test_the_case_of_a_plug_ins_fit_names_its_file(two_folders, capsys):
     assert Path(read_draws("out/post.nc", QUANTITIES, "inch-pound").data).samefile("weighed.csv")
     for verb in (["run", "out/fitted.toml"], ["advise", "out/fitted.toml", "--uncertain", "out/post.nc"]):
         capsys.readouterr()
-        assert _status(verb) == 0, capsys.readouterr().err
+        assert exit_status(verb) == 0, capsys.readouterr().err
     # Another number of its own is no other model, another equation is one.
     for text, changed in (("= 9.0", False), ("= 9.0\n    _ = 'words'", False), ("= 9.0", True)):
         law = PLUG_IN.replace("horizontal = -", "horizontal = -2 * ") if changed else PLUG_IN
         Path("cases/plug.py").write_text(law.replace("= {softness}", text))
         for verb in (["predict", "out/post.nc"], ["advise", "out/fitted.toml", "--uncertain", "out/post.nc"]):
-            assert _status(verb) == 2 * changed
+            assert exit_status(verb) == 2 * changed
             assert ("its equations have changed since" in capsys.readouterr().err) == changed
-        assert _status(["run", "out/fitted.toml"]) == 0
+        assert exit_status(["run", "out/fitted.toml"]) == 0
         assert ("the equations of out/../cases/plug.py have changed" in capsys.readouterr().err) == changed
 
 

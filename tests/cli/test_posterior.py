@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from erosion.cli import _status
+from erosion.cli import exit_status
 from erosion.cli.calibrate import Fit
 from erosion.fits.posterior_files import model_of_draws
 from erosion.models.rigid import LinearizedCut
@@ -136,6 +136,6 @@ def test_all_files_of_a_ranking_are_of_one_model(shell):
     assert any("AICc prefers rotating-deformation, the evidence linearized-d" in said for said in printed["warnings"])
     assert CaseFile.read("fitted.toml").model()[0] == model_of_draws("post.nc") == "linearized-deformation"
     assert (
-        _status(["stream", "fitted.toml", "--uncertain", "post.nc", "--n", "128", "--alpha", "normal(30deg, 3deg)"])
+        exit_status(["stream", "fitted.toml", "--uncertain", "post.nc", "--n", "128", "--alpha", "normal(30deg, 3deg)"])
         == 0
     )

@@ -21,7 +21,7 @@ import pytest
 from scipy import integrate
 
 import erosion
-from erosion.cli import _status
+from erosion.cli import exit_status
 from erosion.exercises import AnswerKey, Verdict, answer_key
 from erosion.exercises.answer_key import TASKS, at_contact, cells_of, euler, linearized_rate, notebook, rk4
 
@@ -114,7 +114,7 @@ def test_gaps_and_solutions_are_told_apart() -> None:
 
 def test_the_command_writes_both_notebooks(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     tasks, solved = tmp_path / "tasks.ipynb", tmp_path / "solved.ipynb"
-    assert _status(["exercise", "--alpha", "40deg", "-o", str(tasks), "--solved", str(solved)]) == 0
+    assert exit_status(["exercise", "--alpha", "40deg", "-o", str(tasks), "--solved", str(solved)]) == 0
     printed = capsys.readouterr().out
     assert printed == f"{tasks}: 14 tasks about Table 1, α = 40deg\n{solved}: the same with solutions\n"
     key = erosion.AnswerKey(P.replace(alpha=np.deg2rad(40)))
@@ -136,7 +136,7 @@ def test_what_cannot_be_done_is_one_line(
     arguments: list[str], sentence: str, tmp_path: Path, monkeypatch, capsys: pytest.CaptureFixture
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert _status(["exercise", *arguments]) == 2
+    assert exit_status(["exercise", *arguments]) == 2
     assert capsys.readouterr().err.replace(f"{tmp_path}/", "") == f"erosion: {sentence}\n"
     assert list(tmp_path.iterdir()) == []
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from erosion.cli import _status
+from erosion.cli import exit_status
 from erosion.explorer.computed import Computed
 from erosion.explorer.server import offer
 from erosion.explorer.tab import Service
@@ -52,7 +52,7 @@ def explored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., S
         server = importlib.import_module("erosion.explorer.server")
         monkeypatch.setattr(server, "serve", lambda service, *_, **__: services.append(service))
         (tmp_path / "fitted.toml").write_text(text)
-        assert _status(["explore", str(tmp_path / "fitted.toml"), "--no-browser", "--port", "0", *options]) == 0
+        assert exit_status(["explore", str(tmp_path / "fitted.toml"), "--no-browser", "--port", "0", *options]) == 0
         (service,) = services
         return service
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.cli import _status
+from erosion.cli import exit_status
 from tests.explorer.conftest import free_of_pytest, served
 from tests.explorer.driving import curve, enter, opened, parameters, settle, slide, star
 
@@ -233,7 +233,7 @@ def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pyte
     exported = json.loads(download("All numbers (JSON)").read_text())
     case = download("The case (TOML)")
     capsys.readouterr()
-    assert _status(["run", str(case), "--model", "rotating", "--json"]) == 0
+    assert exit_status(["run", str(case), "--model", "rotating", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     numbers = {name: quantity["value"] for name, quantity in printed["case"]["parameters"].items()}
     assert exported["parameters"] == {"units": printed["units"], **numbers}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.cli import _status
+from erosion.cli import exit_status
 from erosion.correlations import FinnieMaterial
 from erosion.models import Correlated, correlated, made_for, model_name, own_parameters
 from erosion.models.correlated import CorrelatedByFlowStress, CorrelatedBySize, per_mass_of
@@ -131,9 +131,9 @@ def test_one_impact_outside_of_the_range_is_a_warning():
 )
 def test_the_command_line_says_it_in_one_sentence(words, said, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert _status(words.split()) == 0
+    assert exit_status(words.split()) == 0
     assert capsys.readouterr().err.count(f"warning: {said}\n") == 1
-    assert _status([*words.split(), "--json"]) == 0
+    assert exit_status([*words.split(), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["warnings"] == [said]
 
 

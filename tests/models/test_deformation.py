@@ -9,7 +9,7 @@ import pytest
 
 import erosion
 from erosion.checks.verify import Subject
-from erosion.cli import _status
+from erosion.cli import exit_status
 from erosion.distributions import Normal
 from erosion.models import DeformationWear, Finnie, Linearized, ProportionalDeformationWear, Rotating, own_parameters
 
@@ -141,7 +141,7 @@ def test_a_number_below_its_range_is_refused_where_it_is_given(capsys):
         erosion.load_model("linearized-deformation").replace(threshold=-1.0)
     for verb, more in (("run", []), ("sweep", ["--alpha", "10deg:80deg:3", "--output", "sweep.nc"])):
         command = [verb, "--model", "linearized-deformation", "--set", "energy_ratio=-1", *more]
-        assert _status(command) == 2
+        assert exit_status(command) == 2
         assert "Option `--set energy_ratio` must be at least 0, but is -1." in capsys.readouterr().err
 
 
@@ -167,9 +167,9 @@ def test_results_say_what_deformation_removes(capsys):
     cut = erosion.impact("linearized", P)
     assert (cut.volume_at_contact, "deformation" in str(cut)) == (0.0, False)
     assert hits.to_dict()["units"]["volume_at_contact"] == "in^3"
-    assert _status(["run", "--model", "rotating-deformation", "--alpha", "90deg"]) == 0
+    assert exit_status(["run", "--model", "rotating-deformation", "--alpha", "90deg"]) == 0
     assert "removed at contact, beside the cut" in " ".join(capsys.readouterr().out.split())
-    assert _status(["run", "--model", "rotating-deformation", "--alpha", "90deg", "--json"]) == 0
+    assert exit_status(["run", "--model", "rotating-deformation", "--alpha", "90deg", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)["result"]
     assert (
         result["volume_at_contact"]

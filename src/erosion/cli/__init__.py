@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     spell_out()
     _have_room()
-    status = _status(sys.argv[1:] if arguments is None else arguments)
+    status = exit_status(sys.argv[1:] if arguments is None else arguments)
     if status == INTERRUPTED:
         # Python would wait for threads that still compute, and end with SIGINT where it came while a text was executed.
         os._exit(status)
@@ -85,7 +85,8 @@ def _have_room() -> None:
                 os.environ["COLUMNS"] = str(_NARROWEST)
 
 
-def _status(arguments: Sequence[str]) -> int:
+def exit_status(arguments: Sequence[str]) -> int:
+    """Run a command line, say in one sentence what is wrong, and give the exit status."""
     # Read when equinox is imported. With its error checks (host callbacks) in a program, JAX
     # would not keep the compiled program for the next start; every verb checks outcomes itself.
     os.environ.setdefault("EQX_ON_ERROR", "nan")
