@@ -509,17 +509,17 @@ def test_a_stiff_motion_may_follow_a_table():
 
 
 # The clock.
-LATE = fault("a late start leaves the clock too few digits: trials without end, or errors without a word")
+NOISE = fault("rounding of a late time is noise of the rates, which steps of any length show")
 
 
-@pytest.mark.parametrize("t0", [0.0, pytest.param(1e5, marks=LATE), pytest.param(1.7e9, marks=LATE)])
+@pytest.mark.parametrize("t0", [0.0, 1e5, 1.7e9])
 def test_a_jump_at_a_late_time_is_passed(t0):
     switched = growth(lambda t, u, args: jnp.where(t > args["on"], 1.0, 0.0))
     end = ode.solve(switched, {"on": t0 + 0.5}, t0=t0, t1=t0 + 2.0)
     assert (end.ended_by, end.y["u"]) == ("t1", pytest.approx(1.5, rel=1e-6))
 
 
-@pytest.mark.parametrize("t0", [0.0, pytest.param(1.7e9, marks=LATE)])
+@pytest.mark.parametrize("t0", [0.0, pytest.param(1.7e9, marks=NOISE)])
 def test_a_forced_motion_at_a_late_time_is_as_cheap(t0):
     """u = (cos + sin)/2 + exp(-t)/2 of the time since the start."""
     end = ode.solve(growth(lambda t, u, args: -u + jnp.cos(t - t0), y0=1.0), t0=t0, t1=t0 + 5.0)

@@ -91,7 +91,7 @@ def test_a_problem_that_depends_on_time_has_time_as_an_unknown() -> None:
     layout, numbers = lanes_of(driven, 2.0, Options(clock=True))
     motion = motion_of(layout)([*numbers, 0.7, 9.0, np.inf, np.inf])
     at = motion.initial()
-    assert list(at.state) == [0.7, 0.5]
+    assert list(at.state) == [0.0, 0.5]
     assert motion.rate(at).state == (1.0, pytest.approx(2 * np.cos(0.7)))
 
 

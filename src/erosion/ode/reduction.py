@@ -26,7 +26,7 @@ Rows = list[Scalar]
 
 
 class WholeMotion(Motion):
-    """A problem's motion with the state itself, as a tuple of numbers; where it depends on time, time comes first.
+    """A problem's motion with the state itself, as a tuple of numbers; first, if it counts, the time since the start.
 
     Args:
         layout: of problem and arguments.
@@ -45,7 +45,7 @@ class WholeMotion(Motion):
 
     def start(self) -> list[Scalar]:
         """The state at the start."""
-        return [self.clock.t0] * self._timed + elements_of(self._y0[0])
+        return [0.0 * self.clock.t0] * self._timed + elements_of(self._y0[0])
 
     def initial(self) -> Augmented:
         """State and integrals at the start."""
@@ -60,7 +60,9 @@ class WholeMotion(Motion):
 
     def whole(self, state: Sequence[Scalar]) -> tuple[Scalar, PyTree]:
         """Time, and the problem's own state."""
-        t, *elements = state if self._timed else (self.clock.t0, *state)
+        # The time since the start has the digits that a late time has not.
+        elapsed, *elements = state if self._timed else (0.0, *state)
+        t = self.clock.t0 + elapsed
         parts = []
         for shape in map(np.shape, self._y0[0]):
             own, elements = elements[: math.prod(shape)], elements[math.prod(shape) :]

@@ -166,9 +166,10 @@ def _at_start(problem: Extended, initial: Rows, scale: Scalar) -> tuple[Rows, li
     if not problem.rough:
         return slope, events
     known = [jnp.where(jnp.isfinite(k), k, 0.0) for k in slope]
+    moment = jnp.maximum(MOMENT * scale, ULPS * jnp.abs(problem.clock.t0))
 
     def after(moments: float) -> Rows:
-        changes = [(MOMENT * scale * k, ULPS * jnp.abs(u) * jnp.sign(k)) for u, k in zip(initial, known, strict=True)]
+        changes = [(moment * k, ULPS * jnp.abs(u) * jnp.sign(k)) for u, k in zip(initial, known, strict=True)]
         pairs = zip(initial, changes, strict=True)
         return [u + moments * jnp.where(jnp.abs(d) > jnp.abs(least), d, least) for u, (d, least) in pairs]
 
