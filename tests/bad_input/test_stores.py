@@ -1,5 +1,6 @@
 """Stores that are damaged, moved, replaced or watched while they are written: no wrong number, and nothing is lost."""
 
+import functools
 import itertools
 import os
 import signal
@@ -27,7 +28,12 @@ from tests.sweeps.test_sweep import assert_same_bits
 P = erosion.TABLE_1
 AXES: dict[str, Any] = {"alpha": np.linspace(0.1, 1.0, 6), "phidot0": [0.0, 100.0]}
 CHUNKS = {"alpha": 3}
-WHOLE = sweep("linearized", P, **AXES)
+
+
+@functools.cache
+def whole() -> xr.Dataset:
+    """The grid, computed at once."""
+    return sweep("linearized", P, **AXES)
 
 
 @pytest.fixture(autouse=True)
@@ -73,7 +79,7 @@ def test_a_chunk_that_is_lost_or_damaged_is_computed_again(tmp_path: Path, damag
     done = []
     again = zarr(path, progress=lambda work, count, total: done.append(count))
     assert done == [6, 12]
-    assert_same_bits(again.compute(), WHOLE)
+    assert_same_bits(again.compute(), whole())
 
 
 def test_a_block_of_nan_is_not_computed_for_ever(tmp_path: Path) -> None:
@@ -162,7 +168,7 @@ def test_no_flipped_byte_of_a_netcdf_file_is_a_wrong_number(tmp_path: Path) -> N
     with h5py.File(path) as file:
         arrays = [each.id for each in file.values() if isinstance(each, h5py.Dataset) and each.chunks]
         chunks = [array.get_chunk_info(i) for array in arrays for i in range(array.get_num_chunks())]
-    assert len(chunks) >= len(WHOLE.data_vars)
+    assert len(chunks) >= len(whole().data_vars)
     for chunk in chunks:
         for at in range(chunk.byte_offset, chunk.byte_offset + chunk.size, 41):
             path.write_bytes(content)
@@ -203,7 +209,7 @@ def test_an_error_of_any_kind_leaves_what_was_computed(tmp_path: Path, error: ty
     with pytest.raises(error, match="stopped"):
         netcdf(path, progress=stop(error, 1))
     done = []
-    assert_same_bits(netcdf(path, progress=lambda work, count, total: done.append(count)), WHOLE)
+    assert_same_bits(netcdf(path, progress=lambda work, count, total: done.append(count)), whole())
     assert done == [6, 12]
 
 
@@ -232,7 +238,7 @@ def test_ctrl_c_waits_until_a_finished_sweep_is_written(tmp_path: Path) -> None:
     with pytest.raises(SweepInterrupted, match="holds 12 of 12 impacts"):
         netcdf(path)
     done = []
-    assert_same_bits(netcdf(path, progress=lambda work, count, total: done.append(count)), WHOLE)
+    assert_same_bits(netcdf(path, progress=lambda work, count, total: done.append(count)), whole())
     assert done == [12]
 
 
@@ -260,7 +266,7 @@ def test_a_result_that_comes_meanwhile_is_left(tmp_path: Path) -> None:
         netcdf(path, progress=arrive)
     assert path.read_text() == "another result"
     (tmp_path / "out-3.nc").rename(path)
-    assert_same_bits(netcdf(path), WHOLE)
+    assert_same_bits(netcdf(path), whole())
 
 
 @pytest.mark.parametrize("suffix", ["nc", "zarr"])
@@ -281,10 +287,10 @@ def test_whether_a_partial_store_can_be_written_is_known_before(
         patch.setattr("erosion.sweeps.grid.impact", lambda *_, **__: pytest.fail("computed before"))
         with pytest.raises(PermissionError, match="Permission denied"):
             make(path)
-    assert_same_bits(make(path).compute(), WHOLE)
+    assert_same_bits(make(path).compute(), whole())
     with monkeypatch.context() as patch:
         patch.setattr(Path, "touch", refuse)
-        assert_same_bits(make(path).compute(), WHOLE)  # nothing to write
+        assert_same_bits(make(path).compute(), whole())  # nothing to write
 
 
 def test_a_pipe_or_a_device_is_no_store(tmp_path: Path) -> None:
@@ -304,8 +310,8 @@ def test_a_pipe_or_a_device_is_no_store(tmp_path: Path) -> None:
 def test_a_zarr_store_behind_a_link_is_written_there(tmp_path: Path) -> None:
     (tmp_path / "far").mkdir()
     (tmp_path / "out.zarr").symlink_to(tmp_path / "far" / "real.zarr")
-    assert_same_bits(zarr(tmp_path / "out.zarr").compute(), WHOLE)
-    assert_same_bits(zarr(tmp_path / "out.zarr").compute(), WHOLE)
+    assert_same_bits(zarr(tmp_path / "out.zarr").compute(), whole())
+    assert_same_bits(zarr(tmp_path / "out.zarr").compute(), whole())
     assert (tmp_path / "out.zarr").is_symlink()
     assert [file.name for file in (tmp_path / "far").iterdir()] == ["real.zarr"]
 
@@ -323,7 +329,7 @@ def test_a_zarr_store_that_another_process_makes_at_the_same_moment(
 
     monkeypatch.setattr("erosion.sweeps.sweep.require_writable", checked)
     if theirs == "linearized":
-        assert_same_bits(zarr(path).compute(), WHOLE)
+        assert_same_bits(zarr(path).compute(), whole())
     else:
         with pytest.raises(StoreError, match="holds another result"):
             zarr(path)
