@@ -10,6 +10,7 @@ from jax.core import Tracer
 from jaxtyping import PyTree
 
 from erosion.arguments import Number, PerImpact, PerLane, as_names, check_share, check_unmasked, check_whole
+from erosion.ode.back_in_time import reflected
 from erosion.ode.batch import integrate
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.methods import METHODS
@@ -37,6 +38,7 @@ class Lanes(NamedTuple):
         shape: of the lanes.
         names: the path of each number, dots between.
         given: the shape of each number as it was given.
+        original: where time goes back, the problem that was given; the layout is that of the reflected one.
     """
 
     layout: Layout
@@ -44,11 +46,21 @@ class Lanes(NamedTuple):
     shape: tuple[int, ...]
     names: tuple[str, ...]
     given: tuple[tuple[int, ...], ...] = ()
+    original: Problem | None = None
 
     @property
     def size(self) -> int:
         """How many lanes there are."""
         return math.prod(self.shape)
+
+    def turned(self, until: float | None = None) -> "Lanes":
+        """The lanes in the other direction of time; they end at a time of these, or where these end."""
+        problem = self.layout.problem
+        clock = self.layout.clock(self.numbers)
+        end = clock.t1 if until is None else np.minimum(clock.t0, until)
+        numbers = [*self.numbers[: -len(clock)], *clock._replace(t0=-1.0 * clock.t0, t1=-1.0 * end)]
+        layout = self.layout.of_problem(self.original or reflected(problem))
+        return self._replace(layout=layout, numbers=numbers, original=problem)
 
     def element_of(self, name: str) -> int:
         """The place of a number among the elements of all numbers.
@@ -73,6 +85,10 @@ class Lanes(NamedTuple):
                 f"Argument `wrt` must name numbers of `args` ({', '.join(scalars)}), but has {briefly(name)}{hint}."
             )
         return self.layout.offsets[places[0]]
+
+    def is_of_clock(self, name: str) -> bool:
+        """Whether a name is that of where lanes begin or end."""
+        return self.element_of(name) >= self.layout.offsets[len(self.names) - len(Clock._fields)]
 
     def begins_with(self, name: str) -> bool:
         """Whether a name is that of where lanes begin."""
@@ -174,7 +190,7 @@ def lanes_of(
             raise TypeError(f"Argument `{name}` must be a number or an array, but is {briefly(value)}.")
         check_unmasked(name, value)
         numbers.append(value if isinstance(value, (Tracer, jax.Array)) else np.asarray(value, float))
-    _check_clock(clock, endless=problem.time_scale is not None)
+    is_back = _check_clock(clock, endless=problem.time_scale is not None)
     shapes = [struct.shape for struct in structs] + [()] * len(clock)
     many = [(name, number) for name, number, shape in zip(own, numbers, shapes, strict=True) if shape == ()]
     try:
@@ -196,7 +212,8 @@ def lanes_of(
     flat = numbers
     if not any(isinstance(number, Tracer) for number in numbers):
         flat = [_flat(number, own_shape, shape) for number, own_shape in zip(numbers, shapes, strict=True)]
-    return Lanes(layout, flat, shape, tuple(own), tuple(np.shape(number) for number in numbers))
+    lanes = Lanes(layout, flat, shape, tuple(own), tuple(np.shape(number) for number in numbers))
+    return lanes.turned() if is_back else lanes
 
 
 def _flat(number: Number, own: tuple[int, ...], shape: tuple[int, ...]) -> Any:
@@ -208,19 +225,18 @@ def _flat(number: Number, own: tuple[int, ...], shape: tuple[int, ...]) -> Any:
     return np.array(array.reshape(())) if array.size == 1 else np.broadcast_to(array, shape).flatten()
 
 
-def _check_clock(clock: Clock, *, endless: bool) -> None:
-    """Refuse times that run backwards or nowhere, and limits that are none; a motion may be `endless`."""
+def _check_clock(clock: Clock, *, endless: bool) -> bool:
+    """Refuse times that run nowhere, and limits that are none; a motion may be `endless`. Whether time goes back."""
     if any(isinstance(number, Tracer) for number in clock):
-        return
+        return False
     with np.errstate(invalid="ignore"):
         try:
-            backwards = np.any(np.asarray(clock.t1) < np.asarray(clock.t0))
+            ways = np.sign(np.asarray(clock.t1) - np.asarray(clock.t0))
         except ValueError:
-            return  # shapes that do not broadcast are told of with all others
-    if backwards:
-        raise ValueError(
-            "Argument `t1` must not be before `t0`; for a motion back in time change the sign of its rates."
-        )
+            return False  # shapes that do not broadcast are told of with all others
+    is_back = bool(np.any(ways < 0))
+    if is_back and np.any(ways > 0):
+        raise ValueError("Argument `t1` must be after `t0` in all lanes, or before it in all: solve the others apart.")
     for name, times in (("t0", clock.t0), ("t1", clock.t1)):
         if np.size(times) and np.all(np.isnan(times)):
             raise ValueError(f"Argument `{name}` must be a time, but is {briefly(times)}.")
@@ -235,6 +251,7 @@ def _check_clock(clock: Clock, *, endless: bool) -> None:
         raise ValueError(
             f"Argument `max_events` must be a whole number of at least 1, but is {briefly(clock.max_events)}."
         )
+    return is_back
 
 
 def _sizes(layout: Layout, sizes: PyTree) -> tuple[float, ...]:
@@ -303,7 +320,7 @@ def _is_huge(value: Number) -> bool:
     return np.asarray(value).dtype.kind == "O"
 
 
-def checked_times(lanes: Lanes, ts: Any) -> np.ndarray:
+def checked_times(ts: Any) -> np.ndarray:
     """Times at which states are wanted."""
     check_unmasked("ts", ts)
     try:
@@ -312,9 +329,4 @@ def checked_times(lanes: Lanes, ts: Any) -> np.ndarray:
         raise TypeError(f"Argument `ts` must be one row of times, but is {briefly(ts)}.") from None
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must be one row of times, but has shape {times.shape}.")
-    t0 = lanes.layout.clock(lanes.numbers).t0
-    t0 = np.broadcast_to(-math.inf if isinstance(t0, Tracer) else np.asarray(t0), lanes.size)
-    early = times[times < np.fmax.reduce(t0, initial=-math.inf)]
-    if early.size:
-        raise ValueError(f"Argument `ts` must hold no times before `t0`, but has {early.min():g}.")
     return times

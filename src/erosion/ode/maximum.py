@@ -219,6 +219,8 @@ def maximum(
         problem, args, t1=t1, t0=t0, rtol=rtol, start=start, max_step=max_step, max_events=max_events, sizes=sizes,
         smooth=smooth, max_steps=max_steps, method=method, shared=shared,
     )  # fmt: skip
+    if lanes.original is not None:
+        raise ValueError("Argument `t1` must not be before `t0` in `maximum`.")
     ruler = Ruler(unit=max(high - low, _ROOM * max(abs(low), abs(high))))
     optima = _optima(lanes, over, of, SearchRange(low, high, grid, ruler), rtol, least=least)
     return Maximum(problem=problem, over=over, least=least, **columns(optima, lanes.shape))

@@ -12,6 +12,7 @@ from jax.core import Tracer
 from jaxtyping import PyTree
 
 from erosion.arguments import PerImpact
+from erosion.ode.back_in_time import chosen
 from erosion.ode.batch import integrate
 from erosion.ode.ensemble import Lanes, Part, again, path_of
 from erosion.ode.event_log import Passed, events_passed
@@ -96,6 +97,10 @@ class Solution(Result):
     tolerance: np.ndarray | None = dataclasses.field(default=None, repr=False)
     inexact: PerImpact = False
     recorded: Recorded | None = dataclasses.field(default=None, repr=False)
+    forwards: "Solution | None" = dataclasses.field(default=None, repr=False)
+    """Of a motion back in time, that of the reflected problem."""
+    earlier: "tuple[Solution, np.ndarray] | None" = dataclasses.field(default=None, repr=False)
+    """Where times are before the start, the motion back to them, and which they are."""
 
     @functools.cached_property
     def ended_by(self) -> PerImpact:
@@ -171,10 +176,24 @@ class Solution(Result):
         """
         self._require_numbers("gradient")
         self._require_problem("gradient")
+        if self.forwards is not None:
+            return self.forwards.gradient(t=-1.0 * np.asarray(t), y=y, integrals=integrals, ys=ys)
+        if self.earlier is not None and ys is not None:
+            back, flags = self.earlier
+            full = jax.tree.map(lambda bar, part: np.broadcast_to(bar, np.shape(part)), ys, self.ys)
+            none = jax.tree.map(np.zeros_like, full)
+            parts = [
+                back.gradient(ys=chosen(flags, full, none)),
+                dataclasses.replace(self, earlier=None).gradient(
+                    t=t, y=y, integrals=integrals, ys=chosen(flags, none, full)
+                ),
+            ]
+            return jax.tree.map(lambda one, other: one if one.dtype == jax.dtypes.float0 else one + other, *parts)
         ended = None
         if self.tolerance is not None:
             of_lanes = (self.outcome, self.t, self.trials, self.tolerance, self.stiff)
-            ended = Ended(*(np.reshape(np.asarray(each), -1) for each in of_lanes), self.rtol, self.recorded)
+            outcome, end, trials, tolerance, stiff = (np.reshape(np.asarray(each), -1) for each in of_lanes)
+            ended = Ended(outcome, end, trials, tolerance, stiff, self.rtol, self.recorded)
         return gradient_of(self.lanes, self.rtol, ended, self.ts, t, y, integrals or {}, ys)
 
     @property
@@ -191,6 +210,41 @@ class Solution(Result):
         """The solution with states at times."""
         return dataclasses.replace(self, times=times)
 
+    def mirrored(self) -> "Solution":
+        """That of the problem of -t."""
+
+        def of_part(part: Any, names: tuple[str, ...]) -> Any:
+            # Numbers of the clock have the other sign there.
+            sign = (-1.0) ** sum(self.lanes.is_of_clock(name) for name in names)
+            y, integrals = jax.tree.map(lambda number: sign * number, tuple(part[1:3]))
+            if isinstance(part, Part):
+                return Part(-sign * part.t, y, integrals)
+            derivatives = {path: of_part(each, path) for path, each in part.derivatives.items()}
+            return Times(-1.0 * part.ts, y, integrals, derivatives)
+
+        original = self.lanes.original
+        assert original is not None
+        return dataclasses.replace(
+            self,
+            problem=original,
+            t=-1.0 * self.t,
+            derivatives={path: of_part(part, path) for path, part in self.derivatives.items()},
+            times=self.times and of_part(self.times, ()),
+            forwards=self,
+        )
+
+    def with_earlier(self, before: "Solution", flags: np.ndarray) -> "Solution":
+        """With states at times before the start, which the flags, shape (…, times), are, from a motion back."""
+
+        def of(times: Times, others: Times) -> Times:
+            y, integrals = chosen(flags, tuple(others[1:3]), tuple(times[1:3]))
+            derivatives = {path: of(part, others.derivatives[path]) for path, part in times.derivatives.items()}
+            return Times(times.ts, y, integrals, derivatives)
+
+        assert self.times is not None
+        assert before.times is not None
+        return dataclasses.replace(self, times=of(self.times, before.times), earlier=(before, flags))
+
     @functools.cached_property
     def events(self) -> Passed:
         """Each event on the way, that at the end included; lanes are integrated once more when it is first read.
@@ -204,6 +258,9 @@ class Solution(Result):
         self._require_numbers("events")
         self._require_problem("events")
 
+        if self.forwards is not None:
+            passed = self.forwards.events
+            return passed._replace(t=-1.0 * passed.t)
         if not any(self.problem.resets()):
             return self._end_alone
         tolerance = self.tolerance
@@ -353,7 +410,8 @@ class Solution(Result):
                 left &= ~own
         if np.any(left):
             lanes = np.flatnonzero(left)
-            t = _given_up(self, lanes[np.unique(np.linspace(0, lanes.size - 1, _SEARCHED).astype(int))])
+            some = lanes[np.unique(np.linspace(0, lanes.size - 1, _SEARCHED).astype(int))]
+            t = _given_up(self, some) * (1.0 if self.forwards is None else -1.0)
             where = f", about {_times(t, np.isfinite(t), 4)}" if np.any(np.isfinite(t)) else " on the way"
             sentences.append(
                 f"{_failing(left, self.title)}{where}: no step from there succeeds. The motion grows without bound "
@@ -452,7 +510,8 @@ class Solution(Result):
         for name, number, shape in zip(self.lanes.names, self.lanes.numbers, self.lanes.layout.shapes, strict=True):
             if np.ndim(number) > len(shape):
                 name = _free(_label(name).replace(".", "_"), taken)
-                taken[name] = coordinates[name] = (axes, np.reshape(number, self.lanes.shape))
+                sign = -1.0 if self.forwards is not None and name in ("t0", "t1") else 1.0
+                taken[name] = coordinates[name] = (axes, sign * np.reshape(number, self.lanes.shape))
         return xr.Dataset(variables, coordinates, {"rtol": self.rtol, "events": ", ".join(self.problem.events)})
 
     def __repr__(self) -> str:

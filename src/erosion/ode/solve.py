@@ -2,15 +2,17 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import PyTree
 
 from erosion.arguments import as_names, check_order
+from erosion.ode.back_in_time import early
 from erosion.ode.batch import integrate, integrate_along
 from erosion.ode.ensemble import Lanes, Part, checked_lanes, checked_times, named_events, shaped
 from erosion.ode.gradient import goes_back
@@ -53,7 +55,8 @@ def solve(
     Args:
         problem: the equations.
         args: any pytree for its functions. Numbers and arrays in it broadcast, one number for each lane.
-        t1: where a lane without an event ends; numbers or arrays. It may be left out where the problem has a
+        t1: where a lane without an event ends; numbers or arrays. Before `t0` time goes back, unless JAX traces it; an
+            event's direction is that on the way. It may be left out where the problem has a
             `time_scale`: then a lane may take any time.
         t0: where lanes begin; numbers or arrays.
         wrt: the numbers by which derivatives are taken, by their path in `args` with dots between: "angle",
@@ -63,8 +66,8 @@ def solve(
         rtol: relative tolerance of times, states, integrals and their derivatives.
         start: "wait": an event function that is zero or beyond its event at the start counts once it has returned;
             "end": such a lane ends at its start; "fire": such an event happens there, with its reset.
-        ts: times at which the state is wanted as well, shape (n,), none before `t0`; at an event that before its
-            reset. Where JAX traces `t0` or them nothing can be refused: a state before `t0` is NaN.
+        ts: times at which the state is wanted as well, shape (n,); at an event that before its reset. For those before
+            `t0` lanes go back as well, up to their last event there; where JAX traces `t0` or them they are NaN.
         max_step: no step is longer; a pulse of an event function shorter than a step may go unseen.
         max_events: a chain of events that the motion survives ends with this one; None for no bound.
         sizes: typical sizes of y, a pytree like it or one number: a state need not be known to better than
@@ -107,11 +110,38 @@ def solve(
         problem, args, t1=t1, t0=t0, rtol=rtol, start=start, max_step=max_step, max_events=max_events, sizes=sizes,
         smooth=smooth, max_steps=max_steps, method=method, shared=shared,
     )  # fmt: skip
-    if any(isinstance(number, Tracer) for number in (*lanes.numbers, *jax.tree.leaves(ts))):
-        return traced_solution(lanes, names, order, rtol, ts)
+    times = None
+    if ts is not None:
+        times = jnp.asarray(ts, float) if _is_traced(jax.tree.leaves(ts)) else checked_times(ts)
     if gradient:
         lanes = lanes._replace(layout=lanes.layout.wanting(records=goes_back(lanes.layout)))
-    return solution(lanes, names, order, rtol, None if ts is None else checked_times(lanes, ts))
+    found = traced_solution if _is_traced([*lanes.numbers, times]) else solution
+    if lanes.original is not None:
+        return _both_ways(found, lanes, names, order, rtol, None if times is None else -1.0 * times).mirrored()
+    return _both_ways(found, lanes, names, order, rtol, times)
+
+
+def _both_ways(
+    found: Callable[..., Solution], lanes: Lanes, names: Sequence[str], order: int, rtol: float, times: Any
+) -> Solution:
+    """The solution of lanes, with states at times before their start as well."""
+    end, t0 = found(lanes, names, order, rtol, times), lanes.layout.clock(lanes.numbers).t0
+    if times is None or _is_traced([t0, times]):
+        return end
+    flags = early(t0, lanes.shape, times)
+    if not np.any(flags):
+        return end
+    if any(lanes.layout.problem.resets()):
+        raise ValueError(
+            "Argument `ts` must hold no times before `t0` where events have resets, as these know no way back."
+        )
+    first = np.min(times, where=np.isfinite(times), initial=np.inf)
+    before = found(lanes.turned(first), names, order, rtol, -1.0 * times)
+    return end.with_earlier(before.mirrored(), flags)
+
+
+def _is_traced(numbers: Sequence[Any]) -> bool:
+    return any(isinstance(number, Tracer) for number in numbers)
 
 
 def ends(

@@ -10,14 +10,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.core import ShapedArray, Tracer
+from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import PyTree
 
 from erosion.arguments import Number
 from erosion.ode.batch import compile_ahead, integrate, integrate_along
-from erosion.ode.ensemble import Lanes, checked_times, named_events, shaped
+from erosion.ode.ensemble import Lanes, named_events, shaped
 from erosion.ode.gradient import AtTimes, ends_of, gradient, is_worth, keep, summed
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Equations
@@ -82,9 +82,7 @@ def traced_solution(lanes: Lanes, wrt: Sequence[str], order: int, rtol: float, t
         raise ValueError("Argument `wrt` must be left out where JAX traces: use `jax.grad` and its like.")
     layout, shape = lanes.layout, lanes.shape
     if ts is not None:
-        ts = jnp.asarray(
-            ts if any(isinstance(each, Tracer) for each in jax.tree.leaves(ts)) else checked_times(lanes, ts), float
-        )
+        ts = jnp.asarray(ts, float)
         if ts.ndim != 1:
             raise ValueError(f"Argument `ts` must be one row of times, but has shape {ts.shape}.")
     wanted = Wanted(layout, rtol, 0 if ts is None else ts.size)

@@ -123,6 +123,14 @@ class Layout:
         args = self.args([np.zeros(struct.shape, struct.dtype) for struct in self.structs()])
         return self._of(self.options, self.problem.equations(args, self.equations.numbers))
 
+    def of_problem(self, problem: Problem) -> "Layout":
+        """The layout of another problem with such arguments."""
+        args = self.args([np.zeros(struct.shape, struct.dtype) for struct in self.structs()])
+        count = len(self.equations.numbers)
+        own = self.shapes[:count], self.dtypes[:count]
+        equations = problem.equations(args, self.equations.numbers)
+        return Layout(problem, self.structure, self.leaves, *own, self.options, equations)
+
     def wanting(self, **options: Any) -> "Layout":
         """The layout with other options."""
         return self._of(self.options._replace(**options), self.equations)

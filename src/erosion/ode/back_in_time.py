@@ -1,0 +1,54 @@
+"""Motions back in time: those of another problem, in -t, that go forwards."""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import PyTree
+
+from erosion.arguments import Scalar
+from erosion.ode.problem import Event, Problem, Rate
+
+
+# Not functions within a function: they are alike where what they hold is.
+@dataclasses.dataclass(frozen=True)
+class _OfMinusT:
+    fun: Rate
+
+    def __call__(self, t: Scalar, y: PyTree, args: Any) -> PyTree:
+        return self.fun(-t, y, args)
+
+
+@dataclasses.dataclass(frozen=True)
+class _MinusOfMinusT(_OfMinusT):
+    def __call__(self, t: Scalar, y: PyTree, args: Any) -> PyTree:
+        return jax.tree.map(lambda rate: -jnp.asarray(rate), self.fun(-t, y, args))
+
+
+def reflected(problem: Problem) -> Problem:
+    """The problem of -t. An event's direction is that in which its function passes zero on the way, as in scipy."""
+    events = {
+        name: Event(_OfMinusT(event.function), event.direction, event.reset and _OfMinusT(event.reset))
+        for name, event in problem.events.items()
+    }
+    rates = {name: _MinusOfMinusT(rate) for name, rate in problem.integrals.items()}
+    return dataclasses.replace(
+        problem, vector_field=_MinusOfMinusT(problem.vector_field), events=events, integrals=rates
+    )
+
+
+def early(t0: Any, shape: tuple[int, ...], ts: np.ndarray) -> np.ndarray:
+    """Which times are before the start of which lanes, shape (…, times)."""
+    return ts < np.reshape(np.broadcast_to(t0, np.prod(shape, dtype=int)), (*shape, 1))
+
+
+def chosen(flags: np.ndarray, this: PyTree, that: PyTree) -> PyTree:
+    """Arrays (…, times, …) of this where the flags, shape (…, times), say so, and of that elsewhere."""
+
+    def of(one: Any, other: Any) -> Any:
+        wide = flags.reshape(*flags.shape, *[1] * (np.ndim(one) - flags.ndim))
+        return (jnp if isinstance(other, jax.Array) else np).where(wide, one, other)
+
+    return jax.tree.map(of, this, that)
