@@ -50,6 +50,37 @@ def test_volume_maps_and_takes_gradients_of_everything():
     assert slopes == pytest.approx(hit.dvolume, rel=1e-7)
 
 
+class Waves(erosion.models.ForceLaw):
+    """F_x = -c f (1 + g depth/r) (1 + Σ wᵢ sin(i depth/r)) depth, F_y = k F_x."""
+
+    weights: jax.Array
+    factor: jax.Array
+    growth: jax.Array
+
+    def __call__(self, state, tip, p):
+        depth = tip.depth / p.r
+        waves = jnp.sum(self.weights * jnp.sin(jnp.arange(20.0) * depth))
+        factor = self.factor * (1 + self.growth * depth) * (1 + waves)
+        horizontal = -p.stiffness * factor * tip.depth
+        return horizontal, p.k * horizontal
+
+    def typical_ratio(self, p):
+        return p.k
+
+
+def test_a_model_learns_an_array_of_weights_from_many_angles():
+    """Twenty weights and three angles: shapes that no one may put together."""
+    weights, angles = 0.01 * jnp.arange(20.0), jnp.array([0.2, 0.3, 0.4])
+
+    def total(weights):
+        model = erosion.models.Rotating(force=Waves(weights, jnp.array(1.0), jnp.array(2.0)))
+        return jnp.sum(jax.vmap(lambda alpha: erosion.volume(model, P.replace(alpha=alpha)))(angles))
+
+    one, step = jnp.eye(20)[2], 1e-4
+    slope = (total(weights + step * one) - total(weights - step * one)) / (2 * step)
+    assert jax.jit(jax.grad(total))(weights)[2] == pytest.approx(float(slope), rel=1e-6)
+
+
 def test_third_derivatives_say_that_they_are_missing():
     with pytest.raises(NotImplementedError, match="third"):
         jax.make_jaxpr(jax.grad(jax.grad(jax.grad(lambda a: erosion.volume("linearized", P.replace(alpha=a))))))(0.3)

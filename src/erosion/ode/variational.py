@@ -173,8 +173,10 @@ class Layout:
         Args:
             numbers: of the lanes.
             codes: how they ended, see `end_names`.
-            elapsed: since they began.
+            elapsed: since they began; without a clock also the time.
         """
+        if not self.options.clock:
+            return elapsed
         clock = self.clock(numbers)
         where = jnp.where if isinstance(elapsed, jax.Array) else np.where
         # t0 + (t1 - t0) may be another number than t1.
