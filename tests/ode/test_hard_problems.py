@@ -3,6 +3,7 @@
 A test with a mark states what a user may rely on and does not have today; its mark goes with the mend.
 """
 
+import dataclasses
 import time
 from typing import Any
 
@@ -431,6 +432,40 @@ def test_the_derivatives_of_a_chain_are_verified():
     end = ode.solve(kepler(), {"e": e}, t1=100.0, max_events=10, wrt="e", smooth=True)
     np.testing.assert_allclose(end.t, 20 * np.pi, rtol=1e-7)
     assert not silently_wrong(end, end.along("e").t, 0.0, 1e-7 * 20 * np.pi).any()
+
+
+@pytest.mark.parametrize(
+    "size",
+    [
+        lambda x, y: (x**2 + y**2) ** 1.5,
+        lambda x, y: jnp.sqrt(x**2 + y**2) ** 3,
+        lambda x, y: jnp.linalg.norm(jnp.stack([x, y])) ** 3,
+        lambda x, y: jnp.where(x**2 + y**2 > 0, jnp.abs(x**2 + y**2), 1.0) ** 1.5,
+    ],
+    ids=["power", "sqrt", "norm", "where"],
+)
+def test_a_motion_that_stays_away_from_kinks_is_as_cheap_as_a_smooth_one(size):
+    e = np.linspace(0.1, 0.7, 8)
+    orbit = dataclasses.replace(
+        kepler(), vector_field=lambda t, y, args: {"x": y["u"], "y": y["v"]} | {
+            speed: -y[place] / size(y["x"], y["y"]) for speed, place in (("u", "x"), ("v", "y"))
+        }
+    )  # fmt: skip
+    found, smooth = (ode.solve(orbit, {"e": e}, t1=7.0, max_events=1, smooth=each) for each in (None, True))
+    np.testing.assert_allclose(found.t, 2 * np.pi, rtol=1e-8)
+    assert np.mean(found.trials) < 1.1 * np.mean(smooth.trials)
+
+
+def test_a_motion_that_comes_near_a_kink_is_integrated_again():
+    """A spring with a stop that it reaches only with more than half of its speeds."""
+    v = np.linspace(0.1, 2.0, 20)
+    spring = ode.Problem(
+        lambda args: {"x": 0.0, "v": args["v"]},
+        lambda t, y, args: {"x": y["v"], "v": -y["x"] - 50 * jnp.maximum(y["x"] - 1, 0.0)},
+    )
+    end = ode.solve(spring, {"v": v}, t1=2.0)
+    assert np.all(np.asarray(end.tolerance)[v < 0.7] == end.rtol)
+    assert np.all(np.asarray(end.tolerance)[v > 1] < end.rtol)
 
 
 DRIVEN = (

@@ -304,9 +304,11 @@ def test_sizes_spare_steps_where_a_state_starts_at_zero():
 
 
 def test_smooth_spares_what_kinks_cost():
+    """The rates have two cases, which are the same."""
+    root = lambda v: jnp.sqrt(1 + v**2)  # noqa: E731
     problem = ode.Problem(
         lambda args: {"y": 1.0, "v": args["v"]},
-        lambda t, y, args: {"y": y["v"], "v": -y["v"] * jnp.sqrt(1 + y["v"] ** 2)},
+        lambda t, y, args: {"y": y["v"], "v": -y["v"] * root(jnp.where(y["v"] > 1, y["v"], 1 * y["v"]))},
         {"slow": ode.Event(lambda t, y, args: y["v"] - 0.1, -1)},
     )
     rough, smooth = (ode.solve(problem, {"v": 3.0}, t1=20.0, wrt="v", smooth=smooth) for smooth in (None, True))

@@ -9,7 +9,7 @@ from jax.extend.core import Jaxpr
 
 from erosion.arguments import Number, Scalar
 from erosion.ode.crossings import Ends
-from erosion.ode.kinks import cases, divisors, is_rough, may_have_kinks
+from erosion.ode.kinks import arguments, cases, divisors, is_rough, may_have_kinks
 from erosion.ode.methods import method_of
 from erosion.ode.reduction import Rows, are_affine, motion_of
 from erosion.ode.step_control import Limits
@@ -76,6 +76,11 @@ class Extended:
         def motion_rate(numbers: Sequence[Number], rows: Rows) -> Rows:
             return jax.tree.leaves(motion(numbers).rate(self.members(rows)[0]))
 
+        @jax.jit
+        def singular(numbers: Sequence[Number], rows: Rows) -> Rows | None:
+            return arguments(jax.make_jaxpr(functools.partial(motion_rate, numbers))(rows), rows, [True] * len(rows))
+
+        self.singular = functools.partial(singular, self.numbers)
         self.motion_rate = functools.partial(motion_rate, self.numbers)
         self.events = functools.partial(events, self.numbers)
         self.rate = functools.partial(rate, self.numbers, places)
@@ -100,6 +105,13 @@ class Extended:
     @functools.cached_property
     def _events_jaxpr(self) -> Jaxpr:
         return jax.make_jaxpr(self.events)(self.initial[: self.width]).jaxpr
+
+    @functools.cached_property
+    def shows_kinks(self) -> bool:
+        """Whether a lane tells by `singular` that it comes near no kink; impacts are integrated again all the same."""
+        if not self.rough or not self.options.waits or self.options.smooth is not None:
+            return False
+        return jax.eval_shape(self.singular, self.initial[: self.width]) is not None
 
     @property
     def events_are_slow(self) -> bool:

@@ -6,19 +6,22 @@ A program has a list of guards, chosen where it is traced. What a guard remember
 import functools
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 
 from erosion.arguments import Flag, Scalar
 from erosion.ode.extended import Extended
 from erosion.ode.horizon import Horizon
-from erosion.ode.kinks import breaks, corrected, is_broken
-from erosion.ode.landing import Lane
+from erosion.ode.kinks import breaks, comes_near, corrected, is_broken
+from erosion.ode.landing import Flight, Lane
 from erosion.ode.methods.base import Step
 from erosion.ode.methods.runge_kutta import RungeKutta
+from erosion.ode.reduction import Rows
 from erosion.ode.step_control import FAILED, FIRST_STEP, STIFF, UNFINISHED, Control, goes_on
 
 MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start, or jumps, is taken this much later
 ULPS = 1e-15  # of a number, at least: then it is another one
+_SAMPLES = 24  # parts of a step between which kinks are looked for: as close as the stages of a second integration
 _MANY_STIFF = 12  # steps, more than others, that are short although the motion is smooth: it is stiff
 _FAR = 200  # steps: a nearer end is reached all the same
 
@@ -63,6 +66,37 @@ class Guard:
     def decided(self, memory: Any, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
         """What follows."""
         return Decided(memory, step, control)
+
+    def ends(self, memory: Any, lane: Lane, motion: Flight) -> Flight:
+        """The end of a motion, with what the guard has seen on its way."""
+        return motion
+
+
+class NearKinks(Guard):
+    """Sees whether a lane comes near a kink: a lane that does not is not integrated again as one that does."""
+
+    def begin(self, scale: Scalar) -> Flag:
+        """See `Guard`."""
+        return jnp.asarray(False)
+
+    def decided(self, memory: Flag, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
+        """See `Guard`."""
+        problem, h = self.problem, lane.control.trial
+        ends = lane.state, lane.slope, step.state, step.slope
+        rows = list(zip(*(each[: problem.width] for each in ends), strict=True))
+
+        def at(share: float) -> Rows:
+            a, b = share * share * (3 - 2 * share), share * (1 - share)
+            return [u + a * (v - u) + h * b * ((1 - share) * k - share * m) for u, k, v, m in rows]
+
+        near = comes_near([problem.singular(at(i / _SAMPLES)) for i in range(_SAMPLES + 1)])
+        return Decided(memory | near, step, control)
+
+    def ends(self, memory: Flag, lane: Lane, motion: Flight) -> Flight:
+        """See `Guard`."""
+        rows: Rows = jax.tree.leaves(motion.members[0])
+        both = self.problem.singular(lane.state[: self.problem.width]), self.problem.singular(rows)
+        return motion._replace(near_kink=memory | comes_near(both))
 
 
 class LongestStep(Guard):
@@ -147,7 +181,7 @@ class Stiffness(Guard):
 
 def guards_of(problem: Extended, rtol: Scalar) -> list[Guard]:
     """Those that a program needs."""
-    guards: list[Guard] = []
+    guards: list[Guard] = [NearKinks(problem, rtol)] if problem.shows_kinks else []
     if problem.rough and problem.layout.problem.time_scale is None:
         guards.append(LongestStep(problem, rtol))
     if problem.rough and problem.layout.equations.timed and not problem.order:

@@ -231,7 +231,8 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
     initial, written = problem.members(problem.initial), [recorder.begin() for recorder in loop.recorders]
     elapsed = tuple(zero for _ in initial)
     sizes = problem.method.sizes_at_start(problem.initial, None)
-    start = Flight(control, initial, none - 1, zero, none, nothing, sizes)
+    near_kink = jnp.asarray(False) if problem.shows_kinks else None
+    start = Flight(control, initial, none - 1, zero, none, nothing, sizes, near_kink)
 
     def ended(
         instant: Instant, endless: Flag, segment: Flight, amplification: Scalar, accumulates: Flag

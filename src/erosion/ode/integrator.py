@@ -146,7 +146,8 @@ def _finish(problem: Extended, motion: Flight, end: AtEvent, rtol: Scalar, recor
     else:
         factor = jnp.where(many, jnp.minimum(factor, _MANY_FACTOR), factor)
     if problem.rough:
-        factor = jnp.minimum(factor, _ROUGH_FACTOR)
+        rough = jnp.minimum(factor, _ROUGH_FACTOR)
+        factor = rough if motion.near_kink is None else jnp.where(motion.near_kink, rough, factor)
     least = [LEAST * size for size in problem.sizes_of_state(motion.greatest)]
     return LaneEnd(
         outcome=_outcome(problem, finite, control.mode, event),

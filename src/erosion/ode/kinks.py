@@ -137,6 +137,72 @@ def cases(closed: ClosedJaxpr, operands: Sequence[Scalar], varies: Sequence[bool
 _STEPS = frozenset({"floor", "ceil", "round", "sign"})
 
 
+def arguments(closed: ClosedJaxpr, operands: Sequence[Scalar], varies: Sequence[bool]) -> list[Scalar] | None:
+    """Numbers of which one is zero wherever a function is not smooth; None where its arithmetic does not tell.
+
+    Of a root, a power, a logarithm or |u| that is u, of a comparison the difference of what it compares.
+    """
+    jaxpr, found, parts = closed.jaxpr, [], []
+    known = known_values(jaxpr, {variable for variable, moves in zip(jaxpr.invars, varies, strict=True) if moves})
+    for equation in jaxpr.eqns:
+        moves = [not isinstance(atom, Literal) and atom not in known for atom in equation.invars]
+        name = equation.primitive.name
+        if not any(moves) or equation.params.get("name") in _SMOOTH_FUNCTIONS:
+            continue
+        inner = list(_inner(equation.params))
+        types = [getattr(atom.aval, "dtype", np.dtype(float)) for atom in (*equation.invars, *equation.outvars)]
+        real = [np.issubdtype(each, np.floating) for each in types]
+        values = functools.partial(evaluate(closed, list(equation.invars)), *operands)
+        if name == "select_n" or name in _LOGICAL:
+            continue  # what chooses is a comparison, or made of some
+        if name in _SMOOTH and name not in ("lu", "custom_linear_solve", "triangular_solve"):
+            if name == "convert_element_type" and real[0] and not real[-1] and types[-1] != np.dtype(bool):
+                return None
+            continue
+        if name in _SINGULAR and real[0]:
+            found.append(equation.invars[0])
+        elif name in _COMPARISONS and all(real[:2]):
+            one, other = values()
+            parts += elements_of([one - other])
+        elif name == "clamp" and all(real):
+            low, middle, high = values()
+            parts += elements_of([middle - low, high - middle])
+        elif name == "atan2":
+            y, x = values()
+            parts += elements_of([jnp.sqrt(x * x + y * y) + x])
+        elif name in ("acos", "asin"):
+            (x,) = values()
+            parts += elements_of([1.0 - x, 1.0 + x])
+        elif name == "cond":
+            branches = equation.params["branches"]
+            if any(is_rough(branch.jaxpr, moves[1:]) for branch in branches):
+                return None
+        elif name in ("jit", "pjit", "custom_jvp_call") and len(inner) == 1:
+            called = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
+            more = arguments(called, values(), moves)
+            if more is None:
+                return None
+            parts += more
+        else:
+            return None
+    return elements_of(evaluate(closed, found)(*operands)) + parts
+
+
+_SINGULAR = frozenset({"sqrt", "rsqrt", "cbrt", "log", "pow", "abs", "sign"})
+_COMPARISONS = frozenset({"max", "min", "lt", "le", "gt", "ge", "eq", "ne"})
+_LOGICAL = frozenset({"and", "or", "not", "xor", "reduce_and", "reduce_or", "is_finite"})
+_NEAR = 1.0  # of what a number changes by within a step: if it is nearer to zero, it may be zero there
+
+
+def comes_near(samples: Sequence[Sequence[Scalar]]) -> Flag:
+    """Whether one of the `arguments`, sampled within a step, may come to zero there."""
+    near: Flag = jnp.asarray(False)
+    for values in zip(*samples, strict=True):
+        low, high = functools.reduce(jnp.minimum, values), functools.reduce(jnp.maximum, values)
+        near = near | ~(jnp.maximum(low, -high) > _NEAR * (high - low))
+    return near
+
+
 def breaks(
     problem: Flow, before: tuple[Rows, Rows], after: tuple[Rows, Rows], h: Scalar, scale: Scalar, start: Scalar
 ) -> Flag:

@@ -73,6 +73,10 @@ class Loop:
         start = self._start(initial, end, before), written
         lane, written = lax.while_loop(lambda at: step_control.goes_on(at[0].control), tries, start)
         motion, along = landed(self.problem, lane, until)
+        for guard, memory in zip(self.guards, lane.memories, strict=True):
+            motion = guard.ends(memory, lane, motion)
+        if before is not None and before.near_kink is not None and motion.near_kink is not None:
+            motion = motion._replace(near_kink=motion.near_kink | before.near_kink)
         written = [one.after_landing(so_far, lane, motion) for one, so_far in zip(recorders, written, strict=True)]
         return motion, along, written
 
