@@ -54,6 +54,12 @@ def printable(text: str) -> str:
     return re.sub(rf"\S{{{_ENDLESS},}}", lambda word: f"{word[0][:40]}… ({len(word[0]):,} characters)", text)
 
 
+def warn(message: str) -> None:
+    """A warning on stderr, where there is one."""
+    if sys.stderr is not None:
+        print(f"warning: {printable(message)}", file=sys.stderr)
+
+
 _NO_FIELDS: Mapping[str, str] = {}
 
 

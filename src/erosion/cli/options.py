@@ -13,7 +13,7 @@ import numpy as np
 from cyclopts import Group, Parameter
 
 from erosion.cli import lazy
-from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.errors import InputError, reading, user_errors, warn
 from erosion.output import briefly, is_file
 from erosion.parameters import QUANTITIES, example, has_unit, unit_name
 
@@ -167,8 +167,6 @@ class CaseOptions:
 
     def warn_once(self, message: str) -> None:
         """A warning, also where several parts of a verb ask for it."""
-        from erosion.cli.output import warn
-
         if message not in self._said:
             self._said.add(message)
             warn(message)

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli import lazy
-from erosion.cli.errors import InputError, printable, reading, user_errors
+from erosion.cli.errors import InputError, reading, user_errors, warn
 from erosion.cli.options import MODEL, CaseOptions
 from erosion.parameters import QUANTITIES
 from erosion.version import __version__
@@ -212,12 +212,6 @@ def _with_units(value: Any, units: Mapping[str, str]) -> Any:
     if isinstance(value, (list, tuple)):
         return [_with_units(item, units) for item in value]
     return value
-
-
-def warn(message: str) -> None:
-    """A warning on stderr, where there is one."""
-    if sys.stderr is not None:
-        print(f"warning: {printable(message)}", file=sys.stderr)
 
 
 def draw(path: Path | None, figure: Callable[[], Any]) -> None:

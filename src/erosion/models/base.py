@@ -13,7 +13,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Collection, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard, TypeVar
+from typing import Any, NamedTuple, TypeGuard, TypeVar
 
 import equinox as eqx
 import jax
@@ -22,10 +22,12 @@ import numpy as np
 from jax.core import Tracer
 
 from erosion.arguments import Broadcast, Flag, ModelState, Number, check_scalars, check_unmasked
+from erosion.ode.problem import Event, Problem, Rate
 from erosion.output import abbreviate, briefly
 from erosion.parameters import (
     QUANTITIES,
     RESULTS,
+    TABLE_1,
     Parameters,
     Quantity,
     System,
@@ -35,9 +37,6 @@ from erosion.parameters import (
     require_concrete,
     require_parameters,
 )
-
-if TYPE_CHECKING:
-    from erosion.ode.problem import Problem
 
 Events = Mapping[str, Broadcast]
 """A number for each event, by its name."""
@@ -209,7 +208,7 @@ class CuttingModel(eqx.Module):
         """The exact solution, if there is one."""
         return None
 
-    def problem(self) -> "Problem":
+    def problem(self) -> Problem:
         """The cut as a problem of `erosion.ode`, whose arguments are the parameters of a case.
 
         So it can be changed, as by an event that the body survives, and solved by `erosion.ode.solve`:
@@ -220,9 +219,24 @@ class CuttingModel(eqx.Module):
         `start="end"` says that an impact which cuts nothing ends at its start; `ended_by` is then "start" for
         "no-cut". The model's own numbers are part of the problem.
         """
-        from erosion.models.equations import problem_of
+        own = own_quantities(type(self))
+        names = jax.eval_shape(lambda p: self.events(self.initial_state(p), p), TABLE_1)
 
-        return problem_of(self)
+        def of(name: str) -> Rate:
+            return lambda t, state, p: getattr(self, name)(state, p)
+
+        return Problem(
+            y0=lambda p: self.initial_state(p),
+            vector_field=of("derivative"),
+            events={
+                name: Event(lambda t, state, p, name=name: self.events(state, p)[name], direction=-1)
+                for name in sorted(names)
+            },
+            integrals={"volume": of("removal_rate"), **{name: of(name) for name in own}},
+            integrals0=lambda p: {"volume": self.removed_at_contact(p), **dict.fromkeys(own, 0.0)},
+            time_scale=lambda p: self.scales(p).time,
+            typical=typical_parameters,
+        )
 
     @property
     def needs_units(self) -> bool:
@@ -290,6 +304,11 @@ class SameMotion(CuttingModel):
     @abc.abstractmethod
     def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
         """The integrand."""
+
+
+def typical_parameters(p: Parameters) -> Parameters:
+    """One radian and the spin v₀/r; of all others their own size."""
+    return p.replace(alpha=1.0, phidot0=p.v0 / p.r)
 
 
 def units_within(model: CuttingModel, p: Parameters) -> System:

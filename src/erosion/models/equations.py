@@ -20,10 +20,17 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Scalar, Structure
 from erosion.lanes.digests import Surroundings, hashed
-from erosion.models.base import CuttingModel, Scales, Tip, own_parameters, own_quantities, units_within
+from erosion.models.base import (
+    CuttingModel,
+    Scales,
+    Tip,
+    own_parameters,
+    own_quantities,
+    typical_parameters,
+    units_within,
+)
 from erosion.ode.problem import (
     Equations,
-    Event,
     FlawError,
     Problem,
     Rate,
@@ -269,7 +276,7 @@ class Cut(Problem):
             integrals={"volume": rate_of("removal_rate"), **{name: rate_of(name) for name in own}},
             integrals0=lambda case: {"volume": case.model.removed_at_contact(case.p), **zeros},
             time_scale=lambda case: case.model.scales(case.p).time,
-            typical=_typical,
+            typical=lambda case: case._replace(p=typical_parameters(case.p)),
         )
 
     def event_names(self, args: Case) -> tuple[str, ...]:
@@ -300,11 +307,6 @@ def _of_case(equations: Equations) -> Equations:
     return dataclasses.replace(equations, numbers=(*(number for _ in QUANTITIES), *equations.numbers))
 
 
-def _typical(case: Case) -> Case:
-    """One radian and the spin v₀/r; of all others their own size."""
-    return case._replace(p=case.p.replace(alpha=1.0, phidot0=case.p.v0 / case.p.r))
-
-
 CUT = Cut()
 """The problem of every impact."""
 
@@ -314,24 +316,3 @@ _with_own = functools.lru_cache(maxsize=256)(Cut)
 def whole_cut(model: CuttingModel) -> Cut:
     """The cut with the quantities of the model's own."""
     return _with_own(tuple(own_quantities(type(model))))
-
-
-def problem_of(model: CuttingModel) -> Problem:
-    """The cut of one model as a problem of the parameters alone; see `CuttingModel.problem`."""
-
-    def of(function: Rate) -> Rate:
-        return lambda t, state, p: function(t, state, Case(p, model))
-
-    cut, found = whole_cut(model), list[str]()
-    jax.eval_shape(lambda p: found.extend(cut.event_names(Case(p, model))), TABLE_1)
-    return Problem(
-        y0=lambda p: cut.start(Case(p, model)),
-        vector_field=of(cut.vector_field),
-        events={
-            name: Event(lambda t, state, p, name=name: model.events(state, p)[name], direction=-1) for name in found
-        },
-        integrals={name: of(rate) for name, rate in cut.integrals.items()},
-        integrals0=lambda p: {"volume": model.removed_at_contact(p), **dict.fromkeys(own_quantities(type(model)), 0.0)},
-        time_scale=lambda p: model.scales(p).time,
-        typical=lambda p: _typical(Case(p, model)).p,
-    )
