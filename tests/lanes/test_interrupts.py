@@ -181,8 +181,8 @@ def test_libraries_are_not_the_users_in_a_second_folder_of_packages(tmp_path: Pa
 
 _READ = """
 import jax.numpy as jnp
-from erosion.lanes.digests import Surroundings
-Surroundings([jnp.zeros(3)])
+from erosion.lanes.digests import CodeSnapshot
+CodeSnapshot([jnp.zeros(3)])
 """
 
 

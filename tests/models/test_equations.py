@@ -541,7 +541,7 @@ def test_a_method_of_the_package_that_someone_replaces_counts(
 
 def test_to_look_for_new_code_takes_microseconds() -> None:
     model = erosion.load_model(Path(__file__).parents[2] / "models" / "coulomb_tip.py")
-    unchanged = equations_of(model).surroundings.unchanged
+    unchanged = equations_of(model).snapshot.unchanged
     # Of this process alone, and ten times what is asked for: other processes slow it, too.
     assert min(timeit.repeat(unchanged, timer=time.process_time, number=1000, repeat=5)) < 50e-3
 

@@ -212,7 +212,7 @@ _PLAIN = (str, bytes, int, float, complex, bool, type(None))
 _MOST = 4096  # elements of an array or a container that are looked at; of a larger array, as many evenly among them
 
 
-class Surroundings:
+class CodeSnapshot:
     """What functions and classes of the user read, as it was when this was made.
 
     Code of libraries and of this package does not change while it runs, and is not looked at. Nor are larger

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from erosion.arguments import Scalar, Structure
-from erosion.lanes.digests import Surroundings, hashed
+from erosion.lanes.digests import CodeSnapshot, hashed
 from erosion.models.base import (
     CuttingModel,
     Scales,
@@ -57,7 +57,7 @@ def equations_of(model: CuttingModel, units: System = "inch-pound") -> Equations
         units: the unit system that its methods see; see `units_within`.
     """
     recent = _by_place.get((id(model), units))
-    if recent is not None and recent[0]() is model and recent[1].surroundings.unchanged():
+    if recent is not None and recent[0]() is model and recent[1].snapshot.unchanged():
         return recent[1]
     return _kept(model, units, equations_of_kind(_ModelKind(model, units)))
 
@@ -84,7 +84,7 @@ def model_digest(model: CuttingModel, p: Parameters) -> str:
     """
     units = units_within(model, p)
     kind = _ModelKind(model, units)
-    # As the code is now, also where something changed that `Surroundings` does not see, such as a file that is read.
+    # As the code is now, also where something changed that `CodeSnapshot` does not see, such as a file that is read.
     equations = _kept(model, units, equations_of_kind(kind, anew=True))
     if equations.flaw is not None:
         raise ValueError(f"Argument `model` must be a model, but {equations.flaw}.")
@@ -164,7 +164,7 @@ class _ModelKind(TreeKind):
         """Whether all of its code is the package's, and no method of its classes was replaced."""
         kinds = {kind for kind, _ in _nodes(self.structure)} - {*_PLAIN_NODES}
         is_own = all(map(_is_of_package, kinds)) and all(leaf is None for leaf in self.leaves)
-        return is_own and not Surroundings((), self._classes).has_own
+        return is_own and not CodeSnapshot((), self._classes).has_own
 
     @property
     def _classes(self) -> list[type]:
@@ -177,18 +177,18 @@ class _ModelKind(TreeKind):
         nodes, functions = list(_nodes(self.structure)), [leaf for leaf in self.leaves if leaf is not None]
         if self.is_of_package:
             # A short command need not wait for the trace of the package's code.
-            surroundings = Surroundings((), self._classes)
-            return Equations(None, digits("package", repr(self.key)), "", surroundings, self.numbers)
+            snapshot = CodeSnapshot((), self._classes)
+            return Equations(None, digits("package", repr(self.key)), "", snapshot, self.numbers)
         things = [*functions, *(thing for node in nodes for thing in node)]
         try:
             trace, state = _trace(self, [hashed("model", str(i)) for i in range(len(self.numbers))])
         except FlawError as error:
             return Equations(
-                str(error), digits("flaw", str(error)), "", Surroundings(things, self._classes), self.numbers
+                str(error), digits("flaw", str(error)), "", CodeSnapshot(things, self._classes), self.numbers
             )
         # After the trace, which may change what it reads, such as a counter.
-        surroundings, digest = Surroundings(things, self._classes), digits(*trace.pieces, trace.foreign)
-        return Equations(None, digest, trace.foreign, surroundings, self.numbers, state)
+        snapshot, digest = CodeSnapshot(things, self._classes), digits(*trace.pieces, trace.foreign)
+        return Equations(None, digest, trace.foreign, snapshot, self.numbers, state)
 
 
 def _is_of_package(kind: type) -> bool:

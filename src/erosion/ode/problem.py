@@ -26,7 +26,7 @@ from jax.extend.core import Literal
 from jaxtyping import PyTree
 
 from erosion.arguments import Number, Scalar, Structure
-from erosion.lanes.digests import TRACED, Surroundings, digest_of, hashed
+from erosion.lanes.digests import TRACED, CodeSnapshot, digest_of, hashed
 from erosion.lanes.jax_versions import forget_traces
 from erosion.output.tables import briefly
 
@@ -42,7 +42,7 @@ class Equations:
         flaw: what is wrong with them, as a clause on one of the functions; None where nothing is.
         digest: of what they compute from the numbers.
         foreign: what in them holds only in this process, such as a callback into Python; mostly "".
-        surroundings: what the functions read beside their arguments.
+        snapshot: what the functions read beside their arguments.
         numbers: shape and type of each number of the arguments, for one lane.
         state: shapes and types of the state; None where it was not traced.
         timed: whether they depend on time.
@@ -51,7 +51,7 @@ class Equations:
     flaw: str | None
     digest: str
     foreign: str
-    surroundings: Surroundings
+    snapshot: CodeSnapshot
     numbers: tuple[jax.ShapeDtypeStruct, ...]
     state: PyTree = None
     timed: bool = False
@@ -124,7 +124,7 @@ _by_kind: dict[TreeKind, Equations] = {}
 def equations_of(kind: TreeKind, *, anew: bool = False) -> Equations:
     """The equations as the code is now; they are traced where the kind is new or was redefined, or always if `anew`."""
     known = _by_kind.get(kind)
-    if known is not None and known.surroundings.unchanged():
+    if known is not None and known.snapshot.unchanged():
         if not anew:
             return known
     elif known is not None:
@@ -469,13 +469,13 @@ class _ProblemKind(TreeKind):
             state, timed = self._trace(trace)
         except FlawError as error:
             words = str(error)
-            return Equations(words, digits("flaw", words), "", Surroundings(things), self.numbers)
+            return Equations(words, digits("flaw", words), "", CodeSnapshot(things), self.numbers)
         # After the trace, which may change what it reads, such as a counter.
-        surroundings = Surroundings(things)
+        snapshot = CodeSnapshot(things)
         args = self.joined(self.numbers)
         described = repr((self.problem.event_names(args), self.problem.directions(args), list(self.problem.integrals)))
         digest = digits(*trace.pieces, trace.foreign, described, str(jax.tree.structure(state)), str(timed))
-        return Equations(None, digest, trace.foreign, surroundings, self.numbers, state, timed)
+        return Equations(None, digest, trace.foreign, snapshot, self.numbers, state, timed)
 
     def _trace(self, trace: Traced) -> tuple[PyTree, bool]:
         """Shapes of the state, and whether anything depends on time."""

@@ -118,7 +118,7 @@ class Layout:
 
     def renewed(self) -> "Layout":
         """The layout of the same problem as its code is now; a program of JAX may keep a layout for long."""
-        if self.equations.surroundings.unchanged():
+        if self.equations.snapshot.unchanged():
             return self
         args = self.args([np.zeros(struct.shape, struct.dtype) for struct in self.structs()])
         return self._of(self.options, self.problem.equations(args, self.equations.numbers))
