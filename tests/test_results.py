@@ -1,0 +1,111 @@
+"""What every result keeps: a table of text and HTML with its sentences below, and numbers that JSON takes."""
+
+import functools
+import html
+import importlib
+import json
+import pkgutil
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import erosion
+from erosion import ode
+from erosion.cfd.map_result import MapSummary
+from erosion.distributions import Normal
+from erosion.fits.predicted import predictions
+from erosion.output.tables import Result, to_json
+from tests.cfd.tables import Table, hump
+
+P = erosion.TABLE_1
+SI = P.to("si").replace(v0=100.0)
+DROP = ode.Problem(
+    y0={"x": 0.0, "v": 0.0},
+    vector_field=lambda t, y, args: {"x": y["v"], "v": 1.0 - args["drag"] * y["v"]},
+    events={"ground": ode.Event(lambda t, y, args: y["x"] - 1.0)},
+)
+
+
+@functools.cache
+def data() -> dict[str, np.ndarray]:
+    """Measured volumes of the linearized model."""
+    degrees = np.array([10.0, 20.0, 30.0, 45.0, 60.0, 75.0])
+    volume = np.asarray(erosion.impact("linearized", P.replace(alpha=np.deg2rad(degrees))).volume)
+    error = 0.05 * volume.max()
+    measured = volume + error * np.random.default_rng(1).standard_normal(6)
+    return {"angle [deg]": degrees, "volume [in^3]": measured, "uncertainty [in^3]": np.full(6, error)}
+
+
+@functools.cache
+def fit() -> erosion.Calibration:
+    """Of two parameters."""
+    return erosion.calibrate("linearized", P, data(), ["k", "psi"])
+
+
+@functools.cache
+def drawn() -> erosion.Posterior:
+    """Of one parameter, by few draws."""
+    return erosion.posterior("linearized", P, data(), ["psi"], draws=125, discrepancy=False)
+
+
+def wear() -> MapSummary:
+    """Of two impacts on two faces."""
+    two = Table(count=[1.0, 2.0], mass=[1e-7] * 2, diameter=[4e-4] * 2, speed=[50.0] * 2, alpha=[0.4] * 2, face=[0, 1])
+    return MapSummary(erosion.erosion_map("linearized", SI, two, hump(2, 1)))
+
+
+MAKERS: dict[str, Callable[[], Any]] = {
+    "Advice": lambda: erosion.advise(SI, particle="garnet 0.3 mm", target="copper", models=["finnie"]),
+    "BestAngles": lambda: drawn().alpha_max(10, discrepancy=False),
+    "Calibration": fit,
+    "Impact": lambda: erosion.impact("linearized", P.replace(alpha=np.array([0.3, 0.4])), derivatives=1),
+    "MapSummary": wear,
+    "Maximum": lambda: ode.maximum(
+        DROP, {"drag": 0.1}, of=lambda end: -((end.t - 1.5) ** 2), over="drag", between=(0.0, 2.0), t1=9.0
+    ),
+    "NextExperiment": lambda: erosion.next_experiment(drawn(), discrepancy=False),
+    "Optimum": lambda: erosion.alpha_max("linearized", P),
+    "Parameters": lambda: P,
+    "Posterior": drawn,
+    "PosteriorRanking": lambda: erosion.rank_posteriors(
+        P, data(), ["psi"], models=["linearized", "finnie"], draws=125, discrepancy=False
+    ),
+    "Predictions": lambda: predictions(drawn().predictor, np.array([0.3, 0.5])),
+    "Predictor": lambda: drawn().predictor,
+    "Profile": lambda: fit().profile("k", 5),
+    "Ranking": lambda: erosion.rank_models(P, data(), ["psi"], models=["linearized", "finnie"]),
+    "Solution": lambda: ode.solve(DROP, {"drag": 0.1}, t1=9.0, wrt="drag"),
+    "Stream": lambda: erosion.stream("linearized", P, n=64, best_angle=False, alpha=Normal(0.3, 0.02)),
+    "Trajectory": lambda: erosion.simulate("linearized", P),
+    "Verification": lambda: erosion.verify("tan-alpha"),
+}
+
+
+def subclasses(kind: type) -> Iterator[type]:
+    for each in kind.__subclasses__():
+        yield from (each, *subclasses(each))
+
+
+def test_each_kind_of_result_is_here() -> None:
+    for module in pkgutil.walk_packages(erosion.__path__, "erosion."):
+        if not module.name.startswith(("erosion.explorer", "erosion.__main__")):
+            importlib.import_module(module.name)
+    kinds = {kind.__name__ for kind in subclasses(Result) if kind.__module__.startswith("erosion.")}
+    assert {name.lstrip("_") for name in kinds} == {*MAKERS}
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_it_is_a_table_with_sentences_and_numbers(kind: str) -> None:
+    result = MAKERS[kind]()
+    said = [*result.conclusions, *result.warnings]
+    assert type(result).__name__ == kind
+    assert {len(row) for row in result.rows()} == {len(result.headings)}
+    text, page = str(result), result._repr_html_()
+    assert text.startswith(result.title)
+    assert text.endswith("\n".join(said))
+    assert page.count("<tr>") == len(result.rows()) + 1
+    assert page.endswith("</table>" + "".join(f"<p>{html.escape(sentence)}</p>" for sentence in said))
+    numbers = result.to_dict()
+    assert numbers.keys() == json.loads(to_json(numbers)).keys() != set()
