@@ -318,6 +318,23 @@ def test_options_overrule_the_case_file(case, tmp_path, shell):
     assert "v0 = 3937.0078740157483" in stored.attrs["case"]
 
 
+def test_impacts_that_fail_among_others_are_a_warning(tmp_path, written, shell):
+    model = written(
+        "steep.py",
+        "import erosion, jax.numpy as jnp\n"
+        "class F(erosion.models.ForceLaw):\n"
+        "  def __call__(self, state, tip, p):\n"
+        "    fx = -p.stiffness * tip.depth * jnp.where(p.alpha > 0.5, jnp.nan, 1.0)\n"
+        "    return fx, p.k * fx\n"
+        "  def typical_ratio(self, p): return p.k\n"
+        "model = erosion.models.Linearized(force=F())\n",
+    )
+    arguments = ["sweep", "--model", str(model), "--alpha", "0.3, 0.4, 0.7", "-o", str(tmp_path / "out.nc"), "--json"]
+    said = shell(arguments)
+    assert said.result["ended_by"] == {"rebound": 2, "failed": 1}
+    assert said.err == "warning: 1 of 3 impacts could not be computed.\n"
+
+
 @pytest.mark.parametrize(
     ("absent", "arguments", "message"),
     [
