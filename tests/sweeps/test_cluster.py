@@ -14,18 +14,21 @@ import xarray as xr
 
 import erosion
 from erosion.sweeps.sweep import sweep
+from tests.sweeps.test_problems import ARGS, AXES as BALL_AXES, BALL, OPTIONS
 from tests.sweeps.test_sweep import assert_same_bits
 
 distributed = pytest.importorskip("distributed")
 
 P = erosion.TABLE_1
-AXES: dict[str, Any] = {"alpha": np.deg2rad(np.linspace(1, 90, 400)), "v0": np.linspace(2200.0, 4400.0, 300)}
-CHUNKS = {"alpha": 50}  # 8 blocks of 15 000 impacts
+# One model for all, so that each worker compiles one program.
+PLUG_IN = Path(__file__).parents[2] / "models" / "coulomb_tip.py"
+AXES: dict[str, Any] = {"alpha": np.deg2rad(np.linspace(1, 90, 400)), "v0": np.linspace(2200.0, 4400.0, 200)}
+CHUNKS = {"alpha": 50}  # 8 blocks of 10 000 impacts
 
 
 @pytest.fixture(scope="module")
 def whole() -> xr.Dataset:
-    return sweep("linearized", P, **AXES)
+    return sweep(PLUG_IN, P, **AXES)
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +36,7 @@ def client() -> Iterator:
     from erosion.impacts.cluster import local_cluster
 
     with local_cluster(2) as cluster, distributed.Client(cluster) as client:
+        client.wait_for_workers(2)
         yield client
 
 
@@ -42,40 +46,33 @@ def state_of_worker() -> tuple[int, bool, str]:
     return len(os.sched_getaffinity(0)), bool(jax.config.jax_enable_x64), jax.numpy.ones(1).dtype.name  # pyright: ignore
 
 
-def test_a_cluster_computes_the_same_bits(client, whole, tmp_path):
-    dataset = sweep("linearized", P, store=tmp_path / "out.zarr", chunks=CHUNKS, **AXES)
-    assert dataset.volume.chunksizes["alpha"] == (50,) * 8
-    assert_same_bits(dataset.compute(), whole)
-    # One core each, and float64.
-    states = client.run(state_of_worker)
-    assert list(states.values()) == [(1, True, "float64")] * 2
-    if len(os.sched_getaffinity(0)) > 1:
-        cores = client.run(os.sched_getaffinity, 0)
-        assert len(set.union(*cores.values())) == 2
+def test_any_problem_is_computed_to_the_same_bits(client, tmp_path):
+    lazy = erosion.sweep_problem(BALL, ARGS, BALL_AXES, store=tmp_path / "ball.zarr", chunks={"angle": 75}, **OPTIONS)
+    alone = erosion.sweep_problem(BALL, ARGS, BALL_AXES, **OPTIONS)
+    assert np.array_equal(lazy["dt_dangle"].values, alone["dt_dangle"])
 
 
-def test_the_death_of_a_worker_is_no_matter(client, whole, tmp_path):
-    pids = client.run(os.getpid)
-    killed = []
+def test_a_cluster_computes_the_same_bits_whatever_worker_dies(client, whole, tmp_path):
+    with pytest.raises(ValueError, match="`model` must be the path"):
+        sweep(erosion.load_model(PLUG_IN), P, store=tmp_path / "object.zarr", chunks=CHUNKS, **AXES)
+    pids, killed = list(client.run(os.getpid).values()), []
 
     def kill_one(work: str, done: int, total: int) -> None:
         if done and not killed:
-            killed.append(next(iter(pids.values())))
-            os.kill(killed[0], signal.SIGKILL)
+            killed.append(pids[0])
+            os.kill(pids[0], signal.SIGKILL)
 
-    dataset = sweep("linearized", P, store=tmp_path / "out.zarr", chunks=CHUNKS, progress=kill_one, **AXES)
+    dataset = sweep(PLUG_IN, P, store=tmp_path / "out.zarr", chunks=CHUNKS, **AXES)
+    assert dataset.volume.chunksizes["alpha"] == (50,) * 8
+    assert_same_bits(dataset.compute(), whole)
+    # One core each, and float64.
+    assert list(client.run(state_of_worker).values()) == [(1, True, "float64")] * 2
+    if len(os.sched_getaffinity(0)) > 1:
+        cores = client.run(os.sched_getaffinity, 0)
+        assert len(set.union(*cores.values())) == 2
+    dataset = sweep(PLUG_IN, P, store=tmp_path / "killed.zarr", chunks=CHUNKS, progress=kill_one, **AXES)
     assert killed
     assert_same_bits(dataset.compute(), whole)
-
-
-def test_a_plug_in_is_given_by_its_path(client, tmp_path):
-    path = Path(__file__).parents[2] / "models" / "coulomb_tip.py"
-    with pytest.raises(
-        ValueError, match="`model` must be the path of a plug-in where a cluster computes, but is a model"
-    ):
-        sweep(erosion.load_model(path), P, store=tmp_path / "object.zarr", chunks=CHUNKS, **AXES)
-    stored = sweep(path, P, store=tmp_path / "path.zarr", chunks=CHUNKS, **AXES)
-    assert_same_bits(stored.compute(), sweep(path, P, **AXES))
 
 
 def test_workers_of_several_threads_are_refused(tmp_path):
@@ -96,21 +93,21 @@ def test_a_killed_client_is_resumed(whole, tmp_path):
     path = tmp_path / "out.zarr"
     code = f"""
 import numpy as np, erosion
-erosion.sweep("linearized", erosion.TABLE_1, store={str(path)!r}, chunks={CHUNKS!r},
-              alpha=np.deg2rad(np.linspace(1, 90, 400)), v0=np.linspace(2200.0, 4400.0, 300),
+erosion.sweep({str(PLUG_IN)!r}, erosion.TABLE_1, store={str(path)!r}, chunks={CHUNKS!r},
+              alpha=np.deg2rad(np.linspace(1, 90, 400)), v0=np.linspace(2200.0, 4400.0, 200),
               progress=lambda work, done, total: print(done, flush=True))
 """
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
         for line in child.stdout:
-            if int(line) >= 30_000:
+            if int(line) >= 20_000:
                 break
         child.kill()
     assert child.returncode == -signal.SIGKILL
     seen = []
     progress = lambda work, done, total: seen.append(done)  # noqa: E731
-    dataset = sweep("linearized", P, store=path, chunks=CHUNKS, progress=progress, **AXES)
-    assert 30_000 <= seen[0] < dataset.volume.size or len(seen) == 1
+    dataset = sweep(PLUG_IN, P, store=path, chunks=CHUNKS, progress=progress, **AXES)
+    assert 20_000 <= seen[0] < dataset.volume.size or len(seen) == 1
     assert seen[-1] == dataset.volume.size
     assert_same_bits(dataset.compute(), whole)
 

@@ -126,12 +126,6 @@ def test_what_makes_no_sweep_is_refused(args, axes, options, named: str) -> None
         erosion.sweep_problem(BALL, args, axes, **({"t1": 100.0} | options))
 
 
-def test_workers_of_a_cluster_compute_the_same_bits(tmp_path, swept) -> None:
-    with erosion.local_cluster(2):
-        lazy = erosion.sweep_problem(BALL, ARGS, AXES, store=tmp_path / "ball.zarr", chunks={"angle": 75}, **OPTIONS)
-        assert np.array_equal(lazy["dt_dangle"].values, swept["dt_dangle"])
-
-
 def test_options_count_to_their_last_digit(tmp_path) -> None:
     axes, still = {"angle": np.linspace(0.1, 1.4, 3)}, {"x": 1.0, "y": 1.0}
     given: dict[str, Any] = {"problem": BALL, "args": ARGS, "axes": axes, "store": tmp_path / "ball.nc", **OPTIONS}
