@@ -1,6 +1,8 @@
-"""Golden numbers at Table 1; tests/golden-numbers.md says where they come from."""
+"""Golden numbers at Table 1, which tests/golden-numbers.md derives, and the closed forms typed a second time."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 import erosion
 
@@ -30,6 +32,30 @@ AT_20_DEGREES = {
 AS_PRINTED = (4.9551209838e-4, 7.46068867e-5, "rebound")
 
 CLOSED = ("linearized", "tan-alpha", "velocity-aligned", "finnie")
+
+
+def relative_volume(name: str, alpha: Any, k: Any, spin: Any = 0.0, xp: Any = np) -> Any:
+    """V/V* of `linearized` and `finnie`, without the code of the package; spin is rφ̇₀/v₀.
+
+    (2u sin α - (2/P) sin²α)/k while the cut rebounds, P u²/(2k) where it stops; u = cos α + spin of `finnie`.
+    """
+    ratio, u = {"linearized": (k, xp.cos(alpha)), "finnie": (k / 3, xp.cos(alpha) + spin)}[name]
+    sine = xp.sin(alpha)
+    cut = xp.where(sine <= ratio / 2 * u, 2 * u * sine - 2 / ratio * sine**2, ratio / 2 * u**2)
+    return xp.where(u > 0, cut, 0.0) / k
+
+
+def relative_slope(name: str, alpha: Any, k: Any, spin: Any = 0.0) -> Any:
+    """∂(V/V*)/∂α of the same."""
+    ratio, u = {"linearized": (k, np.cos(alpha)), "finnie": (k / 3, np.cos(alpha) + spin)}[name]
+    sine, cosine = np.sin(alpha), np.cos(alpha)
+    rebound = 2 * (u * cosine - sine**2) - 4 / ratio * sine * cosine
+    return np.where(u > 0, np.where(sine <= ratio / 2 * u, rebound, -ratio * u * sine), 0.0) / k
+
+
+def best_angle(k: Any) -> Any:
+    """α_max of `linearized`, at which V is V* (√(1 + k²) - 1)/k²."""
+    return np.arctan(k) / 2
 
 
 def closed_form(name: str) -> erosion.ClosedForm:

@@ -6,15 +6,12 @@ What checks of arguments give; their messages are in `bad_input/test_calls.py`.
 import inspect
 import math
 import os
-import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy import special, stats
 
-import erosion
 from erosion import TABLE_1, advise, stream
 from erosion.arguments import check_path, check_share, check_whole
 from erosion.distributions import (
@@ -293,29 +290,3 @@ def test_what_is_no_law_is_refused(tmp_path, text, message):
     other.write_text("m\n1\n")
     with pytest.raises(ValueError, match=message):
         read_distribution(text.replace("FILE", str(file)).replace("OTHER", str(other)), "v0", "speed", "inch-pound")
-
-
-@pytest.mark.parametrize("given", [0.5, np.float32(0.5), 1e-300, 1 - 1e-16])
-def test_a_tolerance_is_a_float(given) -> None:
-    assert type(check_share("rtol", given)) is float
-    assert check_share("rtol", given) == given
-
-
-def test_a_whole_number_is_an_int() -> None:
-    assert type(check_whole("n", np.int64(3), 3)) is int
-    assert check_whole("n", -1, -2) == -1
-
-
-def test_a_path_is_a_path() -> None:
-    assert check_path("store", "a/b.nc") == Path("a/b.nc")
-
-
-def test_a_message_shows_a_long_value_briefly_and_on_one_line():
-    given: Any = np.arange(2000.0)
-    with pytest.raises(TypeError) as caught:
-        erosion.volume("finnie", given)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 200
-    whole = re.compile(r"\b(is|has|makes|offers|gives) \{[a-z_.]+!r\}")
-    sources = [path for path in Path(erosion.__file__).parent.rglob("*.py") if path.parent.name != "lanes"]
-    assert [path.name for path in sources if whole.search(path.read_text("utf-8"))] == []

@@ -15,17 +15,15 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.batch import split
-from erosion.impacts.maxima import limit_at_zero, over_angles
+from erosion.impacts.maxima import limit_at_zero
 from erosion.impacts.optimum import OBJECTIVES
 from erosion.models import Linearized
 from erosion.models.base import Broadcast
 from erosion.models.parts import Deformation, sincos
-from erosion.ode.resolve import Cells, Scan, joined
 from erosion.output.tables import to_json
 from erosion.plotting.curves import pieces, plot_optimum
 from tests.kinked_laws import Breaking, KinkedTable, Power, Where, model_of
-from tests.reference import closed_form
+from tests.reference import best_angle, closed_form
 
 P = erosion.TABLE_1
 
@@ -36,7 +34,7 @@ def spun(s, **changes):
 
 def test_linearized_optimum_depends_on_the_force_ratio_alone():
     best = erosion.alpha_max("linearized", P)
-    assert best.alpha == pytest.approx(np.arctan(2) / 2, abs=1e-12)
+    assert best.alpha == pytest.approx(best_angle(2.0), abs=1e-12)
     rates = best.sensitivities
     # α_max = ½ arctan k, so that dα_max/dk = ½/(1 + k²) = 0.1 at k = 2.
     assert rates["k"] == pytest.approx(0.1, abs=1e-10)
@@ -44,24 +42,16 @@ def test_linearized_optimum_depends_on_the_force_ratio_alone():
         assert abs(rates[name]) < 1e-10
 
 
-def test_sensitivity_of_a_jump_is_how_the_jump_moves():
-    p = spun(-0.2)
+# Central differences err by h², and by the 1e-11 rad of a jump over 2h.
+@pytest.mark.parametrize(("spin", "kind", "h", "rel"), [(-0.2, "jump", 1e-4, 1e-6), (0.0, "interior", 1e-3, 1e-4)])
+def test_the_sensitivity_of_the_best_angle_is_how_it_moves(spin, kind, h, rel):
+    p = spun(spin)
     best = erosion.alpha_max("rotating", p)
-    h = 1e-4
-    for name in ("k", "r", "inertia"):
+    assert best.kind == kind
+    for name in ("k", "v0", "r", "inertia"):
         q = getattr(p, name)
-        ends = erosion.alpha_max("rotating", p.replace(**{name: q * np.array([1 - h, 1 + h])})).alpha
-        # Central differences err by h², and by the 1e-11 rad of a jump over 2h.
-        assert best.sensitivities[name] * q == pytest.approx((ends[1] - ends[0]) / (2 * h), rel=1e-6, abs=0)
-
-
-def test_sensitivity_of_an_interior_maximum_is_how_it_moves():
-    best = erosion.alpha_max("rotating", P)
-    h = 1e-3
-    for name in ("k", "v0", "inertia"):
-        q = getattr(P, name)
-        ends = erosion.alpha_max("rotating", P.replace(**{name: q * np.array([1 - h, 1 + h])})).alpha
-        assert best.sensitivities[name] * q == pytest.approx((ends[1] - ends[0]) / (2 * h), rel=1e-4, abs=0)
+        below, above = erosion.alpha_max("rotating", p.replace(**{name: q * np.array([1 - h, 1 + h])})).alpha
+        assert best.sensitivities[name] * q == pytest.approx((above - below) / (2 * h), rel=rel, abs=1e-9)
 
 
 def test_a_supremum_that_is_never_reached_is_a_boundary():
@@ -89,16 +79,6 @@ def test_certified_optimum_is_never_below_a_brute_force_scan():
     assert np.all(best.volume >= brute * (1 - 1e-8))
 
 
-def test_a_range_has_ends_that_are_reached():
-    low, high = np.deg2rad([35.0, 60.0])
-    most = erosion.alpha_max("linearized", P, alpha_range=(low, high))
-    least = erosion.alpha_min("linearized", P, alpha_range=(low, high))
-    assert (most.kind, most.attained) == (least.kind, least.attained) == ("boundary", True)
-    assert (most.alpha, least.alpha) == (low, high)
-    exact = closed_form("linearized").volume(P.replace(alpha=low))
-    assert most.volume == pytest.approx(float(exact), rel=1e-9, abs=0)
-
-
 def test_least_within_a_band_may_be_a_jump():
     low, high = np.deg2rad([30.0, 60.0])
     p = P.replace(k=1.0)
@@ -112,7 +92,7 @@ def test_other_objectives():
     # the longest cut is every rebound, π/ω.
     per_mass = erosion.alpha_max("linearized", P, objective="volume per mass")
     assert per_mass.value == pytest.approx(per_mass.volume / float(P.m), rel=1e-9, abs=0)
-    assert per_mass.alpha == pytest.approx(np.arctan(2) / 2, abs=1e-10)
+    assert per_mass.alpha == pytest.approx(best_angle(2.0), abs=1e-10)
     deepest = erosion.alpha_max("linearized", P, objective="depth")
     # y = (v₀ sin α/ω) sin ωt reaches its crest if cos ωt = 1 - k cot α is 0 later: tan α ≤ k.
     # Above, y² = (v₀/ω)² (2 k sin α cos α - k² cos²α), whose crest is at tan 2α = -2/k.
@@ -129,39 +109,6 @@ def test_a_tip_that_stops_where_it_is_deepest_has_a_certified_depth():
     deepest = erosion.alpha_max("tan-alpha", P, objective="depth")
     assert (deepest.certified, deepest.ended_by) == (True, "stop")
     assert deepest.alpha == pytest.approx(np.pi / 4, abs=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"objective": "weight"}, "Argument `objective` must be one of volume, .*, but is 'weight'"),
-        ({"alpha_range": (0.5, 0.4)}, "Argument `alpha_range` must be two ascending angles"),
-        ({"alpha_range": (0.5, 30.0)}, "Argument `alpha_range` must be two ascending angles"),
-        ({"alpha_range": (np.nan, 0.4)}, "Argument `alpha_range` must be two ascending angles"),
-    ],
-)
-def test_bad_arguments_get_one_sentence(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        erosion.alpha_max("linearized", P, **arguments)
-
-
-def test_an_optimum_is_printed_in_degrees():
-    text = str(erosion.alpha_max("linearized", P))
-    assert "31.717   °" in text
-    assert "interior" in text
-
-
-def test_a_jump_known_only_to_a_wide_cell_is_looked_at_from_outside_the_cell():
-    search = over_angles(*split(erosion.load_model("rotating"), P.replace(k=1.0)), 1, 0.0, np.pi / 2, least=False)
-    evaluate = search.loose
-    jump = erosion.alpha_max("rotating", P.replace(k=1.0)).jumps[-1].alpha
-    # As where cutting begins: 3e-8 wide, and the jump not in its middle.
-    cells = Cells(*(evaluate(np.zeros(1, int), np.array([jump + aside])) for aside in (-2.5e-8, 5e-9)))
-    scanned = Scan(joined(*cells), cells, cells, cells.low.value, np.zeros(1, int), np.ones(1, int))
-    ((case, candidate),) = search.at_jumps(scanned, np.array([True]))
-    assert (case, candidate.kind, candidate.side) == (0, "jump", "below")
-    assert candidate.at == pytest.approx(jump - 2.5e-8, abs=1e-11)
-    assert candidate.value == pytest.approx(1.77719894e-4, rel=1e-4, abs=0)  # V rises like a root towards the jump
 
 
 def test_an_optimum_is_numbers_by_name():
@@ -194,7 +141,7 @@ def test_a_jump_whose_sides_differ_by_rounding_is_one():
 
 
 QUARTER = np.pi / 2
-PEAK = {"linearized": np.arctan(2) / 2, "finnie": np.arctan(2 / 3) / 2, "tan-alpha": 0.0}
+PEAK = {"linearized": best_angle(2.0), "finnie": best_angle(2 / 3), "tan-alpha": 0.0}
 RANGES = [
     (0.0, 1e-5), (0.0, 1e-8), (0.0, 0.5), (1e-9, 1e-8), (1e-8, 0.3), (1e-5, 0.01), (1e-3, 1e-2), (1e-4, 1.00001e-4),
     (0.3, 0.3 + 1e-9), (0.3, math.nextafter(0.3, 1)), (1.5, QUARTER), (QUARTER - 1e-10, QUARTER),
@@ -301,7 +248,6 @@ def test_a_continuous_law_is_certified(law, k):
     assert best.kind in ("interior", "jump")
     assert best.alpha == pytest.approx(alpha, abs=1e-4)
     assert volume * (1 - 1e-9) < best.value < volume * (1 + 1e-5)
-    assert "the search resolved all angles" in str(best)
 
 
 @pytest.mark.parametrize("k", [1.0, 2.0])
@@ -311,15 +257,9 @@ def test_where_the_force_jumps_the_best_angle_is_unresolved_and_says_so(k):
     assert (best.kind, best.certified) == ("unresolved", False)
     assert best.alpha == pytest.approx(alpha, abs=1e-4)
     assert best.value >= volume * (1 - 1e-9)
-    assert "certified" in str(best)
-    assert "a better angle may have been missed" in " ".join(str(best).split())
     # The figure shows V at every angle all the same.
     assert all(np.all(np.isfinite(piece.value)) for piece in pieces(best))
     assert len(plot_optimum(best).axes) == 1
-
-
-def test_a_batch_says_how_many_are_certified():
-    assert "0 of 2" in str(erosion.alpha_max(model_of(Breaking), P.replace(k=[1.0, 2.0])))
 
 
 class Roof(Deformation):
@@ -393,7 +333,6 @@ def test_the_plateau_of_the_end_time_is_every_rebound(k):
     assert best.low < best.alpha < best.high
     assert best.volume == pytest.approx(erosion.impact("linearized", p.replace(alpha=best.alpha)).volume, rel=1e-9)
     assert len(best.candidates) == 1
-    assert "from 0°" in str(best)
     inner = erosion.alpha_max("linearized", p, objective="t_c", alpha_range=(best.high / 3, best.high / 2))
     assert (inner.kind, inner.low, inner.high) == ("plateau", best.high / 3, best.high / 2)
 
@@ -412,16 +351,11 @@ def test_the_end_time_grows_without_bound_as_alpha_falls_where_the_volume_has_a_
     assert longest.volume == pytest.approx(float(P.volume_scale) / 2, rel=1e-9)
 
 
-# Found among random cases: the maximum lies within 3e-8 rad of a change of outcome.
-STEEP = [
-    ("rotating-full-torque", 0.2872763492614587, 0.2784730265520582, 0.3359531065672799, 0.6793991231232899),
-    ("rotating-tan-alpha-full-torque", 2.9926173735163353, 0.24848209531467672, 0.521630129478968, 0.5568405347351897),
-]
-
-
-@pytest.mark.parametrize(("name", "k", "r", "inertia", "s"), STEEP)
-def test_a_steep_smooth_maximum_beside_a_change_of_outcome_is_interior(name, k, r, inertia, s):
-    p = P.replace(k=k, r=r, inertia=inertia, phidot0=s * P.v0 / r)
+def test_a_steep_smooth_maximum_beside_a_change_of_outcome_is_interior():
+    # Found among random cases: the maximum lies within 3e-8 rad of a change of outcome.
+    name, r = "rotating-full-torque", 0.2784730265520582
+    spin = 0.6793991231232899 * P.v0 / r
+    p = P.replace(k=0.2872763492614587, r=r, inertia=0.3359531065672799, phidot0=spin)
     best = erosion.alpha_max(name, p)
     assert (best.kind, best.certified) == ("interior", True)
     angles = best.alpha + np.linspace(-1e-7, 1e-7, 2001)

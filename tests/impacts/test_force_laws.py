@@ -13,8 +13,7 @@ import pytest
 from jax import lax
 
 import erosion
-from erosion.impacts.batch import pair_derivatives, split
-from erosion.ode import batch
+from erosion.impacts.batch import split
 from erosion.ode.kinks import may_have_kinks
 from erosion.parameters.parameters import QUANTITIES
 from tests.fine_steps import scipy_cut
@@ -104,16 +103,6 @@ def test_the_batch_is_scipys(name):
         assert hits.t_c[i] == pytest.approx(t_c, rel=1e-8, abs=0)
 
 
-@pytest.mark.parametrize("name", ["implicit", "network"])
-def test_derivatives_are_differences(name):
-    model = LAWS[name]()
-    hit = erosion.impact(model, P, derivatives=2)
-    step = 1e-4
-    near = erosion.impact(model, P.replace(alpha=P.alpha + step * np.array([-1, 0, 1])), rtol=1e-12).volume
-    assert hit.dvolume == pytest.approx((near[2] - near[0]) / (2 * step), rel=1e-5, abs=0)
-    assert hit.d2volume == pytest.approx((near[2] - 2 * near[1] + near[0]) / step**2, rel=1e-4, abs=0)
-
-
 def test_gradients_by_a_networks_weights_are_differences():
     model = network()
     weights, rest = eqx.partition(model, eqx.is_array)
@@ -143,22 +132,8 @@ def test_what_lanes_cannot_do_names_the_models_method():
             return p.k
 
     model = erosion.models.Rotating(force=Spectral())
-    with pytest.raises(
-        ValueError, match=r"`Spectral.__call__` \(test_force_laws\.py, line \d+\) uses `fft`, which lanes"
-    ):
+    with pytest.raises(ValueError, match=r"`Spectral.__call__` .*`fft`"):
         erosion.impact(model, P)
-
-
-def test_many_impacts_of_one_case_are_all_computed():
-    """Where no plain number varies, and many threads share the lanes."""
-    model, count = network(), 5000
-    one = erosion.impact(model, P).volume
-    same = erosion.impact(model, P.replace(alpha=np.broadcast_to(P.alpha, count)))
-    assert np.all(same.volume == one)
-    weights, rest = eqx.partition(model, eqx.is_array)
-    many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *leaf.shape)), weights)
-    volumes = jax.vmap(lambda weights: erosion.volume(eqx.combine(weights, rest), P))(many)
-    assert np.asarray(volumes) == pytest.approx(float(one), rel=1e-8, abs=0)
 
 
 class Pair(NamedTuple):
@@ -186,56 +161,15 @@ def test_a_field_may_be_a_named_tuple():
     assert erosion.impact(model, P).volume == pytest.approx(erosion.impact("rotating", P).volume, rel=1e-9, abs=0)
 
 
-class TwoLayers(erosion.models.ForceLaw):
-    """F_x = -c·depth·exp(v·tanh(w depth/r + b)), the weights as plain arrays."""
-
-    w: Any
-    b: Any
-    v: Any
-
-    def __call__(self, state, tip, p):
-        factor = jnp.exp(self.v @ jnp.tanh(self.w * (tip.depth / p.r) + self.b))
-        horizontal = -p.stiffness * tip.depth * factor
-        return horizontal, p.k * horizontal
-
-    def typical_ratio(self, p):
-        return p.k
-
-
-def test_plain_gradient_descent_under_jit_learns_a_force():
-    p, angles = P.replace(psi=0.2), np.deg2rad(np.linspace(4, 34, 8))
-    truth = erosion.load_model("models/saturating_lip.py").replace(reach=0.3)
-    measured = erosion.impact(truth, p.replace(alpha=angles)).volume
-
-    def loss(layers):
-        model = erosion.models.Rotating(force=TwoLayers(*layers))
-        volumes = jax.vmap(lambda alpha: erosion.volume(model, p.replace(alpha=alpha)))(angles)
-        return jnp.mean(jnp.log(volumes / measured) ** 2)
-
-    @jax.jit
-    def descend(layers):
-        value, slopes = jax.value_and_grad(loss)(layers)
-        return value, jax.tree.map(lambda layer, slope: layer - 0.2 * slope, layers, slopes)
-
-    random = np.random.default_rng(0)
-    layers = (jnp.array(2 * random.normal(size=4)), jnp.array(random.normal(size=4)), jnp.zeros(4))
-    value = before = float(descend(layers)[0])
-    for _ in range(300):
-        value, layers = descend(layers)
-    assert before > 0.25**2
-    assert value < 0.1**2
-
-
-# Every model's are compared with coarser differences in its contract.
-@pytest.mark.parametrize("name", ["rotating-full-torque", "rotating-velocity-aligned"])
-def test_derivatives_equal_differences(name):
+# Every registered model's are compared with coarser differences in its contract.
+@pytest.mark.parametrize("name", ["rotating-velocity-aligned", "implicit", "network"])
+def test_derivatives_are_differences(name):
     # Away from jumps: one angle, one spin; steps that balance rounding and truncation.
-    p = P.replace(phidot0=0.1 * P.v0 / P.r)
-    h = 1e-3
-    hit = erosion.impact(name, p.replace(alpha=0.3 + h * np.arange(-4, 5)), derivatives=2, rtol=1e-12)
-    v = hit.volume
-    first = np.dot([3, -32, 168, -672, 0, 672, -168, 32, -3], v) / (840 * h)
-    second = np.dot([-9, 128, -1008, 8064, -14350, 8064, -1008, 128, -9], v) / (5040 * h**2)
+    model = LAWS[name]() if name in LAWS else name
+    p, h = P.replace(phidot0=0.1 * P.v0 / P.r), 1e-3
+    hit = erosion.impact(model, p.replace(alpha=0.3 + h * np.arange(-4, 5)), derivatives=2, rtol=1e-12)
+    first = np.dot([3, -32, 168, -672, 0, 672, -168, 32, -3], hit.volume) / (840 * h)
+    second = np.dot([-9, 128, -1008, 8064, -14350, 8064, -1008, 128, -9], hit.volume) / (5040 * h**2)
     assert hit.dvolume[4] == pytest.approx(first, rel=1e-8, abs=0)
     assert hit.d2volume[4] == pytest.approx(second, rel=1e-5, abs=0)
 
@@ -249,43 +183,6 @@ def test_several_parameters_make_a_symmetric_hessian():
     h = 1e-4
     up, down = (erosion.impact("rotating", P.replace(k=2 + d), derivatives=1, wrt=names, rtol=1e-12) for d in (h, -h))
     assert hit.d2volume[1] == pytest.approx((up.dvolume - down.dvolume) / (2 * h), rel=1e-6, abs=0)
-
-
-def test_any_parameters_share_one_program():
-    erosion.impact("rotating", P, derivatives=2, wrt=("alpha", "k", "r"))
-    programs = batch._compiled.cache_info().currsize
-    hit = erosion.impact("rotating", P, derivatives=2, wrt=("phidot0", "alpha"))
-    assert batch._compiled.cache_info().currsize == programs
-    assert hit.d2volume[1, 1] == pytest.approx(
-        float(erosion.impact("rotating", P, derivatives=2).d2volume), rel=1e-9, abs=0
-    )
-
-
-def test_pairs_give_the_derivatives_of_volume_and_end_time():
-    p = P.replace(alpha=np.array([0.2, 0.7]), phidot0=1000.0)
-    pairs = [("alpha", name) for name in QUANTITIES]
-    found = pair_derivatives(erosion.load_model("rotating"), p, pairs)
-    hit = erosion.impact("rotating", p, derivatives=2, wrt=("alpha", "v0", "phidot0"))
-    column = [list(QUANTITIES).index(name) for name in hit.wrt]
-    assert found.volume.second.shape == (2, len(QUANTITIES))
-    assert found.volume.second[:, column] == pytest.approx(hit.d2volume[:, 0], rel=1e-9, abs=0)
-    assert found.volume.other[:, column] == pytest.approx(hit.dvolume, rel=1e-9, abs=0)
-    h = 1e-4
-    near = [pair_derivatives(erosion.load_model("rotating"), p.replace(k=2 + d), pairs).t_c for d in (-h, h)]
-    at = list(QUANTITIES).index("k")
-    assert found.t_c.other[:, at] == pytest.approx((near[1].value - near[0].value) / (2 * h), rel=1e-5, abs=0)
-    assert found.t_c.second[:, at] == pytest.approx(
-        (near[1].first[:, 0] - near[0].first[:, 0]) / (2 * h), rel=1e-5, abs=0
-    )
-
-
-def test_a_lane_that_fails_along_one_pair_fails():
-    p = P.replace(alpha=np.array([0.2, np.nan, 0.4]))
-    hit = erosion.impact("rotating", p, derivatives=2, wrt=("alpha", "k", "r"))
-    assert list(hit.ended_by) == ["rebound", "failed", "rebound"]
-    for field in ("volume", "t_c", "dvolume", "d2volume"):
-        assert np.all(np.isnan(getattr(hit, field)[1]))
-        assert np.all(np.isfinite(getattr(hit, field)[::2]))
 
 
 @pytest.mark.parametrize("name", ["linearized", "rotating", "rotating-tan-alpha-full-torque"])
@@ -324,7 +221,7 @@ def test_volumes_are_scipys_started_anew_at_the_kinks(law):
 
 @pytest.mark.parametrize("law", [*CONTINUOUS, Breaking], ids=lambda law: law.__name__)
 def test_every_impact_has_its_volume_to_every_order(law):
-    p = random_impacts(500 if law is KinkedTable else 2000, seed=1)  # each knot takes as long as another impact
+    p = random_impacts(300 if law is KinkedTable else 1000, seed=1)  # each knot takes as long as another impact
     exact = erosion.impact(model_of(law), p, rtol=1e-12)
     assert set(exact.ended_by) == {"rebound", "stop", "no-cut"}
     for order in (0, 1, 2):
@@ -342,7 +239,7 @@ def test_a_power_without_a_value_above_the_surface_is_the_guarded_one():
             positive = jax.numpy.where(u > 0, u, 1.0)
             return jax.numpy.where(u > 0, positive**1.5, 0.0)
 
-    p = random_impacts(2000, seed=1)
+    p = random_impacts(500, seed=1)
     plain, guarded = (erosion.impact(model_of(law), p, derivatives=2) for law in (Power, Guarded))
     assert np.array_equal(plain.ended_by, guarded.ended_by)
     for name in ("volume", "dvolume", "d2volume"):
@@ -361,7 +258,7 @@ def _differences(model, p, step=1e-5):
 
 @pytest.mark.parametrize("law", CONTINUOUS, ids=lambda law: law.__name__)
 def test_derivatives_across_kinks_are_differences(law):
-    model, p = model_of(law), random_impacts(500, seed=1)
+    model, p = model_of(law), random_impacts(200 if law is KinkedTable else 500, seed=1)
     hit = erosion.impact(model, p, derivatives=2)
     first, second, alike = _differences(model, p)
     # Where V'' is infinite nearby two integrations may differ by more than 1e-6 of it.
@@ -397,8 +294,6 @@ def test_where_the_force_jumps_there_is_a_volume_and_a_reason():
     errors = np.abs(hit.dvolume - first)[known] / (np.abs(first) + hit.volume)[known]
     assert np.quantile(errors, 0.99) < 1e-6
     assert f"{np.sum(hit.no_derivatives)} of 1,000" in str(hit)
-    assert "a jump or an infinite rate of the force" in " ".join(str(hit).split())
-    assert "no_derivatives" not in str(erosion.impact("rotating", p, derivatives=2))
 
 
 def test_first_derivatives_remain_where_only_the_second_fails():

@@ -1,6 +1,6 @@
 """The best angle where deformation removes as well: V″ jumps where v₀ sin α reaches the threshold.
 
-The search here is its own: numpy's closed form on a fine grid, and bisection on V′.
+The search here is its own: the closed form of the reference on a fine grid, and bisection on V′.
 """
 
 import jax
@@ -10,30 +10,27 @@ import pytest
 
 import erosion
 from erosion.models import DeformationWear, Finnie, Linearized, ProportionalDeformationWear
+from tests.reference import best_angle, relative_slope, relative_volume
 
 P = erosion.TABLE_1
 V0, STRESS = float(P.v0), float(P.sigma * P.psi)
 CASES = 100  # of each kind of cut
-PEAK = np.arctan(2) / 2  # where the linearized cut with k = 2 is greatest
+PEAK = best_angle(2.0)  # where the linearized cut with k = 2 is greatest
 
 
 class Case:
     """V/V* and V′/V* of the closed forms, with e = ε/(σψ), a threshold over v₀ and s = rφ̇₀/v₀."""
 
-    def __init__(self, k, ratio, spin, e, threshold):
-        self.k, self.ratio, self.spin, self.e, self.threshold = k, ratio, spin, e, threshold
+    def __init__(self, kind, k, spin, e, threshold):
+        self.kind, self.k, self.spin, self.e, self.threshold = kind, k, spin, e, threshold
 
     def volume(self, alpha, xp=np):
-        sine, u = xp.sin(alpha), xp.cos(alpha) + self.spin
-        cut = xp.where(self._rebounds(sine, u), 2 * u * sine - 2 / self.ratio * sine**2, self.ratio / 2 * u**2)
-        return xp.where(u > 0, cut, 0.0) / self.k + xp.maximum(sine - self.threshold, 0.0) ** 2 / (2 * self.e)
+        cut = relative_volume(self.kind, alpha, self.k, self.spin, xp)
+        return cut + xp.maximum(xp.sin(alpha) - self.threshold, 0.0) ** 2 / (2 * self.e)
 
     def slope(self, alpha):
-        sine, cosine = np.sin(alpha), np.cos(alpha)
-        u = cosine + self.spin
-        rebound = 2 * (u * cosine - sine**2) - 4 / self.ratio * sine * cosine
-        cut = np.where(self._rebounds(sine, u), rebound, -self.ratio * u * sine)
-        return np.where(u > 0, cut, 0.0) / self.k + np.maximum(sine - self.threshold, 0.0) * cosine / self.e
+        above = np.maximum(np.sin(alpha) - self.threshold, 0.0)
+        return relative_slope(self.kind, alpha, self.k, self.spin) + above * np.cos(alpha) / self.e
 
     def maxima(self):
         """(V, α) of every maximum, the greatest first."""
@@ -49,9 +46,6 @@ class Case:
         angles = np.append(low, np.pi / 2) if slopes[-2] > 0 else low
         return sorted(zip(self.volume(angles), angles, strict=True), reverse=True)
 
-    def _rebounds(self, sine, u):
-        return sine <= self.ratio / 2 * u
-
 
 def random_cases(kind):
     rng = np.random.default_rng(23)
@@ -59,8 +53,8 @@ def random_cases(kind):
     thresholds = np.where(rng.random(CASES) < 0.2, 0.0, rng.uniform(0.0, 1.2, CASES))
     spins = np.where(rng.random(CASES) < 0.5, rng.uniform(-0.6, 0.6, CASES), 0.0)
     if kind == "linearized":
-        return [Case(*numbers) for numbers in zip(k, k, 0 * k, e, thresholds, strict=True)]
-    return [Case(*numbers) for numbers in zip(k, k / 3, spins, e, thresholds, strict=True)]
+        spins = np.zeros(CASES)
+    return [Case(kind, *numbers) for numbers in zip(k, spins, e, thresholds, strict=True)]
 
 
 def solved(kind, cases):
@@ -92,7 +86,7 @@ ASIDE = np.array([0.0, *(sign * 10.0**power for power in (-12, -10, -8, -6, -5, 
 @pytest.mark.parametrize("e", [0.2, 0.4, 3.0])
 def test_an_optimum_at_or_beside_the_threshold(e):
     # V″ of the cut at its peak is -√5 V*, and above the threshold deformation adds cos²α/e V*.
-    cases = [Case(2.0, 2.0, 0.0, e, np.sin(PEAK + aside)) for aside in ASIDE]
+    cases = [Case("linearized", 2.0, 0.0, e, np.sin(PEAK + aside)) for aside in ASIDE]
     best = solved("linearized", cases)
     assert np.all(best.certified)
     for i, (case, aside) in enumerate(zip(cases, ASIDE, strict=True)):
@@ -105,12 +99,12 @@ def test_an_optimum_at_or_beside_the_threshold(e):
 
 
 def test_sensitivities_are_those_of_the_closed_form():
-    cases = [Case(2.0, 2.0, 0.0, 1.6, 0.3), Case(2.0, 2.0, 0.0, 1.6, 0.0), Case(0.5, 0.5, 0.0, 0.3, 0.1)]
+    cases = [Case("linearized", *n) for n in ((2.0, 0.0, 1.6, 0.3), (2.0, 0.0, 1.6, 0.0), (0.5, 0.0, 0.3, 0.1))]
     best = solved("linearized", cases)
     assert best.kind.tolist() == ["interior", "interior", "boundary"]
 
     def volume(alpha, e, threshold, case):
-        return Case(case.k, case.ratio, 0.0, e, threshold).volume(alpha, jnp)
+        return Case(case.kind, case.k, 0.0, e, threshold).volume(alpha, jnp)
 
     for i, case in enumerate(cases[:2]):
         along = jax.jacfwd(jax.grad(volume), argnums=(0, 1, 2))(best.alpha[i], case.e, case.threshold, case)
@@ -141,7 +135,7 @@ def test_where_nothing_is_cut_deformation_still_removes_most_somewhere():
 
 def test_objectives_and_minima():
     model = Linearized(deformation=ProportionalDeformationWear(1.6, 0.3 * V0))
-    case = Case(2.0, 2.0, 0.0, 1.6, 0.3)
+    case = Case("linearized", 2.0, 0.0, 1.6, 0.3)
     volume, alpha = case.maxima()[0]
     per_mass = erosion.alpha_max(model, P, objective="volume per mass")
     assert per_mass.alpha == pytest.approx(alpha, abs=1e-9)
@@ -149,7 +143,10 @@ def test_objectives_and_minima():
     # Deformation ends no cut, and makes it no longer.
     longest, without = (erosion.alpha_max(m, P, objective="t_c") for m in (model, "linearized"))
     assert (longest.value, longest.alpha) == (without.value, without.alpha)
-    model, case = Linearized(deformation=ProportionalDeformationWear(0.2, 0.7 * V0)), Case(2.0, 2.0, 0.0, 0.2, 0.7)
+    model, case = (
+        Linearized(deformation=ProportionalDeformationWear(0.2, 0.7 * V0)),
+        Case("linearized", 2.0, 0.0, 0.2, 0.7),
+    )
     low, high = np.deg2rad([35.0, 90.0])
     least = erosion.alpha_min(model, P, alpha_range=(low, high))
     grid = np.linspace(low, high, 100_001)

