@@ -17,7 +17,8 @@ from jax import Array
 from jax.core import Tracer
 
 from erosion.arguments import ModelState, Number, PerImpact, Scalar, Structure, check_order, check_share
-from erosion.lanes.lanewise import Compiled, compile_lanes, number
+from erosion.lanes.engines import compile_lanes
+from erosion.lanes.lanewise import Lanewise, number
 from erosion.models import (
     CUT,
     NO_CUT,
@@ -193,7 +194,7 @@ def tip_at(model: CuttingModel, p: Parameters, ys: np.ndarray) -> list[np.ndarra
 
 
 @functools.lru_cache(maxsize=64)
-def _tip_program(layout: Layout, structure: Structure) -> Compiled:
+def _tip_program(layout: Layout, structure: Structure) -> Lanewise:
     def lane(numbers: list[Number], leaves: list[Scalar]) -> list[Scalar]:
         p, model = layout.args(numbers)
         state = jax.tree.unflatten(structure, leaves)

@@ -294,7 +294,7 @@ def flatten(closed: ClosedJaxpr, *, shared: bool = True) -> Graph:
     graph = Graph()
     arguments: list[Part] = []
     place, large = 0, [is_large(aval_of(variable)) for variable in closed.jaxpr.invars]
-    graph.rows = sum(math.prod(aval_of(variable).shape) for variable in closed.jaxpr.invars)
+    graph.rows = graph.places = sum(math.prod(aval_of(variable).shape) for variable in closed.jaxpr.invars)
     for variable, is_array in zip(closed.jaxpr.invars, large, strict=True):
         shape = aval_of(variable).shape
         if is_array:

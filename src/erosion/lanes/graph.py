@@ -161,6 +161,7 @@ class Graph:
     def __init__(self) -> None:
         self.root = self.region = Region(None)
         self.outputs: list[Value] = []
+        self.places = 0  # of the arguments
         self.rows = 0  # of memory, each with a number of every lane; the first are the arguments
         self.numbers = 0  # in memory after them, of arguments that all lanes share
         self._made = self._asked = 0  # operations

@@ -5,9 +5,7 @@ add((np.arange(5.0), 2.0))  # -> an array of 5
 """
 
 import functools
-import os
 from collections.abc import Callable, Sequence
-from typing import Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -54,7 +52,7 @@ class Lanewise:
             closed, shapes = jax.make_jaxpr(function, return_shape=True)(*examples)
             self._compile = functools.partial(_compiled, closed, width, target, tapes)
             self._code, self._rows, self._numbers = self._compile(shared=True)
-        self._large = [is_large(aval_of(variable)) for variable in closed.jaxpr.invars]
+        self.closed, self.large = closed, [is_large(aval_of(variable)) for variable in closed.jaxpr.invars]
         self._own: tuple[MachineCode, int, int] | None = None
         self.inputs = [tuple(aval.shape) for aval in closed.in_avals]
         leaves, self.structure = jax.tree.flatten(shapes)
@@ -95,10 +93,7 @@ class Lanewise:
         if not len(order):
             return
         order = np.ascontiguousarray(order, np.int64)
-        together = [
-            leaf.ndim == len(shape) or leaf.strides[0] == 0 for leaf, shape in zip(leaves, self.inputs, strict=True)
-        ]
-        is_shared = all(same for same, large in zip(together, self._large, strict=True) if large)
+        together, is_shared = self.sharing(leaves)
         if not is_shared and self._own is None:
             with without_garbage_collection():
                 self._own = self._compile(shared=False)
@@ -106,7 +101,7 @@ class Lanewise:
         inputs, numbers = self._memory(rows, count)
         varying: list[int] = []
         for leaf, shape, place, same, large in zip(
-            leaves, self.inputs, self._places[:-1], together, self._large, strict=True
+            leaves, self.inputs, self._places[:-1], together, self.large, strict=True
         ):
             if same:
                 shared = leaf if leaf.ndim == len(shape) else leaf[0]
@@ -144,6 +139,13 @@ class Lanewise:
                 0 if stop is None else stop.ctypes.data,
             )
 
+    def sharing(self, leaves: Sequence[np.ndarray]) -> tuple[list[bool], bool]:
+        """Which arguments all lanes share, and whether they share all large ones."""
+        together = [
+            leaf.ndim == len(shape) or leaf.strides[0] == 0 for leaf, shape in zip(leaves, self.inputs, strict=True)
+        ]
+        return together, all(same for same, large in zip(together, self.large, strict=True) if large)
+
     def _memory(self, rows: int, numbers: int) -> tuple[np.ndarray, np.ndarray]:
         """Memory for one vector of lanes, shape (rows, width), and for numbers that all lanes share.
 
@@ -161,35 +163,6 @@ def _compiled(
     """Code of a function, and how many rows of memory and shared numbers it needs."""
     graph = flatten(closed, shared=shared)
     return MachineCode(vector_ir(graph, width, tapes), target), graph.rows, graph.numbers
-
-
-@runtime_checkable
-class Compiled(Protocol):
-    """A function of one lane, compiled for many."""
-
-    inputs: list[tuple[int, ...]]
-    """Shapes of one lane's arguments."""
-
-    def run(
-        self,
-        leaves: Sequence[np.ndarray],
-        order: np.ndarray,
-        results: Sequence[np.ndarray],
-        stop: np.ndarray | None = None,
-        tapes: Sequence[np.ndarray] = (),
-    ) -> None:
-        """Compute some lanes; see `Lanewise.run`."""
-        ...
-
-
-def compile_lanes(function: Callable[..., PyTree], examples: Sequence[PyTree], *, tapes: int = 0) -> Compiled:
-    """Compile a function of one lane's numbers; see `Lanewise`."""
-    return Lanewise(function, examples, tapes=tapes)
-
-
-def threads() -> int:
-    """How many threads compute lanes at once."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 _KEYS = 2**16 - 1  # whole numbers of two bytes

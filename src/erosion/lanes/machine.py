@@ -13,7 +13,8 @@ from typing import NamedTuple
 import llvmlite
 import llvmlite.binding as llvm
 
-from erosion.lanes.vector_ir import ENTRY, PYTHONS
+from erosion.lanes.vector_ir import PYTHONS
+from erosion.lanes.writer import ENTRY
 
 LLVMLITE = (0, 45), (0, 51)
 """The first version of llvmlite that works, and the first that is not known to; the same as in `pyproject.toml`."""

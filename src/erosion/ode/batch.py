@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import PyTree
 
 from erosion.arguments import Number, PerLane, Scalar
+from erosion.lanes.engines import blocks_for_threads, compile_lanes, threads
 from erosion.lanes.flatten import NotForLanesError
-from erosion.lanes.lanewise import WIDTH, Compiled, alike_together, compile_lanes, number, threads
+from erosion.lanes.lanewise import WIDTH, Lanewise, alike_together, number
 from erosion.ode.integrator import LaneEnd, integrate_lane
 from erosion.ode.kinks import may_have_kinks
 from erosion.ode.methods import METHODS
@@ -52,7 +53,7 @@ class _Batch(NamedTuple):
     """
 
     layout: Layout
-    program: Compiled
+    program: Lanewise
     leaves: list[np.ndarray]
     results: LaneEnd
     used: np.ndarray  # tolerances of the results
@@ -67,7 +68,8 @@ class _Batch(NamedTuple):
 
     def run_again(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
         """The same for lanes whose trials are known, by which they are ordered."""
-        order = np.argsort(self.results.trials[lanes], kind="stable")
+        # The longest lanes come first: none is left alone at the end.
+        order = np.argsort(-self.results.trials[lanes], kind="stable")
         self.used[lanes] = rtol[lanes]
         self._compute([*self.leaves, rtol], lanes[order], ordered=True)
 
@@ -588,9 +590,7 @@ def in_threads(each: Callable[[np.ndarray, np.ndarray | None], None], lanes: np.
         for begin in range(0, lanes.size, block):
             each(lanes[begin : begin + block], None)
         return
-    # Neighbours go to the threads in turn: they are similar, and so are their costs.
-    tables = np.array_split(lanes, -(-lanes.size // (block * count)))
-    blocks = [table[i::count] for table in tables for i in range(count)]
+    blocks = blocks_for_threads(lanes, block, count)
     # Not kept for the next batch: a plug-in's own code may never return a thread.
     stop = np.zeros(1, np.int64)
     with concurrent.futures.ThreadPoolExecutor(count) as pool:
@@ -616,7 +616,7 @@ compiling = threading.RLock()
 """While one thread compiles, others wait: each program is compiled once."""
 
 
-def integrator_of(layout: Layout, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Compiled, LaneEnd]:
+def integrator_of(layout: Layout, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Lanewise, LaneEnd]:
     """The compiled integrator, and shapes and types of a lane's results."""
     with compiling:
         return _compiled(layout, order, fixed, directions)
@@ -635,7 +635,7 @@ def compile_ahead(layout: Layout, order: int, directions: int, *, timed: bool = 
 
 
 @functools.lru_cache(maxsize=256)
-def _compiled(layout: Layout, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Compiled, LaneEnd]:
+def _compiled(layout: Layout, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Lanewise, LaneEnd]:
     def lane(numbers: list[Number], places: tuple[Direction, ...], rows: list[Scalar], rtol: Scalar) -> LaneEnd:
         return integrate_lane(layout, numbers, fixed or places, rtol, order=order, rows=rows[0] if rows else 0)
 

@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import PyTree
 
 from erosion.arguments import PerImpact, PerLane, check_unmasked
+from erosion.lanes.engines import compile_lanes
 from erosion.lanes.flatten import NotForLanesError
-from erosion.lanes.lanewise import WIDTH, Compiled, compile_lanes, number
+from erosion.lanes.lanewise import WIDTH, Lanewise, number
 from erosion.ode.adjoint import pulled_back
 from erosion.ode.batch import ROWS, compiling, in_threads, integrate, integrate_along, integrator_of
 from erosion.ode.ensemble import Lanes
@@ -243,7 +244,7 @@ class _WayBack:
     def __init__(
         self,
         layout: Layout,
-        back: Compiled,
+        back: Lanewise,
         numbers: list[np.ndarray],
         ends: Ended,
         bars: np.ndarray,
@@ -332,7 +333,7 @@ def _is_traced(layout: Layout) -> bool:
 
 
 @functools.lru_cache(maxsize=64)
-def _compiled(layout: Layout, *, timed: bool) -> Compiled | None:
+def _compiled(layout: Layout, *, timed: bool) -> Lanewise | None:
     """The program that goes back; None where lanes cannot do what it needs."""
     arguments = (layout.structs(), number, number, [number] * layout.rows, number, *[number] * timed)
     try:

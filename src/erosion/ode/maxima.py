@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from erosion.interrupts import unawaited_threads
-from erosion.lanes.lanewise import threads
+from erosion.lanes.engines import threads
 from erosion.ode.batch import integrate
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.resolve import Cells, Evaluate, Nodes, Ruler, Scan, is_jump, joined, polish, scan

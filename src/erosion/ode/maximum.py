@@ -20,8 +20,9 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Number, PerImpact, PerLane, Scalar, as_names, as_pair, check_share, check_whole
 from erosion.lanes.digests import hashed
+from erosion.lanes.engines import compile_lanes
 from erosion.lanes.flatten import NotForLanesError
-from erosion.lanes.lanewise import Compiled, compile_lanes
+from erosion.lanes.lanewise import Lanewise
 from erosion.ode.batch import compiling
 from erosion.ode.ensemble import Lanes, checked_lanes, path_of, shaped
 from erosion.ode.integrator import LaneEnd
@@ -322,7 +323,7 @@ class _Quantity:
         first, second = slopes or (None, None)
         return Derivatives(value, first, first, second)
 
-    def _program(self, derivatives: bool) -> Compiled:
+    def _program(self, derivatives: bool) -> Lanewise:
         examples = self._lanes.layout.structs(), *[self._ends] * (3 if derivatives else 1)
         try:
             return compile_lanes(self._with_derivatives if derivatives else self._value, examples)
