@@ -586,10 +586,16 @@ def silenced(event: Ends, on: Flag) -> Ends:
     return Ends(jnp.where(on, event.value, 1.0), jnp.where(on, event.rate, 0.0))
 
 
-def after_event(event: Ends, fired: Flag, scale: Scalar) -> Ends:
+def after_event(event: Ends, fired: Flag, still_zero: Flag, scale: Scalar) -> Ends:
     """An event function where the motion goes on: zero without its rounding if its event has just happened."""
-    left = fired & (jnp.abs(event.value) <= _LEFT * jnp.abs(event.rate) * scale)
-    return Ends(jnp.where(left, 0.0, event.value), event.rate)
+    event = Ends(jnp.where(still_zero, 0.0, event.value), event.rate)
+    return jax.tree.map(functools.partial(jnp.where, fired), without_rounding(event, _LEFT * scale), event)
+
+
+def without_rounding(event: Ends, time: Scalar) -> Ends:
+    """An event function; zero where it would be within a time."""
+    is_zero = jnp.abs(event.value) <= jnp.abs(event.rate) * time
+    return Ends(jnp.where(is_zero, 0.0, event.value), event.rate)
 
 
 def are_clear(

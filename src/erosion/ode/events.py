@@ -14,6 +14,7 @@ from erosion.ode.methods.base import Step
 from erosion.ode.step_control import ADVANCING, Control, Limits
 
 GRAZE = 1e4  # tolerances: a dip this close to zero may be a fall, after many turns of a fast spin
+_AT_START = 1e-12  # of the time scale: a function is zero at the start of a lane that would be within so long
 _ZERO = 1e-15  # event functions of order 1 below this are zero at the start: cos(π/2) is 6e-17 in floating point
 
 
@@ -31,6 +32,10 @@ class EventSet(abc.ABC):
     @abc.abstractmethod
     def begins(self, events: Sequence[Ends], scale: Scalar) -> Flag:
         """Whether a lane goes on from its start: every event function is positive or rises from zero."""
+
+    def at_start(self, events: list[Ends], scale: Scalar, begins: Flag) -> list[Ends]:
+        """The event functions at a start; zero without its rounding, where the lane begins."""
+        return events
 
     @abc.abstractmethod
     def begun(self, events: list[Ends]) -> list[Ends]:
@@ -123,6 +128,11 @@ class Armed(EventSet):
     def __init__(self, directions: Sequence[int], *, rough: bool, affine: Sequence[bool], smooth: bool) -> None:
         super().__init__(directions, rough=rough)
         self.affine, self.smooth = affine, smooth
+
+    def at_start(self, events: list[Ends], scale: Scalar, begins: Flag) -> list[Ends]:
+        """See `EventSet`."""
+        time = jnp.where(begins, _AT_START * scale, 0.0)
+        return [crossings.without_rounding(event, time) for event in events]
 
     def resolved(self, start: Sequence[Ends], step: Step, h: Scalar) -> Step:
         """See `EventSet`."""

@@ -30,6 +30,8 @@ _ACCUMULATED = (
     1e-11  # of the time scale, and of the time so far: where an event follows itself sooner, events accumulate
 )
 _ROUNDING = 1e-14  # of the time so far: where any event follows sooner, they do
+_RESIDUAL = 4.0  # times what an event function is at its event: if it is no more after the resets, it is zero
+_RESTS = 1e-6  # of the time scale, and of the time so far: where an event follows sooner, and its function rises
 _ENDLESS = 100  # rounds of events that resets make happen
 _ALIKE = 1e-9, 1e-7, 1e-6  # of their sizes: two states, their first derivatives and second ones are the same
 
@@ -90,6 +92,10 @@ class Transitions:
         self.problem, self.loop, self.here = problem, loop, problem.equations.at(problem.numbers)
         self.most = problem.clock.max_events
 
+    def rates(self, at: Augmented) -> list[Scalar]:
+        """The rates of the event functions."""
+        return jax.jvp(self.here.events, (at,), (self.here.rate(at),))[1]
+
     def fired(self, instant: Instant, event: int, fires: Flag, own_time: Flag | None = None) -> Instant:
         """With an event, if it `fires`; where it has its own time the state comes to it from that of the one before."""
         equations, members, elapsed = self.problem.equations, instant.members, instant.elapsed
@@ -119,13 +125,9 @@ class Transitions:
 
         Each after the first happens where its function falls still after the resets before it.
         """
-
-        def rates(at: Augmented) -> list[Scalar]:
-            return jax.jvp(self.here.events, (at,), (self.here.rate(at),))[1]
-
-        falling = rates(instant.members[0])
+        falling = self.rates(instant.members[0])
         for i in order:
-            still = (first == i) | (rates(instant.members[0])[i] * falling[i] > 0)
+            still = (first == i) | (self.rates(instant.members[0])[i] * falling[i] > 0)
             fires = segment.at_once[i] & still & instant.survives & (instant.count < self.most)
             instant = self.fired(instant, i, fires, first != i)
         return instant
@@ -232,7 +234,7 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
     elapsed = tuple(zero for _ in initial)
     sizes = problem.method.sizes_at_start(problem.initial, None)
     near_kink = jnp.asarray(False) if problem.shows_kinks else None
-    start = Flight(control, initial, none - 1, zero, none, nothing, sizes, near_kink)
+    start = Flight(control, initial, none - 1, zero, none, nothing, sizes, near_kink, nothing)
 
     def ended(
         instant: Instant, endless: Flag, segment: Flight, amplification: Scalar, accumulates: Flag
@@ -261,13 +263,20 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
         )
         instant = transitions.in_turn(met, segment, range(len(nothing)), segment.event)
         instant = transitions.commuting(instant, segment, along, met._replace(elapsed=so_far.elapsed))
-        functions = transitions.here.events(members[0])
-        functions = [jnp.where(near, 0.0, value) for near, value in zip(segment.at_once, functions, strict=True)]
+        rounding = transitions.here.events(members[0])
+        functions = [jnp.where(near, 0.0, value) for near, value in zip(segment.at_once, rounding, strict=True)]
         instant, endless = transitions.settled(instant, functions)
+        both = zip(segment.at_once, transitions.here.events(instant.members[0]), rounding, strict=True)
+        still_zero = [near & (jnp.abs(after) <= _RESIDUAL * jnp.abs(met)) for near, after, met in both]
         typical = jnp.minimum(problem.time_scale, elapsed[0])
         soon = jnp.where(instant.last == before.event, _ACCUMULATED * typical, _ROUNDING * elapsed[0])
+        # An event so soon after another that its function does not fall any more, as of a body that comes to rest.
+        rests = (jnp.where(i == segment.event, rate > 0, False) for i, rate in enumerate(transitions.rates(members[0])))
+        directed = (each for each, direction in zip(rests, problem.directions, strict=True) if direction)
+        rests = functools.reduce(jnp.logical_or, directed, jnp.asarray(False)) & (segment.time < _RESTS * typical)
         amplification = jnp.maximum(so_far.amplification, end.amplification)
-        return ended(instant, endless, segment._replace(count=before.count), amplification, segment.time <= soon)
+        segment = segment._replace(count=before.count, still_zero=still_zero)
+        return ended(instant, endless, segment, amplification, (segment.time <= soon) | rests)
 
     begun = _Trajectory(jnp.asarray(True), start, elapsed, zero + 1.0, written)
     if problem.options.fires:

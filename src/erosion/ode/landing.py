@@ -50,6 +50,7 @@ class Flight(NamedTuple):
         count: events so far, of all motions of a chain.
         at_once: for each event whether it happens there.
         greatest: the greatest size of each row of the motion itself, where the whole state is wanted.
+        still_zero: of each event that happened whether its function is zero after the resets, but for rounding.
         near_kink: whether the lane has come near a kink so far; None where its arithmetic does not tell.
     """
 
@@ -61,6 +62,7 @@ class Flight(NamedTuple):
     at_once: Sequence[Flag]
     greatest: Rows
     near_kink: Flag | None = None
+    still_zero: Sequence[Flag] = ()
 
 
 def landed(problem: "Extended", lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:

@@ -109,6 +109,7 @@ class Loop:
         zero = zero + sum(0.0 * row for row in (*initial, *slope)) + 0.0 * scale
         for event in events:
             zero = zero + 0.0 * event.value + 0.0 * event.rate
+        events = self.events.at_start(events, scale, jnp.asarray(True) if before is None else before.count == 0)
         begins = self.events.begins(events, scale) if problem.options.begins else jnp.asarray(True)
         if before is not None:
             begins = begins | (before.count > 0)
@@ -116,7 +117,8 @@ class Loop:
         events = self.events.begun(events)
         if before is not None:
             # The functions of events that have just happened are zero, but for rounding.
-            events = [crossings.after_event(*each, scale) for each in zip(events, before.at_once, strict=True)]
+            flags = zip(events, before.at_once, before.still_zero, strict=True)
+            events = [crossings.after_event(*each, scale) for each in flags]
             past, trial = before.control, jnp.minimum(control.trial, before.control.step)
             control = control._replace(
                 trial=trial, step=trial, trials=past.trials, rejected=past.rejected, margin=past.margin
