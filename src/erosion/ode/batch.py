@@ -320,8 +320,8 @@ def _by_other_methods(
 ) -> None:
     """Integrate lanes that turned out to be stiff, or took too many steps, by the method for stiff motions.
 
-    Where that has no result either, or cannot be compiled, a stiff lane is integrated as if it were not, and one of
-    too many steps shows what it had reached.
+    Where that has no result either, or cannot be compiled, a stiff lane is integrated as if it were not. A lane that
+    ends by neither shows the farther one.
     """
     results, layout = batch.results, batch.layout
     if results.stiff is None:
@@ -342,7 +342,9 @@ def _by_other_methods(
             lanes = lanes[given_up[lanes]]
             continue
         lost = layout.has_no_result(found.outcome)
-        better = given_up[lanes] | ~lost
+        reached = results.time.value[lanes]
+        farther = (found.time.value > reached) | np.isnan(reached)
+        better = ~lost | farther | (given_up[lanes] & (method == "rosenbrock"))
         batch.adopt(found, lanes, better)
         results.tolerance[lanes[better]], results.stiff[lanes[better]] = rtol, method == "rosenbrock"
         lanes = lanes[lost & given_up[lanes]]
