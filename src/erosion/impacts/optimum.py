@@ -428,8 +428,10 @@ def _along_jump(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -
     times = [along_angle(cases, at + towards * distance).t_c for distance in _DISTANCES]
     rates = _at_no_distance([(-time.other[:, 1:] / time.first[:, :1]).T for time in times])
     nearest, farthest = (np.abs(times[i].first[:, 0]) for i in (0, -1))
-    # Beside a graze t_α grows as the root of the distance falls, by 4 here. Another jump leaves no trace beside it.
-    return np.where(nearest > 2 * farthest, rates, np.nan)
+    # Beside a graze t_α grows as the root of the distance falls, by 4 here. Another jump leaves no trace beside it, and
+    # t_α may be zero but for rounding there.
+    is_graze = (nearest > 2 * farthest) & (nearest > 1e-6 * times[0].value)
+    return np.where(is_graze, rates, np.nan)
 
 
 def _along_kink(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
