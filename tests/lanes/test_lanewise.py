@@ -163,7 +163,7 @@ def test_quick_and_careful_code_give_the_same_bits(function, monkeypatch):
     quick = lanewise(X, Y)
     compiled = _levels(monkeypatch)
     for seconds, levels in ((1.0, []), (0.0, [machine._CAREFUL]), (0.0, [machine._CAREFUL])):
-        lanewise._code._cost = seconds
+        lanewise._shared.code._cost = seconds
         for leaf, same in zip(jax.tree.leaves(quick), jax.tree.leaves(lanewise(X, Y)), strict=True):
             assert leaf.tobytes() == same.tobytes()
         assert compiled == levels
@@ -172,7 +172,7 @@ def test_quick_and_careful_code_give_the_same_bits(function, monkeypatch):
 def test_careful_code_is_tried_again_where_it_could_not_be_made(monkeypatch):
     lanewise = Lanewise(_root, (number, number))
     lanewise(X, Y)
-    lanewise._code._cost = 0.0
+    lanewise._shared.code._cost = 0.0
     with monkeypatch.context() as patch:
         patch.setattr(machine, "_Compiled", _out_of_memory)
         with pytest.raises(MemoryError):
@@ -237,7 +237,7 @@ def test_results_are_written_for_the_lanes_that_are_asked_for_alone():
 def test_threads_share_a_function(monkeypatch):
     """Also while one of them compiles it with care."""
     root = Lanewise(_root, (number, number))
-    root._code._cost = 1e-3
+    root._shared.code._cost = 1e-3
     expected, results = root(X, Y)[1], [np.empty(0)] * 8
 
     def compute(i):

@@ -22,8 +22,9 @@ from erosion.lanes.flatten import flatten
 from erosion.lanes.graph import Graph
 from erosion.lanes.lanewise import Lanewise
 from erosion.lanes.machine import without_garbage_collection
-from erosion.lanes.thread_ir import FIELD, GPU, Target, own_rows, thread_ir, written_tapes
-from erosion.lanes.writer import ENTRY
+from erosion.lanes.tapes import WRITE
+from erosion.lanes.thread_ir import FIELD, GPU, Target, own_rows, thread_ir
+from erosion.lanes.writer import ENTRY, tapes_with
 
 _CPU, _PTX = "sm_70", "+ptx70"  # the driver assembles it for any newer GPU, to the same bits
 _LEVEL = 0  # of LLVM's code generator: the driver's compiler does the work
@@ -145,7 +146,7 @@ class Gpu:
         module = self.call("cuModuleLoadData", self._translate(text).encode() + b"\0")
         function = self.call("cuModuleGetFunction", module, ENTRY.encode())
         blocks = self.call("cuOccupancyMaxActiveBlocksPerMultiprocessor", function, _BLOCK, 0)
-        return Program(function, blocks * _BLOCK * self._processors, own_rows(graph), written_tapes(graph))
+        return Program(function, blocks * _BLOCK * self._processors, own_rows(graph), tapes_with(WRITE, graph))
 
     @contextlib.contextmanager
     def streams(self, count: int) -> Iterator[list["_Stream"]]:

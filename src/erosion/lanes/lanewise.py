@@ -6,6 +6,7 @@ add((np.arange(5.0), 2.0))  # -> an array of 5
 
 import functools
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -15,7 +16,10 @@ from jaxtyping import PyTree
 from erosion.lanes.flatten import flatten, is_large
 from erosion.lanes.machine import MachineCode, Processor, without_garbage_collection
 from erosion.lanes.scalars import aval_of
+from erosion.lanes.tapes import READ, WRITE
 from erosion.lanes.vector_ir import vector_ir
+from erosion.lanes.workers import Interruptible
+from erosion.lanes.writer import tapes_with
 
 WIDTH = 8
 """Lanes of a vector: eight float64 fill the widest registers; narrower ones take two or four for each."""
@@ -24,6 +28,15 @@ _PORTION = 2**12  # lanes; vectors are as they were
 
 number = jax.ShapeDtypeStruct((), np.float64)
 """Shape and type of a lane's plain number."""
+
+
+class _Code(NamedTuple):
+    """Code of a function, the rows of memory and shared numbers that it needs, and whether it may begin again."""
+
+    code: MachineCode
+    rows: int
+    numbers: int
+    is_repeatable: bool  # not where it reads a tape that it writes
 
 
 class Lanewise:
@@ -51,9 +64,9 @@ class Lanewise:
         with without_garbage_collection():
             closed, shapes = jax.make_jaxpr(function, return_shape=True)(*examples)
             self._compile = functools.partial(_compiled, closed, width, target, tapes)
-            self._code, self._rows, self._numbers = self._compile(shared=True)
+            self._shared = self._compile(shared=True)
         self.closed, self.large = closed, [is_large(aval_of(variable)) for variable in closed.jaxpr.invars]
-        self._own: tuple[MachineCode, int, int] | None = None
+        self._own: _Code | None = None
         self.inputs = [tuple(aval.shape) for aval in closed.in_avals]
         leaves, self.structure = jax.tree.flatten(shapes)
         self.outputs = [(tuple(leaf.shape), np.dtype(leaf.dtype)) for leaf in leaves]
@@ -86,8 +99,7 @@ class Lanewise:
             leaves: float64, of shape (lanes, …), or of one lane's shape where all share it.
             order: which lanes, shape (n,), int64; neighbours share a vector.
             results: for each output an array (lanes, …) of its type, in C's order.
-            stop: an int64, not 0 once the results are wanted no more. For a thread that signals do not reach: it
-                takes the place of looking for them.
+            stop: an int64, not 0 once the results are wanted no more. Without it, a signal's handler stops the work.
             tapes: for each tape an array (lanes, length) of float64, rows in C's order.
         """
         if not len(order):
@@ -97,7 +109,7 @@ class Lanewise:
         if not is_shared and self._own is None:
             with without_garbage_collection():
                 self._own = self._compile(shared=False)
-        code, rows, count = (self._code, self._rows, self._numbers) if is_shared or self._own is None else self._own
+        code, rows, count, is_repeatable = self._shared if is_shared or self._own is None else self._own
         inputs, numbers = self._memory(rows, count)
         varying: list[int] = []
         for leaf, shape, place, same, large in zip(
@@ -125,19 +137,24 @@ class Lanewise:
             assert tape[:1].flags.c_contiguous, "the numbers of a tape follow each other"
             outputs += (tape.ctypes.data, tape.strides[0])
         of_inputs, of_outputs = np.array(varying, np.int64), np.array(outputs, np.int64)
+        interruptible = Interruptible(is_long=not is_repeatable)
         # In portions: better code may take over between two of them.
         for begin in range(0, len(order), _PORTION):
             if stop is not None and stop[0]:
                 return
-            code.run(
+            portion = functools.partial(
+                code.run,
                 inputs.ctypes.data,
                 of_inputs.ctypes.data,
                 len(varying) // 3,
                 order[begin:].ctypes.data,
                 min(len(order) - begin, _PORTION),
                 of_outputs.ctypes.data,
-                0 if stop is None else stop.ctypes.data,
             )
+            if stop is None:
+                interruptible.run(portion)
+            else:
+                portion(stop.ctypes.data)
 
     def sharing(self, leaves: Sequence[np.ndarray]) -> tuple[list[bool], bool]:
         """Which arguments all lanes share, and whether they share all large ones."""
@@ -157,12 +174,10 @@ class Lanewise:
         return memory[begin : begin + size].reshape(-1, self._width), memory[begin + size : begin + size + numbers]
 
 
-def _compiled(
-    closed: ClosedJaxpr, width: int, target: Processor | None, tapes: int, *, shared: bool
-) -> tuple[MachineCode, int, int]:
-    """Code of a function, and how many rows of memory and shared numbers it needs."""
+def _compiled(closed: ClosedJaxpr, width: int, target: Processor | None, tapes: int, *, shared: bool) -> _Code:
     graph = flatten(closed, shared=shared)
-    return MachineCode(vector_ir(graph, width, tapes), target), graph.rows, graph.numbers
+    is_repeatable = not tapes_with(READ, graph) & tapes_with(WRITE, graph)
+    return _Code(MachineCode(vector_ir(graph, width, tapes), target), graph.rows, graph.numbers, is_repeatable)
 
 
 _KEYS = 2**16 - 1  # whole numbers of two bytes

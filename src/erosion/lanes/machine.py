@@ -13,7 +13,6 @@ from typing import NamedTuple
 import llvmlite
 import llvmlite.binding as llvm
 
-from erosion.lanes.vector_ir import PYTHONS
 from erosion.lanes.writer import ENTRY
 
 LLVMLITE = (0, 45), (0, 51)
@@ -102,8 +101,7 @@ class _Compiled:
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(machine.emit_object(module)))
         self._engine.finalize_object()
         address, whole = ctypes.c_void_p, ctypes.c_int64
-        # The code itself releases Python's lock; ctypes raises what it brings back.
-        signature = ctypes.PYFUNCTYPE(None, address, address, whole, address, whole, address, address)
+        signature = ctypes.CFUNCTYPE(None, address, address, whole, address, whole, address, address)
         self.run: Callable[..., None] = signature(self._engine.get_function_address(ENTRY))
 
 
@@ -120,8 +118,6 @@ def this_machine() -> Processor:
 def _triple() -> llvm.Target:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    for name in PYTHONS:
-        llvm.add_symbol(name, ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value)
     return llvm.Target.from_default_triple()
 
 

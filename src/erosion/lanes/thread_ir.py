@@ -9,7 +9,7 @@ A thread takes the next lane when its lane ends. After many rounds of a loop it 
 from typing import NamedTuple
 
 from erosion.lanes import tapes
-from erosion.lanes.graph import ARRAY, NUMBERS, Branch, Graph, Loop, Region, Step, Value
+from erosion.lanes.graph import ARRAY, NUMBERS, Branch, Graph, Loop, Step, Value
 from erosion.lanes.writer import BITS, ENTRY, Writer, is_short
 
 LOCAL = 256
@@ -401,18 +401,3 @@ class _ThreadWriter(Writer):
 
 def _writes(step: Step) -> bool:
     return isinstance(step, Value) and step.op in ("store", tapes.WRITE)
-
-
-def written_tapes(graph: Graph) -> set[int]:
-    """Which tapes a graph writes."""
-    found: set[int] = set()
-
-    def note(region: Region) -> None:
-        for step in region.steps:
-            if isinstance(step, Value) and step.op == tapes.WRITE:
-                found.add(step.extra)
-            for inner in step.regions:
-                note(inner)
-
-    note(graph.root)
-    return found

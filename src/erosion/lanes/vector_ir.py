@@ -4,9 +4,7 @@ Where lanes take different ways, a mask says which of them are active. A loop ru
 a case of a branch runs if any lane takes it; lanes that are not active keep their values. There is no fast-math and
 no pass over the result, so its bits depend on the graph alone.
 
-The code computes without Python's lock. A signal's handler (Ctrl-C) runs only in the main thread, and only where that
-thread asks for it. So the code counts the rounds of its loops, and after many of them it asks. In the other threads
-it looks at a word in memory instead, which the main thread sets.
+The code counts the rounds of its loops, and after many of them it looks at a word in memory that may stop it.
 """
 
 from erosion.lanes import tapes
@@ -16,28 +14,9 @@ from erosion.lanes.writer import BITS, ENTRY, Writer, is_short
 _ALL = "splat (i1 true)"
 _ROUNDS = 2**14  # some hundredths of a second
 
-PYTHONS = ("PyEval_SaveThread", "PyEval_RestoreThread", "PyErr_CheckSignals")
-"""Functions of Python that the code calls."""
 
-_INTERRUPTED = """declare ptr @PyEval_SaveThread()
-declare void @PyEval_RestoreThread(ptr)
-declare i32 @PyErr_CheckSignals()
-define private i1 @interrupted(ptr %rounds, ptr %stop, ptr %thread) nounwind {
-  store i64 0, ptr %rounds
-  %alone = icmp eq ptr %stop, null
-  br i1 %alone, label %signals, label %told
-told:
-  %word = load volatile i64, ptr %stop
-  %stopped = icmp ne i64 %word, 0
-  ret i1 %stopped
-signals:
-  call void @PyEval_RestoreThread(ptr %thread)
-  %status = call i32 @PyErr_CheckSignals()
-  %same = call ptr @PyEval_SaveThread()
-  %came = icmp ne i32 %status, 0
-  ret i1 %came
-}"""
-"""Whether to end: *stop is not 0, or, where `stop` is null, a handler has raised. Rounds are counted from 0 again."""
+STOPPED = 2
+"""The word that stops the code, once it has stopped."""
 
 
 def vector_ir(graph: Graph, width: int, of_tapes: int = 0) -> str:
@@ -51,9 +30,8 @@ def vector_ir(graph: Graph, width: int, of_tapes: int = 0) -> str:
     another. `varying` says
     for `count` places where a lane's number is found: an address, the bytes from lane to lane, the place.
     `outputs` has for each output, and then for each tape, an address, and the bytes from lane to lane. A group that is
-    not full repeats its last lane, which writes the same. Truths are written as bytes. It is called with Python's lock
-    held, and works without. It ends early where *stop is not 0, or, without `stop`, where a signal's handler raises an
-    exception.
+    not full repeats its last lane, which writes the same. Truths are written as bytes. Where it
+    finds that *stop is not 0, it ends early, and writes `STOPPED` there.
 
     Args:
         graph: finished.
@@ -95,7 +73,6 @@ class _VectorWriter(Writer):
         longs, all_lanes = self.of("i64"), _ALL
         self.start("entry")
         self.do("store i64 0, ptr %rounds")
-        self.do("%thread = call ptr @PyEval_SaveThread()")
         self.do("%last = sub i64 %lanes, 1")
         last = self.splat("%last")
         places: list[tuple[str, str] | str] = []
@@ -128,14 +105,15 @@ class _VectorWriter(Writer):
         self.do("%more = icmp slt i64 %next, %lanes")
         self.do("br i1 %more, label %group, label %exit")
         self.start("exit")
-        self.do("call void @PyEval_RestoreThread(ptr %thread)")
+        self.do("ret void")
+        self.start("stopped")
+        self.do(f"store volatile i64 {STOPPED}, ptr %stop")
         self.do("ret void")
         parameters = (
             "ptr noalias align 64 %inputs, ptr noalias %varying, i64 %count, ptr noalias %order, i64 %lanes, "
             "ptr noalias %outputs, ptr %stop"
         )
         return "\n".join([
-            _INTERRUPTED,
             *self.declared.values(),
             *self.tables,
             # Vectors that do not fit the registers go onto the stack, where they must not straddle cache lines.
@@ -326,8 +304,10 @@ class _VectorWriter(Writer):
             f"  %many.{again} = icmp ugt i64 %rounds.{again}, {_ROUNDS}",
             f"  br i1 %many.{again}, label %look.{again}, label %{again}",
             f"look.{again}:",
-            f"  %stopped.{again} = call i1 @interrupted(ptr %rounds, ptr %stop, ptr %thread)",
-            f"  br i1 %stopped.{again}, label %exit, label %{again}",
+            "  store i64 0, ptr %rounds",
+            f"  %word.{again} = load volatile i64, ptr %stop",
+            f"  %stopped.{again} = icmp ne i64 %word.{again}, 0",
+            f"  br i1 %stopped.{again}, label %stopped, label %{again}",
         ]
         self.start(again)
         self.do(f"br label %{head}")

@@ -342,3 +342,18 @@ def is_short(case: Region) -> bool:
 def _follow(places: list[int]) -> bool:
     """Whether places follow one another."""
     return places == list(range(places[0], places[0] + len(places)))
+
+
+def tapes_with(op: str, graph: Graph) -> set[int]:
+    """Which tapes a graph reads or writes, as `op` says."""
+    found: set[int] = set()
+
+    def note(region: Region) -> None:
+        for step in region.steps:
+            if isinstance(step, Value) and step.op == op:
+                found.add(step.extra)
+            for inner in step.regions:
+                note(inner)
+
+    note(graph.root)
+    return found
