@@ -1,13 +1,13 @@
 """What is written in terms of other primitives: what newer versions of JAX have, and linear algebra."""
 
 import functools
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
-from jax._src.util import clear_all_caches
 from jax.extend.core import ClosedJaxpr, Jaxpr
 from jax.typing import ArrayLike
 
@@ -62,8 +62,15 @@ def expansion(equation: Equation) -> ClosedJaxpr | None:
 
 
 def forget_traces() -> None:
-    """Have JAX trace all functions anew. What it has compiled stays, unlike after `jax.clear_caches`."""
-    clear_all_caches()
+    """Have JAX trace all functions anew. What it has compiled stays, unlike after `jax.clear_caches`.
+
+    JAX has no public function for this. A version without the private one forgets what it has compiled, too.
+    """
+    try:
+        forget = importlib.import_module("jax._src.util").clear_all_caches
+    except (ImportError, AttributeError):
+        forget = jax.clear_caches
+    forget()
 
 
 CALLS = frozenset({

@@ -152,7 +152,7 @@ class Lanewise:
                 of_outputs.ctypes.data,
             )
             if stop is None:
-                interruptible.run(portion)
+                interruptible.run(portion, inputs, of_inputs, order, of_outputs, *leaves, *results, *tapes)
             else:
                 portion(stop.ctypes.data)
 

@@ -25,8 +25,13 @@ class Interruptible:
     def __init__(self, *, is_long: bool) -> None:
         self._is_long = is_long
 
-    def run(self, code: Callable[[int], None]) -> None:
-        """Run some code, which takes the address of the word; other threads than the main one have no handlers."""
+    def run(self, code: Callable[[int], None], *arrays: np.ndarray) -> None:
+        """Run some code, which takes the address of the word; other threads than the main one have no handlers.
+
+        Args:
+            code: knows the other memory by addresses, too.
+            arrays: own this memory. The worker keeps them until it ends, also where an exception leaves this call.
+        """
         word = np.zeros(1, np.int64)
         if threading.current_thread() is not threading.main_thread():
             code(word.ctypes.data)
@@ -40,12 +45,17 @@ class Interruptible:
             word[0] = 0
         begun: list[concurrent.futures.Future[None]] = []
         try:
-            begun.append(_workers().submit(code, word.ctypes.data))
+            begun.append(_workers().submit(_kept, code, word, *arrays))
             begun[0].result()
         except BaseException:
             word[0] = 1
             concurrent.futures.wait(begun)
             raise
+
+
+def _kept(code: Callable[[int], None], word: np.ndarray, *_: np.ndarray) -> None:
+    """Run some code in a frame that holds its arrays."""
+    code(word.ctypes.data)
 
 
 @functools.cache
