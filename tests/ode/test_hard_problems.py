@@ -597,6 +597,13 @@ def forced(t, k=K, t0=T0):
     return t / k - 1 / k**2 + (1 - t0 / k + 1 / k**2) * jnp.exp(-k * (t - t0))
 
 
+def test_a_pole_before_the_start_is_said():
+    """y = 1/(1 + t), with a pole at t = -1."""
+    end = ode.solve(growth(lambda t, u, args: -u * u, y0=1.0), t1=1.0, ts=[-2.0, -0.5, 0.5])
+    np.testing.assert_allclose(end.ys["u"], [np.nan, 2.0, 1 / 1.5], rtol=1e-8)
+    assert end.warnings
+
+
 def test_derivatives_of_a_motion_back_in_time():
     names = ("k", "t0", "t1")
     end = ode.solve(FORCED, {"k": K}, t0=T0, t1=T1, wrt=names, derivatives=2, ts=[1.0, 0.0, -0.7], rtol=1e-11)

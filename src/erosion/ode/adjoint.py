@@ -10,7 +10,7 @@ and its transpose, for the cotangents λ of y',
 
     k̄_i = h (b_i λ + Σ a_ji Ȳ_j),   Ȳ_i = f_y(Y_i)ᵀ k̄_i,   ȳ = λ + Σ Ȳ_i,   p̄ = Σ f_p(Y_i)ᵀ k̄_i.
 
-A step of the Rosenbrock method, of which `rosenbrock` has the coefficients, solves W u_i = r_i with W = d - J(y),
+A step of the Rosenbrock method, of which `rosenbrock_steps` has the coefficients, solves W u_i = r_i with W = d - J(y),
 
     r_i = f(Y_i) + Σ c_ij u_j / h,   Y_i = y + Σ a_ij u_j,   y' = y + Σ b_i u_i,
 
@@ -26,7 +26,7 @@ A state at a time within a step is that of a shorter step from the same start, s
 
 At an event g = 0 the time is a function of state and arguments, dt = -dg/ġ: with F the rates there, and t̄ the
 cotangent of the time, s̄ gains -(t̄ + s̄·F)/ġ g_s, and p̄ the same times g_p. Of a stiff motion F is what the state
-changes by with the length of the last step; see `stiff`. A reset is transposed as it is.
+changes by with the length of the last step; see `methods.rosenbrock`. A reset is transposed as it is.
 
 References:
     J. M. Sanz-Serna, SIAM Review 58 (2016) 3-33, for the transpose of a Runge-Kutta method.

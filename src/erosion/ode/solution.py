@@ -243,7 +243,9 @@ class Solution(Result):
 
         assert self.times is not None
         assert before.times is not None
-        return dataclasses.replace(self, times=of(self.times, before.times), earlier=(before, flags))
+        inexact = np.asarray(self.inexact) | np.asarray(before.inexact)
+        times = of(self.times, before.times)
+        return dataclasses.replace(self, times=times, inexact=inexact, earlier=(before, flags))
 
     @functools.cached_property
     def events(self) -> Passed:
@@ -296,7 +298,7 @@ class Solution(Result):
         inexact = np.count_nonzero(self.inexact)
         if inexact:
             sentences.append(
-                f"{inexact:,} of {self.title} err by more than {100 * self.rtol:g}, even as exactly as doubles allow: "
+                f"{inexact:,} of {self.title} err by more than {100 * self.rtol:g}, by an estimate: "
                 "their errors grow as those of a chaotic motion do."
             )
         has_result = ~self.lanes.layout.has_no_result(np.asarray(self.outcome))
@@ -319,6 +321,8 @@ class Solution(Result):
                     f"{self.title}: they do not exist there, {jump if may_have_kinks(self.lanes.layout) else ''}"
                     f"{at_once}or cancellation leaves too few of their digits."
                 )
+        if self.earlier is not None:
+            sentences += [f"Before t0: {sentence}" for sentence in self.earlier[0].warnings]
         return sentences
 
     def _arrays_of_lanes(self) -> Iterator[str]:

@@ -1,12 +1,4 @@
-"""Step control: the 8(7) pair of Prince and Dormand, the precision asked for, and the next step's length.
-
-These are the numbers of `diffrax.Dopri8`, which a test compares. They are written out because
-importing diffrax would take a tenth of the time in which a fresh process finds an angle of
-greatest removal, and the batch needs nothing else of it.
-
-References:
-    P. J. Prince, J. R. Dormand, J. Comput. Appl. Math. 7 (1981) 67-75.
-"""
+"""Step control: whether a trial is taken, how long the next one is, and when a lane stops trying."""
 
 import os
 from typing import NamedTuple

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from erosion.ode.landing import Flight, Lane
     from erosion.ode.tape import Entry
 
-_TINY = 1e-200  # keeps 0/0 away
 APART = 1e-6  # of a row's size is the least size of its derivatives, by a change of a number by its own size
 NOISE = 1e-15  # of a row's size: what rounding leaves in its derivatives
 LEAST = 1e-8  # of the greatest size that a row has had: a smaller one need not be known relative to itself
