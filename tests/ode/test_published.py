@@ -175,12 +175,12 @@ def test_petscs_switched_linear_system():
         {
             "to 2": ode.Event(
                 lambda t, y, args: y["u"][1] - args["high"] * y["u"][0] + 1e9 * (1 - y["mode"]),
-                0,
+                -1,
                 lambda t, y, args: {**y, "mode": -1.0},
             ),
             "to 1": ode.Event(
                 lambda t, y, args: y["u"][1] - args["low"] * y["u"][0] + 1e9 * (1 + y["mode"]),
-                0,
+                1,
                 lambda t, y, args: {**y, "mode": 1.0},
             ),
         },
