@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[2]
 CHANNEL = shlex.quote(str(ROOT / "tests" / "cfd" / "openfoam" / "serial"))
 JET = "--particle 'garnet 0.3 mm' --target 'aluminium 6061' --v0 '100 m/s'"
 FIT = "sand.csv --model linearized --density '2700 kg/m^3'"
+POSTERIOR = f"posterior {FIT} --draws 125 -o draws.nc --plot-pairs pairs.svg"
 
 COMMANDS = {
     "run --model rotating --plot run.png": "run.png",
@@ -32,7 +33,7 @@ COMMANDS = {
     "sweep --alpha 10deg:80deg:8 --workers 2 -o workers.zarr": "workers.zarr",
     "stream --n 512 --v0 'normal(4400, 40)' --alpha 'normal(20 deg, 2 deg)' -o jet.nc --plot jet.svg": "jet.nc jet.svg",
     f"calibrate {FIT} --plot fit.svg --write-case fit.toml": "fit.svg fit.toml",
-    f"posterior {FIT} --draws 125 -o draws.nc --plot-pairs pairs.svg": "draws.nc pairs.svg",
+    POSTERIOR: "draws.nc pairs.svg",
     "predict draws.nc --alpha 20deg,40deg -o wear.csv --plot wear.svg": "wear.csv wear.svg",
     "map impacts.csv --surface plate.stl -o map.vtp --plot map.png": "map.vtp map.png",
     "map impacts.parquet --surface plate.stl -o map.nc": "map.nc",
@@ -87,6 +88,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_verb_runs(folder: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell, command: str) -> None:
     monkeypatch.chdir(folder)
     verb, *words = shlex.split(command)
+    if verb == "predict":
+        shell(POSTERIOR)
     printed = shell([verb, *words, *([] if verb in WITHOUT_DOCUMENT else ["--json"])])
     if verb not in WITHOUT_DOCUMENT:
         check(json.loads(printed.out))
