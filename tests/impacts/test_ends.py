@@ -209,7 +209,7 @@ def random_impacts(count: int) -> erosion.Parameters:
 RANDOM = random_impacts(COUNT)
 
 
-@pytest.mark.parametrize("name", [*erosion.available_models(), *PLUG_INS])
+@pytest.mark.parametrize("name", [*erosion.available_models(), *PLUG_INS], ids=lambda name: Path(name).stem)
 def test_random_impacts_all_end(name):
     found = erosion.impact(name, RANDOM)
     assert set(np.unique(found.ended_by)) <= {"no-cut", "rebound", "stop"}
