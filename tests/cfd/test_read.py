@@ -170,3 +170,74 @@ def test_a_pipe_is_refused_before_it_waits_for_its_writer(tmp_path, read, name):
     os.mkfifo(tmp_path / name)
     with pytest.raises(ImpactsError, match="is no file"):
         read(tmp_path / name)
+
+
+SOLID_TEXT = """  {start} inlet plane
+ FACET NORMAL 0 0 1
+  outer loop
+   vertex 0 0 0
+   vertex 1 0 0
+   vertex 0 1.5 0
+  end loop
+ end facet
+{end} inlet plane
+{start}
+facet normal 0 0 1
+outer loop
+vertex 0 0 1e0
+vertex 1 0 1
+vertex 0 1 1
+endloop
+endfacet
+{end}
+"""
+
+
+@pytest.mark.parametrize(("start", "end"), [("solid", "endsolid"), ("SOLID", "ENDSOLID"), ("solid", "end solid")])
+def test_the_solids_of_an_stl_file_are_patches(tmp_path, start, end):
+    path = tmp_path / "wall.stl"
+    path.write_text(SOLID_TEXT.format(start=start, end=end))
+    both, inlet = read_surface(path), read_surface(path, "inlet plane")
+    assert (both.patches, inlet.patches) == (("inlet plane", "wall"), ("inlet plane",))
+    np.testing.assert_array_equal(both.area, [0.75, 0.5])
+    np.testing.assert_array_equal(both.patch, [0, 1])
+    np.testing.assert_array_equal(inlet.centre, both.centre[:1])
+    with pytest.raises(ImpactsError, match="no patch 'outlet', but has inlet plane, wall"):
+        read_surface(path, "outlet")
+
+
+@pytest.mark.parametrize("suffix", ["vtk", "pvtp", "ply", "obj"])
+def test_a_surface_of_another_format_is_refused_with_the_line_that_converts_it(tmp_path, suffix):
+    path = tmp_path / f"wall.{suffix}"
+    pyvista.Plane().save(tmp_path / "wall.ply")
+    (tmp_path / "wall.ply").rename(path)
+    with pytest.raises(ImpactsError, match=r"wall.* is no surface.*pyvista.read\('wall\.\w+'\).*save\('wall.vtp'\)"):
+        read_surface(path)
+
+
+@pytest.mark.parametrize("file", ["wall.vtp", "wall.vtu"])
+def test_faces_that_are_ghosts_are_refused(tmp_path, file, monkeypatch):
+    mesh = pyvista.Plane(i_resolution=2, j_resolution=1)
+    mesh = mesh.cast_to_unstructured_grid() if file == "wall.vtu" else mesh
+    for ghosts in (0, 1):
+        mesh.cell_data["vtkGhostType"] = np.array([0, ghosts], np.uint8)
+        mesh.save(tmp_path / file)
+        if not ghosts:
+            assert read_surface(tmp_path / file).faces == 2
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ImpactsError, match="1 of its cells are ghosts") as refused:
+        read_surface(file)
+    exec(str(refused.value).partition("Python removes them: ")[2].removesuffix("."), {"pyvista": pyvista})
+    assert read_surface("wall.vtu").faces == 1
+
+
+def test_impacts_that_are_ghosts_are_refused(tmp_path, monkeypatch):
+    mesh = pyvista.PolyData(np.eye(3))
+    mesh.point_data["vtkGhostType"] = np.array([0, 0, 1], np.uint8)
+    mesh.point_data.update({"d [mm]": np.ones(3), "mass [mg]": np.ones(3), "U": np.ones((3, 3))})
+    mesh.save(tmp_path / "hits.vtp")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ImpactsError, match="1 of its points are ghosts") as refused:
+        read_impacts("hits.vtp", columns="U=m/s, Points=m")
+    exec(str(refused.value).partition("Python removes them: ")[2].removesuffix("."), {"pyvista": pyvista})
+    assert read_impacts("hits.vtu", columns="U=m/s, Points=m").rows == 2

@@ -11,28 +11,27 @@ from erosion.arguments import NUMBERS, check_path
 from erosion.cfd import impact_tables, text_tables
 from erosion.cfd.openfoam import case_of, open_case
 from erosion.cfd.rows import Impacts, ImpactsError, kind_of, vtk_blocks
+from erosion.cfd.stl import read_solids
 from erosion.cfd.surface import Surface, metres_of
 from erosion.extras import library
 from erosion.output import briefly, require_finite
 from erosion.parameters import about, read_quantity
 
-_STL_HEAD = 256  # bytes, of which VTK tells text from numbers as well
 _POLYGONS = (5, 7, 9)  # VTK's numbers of triangle, polygon and quadrilateral
 _OTHER_FACES = (6, 8, 22, 23, 28, 30, 34, 36, 61, 62, 69, 70, 76, 77)  # of strip and pixel, and of curved faces
 
 
 def open_surface(path: Path, patch: str | Sequence[str] | None = None) -> Surface:
-    """The polygons of a file; of a VTU those cells that are polygons; of a VTM those of its blocks, each a patch.
+    """The polygons of a file: of a VTU its cells that are polygons; each solid of an STL and block of a VTM is a patch.
 
     Raises:
         ImpactsError: for a file that cannot be read, or that holds no polygons, and a patch that is not there.
     """
-    if path.suffix.lower() == ".stl":
-        _require_whole_stl(path)
-    elif patch is not None and path.suffix.lower() != ".vtm":
+    blocks = read_solids(path) if path.suffix.lower() == ".stl" else vtk_blocks(path)
+    if patch is not None and len(blocks) < 2 and path.suffix.lower() != ".vtm":
         raise ImpactsError(f"{path}: has no patches, so Argument `patch` must be left out.")
     grids = dict[str, tuple[Any, np.ndarray]]()
-    for name, block in vtk_blocks(path).items():
+    for name, block in blocks.items():
         grid = block.cast_to_unstructured_grid()
         if (others := np.isin(grid.celltypes, _OTHER_FACES)).any():
             raise ImpactsError(
@@ -56,7 +55,7 @@ def open_surface(path: Path, patch: str | Sequence[str] | None = None) -> Surfac
         points.append(np.asarray(grid.points, float))
         sizes.append(size[chosen])
     surface = Surface(
-        title=f"{path}: {', '.join(names)}" if path.suffix.lower() == ".vtm" else str(path),
+        title=str(path) if path.suffix.lower() != ".vtm" and len(blocks) == 1 else f"{path}: {', '.join(names)}",
         points=np.concatenate(points),
         corners=np.concatenate(corners),
         ends=np.cumsum(np.concatenate(sizes), dtype=np.int64),
@@ -74,23 +73,8 @@ def open_surface(path: Path, patch: str | Sequence[str] | None = None) -> Surfac
     return surface
 
 
-def _require_whole_stl(path: Path) -> None:
-    """Refuse a binary file that has other facets than its header says; VTK reads those that are there."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        start = file.read(_STL_HEAD)
-    # Binary files may begin with "solid", too.
-    if b"\0" not in start and start.lstrip().startswith(b"solid"):
-        return
-    facets = int.from_bytes(start[80:84], "little")
-    if size != 84 + 50 * facets:
-        raise ImpactsError(
-            f"{path}: cannot be read; it is damaged, or no .stl file: a binary one of its {size:,} bytes has "
-            f"{max(size - 84, 0) / 50:,.6g} facets, but it says that it has {facets:,}."
-        )
-
-
 _SURFACES = ".vtp", ".stl", ".vtu", ".vtm"
+_CONVERTIBLE = ".vtk", ".pvtp", ".ply", ".obj"  # VTK reads those that were cut off without an error, or it crashes
 
 
 def read_impacts(
@@ -172,8 +156,8 @@ def read_surface(
     Args:
         source: an OpenFOAM case (its mesh in ASCII or binary, compressed or not), or a file `.vtp`, `.stl`, `.vtu` or
             `.vtm`.
-        patch: one or more patches of the case; by default all of type wall. Or blocks of a `.vtm`; by default all that
-            have polygons.
+        patch: one or more patches of the case; by default all walls. Or blocks of a `.vtm`, or solids of an `.stl`; by
+            default all that have polygons.
         unit: of the coordinates, "mm"; by default they are in metres, and `erosion_map` compares them with the
             positions of impacts.
         reverse: whether to turn the normals round, for a file whose normals point into the fluid. OpenFOAM's point
@@ -192,8 +176,13 @@ def read_surface(
     elif path.suffix.lower() in _SURFACES:
         surface = open_surface(path, patch)
     else:
+        converted = path.with_suffix(".vtp").name
+        hint = (
+            f" Python converts other files of polygons: pyvista.read({path.name!r}).extract_surface().triangulate()"
+            f".save({converted!r})."
+        ) * (path.suffix.lower() in _CONVERTIBLE)
         raise ImpactsError(
-            f"{path}: is no surface; it must be an OpenFOAM case, or its name must end in {', '.join(_SURFACES)}."
+            f"{path}: is no surface; it must be an OpenFOAM case, or its name must end in {', '.join(_SURFACES)}.{hint}"
         )
     surface = surface.in_unit(unit)
     if reverse not in (False, True, "auto"):

@@ -497,8 +497,20 @@ def vtk_blocks(path: Path) -> dict[str, Any]:
         except Exception as error:
             raise ImpactsError(f"{file}: cannot be read; it is damaged, or no {file.suffix} file.") from error
         if getattr(block, "n_points", 0):
+            _require_no_ghosts(file, block, "cell")
             blocks[name] = block
     return blocks
+
+
+def _require_no_ghosts(path: Path, block: Any, kind: str) -> None:
+    """Refuse cells or points that another part of a parallel run has, too: they would count twice."""
+    ghosts = np.count_nonzero(getattr(block, f"{kind}_data").get("vtkGhostType", 0))
+    if ghosts:
+        raise ImpactsError(
+            f"{path}: {ghosts:,} of its {kind}s are ghosts, which would count twice. Python removes them: "
+            f"mesh = pyvista.read({path.name!r}); mesh.extract_{kind}s(mesh.{kind}_data['vtkGhostType'] == 0)"
+            f".save({path.with_suffix('.vtu').name!r})."
+        )
 
 
 def _require_counts(path: Path) -> None:
@@ -527,6 +539,7 @@ def vtk_tables(path: Path) -> dict[str, Any]:
         cells = block.cast_to_unstructured_grid()
         if not np.isin(cells.celltypes, _VERTICES).all():
             continue
+        _require_no_ghosts(path, block, "point")
         arrays = [("Points", block.points), *block.point_data.items()]
         if block.cell_data.keys():
             if not np.array_equal(cells.cell_connectivity, np.arange(cells.n_points)) or cells.n_cells < cells.n_points:
