@@ -186,6 +186,71 @@ def test_a_binary_mesh_with_labels_of_64_bits(run):
     np.testing.assert_array_equal(faces_of(run), original("parallel"))
 
 
+@pytest.mark.parametrize(("frequency", "evolutions"), [(1, 40), (10, 4), (8, 5 + 1)])
+def test_a_steady_cloud_injects_for_one_second_in_each_of_its_evolutions(run, frequency, evolutions):
+    # Windows end at the iterations 20 and 40; those that are written are evolved as well.
+    properties = run / "constant" / "kinematicCloudProperties"
+    edit(properties, ("transient yes", f"transient no; calcFrequency {frequency}"))
+    impacts = read_impacts(run)
+    assert impacts.duration == evolutions
+    # What was injected is OpenFOAM's own sum, or not known.
+    for path in run.rglob("kinematicCloudOutputProperties*"):
+        path.unlink()
+    assert read_impacts(run).injected is None
+
+
+def test_windows_before_the_first_impact_name_no_columns(run):
+    for patch in ("floor", "hump"):
+        (run / TABLES / "0.005" / f"{patch}.post").parent.mkdir(exist_ok=True)
+        (run / TABLES / "0.005" / f"{patch}.post").write_text("# Time currentProc\n")
+    assert not read_impacts(run).warnings
+    np.testing.assert_array_equal(faces_of(run), original("parallel"))
+
+
+def test_positions_of_another_name(tmp_path):
+    (tmp_path / "wall.post").write_text(
+        "# Time currentProc (Px Py Pz) (Ux Uy Uz) d rho\n0 0 (1 2 3) (4 5 6) 1e-4 2650\n"
+    )
+    np.testing.assert_array_equal(together(read_impacts(tmp_path))["position"], [(1, 2, 3)])
+
+
+def test_walls_are_of_several_types(tmp_path):
+    boundary = BOUNDARY.replace("type patch", "type mappedWall")
+    assert read_surface(tetrahedron(tmp_path, boundary=boundary)).patches == ("a", "b")
+
+
+def test_a_binary_list_of_faces_that_is_not_compact_is_refused_with_the_tool_that_rewrites_it(tmp_path):
+    path = tetrahedron(tmp_path) / "constant" / "polyMesh" / "faces"
+    faces = b"".join(b"\n3\n(" + np.array(face, "<i4").tobytes() + b")" for face in ([0, 2, 1], [0, 1, 3], [0, 3, 2]))
+    path.write_bytes(HEAD.format("faceList").replace("ascii", "binary").encode() + b"3\n(" + faces + b"\n)\n")
+    with pytest.raises(ImpactsError, match=r"faces: is a binary list .*`foamFormatConvert` rewrites it"):
+        read_surface(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["serial", "parallel"])
+def test_a_mesh_that_was_renumbered_after_the_run_is_refused(tmp_path, name):
+    run = shutil.copytree(RUNS / name, tmp_path / name)
+    owners = dict[int, dict[int, int]]()
+    for path in (run / TABLES).rglob("*.post*"):
+        content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+        head, *lines = content.decode().replace("(", "").replace(")", "").splitlines()
+        names = head.removeprefix("#").split()
+        for line in lines:
+            row = dict(zip(names, line.split(), strict=True))
+            owners.setdefault(int(row["currentProc"]), {})[int(row["facei"])] = int(row["celli"])
+    for shift, fits in ((0, True), (1, False)):
+        for number, owner in owners.items():
+            labels = [owner.get(face, 0) + shift for face in range(1100)]
+            path = run / (f"processor{number}" if name == "parallel" else "") / "constant" / "polyMesh" / "owner"
+            path.write_text(f"{LABELS}{len(labels)}({' '.join(map(str, labels))})")
+        if fits:
+            np.testing.assert_array_equal(faces_of(run), original(name))
+    with pytest.raises(
+        ImpactsError, match=r"row \d+ is of cell \d+, but this face is of another cell in .* renumbered"
+    ):
+        faces_of(run)
+
+
 LAST = TABLES / "0.02" / "hump.post"
 LABELS = "FoamFile { version 2.0; format ascii; class labelList; object x; }\n"
 ADDRESSING = Path("constant") / "polyMesh" / "faceProcAddressing"
@@ -434,16 +499,18 @@ def test_finnie_is_what_each_processor_summed() -> None:
 
 # OpenFOAM joins the files of all processors, or of groups of them, where it writes them collated.
 @pytest.mark.parametrize("groups", [{"processors2": "01"}, {"processors2_0-0": "0", "processors2_1-1": "1"}])
-@pytest.mark.parametrize("is_ascii", [False, True])
-def test_faces_of_collated_files(run: Path, groups: dict[str, str], is_ascii: bool) -> None:
+@pytest.mark.parametrize("kind", ["ascii", "binary", "64 bits"])
+def test_faces_of_collated_files(run: Path, groups: dict[str, str], kind: str) -> None:
     head = b"FoamFile { version 2.0; format binary; class decomposedBlockData; object faceProcAddressing; }\n"
     for group, numbers in groups.items():
         blocks = []
         for rank, number in enumerate(numbers):
             path = run / f"processor{number}" / ADDRESSING
             labels: Any = FoamFile(path)[None]
-            text = f"{LABELS}{len(labels)}({' '.join(map(str, labels))})"
-            block = text.encode() if is_ascii else path.read_bytes()
+            text = f"{LABELS}{len(labels)}({' '.join(map(str, labels))})".encode()
+            head_64 = LABELS.replace("ascii;", 'binary; arch "LSB;label=64;scalar=64";').encode()
+            long = b"%b%d\n(%b)\n" % (head_64, len(labels), np.asarray(labels, "<i8").tobytes())
+            block = {"ascii": text, "binary": path.read_bytes(), "64 bits": long}[kind]
             # The first one alone has a header.
             block = block[block.index(b"}") + 1 :] if rank else block
             blocks.append(b"\n// Processor%d\n\n%d\n(%b)\n" % (rank, len(block), block))

@@ -21,6 +21,7 @@ _MESH = Path("constant") / "polyMesh"
 _ADDRESSING = "faceProcAddressing"
 # "processor3"; with collated files "processors8", or "processors8_4-7" of some of them.
 _PROCESSOR = re.compile(r"processor(?:(\d+)|s\d+(?:_(\d+)-\d+)?)")
+_HEAD = 2000  # bytes in which a file names its format
 _BLOCK = re.compile(rb"// Processor\d+\s+(\d+)\s*\(")
 
 
@@ -77,6 +78,11 @@ class Mesh:
             ImpactsError: where the mesh's file cannot be read, or its faces are not those of the patches.
         """
         path = self._path("faces")
+        if _present(path) and re.search(rb"\bclass\s+faceList\b", head := _head(path)) and _is_binary(head):
+            raise ImpactsError(
+                f"{path}: is a binary list of faces that is not compact. With `writeFormat ascii` in "
+                "system/controlDict, `foamFormatConvert` rewrites it."
+            )
         content = _content(path)
         with _holding(path, "list of faces"):
             if isinstance(content, tuple):
@@ -100,24 +106,35 @@ class Mesh:
         Raises:
             ImpactsError: where a file cannot be read, or holds what is no number of a face.
         """
-        files = dict[int, tuple[Path, Any]]()
+        addressing = {}
         for folder in self.case.glob("processor*"):
             path, named = folder / _MESH / _ADDRESSING, _PROCESSOR.fullmatch(folder.name)
             if named and _present(path):
-                contents = [_content(path)] if named[1] else _collated(path)
-                files |= {int(named[1] or named[2] or 0) + i: (path, content) for i, content in enumerate(contents)}
-        addressing = {}
-        for number, (path, content) in files.items():
-            # The numbers start at 1; a negative one says that the face is turned round.
-            addressing[number] = np.abs(_labels(path, content)) - 1
-            if (addressing[number] < 0).any():
-                raise ImpactsError(f"{path}: numbers faces from 1, but has a 0.")
+                parts = [_labels(path, _content(path))] if named[1] else _collated(path)
+                for number, labels in enumerate(parts, int(named[1] or named[2] or 0)):
+                    # The numbers start at 1; a negative one says that the face is turned round.
+                    addressing[number] = np.abs(labels) - 1
+                    if (addressing[number] < 0).any():
+                        raise ImpactsError(f"{path}: numbers faces from 1, but has a 0.")
         return addressing
+
+    @functools.cached_property
+    def owners(self) -> dict[int | None, np.ndarray]:
+        """The cell of each boundary face: of the whole mesh (None) and of processors' parts, where these are there.
+
+        Raises:
+            ImpactsError: where a file cannot be read.
+        """
+        numbers = [int(named[1]) for folder in self.case.glob("processor*")
+                   if (named := _PROCESSOR.fullmatch(folder.name)) and named[1]]  # fmt: skip
+        folders = {None: self.case, **{number: self.case / f"processor{number}" for number in numbers}}
+        paths = {number: folder / _MESH / "owner" for number, folder in folders.items()}
+        return {number: _labels(path, _content(path)) for number, path in paths.items() if _present(path)}
 
     @property
     def walls(self) -> list[str]:
-        """The names of the patches of type wall; errors as of `patches`."""
-        return [name for name, its in self.patches.items() if its.kind == "wall"]
+        """The names of the patches of type wall, mappedWall and the like; errors as of `patches`."""
+        return [name for name, its in self.patches.items() if its.kind.lower().endswith("wall")]
 
     def surface(self, patch: str | Sequence[str] | None) -> Surface:
         """One or more patches, by default all walls.
@@ -202,12 +219,12 @@ def _holding(path: Path, what: str) -> Iterator[None]:
         raise ImpactsError(f"{path}: is no {what}.") from error
 
 
-def _labels(path: Path, numbers: Any) -> np.ndarray:
-    """Whole numbers, shape (labels,)."""
+def _labels(path: Path, numbers: Any, head: bytes | None = None) -> np.ndarray:
+    """Whole numbers, shape (labels,), from below the `head` of a file or of its block."""
     with _holding(path, "list of whole numbers"):  # lists of several lengths
         labels = np.asarray(numbers)
     if labels.dtype == np.float64 and labels.size:
-        if library("foamlib", "cfd").FoamFile(_stored(path)).format != "binary":
+        if not _is_binary(_head(path) if head is None else head):
             raise ImpactsError(f"{path}: must hold whole numbers, but holds decimals.")
         labels = labels.view(np.int64)  # foamlib takes labels of 64 bits in a binary file for floating point numbers
     if labels.ndim != 1 or (labels.size and labels.dtype.kind not in "iu"):
@@ -224,6 +241,19 @@ def _stored(path: Path) -> Path:
     return compressed if compressed.is_file() and not path.is_file() else path
 
 
+def _bytes(stored: Path, size: int = -1) -> bytes:
+    with gzip.open(stored) if stored.suffix == ".gz" else stored.open("rb") as file:
+        return file.read(size)
+
+
+def _head(path: Path) -> bytes:
+    return _bytes(_stored(path), _HEAD)
+
+
+def _is_binary(content: bytes) -> bool:
+    return re.search(rb"\bformat\s+binary\b", content[:_HEAD]) is not None
+
+
 _NO_BRACKETS = re.compile(rb'"[^"]*"|/\*.*?\*/|//[^\n]*', re.DOTALL)
 
 
@@ -233,9 +263,8 @@ def _require_closed(stored: Path) -> None:
     Raises:
         ValueError: with their numbers.
     """
-    with gzip.open(stored) if stored.suffix == ".gz" else stored.open("rb") as file:
-        content = file.read()
-    if re.search(rb"\bformat\s+binary\b", content[:2000]):
+    content = _bytes(stored)
+    if _is_binary(content):
         return
     content = _NO_BRACKETS.sub(b"", content)
     for opened, closed in ("()", "{}"):
@@ -244,15 +273,13 @@ def _require_closed(stored: Path) -> None:
             raise ValueError(f"it has {counts[0]:,} {opened} and {counts[1]:,} {closed}, as a file that was cut off")
 
 
-def _collated(path: Path) -> list[Any]:
-    """What a file of several processors holds for each of them.
+def _collated(path: Path) -> list[np.ndarray]:
+    """The whole numbers that a file of several processors holds for each of them.
 
     Raises:
         ImpactsError: where it ends early, or a block cannot be read.
     """
-    stored = _stored(path)
-    with gzip.open(stored) if stored.suffix == ".gz" else stored.open("rb") as file:
-        content = file.read()
+    content = _bytes(_stored(path))
     blocks, begin = list[bytes](), 0
     while named := _BLOCK.search(content, begin):
         begin = named.end() + int(named[1])
@@ -263,9 +290,10 @@ def _collated(path: Path) -> list[Any]:
         raise ImpactsError(f"{path}: is no whole file of several processors.")
     try:
         loads = library("foamlib", "cfd").FoamFile.loads
-        return [loads(block if i == 0 else head[0] + block) for i, block in enumerate(blocks)]
+        contents = [loads(block if i == 0 else head[0] + block) for i, block in enumerate(blocks)]
     except ValueError as error:
         raise ImpactsError(f"{path}: has a block that cannot be read as OpenFOAM's.") from error
+    return [_labels(path, content, head[0]) for content in contents]
 
 
 def _content(path: Path) -> Any:

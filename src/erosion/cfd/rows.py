@@ -149,7 +149,7 @@ VELOCITY = ("velocity_x", "velocity_y", "velocity_z")
 POSITION = ("position_x", "position_y", "position_z")
 NAMES = (
     *(WEIGHTS := ("count", "parcel_mass", "mass_flow", "frequency")), "mass", "density", "diameter", *VELOCITY, "speed",
-    "angle", "spin", *POSITION, "face", "mesh_face", "processor", "time", "parcel", "origin",
+    "angle", "spin", *POSITION, "face", "mesh_face", "cell", "processor", "time", "parcel", "origin",
 )  # fmt: skip
 """Columns that a table may have. `parcel_mass` is of all particles of a row, `mass` of one of them. `origin` is the
 processor that injected a parcel, which may give the number of another one's again."""

@@ -34,9 +34,9 @@ from erosion.cfd.rows import (
     weigh,
 )
 
-_OF_OPENFOAM = {"nParticle": "count", "d": "diameter", "rho": "density", "facei": "mesh_face", "Time": "time",
-                "currentProc": "processor", "origId": "parcel", "origProc": "origin"}  # fmt: skip
-_VECTORS = {"U": VELOCITY, "position": POSITION}
+_OF_OPENFOAM = {"nParticle": "count", "d": "diameter", "rho": "density", "facei": "mesh_face", "celli": "cell",
+                "Time": "time", "currentProc": "processor", "origId": "parcel", "origProc": "origin"}  # fmt: skip
+_VECTORS = {"U": VELOCITY, "P": POSITION, "position": POSITION}
 _READ_AS = "columns of {} in SI units"
 _AXES = ("012", "xyz")  # how versions name the components
 _WINDOW = re.compile(r"\d+\.?\d*(?:[eE][-+]?\d+)?")
@@ -154,7 +154,20 @@ class TextImpacts(Impacts):
             "parallel run whose folders processor0, processor1, … are gone?"
         )
         require_rows(str(table.path), first, own, lambda row: f" names face {named[row]:.0f}{doubt}")
+        self._require_cells(table, first, columns, is_parallel)
         return faces
+
+    def _require_cells(self, table: Table, first: int, columns: Mapping[str, np.ndarray], is_parallel: bool) -> None:
+        """Refuse faces of another cell than the row's: the mesh has other numbers than during the run."""
+        if "cell" not in columns or self.mesh is None:
+            return
+        faces, cells = columns["mesh_face"].astype(np.int64), columns["cell"]
+        processors = columns["processor"] if is_parallel else np.full(len(faces), -1)
+        for number, owner in self.mesh.owners.items():
+            own = processors == (-1 if number is None else number)
+            fits = ~own | (owner[np.minimum(faces, len(owner) - 1)] == cells)
+            of = f", but this face is of another cell in {self.mesh.case}. Was the mesh renumbered after the run?"
+            require_rows(str(table.path), first, fits, lambda row, of=of: f" is of cell {cells[row]:.0f}{of}")
 
     def _undecomposed(self, table: Table, first: int, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Faces of the whole mesh from those of the processors' parts."""
@@ -194,8 +207,10 @@ def open_openfoam(path: Path, case: Path | None, density: float | None, duration
     Raises:
         ImpactsError: where there are none, or of several function objects, or their headers are not usable.
     """
-    tables = [_openfoam_table(file) for file in ([path] if path.is_file() else _files(path))]
-    tables.sort(key=lambda table: (float(table.window or 0), table.patch))
+    every = [_openfoam_table(file) for file in ([path] if path.is_file() else _files(path))]
+    every.sort(key=lambda table: (float(table.window or 0), table.patch))
+    # OpenFOAM names the columns of parcels only once one has hit.
+    tables = [table for table in every if table.columns.keys() - {"time", "processor"}] or every
     mesh_case = case_of(path) if case is None else case
     mesh = None if mesh_case is None else open_case(mesh_case)
     first = tables[0]
@@ -207,12 +222,12 @@ def open_openfoam(path: Path, case: Path | None, density: float | None, duration
         raise ImpactsError(f"{first.path}: names neither the face (`facei`) nor the position of an impact.")
     _, warnings_of_weights = weigh(str(first.path), first.columns, duration)
     warnings_of_weights += tuple(itertools.chain(*(cut_off(table.path) for table in tables)))
-    given, covered = duration, _covered(path, tables, mesh)
+    given, covered = duration, _covered(path, every, mesh)
     if given is not None and covered is not None and not math.isclose(given, covered, rel_tol=0.01):
         warnings_of_weights += (
             f"Argument `duration`, {given:g} s, takes the place of the {covered:g} s of the windows of time.",
         )
-    there = {(table.window, table.patch): table for table in tables}  # in the order of time
+    there = {(table.window, table.patch): table for table in every}  # in the order of time
     windows, patches = dict.fromkeys(window for window, _ in there), sorted({patch for _, patch in there})
     if lacking := ["/".join(pair) for pair in itertools.product(windows, patches) if pair not in there]:
         listed = ", ".join(lacking[:3]) + (f" and {len(lacking) - 3:,} more" if len(lacking) > 3 else "")
@@ -337,8 +352,7 @@ def _function_object(path: Path) -> Path:
 def _most_stored(case: Path, table: Path) -> int | None:
     """`maxStoredParcels` of the function object of a table; None where the case does not say it."""
     folder = _function_object(table)
-    content = dictionary(case / "constant" / f"{folder.parent.name}Properties")
-    value = _entry(content, "cloudFunctions", folder.name, "maxStoredParcels")
+    value = _entry(_properties(case, folder.parent.name), "cloudFunctions", folder.name, "maxStoredParcels")
     return int(value) if isinstance(value, (int, float)) else None
 
 
@@ -351,7 +365,31 @@ def _covered(path: Path, tables: Sequence[Table], mesh: Mesh | None) -> float | 
     all_windows = sorted(float(one.name) for one in folder.iterdir() if one.is_dir() and _WINDOW.fullmatch(one.name))
     before = [window for window in all_windows if window < min(windows)]
     start = before[-1] if before else None if mesh is None else _start(mesh.case)
-    return max(windows) - start if start is not None and max(windows) > start else None
+    if start is None or not max(windows) > start:
+        return None
+    solution = None if mesh is None else _entry(_properties(mesh.case, folder.parent.name), "solution")
+    if mesh is not None and _entry(solution, "transient") is False:
+        passed = [window for window in all_windows if start < window <= max(windows)]
+        return _evolutions(mesh.case, solution, start, passed)
+    return max(windows) - start
+
+
+def _evolutions(case: Path, solution: Any, start: float, windows: Sequence[float]) -> float | None:
+    """The time for which a steady cloud injects [s]: 1 s in each iteration that evolves it.
+
+    These are one in `calcFrequency`, and those that are written. None where the case does not say it.
+    """
+    step, frequency = _entry(dictionary(case / "system" / "controlDict"), "deltaT"), solution.get("calcFrequency", 1)
+    if not all(isinstance(number, (int, float)) and number > 0 for number in (step, frequency)):
+        return None
+    first, *written = (round(time / step) for time in (start, *windows))
+    between = sum(iteration % frequency != 0 for iteration in written)
+    return float(written[-1] // frequency - first // frequency + between)
+
+
+def _properties(case: Path, cloud: str) -> Any:
+    """The dictionary of a cloud; None where it is not there or cannot be read."""
+    return dictionary(case / "constant" / f"{cloud}Properties")
 
 
 def _start(case: Path) -> float | None:
@@ -372,7 +410,9 @@ def _injected(case: Path, tables: Sequence[Table]) -> float | None:
     for folder in (case, case / "processor0") if end else ():
         if masses := list(_entries(dictionary(folder / state), "massInjected")):
             return sum(masses) or None
-    content = dictionary(case / "constant" / f"{cloud}Properties")
+    content = _properties(case, cloud)
+    if _entry(content, "solution", "transient") is False:
+        return None
     models = _entry(content, "subModels", "injectionModels")
     # What is injected at a constant rate, or all of it by now.
     masses = [_injected_by(model, float(end or math.inf)) for model in models.values()] if models else [None]
