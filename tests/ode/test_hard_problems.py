@@ -369,12 +369,17 @@ SIZELESS = "the state has no size at an exact rest: steps are of rounding's leng
     ("rate", "exact", "t1"),
     [
         pytest.param(lambda t, u: t**3 - u, 2 + 6 * np.exp(-2), 2.0, id="power"),
+        pytest.param(lambda t, u: t**6 - u, 112 - 720 * np.exp(-2), 2.0, id="high power"),
         pytest.param(lambda t, u: jnp.maximum(t - 3, 0.0) - u, 1 + np.exp(-2), 5.0, marks=fault(SIZELESS), id="ramp"),
         pytest.param(
             lambda t, u: jnp.maximum(t - 3, 0.0) ** 2 - u, 2 - 2 * np.exp(-2), 5.0, marks=fault(SIZELESS), id="bend"
         ),
         pytest.param(
-            lambda t, u: jnp.where(t > 1, t - 1, 0.0) - u, np.exp(-1), 2.0, marks=fault(SIZELESS), id="switched ramp"
+            lambda t, u: jnp.where(t > 1, t - 1, 0.0) - u,
+            np.exp(-1),
+            2.0,
+            marks=fault(SIZELESS),
+            id="switched ramp",
         ),
     ],
 )
@@ -383,6 +388,33 @@ def test_a_motion_starts_from_exact_rest(rate, exact, t1):
     assert end.ended_by == "t1"
     assert end.y["u"] == pytest.approx(exact, rel=1e-7)
     assert end.trials < 1000
+
+
+@pytest.mark.parametrize("method", ["auto", "rosenbrock"])
+def test_a_row_of_rows_leaves_rest_with_derivatives(method):
+    """Each moves by the square of the next: a t³/3, a² t⁷/63, a⁴ t¹⁵/59535."""
+    rows = ode.Problem(
+        {"x": jnp.zeros(3)},
+        lambda t, y, args: {"x": jnp.stack([args["a"] * t**2, y["x"][0] ** 2, y["x"][1] ** 2])},
+        {"half": ode.Event(lambda t, y, args: y["x"][2] - 2.0**15 / 59535, 1)},
+    )
+    end = ode.solve(rows, {"a": np.array([1.0, 1.1])}, t1=20.0, method=method, wrt="a")
+    np.testing.assert_allclose(end.t, 2 * np.array([1.0, 1.1]) ** (-4 / 15), rtol=1e-8)
+    np.testing.assert_allclose(end.along("a").t, -8 / 15 * np.array([1.0, 1.1]) ** (-19 / 15), rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["auto", "rosenbrock"])
+def test_growth_from_the_least_number_is_followed(method):
+    end = ode.solve(growth(lambda t, u, args: u, y0=1e-300), t1=20.0, method=method)
+    assert end.y["u"] == pytest.approx(1e-300 * np.exp(20), rel=1e-8)
+
+
+def test_a_fast_motion_from_rest_is_stable():
+    """u follows sin² k times as fast: in a step of rest's length a part that is so fast must not grow."""
+    k = np.array([1e3, 1e7, 1e12])
+    end = ode.solve(growth(lambda t, u, args: -args["k"] * (u - jnp.sin(t) ** 2)), {"k": k}, t1=5.0)
+    assert set(end.ended_by) == {"t1"}
+    np.testing.assert_allclose(end.y["u"], np.sin(5) ** 2 - np.sin(10) / k + 2 * np.cos(10) / k**2, rtol=1e-8)
 
 
 # Event functions that are not smooth.

@@ -16,7 +16,7 @@ from erosion.ode.step_control import Limits
 from erosion.ode.variational import Augmented, Derivatives, Direction, Layout, Variational
 
 _SPAN = 0.03  # of the time from t0 to t1: the time scale of a problem that names none
-_TINY = 1e-200  # keeps 0/0 away
+_TINY = 1e-300  # keeps 0/0 away
 _LONGER = 1e3  # times as long as a number of the state takes to change by its own size
 _LEAST = 1e-9  # of the time scale: a number of the state that changes sooner by its own size is almost zero
 

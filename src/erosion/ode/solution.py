@@ -368,7 +368,10 @@ class Solution(Result):
                     "and the method for stiff motions takes none. If it comes to rest at its event, as h' = -√h does, "
                     "let the event be a little before: `h - 1e-12`."
                 )
-            yield f"{self._in_lanes(many, said)}: raise `max_steps`, or `rtol`.{hint}"
+            yield (
+                f"{self._in_lanes(many, said)}: raise `max_steps`, or `rtol`; where a state is almost zero for "
+                f"long, give `sizes`.{hint}"
+            )
         if np.any(late):
             yield f"{self._in_lanes(late, 'unfinished')}: no event came within 10⁴ time scales; give `t1`."
         for those, why, or_else in (

@@ -22,6 +22,9 @@ APART = 1e-6  # of a row's size is the least size of its derivatives, by a chang
 NOISE = 1e-15  # of a row's size: what rounding leaves in its derivatives
 LEAST = 1e-8  # of the greatest size that a row has had: a smaller one need not be known relative to itself
 
+_REST, _POWER = 1e-9, 20.0
+"""Of the time scale, a step in which a row leaves an exact rest; the power of time as which it may grow at most."""
+
 TIGHTEST = 1e-13  # tolerance of a second integration: rounding is near
 
 
@@ -144,6 +147,22 @@ class Method(abc.ABC):
     @abc.abstractmethod
     def reverse(self, rate: Callable[[list[Number], Rows], Rows], numbers: list[Number], every: Any) -> Reverse:
         """Steps back, for rates as functions of the real numbers; `every` brings these back among the others."""
+
+
+def leaves_rest(rows: tuple[Scalar, Scalar], slopes: tuple[Scalar, Scalar], h: Scalar, scale: Scalar) -> Flag:
+    """Whether a row at zero, of rate zero, begins to grow as a power of time in a short step.
+
+    Such a step has the same relative error at any length, which a shorter one does not mend and a longer way forgets.
+    A row that grows faster than a power is stiff.
+
+    Args:
+        rows: before and after the step.
+        slopes: there.
+        h: its length.
+        scale: the time scale of the problem.
+    """
+    rests = (rows[0] == 0) & (slopes[0] == 0) & (h < _REST * scale)
+    return rests & (jnp.abs(h * slopes[1]) <= _POWER * jnp.abs(rows[1]))
 
 
 def sizes_or_least(sizes: Sequence[float], greatest: Rows) -> list[Scalar]:

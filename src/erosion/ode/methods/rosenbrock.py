@@ -19,7 +19,17 @@ from erosion.arguments import Flag, Number, Scalar
 from erosion.ode import crossings
 from erosion.ode.crossings import ByTheLastStep, Ends
 from erosion.ode.landing import Flight, Lane, flight, happening
-from erosion.ode.methods.base import APART, LEAST, NOISE, TIGHTEST, BackStep, Method, Reverse, Step
+from erosion.ode.methods.base import (
+    APART,
+    LEAST,
+    NOISE,
+    TIGHTEST,
+    BackStep,
+    Method,
+    Reverse,
+    Step,
+    leaves_rest,
+)
 from erosion.ode.methods.rosenbrock_steps import GAMMA, A, B, C, Rodas, Stages
 from erosion.ode.methods.sums import weighted
 from erosion.ode.methods.transposes import plus, transposed, zeros
@@ -33,7 +43,7 @@ if TYPE_CHECKING:
 
 _FIRST = 0.1  # of the time in which a number of the state changes by its own size, alone or by its own feedback
 _SOONEST = 1e-9  # of the time scale: the shortest first step
-_TINY, _SMALL = 1e-200, 1e-100  # keep 0/0 away, and a square above 0
+_TINY, _SMALL = 1e-300, 1e-100  # keep 0/0 away, and a square above 0
 _ROUNDING = 1e-15  # of the terms of a rate
 NEAR = 0.1  # of the last step: Newton's method moves its end by less
 _SHORTEST = 1e-14  # of the time scale: the last step of a lane that takes none
@@ -137,7 +147,7 @@ class Rodas5P(Method):
         state, found = self.rodas.step(before, lane.slope, h)
         slope, events = self.problem.rate_and_events(state)
         apart = jnp.maximum(APART, NOISE / rtol) if self.problem.layout.problem.typical is None else 1.0
-        error = self.error_of(lane.greatest, apart, (before, state), found, h, rtol)
+        error = self.error_of(lane.greatest, apart, (before, state), (lane.slope, slope), found, h, rtol)
         return Step(state, slope, found, events, self.rodas.within(before, state, found), error)
 
     def arrives(self, before: Control, after: Control, moved: Flag) -> tuple[Control, Flag]:
@@ -184,7 +194,14 @@ class Rodas5P(Method):
                 for least, size in zip(self.problem.sizes, greatest, strict=True)]  # fmt: skip
 
     def error_of(
-        self, greatest: Rows, apart: Scalar, rows: tuple[Rows, Rows], stages: Stages, h: Scalar, rtol: Scalar
+        self,
+        greatest: Rows,
+        apart: Scalar,
+        rows: tuple[Rows, Rows],
+        slopes: tuple[Rows, Rows],
+        stages: Stages,
+        h: Scalar,
+        rtol: Scalar,
     ) -> Scalar:
         """The largest error of a row relative to its size, over the tolerance, as the step control wants it.
 
@@ -195,6 +212,7 @@ class Rodas5P(Method):
             greatest: the greatest size so far of each row of the motion itself.
             apart: the least size of a derivative's row, of the size of that which it differentiates.
             rows: before and after the step.
+            slopes: there.
             stages: of the step.
             h: its length.
             rtol: the tolerance.
@@ -216,7 +234,9 @@ class Rodas5P(Method):
             for i in range(width):
                 row = first + i
                 sizes[i] = jnp.maximum(jnp.maximum(jnp.abs(before[row]), jnp.abs(after[row])), sizes[i])
-                error = jnp.maximum(error, jnp.abs(stages.increments[row][-1]) / sizes[i])
+                ends = (before[row], after[row]), (slopes[0][row], slopes[1][row])
+                size = jnp.where(leaves_rest(*ends, h, self.problem.time_scale), jnp.inf, sizes[i])
+                error = jnp.maximum(error, jnp.abs(stages.increments[row][-1]) / size)
             of_motion = of_motion if first else list(sizes)
         error = jnp.where(stages.sound, error / rtol, jnp.inf)
         return jnp.exp(_POWER * jnp.log(error + 1e-30))

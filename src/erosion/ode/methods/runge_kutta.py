@@ -16,7 +16,17 @@ from erosion.ode import crossings
 from erosion.ode.crossings import ByAShortStep, Ends, ShortOfKinks
 from erosion.ode.kinks import is_kinked
 from erosion.ode.landing import Flight, Lane, all_finite, flight, happening
-from erosion.ode.methods.base import APART, LEAST, NOISE, BackStep, Method, Reverse, Step, sizes_or_least
+from erosion.ode.methods.base import (
+    APART,
+    LEAST,
+    NOISE,
+    BackStep,
+    Method,
+    Reverse,
+    Step,
+    leaves_rest,
+    sizes_or_least,
+)
 from erosion.ode.methods.sums import moved_by, weighted
 from erosion.ode.methods.transposes import plus, transposed
 from erosion.ode.reduction import Rows
@@ -191,12 +201,17 @@ class RungeKutta(Method):
             # What another step of this length would add to an integral counts as well: most lanes go on.
             for i in integrals:
                 sizes[i] = sizes[i] + jnp.abs(h * stages[first + i][late])
-            for row, size in zip(member, sizes, strict=True):
+            measures = list(sizes)
+            if self.problem.options.clock and not self.problem.rough:
+                for i, row in enumerate(member):
+                    ends = (before[row], state[row]), (stages[row][0], stages[row][-1])
+                    measures[i] = jnp.where(leaves_rest(*ends, h, self.problem.time_scale), jnp.inf, sizes[i])
+            for row, size in zip(member, measures, strict=True):
                 error = jnp.maximum(error, estimate(tuple(self.tableau.error), h, stages[row], size))
             # The estimate of what is wanted is mostly the largest by far. Where it passes through zero by chance
             # it hides an error, but a second estimate is not zero at the same place.
             for i in range(self.problem.width) if self.problem.options.whole else integrals:
-                check = self.check(check, h, stages[first + i], sizes[i])
+                check = self.check(check, h, stages[first + i], measures[i])
             of_motion = of_motion if first else list(sizes)
         return jnp.maximum(error, _CHECK * check * eighth_root(check))
 
