@@ -702,6 +702,57 @@ def test_a_start_within_rounding_of_an_event_is_a_start(direction):
     np.testing.assert_allclose(end.t, np.where(rises_at_start == (direction == 1), 2, 1) * np.pi, rtol=1e-8)
 
 
+@pytest.mark.parametrize("start", ["wait", "end", "fire"])
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_every_start_has_one_rule_for_zero(start, direction):
+    """x = sin(p + t) from multiples of π: where it falls through zero the fall happens, and no rise does."""
+    sine = ode.Problem(
+        lambda args: {"x": jnp.sin(args["p"]), "v": jnp.cos(args["p"])},
+        OSCILLATOR[1],
+        {"zero": ode.Event(lambda t, y, args: y["x"], direction, lambda t, y, args: y | {"v": 2 * y["v"]})},
+    )
+    n = np.arange(1, 11)
+    end = ode.solve(sine, {"p": n * np.pi}, t1=1.0, start=start)
+    happens = (n % 2 == 1) == (direction == -1)
+    np.testing.assert_array_equal(end.count, happens & (start == "fire"))
+    np.testing.assert_array_equal(end.ended_by, np.where(happens & (start == "end"), "start", "t1"))
+    size = np.where(end.ended_by == "start", 0.0, np.sin(1) * (1 + end.count))
+    np.testing.assert_allclose(np.abs(end.y["x"]), size, rtol=1e-8, atol=1e-14)
+
+
+def on_table(reset: Any, direction: int) -> ode.Problem:
+    """A ball over a table that moves as a sin(w t), and a mass that slides."""
+    return ode.Problem(
+        lambda args: {"x": 0.0, "u": 1.0, "y": args["h"], "v": args["v"]},
+        lambda t, y, args: {"x": y["u"], "u": args["tilt"] - 0.1 * y["u"], "y": y["v"], "v": -9.81},
+        {"hit": ode.Event(lambda t, y, args: y["y"] - args["a"] * jnp.sin(args["w"] * t), direction, reset)},
+    )
+
+
+@pytest.mark.parametrize("direction", [-1, 0])
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize("restitution", [0.0, 0.3])
+def test_no_body_at_rest_falls_through(restitution, exact, direction):
+    """It is unfinished, with a sentence, however the reset writes that the body keeps a part of its speed, or none."""
+
+    def reset(t, y, args):
+        speed = args["a"] * args["w"] * jnp.cos(args["w"] * t)
+        height = args["a"] * jnp.sin(args["w"] * t) if exact else y["y"]
+        return y | {"y": height, "v": speed - restitution * (y["v"] - speed)}
+
+    h, a, w, tilt = (each.ravel() for each in np.meshgrid([0.0, 0.5, 2.0], [0.0, 0.1, 0.3], [1.0, 4.0], [0.0, 3.0]))
+    for start in ("wait", "fire"):
+        falls = start == "fire" and direction == -1
+        v = np.where(h == 0, -1.0 if falls else 1.0, 0.0) + a * w
+        end = ode.solve(
+            on_table(reset, direction), {"h": h, "v": v, "a": a, "w": w, "tilt": tilt}, t1=10.0, start=start
+        )
+        through = (end.ended_by == "t1") & (end.y["y"] < a * np.sin(w * end.t) - 1e-6)
+        assert not through.any()
+        assert (end.ended_by[a == 0] == "unfinished").all()
+        assert any("rest" in warning for warning in end.warnings)
+
+
 def test_no_body_falls_through_a_moving_table():
     table = ode.Problem(
         lambda args: {"y": args["h"], "v": 0.0},

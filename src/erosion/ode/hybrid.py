@@ -210,6 +210,39 @@ class Transitions:
         state = lax.while_loop(goes_on, asked, (instant, list(before), 0 * instant.count))
         return state[0], state[2] >= _ENDLESS
 
+    def at_start(self, instant: Instant) -> tuple[Instant, Flag]:
+        """With the events at whose functions a lane begins, or past them, and whether they are without end."""
+        before, past = self.here.events(instant.members[0]), self._past(instant)
+        for i, is_past in enumerate(past):
+            fires = is_past & self._past(instant)[i] & instant.survives & (instant.count < self.most)
+            instant = self.fired(self._edged(instant, i, fires & (before[i] == 0)), i, fires)
+        return self.settled(instant, [jnp.where(*each) for each in zip(past, [0.0] * len(past), before, strict=True)])
+
+    def _past(self, instant: Instant) -> list[Flag]:
+        return self.loop.past_at_start(jax.tree.leaves(instant.members))
+
+    def stands(self, instant: Instant, falling: Sequence[Scalar], zero: Sequence[Flag], typical: Scalar) -> Flag:
+        """Whether a body stands on an event that has happened: it is pulled through, and hardly rises before.
+
+        Args:
+            instant: after all events.
+            falling: the rates of the event functions before them.
+            zero: of each whether it is zero after them, but for rounding.
+            typical: a typical time.
+        """
+        at = instant.members[0]
+        values = [jnp.where(is_zero, 0.0, value) for is_zero, value in zip(zero, self.here.events(at), strict=True)]
+        rates, bends = jax.jvp(self.rates, (at,), (self.here.rate(at),))
+        stands: Flag = jnp.asarray(False)
+        for event, value, rate, bend, before, direction in zip(
+            instant.at_once, values, rates, bends, falling, self.problem.directions, strict=True
+        ):
+            pull = -bend if direction else jnp.where(before == 0, jnp.abs(bend), bend * jnp.sign(before))
+            height = jnp.maximum(jnp.abs(value), pull * (_ACCUMULATED * typical) ** 2)
+            near = (jnp.abs(value) <= pull * (_RESTS * typical) ** 2) & (pull * typical > _RESTS * jnp.abs(before))
+            stands = stands | (event & near & (rate * rate <= _RESIDUAL * pull * height))
+        return stands
+
     def _edged(self, instant: Instant, event: int, at_zero: Flag) -> Instant:
         """Without the derivatives that decide whether an event happens now or, as its function is zero, soon."""
         equations = self.problem.equations
@@ -269,6 +302,7 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
         both = zip(segment.at_once, transitions.here.events(instant.members[0]), rounding, strict=True)
         still_zero = [near & (jnp.abs(after) <= _RESIDUAL * jnp.abs(met)) for near, after, met in both]
         typical = jnp.minimum(problem.time_scale, elapsed[0])
+        stands = transitions.stands(instant, transitions.rates(members[0]), still_zero, typical)
         soon = jnp.where(instant.last == before.event, _ACCUMULATED * typical, _ROUNDING * elapsed[0])
         # An event so soon after another that its function does not fall any more, as of a body that comes to rest.
         rests = (jnp.where(i == segment.event, rate > 0, False) for i, rate in enumerate(transitions.rates(members[0])))
@@ -276,18 +310,16 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
         rests = functools.reduce(jnp.logical_or, directed, jnp.asarray(False)) & (segment.time < _RESTS * typical)
         amplification = jnp.maximum(so_far.amplification, end.amplification)
         segment = segment._replace(count=before.count, still_zero=still_zero)
-        return ended(instant, endless, segment, amplification, (segment.time <= soon) | rests)
+        return ended(instant, endless, segment, amplification, (segment.time <= soon) | rests | stands)
 
     begun = _Trajectory(jnp.asarray(True), start, elapsed, zero + 1.0, written)
     if problem.options.fires:
-        # An event that is past zero fires, as if a reset had brought the lane there.
-        functions = transitions.here.events(initial[0])
-        pairs = zip(problem.directions, functions, strict=True)
-        before = [jnp.where(value == 0, 1.0, 1.0 if direction else value) for direction, value in pairs]
         instant = Instant(initial, initial, elapsed, none - 1, none, jnp.asarray(True), nothing, written)
-        instant, endless = transitions.settled(instant, before)
+        instant, endless = transitions.at_start(instant)
+        falling, at_zero = transitions.rates(initial[0]), [value == 0 for value in transitions.here.events(initial[0])]
+        stands = transitions.stands(instant, falling, at_zero, problem.time_scale)
         ends = (instant.count > 0) & ~(instant.survives & (instant.count < problem.clock.max_events))
-        begun = ended(instant, endless, start, zero + 1.0, jnp.asarray(False))
+        begun = ended(instant, endless, start, zero + 1.0, stands)
         mode = jnp.where(ends, ENDED, begun.segment.control.mode)
         segment = begun.segment._replace(control=begun.segment.control._replace(mode=mode))
         fires = instant.count > 0

@@ -80,6 +80,13 @@ class Loop:
         written = [one.after_landing(so_far, lane, motion) for one, so_far in zip(recorders, written, strict=True)]
         return motion, along, written
 
+    def past_at_start(self, rows: Rows) -> list[Flag]:
+        """Of each event whether its function is past zero where a lane begins, or at zero and does not leave it."""
+        slope, events = _at_start(self.problem, rows, self.problem.time_scale)
+        scale = self.problem.scale_at_start(rows, slope)
+        events = self.events.at_start(events, scale, jnp.asarray(True))
+        return [jnp.logical_not(each.counts) for each in self.events.watch(events, scale)]
+
     def after_segment(self, written: Written, segment: Flight) -> Written:
         """What the recorders have written with the end of a segment, before any reset."""
         pairs = zip(self.recorders, written, strict=True)

@@ -375,10 +375,15 @@ class Solution(Result):
         if np.any(late):
             yield f"{self._in_lanes(late, 'unfinished')}: no event came within 10⁴ time scales; give `t1`."
         for those, why, or_else in (
-            (gathered & ~endless, "where events accumulate, or cause each other without end", ""),
+            (
+                gathered & ~endless,
+                "where events accumulate, cause each other without end, or leave a body at rest on its event",
+                "",
+            ),
             (
                 gathered & endless,
-                "where events accumulate, cause each other without end, or within 10⁴ time scales none follows",
+                "where events accumulate, cause each other without end, leave a body at rest on its event, or within "
+                "10⁴ time scales none follows",
                 ", or `t1`",
             ),
         ):
