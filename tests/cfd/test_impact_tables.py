@@ -482,3 +482,24 @@ def test_points_of_vtk_are_a_table(tmp_path, name):
     assert impacts.rows == 2
     assert ("lagrangian/sand0, lagrangian/sand1 are joined" in " ".join(impacts.warnings)) == (name == "hits.vtm")
     assert name == "hand.vtu" or "columns that are not used: 'age'" in impacts.warnings[-1]
+
+
+@pytest.mark.parametrize(
+    ("text", "diameter"),
+    [
+        ("diameter, um\tdensity, kg/m^3\tspeed, m/s\tangle, deg\n100\t2650\t50\t30\n", 1e-4),
+        ("diameter, um;density, kg/m^3;speed, m/s;angle, deg\n100,5;2650;50;30\n", 1.005e-4),
+        ("wall;diameter [um];density [kg/m^3];speed [m/s];angle [deg]\nwall 1,2;100.5;2650;50;30\n", 1.005e-4),
+    ],
+)
+def test_commas_in_headings_and_labels_separate_nothing(tmp_path, text, diameter):
+    (tmp_path / "hits.csv").write_text(text)
+    (block,) = read_impacts(tmp_path / "hits.csv").blocks(9)
+    np.testing.assert_allclose(block.diameter, [diameter], rtol=1e-15)
+
+
+def test_labels_as_windows_writes_them_are_left_out(tmp_path):
+    text = "Teil,diameter [um],density [kg/m^3],speed [m/s],angle [deg]\nKrümmer,100,2650,50,30\n"
+    (tmp_path / "hits.csv").write_bytes(text.encode("cp1252"))
+    (block,) = read_impacts(tmp_path / "hits.csv").blocks(9)
+    np.testing.assert_array_equal(block.speed, [50])

@@ -63,6 +63,7 @@ _NUMBERED = 10  # rows whose weights are 1, 2, 3, …, from which on these are t
 _PART = re.compile(r"\[\w+\]")
 """The line with which CFD-Post begins a part of a file."""
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_WITH_COMMA = re.compile(r"\(*[-+]?\d*,\d+([eE][-+]?\d+)?\)*")
 _EXAMPLES: Mapping[str, str] = {
     "mass": "kg", "mass flow": "kg/s", "rate": "1/s", "density": "kg/m^3", "length": "m", "speed": "m/s",
     "angle": "deg", "angular speed": "rad/s", "time": "s",
@@ -395,16 +396,18 @@ def _csv_header(path: Path) -> _Layout:
             break
     if first == len(lines):
         raise ImpactsError(f"{path}: has no line that names columns{'' if in_data else ', for [Data] is missing'}.")
-    counts = {mark: lines[first].count(mark) for mark in ("\t", ";", ",")}
-    delimiter = max(counts, key=lambda mark: counts[mark]) if any(counts.values()) else " "
+    # Headings between tabs or semicolons may have commas: "diameter, um".
+    unquoted = re.sub(r'"[^"]*"', "", lines[first])
+    delimiter = next((mark for mark in "\t;," if mark in unquoted), " ")
     try:
         text = io.StringIO("".join(lines[first:]), newline="")
         heads = lines[first].split() if delimiter == " " else next(csv.reader(text, delimiter=delimiter))
     except csv.Error as error:
         raise ImpactsError(f"{path}: is no CSV file ({error}).") from error
-    rows = "".join(line for line in lines[first + 1 :] if not line.lstrip(' "').startswith("#"))
-    decimal = "," if delimiter != "," and re.search(r"\d,\d", rows) else "."
-    if decimal == "," and re.search(r"\d\.\d", rows):
+    rows = [line for line in lines[first + 1 :] if not line.lstrip(' "').startswith("#")]
+    cells = {cell.strip(' "\r\n') for line in rows for cell in line.split(None if delimiter == " " else delimiter)}
+    decimal = "," if delimiter != "," and any(map(_WITH_COMMA.fullmatch, cells)) else "."
+    if decimal == "," and any("." in cell and _NUMBER.fullmatch(cell) for cell in cells):
         raise ImpactsError(f"{path}: has numbers with points and with commas; one of them must go.")
     if first and all(_NUMBER.fullmatch(head.strip()) for head in heads):
         raise ImpactsError(
@@ -425,7 +428,7 @@ def _csv_batches(path: Path, wanted: Sequence[str], beside: Sequence[str]) -> It
     arrow, reader = library("pyarrow", "cfd"), library("pyarrow.csv", "cfd")
     first, heads, delimiter, decimal = _csv_header(path)
     begins = [heads[0]] if heads[0] not in wanted and heads.count(heads[0]) == 1 else []
-    texts, wrong = dict.fromkeys(beside, arrow.binary()) | dict.fromkeys(begins, arrow.string()), list[Any]()
+    texts, wrong = dict.fromkeys(beside, arrow.binary()) | dict.fromkeys(begins, arrow.binary()), list[Any]()
 
     def refuse(row: Any) -> str:
         if row.text.lstrip(' "').startswith("#"):
@@ -447,7 +450,7 @@ def _csv_batches(path: Path, wanted: Sequence[str], beside: Sequence[str]) -> It
             )
             for batch in batches:
                 for name in begins:
-                    if any(text and text.startswith("#") for text in batch.column(name).unique().to_pylist()):
+                    if any(text and text.startswith(b"#") for text in batch.column(name).unique().to_pylist()):
                         raise ImpactsError(
                             f"{path}: column {name!r}: rows begin with # as comments do; take these rows away."
                         )
