@@ -669,6 +669,31 @@ def test_gradients_at_times_on_both_sides_of_the_start(t1, ts):
     assert float(inside) == pytest.approx(exact, rel=1e-7)
 
 
+def test_a_dataset_of_a_motion_back_in_time_has_arguments_as_they_are():
+    """One has the name of a number of the clock."""
+    problem = growth(lambda t, u, args: -args["t1"] * u, y0=1.0)
+    k, t1 = np.array([1.0, 2.0]), np.array([-1.0, -2.0])
+    dataset = ode.solve(problem, {"t1": k}, t0=0.0, t1=t1).to_dataset()
+    np.testing.assert_array_equal([dataset["t1"], dataset["t1_"]], [k, t1])
+    end = ode.solve(problem, {"t1": np.array([1.0, np.inf])}, t1=1.0)
+    assert end.ended_by.tolist() == ["t1", "failed"]
+    assert "`t1` is NaN or infinite" in end.warnings[0]
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_jax_compiles_lanes_with_starts_and_arguments_on_two_axes(back):
+    t0, k, ts = np.array([0.0, 0.1, 0.2]), np.array([[1.0], [2.0]]), np.array([0.05, 0.5])
+    if back:
+        t0, ts = 2 + t0, 2 - ts
+
+    def states(k):
+        return ode.solve(DECAY, {"k": k}, t0=t0, t1=0.0 if back else 3.0, ts=ts).ys["u"]
+
+    exact = np.exp(-k[..., None] * (ts - t0[:, None]))
+    np.testing.assert_allclose(states(k), exact, rtol=1e-8)
+    np.testing.assert_allclose(jax.jit(states)(k), exact, rtol=1e-8)
+
+
 def test_events_back_in_time_are_passed_in_their_order():
     ball = ode.Problem(
         {"y": 1.0, "v": 0.0},

@@ -41,7 +41,9 @@ def reflected(problem: Problem) -> Problem:
 
 def early(t0: Any, shape: tuple[int, ...], ts: np.ndarray) -> np.ndarray:
     """Which times are before the start of which lanes, shape (…, times)."""
-    return ts < np.reshape(np.broadcast_to(t0, np.prod(shape, dtype=int)), (*shape, 1))
+    # With one axis of lanes, or as it was given beside numbers that JAX traces.
+    starts = np.reshape(t0, shape) if np.size(t0) == np.prod(shape, dtype=int) else np.broadcast_to(t0, shape)
+    return ts < starts[..., None]
 
 
 def chosen(flags: np.ndarray, this: PyTree, that: PyTree) -> PyTree:

@@ -68,7 +68,7 @@ class Lanes(NamedTuple):
         Raises:
             ValueError: where the name is none of a number that each lane has.
         """
-        count = len(self.names) - len(Clock._fields)
+        count = self.arguments
         known = [*self.names[:count], *_CLOCK]
         # "args.t1" is an argument although `solve` has a number of that name, which is "solve.t1".
         labels = [*(f"args.{one}" for one in self.names[:count]), *(f"solve.{one}" for one in _CLOCK)]
@@ -86,13 +86,18 @@ class Lanes(NamedTuple):
             )
         return self.layout.offsets[places[0]]
 
+    @property
+    def arguments(self) -> int:
+        """How many of the numbers are arguments; the clock's follow them, whose names arguments may have, too."""
+        return len(self.names) - len(Clock._fields)
+
     def is_of_clock(self, name: str) -> bool:
         """Whether a name is that of where lanes begin or end."""
-        return self.element_of(name) >= self.layout.offsets[len(self.names) - len(Clock._fields)]
+        return self.element_of(name) >= self.layout.offsets[self.arguments]
 
     def begins_with(self, name: str) -> bool:
         """Whether a name is that of where lanes begin."""
-        return self.element_of(name) == self.layout.offsets[len(self.names) - len(Clock._fields)]
+        return self.element_of(name) == self.layout.offsets[self.arguments]
 
 
 def checked_lanes(

@@ -182,7 +182,7 @@ def maximum(
         least: whether the least value is wanted.
         points: how many numbers are tried first.
         rtol: relative tolerance of the search, 1e-9 or less; what is found has a hundredth of it.
-        start: "wait" or "end", as in `solve`; so are all options below.
+        start: "wait", "end" or "fire", as in `solve`; so are all options below.
         max_step: no step is longer.
         max_events: a chain of events ends with this one.
         sizes: typical sizes of y.

@@ -20,7 +20,6 @@ from erosion.ode.gradient import Ended, gradient_of
 from erosion.ode.kinks import may_have_kinks
 from erosion.ode.problem import Problem, Words
 from erosion.ode.tape import Recorded
-from erosion.ode.variational import Clock
 from erosion.output.tables import Record, Result, format_number, to_plain
 
 if TYPE_CHECKING:
@@ -399,9 +398,10 @@ class Solution(Result):
         left = np.ravel(np.asarray(self.ended_by) == "failed")
         if not np.any(left):
             return ()
-        for name, number, shape in zip(lanes.names, lanes.numbers, lanes.layout.shapes, strict=True):
+        columns = zip(lanes.names, lanes.numbers, lanes.layout.shapes, strict=True)
+        for place, (name, number, shape) in enumerate(columns):
             number = np.asarray(number, float)
-            bad = np.isnan(number) if name in Clock._fields else ~np.isfinite(number)
+            bad = np.isnan(number) if place >= lanes.arguments else ~np.isfinite(number)
             own = left & np.broadcast_to(np.any(bad) if shape else bad, lanes.size)
             if np.any(own):
                 what = "NaN" if np.all(np.isnan(number[bad])) else "NaN or infinite"
@@ -519,10 +519,12 @@ class Solution(Result):
             put("{}_at", self.times, ("time",))
             coordinates["time"] = self.times.ts
         taken = variables | coordinates | {dim: None for dims, *_ in variables.values() for dim in dims}
-        for name, number, shape in zip(self.lanes.names, self.lanes.numbers, self.lanes.layout.shapes, strict=True):
+        columns = zip(self.lanes.names, self.lanes.numbers, self.lanes.layout.shapes, strict=True)
+        for place, (name, number, shape) in enumerate(columns):
             if np.ndim(number) > len(shape):
+                is_time = place >= self.lanes.arguments and name in ("t0", "t1")
+                sign = -1.0 if self.forwards is not None and is_time else 1.0
                 name = _free(_label(name).replace(".", "_"), taken)
-                sign = -1.0 if self.forwards is not None and name in ("t0", "t1") else 1.0
                 taken[name] = coordinates[name] = (axes, sign * np.reshape(number, self.lanes.shape))
         return xr.Dataset(variables, coordinates, {"rtol": self.rtol, "events": ", ".join(self.problem.events)})
 
