@@ -18,7 +18,7 @@ author = "The erosion developers"
 version = release = erosion.__version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.napoleon"]
-exclude_patterns = ["_build", "models/cells.md"]
+exclude_patterns = ["_build"]
 
 # Nothing is fetched by a reader's browser: MathJax 3.2.2, one file with its fonts, is kept here.
 html_theme = "furo"
@@ -67,22 +67,6 @@ nitpick_ignore_regex = [
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False
 
-NOTEBOOK = """---
-file_format: mystnb
-kernelspec:
-  name: python3
----
-
-"""
-
-
-def complete_model_page(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Give the page of a model the cells that all of them share."""
-    folder, _, name = docname.partition("/")
-    if folder == "models" and name in erosion.available_models():
-        cells = (HERE / "models" / "cells.md").read_text().replace("MODEL", name)
-        source[0] = f"{NOTEBOOK}{source[0]}{cells}"
-
 
 def point_to_examples(app: Sphinx, docname: str, source: list[str]) -> None:
     """Have links between the pages and the examples, two folders of the repository, lead to their pages here."""
@@ -119,7 +103,6 @@ def _notebooks(app: Sphinx) -> Path:
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
     copy_examples()
-    app.connect("source-read", complete_model_page)
     app.connect("source-read", point_to_examples)
     app.connect("html-page-context", offer_notebook)
     app.connect("build-finished", copy_notebooks)

@@ -276,7 +276,7 @@ class ProportionalDeformationWear(EnergyOfNormalMotion):
 
     The cut scales on V* = m v₀²/(σψ) and so does this term: e alone says how much of the erosion at
     the best angle is left at 90°. With `linearized` the angle functions of DNV, E/CRC and Oka ask for 1.4 to 1.9
-    (docs/models/deformation.md), with a body that turns for three times as much.
+    (docs/models.md), with a body that turns for three times as much.
 
     Args:
         energy_ratio: e = ε/(σψ) [-], > 0.
