@@ -451,3 +451,14 @@ def test_an_outlier_is_named_with_the_fit_without_it(fit_of):
     without = erosion.calibrate("finnie", P, spoiled.data.of_rows(np.delete(np.arange(10), WRONG)), ["psi"], starts=2)
     assert without.in_words("psi", without.estimates["psi"]) in said
     assert without.estimates["psi"] == pytest.approx(P.psi, rel=0.02)
+
+
+@pytest.mark.parametrize("density", [None, "7870 kg/m^3"])
+def test_a_correlation_predicts_masses_by_its_own_density(tmp_path, density):
+    # A ratio of masses is that of the correlation, whatever steel's density is in another table.
+    data = tmp_path / "tests.csv"
+    data.write_text("alpha [deg],v0 [m/s],mass_loss [mg/kg]\n15,50,30\n30,50,50\n60,50,40\n")
+    fit = erosion.calibrate("dnv", erosion.TABLE_1, data, free=["k"], density=density)
+    expected = 1e6 * np.asarray(erosion.correlations.dnv(np.deg2rad([15, 30, 60]), 50.0))
+    rms = np.sqrt(np.mean((expected - [30, 50, 40]) ** 2))
+    np.testing.assert_allclose(fit.rms * 1e6, rms, rtol=1e-9)

@@ -21,6 +21,7 @@ from erosion.fits.measurements import Measurements, read_measurements
 from erosion.impacts import Impact, impact
 from erosion.models import SPEED_EXPONENT, CuttingModel, SpeedExponent, equations_of, load_model
 from erosion.models.base import own_parameters, quantities, replaced, require_one_impact, sizes, values, with_values
+from erosion.models.correlated import Correlated, per_mass_of
 from erosion.output import briefly
 from erosion.parameters import (
     QUANTITIES,
@@ -29,6 +30,7 @@ from erosion.parameters import (
     Quantity,
     Tested,
     about,
+    conversion_factor,
     example,
     has_unit,
     read_quantity,
@@ -326,10 +328,20 @@ def make_forward(
     share = PerMass(cutting_fraction=cutting_fraction).cutting_fraction
     names = check_free(free, measured, model)
     measured = dataclasses.replace(measured, common=None)  # that of another fit
-    return Forward(model, p, names, measured, _density(density, measured, p), share)
+    return Forward(model, p, names, measured, _density(model, density, measured, p), share)
 
 
-def _density(density: float | str | None, data: Measurements, p: Parameters) -> float | None:
+def _density(model: CuttingModel, density: float | str | None, data: Measurements, p: Parameters) -> float | None:
+    """That of the target [density of the case]; a correlation has its own, by which it makes volumes of masses."""
+    if not isinstance(model, Correlated):
+        return _given_density(density, data, p)
+    to_si = conversion_factor("density", p.units, "si")
+    given = None if density is None else _given_density(density, data, p)
+    own = per_mass_of(model, PerMass(None if given is None else given * to_si)).density
+    return None if own is None else own / to_si
+
+
+def _given_density(density: float | str | None, data: Measurements, p: Parameters) -> float | None:
     if density is None:
         if data.needs_density:
             raise ValueError(
