@@ -14,7 +14,6 @@ import pytest
 import erosion
 from erosion.distributions import Normal
 from erosion.impacts.batch import split
-from erosion.impacts.trajectory import path
 from erosion.models.equations import equations_of, model_digest
 from tests.impacts.test_force_laws import TableOfDepth
 
@@ -474,11 +473,9 @@ def test_what_is_defined_anew_counts_at_once(name: str) -> None:
 
 GIVES: dict[str, Callable[[Any], Any]] = {
     "impact": lambda model: erosion.impact(model, P).volume,
-    "volume": lambda model: erosion.volume(model, P),
     "grad": lambda model: jax.grad(lambda a: erosion.volume(model, P.replace(alpha=a)))(0.3),
     "alpha_max": lambda model: erosion.alpha_max(model, P).alpha,
     "simulate": lambda model: erosion.simulate(model, P).volume,
-    "path": lambda model: path(model, P).volume,
     "sweep": lambda model: erosion.sweep(model, P, alpha=[0.2, 0.4]).volume.values.sum(),
     "stream": lambda model: erosion.stream(model, P, n=64, best_angle=False, k=Normal(2, 0.1)).total_volume,
 }

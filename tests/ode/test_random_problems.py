@@ -15,7 +15,7 @@ from scipy.optimize import root_scalar
 
 from erosion import ode
 
-COUNT = int(os.environ.get("EROSION_RANDOM_PROBLEMS", "60"))
+COUNT = int(os.environ.get("EROSION_RANDOM_PROBLEMS", "30"))
 UNKNOWNS = (2, 3, 4)
 DIRECTIONS = ((-1,), (1, 0), (0, -1, 1))  # for each number of unknowns, those of its events
 T1 = 8.0
