@@ -17,7 +17,7 @@ from erosion.impacts.batch import element_of, end_names, split
 from erosion.lanes.lanewise import WIDTH
 from erosion.models import Linearized
 from erosion.ode.batch import integrate
-from erosion.ode.reduction import WholeMotion, motion_of
+from erosion.ode.reduction import WholeMotion, reduced_motion_of
 from erosion.parameters.parameters import QUANTITIES
 from tests.reference import CLOSED, closed_form
 
@@ -295,7 +295,7 @@ _P = erosion.TABLE_1.replace(phidot0=2e4)
 
 def _reduced(model):
     layout, numbers = split(model, _P)
-    return motion_of(layout)(numbers)
+    return reduced_motion_of(layout)(numbers)
 
 
 @pytest.mark.parametrize("name", erosion.available_models())

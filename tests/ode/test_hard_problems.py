@@ -291,21 +291,18 @@ TENT = [(1.0, 1.005, 0.0, 2e4), (1.005, 1.01, 100.0, -2e4)]
             lambda t: 100.0 * ((t > 1) & (t < 1.01)),
             relaxed([(1.0, 1.01, 100.0, 0.0)]),
             2.0,
-            marks=fault(UNSEEN_BREAK),
             id="pulse",
         ),
         pytest.param(
             lambda t: jnp.interp(t, KNOTS, jnp.array([0.0, 0.0, 100.0, 0.0, 0.0])),
             relaxed(TENT),
             2.0,
-            marks=fault(UNSEEN_BREAK),
             id="table",
         ),
         pytest.param(
             lambda t: 100.0 * (jnp.mod(t, 1.0) < 0.01),
             relaxed(PULSES, t1=5.5),
             5.5,
-            marks=fault(UNSEEN_BREAK),
             id="pulses",
         ),
         pytest.param(lambda t: jnp.mod(t, 1.0), relaxed(SAWTOOTH, t1=5.5), 5.5, id="sawtooth"),
@@ -318,7 +315,6 @@ def test_no_break_in_time_is_missed(forcing, exact, t1):
     assert end.y["u"] == pytest.approx(exact, rel=1e-7)
 
 
-@fault("derivatives by the time of a break are NaN")
 def test_the_time_of_a_break_has_derivatives():
     """u = t until a, then a exp(a - t)."""
     end = ode.solve(growth(lambda t, u, args: jnp.where(t < args["a"], 1.0, -u)), {"a": 1.0}, t1=2.0, wrt="a")
@@ -326,14 +322,12 @@ def test_the_time_of_a_break_has_derivatives():
     assert end.along("a").y["u"] == pytest.approx(2 * np.exp(-1), rel=1e-7)
 
 
-@fault("a step passes the point where two rates point against each other, and the motion slides along it unseen")
 def test_dry_friction_sticks():
     """v rests at 0 from t = 1 until the drive exceeds the friction at 1.05."""
     end = ode.solve(growth(lambda t, u, args: 10 * (t - 1) - 0.5 * jnp.sign(u), y0=5.5), t1=2.0)
     assert not silently_wrong(end, end.y["u"], 4.5125)
 
 
-@fault("the rates point to a switch from both sides: 20,000 trials, and advice that does not help")
 def test_sliding_is_an_outcome():
     end = ode.solve(growth(lambda t, u, args: jnp.where(u > 0.5, -1.0, 1.0)), t1=2.0)
     assert end.trials < 2000
@@ -370,17 +364,9 @@ SIZELESS = "the state has no size at an exact rest: steps are of rounding's leng
     [
         pytest.param(lambda t, u: t**3 - u, 2 + 6 * np.exp(-2), 2.0, id="power"),
         pytest.param(lambda t, u: t**6 - u, 112 - 720 * np.exp(-2), 2.0, id="high power"),
-        pytest.param(lambda t, u: jnp.maximum(t - 3, 0.0) - u, 1 + np.exp(-2), 5.0, marks=fault(SIZELESS), id="ramp"),
-        pytest.param(
-            lambda t, u: jnp.maximum(t - 3, 0.0) ** 2 - u, 2 - 2 * np.exp(-2), 5.0, marks=fault(SIZELESS), id="bend"
-        ),
-        pytest.param(
-            lambda t, u: jnp.where(t > 1, t - 1, 0.0) - u,
-            np.exp(-1),
-            2.0,
-            marks=fault(SIZELESS),
-            id="switched ramp",
-        ),
+        pytest.param(lambda t, u: jnp.maximum(t - 3, 0.0) - u, 1 + np.exp(-2), 5.0, id="ramp"),
+        pytest.param(lambda t, u: jnp.maximum(t - 3, 0.0) ** 2 - u, 2 - 2 * np.exp(-2), 5.0, id="bend"),
+        pytest.param(lambda t, u: jnp.where(t > 1, t - 1, 0.0) - u, np.exp(-1), 2.0, id="switched ramp"),
     ],
 )
 def test_a_motion_starts_from_exact_rest(rate, exact, t1):
@@ -424,14 +410,12 @@ STEPS = "an event function without a slope at its zero ends in 20,000 trials, Na
 @pytest.mark.parametrize(
     ("function", "u0", "exact"),
     [
-        pytest.param(lambda t, u: jnp.where(t < 3.3, -1.0, 1.0), 0.0, 3.3, marks=fault(STEPS), id="step of time"),
-        pytest.param(lambda t, u: jnp.where(u < 1.5, -1.0, 1.0), 0.0, 1.5, marks=fault(STEPS), id="step of state"),
-        pytest.param(lambda t, u: jnp.maximum(u, 0.0), -1.0, 1.0, marks=fault(STEPS), id="clipped"),
+        pytest.param(lambda t, u: jnp.where(t < 3.3, -1.0, 1.0), 0.0, 3.3, id="step of time"),
+        pytest.param(lambda t, u: jnp.where(u < 1.5, -1.0, 1.0), 0.0, 1.5, id="step of state"),
+        pytest.param(lambda t, u: jnp.maximum(u, 0.0), -1.0, 1.0, id="clipped"),
         pytest.param(lambda t, u: jnp.sqrt(u**2), -1.0, 1.0, id="size"),
-        pytest.param(lambda t, u: jnp.sqrt(u**2) - 0.5, 0.0, 0.5, marks=fault(STEPS), id="size from zero"),
-        pytest.param(
-            lambda t, u: jnp.linalg.norm(jnp.stack([3 * u, 4 * u])) - 5.0, 0.0, 1.0, marks=fault(STEPS), id="norm"
-        ),
+        pytest.param(lambda t, u: jnp.sqrt(u**2) - 0.5, 0.0, 0.5, id="size from zero"),
+        pytest.param(lambda t, u: jnp.linalg.norm(jnp.stack([3 * u, 4 * u])) - 5.0, 0.0, 1.0, id="norm"),
     ],
 )
 def test_an_event_function_without_a_slope_is_located_or_refused(function, u0, exact):
@@ -488,16 +472,21 @@ def test_a_motion_that_stays_away_from_kinks_is_as_cheap_as_a_smooth_one(size):
     assert np.mean(found.trials) < 1.1 * np.mean(smooth.trials)
 
 
-def test_a_motion_that_comes_near_a_kink_is_integrated_again():
+@pytest.mark.parametrize(
+    ("depth", "is_again"),
+    [(lambda x: (x + jnp.sqrt(x**2)) / 2, True), (lambda x: jnp.maximum(x, 0.0), False)],
+    ids=["root", "maximum"],
+)
+def test_a_motion_that_comes_near_a_root_of_zero_is_integrated_again(depth, is_again):
     """A spring with a stop that it reaches only with more than half of its speeds."""
     v = np.linspace(0.1, 2.0, 20)
     spring = ode.Problem(
         lambda args: {"x": 0.0, "v": args["v"]},
-        lambda t, y, args: {"x": y["v"], "v": -y["x"] - 50 * jnp.maximum(y["x"] - 1, 0.0)},
+        lambda t, y, args: {"x": y["v"], "v": -y["x"] - 50 * depth(y["x"] - 1)},
     )
     end = ode.solve(spring, {"v": v}, t1=2.0)
     assert np.all(np.asarray(end.tolerance)[v < 0.7] == end.rtol)
-    assert np.all(np.asarray(end.tolerance)[v > 1] < end.rtol)
+    assert np.all((np.asarray(end.tolerance)[v > 1] < end.rtol) == is_again)
 
 
 DRIVEN = (
@@ -565,7 +554,6 @@ def test_an_event_of_a_fast_part_is_located(k):
     assert (end.ended_by, end.t) == ("half", pytest.approx(np.log(2) + 1 / k, rel=1e-7))
 
 
-@fault("a table in the rates keeps stiff lanes from the method for them")
 def test_a_stiff_motion_may_follow_a_table():
     t, value = np.linspace(0, 5, 11), np.cos(np.linspace(0, 5, 11))
     end = ode.solve(growth(lambda now, u, args: -1e6 * (u - jnp.interp(now, t, value)), y0=1.0), t1=5.0)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from erosion.ode.problem import Event, Problem
-from erosion.ode.reduction import WholeMotion, motion_of
+from erosion.ode.reduction import WholeMotion, reduced_motion_of
 from erosion.ode.resolve import Nodes, Ruler, Scan, is_jump, scan
 from erosion.ode.solve import solve
 from erosion.ode.variational import Options
@@ -20,7 +20,7 @@ from tests.ode.problems import ended, lanes_of
 
 def unknowns(problem, args) -> int:
     layout, numbers = lanes_of(problem, args)
-    return len(motion_of(layout)(numbers).initial().state)
+    return len(reduced_motion_of(layout)(numbers).initial().state)
 
 
 def _odd_rate(t, y, args):
@@ -74,12 +74,12 @@ def _looks(motion, scale, steps=4):
 def test_the_motion_is_the_same() -> None:
     layout, numbers = lanes_of(ODD, {"drag": 0.2, "stiffness": 4.0, "v": np.array([3.0, 0.5])})
     expected = _looks(WholeMotion(layout, numbers), 0.5)
-    assert np.allclose(_looks(motion_of(layout)(numbers), 0.5), expected, rtol=1e-12, atol=1e-15)
+    assert np.allclose(_looks(reduced_motion_of(layout)(numbers), 0.5), expected, rtol=1e-12, atol=1e-15)
 
 
 def test_a_state_that_is_wanted_is_integrated_or_follows() -> None:
     layout, numbers = lanes_of(ODD, {"drag": 0.2, "stiffness": 4.0, "v": np.array([3.0, 0.5])}, Options(whole=True))
-    motion = motion_of(layout)(numbers)
+    motion = reduced_motion_of(layout)(numbers)
     # x as well; ẋ and ẏ follow from one integral, and the spin stays.
     assert len(motion.initial().state) == 4
     whole = WholeMotion(layout, numbers)
@@ -89,7 +89,7 @@ def test_a_state_that_is_wanted_is_integrated_or_follows() -> None:
 def test_a_problem_that_depends_on_time_has_time_as_an_unknown() -> None:
     driven = Problem(0.5, lambda t, y, args: jnp.cos(t) * args, {"end": Event(lambda t, y, args: y - 1)})
     layout, numbers = lanes_of(driven, 2.0, Options(clock=True))
-    motion = motion_of(layout)([*numbers, 0.7, 9.0, np.inf, np.inf])
+    motion = reduced_motion_of(layout)([*numbers, 0.7, 9.0, np.inf, np.inf])
     at = motion.initial()
     assert list(at.state) == [0.0, 0.5]
     assert motion.rate(at).state == (1.0, pytest.approx(2 * np.cos(0.7)))
@@ -156,7 +156,7 @@ def test_a_chain_keeps_the_whole_state() -> None:
         {"bounce": Event(lambda t, y, args: y["y"], -1, lambda t, y, args: {**y, "u": -0.5 * y["u"]})},
     )
     layout, numbers = lanes_of(bouncing, 9.81, Options(waits=True, clock=True, whole=True))
-    motion = motion_of(layout)([*numbers, 0.0, 9.0, np.inf, np.inf])
+    motion = reduced_motion_of(layout)([*numbers, 0.0, 9.0, np.inf, np.inf])
     assert isinstance(motion, WholeMotion)
     at = motion.initial()._replace(state=(-3.0, 0.25, 0.0))
     assert motion.after(0, at).state == (1.5, 0.25, 0.0)

@@ -150,7 +150,8 @@ def test_events_and_times_print_in_a_line() -> None:
 
 
 def test_derivatives_beyond_a_jump_of_a_rate_are_told_what_to_do() -> None:
-    jumps = ode.Problem(0.0, lambda t, y, args: jnp.where(t < 1, args["p"], 0.0) - y)
+    size = lambda x: jnp.sqrt(x**2)  # noqa: E731
+    jumps = ode.Problem(0.0, lambda t, y, args: args["p"] * (1 - t) / size(1 - t) - y)
     (sentence,) = ode.solve(jumps, {"p": 1.0}, t1=3.0, wrt="p").warnings
     assert "jumps" in sentence
     assert "`reset`" in sentence

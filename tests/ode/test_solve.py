@@ -304,15 +304,15 @@ def test_sizes_spare_steps_where_a_state_starts_at_zero():
 
 
 def test_smooth_spares_what_kinks_cost():
-    """The rates have two cases, which are the same."""
+    """The rates have a root of a square, which is not zero on the way."""
     root = lambda v: jnp.sqrt(1 + v**2)  # noqa: E731
     problem = ode.Problem(
         lambda args: {"y": 1.0, "v": args["v"]},
-        lambda t, y, args: {"y": y["v"], "v": -y["v"] * root(jnp.where(y["v"] > 1, y["v"], 1 * y["v"]))},
+        lambda t, y, args: {"y": y["v"], "v": -y["v"] * root(jnp.sqrt(y["v"] ** 2))},
         {"slow": ode.Event(lambda t, y, args: y["v"] - 0.1, -1)},
     )
     rough, smooth = (ode.solve(problem, {"v": 3.0}, t1=20.0, wrt="v", smooth=smooth) for smooth in (None, True))
-    assert smooth.trials < rough.trials
+    assert smooth.trials <= rough.trials
     # dv/dt = -v √(1+v²) has the solution arsinh(1/v) = t + arsinh(1/v0).
     exact = np.arcsinh(10) - np.arcsinh(1 / 3)
     slope = 1 / (3 * np.sqrt(10))
@@ -358,24 +358,18 @@ def test_what_moves_within_the_digits_of_its_clock_is_followed_or_fails():
     assert ode.solve(fall, {"push": 1e-3}, t1=3.0).ended_by == "failed"
 
 
-@pytest.mark.parametrize("size", [1.0, -1e-2, 1e-4])
+@pytest.mark.parametrize("size", [1.0, -1e-2, 1e-4, 0.0])
 @pytest.mark.parametrize("rtol", [1e-6, 1e-9])
-def test_a_jump_in_time_has_no_derivatives_however_small_it_is(size, rtol):
-    """Steps need not be short for a small jump; what its time changes is (p - q) exp(tj - 1)."""
+def test_a_jump_in_time_has_derivatives_however_small_it_is(size, rtol):
+    """What its time changes is (p - q) exp(tj - 1); that of the jump itself may be zero by chance."""
     problem = ode.Problem(0.5, lambda t, y, args: -y + jnp.where(t < args["tj"], args["p"], args["q"]))
-    args = {"tj": np.linspace(0.05, 0.95, 40), "p": 0.3 + size, "q": 0.3}
-    end = ode.solve(problem, args, t1=1.0, wrt=("tj", "p"), derivatives=2, rtol=rtol)
-    assert not np.isnan(end.y).any()
-    for names in (("tj",), ("p",), ("tj", "p"), ("p", "p")):
-        assert np.isnan(end.along(*names).y).all()
-
-
-def test_second_derivatives_do_not_exist_where_a_jump_is_zero_by_chance():
-    """The first ones do. By p the second one is zero, by tj and p it is exp(tj - 1), as the rate jumps with p."""
-    problem = ode.Problem(0.5, lambda t, y, args: -y + jnp.where(t < args["tj"], args["p"], 0.3))
-    end = ode.solve(problem, {"tj": 0.4, "p": 0.3}, t1=1.0, wrt=("tj", "p"), derivatives=2)
-    np.testing.assert_allclose([end.along("tj").y, end.along("p").y], [0.0, np.exp(-0.6) - np.exp(-1)], atol=1e-9)
-    assert np.isnan(end.along("tj", "p").y)
+    tj = np.linspace(0.05, 0.95, 40)
+    end = ode.solve(problem, {"tj": tj, "p": 0.3 + size, "q": 0.3}, t1=1.0, wrt=("tj", "p"), derivatives=2, rtol=rtol)
+    rest = np.exp(tj - 1)
+    exact = {("tj",): size * rest, ("p",): rest - np.exp(-1), ("tj", "p"): rest, ("tj", "tj"): size * rest}
+    for names, derivative in exact.items():
+        np.testing.assert_allclose(end.along(*names).y, derivative, rtol=100 * rtol, atol=100 * rtol)
+    np.testing.assert_allclose(end.along("p", "p").y, 0.0, atol=1e-9)
 
 
 _X = np.linspace(0.0, 1.2, 7)
@@ -404,7 +398,8 @@ def test_cases_that_change_without_a_jump_keep_derivatives():
         assert end.along("k", "k").y[name] == pytest.approx(curve, rel=1e-3, abs=1e-3), name
 
 
-def test_a_rate_that_jumps_leaves_values_without_derivatives():
+def test_a_rate_that_jumps_has_derivatives():
+    """From x = 1 to 1/2 in 1/2, and to 0 in 1/(2 c)."""
     problem = ode.Problem(
         {"x": 1.0},
         lambda t, y, args: {"x": jnp.where(y["x"] > 0.5, -1.0, -args["c"])},
@@ -413,7 +408,7 @@ def test_a_rate_that_jumps_leaves_values_without_derivatives():
     end = ode.solve(problem, {"c": np.array([1.0, 2.0, 4.0])}, t1=10.0, wrt="c")
     np.testing.assert_array_equal(end.ended_by, "zero")
     np.testing.assert_allclose(end.t, [1, 0.75, 0.625], **CLOSE)
-    assert np.isnan(end.along("c").t[1:]).all()
+    np.testing.assert_allclose(end.along("c").t, -0.5 / np.array([1.0, 2.0, 4.0]) ** 2, rtol=1e-8)
 
 
 def test_a_lane_with_too_many_steps_tells_what_it_reached():

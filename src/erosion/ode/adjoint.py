@@ -47,8 +47,9 @@ from erosion.ode import tape
 from erosion.ode.extended import Extended
 from erosion.ode.methods.base import BackStep
 from erosion.ode.methods.transposes import plus, zeros
-from erosion.ode.reduction import Rows, motion_of
+from erosion.ode.reduction import Rows
 from erosion.ode.step_control import ARRIVED
+from erosion.ode.switches import motion_of
 from erosion.ode.variational import Layout
 
 _TINY = 1e-200  # keeps 0/0 away

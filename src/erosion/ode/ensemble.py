@@ -134,6 +134,7 @@ def checked_lanes(
         clock=True,
         whole=True,
         smooth=smooth,
+        switches=not smooth,
         max_steps=check_whole("max_steps", max_steps, 1),
         method=method,
     )

@@ -41,6 +41,10 @@ class EventSet(abc.ABC):
     def begun(self, events: list[Ends]) -> list[Ends]:
         """The event functions where a lane goes on from its start."""
 
+    def in_modes(self, events: list[Ends]) -> list[Ends]:
+        """The event functions where a motion begins; bounds of its modes are not below zero there."""
+        return events
+
     @abc.abstractmethod
     def watch(self, events: Sequence[Ends], scale: Scalar) -> list[Watched]:
         """How they are watched in a step that begins there."""
@@ -121,13 +125,16 @@ class Armed(EventSet):
 
     Args:
         directions, rough: see `EventSet`.
+        own: how many of them are events of the problem; the others are bounds of modes, see `switches`.
         affine: of each event whether its function is affine in the state; others may move faster than it.
         smooth: whether all event functions are smooth.
     """
 
-    def __init__(self, directions: Sequence[int], *, rough: bool, affine: Sequence[bool], smooth: bool) -> None:
+    def __init__(
+        self, directions: Sequence[int], *, rough: bool, own: int, affine: Sequence[bool], smooth: bool
+    ) -> None:
         super().__init__(directions, rough=rough)
-        self.affine, self.smooth = affine, smooth
+        self.own, self.affine, self.smooth = own, affine, smooth
 
     def at_start(self, events: list[Ends], scale: Scalar, begins: Flag) -> list[Ends]:
         """See `EventSet`."""
@@ -145,11 +152,15 @@ class Armed(EventSet):
 
     def begins(self, events: Sequence[Ends], scale: Scalar) -> Flag:
         """See `EventSet`."""
-        return crossings.all_count(self.directions, events, scale)
+        return crossings.all_count(self.directions[: self.own], events[: self.own], scale)
 
     def begun(self, events: list[Ends]) -> list[Ends]:
         """See `EventSet`."""
         return events
+
+    def in_modes(self, events: list[Ends]) -> list[Ends]:
+        """See `EventSet`."""
+        return [*events[: self.own], *(Ends(jnp.maximum(each.value, 0.0), each.rate) for each in events[self.own :])]
 
     def watch(self, events: Sequence[Ends], scale: Scalar) -> list[Watched]:
         """See `EventSet`."""

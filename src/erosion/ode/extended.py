@@ -11,8 +11,9 @@ from erosion.arguments import Number, Scalar
 from erosion.ode.crossings import Ends
 from erosion.ode.kinks import arguments, cases, divisors, is_rough, may_have_kinks
 from erosion.ode.methods import method_of
-from erosion.ode.reduction import Rows, are_affine, motion_of
+from erosion.ode.reduction import Rows, are_affine
 from erosion.ode.step_control import Limits
+from erosion.ode.switches import motion_of, switches_of
 from erosion.ode.variational import Augmented, Derivatives, Direction, Layout, Variational
 
 _SPAN = 0.03  # of the time from t0 to t1: the time scale of a problem that names none
@@ -44,8 +45,12 @@ class Extended:
         self.equations_at, self.places = equations, places
         self.equations = equations(self.numbers, places)
         here = self.equations.at(self.numbers)
-        self.clock, self.directions = here.clock, layout.problem.directions(layout.args(self.numbers))
-        self.chains = [i for i, reset in enumerate(layout.problem.resets()) if reset is not None]
+        self.clock, self.switches = here.clock, switches_of(layout)
+        own, resets = layout.problem.directions(layout.args(self.numbers)), layout.problem.resets()
+        self.own_events, bounds = len(own), 0 if self.switches is None else self.switches.bounds
+        self.directions = (*own, *[-1] * bounds)
+        self.chains = [i for i, reset in enumerate(resets) if reset is not None]
+        self.chains += range(self.own_events, len(self.directions))
         self.initial: Rows = jax.tree.leaves(self.equations.initial())
         state, integrals = jax.eval_shape(here.initial)
         self._member = jax.tree.structure(Augmented(state, integrals))
@@ -95,12 +100,19 @@ class Extended:
     @functools.cached_property
     def affine_events(self) -> list[bool]:
         """Of each event whether its function is affine in the rows: then it moves no faster than they."""
-        return are_affine(self._events_jaxpr, [True] * self.width)
+        return are_affine(self._events_jaxpr, self._moves)
 
     @functools.cached_property
     def events_are_smooth(self) -> bool:
         """Whether all event functions are smooth by their arithmetic."""
-        return not is_rough(self._events_jaxpr, [True] * self.width)
+        return not is_rough(self._events_jaxpr, self._moves)
+
+    @property
+    def _moves(self) -> list[bool]:
+        """Of each row of the motion itself whether it may move between two events."""
+        if self.switches is None:
+            return [True] * self.width
+        return [*self.switches.moves, *[False] * self.switches.count, *[True] * self.integrals]
 
     @functools.cached_property
     def _events_jaxpr(self) -> Jaxpr:

@@ -24,6 +24,7 @@ from erosion.ode.batch import ROWS, compiling, in_threads, integrate, integrate_
 from erosion.ode.ensemble import Lanes
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.kinks import may_have_kinks
+from erosion.ode.switches import switches_of
 from erosion.ode.tape import Recorded, row_width
 from erosion.ode.variational import Clock, Layout
 from erosion.output.tables import briefly
@@ -131,6 +132,11 @@ def first_method(layout: Layout) -> str:
     return "explicit" if layout.options.method == "auto" else layout.options.method
 
 
+def is_chain(layout: Layout) -> bool:
+    """Whether a lane may go on after an event, or a switch."""
+    return any(layout.problem.resets()) or switches_of(layout) is not None
+
+
 def goes_back(layout: Layout) -> bool:
     """Whether lanes of a layout have an adjoint.
 
@@ -180,7 +186,7 @@ def gradient(
         wanted = layout.wanting(method=method)
         # At a time the rates of a stiff motion have few digits left, and in a chain rounding decides whether a time
         # at a reset is before it.
-        forwards_only = at is not None and (method == "rosenbrock" or any(layout.problem.resets()))
+        forwards_only = at is not None and (method == "rosenbrock" or is_chain(layout))
         if forwards_only or not np.any(those) or not goes_back(wanted):
             continue
         with compiling:

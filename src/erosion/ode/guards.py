@@ -17,12 +17,13 @@ from erosion.ode.landing import Flight, Lane
 from erosion.ode.methods.base import Step
 from erosion.ode.methods.runge_kutta import RungeKutta
 from erosion.ode.reduction import Rows
-from erosion.ode.step_control import FAILED, FIRST_STEP, STIFF, UNFINISHED, Control, goes_on
+from erosion.ode.step_control import FAILED, FIRST_STEP, SLIDES, STIFF, UNFINISHED, Control, goes_on
 
 MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start, or jumps, is taken this much later
 ULPS = 1e-15  # of a number, at least: then it is another one
 _SAMPLES = 24  # parts of a step between which kinks are looked for: as close as the stages of a second integration
 _MANY_STIFF = 12  # steps, more than others, that are short although the motion is smooth: it is stiff
+_BEYOND = 1e-9  # of the time scale: a bound below zero that would take so long is no rounding
 _FAR = 200  # steps: a nearer end is reached all the same
 
 
@@ -153,6 +154,26 @@ class Kinks(Guard):
         return Decided(memory, step._replace(state=state, slope=slope), control)
 
 
+class InModes(Guard):
+    """A lane is given up where a bound that rested at zero falls, so that no mode fits: see `switches`."""
+
+    def begin(self, scale: Scalar) -> Rows:
+        """See `Guard`."""
+        return [0.0 * scale for _ in self.problem.directions[self.problem.own_events :]]
+
+    def decided(self, memory: Rows, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
+        """See `Guard`."""
+        own, scale, greatest = self.problem.own_events, self.problem.time_scale, []
+        lost: Flag = jnp.asarray(False)
+        for most, before, after in zip(memory, lane.events[own:], step.events[own:], strict=True):
+            most = functools.reduce(jnp.maximum, (jnp.abs(before.rate), jnp.abs(after.rate)), most)
+            lost = lost | (after.value < -_BEYOND * scale * most)
+            greatest.append(most)
+        lost = moved & goes_on(control) & lost
+        mode, event = jnp.where(lost, UNFINISHED, control.mode), jnp.where(lost, SLIDES, control.event)
+        return Decided(greatest, step, control._replace(mode=mode, event=event))
+
+
 class Stiffness(Guard):
     """A lane is given up whose steps are short although the motion is smooth.
 
@@ -190,6 +211,8 @@ def guards_of(problem: Extended, rtol: Scalar) -> list[Guard]:
         guards.append(Jumps(problem, rtol))
     if problem.rough and problem.order == 2:
         guards.append(Kinks(problem, rtol))
+    if problem.switches is not None:
+        guards.append(InModes(problem, rtol))
     if problem.watches and isinstance(problem.method, RungeKutta):
         guards.append(Stiffness(problem, rtol, problem.method))
     return guards

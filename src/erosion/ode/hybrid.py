@@ -23,7 +23,8 @@ from erosion.ode import step_control
 from erosion.ode.extended import Extended
 from erosion.ode.landing import Flight
 from erosion.ode.segments import Loop, Written
-from erosion.ode.step_control import ARRIVED, ENDED, FIRST_STEP, UNFINISHED
+from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FIRST_STEP, SLIDES, UNFINISHED
+from erosion.ode.switches import SwitchedMotion
 from erosion.ode.variational import Along, AlongFlow, AtEvent, Augmented, Derivatives, Motion, at_event, outputs_of
 
 _ACCUMULATED = (
@@ -33,6 +34,11 @@ _ROUNDING = 1e-14  # of the time so far: where any event follows sooner, they do
 _RESIDUAL = 4.0  # times what an event function is at its event: if it is no more after the resets, it is zero
 _RESTS = 1e-6  # of the time scale, and of the time so far: where an event follows sooner, and its function rises
 _ENDLESS = 100  # rounds of events that resets make happen
+_SLIDES = 20  # switches at one time: the rates point to one from both sides
+_ARRIVED = 1e-13  # of the time scale: a lane that has no more time left is at its end
+_NEAR = 1e-12  # of the time scale: a bound is zero that would be within so long
+_ULPS = 1e-15  # of the numbers whose difference a bound is: rounding
+_RESTING = 1e-9  # of its rate before a switch: a bound that falls as slowly after it rests there
 _ALIKE = 1e-9, 1e-7, 1e-6  # of their sizes: two states, their first derivatives and second ones are the same
 
 _NO_TIME = Derivatives(None, None, None, None)
@@ -47,6 +53,8 @@ class Instant(NamedTuple):
         elapsed: the time since the lane began, with derivatives as the members of a state have them.
         last: the last event.
         count: events of the lane so far.
+        happened: whether an event or a switch happened at this time.
+        slides: whether the rates point to a switch from both sides.
         survives: whether the motion goes on after the last event.
         at_once: of each event whether it happens at this time.
         written: by the recorders.
@@ -57,6 +65,8 @@ class Instant(NamedTuple):
     elapsed: tuple[Scalar, ...]
     last: Scalar
     count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
+    happened: Flag
+    slides: Flag
     survives: Flag
     at_once: Sequence[Flag]
     written: Written
@@ -91,6 +101,8 @@ class Transitions:
     def __init__(self, problem: Extended, loop: Loop) -> None:
         self.problem, self.loop, self.here = problem, loop, problem.equations.at(problem.numbers)
         self.most = problem.clock.max_events
+        self.own = range(problem.own_events)
+        self.bounds = range(problem.own_events, len(problem.directions))
 
     def rates(self, at: Augmented) -> list[Scalar]:
         """The rates of the event functions."""
@@ -115,22 +127,140 @@ class Transitions:
             elapsed=elapsed,
             last=jnp.where(fires, event, instant.last),
             count=instant.count + jnp.where(fires, 1, 0),
+            happened=instant.happened | fires,
+            slides=instant.slides,
             survives=jnp.where(fires, survives, instant.survives),
             at_once=at_once,
             written=written,
         )
 
-    def in_turn(self, instant: Instant, segment: Flight, order: Sequence[int], first: Scalar) -> Instant:
-        """With the events that come to zero together, in an order; the state is that at the first one's time.
+    def in_turn(self, instant: Instant, segment: Flight, first: Scalar, *, forwards: bool) -> Instant:
+        """With the events that come to zero together, in their order or the reverse; switches before the others.
 
-        Each after the first happens where its function falls still after the resets before it.
+        The state is that at the first one's time. Each after the first happens where its function falls still after
+        the resets before it.
         """
-        falling = self.rates(instant.members[0])
-        for i in order:
+        falling, before = self.rates(instant.members[0]), instant
+        if self.bounds and forwards:
+            instant = self.switched_in_turn(instant, segment, falling, first, forwards=True)
+        for i in self.own if forwards else reversed(self.own):
             still = (first == i) | (self.rates(instant.members[0])[i] * falling[i] > 0)
             fires = segment.at_once[i] & still & instant.survives & (instant.count < self.most)
             instant = self.fired(instant, i, fires, first != i)
-        return instant
+        if not self.bounds:
+            return instant
+        if not forwards:
+            instant = self.switched_in_turn(instant, segment, falling, first, forwards=False)
+        same = instant.count == before.count
+        assert self.problem.switches is not None
+        # Beyond a bound of two sides is the same bound, but the next whole number has others.
+        both = zip(self.bounds, self.problem.switches.two_sided, strict=True)
+        located = [same & segment.at_once[i] if two_sided else jnp.asarray(False) for i, two_sided in both]
+        return self.in_modes(instant, located, [falling[i] for i in self.bounds])
+
+    def switched_in_turn(
+        self, instant: Instant, segment: Flight, falling: Sequence[Scalar], first: Scalar, *, forwards: bool
+    ) -> Instant:
+        """With the switches among these events."""
+        start, beyond = (self.bounds[0], self.bounds[-1] + 1) if forwards else (self.bounds[-1], self.bounds[0] - 1)
+
+        def following(index: Scalar) -> Scalar:
+            """The next switch, that of the index included."""
+            found = 0 * index + beyond
+            for i in reversed(self.bounds) if forwards else self.bounds:
+                found = jnp.where(segment.at_once[i] & ((index <= i) if forwards else (index >= i)), i, found)
+            return found
+
+        def switches(at: tuple[Instant, Scalar]) -> tuple[Instant, Scalar]:
+            instant, index = at
+            rates = self.rates(instant.members[0])
+            still = [rates[i] * falling[i] > 0 for i in self.bounds]
+            fires = (index == first) | functools.reduce(
+                jnp.logical_or, [(index == i) & flag for i, flag in zip(self.bounds, still, strict=True)]
+            )
+            fires = fires & instant.survives & (instant.count < self.most)
+            after = self.switched(instant, index, fires, own_time=index != first)
+            return after, following(index + (1 if forwards else -1))
+
+        begin = following(0 * first + start)
+        return lax.while_loop(lambda at: at[1] != beyond, switches, (instant, begin))[0]
+
+    def switched(
+        self, instant: Instant, bound: Scalar, fires: Flag, *, own_time: Flag | None = None, jumps: Flag = False
+    ) -> Instant:
+        """With a switch, if it `fires`; see `fired`.
+
+        Args:
+            instant: before it.
+            bound: the index of its event.
+            fires: whether it happens.
+            own_time: whether it has its own time; None where it has that of another event.
+            jumps: whether its function jumped, and did not fall.
+        """
+        equations, members, elapsed = self.problem.equations, instant.members, instant.elapsed
+        written = instant.written
+        if own_time is not None:
+            written = self.loop.after_switch(written, fires & own_time)
+            if self.problem.order:
+                at_it = at_event(AlongFlow(equations, members), bound, 0.0 * elapsed[0], _itself, _NO_TIME)
+                later = fires & own_time
+                members = chosen(later, equations.pack(at_it.outputs), members)
+                elapsed = chosen(later, tuple(map(jnp.add, elapsed, equations.pack(at_it.time))), elapsed)
+        place = bound - self.problem.own_events
+
+        def beyond(at: Augmented, motion: Motion) -> Augmented:
+            assert isinstance(motion, SwitchedMotion)
+            return motion.switched(place, jumps, at)
+
+        after = equations.pack(equations.of(beyond, members))
+        at_once = [
+            flag | (fires & (bound == i)) if i in self.bounds else flag for i, flag in enumerate(instant.at_once)
+        ]
+        return instant._replace(
+            members=chosen(fires, after, members), met=chosen(fires, members, instant.met), elapsed=elapsed,
+            happened=instant.happened | fires, at_once=at_once, written=written,
+        )  # fmt: skip
+
+    def in_modes(self, instant: Instant, located: Sequence[Flag], before: Sequence[Scalar]) -> Instant:
+        """With the switches after which the state is in its modes: no bound is below zero, or at zero and falls.
+
+        Where there is no end of them, the rates point to a switch from both sides.
+
+        Args:
+            instant: after events.
+            located: of each bound whether it has just come to zero, whatever its rounding.
+            before: the rates of the bounds before the events.
+        """
+        scale, here = self.problem.time_scale, self.here
+        assert isinstance(here, SwitchedMotion)
+
+        def due(instant: Instant) -> tuple[Scalar, Flag]:
+            """The first bound that the state is beyond, or -1, and whether it is far beyond it."""
+            at = instant.members[0]
+            values, rates = here.events(at), self.rates(at)
+            index, jumps = 0 * instant.last - 1, jnp.asarray(False)
+            sizes = here.sizes_of_bounds(at)
+            for j, i in reversed(list(enumerate(self.bounds))):
+                is_located, was = located[j], before[j]
+                near = _NEAR * scale * jnp.abs(rates[i]) + _ULPS * sizes[j]
+                far = jnp.logical_and(values[i] < -near, jnp.logical_not(is_located))
+                leaves = (is_located | (values[i] <= near)) & (rates[i] < -_RESTING * jnp.abs(was))
+                index, jumps = jnp.where(far | leaves, i, index), jnp.where(far | leaves, far, jumps)
+            return index, jumps
+
+        def goes_on(at: tuple[Instant, tuple[Scalar, Flag], Scalar]) -> Flag:
+            instant, (index, _), rounds = at
+            return (index >= 0) & instant.survives & (instant.count < self.most) & (rounds < _SLIDES)
+
+        def switches(
+            at: tuple[Instant, tuple[Scalar, Flag], Scalar],
+        ) -> tuple[Instant, tuple[Scalar, Flag], Scalar]:
+            instant, (index, jumps), rounds = at
+            instant = self.switched(instant, index, index >= 0, jumps=jumps)
+            return instant, due(instant), rounds + 1
+
+        instant, _, rounds = lax.while_loop(goes_on, switches, (instant, due(instant), 0 * instant.count))
+        return instant._replace(slides=instant.slides | (rounds >= _SLIDES))
 
     def commuting(self, instant: Instant, segment: Flight, along: Along, before: Instant) -> Instant:
         """An instant without the derivatives that another order of its events would change.
@@ -141,7 +271,7 @@ class Transitions:
             along: its end.
             before: where the segment began, in time.
         """
-        equations, order = self.problem.equations, range(len(self.problem.directions))
+        equations = self.problem.equations
         if not self.problem.order or len(self.problem.directions) < 2:
             return instant
 
@@ -155,7 +285,7 @@ class Transitions:
             end = at_event(along, last, segment.time, _itself, _NO_TIME)
             gone = tuple(map(jnp.add, before.elapsed, equations.pack(end.time)))
             start = before._replace(members=equations.pack(end.outputs), elapsed=gone)
-            other = self.in_turn(start, segment, order[::-1], last)
+            other = self.in_turn(start, segment, last, forwards=False)
             one, two = fixed(instant), fixed(other)
             times = zip(instant.elapsed, other.elapsed, strict=True)
             apart = [_differ(a, b, share=_ALIKE[0], size=0.0) for a, b in times]
@@ -175,12 +305,15 @@ class Transitions:
         several = sum(jnp.where(near, 1, 0) for near in segment.at_once) > 1
         return instant._replace(members=lax.cond(several, checked, lambda: instant.members))
 
-    def settled(self, instant: Instant, before: Sequence[Scalar]) -> tuple[Instant, Flag]:
+    def settled(
+        self, instant: Instant, before: Sequence[Scalar], flat: Sequence[Flag] | None = None
+    ) -> tuple[Instant, Flag]:
         """With the events whose functions a reset takes through zero, and whether they are without end.
 
         Args:
             instant: after the events that happened by themselves.
-            before: the event functions before their resets; 0 of those that happened.
+            before: the event functions before their resets; 0 of those that happened. Without bounds.
+            flat: of each whether it has rested at zero before that, as max(x, 0) does; None where no mode may end it.
         """
 
         def crosses(i: int, old: Scalar, new: Scalar) -> Flag:
@@ -191,35 +324,54 @@ class Transitions:
         def values(instant: Instant) -> list[Scalar]:
             return self.here.events(instant.members[0])
 
-        def goes_on(state: tuple[Instant, list[Scalar], Scalar]) -> Flag:
-            instant, old, rounds = state
-            pairs = enumerate(zip(old, values(instant), strict=True))
-            any_crosses = functools.reduce(jnp.logical_or, [crosses(i, *pair) for i, pair in pairs])
+        def leaves(i: int, rested: Sequence[Flag], instant: Instant) -> Flag:
+            if flat is None:
+                return jnp.asarray(False)
+            rate = self.rates(instant.members[0])[i]
+            return jnp.logical_and(rested[i], rate < 0 if self.problem.directions[i] else rate != 0)
+
+        def goes_on(state: tuple[Instant, list[Scalar], list[Flag], Scalar]) -> Flag:
+            instant, old, rested, rounds = state
+            pairs = enumerate(zip(old, values(instant), strict=False))
+            crossed = [crosses(i, *pair) | leaves(i, rested, instant) for i, pair in pairs]
+            any_crosses = functools.reduce(jnp.logical_or, crossed, jnp.asarray(False))
             return any_crosses & instant.survives & (instant.count < self.most) & (rounds < _ENDLESS)
 
-        def asked(state: tuple[Instant, list[Scalar], Scalar]) -> tuple[Instant, list[Scalar], Scalar]:
-            instant, old, rounds = state
+        def asked(
+            state: tuple[Instant, list[Scalar], list[Flag], Scalar],
+        ) -> tuple[Instant, list[Scalar], list[Flag], Scalar]:
+            instant, old, rested, rounds = state
             old = list(old)
             for i in range(len(old)):
                 new = values(instant)[i]
-                fires = crosses(i, old[i], new) & instant.survives & (instant.count < self.most)
+                crossed = crosses(i, old[i], new) | leaves(i, rested, instant)
+                fires = crossed & instant.survives & (instant.count < self.most)
                 instant = self.fired(self._edged(instant, i, fires & (new == 0)), i, fires)
+                instant = self._followed(instant)
                 old[i] = values(instant)[i]
-            return instant, old, rounds + 1
+            return instant, old, [jnp.asarray(False) for _ in rested], rounds + 1
 
-        state = lax.while_loop(goes_on, asked, (instant, list(before), 0 * instant.count))
-        return state[0], state[2] >= _ENDLESS
+        state = lax.while_loop(goes_on, asked, (instant, list(before), list(flat or ()), 0 * instant.count))
+        return state[0], state[3] >= _ENDLESS
 
     def at_start(self, instant: Instant) -> tuple[Instant, Flag]:
         """With the events at whose functions a lane begins, or past them, and whether they are without end."""
-        before, past = self.here.events(instant.members[0]), self._past(instant)
+        before, past = self.here.events(instant.members[0])[: len(self.own)], self._past(instant)
         for i, is_past in enumerate(past):
             fires = is_past & self._past(instant)[i] & instant.survives & (instant.count < self.most)
             instant = self.fired(self._edged(instant, i, fires & (before[i] == 0)), i, fires)
+            instant = self._followed(instant)
         return self.settled(instant, [jnp.where(*each) for each in zip(past, [0.0] * len(past), before, strict=True)])
 
     def _past(self, instant: Instant) -> list[Flag]:
-        return self.loop.past_at_start(jax.tree.leaves(instant.members))
+        return self.loop.past_at_start(jax.tree.leaves(instant.members))[: len(self.own)]
+
+    def _followed(self, instant: Instant) -> Instant:
+        """With the switches that a reset makes."""
+        if not self.bounds:
+            return instant
+        none = [jnp.asarray(False) for _ in self.bounds]
+        return self.in_modes(instant, none, [0.0 * instant.elapsed[0] for _ in self.bounds])
 
     def stands(self, instant: Instant, falling: Sequence[Scalar], zero: Sequence[Flag], typical: Scalar) -> Flag:
         """Whether a body stands on an event that has happened: it is pulled through, and hardly rises before.
@@ -235,7 +387,7 @@ class Transitions:
         rates, bends = jax.jvp(self.rates, (at,), (self.here.rate(at),))
         stands: Flag = jnp.asarray(False)
         for event, value, rate, bend, before, direction in zip(
-            instant.at_once, values, rates, bends, falling, self.problem.directions, strict=True
+            instant.at_once, values, rates, bends, falling, self.problem.directions[: len(self.own)], strict=False
         ):
             pull = -bend if direction else jnp.where(before == 0, jnp.abs(bend), bend * jnp.sign(before))
             height = jnp.maximum(jnp.abs(value), pull * (_ACCUMULATED * typical) ** 2)
@@ -262,7 +414,8 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
     equations, until, transitions = problem.equations, problem.until, Transitions(problem, loop)
     zero = 0.0 * problem.time_scale
     control = step_control.begin(problem.time_scale, jnp.asarray(True), jnp.asarray(True), FIRST_STEP)
-    none, nothing = 0 * control.mode, [jnp.asarray(False)] * len(problem.directions)
+    none, no = 0 * control.mode, jnp.asarray(False)
+    nothing = [no] * len(problem.directions)
     initial, written = problem.members(problem.initial), [recorder.begin() for recorder in loop.recorders]
     elapsed = tuple(zero for _ in initial)
     sizes = problem.method.sizes_at_start(problem.initial, None)
@@ -272,9 +425,12 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
     def ended(
         instant: Instant, endless: Flag, segment: Flight, amplification: Scalar, accumulates: Flag
     ) -> _Trajectory:
-        more = (instant.count > segment.count) & instant.survives & (instant.count < problem.clock.max_events)
-        stops = accumulates | endless
-        control = segment.control._replace(mode=jnp.where(more & stops, UNFINISHED, segment.control.mode))
+        more = instant.happened & instant.survives & (instant.count < problem.clock.max_events)
+        stops, control = accumulates | endless | instant.slides, segment.control
+        control = control._replace(
+            mode=jnp.where(more & stops, UNFINISHED, control.mode),
+            event=jnp.where(more & instant.slides, SLIDES, control.event),
+        )
         goes_on = more & jnp.logical_not(stops)
         members = chosen(goes_on, instant.members, instant.met)
         segment = segment._replace(
@@ -285,6 +441,7 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
     def flown(so_far: _Trajectory) -> _Trajectory:
         before = so_far.segment
         rest = jax.tree.map(lambda part, gone: part - gone, until, equations.unpack(so_far.elapsed))
+        rest = rest._replace(value=jnp.where(rest.value <= _ARRIVED * problem.time_scale, 0.0, rest.value))
         segment, along, written = loop.to_its_event(
             jax.tree.leaves(before.members), rest.value, so_far.written, before, so_far.elapsed
         )
@@ -292,13 +449,17 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
         members, elapsed = equations.pack(end.outputs), tuple(map(jnp.add, so_far.elapsed, equations.pack(end.time)))
         written = loop.after_segment(written, segment._replace(members=members))
         met = Instant(
-            members, members, elapsed, segment.event, before.count, jnp.asarray(True), segment.at_once, written
+            members, members, elapsed, segment.event, before.count, no, no, jnp.asarray(True), segment.at_once, written
         )
-        instant = transitions.in_turn(met, segment, range(len(nothing)), segment.event)
+        instant = transitions.in_turn(met, segment, segment.event, forwards=True)
         instant = transitions.commuting(instant, segment, along, met._replace(elapsed=so_far.elapsed))
         rounding = transitions.here.events(members[0])
         functions = [jnp.where(near, 0.0, value) for near, value in zip(segment.at_once, rounding, strict=True)]
-        instant, endless = transitions.settled(instant, functions)
+        flat = None
+        if transitions.bounds:
+            own = zip(transitions.own, functions, transitions.rates(members[0]), strict=False)
+            flat = [~segment.at_once[i] & (value == 0) & (rate == 0) for i, value, rate in own]
+        instant, endless = transitions.settled(instant, functions[: problem.own_events], flat)
         both = zip(segment.at_once, transitions.here.events(instant.members[0]), rounding, strict=True)
         still_zero = [near & (jnp.abs(after) <= _RESIDUAL * jnp.abs(met)) for near, after, met in both]
         typical = jnp.minimum(problem.time_scale, elapsed[0])
@@ -306,25 +467,36 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
         soon = jnp.where(instant.last == before.event, _ACCUMULATED * typical, _ROUNDING * elapsed[0])
         # An event so soon after another that its function does not fall any more, as of a body that comes to rest.
         rests = (jnp.where(i == segment.event, rate > 0, False) for i, rate in enumerate(transitions.rates(members[0])))
-        directed = (each for each, direction in zip(rests, problem.directions, strict=True) if direction)
+        own = problem.directions[: problem.own_events]
+        directed = (each for each, direction in zip(rests, own, strict=False) if direction)
         rests = functools.reduce(jnp.logical_or, directed, jnp.asarray(False)) & (segment.time < _RESTS * typical)
         amplification = jnp.maximum(so_far.amplification, end.amplification)
         segment = segment._replace(count=before.count, still_zero=still_zero)
         return ended(instant, endless, segment, amplification, (segment.time <= soon) | rests | stands)
 
-    begun = _Trajectory(jnp.asarray(True), start, elapsed, zero + 1.0, written)
+    at_start = Instant(initial, initial, elapsed, none - 1, none, no, no, jnp.asarray(True), nothing, written)
+    if transitions.bounds:
+        settled = transitions.in_modes(at_start, [no] * len(transitions.bounds), [zero] * len(transitions.bounds))
+        at_start = at_start._replace(members=settled.members)
+        mode = jnp.where(settled.slides & (control.mode == ADVANCING), UNFINISHED, control.mode)
+        event = jnp.where(settled.slides, SLIDES, control.event)
+        start = start._replace(members=settled.members, control=control._replace(mode=mode, event=event))
+        begun = _Trajectory(jnp.logical_not(settled.slides), start, elapsed, zero + 1.0, written)
+    else:
+        begun = _Trajectory(jnp.asarray(True), start, elapsed, zero + 1.0, written)
+    at_begin = begun.goes_on
     if problem.options.fires:
-        instant = Instant(initial, initial, elapsed, none - 1, none, jnp.asarray(True), nothing, written)
-        instant, endless = transitions.at_start(instant)
-        falling, at_zero = transitions.rates(initial[0]), [value == 0 for value in transitions.here.events(initial[0])]
+        instant, endless = transitions.at_start(at_start)
+        here = at_start.members[0]
+        falling, at_zero = transitions.rates(here), [value == 0 for value in transitions.here.events(here)]
         stands = transitions.stands(instant, falling, at_zero, problem.time_scale)
         ends = (instant.count > 0) & ~(instant.survives & (instant.count < problem.clock.max_events))
         begun = ended(instant, endless, start, zero + 1.0, stands)
         mode = jnp.where(ends, ENDED, begun.segment.control.mode)
         segment = begun.segment._replace(control=begun.segment.control._replace(mode=mode))
         fires = instant.count > 0
-        goes_on = jnp.where(fires, begun.goes_on, True)
-        segment = segment._replace(members=chosen(fires, segment.members, initial))
+        goes_on = jnp.where(fires, begun.goes_on, at_begin)
+        segment = segment._replace(members=chosen(fires, segment.members, at_start.members))
         begun = begun._replace(goes_on=goes_on, segment=segment)
     last = lax.while_loop(lambda so_far: so_far.goes_on, flown, begun)
     outputs = equations.of(outputs_of, last.segment.members)

@@ -20,7 +20,7 @@ from erosion.ode.landing import Flight
 from erosion.ode.methods.base import LEAST, TIGHTEST
 from erosion.ode.problem import OTHER_ENDS
 from erosion.ode.segments import Loop, Written
-from erosion.ode.step_control import ARRIVED, ENDED, NOT_BEGUN, STIFF, UNFINISHED
+from erosion.ode.step_control import ARRIVED, ENDED, NOT_BEGUN, SLIDES, STIFF, UNFINISHED
 from erosion.ode.tape import Recorded
 from erosion.ode.variational import (
     AtEvent,
@@ -52,6 +52,7 @@ class LaneEnd(NamedTuple):
         at_once: for each event whether it happens at the end.
         least: where the whole state is wanted, a size of each of its elements below which it need not be known.
         stiff: whether the lane was given up as stiff, or integrated by the method for that; where it is looked for.
+        slides: whether the lane was given up as its rates point to a switch from both sides; where it has switches.
         error: after the batch, what the values err by as two integrations tell; 0 where there was one.
         saved: the token of what is written at times; after the batch outputs there and their derivatives, in the
             order of `Variational.pack`, shape (lanes, times, members, outputs).
@@ -68,6 +69,7 @@ class LaneEnd(NamedTuple):
     at_once: Sequence[PerImpact] = ()
     least: Sequence[PerImpact] = ()
     stiff: PerImpact | None = None
+    slides: PerImpact | None = None
     error: PerImpact | None = None
     saved: PerImpact | None = None
     recorded: Recorded | None = None
@@ -156,9 +158,12 @@ def _finish(problem: Extended, motion: Flight, end: AtEvent, rtol: Scalar, recor
         outputs=outputs,
         trials=lax.convert_element_type(control.trials, np.int32),
         count=lax.convert_element_type(motion.count, np.int32) if problem.options.clock else None,
-        at_once=[lax.convert_element_type(each, np.int8) for each in motion.at_once] if problem.options.clock else [],
+        at_once=[lax.convert_element_type(each, np.int8) for each in motion.at_once[: problem.own_events]]
+        if problem.options.clock
+        else [],
         least=least,
         stiff=lax.convert_element_type(control.event == STIFF, np.int8) if problem.watches else None,
+        slides=lax.convert_element_type(control.event == SLIDES, np.int8) if problem.switches else None,
         **recorded,
     )
 

@@ -16,18 +16,19 @@ Most motions have none, and their programs need not look for any.
 """
 
 import functools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
 from erosion.arguments import Flag, Scalar
-from erosion.lanes.scalars import Atom, Equation
+from erosion.lanes.scalars import Atom
 from erosion.ode.reduction import Rows, WholeMotion, elements_of, evaluate, known_values
+from erosion.ode.switches import SwitchedMotion, is_always_zero, switches_of
 from erosion.ode.variational import Augmented, Layout
 
 _SHORT = 1e-2  # of the time scale: longer steps cross no kink that matters
@@ -344,25 +345,17 @@ def may_have_kinks(layout: Layout) -> bool:
     """
     if layout.options.smooth is not None:
         return not layout.options.smooth
-    start = jax.eval_shape(lambda numbers: WholeMotion(layout, numbers).start(), layout.structs())
+    switches = switches_of(layout)
+    whole = WholeMotion if switches is None else functools.partial(SwitchedMotion, switches)
+    start = jax.eval_shape(lambda numbers: whole(layout, numbers).start(), layout.structs())
 
     def rate(elements: list[Any], numbers: list[Any]) -> Any:
-        return WholeMotion(layout, numbers).rate(Augmented(tuple(elements), ()))
+        return whole(layout, numbers).rate(Augmented(tuple(elements), ()))
 
     jaxpr = jax.make_jaxpr(rate)(start, layout.structs()).jaxpr
     made_by = {made: equation for equation in jaxpr.eqns for made in equation.outvars}
-    varies = [not _is_always_zero(value, made_by) for value in jaxpr.outvars[: len(start)]]
+    varies = [not is_always_zero(value, made_by) for value in jaxpr.outvars[: len(start)]]
     return is_rough(jaxpr, varies + [False] * (len(jaxpr.invars) - len(start)))
-
-
-def _is_always_zero(value: Atom, made_by: Mapping[Var, Equation]) -> bool:
-    """Whether a value is zero by its arithmetic: 0, or 0 times anything."""
-    if isinstance(value, Literal):
-        return bool(np.all(value.val == 0))
-    equation = made_by.get(value)
-    if equation is None or equation.primitive.name not in ("mul", "neg", "convert_element_type", "copy"):
-        return False
-    return any(_is_always_zero(atom, made_by) for atom in equation.invars)
 
 
 def is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
@@ -373,6 +366,8 @@ def is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
         moves = [not isinstance(atom, Literal) and atom in varying for atom in equation.invars]
         if not any(moves):
             continue
+        if equation.primitive.name in ("eq", "ne"):
+            continue  # it holds, or not, all the way
         varying |= set(equation.outvars)
         if equation.primitive.name == "lu":
             pivoted |= set(equation.outvars)

@@ -45,6 +45,10 @@ class Recorder(abc.ABC):
         """With an event, if it fires, those that happen at once and the state before its reset."""
         return written
 
+    def after_switch(self, written: Any, fires: Flag) -> Any:
+        """With a switch, if it fires, at the time of another event."""
+        return written
+
     @abc.abstractmethod
     def results(self, written: Any) -> Mapping[str, Any]:
         """What is left of it in `LaneEnd`."""
@@ -88,7 +92,11 @@ class Steps(Recorder):
         """See `Recorder`: several events at one time are gone through forwards."""
         others = [flag for i, flag in enumerate(at_once) if i != event]
         several = fires & functools.reduce(jnp.logical_or, others, jnp.asarray(False))
-        return written._replace(has_derivatives=written.has_derivatives & ~several)
+        return self.after_switch(written, several)
+
+    def after_switch(self, written: Tape, fires: Flag) -> Tape:
+        """See `Recorder`."""
+        return written._replace(has_derivatives=written.has_derivatives & ~fires)
 
     def results(self, written: Tape) -> Mapping[str, Any]:
         """See `Recorder`."""
@@ -155,7 +163,7 @@ class Events(Recorder):
         pairs = zip(equations.unpack(self.elapsed), equations.of(outputs_of, at), strict=True)
         there = Derivatives(*(None if outputs is None else [time, *outputs] for time, outputs in pairs))
         numbers = jax.tree.leaves(equations.pack(equations.per_unit(there)))
-        return written.with_event(event, fires, at_once, numbers)
+        return written.with_event(event, fires, at_once[: self.problem.own_events], numbers)
 
     def results(self, written: EventLog) -> Mapping[str, Any]:
         """See `Recorder`."""

@@ -107,7 +107,7 @@ def elements_of(parts: Sequence[Any]) -> list[Scalar]:
     return elements
 
 
-def motion_of(layout: Layout) -> Callable[[Sequence[Number]], Motion]:
+def reduced_motion_of(layout: Layout) -> Callable[[Sequence[Number]], Motion]:
     """The motion of one lane's numbers: a tuple of integrals, as few as the arithmetic shows.
 
     A chain goes on from a whole state, and so keeps it; so do sizes, which are given for it, and the method for stiff

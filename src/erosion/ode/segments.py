@@ -46,6 +46,7 @@ class Loop:
             self.events = Armed(
                 problem.directions,
                 rough=problem.rough,
+                own=problem.own_events,
                 affine=problem.affine_events,
                 smooth=problem.events_are_smooth,
             )
@@ -100,6 +101,11 @@ class Loop:
         pairs = zip(self.recorders, written, strict=True)
         return [one.of_motion(elapsed).after_event(so_far, event, fires, at_once, at) for one, so_far in pairs]
 
+    def after_switch(self, written: Written, fires: Flag) -> Written:
+        """What they have written with a switch, if it fires, at the time of another event."""
+        pairs = zip(self.recorders, written, strict=True)
+        return [recorder.after_switch(so_far, fires) for recorder, so_far in pairs]
+
     def recorded(self, written: Written) -> Mapping[str, Any]:
         """What they leave of the lane's results."""
         results: dict[str, Any] = {}
@@ -116,10 +122,10 @@ class Loop:
         zero = zero + sum(0.0 * row for row in (*initial, *slope)) + 0.0 * scale
         for event in events:
             zero = zero + 0.0 * event.value + 0.0 * event.rate
-        events = self.events.at_start(events, scale, jnp.asarray(True) if before is None else before.count == 0)
+        events = self.events.at_start(events, scale, jnp.asarray(True) if before is None else before.event < 0)
         begins = self.events.begins(events, scale) if problem.options.begins else jnp.asarray(True)
         if before is not None:
-            begins = begins | (before.count > 0)
+            begins = begins | (before.event >= 0)
         control = step_control.begin(scale, begins, jnp.isfinite(zero), FIRST_STEP)
         events = self.events.begun(events)
         if before is not None:
@@ -130,6 +136,7 @@ class Loop:
             control = control._replace(
                 trial=trial, step=trial, trials=past.trials, rejected=past.rejected, margin=past.margin
             )
+        events = self.events.in_modes(events)
         first = method.first_step(initial, slope, scale, control.trial)
         control = control._replace(trial=first, step=first)
         memories = tuple(guard.begin(scale) for guard in self.guards)
@@ -174,9 +181,9 @@ def _own(problem: Extended) -> list[Number]:
 
 
 def _at_start(problem: Extended, initial: Rows, scale: Scalar) -> tuple[Rows, list[Ends]]:
-    """Rate and events at the start; where a rate is 0·∞ by a √0, or jumps there, those just after it."""
+    """Rate and events at the start; where one is 0·∞ by a √0, or a rate jumps there, those just after it."""
     slope, events = problem.rate_and_events(initial)
-    if not problem.rough:
+    if not problem.rough and (not problem.options.waits or problem.events_are_smooth):
         return slope, events
     known = [jnp.where(jnp.isfinite(k), k, 0.0) for k in slope]
     moment = jnp.maximum(MOMENT * scale, ULPS * jnp.abs(problem.clock.t0))
@@ -197,4 +204,5 @@ def _at_start(problem: Extended, initial: Rows, scale: Scalar) -> tuple[Rows, li
         rates, ends = problem.rate_and_events(after(1.0))
         return rates, [Ends(event.value, end.rate) for event, end in zip(events, ends, strict=True)]
 
-    return lax.cond(all_finite(slope) & ~jumps, lambda: (slope, events), limit)
+    defined = all_finite([*slope, *(event.rate for event in events)])
+    return lax.cond(defined & ~jumps, lambda: (slope, events), limit)

@@ -68,6 +68,7 @@ class Solution(Result):
         trials: the number of steps tried.
         at_once: by name whether an event happens at the end, as others may at the same time.
         stiff: whether the method for stiff motions integrated the lane; None where JAX traces.
+        slides: whether the lane is unfinished as its rates point to a switch from both sides; None without switches.
         derivatives: by names of one or two numbers; see `along`.
         digest: of what the problem computed.
         times: the states at `ts`, or None.
@@ -92,6 +93,7 @@ class Solution(Result):
     rtol: float
     digest: str = dataclasses.field(repr=False)
     stiff: PerImpact | None = None
+    slides: PerImpact | None = dataclasses.field(default=None, repr=False)
     times: Times | None = None
     tolerance: np.ndarray | None = dataclasses.field(default=None, repr=False)
     inexact: PerImpact = False
@@ -351,6 +353,13 @@ class Solution(Result):
         if not np.any(unfinished):
             return
         # Along several directions the trials of all are counted.
+        if self.slides is not None and np.any(slides := unfinished & np.asarray(self.slides)):
+            yield (
+                f"{self._in_lanes(slides, 'unfinished')}: the rates point to the switch from both sides "
+                f"{_times(self.t, slides)}. Let them change smoothly, as by `jnp.tanh(x / width)` for the sign of x, "
+                "or let an `ode.Event` with a `reset` begin a rest there."
+            )
+            unfinished = unfinished & ~slides
         passes = sum(len(path) == max(map(len, self.derivatives)) for path in self.derivatives) or 1
         many = unfinished & (np.asarray(self.trials) > layout.options.max_steps * passes)
         endless = np.isinf(np.broadcast_to(clock.t1, self.lanes.size)).reshape(self.lanes.shape)

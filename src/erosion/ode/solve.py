@@ -163,6 +163,7 @@ def ends(
         trials=results.trials.sum(axis=1),
         count=results.count[:, 0],
         stiff=None if results.stiff is None else results.stiff.max(axis=1),
+        slides=None if results.slides is None else results.slides.max(axis=1),
         error=np.max(np.asarray(results.error), axis=1),
         at_once=[each[:, 0] for each in results.at_once],
     )
@@ -212,6 +213,7 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np
         trials=results.trials.reshape(lanes.shape)[()],
         at_once=named_events(lanes, [each.reshape(lanes.shape)[()] > 0 for each in results.at_once]),
         stiff=stiff.reshape(lanes.shape)[()],
+        slides=None if results.slides is None else results.slides.reshape(lanes.shape)[()] > 0,
         derivatives=found,
         lanes=lanes,
         rtol=rtol,

@@ -61,8 +61,9 @@ _process: int | None = None
 
 ADVANCING, LOCATING, ENDED, FAILED, UNFINISHED = range(5)
 
-NOT_BEGUN, ARRIVED, STIFF = -1, -2, -3
-"""The event of a lane that ends at its start, of one at the time asked for, and of one that is given up as stiff."""
+NOT_BEGUN, ARRIVED, STIFF, SLIDES = -1, -2, -3, -4
+"""The event of a lane that ends at its start, of one at the time asked for, and of one that is given up: as stiff, or
+as its rates point to a switch from both sides."""
 
 FIRST_STEP = 0.17  # of the time scale
 _SAFETY = 0.8  # of the step that would just do

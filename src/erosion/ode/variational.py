@@ -50,6 +50,7 @@ class Options(NamedTuple):
         clock: the numbers end with those of `Clock`.
         whole: the state at the end is wanted, beside the integrals.
         smooth: the motion has no kinks, whatever its arithmetic looks like; None looks.
+        switches: breaks of the rates are located, see `switches`.
         max_steps: trials after which a lane is unfinished.
         sizes: of each number of the state: below a size times the tolerance it need not be known.
         method: "explicit", "rosenbrock", or "auto": an explicit lane that turns out to be stiff is given up, and
@@ -65,6 +66,7 @@ class Options(NamedTuple):
     clock: bool = False
     whole: bool = False
     smooth: bool | None = None
+    switches: bool = False
     max_steps: int = 20_000
     sizes: tuple[float, ...] | None = None
     method: str = "explicit"

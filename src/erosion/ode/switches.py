@@ -1,0 +1,560 @@
+"""Switches: the places where rates, integrals or event functions break are located as events are.
+
+An operation whose result breaks as time or the state moves is replaced by the same operation in a fixed *mode*. The
+mode is one more number of the state. Its rate is zero, so between two events all functions are smooth. A *bound* is a
+function that is positive within the mode and falls to zero where the mode ends; it is an event of the lane whose reset
+sets the next mode. So no step crosses a break unseen, the error control sees fast bounds, and derivatives by the time
+of a break follow from the rules for events.
+
+| operation | mode | bounds |
+|---|---|---|
+| `lt le gt ge max min abs sign clamp` | whether a ≥ b | the distance a - b, or b - a |
+| `floor ceil round rem`, numpy's remainder and quotient, a real number as an integer | that number | to both ends |
+| `searchsorted`, and so `interp`, in a table that does not move | the piece | the distances to its two knots |
+
+`eq` and `ne` of real numbers stay: they hold, or not, all the way. Equal bounds share a mode. What depends on arguments
+alone, or on modes, needs none. Roots, powers and logarithms stay as they are, and so do loops; see `erosion.ode.kinks`.
+
+A user's problem, its state and its events know nothing of this: modes and bounds are parts of the `Motion` alone.
+"""
+
+import functools
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var, jaxpr_as_fun
+
+from erosion.arguments import Flag, Number, Scalar
+from erosion.lanes.scalars import Equation, aval_of
+from erosion.ode.reduction import WholeMotion, evaluate, reduced_motion_of
+from erosion.ode.variational import Augmented, Layout, Motion
+
+_MOST = 32  # modes: a problem with more of them is integrated across its breaks, see `erosion.ode.kinks`
+
+
+class Bound(NamedTuple):
+    """An end of a mode.
+
+    Args:
+        distance: positive within the mode, zero at its end.
+        following: the mode beyond it.
+        size: of the numbers whose difference it is, for their rounding.
+        switch: the index of the mode.
+    """
+
+    distance: Any
+    following: Any
+    size: Any
+    switch: int
+
+
+class Switches:
+    """The modes of a layout's motion, and its functions in given modes.
+
+    Args:
+        layout: of problem and arguments.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        start = jax.eval_shape(lambda numbers: WholeMotion(layout, numbers).start(), layout.structs())
+        self._rows, self._integrals = len(start), len(layout.problem.integrals)
+        integrals = (0.0,) * self._integrals
+
+        def look(numbers: list[Number], elements: list[Scalar]) -> tuple[list[Scalar], list[Scalar], list[Scalar]]:
+            motion = WholeMotion(layout, numbers)
+            at = Augmented(tuple(elements), integrals)
+            rate = motion.rate(at)
+            return list(rate.state), list(rate.integrals), motion.events(at)
+
+        structs = layout.structs(), [jax.ShapeDtypeStruct((), np.float64)] * self._rows
+        closed, shapes = jax.make_jaxpr(look, return_shape=True)(*structs)
+        structure = jax.tree.structure(shapes)
+        made_by = {made: equation for equation in closed.jaxpr.eqns for made in equation.outvars}
+        self.moves = [not is_always_zero(atom, made_by) for atom in closed.jaxpr.outvars[: self._rows]]
+        varies = [False] * (len(closed.jaxpr.invars) - self._rows) + self.moves
+
+        def rewritten(numbers: list[Number], elements: list[Scalar], modes: list[Scalar] | None) -> dict[str, Any]:
+            rewriting = _Rewriting(modes)
+            operands = [_Value(*pair) for pair in zip([*numbers, *elements], varies, strict=True)]
+            found = rewriting.of(closed.jaxpr, closed.consts, operands)
+            rates, rates_of_integrals, events = jax.tree.unflatten(structure, [value.number for value in found])
+            self._switch_of_bound = [bound.switch for bound in rewriting.bounds]
+            return {
+                "rates": [rate if moves else np.zeros(()) for rate, moves in zip(rates, self.moves, strict=True)],
+                "integrals": rates_of_integrals, "events": events, "values": rewriting.values,
+                "bounds": [bound.distance for bound in rewriting.bounds],
+                "following": [bound.following for bound in rewriting.bounds],
+                "sizes": [bound.size for bound in rewriting.bounds],
+            }  # fmt: skip
+
+        self._switch_of_bound: list[int] = []
+        first, shapes = jax.make_jaxpr(functools.partial(rewritten, modes=None), return_shape=True)(*structs)
+        self.count = len(shapes["values"])
+        self.bounds = len(shapes["bounds"])
+        self.initial = self._part(first, shapes, "values")
+        if not 0 < self.count <= _MOST:
+            return
+        modes = [jax.ShapeDtypeStruct((), np.float64)] * self.count
+        closed_modes, shapes = jax.make_jaxpr(rewritten, return_shape=True)(*structs, modes)
+        part = functools.partial(self._part, closed_modes, shapes)
+        self.rates, self.events, self.values = part("rates", "integrals"), part("events", "bounds"), part("values")
+        self.following, self.sizes = part("following"), part("sizes")
+        self.switch_of_bound = list(self._switch_of_bound)
+        self.two_sided = [self.switch_of_bound.count(switch) == 1 for switch in self.switch_of_bound]
+
+    @staticmethod
+    def _part(closed: ClosedJaxpr, shapes: dict[str, Any], *names: str) -> Callable[..., list[Scalar]]:
+        """A function of numbers, elements and modes that gives some parts of what is rewritten."""
+        places = jax.tree.unflatten(jax.tree.structure(shapes), range(len(closed.jaxpr.outvars)))
+        wanted = [closed.jaxpr.outvars[i] for name in names for i in places[name]]
+        function = evaluate(closed, wanted)
+        return jax.jit(lambda *parts: function(*(number for part in parts for number in part)))
+
+
+class SwitchedMotion(WholeMotion):
+    """A motion in modes, which are its last numbers; the last events are the bounds.
+
+    Args:
+        switches: of the layout.
+        layout, numbers: see `WholeMotion`.
+    """
+
+    def __init__(self, switches: Switches, layout: Layout, numbers: Sequence[Number]) -> None:
+        super().__init__(layout, numbers)
+        self.switches, self.known = switches, list(numbers)
+        self._own = len(self.problem.resets())
+
+    def start(self) -> list[Scalar]:
+        """See `WholeMotion`."""
+        elements = super().start()
+        return [*elements, *map(lax.stop_gradient, self.switches.initial(self.known, elements))]
+
+    def whole(self, state: Sequence[Scalar]) -> tuple[Scalar, Any]:
+        """See `WholeMotion`."""
+        return super().whole(state[: len(state) - self.switches.count])
+
+    def rate(self, at: Augmented) -> Augmented:
+        """See `Motion`."""
+        elements, modes = self._parted(at)
+        rates = self.switches.rates(self.known, elements, modes)
+        moves, rows = self.switches.moves, len(elements)
+        own = [rate if moves else np.zeros(()) for rate, moves in zip(rates[:rows], moves, strict=True)]
+        return Augmented((*own, *(np.zeros(()) for _ in modes)), tuple(rates[rows:]))
+
+    def events(self, at: Augmented) -> list[Scalar]:
+        """See `Motion`."""
+        return self.switches.events(self.known, *self._parted(at))
+
+    def after(self, event: int, at: Augmented) -> Augmented:
+        """See `Motion`; modes are those before the event."""
+        if event >= self._own:
+            return self.switched(event - self._own, False, at)
+        _, modes = self._parted(at)
+        return self._with(super().after(event, at), modes)
+
+    def switched(self, bound: Scalar, jumps: Flag, at: Augmented) -> Augmented:
+        """State beyond a bound: in the mode that follows there, or if the function `jumps`, in that of the state."""
+        elements, modes = self._parted(at)
+        following = self.switches.following(self.known, elements, modes)
+        values = self.switches.values(self.known, elements, modes)
+        after = list(modes)
+        for i, (switch, mode) in enumerate(zip(self.switches.switch_of_bound, following, strict=True)):
+            new = lax.stop_gradient(jnp.where(jumps, values[switch], mode))
+            after[switch] = jnp.where(bound == i, new, after[switch])
+        return self._with(at._replace(state=tuple(elements)), after)
+
+    def sizes_of_bounds(self, at: Augmented) -> list[Scalar]:
+        """The sizes of the numbers whose differences the bounds are."""
+        return self.switches.sizes(self.known, *self._parted(at))
+
+    def _parted(self, at: Augmented) -> tuple[list[Scalar], list[Scalar]]:
+        own = len(at.state) - self.switches.count
+        return list(at.state[:own]), list(at.state[own:])
+
+    def _with(self, at: Augmented, modes: Sequence[Scalar]) -> Augmented:
+        return at._replace(state=(*at.state, *modes))
+
+
+def switches_of(layout: Layout) -> Switches | None:
+    """The switches of a layout; None where it has none, or more than are located."""
+    if not layout.options.switches:
+        return None
+    return _switches_of(layout.wanting(method="explicit", records=False, saves=False, logs=False))
+
+
+@functools.lru_cache(maxsize=256)
+def _switches_of(layout: Layout) -> Switches | None:
+    switches = Switches(layout)
+    return switches if 0 < switches.count <= _MOST else None
+
+
+def motion_of(layout: Layout) -> Callable[[Sequence[Number]], Motion]:
+    """The motion of one lane's numbers."""
+    switches = switches_of(layout)
+    return reduced_motion_of(layout) if switches is None else functools.partial(SwitchedMotion, switches, layout)
+
+
+def is_always_zero(value: Any, made_by: Any) -> bool:
+    """Whether a value is zero by its arithmetic: 0, or 0 times anything."""
+    if isinstance(value, Literal):
+        return bool(np.all(value.val == 0))
+    equation = made_by.get(value)
+    if equation is None or equation.primitive.name not in ("mul", "neg", "convert_element_type", "copy"):
+        return False
+    return any(is_always_zero(atom, made_by) for atom in equation.invars)
+
+
+class _Value(NamedTuple):
+    """A value of a function that is rewritten.
+
+    Args:
+        number: the value.
+        moves: whether it moves between two events.
+        key: equal values have equal keys, where that is known.
+    """
+
+    number: Any
+    moves: bool
+    key: Hashable = None
+
+
+class _Rewriting:
+    """Evaluates a function in given modes.
+
+    Args:
+        modes: in their order; None for those of the function's own arguments.
+
+    Attributes:
+        values: the modes that the operations themselves would choose.
+        bounds: of all modes.
+    """
+
+    def __init__(self, modes: Sequence[Scalar] | None) -> None:
+        self._modes = modes
+        self.values: list[Scalar] = []
+        self.bounds: list[Bound] = []
+        self._known: dict[Hashable, Any] = {}
+        self._numbered: dict[Hashable, int] = {}
+
+    def of(self, jaxpr: Jaxpr, consts: Sequence[Any], operands: Sequence[_Value]) -> list[_Value]:
+        """The results of a function."""
+        values: dict[Var, _Value] = {}
+        for variable, const in zip(jaxpr.constvars, consts, strict=True):
+            values[variable] = _Value(const, False, self.key_of("constant", id(const)))
+        for i, (variable, operand) in enumerate(zip(jaxpr.invars, operands, strict=True)):
+            key = operand.key if operand.key is not None else self.key_of("operand", id(jaxpr), i)
+            values[variable] = operand._replace(key=key)
+
+        def read(atom: Any) -> _Value:
+            if not isinstance(atom, Literal):
+                return values[atom]
+            number = np.asarray(atom.val)
+            return _Value(atom.val, False, self.key_of(str(number.dtype), number.tobytes()))
+
+        for equation in jaxpr.eqns:
+            operands = [read(atom) for atom in equation.invars]
+            made = self._made(jaxpr, equation, operands)
+            values.update(zip(equation.outvars, made, strict=True))
+        return [read(atom) for atom in jaxpr.outvars]
+
+    def key_of(self, *parts: Hashable) -> int:
+        return self._numbered.setdefault(parts, len(self._numbered))
+
+    def _made(self, jaxpr: Jaxpr, equation: Equation, operands: list[_Value]) -> list[_Value]:
+        """The results of an operation."""
+        name, numbers = equation.primitive.name, [operand.number for operand in operands]
+        keys = tuple(operand.key for operand in operands)
+        if any(operand.moves for operand in operands):
+            types = [np.dtype(getattr(atom.aval, "dtype", float)) for atom in equation.invars]
+            real = [np.issubdtype(each, np.floating) for each in types]
+            if name in _BREAKING and real[-1]:
+                key = self.key_of(name, str(equation.params), keys)
+                number, moves = _BREAKING[name](self, equation, operands)
+                return [_Value(number, moves, key)]
+            inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
+            if name in ("jit", "pjit", "custom_jvp_call") and isinstance(inner, ClosedJaxpr):
+                library = _library_function(equation, inner)
+                if library is not None and not (library in _OF_TABLES and operands[0].moves):
+                    number, moves = library(self, operands)
+                    return [_Value(number, moves, self.key_of(str(equation.params.get("name")), keys))]
+                if name != "custom_jvp_call" or _breaks(inner.jaxpr):
+                    return self.of(inner.jaxpr, inner.consts, operands)
+            if name == "cond" and not operands[0].moves:
+                return self._of_cases(equation, operands)
+        made = _result(jaxpr, equation)(
+            *(x for x, atom in zip(numbers, equation.invars, strict=True) if not isinstance(atom, Literal))
+        )
+        moves = any(operand.moves for operand in operands) and name not in _STEADY
+        key = self.key_of(name, _described(equation), keys)
+        return [_Value(number, moves, self.key_of(key, i)) for i, number in enumerate(made)]
+
+    def _of_cases(self, equation: Equation, operands: list[_Value]) -> list[_Value]:
+        """The results of a branch that a mode chooses."""
+        index, *rest = operands
+        branches = [self.of(branch.jaxpr, branch.consts, rest) for branch in equation.params["branches"]]
+        made = []
+        for cases in zip(*branches, strict=True):
+            numbers = [jnp.asarray(case.number) for case in cases]
+            number = jax.lax.select_n(jnp.clip(index.number, 0, len(numbers) - 1).astype(np.int32), *numbers)
+            made.append(_Value(number, any(case.moves for case in cases), self.key_of("cases", id(number))))
+        return made
+
+    def _mode(self, key: Hashable, value: Callable[[], Scalar], bounds: Callable[[Scalar], Sequence[Any]]) -> Scalar:
+        """A mode, new or known.
+
+        Args:
+            key: of what it is the mode.
+            value: the mode that the operation itself would choose.
+            bounds: for a mode, distance, following mode and size of each.
+        """
+        if key not in self._known:
+            index = len(self.values)
+            chosen = jnp.asarray(value(), float)
+            self.values.append(chosen)
+            mode = chosen if self._modes is None else self._modes[index]
+            for each in bounds(mode):
+                distance, following, size = map(jnp.asarray, each)
+                self.bounds.append(Bound(distance, following, size, index))
+            self._known[key] = mode
+        return self._known[key]
+
+    def is_above(self, a: _Value, b: _Value) -> Any:
+        """Whether a ≥ b in the mode, for numbers or arrays."""
+        shape = jnp.broadcast_shapes(jnp.shape(a.number), jnp.shape(b.number))
+        turned = not a.key < b.key  # pyright: ignore[reportOperatorIssue]
+        first, second = (b, a) if turned else (a, b)
+        ones, others = (jnp.broadcast_to(each.number, shape) for each in (first, second))
+
+        def element(index: tuple[int, ...]) -> Scalar:
+            one, other = ones[index], others[index]
+            return self._mode(
+                ("above", first.key, second.key, index),
+                lambda: one >= other,
+                lambda mode: [(jnp.where(mode > 0.5, one - other, other - one), 1.0 - mode, abs(one) + abs(other))],
+            )
+
+        modes = _array_of(shape, element)
+        return modes < 0.5 if turned else modes > 0.5
+
+    def whole(self, kind: str, x: Any, key: Hashable) -> Any:
+        """The whole number of a real one, or of an array, in the mode."""
+        rule = _WHOLE[kind]
+
+        def element(index: tuple[int, ...]) -> Scalar:
+            one = x[index]
+
+            def bounds(mode: Scalar) -> list[Any]:
+                low, high = rule.ends(mode)
+                size = abs(one) + abs(mode)
+                return [(one - low, mode - 1.0, size), (high - one, mode + 1.0, size)]
+
+            return self._mode((kind, key, index), lambda: rule.value(one), bounds)
+
+        x = jnp.asarray(x)
+        return _array_of(x.shape, element)
+
+    def piece(self, table: _Value, x: _Value, side: str) -> Any:
+        """How many knots of a table are below a number, in the mode."""
+        knots, size = jnp.asarray(table.number), int(np.shape(table.number)[0])
+
+        def element(index: tuple[int, ...]) -> Scalar:
+            one = jnp.asarray(x.number)[index]
+
+            def bounds(mode: Scalar) -> list[Any]:
+                place = lax.convert_element_type(mode, np.int32)
+                low, high = knots[jnp.maximum(place - 1, 0)], knots[jnp.minimum(place, size - 1)]
+                below = jnp.where(mode > 0.5, one - low, 1.0), mode - 1.0, abs(one) + abs(low)
+                above = jnp.where(mode < size - 0.5, high - one, 1.0), mode + 1.0, abs(one) + abs(high)
+                return [below, above]
+
+            return self._mode(
+                ("piece", table.key, x.key, side, index), lambda: jnp.searchsorted(knots, one, side=side), bounds
+            )
+
+        return _array_of(np.shape(x.number), element)
+
+
+def _array_of(shape: tuple[int, ...], element: Callable[[tuple[int, ...]], Scalar]) -> Any:
+    elements = [element(index) for index in np.ndindex(shape)]
+    return jnp.stack(elements).reshape(shape) if shape else elements[0]
+
+
+class _Whole(NamedTuple):
+    """A way to a whole number: which one, and between which ends it is the same."""
+
+    value: Callable[[Scalar], Scalar]
+    ends: Callable[[Scalar], tuple[Scalar, Scalar]]
+
+
+_WHOLE = {
+    "floor": _Whole(jnp.floor, lambda mode: (mode, mode + 1.0)),
+    "ceil": _Whole(jnp.ceil, lambda mode: (mode - 1.0, mode)),
+    "trunc": _Whole(
+        jnp.trunc, lambda mode: (mode - jnp.where(mode > 0.5, 0.0, 1.0), mode + jnp.where(mode < -0.5, 0.0, 1.0))
+    ),
+}
+
+_Made = tuple[Any, bool]
+"""What an operation gives in a mode, and whether it moves between two events."""
+
+
+def _compared(is_positive: bool) -> Callable[..., _Made]:
+    def compared(rewriting: _Rewriting, _: Equation, operands: list[_Value]) -> _Made:
+        above = rewriting.is_above(*operands)
+        return above if is_positive else jnp.logical_not(above), False
+
+    return compared
+
+
+def _greater(rewriting: _Rewriting, _: Equation, operands: list[_Value]) -> _Made:
+    a, b = operands
+    return jnp.where(rewriting.is_above(a, b), a.number, b.number), True
+
+
+def _less(rewriting: _Rewriting, _: Equation, operands: list[_Value]) -> _Made:
+    a, b = operands
+    return jnp.where(rewriting.is_above(a, b), b.number, a.number), True
+
+
+def _zero(rewriting: _Rewriting, like: _Value) -> _Value:
+    number = np.zeros((), np.float64)
+    return _Value(
+        jnp.zeros(np.shape(like.number), jnp.result_type(like.number)),
+        False,
+        rewriting.key_of("float64", number.tobytes()),
+    )
+
+
+def _absolute(rewriting: _Rewriting, _: Equation, operands: list[_Value]) -> _Made:
+    (x,) = operands
+    return jnp.where(rewriting.is_above(x, _zero(rewriting, x)), x.number, -x.number), True
+
+
+def _signed(rewriting: _Rewriting, _: Equation, operands: list[_Value]) -> _Made:
+    (x,) = operands
+    return jnp.where(rewriting.is_above(x, _zero(rewriting, x)), 1.0, -1.0).astype(jnp.result_type(x.number)), False
+
+
+def _clamped(rewriting: _Rewriting, _: Equation, operands: list[_Value]) -> _Made:
+    low, x, high = operands
+    below = jnp.where(rewriting.is_above(x, high), high.number, x.number)
+    return jnp.where(rewriting.is_above(x, low), below, low.number), True
+
+
+def _rounded(kind: str) -> Callable[..., _Made]:
+    def rounded(rewriting: _Rewriting, _: Equation, operands: list[_Value]) -> _Made:
+        (x,) = operands
+        return rewriting.whole(kind, x.number, x.key), False
+
+    return rounded
+
+
+def _nearest(rewriting: _Rewriting, _: Equation, operands: list[_Value]) -> _Made:
+    (x,) = operands
+    return rewriting.whole("floor", x.number + 0.5, rewriting.key_of("half", x.key)), False
+
+
+def _remainder(rewriting: _Rewriting, _: Equation, operands: list[_Value]) -> _Made:
+    x, y = operands
+    quotient = rewriting.whole("trunc", x.number / y.number, rewriting.key_of("quotient", x.key, y.key))
+    return x.number - quotient * y.number, True
+
+
+def _converted(rewriting: _Rewriting, equation: Equation, operands: list[_Value]) -> _Made:
+    (x,), new = operands, np.dtype(equation.params["new_dtype"])
+    if np.issubdtype(new, np.integer):
+        return rewriting.whole("trunc", x.number, x.key).astype(new), False
+    return lax.convert_element_type(x.number, new), new.kind == "f"
+
+
+_BREAKING: dict[str, Callable[..., _Made]] = {
+    "lt": _compared(False), "le": _compared(False), "gt": _compared(True), "ge": _compared(True), "max": _greater,
+    "min": _less, "abs": _absolute, "sign": _signed, "clamp": _clamped, "floor": _rounded("floor"),
+    "ceil": _rounded("ceil"), "round": _nearest, "rem": _remainder, "convert_element_type": _converted,
+}  # fmt: skip
+
+_STEADY = frozenset({"eq", "ne", "is_finite"})
+"""What is the same all the way, but at single moments."""
+
+
+def _floor_remainder(rewriting: _Rewriting, operands: list[_Value]) -> _Made:
+    x, y = operands
+    quotient = rewriting.whole("floor", x.number / y.number, rewriting.key_of("quotient", x.key, y.key))
+    return x.number - quotient * y.number, True
+
+
+def _floor_quotient(rewriting: _Rewriting, operands: list[_Value]) -> _Made:
+    x, y = operands
+    return rewriting.whole("floor", x.number / y.number, rewriting.key_of("quotient", x.key, y.key)), False
+
+
+def _searched(side: str) -> Callable[..., _Made]:
+    def searched(rewriting: _Rewriting, operands: list[_Value]) -> _Made:
+        table, x = operands
+        return rewriting.piece(table, x, side).astype(np.int32), False
+
+    return searched
+
+
+def _library_function(equation: Equation, inner: ClosedJaxpr) -> Callable[..., _Made] | None:
+    """The rule for a function of numpy that breaks, as JAX traces it; None for any other."""
+    name, avals = equation.params.get("name"), [aval_of(atom) for atom in equation.invars]
+    if name not in _LIBRARY:
+        return None
+    if not np.issubdtype(avals[0].dtype, np.floating):
+        return None
+    if name == "searchsorted" and (len(avals) != 2 or len(avals[0].shape) != 1):
+        return None
+    text, structs = str(inner.jaxpr), [jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in avals]
+    for function, rule in _LIBRARY[name]:
+        try:
+            traced = jax.make_jaxpr(function)(*structs)
+        except TypeError:
+            continue
+        ours = [each for each in traced.jaxpr.eqns if each.params.get("name") == name]
+        if ours and str(ours[0].params["jaxpr"].jaxpr) == text:
+            return rule
+    return None
+
+
+_OF_TABLES = (_searched("left"), _searched("right"))
+
+_LIBRARY: dict[str, list[tuple[Callable[..., Any], Callable[..., _Made]]]] = {
+    "remainder": [(jnp.remainder, _floor_remainder)],
+    "floor_divide": [(jnp.floor_divide, _floor_quotient)],
+    "searchsorted": [
+        (functools.partial(jnp.searchsorted, side=side), rule)
+        for side, rule in zip(("left", "right"), _OF_TABLES, strict=True)
+    ],
+}
+
+
+def _result(jaxpr: Jaxpr, equation: Equation) -> Callable[..., list[Any]]:
+    """An operation, as a function of its inputs that are no literals."""
+    variables = [atom for atom in equation.invars if not isinstance(atom, Literal)]
+    unnamed = jaxpr.debug_info._replace(arg_names=None, result_paths=None)
+    alone = jaxpr.replace(
+        constvars=[], invars=list(dict.fromkeys(variables)), outvars=equation.outvars, eqns=[equation],
+        debug_info=unnamed,
+    )  # fmt: skip
+    function = jaxpr_as_fun(ClosedJaxpr(alone, []))
+    return lambda *inputs: function(*dict(zip(variables, inputs, strict=True)).values())
+
+
+def _breaks(jaxpr: Jaxpr) -> bool:
+    """Whether a function has an operation that breaks."""
+    return any(
+        (equation.primitive.name in _BREAKING and equation.primitive.name != "convert_element_type")
+        or any(_breaks(getattr(part, "jaxpr", part)) for part in equation.params.values() if hasattr(part, "eqns"))
+        for equation in jaxpr.eqns
+    )
+
+
+def _described(equation: Equation) -> Hashable:
+    """What an operation is beside its inputs."""
+    plain = (int, float, str, bool, tuple, np.dtype, type(None))
+    return str(equation.params) if all(isinstance(part, plain) for part in equation.params.values()) else id(equation)
