@@ -6,6 +6,7 @@ What kind of place the best angle is, how it moves, and that neighbours in an ar
 """
 
 import dataclasses
+import functools
 import json
 import math
 
@@ -27,13 +28,17 @@ from tests.reference import best_angle, closed_form
 
 P = erosion.TABLE_1
 
+# The search itself, of all angles: jumps and kinks are where the body turns far.
+alpha_max = functools.partial(erosion.alpha_max, max_turn=None)
+alpha_min = functools.partial(erosion.alpha_min, max_turn=None)
+
 
 def spun(s, **changes):
     return P.replace(phidot0=np.asarray(s) * P.v0 / P.r, **changes)
 
 
 def test_linearized_optimum_depends_on_the_force_ratio_alone():
-    best = erosion.alpha_max("linearized", P)
+    best = alpha_max("linearized", P)
     assert best.alpha == pytest.approx(best_angle(2.0), abs=1e-12)
     rates = best.sensitivities
     # α_max = ½ arctan k, so that dα_max/dk = ½/(1 + k²) = 0.1 at k = 2.
@@ -46,16 +51,16 @@ def test_linearized_optimum_depends_on_the_force_ratio_alone():
 @pytest.mark.parametrize(("spin", "kind", "h", "rel"), [(-0.2, "jump", 1e-4, 1e-6), (0.0, "interior", 1e-3, 1e-4)])
 def test_the_sensitivity_of_the_best_angle_is_how_it_moves(spin, kind, h, rel):
     p = spun(spin)
-    best = erosion.alpha_max("rotating", p)
+    best = alpha_max("rotating", p)
     assert best.kind == kind
     for name in ("k", "v0", "r", "inertia"):
         q = getattr(p, name)
-        below, above = erosion.alpha_max("rotating", p.replace(**{name: q * np.array([1 - h, 1 + h])})).alpha
+        below, above = alpha_max("rotating", p.replace(**{name: q * np.array([1 - h, 1 + h])})).alpha
         assert best.sensitivities[name] * q == pytest.approx((above - below) / (2 * h), rel=rel, abs=1e-9)
 
 
 def test_a_supremum_that_is_never_reached_is_a_boundary():
-    best = erosion.alpha_max("tan-alpha", P)
+    best = alpha_max("tan-alpha", P)
     assert (best.kind, best.alpha, best.attained) == ("boundary", 0.0, False)
     assert best.volume == pytest.approx(float(P.volume_scale) / 2, rel=1e-9, abs=0)
     assert len(best.candidates) == 1
@@ -63,7 +68,7 @@ def test_a_supremum_that_is_never_reached_is_a_boundary():
 
 
 def test_no_angle_cuts():
-    best = erosion.alpha_max("finnie", spun(-1.1))
+    best = alpha_max("finnie", spun(-1.1))
     assert (best.kind, best.volume, best.ended_by) == ("none", 0.0, "no-cut")
     assert np.isnan(best.alpha)
 
@@ -73,7 +78,7 @@ def test_certified_optimum_is_never_below_a_brute_force_scan():
     n = 24
     p = P.replace(k=rng.uniform(0.3, 5, n), r=P.r * np.exp(rng.uniform(-2, 2, n)), inertia=rng.uniform(0.3, 0.6, n))
     p = p.replace(phidot0=rng.uniform(-0.9, 0.9, n) * p.v0 / p.r)
-    best = erosion.alpha_max("rotating", p)
+    best = alpha_max("rotating", p)
     angles = np.linspace(0, np.pi / 2, 4001)[1:, None]
     brute = erosion.impact("rotating", p.replace(alpha=angles)).volume.max(axis=0)
     assert np.all(best.volume >= brute * (1 - 1e-8))
@@ -82,7 +87,7 @@ def test_certified_optimum_is_never_below_a_brute_force_scan():
 def test_least_within_a_band_may_be_a_jump():
     low, high = np.deg2rad([30.0, 60.0])
     p = P.replace(k=1.0)
-    least = erosion.alpha_min("rotating", p, alpha_range=(low, high))
+    least = alpha_min("rotating", p, alpha_range=(low, high))
     angles = np.linspace(low, high, 2001)
     assert least.volume <= erosion.impact("rotating", p.replace(alpha=angles)).volume.min()
 
@@ -90,10 +95,10 @@ def test_least_within_a_band_may_be_a_jump():
 def test_other_objectives():
     # Linearized: the deepest point v₀ sin α/ω √(1 - …) grows until the stop cuts it short, and
     # the longest cut is every rebound, π/ω.
-    per_mass = erosion.alpha_max("linearized", P, objective="volume per mass")
+    per_mass = alpha_max("linearized", P, objective="volume per mass")
     assert per_mass.value == pytest.approx(per_mass.volume / float(P.m), rel=1e-9, abs=0)
     assert per_mass.alpha == pytest.approx(best_angle(2.0), abs=1e-10)
-    deepest = erosion.alpha_max("linearized", P, objective="depth")
+    deepest = alpha_max("linearized", P, objective="depth")
     # y = (v₀ sin α/ω) sin ωt reaches its crest if cos ωt = 1 - k cot α is 0 later: tan α ≤ k.
     # Above, y² = (v₀/ω)² (2 k sin α cos α - k² cos²α), whose crest is at tan 2α = -2/k.
     crest = (np.pi - np.arctan(2 / float(P.k))) / 2
@@ -106,14 +111,14 @@ def test_other_objectives():
 
 
 def test_a_tip_that_stops_where_it_is_deepest_has_a_certified_depth():
-    deepest = erosion.alpha_max("tan-alpha", P, objective="depth")
+    deepest = alpha_max("tan-alpha", P, objective="depth")
     assert (deepest.certified, deepest.ended_by) == (True, "stop")
     assert deepest.alpha == pytest.approx(np.pi / 4, abs=1e-8)
 
 
 def test_an_optimum_is_numbers_by_name():
     p = spun([-0.2, 0.0])
-    best = erosion.alpha_max("rotating", p)
+    best = alpha_max("rotating", p)
     numbers = best.to_dict()
     assert json.loads(to_json(numbers)) == numbers
     assert (numbers["model"], numbers["own_parameters"], numbers["kind"]) == ("rotating", {}, ["jump", "interior"])
@@ -125,15 +130,15 @@ def test_an_optimum_is_numbers_by_name():
 
 def test_candidates_and_jumps_of_a_minimum_have_the_sign_of_the_objective():
     p, (low, high) = P.replace(k=1.0), np.deg2rad([30.0, 60.0])
-    least = erosion.alpha_min("rotating", p, alpha_range=(low, high))
-    most = erosion.alpha_max("rotating", p, alpha_range=(low, high))
+    least = alpha_min("rotating", p, alpha_range=(low, high))
+    most = alpha_max("rotating", p, alpha_range=(low, high))
     assert all(0 <= candidate.value <= most.value for candidate in least.candidates)
     assert [jump.below for jump in least.jumps] == pytest.approx([jump.below for jump in most.jumps], rel=1e-6, abs=0)
 
 
 def test_a_jump_whose_sides_differ_by_rounding_is_one():
     p = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("copper").replace(k=1.5, psi=2.0, v0=110.0)
-    best = erosion.alpha_max("rotating", p.replace(phidot0=586666.6666666667))
+    best = alpha_max("rotating", p.replace(phidot0=586666.6666666667))
     assert [(jump.ended_below, jump.ended_above) for jump in best.jumps] == [("rebound", "stop")]
     assert [regime.ended_by for regime in best.regimes] == ["rebound", "stop"]
     assert best.kind == "jump"
@@ -155,9 +160,9 @@ def test_the_answer_is_that_of_the_closed_form_within_the_range(name, ends):
     low, high = ends
     inside = min(max(PEAK[name], low), high)
     for best, at in [
-        (erosion.alpha_max(name, P, alpha_range=ends), inside),
+        (alpha_max(name, P, alpha_range=ends), inside),
         # V rises to its peak and falls from there.
-        (erosion.alpha_min(name, P, alpha_range=ends), min(ends, key=lambda end: volume_of(name, end))),
+        (alpha_min(name, P, alpha_range=ends), min(ends, key=lambda end: volume_of(name, end))),
     ]:
         assert best.certified
         assert low <= best.low <= best.alpha <= best.high <= high
@@ -184,7 +189,7 @@ def test_a_range_that_ends_at_the_maximum(aside):
     peak = PEAK["linearized"]
     greatest = float(P.volume_scale) * (np.sqrt(5) - 1) / 4
     for low, high in ((0.2, peak + aside), (peak - aside, 1.0), (peak - aside, peak + max(aside, 1e-15))):
-        best = erosion.alpha_max("linearized", P, alpha_range=(low, high))
+        best = alpha_max("linearized", P, alpha_range=(low, high))
         assert best.kind in ("interior", "boundary", "plateau")
         assert low <= best.alpha <= high
         assert best.alpha == pytest.approx(peak, abs=1e-9)
@@ -194,7 +199,7 @@ def test_a_range_that_ends_at_the_maximum(aside):
 def test_a_maximum_at_less_than_a_ten_thousandth_of_a_radian_is_found():
     # sin α ≤ P u/2 is a rebound: V/V* = (2u sin α - 2/P sin²α)/k, greatest near α = P u/2.
     p = P.replace(phidot0=-0.9999 * P.v0 / P.r)
-    best = erosion.alpha_max("finnie", p)
+    best = alpha_max("finnie", p)
     angles = np.geomspace(1e-6, 1e-3, 20_001)
     volumes = np.asarray(closed_form("finnie").volume(p.replace(alpha=angles)))
     assert (best.kind, best.certified) == ("interior", True)
@@ -216,16 +221,16 @@ def test_limits_of_powers(power, limit, sign):
 
 
 def test_least_removal_over_all_angles_is_nothing():
-    best = erosion.alpha_min("linearized", P)
+    best = alpha_min("linearized", P)
     assert best.value == 0
     assert (best.kind, best.alpha) == ("boundary", QUARTER)
-    below = erosion.alpha_min("rotating-tan-alpha", P, alpha_range=(0.0, 0.5))
+    below = alpha_min("rotating-tan-alpha", P, alpha_range=(0.0, 0.5))
     assert (below.value, below.alpha, below.attained) == (0.0, 0.0, False)
 
 
 @pytest.mark.parametrize("ends", [(0.0, 1e-5), (0.3, 0.3 + 1e-9)])
 def test_a_narrow_range_is_drawn(ends):
-    best = erosion.alpha_max("linearized", P, alpha_range=ends)
+    best = alpha_max("linearized", P, alpha_range=ends)
     angles = np.concatenate([piece.alpha for piece in pieces(best)])
     assert ends[0] < np.min(angles) < np.max(angles) < ends[1]
 
@@ -243,7 +248,7 @@ def _brute_force(model, p) -> tuple[float, float]:
 @pytest.mark.parametrize("k", [1.0, 2.0])
 def test_a_continuous_law_is_certified(law, k):
     model, p = model_of(law), P.replace(k=k)
-    best, (alpha, volume) = erosion.alpha_max(model, p), _brute_force(model, p)
+    best, (alpha, volume) = alpha_max(model, p), _brute_force(model, p)
     assert best.certified
     assert best.kind in ("interior", "jump")
     assert best.alpha == pytest.approx(alpha, abs=1e-4)
@@ -253,7 +258,7 @@ def test_a_continuous_law_is_certified(law, k):
 @pytest.mark.parametrize("k", [1.0, 2.0])
 def test_where_the_force_jumps_the_best_angle_is_unresolved_and_says_so(k):
     model, p = model_of(Breaking), P.replace(k=k)
-    best, (alpha, volume) = erosion.alpha_max(model, p), _brute_force(model, p)
+    best, (alpha, volume) = alpha_max(model, p), _brute_force(model, p)
     assert (best.kind, best.certified) == ("unresolved", False)
     assert best.alpha == pytest.approx(alpha, abs=1e-4)
     assert best.value >= volume * (1 - 1e-9)
@@ -291,21 +296,21 @@ class Cliff(Deformation):
 
 
 def test_a_kink_moves_with_the_parameters_that_move_it():
-    best = erosion.alpha_max(Linearized(deformation=Roof()), P)
+    best = alpha_max(Linearized(deformation=Roof()), P)
     assert best.kind == "kink"
     assert best.alpha == pytest.approx(np.arctan(1 / 0.6), abs=1e-11)
     rates = dict(best.sensitivities)
     # α = arctan(1/s): dα/ds = -1/(1 + s²).
     assert rates.pop("steepness") == pytest.approx(-1 / 1.36, rel=1e-9)
     assert all(rate == 0 for rate in rates.values())
-    ridges = erosion.alpha_max(Linearized(deformation=Ridge()), P.replace(k=[0.5, 2.0]))
+    ridges = alpha_max(Linearized(deformation=Ridge()), P.replace(k=[0.5, 2.0]))
     assert ridges.kind.tolist() == ["kink", "kink"]
     assert ridges.sensitivities["k"] == pytest.approx([0.3, 0.15], rel=1e-9)
     assert ridges.sensitivities["angle"] == pytest.approx([0.5, 1.0], rel=1e-9)
 
 
 def test_a_jump_of_the_volume_alone_is_a_jump_and_its_motion_is_not_known():
-    best = erosion.alpha_max(Linearized(deformation=Cliff()), P)
+    best = alpha_max(Linearized(deformation=Cliff()), P)
     assert (best.kind, best.side, best.certified) == ("jump", "below", True)
     assert [jump.alpha for jump in best.jumps] == pytest.approx([0.6], abs=1e-11)
     assert all(np.isnan(rate) for rate in best.sensitivities.values())
@@ -316,7 +321,7 @@ def test_a_jump_of_the_volume_alone_is_a_jump_and_its_motion_is_not_known():
     ("model", "objective", "kind"), [(model_of(Breaking), "volume", "unresolved"), ("linearized", "t_c", "plateau")]
 )
 def test_where_the_motion_is_not_known_it_is_not_given_as_zero(model, objective, kind):
-    best = erosion.alpha_max(model, P, objective=objective)
+    best = alpha_max(model, P, objective=objective)
     assert best.kind == kind
     assert all(np.isnan(rate) for rate in best.sensitivities.values())
     assert best.without_sensitivities
@@ -326,27 +331,27 @@ def test_where_the_motion_is_not_known_it_is_not_given_as_zero(model, objective,
 def test_the_plateau_of_the_end_time_is_every_rebound(k):
     # A rebound takes π/ω at every angle; from tan α = k/2 on the cut stops, and sooner.
     p = P.replace(k=k)
-    best = erosion.alpha_max("linearized", p, objective="t_c")
+    best = alpha_max("linearized", p, objective="t_c")
     assert (best.kind, best.low, best.ended_by, best.attained) == ("plateau", 0.0, "rebound", True)
     assert best.high == pytest.approx(np.arctan(k / 2), abs=1e-10)
     assert best.value == pytest.approx(float(np.pi / p.rate), rel=1e-11)
     assert best.low < best.alpha < best.high
     assert best.volume == pytest.approx(erosion.impact("linearized", p.replace(alpha=best.alpha)).volume, rel=1e-9)
     assert len(best.candidates) == 1
-    inner = erosion.alpha_max("linearized", p, objective="t_c", alpha_range=(best.high / 3, best.high / 2))
+    inner = alpha_max("linearized", p, objective="t_c", alpha_range=(best.high / 3, best.high / 2))
     assert (inner.kind, inner.low, inner.high) == ("plateau", best.high / 3, best.high / 2)
 
 
 def test_the_least_volume_is_that_of_every_angle_that_cuts_nothing():
     p = P.replace(phidot0=-0.5 * P.v0 / P.r)
-    least = erosion.alpha_min("finnie", p)
+    least = alpha_min("finnie", p)
     assert (least.kind, least.value, least.high, least.ended_by) == ("plateau", 0.0, np.pi / 2, "no-cut")
     # Beside it V/V* = (P/2k) u², which is 1e-9 of the greatest some 1e-5 before u = cos α - 0.5 = 0.
     assert least.low == pytest.approx(np.arccos(0.5), abs=1e-4)
 
 
 def test_the_end_time_grows_without_bound_as_alpha_falls_where_the_volume_has_a_limit():
-    longest = erosion.alpha_max("tan-alpha", P, objective="t_c")
+    longest = alpha_max("tan-alpha", P, objective="t_c")
     assert (longest.kind, longest.alpha, longest.value, longest.attained) == ("boundary", 0.0, np.inf, False)
     assert longest.volume == pytest.approx(float(P.volume_scale) / 2, rel=1e-9)
 
@@ -356,21 +361,23 @@ def test_a_steep_smooth_maximum_beside_a_change_of_outcome_is_interior():
     name, r = "rotating-full-torque", 0.2784730265520582
     spin = 0.6793991231232899 * P.v0 / r
     p = P.replace(k=0.2872763492614587, r=r, inertia=0.3359531065672799, phidot0=spin)
-    best = erosion.alpha_max(name, p)
+    best = alpha_max(name, p)
     assert (best.kind, best.certified) == ("interior", True)
     angles = best.alpha + np.linspace(-1e-7, 1e-7, 2001)
     assert np.max(erosion.impact(name, p.replace(alpha=angles)).volume) <= best.volume * (1 + 1e-8)
 
 
-def test_a_case_is_the_same_alone_and_among_others():
+@pytest.mark.parametrize("max_turn", [None, "90deg"])
+def test_a_case_is_the_same_alone_and_among_others(max_turn):
     rng, n = np.random.default_rng(11), 120
     p = P.replace(k=np.exp(rng.uniform(-1.5, 2, n)), inertia=rng.uniform(0.3, 0.6, n))
     p = p.replace(phidot0=rng.uniform(-1.2, 1.2, n) * P.v0 / P.r)
-    together = erosion.alpha_max("rotating", p)
+    together = alpha_max("rotating", p, max_turn=max_turn)
     for i in (0, 17, 44, 119):
-        alone = erosion.alpha_max("rotating", p.replace(k=p.k[i], inertia=p.inertia[i], phidot0=p.phidot0[i]))
+        one = p.replace(k=p.k[i], inertia=p.inertia[i], phidot0=p.phidot0[i])
+        alone = alpha_max("rotating", one, max_turn=max_turn)
         for field in dataclasses.fields(alone):
-            if field.name not in ("model", "p", "objective", "least", "integrand"):
+            if field.name not in ("model", "p", "objective", "least", "max_turn", "integrand"):
                 # The text of a float is its bits, and NaN is NaN.
                 assert repr(getattr(alone, field.name)) == repr(getattr(together, field.name)[i]), field.name
 
@@ -378,7 +385,7 @@ def test_a_case_is_the_same_alone_and_among_others():
 def test_a_kink_is_one_also_where_the_kept_side_bends_upward():
     random, cases = np.random.default_rng(0), 24
     p = P.replace(k=np.exp(random.uniform(-3, 2, cases)), phidot0=random.uniform(-1, 1, cases) * P.v0 / P.r)
-    best = erosion.alpha_max("rotating-full-torque", p, objective="t_c")
+    best = alpha_max("rotating-full-torque", p, objective="t_c")
     assert {*best.kind} == {"jump", "interior", "kink"}
     kinks = best.kind == "kink"
     assert kinks.sum() == 5
@@ -395,6 +402,6 @@ def test_a_kink_is_one_also_where_the_kept_side_bends_upward():
 
 def test_the_motion_of_such_a_kink_is_its_difference():
     p = P.replace(k=4.777 * np.array([1, 1 - 1e-5, 1 + 1e-5]), phidot0=0.301 * P.v0 / P.r)
-    best = erosion.alpha_max("rotating-full-torque", p, objective="t_c")
+    best = alpha_max("rotating-full-torque", p, objective="t_c")
     assert best.kind[0] == "kink"
     assert best.sensitivities["k"][0] == pytest.approx((best.alpha[2] - best.alpha[1]) / (2e-5 * 4.777), rel=1e-5)

@@ -3,6 +3,8 @@
 The search here is its own: the closed form of the reference on a fine grid, and bisection on V′.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +18,11 @@ P = erosion.TABLE_1
 V0, STRESS = float(P.v0), float(P.sigma * P.psi)
 CASES = 100  # of each kind of cut
 PEAK = best_angle(2.0)  # where the linearized cut with k = 2 is greatest
+
+
+# The search itself, of all angles: jumps and kinks are where the body turns far.
+alpha_max = functools.partial(erosion.alpha_max, max_turn=None)
+alpha_min = functools.partial(erosion.alpha_min, max_turn=None)
 
 
 class Case:
@@ -61,7 +68,7 @@ def solved(kind, cases):
     k, spin, e, threshold = (np.array([getattr(c, name) for c in cases]) for name in ("k", "spin", "e", "threshold"))
     model = {"linearized": Linearized, "finnie": Finnie}[kind](deformation=DeformationWear())
     model = model.replace(specific_energy=e * STRESS, threshold=threshold * V0)
-    return erosion.alpha_max(model, P.replace(k=k, phidot0=spin * P.v0 / P.r))
+    return alpha_max(model, P.replace(k=k, phidot0=spin * P.v0 / P.r))
 
 
 @pytest.mark.parametrize("kind", ["linearized", "finnie"])
@@ -116,7 +123,7 @@ def test_sensitivities_are_those_of_the_closed_form():
 
 def test_where_deformation_outweighs_the_cut_90_degrees_is_best():
     model = Linearized(deformation=ProportionalDeformationWear(0.2))
-    best = erosion.alpha_max(model, P)
+    best = alpha_max(model, P)
     assert (best.kind, best.alpha, best.attained, best.certified) == ("boundary", np.pi / 2, True, True)
     # What is said of this impact is what the impact does.
     hit = erosion.impact(model, best.p)
@@ -128,7 +135,7 @@ def test_where_deformation_outweighs_the_cut_90_degrees_is_best():
 def test_where_nothing_is_cut_deformation_still_removes_most_somewhere():
     # Finnie's tip moves backward at every angle.
     p = P.replace(phidot0=-1.1 * P.v0 / P.r)
-    best = erosion.alpha_max(Finnie(deformation=ProportionalDeformationWear(5.0)), p)
+    best = alpha_max(Finnie(deformation=ProportionalDeformationWear(5.0)), p)
     assert (best.kind, best.ended_by, best.alpha) == ("boundary", "no-cut", np.pi / 2)
     assert best.volume == pytest.approx(float(P.volume_scale) / 10, rel=1e-12)
 
@@ -137,18 +144,18 @@ def test_objectives_and_minima():
     model = Linearized(deformation=ProportionalDeformationWear(1.6, 0.3 * V0))
     case = Case("linearized", 2.0, 0.0, 1.6, 0.3)
     volume, alpha = case.maxima()[0]
-    per_mass = erosion.alpha_max(model, P, objective="volume per mass")
+    per_mass = alpha_max(model, P, objective="volume per mass")
     assert per_mass.alpha == pytest.approx(alpha, abs=1e-9)
     assert per_mass.value == pytest.approx(volume * P.volume_scale / P.m, rel=1e-9)
     # Deformation ends no cut, and makes it no longer.
-    longest, without = (erosion.alpha_max(m, P, objective="t_c") for m in (model, "linearized"))
+    longest, without = (alpha_max(m, P, objective="t_c") for m in (model, "linearized"))
     assert (longest.value, longest.alpha) == (without.value, without.alpha)
     model, case = (
         Linearized(deformation=ProportionalDeformationWear(0.2, 0.7 * V0)),
         Case("linearized", 2.0, 0.0, 0.2, 0.7),
     )
     low, high = np.deg2rad([35.0, 90.0])
-    least = erosion.alpha_min(model, P, alpha_range=(low, high))
+    least = alpha_min(model, P, alpha_range=(low, high))
     grid = np.linspace(low, high, 100_001)
     assert least.value == pytest.approx(case.volume(grid).min() * P.volume_scale, rel=1e-9)
     assert least.alpha == pytest.approx(grid[case.volume(grid).argmin()], abs=2e-5)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.impacts.trajectory import path
+from erosion.impacts import path, turned_beyond
 from erosion.models import load_model
 from erosion.models.rigid import LinearizedCut, StraightCut
 from erosion.parameters.parameters import TABLE_1, Parameters
-from erosion.report.case import ReportCase, turned_beyond
+from erosion.report.case import ReportCase
 from erosion.report.questions.linearized import midpoint_rule
 
 N = 200
@@ -188,7 +188,7 @@ def moves_by_reach() -> np.ndarray:
     """Whether the best angle of every fifth case moves as Ω does, to four digits: over the move by the size."""
     p = cases()
     p = p.replace(**{name: np.asarray(getattr(p, name))[::5] for name in (*FACTORS, "k", "alpha")})
-    best = erosion.alpha_max("rotating", p)
+    best = erosion.alpha_max("rotating", p, max_turn=None)
     moves = {name: np.asarray(best.sensitivities[name]) * np.asarray(getattr(p, name)) for name in ("r", *POWERS)}
     # Where Ω is small, the side of a jump is known to fewer digits.
     known = np.isfinite(moves["r"]) & ((best.kind == "interior") | (np.asarray(p.r * p.rate / p.v0) > 0.03))

@@ -289,7 +289,9 @@ def comparison():
 
 @pytest.fixture(scope="module")
 def map_of_rotating():
-    return erosion.regimes("rotating", P, alpha=np.deg2rad(np.arange(2.0, 90.0, 4.0)), phidot0=[-55000.0, 0.0, 27500.0])
+    return erosion.regimes(
+        "rotating", P, alpha=np.deg2rad(np.arange(2.0, 90.0, 4.0)), phidot0=[-55000.0, 0.0, 27500.0], max_turn=None
+    )
 
 
 def test_a_comparison_holds_curves_and_optima(comparison):
@@ -323,7 +325,7 @@ def test_curves_are_broken_where_they_jump(comparison):
 
 
 def test_pieces_end_at_jumps():
-    best = erosion.alpha_max("rotating", P.replace(k=1.0))
+    best = erosion.alpha_max("rotating", P.replace(k=1.0), max_turn=None)
     curve = pieces(best)
     assert [piece.ended_by for piece in curve] == ["rebound", "stop", "stop"]
     for before, after, jump in zip(curve[:-1], curve[1:], best.jumps, strict=True):

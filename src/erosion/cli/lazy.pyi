@@ -86,6 +86,7 @@ from erosion.fits.likelihood import RELATIVE as RELATIVE
 from erosion.impacts.optimum import Optimum as Optimum
 from erosion.impacts.optimum import alpha_max as alpha_max
 from erosion.impacts.optimum import alpha_min as alpha_min
+from erosion.impacts.turn import BEYOND as BEYOND
 from erosion.impacts.cluster import local_cluster as local_cluster
 from erosion.impacts.dataset_files import read_netcdf as read_netcdf
 from erosion.impacts.dataset_files import write_csv as write_csv

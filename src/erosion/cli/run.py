@@ -89,6 +89,9 @@ def optimum(
     least: Annotated[
         bool, Parameter(negative="", show_default=False, help="Where least is removed; give --alpha-range.")
     ] = False,
+    max_turn: Annotated[
+        str, Parameter(help='The greatest turn of the body, or "any"; beyond 90deg the model does not hold.')
+    ] = "90deg",
     sensitivities: Annotated[
         bool, Parameter(negative="", show_default=False, help="Also how the angle moves with each parameter.")
     ] = False,
@@ -112,9 +115,11 @@ def optimum(
             )
         ends = [read_option("alpha-range", text, "angle", p.units) for text in texts]
         between = (ends[0], ends[1]) if ends else None
+        limit = None if max_turn == "any" else read_option("max-turn", max_turn, "angle", p.units)
         require_outputs(plot=plot, inputs=(options.case, name))
+        search = lazy.alpha_min if least else lazy.alpha_max
         with user_errors():
-            best = (lazy.alpha_min if least else lazy.alpha_max)(chosen, p, alpha_range=between, objective=objective)
+            best = search(chosen, p, alpha_range=between, objective=objective, max_turn=limit)
         if best.ended_by == "failed":
             raise RuntimeError(f"{name}: no impact could be computed, at any angle.")
         draw(plot, lambda: lazy.plot_optimum(best))
@@ -124,6 +129,8 @@ def optimum(
         output.warn("some impacts failed or have no derivatives: a greater value may have been missed")
     if sensitivities and best.without_sensitivities:
         output.warn(f"the sensitivities are not known: {best.without_sensitivities}")
+    if best.turned_beyond:
+        output.warn(f"at this angle {lazy.BEYOND}")
     output.warn(per_mass.warning(best.volume, p))
     described = ("model", "own_parameters", "parameters", "units")
     result = {name: value for name, value in best.to_dict().items() if name not in described}

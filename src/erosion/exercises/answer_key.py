@@ -194,7 +194,7 @@ class AnswerKey:
     def with_spin(self) -> Optimum | None:
         """A greatest removal of `rotating` at a jump; None where no spin that is tried has one."""
         for s in _SPINS:
-            best = alpha_max("rotating", self.p.replace(phidot0=s * float(self.p.v0) / float(self.p.r)))
+            best = alpha_max("rotating", self.p.replace(phidot0=s * float(self.p.v0) / float(self.p.r)), max_turn=None)
             if best.kind == "jump":
                 return best
         return None

@@ -7,11 +7,12 @@ import numpy as np
 
 from erosion.arguments import PerImpact
 from erosion.impacts.batch import OTHER_ENDS, volume_of
+from erosion.impacts.turn import TURNED
 from erosion.models import NO_CUT
 from erosion.ode import maxima
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.maxima import QuantityAlong, Search, SearchRange
-from erosion.ode.resolve import Nodes, Ruler
+from erosion.ode.resolve import Nodes, Ruler, choose
 from erosion.ode.variational import Derivatives, Layout
 from erosion.output import Record
 from erosion.parameters import QUANTITIES, STEEPEST
@@ -34,9 +35,9 @@ class Candidate:
         alpha: its angle [rad]; of a jump 1e-9 beside the jump; of a plateau the middle.
         low, high: the ends of a plateau [rad]; else both are `alpha`.
         value: the objective there.
-        kind: "interior", "jump", "boundary", "kink", "plateau" or "unresolved"; see `Optimum`.
+        kind: "interior", "jump", "limit", "boundary", "kink", "plateau" or "unresolved"; see `Optimum`.
         ended_by: how the cut ends there.
-        side: the side of a jump in angle, "below" or "above"; else "".
+        side: the side of a jump or limit in angle, "below" or "above"; else "".
         attained: whether `value` is reached. At a jump the impact that just grazes belongs
             to the side where the cut ends earlier; the other side only approaches its value.
             The limit as α → 0 is not reached either.
@@ -86,10 +87,41 @@ class Jump:
         return cls(found.at, found.below, found.above, found.ended_below, found.ended_above)
 
 
+class WithinTurn:
+    """The volume of a `TurnLimited` model, which falls below all values where the body turns too far.
+
+    There the value tells how late the limit is reached, so that the search resolves where it ends.
+
+    Args:
+        volume: the volume, or how late the body turns too far.
+        lowest, range_: of the volume of each case, see `_sizes`.
+    """
+
+    def __init__(self, volume: QuantityAlong, lowest: np.ndarray, range_: np.ndarray) -> None:
+        self._volume, self._lowest, self._range = volume, lowest, range_
+        self._turned = volume.layout.event_names.index(TURNED)
+        self._sign = -1.0 if volume.negative else 1.0
+
+    def __call__(self, case: np.ndarray, at: np.ndarray) -> Nodes:
+        """The nodes at these angles."""
+        nodes = self._volume(case, at)
+        turned, height = nodes.outcome == self._turned, self._sign * self._range[case]
+        value = self._lowest[case] - self._range[case] + height * nodes.value
+        below = nodes._replace(value=value, slope=height * nodes.slope, curve=height * nodes.curve)
+        return choose(turned, below, nodes)
+
+    def outcomes(self, case: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Outcomes, times and values."""
+        return self._volume.outcomes(case, at)
+
+
 def over_angles(
     layout: Layout, numbers: list[np.ndarray], cases: int, low: float, high: float, *, least: bool
 ) -> Search:
-    """The search of the greatest (or least) volumes of many cases over the angles from `low` to `high` [rad]."""
+    """The search of the greatest (or least) volumes of many cases over the angles from `low` to `high` [rad].
+
+    Of a `TurnLimited` model only angles count at which the body does not turn too far.
+    """
     within = SearchRange(
         low,
         high,
@@ -100,17 +132,59 @@ def over_angles(
         ends_apart=least,
         nothing=NO_CUT,
     )
-    volume = functools.partial(QuantityAlong, layout, numbers, _ALPHA, _volume, least, again=False)
-    return Search(lambda rtol: volume(rtol=rtol), cases, (*layout.event_names, *OTHER_ENDS), within, least=least)
+    names = (*layout.event_names, *OTHER_ENDS)
+    if TURNED not in names:
+        volume = functools.partial(QuantityAlong, layout, numbers, _ALPHA, _volume, least, again=False)
+        return Search(lambda rtol: volume(rtol=rtol), cases, names, within, least=least)
+    lowest, range_ = _sizes(layout, numbers, cases, within.grid, least=least)
+    quantity = functools.partial(_volume_or_time, layout.event_names.index(TURNED))
+    volume = functools.partial(QuantityAlong, layout, numbers, _ALPHA, quantity, least, again=False)
+    return Search(lambda rtol: WithinTurn(volume(rtol=rtol), lowest, range_), cases, names, within, least=least)
+
+
+def _sizes(
+    layout: Layout, numbers: list[np.ndarray], cases: int, grid: np.ndarray, *, least: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """The lowest volume (of `least`, its negative) of each case and the range of its volumes, shape (cases,)."""
+    volume = QuantityAlong(layout, numbers, _ALPHA, _volume, False, maxima.LOOSE, again=False)
+    _, _, values = volume.outcomes(np.repeat(np.arange(cases), grid.size), np.tile(grid, cases))
+    values = np.where(np.isfinite(values), -values if least else values, np.nan).reshape(cases, grid.size)
+    known = np.isfinite(values).any(axis=1)
+    lowest, highest = (np.where(known, reduce(values, axis=1, initial=end, where=np.isfinite(values)), 0.0)
+                       for reduce, end in ((np.min, np.inf), (np.max, -np.inf)))  # fmt: skip
+    range_ = np.maximum(highest - lowest, np.abs(highest))
+    return lowest, np.where(range_ > 0, range_, 1.0)
 
 
 def in_words(optima: list[maxima.Maxima], shape: tuple[int, ...]) -> Record:
     """The fields of an `Optimum` that are arrays of the shape of the cases."""
+    optima = [_within_turn(each) for each in optima]
     columns = maxima.columns(optima, shape)
     names = {"at": "alpha", "slope": "dvolume", "curve": "d2volume"}
     columns["candidates"] = maxima.objects([tuple(map(Candidate.of, each.candidates)) for each in optima], shape)
     columns["jumps"] = maxima.objects([tuple(map(Jump.of, each.jumps)) for each in optima], shape)
     return {names.get(name, name): column for name, column in columns.items()}
+
+
+def _within_turn(found: maxima.Maxima) -> maxima.Maxima:
+    """Without what the search found where the body turns too far, and with that limit by its name."""
+    if all(regime.ended_by != TURNED for regime in found.regimes):
+        return found
+    limits = [jump for jump in found.jumps if TURNED in (jump.ended_below, jump.ended_above)]
+    at_limits = [jump.at for jump in limits]
+    candidates = []
+    for each in found.candidates:
+        if each.ended_by == TURNED:
+            continue
+        nearest = min(found.jumps, key=lambda jump, at=each.at: abs(jump.at - at), default=None)
+        is_limit = each.kind == "jump" and nearest is not None and nearest.at in at_limits
+        candidates.append(dataclasses.replace(each, kind="limit", attained=True) if is_limit else each)
+    if not candidates:
+        nowhere = dict.fromkeys(("at", "low", "high", "value", "slope", "curve"), np.nan)
+        nothing = maxima.Extremum(**nowhere, kind="none", ended_by=TURNED, side="", attained=True, steps=0)
+        candidates = [nothing]
+    jumps = tuple(jump for jump in found.jumps if TURNED not in (jump.ended_below, jump.ended_above))
+    return dataclasses.replace(found, candidates=tuple(candidates), jumps=jumps)
 
 
 def _volume(results: LaneEnd, numbers: list[np.ndarray]) -> Derivatives:
@@ -121,6 +195,26 @@ def _volume(results: LaneEnd, numbers: list[np.ndarray]) -> Derivatives:
     # Near 0 a slope is known to rounding over the angle.
     rounding = (_RULER.near(alpha) < 1) & (np.abs(alpha * volume.first) <= _ROUNDING * np.abs(volume.value))
     return volume._replace(first=np.where(rounding, 0.0, volume.first))
+
+
+def _volume_or_time(turned: int, results: LaneEnd, numbers: list[np.ndarray]) -> Derivatives:
+    """The removed volume; where the body turns too far, how late it does, from 0 at once to 1 never."""
+    volume, time = _volume(results, numbers), results.time
+    late = results.outcome == turned
+    if not late.any():
+        return volume
+    p = dict(zip(QUANTITIES, numbers, strict=False))
+    scale = np.sqrt(p["m"] / (p["k"] * p["sigma"] * p["b"] * p["psi"]))
+    whole = 1 + time.value / scale
+    value = np.where(late, 1 - 1 / whole, volume.value)
+    if time.first is None or time.second is None:
+        return volume._replace(value=value)
+    rate = time.first / scale
+    return volume._replace(
+        value=value,
+        first=np.where(late, rate / whole**2, volume.first),
+        second=np.where(late, time.second / scale / whole**2 - 2 * rate**2 / whole**3, volume.second),
+    )
 
 
 def _limit(nodes: Nodes, first: int, second: int) -> tuple[int, float]:

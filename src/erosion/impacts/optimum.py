@@ -22,6 +22,7 @@ import numpy as np
 from erosion.arguments import Broadcast, ModelState, PerImpact, as_pair
 from erosion.impacts.batch import PairDerivatives, impact, lanes_of, pair_derivatives
 from erosion.impacts.maxima import in_words, limit_at_zero, over_angles, shallowest
+from erosion.impacts.turn import BEYOND, TurnLimited, check_max_turn, turned_beyond, turns
 from erosion.models import (
     CuttingModel,
     Events,
@@ -116,6 +117,7 @@ _NO_RATES = {
     "plateau": "no angle of a plateau is better than the others",
     "unresolved": "there are no derivatives there",
     "jump": "the cut does not graze at this jump",
+    "limit": "the angle is at the greatest turn that is allowed",
     "none": "nothing is removed at any angle",
 }
 
@@ -140,20 +142,24 @@ class Optimum(Result):
         value: the objective there.
         volume: V there [volume].
         kind: "interior" (dV/dα = 0), "jump" (one side of a discontinuity; see `side` and
-            `attained`), "boundary" (the limit as α → 0, or an end of the range), "kink" (the
-            slope jumps through zero), "plateau" (the same value from `low` to `high`, to nine digits),
-            "unresolved" (the greatest value, known to 1e-6 rad at best, where derivatives do not exist), or
-            "none": nothing is ever removed, or, where `ended_by` is "failed", nothing could be computed.
+            `attained`), "limit" (on the other side the body turns further than `max_turn`), "boundary" (the
+            limit as α → 0, or an end of the range), "kink" (the slope jumps through zero), "plateau" (the
+            same value from `low` to `high`, to nine digits), "unresolved" (the greatest value, known to
+            1e-6 rad at best, where derivatives do not exist), or "none": nothing is ever removed, or, where
+            `ended_by` is "failed", nothing could be computed, or, where it is "turned", the body turns
+            further than `max_turn` at every angle that cuts.
         ended_by: how the cut ends there.
-        side: the side of a jump, "below" or "above"; else "".
+        side: the side of a jump or limit, "below" or "above"; else "".
         attained: whether `value` is reached, or only approached.
         dvolume, d2volume: derivatives of the objective by the angle there [per rad, per rad²].
         candidates: every maximum that was compared, best first: a tuple of `Candidate`.
         jumps: all discontinuities, a tuple of `Jump` by angle.
-        regimes: how the cut ends over the whole range, a tuple of `Regime` by angle.
+        regimes: how the cut ends over the whole range, a tuple of `Regime` by angle; "turned" where the body turns
+            further than `max_turn`.
         iterations: rounds of refinement plus Newton steps of the answer.
         certified: False where an impact failed or has no derivatives, so that a better angle may have been missed.
             Of a range from 0 what was searched begins at 1e-6 rad, or at a hundredth of its end.
+        max_turn: the greatest turn of the body that was allowed [rad]; None where any was, or the model has no body.
         integrand: the model whose "volume" is the objective; `model` itself for the volume.
     """
 
@@ -177,7 +183,13 @@ class Optimum(Result):
     regimes: PerImpact
     iterations: PerImpact
     certified: PerImpact
+    max_turn: float | None
     integrand: CuttingModel = dataclasses.field(repr=False)
+
+    @functools.cached_property
+    def turned_beyond(self) -> PerImpact:
+        """Whether the body turns by more than 90° there, where the model does not hold; computed when first read."""
+        return turned_beyond(self.model, self.p)[()]
 
     @functools.cached_property
     def sensitivities(self) -> Mapping[str, PerImpact]:
@@ -185,7 +197,8 @@ class Optimum(Result):
 
         Interior: -V_αq/V_αα, by the implicit function theorem. Jump: -t_q/t_α of the end time t
         on the side that grazes. Kink: -[V_q]/[V_α], where [ ] is the difference of both sides. Boundary: 0.
-        NaN where it is not known: on a plateau, where derivatives do not exist ("unresolved"), at a jump without
+        NaN where it is not known: at a limit of the turn, on a plateau, where derivatives do not exist
+        ("unresolved"), at a jump without
         a graze (as where cutting begins), and where nothing is removed. A sensitivity below the rounding (1e-11 rad
         for a change of q by its own size) is given as 0.
         """
@@ -216,6 +229,9 @@ class Optimum(Result):
         ]
         if self.objective != "volume":
             rows.append(self.value_row(self.value))
+        if beyond := int(np.sum(self.turned_beyond)):
+            share = f"{beyond:,} of {np.size(self.turned_beyond):,}" if np.ndim(self.turned_beyond) else "yes"
+            rows.append(Row("turned_beyond", "", share, "", BEYOND))
         count, size = int(np.sum(self.certified)), np.size(self.certified)
         share = f"{count:,} of {size:,}" if np.ndim(self.certified) else "yes" if count else "no"
         meaning = NOT_CERTIFIED if count < size else "the search resolved all angles"
@@ -225,7 +241,7 @@ class Optimum(Result):
         """Model, parameters and every field, without the sensitivities, which take longer."""
         described = ("model", "p", "integrand")
         names = [field.name for field in dataclasses.fields(self) if field.name not in described]
-        content = {name: getattr(self, name) for name in names} | {"units": self.units()}
+        content = {name: getattr(self, name) for name in (*names, "turned_beyond")} | {"units": self.units()}
         return impact_to_dict(self.model, self.p) | to_plain(content)
 
     def units(self) -> dict[str, str]:
@@ -233,7 +249,7 @@ class Optimum(Result):
         angle, volume = (RESULTS[name].unit(self.p.units) for name in ("alpha_max", "volume"))
         value = RESULTS[MEASURES[self.objective]].unit(self.p.units) if self.objective in MEASURES else "1"
         return {
-            **dict.fromkeys(("alpha", "low", "high"), angle),
+            **dict.fromkeys(("alpha", "low", "high", "max_turn"), angle),
             "volume": volume,
             **dict.fromkeys(("value", "below", "above"), value),
             **dict.fromkeys(("dvolume", "dvalue"), f"{value}/{angle}"),
@@ -252,6 +268,9 @@ class Optimum(Result):
     def _kind_explained(self) -> str:
         if self.kind == "jump":
             return f"just {self.side} a jump" + ("" if self.attained else ", not reached")
+        if self.kind == "limit":
+            beside = "above" if self.side == "below" else "below"
+            return f"{beside} it the body turns by more than {math.degrees(self.max_turn or math.nan):.4g}°"
         if self.kind == "boundary":
             return "an end of the range" if self.attained else "approached as α → 0, not reached"
         if self.kind == "plateau":
@@ -266,6 +285,7 @@ def alpha_max(
     *,
     alpha_range: tuple[float, float] | None = None,
     objective: str | Objective = "volume",
+    max_turn: float | str | None = "90deg",
 ) -> Optimum:
     """The angle at which most is removed.
 
@@ -276,18 +296,21 @@ def alpha_max(
         objective: "volume", "volume per mass", "t_c", "depth" (where the tip first stops
             going deeper), or a function that turns a model into one with another
             `removal_rate`, as those of `erosion.impacts.optimum` do.
+        max_turn: the greatest turn of the body [rad], or text with a unit; only angles at which the body turns no
+            further at any time are searched. None allows any turn, beyond 90° without meaning. Of a model without an
+            orientation it limits nothing.
 
     Returns:
         The certified optimum; see `Optimum`.
 
     Raises:
-        ValueError: for parameters or a range out of bounds, or an unknown objective.
+        ValueError: for parameters, a range or a turn out of bounds, or an unknown objective.
 
     References:
         Laverty asks for Newton's method on dV/dα; docs/optimum.md says why that is not
         enough. For the linearized model α_max = ½ arctan k.
     """
-    return _optimum(model, p, alpha_range, objective, least=False)
+    return _optimum(model, p, alpha_range, objective, max_turn, least=False)
 
 
 def alpha_min(
@@ -296,12 +319,13 @@ def alpha_min(
     *,
     alpha_range: tuple[float, float] | None = None,
     objective: str | Objective = "volume",
+    max_turn: float | str | None = "90deg",
 ) -> Optimum:
     """The angle at which least is removed; give a range, because over all angles it is an end.
 
     Arguments, result and errors are those of `alpha_max`.
     """
-    return _optimum(model, p, alpha_range, objective, least=True)
+    return _optimum(model, p, alpha_range, objective, max_turn, least=True)
 
 
 def _optimum(
@@ -309,6 +333,7 @@ def _optimum(
     p: Parameters,
     alpha_range: tuple[float, float] | None,
     objective: str | Objective,
+    max_turn: float | str | None,
     *,
     least: bool,
 ) -> Optimum:
@@ -319,7 +344,11 @@ def _optimum(
     low, high = (0.0, STEEPEST) if alpha_range is None else _checked_range(alpha_range)
     p = p.replace(alpha=STEEPEST)
     validate(p)
-    layout, numbers, shape = lanes_of(integrand, p)
+    limit = check_max_turn(max_turn)
+    if limit is not None and not turns(model, p):
+        limit = None
+    searched_model = integrand if limit is None else TurnLimited(integrand, limit)
+    layout, numbers, shape = lanes_of(searched_model, p)
 
     def search(lanes: slice, cases: int) -> list[Maxima]:
         return over_angles(layout, layout.of_lanes(numbers, lanes), cases, low, high, least=least).optima()
@@ -329,7 +358,8 @@ def _optimum(
     if integrand is not model:
         volume, columns["ended_by"] = _volume_at(model, p, columns["alpha"], columns["ended_by"], shallowest(high))
     p = p.replace(alpha=columns["alpha"])
-    return Optimum(model=model, p=p, objective=name, least=least, volume=volume, integrand=integrand, **columns)
+    return Optimum(model=model, p=p, objective=name, least=least, volume=volume, max_turn=limit,
+                   integrand=integrand, **columns)  # fmt: skip
 
 
 def _integrand(model: CuttingModel, objective: str | Objective) -> tuple[str, CuttingModel]:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from erosion.correlations import CORRELATIONS
-from erosion.impacts import ASIDE, MEASURES, Optimum, impact
+from erosion.impacts import ASIDE, BEYOND_LABEL, MEASURES, TURNED, Optimum, impact, turned_beyond
 from erosion.models import NO_CUT
 from erosion.parameters import QUANTITIES, QUARTER_DEGREES, RESULTS, Scale, System, readable_scale
 from erosion.plotting.labels import (
@@ -53,23 +53,27 @@ def mark_best(
 
 
 _SHALLOWEST = 1e-4  # rad; a curve over angles from 0 begins here
-_MARKS = {"interior": "o", "jump": "D", "boundary": "s", "kink": "^", "plateau": "_", "unresolved": "v"}
+_MARKS = {"interior": "o", "jump": "D", "boundary": "s", "limit": "<", "kink": "^", "plateau": "_", "unresolved": "v"}
 
 
 class Piece(NamedTuple):
-    """A part of a curve that has no jump, and on which all cuts end in the same way.
+    """A part of a curve that has no jump, and on which all cuts end in the same way, or the body turns too far.
 
     Args:
         alpha: angles, shape (n,) [rad].
         value: the objective at these angles, shape (n,).
+        slope: its derivative, shape (n,) [per rad].
         at_contact: what contact adds to it, beside the cut, shape (n,).
-        ended_by: how the cut ends.
+        ended_by: how the cut ends, "turned" where the body turns further than the optimum allows.
+        beyond: whether the body turns by more than 90°, shape (n,).
     """
 
     alpha: np.ndarray
     value: np.ndarray
+    slope: np.ndarray
     at_contact: np.ndarray
     ended_by: str
+    beyond: np.ndarray
 
 
 def pieces(optimum: Optimum, points: int = 600) -> list[Piece]:
@@ -82,12 +86,17 @@ def pieces(optimum: Optimum, points: int = 600) -> list[Piece]:
     counts = [max(3, round(points * (b - a) / (high - low))) for a, b in spans]
     angles = [np.linspace(a, b, count) for (a, b), count in zip(spans, counts, strict=True)]
     # With second derivatives, as the optimum was computed: so its points lie on the curve to the last bit.
-    hits = impact(optimum.integrand, optimum.p.replace(alpha=np.concatenate(angles)), derivatives=2)
-    cuts = np.cumsum(counts)[:-1]
-    columns = (np.split(column, cuts) for column in (hits.volume, hits.volume_at_contact, hits.ended_by))
+    p = optimum.p.replace(alpha=np.concatenate(angles))
+    hits = impact(optimum.integrand, p, derivatives=2)
+    cuts, beyond = np.cumsum(counts)[:-1], turned_beyond(optimum.model, p)
+    numbers = hits.volume, hits.dvolume, hits.volume_at_contact, hits.ended_by, beyond
+    columns = (np.split(column, cuts) for column in numbers)
+    # Of a range where the body turns too far only its ends were searched.
+    begins = np.array([regime.low for regime in optimum.regimes[1:]])
+    regimes = (optimum.regimes[np.searchsorted(begins, alpha[0])] for alpha in angles)
     return [
-        Piece(alpha, value, at_contact, str(end[len(end) // 2]))
-        for alpha, value, at_contact, end in zip(angles, *columns, strict=True)
+        Piece(alpha, value, slope, contact, TURNED if regime.ended_by == TURNED else str(end[len(end) // 2]), turned)
+        for alpha, value, slope, contact, end, turned, regime in zip(angles, *columns, regimes, strict=True)
     ]
 
 
@@ -118,8 +127,14 @@ def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
     cuts = any(piece.ended_by != NO_CUT for piece in curve)
     shares = cuts and any(piece.at_contact.any() for piece in curve)
     for piece in curve:
-        ax.plot(np.rad2deg(piece.alpha), piece.value / scale.size, color=ENDS.get(piece.ended_by, INK), linewidth=2.2,
-                label=end_label(piece.ended_by))  # fmt: skip
+        color, degrees, value = ENDS.get(piece.ended_by, INK), np.rad2deg(piece.alpha), piece.value / scale.size
+        if not piece.beyond.all():
+            ax.plot(degrees, np.where(piece.beyond, np.nan, value), color=color, linewidth=2.2,
+                    label=end_label(piece.ended_by))  # fmt: skip
+        if piece.beyond.any():
+            slope = np.deg2rad(piece.slope) / scale.size
+            ax.plot(*broken(degrees, np.where(piece.beyond, value, np.nan), slope), color=color, linewidth=2.2,
+                    linestyle=":", label=BEYOND_LABEL)  # fmt: skip
     for piece in curve if shares else ():
         at_contact = piece.at_contact / scale.size
         ax.fill_between(np.rad2deg(piece.alpha), 0, at_contact, label=AT_CONTACT, **REMOVED_AT_CONTACT)

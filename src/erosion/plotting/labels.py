@@ -76,6 +76,8 @@ def describe(best: Best | Optimum) -> str:
     if best.kind == "plateau" and best.low < best.high:
         return f"from {np.rad2deg(best.low):.2f}° to {np.rad2deg(best.high):.2f}°"
     at = f"{np.rad2deg(best.alpha):.2f}°"
+    if best.kind == "limit":
+        return f"at {at}, limit of the turn"
     if best.kind != "jump":
         return f"at {at}"
     return f"just {best.side} the jump at {at}" if best.side else f"at the jump, {at}"

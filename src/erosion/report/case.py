@@ -8,14 +8,12 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from erosion.arguments import Broadcast, ModelState
-from erosion.impacts import Impact, Jump, Optimum, Trajectory, alpha_max, impact, path
-from erosion.models import CuttingModel, Events, Linearized, SameMotion, load_model
+from erosion.impacts import Impact, Jump, Optimum, Trajectory, alpha_max, impact, path, turned_beyond
+from erosion.models import Linearized
 from erosion.models.rigid import LinearizedCut
 from erosion.output import Record
 from erosion.parameters import MATERIALS, QUANTITIES, Parameters, PerMass, System, conversion_factor, unit_name
@@ -67,41 +65,6 @@ class Drawing(NamedTuple):
     def counts(self) -> tuple[int, int]:
         """How many cuts turn the body by more than 90°, and of how many."""
         return int(np.sum(self.beyond)), int(np.size(self.beyond))
-
-
-class _Turning(SameMotion):
-    """A model's cuts, which end where the body has turned by 90°, too."""
-
-    motion: CuttingModel
-
-    def events(self, state: ModelState, p: Parameters) -> Events:
-        turn = (state.phi - jnp.pi / 2) / (jnp.pi / 2)
-        return {**self.motion.events(state, p), _TURNED: 1 - turn**2}
-
-    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
-        return self.motion.removal_rate(state, p)
-
-    def removed_at_contact(self, p: Parameters) -> Broadcast:
-        return self.motion.removed_at_contact(p)
-
-
-_TURNED = "turned"
-_SHALLOWEST = 1e-6  # rad; the limit as α → 0 is that of this cut, the shallowest that `alpha_max` computes
-_STEP_ASIDE = 1e-5  # of an angle, from where a cut begins: nearer its motion is singular
-
-
-def turned_beyond(model: str, p: Parameters) -> np.ndarray:
-    """Whether the body turns by more than 90° in each cut; where nothing is cut, or α is NaN, nothing turns.
-
-    Where cutting begins the cut beside it counts.
-    """
-    angles = np.broadcast_to(p.alpha, np.broadcast_shapes(*(np.shape(getattr(p, name)) for name in QUANTITIES)))
-    known = np.isfinite(angles)
-    alpha = np.where(known, np.maximum(angles, _SHALLOWEST), 1.0)
-    beside = np.stack([alpha, alpha * (1 - _STEP_ASIDE), np.minimum(alpha * (1 + _STEP_ASIDE), np.pi / 2)])
-    ends = impact(_Turning(load_model(model)), p.replace(alpha=beside), derivatives=0, rtol=RTOL).ended_by
-    own, turned = ends[0], ends == _TURNED
-    return known & np.where(np.isin(own, ("no-cut", "failed")), turned.any(axis=0), turned[0])
 
 
 @dataclass(frozen=True)
@@ -214,7 +177,7 @@ def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
     for i, (name, value) in enumerate(rows):
         columns[name][i] = value
     cases = dataclasses.replace(p, **columns)
-    best = alpha_max(model, cases)
+    best = alpha_max(model, cases, max_turn=None)
     grid = dataclasses.replace(p, **{q: column[:, None] for q, column in columns.items()} | {"alpha": angles})
     hits = impact(model, grid, derivatives=2, rtol=RTOL)
     reach = np.asarray(cases.r * cases.rate / cases.v0)
@@ -310,7 +273,7 @@ class Spins(BestOverValues):
 
 def _spins(case: "ReportCase", model: str) -> Spins:
     spins = _SPINS * float(case.p.v0 / case.p.r)
-    found = regimes(model, case.p, phidot0=spins)
+    found = regimes(model, case.p, phidot0=spins, max_turn=None)
     kind, ended_by = in_words(found.alpha_max_kind), in_words(found.alpha_max_ended_by)
     beyond = turned_beyond(model, case.p.replace(alpha=found.alpha_max.values, phidot0=spins))
     places = turned_beyond(model, case.p.replace(alpha=found.alpha.values, phidot0=spins[:, None]))
@@ -482,7 +445,7 @@ def _curve(case: ReportCase, model: str) -> ShapeCurve:
 
 
 _COMPUTE: Mapping[str, Callable[[ReportCase, str], Any]] = {
-    "optimum": lambda case, model: alpha_max(model, case.p),
+    "optimum": lambda case, model: alpha_max(model, case.p, max_turn=None),
     "sensitivities": lambda case, model: case.optimum(model).sensitivities,
     "hits": _hits,
     "row": _row,

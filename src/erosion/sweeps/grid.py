@@ -17,7 +17,7 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import check_order, check_share, real_numbers, refuse, unit_of_labels
-from erosion.impacts import alpha_max, end_names, identity, impact, numbers_in_words, provenance
+from erosion.impacts import QUARTER_TURN, TURNED, alpha_max, end_names, identity, impact, numbers_in_words, provenance
 from erosion.models import (
     BUILT_IN,
     CuttingModel,
@@ -172,7 +172,7 @@ PAIR = "pair"
 """The dimension of paired axes."""
 
 _ENDS = ("not-computed", "no-cut", "rebound", "stop", "failed", "unfinished")
-KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "plateau", "none", "unresolved")
+KINDS = ("not-computed", "interior", "jump", "boundary", "kink", "plateau", "none", "unresolved", "limit")
 """Meanings of the codes 0, 1, … in `alpha_max_kind`; see `Optimum.kind`."""
 
 
@@ -202,6 +202,7 @@ class Outputs:
     Args:
         derivatives, wrt, rtol: see `erosion.impact`; `wrt` is one parameter.
         optimum: whether the best angle is computed too, over the other dimensions than "alpha".
+        max_turn: the greatest turn of the body [rad] among which the best angle is searched, see `erosion.alpha_max`.
         at_contact: whether a model removes something beside the cut.
         own: quantities of the models' own by name, those that all models have.
 
@@ -213,6 +214,7 @@ class Outputs:
     wrt: str = "alpha"
     rtol: float = 1e-9
     optimum: bool = False
+    max_turn: float | None = QUARTER_TURN
     at_contact: bool = False
     own: Mapping[str, Quantity] = dataclasses.field(default_factory=dict)
 
@@ -357,7 +359,7 @@ class Grid(AnyGrid):
         values = {name: hits.quantities[name] if name in outputs.own else getattr(hits, name) for name in outputs.names}
         values["ended_by"] = _codes(hits.ended_by, self.ends)
         if outputs.optimum:
-            best = alpha_max(*self.impacts(model, but="alpha"))
+            best = alpha_max(*self.impacts(model, but="alpha"), max_turn=outputs.max_turn)
             values |= {"alpha_max": best.alpha, "volume_max": best.volume, "alpha_max_kind": _codes(best.kind, KINDS),
                        "alpha_max_ended_by": _codes(best.ended_by, self.ends)}  # fmt: skip
         return {name: np.asarray(array) for name, array in values.items()}
@@ -371,7 +373,7 @@ class Grid(AnyGrid):
             self.p,
             axes=numbers_in_words({"their order": self.dims, **self.axes}),
             derivatives=f"{self.outputs.derivatives} by {self.outputs.wrt}",
-            optimum=str(self.outputs.optimum),
+            optimum=f"{self.outputs.optimum}, to a turn of {self.outputs.max_turn}",
             tolerance=repr(self.outputs.rtol),
         )
 
@@ -445,6 +447,7 @@ def make_grid(
         (len(lengths) > 1, f"axes of one length, but they have {sorted(lengths)}."),
     )  # fmt: skip
     events = [name for source in models.values() for name in end_names(_loaded(source))]
+    events += [TURNED] * outputs.optimum
     grid = Grid(
         models=models,
         compared=compared,

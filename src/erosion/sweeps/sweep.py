@@ -26,7 +26,16 @@ import xarray as xr
 from erosion.arguments import Progress, check_path, no_progress
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.extras import library
-from erosion.impacts import IDENTITY, StoreError, code_version, read_netcdf, require_code, require_same, write_netcdf
+from erosion.impacts import (
+    IDENTITY,
+    StoreError,
+    check_max_turn,
+    code_version,
+    read_netcdf,
+    require_code,
+    require_same,
+    write_netcdf,
+)
 from erosion.interrupts import keeping_results
 from erosion.ode.step_control import require_float64
 from erosion.output import briefly, claimed, require_writable, trace, written_whole
@@ -295,6 +304,7 @@ def sweep(
     wrt: str = "alpha",
     rtol: float = 1e-9,
     optimum: bool = False,
+    max_turn: float | str | None = "90deg",
     paired: Sequence[str] = (),
     chunks: Mapping[str, int] | None = None,
     store: str | Path | None = None,
@@ -314,6 +324,7 @@ def sweep(
         rtol: relative tolerance, see `impact`.
         optimum: also keep alpha_max, volume_max, alpha_max_kind and alpha_max_ended_by, over
             the other axes than alpha; see `erosion.alpha_max`.
+        max_turn: the greatest turn of the body at the best angles, see `erosion.alpha_max`.
         paired: names of two or more axes of one length that go together, along "pair".
         chunks: with a Zarr store, lengths of its blocks by dimension (those left out are not
             cut); without it, blocks of about 10⁵ impacts.
@@ -340,7 +351,7 @@ def sweep(
         OutOfRangeWarning: where a correlation is used outside of its range, with the share of the impacts.
     """
     require_float64()
-    grid = make_grid(model, p, axes, Outputs(derivatives, wrt, rtol, optimum), paired=paired)
+    grid = make_grid(model, p, axes, Outputs(derivatives, wrt, rtol, optimum, check_max_turn(max_turn)), paired=paired)
     for message in grid.outside_of_range:
         warnings.warn(message, OutOfRangeWarning, stacklevel=2)
     return prepare_sweep(grid, chunks=chunks, store=store).run(progress)
@@ -459,7 +470,9 @@ def compare(models: Sequence[Model], p: Parameters, *, alpha: Any = None) -> xr.
     return sweep(models, p, alpha=QUARTER_DEGREES if alpha is None else alpha, derivatives=2, optimum=True)
 
 
-def regimes(model: Model, p: Parameters, *, alpha: Any = None, phidot0: Any = None) -> xr.Dataset:
+def regimes(
+    model: Model, p: Parameters, *, alpha: Any = None, phidot0: Any = None, max_turn: float | str | None = "90deg"
+) -> xr.Dataset:
     """How cuts end and what they remove over angle and spin, with the best angle of each spin.
 
     Args:
@@ -467,6 +480,7 @@ def regimes(model: Model, p: Parameters, *, alpha: Any = None, phidot0: Any = No
         p: one case; its `alpha` and `phidot0` are not used.
         alpha: angles, shape (n,) [rad]; every half degree without it.
         phidot0: spins, shape (k,) [rad/s]; without it s = r φ̇0/v0 from -0.9 to 0.9.
+        max_turn: the greatest turn of the body at the best angles, see `erosion.alpha_max`.
 
     Returns:
         Over (phidot0, alpha): volume, dvolume, d2volume, t_c and ended_by; over phidot0:
@@ -480,4 +494,4 @@ def regimes(model: Model, p: Parameters, *, alpha: Any = None, phidot0: Any = No
         require_scalars(p)
         phidot0 = np.linspace(-0.9, 0.9, _SPINS) * float(p.v0 / p.r)
     angles = QUARTER_DEGREES[1::2] if alpha is None else alpha
-    return sweep(model, p, phidot0=phidot0, alpha=angles, derivatives=2, optimum=True)
+    return sweep(model, p, phidot0=phidot0, alpha=angles, derivatives=2, optimum=True, max_turn=max_turn)

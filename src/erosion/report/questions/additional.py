@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from erosion.correlations import CORRELATIONS
-from erosion.impacts import ASIDE, SimulationError, alpha_max, path
+from erosion.impacts import ASIDE, SimulationError, alpha_max, path, turned_beyond
 from erosion.models import BUILT_IN, NoDeformation, RigidErodent, load_model
 from erosion.models.rigid import StraightCut
 from erosion.output import Record
@@ -25,7 +25,6 @@ from erosion.report.case import (
     draw_curves,
     family_numbers,
     panel,
-    turned_beyond,
 )
 
 MODEL = "rotating"
@@ -192,7 +191,7 @@ def _over_reach(case: ReportCase) -> dict[str, np.ndarray]:
     reach = np.geomspace(reaches.min(), reaches.max(), _ON_LINE)
     r = reach * float(case.p.v0) / case.omega
     p = dataclasses.replace(case.p, r=r, phidot0=float(case.p.spin * case.p.v0) / r)
-    optimum = alpha_max(MODEL, p)
+    optimum = alpha_max(MODEL, p, max_turn=None)
     beyond = turned_beyond(MODEL, p.replace(alpha=optimum.alpha))
     return {"reach": reach, "r": r, "alpha_max": optimum.alpha, "kind": optimum.kind, "turned_beyond": beyond}
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from erosion.impacts import SimulationError, impact, path
+from erosion.impacts import SimulationError, impact, path, turned_beyond
 from erosion.models import CuttingModel, load_model
 from erosion.parameters import (
     PER_MASS_SCALES,
@@ -30,7 +30,6 @@ from erosion.report.case import (
     best_angle_over_k,
     family_numbers,
     panel,
-    turned_beyond,
 )
 
 NEEDS = tuple((kind, LINEARIZED) for kind in ("families", "optimum", "hits", "row", "sensitivities"))

@@ -1,0 +1,92 @@
+"""The turn of the body bounds where the best angle is searched, and whatever shows a best angle beyond it says so."""
+
+import json
+
+import numpy as np
+import pytest
+from matplotlib.text import Text
+
+import erosion
+from erosion.impacts.turn import BEYOND, BEYOND_LABEL, TURNED, TurnLimited, turned_beyond
+from erosion.plotting.curves import plot_optimum
+from tests.reference import closed_form
+
+P = erosion.TABLE_1
+CASES = 20
+ANGLES = np.linspace(0, np.pi / 2, 4002)[1:]
+
+
+@pytest.mark.parametrize(
+    "name", ["linearized", "finnie", "rotating", "rotating-full-torque", "rotating-tan-alpha-full-torque"]
+)
+def test_no_scanned_angle_within_the_limit_is_better(name):
+    rng = np.random.default_rng(59)
+    p = P.replace(k=np.exp(rng.uniform(-1.5, 2, CASES)), inertia=rng.uniform(0.3, 0.6, CASES))
+    p = p.replace(phidot0=rng.uniform(-1.2, 1.2, CASES) * P.v0 / P.r)
+    best = erosion.alpha_max(name, p)
+    limited = TurnLimited(erosion.load_model(name), np.pi / 2)
+    hits = erosion.impact(limited, p.replace(alpha=ANGLES[:, None]), rtol=1e-11)
+    scanned = np.where(hits.ended_by == TURNED, -np.inf, hits.volume).max(axis=0)
+    assert best.certified.all()
+    assert "limit" in best.kind
+    assert not np.any(best.turned_beyond)
+    none = best.kind == "none"
+    assert np.all(scanned[none] <= 0)
+    assert np.all(best.volume[~none] >= scanned[~none] * (1 - 1e-9))
+
+
+def test_the_limit_is_where_the_closed_form_turns_by_a_quarter():
+    p = P.replace(k=1.0)
+    best = erosion.alpha_max("finnie", p, max_turn="20deg")
+    assert (best.kind, best.attained, best.certified) == ("limit", True, True)
+    exact, at = closed_form("finnie"), p.replace(alpha=best.alpha)
+    turn = exact.state(exact.t_c(at), at).phi - np.pi / 2
+    assert abs(float(turn)) == pytest.approx(np.deg2rad(20), abs=1e-7)
+    assert all(np.isnan(rate) for rate in best.sensitivities.values())
+
+
+def test_the_first_example_holds():
+    best = erosion.alpha_max("rotating", P.replace(k=1.0))
+    assert (best.kind, best.certified, bool(best.turned_beyond)) == ("limit", True, False)
+    beside = P.replace(k=1.0, alpha=best.alpha + np.array([-1e-7, 1e-7]))
+    assert turned_beyond("rotating", beside).tolist() == [False, True]
+
+
+def test_where_the_body_always_turns_too_far_no_angle_is_best():
+    best = erosion.alpha_max("finnie", P.replace(k=1.0, phidot0=1.1 * P.v0 / P.r))
+    assert (best.kind, best.ended_by) == ("none", TURNED)
+    assert np.isnan([best.alpha, best.value]).all()
+
+
+def test_a_least_volume_is_not_one_beyond_the_limit():
+    p, low, high = P.replace(k=1.0), np.deg2rad(10), np.deg2rad(60)
+    least = erosion.alpha_min("rotating", p, alpha_range=(low, high))
+    angles = np.linspace(low, high, 501)
+    hits = erosion.impact(TurnLimited(erosion.load_model("rotating"), np.pi / 2), p.replace(alpha=angles))
+    assert least.value <= hits.volume[hits.ended_by != TURNED].min() * (1 + 1e-9)
+    assert not least.turned_beyond
+
+
+@pytest.mark.parametrize("max_turn", [0, -1.0, np.inf, np.nan, True, "x", "1 m", [1.0]])
+def test_a_turn_is_a_positive_angle(max_turn):
+    with pytest.raises(ValueError, match="Argument `max_turn` must be an"):
+        erosion.alpha_max("finnie", P, max_turn=max_turn)
+
+
+def test_what_shows_a_best_angle_beyond_the_limit_says_so():
+    p = P.replace(k=1.0)
+    within, beyond = (erosion.alpha_max("rotating", p, max_turn=turn) for turn in ("90deg", None))
+    for best in (within, beyond):
+        said = best is beyond
+        assert (BEYOND in str(best)) == said
+        assert json.loads(json.dumps(best.to_dict()))["turned_beyond"] == said
+        # The curve beyond is drawn in both, so that a reader sees what the limit leaves out.
+        assert BEYOND_LABEL in [text.get_text() for text in plot_optimum(best).findobj(Text)]
+
+
+def test_sweeps_keep_the_limit():
+    found = erosion.regimes("rotating", P, phidot0=np.array([-0.5, 0.0, 0.5]) * P.v0 / P.r, alpha=[0.1, 0.2])
+    p = P.replace(alpha=found.alpha_max.values, phidot0=found.phidot0.values)
+    assert not turned_beyond("rotating", p).any()
+    free = erosion.regimes("rotating", P, phidot0=found.phidot0.values, alpha=[0.1, 0.2], max_turn=None)
+    assert turned_beyond("rotating", p.replace(alpha=free.alpha_max.values)).any()
