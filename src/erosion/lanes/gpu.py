@@ -153,8 +153,9 @@ class Gpu:
         """Streams for one call. A kernel that still runs at its end is stopped."""
         with self._lock:
             streams, self._idle = self._idle[:count], self._idle[count:]
-        streams += [_Stream(self) for _ in range(count - len(streams))]
         try:
+            while len(streams) < count:
+                streams.append(_Stream(self))
             yield streams
         finally:
             for stream in streams:

@@ -55,8 +55,8 @@ from erosion.ode.variational import Layout
 _TINY = 1e-200  # keeps 0/0 away
 
 
-STEPS, TIMES, BARS = 0, 1, 2
-"""Tapes: steps; times, rising, which all lanes share; for each time the cotangents of a lane's outputs there."""
+_BACK_TIMES, _BARS = 1, 2
+"""Tapes beside that of the steps: times, which all lanes share; for each the cotangents of a lane's outputs there."""
 
 
 class _Back(NamedTuple):
@@ -259,12 +259,12 @@ class _Adjoint:
         Both take a step from the same start, which is written once.
         """
         place = jnp.maximum(back.due - 1, 0)
-        time = tapes.read(TIMES, np.zeros(()), place) - self.problem.clock.t0
+        time = tapes.read(_BACK_TIMES, np.zeros(()), place) - self.problem.clock.t0
         passed = time - (back.until - row.length)
         within = (back.due > 0) & ((passed > 0) | (back.row == 0))
         step = self.steps.step(row._replace(length=jnp.where(within, jnp.clip(passed, 0.0, row.length), row.length)))
         count = self.outputs
-        bars = [tapes.read(BARS, self.token, place * count + i) for i in range(count)]
+        bars = [tapes.read(_BARS, self.token, place * count + i) for i in range(count)]
         of_outputs, there = self._from_outputs(step.end, bars)
         of_time = _dot(there, self._rate(self.numbers, step.end))
         _, pull = jax.vjp(lambda numbers: self._at(numbers).clock.t0, self.numbers)

@@ -12,7 +12,7 @@ from jax import lax
 from erosion.arguments import Flag, Scalar
 from erosion.ode.extended import Extended
 from erosion.ode.landing import Flight, Lane, has_no_derivatives
-from erosion.ode.tape import EventLog, Recorded, Saved, Tape, Writer
+from erosion.ode.tape import EventLog, Recorded, Saved, StateWriter, Tape
 from erosion.ode.variational import Augmented, Derivatives, outputs_of
 
 
@@ -107,11 +107,11 @@ class SaveAt(Recorder):
     """States at many times.
 
     Args:
-        problem, rtol, elapsed: see `Writer`.
+        problem, rtol, elapsed: see `StateWriter`.
     """
 
     def __init__(self, problem: Extended, rtol: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
-        self.problem, self.rtol, self.writer = problem, rtol, Writer(problem, rtol, elapsed)
+        self.problem, self.rtol, self.writer = problem, rtol, StateWriter(problem, rtol, elapsed)
 
     def begin(self) -> Saved:
         """See `Recorder`."""

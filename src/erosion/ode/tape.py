@@ -154,7 +154,7 @@ class Saved(NamedTuple):
     token: Scalar
 
 
-class Writer:
+class StateWriter:
     """Writes the states of one motion of a lane.
 
     Args:
