@@ -334,6 +334,12 @@ def test_sliding_is_an_outcome():
     assert not silently_wrong(end, end.y["u"], 0.5)
 
 
+def test_a_motion_that_leaves_a_switch_without_a_rate_is_right_or_given_up():
+    """From u = 1/2 the rate is zero on both sides at first: u = 1/2 - t²."""
+    end = ode.solve(growth(lambda t, u, args: jnp.where(u >= 0.5, -t, -2 * t), y0=0.5), t1=1.0)
+    assert not silently_wrong(end, end.y["u"], -0.5)
+
+
 def test_no_peak_of_a_table_is_missed():
     """Shots against each piece of a terrain of 200 pieces, by hand."""
     rng = np.random.default_rng(0)
