@@ -35,7 +35,9 @@ def test_a_line_for_each_point_with_axes_outcomes_and_erosion_per_mass(tmp_path)
 
 
 def test_paired_axes_and_several_models(tmp_path):
-    grid = erosion.sweep(["finnie", "dnv"], P, r=[1e-3, 2e-3], m=[5e-5, 4e-4], paired=("r", "m"), optimum=True)
+    grid = erosion.sweep(
+        ["finnie", "dnv"], P, r=[1e-3, 2e-3], m=[5e-5, 4e-4], paired=("r", "m"), optimum=True, max_turn=None
+    )
     weights = {"finnie": erosion.PerMass(2700.0, 0.25), "dnv": erosion.PerMass(7800.0)}
     write_csv(grid, tmp_path / "grid.csv", P, weights)
     table = lines(tmp_path / "grid.csv")
