@@ -340,6 +340,14 @@ def test_a_motion_that_leaves_a_switch_without_a_rate_is_right_or_given_up():
     assert not silently_wrong(end, end.y["u"], -0.5)
 
 
+@pytest.mark.parametrize(("pulses", "limit"), [(10, {}), (40, {}), (40, {"max_step": 0.002}), (40, {"smooth": True})])
+def test_more_switches_than_are_located_are_a_warning(pulses, limit):
+    centres = np.linspace(1, 2, pulses)
+    push = lambda t: sum(jnp.where(jnp.abs(t - centre) < 0.01, 1.0, 0.0) for centre in centres)  # noqa: E731
+    end = ode.solve(growth(lambda t, u, args: -u + push(t)), t1=3.0, **limit)
+    assert any("switches" in warning for warning in end.warnings) == (pulses == 40 and not limit)
+
+
 def test_no_peak_of_a_table_is_missed():
     """Shots against each piece of a terrain of 200 pieces, by hand."""
     rng = np.random.default_rng(0)

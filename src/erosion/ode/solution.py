@@ -19,6 +19,7 @@ from erosion.ode.event_log import Passed, events_passed
 from erosion.ode.gradient import Ended, gradient_of
 from erosion.ode.kinks import may_have_kinks
 from erosion.ode.problem import Problem, Words
+from erosion.ode.switches import unlocated
 from erosion.ode.tape import Recorded
 from erosion.output.tables import Record, Result, format_number, to_plain
 
@@ -295,7 +296,7 @@ class Solution(Result):
     @property
     def warnings(self) -> Sequence[str]:
         """Why lanes have no result, no derivatives or less exact ones than asked for, and what to do."""
-        sentences = [*self._unfinished(), *self._failed, *self._arrays_of_lanes()]
+        sentences = [*self._unfinished(), *self._failed, *self._arrays_of_lanes(), *self._unlocated()]
         inexact = np.count_nonzero(self.inexact)
         if inexact:
             sentences.append(
@@ -340,6 +341,16 @@ class Solution(Result):
                     f"The array `{_label(name)}` of shape {given} makes lanes, and is as long as an array of the "
                     f"state: where each lane needs all of it, say `shared={name!r}`."
                 )
+
+    def _unlocated(self) -> Iterator[str]:
+        """Switches that are too many to be located."""
+        layout = self.lanes.layout
+        count = unlocated(layout)
+        if count and not np.all(np.isfinite(layout.clock(self.lanes.numbers).max_step)):
+            yield (
+                f"The rates have {count} switches (`where`, `abs`, `max` …), too many to be located: what is shorter "
+                "than a step may be missed. Give `max_step`, or say `smooth=True` where they do not matter."
+            )
 
     def _in_lanes(self, flags: np.ndarray, said: str) -> str:
         """In how many lanes something is so: "2 of 5 lanes are unfinished"."""

@@ -181,15 +181,25 @@ class SwitchedMotion(WholeMotion):
 
 def switches_of(layout: Layout) -> Switches | None:
     """The switches of a layout; None where it has none, or more than are located."""
+    switches = _all_switches(layout)
+    return switches if switches is not None and 0 < switches.count <= _MOST else None
+
+
+def unlocated(layout: Layout) -> int:
+    """How many switches a layout has where they are too many to be located; else 0."""
+    switches = _all_switches(layout)
+    return 0 if switches is None or switches.count <= _MOST else switches.count
+
+
+def _all_switches(layout: Layout) -> Switches | None:
     if not layout.options.switches:
         return None
-    return _switches_of(layout.wanting(method="explicit", records=False, saves=False, logs=False))
+    return _traced(layout.wanting(method="explicit", records=False, saves=False, logs=False))
 
 
 @functools.lru_cache(maxsize=256)
-def _switches_of(layout: Layout) -> Switches | None:
-    switches = Switches(layout)
-    return switches if 0 < switches.count <= _MOST else None
+def _traced(layout: Layout) -> Switches:
+    return Switches(layout)
 
 
 def motion_of(layout: Layout) -> Callable[[Sequence[Number]], Motion]:
