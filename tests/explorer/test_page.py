@@ -44,7 +44,7 @@ def test_sliders_change_the_plots_to_the_numbers_of_impact(page: Page, expect: A
     here = erosion.impact("rotating", p, derivatives=2)
     expect(row).to_contain_text(f"{here.t_c / 1e-6:.5g} µs")
     expect(row).to_contain_text(str(here.ended_by))
-    expect(row).to_contain_text("jump")
+    expect(row).to_contain_text(str(best.kind))
 
 
 @pytest.mark.browser
