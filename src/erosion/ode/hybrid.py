@@ -471,8 +471,6 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
         directed = (each for each, direction in zip(rests, own, strict=False) if direction)
         rests = functools.reduce(jnp.logical_or, directed, jnp.asarray(False)) & (segment.time < _RESTS * typical)
         amplification = jnp.maximum(so_far.amplification, end.amplification)
-        # A segment that failed, or was given up, is not gone on with in another mode.
-        instant = instant._replace(happened=instant.happened & (segment.control.mode == ENDED))
         segment = segment._replace(count=before.count, still_zero=still_zero)
         return ended(instant, endless, segment, amplification, (segment.time <= soon) | rests | stands)
 
