@@ -16,7 +16,9 @@ CASES = 20
 ANGLES = np.linspace(0, np.pi / 2, 4002)[1:]
 
 
-@pytest.mark.parametrize("name", ["finnie", "rotating", "rotating-full-torque", "rotating-tan-alpha-full-torque"])
+@pytest.mark.parametrize(
+    "name", ["linearized", "finnie", "rotating", "rotating-full-torque", "rotating-tan-alpha-full-torque"]
+)
 def test_no_scanned_angle_within_the_limit_is_better(name):
     rng = np.random.default_rng(59)
     p = P.replace(k=np.exp(rng.uniform(-1.5, 2, CASES)), inertia=rng.uniform(0.3, 0.6, CASES))
@@ -41,13 +43,6 @@ def test_the_limit_is_where_the_closed_form_turns_by_a_quarter():
     turn = exact.state(exact.t_c(at), at).phi - np.pi / 2
     assert abs(float(turn)) == pytest.approx(np.deg2rad(20), abs=1e-7)
     assert all(np.isnan(rate) for rate in best.sensitivities.values())
-
-
-def test_a_spin_that_moves_no_tip_limits_nothing():
-    p = P.replace(k=1.0, phidot0=5 * P.v0 / P.r)
-    best = erosion.alpha_max("linearized", p)
-    assert (best.kind, bool(best.turned_beyond)) == ("interior", False)
-    assert best.alpha == pytest.approx(np.arctan(1.0) / 2, rel=1e-8)
 
 
 def test_the_first_example_holds():

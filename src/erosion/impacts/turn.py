@@ -6,10 +6,9 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from erosion.arguments import Broadcast, ModelState, Scalar
+from erosion.arguments import Broadcast, ModelState
 from erosion.impacts.batch import impact
 from erosion.models import NO_CUT, CuttingModel, Events, SameMotion, State, load_model
-from erosion.ode.problem import depends_on_first
 from erosion.output import briefly
 from erosion.parameters import QUANTITIES, STEEPEST, Parameters, about, read_quantity
 
@@ -48,18 +47,9 @@ class TurnLimited(SameMotion):
 
 
 def turns(model: CuttingModel, p: Parameters) -> bool:
-    """Whether tip or force depend on the orientation of a rigid body; those of `linearized` do not."""
+    """Whether the model's state holds the orientation of a rigid body."""
     one = jax.tree.map(lambda leaf: float(np.ravel(leaf)[0]), p)
-    state = jax.eval_shape(model.initial_state, one)
-    if not isinstance(state, State):
-        return False
-
-    def moved(phi: Scalar, state: State) -> list[Scalar]:
-        turned = eqx.tree_at(lambda at: at.phi, state, phi)
-        rate = model.derivative(turned, one)
-        return [*model.tip(turned, one), rate.vx, rate.vy]
-
-    return depends_on_first(moved, state.phi, state)
+    return isinstance(jax.eval_shape(model.initial_state, one), State)
 
 
 def check_max_turn(max_turn: float | str | None) -> float | None:

@@ -512,7 +512,7 @@ class _ProblemKind(TreeKind):
         def everything(time: Any, numbers: Sequence[Number], y: PyTree) -> list[PyTree]:
             return [function(time, y, self.joined(numbers)) for function in of_state.values()]
 
-        return y, depends_on_first(everything, time, list(self.numbers), y)
+        return y, _depends_on_first(everything, time, list(self.numbers), y)
 
 
 class Words(str):
@@ -538,7 +538,7 @@ def _shown(tree: PyTree) -> str:
     return "nothing (None)" if tree is None else repr(jax.tree.unflatten(jax.tree.structure(tree), words))
 
 
-def depends_on_first(function: Callable[..., PyTree], *examples: PyTree) -> bool:
+def _depends_on_first(function: Callable[..., PyTree], *examples: PyTree) -> bool:
     """Whether a result depends on the first argument, a number, by the function's arithmetic."""
     jaxpr = jax.make_jaxpr(function)(*examples).jaxpr
     needed = {atom for atom in jaxpr.outvars if not isinstance(atom, Literal)}
