@@ -334,11 +334,38 @@ def test_sliding_is_an_outcome():
     assert not silently_wrong(end, end.y["u"], 0.5)
 
 
-@fault("a lane that was given up where a bound leaves its zero in another mode goes on in the wrong mode")
-def test_a_motion_that_leaves_a_switch_without_a_rate_is_right_or_given_up():
+@pytest.mark.parametrize("drive", [0.0, 0.3, -0.4])
+def test_a_body_at_rest_that_friction_holds_is_an_outcome(drive):
+    end = ode.solve(growth(lambda t, u, args: args - 0.5 * jnp.sign(u)), drive, t1=2.0)
+    assert (end.ended_by, end.t, end.y["u"]) == ("unfinished", 0.0, 0.0)
+    assert "both sides" in end.warnings[0]
+
+
+def test_a_body_at_rest_starts_where_its_drive_is_greater_than_friction():
+    end = ode.solve(growth(lambda t, u, args: args - 0.5 * jnp.sign(u)), np.array([0.75, -0.75]), t1=2.0)
+    np.testing.assert_allclose(end.y["u"], [0.5, -0.5], **CLOSE)
+
+
+def test_a_motion_leaves_a_switch_on_which_its_rate_is_zero():
     """From u = 1/2 the rate is zero on both sides at first: u = 1/2 - t²."""
     end = ode.solve(growth(lambda t, u, args: jnp.where(u >= 0.5, -t, -2 * t), y0=0.5), t1=1.0)
-    assert not silently_wrong(end, end.y["u"], -0.5)
+    assert (end.ended_by, end.y["u"]) == ("t1", pytest.approx(-0.5, rel=1e-9))
+
+
+def test_a_reset_may_put_a_body_at_rest_on_a_switch():
+    """It falls from there by the rate beyond: x = -(t - 1)²."""
+    drop = ode.Problem(
+        {"x": 1.0, "v": 0.0},
+        lambda t, y, args: {"x": y["v"], "v": jnp.where(y["x"] >= 0, -1.0, -2.0)},
+        {"put": ode.Event(lambda t, y, args: t - 1.0, 1, lambda t, y, args: {"x": 0 * t, "v": 0 * t})},
+    )
+    assert ode.solve(drop, t1=2.0).y["x"] == pytest.approx(-1.0, rel=1e-8)
+
+
+def test_a_motion_that_leaves_a_switch_as_a_high_power_is_right_or_given_up():
+    """u = 1/2 - 2 t³/3."""
+    end = ode.solve(growth(lambda t, u, args: jnp.where(u >= 0.5, -(t**2), -2 * t**2), y0=0.5), t1=1.0)
+    assert not silently_wrong(end, end.y["u"], 0.5 - 2 / 3)
 
 
 @pytest.mark.parametrize(("pulses", "limit"), [(10, {}), (40, {}), (40, {"max_step": 0.002}), (40, {"smooth": True})])

@@ -224,6 +224,8 @@ class Transitions:
     def in_modes(self, instant: Instant, located: Sequence[Flag], before: Sequence[Scalar]) -> Instant:
         """With the switches after which the state is in its modes: no bound is below zero, or at zero and falls.
 
+        A bound without a rate falls by its second derivative.
+
         Where there is no end of them, the rates point to a switch from both sides.
 
         Args:
@@ -237,14 +239,16 @@ class Transitions:
         def due(instant: Instant) -> tuple[Scalar, Flag]:
             """The first bound that the state is beyond, or -1, and whether it is far beyond it."""
             at = instant.members[0]
-            values, rates = here.events(at), self.rates(at)
+            values = here.events(at)
+            rates, bends = jax.jvp(self.rates, (at,), (here.rate(at),))
             index, jumps = 0 * instant.last - 1, jnp.asarray(False)
             sizes = here.sizes_of_bounds(at)
             for j, i in reversed(list(enumerate(self.bounds))):
-                is_located, was = located[j], before[j]
+                is_located, least = located[j], _RESTING * jnp.abs(before[j])
                 near = _NEAR * scale * jnp.abs(rates[i]) + _ULPS * sizes[j]
                 far = jnp.logical_and(values[i] < -near, jnp.logical_not(is_located))
-                leaves = (is_located | (values[i] <= near)) & (rates[i] < -_RESTING * jnp.abs(was))
+                falls = (rates[i] < -least) | ((rates[i] <= least) & (scale * bends[i] < -least))
+                leaves = (is_located | (values[i] <= near)) & falls
                 index, jumps = jnp.where(far | leaves, i, index), jnp.where(far | leaves, far, jumps)
             return index, jumps
 
@@ -471,6 +475,8 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
         directed = (each for each, direction in zip(rests, own, strict=False) if direction)
         rests = functools.reduce(jnp.logical_or, directed, jnp.asarray(False)) & (segment.time < _RESTS * typical)
         amplification = jnp.maximum(so_far.amplification, end.amplification)
+        # No motion goes on from a segment that failed or was given up, whatever its state there.
+        instant = instant._replace(happened=instant.happened & (segment.control.mode == ENDED))
         segment = segment._replace(count=before.count, still_zero=still_zero)
         return ended(instant, endless, segment, amplification, (segment.time <= soon) | rests | stands)
 

@@ -79,7 +79,8 @@ def landed(problem: "Extended", lane: Lane, until: Scalar | None) -> tuple[Fligh
 def has_no_derivatives(problem: "Extended", motion: Flight) -> Flag:
     """Whether derivatives at the end of a motion are not defined, as far as nothing else tells.
 
-    A rate that divides by what vanishes there leaves nothing but rounding of them, as of those of sin(v)/v.
+    A rate that divides by what vanishes there leaves nothing but rounding of them, as of those of sin(v)/v. At a switch
+    that may be the rate of a mode that does not hold.
     """
     if problem.rough or not problem.options.waits:
         return jnp.asarray(False)
@@ -87,7 +88,8 @@ def has_no_derivatives(problem: "Extended", motion: Flight) -> Flag:
     scale = problem.scale_near(motion.control.step, FIRST_STEP)
     ends = zip(*jax.jvp(problem.dividing, (rows,), (problem.motion_rate(rows),)), strict=True)
     vanish = (~(jnp.abs(value) > _VANISHES * scale * jnp.abs(rate)) for value, rate in ends)
-    return (motion.control.mode == ENDED) & functools.reduce(jnp.logical_or, vanish, jnp.asarray(False))
+    at_its_end = (motion.control.mode == ENDED) & (motion.event < problem.own_events)
+    return at_its_end & functools.reduce(jnp.logical_or, vanish, jnp.asarray(False))
 
 
 def happening(

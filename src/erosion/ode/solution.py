@@ -366,9 +366,9 @@ class Solution(Result):
         # Along several directions the trials of all are counted.
         if self.slides is not None and np.any(slides := unfinished & np.asarray(self.slides)):
             yield (
-                f"{self._in_lanes(slides, 'unfinished')}: the rates point to the switch from both sides "
-                f"{_times(self.t, slides)}. Let them change smoothly, as by `jnp.tanh(x / width)` for the sign of x, "
-                "or let an `ode.Event` with a `reset` begin a rest there."
+                f"{self._in_lanes(slides, 'unfinished')}: the rates point to the switch from both sides, or vanish on "
+                f"it, {_times(self.t, slides)}. Let them change smoothly, as by `jnp.tanh(x / width)` for the sign of "
+                "x, or let an `ode.Event` with a `reset` begin a rest there."
             )
             unfinished = unfinished & ~slides
         passes = sum(len(path) == max(map(len, self.derivatives)) for path in self.derivatives) or 1
