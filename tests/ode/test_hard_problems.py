@@ -376,6 +376,54 @@ def test_more_switches_than_are_located_are_a_warning(pulses, limit):
     assert any("switches" in warning for warning in end.warnings) == (pulses == 40 and not limit)
 
 
+def within_a_loop(t, start, stop):
+    """1 between two times; no switch that is located."""
+    return jax.lax.fori_loop(0, 1, lambda i, so_far: so_far + jnp.where((t >= start) & (t < stop), 1.0, 0.0), 0 * t)
+
+
+PULSE = dataclasses.replace(
+    growth(lambda t, u, args: -u + 100 * within_a_loop(t, args["a"], args["b"]), y0=1.0),
+    breaks=lambda args: jnp.stack([args["b"], jnp.inf, args["a"]]),
+)
+
+
+def test_a_break_within_a_loop_is_a_warning():
+    end = ode.solve(dataclasses.replace(PULSE, breaks=None), {"a": 1.0, "b": 1.01}, t1=2.0)
+    assert any("`Problem.breaks`" in warning for warning in end.warnings)
+    smooth_loop = growth(lambda t, u, args: jax.lax.fori_loop(0, 3, lambda i, s: s * jnp.cos(u), -u), y0=1.0)
+    assert not ode.solve(smooth_loop, t1=2.0).warnings
+
+
+@pytest.mark.parametrize("smooth", [None, True])
+@pytest.mark.parametrize("t0", [0.0, 100.0])
+def test_breaks_by_hand_are_met_and_have_derivatives(smooth, t0):
+    args = {"a": t0 + 1.0, "b": t0 + np.array([1.01, 1.5])}
+    end = ode.solve(PULSE, args, t0=t0, t1=t0 + 2, wrt=("a", "b"), derivatives=2, smooth=smooth)
+    rise, fall = np.exp(-1), np.exp(args["b"] - t0 - 2)
+    np.testing.assert_allclose(end.y["u"], np.exp(-2) + 100 * (fall - rise), rtol=1e-9)
+    exact = {("a",): -100 * rise, ("b",): 100 * fall, ("a", "a"): -100 * rise, ("b", "b"): 100 * fall, ("a", "b"): 0}
+    scale = 1e-6 if t0 else 1e-9
+    for names, derivative in exact.items():
+        np.testing.assert_allclose(end.along(*names).y["u"], np.broadcast_to(derivative, 2), rtol=scale, atol=scale)
+
+
+def test_breaks_by_hand_are_met_back_in_time():
+    problem = dataclasses.replace(PULSE, breaks=(1.0, 1.01))
+    end = ode.solve(problem, {"a": 1.0, "b": 1.01}, t0=2.0, t1=0.0)
+    assert end.y["u"] == pytest.approx((1 - 100 * (np.exp(-0.99) - np.exp(-1))) * np.exp(2), rel=1e-9)
+
+
+def test_breaks_have_a_gradient():
+    found = ode.solve(PULSE, {"a": 1.0, "b": 1.5}, t1=2.0).gradient(y={"u": 1.0})
+    assert (found["a"], found["b"]) == pytest.approx((-100 * np.exp(-1), 100 * np.exp(-0.5)), rel=1e-7)
+
+
+@pytest.mark.parametrize("breaks", ["noon", lambda args: "noon", lambda args: None, lambda args: args["no"]])
+def test_breaks_must_be_times(breaks):
+    with pytest.raises((TypeError, ValueError), match="breaks"):
+        ode.solve(dataclasses.replace(PULSE, breaks=breaks), {"a": 1.0, "b": 1.01}, t1=2.0)
+
+
 def test_no_peak_of_a_table_is_missed():
     """Shots against each piece of a terrain of 200 pieces, by hand."""
     rng = np.random.default_rng(0)

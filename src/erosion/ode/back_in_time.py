@@ -1,6 +1,7 @@
 """Motions back in time: those of another problem, in -t, that go forwards."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -27,6 +28,14 @@ class _MinusOfMinusT(_OfMinusT):
         return jax.tree.map(lambda rate: -jnp.asarray(rate), self.fun(-t, y, args))
 
 
+@dataclasses.dataclass(frozen=True)
+class _Minus:
+    times: Callable[[Any], PyTree]
+
+    def __call__(self, args: Any) -> PyTree:
+        return jax.tree.map(lambda time: -jnp.asarray(time), self.times(args))
+
+
 def reflected(problem: Problem) -> Problem:
     """The problem of -t. An event's direction is that in which its function passes zero on the way, as in scipy."""
     events = {
@@ -34,8 +43,9 @@ def reflected(problem: Problem) -> Problem:
         for name, event in problem.events.items()
     }
     rates = {name: _MinusOfMinusT(rate) for name, rate in problem.integrals.items()}
+    breaks = None if problem.breaks is None else _Minus(problem.break_times)
     return dataclasses.replace(
-        problem, vector_field=_MinusOfMinusT(problem.vector_field), events=events, integrals=rates
+        problem, vector_field=_MinusOfMinusT(problem.vector_field), events=events, integrals=rates, breaks=breaks
     )
 
 

@@ -334,7 +334,7 @@ _SMOOTH = frozenset({
     "cholesky", "custom_linear_solve", "triangular_solve",
 })  # fmt: skip
 # Of the package: smooth, although its arithmetic has steps.
-_SMOOTH_FUNCTIONS = frozenset({"sincos"})
+_SMOOTH_FUNCTIONS = frozenset({"sincos", "between"})
 
 
 @functools.lru_cache(maxsize=256)

@@ -340,7 +340,7 @@ class Event:
                 )
 
 
-_OF_ARGS = ("y0", "integrals0", "time_scale", "typical")
+_OF_ARGS = ("y0", "integrals0", "time_scale", "typical", "breaks")
 """What a problem says of the arguments alone; all else is of (t, y, args)."""
 
 OTHER_ENDS = ("start", "failed", "unfinished", "t1")
@@ -363,6 +363,8 @@ class Problem:
             3 % of t1 - t0 without it.
         typical: a function of args, a pytree like args of typical changes, by which derivatives are scaled; their
             own sizes without it.
+        breaks: times at which rates or integrals break and which `solve` cannot see, as within a `scan`: numbers, or a
+            function of args that gives them. A step ends at each of them; derivatives by them follow.
     """
 
     y0: PyTree
@@ -373,6 +375,7 @@ class Problem:
     integrals0: Callable[[Any], Mapping[str, Any]] | None = None
     time_scale: Callable[[Any], Any] | None = None
     typical: Callable[[Any], Any] | None = None
+    breaks: PyTree = None
 
     def __post_init__(self) -> None:
         if not callable(self.vector_field):
@@ -389,7 +392,7 @@ class Problem:
                 if not isinstance(key, str) or not (isinstance(part, kind) if kind else callable(part)):
                     what = "an `ode.Event`" if kind else "a function of (t, y, args)"
                     raise TypeError(f"Argument `{name}` must hold by name {what}, but {key!r} is {briefly(part)}.")
-        for name in _OF_ARGS[1:]:
+        for name in ("integrals0", "time_scale", "typical"):
             if (given := getattr(self, name)) is not None and not callable(given):
                 raise TypeError(f"Argument `{name}` must be a function of args, but is {briefly(given)}.")
         for name in self.events:
@@ -403,6 +406,10 @@ class Problem:
     def start(self, args: Any) -> PyTree:
         """The state at the start."""
         return self.y0(args) if callable(self.y0) else self.y0
+
+    def break_times(self, args: Any) -> PyTree:
+        """Times at which rates break."""
+        return self.breaks(args) if callable(self.breaks) else self.breaks
 
     def event_names(self, args: Any) -> tuple[str, ...]:
         """The events, in the order in which they count."""
@@ -504,6 +511,8 @@ class _ProblemKind(TreeKind):
                 raise FlawError(f"`integrals0` must give a number for each of {', '.join(problem.integrals)}")
         if problem.time_scale is not None:
             require_numbers("time_scale", trace.given("time_scale", problem.time_scale))
+        if problem.breaks is not None:
+            require_numbers("breaks", trace.given("breaks", problem.break_times), scalars=False)
         if problem.typical is not None:
             given = trace.given("typical", problem.typical)
             if jax.tree.structure(given) != self.structure:

@@ -25,6 +25,9 @@ Rows = list[Scalar]
 """The state with its derivatives, as plain numbers, one member after the other."""
 
 
+NEVER = 1e300  # instead of an infinite time
+
+
 class WholeMotion(Motion):
     """A problem's motion with the state itself, as a tuple of numbers; first, if it counts, the time since the start.
 
@@ -42,6 +45,12 @@ class WholeMotion(Motion):
     @functools.cached_property
     def _y0(self) -> tuple[list[Any], Structure]:
         return jax.tree.flatten(self.problem.start(self.args))
+
+    @functools.cached_property
+    def _breaks(self) -> Any:
+        times = elements_of(jax.tree.leaves(self.problem.break_times(self.args)))
+        # One that never comes is finite, or its distance would be no number.
+        return jnp.sort(jnp.nan_to_num(jnp.stack(times), nan=jnp.nan, posinf=NEVER, neginf=-NEVER))
 
     def start(self) -> list[Scalar]:
         """The state at the start."""
@@ -63,6 +72,8 @@ class WholeMotion(Motion):
         # The time since the start has the digits that a late time has not.
         elapsed, *elements = state if self._timed else (0.0, *state)
         t = self.clock.t0 + elapsed
+        if self.problem.breaks is not None:
+            t = beside_breaks(self._breaks, t)
         parts = []
         for shape in map(np.shape, self._y0[0]):
             own, elements = elements[: math.prod(shape)], elements[math.prod(shape) :]
@@ -96,6 +107,12 @@ class WholeMotion(Motion):
         t, y = self.whole(at.state)
         elements = elements_of(jax.tree.leaves(reset(t, y, self.args)))
         return Augmented((*at.state[: int(self._timed)], *elements), at.integrals)
+
+
+@jax.jit
+def beside_breaks(breaks: Any, t: Scalar) -> Scalar:
+    """The time; `switches` puts it on the side of a break on which the motion is."""
+    return t
 
 
 def elements_of(parts: Sequence[Any]) -> list[Scalar]:

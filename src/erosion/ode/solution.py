@@ -343,13 +343,13 @@ class Solution(Result):
                 )
 
     def _unlocated(self) -> Iterator[str]:
-        """Switches that are too many to be located."""
+        """Switches that are too many to be located, or within a loop."""
         layout = self.lanes.layout
-        count = unlocated(layout)
-        if count and not np.all(np.isfinite(layout.clock(self.lanes.numbers).max_step)):
+        what = unlocated(layout)
+        if what and not np.all(np.isfinite(layout.clock(self.lanes.numbers).max_step)):
             yield (
-                f"The rates have {count} switches (`where`, `abs`, `max` …), too many to be located: what is shorter "
-                "than a step may be missed. Give `max_step`, or say `smooth=True` where they do not matter."
+                f"The rates have {what} that are not located: what is shorter than a step may be missed. Name their "
+                "times by `Problem.breaks`, give `max_step`, or say `smooth=True` where they do not matter."
             )
 
     def _in_lanes(self, flags: np.ndarray, said: str) -> str:

@@ -30,9 +30,10 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var, jaxpr_as_fun
 
 from erosion.arguments import Flag, Number, Scalar
 from erosion.lanes.scalars import Equation, aval_of
-from erosion.ode.reduction import WholeMotion, evaluate, reduced_motion_of
+from erosion.ode.reduction import NEVER, WholeMotion, beside_breaks, evaluate, reduced_motion_of
 from erosion.ode.variational import Augmented, Layout, Motion
 
+_ULPS, _TINY = 4e-16, 1e-300  # before a break is a time that is earlier by as little
 _MOST = 32  # modes: a problem with more of them is integrated across its breaks, see `erosion.ode.kinks`
 
 
@@ -57,9 +58,10 @@ class Switches:
 
     Args:
         layout: of problem and arguments.
+        by_hand: whether only the problem's `breaks` are.
     """
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: Layout, *, by_hand: bool) -> None:
         start = jax.eval_shape(lambda numbers: WholeMotion(layout, numbers).start(), layout.structs())
         self._rows, self._integrals = len(start), len(layout.problem.integrals)
         integrals = (0.0,) * self._integrals
@@ -78,11 +80,12 @@ class Switches:
         varies = [False] * (len(closed.jaxpr.invars) - self._rows) + self.moves
 
         def rewritten(numbers: list[Number], elements: list[Scalar], modes: list[Scalar] | None) -> dict[str, Any]:
-            rewriting = _Rewriting(modes)
+            rewriting = _Rewriting(modes, by_hand=by_hand)
             operands = [_Value(*pair) for pair in zip([*numbers, *elements], varies, strict=True)]
             found = rewriting.of(closed.jaxpr, closed.consts, operands)
             rates, rates_of_integrals, events = jax.tree.unflatten(structure, [value.number for value in found])
             self._switch_of_bound = [bound.switch for bound in rewriting.bounds]
+            self.within_loops = rewriting.within_loops
             return {
                 "rates": [rate if moves else np.zeros(()) for rate, moves in zip(rates, self.moves, strict=True)],
                 "integrals": rates_of_integrals, "events": events, "values": rewriting.values,
@@ -92,6 +95,7 @@ class Switches:
             }  # fmt: skip
 
         self._switch_of_bound: list[int] = []
+        self.within_loops = False
         first, shapes = jax.make_jaxpr(functools.partial(rewritten, modes=None), return_shape=True)(*structs)
         self.count = len(shapes["values"])
         self.bounds = len(shapes["bounds"])
@@ -182,24 +186,36 @@ class SwitchedMotion(WholeMotion):
 def switches_of(layout: Layout) -> Switches | None:
     """The switches of a layout; None where it has none, or more than are located."""
     switches = _all_switches(layout)
-    return switches if switches is not None and 0 < switches.count <= _MOST else None
+    if switches is not None and switches.count <= _MOST:
+        return switches if switches.count else None
+    if layout.problem.breaks is None or not layout.options.waits:
+        return None
+    return _traced(_plain(layout), by_hand=True)
 
 
-def unlocated(layout: Layout) -> int:
-    """How many switches a layout has where they are too many to be located; else 0."""
+def unlocated(layout: Layout) -> str:
+    """What breaks in a layout's functions and is not located, as a subject; "" where nothing is."""
     switches = _all_switches(layout)
-    return 0 if switches is None or switches.count <= _MOST else switches.count
+    if switches is None:
+        return ""
+    if switches.count > _MOST:
+        return f"{switches.count} switches (`where`, `abs`, `max` …)"
+    return "switches within a loop (`while_loop`, `scan`, `fori_loop`)" if switches.within_loops else ""
 
 
 def _all_switches(layout: Layout) -> Switches | None:
     if not layout.options.switches:
         return None
-    return _traced(layout.wanting(method="explicit", records=False, saves=False, logs=False))
+    return _traced(_plain(layout), by_hand=False)
+
+
+def _plain(layout: Layout) -> Layout:
+    return layout.wanting(method="explicit", records=False, saves=False, logs=False)
 
 
 @functools.lru_cache(maxsize=256)
-def _traced(layout: Layout) -> Switches:
-    return Switches(layout)
+def _traced(layout: Layout, *, by_hand: bool) -> Switches:
+    return Switches(layout, by_hand=by_hand)
 
 
 def motion_of(layout: Layout) -> Callable[[Sequence[Number]], Motion]:
@@ -237,16 +253,19 @@ class _Rewriting:
 
     Args:
         modes: in their order; None for those of the function's own arguments.
+        by_hand: whether nothing but the problem's `breaks` has modes.
 
     Attributes:
         values: the modes that the operations themselves would choose.
         bounds: of all modes.
+        within_loops: whether an operation breaks within a loop, where it has none.
     """
 
-    def __init__(self, modes: Sequence[Scalar] | None) -> None:
-        self._modes = modes
+    def __init__(self, modes: Sequence[Scalar] | None, *, by_hand: bool) -> None:
+        self._modes, self._by_hand = modes, by_hand
         self.values: list[Scalar] = []
         self.bounds: list[Bound] = []
+        self.within_loops = False
         self._known: dict[Hashable, Any] = {}
         self._numbered: dict[Hashable, int] = {}
 
@@ -281,26 +300,31 @@ class _Rewriting:
         if any(operand.moves for operand in operands):
             types = [np.dtype(getattr(atom.aval, "dtype", float)) for atom in equation.invars]
             real = [np.issubdtype(each, np.floating) for each in types]
-            if name in _BREAKING and real[-1]:
+            if name in _BREAKING and real[-1] and not self._by_hand:
                 key = self.key_of(name, str(equation.params), keys)
                 number, moves = _BREAKING[name](self, equation, operands)
                 return [_Value(number, moves, key)]
             inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
             if name in ("jit", "pjit", "custom_jvp_call") and isinstance(inner, ClosedJaxpr):
                 library = _library_function(equation, inner)
-                if library is not None and not (library in _OF_TABLES and operands[0].moves):
+                if library is not None and not (library in _OF_TABLES and operands[0].moves) and self._sees(library):
                     number, moves = library(self, operands)
                     return [_Value(number, moves, self.key_of(str(equation.params.get("name")), keys))]
-                if name != "custom_jvp_call" or _breaks(inner.jaxpr):
+                if not self._by_hand and (name != "custom_jvp_call" or _breaks(equation)):
                     return self.of(inner.jaxpr, inner.consts, operands)
-            if name == "cond" and not operands[0].moves:
+            if name == "cond" and not operands[0].moves and not self._by_hand:
                 return self._of_cases(equation, operands)
+            if name in ("while", "scan") and _breaks(equation):
+                self.within_loops = True
         made = _result(jaxpr, equation)(
             *(x for x, atom in zip(numbers, equation.invars, strict=True) if not isinstance(atom, Literal))
         )
         moves = any(operand.moves for operand in operands) and name not in _STEADY
         key = self.key_of(name, _described(equation), keys)
         return [_Value(number, moves, self.key_of(key, i)) for i, number in enumerate(made)]
+
+    def _sees(self, library: Callable[..., "_Made"]) -> bool:
+        return library is _beside_breaks or not self._by_hand
 
     def _of_cases(self, equation: Equation, operands: list[_Value]) -> list[_Value]:
         """The results of a branch that a mode chooses."""
@@ -510,6 +534,31 @@ def _searched(side: str) -> Callable[..., _Made]:
     return searched
 
 
+@jax.custom_jvp
+def _clipped(t: Scalar, low: Scalar, high: Scalar) -> Scalar:
+    return jnp.clip(t, low, high)
+
+
+@_clipped.defjvp
+def _(primals: tuple[Scalar, Scalar, Scalar], tangents: tuple[Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+    return _clipped(*primals), tangents[0]
+
+
+@jax.jit
+def between(t: Scalar, low: Scalar, high: Scalar) -> Scalar:
+    """A time that is not before the one, and before the other; its rate is one at both."""
+    return _clipped(t, low, high - (_ULPS * jnp.abs(high) + _TINY))
+
+
+def _beside_breaks(rewriting: _Rewriting, operands: list[_Value]) -> _Made:
+    breaks, t = operands
+    mode, size = rewriting.piece(breaks, t, "right"), int(np.shape(breaks.number)[0])
+    place, times = lax.convert_element_type(mode, np.int32), jnp.asarray(breaks.number)
+    low = jnp.where(mode > 0.5, times[jnp.maximum(place - 1, 0)], -NEVER)
+    high = jnp.where(mode < size - 0.5, times[jnp.minimum(place, size - 1)], NEVER)
+    return between(t.number, low, high), True
+
+
 def _library_function(equation: Equation, inner: ClosedJaxpr) -> Callable[..., _Made] | None:
     """The rule for a function of numpy that breaks, as JAX traces it; None for any other."""
     name, avals = equation.params.get("name"), [aval_of(atom) for atom in equation.invars]
@@ -540,6 +589,7 @@ _LIBRARY: dict[str, list[tuple[Callable[..., Any], Callable[..., _Made]]]] = {
         (functools.partial(jnp.searchsorted, side=side), rule)
         for side, rule in zip(("left", "right"), _OF_TABLES, strict=True)
     ],
+    "beside_breaks": [(beside_breaks, _beside_breaks)],
 }
 
 
@@ -555,13 +605,15 @@ def _result(jaxpr: Jaxpr, equation: Equation) -> Callable[..., list[Any]]:
     return lambda *inputs: function(*dict(zip(variables, inputs, strict=True)).values())
 
 
-def _breaks(jaxpr: Jaxpr) -> bool:
-    """Whether a function has an operation that breaks."""
-    return any(
-        (equation.primitive.name in _BREAKING and equation.primitive.name != "convert_element_type")
-        or any(_breaks(getattr(part, "jaxpr", part)) for part in equation.params.values() if hasattr(part, "eqns"))
-        for equation in jaxpr.eqns
-    )
+def _breaks(equation: Equation) -> bool:
+    """Whether a function that an operation calls has one on real numbers that breaks."""
+    for part in equation.params.values():
+        for each in getattr(part, "eqns", ()):
+            name, types = each.primitive.name, [np.dtype(aval_of(atom).dtype) for atom in each.invars]
+            real = bool(types) and np.issubdtype(types[-1], np.floating)
+            if (real and name in _BREAKING and name != "convert_element_type") or _breaks(each):
+                return True
+    return False
 
 
 def _described(equation: Equation) -> Hashable:
