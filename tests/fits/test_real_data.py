@@ -10,6 +10,7 @@ import pytest
 
 import erosion
 from erosion import TABLE_1, Calibration, Measurements, calibrate, to_fluent, to_openfoam
+from erosion.fits.conditions import group_numbers
 from erosion.fits.doubts import find_patterns
 from erosion.fits.export import exported_case
 from erosion.fits.forward import Forward
@@ -136,6 +137,42 @@ def test_runs_are_counted_as_in_the_textbook():
     assert find_patterns(data, np.zeros(20), groups) == ()
 
 
+def test_speeds_of_one_rig_are_one_condition():
+    random = np.random.default_rng(1)
+    speeds = np.repeat([30.0, 60.0, 61.8], 20) * (1 + 0.004 * random.uniform(-1, 1, 60))
+    order = random.permutation(60)
+    assert (group_numbers(speeds[order]) == np.repeat([0, 1, 2], 20)[order]).all()
+    # Speeds without gaps are no single speed.
+    assert group_numbers(np.linspace(50.0, 100.0, 200)).max() == 6
+    jittered = np.where(speeds < 50, 30.0, 60.0) * (1 + 0.01 * random.uniform(-1, 1, 60))
+    data = rows_of(60, speed=jittered)
+    assert [len(group.rows) for group in conditions(data)] == [20, 40]
+    assert data.usual["v0"] == pytest.approx(60.0, rel=0.01)
+
+
+def noisy(degrees: np.ndarray, speeds: np.ndarray, exponent: float, seed: int) -> erosion.Calibration:
+    """A fit to erosion that grows with a power of the speed, and scatters by 10 %."""
+    volume = erosion.impact("linearized", SAND.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
+    volume = with_errors(volume * (speeds / 60.0) ** (exponent - 2), seed, 0.1)
+    table = {"angle [deg]": degrees, "speed [m/s]": speeds, "volume [m^3]": volume}
+    return erosion.calibrate("linearized", SAND, table, ["psi"], starts=2)
+
+
+def test_noise_at_speeds_that_a_rig_repeats_has_no_pattern():
+    degrees = np.repeat([15.0, 25.0, 35.0, 45.0, 55.0], 2)
+    speeds = 60.0 * (1 + 0.01 * np.random.default_rng(5).uniform(-1, 1, (20, 10)))
+    assert sum(test.seen for seed in range(20) for test in noisy(degrees, speeds[seed], 2.0, seed).patterns) <= 1
+
+
+def test_a_wrong_exponent_of_the_speed_is_seen_at_one_angle():
+    speeds = np.geomspace(40.0, 160.0, 8)
+    angle = np.full(8, 30.0)
+    assert sum(noisy(angle, speeds, 2.0, seed).patterns[-1].seen for seed in range(20)) <= 3
+    wrong = [noisy(angle, speeds, 2.9, seed).patterns[-1] for seed in range(10)]
+    assert all(test.seen and test.over == "speed" for test in wrong)
+    assert np.mean([test.statistic for test in wrong]) == pytest.approx(0.9, abs=0.1)
+
+
 def test_exports_are_at_a_speed_of_the_data():
     # The case is at 110 m/s, at which nothing was measured.
     fit = fitted("k", "cutting_fraction", p=SAND.replace(v0=110.0))
@@ -148,8 +185,8 @@ def test_exports_are_at_a_speed_of_the_data():
         assert f"The cutting fraction {fit.cutting_fraction:.4g} is part of what is written here." in text
     greatest = fit.curve(np.arctan(fit.estimates["k"]) / 2, {"v0": 60.0})[0] / DENSITY / 60.0**2
     assert form.factor == pytest.approx(float(greatest), rel=1e-4)
-    # A speed of the case that the data has is kept.
-    assert float(exported_case(fitted("k", p=SAND.replace(v0=30.0))).v0) == 30
+    # The speed of most rows, the greatest among equals, whichever the case has.
+    assert float(exported_case(fitted("k", p=SAND.replace(v0=30.0))).v0) == 60
 
 
 TO_53 = np.arange(8.0, 56.0, 3.0)

@@ -67,12 +67,12 @@ from erosion.fits.experiments import next_experiment as next_experiment
 from erosion.fits.forward import Forward as Forward
 from erosion.fits.export import command as command
 from erosion.fits.forward import FACTORS as FACTORS
+from erosion.fits.conditions import MOST as MOST
 from erosion.fits.forward import FRACTION as FRACTION
 from erosion.fits.forward import FREE as FREE
 from erosion.fits.forward import SCALE as SCALE
 from erosion.fits.forward import USUAL_FREE as USUAL_FREE
 from erosion.fits.forward import USUAL_MODELS as USUAL_MODELS
-from erosion.fits.measurements import MOST as MOST
 from erosion.fits.measurements import conditions as conditions
 from erosion.fits.measurements import unit_system as unit_system
 from erosion.fits.posterior_files import Draws as Draws

@@ -11,7 +11,18 @@ from scipy import stats
 
 from erosion.arguments import check_share, check_whole
 from erosion.fits import doubts
-from erosion.fits.doubts import LEVEL, OPEN, TOUCH, Pattern, Profile, Ridge, are_noise, beyond_scatter, find_patterns
+from erosion.fits.doubts import (
+    LEVEL,
+    OPEN,
+    TOUCH,
+    Pattern,
+    Profile,
+    Ridge,
+    are_noise,
+    beyond_scatter,
+    find_patterns,
+    growth,
+)
 from erosion.fits.draws import draws_of_theta
 from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import FACTORS, FRACTION, FREE, OF_METAL, SCALE, make_forward
@@ -268,7 +279,12 @@ class Calibration(Result):
         if not are_noise(self.residuals, self.data.erosion):
             return ()
         groups = conditions(self.data)
-        tests = find_patterns(self.data, self.problem.data.over_errors(self.residuals), groups)
+        weighted = self.problem.data.over_errors(self.residuals)
+        root = np.sqrt(self.problem.weights(weighted))
+        slopes = self.solution.jacobian @ self.identifiability.modes
+        powers = [growth(self.problem.data, root * weighted, root * self.fitted, slopes, name)
+                  for name in self.data.varied]  # fmt: skip
+        tests = (*find_patterns(self.data, weighted, groups), *(power for power in powers if power is not None))
         # A robust loss lets rows be far off, which a test of variances takes for a miss.
         if self.data.uncertainty is not None or self.problem.loss != "linear":
             return tests
@@ -329,7 +345,7 @@ class Calibration(Result):
 
         Args:
             alpha: α [rad], of any shape.
-            at: other parameters of the case, numbers or arrays; a speed or a mass without it as for `usual_condition`.
+            at: other parameters of the case, numbers or arrays; speed and mass without it are those of most rows.
             level: of the intervals, by the errors of the estimates; those of `Posterior.predictor` also hold what the
                 model may lack.
         """

@@ -6,7 +6,7 @@ interval from standard errors. Where V(α) jumps between two rows the profile ha
 slopes at the estimate do not show.
 
 Over the angle, noise changes its sign about every second row; fewer runs of one sign are a pattern
-(Wald and Wolfowitz). Over speed and mass, the ranks of noise have no correlation with theirs (Spearman).
+(Wald and Wolfowitz). Over speed and mass, the fit is tested for one more exponent (Student).
 Without uncertainties the rows' own scatter about a smooth curve says how large noise is: residuals of a greater
 variance are a pattern too (Fisher), which few rows show where their signs say nothing.
 """
@@ -16,11 +16,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
+from erosion.fits.conditions import Condition, describe, group_numbers, is_same
 from erosion.fits.least_squares import FitProblem, FitSolution, settle
-from erosion.fits.measurements import Condition, Measurements, conditions, describe
-from erosion.fits.outliers import far_rows
+from erosion.fits.measurements import Measurements, conditions
+from erosion.fits.outliers import error_sizes, far_rows
 from erosion.models import BUILT_IN, SPEED_EXPONENT, SpeedExponent, model_name
 from erosion.output.tables import Result, format_number, sentences
 from erosion.parameters.per_mass import far_from_tests, two_digits
@@ -169,7 +170,7 @@ class Ridge:
 
 _ANGLES = np.deg2rad(np.arange(5.0, 90.0, 5.0))
 _FACTORS = 0.5, 2.0  # of the least and the greatest speed of the data, which a laboratory may also have
-_SAME_ANGLE, _SAME_SPEED = np.deg2rad(1.0), 0.02  # of a row that is measured already; the speed relative
+_SAME_ANGLE = np.deg2rad(1.0)  # of a row that is measured already
 _SEEN = 2.0  # standard deviations of a row, by which the two fits must differ there
 
 
@@ -201,7 +202,7 @@ def _measured(problem: FitProblem, speed: float | None) -> np.ndarray:
     rows = problem.data.conditions
     near = np.abs(_ANGLES[:, None] - rows["alpha"]) < _SAME_ANGLE
     if speed is not None and "v0" in rows:
-        near &= np.isclose(rows["v0"], speed, rtol=_SAME_SPEED)
+        near &= is_same(rows["v0"], speed)
     return near.any(axis=1)
 
 
@@ -215,7 +216,8 @@ def _speeds(problem: FitProblem) -> list[float | None]:
 
 
 RARE = 0.01  # probability of such a pattern in noise; below it the pattern is said
-_FEWEST = 10  # rows for which the probability of a correlation of ranks is known well enough
+_REFITS = 5  # of a fit with one more exponent, from the fit without it
+_UNUSUAL = 0.03  # the same of an exponent: six speeds with a scatter of 10 % would seldom show one otherwise
 _EXACT = 1e-6  # residuals over the erosion that are rounding errors of fits, not noise
 _WORDS = {"v0": "speed", "m": "mass"}
 _SMOOTH = 3  # degree of the polynomial in the angle that a curve of erosion with one maximum is near to
@@ -228,20 +230,22 @@ class Pattern:
     Args:
         over: "angle", "speed" or "mass"; "scatter" for the size of the residuals.
         statistic: runs of one sign less those expected of noise, over their standard deviation;
-            over speed and mass the correlation of ranks; of the size the ratio of the variances.
+            over speed and mass the exponent that the fit lacks; of the size the ratio of the variances.
         probability: that noise has such a pattern or a clearer one.
         sentence: on what is seen.
+        level: probability below which the pattern is said.
     """
 
     over: str
     statistic: float
     probability: float
     sentence: str
+    level: float = RARE
 
     @property
     def seen(self) -> bool:
         """Whether noise alone would seldom look so."""
-        return self.probability < RARE
+        return self.probability < self.level
 
 
 def find_patterns(data: Measurements, residuals: np.ndarray, groups: Sequence[Condition]) -> tuple[Pattern, ...]:
@@ -252,9 +256,8 @@ def find_patterns(data: Measurements, residuals: np.ndarray, groups: Sequence[Co
         residuals: measured less fitted, over their standard deviations, shape (rows,).
         groups: rows of one speed and mass.
     """
-    tests = [_over_angle(data, residuals, groups)]
-    tests += [_over(name, values, residuals) for name, values in data.conditions.items() if name != "alpha"]
-    return tuple(test for test in tests if test is not None)
+    over_angle = _over_angle(data, residuals, groups)
+    return () if over_angle is None else (over_angle,)
 
 
 def beyond_scatter(data: Measurements, fitted: np.ndarray, freedom: int, groups: Sequence[Condition]) -> Pattern | None:
@@ -283,7 +286,7 @@ def beyond_scatter(data: Measurements, fitted: np.ndarray, freedom: int, groups:
     sizes = [format_number(np.sqrt(square), 3, scale.size) for square in (variance, of_scatter)]
     return Pattern("scatter", ratio, probability, (
         f"The residuals are {scale.beside(sizes[0])}, the rows scatter about a smooth curve by "
-        f"{scale.beside(sizes[1])} (probability {probability:.1g}): {worst_row(data, fitted, groups)}."
+        f"{scale.beside(sizes[1])} (probability {probability:.1g}): {worst_row(data, fitted)}."
     ))  # fmt: skip
 
 
@@ -297,13 +300,13 @@ def variances_differ(first: tuple[float, int], second: tuple[float, int], erosio
     return ratio, float(stats.f.sf(ratio, first[1], second[1]))
 
 
-def worst_row(data: Measurements, fitted: np.ndarray, groups: Sequence[Condition]) -> str:
+def worst_row(data: Measurements, fitted: np.ndarray) -> str:
     """The row that is furthest from the fit: "at 90° the fit has 0 mg/kg, the data have 95 mg/kg"."""
     deviation = 1.0 if data.uncertainty is None else data.whole_error
     row = int(np.argmax(np.abs((data.erosion - fitted) / deviation)))
     of_fit, of_data = (data.scale.beside(format_number(value, 3, data.scale.size))
                        for value in (fitted[row], data.erosion[row]))  # fmt: skip
-    label = next((group.label for group in groups if row in group.rows), "")
+    label = data.condition_of(row)
     where = f"{np.rad2deg(data.angle[row]):.3g}°{f', {label}' if label else ''}"
     return f"at {where} the fit has {of_fit}, the data have {of_data}"
 
@@ -332,11 +335,11 @@ def lack_of_fit(data: Measurements, fitted: np.ndarray, rank: int) -> LackOfFit 
         fitted: the erosion of the fit, shape (rows,).
         rank: the determined combinations of parameters.
     """
-    values, places = data.at_conditions()
-    weight = data.deviation**-2
-    means = (np.bincount(places, weight * data.erosion) / np.bincount(places, weight))[places]
-    freedom, of_means = len(data) - values.shape[1], values.shape[1] - rank
-    scatter, misfit = (float(np.sum(data.over_errors(part) ** 2)) for part in (data.erosion - means, means - fitted))
+    places, weight, residuals = data.repeats, data.deviation**-2, data.erosion - fitted
+    means = (np.bincount(places, weight * residuals) / np.bincount(places, weight))[places]
+    distinct = int(places.max()) + 1
+    freedom, of_means = len(data) - distinct, distinct - rank
+    scatter, misfit = (float(np.sum(data.over_errors(part) ** 2)) for part in (residuals - means, means))
     if freedom < 1 or of_means < 1 or not scatter > 0:
         return None
     ratio = float(misfit / of_means / (scatter / freedom))
@@ -352,21 +355,24 @@ def are_noise(residuals: np.ndarray, erosion: np.ndarray) -> bool:
 
 def _over_angle(data: Measurements, residuals: np.ndarray, groups: Sequence[Condition]) -> Pattern | None:
     """The runs test, within each group."""
-    runs, steps, expected, variance = list[tuple[np.ndarray, str]](), 0, 0.0, 0.0
+    runs, steps, counted, expected, variance = list[tuple[np.ndarray, str]](), 0, 0, 0.0, 0.0
+    has_both_signs = False
     for group in groups:
         rows = group.rows[np.argsort(data.angle[group.rows], kind="stable")]
         rows = rows[residuals[rows] != 0]
         if len(rows) > 1:
             above = residuals[rows] > 0
             runs += [(run, group.label) for run in np.split(rows, np.flatnonzero(above[1:] != above[:-1]) + 1)]
+            has_both_signs |= bool(above.any() and not above.all())
             n, product = len(rows), 2.0 * above.sum() * (~above).sum()
             expected += 1 + product / n
             variance += product * (product - n) / (n**2 * (n - 1))
-        steps += len(group.rows) - 1
-    if not runs:
+            steps += n - 1
+            counted += 1
+    if not runs or (variance == 0 and has_both_signs):
         return None
     if variance == 0:  # one sign in each group: noise has either sign at even odds
-        expected, variance = len(groups) + steps / 2, steps / 4
+        expected, variance = counted + steps / 2, steps / 4
     statistic = (len(runs) - expected) / np.sqrt(variance)
     probability = float(stats.norm.cdf(statistic + 0.5 / np.sqrt(variance)))  # a count is half a step wide
     longest, label = max(runs, key=lambda run: len(run[0]))
@@ -379,17 +385,52 @@ def _over_angle(data: Measurements, residuals: np.ndarray, groups: Sequence[Cond
     ))  # fmt: skip
 
 
-def _over(name: str, values: np.ndarray, residuals: np.ndarray) -> Pattern | None:
-    """The correlation of ranks with speed or mass."""
-    if len(values) < _FEWEST or np.ptp(values) == 0 or np.ptp(residuals) == 0:
+def growth(
+    data: Measurements, residuals: np.ndarray, fitted: np.ndarray, slopes: np.ndarray, name: str
+) -> Pattern | None:
+    """Student's test of one more exponent, of speed or mass, on the fitted erosion; None where rows cannot have one.
+
+    Errors that are not known have an absolute and a relative part, whose ratio is averaged over its likelihoods.
+
+    Args:
+        data: the measurements.
+        residuals: measured less fitted, over their standard deviations, shape (rows,).
+        fitted: the erosion of the fit, shape (rows,).
+        slopes: of the residuals along directions that are determined, shape (rows, directions).
+        name: "v0" or "m".
+    """
+    values, freedom, known = data.varied[name], len(data) - slopes.shape[1] - 1, data.uncertainty is not None
+    if freedom < 1 or not group_numbers(values).any():
         return None
-    correlation, probability = np.asarray(stats.spearmanr(values, residuals)).tolist()
+    logs_of_values = np.log(values) - np.mean(np.log(values))
+    whole = data.over_errors(fitted)
+    found = []
+    for size in [np.ones(len(data))] if known else error_sizes(fitted):
+        mean, rates, exponent, triangle = whole / size, slopes / size[:, None], 0.0, np.eye(1)
+        rows, least = residuals / size + mean, float(np.mean((_EXACT * mean) ** 2))
+        for _ in range(_REFITS):
+            matrix = np.column_stack([rates, mean * logs_of_values])
+            basis, triangle = np.linalg.qr(matrix)
+            if abs(triangle[-1, -1]) <= _EXACT * np.linalg.norm(matrix[:, -1]):  # the fit has an exponent already
+                return None
+            steps = np.linalg.solve(triangle, basis.T @ (rows - mean))
+            exponent, power = exponent + steps[-1], np.exp(steps[-1] * logs_of_values)
+            mean, rates = (mean + rates @ steps[:-1]) * power, rates * power[:, None]
+        misfit = max(float(np.sum((rows - mean) ** 2)), freedom * least)
+        deviation = np.sqrt(max(misfit / freedom, float(known))) / abs(triangle[-1, -1])
+        law = stats.norm if known else stats.t(freedom)
+        # Of the ratio, with the slopes and the exponent integrated out.
+        log_likelihood = (
+            -np.log(size).sum() - np.log(np.abs(np.diagonal(triangle))).sum() - freedom / 2 * np.log(misfit)
+        )
+        found.append((log_likelihood, exponent, deviation, 2 * float(law.sf(abs(exponent) / deviation))))
+    logs, *numbers = np.array(found).T
+    exponent, deviation, probability = (float(special.softmax(logs) @ column) for column in numbers)
     word = _WORDS[name]
-    moves, compares = ("rise", "more") if correlation > 0 else ("fall", "less")
-    return Pattern(word, correlation, probability, (
-        f"The residuals {moves} with the {word} (correlation of ranks {correlation:.2f}, probability "
-        f"{probability:.1g}): the data grow {compares} with the {word} than the fit."
-    ))  # fmt: skip
+    return Pattern(word, exponent, probability, (
+        f"The data grow with the {word} by another power than the fit, higher by {exponent:.2g} ± {deviation:.1g} "
+        f"(probability {probability:.1g})."
+    ), _UNUSUAL)  # fmt: skip
 
 
 LEVEL = 0.95  # of the intervals that standard errors are compared with
@@ -453,7 +494,7 @@ def is_beyond_scatter(fit: "Calibration") -> bool:
 def doubts(fit: "Calibration") -> tuple[str, ...]:
     """All sentences on what is doubtful; none for a good fit."""
     patterns = [pattern for pattern in fit.patterns if pattern.seen]
-    of_speed = _of_speed(fit) if any(pattern.over == "speed" for pattern in patterns) else []
+    of_speed = [said for pattern in patterns if pattern.over == "speed" for said in _of_speed(fit, pattern.statistic)]
     poor = (
         f"The model does not fit within the uncertainties: χ² is {fit.chi2:.4g} for {fit.degrees_of_freedom} degrees "
         "of freedom. The errors and intervals hold only if the model were right."
@@ -480,28 +521,24 @@ def _far_from_tests(fit: "Calibration") -> list[str]:
     return [f"{data.source}: {two_digits(far.amount)} {far.rest.partition(';')[0].rstrip('.')}.{of_one}"]
 
 
-def _of_speed(fit: "Calibration") -> list[str]:
-    """The exponents of the speed in the model and in the data, with advice, where speeds alone tell rows apart."""
-    data, groups = fit.data, conditions(fit.data)
-    if "m" in data.conditions or len(groups) < 2:
-        return []
-    weight = fit.fitted / fit.problem.data.deviation**2
-    heights = [weight[group.rows] @ data.erosion[group.rows] / (weight[group.rows] @ fit.fitted[group.rows])
-               for group in groups]  # fmt: skip
-    if not min(heights) > 0:
-        return []
-    speeds = np.array([group.values["v0"] for group in groups])
-    of_data = np.polyfit(np.log(speeds), np.log(heights), 1)[0]
+def _of_speed(fit: "Calibration", lacking: float) -> list[str]:
+    """The exponents of the speed in the model and in the data, with advice.
+
+    Args:
+        fit: the fit.
+        lacking: the exponent that the fit lacks.
+    """
+    data, forward, groups = fit.data, fit.problem.forward, conditions(fit.data)
+    speeds = data.varied["v0"]
     sums = [float(fit.curve(data.angle, {"v0": speed})[0].sum()) for speed in (speeds.min(), speeds.max())]
     of_model = np.log(sums[1] / sums[0]) / np.log(speeds.max() / speeds.min())
     # With a threshold, which all speeds share, the erosion grows faster than as v₀².
-    forward = fit.problem.forward
-    held = [name for name in forward.own_thresholds if of_data > 0 and name not in fit.names]
+    held = [name for name in forward.own_thresholds if lacking > 0 and name not in fit.names]
     held += [SPEED_EXPONENT] * (isinstance(forward.model, SpeedExponent) and SPEED_EXPONENT not in fit.names)
     alone = min(len(group.rows) for group in groups) > len(fit.names)
     ways = " or ".join(sentences((held, f"free {', '.join(held)}"), (alone, "fit each speed alone")))
     said = (
-        f"{ways}{': ' * bool(ways)}the model removes as v₀^{of_model:.3g}, these data as v₀^{of_model + of_data:.3g}."
+        f"{ways}{': ' * bool(ways)}the model removes as v₀^{of_model:.3g}, these data as v₀^{of_model + lacking:.3g}."
     )
     name = model_name(forward.model)
     free = f"The model with an exponent of its own is {name}-exponent; free speed_exponent."

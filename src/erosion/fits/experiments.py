@@ -281,9 +281,7 @@ def _conditions(posteriors: Sequence[Posterior], candidates: Mapping[str, Any] |
     others = {"alpha": np.deg2rad(DEGREES)} if candidates is None else dict(candidates)
     if "alpha" not in others:
         raise ValueError("Argument `candidates` must give angles, `alpha`, but gives none.")
-    # What the rows of the data had, a new row needs as well.
-    usual = {name: values[0] for name, values in posteriors[0].data.conditions.items() if name != "alpha"}
-    alpha = others.pop("alpha")
+    alpha, usual = others.pop("alpha"), posteriors[0].data.usual
     checked, *_ = [posterior.likelihood.forward.conditions(alpha, others, usual) for posterior in posteriors]
     return {name: values.reshape(-1) for name, values in checked.items()}
 

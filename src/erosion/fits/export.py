@@ -13,7 +13,8 @@ from erosion.arguments import refuse
 from erosion.cfd.export_files import AngleTable, ParticleErosion, angle_table, coefficients
 from erosion.cfd.exports import ANGLES, ExportedParticle, Reach, commented, particle_of, share_in_words
 from erosion.fits.calibration import Calibration
-from erosion.fits.measurements import MOST, conditions, usual_condition
+from erosion.fits.conditions import MOST
+from erosion.fits.measurements import conditions
 from erosion.fits.tempering import SamplingError
 from erosion.impacts import impact
 from erosion.models import CuttingModel, model_name, model_source, own_parameters
@@ -205,8 +206,8 @@ def command(*words: str) -> str:
 
 
 def exported_case(calibration: Calibration) -> Parameters:
-    """The fitted case at a speed and a mass that the data has, see `usual_condition`."""
-    return dataclasses.replace(calibration.p, **usual_condition(calibration.data, calibration.p))
+    """The fitted case at the speed and the mass of most rows, see `Measurements.usual`."""
+    return dataclasses.replace(calibration.p, **calibration.data.usual)
 
 
 def _comment(calibration: Calibration) -> str:

@@ -17,11 +17,12 @@ import itertools
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from erosion.arguments import real_numbers, unit_of_labels
+from erosion.fits.conditions import Condition, are_apart, describe, group_numbers
 from erosion.fits.errors import ErrorModel, of_which, without_common
 from erosion.fits.tables import (
     KNOWN,
@@ -42,9 +43,8 @@ from erosion.parameters.headings import (
     matching,
     scale_of,
 )
-from erosion.parameters.parameters import Parameters, are_angles
+from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import (
-    QUANTITIES,
     RESULTS,
     Dimension,
     Quantity,
@@ -67,7 +67,6 @@ _INCH_POUND = {
     "in", "inch", "inches", "mil", "mils", "thou", "ft", "foot", "feet", "mph", "mile", "miles", "lb", "lbs", "lbm",
     "pound", "pounds", "oz", "ounce", "ounces", "grain", "grains", "slug", "slugs", "slinch",
 }  # fmt: skip
-_SAME_SPEED, _SPREAD = 0.02, 0.1  # of ln v: between rows of one speed, and between the first and the last of them
 _MOST_SPEEDS = 50
 _HEAVIEST = 0.02  # kg; a ball of steel of 17 mm, but less than the sand of a test
 
@@ -176,8 +175,43 @@ class Measurements:
     @property
     def conditions(self) -> dict[str, np.ndarray]:
         """The impact's parameters that vary from row to row, by name."""
-        given = {"alpha": self.angle, "v0": self.speed, "m": self.mass}
+        return {"alpha": self.angle, **self.varied}
+
+    @property
+    def varied(self) -> dict[str, np.ndarray]:
+        """Those of them that make a condition, speed and mass, where the data have them."""
+        given = {"v0": self.speed, "m": self.mass}
         return {name: values for name, values in given.items() if values is not None}
+
+    @functools.cached_property
+    def groups(self) -> np.ndarray:
+        """The condition of each row, by ascending speed and mass, shape (n,); see `group_numbers`."""
+        return self._numbered([group_numbers(values) for values in self.varied.values()])
+
+    @functools.cached_property
+    def repeats(self) -> np.ndarray:
+        """Which rows repeat each other, one number for each angle of each condition, shape (n,)."""
+        return self._numbered([self.groups, self.angle])
+
+    @functools.cached_property
+    def has_one_speed(self) -> bool:
+        """Whether all rows are of one speed."""
+        return self.speed is None or not group_numbers(self.speed).any()
+
+    @functools.cached_property
+    def usual(self) -> Mapping[str, float]:
+        """Speed and mass of most rows, the greatest among equals, where the data have them."""
+        return max(conditions(self), key=lambda group: (len(group.rows), *group.values.values())).values
+
+    def _numbered(self, columns: Sequence[np.ndarray]) -> np.ndarray:
+        """A number for each row, the same for rows that are alike in all columns."""
+        if not columns:
+            return np.zeros(len(self), int)
+        return np.unique(np.stack(columns), axis=1, return_inverse=True)[1].ravel()
+
+    def condition_of(self, row: int) -> str:
+        """The condition of a row in words: "v₀ = 60 m/s"."""
+        return next(group.label for group in conditions(self) if row in group.rows)
 
     def row_in_words(self, row: int) -> str:
         """A row as its reader finds it: "line 7" of a file; rows of tables in memory count from 0."""
@@ -185,7 +219,7 @@ class Measurements:
 
     def where(self, row: int) -> str:
         """A row with its angle and condition: "line 7 (30°, v₀ = 60 m/s)"."""
-        label = next((group.label for group in conditions(self) if row in group.rows), "")
+        label = self.condition_of(row)
         return f"{self.row_in_words(row)} ({np.rad2deg(self.angle[row]):.3g}°{', ' * bool(label)}{label})"
 
     def at_conditions(self) -> tuple[np.ndarray, np.ndarray]:
@@ -241,8 +275,7 @@ class Measurements:
         """
         errors = {}
         if self.parts is not None:
-            _, places = self.at_conditions()
-            mean = (np.bincount(places, self.erosion) / np.bincount(places))[places]
+            mean = (np.bincount(self.repeats, self.erosion) / np.bincount(self.repeats))[self.repeats]
             of = of_which(mean if expected is None else expected, mean)
             errors["uncertainty"] = np.hypot(self.parts[:, 0], self.parts[:, 1] * of)
         if self.share_of_speeds and expected is not None:
@@ -263,18 +296,13 @@ class Measurements:
         """
         if self.speed is None:
             return np.zeros(len(self), int)
-        order = np.argsort(self.speed)
-        logs = np.log(self.speed[order])
-        begins = np.append(True, np.diff(logs) > _SAME_SPEED)
-        first, last = logs[begins], logs[np.append(begins[1:], True)]
-        if len(first) == len(self) or (last - first).max() > _SPREAD or len(first) > _MOST_SPEEDS:
-            raise MeasurementError(
-                "Argument `error` must have no part of each speed, as "
-                + ("no two rows are of one speed." if len(first) == len(self) else "the rows' speeds are no groups.")
-            )
-        speeds = np.empty(len(self), int)
-        speeds[order] = np.cumsum(begins) - 1
-        return speeds
+        groups = group_numbers(self.speed)
+        count, must = int(groups.max()) + 1, "Argument `error` must have no part of each speed, as"
+        if count == len(self):
+            raise MeasurementError(f"{must} no two rows are of one speed.")
+        if count > _MOST_SPEEDS or not are_apart(self.speed, groups):
+            raise MeasurementError(f"{must} the rows' speeds are no groups.")
+        return groups
 
     def over_errors(self, of_rows: np.ndarray) -> np.ndarray:
         """Numbers of rows, such as residuals, over their errors, without what rows of one speed have in common.
@@ -538,24 +566,6 @@ def _left_out(missing: np.ndarray, heads: Sequence[str], lines: array.array | No
     return [f"{source}: {which} left out, where a number is missing: {', '.join(words)}{more}."]
 
 
-MOST = 12  # groups that a figure can tell apart
-_DIGITS = 3  # speeds and masses that agree to so many are the same
-
-
-class Condition(NamedTuple):
-    """Rows of one speed and mass.
-
-    Args:
-        rows: their indexes, shape (n,).
-        values: "v0" and "m", where the data has them.
-        label: "v₀ = 30 m/s"; empty where the data has neither.
-    """
-
-    rows: np.ndarray
-    values: Mapping[str, float]
-    label: str
-
-
 def conditions(data: Measurements, most: int | None = None) -> list[Condition]:
     """The groups, by ascending speed and mass.
 
@@ -563,38 +573,25 @@ def conditions(data: Measurements, most: int | None = None) -> list[Condition]:
         data: the measurements.
         most: where there are more groups, rows of similar energy m v₀² are put together.
     """
-    given = {name: values for name, values in data.conditions.items() if name != "alpha"}
-    if not given:
+    varied = data.varied
+    if not varied:
         return [Condition(np.arange(len(data)), {}, "")]
-    columns = np.stack(list(given.values()), axis=1)
-    size = 10.0 ** (np.floor(np.log10(columns)) + 1 - _DIGITS)
-    levels, group = np.unique(np.round(columns / size) * size, axis=0, return_inverse=True)
-    count = len(levels)
-    if most is None or count <= most:
-        together, sign = [[i] for i in range(count)], "="
-    else:
-        powers = [2 if name == "v0" else 1 for name in given]
-        together, sign = np.array_split(np.argsort(np.prod(levels**powers, axis=1), kind="stable"), most), "≈"
-    parts = [np.flatnonzero(np.isin(group.ravel(), [*part])) for part in together]
+    count = int(data.groups.max()) + 1
     # The value itself where all rows have it: a mean would round.
-    middles = [{name: float(np.sort(values[rows])[len(rows) // 2]) for name, values in given.items()} for rows in parts]
-    varying = [name for name in given if len({middle[name] for middle in middles}) > 1] or list(given)
+    medians = [_medians(varied, np.flatnonzero(data.groups == group)) for group in range(count)]
+    if most is None or count <= most:
+        together, sign = [[group] for group in range(count)], "="
+    else:
+        energies = [median.get("m", 1.0) * median.get("v0", 1.0) ** 2 for median in medians]
+        together, sign = np.array_split(np.argsort(energies, kind="stable"), most), "≈"
+    parts = [np.flatnonzero(np.isin(data.groups, [*part])) for part in together]
+    middles = [_medians(varied, rows) for rows in parts]
+    varying = [name for name in varied if len({middle[name] for middle in middles}) > 1] or list(varied)
     return [
         Condition(rows, middle, describe({name: middle[name] for name in varying}, data.units, sign))
         for rows, middle in zip(parts, middles, strict=True)
     ]
 
 
-def usual_condition(data: Measurements, p: Parameters) -> Mapping[str, float]:
-    """Speed and mass of most rows, the greatest among equals; or the case's own, where the data has these."""
-    groups = conditions(data)
-    own = [group for group in groups if all(np.isclose(float(getattr(p, name)), value, rtol=1e-3)
-                                            for name, value in group.values.items())]  # fmt: skip
-    return max(own or groups, key=lambda group: (len(group.rows), *group.values.values())).values
-
-
-def describe(values: Mapping[str, float], units: System, sign: str = "=") -> str:
-    """Parameters in words: "v₀ = 30 m/s, m = 37 µg"."""
-    return ", ".join(
-        f"{QUANTITIES[name].symbol} {sign} {QUANTITIES[name].in_words(value, units)}" for name, value in values.items()
-    )
+def _medians(columns: Mapping[str, np.ndarray], rows: np.ndarray) -> dict[str, float]:
+    return {name: float(np.sort(values[rows])[len(rows) // 2]) for name, values in columns.items()}

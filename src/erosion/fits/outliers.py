@@ -17,7 +17,7 @@ _UNLIKELY = 0.01  # probability that any of the rows is so far off by noise
 _ROUNDING = 1e-9  # of 1 less the leverage, below which a row has no residual of its own
 FEW_PER_CENT = 0.05  # of the greatest erosion: residuals that erosion tests seldom go below
 _USUAL = 2.0  # stated errors that a row may be off
-_RATIOS = 0.0, *np.geomspace(0.01, 10.0, 12).tolist()  # of a relative error of the greatest erosion to the absolute one
+_RATIOS = 0.0, *np.geomspace(0.3, 300.0, 10).tolist()  # of a relative error of the greatest erosion to the absolute one
 _HELD_BACK = 0.5  # of a row's weight
 _LISTED = 8  # rows that a sentence lists
 
@@ -49,6 +49,12 @@ def studentized(residuals: np.ndarray, leverage: np.ndarray, freedom: int) -> tu
     return residuals / np.sqrt(others * rest), others
 
 
+def error_sizes(fitted: np.ndarray) -> list[np.ndarray]:
+    """Errors of rows up to a factor, each of shape (rows,), of an absolute and a relative part in many ratios."""
+    greatest = max(float(np.abs(fitted).max()), np.finfo(float).tiny)
+    return [np.hypot(1, ratio * fitted / greatest) for ratio in _RATIOS]
+
+
 def chances(residuals: np.ndarray, slopes: np.ndarray, fitted: np.ndarray, freedom: int) -> np.ndarray:
     """The probability that noise takes each row so far off or further, shape (rows,).
 
@@ -62,8 +68,7 @@ def chances(residuals: np.ndarray, slopes: np.ndarray, fitted: np.ndarray, freed
         freedom: as for `studentized`.
     """
     odds, logs = [], []
-    for ratio in _RATIOS:
-        size = np.hypot(1, ratio * fitted / max(float(np.abs(fitted).max()), np.finfo(float).tiny))
+    for size in error_sizes(fitted):
         basis = np.linalg.qr(slopes / size[:, None])[0]
         of_rows = residuals / size
         of_rows = of_rows - basis @ (basis.T @ of_rows)

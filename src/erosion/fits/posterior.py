@@ -259,7 +259,7 @@ class Posterior(Result):
         return function(*self.cases(count))
 
     def alpha_max(self, count: int = _SOME, *, discrepancy: bool = True) -> BestAngles:
-        """The angle of greatest removal at draws, at a speed and a mass of the data; arguments as of `predict`."""
+        """The angle of greatest removal at draws, at the speed and the mass of most rows; arguments as of `predict`."""
         model, p = self.cases(count)
         optimum = alpha_max(model, dataclasses.replace(p, **self._of_model.usual))
         if not (discrepancy and self.discrepancy):
@@ -280,7 +280,7 @@ class Posterior(Result):
         Args:
             alpha: α [rad], of any shape.
             at: other parameters of the case than the sampled ones, such as {"v0": 60.0}, or arrays. Speed and mass
-                without it are the case's, or where data without these have their own those of most rows.
+                without it are those of most rows, or the case's where the data have none.
             count: number of draws.
             noise: True for a new measurement, with the data's error or the sampled noise; or another error, a standard
                 deviation [of the data], one for each angle, or an `ErrorModel`. Else the mean of measurements.

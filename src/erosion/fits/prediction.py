@@ -20,7 +20,7 @@ from erosion.fits.discrepancy import EXPONENT, PRIORS, Discrepant, with_few_cond
 from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import Forward
 from erosion.fits.likelihood import ERROR_FACTOR, NOISE, OF_ERROR, RELATIVE, Likelihood
-from erosion.fits.measurements import Measurements, usual_condition
+from erosion.fits.measurements import Measurements
 from erosion.fits.outliers import chances
 from erosion.fits.tempering import rhats, sample
 from erosion.joint_laws import LawSet
@@ -36,7 +36,6 @@ _UNLIKELY = 0.01  # probability that any of the rows is so far off by its error
 _NOTHING = 0.05  # of a row's erosion, which the model does not have
 _LISTED = 4  # rows that a sentence lists
 _COUNTS = 0.01  # probability of a way whose draws matter
-_SPEED = 1e-6  # relative difference of speeds that are one
 _FADE = np.deg2rad(5.0)  # beyond the tested angles, over which the discrepancy comes to count alone
 Noise = bool | float | np.ndarray | ErrorModel
 
@@ -88,7 +87,7 @@ class Predictor(Result):
     @functools.cached_property
     def usual(self) -> Mapping[str, float]:
         """Speed and mass where none is asked for, if the data have their own."""
-        return usual_condition(self.data, self.forward.p)
+        return self.data.usual
 
     @property
     def weights(self) -> dict[str, float]:
@@ -271,7 +270,7 @@ class Predictor(Result):
         own, common = (np.mean(errors**2, axis=0) for errors in self._errors(means, ways))
         middle = means.mean(axis=0)
         distance = np.abs(data.erosion - middle) / np.sqrt(means.var(axis=0) + own + common)
-        distance = np.maximum(distance, _from_repeats(data, np.sqrt(own)))
+        distance = np.maximum(distance, _from_repeats(data, data.erosion - middle, np.sqrt(own)))
         odds, freedom = 2 * stats.norm.sf(distance), len(data) - len(self.ways["model"].values)
         if data.uncertainty is None and freedom > 1:  # a row far off makes a sampled error large, which hides the row
             apart = data.weighed(middle, np.sqrt(own)).over_errors(data.erosion - middle) * data.deviation
@@ -292,24 +291,22 @@ class Predictor(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what predictions cannot know; none for good ones."""
-        misfit = next(iter(self.ways.values())).misfit
         bad = [name for name, way in self.ways.items() if not way.converged and way.weight > _COUNTS]
         return sentences(
             (bad, f"The populations of draws disagree for predictions by {' and '.join(bad)}: their intervals may be "
                   "wrong."),
             (self._missed, self._missed),
-            (self.exponent is not None and is_of_one_speed(misfit.plain),
+            (self.exponent is not None and self.data.has_one_speed,
              "All rows are of one speed: at others the exponent of the speed is the prior's, "
              f"{PRIORS[EXPONENT].in_words('1', self.data.units)}."),
         )  # fmt: skip
 
 
-def _from_repeats(data: Measurements, errors: np.ndarray) -> np.ndarray:
+def _from_repeats(data: Measurements, residuals: np.ndarray, errors: np.ndarray) -> np.ndarray:
     """How far each row is from the mean of its repeats, over the error of their difference; 0 without, shape (n,)."""
-    _, places = data.at_conditions()
-    others = np.bincount(places)[places] - 1
-    sums = np.bincount(places, data.erosion)[places] - data.erosion
-    apart = np.abs(data.erosion - sums / np.maximum(others, 1)) / (errors * np.sqrt(1 + 1 / np.maximum(others, 1)))
+    others = np.bincount(data.repeats)[data.repeats] - 1
+    sums = np.bincount(data.repeats, residuals)[data.repeats] - residuals
+    apart = np.abs(residuals - sums / np.maximum(others, 1)) / (errors * np.sqrt(1 + 1 / np.maximum(others, 1)))
     return np.where(others > 0, apart, 0.0)
 
 
@@ -363,7 +360,7 @@ def make_predictor(plain: Predictor, progress: Progress = no_progress) -> Predic
     forward = whole.forward
     exponent = "v0" not in forward.free and EXPONENT not in own_parameters(forward.model)
     exponent = exponent and forward.held_exponent is not None
-    if exponent and is_of_one_speed(few):  # n has no influence on these data
+    if exponent and forward.data.has_one_speed:  # n has no influence on these data
         model, count = ways["model"], _size(ways["model"].values)
         law = {**model.values, EXPONENT: PRIORS[EXPONENT].ppf((rng.permutation(count) + 0.5) / count)}
         misfit = dataclasses.replace(model.misfit, has_exponent=True)
@@ -426,9 +423,3 @@ def deviations(
     else:
         own = error.deviation(erosion) if isinstance(error, ErrorModel) else np.asarray(error, float)
     return np.broadcast_to(factor * own, erosion.shape), factor * common
-
-
-def is_of_one_speed(likelihood: Likelihood) -> bool:
-    """Whether all rows have one speed."""
-    speeds = likelihood.forward.data.conditions.get("v0", np.ones(1))
-    return float(np.ptp(np.log(speeds))) < _SPEED

@@ -18,7 +18,7 @@ from erosion.fits.doubts import LEVEL, RARE, is_beyond_scatter, is_poor, varianc
 from erosion.fits.errors import ErrorModel
 from erosion.fits.forward import FRACTION, FREE, USUAL_FREE, USUAL_MODELS
 from erosion.fits.least_squares import CalibrationError, with_noise
-from erosion.fits.measurements import conditions, read_measurements
+from erosion.fits.measurements import read_measurements
 from erosion.fits.outliers import FEW_PER_CENT
 from erosion.fits.posterior import Posterior, posterior
 from erosion.fits.tempering import SamplingError
@@ -290,9 +290,9 @@ def _of_each(
 
 def _reasons(fits: Sequence[Calibration]) -> list[str]:
     """Why fits are not ranked, a clause for each; "" for those that are."""
-    groups, misses = conditions(fits[0].data), [is_poor(fit) or is_beyond_scatter(fit) for fit in fits]
+    misses = [is_poor(fit) or is_beyond_scatter(fit) for fit in fits]
     reasons = [
-        f"misses the data: {worst_row(fit.data, fit.fitted, groups)}"
+        f"misses the data: {worst_row(fit.data, fit.fitted)}"
         if is_miss and not all(misses)
         else _beside_others(fit, fits)
         for fit, is_miss in zip(fits, misses, strict=True)

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from erosion.fits import Calibration, NextExperiment, Posterior
-from erosion.fits.measurements import MOST, Condition, Measurements, conditions, describe
+from erosion.fits.conditions import MOST, Condition, describe
+from erosion.fits.measurements import Measurements, conditions
 from erosion.fits.predicted import BestAngles
 from erosion.fits.prediction import Predictor
 from erosion.models import model_name
