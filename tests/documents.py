@@ -36,7 +36,7 @@ def run(words: str | Sequence[str], status: int, capsys: Any) -> Printed:
     if status == 2:
         *warnings, error = printed.err.splitlines()
         assert error.startswith("erosion: "), printed
-        assert all(line.startswith("warning: ") for line in warnings), printed
+        assert all(line.startswith(("warning: ", "note: ")) for line in warnings), printed
         assert printed.out == ""
     return printed
 
@@ -44,6 +44,11 @@ def run(words: str | Sequence[str], status: int, capsys: Any) -> Printed:
 def result_of(text: str) -> dict[str, Any]:
     """The document's result, its numbers without their units."""
     return Printed(text, "").result
+
+
+def findings(document: dict[str, Any], *codes: str) -> list[dict[str, Any]]:
+    """The findings of a document with one of these codes; all of them without."""
+    return [one for one in document["findings"] if not codes or one["code"] in codes]
 
 
 def _without_units(value: Any) -> Any:

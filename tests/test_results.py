@@ -16,7 +16,8 @@ from erosion import ode
 from erosion.cfd.map_result import MapSummary
 from erosion.distributions import Normal
 from erosion.fits.predicted import predictions
-from erosion.output.tables import Result, to_json
+from erosion.output.tables import to_json
+from erosion.results import Result
 from tests.cfd.tables import Table, hump
 
 P = erosion.TABLE_1

@@ -40,6 +40,7 @@ from erosion.fits import read_measurements as read_measurements
 from erosion.fits import to_fluent as to_fluent
 from erosion.fits import to_openfoam as to_openfoam
 from erosion.impacts.optimum import Optimum as Optimum
+from erosion.results.findings import Finding as Finding
 from erosion.impacts.optimum import alpha_max as alpha_max
 from erosion.impacts.optimum import alpha_min as alpha_min
 from erosion.impacts.cluster import local_cluster as local_cluster

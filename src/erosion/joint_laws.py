@@ -24,7 +24,7 @@ from erosion.arguments import real_numbers, refuse
 from erosion.distributions import MOST_OUTSIDE, Distribution, OfScipy, Samples, as_laws, read_columns
 from erosion.output import briefly, digest
 from erosion.parameters import Dimension, Quantity, System
-from erosion.parameters.headings import unused_note
+from erosion.results import Finding
 
 Ranges = Mapping[str, tuple[float, float]]
 """By parameter, the greatest number below its range, and the greatest number of it."""
@@ -300,26 +300,21 @@ def _numbers_of(thing: Any, within: Collection[int]) -> Iterator[bytes]:
         yield from _numbers_of(part, within)
 
 
-def unused_columns(laws: Mapping[str, Any]) -> list[str]:
-    """Sentences on columns of tables that are not used."""
+def unused_columns(laws: Mapping[str, Any]) -> list[Finding]:
+    """Findings on columns of tables that are not used."""
     tables = {
         rows.source: rows.unused for rows in map(_joint_of, laws.values()) if isinstance(rows, Rows) and rows.unused
     }
-    return [f"{source}: {unused_note(unused)}." for source, unused in tables.items()]
+    return [Finding("unused_columns", str(source), {"columns": unused}) for source, unused in tables.items()]
 
 
-def columns_apart(laws: Mapping[str, Any]) -> list[str]:
-    """Sentences on tables of which several columns are drawn, each by itself."""
+def columns_apart(laws: Mapping[str, Any]) -> list[Finding]:
+    """Findings on tables of which several columns are drawn, each by itself."""
     names: dict[str, list[str]] = {}
     for name, law in laws.items():
         if isinstance(law, Samples):
             names.setdefault(law.source, []).append(name)
-    return [
-        f"{source}: {' and '.join(of)} are drawn independently of each other, so rows come apart; whole rows "
-        f"are drawn by Option `--rows {source}`."
-        for source, of in names.items()
-        if len(of) > 1
-    ]
+    return [Finding("columns_apart", str(source), {"columns": of}) for source, of in names.items() if len(of) > 1]
 
 
 def require_units(laws: Mapping[str, Any], units: System) -> None:

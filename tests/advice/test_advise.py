@@ -161,7 +161,7 @@ def test_an_amount_beyond_all_tests_is_no_headline():
     assert [row[-1] for row in advice.rows()][:3] == ["beyond tests"] * 3
     # The numbers are there for programs, with the sentence.
     assert max(curve["erosion_ratio"] for curve in advice.to_dict()["curves"]) > 0.1
-    assert any("is far from what tests" in sentence for sentence in advice.warnings)
+    assert any(finding.code == "above_tests" for finding in advice.findings)
     without = erosion.advise(soft, target=dataclasses.replace(named, correlations=()), models=["linearized"])
     assert amount(without).startswith("The models' amount is left out")
     # The metal as the table has it is within ten times of tests.
@@ -238,8 +238,8 @@ def test_lines_of_correlations_differ():
 
 def test_correlations_outside_of_their_range_are_told(tmp_path):
     advice = erosion.advise(P.replace(v0=260.0), target="aluminium 6061", models=["dnv:aluminium"])
-    (message,) = [message for message in advice.outside if message.startswith("dnv:aluminium")]
-    assert message.rstrip(".") in write_advice(advice, tmp_path / "advice.html").read_text()
+    (outside,) = [finding for finding in advice.outside if finding.about == "dnv:aluminium"]
+    assert outside.text.rstrip(".") in write_advice(advice, tmp_path / "advice.html").read_text()
 
 
 @pytest.fixture(scope="module")

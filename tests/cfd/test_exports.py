@@ -39,7 +39,7 @@ def test_openfoam_computes_the_volumes_of_finnie_from_the_file(case):
 def test_the_coefficients_of_finnies_shape_are_those_of_the_case(model, ratio, stress):
     form = erosion.to_openfoam(model, P, v0=[100.0, 9000.0] if model == "linearized" else None, d=None)
     assert (form.K, form.p) == pytest.approx((ratio, stress * float(SI.sigma)), rel=1e-9)
-    assert (form.psi, form.warnings) == (0.04, ())
+    assert (form.psi, form.findings) == (0.04, ())
     assert form.losses.worst < 1e-9
     assert model in form.text()
 
@@ -57,12 +57,12 @@ def test_what_a_form_loses_at_other_speeds_is_said_and_refused_if_asked_for(expo
     # The shape over the angle changes with rω/v₀.
     form = export("rotating", P)
     assert 0.4 < form.losses.worst < 0.8
-    assert form.warnings[-1].startswith(said)
-    assert form.losses.statement in form.text()
+    assert form.findings[-1].text.startswith(said)
+    assert form.losses.finding().text in form.text()
     with pytest.raises(erosion.ExportError, match=at):
         export("rotating", P, v0=[4400.0, 8800.0])
     narrow = export("rotating", P, v0=[4300.0, 4400.0])
-    assert narrow.losses.statement.startswith("Over 109.2 to 111.8 m/s the form is off by up to ")
+    assert narrow.losses.finding().text.startswith("Over 109.2 to 111.8 m/s the form is off by up to ")
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_fluent_gets_the_exponent_that_the_model_has(model, exponent):
     assert table.exponent == pytest.approx(exponent, abs=1e-9)
     # f and C v^b are those of the model, at every speed.
     assert table.losses.worst == pytest.approx(table.misfit, abs=1e-9)
-    assert table.warnings == ()
+    assert table.findings == ()
     steep = np.deg2rad(30.0)
     exact = float(erosion.impact(model, SI.replace(alpha=steep, v0=40.0)).volume)
     form = float(SI.m) * table.factor * np.interp(steep, table.angle, table.f) * 40.0**table.exponent

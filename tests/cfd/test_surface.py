@@ -121,7 +121,7 @@ def test_normals_that_are_mixed_are_known_and_turned_by_the_impacts(part: str, s
     turned = erosion.erosion_map("dnv", P, table, erosion.read_surface(file, reverse="auto", unit="m"))
     np.testing.assert_allclose(turned["depth"], right["depth"], rtol=1e-12)
     # Velocities after the rebound look the same.
-    assert ("`restitution` must then" in turned.attrs["warnings"]) == (np.mean(faces) > 0.5)
+    assert ("`restitution` must then" in turned.attrs["findings"]) == (np.mean(faces) > 0.5)
     if 0 < share < 0.9:
         left = erosion.erosion_map("dnv", P, table, erosion.read_surface(file, unit="m"))
-        assert "normals against those of their neighbours" in left.attrs["warnings"]
+        assert "normals against those of their neighbours" in left.attrs["findings"]

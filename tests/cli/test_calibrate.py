@@ -20,6 +20,7 @@ from erosion.cli import exit_status
 from erosion.fits.posterior_files import read_predictor
 from erosion.models.rigid import LinearizedCut
 from tests.cli.test_document import check
+from tests.documents import findings
 from tests.fits.test_real_data import SAND, measured
 
 GUESS = ["--k", "3", "--psi", "0.06", "--starts", "2"]
@@ -90,9 +91,10 @@ def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, shell):
     assert [*draws] == ["sigma", "k"]
     assert 0.85 < np.mean((low < np.array(draws["sigma"])) & (np.array(draws["sigma"]) < high)) <= 1
     assert shell(["run", str(path), "--json"]).document["case"]["parameters"]["k"]["value"] == printed["estimates"]["k"]
-    said = shell(["optimum", str(path), "--v0", "600 m/s", "--json"]).document["warnings"]
+    (beyond,) = findings(shell(["optimum", str(path), "--v0", "600 m/s", "--json"]).document, "outside_of_tests")
     fastest = tomllib.loads(path.read_text())["advise"]["tested"]["v0"][1].removesuffix(" m/s")
-    assert f"{path}: 600 m/s is {600 / float(fastest):.3g} × the fastest test." in said
+    assert (beyond["about"], beyond["numbers"]["side"]) == (str(path), "fastest")
+    assert beyond["numbers"]["ratio"] == pytest.approx(600 / float(fastest))
 
 
 def test_draws_are_within_bounds_and_spread_where_the_data_say_nothing(sand, tmp_path):
@@ -273,7 +275,7 @@ def test_the_numbers_are_those_of_the_predictor(fitted, shell, tmp_path):
     assert result["weights"] == pytest.approx(predictor.weights)
     assert result["parts"] == list(predictor.parts)
     assert printed.document["result"]["predictions"][0]["mean"]["unit"] == "kg/kg"
-    assert any(said == "120 m/s is 1.22 × the fastest test." for said in printed.document["warnings"])
+    assert "120 m/s is 1.22 × the fastest test." in [one["text"] for one in printed.document["findings"]]
     heading, *rows = csv.reader(table.read_text().splitlines())
     assert heading[:4] == ["alpha [deg]", "v0 [m/s]", "mean [ug/g]", "mean_low [ug/g]"]
     np.testing.assert_allclose([float(row[2]) for row in rows], 1e6 * of_mean.mean(axis=0).ravel())

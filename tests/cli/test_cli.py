@@ -94,7 +94,7 @@ def test_every_parameter_of_an_impact_is_an_option(shell, monkeypatch):
 def test_a_mass_that_fits_no_body_of_the_size_is_a_warning(shell):
     said = shell("run --r '0.3 mm' --json")
     assert said.err.startswith("warning: m does not fit r and b: ")
-    assert [f"warning: {message}" for message in said.document["warnings"]] == said.err.splitlines()
+    assert [f"{one['level']}: {one['text']}" for one in said.document["findings"]] == said.err.splitlines()
     assert "does not fit" not in shell("run --particle 'garnet 0.3 mm'").err
 
 

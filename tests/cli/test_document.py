@@ -48,7 +48,7 @@ def test_the_schema_is_one_and_refuses(document) -> None:
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
     good = document("run")
     for wrong in ({**good, "more": 1}, {**good, "result": {**good["result"], "volume": 1.0}},
-                  {**good, "warnings": "none"}, {key: good[key] for key in good if key != "seed"}):  # fmt: skip
+                  {**good, "findings": "none"}, {key: good[key] for key in good if key != "seed"}):  # fmt: skip
         with pytest.raises(jsonschema.ValidationError):
             check(wrong)
 
@@ -71,7 +71,7 @@ def test_warnings_are_in_the_document_and_on_stderr(shell) -> None:
     said = shell("run --model rotating-tan-alpha --json")
     document = said.document
     check(document)
-    assert said.err == "".join(f"warning: {message}\n" for message in document["warnings"])
+    assert said.err == "".join(f"{one['level']}: {one['text']}\n" for one in document["findings"])
 
 
 CASES = Path(__file__).parents[2] / "examples"
@@ -193,8 +193,9 @@ def test_a_map_without_a_case_is_in_si(shell: Shell) -> None:
     assert differences(bare["result"], by_file["result"]) == {}
     speed = bare["result"]["total_v0_mean"]
     assert speed == {"value": pytest.approx(105.0), "unit": "m/s"}
-    assert any("find at 105 m/s" in message for message in bare["warnings"])
+    (far,) = (one for one in bare["findings"] if one["code"] == "above_tests")
+    assert far["numbers"]["speed"] == pytest.approx(105.0)
     # Who asks for the other system gets it, of the numbers and of the same sentence.
     inches = document_in([*words, "--units", "inch-pound"], shell)
     assert inches["result"]["total_v0_mean"] == {"value": pytest.approx(105.0 / 0.0254), "unit": "in/s"}
-    assert inches["warnings"] == bare["warnings"]
+    assert [one["text"] for one in inches["findings"]] == [one["text"] for one in bare["findings"]]

@@ -22,7 +22,7 @@ from erosion.fits.posterior_files import read_draws
 from erosion.joint_laws import CorrelatedLaws, Rows
 from erosion.parameters.quantities import QUANTITIES
 from tests.cli.test_document import SCHEMA
-from tests.documents import Shell
+from tests.documents import Shell, findings
 
 CASE = """units = "si"
 k = 2.4
@@ -166,9 +166,9 @@ def test_the_share_that_cuts_is_a_factor_of_the_map(shell: Shell) -> None:
 def test_a_case_that_is_not_the_fits_is_a_warning(shell: Shell) -> None:
     line = "map impacts.csv sand.toml --uncertain post.nc --sigma '2 GPa' --cutting-fraction 0.5 --draws 4 --json"
     document, err = said(line, shell)
-    assert document["warnings"] == [
-        "post.nc: the draws hold for σ = 1.5e+09 Pa, but the case has 2e+09 Pa.",
-        "post.nc: the draws hold if 1 of the particles cut, but here 0.5 of them do.",
+    assert [(one["about"], one["numbers"]) for one in findings(document)] == [
+        ("post.nc", {"symbol": "σ", "before": "1.5e+09 Pa", "now": "2e+09 Pa"}),
+        ("post.nc", {"before": 1.0, "now": 0.5}),
     ]
     assert err.count("warning: ") == 2
 
@@ -178,18 +178,17 @@ def test_draws_of_a_bad_fit_are_a_warning() -> None:
     draws = read_draws("post.nc", known, "si")
     model = erosion.load_model("linearized")
     assert draws.doubts(model, draws.p, 1.0) == []
-    assert draws.doubts(model, draws.p.replace(v0=50.0), 1.0) == ["post.nc: 50 m/s is 2 × the fastest test."]
+    (slow,) = draws.doubts(model, draws.p.replace(v0=50.0), 1.0)
+    assert (slow.code, slow.about, slow.numbers["ratio"]) == ("outside_of_tests", "post.nc", pytest.approx(2.0))
     assert draws.rows.tested["alpha"] == pytest.approx(np.deg2rad((10.0, 70.0)))
     with xr.open_datatree("post.nc") as tree:
         tree["posterior"].attrs |= {"converged": 0, "warnings": '["The uncertainties do not explain the misfit."]'}
         tree["posterior"]["scale"] = tree["posterior"]["psi"]
         tree.to_netcdf("bad.nc", engine="h5netcdf")
     bad = read_draws("bad.nc", known, "si")
-    assert bad.doubts(model, draws.p, 1.0) == [
-        "bad.nc: the draws did not converge.",
-        "bad.nc: the tests had units of their own, so the size of the wear is that of the case.",
-        "bad.nc: The uncertainties do not explain the misfit.",
-    ]
+    doubts = bad.doubts(model, draws.p, 1.0)
+    assert [one.code for one in doubts] == ["not_converged", "draws_without_size", "stated"]
+    assert doubts[-1].numbers == {"text": "The uncertainties do not explain the misfit."}
     assert {*bad.rows} == {"psi"}
 
 
@@ -208,11 +207,11 @@ def test_own_parameters_may_be_those_of_the_fit_in_other_units(shell: Shell) -> 
     shell([*fit, *model, "-o", "slow.nc"])
     line = "map impacts.csv sand.toml --units inch-pound --uncertain slow.nc --draws 2 --json"
     document, _ = said(f"{line} --model linearized-deformation --set 'threshold=12 m/s'", shell)
-    assert not any("the draws hold for" in sentence for sentence in document["warnings"])
+    assert not findings(document, "draws_of_other_model")
     document, _ = said(f"{line} --model linearized-deformation --set 'threshold=15 m/s'", shell)
-    (warning,) = (sentence for sentence in document["warnings"] if "slow.nc: the draws hold" in sentence)
-    assert "threshold = 12 m/s, but the model has " in warning
-    assert warning.endswith("threshold = 15 m/s.")
+    (other,) = findings(document, "draws_of_other_model")
+    assert other["about"] == "slow.nc"
+    assert [other["numbers"][when].split()[-2:] for when in ("before", "now")] == [["12", "m/s"], ["15", "m/s"]]
 
 
 def test_draws_are_read_in_other_units() -> None:

@@ -12,7 +12,7 @@ import pytest
 import erosion
 from erosion.cli import exit_status
 from erosion.parameters.case_files import dump_case
-from tests.documents import Shell
+from tests.documents import Shell, findings
 
 NAMES = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061"]
 SHARE = ["--cutting-fraction", "0.03"]
@@ -105,27 +105,26 @@ def test_a_case_file_says_the_same_as_options(verb: str, shell: Shell) -> None:
     words, angle = VERBS[verb]
     by_options = document([*words, *NAMES, *AT, *angle, *SHARE], shell)
     by_file = document([words[0], "case.toml", *words[1:]], shell)
-    for key in ("result", "warnings"):
+    for key in ("result", "findings"):
         # Printed commands name the file, or the options.
         one, other = (
             re.sub("“erosion [^”]*”", "", json.dumps(given[key], ensure_ascii=False)) for given in (by_options, by_file)
         )
         assert one == other
     assert "erosion_ratio" in json.dumps(by_file["result"])
-    assert "is far from what tests" not in "".join(by_file["warnings"]) or verb == "advise"
+    assert not findings(by_file, "above_tests", "below_tests") or verb == "advise"
 
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_that_weighs_says_where_erosion_is_far_from_tests(verb: str, shell: Shell) -> None:
     words, angle = VERBS[verb]
     share = ["--cutting-fraction", "0.9"]
-    (message,) = document([*words, *NAMES, "--v0", "100 m/s", *angle, *share], shell)["warnings"]
-    assert "g/kg is far" in message
-    assert "DNVGL-RP-O501, 2015, table 3-1" in message
-    (message,) = document([*words, *angle, *share], shell)["warnings"]
-    assert "mm³/kg is far" in message
+    (far,) = findings(document([*words, *NAMES, "--v0", "100 m/s", *angle, *share], shell))
+    assert (far["code"], far["numbers"]["unit"]) == ("above_tests", "g/kg")
+    (far,) = findings(document([*words, *angle, *share], shell))
+    assert (far["code"], far["numbers"]["unit"]) == ("above_tests", "mm³/kg")
     # Nobody asks for amounts of the scenario's case, but advice is about them.
-    assert bool(document([*words, *angle], shell)["warnings"]) == (verb == "advise")
+    assert bool(findings(document([*words, *angle], shell))) == (verb == "advise")
 
 
 def test_calibrate_takes_the_density_of_the_target(shell: Shell) -> None:

@@ -12,6 +12,7 @@ from erosion.fits.posterior_files import model_of_draws
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.case_files import CaseFile
 from erosion.parameters.parameters import TABLE_1
+from tests.documents import findings
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +134,9 @@ def test_all_files_of_a_ranking_are_of_one_model(shell):
     assert ranked == ["rotating-deformation", "linearized-deformation"]
     # What misses the data is drawn no posterior of.
     assert [part["model"] for part in printed["result"]["posteriors"]] == ranked[::-1]
-    assert any("AICc prefers rotating-deformation, the evidence linearized-d" in said for said in printed["warnings"])
+    assert any(
+        "AICc prefers rotating-deformation, the evidence linearized-d" in one["text"] for one in findings(printed)
+    )
     assert CaseFile.read("fitted.toml").model()[0] == model_of_draws("post.nc") == "linearized-deformation"
     assert (
         exit_status(["stream", "fitted.toml", "--uncertain", "post.nc", "--n", "128", "--alpha", "normal(30deg, 3deg)"])

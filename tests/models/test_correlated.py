@@ -12,6 +12,8 @@ from erosion.models import Correlated, correlated, made_for, model_name, own_par
 from erosion.models.correlated import CorrelatedByFlowStress, per_mass_of
 from erosion.models.equations import flaw
 from erosion.parameters.materials import known_targets
+from erosion.results import from_attribute
+from tests.documents import findings
 
 P = erosion.TABLE_1
 SI = P.to("si")
@@ -85,10 +87,10 @@ def test_a_share_of_impacts_outside_of_the_range_is_a_warning(shell, tmp_path):
     with pytest.warns(erosion.correlations.OutOfRangeWarning, match=r"^40 %.*\bdnv\b.*\b200 m/s") as warned:
         grid = erosion.sweep("dnv", SI, v0=[100.0, 150.0, 200.0, 201.0, 300.0], alpha=[0.2, 0.4])
     said = str(warned[0].message)
-    assert grid.attrs["comment"] == said
+    assert [finding.text for finding in from_attribute(grid.attrs["findings"])] == [said]
     # Within it nothing is said, and nothing of other models.
-    assert "comment" not in erosion.sweep("dnv", SI, v0=[100.0, 150.0]).attrs
-    assert "comment" not in erosion.sweep("linearized", SI, v0=[300.0, 400.0]).attrs
+    assert "findings" not in erosion.sweep("dnv", SI, v0=[100.0, 150.0]).attrs
+    assert "findings" not in erosion.sweep("linearized", SI, v0=[300.0, 400.0]).attrs
     with pytest.warns(erosion.correlations.OutOfRangeWarning) as warned:
         erosion.compare(["rotating", "dnv", "oka", "ecrc"], P.replace(v0=P.v0 * 2.0), alpha=[0.3, 0.6])
     assert [str(warning.message).partition(" ")[0] for warning in warned] == ["dnv", "oka"]
@@ -107,7 +109,7 @@ def test_a_share_of_impacts_outside_of_the_range_is_a_warning(shell, tmp_path):
     # A batch of impacts is what other verbs are made of: they warn.
     assert erosion.impact("dnv", SI.replace(v0=250.0)).volume_at_contact > 0
     words = ["sweep", "--model", "dnv", "--v0", "100m/s:300m/s:5", "-o", str(tmp_path / "fast.nc"), "--json"]
-    assert shell(words).document["warnings"] == [said]
+    assert [one["text"] for one in findings(shell(words).document)] == [said]
 
 
 def decided(model: str, target: str) -> Correlated | str:

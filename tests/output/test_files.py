@@ -17,7 +17,8 @@ import pytest
 import erosion
 from erosion.interrupts import between_imports
 from erosion.output.files import require_writable, uninterrupted, write_whole, written_whole
-from erosion.output.tables import Result, to_json, to_plain, with_error
+from erosion.output.tables import to_json, to_plain, with_error
+from erosion.results import Result
 from tests.documents import Written
 
 

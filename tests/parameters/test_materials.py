@@ -61,7 +61,7 @@ def test_every_particle_and_target_can_be_named_and_has_a_source():
         low, high = particle.density_range
         assert 1000 < low <= particle.density <= high < 20000
         assert particle.source
-        assert P.with_particle(particle).size_warning is None
+        assert P.with_particle(particle).size_finding is None
     for target in map(erosion.target, known_targets()):
         assert target.source
         assert target.density
@@ -198,10 +198,10 @@ def test_a_table_that_cannot_be_used_names_file_entry_and_field(written, content
 
 @pytest.mark.parametrize("change", [{"r": 0.3 / 25.4}, {"r": 0.4}, {"r": np.array([0.04, 0.01])}, {"m": 1e-4}])
 def test_a_change_after_which_the_mass_fits_no_body_is_one_warning(change, tmp_path):
-    assert P.size_warning is None
+    assert P.size_finding is None
     with pytest.warns(SizeWarning, match=r"m does not fit r and b: .* than .* kg/m³\); .*\.") as said:
         changed = P.replace(**change)
-    assert [str(warning.message) for warning in said] == [changed.size_warning]
+    assert [str(warning.message) for warning in said] == [str(changed.size_finding)]
     if np.ndim(changed.r) == 0:
         (tmp_path / "case.toml").write_text(erosion.dump_case(changed))
         with pytest.warns(SizeWarning, match="m does not fit r and b"):

@@ -149,10 +149,7 @@ def test_every_number_of_a_cut_that_turns_by_more_than_90_degrees_is_marked(repo
     marked = set()
     for model, row in numbers(folder)["answers"]["models"].items():
         best = row["alpha_max"]
-        beyond = [
-            path(load_model(model), p.replace(alpha=alpha)).turn_warning is not None
-            for alpha in (p.alpha, best or 1e-6)
-        ]
+        beyond = [path(load_model(model), p.replace(alpha=alpha)).turned_beyond for alpha in (p.alpha, best or 1e-6)]
         here, angle, most, *_ = re.findall("<td>(.*?)</td>", rows[model])
         assert ["†" in here, "†" in most] == beyond, model
         if best:

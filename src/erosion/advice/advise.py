@@ -28,6 +28,7 @@ from erosion.parameters import (
     target as read_target,
     validate,
 )
+from erosion.results import unique
 from erosion.streams.tally import Particles
 
 MODELS = (
@@ -167,7 +168,7 @@ def advise_case(
         curves.append(jet.of_correlation(model.label, model, fits=fits, known=per_mass.density is not None))
         outside.append(model.outside_of_range(p))
     progress("models", total, total)
-    said = tuple(dict.fromkeys(message for message in outside if message))
+    said = unique(finding for finding in outside if finding is not None)
     return Advice(p, spread, speed_spread, per_mass, tuple(curves), grit, metal, said, uncertain,
                   weighed=None if uncertain is None else uncertain.tested.get("alpha"))  # fmt: skip
 

@@ -13,7 +13,7 @@ from erosion.fits.forward import FACTORS, FRACTION, OF_METAL
 from erosion.joint_laws import SHARE, LawSet, Member, Rows, require_units
 from erosion.models import CuttingModel, own_parameters, quantities, ranges
 from erosion.models.correlated import Correlated
-from erosion.output import Record, Result, format_number, to_plain
+from erosion.output import Record, format_number, to_plain
 from erosion.parameters import (
     PER_MASS_SCALES,
     FarFromTests,
@@ -27,6 +27,7 @@ from erosion.parameters import (
     table_scale,
     two_digits,
 )
+from erosion.results import Finding, Result
 from erosion.streams.tally import Points
 
 DRAWS = 64
@@ -178,9 +179,9 @@ class Advice(Result):
         per_mass: density of the target, share of the particles that cut.
         curves: every model, its variations, and every correlation.
         particle, target: where they were named.
-        outside: sentences on correlations that are used outside of their range.
+        outside: findings on correlations that are used outside of their range.
         uncertain: the laws that took the place of the ranges of k and ψ, from a fit for example.
-        doubts: sentences on the fit that it rests on, as the case file has them.
+        doubts: findings on the fit that it rests on.
         weighed: the least and the greatest angle of its tests [rad]; the advised angle is between them.
         job: what is to be removed.
         other: another abrasive, to compare with `particle`.
@@ -195,9 +196,9 @@ class Advice(Result):
     curves: tuple[Curve, ...]
     particle: Particle | None = None
     target: Target | None = None
-    outside: tuple[str, ...] = ()
+    outside: tuple[Finding, ...] = ()
     uncertain: Uncertain | None = None
-    doubts: tuple[str, ...] = ()
+    doubts: tuple[Finding, ...] = ()
     weighed: tuple[float, float] | None = None
     job: Job | None = None
     other: Particle | None = None
@@ -374,11 +375,11 @@ class Advice(Result):
         return [f"{sentence[0].upper()}{sentence[1:]}" for sentence in sentences]
 
     @property
-    def warnings(self) -> list[str]:
-        """Sentences on a size that fits no body, correlations out of range, amounts far from tests, and the fit."""
+    def findings(self) -> list[Finding]:
+        """A size that fits no body, correlations out of range, amounts far from tests, and doubts of the fit."""
         far = self._far([curve for curve in self.curves if curve.group != "correlations"])
-        said = (self.p.size_warning, *self.outside, far and str(far))
-        return [*filter(None, said), *self.doubts]
+        found = (self.p.size_finding, *self.outside, far and far.finding())
+        return [*filter(None, found), *self.doubts]
 
     def _why(self) -> str:
         """What the advised angle is worth by the curves that count."""

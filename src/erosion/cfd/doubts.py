@@ -14,6 +14,10 @@ from erosion.cfd.surface import Surface
 from erosion.cfd.tally import FaceTally
 from erosion.parameters.materials import HEAVIEST
 from erosion.parameters.quantities import Scale, readable_scale
+from erosion.results import Finding, stated
+
+ONE_ROW = "one_row_wears"
+"""The code of the finding that one of many rows does much of the wear."""
 
 _FEW = 100  # impacts at random times, of which the first and the last are 2 % of the time off its ends, on average
 _GROWTH = 2.6  # of the wear with speed, as of metals in DNVGL-RP-O501 (2015), table 3-1
@@ -278,7 +282,7 @@ class Ranges:
 
     def in_words(
         self, table: Impacts, tally: FaceTally, surface: Surface | None, injected: float | None
-    ) -> tuple[str, list[str]]:
+    ) -> tuple[str, list[Finding]]:
         """How the table was understood, in its own units, and what no sand has of it.
 
         Args:
@@ -306,7 +310,7 @@ class Ranges:
             f"{_range(slow, fast, velocity)}, on average {speed / velocity.size:.4g} {velocity.unit}, and at "
             f"{_range(flat, steep, Scale(math.pi / 180, '°'))} to the wall, on average {angle:.3g}°."
         )
-        doubts = [*self._of_velocities(tally.rows), *self._journeys.in_words()]
+        doubts, found = [*self._of_velocities(tally.rows), *self._journeys.in_words()], list[Finding]()
         if surface is not None:
             across, unit = surface.length, f"in {surface.unit} as given" if surface.unit else "taken in metres"
             read_as += f" The surface{f', {unit},' * (surface.mesh_face is None)} is {across:.3g} m across."
@@ -325,8 +329,7 @@ class Ranges:
         if self._weightless:
             doubts.append(f"{self._weightless:,} rows that hit have the weight 0, and count for nothing.")
         if self._most > self._all * max(_DOMINATES, 30 / tally.hits):
-            share = f"about {100 * self._most / self._all:.0f} % of the wear"
-            doubts.append(f"{self._place} alone does {share}; are its weight, size and speed right?")
+            found.append(Finding(ONE_ROW, self._place, {"share": self._most / self._all}))
         if fine < _FINEST or coarse > _COARSEST:
             doubts.append(
                 f"Particles have diameters of {fine:.3g} to {coarse:.3g} m, as no sand has; is the unit right?"
@@ -335,7 +338,7 @@ class Ranges:
             doubts.append(
                 f"The mean speed is {speed:.3g} m/s, at which no sand is blasted or carried; is the unit right?"
             )
-        return read_as, doubts
+        return read_as, [*map(stated, doubts), *found]
 
     def _of_velocities(self, rows: int) -> list[str]:
         """That velocities may be speeds, or without their signs."""

@@ -40,6 +40,7 @@ from erosion.models import Correlated, CuttingModel, load_model, model_name, req
 from erosion.ode.step_control import require_float64
 from erosion.output import briefly, digest
 from erosion.parameters import Parameters, conversion_factor, readable_scale
+from erosion.results import Finding, stated, to_attribute
 
 _PORTION = 2**18  # impacts, draws times rows: enough for all cores at once, a few tens of megabytes
 _LITTLE = 0.13  # of the sand injected: radii for diameters leave 1/8 of what hits, g under kg 1/1000
@@ -164,8 +165,13 @@ class MapJob:
             duration_from=sand.duration_from,
             injected_from=sand.injected_from,
             read_as=read_as,
-            warnings=" ".join(
-                [*table.warnings, *doubts, *nearness.warnings(), *self._normals_in_words(tally), *sand.warnings]
+            findings=to_attribute(
+                [
+                    *map(stated, table.warnings),
+                    *doubts,
+                    *map(stated, [*nearness.warnings(), *self._normals_in_words(tally)]),
+                    *sand.findings,
+                ]
             ),
         )
         has_range = isinstance(task.model, Correlated)
@@ -185,7 +191,8 @@ class MapJob:
     def _sand(self, tally: FaceTally, ranges: Ranges) -> Sand:
         """The mass of sand in the run, and the time that it is taken for."""
         options, table, parcels = self.task.options, self.impacts, tally.parcels
-        duration, duration_from, warnings = ranges.duration_of(table, tally.rows)
+        duration, duration_from, doubts = ranges.duration_of(table, tally.rows)
+        findings = list(map(stated, doubts))
         known, erodent = float(parcels.mass.sum()), float(tally.sums["erodent"].sum())
         given = options.injected_in(duration)
         rows = float(tally.counts["lost_mass"].sum()) if options.injected == ROWS else None
@@ -193,39 +200,23 @@ class MapJob:
                    f"the {len(parcels.known):,} parcels of the table, each once": known or None}  # fmt: skip
         injected_from, injected = next(((name, mass) for name, mass in sources.items() if mass), ("", None))
         if changing := int((parcels.mass > 1.001 * parcels.least_mass).sum()):
-            warnings.append(
-                f"{changing:,} of the {len(parcels.known):,} parcels of the table have rows of different masses: its "
-                "numbers of parcels may be those of something else, or given again to new parcels, which makes the "
-                "sand injected too little. Argument `ignore` leaves a column out."
-            )
+            numbers = {"changing": changing, "parcels": len(parcels.known)}
+            findings.append(Finding("parcels_change_mass", numbers=numbers))
         if injected is not None and known > 1.001 * injected:
-            warnings.append(f"The parcels of the table have {known:.4g} kg, more than the {injected:.4g} kg injected.")
+            findings.append(Finding("parcels_above_injected", numbers={"parcels": known, "injected": injected}))
         elif injected is not None and not table.has_parcels and erodent > 1.001 * injected:
-            warnings.append(
-                f"The rows that hit have {erodent / injected:.3g} × the mass of the sand injected: either parcels hit "
-                "several times, or `injected` is too small, or a mass or `injected` is in another unit."
-            )
+            findings.append(Finding("hits_above_injected", numbers={"ratio": erodent / injected}))
         elif given and (come := known or float(tally.counts["lost_mass"].sum())) < _LITTLE * given:
-            warnings.append(
-                f"Rows have only {come / given:.2g} of the mass of the sand injected, so the wear is as little. "
-                "If more of it hits, the unit of the masses or of `injected` is wrong, the weights of the rows are "
-                "missing, or radii are taken for diameters."
-            )
+            findings.append(Finding("hits_far_below_injected", numbers={"ratio": come / given}))
         elif rows:
-            warnings.append(
-                "Each row counts as sand of its own: if parcels hit several times the wear is too small, if some hit "
-                "no wall it is too large. Argument `injected` may give the mass of all sand instead."
-            )
+            findings.append(Finding("each_row_is_sand"))
         elif given is None and table.injected is None and options.sand_rate is not None:
-            warnings.append(
-                "Sand that hits no wall is not counted as injected, so the wear may be too large: Argument `injected` "
-                "gives the mass of all of it."
-            )
+            findings.append(Finding("only_hits_are_sand"))
         if options.sand_rate is not None and injected is not None:
             duration = injected / options.sand_rate
             mass = readable_scale("mass", "si", injected)
             duration_from = f"in which {mass.beside(f'{injected / mass.size:.4g}')} of sand come"
-        return Sand(duration, duration_from, injected, injected_from, tuple(warnings))
+        return Sand(duration, duration_from, injected, injected_from, tuple(findings))
 
     def _compute(self, portions: Iterator[Hits], add: Callable[[Portion], None]) -> None:
         """Compute all portions, and add them in their order."""

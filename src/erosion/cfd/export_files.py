@@ -22,6 +22,7 @@ from erosion.cfd.exports import (
 )
 from erosion.correlations import finnie_angle
 from erosion.models import model_name
+from erosion.results import Finding, found
 
 _MOST_POINTS = 30  # a piecewise-linear profile of Fluent has no more
 _SAME = 1e-6  # factors that differ by less do not depend on the diameter
@@ -64,9 +65,9 @@ class AngleTable:
         return f"{factor * self.density:.6e} (s/m)^{self.exponent:.6g}"
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """What is clearly lost at other speeds."""
-        return (f"Fluent: {self.losses.statement}",) if self.losses.worst > NEAR else ()
+        return found((self.losses.worst > NEAR, self.losses.finding("Fluent")))
 
     def text(self) -> str:
         """A CSV table, one point a line, angles in degrees."""
@@ -81,7 +82,7 @@ class AngleTable:
         return (
             f"{commented(self.comment, '#')}"
             f"# The table differs from the model's curve by up to {self.misfit:.2%} of its maximum.\n"
-            f"{commented(self.losses.statement, '#')}"
+            f"{commented(self.losses.finding().text, '#')}"
             f"{commented(function, '#')}"
             "angle [deg],f [-]\n" + "\n".join(lines) + "\n"
         )
@@ -189,13 +190,12 @@ class ParticleErosion:
     patches: tuple[str, ...] = ()
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """What is clearly lost, at the case's speed and at others."""
-        shape = f"OpenFOAM knows Finnie's curve only: it is off by up to {self.misfit:.1%} of the maximum."
-        sentences = (shape,) if self.misfit > NEAR else ()
-        if self.losses.worst > max(NEAR, self.misfit):
-            sentences += (f"OpenFOAM: {self.losses.statement}",)
-        return sentences
+        return found(
+            (self.misfit > NEAR, Finding("shape_off", "OpenFOAM", {"misfit": self.misfit})),
+            (self.losses.worst > max(NEAR, self.misfit), self.losses.finding("OpenFOAM")),
+        )
 
     def text(self) -> str:
         """An entry for the `cloudFunctions` of a case's cloud properties."""
@@ -205,7 +205,7 @@ class ParticleErosion:
             f"{commented(self.comment, '//')}"
             f"// Finnie's curve differs from the model's by up to {self.misfit:.2%} of its maximum,\n"
             f"// by {self.rms:.2%} in the mean of squares over all angles.\n"
-            f"{commented(self.losses.statement, '//')}"
+            f"{commented(self.losses.finding().text, '//')}"
             "// It goes into `cloudFunctions` of the cloud's properties, such as constant/kinematicCloudProperties.\n"
             "particleErosion1\n"
             "{\n"

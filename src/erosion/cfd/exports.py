@@ -26,6 +26,7 @@ from erosion.parameters import (
     unit_name,
     validate,
 )
+from erosion.results import Finding
 from erosion.version import __version__
 
 _RTOL = 1e-12
@@ -343,19 +344,19 @@ class Losses:
         """The greatest misfit."""
         return float(self.misfit.max())
 
-    @property
-    def statement(self) -> str:
-        """A sentence with the numbers."""
+    def finding(self, code: str = "") -> Finding:
+        """The same for a reader, about the form of a CFD code."""
         speeds, diameters, asked = self.reach
         if asked:
             over = f"{_range(speeds)} m/s" + (f" and {_range(1e6 * diameters)} um" if diameters.size > 1 else "")
-            return f"Over {over} the form is off by up to {self.worst:.2%} of the maximum there."
+            return Finding("form_off_over_range", code, {"range": over, "worst": self.worst})
         own_speed, own_size = np.argmin(np.abs(speeds - self.speed)), np.argmin(np.abs(diameters - self.diameter))
-        return (
-            f"The form is made at {self.speed:.6g} m/s. At half and at twice this speed it is off by up to "
-            f"{self.misfit[own_size, [0, -1]].max():.2%} of the maximum there, at half and at twice the diameter by up "
-            f"to {self.misfit[[0, -1], own_speed].max():.2%}."
-        )
+        numbers = {
+            "speed": self.speed,
+            "at_speeds": self.misfit[own_size, [0, -1]].max(),
+            "at_diameters": self.misfit[[0, -1], own_speed].max(),
+        }
+        return Finding("form_off", code, numbers)
 
 
 def own_curve(particle: ExportedParticle) -> np.ndarray:

@@ -11,13 +11,14 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import check_path
+from erosion.cfd.doubts import ONE_ROW
 from erosion.cfd.incidence import LEFT_OUT
 from erosion.cfd.options import MapOptions
 from erosion.cfd.surface import Surface
 from erosion.cfd.tally import FaceTally
 from erosion.extras import library
 from erosion.impacts import code_version, write_netcdf
-from erosion.output import Record, Result, Row, to_csv, to_plain, with_error, write_whole
+from erosion.output import Record, Row, to_csv, to_plain, with_error, write_whole
 from erosion.parameters import (
     BEYOND_TESTS,
     QUANTITIES,
@@ -32,14 +33,11 @@ from erosion.parameters import (
     readable_scale,
     table_scale,
 )
+from erosion.results import Finding, Result, from_attribute
 
 _BY_CHANCE, _MANY = 0.05, 10  # excess of the worst face, and faces beside it, from which chance is told
 _ALONE, _SOME = 0.7, 4  # standard error of a face of some rows, from which on one of them does most of its wear
 _MANY_RECEDE = 0.1  # of the rows, more than recede at the edges of fine facets
-_WHY_RECEDE = (
-    ": are velocities or angles in their columns, with their signs, before or after the rebound as said? Or are the "
-    "facets too coarse for such shallow impacts?"
-)
 _ROUGH = 0.3  # of a depth: such an error is that of a few rows, and not normal
 _NO_LENGTH = 9  # decimals of a metre that a distance is told to
 
@@ -117,14 +115,14 @@ class Sand(NamedTuple):
         duration_from: who says so.
         injected: its mass [kg], hits or not; None where it is not known.
         injected_from: who says so.
-        warnings: what is doubtful in these.
+        findings: what is doubtful in these.
     """
 
     duration: float | None
     duration_from: str
     injected: float | None
     injected_from: str
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 Variables = dict[str, tuple[Any, ...]]
@@ -324,9 +322,8 @@ class MapSummary(Result):
         by = (
             "and by uncertain parameters" if "total_parameter_error" in data else "alone, all parameters taken as exact"
         )
-        meaning = f"rows that hit; ± of totals is the standard error by sampling the impacts {by}"
-        if "parcels" in data:
-            meaning = meaning.replace("hit;", f"hit, of {int(data['parcels']):,} parcels;")
+        parcels = f", of {int(data['parcels']):,} parcels" if "parcels" in data else ""
+        meaning = f"rows that hit{parcels}; ± of totals is the standard error by sampling the impacts {by}"
         rows = [Row("impacts", "", f"{int(data['total_impacts']):,}", "", meaning)]
         if "face" in data.dims:
             hit = int((data["impacts"] > 0).sum())
@@ -429,43 +426,41 @@ class MapSummary(Result):
             yield row
 
     @property
-    def warnings(self) -> list[str]:
-        """Sentences on what is left out or doubtful."""
+    def findings(self) -> tuple[Finding, ...]:
+        """What is left out or doubtful."""
         data = self.dataset
-        sentences = [data.attrs["warnings"]] if data.attrs["warnings"] else []
-        if self._chance:
-            (excess, rivals, error), name = self._chance, "depth_per_year" if "depth_per_year" in data else "depth"
-            _, greatest, scale = self._greatest(name)
-            told = f"{greatest / (1 + excess) / scale.size:.3g} {scale.unit}"
-            told = (
-                f"if the {rivals:,} faces with at least half of the greatest depth wear alike, each ± "
-                f"{100 * error:.0f} %, it is about {100 * excess:.0f} % too large, and truly about {told}"
-                if error < _ROUGH
-                else f"it is known to ± {100 * error:.0f} % alone, as a few rows hit each face"
-            )
-            sentences.append(
-                f"The greatest of many faces lies above the true one by chance: {told}. More impacts or larger faces "
-                "lower this."
-            )
+        findings = [*from_attribute(data.attrs["findings"]), *self._by_chance()]
         total = int(data["rows"])
         for name, count in zip(data["reason"].values, data["left_out"].values, strict=True):
             if count and name != "elsewhere":
-                why = _WHY_RECEDE if name == "receding" and count > _MANY_RECEDE * total else "."
-                more = f": {data.attrs['far_rows']}." if name == "too-far" else why
-                sentences.append(f"{count:,} of {total:,} rows {LEFT_OUT[name]}, and are not counted{more}")
+                code = f"rows_{name.replace('-', '_')}"
+                if name == "receding" and count > _MANY_RECEDE * total:
+                    code = "rows_receding_often"
+                numbers = {"left_out": count, "rows": total}
+                if name == "too-far":
+                    numbers |= {"where": data.attrs["far_rows"]}
+                findings.append(Finding(code, numbers=numbers))
         if failed := round(float(data["ends"].sum() - data["total_impacts"])):
-            sentences.append(f"{failed:,} impacts could not be computed, and are not counted.")
+            findings.append(Finding("impacts_not_counted", numbers={"failed": failed}))
         if "beyond_range" in data and float(data["beyond_range"]) > 0:
-            share = f"{100 * float(data['beyond_range']):.3g} %"
-            sentences.append(f"{share} of the mass that hits is outside the range of {data.attrs['model']}.")
+            findings.append(Finding("mass_out_of_range", data.attrs["model"], {"share": float(data["beyond_range"])}))
         # A row that does much of all wear is named already.
-        is_told = self._chance is not None or "alone does" in data.attrs["warnings"] or "depth" not in data
+        is_told = self._chance is not None or any(one.code == ONE_ROW for one in findings) or "depth" not in data
         if not is_told and self._worst_error > _ALONE and (rows := int(data["impacts"][self._worst])) >= _SOME:
-            sentences.append(
-                f"The deepest face, {self._worst:,}, has {rows:,} rows, but ± {100 * self._worst_error:.0f} %, as one "
-                "of them does most of its wear; are its weight, size and speed right?"
-            )
-        return sentences if self._far is None else [*sentences, str(self._far)]
+            numbers = {"face": self._worst, "rows": rows, "error": self._worst_error}
+            findings.append(Finding("one_row_of_face_wears", numbers=numbers))
+        return (*findings, *([] if self._far is None else [self._far.finding()]))
+
+    def _by_chance(self) -> Iterator[Finding]:
+        """That the greatest of many depths is too large by chance, or hardly known."""
+        if self._chance is None:
+            return
+        excess, rivals, error = self._chance
+        name = "depth_per_year" if "depth_per_year" in self.dataset else "depth"
+        _, greatest, scale = self._greatest(name)
+        truly = greatest / (1 + excess) / scale.size
+        numbers = {"excess": excess, "rivals": rivals, "error": error, "truly": truly, "unit": scale.unit}
+        yield Finding("greatest_by_chance" if error < _ROUGH else "greatest_of_few_rows", numbers=numbers)
 
     @property
     def _far(self) -> FarFromTests | None:

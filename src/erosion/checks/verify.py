@@ -43,8 +43,9 @@ from erosion.models import (
     with_values,
 )
 from erosion.ode.step_control import require_xla
-from erosion.output import Record, Result, to_plain
+from erosion.output import Record, to_plain
 from erosion.parameters import QUANTITIES, TABLE_1, Parameters, conversion_factor
+from erosion.results import Finding, Result
 
 BOUNDS: Mapping[str, tuple[float, str]] = {
     "closed form": (1e-9, "V, V′, V″, t_c and the state midway, where an exact solution is known"),
@@ -96,9 +97,12 @@ class Check:
         """Whether the error is within its bound; False for NaN."""
         return self.error <= self.bound
 
-    def __str__(self) -> str:
-        verdict = f"{self.error:.1e} is above {self.bound:.0e}" if math.isfinite(self.error) else "failed"
-        return f"{self.model}: {self.name}: {verdict} ({self.where})"
+    @property
+    def finding(self) -> Finding:
+        """The same for a reader, of a check that did not pass."""
+        code = "out_of_bounds" if math.isfinite(self.error) else "check_failed"
+        numbers = {"check": self.name, "error": self.error, "bound": self.bound, "where": self.where}
+        return Finding(code, self.model, numbers)
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -147,9 +151,10 @@ class Verification(Result):
         return rows
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """A sentence for each failure."""
-        return tuple(map(str, self.failures))
+    def findings(self) -> tuple[Finding, ...]:
+        """One for each failure and each absent solver."""
+        absent = (Finding("solver_absent", name) for name in self.absent)
+        return (*(check.finding for check in self.failures), *absent)
 
     def to_dict(self) -> Record:
         """The verdict and every check."""

@@ -36,6 +36,7 @@ from erosion.cli.options import (
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 from erosion.output import briefly
+from erosion.results import Finding, stated, unique
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or "angle [deg], speed [m/s], '
@@ -103,8 +104,8 @@ class Fit:
         """The measurements; columns that are not used are a warning."""
         measured = lazy.read_measurements(self.data, self.p.units, ignore=self.ignore, error=self.fit.error)
         if measured.unused:
-            output.warn(f"{self.data}: {lazy.unused_note(measured.unused)}.")
-        output.warn(*measured.notes)
+            output.warn(Finding("unused_columns", str(self.data), {"columns": measured.unused}))
+        output.warn(*map(stated, measured.notes))
         return measured
 
     @property
@@ -204,7 +205,7 @@ def write_case(path: Path, ranking: "lazy.Ranking", task: Fit, output: Output) -
         text = lazy.to_case(ranking.best, str(path), **task.options.names(), warnings=ranking.warnings_of_best)
         lazy.write_whole(path, text.encode())
     if "\n[advise.uncertain]\n" not in text:
-        output.warn(f"{path}: has no draws of the fit: `erosion advise` takes ranges of k and ψ about its estimates.")
+        output.warn(Finding("case_without_draws", str(path)))
 
 
 def ranks_several(ranking: "lazy.Ranking") -> bool:
@@ -239,7 +240,7 @@ def print_document(
 
 def as_json(numbers: Mapping[str, Any], *but: str) -> dict[str, Any]:
     """Numbers without what the document says elsewhere, `but` some more."""
-    said = ("own_parameters", "parameters", "warnings", *but)
+    said = ("own_parameters", "parameters", "warnings", "findings", *but)
     return {name: value for name, value in numbers.items() if name not in said}
 
 
@@ -283,7 +284,7 @@ def calibrate(
             raise InputError(f"Option `--profile` must be one of {', '.join(names)}, but is {briefly(profile)}.")
         ranking = task.ranking(measured, models, progress, bounds=ends, loss=loss)
         along = None if profile is None else ranking.best.profile(profile)
-    output.warn(*ranking.warnings)
+    output.warn(*map(stated, ranking.warnings))
     # A fit takes longer than any file: it is shown first.
     more, units = {}, {}
     if along is not None:
@@ -537,13 +538,15 @@ def advise(
             p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress
         )
         outside = [] if options.file is None else options.file.outside(p)
-        told = {doubt.partition(": ")[2] for doubt in outside}  # of the file's tests, which may be those of the draws
+        told = [
+            (doubt.code, doubt.numbers) for doubt in outside
+        ]  # of the file's tests, which may be those of the draws
         of_draws = [doubt for part in draws for chosen in models.values()
                     for doubt in part.doubts(chosen, advice.p, advice.per_mass.cutting_fraction)
-                    if doubt.partition(": ")[2] not in told]  # fmt: skip
+                    if (doubt.code, doubt.numbers) not in told]  # fmt: skip
         weighed = advice.weighed or fit.weighed if uncertain else None
         advice = dataclasses.replace(
-            advice, doubts=tuple(dict.fromkeys((*fit.doubts, *outside, *of_draws))), weighed=weighed,
+            advice, doubts=unique((*fit.doubts, *outside, *of_draws)), weighed=weighed,
             job=job, other=other, rows_file=draws[0].data if draws else fit.data,
             words=fit.words(abrasive, models, draws, p),
         )  # fmt: skip
@@ -552,7 +555,7 @@ def advise(
             lazy.write_advice(advice, output, decimal)
     draw(plot, lambda: lazy.plot_advice(advice))
     printed = Output("advise", p, options, json=json)
-    printed.warn(*advice.warnings, *(lazy.unused_columns(uncertain.laws) if uncertain else ()))
+    printed.warn(*advice.findings, *(lazy.unused_columns(uncertain.laws) if uncertain else ()))
     printed.document(advice.to_dict(), models, lazy.UNITS)
     printed.table("", advice.rows(), advice.headings, (), advice.reasons, [advice.title, *advice.answers])
     is_table = output is not None and output.suffix == ".csv"

@@ -37,6 +37,7 @@ from erosion.cli.output import Output, PerMassOptions, density_option, draw, pro
 from erosion.cli.sweep import dask_cluster
 from erosion.output import briefly
 from erosion.parameters import QUANTITIES, RESULTS
+from erosion.results import Finding
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -298,7 +299,7 @@ def map_(
     sentences = [f"{sand.name} is the usual correlation for {metal}; --model takes others."] if usual else []
     # What is left out is a warning.
     summary = lazy.MapSummary(dataset)
-    printed.warn(*map(as_options, summary.warnings))
+    printed.warn(*summary.findings)
     if grit is not None:
         printed.warn(_size_doubt(dataset, grit.size, grit.density))
     content = summary.to_dict()
@@ -312,16 +313,13 @@ def map_(
 _SAME_SIZE = 1.5  # ratio of the mean diameter of the table to that of the particle that is named
 
 
-def _size_doubt(dataset: "xr.Dataset", named: float, density: float) -> str | None:
-    """That the particles of the table are of another size than the one that is named [m], as radii are."""
+def _size_doubt(dataset: "xr.Dataset", named: float, density: float) -> Finding | None:
+    """The finding that the particles of the table are of another size than the one that is named [m], as radii are."""
     mass = lazy.conversion_factor("mass", dataset.attrs["unit_system"], "si") * float(dataset["total_erodent"])
     mean = (6 * mass / (math.pi * density * float(dataset["total_particles"]))) ** (1 / 3)
     if 1 / _SAME_SIZE < mean / named < _SAME_SIZE:
         return None
-    return (
-        f"The particles of the table are of {mean * 1e3:.3g} mm by their mean mass, and count, but the one that is "
-        f"named has {named * 1e3:.3g} mm. Does the table hold diameters?"
-    )
+    return Finding("other_size_than_named", numbers={"mean": mean * 1e3, "named": named * 1e3, "unit": "mm"})
 
 
 def _job(
@@ -359,7 +357,7 @@ class _Part(NamedTuple):
     text: str
     line: str
     numbers: dict[str, Any]
-    warnings: Sequence[str] = ()
+    findings: Sequence[Finding] = ()
 
 
 def export(
@@ -422,7 +420,7 @@ def export(
                 lazy.write_whole(part.path, part.text.encode())
     output = Output("export", p, options, json=json)
     for part in parts.values():
-        output.warn(*part.warnings)
+        output.warn(*part.findings)
     result = {form: {"file": str(part.path), **part.numbers} for form, part in parts.items()}
     output.document(result, {name: chosen}, {"p": "Pa"})
     rows = [(str(part.path), part.line) for part in parts.values()]
@@ -447,13 +445,13 @@ def _parts(
         numbers = {name: getattr(form, name) for name in ("p", "psi", "K", "misfit", "rms")}
         line = f"OpenFOAM: p = {form.p:.6g} Pa, psi = {form.psi:.6g}, K = {form.K:.6g}; off by {form.misfit:.2%}"
         numbers["misfit_over_speeds"] = form.losses.worst
-        parts["openfoam"] = _Part(outputs["openfoam"], form.text(), line, numbers, form.warnings)
+        parts["openfoam"] = _Part(outputs["openfoam"], form.text(), line, numbers, form.findings)
     if "fluent" in outputs:
         shape = lazy.to_fluent(model, p, **reach, **particles, density=density)
         numbers = {"exponent": shape.exponent, "factor": shape.factor, "misfit": shape.misfit}
         numbers["misfit_over_speeds"] = shape.losses.worst
         line = f"Fluent: {len(shape.angle)} angles, b = {shape.exponent:.6g}, C = {shape.constant(shape.factor)}"
-        parts["fluent"] = _Part(outputs["fluent"], shape.text(), line, numbers, shape.warnings)
+        parts["fluent"] = _Part(outputs["fluent"], shape.text(), line, numbers, shape.findings)
     if "table" in outputs:
         volumes = lazy.volume_table(model, p, **axes, **particles)
         parts["table"] = _table(outputs["table"], volumes, "V")
@@ -462,13 +460,13 @@ def _parts(
         lost = int(rebounds.e_n.isnull().sum())
         if lost == rebounds.e_n.size:
             raise RuntimeError(f"of {lost:,} impacts none has a rebound: nothing is cut, or they fail.")
-        warning = f"{lost:,} of {rebounds.e_n.size:,} impacts have no rebound (nan): nothing is cut, or they fail."
-        parts["restitution"] = _table(outputs["restitution"], rebounds, "e_n, e_t and spin", [warning] * bool(lost))
+        lost_ones = Finding("no_rebounds", numbers={"lost": lost, "impacts": rebounds.e_n.size})
+        parts["restitution"] = _table(outputs["restitution"], rebounds, "e_n, e_t and spin", [lost_ones] * bool(lost))
     return parts
 
 
-def _table(path: Path, dataset: "xr.Dataset", content: str, warnings: Sequence[str] = ()) -> _Part:
+def _table(path: Path, dataset: "xr.Dataset", content: str, findings: Sequence[Finding] = ()) -> _Part:
     sizes = {_OWN_NAMES[str(name)]: size for name, size in dataset.sizes.items()}
     line = f"{content} over {' x '.join(f'{size} {name}' for name, size in sizes.items())}"
     text = (lazy.to_comsol if path.suffix == ".txt" and "volume" in dataset else lazy.to_csv)(dataset)
-    return _Part(path, text, line, sizes, warnings)
+    return _Part(path, text, line, sizes, findings)

@@ -13,6 +13,7 @@ from cyclopts import exceptions
 
 from erosion.output import briefly
 from erosion.parameters import about
+from erosion.results import Finding
 
 _POWERS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻ⁿ", "0123456789-n")
 _SPELLED = {
@@ -54,10 +55,10 @@ def printable(text: str) -> str:
     return re.sub(rf"\S{{{_ENDLESS},}}", lambda word: f"{word[0][:40]}… ({len(word[0]):,} characters)", text)
 
 
-def warn(message: str) -> None:
-    """A warning on stderr, where there is one."""
+def warn(finding: Finding) -> None:
+    """A finding on stderr, where there is one; arguments of Python are options here."""
     if sys.stderr is not None:
-        print(f"warning: {printable(message)}", file=sys.stderr)
+        print(f"{finding.level}: {printable(as_options(finding.text))}", file=sys.stderr)
 
 
 _NO_FIELDS: Mapping[str, str] = {}

@@ -86,7 +86,6 @@ from erosion.fits.likelihood import RELATIVE as RELATIVE
 from erosion.impacts.optimum import Optimum as Optimum
 from erosion.impacts.optimum import alpha_max as alpha_max
 from erosion.impacts.optimum import alpha_min as alpha_min
-from erosion.impacts.turn import BEYOND as BEYOND
 from erosion.impacts.cluster import local_cluster as local_cluster
 from erosion.impacts.dataset_files import read_netcdf as read_netcdf
 from erosion.impacts.dataset_files import write_csv as write_csv
@@ -125,7 +124,6 @@ from erosion.output.tables import largest_of as largest_of
 from erosion.output.tables import to_json as to_json
 from erosion.output.tables import to_lines as to_lines
 from erosion.parameters.case_files import CaseFile as CaseFile
-from erosion.parameters.headings import unused_note as unused_note
 from erosion.parameters.materials import Particle as Particle
 from erosion.parameters.materials import Target as Target
 from erosion.parameters.materials import known_particles as known_particles

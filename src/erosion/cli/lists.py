@@ -21,6 +21,7 @@ from erosion.cli.options import (
 from erosion.cli.output import Output, PerMassOptions, progress_bar, require_apart, require_outputs
 from erosion.extras import extra
 from erosion.output import briefly
+from erosion.results import Finding
 
 _NOTE = (
     "ψ of a target whose flow stress is its Vickers hardness is 2; the others leave ψ as it is. "
@@ -158,10 +159,9 @@ def verify(
     output = Output("verify", json=json)
     with progress_bar("compiling") as progress:
         verification = lazy.verify(models or None, progress=progress)
-    output.warn(*(f"{name} is not installed: one reference solution fewer." for name in verification.absent))
+    output.warn(*verification.findings)
     output.document(verification.to_dict(), loaded)
-    failures = [f"✗ {check}" for check in verification.failures]
-    output.table(verification.title, verification.rows(), verification.headings, (1, 2, 3), failures)
+    output.table(verification.title, verification.rows(), verification.headings, (1, 2, 3))
     if not verification.passed:
         raise RuntimeError(f"{len(verification.failures)} of {len(verification.checks)} checks are out of bounds.")
 
@@ -231,7 +231,7 @@ def explore(
     named, _ = options.model()
     fitted = None if named is None else (named, options.load_as_set(named))
     if fitted is not None and isinstance(fitted[1], lazy.Correlated):
-        options.warn_once(f"{options.case}: {named} is a correlation, which has no cut to draw, and is left out.")
+        options.warn_once(Finding("correlation_left_out", str(options.case), {"model": named}))
         fitted = None
     with extra("explorer"), user_errors():
         service = lazy.offer(p, model or [], materials or [], weights, fitted=fitted, file=options.file)

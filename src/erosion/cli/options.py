@@ -16,6 +16,7 @@ from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors, warn
 from erosion.output import briefly, is_file
 from erosion.parameters import QUANTITIES, example, has_unit, unit_name
+from erosion.results import Finding
 
 if TYPE_CHECKING:
     from cyclopts.help import HelpPanel
@@ -165,15 +166,15 @@ class CaseOptions:
             self.warn_of_flow_stress(changes)
         return p
 
-    def warn_once(self, message: str) -> None:
-        """A warning, also where several parts of a verb ask for it."""
-        if message not in self._said:
-            self._said.add(message)
-            warn(message)
+    def warn_once(self, finding: Finding) -> None:
+        """A finding, also where several parts of a verb ask for it."""
+        if finding not in self._told:
+            self._told.append(finding)
+            warn(finding)
 
     @functools.cached_property
-    def _said(self) -> set[str]:
-        return set()
+    def _told(self) -> list[Finding]:
+        return []
 
     def warn_of_flow_stress(self, given: Mapping[str, Any]) -> None:
         """A warning where the ψ of a named metal stays beside another σ, which leaves the metal's hardness.
@@ -191,10 +192,7 @@ class CaseOptions:
         shares = np.ravel(values) / metal.parameters(p.units)["sigma"]
         least, greatest = (end / metal.flow_stress for end in metal.flow_stress_range)
         if ((shares < 0.99 * least) | (shares > 1.01 * greatest)).any():
-            self.warn_once(
-                f"ψ = {metal.psi:g} of {metal.name} stays beside another flow stress σ: the product σψ, which decides "
-                "the volume, is then no longer that of this metal; --psi sets ψ."
-            )
+            self.warn_once(Finding("other_flow_stress", metal.name, {"psi": metal.psi}))
 
     def _replaced(self, p: "lazy.Parameters", named: "lazy.Parameters", option: str) -> "lazy.Parameters":
         """The case of a name, with a warning of what the case file states otherwise, a fitted ψ for example."""
@@ -205,9 +203,7 @@ class CaseOptions:
                 if name not in self.given() and not math.isclose(getattr(p, name), getattr(named, name), rel_tol=1e-6)
             ]
             if names:
-                self.warn_once(
-                    f"--{option} takes the place of {', '.join(names)} in {self.case}; without --{option} they stay."
-                )
+                self.warn_once(Finding("name_replaces_field", str(self.case), {"option": option, "fields": names}))
         return named
 
     def materials(self) -> "tuple[lazy.Particle | None, lazy.Target | None]":
@@ -229,13 +225,13 @@ class CaseOptions:
             self._require_own_units("field `set`")
         return name, own
 
-    def changed(self, p: "lazy.Parameters") -> str | None:
-        """That the plug-in of the case file has other equations than when it was fitted."""
+    def changed(self, p: "lazy.Parameters") -> Finding | None:
+        """The finding that the plug-in of the case file has other equations than when it was fitted."""
         digest = None if self.file is None else self.file.section("advise").get("equations")
         name, _ = self.model()
         if digest is None or name is None or lazy.plug_in_digest(lazy.load_model(name), p) == digest:
             return None
-        return f"{self.case}: the equations of {name} have changed since it was fitted; fit it again."
+        return Finding("equations_changed", str(self.case), {"model": name})
 
     def load(self, name: str) -> "lazy.CuttingModel":
         """The model by name or path; of a correlation the one that is made for the target and the particle named.

@@ -13,9 +13,10 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from erosion.cli import lazy
-from erosion.cli.errors import InputError, reading, user_errors, warn
+from erosion.cli.errors import InputError, as_options, reading, user_errors, warn
 from erosion.cli.options import MODEL, CaseOptions
 from erosion.parameters import QUANTITIES
+from erosion.results import Finding
 from erosion.version import __version__
 
 _SPACE = "\ue000"  # within a command; of private use, so that no text has it
@@ -69,7 +70,7 @@ class Output:
     Args:
         verb: its name.
         p: the case; None for a verb without one.
-        options: of the case; where a fit wrote its file, the fit's doubts are the first warnings.
+        options: of the case; where a fit wrote its file, the fit's doubts are the first findings.
         json: whether to print JSON and nothing else.
         seed: of the random numbers, where there are any.
     """
@@ -85,9 +86,9 @@ class Output:
     ) -> None:
         self.verb, self.p, self.json, self.seed = verb, p, json, seed
         self.case = None if options is None else options.case
-        self.warnings: list[str] = []
-        if p is not None and p.size_warning:
-            self.warn(p.size_warning)
+        self.findings: list[Finding] = []
+        if p is not None:
+            self.warn(p.size_finding)
         # A new fit has doubts of its own.
         file = None if options is None or verb in ("calibrate", "posterior") else options.file
         if p is not None and file is not None:
@@ -95,12 +96,12 @@ class Output:
                 changed = None if options is None else options.changed(p)
                 self.warn(file.doubt, changed, *file.outside(p, angle=verb == "run"))
 
-    def warn(self, *messages: str | None) -> None:
-        """Warnings, each once: on stderr at once, and in the document."""
-        for message in messages:
-            if message and message not in self.warnings:
-                self.warnings.append(message)
-                warn(message)
+    def warn(self, *findings: Finding | None) -> None:
+        """Findings, each once: on stderr at once, and in the document."""
+        for finding in findings:
+            if finding is not None and finding not in self.findings:
+                self.findings.append(finding)
+                warn(finding)
 
     def document(
         self,
@@ -128,7 +129,7 @@ class Output:
             "model": described[0] if len(described) == 1 else described or None,
             "seed": self.seed,
             "result": _with_units(result, units or {}),
-            "warnings": self.warnings,
+            "findings": [{**finding.to_dict(), "text": as_options(finding.text)} for finding in self.findings],
         }
         print(lazy.to_json(document))
 
@@ -248,10 +249,8 @@ class PerMassOptions:
         density = density_option("density", self.density)
         fraction = of_case.cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
         if file is not None and "cutting_fraction" in file.table and fraction != of_case.cutting_fraction:
-            options.warn_once(
-                f"--cutting-fraction takes the place of cutting_fraction = {of_case.cutting_fraction:g} in "
-                f"{options.case}, for which a fit in that file holds."
-            )
+            numbers = {"fraction": of_case.cutting_fraction}
+            options.warn_once(Finding("fraction_replaces_field", str(options.case), numbers))
         with user_errors():
             if density is None and options.target is None:
                 density = of_case.density

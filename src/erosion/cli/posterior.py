@@ -43,6 +43,7 @@ from erosion.cli.options import (
 from erosion.cli.output import Output, draw, progress_bar, require_outputs
 from erosion.output import briefly, to_csv
 from erosion.parameters import QUANTITIES
+from erosion.results import Finding, stated
 
 _PRIOR = (
     'Law before the data, of a parameter, "noise", "relative_noise" or "error_factor" (on stated errors): '
@@ -210,7 +211,8 @@ def posterior(
         is_asked = experiment != _Experiment() or files.plot_next_experiment
         following = judge(posteriors) if is_asked else None
     output.warn(
-        *ranking.warnings, *(f"posterior: {sentence}" for sentence in (*posteriors.warnings, *predictor.warnings))
+        *map(stated, ranking.warnings),
+        *(stated(sentence, "posterior") for sentence in (*posteriors.warnings, *predictor.warnings)),
     )
     # Draws take longer than any file: they are shown first.
     parts = [as_json(part) for part in posteriors.to_dict(level)["posteriors"]]
@@ -328,7 +330,7 @@ def predict(
         csv = to_csv(dict(table.in_csv())).encode()
     printed = Output("predict", predictor.forward.p, json=json, seed=predictor.seed)
     printed.case = fitted
-    printed.warn(None if draws.converged else f"{fitted}: the draws did not converge.", *table.warnings)
+    printed.warn(None if draws.converged else Finding("not_converged", str(fitted)), *map(stated, table.warnings))
     model = predictor.forward.model
     varied = {name: f"{len(set(column.tolist()))} values" for name, column in table.asked.items()}
     printed.document(

@@ -31,6 +31,7 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
+from erosion.results import Finding, from_attribute
 
 
 def run(
@@ -54,9 +55,9 @@ def run(
         trajectory = lazy.path(chosen, p)
         draw(plot, lambda: lazy.plot_trajectory(trajectory))
     output = Output("run", p, options, json=json)
-    output.warn(*trajectory.warnings, per_mass.warning(trajectory.volume, p))
+    output.warn(*trajectory.findings, per_mass.finding(trajectory.volume, p))
     if trajectory.dvolume is None or not math.isfinite(trajectory.dvolume):
-        output.warn("dV/dα could not be computed")
+        output.warn(Finding("no_derivative"))
     content = trajectory.to_dict()
     units = content["units"]
     numbers = {"ended_by": trajectory.ended_by} | {name: content[name] for name in units}
@@ -125,13 +126,9 @@ def optimum(
         draw(plot, lambda: lazy.plot_optimum(best))
         rates = best.sensitivities if sensitivities else {}
     output = Output("optimum", p, options, json=json)
-    if not best.certified:
-        output.warn("some impacts failed or have no derivatives: a greater value may have been missed")
+    output.warn(*best.findings, per_mass.finding(best.volume, p))
     if sensitivities and best.without_sensitivities:
-        output.warn(f"the sensitivities are not known: {best.without_sensitivities}")
-    if best.turned_beyond:
-        output.warn(f"at this angle {lazy.BEYOND}")
-    output.warn(per_mass.warning(best.volume, p))
+        output.warn(Finding("sensitivities_unknown", numbers={"reason": best.without_sensitivities}))
     described = ("model", "own_parameters", "parameters", "units")
     result = {name: value for name, value in best.to_dict().items() if name not in described}
     result |= per_mass.to_dict(best.volume, p)
@@ -214,10 +211,9 @@ def compare(
                 f"Option `--model` must name one or several different models, but is {','.join(chosen)!r}."
             )
         weights = {name: weighing(each, abrasive, options) for name, each in models.items()}
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", lazy.OutOfRangeWarning)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", lazy.OutOfRangeWarning)
             curves = lazy.compare([*references.values()], p, alpha=np.union1d(lazy.QUARTER_DEGREES, p.alpha))
-        outside = [str(warning.message) for warning in caught if warning.category is lazy.OutOfRangeWarning]
         at = curves.sel(alpha=float(p.alpha))
         lines = [_at_the_case(str(name), at.sel(model=name), weights[str(name)], p) for name in at.model.values]
         lost = [line["model"] for line in lines if line["ended_by"] in ("failed", "unfinished")]
@@ -231,7 +227,9 @@ def compare(
                 else:
                     lazy.write_netcdf(curves, output, _COMPARISON)
     said = Output("compare", p, options, json=json)
-    said.warn(*outside, *(f"{name}: its impact could not be computed." for name in lost))
+    said.warn(
+        *from_attribute(curves.attrs.get("findings", "")), *(Finding("model_not_computed", name) for name in lost)
+    )
     said.warn(*lazy.models_far_from_tests(weights, {line["model"]: line["volume_max"] for line in lines}, p))
     statements = _spread(lines)
     units = {name: lazy.RESULTS[name].unit(p.units) for name in ("volume", "volume_max", "alpha_max")}

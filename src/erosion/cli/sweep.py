@@ -37,6 +37,7 @@ from erosion.cli.options import (
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 from erosion.extras import extra
 from erosion.parameters import QUANTITIES
+from erosion.results import Finding
 
 
 @contextlib.contextmanager
@@ -140,7 +141,7 @@ def sweep(
     draw(plot, lambda: lazy.plot_sweep(dataset))
     printed = Output("sweep", p, options, json=json)
     for name in () if "m" in grid.axes else [name for name in ("r", "b") if name in grid.axes]:
-        printed.warn(dataclasses.replace(p, **{name: grid.axes[name]}).size_warning)
+        printed.warn(dataclasses.replace(p, **{name: grid.axes[name]}).size_finding)
     _show_sweep(dataset, grid, output, printed, weights)
 
 
@@ -192,7 +193,7 @@ def _show_sweep(
     lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
     output.warn(*grid.outside_of_range, *lazy.models_far_from_tests(weights, volumes, at))
     if 0 < lost < summary["impacts"]:
-        output.warn(f"{lost:,} of {summary['impacts']:,} impacts could not be computed.")
+        output.warn(Finding("not_computed", numbers={"lost": lost, "impacts": summary["impacts"]}))
     dimensions = {str(dim): length for dim, length in dataset.sizes.items()}
     units: dict[str, str] = dict.fromkeys(("volume_least", "volume_greatest"), dataset.volume.attrs["units"])
     units |= {name: lazy.PER_MASS_UNITS[name.rpartition("_")[0]] for name in of_mass}
@@ -331,7 +332,7 @@ def stream(
 
 
 def _show_stream(result: "lazy.Stream", name: str, output: Output) -> None:
-    output.warn(*result.warnings, result.erosion_warning)
+    output.warn(*result.findings)
     described = ("model", "own_parameters", "parameters", "laws", "units")
     content = result.to_dict()
     numbers = {name: value for name, value in content.items() if name not in described}

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float, Int
 from erosion.arguments import refuse
 from erosion.ode.step_control import require_float64, require_xla
 from erosion.output import briefly
+from erosion.results import Finding
 
 Values = Float[Array | np.ndarray, "..."] | Int[Array | np.ndarray, "..."] | float | int
 """A number or an array; several broadcast."""
@@ -150,10 +151,10 @@ def masks_outside(ranges: Mapping[str, Range], values: Mapping[str, np.ndarray])
             for name, value in values.items() if name in ranges}  # fmt: skip
 
 
-def outside_in_words(
+def share_outside(
     name: str, ranges: Mapping[str, Range], values: Mapping[str, np.ndarray], counted: np.ndarray | None = None
-) -> str | None:
-    """A sentence on the share of impacts outside of a correlation's range; None if there are none.
+) -> Finding | None:
+    """The finding on the share of impacts outside of a correlation's range; None if there are none.
 
     Args:
         name: of the correlation.
@@ -169,9 +170,8 @@ def outside_in_words(
     # Impacts that differ in nothing else are not counted one by one: their share is the same.
     share = float(np.mean(functools.reduce(np.logical_or, crossed.values())) / np.mean(counts))
     made_for = " and ".join(f"{_MEANINGS[key]} from {ranges[key]}" for key in crossed)
-    if share == 1:
-        return f"{name} is used outside of the range that it is made for: {made_for}."
-    return f"{100 * share:.3g} % of the impacts are outside of the range that {name} is made for: {made_for}."
+    code = "out_of_range" if share == 1 else "partly_out_of_range"
+    return Finding(code, name, {"share": share, "made_for": made_for})
 
 
 def _in_words(value: float, unit: str) -> str:

@@ -45,6 +45,7 @@ from erosion.plotting.labels import (
     leaps,
     with_gaps,
 )
+from erosion.results import Finding
 
 _SHALLOW = 5.0  # degrees
 _APART = 0.05  # of the longest cut; neighbouring times that differ by more belong to different crossings
@@ -261,7 +262,7 @@ def _of_the_cut(computed: Computed) -> str:
     if np.isfinite(cut.turn):
         turn = f"{np.rad2deg(cut.turn):.4g}°".replace("-", "−")
         facts.append(f"{RESULTS['turn'].meaning}: {turn}")
-    return f"<p>{html.escape(computed.state.shown)}, {'; '.join(facts)}.</p>{_warnings(cut.warnings)}"
+    return f"<p>{html.escape(computed.state.shown)}, {'; '.join(facts)}.</p>{_warnings(cut.findings)}"
 
 
 def _far_from_tests(computed: Computed) -> str:
@@ -278,11 +279,11 @@ def _of_the_fit(computed: Computed) -> str:
     if file is None:
         return ""
     outside = file.outside(computed.state.case.parameters(), angle=True)
-    return _warnings(filter(None, [file.doubt, *outside]))
+    return _warnings([*filter(None, [file.doubt]), *outside])
 
 
-def _warnings(lines: Iterable[str]) -> str:
-    return "".join(f"<p class='warning' role='status'>{html.escape(line)}</p>" for line in lines)
+def _warnings(findings: Iterable[Finding]) -> str:
+    return "".join(f"<p class='warning' role='status'>{html.escape(finding.text)}</p>" for finding in findings)
 
 
 def _volume(computed: Computed, volume: float) -> str:

@@ -43,7 +43,7 @@ from erosion.fits.prediction import of_fit
 from erosion.fits.tempering import SamplingError
 from erosion.joint_laws import Rows
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_parameters, quantities
-from erosion.output.tables import Result, Row, briefly, format_number, to_plain
+from erosion.output.tables import Row, briefly, format_number, to_plain
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import (
     Quantity,
@@ -52,6 +52,7 @@ from erosion.parameters.quantities import (
     table_scale,
     unit_name,
 )
+from erosion.results import Result
 
 _ROUNDING = 1e-9  # of leverages
 _PROFILED = 1.8  # intervals of that level, to either side of an estimate

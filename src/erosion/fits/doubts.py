@@ -23,9 +23,10 @@ from erosion.fits.least_squares import FitProblem, FitSolution, settle
 from erosion.fits.measurements import Measurements, conditions
 from erosion.fits.outliers import error_sizes, far_rows
 from erosion.models import BUILT_IN, SPEED_EXPONENT, SpeedExponent, model_name
-from erosion.output.tables import Result, format_number, sentences
-from erosion.parameters.per_mass import far_from_tests, two_digits
+from erosion.output.tables import format_number, sentences
+from erosion.parameters.per_mass import far_from_tests
 from erosion.parameters.quantities import conversion_factor, table_scale
+from erosion.results import Finding, Result
 
 if TYPE_CHECKING:
     from erosion.fits.calibration import Calibration
@@ -517,8 +518,8 @@ def _far_from_tests(fit: "Calibration") -> list[str]:
     far = far_from_tests(removed, speed, density, _ANOTHER_ORDER)
     if far is None:
         return []
-    of_one = "" if data.per_mass else " A volume or a mass loss that is not “per mass” must be that of one impact."
-    return [f"{data.source}: {two_digits(far.amount)} {far.rest.partition(';')[0].rstrip('.')}.{of_one}"]
+    code = "other_order" if data.per_mass else "other_order_of_one"
+    return [Finding(code, data.source, dataclasses.asdict(far)).text]
 
 
 def _of_speed(fit: "Calibration", lacking: float) -> list[str]:

@@ -13,8 +13,9 @@ from erosion.fits.errors import ErrorModel
 from erosion.fits.posterior import Posterior
 from erosion.fits.ranking import PosteriorRanking
 from erosion.models import model_name
-from erosion.output import Result, briefly, to_plain
+from erosion.output import briefly, to_plain
 from erosion.parameters import QUANTITIES, Scale, array_of, table_scale
+from erosion.results import Result
 
 _DRAWS = 1000
 _PER_NOISE = 16  # points of the grid in one standard deviation: the entropy errs by 1e-4 bit

@@ -44,10 +44,11 @@ from erosion.models import CuttingModel, impact_to_dict, model_name, model_sourc
 from erosion.models.equations import plug_in_digest
 from erosion.ode.step_control import require_float64
 from erosion.output.files import require_writable, seen_from, write_whole
-from erosion.output.tables import Result, Row, format_number, sentences, to_plain
+from erosion.output.tables import Row, format_number, sentences, to_plain
 from erosion.parameters.case_files import dump_case, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity, Scale, table_scale
+from erosion.results import Result
 from erosion.version import __version__
 
 _EVIDENCE = 0.5  # standard error of ln Z, from which on a factor of evidence means little

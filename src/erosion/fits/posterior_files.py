@@ -20,7 +20,7 @@ from erosion.joint_laws import Rows
 from erosion.models import CuttingModel, load_model, model_name
 from erosion.models.base import converted, own_in_words, own_parameters
 from erosion.models.equations import plug_in_digest
-from erosion.output import beside, require_finite, sentences
+from erosion.output import beside, require_finite
 from erosion.parameters import (
     QUANTITIES,
     Parameters,
@@ -32,6 +32,7 @@ from erosion.parameters import (
     parse_case,
     with_paths,
 )
+from erosion.results import Finding, found, stated
 
 _PREDICTION, _EVIDENCE = "prediction", "log_evidence"
 EQUATIONS = "equations"
@@ -87,24 +88,30 @@ class Draws:
         """A `ValueError` where a plug-in computes something else than when the draws were made."""
         _require_same_equations(self.path, self.equations, model, self.p)
 
-    def doubts(self, model: CuttingModel, p: Parameters, cutting_fraction: float) -> list[str]:
-        """Sentences on what an impact has otherwise than the fit and its tests, and on what was doubtful in the fit."""
+    def doubts(self, model: CuttingModel, p: Parameters, cutting_fraction: float) -> list[Finding]:
+        """Findings on what an impact has otherwise than the fit and its tests, and on what was doubtful in the fit."""
         there, here = self.p.to(p.units), own_in_si(model, p, self.rows)
         share = cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
         numbers = [(QUANTITIES[name], float(getattr(there, name)), float(getattr(p, name)))
                    for name in _OF_METAL if name not in self.rows]  # fmt: skip
-        said = sentences(
-            (not self.converged, "the draws did not converge."),
-            *((not np.isclose(before, now, rtol=1e-6),
-               f"the draws hold for {quantity.symbol} = {_with_unit(before, quantity, p.units)}, but the case has "
-               f"{_with_unit(now, quantity, p.units)}.") for quantity, before, now in numbers),
-            (self.own != here, f"the draws hold for {self.own}, but the model has {here}."),
-            (self.has_scale, "the tests had units of their own, so the size of the wear is that of the case."),
+        path = str(self.path)
+
+        def otherwise(quantity: Quantity, *values: float) -> Finding:
+            before, now = (_with_unit(value, quantity, p.units) for value in values)
+            return Finding("draws_of_other_metal", path, {"symbol": quantity.symbol, "before": before, "now": now})
+
+        doubts = found(
+            (not self.converged, Finding("not_converged", path)),
+            *((not np.isclose(before, now, rtol=1e-6), otherwise(quantity, before, now))
+              for quantity, before, now in numbers),
+            (self.own != here, Finding("draws_of_other_model", path, {"before": self.own, "now": here})),
+            (self.has_scale, Finding("draws_without_size", path)),
             (not np.isclose(share, cutting_fraction),
-             f"the draws hold if {share:g} of the particles cut, but here {cutting_fraction:g} of them do."),
+             Finding("draws_of_other_fraction", path, {"before": share, "now": cutting_fraction})),
         )  # fmt: skip
-        outside = Tested(self.rows.tested).outside({name: getattr(p, name) for name in ("v0", "m")}, p.units)
-        return [f"{self.path}: {sentence}" for sentence in (*said, *self.warnings, *outside)]
+        of_file = [stated(sentence, path) for sentence in self.warnings]
+        outside = Tested(self.rows.tested).outside({name: getattr(p, name) for name in ("v0", "m")}, p.units, path)
+        return [*doubts, *of_file, *outside]
 
 
 def _require_same_equations(path: Path, equations: str, model: CuttingModel, p: Parameters) -> None:

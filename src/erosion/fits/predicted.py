@@ -13,8 +13,9 @@ from erosion.fits.doubts import LEVEL
 from erosion.fits.prediction import Predictor
 from erosion.impacts import Optimum
 from erosion.models.registry import model_name
-from erosion.output import Result, Row, largest_of, sentences, to_plain
+from erosion.output import Row, largest_of, sentences, to_plain
 from erosion.parameters import QUANTITIES, RESULTS, Dimension, Scale, ascii_unit, known_scales, table_scale, unit_name
+from erosion.results import Result
 
 _DRAWS = 2000  # the ends of an interval are known to some percents of its width
 _TOGETHER = 60  # questions of one batch, as the time of curves grows with the third power

@@ -25,7 +25,8 @@ from erosion.fits.outliers import chances
 from erosion.fits.tempering import rhats, sample
 from erosion.joint_laws import LawSet
 from erosion.models import own_parameters
-from erosion.output import Result, Row, format_number, sentences, to_plain
+from erosion.output import Row, format_number, sentences, to_plain
+from erosion.results import Result
 
 CHAINS = 4
 _DRAWS = 150  # of each population of a way to read the data: ends of intervals are known to a tenth of their width
@@ -224,7 +225,8 @@ class Predictor(Result):
         Arguments as of `predict`.
         """
         given = {name: getattr(self.forward.p, name) for name in self.forward.tested.ranges}
-        return tuple(self.forward.tested.outside(given | self.question(alpha, at), self.data.units))
+        outside = self.forward.tested.outside(given | self.question(alpha, at), self.data.units)
+        return tuple(finding.text for finding in outside)
 
     @property
     def row_errors(self) -> np.ndarray:

@@ -23,8 +23,9 @@ from erosion.fits.outliers import FEW_PER_CENT
 from erosion.fits.posterior import Posterior, posterior
 from erosion.fits.tempering import SamplingError
 from erosion.models import CuttingModel, load_model, model_name, own_in_words, quantities, usable_models
-from erosion.output import Record, Result, format_number, sentences, to_plain
+from erosion.output import Record, format_number, sentences, to_plain
 from erosion.parameters import Parameters, Scale, table_scale
+from erosion.results import Result
 
 _Models = Sequence[CuttingModel | str | Path] | None
 _EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)

@@ -43,7 +43,7 @@ from erosion.ode.solve import solution
 from erosion.ode.step_control import LONGEST, require_float64
 from erosion.ode.traced import Wanted, traced_end
 from erosion.ode.variational import Clock, Derivatives, Layout, Options
-from erosion.output import Record, Result, Row, abbreviate, briefly, format_number, to_plain
+from erosion.output import Record, Row, abbreviate, briefly, format_number, to_plain
 from erosion.parameters import (
     QUANTITIES,
     RESULTS,
@@ -57,6 +57,7 @@ from erosion.parameters import (
     result_row,
     validate,
 )
+from erosion.results import Result
 
 _NAMES = tuple(QUANTITIES)
 

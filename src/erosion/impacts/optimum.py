@@ -38,7 +38,7 @@ from erosion.models import (
 )
 from erosion.ode.maxima import ASIDE as ASIDE, TIGHT, Maxima, searched
 from erosion.ode.step_control import require_float64
-from erosion.output import Record, Result, Row, briefly, format_number, largest_of, to_plain
+from erosion.output import Record, Row, briefly, format_number, largest_of, to_plain
 from erosion.parameters import (
     DIGITS,
     QUANTITIES,
@@ -51,6 +51,7 @@ from erosion.parameters import (
     table_scale,
     validate,
 )
+from erosion.results import Finding, Result, found
 
 _HAIR = 1e-8  # of the first speed into the depth
 
@@ -110,8 +111,6 @@ MEASURES: Mapping[str, str] = {
 }
 """The key of each objective in `erosion.parameters.quantities.RESULTS`."""
 
-
-NOT_CERTIFIED = "impacts failed or have no derivatives: a better angle may have been missed"
 
 _NO_RATES = {
     "plateau": "no angle of a plateau is better than the others",
@@ -214,6 +213,16 @@ class Optimum(Result):
         return _NO_RATES.get(str(self.kind), "there are no derivatives there")
 
     @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Angles that may have been missed, and a body that turns too far."""
+        turned, many = int(np.sum(self.turned_beyond)), np.ndim(self.turned_beyond) > 0
+        numbers = {"turned": turned, "impacts": np.size(self.turned_beyond)}
+        return found(
+            (not np.all(self.certified), Finding("not_certified")),
+            (turned, Finding("turned_beyond_in_part", numbers=numbers) if many else Finding("turned_beyond_at_best")),
+        )
+
+    @property
     def title(self) -> str:
         """The model and what is greatest or least."""
         return f"{model_name(self.model)}: the angle of {'least' if self.least else 'greatest'} {self.objective}"
@@ -234,7 +243,7 @@ class Optimum(Result):
             rows.append(Row("turned_beyond", "", share, "", BEYOND))
         count, size = int(np.sum(self.certified)), np.size(self.certified)
         share = f"{count:,} of {size:,}" if np.ndim(self.certified) else "yes" if count else "no"
-        meaning = NOT_CERTIFIED if count < size else "the search resolved all angles"
+        meaning = Finding("not_certified").text if count < size else "the search resolved all angles"
         return [*rows, Row("certified", "", share, "", meaning)]
 
     def to_dict(self) -> Record:

@@ -38,8 +38,12 @@ from erosion.ode.batch import integrate
 from erosion.ode.ensemble import path_of
 from erosion.ode.step_control import LONGEST, require_float64, require_xla
 from erosion.ode.variational import Clock
-from erosion.output import Record, Result, Row, abbreviate, briefly, format_number, to_plain
+from erosion.output import Record, Row, abbreviate, briefly, format_number, to_plain
 from erosion.parameters import RESULTS, Parameters, contact_rows, result_row, validate
+from erosion.results import Finding, Result
+
+TURNED_BEYOND = "turned_beyond"
+"""The code of the finding on a body that turned by more than 90°."""
 
 
 class SimulationError(RuntimeError):
@@ -163,20 +167,20 @@ class Trajectory(Result):
         return float(self.phi[-1] - self.phi[0]) if isinstance(self.states, State) else math.nan
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """What a reader of these numbers should know, as plain sentences."""
-        return tuple(said for said in (self.turn_warning, self.model.outside_of_range(self.p)) if said is not None)
+    def findings(self) -> tuple[Finding, ...]:
+        """A body that turned too far, and a case out of the model's range."""
+        found = (self._turned_beyond, self.model.outside_of_range(self.p))
+        return tuple(finding for finding in found if finding is not None)
 
     @property
-    def turn_warning(self) -> str | None:
-        """The sentence on a body that turned too far, if it did."""
+    def turned_beyond(self) -> bool:
+        """Whether the body turned by more than 90°, where the model does not hold."""
+        return self._turned_beyond is not None
+
+    @property
+    def _turned_beyond(self) -> Finding | None:
         greatest = np.abs(self.phi - self.phi[0]).max() if isinstance(self.states, State) else 0.0
-        if greatest <= np.pi / 2:
-            return None
-        return (
-            f"The body turned by {np.rad2deg(greatest):.1f}° during the cut, more than 90°: the edge that cut "
-            "first has left the surface, so the model's single tip no longer describes the contact."
-        )
+        return None if greatest <= np.pi / 2 else Finding(TURNED_BEYOND, numbers={"turn": greatest})
 
     def rows(self) -> list[Row]:
         """The results as rows of a table."""
@@ -220,7 +224,12 @@ class Trajectory(Result):
         numbers = {name: getattr(self, name) for name in names}
         units = {name: RESULTS[name].unit(self.p.units) for name in names}
         numbers |= {} if is_rigid else {"state": self._own_state()}
-        content = {**numbers, "ended_by": self.ended_by, "units": units, "warnings": self.warnings}
+        content = {
+            **numbers,
+            "ended_by": self.ended_by,
+            "units": units,
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
         return impact_to_dict(self.model, self.p) | to_plain(content)
 
     def _body(self) -> State:
@@ -280,9 +289,9 @@ def simulate(
         if given is not None and not isinstance(given, kind):
             raise TypeError(f"Argument `{name}` must be a diffrax.{kind.__name__}, but is {briefly(given)}.")
     trajectory = _follow(model, p, diffrax.Dopri8() if solver is None else solver, stepsize_controller, rtol, points)
-    for message in trajectory.warnings:
-        category = TurnWarning if message == trajectory.turn_warning else OutOfRangeWarning
-        warnings.warn(message, category, stacklevel=2)
+    for finding in trajectory.findings:
+        category = TurnWarning if finding.code == TURNED_BEYOND else OutOfRangeWarning
+        warnings.warn(finding.text, category, stacklevel=2)
     return trajectory
 
 

@@ -37,6 +37,7 @@ from erosion.parameters import (
     require_concrete,
     require_parameters,
 )
+from erosion.results import Finding
 
 Events = Mapping[str, Broadcast]
 """A number for each event, by its name."""
@@ -191,8 +192,8 @@ class CuttingModel(eqx.Module):
         """Whether any impact removes something at contact; by default, whether the model says how much."""
         return type(self).removed_at_contact is not CuttingModel.removed_at_contact
 
-    def outside_of_range(self, p: Parameters, counted: np.ndarray | None = None) -> str | None:
-        """A sentence on the impacts outside of the range that the model is made for, by default none.
+    def outside_of_range(self, p: Parameters, counted: np.ndarray | None = None) -> Finding | None:
+        """The finding on the impacts outside of the range that the model is made for, by default none.
 
         Args:
             p: of one impact, or arrays that broadcast; the model's own parameters may be arrays as well.

@@ -11,7 +11,7 @@ import numpy as np
 
 from erosion.arguments import Broadcast, Number, Scalar
 from erosion.correlations import CORRELATIONS, FINNIE_MATERIALS
-from erosion.correlations.ranges import SHARPNESS, OutOfRangeWarning, outside_in_words
+from erosion.correlations.ranges import SHARPNESS, OutOfRangeWarning, share_outside
 from erosion.correlations.registry import SHAPES
 from erosion.models.base import CuttingModel, Tip, fixed_parameter, own_parameter
 from erosion.output import briefly
@@ -25,6 +25,7 @@ from erosion.parameters import (
     particle as read_particle,
     target as read_target,
 )
+from erosion.results import Finding
 
 
 class Correlated(CuttingModel):
@@ -72,9 +73,9 @@ class Correlated(CuttingModel):
         """By which the ratio of masses becomes a volume [kg/m³]."""
         return self.density
 
-    def outside_of_range(self, p: Parameters, counted: np.ndarray | None = None) -> str | None:
+    def outside_of_range(self, p: Parameters, counted: np.ndarray | None = None) -> Finding | None:
         values = {name: np.asarray(value) for name, value in self._checked(p).items()}
-        return outside_in_words(self.label, CORRELATIONS[self.name].ranges, values, counted)
+        return share_outside(self.label, CORRELATIONS[self.name].ranges, values, counted)
 
     def _checked(self, p: Parameters) -> dict[str, Broadcast]:
         """What may lie outside of a range, in SI units."""

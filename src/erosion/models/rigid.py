@@ -54,6 +54,7 @@ from erosion.models.parts import (
 )
 from erosion.ode.step_control import require_xla
 from erosion.parameters import Parameters, conversion_factor
+from erosion.results import Finding
 
 SPEED_EXPONENT = "speed_exponent"
 """The own parameter of `SpeedExponent`."""
@@ -507,7 +508,7 @@ class SpeedExponent(SameMotion):
     def removes_at_contact(self) -> bool:
         return self.motion.removes_at_contact
 
-    def outside_of_range(self, p: Parameters, counted: np.ndarray | None = None) -> str | None:
+    def outside_of_range(self, p: Parameters, counted: np.ndarray | None = None) -> Finding | None:
         return self.motion.outside_of_range(p, counted)
 
     def closed_form(self) -> ClosedForm | None:

@@ -31,7 +31,8 @@ from erosion.ode.problem import FlawError, Problem, Traced, flattened, is_number
 from erosion.ode.resolve import Ruler
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Derivatives
-from erosion.output.tables import Record, Result, Row, briefly, format_number, to_plain
+from erosion.output.tables import Record, Row, briefly, format_number, to_plain
+from erosion.results import Result
 
 _POINTS = 64
 _TINY = 1e-14  # no tolerance is tighter: rounding is near

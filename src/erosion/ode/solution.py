@@ -21,7 +21,8 @@ from erosion.ode.kinks import may_have_kinks
 from erosion.ode.problem import Problem, Words
 from erosion.ode.switches import unlocated
 from erosion.ode.tape import Recorded
-from erosion.output.tables import Record, Result, format_number, to_plain
+from erosion.output.tables import Record, format_number, to_plain
+from erosion.results import Result
 
 if TYPE_CHECKING:
     import xarray as xr

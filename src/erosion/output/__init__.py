@@ -18,8 +18,8 @@ from erosion.output.files import (
     written_whole as written_whole,
 )
 from erosion.output.tables import (
+    HEADINGS as HEADINGS,
     Record as Record,
-    Result as Result,
     Row as Row,
     abbreviate as abbreviate,
     briefly as briefly,
@@ -29,6 +29,7 @@ from erosion.output.tables import (
     to_csv as to_csv,
     to_html as to_html,
     to_json as to_json,
+    to_lines as to_lines,
     to_plain as to_plain,
     with_error as with_error,
 )

@@ -43,6 +43,7 @@ from erosion.parameters.quantities import (
     read_quantity,
     unit_name,
 )
+from erosion.results import Finding, stated
 
 _SIDES = {"alpha": ("flattest", "steepest"), "v0": ("slowest", "fastest"), "m": ("lightest", "heaviest")}
 _UNITS = {"alpha": ("deg", 180 / np.pi), "v0": ("m/s", 1.0), "m": ("kg", 1.0)}
@@ -93,18 +94,20 @@ class Tested:
             listed.append(f"{name} = [{low}, {high}]")
         return f"{{ {', '.join(listed)} }}"
 
-    def outside(self, values: Mapping[str, Any], units: System = "si") -> list[str]:
-        """Sentences on values, numbers or arrays by name, that lie outside: "120 m/s is 1.33 × the fastest test"."""
-        said, values = [], _in_si(values, units)
+    def outside(self, values: Mapping[str, Any], units: System = "si", about: str = "") -> list[Finding]:
+        """Findings on values, numbers or arrays by name, that lie outside: "120 m/s is 1.33 × the fastest test"."""
+        found, values = [], _in_si(values, units)
         for name, (low, high) in self.ranges.items():
             if name in values:
                 least, most = float(np.min(values[name])), float(np.max(values[name]))
-                quantity, (lower, upper) = QUANTITIES[name], _SIDES[name]
-                if most > high * (1 + _SAME):
-                    said.append(f"{quantity.in_words(most, 'si')} is {most / high:.3g} × the {upper} test.")
-                if least < low * (1 - _SAME):
-                    said.append(f"{quantity.in_words(least, 'si')} is {least / low:.3g} × the {lower} test.")
-        return said
+                lower, upper = _SIDES[name]
+                beyond = (most, high, upper, most - high), (least, low, lower, low - least)
+                for value, end, side, excess in beyond:
+                    if excess > end * _SAME:
+                        shown = QUANTITIES[name].in_words(value, "si")
+                        numbers = {"value": value, "shown": shown, "ratio": value / end, "side": side}
+                        found.append(Finding("outside_of_tests", about, {"parameter": name, **numbers}))
+        return found
 
 
 def _in_si(values: Mapping[str, Any], units: System) -> dict[str, Any]:
@@ -244,7 +247,7 @@ class CaseFile:
         return words or self.path.stem
 
     @property
-    def doubt(self) -> str | None:
+    def doubt(self) -> Finding | None:
         """What is doubtful in the fit that wrote the file, its table [advise] says it.
 
         Raises:
@@ -255,7 +258,7 @@ class CaseFile:
             return None
         if not isinstance(warning, str) or not warning.strip() or has_control_characters(warning):
             raise CaseError(f"{self.path}: field `warning` of [advise] must be a sentence, but is {briefly(warning)}.")
-        return f"{self.path}: {warning}"
+        return stated(warning, str(self.path))
 
     @property
     def tested(self) -> Tested:
@@ -269,8 +272,8 @@ class CaseFile:
         except ValueError as error:
             raise CaseError(f"{self.path}: field `tested` of [advise] {error}.") from error
 
-    def outside(self, p: Parameters, *, angle: bool = False) -> list[str]:
-        """Sentences on how far a case lies outside these tests.
+    def outside(self, p: Parameters, *, angle: bool = False) -> list[Finding]:
+        """Findings on how far a case lies outside these tests.
 
         Args:
             p: the case.
@@ -280,8 +283,7 @@ class CaseFile:
             CaseError: as of `tested`.
         """
         names = ("v0", "m", "alpha") if angle else ("v0", "m")
-        said = self.tested.outside({name: getattr(p, name) for name in names}, p.units)
-        return [f"{self.path}: {words}" for words in said]
+        return self.tested.outside({name: getattr(p, name) for name in names}, p.units, str(self.path))
 
     def section(self, name: str) -> dict[str, Any]:
         """The table `[name]`, empty where there is none.

@@ -15,6 +15,7 @@ from erosion.arguments import refuse
 from erosion.output.files import read_toml
 from erosion.output.tables import briefly
 from erosion.parameters.quantities import Dimension, System, about, conversion_factor, read_quantity
+from erosion.results import Finding
 
 MATERIALS: Mapping[str, float] = types.MappingProxyType(
     {"mild steel": 37e3, "brass": 27e3, "copper": 10e3, "stainless steel": 75e3, "titanium": 136e3}
@@ -263,8 +264,8 @@ def known_targets(file: Path | None = None) -> list[str]:
     return list(_table(file)["targets"])
 
 
-def body_warning(mass: Any, radius: Any, width: Any) -> str | None:
-    """One sentence where no body of a plausible density has this mass and this size; arrays broadcast [SI]."""
+def implausible_body(mass: Any, radius: Any, width: Any) -> Finding | None:
+    """The finding where no body of a plausible density has this mass and this size; arrays broadcast [SI]."""
     import numpy as np
 
     # No body that reaches no further than r from its centre is larger than this cylinder.
@@ -273,15 +274,10 @@ def body_warning(mass: Any, radius: Any, width: Any) -> str | None:
         density = np.ravel(np.asarray(mass) / largest)
     density = density[np.isfinite(density) & (density > 0)]
     if density.size and density.max() > HEAVIEST:
-        bound = f"heavier than osmium ({HEAVIEST:g} kg/m³)"
-    elif density.size and density.min() < LIGHTEST:
-        bound = f"lighter than a hollow bead ({LIGHTEST:g} kg/m³)"
-    else:
-        return None
-    return (
-        f"m does not fit r and b: a body of this mass and size would be {bound}; "
-        'change m with r³, or name the particle ("garnet 0.3 mm").'
-    )
+        return Finding("too_heavy", numbers={"density": density.max(), "bound": HEAVIEST})
+    if density.size and density.min() < LIGHTEST:
+        return Finding("too_light", numbers={"density": density.min(), "bound": LIGHTEST})
+    return None
 
 
 HEAVIEST = 22590.0  # kg/m³, osmium, the heaviest solid

@@ -20,11 +20,11 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from erosion.arguments import Broadcast, check_scalars, check_unmasked
-from erosion.output.tables import Result, Row, abbreviate, briefly
+from erosion.output.tables import Row, abbreviate, briefly
 from erosion.parameters.materials import (
     Particle,
     Target,
-    body_warning,
+    implausible_body,
     particle as read_particle,
     target as read_target,
 )
@@ -38,6 +38,7 @@ from erosion.parameters.quantities import (
     quantity_row,
     read_quantity,
 )
+from erosion.results import Finding, Result
 
 if TYPE_CHECKING:
     Leaf = Any  # numbers, lists and arrays come in; what is kept is an array, or JAX's stand-in for one
@@ -197,8 +198,8 @@ class Parameters(Result, eqx.Module):
         return dataclasses.replace(self, **converted, units=system)
 
     @property
-    def size_warning(self) -> str | None:
-        """One sentence where no body of a plausible density has this mass and this size, else None.
+    def size_finding(self) -> Finding | None:
+        """The finding where no body of a plausible density has this mass and this size, else None.
 
         Numbers that JAX traces are not looked at.
         """
@@ -207,7 +208,7 @@ class Parameters(Result, eqx.Module):
             return None
         in_si = {name: np.asarray(leaf) * conversion_factor(QUANTITIES[name].dimension, self.units, "si")
                  for name, leaf in sizes.items()}  # fmt: skip
-        return body_warning(in_si["m"], in_si["r"], in_si["b"])
+        return implausible_body(in_si["m"], in_si["r"], in_si["b"])
 
     @property
     def stiffness(self) -> Broadcast:
@@ -250,15 +251,15 @@ class Parameters(Result, eqx.Module):
 
 def warn_of_size(p: Parameters, before: Parameters | None = None) -> None:
     """Warn the user's line where mass and size fit no body, unless they did not before; see `SizeWarning`."""
-    message = p.size_warning
-    if message is None or (before is not None and before.size_warning is not None):
+    finding = p.size_finding
+    if finding is None or (before is not None and before.size_finding is not None):
         return
     # Between here and the user stand functions of the package, and wrappers of equinox and jaxtyping.
     level, frame = 1, inspect.currentframe()
     while frame is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _INNER:
         level, frame = level + 1, frame.f_back
     # In the same words each time, so that Python shows it once for each place.
-    warnings.warn(message, SizeWarning, stacklevel=level)
+    warnings.warn(finding.text, SizeWarning, stacklevel=level)
 
 
 _BODY = frozenset({"r", "b", "m"})

@@ -1,9 +1,10 @@
 """From a removed volume to the erosion that engineers measure: volume, and mass, per mass of abrasive."""
 
+import math
 import sys
 import types
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from numbers import Real
 from typing import Any
 
@@ -14,6 +15,7 @@ from erosion.output.tables import Row, briefly, format_number
 from erosion.parameters.materials import target
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import DIGITS, RESULTS, Scale, conversion_factor, has_unit, read_quantity
+from erosion.results import Finding
 
 PER_MASS_SCALES: Mapping[str, Scale] = types.MappingProxyType(
     {"specific_volume": Scale(1e-9, "mm³/kg"), "erosion_ratio": Scale(1e-3, "g/kg")}
@@ -118,14 +120,14 @@ class PerMass:
             numbers["erosion_ratio"] = self.erosion_ratio(volume, p)
         return numbers
 
-    def warning(self, volume: Any, p: Parameters) -> str | None:
-        """One sentence where the greatest erosion is far from what tests find at this speed, else None.
+    def finding(self, volume: Any, p: Parameters) -> Finding | None:
+        """The finding where the greatest erosion is far from what tests find at this speed, else None.
 
         None without a density and a cutting fraction, too: the numbers are then those of a scenario. Volumes in the
         units of `p` broadcast with p.m and p.v0; the greatest is that over the speed's power.
         """
         far = self.far_from_tests(volume, p)
-        return far and str(far)
+        return far and far.finding()
 
     @property
     def is_given(self) -> bool:
@@ -146,7 +148,7 @@ class PerMass:
 
 @dataclass(frozen=True)
 class FarFromTests:
-    """An erosion that is far from what tests find; as text it is a sentence.
+    """An erosion that is far from what tests find.
 
     Args:
         amount: the erosion, in `unit`.
@@ -171,24 +173,13 @@ class FarFromTests:
         """Whether it is more than ten times what any test finds: no amount to tell anyone, and marked in tables."""
         return self.amount > _BEYOND * self.greatest
 
-    @property
-    def rest(self) -> str:
-        """The sentence after the amount; models on the same side of the tests share it."""
-        why = (
-            "; only some particles cut, and the product of σ and ψ is known to a factor of two at best" * self.is_above
-        )
-        return (
-            f"{self.unit} is far from what tests on ductile metals find at {self.speed:.3g} m/s, about "
-            f"{two_digits(self.least)} to {two_digits(self.greatest)} {self.unit} "
-            f"(fits to tests: DNVGL-RP-O501, 2015, table 3-1){why}."
-        )
-
-    def __str__(self) -> str:
-        return f"{two_digits(self.amount)} {self.rest}"
+    def finding(self, about: str = "") -> Finding:
+        """The same for a reader, about models by name."""
+        return Finding("above_tests" if self.is_above else "below_tests", about, asdict(self))
 
 
-def models_far_from_tests(weights: Mapping[str, PerMass], volumes: Mapping[str, Any], p: Parameters) -> list[str]:
-    """Sentences on the models whose erosion is far from what tests find; models on the same side of it share one.
+def models_far_from_tests(weights: Mapping[str, PerMass], volumes: Mapping[str, Any], p: Parameters) -> list[Finding]:
+    """Findings on the models whose erosion is far from what tests find; models on the same side of it share one.
 
     Args:
         weights: by model; a model alone may have the name "".
@@ -197,14 +188,15 @@ def models_far_from_tests(weights: Mapping[str, PerMass], volumes: Mapping[str, 
     """
     far = {name: said for name, weight in weights.items()
            if (said := weight.far_from_tests(volumes[name], p)) is not None}  # fmt: skip
-    sentences = []
-    for rest in dict.fromkeys(said.rest for said in far.values()):
-        names = [name for name, said in far.items() if said.rest == rest]
+    groups: dict[FarFromTests, list[str]] = {}
+    for name, said in far.items():
+        groups.setdefault(replace(said, amount=math.copysign(math.inf, said.is_above - 0.5)), []).append(name)
+    findings = []
+    for names in groups.values():
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        named = ", ".join(names[:_NAMED]) + more
         greatest = max((far[name] for name in names), key=lambda said: said.amount)
-        sentences.append(f"{named}: {greatest}" if named else str(greatest))
-    return sentences
+        findings.append(greatest.finding(", ".join(names[:_NAMED]) + more))
+    return findings
 
 
 def far_from_tests(

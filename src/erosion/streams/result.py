@@ -17,7 +17,7 @@ from scipy.optimize import minimize_scalar
 from erosion.arguments import Progress, no_progress
 from erosion.impacts import alpha_max, impact, model_in_words, provenance
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_quantities, quantities
-from erosion.output import Record, Result, Row, largest_of, to_plain, with_error
+from erosion.output import Record, Row, largest_of, to_plain, with_error
 from erosion.parameters import (
     PER_MASS_SCALES,
     QUANTITIES,
@@ -31,6 +31,7 @@ from erosion.parameters import (
     result_row,
     table_scale,
 )
+from erosion.results import Finding, Result
 from erosion.streams.tally import Estimate, Particles, Points, Tally
 
 _ANGLES = np.deg2rad(np.linspace(2.0, 90.0, 45))
@@ -262,11 +263,6 @@ class Stream(Result):
         return Estimate(*(factor * number for number in dataclasses.astuple(self.erosion)))
 
     @property
-    def erosion_warning(self) -> str | None:
-        """One sentence where the erosion is far from what tests find at the mean speed, else None."""
-        return None if self._far is None or not self.per_mass.is_given else str(self._far)
-
-    @property
     def _far(self) -> FarFromTests | None:
         """The same in numbers, whether an amount is asked for or not."""
         p = self.particles.p
@@ -310,11 +306,17 @@ class Stream(Result):
         return {share: self.tally.quantile(share) for share in QUANTILES}
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """A sentence on the particles outside of the range that the model is made for, from 4096 of them."""
+    def findings(self) -> tuple[Finding, ...]:
+        """Particles outside of the range of the model, and erosion far from what tests find at the mean speed."""
+        far = self._far if self.per_mass.is_given else None
+        found = (self.outside_of_range, far and far.finding())
+        return tuple(finding for finding in found if finding is not None)
+
+    @property
+    def outside_of_range(self) -> Finding | None:
+        """The finding on particles outside of the range that the model is made for, from 4096 of them."""
         model, p, hits = self.particles.impacts(self._sample)
-        said = model.outside_of_range(p, hits)
-        return () if said is None else (said,)
+        return model.outside_of_range(p, hits)
 
     @property
     def _sample(self) -> Mapping[str, np.ndarray]:

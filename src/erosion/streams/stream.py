@@ -96,8 +96,8 @@ def stream(
     """
     options = StreamOptions(n, seed, points, best_angle, sensitivities, rtol, store)
     result = prepare_stream(model, p, distributions, options, uncertain).run(progress)
-    for message in result.warnings:
-        warnings.warn(message, OutOfRangeWarning, stacklevel=2)
+    if (finding := result.outside_of_range) is not None:
+        warnings.warn(finding.text, OutOfRangeWarning, stacklevel=2)
     return result
 
 

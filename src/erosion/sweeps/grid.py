@@ -46,6 +46,7 @@ from erosion.parameters import (
     validate,
 )
 from erosion.parameters.headings import factor
+from erosion.results import Finding, to_attribute
 
 Region = tuple[slice, ...]
 """The place of a block in its grid: one slice for each dimension."""
@@ -62,8 +63,8 @@ class AnyGrid(abc.ABC):
     axes: Mapping[str, np.ndarray]
 
     @functools.cached_property
-    def outside_of_range(self) -> tuple[str, ...]:
-        """Sentences on what lies outside of what a model is made for."""
+    def outside_of_range(self) -> tuple[Finding, ...]:
+        """Findings on what lies outside of what a model is made for."""
         return ()
 
     @property
@@ -324,8 +325,8 @@ class Grid(AnyGrid):
         return with_values(model, self.p, values)
 
     @functools.cached_property
-    def outside_of_range(self) -> tuple[str, ...]:
-        """Sentences on the impacts that lie outside of what a model is made for."""
+    def outside_of_range(self) -> tuple[Finding, ...]:
+        """Findings on the impacts that lie outside of what a model is made for."""
         impacts = [self.impacts(model) for model in self.loaded().values()]
         return tuple(said for model, p in impacts if (said := model.outside_of_range(p)) is not None)
 
@@ -390,7 +391,7 @@ class Grid(AnyGrid):
             "model": "" if self.compared else next(iter(self.models)),
             "own_parameters": "; ".join(own.values()),
             "derivatives_with_respect_to": self.outputs.wrt if self.outputs.derivatives else "",
-            "comment": " ".join(self.outside_of_range),
+            "findings": to_attribute(self.outside_of_range),
         }
         attributes = provenance("a sweep", self.p, **{name: words for name, words in said.items() if words})
         return xr.Dataset(coords=coordinates, attrs=attributes)

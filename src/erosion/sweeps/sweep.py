@@ -352,8 +352,8 @@ def sweep(
     """
     require_float64()
     grid = make_grid(model, p, axes, Outputs(derivatives, wrt, rtol, optimum, check_max_turn(max_turn)), paired=paired)
-    for message in grid.outside_of_range:
-        warnings.warn(message, OutOfRangeWarning, stacklevel=2)
+    for finding in grid.outside_of_range:
+        warnings.warn(finding.text, OutOfRangeWarning, stacklevel=2)
     return prepare_sweep(grid, chunks=chunks, store=store).run(progress)
 
 

@@ -166,10 +166,10 @@ def turns(case: ReportCase) -> Record:
             cuts[alpha] = path(load_model(MODEL), case.p.replace(alpha=alpha))
         except SimulationError:
             continue
-    beyond = [cut.turn_warning is not None for cut in cuts.values()]
+    beyond = [cut.turned_beyond for cut in cuts.values()]
     told = [
         {
-            "alpha": OfCut(alpha, cuts[alpha].turn_warning is not None),
+            "alpha": OfCut(alpha, cuts[alpha].turned_beyond),
             "turn": float(np.abs(cuts[alpha].phi - np.pi / 2).max()),
             "least_sine": float(np.sin(cuts[alpha].phi).min()),
         }
