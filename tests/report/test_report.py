@@ -141,36 +141,40 @@ def sections_of(folder: Path) -> dict[str, str]:
     return {found[1]: found[0] for found in re.finditer(r'<section id="(\w+)">.*?</section>', page, re.DOTALL)}
 
 
-def test_every_number_of_a_cut_that_turns_by_more_than_90_degrees_is_marked(reports: dict[str, Path]) -> None:
-    """The table of models and each answer beside trajectories of their own."""
+def test_each_question_names_its_cuts_that_turn_by_more_than_90_degrees(reports: dict[str, Path]) -> None:
+    """The models' sentence beside trajectories of their own."""
     p, folder = TABLE_1, reports["Table 1"]
-    sections, spinning = sections_of(folder), sections_of(reports["unusual"])
-    rows = dict(re.findall(r"<th scope='row'>([a-z-]+)</th>(<td>[^\n]*?)</tr>", sections["models"]))
-    marked = set()
+    sentences = {key: html.unescape(re.sub("<[^>]*>", "", found[1])) for key, section in sections_of(folder).items()
+                 if (found := re.search(r'<p class="note validity">(.*?)</p>', section, re.DOTALL))}  # fmt: skip
+    named = {at: set(found[1].split(", ")) if (found := re.search(rf"{at} \((.*?)\)", sentences["models"])) else set()
+             for at in ("at 20°", "at the best angle")}  # fmt: skip
+    assert all(named.values())
     for model, row in numbers(folder)["answers"]["models"].items():
-        best = row["alpha_max"]
-        beyond = [path(load_model(model), p.replace(alpha=alpha)).turned_beyond for alpha in (p.alpha, best or 1e-6)]
-        here, angle, most, *_ = re.findall("<td>(.*?)</td>", rows[model])
-        assert ["†" in here, "†" in most] == beyond, model
-        if best:
-            assert ("†" in angle) == beyond[1]
-            marked |= {f"{np.rad2deg(best):.3f}"} if beyond[1] else set()
-    for key in ("a1", "a2", "a3", "slips"):
-        words = re.sub(r"<svg.*?</svg>", "", sections[key], flags=re.DOTALL)
-        # Of a jump, whose angle has more digits, one side may turn and the other not.
-        said = re.findall(r"(\d+\.\d{1,6})°(†?)", words)
-        assert [number for number, mark in said if not mark and f"{float(number):.3f}" in marked] == [], key
-    assert marked
-    # And each figure with such cuts says so.
-    for key, section in sections.items():
-        counts = numbers(folder)["cuts_turned_beyond"].get(key, {})
-        captions = re.findall(r"<figcaption>.*?</figcaption>", section, flags=re.DOTALL)
-        said = sum("by more than 90°" in caption for caption in captions)
-        assert said == sum(turned > 0 for turned, _ in counts.values())
+        for at, alpha in (("at 20°", p.alpha), ("at the best angle", row["alpha_max"] or 1e-6)):
+            cut = path(load_model(model), p.replace(alpha=alpha))
+            assert (model in named[at]) == cut.turned_beyond, (model, at)
+    # The figures' cuts are counted; without rotation nothing turns.
+    counts = numbers(folder)["cuts_turned_beyond"]
+    assert set(sentences) == {key for key, of in counts.items() if any(turned for turned, _ in of.values())}
+    for key in sentences:
+        turned, of = (sum(count) for count in zip(*counts[key].values(), strict=True))
+        assert f"{turned:,} of {of:,} cuts of the figures" in sentences[key]
+    assert not {"q1", "q2", "q3", "q4", "q5", "q6", "q7", "q8"} & set(sentences)
     # With spin the body of questions 1 to 8 turns, too.
-    for key in ("q4", "q5", "q6", "q7"):
-        assert "†" not in sections[key].partition("</p>")[0]
-        assert "†" in spinning[key].partition("</p>")[0]
+    assert all("where no model holds, at" in sections_of(reports["unusual"])[key] for key in ("q4", "q5", "q6", "q7"))
+
+
+def test_rotation_is_answered_within_the_limit_of_validity_too(tmp_path: Path) -> None:
+    p = TABLE_1.replace(k=1.0)
+    write_report(p, tmp_path, only=["a1"])
+    a1 = numbers(tmp_path)["answers"]["a1"]["rotating"]
+    assert np.rad2deg(a1["alpha_max"]) == pytest.approx(39.99624582, abs=2e-7)
+    assert a1["turned_beyond_at_max"]
+    # The first angle at which the body turns by 90°, by trajectories on both sides.
+    for aside, beyond in ((-1e-5, False), (1e-5, True)):
+        cut = path(load_model("rotating"), p.replace(alpha=a1["valid_alpha_max"] + aside))
+        assert (abs(cut.turn) > np.pi / 2) == beyond
+    assert a1["valid_volume_max"] < a1["volume_max"]
 
 
 @pytest.mark.parametrize("name", ["Table 1", "SI"])
@@ -271,7 +275,7 @@ def test_page_is_well_formed_and_its_ids_are_unique(reports: dict[str, Path], na
     assert len(ids) == len(set(ids))
     links = {(element.get("href") or "")[1:] for element in root.iter("{http://www.w3.org/1999/xhtml}a")}
     assert links <= set(ids)
-    assert len(list(root.iter("{http://www.w3.org/2000/svg}svg"))) == (24 if name == "Table 1" else 11)
+    assert len(list(root.iter("{http://www.w3.org/2000/svg}svg"))) == (26 if name == "Table 1" else 13)
     assert len(list(root.iter("{http://www.w3.org/1998/Math/MathML}math"))) > 40
     for element in root.iter("{http://www.w3.org/1998/Math/MathML}mi"):
         assert element.text != "&"

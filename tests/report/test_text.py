@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from erosion.impacts.trajectory import SimulationError
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1, Parameters
-from erosion.report.case import Answer, Drawing, OfCut, ReportCase
-from erosion.report.page import Text, TextError, write_text
+from erosion.report.case import BEST, Answer, Cut, Drawing, ReportCase
+from erosion.report.page import Text, TextError, validity, write_text
 from erosion.report.questions.linearized import Jet, greatest
 from erosion.report.text import degrees, formula, math, number, quantity, to_html
 
@@ -93,31 +93,32 @@ CASE = ReportCase(TABLE_1, "Table 1")
 NONE = np.zeros(9, bool)
 
 
-def text_of(folder: Path, derivation: str, *, figures: str = "", beyond: np.ndarray = NONE, **fields: Any) -> Text:
+def text_of(folder: Path, derivation: str, *, figures: str = "", **fields: Any) -> Text:
     """A text with this derivation, filled in."""
     path = folder / "q2.md"
-    path.write_text(f"# Title\n\nThe answer.\n\n{figures}\n\n## Derivation\n\n{derivation}\n", encoding="utf-8")
-    return write_text(path, CASE, Answer(fields, {"shape": Drawing(Figure(), beyond, "Dotted")}))
+    path.write_text(
+        f"# Title\n\nIdea: Why.\n\nThe answer.\n\n{figures}\n\n## Derivation\n\n{derivation}\n", encoding="utf-8"
+    )
+    return write_text(path, CASE, Answer(fields, {"shape": Drawing(Figure(), NONE)}))
 
 
 def test_a_text_has_a_title_a_sentence_figures_and_a_derivation(tmp_path: Path) -> None:
-    text = text_of(
-        tmp_path, "It is {{ volume | number(3) }}.", figures="![A **line**.](shape)\nThe\nshape.", volume=1.5
-    )
-    assert (text.title, text.sentence, text.derivation) == ("Title", "The answer.", "<p>It is 1.50.</p>")
+    text = text_of(tmp_path, "It is {{ volume | number(3) }}.", figures="![A **line**.](shape)\nThe shape.", volume=1.5)
+    assert (text.title, text.idea, text.sentence) == ("Title", "Why.", "The answer.")
+    assert text.derivation == "<p>It is 1.50.</p>"
     assert text.illustrations == (("shape", "The shape.", "A **line**."),)
 
 
 @pytest.mark.parametrize(
     ("derivation", "fields", "reason"),
     [
-        ("{{ 1.0 | numbr }}", {}, r".*line 9: No filter named 'numbr'\."),
+        ("{{ 1.0 | numbr }}", {}, r".*line 11: No filter named 'numbr'\."),
         ("{% if true %}", {}, r".*line \d+: Unexpected end of template"),
-        ("Table: t\n| a |\n| 1 |", {}, r".*third line of a table must be .*, but is '\| 1 \|'"),
+        ("Table: t\n| a |\n| 1 |", {}, r".*Below a caption must be a table, .*Table: t"),
         (r"$\left(x$", {}, r".*formula '.*left\(x' cannot be read \(ExtraLeftOrMissingRightError\)"),
         ("## Again\n\nText.", {}, ".*A text must be"),
-        ("First.\n\nThe volume is {{ volum | number }}.", {"volume": 1.0}, r", line 11: 'volum' is undefined\."),
-        ("The width is {{ case.p.width }}.", {}, r", line 9: '.*Parameters object' has no attribute 'width'\."),
+        ("First.\n\nThe volume is {{ volum | number }}.", {"volume": 1.0}, r", line 13: 'volum' is undefined\."),
+        ("The width is {{ case.p.width }}.", {}, r", line 11: '.*Parameters object' has no attribute 'width'\."),
         ("", {"figures": "![A line.](shap)\nThe shape."}, r": The figure 'shap' is unknown; there are shape\."),
     ],
 )
@@ -128,19 +129,12 @@ def test_a_mistake_in_a_text_is_named_with_its_file(
         text_of(tmp_path, derivation, **fields)
 
 
-def test_what_turns_by_more_than_90_degrees_is_marked_wherever_it_is_printed(tmp_path: Path) -> None:
-    numbers = {"far": OfCut(0.5, beyond=True), "near": OfCut(0.25, beyond=False)}
-    filters = ("number(3)", "degrees(3)", 'quantity("volume")', "fixed(degree, 2)", "per(percent, 2)")
-    shown = " ".join("{{ far | F }} {{ near | F }}".replace("F", name) for name in filters)
-    figures = "![A line.](shape)\nThe shape."
-    text = text_of(
-        tmp_path, f"{shown} ${{{{ far | number_tex }}}}$", figures=figures, beyond=NONE | (NONE.size > 8), **numbers
-    )
-    assert text.derivation.count("†") == len(filters)
-    assert "&#x02020;" in text.derivation
-    assert text.illustrations[0].caption.endswith("by more than 90° (9 of 9), where the model no longer holds.")
-    assert set(text.printed) == {0.5, 0.25}
-    assert "90°" not in text_of(tmp_path, "", figures=figures).illustrations[0].caption
+def test_cuts_that_turn_by_more_than_90_degrees_are_named_in_one_sentence() -> None:
+    drawing = Drawing(Figure(), np.arange(9) > 6)
+    cuts = [Cut("at 20°", "`one`", beyond=True), Cut("at 20°", "`other`", beyond=False), Cut(BEST, "", beyond=True)]
+    sentence = validity(Answer({}, {"shape": drawing}, cuts=cuts))
+    assert "at 20° (`one`), at the best angle, in 2 of 9 cuts of the figures" in sentence
+    assert validity(Answer({}, {"shape": Drawing(Figure(), NONE)}, cuts=cuts[1:2])) == ""
 
 
 def test_fields_are_text_not_html(tmp_path: Path) -> None:
@@ -148,8 +142,13 @@ def test_fields_are_text_not_html(tmp_path: Path) -> None:
 
 
 def test_markdown_becomes_html() -> None:
-    assert to_html("One\nline.\n\n> A **note**\n> on `code`.") == (
-        '<p>One line.</p>\n<p class="note">A <strong>note</strong> on <code>code</code>.</p>'
+    assert to_html("One\nline.\n\n> A **note**\n> on `code`.").replace("\n", " ") == (
+        '<p>One line.</p> <div class="note"><p>A <strong>note</strong> on <code>code</code>.</p> </div>'
     )
     assert to_html("$$\nx\n$$").startswith('<div class="math"')
     assert "<p>So <math" in to_html("So $x$")
+    table = to_html("Table: Of $x$\n| a | b [m s] |\n|---|--:|\n| r | 1 |").replace("\n", "")
+    assert table.startswith('<div class="table" tabindex="0"><table><caption>Of <math')
+    assert '<th scope="col">b [m\N{NO-BREAK SPACE}s]</th>' in table
+    assert '<tr><th scope="row">r</th><td>1</td></tr>' in table
+    assert 'class="table wordy"' in to_html("| a | b |\n|---|---|\n| r | words |")

@@ -220,6 +220,7 @@ def _draw_shape(ax: Axes, curve: ShapeCurve, size: float, label: str, **style: A
     ax.plot(degrees, np.where(beyond, np.nan, volume), label=label, **style)
     if beside.any():
         ax.plot(degrees, np.where(beside, volume, np.nan), **{**style, "linestyle": ":"})
+        ax.plot([], [], color=DIM, linestyle=":", linewidth=1.9, label=BEYOND_LABEL)
 
 
 @house_style()
@@ -306,6 +307,8 @@ def plot_best_angles(
                 ax.plot([], [], marker, label=words, **style)
                 ax.plot(x[at & ~pale], degrees[at & ~pale], marker, **style)
                 ax.plot(x[at & pale], degrees[at & pale], marker, alpha=_PALE, **style)
+        if pale.any():
+            ax.plot([], [], "o", color=INK, alpha=_PALE, markersize=6, label=BEYOND_LABEL)
     if log:
         ax.set_xscale("log")
     ax.set_ylim(0, 15 * np.ceil(min(highest + 4, 90) / 15))
@@ -349,6 +352,9 @@ def plot_turn(ax: Axes, angles: np.ndarray, turn: np.ndarray, ended_by: np.ndarr
         shown = ended_by == end
         ax.plot(np.rad2deg(angles[shown]), np.rad2deg(turn[shown]), "o", color=ENDS.get(end, INK), markersize=5,
                 label=end_label(end))  # fmt: skip
+    for limit in (-90, 90):
+        if np.any(np.rad2deg(turn) / limit > 1):
+            ax.axhline(limit, color=DIM, linestyle=":", linewidth=1.9, label=BEYOND_LABEL)
     ax.yaxis.set_major_formatter("{x:g}°")
     return _over_angles(ax, f"{RESULTS['turn'].symbol}  {RESULTS['turn'].meaning}", 2)
 

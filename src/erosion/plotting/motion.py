@@ -13,9 +13,10 @@ from erosion.impacts import Trajectory
 from erosion.models import NO_CUT, ClosedForm, State, model_name
 from erosion.ode.solution import Solution
 from erosion.output import briefly
-from erosion.parameters import RESULTS, System, readable_scale
+from erosion.parameters import RESULTS, Dimension, Scale, System, readable_scale, unit_name
 from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, HISTORIES, INK, NOTHING, PALETTE
 from erosion.plotting.style import (
+    angle_axis,
     axes_or_new,
     house_style,
     legend_below,
@@ -45,7 +46,7 @@ def plot_histories(fig: Figure | SubFigure, trajectory: Trajectory, closed: Clos
     turns = body is not None and not np.allclose(body.x, trajectory.x_tip, rtol=1e-9, atol=0)
     for panel, (of_body, of_tip, quantity) in zip(panels, HISTORIES, strict=True):
         tip = getattr(trajectory, of_tip)
-        scale = readable_scale(quantity.dimension, p.units, _largest(tip))
+        scale = _plain_scale(quantity.dimension, p.units, _largest(tip))
         if exact is not None:
             panel.plot(t / time.size, np.asarray(getattr(exact, of_body)) / scale.size,
                        color=PALETTE["sky"], linewidth=6, alpha=0.5, label="closed form")  # fmt: skip
@@ -69,8 +70,8 @@ def plot_path(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
     """The tip's path with the depth downward; the removed area is filled (Laverty, Figure 8)."""
     _, ax = axes_or_new(ax, 5.6, 3.4)
     p, x, depth = trajectory.p, trajectory.x_tip, trajectory.depth
-    along = readable_scale("length", p.units, _largest(x))
-    down = readable_scale("length", p.units, max(_largest(depth), trajectory.max_depth))
+    along = _plain_scale("length", p.units, _largest(x))
+    down = _plain_scale("length", p.units, max(_largest(depth), trajectory.max_depth))
     x, depth = x / along.size, depth / down.size
     deepest = float(depth.max()) or 1.0
     ax.axhspan(0, 1.22 * deepest, color=DIM, alpha=0.13, linewidth=0)
@@ -105,6 +106,106 @@ def plot_trajectory(trajectory: Trajectory) -> Figure:
     return fig
 
 
+_BODY = np.array([[0.0, 0.0], [-0.62, 0.5], [-0.56, 1.18], [0.1, 1.5], [0.7, 1.12], [0.66, 0.46]])
+_CENTRE = np.array([0.0, 0.82])
+_TIP_DEPTH = 0.34
+"""A body of sand in a sketch, its tip at the origin; the distance from tip to centre is 0.82."""
+
+
+def _metal(ax: Axes, left: float) -> None:
+    ax.axhspan(-1, 0, color=DIM, alpha=0.16, linewidth=0)
+    ax.axhline(0, color=INK, linewidth=1)
+    ax.text(left, -0.04, "surface", va="top", fontsize="small", color=DIM)
+    ax.set_aspect("equal")
+    ax.axis("off")
+
+
+def _arrow(ax: Axes, start: Any, end: Any, color: str) -> None:
+    style = {"arrowstyle": "-|>", "color": color, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 13}
+    ax.annotate("", end, start, arrowprops=style)
+
+
+@house_style()
+def plot_sketch(ax: Axes, alpha: float, k: float) -> Axes:
+    """The body in the cut, with its speed at contact and the force at its tip (Laverty, Figures 4 to 6).
+
+    Args:
+        ax: empty axes.
+        alpha: angle of attack [rad].
+        k: F_y / F_x.
+    """
+    _metal(ax, -2.25)
+    ax.fill(*(_BODY - [0, _TIP_DEPTH]).T, color=PALETTE["sky"], alpha=0.45, linewidth=0)
+    ax.plot(*np.vstack([_BODY, _BODY[:1]]).T - np.array([[0], [_TIP_DEPTH]]), color=INK, linewidth=1)
+    tip, centre = np.array([0, -_TIP_DEPTH]), _CENTRE - [0, _TIP_DEPTH]
+    both_ways = {"arrowstyle": "<->", "color": INK, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", (-0.16, -_TIP_DEPTH), (-0.16, centre[1]), arrowprops=both_ways)
+    ax.plot(*centre, "o", color=INK, markersize=4)
+    ax.text(-0.22, centre[1] / 2, "$r$", ha="right")
+    start = centre - 1.5 * np.array([math.cos(alpha), -math.sin(alpha)])
+    _arrow(ax, start, centre - 0.04 * np.array([math.cos(alpha), -math.sin(alpha)]), PALETTE["green"])
+    ax.text(start[0], start[1], "$v_0$ ", ha="right", va="center", color=PALETTE["green"])
+    ax.plot([start[0], start[0] + 0.9], [start[1]] * 2, color=DIM, linewidth=0.8)
+    arc = np.linspace(0, -alpha, 30)
+    ax.plot(start[0] + 0.55 * np.cos(arc), start[1] + 0.55 * np.sin(arc), color=INK, linewidth=0.9)
+    ax.text(start[0] + 0.68, start[1] - 0.68 * math.sin(alpha / 2), "α", va="center", ha="left")
+    # As long as the force is large: along the surface 1, and k of it upwards, within the picture.
+    along = 1.1 / max(1.0, math.hypot(1, k) / 1.6)
+    _arrow(ax, tip, (-along, -_TIP_DEPTH), PALETTE["vermillion"])
+    ax.text(-1.05 * along, -_TIP_DEPTH, "$F_x$ ", ha="right", va="center", color=PALETTE["vermillion"])
+    _arrow(ax, tip, (0, k * along - _TIP_DEPTH), PALETTE["vermillion"])
+    ax.text(0.06, k * along - _TIP_DEPTH, "$F_y = kF_x$", ha="left", va="bottom", color=PALETTE["vermillion"])
+    ax.annotate("", (1.0, -_TIP_DEPTH), (1.0, 0), arrowprops=both_ways)
+    ax.text(1.07, -_TIP_DEPTH / 2, "$y$, depth of the tip", va="center")
+    ax.plot([0, 1.06], [-_TIP_DEPTH] * 2, color=DIM, linewidth=0.8, linestyle=(0, (2, 2)))
+    ax.set(xlim=(-2.3, 2.4), ylim=(-0.62, max(1.6, k * along - _TIP_DEPTH + 0.3)))
+    return ax
+
+
+@house_style()
+def plot_half_angle(fig: Figure, k: float) -> list[Axes]:
+    """Why the best angle halves the angle between the surface and the force, for cuts that rebound.
+
+    Left the directions of flight and force; right depth, forward speed and their product over the angle.
+
+    Args:
+        fig: an empty figure.
+        k: F_y / F_x; the force points away from the flight at arctan k above the surface.
+    """
+    sketch, curves = fig.subplots(1, 2, width_ratios=(1.0, 1.25))
+    force, best = math.atan(k), math.atan(k) / 2
+    _metal(sketch, -1.45)
+    for angle, color, label, inwards in (
+        (force, PALETTE["vermillion"], "force", False),
+        (best, PALETTE["green"], "flight", True),
+    ):
+        far = 1.15 * np.array([-math.cos(angle), math.sin(angle)])
+        _arrow(sketch, *((far, (0, 0)) if inwards else ((0, 0), far)), color)
+        sketch.text(
+            1.06 * far[0], 1.06 * far[1], label, color=color, ha="right" if angle < 1 else "center", va="bottom"
+        )
+    for low, high, size in ((0.0, best, 0.55), (best, force, 0.6)):
+        arc = np.linspace(low, high, 40)
+        sketch.plot(-size * np.cos(arc), size * np.sin(arc), color=INK, linewidth=0.9)
+        middle = (low + high) / 2
+        sketch.text(-(size + 0.13) * math.cos(middle), (size + 0.13) * math.sin(middle), "θ/2", ha="center",
+                    va="center", fontsize="small")  # fmt: skip
+    sketch.set(xlim=(-1.5, 0.45), ylim=(-0.22, 1.35))
+    alpha = np.linspace(0, force, 200)
+    depth, speed = np.sin(alpha), np.sin(force - alpha)
+    degrees = np.rad2deg(alpha)
+    curves.plot(degrees, depth / depth[-1], color=PALETTE["blue"], label="depth ∝ sin α")
+    curves.plot(degrees, speed / speed[0], color=PALETTE["purple"], label="forward speed ∝ sin(θ − α)")
+    product = depth * speed
+    curves.plot(degrees, product / product.max(), color=INK, linewidth=2.4, label="volume ∝ product")
+    curves.plot(np.rad2deg(best), 1, "*", color=PALETTE["orange"], markersize=13, markeredgecolor=INK,
+                markeredgewidth=0.7, zorder=5, clip_on=False, label="α = θ/2")  # fmt: skip
+    curves.set(ylabel="over its greatest value", ylim=(0, 1.08))
+    angle_axis(curves, 0, float(np.rad2deg(force)))
+    legend_below(curves, 2)
+    return [sketch, curves]
+
+
 @house_style()
 def plot_removal_rate(ax: Axes, trajectory: Trajectory, bars: int = 10) -> Axes:
     """dV/dt over time, with the bars of the midpoint rule; the area below the curve is the volume."""
@@ -124,6 +225,16 @@ def plot_removal_rate(ax: Axes, trajectory: Trajectory, bars: int = 10) -> Axes:
     ax.set(xlabel=f"t  time since contact  [{time.unit}]", ylabel=f"$dV/dt$  [{volume.unit}/{time.unit}]")
     legend_below(ax, columns=2)
     return ax
+
+
+def _plain_scale(dimension: Dimension, units: System, largest: float) -> Scale:
+    """A readable unit; lengths of inch-pound cases in inches, as in the scenario's figures, down to a hundredth."""
+    if (dimension, units) == ("length", "inch-pound") and largest >= _SHORTEST:
+        return Scale(1.0, unit_name(dimension, units))
+    return readable_scale(dimension, units, largest)
+
+
+_SHORTEST = 0.01  # in
 
 
 def _largest(values: Any) -> float:

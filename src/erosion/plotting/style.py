@@ -236,4 +236,11 @@ def result_label(name: str, scale: Scale) -> str:
 def legend_below(ax: Axes, columns: int) -> None:
     """Put the axes' legend below the axes, at the bottom of the figure."""
     figure: Any = ax.figure
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
+    handles, labels = ax.get_legend_handles_labels()
+    one_each = dict(zip(reversed(labels), reversed(handles), strict=True))
+    figure.legend(
+        [one_each[label] for label in dict.fromkeys(labels)],
+        dict.fromkeys(labels),
+        loc="outside lower center",
+        ncols=columns,
+    )

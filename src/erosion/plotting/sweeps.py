@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from erosion.impacts import BEYOND_LABEL
 from erosion.parameters import QUANTITIES, System, readable_scale
 from erosion.plotting.curves import mark_best
 from erosion.plotting.labels import (
@@ -121,6 +122,8 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     if jumps.any():
         handles.append(Line2D([], [], marker="D", linestyle="", color="none", markeredgecolor=INK, markersize=5,
                               label="greatest for this spin, at a jump"))  # fmt: skip
+    if "turned_beyond" in regimes and regimes.turned_beyond.any():
+        handles.append(Line2D([], [], color=INK, linestyle="dotted", linewidth=1.1, label=f"inside: {BEYOND_LABEL}"))
     fig.legend(handles=handles, loc="outside lower center", ncols=3)
     return fig
 

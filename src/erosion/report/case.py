@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import types
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from erosion.parameters import MATERIALS, QUANTITIES, Parameters, PerMass, Syste
 from erosion.plotting.curves import AngleSeries, ShapeCurve, plot_best_angles, plot_family
 from erosion.plotting.labels import broken_at, leaps
 from erosion.plotting.style import new_axes
-from erosion.report.text import number
+from erosion.report.text import degrees, number
 from erosion.sweeps.grid import in_words
 from erosion.sweeps.sweep import regimes
 
@@ -36,34 +36,37 @@ _CONTACTS = (0.01, 0.1, 0.5, 2.0, 4.9)  # of (0, 5), as the source recommends
 _RATIOS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)  # of (0.1, 10), as it recommends too
 
 
-class OfCut(float):
-    """A number of a cut; the page marks it where the body turns by more than 90° (`beyond`)."""
+class Cut(NamedTuple):
+    """A cut that numbers of an answer are of.
 
+    Args:
+        at: its angle in words, "at 20°".
+        name: what it is a cut of, in Markdown, "`rotating`"; empty where there is only one.
+        beyond: whether it turns the body by more than 90°.
+    """
+
+    at: str
+    name: str
     beyond: bool
 
-    def __new__(cls, value: Any, beyond: Any) -> "OfCut":
-        """A number with its mark."""
-        number = super().__new__(cls, value)
-        number.beyond = bool(beyond)
-        return number
+
+BEST = "at the best angle"
 
 
 class Drawing(NamedTuple):
-    """A figure, and whether the body turns by more than 90° in each cut that it shows, which its caption says.
+    """A figure, and in which of its cuts the body turns by more than 90°; its legend says how it shows them.
 
     Args:
         figure: the figure.
-        beyond: any shape; False for no cut.
-        style: how the figure shows it: "Dotted", "Pale" or "Outlined".
+        beyond: for each cut, any shape.
     """
 
     figure: Figure
     beyond: np.ndarray
-    style: str = ""
 
     @property
     def counts(self) -> tuple[int, int]:
-        """How many cuts turn the body by more than 90°, and of how many."""
+        """The cuts that turn the body by more than 90°, and all cuts."""
         return int(np.sum(self.beyond)), int(np.size(self.beyond))
 
 
@@ -99,14 +102,13 @@ class BestOverValues:
     @property
     def rows(self) -> list[Record]:
         """The row of a table for each value."""
-        of_cuts = [map(OfCut, column, self.beyond) for column in (self.alpha, self.volume)]
-        maxima = zip(self.values, *of_cuts, self.kind, self.ended_by, strict=True)
+        maxima = zip(self.values, self.alpha, self.volume, self.kind, self.ended_by, strict=True)
         return [dict(zip(("value", "alpha", "volume", "kind", "ended_by"), maximum, strict=True)) for maximum in maxima]
 
     @property
-    def one_alpha(self) -> OfCut:
-        """The angle, where it is the same for all values; marked where one of the cuts is."""
-        return OfCut(self.alpha[0], self.beyond.any())
+    def one_alpha(self) -> float:
+        """The angle, where it is the same for all values."""
+        return float(self.alpha[0])
 
     @property
     def least_and_most(self) -> tuple[Record, Record]:
@@ -159,6 +161,11 @@ class Family(BestOverValues):
         """The relative range of V_max / value^`power`; 0 where V_max ∝ value^`power`."""
         scaled = self.volume / self.values**power
         return float(np.ptp(scaled) / scaled.mean())
+
+    @property
+    def cuts(self) -> list[Cut]:
+        """The cuts at the best angles."""
+        return [Cut(BEST, label.strip(), bool(beyond)) for label, beyond in zip(self.labels, self.beyond, strict=True)]
 
     def drawing(self, units: System) -> Drawing:
         """V(α) for every value that is shown, with a line that joins the maxima."""
@@ -220,7 +227,7 @@ def curve_of(
 def draw_curves(curves: Iterable[ShapeCurve], **options: Any) -> Drawing:
     """A panel of curves V(α)."""
     curves = tuple(curves)
-    return Drawing(panel(plot_family, curves, **options), beyond_of(curves), "Dotted")
+    return Drawing(panel(plot_family, curves, **options), beyond_of(curves))
 
 
 def beyond_of(curves: Iterable[ShapeCurve]) -> np.ndarray:
@@ -266,9 +273,24 @@ _SPINS = np.round(np.linspace(-0.9, 0.9, 37), 3)  # s = r φ̇₀/v₀, in steps
 
 @dataclass(frozen=True)
 class Spins(BestOverValues):
-    """A model's best angles over the spin s = r φ̇₀/v₀, and the dataset of `regimes` with `turned_beyond`, `map`."""
+    """A model's best angles over the spin s = r φ̇₀/v₀.
+
+    Args:
+        map: the dataset of `regimes`, with `turned_beyond`.
+        valid_alpha: the best angle among cuts that turn the body by at most 90° [rad], shape (spins,).
+    """
 
     map: xr.Dataset
+    valid_alpha: np.ndarray
+
+    @property
+    def rows(self) -> list[Record]:
+        """The row of a table for each spin."""
+        return [{**row, "valid_alpha": alpha} for row, alpha in zip(super().rows, self.valid_alpha, strict=True)]
+
+    def numbers(self) -> Record:
+        """For numbers.json."""
+        return super().numbers() | {"valid_alpha_max": self.valid_alpha.tolist()}
 
 
 def _spins(case: "ReportCase", model: str) -> Spins:
@@ -278,7 +300,8 @@ def _spins(case: "ReportCase", model: str) -> Spins:
     beyond = turned_beyond(model, case.p.replace(alpha=found.alpha_max.values, phidot0=spins))
     places = turned_beyond(model, case.p.replace(alpha=found.alpha.values, phidot0=spins[:, None]))
     found = found.assign(turned_beyond=(("phidot0", "alpha"), places))
-    return Spins(_SPINS, found.alpha_max.values, found.volume_max.values, kind, ended_by, beyond, found)
+    valid = alpha_max(model, case.p.replace(phidot0=spins)).alpha
+    return Spins(_SPINS, found.alpha_max.values, found.volume_max.values, kind, ended_by, beyond, found, valid)
 
 
 Need = tuple[str, str]
@@ -295,11 +318,13 @@ class Answer:
         numbers: by name, for numbers.json and as fields of the text: every number that the text prints.
         figures: by the names of their files, without suffix.
         fields: further values that the text uses, by name, such as labels.
+        cuts: that the numbers are of.
     """
 
     numbers: Record
     figures: Mapping[str, Drawing]
     fields: Mapping[str, Any] = field(default_factory=dict)
+    cuts: Sequence[Cut] = ()
 
 
 def question(key: str) -> str:
@@ -344,19 +369,19 @@ class ReportCase:
         return path(self.model, self.p)
 
     @functools.cached_property
-    def beyond(self) -> bool:
-        """Whether the spin of the case turns the linearized body by more than 90° during the cut."""
-        return bool(turned_beyond(LINEARIZED, self.p))
+    def cut(self) -> Cut:
+        """The cut of the case: its spin may turn the linearized body, too."""
+        return Cut(f"at {degrees(self.alpha)}", "", bool(turned_beyond(LINEARIZED, self.p)))
 
     @functools.cached_property
-    def t_c(self) -> OfCut:
+    def t_c(self) -> float:
         """The exact time of the end of the cut [s]."""
-        return OfCut(self.closed.t_c(self.p), self.beyond)
+        return float(self.closed.t_c(self.p))
 
     @functools.cached_property
-    def volume(self) -> OfCut:
+    def volume(self) -> float:
         """The exact removed volume [volume]."""
-        return OfCut(self.closed.volume(self.p), self.beyond)
+        return float(self.closed.volume(self.p))
 
     def weighed(self, volume: float) -> Record:
         """A volume per mass of abrasive, in SI units: `specific_volume`, and `erosion_ratio` with a density."""
@@ -406,10 +431,9 @@ class ReportCase:
         """A model with other speeds, erodents, materials and modelling parameters."""
         return self._once("families", model)
 
-    def sensitivity(self, model: str, name: str) -> OfCut:
+    def sensitivity(self, model: str, name: str) -> float:
         """The change of α_max for a change of q by its own size: q dα_max/dq [rad]."""
-        rate = float(self._once("sensitivities", model)[name]) * float(getattr(self.p, name))
-        return OfCut(rate, self.impact_and_optimum(model)["turned_beyond_at_max"])
+        return float(self._once("sensitivities", model)[name]) * float(getattr(self.p, name))
 
     def over_angles(self) -> Parameters:
         """The case at every one of `angles`."""
@@ -425,16 +449,19 @@ def _hits(case: ReportCase, model: str) -> Impact:
 def _row(case: ReportCase, model: str) -> Record:
     hits, optimum = case.hits(model), case.optimum(model)
     here, best = turned_beyond(model, case.p.replace(alpha=np.array([case.alpha, optimum.alpha]))).tolist()
+    valid = alpha_max(model, case.p) if best else optimum
     return {
-        "volume": OfCut(hits.volume[-1], here),
-        "t_c": OfCut(hits.t_c[-1], here),
+        "volume": float(hits.volume[-1]),
+        "t_c": float(hits.t_c[-1]),
         "ended_by": str(hits.ended_by[-1]),
         "turned_beyond": here,
-        "alpha_max": OfCut(optimum.alpha, best),
-        "volume_max": OfCut(optimum.volume, best),
+        "alpha_max": float(optimum.alpha),
+        "volume_max": float(optimum.volume),
         "kind": str(optimum.kind),
         "ended_by_at_max": str(optimum.ended_by),
         "turned_beyond_at_max": best,
+        "valid_alpha_max": float(valid.alpha),
+        "valid_volume_max": float(valid.volume),
     }
 
 
@@ -479,4 +506,4 @@ def best_angle_over_k(family: Family, units: System, label: str, law: str, heigh
     exact = (law, ratios, np.arctan(ratios) / 2)
     xlabel = QUANTITIES["k"].label(units)
     figure = panel(plot_best_angles, [family.series(label)], height=height, xlabel=xlabel, log=True, exact=exact)
-    return Drawing(figure, family.beyond, "Pale")
+    return Drawing(figure, family.beyond)

@@ -42,6 +42,7 @@ from erosion.version import __version__
 
 _FOLDER = Path(__file__).parent
 _IMAGE = re.compile(r"!\[(?P<description>.*?)\]\((?P<name>[^)]*)\)\s*(?P<caption>.*)", re.DOTALL)
+_IDEA = "Idea:"
 _DERIVATION = re.compile(r"^## .*$", re.MULTILINE)
 _TAG_AFTER_TEXT = re.compile(r"(?m)^(?!\s*\{%(?:(?!%\}).)*%\}$)(.*)%\}$")
 
@@ -69,16 +70,20 @@ class Text(NamedTuple):
 
     Args:
         title: the question in a few words.
+        idea: why, in a sentence (HTML).
         sentence: the answer in one sentence (HTML).
         illustrations: what shows it.
         derivation: why it is so (HTML).
+        validity: the cuts in which the models do not hold (HTML), or nothing.
         printed: every number of the text, as it was before it was formatted.
     """
 
     title: str
+    idea: Markup
     sentence: Markup
     illustrations: tuple[Illustration, ...]
     derivation: Markup
+    validity: Markup
     printed: tuple[float, ...]
 
 
@@ -97,7 +102,7 @@ def write_text(path: Path, case: ReportCase, answer: Answer) -> Text:
     printed: list[float] = []
     try:
         filled = _fill(path, fields, case.units, printed)
-        return Text(*_parts(filled, answer.figures), tuple(printed))
+        return Text(*_parts(filled, answer.figures), inline(validity(answer)), tuple(printed))
     except Exception as error:  # a field may call any function
         raise TextError(f"{_place(path, error)}: {str(error).rstrip('.')}.") from error
 
@@ -137,17 +142,14 @@ class _KeepNewlines(jinja2.ext.Extension):
         return _TAG_AFTER_TEXT.sub(r"\1+%}", source)
 
 
-TURNED = "†"
-"""The mark of a number of a cut that turns the body by more than 90°."""
-
 _DEGREE, _PERCENT = Scale(math.pi / 180, "°"), Scale(0.01, "%")
 
 
 def _filters(units: System, printed: list[float]) -> dict[str, Callable[..., Any]]:
-    def of_number(function: Callable[..., str], mark: str) -> Callable[..., str]:
+    def of_number(function: Callable[..., str]) -> Callable[..., str]:
         def shown(value: Any, *args: Any, **options: Any) -> str:
             printed.append(float(value))  # an error for a field that does not exist
-            return function(float(value), *args, **options) + mark * getattr(value, "beyond", False)
+            return function(float(value), *args, **options)
 
         return shown
 
@@ -161,49 +163,45 @@ def _filters(units: System, printed: list[float]) -> dict[str, Callable[..., Any
     }
     in_tex = {name: functools.partial(plain[name], tex=True) for name in ("number", "degrees", "quantity")}
     return {
-        **{name: of_number(function, TURNED) for name, function in plain.items()},
-        **{f"{name}_tex": of_number(function, r"{}^{\dagger}")
-           for name, function in in_tex.items()},
+        **{name: of_number(function) for name, function in plain.items()},
+        **{f"{name}_tex": of_number(function) for name, function in in_tex.items()},
         "to_degrees": lambda value: math.degrees(float(value)),
         "scale": lambda largest, dimension: readable_scale(dimension, units, float(largest)),
         "unit": lambda dimension: unit_name(dimension, units),
     }  # fmt: skip
 
 
-ONE_CUT = "This cut turns the body by more than 90°, where the model no longer holds."
-CUTS: Mapping[str, str] = types.MappingProxyType(
-    {"": "{n} of {m} cuts turn the body by more than 90°, where the model no longer holds.",
-     "Dotted": "Dotted: cuts that turn the body by more than 90° ({n} of {m}), where the model no longer holds.",
-     "Pale": "Pale: cuts that turn the body by more than 90° ({n} of {m}), where the model no longer holds.",
-     "Outlined": "Inside dotted lines: cuts that turn the body by more than 90° ({n} of {m}), where the model no "
-                 "longer holds."}
-)  # fmt: skip
-
-
-def _beyond(drawing: Drawing) -> str:
-    """What a caption says of cuts that turn the body by more than 90°."""
-    turned, cuts = drawing.counts
-    if not turned:
+def validity(answer: Answer) -> str:
+    """The cuts of an answer in which the body turns by more than 90°, in one sentence of Markdown; or nothing."""
+    clauses = []
+    for at in dict.fromkeys(cut.at for cut in answer.cuts if cut.beyond):
+        names = ", ".join(cut.name for cut in answer.cuts if cut.beyond and cut.at == at)
+        clauses.append(f"{at}{names and f' ({names})'}")
+    drawn, of = map(sum, zip((0, 0), *(drawing.counts for drawing in answer.figures.values()), strict=True))
+    clauses += [f"in {drawn:,} of {of:,} cuts of the figures"] * bool(drawn)
+    if not clauses:
         return ""
-    words = ONE_CUT if cuts == 1 else CUTS[drawing.style].format(n=turned, m=cuts)
-    return f" {words}"
+    return f"**Limit of validity.** The body turns by more than 90°, where no model holds, {', '.join(clauses)}."
 
 
-def _parts(text: str, figures: Mapping[str, Drawing]) -> tuple[str, Markup, tuple[Illustration, ...], Markup]:
+def _parts(text: str, figures: Mapping[str, Drawing]) -> tuple[str, Markup, Markup, tuple[Illustration, ...], Markup]:
     answer, *derivation = _DERIVATION.split(text)
     title, *paragraphs = blocks(answer)
     images = [_IMAGE.fullmatch(block) for block in paragraphs]
-    sentences = [block for block, image in zip(paragraphs, images, strict=True) if image is None]
-    if not title.startswith("# ") or len(sentences) != 1 or len(derivation) != 1:
-        raise ValueError('A text must be "# title", one paragraph, the figures, "## Derivation" and the derivation.')
+    idea, *sentences = [block for block, image in zip(paragraphs, images, strict=True) if image is None] or [""]
+    if not (title.startswith("# ") and idea.startswith(_IDEA) and len(sentences) == len(derivation) == 1):
+        raise ValueError(
+            f'A text must be "# title", "{_IDEA} …", one paragraph, the figures, "## Derivation" and the derivation.'
+        )
     illustrations = []
     for image in (image for image in images if image is not None):
         name = image["name"]
         if name not in figures:
             raise ValueError(f"The figure {name!r} is unknown; there are {', '.join(figures) or 'none'}.")
-        caption = inline(image["caption"] + _beyond(figures[name]))
+        caption = inline(image["caption"])
         illustrations.append(Illustration(name, caption, " ".join(image["description"].split())))
-    return title.removeprefix("# "), inline(sentences[0]), tuple(illustrations), to_html(derivation[0])
+    idea = idea.removeprefix(_IDEA).strip()
+    return title.removeprefix("# "), inline(idea), inline(sentences[0]), tuple(illustrations), to_html(derivation[0])
 
 
 _SYSTEMS: Mapping[System, str] = types.MappingProxyType(
@@ -316,8 +314,7 @@ def _write(case: ReportCase, keys: Sequence[str], out: Path, progress: Progress,
             alone = brief and len(keys) == 1 and sum(figure.get_figheight() for figure in shown) <= _SHEET
             for name, _, description in texts[key].illustrations:
                 figure = answer.figures[name].figure
-                if brief:
-                    fit_on_sheet(figure, alone=len(shown) * alone)
+                fit_on_sheet(figure, alone=len(shown) * alone) if brief else fit_legends(figure)
                 if is_wide(figure):
                     wide.add(name)
                 svg, _ = save_figure(figure, out / "figures" / name)
@@ -344,8 +341,6 @@ def _write(case: ReportCase, keys: Sequence[str], out: Path, progress: Progress,
         drawings=drawings,
         wide=wide,
         alone=alone,
-        turned=TURNED,
-        footnote=f"{TURNED} {ONE_CUT}",
         formula_font=base64.b64encode(Path(__file__).with_name("formulas.woff").read_bytes()).decode(),
     )
     write_whole(out / "index.html", page.encode())

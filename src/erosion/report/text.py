@@ -3,11 +3,17 @@
 import decimal
 import math as maths
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jinja2
 from latex2mathml.converter import convert
+from markdown_it import MarkdownIt
+from markdown_it.renderer import RendererHTML
+from markdown_it.rules_block import StateBlock
+from markdown_it.rules_core import StateCore
+from markdown_it.rules_inline import StateInline
+from markdown_it.token import Token
 from markupsafe import Markup, escape
 
 from erosion.output import briefly
@@ -147,9 +153,8 @@ def formula(tex: str) -> Markup:
     )
 
 
-_INLINE = re.compile(r"\$(?P<tex>[^$]+)\$|\*\*(?P<strong>.+?)\*\*|`(?P<code>[^`]+)`")
 _UNIT = re.compile(r"\[.*?\]")
-_RULE = re.compile(r"\|[-:| ]+")
+_CAPTION = "Table:"
 
 
 def blocks(text: str) -> list[str]:
@@ -159,49 +164,103 @@ def blocks(text: str) -> list[str]:
 
 def to_html(text: str) -> Markup:
     """Blocks of Markdown as blocks of HTML."""
-    return Markup("\n").join(_block(block) for block in blocks(text))
+    return Markup(_MARKDOWN.render(text).strip())
 
 
 def inline(text: str) -> Markup:
-    """A line of text with `$formulas$`, `**strong words**` and `` `code` ``."""
-
-    def element(match: re.Match[str]) -> str:
-        if match["tex"]:
-            return math(match["tex"])
-        return f"<strong>{inline(match['strong'])}</strong>" if match["strong"] else f"<code>{match['code']}</code>"
-
-    return Markup(_INLINE.sub(element, " ".join(text.split("\n"))))
+    """A line of Markdown as HTML."""
+    return Markup(_MARKDOWN.renderInline(text))
 
 
-def _block(block: str) -> Markup:
-    if block.startswith("$$"):
-        return formula(block.strip("$").strip())
-    if block.startswith("Table:"):
-        return _table(*block.split("\n"))
-    if block.startswith(">"):
-        return Markup('<p class="note">{}</p>').format(inline(re.sub(r"(?m)^> ?", "", block)))
-    return Markup("<p>{}</p>").format(inline(block))
+def _inline_formula(state: StateInline, silent: bool) -> bool:
+    """`$LaTeX$` within a line."""
+    end = state.src.find("$", state.pos + 1)
+    if state.src[state.pos] != "$" or end < 0:
+        return False
+    if not silent:
+        state.push("formula", "math", 0).content = state.src[state.pos + 1 : end]
+    state.pos = end + 1
+    return True
 
 
-def _table(caption: str, head: str, rule: str, *rows: str) -> Markup:
-    """A table; its first column names the row. Words are aligned to the left and break into lines."""
-    if not _RULE.fullmatch(rule):
-        raise ValueError(f"The third line of a table must be of the form |---|--:|, but is {briefly(rule)}.")
-    cells = [[inline(cell.strip()) for cell in row.strip().strip("|").split("|")] for row in (head, *rows)]
-    first_row = Markup("").join(Markup("<th scope='col'>{}</th>").format(cell) for cell in cells[0])
-    headings = Markup("<tr>{}</tr>").format(first_row)
-    body = [
-        Markup("<tr><th scope='row'>{}</th>{}</tr>").format(
-            name, Markup("").join(Markup("<td>{}</td>").format(cell) for cell in others)
-        )
-        for name, *others in cells[1:]
-    ]
-    # A unit does not break into lines.
-    headings = Markup(_UNIT.sub(lambda unit: unit[0].replace(" ", _NO_BREAK), headings))
-    table = Markup(
-        '<div class="table" tabindex="0"><table><caption>{}</caption><thead>{}</thead><tbody>{}</tbody></table></div>'
-    ).format(inline(caption.removeprefix("Table:").strip()), headings, Markup("").join(body))
-    return table if "-:" in rule else Markup('<div class="wordy">{}</div>').format(table)
+def _formula_block(state: StateBlock, line: int, _last: int, silent: bool) -> bool:
+    """`$$ LaTeX $$` on lines of its own."""
+    begin = state.bMarks[line] + state.tShift[line]
+    end = state.src.find("$$", begin + 2)
+    if not state.src.startswith("$$", begin) or end < 0:
+        return False
+    if not silent:
+        state.push("formula_block", "div", 0).content = state.src[begin + 2 : end].strip()
+        state.line = line + state.src.count("\n", begin, end) + 1
+    return True
+
+
+def _caption_tables(state: StateCore) -> None:
+    """Take the line before each table as its caption.
+
+    Raises:
+        ValueError: for a caption without a table below it.
+    """
+    tokens, captions = state.tokens, []
+    for at, token in enumerate(tokens):
+        if token.type == "inline" and token.content.startswith(_CAPTION):
+            if at + 2 == len(tokens) or tokens[at + 2].type != "table_open":
+                raise ValueError(
+                    "Below a caption must be a table, its second line of the form |---|--:|, but there is none below "
+                    f"{briefly(token.content)}"
+                )
+            tokens[at + 2].meta["caption"] = token.content.removeprefix(_CAPTION).strip()
+            captions.append(slice(at - 1, at + 2))
+    for paragraph in reversed(captions):
+        del tokens[paragraph]
+
+
+def _head_tables(state: StateCore) -> None:
+    """Mark the headings of rows and columns, and tables of words alone."""
+    table: Token | None = None
+    for before, token, content, close in zip(*(state.tokens[at:] for at in range(4)), strict=False):
+        if before.type == "table_open":
+            table, before.meta["wordy"] = before, True
+        if table is None or token.type not in ("th_open", "td_open"):
+            continue
+        if "right" in str(token.attrs.pop("style", "")):
+            table.meta["wordy"] = False
+        if token.type == "th_open":
+            token.attrs["scope"] = "col"
+            for part in content.children or []:  # a unit does not break into lines
+                part.content = _UNIT.sub(lambda unit: unit[0].replace(" ", _NO_BREAK), part.content)
+        elif before.type == "tr_open":
+            token.tag = close.tag = "th"
+            token.attrs["scope"] = "row"
+
+
+class _Renderer(RendererHTML):
+    """Formulas as MathML, and tables in boxes that scroll; words in tables without numbers break into lines."""
+
+    def formula(self, tokens: Sequence[Token], at: int, *_: Any) -> str:
+        return math(tokens[at].content)
+
+    def formula_block(self, tokens: Sequence[Token], at: int, *_: Any) -> str:
+        return formula(tokens[at].content)
+
+    def blockquote_open(self, *_: Any) -> str:
+        return '<div class="note">'
+
+    def table_open(self, tokens: Sequence[Token], at: int, *_: Any) -> str:
+        meta = tokens[at].meta
+        caption = f"<caption>{inline(meta['caption'])}</caption>" if "caption" in meta else ""
+        return f'<div class="table{" wordy" * meta["wordy"]}" tabindex="0"><table>{caption}'
+
+    def table_close(self, *_: Any) -> str:
+        return "</table></div>"
+
+
+_MARKDOWN = MarkdownIt("commonmark", {"html": False}, renderer_cls=_Renderer).enable("table")
+_MARKDOWN.inline.ruler.before("escape", "formula", _inline_formula)
+_MARKDOWN.block.ruler.before("fence", "formula_block", _formula_block, {"alt": ["paragraph", "blockquote"]})
+_MARKDOWN.core.ruler.push("caption_tables", _caption_tables)
+_MARKDOWN.core.ruler.push("head_tables", _head_tables)
+_MARKDOWN.add_render_rule("blockquote_close", lambda *_: "</div>")
 
 
 def render_page(template: str, *, package: str = "erosion.report", **fields: Any) -> str:

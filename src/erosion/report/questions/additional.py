@@ -13,12 +13,13 @@ from erosion.parameters import QUANTITIES
 from erosion.plotting.curves import plot_best_angles, plot_differences, plot_shapes, plot_turn
 from erosion.plotting.sweeps import plot_regimes
 from erosion.report.case import (
+    BEST,
     LINEARIZED,
     TORQUES,
     Answer,
+    Cut,
     Drawing,
     Need,
-    OfCut,
     ReportCase,
     best_angle_over_k,
     beyond_of,
@@ -26,6 +27,7 @@ from erosion.report.case import (
     family_numbers,
     panel,
 )
+from erosion.report.text import degrees
 
 MODEL = "rotating"
 
@@ -58,7 +60,7 @@ def body_may_turn(case: ReportCase) -> Answer:
         torques.append(
             {
                 **row,
-                "over_no_rotation": OfCut(row["volume_max"] / without["volume_max"], row["turned_beyond_at_max"]),
+                "over_no_rotation": row["valid_volume_max"] / without["volume_max"],
                 "jumps": jumps(case, model),
                 "over_spin": {"s": spin.values.tolist(), **spin.numbers()},
             }
@@ -87,9 +89,8 @@ def body_may_turn(case: ReportCase) -> Answer:
         "best-angle-over-spin": Drawing(
             panel(plot_best_angles, over_spin, height=4.2, xlabel="s = r φ̇₀/v₀  initial spin"),
             np.concatenate([spin.beyond for spin in spins]),
-            "Pale",
         ),
-        "regimes": Drawing(plot_regimes(spins[0].map), spins[0].map.turned_beyond.values, "Outlined"),
+        "regimes": Drawing(plot_regimes(spins[0].map), spins[0].map.turned_beyond.values),
         "turn": Drawing(
             panel(plot_turn, *(np.array(turn[name]) for name in ("alpha", "turn", "ended_by")), height=3.6),
             np.array(turn["turned_beyond"]),
@@ -98,7 +99,6 @@ def body_may_turn(case: ReportCase) -> Answer:
         "best-angle-over-reach": Drawing(
             panel(plot_best_angles, changed, height=4.2, xlabel="Ω = r ω/v₀", log=True, exact=line, columns=3),
             np.concatenate([families[name].beyond for name in _IN_REACH]),
-            "Pale",
         ),
         "rotating-best-angle-over-k": best_angle_over_k(
             families["k"], case.units, "with rotation", "without: ½ arctan k", 3.9
@@ -107,6 +107,8 @@ def body_may_turn(case: ReportCase) -> Answer:
     least, most = spins[0].least_and_most
     fields = {
         "simple": torques[0],
+        "turned_further": [(label, row) for label, row in zip(TORQUES.values(), torques, strict=True)
+                           if row["turned_beyond_at_max"]],
         "full": torques[1],
         "greatest_volume": max(torque["volume_max"] for torque in torques),
         "farthest": max((cut["turn"] for cut in turn["told"]), default=0.0),
@@ -125,19 +127,21 @@ def body_may_turn(case: ReportCase) -> Answer:
         "best_angles": {name: [row["alpha"] for row in family.rows if row["kind"] != "none"]
                         for name, family in families.items()},
     }  # fmt: skip
-    return Answer(numbers, figures, fields)
+    cuts = [Cut(BEST, label, row["turned_beyond_at_max"]) for label, row in zip(TORQUES.values(), torques, strict=True)]
+    return Answer(numbers, figures, fields, cuts)
 
 
 def jumps(case: ReportCase, model: str) -> list[Record]:
-    """The jumps of V(α), and to how many digits both sides differ."""
+    """The jumps of V(α), to how many digits both sides differ, and which of them turn the body by more than 90°."""
     found = case.optimum(model).jumps
     angles = np.array([[jump.alpha - ASIDE, jump.alpha + ASIDE] for jump in found]).reshape(-1, 2)
     beyond = turned_beyond(model, case.p.replace(alpha=angles))
     return [
         {
             "alpha": jump.alpha,
-            "below": OfCut(jump.below, both[0]),
-            "above": OfCut(jump.above, both[1]),
+            "below": jump.below,
+            "above": jump.above,
+            "turned_beyond": [name for name, turned in zip(("below", "above"), both, strict=True) if turned],
             "ended_below": jump.ended_below,
             "ended_above": jump.ended_above,
             "digits": _telling_digits(jump.below, jump.above),
@@ -169,7 +173,7 @@ def turns(case: ReportCase) -> Record:
     beyond = [cut.turned_beyond for cut in cuts.values()]
     told = [
         {
-            "alpha": OfCut(alpha, cuts[alpha].turned_beyond),
+            "alpha": alpha,
             "turn": float(np.abs(cuts[alpha].phi - np.pi / 2).max()),
             "least_sine": float(np.sin(cuts[alpha].phi).min()),
         }
@@ -196,7 +200,7 @@ def _over_reach(case: ReportCase) -> dict[str, np.ndarray]:
     return {"reach": reach, "r": r, "alpha_max": optimum.alpha, "kind": optimum.kind, "turned_beyond": beyond}
 
 
-def sensitivities(case: ReportCase) -> dict[str, list[OfCut | None]]:
+def sensitivities(case: ReportCase) -> dict[str, list[float | None]]:
     """Moves of the best angle [rad] by parameter, without rotation and with rotation; None without a derivative."""
     rates = {
         name: [case.sensitivity(model, name) for model in (LINEARIZED, MODEL)]
@@ -224,6 +228,17 @@ NEEDS_OF_READINGS = _needs(*_READINGS)
 NEEDS_OF_MODELS = _needs(*BUILT_IN)
 
 
+def _cuts(case: ReportCase, *models: str) -> list[Cut]:
+    """The cuts of models at the case's angle and at their best angles."""
+    here = f"at {degrees(case.alpha)}"
+    rows = {model: case.impact_and_optimum(model) for model in models}
+    return [
+        Cut(at, f"`{model}`", row[name])
+        for at, name in ((here, "turned_beyond"), (BEST, "turned_beyond_at_max"))
+        for model, row in rows.items()
+    ]
+
+
 def ratio_is_tan_alpha(case: ReportCase) -> Answer:
     """V = (V*/2) cos²α only falls: no interior maximum, a supremum that is not reached."""
     along, optimum, hits = case.impact_and_optimum(_ALONG), case.optimum(_ALONG), case.hits(_ALONG)
@@ -240,7 +255,7 @@ def ratio_is_tan_alpha(case: ReportCase) -> Answer:
         "rotating": case.impact_and_optimum(_TURNING),
     }
     curves = [case.curve(model, label) for model, label in _RATIOS.items()]
-    return Answer(numbers, {"tan-alpha": draw_curves(curves, units=case.units, columns=2)})
+    return Answer(numbers, {"tan-alpha": draw_curves(curves, units=case.units, columns=2)}, cuts=_cuts(case, _TURNING))
 
 
 def force_opposes_motion(case: ReportCase) -> Answer:
@@ -270,7 +285,8 @@ def force_opposes_motion(case: ReportCase) -> Answer:
         "largest_difference": max(pair["largest_difference"] for pair in pairs.values()),
         "greatest_volume": max(pair["volume_max"] for pair in pairs.values()),
     }
-    return Answer({"pairs": pairs}, figures, fields)
+    aligned = [model for pair in _PAIRS.values() for model in pair]
+    return Answer({"pairs": pairs}, figures, fields, _cuts(case, *aligned))
 
 
 def slips(case: ReportCase) -> Answer:
@@ -285,7 +301,8 @@ def slips(case: ReportCase) -> Answer:
         "greatest_volume": max(reading["volume_max"] for reading in readings.values()),
     }
     figure = draw_curves([case.curve(model, label) for model, label in _READINGS.items()], height=4.0, units=case.units)
-    return Answer({"force_at_contact": float(case.p.stiffness * case.p.r), **readings}, {"as-printed": figure}, fields)
+    numbers = {"force_at_contact": float(case.p.stiffness * case.p.r), **readings}
+    return Answer(numbers, {"as-printed": figure}, fields, _cuts(case, *_READINGS))
 
 
 def all_models(case: ReportCase) -> Answer:
@@ -314,10 +331,10 @@ def all_models(case: ReportCase) -> Answer:
     figures = {
         "models": draw_curves(curves, width=5.8, height=5.2, units=case.units, columns=2),
         "correlations": Drawing(
-            panel(plot_shapes, beside, tuple(CORRELATIONS), width=5.8, height=5.0), beyond_of(beside), "Dotted"
+            panel(plot_shapes, beside, tuple(CORRELATIONS), width=5.8, height=5.0), beyond_of(beside)
         ),
     }
-    return Answer(numbers, figures, fields)
+    return Answer(numbers, figures, fields, _cuts(case, *BUILT_IN))
 
 
 def deforms(model: str) -> bool:

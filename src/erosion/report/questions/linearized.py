@@ -18,14 +18,15 @@ from erosion.parameters import (
     readable_scale,
 )
 from erosion.plotting.curves import plot_end_times, plot_volume
-from erosion.plotting.motion import plot_histories, plot_path, plot_removal_rate
+from erosion.plotting.motion import plot_half_angle, plot_histories, plot_path, plot_removal_rate, plot_sketch
 from erosion.plotting.style import new_axes, new_figure
 from erosion.report.case import (
+    BEST,
     LINEARIZED,
     RTOL,
     Answer,
+    Cut,
     Drawing,
-    OfCut,
     ReportCase,
     best_angle_over_k,
     family_numbers,
@@ -71,14 +72,15 @@ def solutions(case: ReportCase) -> Answer:
         "largest_difference": differences,
         "turn_if_free": turn_if_free,
     }
-    figures = {}
+    sketch = panel(plot_sketch, case.alpha, float(p.k), height=3.2)
+    figures = {"sketch": Drawing(sketch, np.zeros(0, bool))}
     if case.ended_by != "no-cut":
         histories, (tip_path, ax) = new_figure(5.6, 4.5), new_axes(5.6, 3.4)
         plot_histories(histories, motion, case.closed)
         plot_path(motion, ax=ax)
-        beyond = np.array([case.beyond])
-        figures = {"figure-7-histories": Drawing(histories, beyond), "figure-8-path": Drawing(tip_path, beyond)}
-    return Answer(numbers, figures, {"warnings": motion.warnings, "checks": _STATE})
+        beyond = np.array([case.cut.beyond])
+        figures |= {"figure-7-histories": Drawing(histories, beyond), "figure-8-path": Drawing(tip_path, beyond)}
+    return Answer(numbers, figures, {"checks": _STATE}, [case.cut])
 
 
 def end_of_cut(case: ReportCase) -> Answer:
@@ -92,8 +94,8 @@ def end_of_cut(case: ReportCase) -> Answer:
         "cusp": case.cusp,
         "t_c_numerical": case.trajectory.t_c,
         "ended_by_numerical": case.trajectory.ended_by,
-        "vx_end": OfCut(end.vx, case.beyond),
-        "y_end": OfCut(end.y, case.beyond),
+        "vx_end": float(end.vx),
+        "y_end": float(end.y),
         "k_cot_alpha": float(case.p.k / np.tan(case.p.alpha)),
     }
     over_angles = case.over_angles()
@@ -107,7 +109,8 @@ def end_of_cut(case: ReportCase) -> Answer:
         real_part=np.where(case.angles <= case.cusp, np.pi / case.omega, np.nan),
         marks={"cusp": (case.cusp, np.pi / case.omega), "case": (case.alpha, case.t_c)},
     )
-    return Answer(numbers, {"figure-9-end-of-cut": Drawing(figure, turned_beyond(LINEARIZED, over_angles))})
+    drawing = Drawing(figure, turned_beyond(LINEARIZED, over_angles))
+    return Answer(numbers, {"figure-9-end-of-cut": drawing}, cuts=[case.cut])
 
 
 _PANELS = (10, 100, 1000)
@@ -135,7 +138,7 @@ def removed_volume(case: ReportCase) -> Answer:
               for name, volume in (volumes | midpoint).items()}  # fmt: skip
     numbers = {
         **volumes,
-        "volume_si": OfCut(case.volume * to_si, case.beyond),
+        "volume_si": case.volume * to_si,
         "volume_midpoint": midpoint,
         "relative_error": errors,
         "panels": list(_PANELS),
@@ -144,25 +147,26 @@ def removed_volume(case: ReportCase) -> Answer:
     figures = {}
     if case.ended_by != "no-cut":
         figure = panel(plot_removal_rate, motion, height=3.5, bars=_PANELS[0])
-        figures = {"rate-of-removal": Drawing(figure, np.array([case.beyond]))}
+        figures = {"rate-of-removal": Drawing(figure, np.array([case.cut.beyond]))}
     fields = {
         "disagreement": max(errors["volume_numerical"], errors["volume_from_speeds"]),
         "si": Scale(scale.size / to_si, scale.unit),
     }
-    return Answer(numbers, figures, fields)
+    return Answer(numbers, figures, fields, [case.cut])
 
 
 def best_angle(case: ReportCase) -> Answer:
     """α_max by Newton's method on the derivative of the solver, checked against ½ arctan k."""
     steps = greatest(volume_jet(case.model, case.p))
     last, exact = steps[-1], float(case.closed.alpha_max(case.p))
-    beyond = turned_beyond(LINEARIZED, case.p.replace(alpha=last.alpha))
+    best = Cut(BEST, "", bool(turned_beyond(LINEARIZED, case.p.replace(alpha=last.alpha))))
     volume_exact = float(case.closed.volume(case.p.replace(alpha=exact)))
     far = case.per_mass.far_from_tests(last.volume, case.p, of_any=True)
     numbers = {
-        "alpha_max": OfCut(last.alpha, beyond),
-        "volume_max": OfCut(last.volume, beyond),
-        "over_this_case": OfCut(last.volume / case.volume, beyond) if case.volume else None,
+        "alpha_max": last.alpha,
+        "volume_max": last.volume,
+        "over_this_case": last.volume / case.volume if case.volume else None,
+        "force_angle": float(np.arctan(case.p.k)),
         "d2volume": last.d2volume,
         "alpha_max_closed_form": exact,
         "volume_max_closed_form": volume_exact,
@@ -183,15 +187,20 @@ def best_angle(case: ReportCase) -> Answer:
     }
     volume, ended_by = np.asarray(case.closed.volume(over_angles)), case.closed.ended_by(over_angles)
     figure = panel(plot_volume, case.angles, volume, ended_by, height=4.0, units=case.units, marks=marks)
-    drawing = Drawing(figure, turned_beyond(LINEARIZED, over_angles))
-    return Answer(numbers, {"volume-over-angle": drawing}, {"far": far, "per_kilogramme": PER_MASS_SCALES})
+    half_angle = new_figure(6.4, 3.2)
+    plot_half_angle(half_angle, float(case.p.k))
+    figures = {
+        "half-angle": Drawing(half_angle, np.zeros(0, bool)),
+        "volume-over-angle": Drawing(figure, turned_beyond(LINEARIZED, over_angles)),
+    }
+    return Answer(numbers, figures, {"far": far, "per_kilogramme": PER_MASS_SCALES}, [case.cut, best])
 
 
 def speeds(case: ReportCase) -> Answer:
     """V(α) for several speeds: α_max is constant and V ∝ v₀². The reason holds for questions 5 to 8."""
     family = case.families(LINEARIZED)["v0"]
     numbers = family_numbers(case, family, LINEARIZED) | {"departure_from_square": family.departure(2)}
-    return Answer(numbers, {"speeds": family.drawing(case.units)}, {"family": family})
+    return Answer(numbers, {"speeds": family.drawing(case.units)}, {"family": family}, family.cuts)
 
 
 def sizes_and_masses(case: ReportCase) -> Answer:
@@ -202,14 +211,14 @@ def sizes_and_masses(case: ReportCase) -> Answer:
         "m": family_numbers(case, masses, LINEARIZED) | {"departure_from_proportion": masses.departure(1)},
         "r": family_numbers(case, sizes, LINEARIZED) | {"largest_difference": difference},
     }
-    return Answer(numbers, {"masses": masses.drawing(case.units)}, {"masses": masses})
+    return Answer(numbers, {"masses": masses.drawing(case.units)}, {"masses": masses}, masses.cuts)
 
 
 def materials(case: ReportCase) -> Answer:
     """All metals of Table 2 and the case's own σ; V ∝ 1/σ."""
     family = case.families(LINEARIZED)["sigma"]
     numbers = family_numbers(case, family, LINEARIZED) | {"departure_from_inverse": family.departure(-1)}
-    return Answer(numbers, {"materials": family.drawing(case.units)}, {"family": family})
+    return Answer(numbers, {"materials": family.drawing(case.units)}, {"family": family}, family.cuts)
 
 
 def guesses(case: ReportCase) -> Answer:
@@ -232,7 +241,7 @@ def guesses(case: ReportCase) -> Answer:
         "force-ratios": ratios.drawing(case.units),
         "best-angle-over-k": best_angle_over_k(ratios, case.units, "computed", "½ arctan k", 3.7),
     }
-    return Answer(numbers, figures, {"contacts": contacts, "ratios": ratios})
+    return Answer(numbers, figures, {"contacts": contacts, "ratios": ratios}, contacts.cuts + ratios.cuts)
 
 
 _CLOSE = 1e-11  # [rad]: what V′ of a numerical volume can resolve near its root
