@@ -11,41 +11,30 @@ As text, on the command line and in case files:
     samples(jet.csv)                    the file's column of the parameter's name
 """
 
-import csv
 import dataclasses
 import functools
 import hashlib
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from scipy import special
 
+from erosion import tables
 from erosion.arguments import real_numbers
 from erosion.output import briefly
 from erosion.parameters import (
-    QUANTITIES,
     Dimension,
     System,
-    ascii_unit,
     has_unit,
     read_quantity,
     table_scale,
-    unit_name,
 )
-from erosion.parameters.headings import (
-    Head,
-    HeaderError,
-    head_parts,
-    matching,
-    of_parameters,
-    read_heads,
-    weight_among,
-)
+from erosion.tables.headings import of_parameters, of_weights
 
 Number = float | int
 
@@ -353,7 +342,11 @@ def read_distribution(text: str, name: str, dimension: Dimension, system: System
         return None
     if call["name"] == "samples":
         path = call["arguments"].strip()
-        return Samples(read_column(path, name, dimension, system), path)
+        columns, unused = read_columns(path, {name: dimension}, system)
+        if name not in columns:
+            there = briefly(", ".join([*columns, *unused]))
+            raise ValueError(f"must name a table with a column `{name}`, but the columns of {path} are {there}")
+        return Samples(columns[name], path)
     law = LAWS.get(call["name"])
     if law is None:
         raise ValueError(f"must be one of {', '.join((*LAWS, 'samples'))}, but is {call['name']!r}")
@@ -374,102 +367,34 @@ def read_distribution(text: str, name: str, dimension: Dimension, system: System
         raise ValueError(f"must be a law, but is {text.strip()!r}: {str(error).rstrip('.')}") from error
 
 
-def read_column(path: str | Path, name: str, dimension: Dimension, system: System) -> list[float]:
-    """The column of a CSV file that is called as a parameter, with its unit if it has one: "v0 [m/s]".
-
-    Raises:
-        ValueError: with a clause that starts with "must", to follow the parameter's name.
-    """
-    header, rows = _read_table(path)
-    heads = matching(header, of_parameters({name: dimension}))
-    if sum(head is not None for head in heads) != 1:
-        there = briefly(", ".join(header)).strip("'") or "none"
-        raise ValueError(f"must have one column `{name}` in {path}, whose columns are {there}")
-    others: dict[str, Dimension] = {parameter: quantity.dimension for parameter, quantity in QUANTITIES.items()}
-    return _numbers(path, (header, rows), heads, {**others, name: dimension}, system)[name]
-
-
 def read_columns(
     path: str | Path, dimensions: Mapping[str, Dimension], system: System
-) -> tuple[dict[str, list[float]], tuple[str, ...]]:
-    """All columns of a CSV file that are called as parameters, by parameter, and the heads of the others.
-
-    Raises:
-        ValueError: with a clause that starts with "must", for a column that may be a parameter, too.
-    """
-    header, rows = _read_table(path)
-    try:
-        heads, unused = read_heads(header, of_parameters(dimensions), leave_out="remove it from the file")
-    except HeaderError as error:
-        at = "" if error.index is None else f"{header[error.index].strip()!r} "
-        raise ValueError(f"must have columns that are understood, but in {path} {at}{error}") from error
-    return _numbers(path, (header, rows), heads, dimensions, system), unused
-
-
-_Table = tuple[list[str], list[tuple[int, list[str]]]]
-
-
-def _numbers(
-    path: str | Path,
-    table: _Table,
-    heads: Sequence[Head | None],
-    dimensions: Mapping[str, Dimension],
-    system: System,
-) -> dict[str, list[float]]:
-    """The columns that are understood, in the units of `system`; one of another name than its parameter's needs a unit.
+) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """The columns of a table that are called as parameters, with their units, and the headings of the others.
 
     All rows are drawn alike, so a column that may say how often a row counts is refused.
+
+    Args:
+        path: of the table.
+        dimensions: of the parameters, by name.
+        system: the units of the result.
+
+    Raises:
+        ValueError: with a clause that starts with "must", for a column that may be a parameter, too, and for a row
+            without a number.
     """
-    header, rows = table
-    of_rows = [[str(first + i) for i in range(len(rows))] for first in (0, 1)]
-    others = [text for i, text in enumerate(header) if [cells[i].strip() for _, cells in rows] not in of_rows]
-    if (weight := weight_among(others, of_parameters(dimensions))) is not None:
-        raise ValueError(
-            f"must have rows that count alike, but in {path} {weight!r} may be a weight; if it is none, remove it from "
-            "the file, or else repeat rows by it"
-        )
-    understood = {i: head for i, head in enumerate(heads) if head is not None}
-    columns: dict[str, list[float]] = {head.name: [] for head in understood.values()}
-    for i, head in understood.items():
-        for line, cells in rows:
-            name, dimension, text = head.name, dimensions[head.name], f"{cells[i]} {head.unit}"
-            try:
-                if (dimension == "angle" or (head.alias and dimension != "1")) and not has_unit(text):
-                    such_as = "deg" if dimension == "angle" else ascii_unit(unit_name(dimension, system))
-                    raise ValueError(
-                        f"must have a unit in the header, such as `{head_parts(header[i])[0]} [{such_as}]`"
-                    )
-                columns[name].append(read_quantity(text, dimension, system))
-            except ValueError as error:
-                message = f"must have a number in each row of column `{name}` in {path}, line {line} ({error})"
-                raise ValueError(message) from error
-    if columns and not rows:
-        raise ValueError(
-            f"must have a number in each row of column `{next(iter(columns))}` in {path}, which has no rows"
-        )
-    return columns
-
-
-def _read_table(path: str | Path) -> _Table:
-    """The header of a CSV file, and the cells of each row with the number of its line; every row is as long."""
-    if Path(path).exists() and not (Path(path).is_file() or Path(path).is_dir()):  # a pipe waits for its writer
-        raise ValueError(f"must name a CSV file, but {str(path)!r} is no file")
     try:
-        with Path(path).open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file, strict=True)
-            lines = [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
-    except OSError as error:
-        raise ValueError(f"must name a CSV file, but {str(path)!r} cannot be read ({error.strerror})") from error
-    except (ValueError, csv.Error) as error:
-        raise ValueError(f"must name a CSV file, but {str(path)!r} is no table in UTF-8") from error
-    (_, header), *rows = lines or [(1, [])]
-    for line, cells in rows:
-        if len(cells) != len(header):
-            raise ValueError(
-                f"must have as many cells in each row of {path} as in its header, {len(header)}, but line {line} has "
-                f"{len(cells)}; a decimal is written with a point"
-            )
-    return header, rows
+        table = tables.open_table(
+            path, of_parameters(dimensions), refused=of_weights(), units=system, remedy="remove it"
+        )
+        for name, values in table.numbers.items():
+            if not values.size:
+                raise tables.TableError(f"{table.title}: has no rows.")
+            if not (good := np.isfinite(values)).all():
+                raise tables.TableError(f"{table.place(int(np.argmin(good)), name)} must have a finite number.")
+    except tables.TableError as error:
+        raise ValueError(f"must name a table that can be used, but {str(error).rstrip('.')}") from error
+    return table.numbers, table.unused
 
 
 def _fields(law: Any) -> list[str]:

@@ -408,12 +408,12 @@ class LawSet:
 
 
 def read_rows(path: str | Path, quantities: Mapping[str, Quantity], system: System) -> Rows:
-    """The columns of a CSV file that bear names of parameters, with their units: "alpha [deg], v0 [m/s]".
+    """The columns of a table that bear names of parameters, with their units: "alpha [deg], v0 [m/s]".
 
     Args:
         path: of the file.
         quantities: what parameters there are.
-        system: the units of bare numbers and of the result.
+        system: the units of the result.
 
     Raises:
         ValueError: with a clause that starts with "must".
@@ -422,7 +422,4 @@ def read_rows(path: str | Path, quantities: Mapping[str, Quantity], system: Syst
     columns, unused = read_columns(path, dimensions, system)
     if not columns:
         raise ValueError(f"must have columns of parameters in {path}, such as `alpha [deg]`, but has none")
-    for name, values in columns.items():
-        if not np.isfinite(values).all():
-            raise ValueError(f"must have a finite number in each row of column `{name}` in {path}")
     return Rows(columns, str(path), unused=unused)

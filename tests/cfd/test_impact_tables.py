@@ -140,7 +140,7 @@ def test_units_in_the_metadata_of_parquet_count_as_those_of_a_name(tmp_path):
     check(block_of(a_table(tmp_path, "parquet", columns, {"Mass Flow Rate": "kg/s"})), count=[1300])
     with pytest.raises(ImpactsError, match="'slip' has the unit of a speed"):
         read_impacts(a_table(tmp_path, "parquet", {**BODY, **MOTION, "slip": 7}, {"slip": "m/s"}))
-    with pytest.raises(ImpactsError, match=r"'spin \[rpm\]' has another unit in its metadata, 'rad/s'"):
+    with pytest.raises(ImpactsError, match=r"'spin \[rpm\]' has another unit beside its heading, 'rad/s'"):
         read_impacts(a_table(tmp_path, "parquet", {**BODY, **MOTION, "spin [rpm]": 7}, {"spin [rpm]": "rad/s"}))
 
 
@@ -287,16 +287,16 @@ def test_comments_and_what_cfd_post_writes_above_a_table(tmp_path, text, end):
         ("\0\0\1", "a.csv: is no table of text"),
         (VECTORS.split("\n")[0] + "\n", "a.csv: has no rows"),
         (VECTORS.replace("diameter [um]", "diameter"), r"'diameter' must have a unit, as `diameter \[m\]`, or"),
-        (VECTORS.replace("[um]", "[um/s]"), "the unit of column 'diameter .um/s.' must be a length"),
-        (VECTORS.replace("count", "count [kg]"), "must be a pure number, but has the unit 'kg'"),
+        (VECTORS.replace("[um]", "[um/s]"), "'diameter .um/s.': the unit must be that of a length"),
+        (VECTORS.replace("count", "count [kg]"), "must be none, as of a pure number, but is 'kg'"),
         (VECTORS.replace("count", "d [m]"), "column 'diameter .um.' gives `diameter`, but so does 'd .m.'"),
         (VECTORS.replace("velocity_z [m/s]", "swirl"), "has no column velocity_z, but the others of the vector"),
         (VECTORS.replace("z [mm]", "depth"), "has no column position_z"),
         (INCIDENT.replace("alpha [deg]", "tilt"), "has no columns of the velocity"),
         (INCIDENT.replace("diameter [mm]", "width"), "has no column `diameter`"),
         (VECTORS.replace("density [g/cm^3]", "gravity"), "has no column `mass` or `density`"),
-        (VECTORS.replace("2.5,200", "2.5"), "the row '2.5,2.65,1,2,-3,4,5,6,second' has 9 fields"),
-        (VECTORS.replace("2.5,200", "2.5,wide"), "row 2: column `diameter .um.` must be a number, but is 'wide'"),
+        (VECTORS.replace("2.5,200", "2.5"), "line 3: has 9 cells"),
+        (VECTORS.replace("2.5,200", "2.5,wide"), "line 3: column `diameter .um.` must be a number, but is 'wide'"),
         (VECTORS.replace("2.5,200", "2.5,"), "row 2: column `diameter .um.` has no number"),
         (VECTORS.replace("2.5,200", "2.5,nan"), "row 2: column `diameter .um.` has no number"),
         (VECTORS.replace("2.5,200", "2.5,inf"), "row 2: column `diameter` must be finite, but is inf"),
@@ -310,8 +310,8 @@ def test_comments_and_what_cfd_post_writes_above_a_table(tmp_path, text, end):
         ("# a\n#b\n", "no line that names columns"),
         (f"[Name]\nw\n{HEADER}{ROW}", r"\[Data\] is missing"),
         (f"{HEADER}{ROW}#a,100,2650,50,30\n", "column 'note': rows begin with #"),
-        (f"# by me\n{HEADER}{ROW}a,x,2650,50,30\n", r"row 2: column `diameter \[um\]` must be a number, but is 'x'"),
-        (f"{HEADER}# half\n{ROW}a,x,2650,50,30\n", r"row 2: column `diameter \[um\]` must be a number, but is 'x'"),
+        (f"# by me\n{HEADER}{ROW}a,x,2650,50,30\n", r"line 4: column `diameter \[um\]` must be a number, but is 'x'"),
+        (f"{HEADER}# half\n{ROW}a,x,2650,50,30\n", r"line 4: column `diameter \[um\]` must be a number, but is 'x'"),
     ],
 )  # fmt: skip
 def test_a_csv_file_that_cannot_be_used_is_refused(tmp_path, text, message):
@@ -326,8 +326,8 @@ def test_a_csv_file_that_cannot_be_used_is_refused(tmp_path, text, message):
         ("some text\n", "has no header of Fluent"),
         (UNSTEADY.replace(" z ", " "), "has no column position_z, but the others of the vector"),
         (UNSTEADY.replace("diameter", "diameter mass"), "the header repeats mass"),
-        (UNSTEADY.replace(" 12.5", ""), "row 1 has 13 fields, but the header names 14"),
-        (UNSTEADY.replace("11.5", "fast"), "row 2: column `u` must be a number, but is 'fast'"),
+        (UNSTEADY.replace(" 12.5", ""), "line 3: has 13 cells, but the header names 14"),
+        (UNSTEADY.replace("11.5", "fast"), "line 4: column `u` must be a number, but is 'fast'"),
         (UNSTEADY.replace("11.5", "-nan"), "row 2: column `velocity_x` must be finite, but is nan"),
     ],
 )
@@ -418,7 +418,8 @@ def test_other_endings_are_known_by_their_content(tmp_path):
     ("columns", "words"),
     [
         ("x,y,z", "such as"), ("x,,y=mm", "such as"), ("x=", "such as"), ("q=mm", "no column 'q'"),
-        ("x=kg", "unit of column 'x'"), ("diameter_um=m", "diameter_um"), ("nowhere.toml", "cannot be read as TOML"),
+        ("x=kg", "'x': the unit must be that of a length"), ("diameter_um=m", "diameter_um"),
+        ("nowhere.toml", "nowhere.toml: cannot be read"),
     ],
 )  # fmt: skip
 def test_meanings_that_fit_no_column_are_refused(tmp_path, columns, words):

@@ -253,7 +253,7 @@ BAD = [
     (f"{STREAM} --correlation v0,r=1.5", "Option `--correlation` must be in (-1, 1), but is 1.5 for v0 and r."),
     (f"{STREAM} --correlation v0,r=much", "Option `--correlation` must be such as"),
     (f"{STREAM} --uncertain k=normal(2,0.1) --correlation v0,k=0.5", "which both vary or are both uncertain"),
-    (f"{STREAM} --rows nowhere.csv", "Option `--rows` must name a CSV file, but 'nowhere.csv' cannot be read"),
+    (f"{STREAM} --rows nowhere.csv", "nowhere.csv: cannot be read"),
     (f"{STREAM} --rows speeds.csv", "Option `--rows` must give v0 alone, but v0 has another law, too."),
     ("stream bad.toml", "bad.toml: field `correlation` of [stream] must be a table such as"),
     ("map impacts.csv bad-map.toml", "bad-map.toml: field `v0` of [map] has no meaning here"),

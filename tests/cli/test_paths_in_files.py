@@ -176,7 +176,7 @@ def test_a_fit_has_the_speeds_of_its_rows_or_is_refused(shell: Shell) -> None:
         assert json.loads(out)["result"]["estimates"]["psi"]["value"] == pytest.approx(0.04, rel=1e-3)
     Path("a.csv").write_text(f"angle [deg],volume [mm^3],jet velocity [m/s]\n{rows}")
     _, err = shell(["calibrate", "a.csv", *free], 2)
-    assert "column 3 (jet velocity [m/s])" in err
+    assert "column 'jet velocity [m/s]'" in err
     assert "`speed`" in err
     assert "Option `--ignore`" in err
     assert "not used" not in shell(["calibrate", "a.csv", *free, "--ignore", "jet velocity"]).err

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from scipy import spatial
@@ -15,6 +14,7 @@ from erosion.cfd.tally import FaceTally
 from erosion.parameters.materials import HEAVIEST
 from erosion.parameters.quantities import Scale, readable_scale
 from erosion.results import Finding, stated
+from erosion.tables import Column
 
 ONE_ROW = "one_row_wears"
 """The code of the finding that one of many rows does much of the wear."""
@@ -46,15 +46,6 @@ _GRANTED = (
     "28 × too great, knots 6 ×, radii for diameters, without masses, 8 × too little, lost rows in proportion, inches "
     "or cm for mm, in table and surface, depths 645 or 100 × too great."
 )
-
-
-class Column(NamedTuple):
-    """A column: number in the file × factor = number in SI units; `unit` is the file's, or the user's if `is_given`."""
-
-    name: str
-    factor: float
-    unit: str = ""
-    is_given: bool = False
 
 
 class Repeats:
@@ -222,12 +213,12 @@ class Noted:
             yield f"in {self._contradictions:,} rows the density is not that of mass and diameter, which count."
         if self._numbered:
             yield (
-                f"column {self._columns['count'].name!r} has another whole number in each row; are these numbers of "
+                f"column {self._columns['count'].heading!r} has another whole number in each row; are these numbers of "
                 "particles, or of rows?"
             )
         if (parcel := self._columns.get("parcel_mass")) and 0 < self._particles < self._rows:
             yield (
-                f"column {parcel.name!r} makes {self._particles:.3g} particles of {self._rows:,} rows, so most are "
+                f"column {parcel.heading!r} makes {self._particles:.3g} particles of {self._rows:,} rows, so most are "
                 "less than one particle; are its unit and the diameter right?"
             )
         angle = self._columns.get("angle")
@@ -240,7 +231,7 @@ class Noted:
             yield f"no angle is above {math.degrees(self._steepest):.3g}°; are they in radians?"
         if self._beside is not None and not 1 / _ALIKE < self._speeds < _ALIKE:
             yield (
-                f"column {self._beside.name!r} is {self._speeds:.3g} × the speed by the components of the velocity, "
+                f"column {self._beside.heading!r} is {self._speeds:.3g} × the speed by the components of the velocity, "
                 "which count; are the units of both right?"
             )
         if self._rows + 1 in (2**16, 2**20):

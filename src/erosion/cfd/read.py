@@ -1,6 +1,7 @@
 """Open tables of impacts and surfaces (VTK, STL, OpenFOAM) by the kind of their files."""
 
 import dataclasses
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,15 @@ import numpy as np
 from erosion.arguments import NUMBERS, check_path
 from erosion.cfd import impact_tables, text_tables
 from erosion.cfd.openfoam import case_of, open_case
-from erosion.cfd.rows import Impacts, ImpactsError, kind_of, vtk_blocks
+from erosion.cfd.rows import Impacts, ImpactsError, reading_impacts
 from erosion.cfd.stl import read_solids
 from erosion.cfd.surface import Surface, metres_of
+from erosion.cfd.vtk import ENDINGS, vtk_blocks
 from erosion.extras import library
 from erosion.output import briefly, require_finite
 from erosion.parameters import about, read_quantity
+from erosion.tables import read_meanings
+from erosion.tables.text import beginning
 
 _POLYGONS = (5, 7, 9)  # VTK's numbers of triangle, polygon and quadrilateral
 _OTHER_FACES = (6, 8, 22, 23, 28, 30, 34, 36, 61, 62, 69, 70, 76, 77)  # of strip and pixel, and of curved faces
@@ -85,6 +89,9 @@ def read_impacts(
     duration: float | int | None = None,
     ignore: Sequence[str] = (),
     columns: str | Mapping[str, str] | None = None,
+    sep: str | None = None,
+    decimal: str | None = None,
+    named_density: float | None = None,
 ) -> Impacts:
     """Open a table of impacts of a CFD run.
 
@@ -101,9 +108,9 @@ def read_impacts(
     - `.post`: OpenFOAM's function objects `patchPostProcessing` and `particlePostProcessing`; a file, the
       folder of a function object with all its windows of time, or a case that has one. Columns are found by the header.
     - `.dpm`: a sample of Fluent. Of a steady run the rows are what hits within `duration`.
-    - `.csv`, `.parquet`; `.vtp`, `.vtu`, `.vtm`: text with commas, semicolons, tabs or spaces between columns, or
-      numbers; or VTK's points with arrays, where the vector `U` is the columns `U:0`, `U:1` and `U:2`. Columns
-      `diameter [um]`; `mass [ug]` or `density [kg/m^3]`; `velocity_x [m/s]`, `velocity_y`,
+    - `.csv`, `.parquet`, `.feather`, `.xlsx`; `.vtp`, `.vtu`, `.vtm`: text with commas, semicolons, tabs or spaces
+      between columns, or numbers; or VTK's points with arrays, where the vector `U` is the columns `U:0`, `U:1` and
+      `U:2`. Columns `diameter [um]`; `mass [ug]` or `density [kg/m^3]`; `velocity_x [m/s]`, `velocity_y`,
       `velocity_z`, or `speed [m/s]` and `angle [deg]`; at will one of `count`, `parcel_mass [kg]`, and of a steady run
       `mass_flow [kg/s]`, `frequency [1/s]`; `position_x [m]`, …, `face` (of the surface) or `mesh_face` (of the mesh),
       from 0, `spin [rad/s]`, `time [s]`. A Parquet file may hold units in its columns' metadata (`units`). A column
@@ -120,6 +127,9 @@ def read_impacts(
         ignore: columns of a CSV or Parquet file that are left out, by their names: ("frequency",).
         columns: units of columns that carry none, and meanings of those whose names are not understood, by the names of
             the file: "x,y,z=mm, vel_x,vel_y,vel_z=m/s, d50=diameter [um]", the same as a mapping, or a TOML file.
+        sep: what separates the cells of a text; its header shows it otherwise.
+        decimal: the mark of decimals of a text, "." or ","; its numbers show it otherwise.
+        named_density: of a particle that is named [kg/m³], for a table that does not have its own.
 
     Returns:
         The table; `blocks` of it reads the rows.
@@ -133,15 +143,36 @@ def read_impacts(
     if duration is not None and not (isinstance(duration, NUMBERS) and 0 < duration < np.inf):
         raise ImpactsError(f"Argument `duration` must be a number, positive and finite, but is {briefly(duration)}.")
     seconds = None if duration is None else float(duration)
-    if (ignore or columns) and not impact_tables.is_named(path):
-        given = "ignore" if ignore else "columns"
-        raise ImpactsError(f"{path}: is no table with named columns, so Argument `{given}` must be left out.")
-    kind = "openfoam" if path.is_dir() else kind_of(path)
-    if kind == "openfoam":
-        return text_tables.open_openfoam(path, case, kilograms, seconds)
-    if kind == "fluent":
-        return text_tables.open_fluent(path, kilograms, seconds)
-    return impact_tables.open_named(path, kilograms, seconds, ignore, impact_tables.read_meanings(columns))
+    kind = _kind_of(path)
+    of_text = {"ignore": tuple(ignore), "columns": columns, "sep": sep, "decimal": decimal}
+    if kind != "named":
+        if given := next((name for name, value in of_text.items() if value), ""):
+            raise ImpactsError(f"{path}: is no table with named columns, so Argument `{given}` must be left out.")
+        if kind == "fluent":
+            return text_tables.open_fluent(path, kilograms, seconds)
+        return text_tables.open_openfoam(path, case, named_density if kilograms is None else kilograms, seconds)
+    with reading_impacts():
+        of_text["columns"] = read_meanings(columns)
+    return impact_tables.open_named(path, kilograms, seconds, named_density=named_density, **of_text)
+
+
+_BEGINS = {"openfoam": rb"^#\s*Time\b", "fluent": rb"^\s*\(+\s*x\s+y\s+z\b.*\bdiameter\b"}
+_KINDS = {".post": "openfoam", ".dpm": "fluent"}
+_NUMBERS = b"PAR1", b"ARROW1", b"PK\3\4"  # the beginnings of files that are no text
+
+
+def _kind_of(path: Path) -> str:
+    """Which table it is, "openfoam", "fluent" or "named": by its name, or by what it begins with."""
+    name = path.name.removesuffix(".gz").lower()
+    kind = "openfoam" if path.is_dir() else _KINDS.get(Path(name).suffix, "")
+    if kind or name.endswith((*ENDINGS, ".csv", ".parquet", ".feather", ".xlsx")):
+        return kind or "named"
+    with path.open("rb") as file:
+        if file.read(8).startswith(_NUMBERS):
+            return "named"
+    with reading_impacts():
+        start = beginning(path)
+    return next((kind for kind, line in _BEGINS.items() if re.search(line, start, re.MULTILINE)), "named")
 
 
 def read_surface(

@@ -1,31 +1,20 @@
 """Impacts of a CFD run in blocks of rows: from the columns of any table, with the same names and checks for all."""
 
 import abc
-import codecs
 import contextlib
 import dataclasses
 import functools
-import gzip
 import hashlib
-import io
-import itertools
-import logging
 import math
-import mmap
-import re
-import warnings
-import zlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from erosion.arguments import Indices, Numbers, Vectors
-from erosion.extras import library
-from erosion.output import briefly
 from erosion.parameters import Scale
+from erosion.tables import TableError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,6 +106,15 @@ class Impacts(abc.ABC):
 
 class ImpactsError(ValueError):
     """A table of impacts or a surface that cannot be used; says which file, which row, and what to do."""
+
+
+@contextlib.contextmanager
+def reading_impacts() -> Iterator[None]:
+    """Errors of the reader of tables become `ImpactsError`."""
+    try:
+        yield
+    except TableError as error:
+        raise ImpactsError(str(error)) from error
 
 
 def require_rows(source: str, first: int, good: np.ndarray, what: Callable[[int], str]) -> None:
@@ -288,290 +286,3 @@ def _sizes(columns: Columns, density: float | None) -> tuple[np.ndarray, np.ndar
     if "diameter" not in columns:
         return columns["mass"], np.cbrt(6 * columns["mass"] / (math.pi * rho))
     return columns["mass"], columns["diameter"]
-
-
-_CHUNK = 1 << 22  # bytes that are read and parsed at once
-_HEAD = 1 << 16  # bytes in which a header must end
-_VERTICES = (0, 1, 2)  # VTK's numbers of no cell, of one point, and of several
-_MOST_PACKED = 1000  # numbers for each byte: so much packs zlib at most
-_SPACES = bytes.maketrans(b"\t\r", b" \n")
-
-
-@contextlib.contextmanager
-def open_table(path: Path) -> Iterator[Any]:
-    """The file for reading within, decompressed where its name ends in ".gz".
-
-    Raises:
-        ImpactsError: where it cannot be opened or read.
-    """
-    try:
-        with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as file:
-            yield file
-    except (OSError, EOFError, zlib.error) as error:
-        raise ImpactsError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from error
-
-
-def cut_off(path: Path) -> tuple[str, ...]:
-    """A sentence where a text, not compressed, does not end with the end of a line."""
-    if path.suffix == ".gz":
-        return ()
-    with path.open("rb") as file:
-        file.seek(-1, io.SEEK_END)
-        has_end = file.read(1) in (b"\n", b"\r")
-    return () if has_end else (f"{path.name} does not end with the end of a line; is it there to its end?",)
-
-
-_SUFFIXES = {"openfoam": (".post",), "fluent": (".dpm",), "parquet": (".parquet",), "csv": (".csv",),
-             "vtk": (".vtp", ".vtu", ".vtm")}  # fmt: skip
-_BEGINS = {"openfoam": rb"^#\s*Time\b", "fluent": rb"^\s*\(+\s*x\s+y\s+z\b.*\bdiameter\b"}
-
-
-def kind_of(path: Path) -> str:
-    """Which table a file is, "openfoam", "fluent", "parquet", "csv" or "vtk": by its name, or by what it begins with.
-
-    Raises:
-        ImpactsError: as of `beginning`.
-    """
-    name = path.name.removesuffix(".gz").lower()
-    if kind := next((kind for kind, suffixes in _SUFFIXES.items() if name.endswith(suffixes)), ""):
-        return kind
-    with open_table(path) as file:
-        if file.read(4) == b"PAR1":
-            return "parquet"
-    start = beginning(path)
-    return next((kind for kind, line in _BEGINS.items() if re.search(line, start, re.MULTILINE)), "csv")
-
-
-def beginning(path: Path) -> bytes:
-    """The bytes in which a header must end, whole lines of them.
-
-    Raises:
-        ImpactsError: for a file that cannot be read, an empty one, and one that is no text.
-    """
-    with open_table(path) as file:
-        start = file.read(_HEAD).removeprefix(codecs.BOM_UTF8)
-        is_whole = not file.peek(1)
-    if not start.strip():
-        raise ImpactsError(f"{path}: is empty.")
-    if b"\0" in start:
-        raise ImpactsError(f"{path}: is no table of text.")
-    return start if is_whole else start[: start.rfind(b"\n") + 1]
-
-
-def batches(
-    path: Path, skipped: int, names: Sequence[str], columns: Mapping[str, str]
-) -> Iterator[dict[str, np.ndarray]]:
-    """The numbers of some columns, some thousand rows at a time.
-
-    Args:
-        path: of the file.
-        skipped: lines before the first row.
-        names: of all columns.
-        columns: those that are read, by the names that they get.
-
-    Raises:
-        ImpactsError: naming the first row that has another number of fields, or a field that is no number.
-    """
-    csv, arrow, wanted = library("pyarrow.csv", "cfd"), library("pyarrow", "cfd"), list(columns.values())
-    with open_table(path) as file:
-        for _ in range(skipped):
-            file.readline()
-        try:
-            reader = csv.open_csv(
-                arrow.PythonFile(Plain(file), mode="r"),
-                csv.ReadOptions(column_names=list(names), block_size=_CHUNK),
-                csv.ParseOptions(delimiter=" ", quote_char=False),
-                csv.ConvertOptions(
-                    include_columns=wanted,
-                    column_types=dict.fromkeys(wanted, arrow.float64()),
-                    null_values=[],
-                ),
-            )
-            for batch in reader:
-                yield {
-                    name: column.to_numpy(zero_copy_only=False)
-                    for name, column in zip(columns, batch.columns, strict=True)
-                }
-        except arrow.ArrowInvalid as error:
-            with open_table(path) as text:
-                lines = (plain(line).decode(errors="replace").split() for line in itertools.islice(text, skipped, None))
-                wrong = first_wrong_field(lines, names, wanted, "cannot be read")
-            # A file without rows is one, too: pyarrow takes it for an error.
-            if wrong is not None:
-                raise ImpactsError(f"{path}: {wrong}.") from error
-
-
-class Plain(io.RawIOBase):
-    """The file without its parentheses, with one space between fields, for pyarrow's parser."""
-
-    def __init__(self, file: io.BufferedIOBase):
-        self._file = file
-        self._rest = b""
-
-    def readable(self) -> bool:
-        """Yes."""
-        return True
-
-    def read(self, size: int = -1, /) -> bytes:
-        """Some lines, at most `size` bytes of them."""
-        while not self._rest and (lines := self._file.read(_CHUNK)):
-            self._rest = plain(lines + self._file.readline())
-        size = len(self._rest) if size is None or size < 0 else size
-        part, self._rest = self._rest[:size], self._rest[size:]
-        return part
-
-
-def plain(lines: bytes) -> bytes:
-    """Complete lines without parentheses, with one space between fields."""
-    lines = lines.replace(b"\r\n", b"\n").translate(_SPACES, b"()")
-    if b"  " in lines:
-        lines = re.sub(rb" {2,}", b" ", lines)
-    return lines.replace(b"\n ", b"\n").replace(b" \n", b"\n").strip(b" ")
-
-
-def first_wrong_field(
-    lines: Iterable[Sequence[str]], names: Sequence[str], wanted: Sequence[str], otherwise: str
-) -> str | None:
-    """What is wrong with the first row that pyarrow refuses; None for a file without rows.
-
-    Args:
-        lines: the fields of all lines; empty lines are no rows.
-        names: of all columns.
-        wanted: of those that hold numbers.
-        otherwise: what is said where no row is wrong.
-    """
-    row = 0
-    for row, fields in enumerate(filter(None, lines), 1):
-        if len(fields) != len(names):
-            return f"row {row:,} has {len(fields)} fields, but the header names {len(names)}"
-        for name in wanted:
-            field = fields[names.index(name)]
-            try:
-                _ = float(field)
-            except ValueError:
-                return f"row {row:,}: column `{name}` must be a number, but is {field[:40]!r}"
-    return otherwise if row else None
-
-
-def vtk_files(path: Path) -> dict[str, Path]:
-    """The files of a `.vtm` by the names of its blocks; any other file by its own.
-
-    Raises:
-        ImpactsError: for a `.vtm` that cannot be read, and where one of its files is missing.
-    """
-    if path.suffix.lower() != ".vtm":
-        return {path.stem: path}
-    try:
-        named = list(_named_files(ET.parse(path).getroot(), ""))
-    except (ET.ParseError, OSError) as error:
-        raise ImpactsError(f"{path}: cannot be read; it is damaged, or no .vtm file.") from error
-    files = {name: path.parent / file for name, file in named}
-    if missing := next((file for _, file in named if not (path.parent / file).is_file()), ""):
-        raise ImpactsError(f"{path}: names the file {missing!r}, which is not there.")
-    if len(files) < len(named):
-        raise ImpactsError(f"{path}: has two blocks of the same name.")
-    return files
-
-
-def _named_files(element: ET.Element, above: str) -> Iterator[tuple[str, str]]:
-    for child in element:
-        # The element of all blocks has no index.
-        name = "/".join(filter(None, (above, child.get("name", child.get("index", "")))))
-        if "file" in child.attrib:
-            yield name, child.attrib["file"]
-        yield from _named_files(child, name)
-
-
-def vtk_blocks(path: Path) -> dict[str, Any]:
-    """The data sets of the files of `vtk_files` that have points, and its errors.
-
-    Raises:
-        ImpactsError: for a file that cannot be read.
-    """
-    pyvista, blocks = library("pyvista", "cfd"), dict[str, Any]()
-    for name, file in vtk_files(path).items():
-        _require_counts(file)
-        try:
-            with _quiet(), pyvista.vtk_verbosity("off"):
-                block = pyvista.read(file)
-        except Exception as error:
-            raise ImpactsError(f"{file}: cannot be read; it is damaged, or no {file.suffix} file.") from error
-        if getattr(block, "n_points", 0):
-            _require_no_ghosts(file, block, "cell")
-            blocks[name] = block
-    return blocks
-
-
-def _require_no_ghosts(path: Path, block: Any, kind: str) -> None:
-    """Refuse cells or points that another part of a parallel run has, too: they would count twice."""
-    ghosts = np.count_nonzero(getattr(block, f"{kind}_data").get("vtkGhostType", 0))
-    if ghosts:
-        raise ImpactsError(
-            f"{path}: {ghosts:,} of its {kind}s are ghosts, which would count twice. Python removes them: "
-            f"mesh = pyvista.read({path.name!r}); mesh.extract_{kind}s(mesh.{kind}_data['vtkGhostType'] == 0)"
-            f".save({path.with_suffix('.vtu').name!r})."
-        )
-
-
-def _require_counts(path: Path) -> None:
-    """Refuse an XML file whose counts are more than it could hold: VTK makes room for as many, and ends the process."""
-    size = path.stat().st_size
-    if not size:
-        return
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        for what, count in re.findall(rb"(NumberOf\w+)\s*=\s*[\"']([^\"']*)", content):
-            if not count.strip().isdigit() or int(count) > _MOST_PACKED * size:
-                number = count[:20].decode("ascii", "replace")
-                raise ImpactsError(
-                    f"{path}: cannot be read; it is damaged: {what.decode()} is {briefly(number)} "
-                    f"in a file of {size:,} bytes."
-                )
-
-
-def vtk_tables(path: Path) -> dict[str, Any]:
-    """The points of each block of points, with their arrays as columns: "U:0", "U:1", "U:2" of a vector.
-
-    Raises:
-        ImpactsError: for points that are corners of cells, and blocks with other arrays than the first one.
-    """
-    arrow, tables = library("pyarrow", "cfd"), dict[str, Any]()
-    for name, block in vtk_blocks(path).items():
-        cells = block.cast_to_unstructured_grid()
-        if not np.isin(cells.celltypes, _VERTICES).all():
-            continue
-        _require_no_ghosts(path, block, "point")
-        arrays = [("Points", block.points), *block.point_data.items()]
-        if block.cell_data.keys():
-            if not np.array_equal(cells.cell_connectivity, np.arange(cells.n_points)) or cells.n_cells < cells.n_points:
-                raise ImpactsError(f"{path}: has arrays of cells that are not one to each point, as {name!r} shows.")
-            arrays = [*block.cell_data.items(), *arrays]
-        columns = dict[str, np.ndarray]()
-        for head, values in arrays:
-            parts = np.asarray(values).reshape(cells.n_points, -1).T
-            for i, part in enumerate(parts):
-                column = f"{head}:{i}" if len(parts) > 1 else head
-                if column in columns and not np.array_equal(columns[column], part):
-                    raise ImpactsError(f"{path}: has the array {column!r} twice; rename or take away one of them.")
-                columns[column] = part
-        tables[name] = arrow.table(columns)
-    if not tables:
-        raise ImpactsError(f"{path}: holds no points of their own, as impacts are, but corners of cells.")
-    (first, table), *others = tables.items()
-    if other := next((name for name, its in others if set(its.column_names) != set(table.column_names)), ""):
-        raise ImpactsError(
-            f"{path}: its blocks {first!r} and {other!r} both hold points, but with other arrays; save one alone."
-        )
-    return tables
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Make pyvista raise what it would log and warn of, before it goes on with an empty mesh."""
-    before = logging.root.manager.disable
-    logging.disable(logging.CRITICAL)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", UserWarning)
-            yield
-    finally:
-        logging.disable(before)

@@ -24,15 +24,14 @@ from erosion.cfd.rows import (
     ImpactBlock,
     Impacts,
     ImpactsError,
-    batches,
-    beginning,
     blocks,
-    cut_off,
     digest_of,
+    reading_impacts,
     require_columns,
     require_rows,
     weigh,
 )
+from erosion.tables.text import Layout, TextTable, beginning, cut_off
 
 _OF_OPENFOAM = {"nParticle": "count", "d": "diameter", "rho": "density", "facei": "mesh_face", "celli": "cell",
                 "Time": "time", "currentProc": "processor", "origId": "parcel", "origProc": "origin"}  # fmt: skip
@@ -66,6 +65,17 @@ class Table(NamedTuple):
     patch: str = ""
     window: str = ""
 
+    def blocks(self) -> Iterator[dict[str, np.ndarray]]:
+        """The numbers of the columns, some thousand rows at a time.
+
+        Raises:
+            ImpactsError: naming the first row that cannot be read.
+        """
+        with reading_impacts():
+            text = TextTable(self.path, layout=Layout(self.skipped, self.names, " "))
+            for block in text.blocks([*self.columns.values()]):
+                yield {name: block[heading] for name, heading in self.columns.items()}
+
 
 @dataclasses.dataclass(kw_only=True)
 class TextImpacts(Impacts):
@@ -90,7 +100,7 @@ class TextImpacts(Impacts):
         last = dict[str, tuple[Path, float]]()  # of each patch, the window before and its last time
         for table in self.tables:
             first, latest, stored = 0, -math.inf, np.zeros(0, np.int64)
-            for columns in batches(table.path, table.skipped, table.names, table.columns):
+            for columns in table.blocks():
                 if is_parallel is None:
                     is_parallel = self._is_parallel(table, columns)
                 if "mesh_face" in columns:
@@ -320,7 +330,8 @@ def _openfoam_table(path: Path) -> Table:
 def _head(path: Path) -> list[str]:
     """The complete lines at the beginning of a file; errors as of `beginning`."""
     try:
-        lines = beginning(path).decode().split("\n")
+        with reading_impacts():
+            lines = beginning(path).decode().split("\n")
     except UnicodeDecodeError:
         lines = []
     if not lines:

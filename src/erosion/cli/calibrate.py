@@ -17,12 +17,12 @@ from erosion.cli.options import (
     AllAngles,
     CaseArgument,
     CaseOptions,
-    IgnoreOption,
     JsonOption,
     ModelsOption,
     PlotOption,
     SetOption,
     Settings,
+    TableOptions,
     WholeOption,
     chosen_models,
     is_same_model,
@@ -70,7 +70,7 @@ class Fit:
 
     Args:
         data: the file of measurements.
-        ignore: its columns that are left out.
+        table: how it is read.
         options: the case.
         p: the same as numbers.
         fit: what is free, with the density and the cutting fraction of the case where the options give none.
@@ -79,7 +79,7 @@ class Fit:
     """
 
     data: Path
-    ignore: Sequence[str]
+    table: TableOptions
     options: CaseOptions
     p: "lazy.Parameters"
     fit: FitOptions
@@ -102,7 +102,7 @@ class Fit:
 
     def measured(self, output: Output) -> "lazy.Measurements":
         """The measurements; columns that are not used are a warning."""
-        measured = lazy.read_measurements(self.data, self.p.units, ignore=self.ignore, error=self.fit.error)
+        measured = lazy.read_measurements(self.data, self.p.units, error=self.fit.error, **self.table.arguments)
         if measured.unused:
             output.warn(Finding("unused_columns", str(self.data), {"columns": measured.unused}))
         output.warn(*map(stated, measured.notes))
@@ -150,7 +150,7 @@ def given_fit(
     fit: FitOptions | None,
     model: list[str] | None,
     own: list[str] | None,
-    ignore: list[str] | None,
+    table: TableOptions | None,
 ) -> Fit:
     """The fit that options ask for.
 
@@ -160,12 +160,13 @@ def given_fit(
         fit: what is free.
         model: the option --model; without it and free parameters `USUAL_MODELS`.
         own: the options --set.
-        ignore: the options --ignore.
+        table: how the file is read.
     """
+    table = table or TableOptions()
     if case.case is None and case.units is None:
         if data.is_fifo():
             raise InputError(f"{data} is no file: beside it give `--units si`, `--units inch-pound` or a case file.")
-        case = dataclasses.replace(case, units=lazy.unit_system(data, ignore or ()))
+        case = dataclasses.replace(case, units=lazy.unit_system(data, **table.arguments))
     case.refuse_given("the angles are those of the data", "alpha")
     fit = fit or FitOptions()
     is_usual = model is None and not own and not fit.free and case.model()[0] is None
@@ -183,7 +184,7 @@ def given_fit(
         (own and len(names) > 1, f"`--set` needs one model, but `--model` names {', '.join(names)}."),
         kind=InputError,
     )  # fmt: skip
-    return Fit(data, ignore or (), case, p, fit, names, of_model)
+    return Fit(data, table, case, p, fit, names, of_model)
 
 
 def dimension_of(name: str, models: Sequence[Any], units: "lazy.System") -> "lazy.Dimension":
@@ -255,7 +256,7 @@ def calibrate(
     case: AllAngles | None = None,
     model: ModelsOption = None,
     own: SetOption = None,
-    ignore: Annotated[IgnoreOption, Parameter(group=FIT)] = None,
+    table: Annotated[TableOptions | None, Parameter(group=FIT)] = None,
     fit: FitOptions | None = None,
     bounds: Annotated[list[str] | None, LISTED, Parameter(group=FIT, help=_BOUNDS)] = None,
     loss: Annotated[str, Parameter(group=FIT, help="Or soft_l1, huber, cauchy, arctan, for outliers.")] = "linear",
@@ -271,7 +272,7 @@ def calibrate(
     Without a case file and --units, bare numbers and what is printed are in the
     units of the data. `erosion posterior` draws all values that data leave.
     """
-    task = given_fit(data, with_file(case, file), fit, model, own, ignore)
+    task = given_fit(data, with_file(case, file), fit, model, own, table)
     require_outputs(case_file, plot=plot, inputs=task.inputs)
     models = task.models()
     output = Output("calibrate", task.p, task.options, json=json)

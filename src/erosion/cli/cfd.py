@@ -20,11 +20,11 @@ from erosion.cli.options import (
     AllAngles,
     CaseArgument,
     EachRow,
-    IgnoreOption,
     JsonOption,
     ModelOption,
     PlotOption,
     SetOption,
+    TableOptions,
     WholeOption,
     in_full,
     in_short,
@@ -90,34 +90,35 @@ class _Rows:
         None
     )
     injected: Annotated[str | None, Parameter(help='Sand of the run, if no case says it: "2 g"; or "rows".')] = None
-    columns: Annotated[str | None, Parameter(help='Units, names: "x,y,z=mm, d50=diameter [um]"; or a .toml.')] = None
-    ignore: IgnoreOption = None
     particle_density: Annotated[str | None, Parameter(help='If no column gives it, nor --particle: "2650 kg/m^3".')] = (
         None
     )
 
-    def table(self, impacts: Path, of_mesh: Path | None, p: "lazy.Parameters", named: float | None) -> "lazy.Impacts":
+    def table(
+        self,
+        impacts: Path,
+        options: TableOptions,
+        of_mesh: Path | None,
+        p: "lazy.Parameters",
+        named: float | None,
+    ) -> "lazy.Impacts":
         """The table of impacts.
 
         Args:
             impacts: its file.
+            options: how it is read.
             of_mesh: the OpenFOAM case of its faces.
             p: the case.
             named: density of the particle that is named [kg/m³], for a table that does not have it.
         """
-        density = density_option("particle-density", self.particle_density)
-        duration, ignore = self.number("duration", "time", p), self.ignore or ()
-        meant = lazy.read_meanings(self.columns)
-        has_own = impacts.is_file() and lazy.gives_density(impacts, ignore, meant)
-        # Samples of Fluent hold masses, and take no density.
-        if density is None and not (has_own or (impacts.is_file() and lazy.kind_of(impacts) == "fluent")):
-            density = named
-        table = lazy.read_impacts(
-            impacts, of_mesh, particle_density=density, duration=duration, ignore=ignore, columns=meant or None
+        return lazy.read_impacts(
+            impacts,
+            of_mesh,
+            particle_density=density_option("particle-density", self.particle_density),
+            duration=self.number("duration", "time", p),
+            named_density=named,
+            **options.arguments,
         )
-        if isinstance(table, lazy.NamedImpacts) and has_own:
-            table.expected = named
-        return table
 
     def options(
         self,
@@ -229,6 +230,7 @@ def map_(
     model: Annotated[ModelOption | None, Parameter(show=False)] = None,
     own: Annotated[SetOption, Parameter(show=False)] = None,
     joint: Annotated[LawOptions | None, Parameter(show=False, group=_LAWS)] = None,
+    table: Annotated[TableOptions | None, Parameter(group=IMPACTS)] = None,
     rows: _Rows | None = None,
     abrasive: Annotated[PerMassOptions | None, Parameter(show=False)] = None,
     output: Annotated[
@@ -278,7 +280,14 @@ def map_(
     made = rows.options(sand.p, laws, uncertain, share, per_mass, has_spin=has_spin)
     grit, _ = options.materials()
     with dask_cluster(workers, scheduler):
-        job = _job(impacts, target, rows, None if grit is None else grit.density, made, (sand.reference, sand.numbers))
+        job = _job(
+            (impacts, table or TableOptions()),
+            target,
+            rows,
+            None if grit is None else grit.density,
+            made,
+            (sand.reference, sand.numbers),
+        )
         picture.check(has_surface=job.surface is not None, has_page=is_page, surface=job.surface)
         with progress_bar("map") as progress:
             try:
@@ -323,7 +332,7 @@ def _size_doubt(dataset: "xr.Dataset", named: float, density: float) -> Finding 
 
 
 def _job(
-    impacts: Path,
+    impacts: tuple[Path, TableOptions],
     target: _Surface,
     rows: _Rows,
     named_density: float | None,
@@ -342,7 +351,7 @@ def _job(
             else lazy.read_surface(name, target.patch, unit=target.surface_unit, reverse=_REVERSE[target.reverse])
         )
         case = name if name is not None and name.is_dir() else None
-        table = rows.table(impacts, case, p, named_density)
+        table = rows.table(*impacts, case, p, named_density)
         return lazy.prepare_map(model[0], table, surface, options, model[1])
 
 

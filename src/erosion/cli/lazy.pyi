@@ -21,9 +21,6 @@ from erosion.cfd.exports import restitution as restitution
 from erosion.cfd.exports import to_comsol as to_comsol
 from erosion.cfd.exports import to_csv as to_csv
 from erosion.cfd.exports import volume_table as volume_table
-from erosion.cfd.impact_tables import NamedImpacts as NamedImpacts
-from erosion.cfd.impact_tables import gives_density as gives_density
-from erosion.cfd.impact_tables import read_meanings as read_meanings
 from erosion.cfd.map_result import FACES as FACES
 from erosion.cfd.map_result import PAGE as PAGE
 from erosion.cfd.map_result import SUFFIXES as SUFFIXES
@@ -37,7 +34,6 @@ from erosion.cfd.read import read_impacts as read_impacts
 from erosion.cfd.read import read_surface as read_surface
 from erosion.cfd.rows import Impacts as Impacts
 from erosion.cfd.rows import ImpactsError as ImpactsError
-from erosion.cfd.rows import kind_of as kind_of
 from erosion.cfd.surface import Surface as Surface
 from erosion.checks import verify as verify
 from erosion.correlations import CORRELATIONS as CORRELATIONS

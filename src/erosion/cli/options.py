@@ -410,9 +410,24 @@ def read_models(text: str) -> list[str]:
 LISTED = Parameter(
     negative="", converter=lambda kind, tokens: [item for token in tokens for item in read_list(token.value)]
 )
-IgnoreOption = Annotated[
-    list[str] | None, LISTED, Parameter(help='Columns of the table to leave out, such as "frequency".')
-]
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class TableOptions:
+    """How a table is read."""
+
+    columns: Annotated[str | None, Parameter(help='Units, names: "x,y,z=mm, d50=diameter [um]"; or a .toml.')] = None
+    ignore: Annotated[list[str] | None, LISTED, Parameter(help='Columns to leave out, such as "frequency".')] = None
+    sep: Annotated[str | None, Parameter(help='Between cells of a text: ";"; or as its header shows.')] = None
+    decimal: Annotated[str | None, Parameter(help='Mark of decimals of a text, "," or "."; or as it shows.')] = None
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """The same as arguments of a reader."""
+        return {"columns": self.columns, "ignore": self.ignore or (), "sep": self.sep, "decimal": self.decimal}
+
+
 ModelOption = Annotated[
     str, Parameter(name="--model", group=MODEL, help="A name, see `erosion models`, or the path of a Python file.")
 ]

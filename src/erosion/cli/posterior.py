@@ -30,11 +30,11 @@ from erosion.cli.options import (
     OUTPUT,
     AllAngles,
     CaseArgument,
-    IgnoreOption,
     JsonOption,
     ModelsOption,
     PlotOption,
     SetOption,
+    TableOptions,
     WholeOption,
     output_option,
     read_whole,
@@ -173,7 +173,7 @@ def posterior(
     case: AllAngles | None = None,
     model: ModelsOption = None,
     own: SetOption = None,
-    ignore: Annotated[IgnoreOption, Parameter(group=FIT)] = None,
+    table: Annotated[TableOptions | None, Parameter(group=FIT)] = None,
     fit: FitOptions | None = None,
     prior: Annotated[list[str] | None, Parameter(negative="", group=DRAWS, help=_PRIOR)] = None,
     draws: Annotated[WholeOption, Parameter(group=DRAWS, help="Of each of 4 populations; 500 without it.")] = None,
@@ -193,7 +193,7 @@ def posterior(
     a model that misses the data is not drawn. Several models are ordered by their
     evidence; all files are of the likeliest one.
     """
-    task, files = given_fit(data, with_file(case, file), fit, model, own, ignore), files or _Files()
+    task, files = given_fit(data, with_file(case, file), fit, model, own, table), files or _Files()
     files.require_writable(task.inputs)
     experiment = experiment or _Experiment()
     judge = experiment.read(task.p.units, task.fit.free)

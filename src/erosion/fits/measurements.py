@@ -9,40 +9,20 @@ those that are: such a table is refused. A row without one of its numbers ("n.a.
 `Measurements.notes` names it.
 """
 
-import array
 import contextlib
 import dataclasses
 import functools
-import itertools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from erosion.arguments import real_numbers, unit_of_labels
 from erosion.fits.conditions import Condition, are_apart, describe, group_numbers
 from erosion.fits.errors import ErrorModel, of_which, without_common
-from erosion.fits.tables import (
-    KNOWN,
-    REMOVALS,
-    SHARES,
-    MeasurementError,
-    lines_of,
-    numbers_of,
-    place_of,
-    read_header,
-    text_of,
-)
-from erosion.output.files import readable
+from erosion.fits.tables import KNOWN, REFUSED, REMOVALS, MeasurementError, are_shares, removal_of
 from erosion.output.tables import briefly, largest_of
-from erosion.parameters.headings import (
-    NO_UNIT,
-    HeaderError,
-    matching,
-    scale_of,
-)
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import (
     RESULTS,
@@ -57,6 +37,8 @@ from erosion.parameters.quantities import (
     table_scale,
     unit_name,
 )
+from erosion.tables import Table, TableError, open_table, read_meanings
+from erosion.tables.headings import NO_UNIT, scale_of
 
 _QUANTITY_OF: dict[Dimension, str] = {
     "volume": "volume", "volume per mass": "specific_volume", "mass": "mass_loss",
@@ -346,13 +328,20 @@ class Measurements:
 
 
 def read_measurements(
-    data: Any, units: str, *, ignore: Sequence[str] = (), error: ErrorModel | float | str | None = None
+    data: Any,
+    units: str,
+    *,
+    ignore: Sequence[str] = (),
+    error: ErrorModel | float | str | None = None,
+    columns: str | Mapping[str, str] | None = None,
+    sep: str | None = None,
+    decimal: str | None = None,
 ) -> Measurements:
-    """Measured erosion from a CSV file, or from columns in memory.
+    """Measured erosion from a file, or from columns in memory.
 
     Args:
-        data: the path of a CSV file, or columns by header ({"angle [deg]": …, "volume
-            [in^3]": …}, a pandas table), or `Measurements`. The columns are `angle`; one of
+        data: the path of a table (text, Parquet, Feather, Excel), or columns by header ({"angle [deg]": …, "volume
+            [in^3]": …}, a table of pandas, a Dataset of xarray), or `Measurements`. The columns are `angle`; one of
             `volume`, `mass_loss`, `erosion`; and at will `uncertainty`, `speed`, `mass`.
             Each carries its unit; volume and mass loss may be per impact ([mm^3], [mg]) or
             per mass of erodent ([mm^3/g], [mg/g]); `erosion [-]` is known up to a factor.
@@ -361,190 +350,100 @@ def read_measurements(
         ignore: columns that are left out, by their names: ("v_gas",).
         error: of rows without uncertainties: "0.3 mg/kg + 8 %", an `ErrorModel`, or a number in the unit system; and of
             any "5 % of each speed", by which all rows of a speed are off together.
+        columns: units of columns that carry none, and meanings of those whose names are not understood: "v=m/s,
+            Abtrag=mass_loss [mg/g]", the same as a mapping, or a TOML file.
+        sep: what separates the cells of a text; its header shows it otherwise.
+        decimal: the mark of decimals of a text, "." or ","; its numbers show it otherwise.
 
     Raises:
-        MeasurementError: one sentence with the file, the line and the column.
+        MeasurementError: one sentence with the table, the row and the column.
     """
-    return _read(data, check_system(units), ignore).with_error(error)
-
-
-def _read(data: Any, system: System, ignore: Sequence[str]) -> Measurements:
+    system = check_system(units)
     if isinstance(data, Measurements):
         if data.units != system:
             raise MeasurementError(f"Argument `data` must be in {system} units, as the case is, but is {data.units}.")
-        return data
-    if isinstance(data, (str, Path)):
-        return _read_file(Path(data), system, ignore)
-    if hasattr(data, "keys") and hasattr(data, "__getitem__"):
-        columns = {str(key): data[key] for key in data.keys()}  # noqa: SIM118 (tables iterate rows)
-        return _read_columns({_with_unit(head, values): values for head, values in columns.items()}, system, ignore)
-    raise MeasurementError(
-        f"Argument `data` must be the path of a CSV file or columns by name, but is {type(data).__name__}."
-    )
+        return data.with_error(error)
+    try:
+        table = open_table(
+            data, KNOWN, columns=read_meanings(columns), ignore=ignore, sep=sep, decimal=decimal, units=system,
+            refused=REFUSED,
+        )  # fmt: skip
+        measured = _measurements(table, removal_of(table), system)
+    except TableError as problem:
+        raise MeasurementError(str(problem)) from problem
+    path = Path(data) if isinstance(data, (str, Path)) else None
+    return dataclasses.replace(measured, path=path, source=path.name if path else "data").with_error(error)
 
 
-def _with_unit(head: str, values: Any) -> str:
-    """The head of a column with the unit of an array with labels, where the head has none."""
-    unit = unit_of_labels(values)
-    return f"{head} [{unit}]" if unit and not _unit_in(head) else head
+def unit_system(path: Path, columns: str | Mapping[str, str] | None = None, **options: Any) -> System | None:
+    """The unit system of a file: that of its erosion's unit, or, where that has none, of its speed's or mass's.
 
-
-def _unit_in(head: str) -> str:
-    """The unit that ends the head of a column, in brackets; empty without one."""
-    in_brackets = re.search(r"[\[(]([^\[\]()]*)[\])]\s*$", head)
-    return in_brackets[1].strip() if in_brackets else ""
-
-
-def unit_system(path: Path, ignore: Sequence[str] = ()) -> System | None:
-    """The unit system of a CSV file: that of its erosion's unit, or, where that has none, of its speed's or mass's.
+    Arguments are those of `read_measurements`.
 
     None where no heading has a unit, and for what is no file, as a pipe is, or no table: reading it says what is wrong.
     """
     if not path.is_file():
         return None
-    with contextlib.suppress(MeasurementError, HeaderError), readable(path, MeasurementError):
-        cells = next(lines_of(text_of(path)[0], path)[0])[1]
-        heads = matching(cells, KNOWN, ignore=ignore)
-        units = [head.unit for name in (*REMOVALS, "speed", "mass") for head in heads if head and head.name == name]
+    with contextlib.suppress(TableError):
+        used = open_table(path, KNOWN, columns=read_meanings(columns), refused=REFUSED, **options).columns
+        units = [used[name].unit for name in (*REMOVALS, "speed", "mass") if name in used]
         known = [{*re.findall(r"[^\W\d_]+", unit)} for unit in units if unit not in NO_UNIT]
         return None if not known else "inch-pound" if _INCH_POUND & known[0] else "si"
     return None
 
 
-_Place = Callable[[int | None, int | None], str]
-"""Words for a place in a table, by its row and its column; None for the header and for no column."""
-
-
-def _read_columns(table: dict[str, Any], system: System, ignore: Sequence[str]) -> Measurements:
-    names = list(table)
-
-    def place(row: int | None, column: int | None) -> str:
-        words = "Argument `data`" if row is None else f"Argument `data`: row {row},"
-        return words if column is None else f"{words} column {names[column]!r}"
-
-    def read(used: Sequence[int]) -> list[np.ndarray]:
-        try:
-            columns = [np.atleast_1d(real_numbers(names[i], table[names[i]], unit=_unit_in(names[i]))) for i in used]
-        except ValueError as error:
-            raise MeasurementError(str(error)) from error
-        shapes = {column.shape for column in columns}
-        if len(shapes) != 1 or columns[0].ndim != 1:
-            raise MeasurementError(f"Argument `data` must hold columns of one length, but has shapes {sorted(shapes)}.")
-        return columns
-
-    return _measurements(names, read, place, system, ignore, "data")
-
-
-def _read_file(path: Path, system: System, ignore: Sequence[str]) -> Measurements:
-    with readable(path, MeasurementError):
-        file, notes = text_of(path)
-    rows, delimiter = lines_of(file, path)
-    first, cells = next(rows)
-    lines = array.array("q")
-
-    def place(row: int | None, column: int | None) -> str:
-        if row is not None and column is None:
-            return f"{path}, line {lines[row]},"
-        return place_of(path, first if row is None else lines[row], column, cells)
-
-    def read(used: Sequence[int]) -> list[np.ndarray]:
-        return [np.frombuffer(column) for column in numbers_of(rows, cells, used, delimiter, path, lines)]
-
-    try:
-        measured = _measurements(cells, read, place, system, ignore, path.name, lines=lines, notes=notes)
-    except MeasurementError as error:
-        if isinstance(error.__cause__, HeaderError) and _is_title(path, first, system, ignore):
-            said = f"{path}, line {first}: is no header, but a title above one; begin it with #."
-            raise MeasurementError(said) from error
-        raise
-    return dataclasses.replace(measured, path=path)
-
-
-def _is_title(path: Path, line: int, system: System, ignore: Sequence[str]) -> bool:
-    """Whether what follows a line of a file begins with a header that is understood."""
-    with contextlib.suppress(MeasurementError, HeaderError):
-        rows, _ = lines_of(itertools.islice(text_of(path)[0], line, None), path)
-        read_header(next(rows)[1], system, ignore)
-        return True
-    return False
-
-
-def _measurements(
-    heads: Sequence[str],
-    read: Callable[[Sequence[int]], list[np.ndarray]],
-    place: _Place,
-    system: System,
-    ignore: Sequence[str],
-    source: str,
-    *,
-    lines: array.array | None = None,
-    notes: tuple[str, ...] = (),
-) -> Measurements:
-    """The measurements of a table, in consistent units, every number in its range.
+def _measurements(table: Table, removal: str, system: System) -> Measurements:
+    """The measurements of a table, every number in its range.
 
     Args:
-        heads: of its columns.
-        read: gives the numbers of some columns.
-        place: words for a place.
-        system: the unit system to convert to.
-        ignore: columns that are left out, by their names.
-        source: the table's name.
-        lines: of its rows, filled by `read`; None for a table in memory.
-        notes: on how it was read.
+        table: that is understood.
+        removal: its column of erosion.
+        system: the unit system of its numbers.
     """
-    try:
-        header = read_header(heads, system, ignore)
-    except HeaderError as error:
-        at = place(None, error.index) + ("" if error.index is None else ":")
-        raise MeasurementError(f"{at} {error}.") from error
-    used = {index: column for index, column in enumerate(header.columns) if column is not None}
-    columns = read([*used])
-    table = place(None, None).rsplit(", line ", 1)[0]  # its header's place without the line
-    if not columns[0].size:
-        raise MeasurementError(f"{table} has no rows of data.")
-    missing = np.isnan(np.stack(columns))
+    columns, numbers = table.columns, table.numbers
+    if not numbers["angle"].size:
+        raise TableError(f"{table.title} has no rows of data.")
+    missing = np.isnan(np.stack([*numbers.values()]))
     kept = ~missing.any(axis=0)
     if not kept.any():
-        raise MeasurementError(f"{table} has no row with all of its numbers.")
-    notes = (*notes, *_left_out(missing, [heads[i].strip() for i in used], lines, source))
+        raise TableError(f"{table.title} has no row with all of its numbers.")
+    notes = (*table.source.notes, *_left_out(missing, table))
     rows = np.flatnonzero(kept)
-    columns = [column[rows] for column in columns]
-    arrays: dict[str, Any] = {}
-    for (index, column), numbers in zip(used.items(), columns, strict=True):
-        values = arrays[column.name] = numbers * column.factor
-        good = np.isfinite(values)
-        must = "must be a finite number"
-        if column.name == "angle":
+    arrays: dict[str, Any] = {name: values[rows] for name, values in numbers.items()}
+    greatest = _HEAVIEST * conversion_factor("mass", "si", system)
+    for name, values in arrays.items():
+        good, must = np.isfinite(values), "must be a finite number"
+        if name == "angle":
             good, must = are_angles(values), "must be above 0° and at most 90°"
-        elif column.name == "mass":
-            greatest = _HEAVIEST * conversion_factor("mass", "si", system)
+        elif name == "mass":
             good, must = good & (values > 0) & (values <= greatest), "must be the mass of one erodent, at most 20 g"
-        elif column.name not in REMOVALS:
+        elif name != removal:
             good, must = good & (values > 0), "must be positive and finite"
         if not np.all(good):
             row = int(np.argmin(good))
-            raise MeasurementError(f"{place(int(rows[row]), index)} {must}, but is {numbers[row]:g}.")
-    removal = next(column for column in used.values() if column.name in REMOVALS)
-    if (shares := arrays.get(SHARES)) is not None:
-        arrays["uncertainty"] = shares * np.abs(arrays[removal.name])
+            number = values[row] / columns[name].factor
+            raise TableError(f"{table.place(int(rows[row]), name)} {must}, but is {number:g}.")
+    if "uncertainty" in columns and are_shares(columns["uncertainty"]):
+        shares = arrays["uncertainty"]
+        arrays["uncertainty"] = shares * np.abs(arrays[removal])
         arrays["parts"] = np.stack([np.zeros(len(shares)), shares], axis=1)
         if not arrays["uncertainty"].all():
-            row = int(np.argmin(np.abs(arrays[removal.name])))
-            raise MeasurementError(
-                f"{place(int(rows[row]), None)} must have an absolute uncertainty, as it has no erosion."
-            )
+            row = int(np.argmin(np.abs(arrays[removal])))
+            raise TableError(f"{table.place(int(rows[row]))} must have an absolute uncertainty, as it has no erosion.")
     conditions = {name: arrays.get(name) for name in ("uncertainty", "speed", "mass", "parts")}
+    of_removal = columns[removal]
+    reads_well = _LEAST_SHOWN <= largest_of(arrays[removal]) / of_removal.factor < _MOST_SHOWN
     return Measurements(
         angle=arrays["angle"],
-        erosion=arrays[removal.name],
-        dimension=removal.dimension,
+        erosion=arrays[removal],
+        dimension=of_removal.dimension,
         **conditions,
         units=system,
-        source=source,
-        unused=header.unused,
-        lines=None if lines is None else np.frombuffer(lines, np.int64)[rows],
+        source=table.title,
+        unused=table.unused,
+        lines=table.lines(rows),
         notes=notes,
-        unit=removal.unit if _LEAST_SHOWN <= largest_of(arrays[removal.name]) / removal.factor < _MOST_SHOWN else "",
+        unit="" if of_removal.unit in NO_UNIT or of_removal.unit[0].isdigit() or not reads_well else of_removal.unit,
     ).weighed()
 
 
@@ -552,18 +451,18 @@ _LEAST_SHOWN, _MOST_SHOWN = 1e-3, 1e6  # of numbers that read well
 _NAMED = 8  # rows that a note lists
 
 
-def _left_out(missing: np.ndarray, heads: Sequence[str], lines: array.array | None, source: str) -> list[str]:
+def _left_out(missing: np.ndarray, table: Table) -> list[str]:
     """A sentence on the rows in which a number is missing, shape (columns, rows); none where all are there."""
     rows = np.flatnonzero(missing.any(axis=0))
     if not len(rows):
         return []
+    headings = [column.heading.strip() for column in table.columns.values()]
     words = [
-        f"{f'row {row}' if lines is None else f'line {lines[row]}'} ({heads[int(np.argmax(missing[:, row]))]})"
-        for row in rows[:_NAMED].tolist()
+        f"{table.source.place(row)} ({headings[int(np.argmax(missing[:, row]))]})" for row in rows[:_NAMED].tolist()
     ]
     more = f" and {len(rows) - _NAMED:,} more" if len(rows) > _NAMED else ""
     which = "a row is" if len(rows) == 1 else f"{len(rows):,} rows are"
-    return [f"{source}: {which} left out, where a number is missing: {', '.join(words)}{more}."]
+    return [f"{table.title}: {which} left out, where a number is missing: {', '.join(words)}{more}."]
 
 
 def conditions(data: Measurements, most: int | None = None) -> list[Condition]:

@@ -45,8 +45,8 @@ from erosion.parameters import (
     require_concrete,
     validate,
 )
-from erosion.parameters.headings import factor
 from erosion.results import Finding, to_attribute
+from erosion.tables.headings import factor
 
 Region = tuple[slice, ...]
 """The place of a block in its grid: one slice for each dimension."""

@@ -8,13 +8,15 @@ columns are left out, and the reader says which. So no column that matters is pa
 """
 
 import contextlib
+import dataclasses
+import itertools
 import math
 import re
 import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from erosion.output.tables import briefly
+from erosion.output import briefly
 from erosion.parameters.quantities import DIMENSIONS, Dimension, Scale, System, UnitError, read_quantity
 
 SPEEDS = (
@@ -64,11 +66,13 @@ _ENDINGS: Mapping[str, str] = {
     "per_s": "1/s", "mm3_kg": "mm^3/kg", "mg_kg": "mg/kg", "mg_g": "mg/g", "g_kg": "g/kg",
 }  # fmt: skip
 _NUMBER = re.compile(r"\d[\d.]*(e[+-]?\d+)?\s*[^\W\d_]", re.IGNORECASE)  # "1e-4 in^3", not "1/s"
+_POWER_OF_TEN = re.compile(r"10(?:\^|(?=[⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹]))([+\-−⁺⁻]?[\d⁰¹²³⁴⁵⁶⁷⁸⁹]+)\s*[·×*]?\s*")
 _LONGEST = 300  # characters of a head that a person writes
 _NAMED = 6  # names of a quantity that a message lists
 
 
-class Known(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Wanted:
     """A quantity that a reader of tables uses.
 
     Args:
@@ -81,10 +85,32 @@ class Known(NamedTuple):
     names: Sequence[str] = ()
     words: str = ""
 
+    def measure(self, unit: str, system: System, *, is_alias: bool) -> tuple[Dimension, float] | None:
+        """Dimension and size of a unit in the units of a system; None where a unit is needed.
 
-def of_parameters(dimensions: Mapping[str, Dimension]) -> dict[str, Known]:
+        Args:
+            unit: as it is written; empty without one.
+            system: the unit system.
+            is_alias: whether the column has another name than the quantity.
+
+        Raises:
+            UnitError: with a clause that starts with "must", for a unit of another dimension.
+        """
+        if unit in NO_UNIT:
+            bare: Sequence[Dimension] = ("1", "mass per mass") if unit else ("1",)
+            return next(((dimension, 1.0) for dimension in bare if dimension in self.dimensions), None)
+        if tuple(self.dimensions) == ("1",):
+            raise UnitError(f"must be none, as of a pure number, but is {briefly(unit)}")
+        for dimension in self.dimensions:
+            with contextlib.suppress(UnitError):
+                return dimension, factor(unit, dimension, system)
+        listed = " or ".join(", ".join(self.dimensions).rsplit(", ", 1))
+        raise UnitError(f"must be that of {_article(listed)}, but is {briefly(unit)}")
+
+
+def of_parameters(dimensions: Mapping[str, Dimension]) -> dict[str, Wanted]:
     """Parameters of an impact, by their names, as quantities that a reader uses."""
-    return {name: Known((dimension,), *_OF_PARAMETERS.get(name, ())) for name, dimension in dimensions.items()}
+    return {name: Wanted((dimension,), *_OF_PARAMETERS.get(name, ())) for name, dimension in dimensions.items()}
 
 
 _OF_PARAMETERS: Mapping[str, tuple[Any, ...]] = {
@@ -97,7 +123,7 @@ _OF_PARAMETERS: Mapping[str, tuple[Any, ...]] = {
 }
 
 
-class Head(NamedTuple):
+class Heading(NamedTuple):
     """The head of a column that is used.
 
     Args:
@@ -111,83 +137,36 @@ class Head(NamedTuple):
     alias: bool = False
 
 
-class HeaderError(ValueError):
-    """A header that cannot be used.
-
-    Args:
-        index: the column, from 0; None where one is missing.
-        message: a clause that follows the column's place.
-    """
-
-    def __init__(self, index: int | None, message: str):
-        super().__init__(message)
-        self.index = index
-
-
-class Heads(NamedTuple):
-    """The heads of a table.
-
-    Args:
-        columns: for each of them what it means; None for a column that is left out.
-        unused: those that are left out, but were not to be ignored.
-    """
-
-    columns: tuple[Head | None, ...]
-    unused: tuple[str, ...]
-
-
-def read_heads(
-    heads: Sequence[str],
-    known: Mapping[str, Known],
+def doubtful(
+    headings: Sequence[str],
+    found: Sequence[Heading | None],
+    wanted: Mapping[str, Wanted],
+    refused: Mapping[str, Wanted],
     *,
-    ignore: Sequence[str] = (),
+    ignored: Collection[int] = (),
     units: Mapping[str, str] | None = None,
-    also: Sequence[Dimension] = (),
-    leave_out: str = "name it in Argument `ignore`",
-) -> Heads:
-    """What the columns of a table mean.
+) -> tuple[int, str] | None:
+    """The first column that may be of a quantity, but is not understood, and a clause on it.
 
     Args:
-        heads: of the columns.
-        known: the quantities that the reader uses, by name.
-        ignore: columns that are left out, by their heads or the names in them.
-        units: of heads that carry none, from elsewhere.
-        also: dimensions of what differs from row to row, too, but cannot be read: a column of them is refused.
-        leave_out: how a user leaves a column out, for messages.
-
-    Raises:
-        HeaderError: for two columns of one quantity, a column that may be one of those that are known but is not
-            understood, and a name in `ignore` that no column has.
+        headings: of the columns.
+        found: what they mean, see `matching`.
+        wanted: the quantities that the reader uses, by name.
+        refused: quantities that no column may have.
+        ignored: the columns that are left out, by their places.
+        units: by heading, from elsewhere.
     """
-    ignored, units, own = _ignored(heads, ignore), units or {}, dict[str, str]()
-    columns = matching(heads, known, ignore=ignore, units=units)
-    for index, (text, head) in enumerate(zip(heads, columns, strict=True)):
-        if head is not None and head.name in own:
-            doubt = f"gives `{head.name}`, but so does {own[head.name].strip()!r}"
-        else:
-            is_foreign = head is None and index not in ignored
-            doubt = _doubt(text, units.get(text, ""), known, also) if is_foreign else ""
-        if doubt:
-            raise HeaderError(index, f"{doubt}; rename it, or {leave_out}")
-        if head is not None:
-            own[head.name] = text
-    unused = [text.strip() for i, text in enumerate(heads) if columns[i] is None and i not in ignored]
-    return Heads(tuple(columns), tuple(unused))
+    units = units or {}
+    for index, (text, heading) in enumerate(zip(headings, found, strict=True)):
+        if heading is None and index not in ignored and (said := _doubt(text, units.get(text, ""), wanted, refused)):
+            return index, said
+    return None
 
 
-_WEIGHTS = {
-    "weight": Known(
-        ("rate", "mass flow", "mass flux"),
-        words=rf"{WEIGHT_WORDS}|{RATE_WORDS}|nparticles?|mult|pdf|percent|probab\w*|fractions?|shares?|h\w*figkeit",
-    )
-}
-
-
-def weight_among(heads: Sequence[str], known: Mapping[str, Known]) -> str | None:
-    """The first column that may say how often its row counts, and is none of those that are known."""
-    columns = matching(heads, known)
-    foreign = (text for text, head in zip(heads, columns, strict=True) if head is None)
-    return next((text.strip() for text in foreign if _doubt(text, "", _WEIGHTS, ())), None)
+def of_weights() -> dict[str, Wanted]:
+    """What says how often a row counts, where all rows count alike."""
+    words = rf"{WEIGHT_WORDS}|{RATE_WORDS}|nparticles?|mult|pdf|percent|probab\w*|fractions?|shares?|h\w*figkeit"
+    return {"weight": Wanted(("rate", "mass flow", "mass flux"), words=words)}
 
 
 def unused_note(unused: Sequence[str]) -> str:
@@ -196,19 +175,27 @@ def unused_note(unused: Sequence[str]) -> str:
 
 
 def matching(
-    heads: Sequence[str],
-    known: Mapping[str, Known],
+    headings: Sequence[str],
+    wanted: Mapping[str, Wanted],
     *,
-    ignore: Sequence[str] = (),
+    ignored: Collection[int] = (),
     units: Mapping[str, str] | None = None,
-) -> list[Head | None]:
-    """What the columns mean among quantities that are looked for; None for all others. Arguments as of `read_heads`."""
-    ignored, units = _ignored(heads, ignore), units or {}
+) -> list[Heading | None]:
+    """What the columns mean among quantities that are looked for; None for all others.
+
+    Args:
+        headings: of the columns.
+        wanted: the quantities that the reader uses, by name.
+        ignored: the columns that are left out, by their places.
+        units: of headings that carry none, from elsewhere.
+    """
+    units = units or {}
     # The quantity by all names that leave no doubt.
-    names = {_key(spelled): own for own, entry in known.items() for spelled in (*entry.names, own)}
-    names |= {name: name for name in known}
+    names = {_key(spelled): own for own, entry in wanted.items() for spelled in (*entry.names, own)}
+    names |= {name: name for name in wanted}
     return [
-        None if index in ignored else _understood(text, names, units.get(text, "")) for index, text in enumerate(heads)
+        None if index in ignored else _understood(text, names, units.get(text, ""))
+        for index, text in enumerate(headings)
     ]
 
 
@@ -229,13 +216,16 @@ def scale_of(unit: str, dimension: Dimension, units: System) -> Scale:
     return Scale(factor(unit, dimension, units), unit.replace("^2", "²").replace("^3", "³"))
 
 
-def head_parts(text: str) -> tuple[str, str]:
+def heading_parts(text: str) -> tuple[str, str]:
     """Name and unit of a column: "Mass loss [mg/g]" is ("Mass loss", "mg/g"); empty where there is none."""
     text = text.strip()
     if len(text) > _LONGEST:
         return "", ""
     name, unit = text, ""
-    if text.endswith(("]", ")")):
+    if " / " in text and not text.endswith("]"):  # as ISO 80000 writes it
+        name, _, unit = text.partition(" / ")
+        unit = unit.strip().removeprefix("(").removesuffix(")") if unit.startswith("(") else unit
+    elif text.endswith(("]", ")")):
         name, unit = _brackets(text)
     elif "," in text:
         name, _, unit = text.rpartition(",")
@@ -254,19 +244,35 @@ def _brackets(text: str) -> tuple[str, str]:
 
 def _spelled(unit: str) -> str:
     """A unit as pint reads it: "m s-1" is "m s^-1", "m.s-1" too, but "1e-3 m" has a number; "1 / s" is "1/s"."""
+    if power := _POWER_OF_TEN.match(unit):
+        unit = f"1e{unicodedata.normalize('NFKC', power[1]).replace('−', '-')} {unit[power.end() :]}"
     unit = re.sub(r"(?<!\d[eE])(?<=[^\W\d_])[-−]([1-3])\b", r"^-\1", re.sub(r"^1\s*/\s*", "1/", unit))
     return re.sub(r"(?<=[^\W\d_])\.(?=[^\W\d_])", " ", unit)
 
 
-def _understood(text: str, names: Mapping[str, str], default: str = "") -> Head | None:
+class IgnoreError(ValueError):
+    """A column that is to be left out, but is not there."""
+
+
+def unit_row(headings: Sequence[str], cells: Sequence[str]) -> tuple[str, ...]:
+    """The units of the columns, of the row below their headings; empty where this row has something else."""
+    texts = [_spelled(cell.strip().strip("[]()").strip()) for cell in cells]
+    are_units = [text not in NO_UNIT and _dimension(text, DIMENSIONS) is not None for text in texts]
+    if len(texts) != len(headings) or not any(are_units):
+        return ()
+    are_good = (is_unit or text in ("", "-", "–") for is_unit, text in zip(are_units, texts, strict=True))
+    return tuple(texts) if all(are_good) else ()
+
+
+def _understood(text: str, names: Mapping[str, str], default: str = "") -> Heading | None:
     """The quantity of a head; None where its name leaves a doubt. `default` is its unit from elsewhere."""
-    name, unit = head_parts(text)
+    name, unit = heading_parts(text)
     if (own := names.get(name, names.get(_key(name)))) is not None:
-        return Head(own, unit or default, alias=own != name and _key(own) != _key(name))
+        return Heading(own, unit or default, alias=own != name and _key(own) != _key(name))
     # "speed_mps": a unit ends the name.
     for start, ending in () if unit else _ended(name):
         if (own := names.get(_key(start))) is not None:
-            return Head(own, ending, alias=_key(own) != _key(start))
+            return Heading(own, ending, alias=_key(own) != _key(start))
     return None
 
 
@@ -287,47 +293,65 @@ def _key(name: str) -> str:
     return re.sub(r"[\s_.,|–-]", "", plain)
 
 
-def _ignored(heads: Sequence[str], ignore: Sequence[str]) -> set[int]:
-    """The columns that are not to be used."""
+def ignored_columns(headings: Sequence[str], ignore: Sequence[str]) -> set[int]:
+    """The places of the columns that are left out.
+
+    Args:
+        headings: of all columns.
+        ignore: headings, or the names in them.
+
+    Raises:
+        IgnoreError: for a name that no column has.
+    """
     ignored: set[int] = set()
-    for text in (ignore,) if isinstance(ignore, str) else ignore:
-        named = {i for i, head in enumerate(heads) if text.strip() == head.strip()}
-        named = named or {i for i, head in enumerate(heads) if _key(head_parts(head)[0]) == _key(head_parts(text)[0])}
+    for text in ignore:
+        named = {i for i, heading in enumerate(headings) if text.strip() == heading.strip()}
+        name = _key(heading_parts(text)[0])
+        named = named or {i for i, heading in enumerate(headings) if _key(heading_parts(heading)[0]) == name}
         if not named:
-            there = briefly(", ".join(head.strip() for head in heads))
-            message = f"has no column {briefly(text)}, which Argument `ignore` names; its columns are {there}"
-            raise HeaderError(None, message)
+            there = briefly(", ".join(heading.strip() for heading in headings))
+            raise IgnoreError(f"has no column {briefly(text)}, which Argument `ignore` names; its columns are {there}")
         ignored |= named
     return ignored
 
 
-def _doubt(text: str, unit: str, known: Mapping[str, Known], also: Collection[Dimension]) -> str:
-    """Why a column that is not understood may be one of those that are known; empty where it is none."""
-    name, own_unit = head_parts(text)
+def _doubt(text: str, unit: str, wanted: Mapping[str, Wanted], refused: Mapping[str, Wanted]) -> str:
+    """Why a column that is not understood may be of a quantity; empty where it is of none."""
+    name, own_unit = heading_parts(text)
     if not (own_unit or unit) and (start := re.sub(r"[\s_]+m$", "", name)) != name:
         name, own_unit = start, "m"  # "depth_m" is in metres, no mass
     unit = own_unit or unit or (name if "/" in name else "")  # a unit alone, "kg/s"
-    used: list[Dimension] = [dimension for entry in known.values() for dimension in entry.dimensions]
-    dimension = None if unit in NO_UNIT else _dimension(unit, dict.fromkeys((*used, *also, *DIMENSIONS)))
+    used, foreign = (
+        [dimension for entry in entries.values() for dimension in entry.dimensions] for entries in (wanted, refused)
+    )
+    dimension = None if unit in NO_UNIT else _dimension(unit, itertools.chain(used, foreign, DIMENSIONS))
     if dimension == "mass per mass" and "/" not in unit:  # a percentage may be of anything
         dimension = None
     if _PLACES.fullmatch(_key(name)) and dimension in (None, "length"):
         return ""
-    if dimension is not None and dimension in also:
+    if dimension is not None and dimension in foreign:
         return f"has the unit of {_article(dimension)}, which is not read from row to row"
     if dimension is not None and dimension in used and dimension not in _HARMLESS_DIMENSIONS:
-        meant = [own for own, entry in known.items() if dimension in entry.dimensions]
+        meant = [own for own, entry in wanted.items() if dimension in entry.dimensions]
         return (
             f"has the unit of {_article(dimension)}, but a name that is not understood; names that are: "
-            f"{_listed(meant, known)}"
+            f"{_listed(meant, wanted)}"
         )
     apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", unicodedata.normalize("NFKC", name)).lower()
     words = {*re.findall(r"[^\W\d_]+", apart)} if dimension is None else set[str]()
-    meant = [own for own, entry in known.items() if any(re.fullmatch(entry.words, word) for word in words)]
-    return "" if not meant or words & _HARMLESS else f"is not understood; names that are: {_listed(meant, known)}"
+    if words & _HARMLESS:
+        return ""
+    if meant := _meant(words, wanted):
+        return f"is not understood; names that are: {_listed(meant, wanted)}"
+    return "".join(f"may be {_article(own)}, which no row may have" for own in _meant(words, refused)[:1])
 
 
-def _dimension(unit: str, dimensions: Iterable[Dimension]) -> Dimension | None:
+def _meant(words: Collection[str], entries: Mapping[str, Wanted]) -> list[str]:
+    """The quantities that words of a heading may mean."""
+    return [own for own, entry in entries.items() if any(re.fullmatch(entry.words, word) for word in words)]
+
+
+def _dimension(unit: str, dimensions: Iterable[Any]) -> Dimension | None:
     """The first of the dimensions that a unit has; None where it has none of them, or is none."""
     for dimension in dimensions:
         if dimension != "1":
@@ -337,11 +361,11 @@ def _dimension(unit: str, dimensions: Iterable[Dimension]) -> Dimension | None:
     return None
 
 
-def _listed(names: Sequence[str], known: Mapping[str, Known]) -> str:
+def _listed(names: Sequence[str], known: Mapping[str, Wanted]) -> str:
     """Some names that leave no doubt, first those of the quantities."""
     spelled = [*names, *(alias for name in names for alias in known[name].names if _key(alias) not in map(_key, names))]
     return ", ".join(f"`{name}`" for name in spelled[: max(_NAMED, len(names))])
 
 
-def _article(dimension: Dimension) -> str:
-    return f"{'an' if dimension[0] == 'a' else 'a'} {dimension}"
+def _article(noun: str) -> str:
+    return f"{'an' if noun[0] == 'a' else 'a'} {noun}"

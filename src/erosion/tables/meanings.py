@@ -1,0 +1,55 @@
+"""What a user says of columns: units and names, "x,y,z=mm, d50=diameter [um]"."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from erosion.output import briefly
+from erosion.output.files import read_toml
+from erosion.tables.headings import NO_UNIT, heading_parts
+from erosion.tables.source import TableError
+
+
+def read_meanings(given: str | Mapping[str, str] | None) -> dict[str, str]:
+    """What columns mean, of "x,y,z=mm, d50=diameter [um]", of a TOML file with such entries, or of a mapping.
+
+    Raises:
+        TableError: for what is none of these.
+    """
+    if given is None or isinstance(given, Mapping):
+        return dict(given or {})
+    if given.endswith(".toml"):
+        meant = read_toml(Path(given), TableError)
+        if wrong := next((heading for heading, text in meant.items() if not isinstance(text, str)), None):
+            raise TableError(f'{given}: {wrong!r} must be a text such as "mm".')
+        return meant
+    meant, headings = {}, list[str]()
+    for entry in given.split(","):
+        heading, equals, text = (part.strip() for part in entry.partition("="))
+        headings.append(heading)
+        if equals:
+            meant |= dict.fromkeys(headings, text)
+            headings = []
+    if headings or not all(meant) or not all(meant.values()):
+        raise TableError(f'Argument `columns` must be such as "x,y,z=mm, d50=diameter [um]", but is {briefly(given)}.')
+    return meant
+
+
+def explained(title: str, headings: Sequence[str], meant: Mapping[str, str]) -> list[str]:
+    """The headings of a table with the units or the names that a user gives them.
+
+    Raises:
+        TableError: for a column that is not there, and one that has its unit.
+    """
+    texts = list(headings)
+    for name, text in meant.items():
+        # "U" is all of U:0, U:1 and U:2.
+        at = [i for i, head in enumerate(headings) if name in (head.strip(), re.sub(r":\d$", "", head.strip()))]
+        if not at:
+            known = briefly(", ".join(heading.strip() for heading in headings))
+            raise TableError(f"{title}: has no column {name!r}, which Argument `columns` names; it has {known}.")
+        if not text.endswith("]") and heading_parts(name)[1] not in NO_UNIT:
+            raise TableError(f"{title}: column {name!r} has its unit, so Argument `columns` must not give it another.")
+        for i in at:
+            texts[i] = text if text.endswith("]") else f"{heading_parts(headings[i])[0]} [{text}]"
+    return texts
