@@ -13,6 +13,9 @@ PYRIGHT = git rev-parse --quiet --verify main >/dev/null || { echo "There is no 
   git ls-files -z --others --exclude-standard -- 'src/*.py' 'tests/*.py' 'models/*.py'; } | xargs -0 -r .venv/bin/pyright
 endif
 
+# A run starts a hundred processes. Without bytecode, each would compile JAX and the other libraries anew: for 3 seconds.
+unexport PYTHONDONTWRITEBYTECODE
+
 # A uv of one's own is used if there is one; else a private copy is installed beside .venv.
 UV := $(shell command -v uv 2>/dev/null || echo .uv/bin/uv)
 

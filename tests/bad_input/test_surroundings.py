@@ -50,12 +50,15 @@ CONTENT = np.random.default_rng(1).random(10_000)
 @contextlib.contextmanager
 def full_disk():
     """Writing stops after a hundred bytes of a file, here by the system's limit, in earnest by a full disk."""
-    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    usual, writes_bytecode = resource.getrlimit(resource.RLIMIT_FSIZE), not sys.dont_write_bytecode
+    # Python keeps what it could write of a module's bytecode, and no later process could import the module.
+    sys.dont_write_bytecode = True
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, usual[1]))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+        sys.dont_write_bytecode = not writes_bytecode
 
 
 WRITERS = {
