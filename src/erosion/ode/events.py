@@ -55,14 +55,14 @@ class EventSet(abc.ABC):
 
     @abc.abstractmethod
     def look(
-        self, watched: Sequence[Watched], control: Control, start: Sequence[Ends], step: Step, visible: Scalar,
+        self, watched: Sequence[Watched], control: Control, start: Sequence[Ends], step: Step, scale: Scalar,
         clear: Sequence[Flag],
     ) -> Trial:  # fmt: skip
         """What a trial says."""
 
     def decide(
         self, watched: Sequence[Watched], control: Control, start: Sequence[Ends], step: Step,
-        scales: tuple[Scalar, Scalar], rtol: Scalar, limits: Limits, ending: Ending, reach: Callable[[], Scalar],
+        scale: Scalar, rtol: Scalar, limits: Limits, ending: Ending, reach: Callable[[], Scalar],
     ) -> tuple[Control, Flag]:  # fmt: skip
         """The control after a trial, and whether the lane moves to its end.
 
@@ -71,19 +71,18 @@ class EventSet(abc.ABC):
             control: before the trial.
             start: the event functions there.
             step: the trial.
-            scales: the time scale, and that by which events are looked for.
+            scale: the time scale.
             rtol: relative tolerance.
             limits: when a lane is given up.
             ending: how the method finds the end.
             reach: the longest step that is allowed.
         """
-        scale, visible = scales
 
         def goes_on() -> tuple[Control, Flag]:
             return step_control.go_on(control, step.error, scale, limits)
 
         def looks() -> tuple[Control, Flag]:
-            trial = self.look(watched, control, start, step, visible, clear)
+            trial = self.look(watched, control, start, step, scale, clear)
             return crossings.decide(control, trial, scale, limits, ending=ending, reach=reach)
 
         clear = crossings.are_clear(
@@ -111,12 +110,12 @@ class Falling(EventSet):
         return []
 
     def look(
-        self, watched: Sequence[Watched], control: Control, start: Sequence[Ends], step: Step, visible: Scalar,
+        self, watched: Sequence[Watched], control: Control, start: Sequence[Ends], step: Step, scale: Scalar,
         clear: Sequence[Flag],
     ) -> Trial:  # fmt: skip
         """See `EventSet`."""
         return crossings.look(
-            control, start, step.events, step.within, step.error, visible, clear=clear, rough=self.rough
+            control, start, step.events, step.within, step.error, scale, clear=clear, rough=self.rough
         )
 
 
@@ -167,10 +166,10 @@ class Armed(EventSet):
         return crossings.watch(self.directions, events, scale)
 
     def look(
-        self, watched: Sequence[Watched], control: Control, start: Sequence[Ends], step: Step, visible: Scalar,
+        self, watched: Sequence[Watched], control: Control, start: Sequence[Ends], step: Step, scale: Scalar,
         clear: Sequence[Flag],
     ) -> Trial:  # fmt: skip
         """See `EventSet`."""
         return crossings.look_directed(
-            watched, control, start, step.events, step.within, step.error, visible, clear=clear, rough=self.rough
+            watched, control, start, step.events, step.within, step.error, scale, clear=clear, rough=self.rough
         )

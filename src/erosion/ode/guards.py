@@ -17,7 +17,7 @@ from erosion.ode.landing import Flight, Lane
 from erosion.ode.methods.base import Step
 from erosion.ode.methods.runge_kutta import RungeKutta
 from erosion.ode.reduction import Rows
-from erosion.ode.step_control import FAILED, FIRST_STEP, SLIDES, STIFF, UNFINISHED, Control, goes_on
+from erosion.ode.step_control import FAILED, SLIDES, STIFF, UNFINISHED, Control, goes_on
 
 MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start, or jumps, is taken this much later
 ULPS = 1e-15  # of a number, at least: then it is another one
@@ -56,14 +56,6 @@ class Guard:
         """The memory where a motion begins: 0.0 * scale for a number."""
         return ()
 
-    def at_rest(self, memory: Any, control: Control, scale: Scalar) -> Scalar:
-        """The time scale of a row at zero."""
-        return scale
-
-    def sees(self, lane: Lane, step: Step, visible: Scalar) -> tuple[Step, Scalar]:
-        """A trial, and the time scale by which events are looked for in it."""
-        return step, visible
-
     def decided(self, memory: Any, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
         """What follows."""
         return Decided(memory, step, control)
@@ -98,36 +90,6 @@ class NearKinks(Guard):
         rows: Rows = jax.tree.leaves(motion.members[0])
         both = self.problem.singular(lane.state[: self.problem.width]), self.problem.singular(rows)
         return motion._replace(near_kink=memory | comes_near(both))
-
-
-class LongestStep(Guard):
-    """A row at zero has the size that it gains in the longest step, where a rate may jump at an unknown time scale."""
-
-    def begin(self, scale: Scalar) -> Scalar:
-        """See `Guard`."""
-        return 0.0 * scale
-
-    def at_rest(self, memory: Scalar, control: Control, scale: Scalar) -> Scalar:
-        """See `Guard`."""
-        return self.problem.scale_near(jnp.maximum(control.step, memory), FIRST_STEP)
-
-    def decided(self, memory: Scalar, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
-        """See `Guard`."""
-        return Decided(jnp.maximum(memory, lane.control.trial), step, control)
-
-
-class DigitsOfTheClock(Guard):
-    """A jump is met no closer than the clock's digits tell, however small its row is there."""
-
-    def sees(self, lane: Lane, step: Step, visible: Scalar) -> tuple[Step, Scalar]:
-        """See `Guard`."""
-        h = lane.control.trial
-        sizes = zip(lane.slope, step.slope, lane.greatest, strict=False)
-        still = (jnp.abs(h * k) <= self.rtol * size for *ks, size in sizes for k in ks)
-        now = self.problem.clock.t0 + lane.control.time
-        blink = functools.reduce(jnp.logical_and, still, h <= ULPS * jnp.abs(now))
-        error = jnp.where(blink, 0.0 * step.error, step.error)
-        return step._replace(error=error), jnp.where(blink, jnp.inf, visible)
 
 
 class Jumps(Guard):
@@ -203,10 +165,6 @@ class Stiffness(Guard):
 def guards_of(problem: Extended, rtol: Scalar) -> list[Guard]:
     """Those that a program needs."""
     guards: list[Guard] = [NearKinks(problem, rtol)] if problem.shows_kinks else []
-    if problem.rough and problem.layout.problem.time_scale is None:
-        guards.append(LongestStep(problem, rtol))
-    if problem.rough and problem.layout.equations.timed and not problem.order:
-        guards.append(DigitsOfTheClock(problem, rtol))
     if problem.rough and problem.order:
         guards.append(Jumps(problem, rtol))
     if problem.rough and problem.order == 2:

@@ -147,18 +147,14 @@ class Loop:
         """Try one step, and decide what follows."""
         problem, method, before = self.problem, self.method, lane.control
         guarded = list(zip(self.guards, lane.memories, strict=True))
-        at_rest = scale = visible = problem.scale_near(before.step, FIRST_STEP)
-        for guard, memory in guarded:
-            at_rest = guard.at_rest(memory, before, at_rest)
-        step = method.tried(lane, (scale, at_rest), self.rtol)
+        scale = problem.scale_near(before.step, FIRST_STEP)
+        step = method.tried(lane, scale, self.rtol)
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
         step = step._replace(error=sum((0.0 * part for event in step.events for part in event), step.error))
         step = self.events.resolved(lane.events, step, before.trial)
-        for guard in self.guards:
-            step, visible = guard.sees(lane, step, visible)
         watched = self.events.watch(lane.events, scale)
         control, moved = self.events.decide(
-            watched, before, lane.events, step, (scale, visible), self.rtol, problem.limits, method.ending,
+            watched, before, lane.events, step, scale, self.rtol, problem.limits, method.ending,
             lambda: end.reach(before),
         )  # fmt: skip
         memories = []

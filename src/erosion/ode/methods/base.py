@@ -107,8 +107,8 @@ class Method(abc.ABC):
         """The length of the first step, where the step control asks for one."""
 
     @abc.abstractmethod
-    def tried(self, lane: "Lane", scales: tuple[Scalar, Scalar], rtol: Scalar) -> Step:
-        """A trial; `scales` are the time scale, and that of a row at zero."""
+    def tried(self, lane: "Lane", scale: Scalar, rtol: Scalar) -> Step:
+        """A trial; `scale` is the time scale."""
 
     def sizes(self, before: Rows, state: Rows) -> Rows:
         """The greatest sizes of the rows of the motion itself that the error's measure remembers."""

@@ -141,7 +141,7 @@ class Rodas5P(Method):
         """See `Method`: what a chain has had counts in all of it."""
         return self.sizes([0.0 * row for row in initial] if before is None else before.greatest, initial)
 
-    def tried(self, lane: Lane, scales: tuple[Scalar, Scalar], rtol: Scalar) -> Step:
+    def tried(self, lane: Lane, scale: Scalar, rtol: Scalar) -> Step:
         """See `Method`."""
         h, before = lane.control.trial, lane.state
         state, found = self.rodas.step(before, lane.slope, h)

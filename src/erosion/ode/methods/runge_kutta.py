@@ -140,13 +140,13 @@ class RungeKutta(Method):
         """See `Method`."""
         return super().sizes(before, state) if self._remembers else []
 
-    def tried(self, lane: Lane, scales: tuple[Scalar, Scalar], rtol: Scalar) -> Step:
+    def tried(self, lane: Lane, scale: Scalar, rtol: Scalar) -> Step:
         """See `Method`."""
         h, before = lane.control.trial, lane.state
         state, stages, within = self.step(before, lane.slope, h)
         slope, events = self.problem.rate_and_events(state)
         stages = [[*ks, k] for ks, k in zip(stages, slope, strict=True)]
-        error = self.error_of(lane.greatest, (before, state), stages, h, scales, rtol) / (self._slack * rtol)
+        error = self.error_of(lane.greatest, (before, state), stages, h, scale, rtol) / (self._slack * rtol)
         within += self.at_end(before, stages, h)
         return Step(state, slope, stages, events, within, self.raised(error))
 
@@ -166,7 +166,7 @@ class RungeKutta(Method):
         rows: tuple[Rows, Rows],
         stages: list[Rows],
         h: Scalar,
-        scales: tuple[Scalar, Scalar],
+        scale: Scalar,
         rtol: Scalar,
     ) -> Scalar:
         """The largest error of a row, relative to the row's size in this step.
@@ -179,7 +179,7 @@ class RungeKutta(Method):
             rows: before and after the step.
             stages: the slopes of each row in the step.
             h: its length.
-            scales: the time scale, and that of a row at zero.
+            scale: the time scale.
             rtol: the tolerance, for the rounding of derivatives.
         """
         before, state = rows
@@ -195,7 +195,6 @@ class RungeKutta(Method):
                 # A number may matter far less than by its own size, and its derivatives are wanted all the same.
                 sizes = [jnp.maximum(APART, NOISE / rtol) * size for size in of_motion]
             for i, row in enumerate(member):
-                scale = scales[0] if scales[0] is scales[1] else jnp.where(before[row] == 0, scales[1], scales[0])
                 moved = jnp.maximum(jnp.abs(h * stages[row][0]), jnp.abs(SOON * scale * stages[row][late]))
                 sizes[i] = _size(before[row], state[row], moved, sizes[i])
             # What another step of this length would add to an integral counts as well: most lanes go on.
