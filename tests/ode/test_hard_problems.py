@@ -853,6 +853,7 @@ def test_no_body_at_rest_falls_through(restitution, exact, direction):
         through = (end.ended_by == "t1") & (end.y["y"] < a * np.sin(w * end.t) - 1e-6)
         assert not through.any()
         assert (end.ended_by[a == 0] == "unfinished").all()
+        assert not np.any(end.ended_by == "failed")
         assert any("rest" in warning for warning in end.warnings)
 
 
@@ -875,6 +876,7 @@ def test_no_body_falls_through_a_moving_table():
     end = ode.solve(table, {"h": h, "a": a, "w": w}, t1=10.0)
     fallen = end.y["y"] - a * np.sin(w * end.t) < -1e-6
     assert not np.any(fallen & (end.ended_by == "t1"))
+    assert not np.any(end.ended_by == "failed")
 
 
 # Access.

@@ -23,7 +23,7 @@ from erosion.ode import step_control
 from erosion.ode.extended import Extended
 from erosion.ode.landing import Flight
 from erosion.ode.segments import Loop, Written
-from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FIRST_STEP, SLIDES, UNFINISHED
+from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FAILED, FIRST_STEP, SLIDES, UNFINISHED
 from erosion.ode.switches import SwitchedMotion
 from erosion.ode.variational import Along, AlongFlow, AtEvent, Augmented, Derivatives, Motion, at_event, outputs_of
 
@@ -80,6 +80,7 @@ class _Trajectory(NamedTuple):
         segment: the last one; its members are those from which the next begins, or at the end.
         elapsed: time since the start, with derivatives as the members of a state have them.
         amplification: the greatest so far.
+        hops: whether the state is about to return to an event that it has just left, so soon that rounding may hide it.
         written: by the recorders so far.
     """
 
@@ -87,6 +88,7 @@ class _Trajectory(NamedTuple):
     segment: Flight
     elapsed: tuple[Scalar, ...]
     amplification: Scalar
+    hops: Flag
     written: Written
 
 
@@ -377,8 +379,12 @@ class Transitions:
         none = [jnp.asarray(False) for _ in self.bounds]
         return self.in_modes(instant, none, [0.0 * instant.elapsed[0] for _ in self.bounds])
 
-    def stands(self, instant: Instant, falling: Sequence[Scalar], zero: Sequence[Flag], typical: Scalar) -> Flag:
+    def stands(
+        self, instant: Instant, falling: Sequence[Scalar], zero: Sequence[Flag], typical: Scalar
+    ) -> tuple[Flag, Flag]:
         """Whether a body stands on an event that has happened: it is pulled through, and hardly rises before.
+
+        Also whether it hops: it rises, and is back soon.
 
         Args:
             instant: after all events.
@@ -389,7 +395,7 @@ class Transitions:
         at = instant.members[0]
         values = [jnp.where(is_zero, 0.0, value) for is_zero, value in zip(zero, self.here.events(at), strict=True)]
         rates, bends = jax.jvp(self.rates, (at,), (self.here.rate(at),))
-        stands: Flag = jnp.asarray(False)
+        stands = hops = jnp.asarray(False)
         for event, value, rate, bend, before, direction in zip(
             instant.at_once, values, rates, bends, falling, self.problem.directions[: len(self.own)], strict=False
         ):
@@ -397,7 +403,8 @@ class Transitions:
             height = jnp.maximum(jnp.abs(value), pull * (_ACCUMULATED * typical) ** 2)
             near = (jnp.abs(value) <= pull * (_RESTS * typical) ** 2) & (pull * typical > _RESTS * jnp.abs(before))
             stands = stands | (event & near & (rate * rate <= _RESIDUAL * pull * height))
-        return stands
+            hops = hops | (event & near & (jnp.abs(rate) <= _RESTS * pull * typical))
+        return stands, hops
 
     def _edged(self, instant: Instant, event: int, at_zero: Flag) -> Instant:
         """Without the derivatives that decide whether an event happens now or, as its function is zero, soon."""
@@ -427,7 +434,7 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
     start = Flight(control, initial, none - 1, zero, none, nothing, sizes, near_kink, nothing)
 
     def ended(
-        instant: Instant, endless: Flag, segment: Flight, amplification: Scalar, accumulates: Flag
+        instant: Instant, endless: Flag, segment: Flight, amplification: Scalar, accumulates: Flag, hops: Flag
     ) -> _Trajectory:
         more = instant.happened & instant.survives & (instant.count < problem.clock.max_events)
         stops, control = accumulates | endless | instant.slides, segment.control
@@ -440,7 +447,7 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
         segment = segment._replace(
             control=control, members=members, event=instant.last, count=instant.count, at_once=instant.at_once
         )
-        return _Trajectory(goes_on, segment, instant.elapsed, amplification, instant.written)
+        return _Trajectory(goes_on, segment, instant.elapsed, amplification, hops, instant.written)
 
     def flown(so_far: _Trajectory) -> _Trajectory:
         before = so_far.segment
@@ -467,7 +474,7 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
         both = zip(segment.at_once, transitions.here.events(instant.members[0]), rounding, strict=True)
         still_zero = [near & (jnp.abs(after) <= _RESIDUAL * jnp.abs(met)) for near, after, met in both]
         typical = jnp.minimum(problem.time_scale, elapsed[0])
-        stands = transitions.stands(instant, transitions.rates(members[0]), still_zero, typical)
+        stands, hops = transitions.stands(instant, transitions.rates(members[0]), still_zero, typical)
         soon = jnp.where(instant.last == before.event, _ACCUMULATED * typical, _ROUNDING * elapsed[0])
         # An event so soon after another that its function does not fall any more, as of a body that comes to rest.
         rests = (jnp.where(i == segment.event, rate > 0, False) for i, rate in enumerate(transitions.rates(members[0])))
@@ -478,7 +485,11 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
         # No motion goes on from a segment that failed or was given up, whatever its state there.
         instant = instant._replace(happened=instant.happened & (segment.control.mode == ENDED))
         segment = segment._replace(count=before.count, still_zero=still_zero)
-        return ended(instant, endless, segment, amplification, (segment.time <= soon) | rests | stands)
+        after = ended(instant, endless, segment, amplification, (segment.time <= soon) | rests | stands, hops)
+        # A hop lower than the rounding of its event function has no end.
+        accumulated = before._replace(control=segment.control._replace(mode=0 * segment.control.mode + UNFINISHED))
+        at_rest = _Trajectory(no, accumulated, so_far.elapsed, so_far.amplification, no, after.written)
+        return chosen(so_far.hops & (segment.control.mode == FAILED), at_rest, after)
 
     at_start = Instant(initial, initial, elapsed, none - 1, none, no, no, jnp.asarray(True), nothing, written)
     if transitions.bounds:
@@ -487,17 +498,17 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
         mode = jnp.where(settled.slides & (control.mode == ADVANCING), UNFINISHED, control.mode)
         event = jnp.where(settled.slides, SLIDES, control.event)
         start = start._replace(members=settled.members, control=control._replace(mode=mode, event=event))
-        begun = _Trajectory(jnp.logical_not(settled.slides), start, elapsed, zero + 1.0, written)
+        begun = _Trajectory(jnp.logical_not(settled.slides), start, elapsed, zero + 1.0, no, written)
     else:
-        begun = _Trajectory(jnp.asarray(True), start, elapsed, zero + 1.0, written)
+        begun = _Trajectory(jnp.asarray(True), start, elapsed, zero + 1.0, no, written)
     at_begin = begun.goes_on
     if problem.options.fires:
         instant, endless = transitions.at_start(at_start)
         here = at_start.members[0]
         falling, at_zero = transitions.rates(here), [value == 0 for value in transitions.here.events(here)]
-        stands = transitions.stands(instant, falling, at_zero, problem.time_scale)
+        stands, hops = transitions.stands(instant, falling, at_zero, problem.time_scale)
         ends = (instant.count > 0) & ~(instant.survives & (instant.count < problem.clock.max_events))
-        begun = ended(instant, endless, start, zero + 1.0, stands)
+        begun = ended(instant, endless, start, zero + 1.0, stands, hops)
         mode = jnp.where(ends, ENDED, begun.segment.control.mode)
         segment = begun.segment._replace(control=begun.segment.control._replace(mode=mode))
         fires = instant.count > 0
