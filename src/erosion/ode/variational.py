@@ -333,6 +333,9 @@ class Variational:
         self.layout, self.numbers, self.order, self.directions = layout, list(numbers), order, directions
         self.at = motion
         self.mixed = order == 2 and len(directions) == 2
+        # Once for a lane: to trace them takes as long as to trace a rate.
+        self.units = [self._unit(direction) for direction in directions if order]
+        self.changes = list(map(self._changes, directions, self.units))
 
     def initial(self) -> tuple[Augmented, ...]:
         """State and integrals at the start."""
@@ -351,7 +354,7 @@ class Variational:
         """Derivatives by the directions' units turned into derivatives by the parameters."""
         if self.order == 0:
             return scaled
-        unit, other_unit = self._unit(self.directions[0]), self._unit(self.directions[-1])
+        unit, other_unit = self.units[0], self.units[-1]
         first, other, second = (
             jax.tree.map(lambda part, size=size: part / size, parts)
             for parts, size in ((scaled.first, unit), (scaled.other, other_unit), (scaled.second, unit * other_unit))
@@ -374,41 +377,50 @@ class Variational:
     def of(self, function: OfMotion, members: tuple[Augmented, ...]) -> Derivatives:
         """A function of a state and its motion, with its derivatives along the directions."""
         at = self.unpack(members)
-        zero, one = np.zeros(()), np.ones(())
+
+        def value_at(numbers: Sequence[Number], state: PyTree) -> PyTree:
+            return function(state, self.at(numbers))
+
+        def first_member(numbers: Sequence[Number], state: PyTree, state_first: PyTree) -> tuple[PyTree, PyTree]:
+            return self._along(0, value_at, numbers, (state,), (state_first,))
+
         if self.order == 0:
-            return Derivatives(function(at.value, self.at(self.numbers)), None, None, None)
-
-        def along(state: PyTree, step: Scalar, numbers: Sequence[Number]) -> PyTree:
-            return function(state, self.at(self._moved(numbers, self.directions[0], step)))
-
+            return Derivatives(value_at(self.numbers, at.value), None, None, None)
         if self.order == 1:
-            value, first = jax.jvp(lambda c, e: along(c, e, self.numbers), (at.value, zero), (at.first, one))
+            value, first = first_member(self.numbers, at.value, at.first)
             return Derivatives(value, first, first, None)
-
-        def first_member(state: PyTree, state_first: PyTree, other_step: Scalar) -> tuple[PyTree, PyTree]:
-            numbers = self._moved(self.numbers, self.directions[-1], other_step)
-            return jax.jvp(lambda c, e: along(c, e, numbers), (state, zero), (state_first, one))
-
-        (value, first), (other, second) = jax.jvp(first_member, (at.value, at.first, zero), (at.other, at.second, one))
+        (value, first), (other, second) = self._along(
+            -1, first_member, self.numbers, (at.value, at.first), (at.other, at.second)
+        )
         return Derivatives(value, first, other, second)
 
-    def _moved(self, numbers: Sequence[Number], direction: Direction, step: Scalar) -> list[Number]:
-        """The numbers moved along a direction by `step` of its unit."""
-        amount = step * self._unit(direction)
-        moved = []
-        for number, shape, dtype, offset in zip(
-            numbers, self.layout.shapes, self.layout.dtypes, self.layout.offsets, strict=False
-        ):
-            if dtype != "float64" or (
-                isinstance(direction, int) and not offset <= direction < offset + math.prod(shape)
-            ):
-                moved.append(number)
-            elif isinstance(direction, int) and shape == ():
-                moved.append(number + amount)
-            else:
-                places = offset + np.arange(math.prod(shape), dtype=float).reshape(shape)
-                moved.append(number + jnp.where(direction == places, amount, 0.0))
-        return moved
+    def _along(
+        self,
+        which: int,
+        function: Callable[..., PyTree],
+        numbers: Sequence[Number],
+        primals: tuple[PyTree, ...],
+        tangents: tuple[PyTree, ...],
+    ) -> tuple[PyTree, PyTree]:
+        """`function(numbers, *primals)`, and its derivative where the numbers move along a direction."""
+        changes = self.changes[which]
+
+        def moved(some: dict[int, Number], *primals: PyTree) -> PyTree:
+            return function([some.get(i, number) for i, number in enumerate(numbers)], *primals)
+
+        return jax.jvp(moved, ({i: numbers[i] for i in changes}, *primals), (changes, *tangents))
+
+    def _changes(self, direction: Direction, unit: Scalar) -> dict[int, Number]:
+        """The changes of the numbers that move along a direction, by its unit."""
+        changes: dict[int, Number] = {}
+        layout = self.layout
+        for i, (shape, dtype, offset) in enumerate(zip(layout.shapes, layout.dtypes, layout.offsets, strict=False)):
+            count = math.prod(shape)
+            if dtype == "float64" and not (isinstance(direction, int) and not offset <= direction < offset + count):
+                places = offset + np.arange(count, dtype=float).reshape(shape)
+                is_scalar = isinstance(direction, int) and shape == ()
+                changes[i] = unit if is_scalar else jnp.where(direction == places, unit, 0.0)
+        return changes
 
     def _unit(self, direction: Direction) -> Scalar:
         """A significant change of a number: its size; 1 where that is zero.
