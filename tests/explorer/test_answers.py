@@ -26,7 +26,7 @@ from erosion.explorer.views import numbers, sensitivities, volumes
 from erosion.impacts.batch import impact
 from erosion.impacts.optimum import alpha_max
 from erosion.models import Linearized, load_model
-from erosion.parameters.case_files import CaseFile
+from erosion.parameters.case_files import CaseFile, load_case
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.parameters.per_mass import PerMass
 from erosion.plotting.labels import AT_CONTACT
@@ -138,6 +138,18 @@ def test_curves_and_case_are_exact(tmp_path) -> None:
     weighed = dataclasses.replace(STATE, per_mass=PerMass(2700, 0.5))
     (tmp_path / "case.toml").write_bytes(case_toml(answers, weighed))
     assert CaseFile.read(tmp_path / "case.toml").per_mass() == weighed.per_mass
+
+
+def test_an_exported_case_holds_its_model_and_own_parameters(tmp_path) -> None:
+    """`erosion run case.toml` computes the impact of the page."""
+    answers = Answers(MODELS)
+    for state in (SLID, dataclasses.replace(SLID, shown="linearized")):
+        (tmp_path / "case.toml").write_bytes(case_toml(answers, state))
+        source, own = CaseFile.read(tmp_path / "case.toml").model()
+        assert source is not None
+        p = load_case(tmp_path / "case.toml")
+        volume = float(impact(load_model(source).replace(**own), p, derivatives=2).volume)
+        assert volume == answers("point", state.shown, state.case).volume
 
 
 def test_the_share_of_deformation_is_shaded_for_the_model_drawn() -> None:

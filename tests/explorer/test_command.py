@@ -76,7 +76,7 @@ def test_a_correlation_of_a_case_file_is_not_drawn(
     name: str, explored: Callable[..., Service], capsys: pytest.CaptureFixture
 ) -> None:
     service = explored(f'{UNFITTED}model = "{name}"')
-    assert (service.start.shown, name in service.summaries) == ("rotating", False)
+    assert (service.start.shown, name in service.summaries) == ("linearized", False)
     assert f"fitted.toml: {name} is a correlation" in capsys.readouterr().err
 
 

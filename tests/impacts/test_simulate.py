@@ -210,6 +210,23 @@ def test_an_endless_cut_is_an_error():
         erosion.simulate(Endless(), P)
 
 
+def test_a_force_that_pushes_forward_is_named():
+    class Pushes(erosion.models.ConstantRatio):
+        """The force of the metal with the wrong sign."""
+
+        def __call__(self, state, tip, p):
+            return p.stiffness * tip.depth, p.k * p.stiffness * tip.depth
+
+    class Pushed(erosion.models.RigidErodent):
+        kinematics: erosion.models.TipKinematics = erosion.models.CentreOfMassTip()
+        force: erosion.models.ForceLaw = Pushes()
+        torque: erosion.models.Torque = erosion.models.NoTorque()
+
+    for follow_to_the_end in (erosion.simulate, path):
+        with pytest.raises(SimulationError, match="F_x is positive at contact"):
+            follow_to_the_end(Pushed(), P)
+
+
 def test_numbers_far_from_one_are_as_good():
     # Softer by 10³⁰⁰: times grow by its root, volumes as it.
     cut, soft = erosion.simulate("linearized", P), erosion.simulate("linearized", P.replace(sigma=P.sigma * 1e-300))

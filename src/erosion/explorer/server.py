@@ -79,7 +79,7 @@ _SWITCH = 0.0005  # s
 _SILENCE = 15.0
 _ALLOCATIONS = 2_000  # between two looks for garbage
 _CHECKED = ("linearized", "finnie", "rotating")
-_SHOWN = "rotating"
+_SHOWN = "linearized"
 _STYLE = (Path(__file__).parent / "web" / "page.css").read_text(encoding="utf-8")
 
 

@@ -28,9 +28,9 @@ from erosion.explorer.computed import (
 from erosion.explorer.controls import Controls, CutDrawing, Materials, Plot, Prose, at_position, warn
 from erosion.explorer.state import PageState, sentence
 from erosion.explorer.views import VIEWS
-from erosion.models import State as Body
+from erosion.models import State as Body, model_source
 from erosion.output import to_csv, to_json
-from erosion.parameters import QUANTITIES, RESULTS, CaseFile, Dimension, dump_case, dump_per_mass, unit_name
+from erosion.parameters import QUANTITIES, RESULTS, CaseFile, Dimension, dump_case, dump_model, dump_per_mass, unit_name
 
 T = TypeVar("T")
 
@@ -102,9 +102,11 @@ def results_json(answers: Answers, state: PageState) -> bytes:
     return to_json(content).encode()
 
 
-def case_toml(_: Answers, state: PageState) -> bytes:
-    """The case as a file for `erosion run`."""
-    return (dump_case(state.case.parameters(), "From the explorer") + dump_per_mass(state.per_mass)).encode()
+def case_toml(answers: Answers, state: PageState) -> bytes:
+    """The case with the model drawn and its own parameters, as a file for all verbs."""
+    case = dump_case(state.case.parameters(), "From the explorer") + dump_per_mass(state.per_mass)
+    source = model_source(answers.models[state.shown])
+    return (case + dump_model(source or state.shown, state.case.own_values(state.shown))).encode()
 
 
 def python_lines(state: PageState, sources: Mapping[str, str]) -> str:

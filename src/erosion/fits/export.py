@@ -21,7 +21,16 @@ from erosion.models import CuttingModel, model_name, model_source, own_parameter
 from erosion.models.correlated import per_mass_of
 from erosion.models.equations import plug_in_digest
 from erosion.output import seen_from, sentences
-from erosion.parameters import Parameters, PerMass, conversion_factor, dump_case, dump_per_mass, toml_string, with_paths
+from erosion.parameters import (
+    Parameters,
+    PerMass,
+    conversion_factor,
+    dump_case,
+    dump_model,
+    dump_per_mass,
+    toml_string,
+    with_paths,
+)
 from erosion.version import __version__
 
 _POINTS = 20
@@ -175,8 +184,7 @@ def _model(calibration: Calibration, path: str) -> str:
             "made in a program: put it into a file (…/model.py), and fit that file's model."
         )
     own = {name: float(parameter.value) for name, parameter in own_parameters(calibration.model).items()}
-    named = f"model = {toml_string(_in_file(source, path))}\n"
-    return named + (f"set = {{ {', '.join(f'{name} = {value!r}' for name, value in own.items())} }}\n" if own else "")
+    return dump_model(_in_file(source, path), own)
 
 
 def _for_advice(calibration: Calibration, warnings: Sequence[str], path: str) -> str:

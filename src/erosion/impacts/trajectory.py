@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -373,11 +374,26 @@ def _first_event(
         f"{model_name(model)}: no ",
         (len(ends) == 1, "first step could be taken: the motion is not finite at contact."),
         (fall is None, f"event ended the cut within {ends[-1]:.3g} s ({ends[-1] / time:.3g} time scales, "
-                       f"{len(ends) - 1} of at most {flow.MAX_STEPS} steps)."),
+                       f"{len(ends) - 1} of at most {flow.MAX_STEPS} steps){_pushed(model, p)}."),
         kind=SimulationError,
     )  # fmt: skip
     assert fall is not None
     return fall
+
+
+_SHALLOW = 1e-3  # of the greatest depth without rotation
+
+
+def _pushed(model: CuttingModel, p: Parameters) -> str:
+    """A clause on a force that pushes a body forward as it begins to cut; empty for any other."""
+    state = model.initial_state(p)
+    if not isinstance(state, State):
+        return ""
+    depth = _SHALLOW * p.v0 * np.sin(p.alpha) / p.rate
+    inside = eqx.tree_at(lambda state: state.y, state, state.y + depth)
+    if not float(model.derivative(inside, p).vx) > 0:
+        return ""
+    return "; F_x is positive at contact: the force pushes the body forward, where a cut must slow it down"
 
 
 def _looks(
@@ -442,7 +458,7 @@ def path(model: CuttingModel, p: Parameters, points: int = 201) -> Trajectory:
     (outcome, t_c, dvolume), _ = _end_and_states(model, p, np.zeros(0))
     name = end_names(model)[outcome]
     if name in OTHER_ENDS and name != NO_CUT:
-        raise SimulationError(f"{model_name(model)}: {OTHER_ENDS[name]}.")
+        raise SimulationError(f"{model_name(model)}: {OTHER_ENDS[name]}{_pushed(model, p)}.")
     dense = functools.partial(_integrated, model, p)
     t = np.linspace(0.0, t_c, points) if name != NO_CUT else np.zeros(1)
     trajectory = _trajectory(model, p, flow.layout(model, p), t, dense(t), name, dense)

@@ -58,6 +58,7 @@ from erosion.parameters.per_mass import read_density as read_density
 from erosion.parameters.per_mass import two_digits as two_digits
 from erosion.parameters.case_files import CaseFile as CaseFile
 from erosion.parameters.case_files import dump_case as dump_case
+from erosion.parameters.case_files import dump_model as dump_model
 from erosion.parameters.case_files import dump_per_mass as dump_per_mass
 from erosion.parameters.case_files import parse_case as parse_case
 from erosion.parameters.case_files import Tested as Tested

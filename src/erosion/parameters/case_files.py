@@ -379,6 +379,17 @@ def dump_per_mass(per_mass: PerMass) -> str:
     return f"{density}cutting_fraction = {per_mass.cutting_fraction!r}  # share of the particles that cut\n"
 
 
+def dump_model(source: str, own: Mapping[str, float]) -> str:
+    """The lines of a case file that `CaseFile.model` reads back.
+
+    Args:
+        source: the model's name, or the path of its file as the case file gives it.
+        own: the values of the model's own parameters, by name.
+    """
+    values = ", ".join(f"{toml_string(name) if '.' in name else name} = {value!r}" for name, value in own.items())
+    return f"model = {toml_string(source)}\n" + (f"set = {{ {values} }}\n" if own else "")
+
+
 def _parameters(table: Mapping[str, Any]) -> Parameters:
     """The parameters of a file's table; `Parameters.from_quantities` says what is wrong with a quantity."""
     for name in TEXT_KEYS:
