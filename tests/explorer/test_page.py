@@ -14,6 +14,8 @@ import pytest
 
 import erosion
 from erosion.cli import exit_status
+from erosion.models.rigid import LinearizedCut
+from erosion.parameters.parameters import TABLE_1
 from tests.explorer.conftest import free_of_pytest, served
 from tests.explorer.driving import curve, enter, opened, parameters, settle, slide, star
 
@@ -32,7 +34,7 @@ def test_sliders_change_the_plots_to_the_numbers_of_impact(page: Page, expect: A
     settle(page, "k", "0.9457")
     p = parameters(page)
     assert float(p.k) == 0.9457
-    for model in ("linearized", "rotating"):
+    for model in ("rotating", "linearized"):
         # At the last angle, a hair short of 90°, t_c is steep.
         degrees, volume = curve(page, "volumes", model)[:-1].T
         hits = erosion.impact(model, p.replace(alpha=np.deg2rad(degrees)), derivatives=2)
@@ -41,7 +43,7 @@ def test_sliders_change_the_plots_to_the_numbers_of_impact(page: Page, expect: A
         best = erosion.alpha_max(model, p)
         assert star(page, model) == pytest.approx([np.rad2deg(best.alpha), best.volume / 1e-4], rel=1e-9)
     row = page.locator(".numbers tr.shown")
-    here = erosion.impact("rotating", p, derivatives=2)
+    here = erosion.impact("linearized", p, derivatives=2)
     expect(row).to_contain_text(f"{here.t_c / 1e-6:.5g} µs")
     expect(row).to_contain_text(str(here.ended_by))
     expect(row).to_contain_text(str(best.kind))
@@ -130,6 +132,7 @@ def test_a_link_carries_the_whole_state(page: Page, expect: Any) -> None:
     np.testing.assert_array_equal(curve(other, "volumes", "as-printed"), curve(page, "volumes", "as-printed"))
 
 
+CLOSED = LinearizedCut()
 BAD_INPUT = [
     ("v0", "fast", "must be a speed"),
     ("v0", "-3", "must be positive and finite, but is -3"),
@@ -138,6 +141,28 @@ BAD_INPUT = [
     ("phidot0", "nan", "must be a finite number"),
     ("sigma", "", "must be a stress"),
 ]
+
+
+@pytest.mark.browser
+def test_the_energy_of_the_cut_is_shared_out(page: Page, expect: Any) -> None:
+    """At the end of a cut without rotation the lost energy is that of the closed form."""
+    settle(page, "alpha", "20")
+    end = CLOSED.state(CLOSED.t_c(TABLE_1), TABLE_1)
+    left = float(end.vx**2 + end.vy**2) / TABLE_1.v0**2
+    expect(page.locator(".cut-energy")).to_contain_text(f"motion of the centre {100 * left:.0f} %")
+    expect(page.locator(".cut-energy")).to_contain_text(f"spent on the cut {100 * (1 - left):.0f} %")
+    expect(page.locator(".cut .velocity polygon")).to_have_count(1)
+
+
+@pytest.mark.browser
+def test_a_prediction_is_answered(page: Page, expect: Any) -> None:
+    page.locator(".prompts .q-expansion-item__container > .q-item").click()
+    asked = page.locator(".prompt", has_text="8. The force ratio")
+    expect(asked.locator(".prompt-answer")).to_have_text("")
+    asked.locator(".q-radio").nth(1).click()
+    expect(asked.locator(".prompt-answer")).to_contain_text("No: It becomes steeper. k is the direction")
+    asked.locator(".q-radio").nth(2).click()
+    expect(asked.locator(".prompt-answer")).to_contain_text("from 31.72° to 37.98°")
 
 
 @pytest.mark.browser
@@ -231,24 +256,18 @@ def test_exports_say_what_the_page_says(page: Page, tmp_path: Path, capsys: pyte
         return path
 
     exported = json.loads(download("All numbers (JSON)").read_text())
-    case = download("The case (TOML)")
+    case = download("The case and its model (TOML)")
     capsys.readouterr()
-    assert exit_status(["run", str(case), "--model", "rotating", "--json"]) == 0
+    assert exit_status(["run", str(case), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     numbers = {name: quantity["value"] for name, quantity in printed["case"]["parameters"].items()}
     assert exported["parameters"] == {"units": printed["units"], **numbers}
-    assert exported["models"]["rotating"]["volume"] == pytest.approx(printed["result"]["volume"]["value"], rel=1e-9)
+    assert exported["models"]["linearized"]["volume"] == pytest.approx(printed["result"]["volume"]["value"], rel=1e-9)
     lines = download("Curves over α (CSV)").read_text().splitlines()
     assert lines[0].split(",")[:2] == ["alpha [deg]", "linearized volume [in³]"]
     assert float(lines[1].split(",")[1]) == exported["models"]["linearized"]["curve"]["volume"][0]
     assert len(download("Motion of the model drawn (CSV)").read_text().splitlines()) == 202
-    assert download("The cut and its histories (SVG)").read_bytes().startswith(b"<?xml")
-    for title in (
-        "V(α) of the checked models",
-        "V(α) with its maxima, jumps and regimes",
-        "t_c(α) with both candidates",
-    ):
-        assert download(f"{title} (PNG)").read_bytes().startswith(b"\x89PNG")
+    assert download("The cut as an animation (GIF)").read_bytes().startswith(b"GIF89a")
 
 
 @pytest.mark.browser

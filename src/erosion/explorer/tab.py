@@ -26,6 +26,7 @@ from erosion.explorer.computed import (
     in_thread,
 )
 from erosion.explorer.controls import Controls, CutDrawing, Materials, Plot, Prose, at_position, warn
+from erosion.explorer.prompts import prompts
 from erosion.explorer.state import PageState, sentence
 from erosion.explorer.views import VIEWS
 from erosion.models import State as Body, model_source
@@ -150,32 +151,24 @@ def _csv(columns: Mapping[str, Any]) -> bytes:
     return to_csv({heading: np.asarray(column).tolist() for heading, column in columns.items()}).encode()
 
 
-def _figure(name: str, suffix: str, answers: Answers, state: PageState) -> bytes:
-    # Imported here: matplotlib, scipy and xarray would delay the first page.
-    from erosion.explorer import figures
-    from erosion.plotting.style import render
+def cut_gif(answers: Answers, state: PageState) -> bytes:
+    """The cut of the model drawn, as an animation."""
+    # Imported here: matplotlib would delay the first page.
+    from erosion.plotting.motion import animate_cut
 
-    return render(figures.FIGURES[name](answers, state), suffix)
+    return animate_cut(answers("cut", state.shown, state.case))
 
 
-Export = tuple[str, Callable[..., bytes]]
-FIGURES: Mapping[str, Export] = {
-    f"{name}.{suffix}": (f"{title} ({suffix.upper()})", partial(_figure, name, suffix))
-    for name, title in (
-        ("cut", "The cut and its histories"),
-        ("volumes", "V(α) of the checked models"),
-        ("optimum", "V(α) with its maxima, jumps and regimes"),
-        ("end-times", "t_c(α) with both candidates"),
-        ("spins", "α_max over the spin"),
-    )
-    for suffix in ("svg", "png")
-}
+Export = tuple[str, Callable[[Answers, PageState], bytes]]
 TABLES: Mapping[str, Export] = {
     "curves.csv": ("Curves over α (CSV)", curves_csv),
     "motion.csv": ("Motion of the model drawn (CSV)", motion_csv),
     "explorer.json": ("All numbers (JSON)", results_json),
 }
-CASES: Mapping[str, Export] = {"case.toml": ("The case (TOML)", case_toml)}
+FILES: Mapping[str, Export] = {
+    "case.toml": ("The case and its model (TOML)", case_toml),
+    "cut.gif": ("The cut as an animation (GIF)", cut_gif),
+}
 """What a tab exports, by the name of the file: its title, and the function that makes it."""
 
 
@@ -238,6 +231,8 @@ class Tab:
                 self._controls = Controls(service.start, service.summaries, service.materials, self._go)
             with ui.element("div").classes("views"):
                 self._elements = {name: self._view(name) for name in VIEWS}
+                with ui.element("section").classes("panel view-prompts").props('aria-label="Predictions"'):
+                    prompts(lambda: self.state.case)
 
     def begin(self) -> None:
         """Show the state, and show it again whenever a program has been compiled."""
@@ -262,11 +257,8 @@ class Tab:
         """The buttons for the link, for exports, and for the dark page."""
         ui.button("Copy link", icon="link", on_click=self._copy_link).props(_OUTLINE)
         with ui.button("Export", icon="download").props(_OUTLINE), ui.menu().props("max-height=95vh"):
-            for group in (FIGURES, TABLES, CASES):
-                for file, (title, make) in group.items():
-                    ui.menu_item(title, partial(self._download, file, make))
-                if group is not CASES:
-                    ui.separator()
+            for file, (title, make) in {**TABLES, **FILES}.items():
+                ui.menu_item(title, partial(self._download, file, make))
             ui.menu_item("Python lines…", self._show_python)
         ui.button("Dark", icon="contrast", on_click=self._toggle_dark).props(_OUTLINE)
         with ui.dialog() as self._python, ui.card().classes("panel"):

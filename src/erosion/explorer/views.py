@@ -20,7 +20,7 @@ from erosion.explorer.controls import (
     points,
     styles,
 )
-from erosion.impacts import Impact, Optimum
+from erosion.impacts import Impact, Optimum, Trajectory
 from erosion.models import State as Body
 from erosion.parameters import (
     BEYOND_TESTS,
@@ -135,7 +135,8 @@ def _marks(best: Optimum, size: float, color: str, *, shown: bool) -> Mapping[st
 
 
 _PANELS = ((0, 0), (1, 0), (0, 1), (1, 1))
-_NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "label": ""}
+_NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "label": "",
+                    "velocity": None, "force": None, "energy": None}  # fmt: skip
 
 
 def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
@@ -175,8 +176,31 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
             ),
         },
         "label": f"{computed.state.shown}: {end}",
+        **_arrows_and_energy(motion),
     }
     return (content,)
+
+
+def _arrows_and_energy(motion: Trajectory) -> Option:
+    """Velocity and force over time, over the greatest of each; shares of the kinetic energy at contact.
+
+    Only for bodies whose state is `State`: of another model the centre of mass is not known.
+    """
+    if not isinstance(motion.states, Body):
+        return {"velocity": None, "force": None, "energy": None}
+    p, states = motion.p, motion.states
+    velocity = np.stack([np.asarray(states.vx), np.asarray(states.vy)])
+    rate = motion.model.derivative(states, p)
+    force = np.stack([np.broadcast_to(np.asarray(part), motion.t.shape) for part in (rate.vx, rate.vy)])
+    translation = float(p.m) / 2 * (velocity**2).sum(axis=0)
+    rotation = float(p.moment_of_inertia) / 2 * np.asarray(states.omega) ** 2
+    whole = translation[0] + rotation[0]
+
+    def over_greatest(vectors: np.ndarray) -> list[list[float]]:
+        return (vectors / (float(np.max(np.hypot(*vectors))) or 1.0)).tolist()
+
+    shares = np.stack([translation, rotation, whole - translation - rotation]) / whole
+    return {"velocity": over_greatest(velocity), "force": over_greatest(force), "energy": shares.tolist()}
 
 
 def histories(computed: Computed, models: Collection[str]) -> Drawing:

@@ -1,10 +1,13 @@
 """Figures of one impact, and of a solution of `erosion.ode`, over time."""
 
 import math
+import tempfile
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from scipy.interpolate import CubicSpline
@@ -204,6 +207,47 @@ def plot_half_angle(fig: Figure, k: float) -> list[Axes]:
     angle_axis(curves, 0, float(np.rad2deg(force)))
     legend_below(curves, 2)
     return [sketch, curves]
+
+
+_FRAMES, _A_SECOND = 40, 13
+
+
+@house_style()
+def animate_cut(trajectory: Trajectory) -> bytes:
+    """The bytes of a GIF of three seconds: the tip's path grows, and the body moves and turns with it.
+
+    Args:
+        trajectory: of any model; the body is drawn where its state holds the orientation.
+    """
+    fig = Figure(figsize=(6.4, 3.6), dpi=80, layout="constrained")
+    ax = plot_path(trajectory, ax=fig.subplots())
+    p = trajectory.p
+    along = _plain_scale("length", p.units, _largest(trajectory.x_tip)).size
+    down = _plain_scale("length", p.units, max(_largest(trajectory.depth), trajectory.max_depth)).size
+    x, depth = trajectory.x_tip, trajectory.depth
+    turned = trajectory.phi - np.pi / 2 if isinstance(trajectory.states, State) else None
+    r = float(p.r)
+    ax.set(ylim=(ax.get_ylim()[0], -2.1 * r / down), xlim=((min(x) - r) / along, (max(x) + 2 * r) / along))
+    ax.set_aspect(down / along)
+    (body,) = ax.fill([0], [0], color=PALETTE["sky"], alpha=0.6, zorder=6)
+    (tip,) = ax.plot([], [], "o", color=INK, markersize=5, zorder=7)
+    shape = (_BODY - _CENTRE) / _CENTRE[1]  # about the centre of mass, in r
+
+    def show(frame: int) -> None:
+        at = round(frame / (_FRAMES - 1) * (len(x) - 1))
+        tip.set_data([x[at] / along], [depth[at] / down])
+        if turned is not None:
+            sine, cosine = math.sin(turned[at]), math.cos(turned[at])
+            corners = r * shape @ np.array([[cosine, sine], [-sine, cosine]])
+            centre = corners - r * np.array([sine, -cosine])  # from the tip to the centre
+            body.set_xy(np.column_stack([(x[at] + centre[:, 0]) / along, (depth[at] - centre[:, 1]) / down]))
+
+    fig.canvas.draw()
+    fig.set_layout_engine("none")  # frames do not move, and are drawn much faster
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "cut.gif"
+        FuncAnimation(fig, show, _FRAMES).save(file, PillowWriter(fps=_A_SECOND))
+        return file.read_bytes()
 
 
 @house_style()

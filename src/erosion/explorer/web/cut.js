@@ -18,6 +18,8 @@ export default {
       <g clip-path="url(#cut-open)"><polygon class="grain" :points="grain(fraction)" /></g>
       <line class="arm" v-bind="arm()" /><circle class="mass" v-bind="mass()" :r="size * 0.05" />
       <circle class="tip" v-bind="tip()" :r="size * 0.05" />
+      <g v-for="arrow in arrows()" :key="arrow.name" :class="['arrow', arrow.name]"><line v-bind="arrow.line" />
+        <polygon :points="arrow.head" /><text :x="arrow.at[0]" :y="arrow.at[1]" :font-size="letters">{{ arrow.text }}</text></g>
       <g v-if="bar" class="bar" :transform="'translate(' + (box[0] + box[2] * 0.98 - bar.size) + ' ' + (box[1] + box[3] * 0.93) + ')'">
         <line x1="0" :x2="bar.size" y1="0" y2="0" />
         <text :x="bar.size" :y="-box[3] * 0.025" :font-size="letters" text-anchor="end">{{ bar.text }}</text></g>
@@ -25,10 +27,14 @@ export default {
     <div class="cut-time"><button type="button" class="cut-play" @click="toggle" :aria-label="playing ? 'Pause' : 'Play'"
       :disabled="!moves"><svg viewBox="0 0 24 24" aria-hidden="true"><path :d="playing ? 'M6 5h4v14H6zM14 5h4v14h-4z' : 'M8 5v14l11-7z'"/></svg></button>
       <input type="range" min="0" max="1" step="0.005" :value="fraction" aria-label="Time in the cut" :aria-valuetext="time"
-        :disabled="!moves" @input="scrub"><output>{{ time }}</output></div></div>`,
+        :disabled="!moves" @input="scrub"><output>{{ time }}</output></div>
+    <div v-if="energy" class="cut-energy" role="img" :aria-label="'energy: ' + shares().map((s) => s.text).join(', ')">
+      <div><span v-for="share in shares()" :key="share.name" :class="share.name" :style="{ flexGrow: share.part }"></span></div>
+      <ul><li v-for="share in shares()" :key="share.name"><i :class="share.name"></i>{{ share.text }}</li></ul></div></div>`,
   props: { instant: Number },
   data: (own) => ({
-    t: [], x: [], depth: [], phi: [], size: 1, unit: 1, units: "", label: "", bar: null, box: [0, 0, 1, 1],
+    t: [], x: [], depth: [], phi: [], size: 1, unit: 1, units: "", label: "", bar: null, velocity: null, force: null,
+    energy: null, box: [0, 0, 1, 1],
     fraction: own.instant, playing: false, letters: 0.1,
   }),
   computed: {
@@ -71,10 +77,17 @@ export default {
       this.box = [left, top, right - left, foot - top];
       this.letters = (14 * (right - left)) / Math.max(width, 1);
     },
+    place(fraction) {
+      const place = fraction * (this.t.length - 1);
+      return { place, i: Math.min(Math.floor(place), Math.max(this.t.length - 2, 0)) };
+    },
+    mix(all, fraction) {
+      const { place, i } = this.place(fraction);
+      return i + 1 < all.length ? all[i] + (place - i) * (all[i + 1] - all[i]) : all[0] ?? 0;
+    },
     at(fraction) {
-      const place = fraction * (this.t.length - 1), i = Math.min(Math.floor(place), Math.max(this.t.length - 2, 0));
-      const mix = (all) => (i + 1 < all.length ? all[i] + (place - i) * (all[i + 1] - all[i]) : all[0] ?? 0);
-      return { i, x: mix(this.x), y: mix(this.depth), phi: mix(this.phi) };
+      const [x, y, phi] = [this.x, this.depth, this.phi].map((all) => this.mix(all, fraction));
+      return { i: this.place(fraction).i, x, y, phi };
     },
     grain(fraction) {
       const { x, y, phi } = this.at(fraction), r = this.size;
@@ -95,6 +108,29 @@ export default {
     mass() {
       const { x, y, phi } = this.at(this.fraction);
       return { cx: x + this.size * Math.cos(phi), cy: y - this.size * Math.sin(phi) };
+    },
+    // A vector of the centre of mass or of the tip, at most 1.1 r long; y is down, as in the picture.
+    arrows() {
+      if (!this.velocity || !this.moves) return [];
+      const a = this.mass(), b = this.tip();
+      return [["velocity", this.velocity, a.cx, a.cy, "velocity"], ["force", this.force, b.cx, b.cy, "force on the tip"]]
+        .map(([name, of, x, y, text]) => {
+          const [u, v] = of.map((part) => this.mix(part, this.fraction) * 1.1 * this.size), length = Math.hypot(u, v);
+          const head = 0.14 * this.size, [du, dv] = length ? [u / length, v / length] : [0, 0];
+          const end = [x + u, y + v], foot = [end[0] - head * du, end[1] - head * dv];
+          return {
+            name, text: length > 2 * head ? text : "", at: [end[0] + 0.06 * this.size, end[1] - 0.06 * this.size],
+            line: { x1: x, y1: y, x2: foot[0], y2: foot[1] },
+            head: length > head ? [end, [foot[0] - head * dv / 2, foot[1] + head * du / 2],
+              [foot[0] + head * dv / 2, foot[1] - head * du / 2]].map((point) => point.join(",")).join(" ") : "",
+          };
+        });
+    },
+    shares() {
+      return [["motion", "motion of the centre"], ["turning", "turning"], ["lost", "spent on the cut"]].map(([name, words], i) => {
+        const part = Math.max(0, this.mix(this.energy[i], this.fraction));
+        return { name, part, text: `${words} ${(100 * part).toFixed(0)} %` };
+      });
     },
     arm() { const a = this.tip(), b = this.mass(); return { x1: a.cx, y1: a.cy, x2: b.cx, y2: b.cy }; },
     scrub(event) { this.playing = false; this.fraction = Number(event.target.value); this.tell(); this.stay(); },
