@@ -48,7 +48,7 @@ TABLES = {
     "some no place": (with_face(-1).replace(position=None), "row 5 names no face of the surface and no position."),
     "position NaN": (with_number(GOOD.replace(face=None), "position", np.nan), "row 5: `position` must be finite"),
     "another surface": (with_face(48), "row 5 names face 48, but hump has 48 faces, counted from 0."),
-    "in mm": (GOOD.replace(face=None, position=1e3 * GOOD.columns["position"]), "1000 × too small"),
+    "in mm": (GOOD.replace(face=None, position=1e3 * GOOD.columns["position"]), "The impacts lie in 8.333"),
     "after the rebound": (GOOD.replace(velocity=-GOOD.columns["velocity"]), "look like velocities after the rebound"),
     "all stuck": (GOOD.replace(velocity=0 * GOOD.columns["velocity"]), "of 20 rows none hits: 20 have no velocity"),
     "other patches": (

@@ -144,57 +144,53 @@ def with_digits(*forms: str) -> Callable[[Columns], Columns]:
     return lambda columns: {head: np.concatenate([v, *rounded(v)]) for head, v in columns.items()}
 
 
-def shuffled(columns: Columns) -> Columns:
-    order = np.random.default_rng(4).permutation(len(columns["count"]))
-    return {head: v[order] for head, v in columns.items()}
+def elongated(values: np.ndarray) -> np.ndarray:
+    return np.r_[values, values.astype(np.float32)]
 
 
-# What is done to the table, and what is said of it; what no program can know is in the numbers that were read.
+# What is done to the table, and what shows it: a refusal, a finding, or a number of the block `Read:`.
 TABLES: dict[str, tuple[Callable[[Columns], Columns], str]] = {
-    "km/h": (times(3.6, "u", "v", "w"), "on average 72.03 m/s"),
-    "ft/s": (times(3.2808, "u", "v", "w"), "on average 65.6"),
-    "mm/s": (times(1e3, "u", "v", "w"), "at which no sand"),
-    "slow": (times(0.01, "u", "v", "w"), "at which no sand"),
+    "km/h": (times(3.6, "u", "v", "w"), "mean 72.03 m/s"),
+    "ft/s": (times(3.2808, "u", "v", "w"), "mean 65.6"),
+    "mm/s": (times(1e3, "u", "v", "w"), "mean 2.001e+04 m/s"),
+    "slow": (times(0.01, "u", "v", "w"), "mean 0.2"),
     "backwards": (times(-1, "u", "v", "w"), "after the rebound"),
-    "radii": (times(0.5, "diameter"), "of 100 to 150 um"),
+    "radii": (times(0.5, "diameter"), "size: 100 to 150 um"),
     "radius": (renamed("diameter [um]", "radius [um]", 0.5), "'radius [um]' has the unit of a length"),
-    "sizes in mm": (times(1e-3, "diameter"), "as no sand has"),
-    "steel": (times(7800 / 2650, "density"), "and 7800 kg/m³"),
-    "g/cm^3": (times(1e-3, "density"), "which a fluid has"),
-    "grams": (renamed("density [kg/m^3]", "mass [kg]", 1e-9), "more than any solid"),
-    "m": (times(1e-3, "x", "y", "z"), "too large"),
-    "inches": (times(1 / 25.4, "x", "y", "z"), "too large"),
-    "x and y": (swapped("x [mm]", "y [mm]"), "is not where the impacts are"),
+    "sizes in mm": (times(1e-3, "diameter"), "size: 0.2"),
+    "steel": (times(7800 / 2650, "density"), "7800 kg/m³"),
+    "g/cm^3": (times(1e-3, "density"), "2.65 kg/m³"),
+    "grams": (renamed("density [kg/m^3]", "mass [kg]", 1e-9), " kg/m³"),
+    "m": (times(1e-3, "x", "y", "z"), "The impacts lie in"),
+    "inches": (times(1 / 25.4, "x", "y", "z"), "The impacts lie in"),
+    "x and y": (swapped("x [mm]", "y [mm]"), "The impacts lie in"),
     "u and v": (swapped("u [m/s]", "v [m/s]"), "after the rebound"),
-    "size and density": (swapped("diameter [um]", "density [kg/m^3]"), "which a fluid has"),
-    "size and count": (swapped("diameter [um]", "count"), "of 50."),
+    "size and density": (swapped("diameter [um]", "density [kg/m^3]"), "size: 2650 um, 200"),
+    "size and count": (swapped("diameter [um]", "count"), "size: 50."),
     "NaN": (every_7th("u [m/s]", np.nan), "row 1: column `u [m/s]` has no number"),
-    "backwards at times": (every_7th("u [m/s]", -SPEED), "are velocities or angles in their columns"),
+    "backwards at times": (every_7th("u [m/s]", -SPEED), "of which 1,714 hit"),
     "no weight": (every_7th("count", 0.0), "286 rows that hit have the weight 0"),
     "negative": (every_7th("count", -1.0), "row 1: `count` must be a number of at least 0"),
     "infinite": (every_7th("count", np.inf), "row 1: column `count` must be finite"),
     "one weight": (row_17("count", 1e4), "Row 18 of a.csv alone does"),
     "one size": (row_17("diameter [um]", 10.0), "Row 18 of a.csv alone does"),
     "one size on a face": (row_17("diameter [um]", 4.0), "one of them does most of its wear"),
-    "rows of rows": (lambda columns: columns | {"count": np.arange(2000) + 1.0}, "counts the rows"),
+    "rows of rows": (lambda columns: columns | {"count": np.arange(2000) + 1.0}, "1 to 2000 a row"),
     "twice": (lambda columns: {head: np.tile(v, 2) for head, v in columns.items()}, "repeat another one"),
     "twice, once in single precision": (
-        lambda columns: {head: np.r_[v, v.astype(np.float32)] for head, v in columns.items()}, "repeat another one"),
-    "twice, once with four digits": (with_digits(".4g"), "100 % of the rows are nearly another one"),
-    "twice, once with two decimals": (with_digits(".2f"), "100 % of the rows are nearly another one"),
-    "twice, once rounded, shuffled": (lambda columns: shuffled(with_digits(".2f")(columns)), "are nearly another one"),
-    "three times, shuffled": (lambda columns: shuffled(with_digits(".2f", ".3f")(columns)), "are nearly another one"),
-    "half": (lambda columns: {head: v[:1000] for head, v in columns.items()}, "Read: 1,000 rows"),
-    "shifted by 1 %": (lambda columns: columns | {"z [mm]": columns["z [mm]"] + 3.0}, "from their face"),
-    "shifted by 10 %": (lambda columns: columns | {"x [mm]": columns["x [mm]"] + 30.0}, "is not where the impacts are"),
-    "shifted by 50 %": (lambda columns: columns | {"y [mm]": columns["y [mm]"] - 150.0}, "is not where"),
-    **{name: (renamed("count", name), "each row counts as one" if name in ("rep", "scaling") else f"{name!r}")
+        lambda columns: {head: elongated(v) for head, v in columns.items()}, "repeat another one"),
+    "twice, once with four digits": (with_digits(".4g"), "rows: 4,000"),
+    "half": (lambda columns: {head: v[:1000] for head, v in columns.items()}, "rows: 1,000"),
+    "shifted by 1 %": (lambda columns: columns | {"z [mm]": columns["z [mm]"] + 3.0}, "The impacts lie in"),
+    "shifted by 10 %": (lambda columns: columns | {"x [mm]": columns["x [mm]"] + 30.0}, "The impacts lie in"),
+    "shifted by 50 %": (lambda columns: columns | {"y [mm]": columns["y [mm]"] - 150.0}, "The impacts lie in"),
+    **{name: (renamed("count", name), "`each_row`" if name in ("rep", "scaling") else f"{name!r}")
        for name in ("n", "weight", "number", "multiplicity", "particles", "parcel size", "strength", "rep", "scaling")},
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_no_wrong_number_is_without_a_sentence(tmp_path: Path, name: str) -> None:
+def test_no_wrong_number_is_hidden(tmp_path: Path, name: str) -> None:
     change, words = TABLES[name]
     (tmp_path / "a.csv").write_text(text(change(CLEAN)))
     is_right, said = answer(tmp_path / "a.csv")
@@ -202,23 +198,11 @@ def test_no_wrong_number_is_without_a_sentence(tmp_path: Path, name: str) -> Non
     assert not is_right
 
 
-@pytest.mark.parametrize(("factor", "words"), [(1.0, ""), (3.2808, "column 'speed [m/s]' is 3.28 × the speed by the")])
-def test_speeds_beside_velocities_are_compared(tmp_path: Path, factor: float, words: str) -> None:
-    speed = np.linalg.norm([CLEAN[f"{axis} [m/s]"] for axis in "uvw"], axis=0)
-    (tmp_path / "a.csv").write_text(text({**CLEAN, "speed [m/s]": factor * speed}))
-    is_right, said = answer(tmp_path / "a.csv")
-    assert is_right
-    assert ("are the units of both right?" in said) == bool(words)
-    assert words in said
-
-
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 1.0])
-@pytest.mark.parametrize("turns_itself", [False, True])
-def test_turned_normals(tmp_path: Path, share: float, turns_itself: bool) -> None:
+@pytest.mark.parametrize("is_facing", [False, True])
+def test_turned_normals(tmp_path: Path, share: float, is_facing: bool) -> None:
     (tmp_path / "a.csv").write_text(text(CLEAN))
-    surface = dataclasses.replace(COARSE.reversed(np.random.default_rng(3).random(COARSE.faces) < share), turned=False)
-    if turns_itself:
-        surface = dataclasses.replace(surface.reversed(surface.parts[1]), turns_itself=True)
-    is_right, said = answer(tmp_path / "a.csv", surface)
-    assert is_right == (turns_itself or share == 0)
-    assert is_right or ("after the rebound" if share == 1 else "against those of their neighbours") in said
+    surface = COARSE.reversed(np.random.default_rng(3).random(COARSE.faces) < share)
+    is_right, said = answer(tmp_path / "a.csv", dataclasses.replace(surface, turned=False, is_facing=is_facing))
+    assert is_right == (not is_facing or share == 0)
+    assert is_right or "rebound" in said or "away from it" in said

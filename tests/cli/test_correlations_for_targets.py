@@ -18,7 +18,7 @@ VERBS = {
     "export": ["export", "--fluent", "angles.txt", *SI],
     "advise": ["advise", *SI],
 }
-IMPACTS = "diameter [um],density [kg/m^3],speed [m/s],angle [deg]\n200,2650,30,20\n200,2650,30,40\n"
+IMPACTS = "count,diameter [um],density [kg/m^3],speed [m/s],angle [deg]\n1,200,2650,30,20\n1,200,2650,30,40\n"
 TESTS = "angle [deg],volume [mm^3]\n10,2e-5\n30,3e-5\n60,2.5e-5\n"
 
 

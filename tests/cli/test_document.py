@@ -76,8 +76,8 @@ def test_warnings_are_in_the_document_and_on_stderr(shell) -> None:
 
 CASES = Path(__file__).parents[2] / "examples"
 BOTH = {"inch-pound": CASES / "table-1.toml", "si": CASES / "table-1-si.toml"}
-IMPACTS = "diameter [um],density [kg/m^3],speed [m/s],angle [deg]\n" + "".join(
-    f"{diameter},2650,{speed},{angle}\n" for diameter, speed, angle in [(150, 25, 15), (200, 30, 30), (300, 260, 50)]
+IMPACTS = "count,diameter [um],density [kg/m^3],speed [m/s],angle [deg]\n" + "".join(
+    f"1,{diameter},2650,{speed},{angle}\n" for diameter, speed, angle in [(150, 25, 15), (200, 30, 30), (300, 260, 50)]
 )
 WEIGHED = ["--density", "2.7 g/cm^3", "--cutting-fraction", "0.5"]
 VERBS = {

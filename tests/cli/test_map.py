@@ -182,7 +182,8 @@ def test_a_spin_that_is_given_takes_the_place_of_the_tables(shell: Shell) -> Non
     Path("of_map.toml").write_text(case + "\n[map]\nphidot0 = -1e4\n")
 
     def total(*words: str) -> float:
-        return shell(["map", *words, "--model", "rotating", "--json"]).document["result"]["total_volume"]["value"]
+        words = (*words, "--each-row", "1 particle", "--model", "rotating", "--json")
+        return shell(["map", *words]).document["result"]["total_volume"]["value"]
 
     assert total("spins.csv", "--phidot0", "-1e4") == total("plain.csv", "--phidot0", "-1e4")
     assert total("spins.csv", "of_map.toml") == total("plain.csv", "--phidot0", "-1e4")
@@ -204,14 +205,14 @@ def positions_on(surface: Surface) -> Path:
 @pytest.mark.parametrize("part", ["pipe", "plate"])
 def test_a_surface_in_millimetres(part: str, shell: Shell) -> None:
     table = positions_on(PARTS[part])
-    given = ["map", str(table), "sand.toml", "--duration", "1 s", "--surface"]
+    given = ["map", str(table), "sand.toml", "--duration", "1 s", "--each-row", "1 particle", "--surface"]
     write(PARTS[part], Path("metres.vtp"))
     write(PARTS[part], Path("part.stl"), 1000)
-    expected = shell([*given, "metres.vtp", "--json"]).document["result"]
-    err = shell([*given, "part.stl"], 2).err
-    assert "In mm it would fit: Option `--surface-unit` must then be 'mm'." in err or part == "plate"
-    assert "Option `--surface-unit` must" in err
-    assert "'mm'" in err
+    expected = shell([*given, "metres.vtp", "--surface-unit", "m", "--json"]).document["result"]
+    assert (
+        "part.stl: does not say the unit of its coordinates: Option `--surface-unit`"
+        in shell([*given, "part.stl"], 2).err
+    )
     result = shell([*given, "part.stl", "--surface-unit", "mm", "--json"]).document["result"]
     assert result["total_volume"]["value"] == pytest.approx(expected["total_volume"]["value"], rel=1e-6, abs=0)
 
@@ -220,8 +221,11 @@ def test_density_is_that_of_the_target_as_in_every_verb(shell: Shell) -> None:
     Path("grains.csv").write_text("diameter [um],speed [m/s],angle [deg]\n200,30,20\n200,30,40\n")
     assert "Option `--particle-density` must give it." in shell("map grains.csv --density '7.8 g/cm^3'", 2).err
 
+    one = ["--each-row", "1 particle"]
+    assert "Option `--each-row`" in shell("map grains.csv --particle-density '2650 kg/m^3'", 2).err
+
     def totals(*words: str) -> dict[str, float]:
-        result = shell(["map", "grains.csv", "--model", "linearized", *words, "--json"]).document["result"]
+        result = shell(["map", "grains.csv", *one, "--model", "linearized", *words, "--json"]).document["result"]
         return {name: result[f"total_{name}"]["value"] for name in ("volume", "mass", "erodent")}
 
     sand = ["--particle-density", "2650 kg/m^3"]
@@ -236,16 +240,10 @@ BAD = [
     ("map nowhere", "nowhere: is not there."),
     ("map {run} --patch hump", "Option `--patch` needs `--surface`"),
     ("map {run} --surface-unit mm", "Option `--surface-unit` needs `--surface`"),
-    ("map {run} --surface {run} --surface-unit kg", "Option `--surface-unit` must be a length such as"),
-    (
-        "map {run} --surface {run} --surface-unit mm",
-        "roof, sides: is 1000 × too small for the impacts: 464",
-    ),
-    ("map {run} --surface {run} --surface-unit ft", "it would fit: Option `--surface-unit` must then be 'm'."),
+    ("map {run} --surface {run} --surface-unit mm", "Option `--surface-unit` must be left out."),
+    ("map {run} --surface {run} --each-row 2", "Option `--each-row` must be such as \"1 particle\", but is '2'."),
+    ("map {run} --surface {run} --each-row '2 particles'", "Option `--each-row` must be left out"),
     ("map {run} --surface {run} --patch hmp", "has no patch 'hmp', but has inlet, outlet, floor, hump, roof, sides."),
-    ("map {run} --surface {run} --reverse all", "which Option `--reverse` 'auto' mends; or these look like velocities"),
-    ("map {run} --surface {run} --reverse", "Option `--reverse` must have one of the values auto, all, but has none."),
-    ("map {run} --surface {run} --reverse yes", "`--reverse` must have one of the values auto, all, but has 'yes'."),
     ("map {run} --surface {run} --restitution 0.8,0.1", "Option `--restitution` must be left out."),
     ("map {run} --surface {run} --restitution 0.8", 'Option `--restitution` must be two numbers such as "0.8,0.1"'),
     ("map {run} --surface {run} --restitution ''", 'Option `--restitution` must be two numbers such as "0.8,0.1"'),

@@ -88,7 +88,7 @@ def test_a_fitted_model_keeps_its_own_parameters_among_others(shell: Shell, in_f
     assert float(row.split(",")[2]) == pytest.approx(alone, rel=1e-9, abs=0)
 
 
-IMPACTS = "diameter [um],speed [m/s],angle [deg]\n300,100,20\n300,100,40\n"
+IMPACTS = "count,diameter [um],speed [m/s],angle [deg]\n1,300,100,20\n1,300,100,40\n"
 JET = ["--n", "256", "--no-best-angle", "--phidot0", "normal(0, 1)"]
 VERBS = {
     "run": (["run"], ANGLE),

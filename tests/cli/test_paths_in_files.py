@@ -151,15 +151,16 @@ def test_a_map_has_the_weights_of_its_rows_or_says_why_not(shell: Shell) -> None
     volumes = {}
     for name in ("count", "frequency [1/s]", "note 2"):
         Path("a.csv").write_text(IMPACTS.format(name))
-        printed = shell(["map", "a.csv", *SI_CASE, "--json"])
+        one = ["--each-row", "1 particle"] * (name == "note 2")
+        printed = shell(["map", "a.csv", *SI_CASE, *one, "--json"])
         volumes[name], err = printed.result["total_volume"], printed.err
         assert "columns that are not used: " in err
-        assert ("each row counts as one particle" in err) == (name == "note 2")
+    assert "Option `--each-row` must say it" in shell(["map", "a.csv", *SI_CASE], 2).err
     assert volumes["frequency [1/s]"] == volumes["count"]
     np.testing.assert_allclose(volumes["count"], 13 * volumes["note 2"], rtol=1e-12)
     Path("a.csv").write_text(IMPACTS.format("hits"))
     assert "a.csv: column 'hits' is not understood" in shell(["map", "a.csv", *SI_CASE], 2).err
-    printed = shell(["map", "a.csv", *SI_CASE, "--json", "--ignore", "hits,note"])
+    printed = shell(["map", "a.csv", *SI_CASE, "--json", "--each-row", "1 particle", "--ignore", "hits,note"])
     assert (printed.result["total_volume"], "not used" in printed.err) == (volumes["note 2"], False)
     assert "a.csv: has no column 'hit'" in shell(["map", "a.csv", *SI_CASE, "--ignore", "hit"], 2).err
 

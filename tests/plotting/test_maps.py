@@ -95,7 +95,7 @@ def test_a_page_has_the_worst_faces_the_totals_and_the_warnings(tmp_path: Path) 
     assert "Argument" not in page
     source = CORRELATIONS["dnv"].source[:20]
     constants = "K = 2e-09 (m/s)⁻ⁿ, n = 2.6", "density = 7800 kg/m^3"
-    amounts = "0.00115741 kg/s", "kg/day", "mass per year", "Read: 400 rows"
+    amounts = "0.00115741 kg/s", "kg/day", "mass per year", "rows: 400, of which"
     for words in (source, *constants, *amounts, "has not worn", "dnv"):
         assert words in page
     with pytest.raises(ValueError, match=r"must end in \.html"):

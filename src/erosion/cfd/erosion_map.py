@@ -15,12 +15,12 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import Progress, no_progress
-from erosion.cfd.doubts import Ranges
 from erosion.cfd.incidence import HIT, LEFT_OUT, RECEDING, Hits, Incidence, Nearness
 from erosion.cfd.map_result import Sand, to_dataset
 from erosion.cfd.options import FRACTION, ROWS, MapOptions
-from erosion.cfd.rows import Impacts, ImpactsError
+from erosion.cfd.rows import ImpactBlock, Impacts, ImpactsError
 from erosion.cfd.surface import Surface
+from erosion.cfd.table_summary import TableSummary
 from erosion.cfd.tally import FaceTally, Portion, portion_of
 from erosion.correlations import CORRELATIONS
 from erosion.correlations.ranges import masks_outside
@@ -134,52 +134,57 @@ class MapJob:
 
     def run(self, progress: Progress = no_progress) -> xr.Dataset:
         """Read and compute the table; progress and errors as of `erosion_map`."""
-        if self.surface is not None and self.surface.turns_itself:
+        if self.surface is not None and not self.surface.is_facing:
             return dataclasses.replace(self, surface=self._turned(self.surface)).run(progress)
         task, table, surface, options = self.task, self.impacts, self.surface, self.task.options
         ends = end_names(task.model)
         tally = FaceTally(1 if surface is None else surface.faces, options.realisations)
-        nearness, ranges = Nearness(surface, self._limit), Ranges()
+        nearness, summary = Nearness(surface, self._limit), TableSummary()
 
         def add(portion: Portion) -> None:
             tally.add(portion)
             progress("map", tally.rows, table.rows or 0)
 
-        self._compute(self._portions(nearness, ranges), add)
+        self._compute(self._portions(nearness, summary), add)
         self._require_hits(tally)
         if not tally.sums["impacts"].any():
             raise SimulationError(f"{model_name(task.model)}: of {tally.hits:,} impacts none could be computed.")
-        sand = self._sand(tally, ranges)
+        sand = self._sand(tally, summary)
         is_told = options.injected != ROWS and bool(options.injected or table.injected)
-        read_as, doubts = ranges.in_words(table, tally, surface, sand.injected if is_told else None)
+        read_as = summary.lines(table, tally, surface, sand.injected if is_told else None)
         attributes = provenance(
             "a map",
             options.p,
             **model_in_words(task.model, but=options.all_laws),
             table=table.title,
             surface="" if surface is None else surface.title,
-            surface_unit="" if surface is None else surface.unit or "taken in m",
+            surface_unit="" if surface is None else surface.unit,
             options=options.in_words(),
             constants=options.constants_in_words(task.model),
             far_rows=nearness.far_in_words(),
             duration_from=sand.duration_from,
             injected_from=sand.injected_from,
-            read_as=read_as,
-            findings=to_attribute(
-                [
-                    *map(stated, table.warnings),
-                    *doubts,
-                    *map(stated, [*nearness.warnings(), *self._normals_in_words(tally)]),
-                    *sand.findings,
-                ]
-            ),
+            read_as="\n".join(read_as),
+            findings=to_attribute([*map(stated, table.warnings), *summary.findings(tally), *sand.findings]),
         )
         has_range = isinstance(task.model, Correlated)
         return to_dataset(tally, options, surface, sand, ends, attributes, has_range=has_range)
 
     def __post_init__(self) -> None:
-        """Refuse a rate of sand without the mass of sand that the run has, before anything is computed."""
-        options, table = self.task.options, self.impacts
+        """Refuse weights and sand that nobody says, and a sheet of two layers, before anything is read."""
+        options, table, surface = self.task.options, self.impacts, self.surface
+        if not table.has_weights and options.each_row is None and options.injected is None:
+            raise ValueError(
+                f"{table.title} has no column of the number of particles that a row stands for: Argument `each_row` "
+                'must say it, such as "1 particle", or Argument `injected` the mass of all sand.'
+            )
+        if table.has_weights and options.each_row is not None:
+            raise ValueError(f"Argument `each_row` must be left out, as {table.title} has a weight of each row.")
+        if surface is not None and surface.doubled.size and surface.mesh_face is None:
+            raise ImpactsError(
+                f"{surface.title}: {surface.doubled.size:,} faces lie on others, as both sides of a sheet: keep one "
+                f"side of them, the first are {', '.join(map(str, surface.doubled[:3]))}."
+            )
         given = options.injected == ROWS or options.injected_in(table.duration)
         if given or options.sand_rate is None or table.injected or table.has_parcels:
             return
@@ -188,11 +193,11 @@ class MapJob:
             'say: Argument `injected` must give it, such as "2 g", or "rows" if each row is another parcel.'
         )
 
-    def _sand(self, tally: FaceTally, ranges: Ranges) -> Sand:
+    def _sand(self, tally: FaceTally, summary: TableSummary) -> Sand:
         """The mass of sand in the run, and the time that it is taken for."""
         options, table, parcels = self.task.options, self.impacts, tally.parcels
-        duration, duration_from, doubts = ranges.duration_of(table, tally.rows)
-        findings = list(map(stated, doubts))
+        duration, duration_from, of_duration = summary.duration_of(table, tally.rows)
+        findings = [*of_duration]
         known, erodent = float(parcels.mass.sum()), float(tally.sums["erodent"].sum())
         given = options.injected_in(duration)
         rows = float(tally.counts["lost_mass"].sum()) if options.injected == ROWS else None
@@ -253,17 +258,17 @@ class MapJob:
         limit, units = self.task.options.limit, self.task.options.p.units
         return None if limit is None else limit * conversion_factor("length", units, "si")
 
-    def _portions(self, nearness: Nearness, ranges: Ranges) -> Iterator[Hits]:
-        """All rows, noted by `nearness` and `ranges`, in portions of a fixed number, the last one of what is left."""
+    def _portions(self, nearness: Nearness, summary: TableSummary) -> Iterator[Hits]:
+        """All rows, noted by `nearness` and `summary`, in portions of a fixed number, the last one of what is left."""
         options = self.task.options
         incidence = Incidence(self.surface, self.impacts.mesh_faces, options.restitution, self._limit)
         blocks, rows = self.impacts.blocks(_PORTION), max(1, _PORTION // options.realisations)
         try:
             held, count, is_first = list[Hits](), 0, True
             for block in blocks:
-                hits = incidence.hits(block)
+                hits = incidence.hits(self._weighed(block))
                 nearness.add(block, hits)
-                ranges.add(block, hits)
+                summary.add(block, hits)
                 begin = 0
                 while begin < hits.rows:
                     part = hits.part(slice(begin, begin + rows - count))
@@ -284,49 +289,24 @@ class MapJob:
             if isinstance(blocks, Generator):
                 blocks.close()
 
-    def _turned(self, surface: Surface) -> Surface:
-        """The surface, each part of it turned so that most of the first rows approach it."""
-        blocks = self.impacts.blocks(_PORTION)
-        block = next(iter(blocks), None)
-        if isinstance(blocks, Generator):
-            blocks.close()
-        surface = dataclasses.replace(surface, turns_itself=False)
-        if block is None or block.velocity is None:
-            return surface
-        incidence = Incidence(surface, self.impacts.mesh_faces, self.task.options.restitution, self._limit)
-        hits = incidence.hits(block)
-        votes = np.where(hits.fate == HIT, 1.0, -1.0) * np.isin(hits.fate, (HIT, RECEDING))
-        part = surface.parts[0]
-        return surface.reversed((np.bincount(part[hits.face], votes, part.max() + 1) < 0)[part])
+    def _weighed(self, block: ImpactBlock) -> ImpactBlock:
+        """The block with the particles that each row stands for."""
+        particles = self.task.options.particles
+        return block if particles == 1 else dataclasses.replace(block, count=block.count * particles)
 
-    def _normals_in_words(self, tally: FaceTally) -> Iterator[str]:
-        """That most normals were turned, that neighbours have opposite ones where rows recede from some, or sheets."""
-        surface = self.surface
-        if surface is None:
-            return
-        if np.mean(surface.turned) > 0.5:
-            when, then = ("after", "undo it") if self.task.options.restitution is None else ("before", "be left out")
-            yield (
-                f"{surface.title}: the normals of {np.broadcast_to(surface.turned, surface.faces).sum():,} of "
-                f"{surface.faces:,} faces are turned, as Argument `reverse` asks. If the velocities are those {when} "
-                f"the rebound, they should not be: Argument `restitution` must then {then}."
-            )
-        elif tally.counts["fates"][RECEDING] and surface.mixed.size:
-            first = ", ".join(map(str, surface.mixed[:3]))
-            yield (
-                f"{surface.title}: {surface.mixed.size:,} of {surface.faces:,} faces have normals against those of "
-                f"their neighbours, the first are {first}; impacts on them are taken for rebounds. Argument `reverse` "
-                "'auto' turns them."
-            )
-        if not tally.unnamed:
-            return
-        hit = np.flatnonzero(tally.sums["impacts"])
-        centre = surface.centre[hit]
-        if sheets := int((surface.other_side(hit, centre, surface.distance(hit, centre)) >= 0).sum()):
-            yield (
-                f"{surface.title}: {sheets:,} faces that are hit lie on others with opposite normals, as both sides of "
-                "a sheet. Rows count on the side that they approach; velocities after a rebound would not show."
-            )
+    def _turned(self, surface: Surface) -> Surface:
+        """The surface, each connected part of it turned so that most rows approach it."""
+        part, is_against = surface.parts
+        surface = dataclasses.replace(surface.reversed(is_against), is_facing=True)
+        incidence = Incidence(surface, self.impacts.mesh_faces, self.task.options.restitution, self._limit)
+        votes = np.zeros(part.max() + 1)
+        for block in self.impacts.blocks(_PORTION):
+            if block.velocity is None:
+                return surface
+            hits = incidence.hits(block)
+            meets = np.isin(hits.fate, (HIT, RECEDING))
+            votes += np.bincount(part[hits.face], np.where(hits.fate == HIT, 1.0, -1.0) * meets, len(votes))
+        return surface.reversed((votes < 0)[part])
 
     def _require_right_way(self, fates: np.ndarray) -> None:
         """Refuse a table in which nearly all rows come from behind."""
@@ -340,9 +320,8 @@ class MapJob:
                 "left out."
             )
         raise ImpactsError(
-            f"{share} is not positive: either the surface's normals point into the fluid, but must point out of it, "
-            "which Argument `reverse` 'auto' mends; or these look like velocities after the rebound, as openfoam.org "
-            "11 to 14 writes them: Argument `restitution` must then be (e, μ) of the wall, which undoes it."
+            f"{share} is not positive: these look like velocities after the rebound, as openfoam.org 11 to 14 writes "
+            "them: Argument `restitution` must then be (e, μ) of the wall, which undoes it."
         )
 
     def _require_hits(self, tally: FaceTally) -> None:
@@ -379,6 +358,7 @@ def erosion_map(
     cutting_fraction: float = 1.0,
     sand_rate: float | str | None = None,
     injected: float | str | None = None,
+    each_row: str | None = None,
     progress: Progress = no_progress,
     **distributions: Any,
 ) -> xr.Dataset:
@@ -411,6 +391,7 @@ def erosion_map(
             run then stands for the time in which so much sand comes as is `injected` in it.
         injected: the mass of sand of the run, hits or not: "2 g", "0.1 g/s" (times the run's duration), or [kg]; or
             "rows", each another parcel; else what OpenFOAM's case says, else the table's parcels, each once.
+        each_row: what a row stands for in a table without weights: "1 particle", or another number of them.
         progress: called with "map", the number of rows that are done, and of all (0 if not known).
         **distributions: parameter to its law from impact to impact, in the place of the case's value; see `stream`.
 
@@ -428,7 +409,7 @@ def erosion_map(
     """
     options = MapOptions(
         p, scaling, diameter, spin, restitution, density, limit, seed, rtol, uncertain or {}, draws, cutting_fraction,
-        sand_rate, injected, distributions,
+        sand_rate, injected, distributions, each_row,
     )  # fmt: skip
     return prepare_map(model, impacts, surface, options).run(progress)
 

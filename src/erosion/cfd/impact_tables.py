@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from erosion.cfd.doubts import Noted
 from erosion.cfd.rows import (
     POSITION,
     VELOCITY,
+    WEIGHTS,
     ImpactBlock,
     Impacts,
     ImpactsError,
@@ -42,7 +42,6 @@ from erosion.tables.headings import (
 )
 from erosion.tables.text import TextTable, cut_off
 
-_NUMBERED = 10  # rows whose weights are 1, 2, 3, …, from which on these are the numbers of the rows
 _COMPONENTS = [
     ("uvw"[axis], f"velocity {'uvw'[axis]}", f"velocity[{'ijk'[axis]}]", f"v:{axis}",
      *(f"{word}{colon}{letter}" for word in ("u", "v", "vel", "velocity") for colon in ("", ":")),
@@ -89,62 +88,30 @@ class NamedImpacts(Impacts):
 
     paths: Sequence[Path]
     table: Table
-    beside: Column | None = None
-    """Of speeds that the table has beside velocities."""
-    expected: float | None = None
-    """The density of the particle that the user names [kg/m³], where the table has its own."""
 
     @property
     def columns(self) -> Mapping[str, Column]:
         """Those that are used, by name."""
         return self.table.columns
 
-    @property
-    def gives_density(self) -> bool:
-        """Whether the table has the density of its particles."""
-        return _gives_density(self.columns)
-
     def identity(self) -> str:
         """See `Impacts`."""
         return digest_of(self.paths, f"{self.density} {self.duration} {self.columns}")
 
     def blocks(self, rows: int) -> Iterator[ImpactBlock]:
-        """See `Impacts`; after the last block `warnings` has what is doubtful in its numbers."""
-        first, noted = 0, Noted(self.columns, self.beside)
-        table = self.table
-        if self.beside is not None:
-            table = dataclasses.replace(table, columns={**table.columns, "speed": self.beside})
+        """See `Impacts`."""
+        first = 0
         with reading_impacts():
-            for columns in table.blocks():
-                speeds = columns.pop("speed") if self.beside is not None else None
+            for columns in self.table.blocks():
                 for name, values in columns.items():
                     require_rows(self.title, first, ~np.isnan(values), functools.partial(self._lacking, name))
-                if not first:
-                    self._require_weights(columns)
-                    if speeds is not None:
-                        noted.add_speeds(columns, speeds)
-                noted.add_rows(columns)
-                for block in blocks(self.title, first, columns, rows, self.density, self.duration):
-                    noted.add_sizes(block, columns.get("density", np.zeros(0))[block.first - first :][: block.rows])
-                    yield block
+                yield from blocks(self.title, first, columns, rows, self.density, self.duration)
                 first += len(next(iter(columns.values())))
         if not first:
             raise ImpactsError(f"{self.title}: has no rows.")
-        # Each once, as a table may be read again.
-        said = (f"{Path(self.title).name}: {doubt}" for doubt in noted.doubts(self.expected))
-        self.warnings = tuple(dict.fromkeys((*self.warnings, *said)))
 
     def _lacking(self, name: str, _: int) -> str:
         return f": column `{self.columns[name].heading}` has no number."
-
-    def _require_weights(self, columns: Mapping[str, np.ndarray]) -> None:
-        """Refuse numbers of rows as numbers of particles."""
-        count = columns.get("count", np.zeros(0))
-        if len(count) >= _NUMBERED and count[0] in (0, 1) and (np.diff(count) == 1).all():
-            raise ImpactsError(
-                f"{self.title}: column {self.columns['count'].heading!r} counts the rows, {count[0]:g}, {count[1]:g}, "
-                f"{count[2]:g}, …, not the particles of a row; name it in Argument `ignore`."
-            )
 
 
 def open_named(
@@ -197,12 +164,11 @@ def open_named(
         title=str(path),
         paths=[path, *(vtk_files(path).values() if is_vtk else ())],
         table=dataclasses.replace(table, columns=columns),
-        beside=doubled.get("speed"),
-        expected=named_density if _gives_density(columns) else None,
         rows=table.source.rows,
         density=density,
         duration=duration,
         has_parcels="parcel" in columns,
+        has_weights=any(name in columns for name in WEIGHTS),
         mesh_faces="mesh_face" in columns,
         warnings=warnings,
         read_as=_in_words(columns),

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from erosion.cfd.rows import ImpactBlock, ImpactsError, require_rows
-from erosion.cfd.surface import METRES, Surface, metres_of
+from erosion.cfd.surface import Surface
 from erosion.parameters import STEEPEST, are_angles
 
 LEFT_OUT: Mapping[str, str] = types.MappingProxyType(
@@ -113,11 +113,6 @@ class Incidence:
         face, distance, named = self._faces(block, fate)
         speed, alpha = self._motion(block, face)
         meets = fate == HIT
-        if self.surface is not None and block.velocity is not None and (behind := meets & ~named & (alpha <= 0)).any():
-            # Of both sides of a sheet, which are equally near, the one that is approached.
-            other = self.surface.other_side(face[behind], np.asarray(block.position)[behind], distance[behind])
-            face[behind] = np.where(other >= 0, other, face[behind])
-            speed, alpha = self._motion(block, face)
         fate[meets & (alpha <= 0)] = RECEDING
         fate[meets & (speed == 0)] = STUCK
         return Hits(
@@ -262,26 +257,7 @@ def _dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return first[:, 0] * second[:, 0] + first[:, 1] * second[:, 1] + first[:, 2] * second[:, 2]
 
 
-_OF_EXTENT = 0.01
-"""Of the impacts' extent, the farthest that a surface of the right size may be off: its own width says nothing then."""
-_ENOUGH = 50  # rows from which on a shift is known
-_TURNED = 0.1  # singular value, over the greatest, below which normals are of one direction
-_OF_SHIFT = 0.001  # of the surface's length, and the scatter left over that before, from which on it is told
-_EXPLAINED = 0.5
 _NAMED = 3  # rows that are too far are named, the others counted
-_SAMPLE = 256  # rows that are compared with the surface in other sizes, at most
-_CLEAR = 0.25  # share of rows by which another size must fit better, so that the surface is refused
-_SAME = 0.02  # share of rows below which two sizes fit alike
-_ABSURD = 0.04
-"""A surface that is larger than the impacts by so much, with faces as large as all of them, is in another unit."""
-_SMALLER = 0.99
-"""From here on another size is none: the same unit in other words."""
-_NAMES = {"in": "inches", "ft": "feet"}
-_RATIOS = {float(f"{a / b:.9g}") for a in METRES.values() for b in METRES.values() if 1e-3 <= a / b <= 1e3}
-# Units that people confuse, and half as large, for surfaces that are larger than what is hit.
-_FACTORS = sorted(_RATIOS | {0.5, 2.0} | {*METRES.values()})
-_OF_METRES = {0.5, *METRES.values()}
-"""The factors of a surface that nobody gave a unit: its numbers are of one of these units, or it is large."""
 
 
 class Nearness:
@@ -293,18 +269,10 @@ class Nearness:
     """
 
     def __init__(self, surface: Surface | None, limit: float | None) -> None:
-        self._given, self._limit = surface, limit
+        self._surface, self._limit = surface, limit
         self._first: list[str] = []  # rows that are too far
         self._rows, self._far, self._least, self._greatest = 0, 0, math.inf, 0.0
-        self._allowed, self._farthest_allowed = 0, 0.0
-        self._sample: Hits | None = None  # rows with a position, evenly from all of them
-        self._stride = 1
-        self._known: tuple[int, Mapping[float, float]] = (0, {})
-
-    @property
-    def _surface(self) -> Surface:
-        assert self._given is not None
-        return self._given
+        self._box = np.array([[math.inf], [-math.inf]]) * np.ones(3)
 
     def add(self, block: ImpactBlock, hits: Hits) -> None:
         """Take note of the rows of a block."""
@@ -313,177 +281,48 @@ class Nearness:
             return
         for row in np.flatnonzero(hits.fate == TOO_FAR)[: _NAMED - len(self._first)]:
             self._first.append(f"{block.source}: row {block.first + row + 1:,} ({hits.distance[row]:.3g} m)")
-        distance, far = compared.distance, compared.fate == TOO_FAR
-        self._far += int(far.sum())
+        distance, far, (least, greatest) = compared.distance, compared.fate == TOO_FAR, self._box
+        self._rows, self._far = self._rows + compared.rows, self._far + int(far.sum())
         self._least = min(self._least, float(distance[far].min(initial=math.inf)))
         self._greatest = max(self._greatest, float(distance[far].max(initial=0.0)))
-        if self._limit is not None:
-            allowed = ~far & (distance > limit_of(self._surface, compared.face, distance, compared.diameter))
-            self._allowed += int(allowed.sum())
-            self._farthest_allowed = max(self._farthest_allowed, float(distance[allowed].max(initial=0.0)))
-        kept = compared.part(slice(-self._rows % self._stride, None, self._stride))
-        self._sample = kept if self._sample is None else Hits.joined([self._sample, kept])
-        self._rows += compared.rows
-        while self._sample.rows > _SAMPLE:
-            self._sample, self._stride = self._sample.part(slice(None, None, 2)), 2 * self._stride
+        place = compared.position
+        self._box = np.array([np.minimum(least, place.min(0)), np.maximum(greatest, place.max(0))])
 
     def require(self, table: str) -> None:
-        """Refuse a surface on which the rows do not lie.
+        """Refuse a surface on which most of the rows do not lie.
 
         Args:
             table: name of the table, for messages.
 
         Raises:
-            ImpactsError: with the factor by which the surface is too large or too small, where there is one.
+            ImpactsError: with the extents of both.
         """
-        if self._limit is not None or self._sample is None:
+        if self._surface is None or self._limit is not None or self._far <= self._rows / 2:
             return
-        surface, shares = self._surface, self._shares()
-        best = max(shares.values())
-        alike = [factor for factor, share in shares.items() if share > best - _SAME]
-        factor = min(alike, key=lambda factor: abs(math.log(factor)))
-        lie = f"lie {_between(self._least, self._greatest)} from their face" if self._far else "lie on a smaller one"
-        off = f"{self._far or self._rows:,} of {self._rows:,} rows of {table} {lie}"
-        hint = "Argument `limit` says how far off rows may lie."
-        if factor != 1 and best > max(0.5, shares[1.0] + _CLEAR):
-            times = f"{1 / factor:.4g} × too large" if factor < 1 else f"{factor:.4g} × too small"
-            fits = _as_units(surface, alike)
-            raise ImpactsError(f"{surface.title}: is {times} for the impacts: {off}. {fits} {hint}")
-        if self._far > self._rows / 2:
-            across = f"and it is {surface.length:.3g} m across"
-            raise ImpactsError(f"{surface.title}: is not where the impacts are: {off}, {across}. {hint}")
-        smaller = self._smaller()
-        if surface.unit is None and smaller and smaller[0] < _ABSURD:
-            face, _ = surface.nearest(self._sample.position)
-            if self._extent() < float(np.median(surface.longest_side[face])):
-                raise ImpactsError(f"{surface.title}: may be in another unit. {self._spot(smaller)}")
-
-    def warnings(self) -> list[str]:
-        """What a reader of the map must know of its positions."""
-        surface, said = self._given, list[str]()
-        if self._allowed:
-            said.append(
-                f"{self._allowed:,} of {self._rows:,} rows lie up to {self._farthest_allowed:.3g} m from their face, "
-                "and are counted only because of the given limit."
-            )
-        if surface is not None and not self._rows and surface.unit is None and surface.mesh_face is None:
-            said.append(f"{surface.title} is taken in metres: it has no unit, and the rows have no positions.")
-        if self._rows and (smaller := self._smaller()):
-            said.append(self._spot(smaller))
-        if self._sample is not None and (shift := self._shift()) is not None:
-            millimetres = ", ".join(f"{part:.2f}" for part in (1e3 * shift).round(2) + 0.0)
-            said.append(
-                f"The positions lie as if they were shifted by ({millimetres}) mm from {self._surface.title}, so "
-                "wear may be on wrong faces; do both have the same origin, or is the surface coarser than the run's?"
-            )
-        return said
-
-    def _shift(self) -> np.ndarray | None:
-        """By how much all rows lie beside the surface, shape (3,) [m]; None where it is not more than other causes.
-
-        Rows of spheres lie half a diameter above their faces, which is the same for all of them and no shift.
-        """
-        sample = self._sample
-        assert sample is not None
-        sample = sample.part((sample.fate != TOO_FAR) & ~sample.named)
-        if sample.rows < _ENOUGH:
-            return None
-        normal = self._surface.normal[sample.face]
-        height = _dot(normal, sample.position - self._surface.centre[sample.face])
-        known = np.column_stack([normal, np.ones(sample.rows)])
-        # Directions in which normals hardly differ tell nothing.
-        fit = np.linalg.lstsq(known, height, rcond=_TURNED)[0]
-        left, shift = height - known @ fit, fit[:3]
-        grain, size = float(np.median(sample.diameter)), float(np.linalg.norm(shift))
-        has_shift = size > max(grain, _OF_SHIFT * self._surface.length) and left.std() < _EXPLAINED * height.std()
-        return shift if has_shift else None
-
-    def _smaller(self) -> list[float]:
-        """The factors of smaller surfaces on which the rows would lie as well, rising; none where it is sure."""
-        unit, shares = self._surface.unit, self._shares()
-        least = max(0.5, shares[1.0] - _SAME)
-        factors = _OF_METRES if unit is None else self._of_units
-        smaller = sorted(factor for factor in factors if factor < _SMALLER and shares[factor] > least)
-        # 'm' answers the sentence on a surface without a unit.
-        return [] if unit == "m" and smaller and smaller[0] >= _ABSURD else smaller
-
-    def _spot(self, smaller: Sequence[float]) -> str:
-        """That the rows would lie as well on smaller surfaces."""
         surface = self._surface
-        times = f"{'up to ' * (len(smaller) > 1)}{1 / smaller[0]:.4g}"
-        unit = "If it is in metres, Argument `unit` must be 'm'."
-        if surface.unit is not None:
-            unit = f"Is Argument `unit` right, {surface.unit!r}? {_as_units(surface, smaller)}"
-        elif smaller != [0.5]:
-            unit = _as_units(surface, [*smaller, 1.0])
-        return (
-            f"The impacts reach over {self._extent():.3g} m of the {surface.length:.3g} m of {surface.title}, and "
-            f"would lie as well on one that is {times} × smaller. {unit}"
+        unit = f" in {surface.unit}" if surface.mesh_face is None else ""
+        raise ImpactsError(
+            f"{surface.title}: {self._far:,} of {self._rows:,} rows of {table} lie "
+            f"{_between(self._least, self._greatest)} from it. The impacts lie in {box_in_words(*self._box)}, the "
+            f"surface{unit} in {box_in_words(*surface.box)}: Argument `unit` says the surface's unit, Argument "
+            "`columns` that of the positions, and Argument `limit` how far off rows may lie."
         )
 
     def far_in_words(self) -> str:
         """How far the rows are that are left out, and which are the first ones; empty if there are none."""
-        if not self._far:
+        if not self._far or self._surface is None:
             return ""
         limit = OF_WIDTH * self._surface.width if self._limit is None else self._limit
         more = " and the size of the particle and of the face's curve" if self._limit is None else ""
         off = f"{_between(self._least, self._greatest)} off it"
         return f"{off}, with a limit of {limit:.3g} m{more}: {'; '.join(self._first)}"
 
-    def _extent(self) -> float:
-        """Of the impacts without strays [m]."""
-        assert self._sample is not None
-        low, high = np.percentile(self._sample.position, [2, 98], axis=0)
-        return float(np.linalg.norm(high - low))
 
-    @functools.cached_property
-    def _of_units(self) -> Sequence[float]:
-        """By how much larger a surface with a unit would be in each other one."""
-        unit = self._surface.unit
-        return [] if unit is None else [float(f"{metres / metres_of(unit):.9g}") for metres in METRES.values()]
-
-    def _shares(self) -> Mapping[float, float]:
-        """The share of rows that lie on the surface, made larger by each factor."""
-        if self._known[0] != self._rows:
-            self._known = self._rows, {factor: self._share(factor) for factor in sorted({*_FACTORS, *self._of_units})}
-        return self._known[1]
-
-    def _share(self, factor: float) -> float:
-        assert self._sample is not None
-        surface, position = self._surface, self._sample.position / factor
-        # The box is cheap, and where it is far the tree of faces is slow.
-        low, high = surface.box
-        margin = 0.05 * surface.length
-        within = ((position >= low - margin) & (position <= high + margin)).all(axis=1)
-        if not within.any():
-            return 0.0
-        position, sample = position[within], self._sample.part(within)
-        face, distance = surface.nearest(position)
-        if sample.named.any():
-            face[sample.named] = sample.face[sample.named]
-            distance[sample.named] = surface.distance(face[sample.named], position[sample.named])
-        limit = limit_of(surface, face, distance, np.zeros(len(face)))
-        near = factor * distance <= sample.diameter + np.minimum(factor * limit, _OF_EXTENT * self._extent())
-        return float(near.sum() / within.size)
+def box_in_words(least: np.ndarray, greatest: np.ndarray) -> str:
+    """Such as "0 to 0.2, 0 to 0.05, 0 to 0.02 m"."""
+    return ", ".join(f"{low:.4g} to {high:.4g}" for low, high in zip(least, greatest, strict=True)) + " m"
 
 
 def _between(least: float, greatest: float) -> str:
     low, high = f"{least:.3g}", f"{greatest:.3g}"
     return f"{low} m" if low == high else f"{low} to {high} m"
-
-
-def _as_units(surface: Surface, factors: Sequence[float]) -> str:
-    """The units in which the surface would fit, of which only the user knows the right one."""
-    own = 1.0 if surface.unit is None else metres_of(surface.unit)
-    units = [unit for unit, metres in METRES.items()
-             if any(math.isclose(factor * own, metres, rel_tol=1e-3) for factor in factors)]  # fmt: skip
-    if not units:
-        return "Are its numbers, or those of the positions, in another unit?"
-    names = _either([_NAMES.get(unit, unit) for unit in units])
-    if len(units) == 1:
-        return f"In {names} it would fit: Argument `unit` must then be {units[0]!r}."
-    return f"In {names} it would fit: Argument `unit` must say which, {_either([repr(unit) for unit in units])}."
-
-
-def _either(words: Sequence[str]) -> str:
-    return " or ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)

@@ -11,10 +11,10 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import check_path
-from erosion.cfd.doubts import ONE_ROW
 from erosion.cfd.incidence import LEFT_OUT
 from erosion.cfd.options import MapOptions
 from erosion.cfd.surface import Surface
+from erosion.cfd.table_summary import ONE_ROW
 from erosion.cfd.tally import FaceTally
 from erosion.extras import library
 from erosion.impacts import code_version, write_netcdf

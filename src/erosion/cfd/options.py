@@ -37,6 +37,7 @@ ROWS = "rows"
 OF_ROWS = ("alpha", "v0", "m")
 """The parameters that each row has of its own."""
 OF_CASE = ("k", "psi", "sigma", "r", "b", "inertia", "phidot0")
+_AS_GIVEN = ("restitution", "density", "limit", "sand_rate", "injected", "each_row")
 FRACTION = "cutting_fraction"
 """The share of the particles that cut, a factor of the volume; it may be uncertain as parameters of an impact may."""
 
@@ -51,7 +52,7 @@ class MapOptions:
     Args:
         p: the case, all scalars.
         scaling, diameter, restitution, density, limit, seed, rtol, uncertain, draws, cutting_fraction, sand_rate,
-            injected: see `erosion_map`.
+            injected, each_row: see `erosion_map`.
         spin: see `erosion_map`; a law joins `laws`.
         laws: by parameter of the case or the model's own, its law from impact to impact.
 
@@ -74,6 +75,7 @@ class MapOptions:
     sand_rate: Any = None
     injected: Any = None
     laws: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    each_row: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "laws", as_laws(self.laws))
@@ -101,6 +103,7 @@ class MapOptions:
         object.__setattr__(self, "sand_rate", _read_sand_rate(self.sand_rate))
         if self.injected is not None:
             self.injected_in(1.0)
+        _ = self.particles
         for name in ("density", "limit", "diameter"):
             if (value := getattr(self, name)) is not None and not (_are_numbers(value) and 0 < value < np.inf):
                 raise ValueError(f"Argument `{name}` must be positive and finite, but is {briefly(value)}.")
@@ -168,7 +171,10 @@ class MapOptions:
             "draws": self.draws if self.uncertain else None,
             "seed": self.seed_used,
             FRACTION: None if self.cutting_fraction == 1 else self.cutting_fraction,
-            **{name: getattr(self, name) for name in ("restitution", "density", "limit", "sand_rate", "injected")},
+            **{
+                name: getattr(self, name)
+                for name in ("restitution", "density", "limit", "sand_rate", "injected", "each_row")
+            },
         }
         return ", ".join(f"{name} = {value}" for name, value in given.items() if value is not None)
 
@@ -191,6 +197,21 @@ class MapOptions:
         if duration is None:
             raise ValueError("Argument `injected` is a mass flow, so Argument `duration` must be given.")
         return _read("injected", self.injected, "mass flow") * duration
+
+    @property
+    def particles(self) -> float:
+        """The particles that each row of a table without weights stands for.
+
+        Raises:
+            ValueError: for what is no number of particles.
+        """
+        if self.each_row is None:
+            return 1.0
+        number, _, word = str(self.each_row).strip().partition(" ")
+        with contextlib.suppress(ValueError):
+            if word in ("particle", "particles") and 0 < float(number) < math.inf:
+                return float(number)
+        raise ValueError(f'Argument `each_row` must be such as "1 particle", but is {briefly(self.each_row)}.')
 
     def laws_in_words(self, model: CuttingModel) -> dict[str, str]:
         """By parameter, its law as a person reads it: "normal(2, 0.1)", "uncertain normal(2, 0.1)"."""

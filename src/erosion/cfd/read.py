@@ -1,6 +1,5 @@
 """Open tables of impacts and surfaces (VTK, STL, OpenFOAM) by the kind of their files."""
 
-import dataclasses
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,11 +24,12 @@ _POLYGONS = (5, 7, 9)  # VTK's numbers of triangle, polygon and quadrilateral
 _OTHER_FACES = (6, 8, 22, 23, 28, 30, 34, 36, 61, 62, 69, 70, 76, 77)  # of strip and pixel, and of curved faces
 
 
-def open_surface(path: Path, patch: str | Sequence[str] | None = None) -> Surface:
+def open_surface(path: Path, patch: str | Sequence[str] | None = None, unit: str | None = None) -> Surface:
     """The polygons of a file: of a VTU its cells that are polygons; each solid of an STL and block of a VTM is a patch.
 
     Raises:
-        ImpactsError: for a file that cannot be read, or that holds no polygons, and a patch that is not there.
+        ImpactsError: for a file that cannot be read, or that holds no polygons, a patch that is not there, and a file
+            whose unit nobody says.
     """
     blocks = read_solids(path) if path.suffix.lower() == ".stl" else vtk_blocks(path)
     if patch is not None and len(blocks) < 2 and path.suffix.lower() != ".vtm":
@@ -65,7 +65,12 @@ def open_surface(path: Path, patch: str | Sequence[str] | None = None) -> Surfac
         ends=np.cumsum(np.concatenate(sizes), dtype=np.int64),
         patches=tuple(names),
         patch=np.repeat(np.arange(len(names)), list(map(len, sizes))),
+        is_facing=False,
     )
+    stated = {str(text) for grid, _ in grids.values() for text in grid.field_data.get("unit", ())}
+    if unit is None and len(stated) != 1:
+        raise ImpactsError(f"{path}: does not say the unit of its coordinates: Argument `unit` must, such as 'mm'.")
+    surface = surface.in_unit(next(iter(stated)) if unit is None else unit)
     if len(names) == 1:
         return surface
     twice = np.setdiff1d(np.arange(surface.faces), np.unique(surface.centre, axis=0, return_index=True)[1])
@@ -180,7 +185,6 @@ def read_surface(
     patch: str | Sequence[str] | None = None,
     *,
     unit: str | None = None,
-    reverse: bool | str = False,
 ) -> Surface:
     """Read the surface that particles hit.
 
@@ -189,11 +193,10 @@ def read_surface(
             `.vtm`.
         patch: one or more patches of the case; by default all walls. Or blocks of a `.vtm`, or solids of an `.stl`; by
             default all that have polygons.
-        unit: of the coordinates, "mm"; by default they are in metres, and `erosion_map` compares them with the
-            positions of impacts.
-        reverse: whether to turn the normals round, for a file whose normals point into the fluid. OpenFOAM's point
-            out of it. Where nearly all impacts come from behind, `erosion_map` says it. "auto" makes the normals of
-            each connected part agree, so that most of the first impacts come from the fluid.
+        unit: of the coordinates, "mm"; a file needs it, unless it has a field `unit` (VTK). A case is in metres.
+
+    Normals of a file may point to either side: `erosion_map` turns those of each connected part so that most of the
+    particles come from the fluid.
 
     Raises:
         ImpactsError: a ValueError that names the file and what is wrong with it.
@@ -202,25 +205,20 @@ def read_surface(
     if unit is not None:
         metres_of(unit)
     if path.is_dir():
+        if unit is not None:
+            raise ImpactsError(f"{path}: is an OpenFOAM case, which is in metres: Argument `unit` must be left out.")
         case = case_of(path)
-        surface = open_case(path if case is None else case).surface(patch)
-    elif path.suffix.lower() in _SURFACES:
-        surface = open_surface(path, patch)
-    else:
-        converted = path.with_suffix(".vtp").name
-        hint = (
-            f" Python converts other files of polygons: pyvista.read({path.name!r}).extract_surface().triangulate()"
-            f".save({converted!r})."
-        ) * (path.suffix.lower() in _CONVERTIBLE)
-        raise ImpactsError(
-            f"{path}: is no surface; it must be an OpenFOAM case, or its name must end in {', '.join(_SURFACES)}.{hint}"
-        )
-    surface = surface.in_unit(unit)
-    if reverse not in (False, True, "auto"):
-        raise ImpactsError(f"Argument `reverse` must be True, False or 'auto', but is {briefly(reverse)}.")
-    if reverse == "auto":
-        return dataclasses.replace(surface.reversed(surface.parts[1]), turns_itself=True)
-    return surface.reversed() if reverse else surface
+        return open_case(path if case is None else case).surface(patch)
+    if path.suffix.lower() in _SURFACES:
+        return open_surface(path, patch, unit)
+    converted = path.with_suffix(".vtp").name
+    hint = (
+        f" Python converts other files of polygons: pyvista.read({path.name!r}).extract_surface().triangulate()"
+        f".save({converted!r})."
+    ) * (path.suffix.lower() in _CONVERTIBLE)
+    raise ImpactsError(
+        f"{path}: is no surface; it must be an OpenFOAM case, or its name must end in {', '.join(_SURFACES)}.{hint}"
+    )
 
 
 def _existing(name: str, value: Any) -> Path:

@@ -72,6 +72,7 @@ class Impacts(abc.ABC):
         duration_from: what says so, in words.
         injected: mass of the particles that were injected [kg], None where the run does not say it.
         has_parcels: whether rows say which parcel hits, so that bounces are known from new parcels.
+        has_weights: whether rows say how many particles they stand for; else each row is one.
         mesh_faces: whether `face` of its blocks counts the faces of the whole mesh (`Surface.face_of_mesh` leads from
             them to the surface's own).
         warnings: sentences on what the table does not say, and what is taken instead.
@@ -86,6 +87,7 @@ class Impacts(abc.ABC):
     duration_from: str = "as given"
     injected: float | None = None
     has_parcels: bool = False
+    has_weights: bool = True
     mesh_faces: bool = False
     warnings: tuple[str, ...] = ()
     read_as: str = ""
@@ -158,8 +160,6 @@ _RATES = {"mass_flow": "parcel_mass", "frequency": "count"}
 GREATEST = 1e20
 """Of a number in SI units, so that no product of a map overflows."""
 
-NO_WEIGHT = "has no column of the number of particles that a row stands for, so each row counts as one particle"
-
 
 def require_columns(source: str, names: Collection[str], *, has_density: bool = False) -> None:
     """Refuse a table whose columns do not make impacts.
@@ -201,7 +201,7 @@ def weigh(source: str, names: Collection[str], duration: float | None) -> tuple[
     """
     weights, name = [weight for weight in WEIGHTS if weight in names], Path(source).name
     if not weights:
-        return duration, (f"{name} {NO_WEIGHT}.",)
+        return duration, ()
     if len(weights) > 1:
         raise ImpactsError(
             f"{source}: the columns {' and '.join(weights)} all give the weight of a row; keep one, and name others in "

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,15 +13,9 @@ from erosion.extras import library
 from erosion.output.tables import briefly
 from erosion.parameters.quantities import about, read_quantity
 
-METRES: Mapping[str, float] = {
-    "um": 1e-6, "mm": 1e-3, "cm": 0.01, "in": 0.0254, "dm": 0.1, "ft": 0.3048, "m": 1.0,
-}  # fmt: skip
-"""Units that files of surfaces are in."""
-
 _SHARP = np.pi / 3
 """The angle between two faces from which on they are two walls, not facets of a curved one [rad]."""
-_SAME_PLACE = 1e-6  # of the surface's length, to which files in single precision round it
-_SLANTED = np.array([0.46, 0.59, 0.66])  # a direction in which hardly any wall lies
+_SAME_PLACE = 1e-5  # of the surface's length, within which two centres are one
 _ROWS = 1 << 15  # whose distances are computed at once
 
 
@@ -41,9 +34,10 @@ class Surface:
         patches: names of patches.
         patch: of each face, an index of `patches`, shape (faces,).
         mesh_face: number of each face in the mesh of the CFD run, shape (faces,); None where there is none.
-        unit: that of the file, of which `points` are in metres; None where nobody said it, and it is taken as metres.
+        unit: that of the file, of which `points` are in metres.
         turned: whether the normals are against those of the file, shape (faces,), or of all faces.
-        turns_itself: whether `erosion_map` turns the normals of each connected part so that most impacts meet it.
+        is_facing: whether the normals are known to point out of the fluid; else `erosion_map` turns those of each
+            connected part so that most particles come from the fluid.
 
     Raises:
         ImpactsError: for a surface without faces, coordinates that are not finite, corners that are no points, and
@@ -57,9 +51,9 @@ class Surface:
     patches: tuple[str, ...]
     patch: Indices
     mesh_face: Indices | None = None
-    unit: str | None = "m"
+    unit: str = "m"
     turned: Any = False
-    turns_itself: bool = False
+    is_facing: bool = True
 
     def __post_init__(self) -> None:
         if not self.faces:
@@ -140,14 +134,13 @@ class Surface:
         areas = np.bincount(part, np.where(is_turned, self.area, -self.area))
         return part.reshape(-1), is_turned ^ (areas > 0)[part.reshape(-1)]
 
-    def in_unit(self, unit: str | None) -> "Surface":
-        """The surface of a file whose numbers are in this unit, in metres; None takes them as metres.
+    def in_unit(self, unit: str) -> "Surface":
+        """The surface of a file whose numbers are in this unit, in metres.
 
         Raises:
             ImpactsError: for what is no unit of length.
         """
-        metres = 1.0 if unit is None else metres_of(unit)
-        return dataclasses.replace(self, points=self.points * metres, unit=unit)
+        return dataclasses.replace(self, points=self.points * metres_of(unit), unit=unit)
 
     def face_of_mesh(self, mesh_face: Indices) -> Indices:
         """The surface's face of each face of the mesh, -1 for faces that are not of the surface.
@@ -182,30 +175,12 @@ class Surface:
             distances[first : first + _ROWS] = np.minimum.reduceat(each, begins)
         return distances
 
-    def other_side(self, faces: Indices, positions: Vectors, distances: Numbers) -> Indices:
-        """Of each position the face as near with the opposite normal, as sheets without thickness have one; else -1.
-
-        Args:
-            faces: the nearest of each position.
-            positions: shape (rows, 3) [m].
-            distances: of these faces [m].
-        """
-        core, model = (library(f"vtkmodules.vtkCommon{part}", "cfd") for part in ("Core", "DataModel"))
-        cell, point, number, part, square = model.vtkGenericCell(), [0.0] * 3, *(core.mutable(0) for _ in range(3))
-        radii = distances + _SAME_PLACE * self.length
-        other, normal, position = np.full(len(faces), -1), self.normal, np.asarray(positions, float)
-        along = normal[faces] @ _SLANTED >= 0
-        for (face, triangles), rows in zip(self._halves, (along, ~along), strict=True):
-            if not (face.size and rows.any()):
-                continue
-            tree = model.vtkStaticCellLocator()
-            tree.SetDataSet(triangles)
-            tree.BuildLocator()
-            for row in np.flatnonzero(rows):
-                if tree.FindClosestPointWithinRadius(position[row], radii[row], point, cell, number, part, square):
-                    other[row] = face[int(number)]
-        opposite = np.einsum("ij,ij->i", normal[faces], normal[other]) < -np.cos(_SHARP)
-        return np.where(opposite, other, -1)
+    @functools.cached_property
+    def doubled(self) -> Indices:
+        """Faces that lie on another one, as both sides of a sheet do."""
+        place = np.round(self.centre / (_SAME_PLACE * self.length)).astype(np.int64)
+        _, which, count = np.unique(place, axis=0, return_inverse=True, return_counts=True)
+        return np.flatnonzero(count[which.reshape(-1)] > 1)
 
     @functools.cached_property
     def box(self) -> tuple[Numbers, Numbers]:
@@ -283,17 +258,6 @@ class Surface:
         return face[one[alone]], face[other[alone]], are_along[alone]
 
     @functools.cached_property
-    def mixed(self) -> Indices:
-        """Faces whose normals disagree with those of most of the faces that they are connected with."""
-        one, other, are_along = self._shared_sides
-        if not are_along.any():
-            return np.zeros(0, np.int64)
-        try:
-            return np.flatnonzero(self.parts[1])
-        except ImpactsError:
-            return np.unique([one[are_along], other[are_along]])
-
-    @functools.cached_property
     def _triangles(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Face and three corners of each triangle: a triangle is itself, another polygon has one to a side."""
         sizes = np.diff(self.ends, prepend=0)
@@ -319,17 +283,7 @@ class Surface:
 
         VTK takes polygons too, but their sides are exact only to 1e-4 of their length.
         """
-        return self._polydata(slice(None))
-
-    @functools.cached_property
-    def _halves(self) -> list[tuple[np.ndarray, Any]]:
-        """The face of each triangle, and these for VTK, of the faces that look against a direction, and along it."""
-        face, along = self._triangles[0], self.normal @ _SLANTED >= 0
-        return [(face[half], self._polydata(half)) for half in (~along[face], along[face])]
-
-    def _polydata(self, triangles: Any) -> Any:
-        """Some of the triangles."""
-        _, *corners = (values[triangles] for values in self._triangles)
+        _, *corners = self._triangles
         cells = np.arange(3 * len(corners[0])).reshape(3, -1).T
         return library("pyvista", "cfd").PolyData.from_regular_faces(np.concatenate(corners), cells)
 

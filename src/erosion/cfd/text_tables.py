@@ -253,6 +253,7 @@ def open_openfoam(path: Path, case: Path | None, density: float | None, duration
         duration_from="by the windows of time" if given is None else "as given",
         injected=_injected(mesh.case, tables) if mesh is not None and is_whole else None,
         has_parcels="parcel" in first.columns,
+        has_weights=any(name in first.columns for name in WEIGHTS),
         mesh_faces="mesh_face" in first.columns,
         warnings=warnings_of_weights,
         read_as=_READ_AS.format("OpenFOAM"),
@@ -281,7 +282,14 @@ def open_fluent(path: Path, density: float | None, duration: float | None) -> Te
     table = Table(path, numbers[0] + 1, names, columns)
     read_as = _READ_AS.format("Fluent")
     warnings += cut_off(path)
-    return TextImpacts(title=str(path), tables=(table,), duration=duration, warnings=warnings, read_as=read_as)
+    return TextImpacts(
+        title=str(path),
+        tables=(table,),
+        duration=duration,
+        has_weights=any(name in columns for name in WEIGHTS),
+        warnings=warnings,
+        read_as=read_as,
+    )
 
 
 def _files(folder: Path) -> list[Path]:

@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from cyclopts import Group, Parameter
 
@@ -57,13 +57,7 @@ class _Surface:
     patch: Annotated[
         list[str] | None, LISTED, Parameter(help='Of the OpenFOAM case: "wall", or several; or all walls.')
     ] = None
-    surface_unit: Annotated[str | None, Parameter(help="Of its coordinates, such as mm; or metres.")] = None
-    reverse: Annotated[
-        Literal["auto", "all"] | None, Parameter(help='Turn round normals into the fluid: "auto", or "all" faces.')
-    ] = None
-
-
-_REVERSE = {None: False, "all": True, "auto": "auto"}
+    surface_unit: Annotated[str | None, Parameter(help="Of the coordinates of a file, such as mm.")] = None
 
 
 @Parameter(name="*", group=IMPACTS)
@@ -89,6 +83,7 @@ class _Rows:
     sand_rate: Annotated[str | None, Parameter(help='For wear a year: "100 kg/day", "50 ppm of 12 kg/s" by mass.')] = (
         None
     )
+    each_row: Annotated[str | None, Parameter(help='Of a table without weights: "1 particle".')] = None
     injected: Annotated[str | None, Parameter(help='Sand of the run, if no case says it: "2 g"; or "rows".')] = None
     particle_density: Annotated[str | None, Parameter(help='If no column gives it, nor --particle: "2650 kg/m^3".')] = (
         None
@@ -167,6 +162,7 @@ class _Rows:
                 sand_rate=self.sand_rate,
                 injected=self.injected,
                 laws=laws,
+                each_row=self.each_row,
             )
 
     def number(self, name: str, dimension: "lazy.Dimension", p: "lazy.Parameters") -> float | None:
@@ -241,10 +237,7 @@ def map_(
     scheduler: Annotated[str | None, Parameter(show=False)] = None,
     json: Annotated[JsonOption, Parameter(show=False, group=_OUTPUT)] = False,
 ) -> None:
-    """Compute the wear of a surface by the impacts of a CFD run.
-
-    A parameter may vary: --k "normal(2, 0.2)", as in a case file's table [map].
-    """
+    """Compute the wear of a surface by the impacts of a CFD run."""
     target, rows, picture = target or _Surface(), rows or _Rows(), picture or _Picture()
     options = with_file(case, file)
     if options.case is None and options.units is None:  # Table 1 in SI, as tables and surfaces of CFD codes are
@@ -315,7 +308,7 @@ def map_(
     units = content.pop("units")
     varied = {"alpha": "each row's", "v0": "each row's", **made.laws_in_words(job.task.model)}
     printed.document(content, {sand.name: job.task.model}, units, varied)
-    printed.table(summary.title, summary.rows(), sentences=[dataset.attrs["read_as"], *sentences])
+    printed.table(summary.title, summary.rows(), sentences=[*dataset.attrs["read_as"].splitlines(), *sentences])
     printed.wrote(map=output, figure=picture.plot)
 
 
@@ -341,15 +334,11 @@ def _job(
 ) -> "lazy.MapJob":
     """Open the table and the surface, and check the map."""
     name, p = target.surface, options.p
-    for option in ("patch", "surface_unit", "reverse"):
+    for option in ("patch", "surface_unit"):
         if name is None and getattr(target, option):
             raise InputError(f"Option `--{option.replace('_', '-')}` needs `--surface`, of which it is.")
     with user_errors(TypeError), progress_bar("reading"):
-        surface = (
-            None
-            if name is None
-            else lazy.read_surface(name, target.patch, unit=target.surface_unit, reverse=_REVERSE[target.reverse])
-        )
+        surface = None if name is None else lazy.read_surface(name, target.patch, unit=target.surface_unit)
         case = name if name is not None and name.is_dir() else None
         table = rows.table(*impacts, case, p, named_density)
         return lazy.prepare_map(model[0], table, surface, options, model[1])

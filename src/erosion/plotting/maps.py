@@ -381,7 +381,7 @@ def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = No
     source = re.sub(r"\b(sand_rate = [^, ;]+)(?=[,;])", r"\1 kg/s", source)
     # A reader of the page knows no arguments.
     warnings = ["⚠ " + re.sub(r"(?:Argument )?`(\w+)`", r"“\1”", warning) for warning in summary.warnings]
-    notes = [wear.attrs["read_as"], _ASSUMED, f"{wear.attrs['model']}: {wear.attrs['constants']}", source]
+    notes = [*wear.attrs["read_as"].splitlines(), _ASSUMED, f"{wear.attrs['model']}: {wear.attrs['constants']}", source]
     picture = base64.b64encode(render(plot_map(wear, quantity, **look), "png")).decode()
     content = "\n".join([
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>',
