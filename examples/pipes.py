@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from erosion.correlations import DNV_MATERIALS, DNVMaterial, dnv_2015, dnv_brittle
@@ -25,6 +26,13 @@ _BEND_FACTOR, _GALLERY_FACTOR = 2.5, 1.25
 _LARGEST_CRITICAL = 0.1  # greatest critical diameter of a particle, over the pipe's; RP-O501 (4.30)
 
 _RANGES: Mapping[str, Range] = {name: DNV_RANGES[name] for name in ("v0", "diameter")}
+
+
+_BOUNDS: Mapping[str, tuple[float, float]] = {
+    "density": (0.01, 3000.0), "viscosity": (1e-7, 100.0), "sand_density": (500.0, 20_000.0), "diameter": (1e-7, 0.02),
+    "v0": (1e-3, 1000.0), "pipe": (0.005, 3.0), "radius": (0.5, 50.0), "gap": (1e-4, 1.0), "height": (1e-3, 5.0),
+}  # fmt: skip
+"""The least and the greatest value of each argument that a pipe of this world has, in SI units; a radius over D."""
 
 
 class Flow(NamedTuple):
@@ -77,7 +85,16 @@ def bend(
     References:
         DNVGL-RP-O501 (2015), (4.23)-(4.34).
     """
+    _require(flow, pipe=pipe, radius=radius)
     return _bend(flow, pipe, radius, _target(material, flow)) * geometry_factor
+
+
+def _require(flow: Flow | None, **values: Values) -> None:
+    """Refuse what no pipe has, such as millimetres for metres, or a radius in metres for one over D."""
+    for name, value in {**({} if flow is None else flow._asdict()), **values}.items():
+        low, high = _BOUNDS[name]
+        if not (np.asarray(value) >= low).all() or not (np.asarray(value) <= high).all():
+            raise ValueError(f"Argument `{name}` must be from {low:g} to {high:g} in SI units, but is {value}.")
 
 
 @functools.partial(jax.jit, static_argnames="target")
@@ -108,6 +125,7 @@ def blinded_tee(
     References:
         DNVGL-RP-O501 (2015), (4.37)-(4.45).
     """
+    _require(flow, pipe=pipe)
     return _blinded_tee(flow, pipe, _target(material, flow)) * geometry_factor
 
 
@@ -137,6 +155,7 @@ def straight_pipe(v0: Values, *, pipe: Values) -> Array:
     References:
         DNVGL-RP-O501 (2015), section 4.2: 2.5e-5 v^2.6 D^-2 mm a year for a kilogramme of sand a second.
     """
+    _require(None, v0=v0, pipe=pipe)
     warn_outside("DNV RP-O501", _RANGES, v0=v0)
     return 2.5e-5 * jnp.asarray(v0, float) ** 2.6 / jnp.asarray(pipe) ** 2 * 1e3 / _YEAR
 
@@ -168,6 +187,7 @@ def choke_gallery(
     References:
         DNVGL-RP-O501 (2015), table 4-5.
     """
+    _require(flow, pipe=pipe, gap=gap, height=height)
     in_gallery = flow._replace(v0=0.75 * flow.v0 * _section(pipe) / (2 * height * gap))
     as_bend = bend(in_gallery, pipe=gap, radius=radius / gap, material=material, geometry_factor=geometry_factor)
     return as_bend * _GALLERY_FACTOR / _BEND_FACTOR

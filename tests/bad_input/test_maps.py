@@ -29,6 +29,13 @@ def with_face(face: int) -> Table:
     return GOOD.replace(face=faces)
 
 
+def receding_but_one() -> Table:
+    """Rows that move away from the wall, and one that hits it but has the weight 0."""
+    velocity, count = -GOOD.columns["velocity"][:2], np.array([0.0, 1.0])
+    velocity[0] *= -1
+    return GOOD.only(slice(2)).replace(velocity=velocity, count=count)
+
+
 TABLES = {
     "no rows": (GOOD.only(slice(0)), "table: must hold impacts, but holds none."),
     "mass 0": (with_number(GOOD, "mass", 0.0), "row 5: `mass` must be positive and finite, but is 0.0."),
@@ -37,6 +44,7 @@ TABLES = {
     "count < 0": (with_number(GOOD, "count", -1.0), "row 5: `count` must be a number of at least 0, but is -1.0."),
     "count NaN": (with_number(GOOD, "count", np.nan), "row 5: `count` must be a number of at least 0, but is nan."),
     "no weights": (GOOD.replace(count=np.zeros(20)), "table: every row has the weight 0"),
+    "no weight of a hit": (receding_but_one(), "table: every row that hits has the weight 0"),
     "velocity NaN": (with_number(GOOD, "velocity", np.nan), "row 5: `velocity` must be finite"),
     "spin infinite": (with_number(GOOD.replace(spin=np.zeros(20)), "spin", np.inf), "row 5: `spin` must be finite"),
     "speed < 0": (with_number(AIMED, "speed", -1.0), "row 5: `speed` must be a number of at least 0, but is -1.0."),

@@ -354,6 +354,24 @@ def test_bends(given, loss):
     assert float(computed) == pytest.approx(loss, abs=AS_PRINTED)
 
 
+@pytest.mark.parametrize(
+    ("flow", "options", "name"),
+    [
+        ({"density": -1.0}, {}, "density"),
+        ({"viscosity": 0.0}, {}, "viscosity"),
+        ({"diameter": 0.28}, {}, "diameter"),
+        ({"v0": float("nan")}, {}, "v0"),
+        ({}, {"pipe": 97.8}, "pipe"),
+        ({}, {"radius": 60.0}, "radius"),
+        ({}, {"radius": 0.17}, "radius"),
+    ],
+)
+def test_what_no_pipe_has_is_refused(flow, options, name):
+    good = {"v0": 29.3, "density": 30.0, "viscosity": 1.5e-5, "diameter": 0.28e-3}
+    with pytest.raises(ValueError, match=f"^Argument `{name}` must be from"):
+        pipes.bend(pipes.Flow(**good | flow), **{"pipe": 0.0978, "radius": 1.75} | options)
+
+
 def test_a_blinded_tee_and_a_straight_pipe():
     tee = pipes.blinded_tee(pipes.Flow(30.0, 400.0, 1e-3, 0.3e-3), pipe=0.1, geometry_factor=2.0)
     assert float(tee) == pytest.approx(0.054024, abs=AS_PRINTED)

@@ -219,6 +219,19 @@ def test_values_are_read(text, dimension, values):
     np.testing.assert_allclose(axis, values, rtol=1e-14)
 
 
+@pytest.mark.parametrize(
+    ("text", "dimension", "value"),
+    [
+        ("1 mil", "length", 2.54e-5),
+        ("2 te/day", "mass flow", 2000 / 86400),
+        ("1 pptb", "density", 0.45359237 / 158.987294928),
+        ("0.5 mil", "length", 1.27e-5),
+    ],
+)
+def test_units_of_oil_fields_are_read(text: str, dimension: Dimension, value: float) -> None:
+    assert read_quantity(text, dimension, "si") == pytest.approx(value, rel=1e-12)
+
+
 UNREADABLE: list[tuple[str, Dimension, str]] = [
     ("4400 kg", "speed", r"^must be a speed such as \"110 m/s\", but is '4400 kg', of dimension \[mass\]$"),
     ("20 deg", "1", r"^must be a pure number such as 2, but is '20 deg'$"),

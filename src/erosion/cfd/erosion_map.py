@@ -329,9 +329,10 @@ class MapJob:
         title = self.impacts.title
         if not tally.rows:
             raise ImpactsError(f"{title}: must hold impacts, but holds none.")
-        if not tally.counts["lost_mass"].any():  # with that of the rows that hit
-            raise ImpactsError(f"{title}: every row has the weight 0, so there are no particles.")
-        fates = tally.counts["fates"]
+        fates, mass = tally.counts["fates"], tally.counts["lost_mass"]  # of rows that hit, too
+        if not mass.any() or (tally.hits and not mass[HIT]):
+            which = "that hits " if mass.any() else ""
+            raise ImpactsError(f"{title}: every row {which}has the weight 0, so no particle hits.")
         self._require_right_way(fates)
         if not tally.hits:
             reasons = zip(fates[1:], LEFT_OUT.values(), strict=True)

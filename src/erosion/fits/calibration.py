@@ -577,7 +577,7 @@ def calibrate(
             the case, but ψ, σ or the cutting fraction, the first of these that is free, is
             guessed from the size of the data; and an own stress is σψ at first, if that fits better.
         density: of the target [density], a number in the case's units or "2.7 g/cm^3"; needed
-            for data of mass loss.
+            for data of mass loss, but not by a correlation, whose own density counts.
         cutting_fraction: the share of the particles that cut as the model says, in (0, 1]:
             volumes are multiplied by it. The first guess where it is free.
         loss: "linear" for least squares; "soft_l1", "huber", "cauchy" or "arctan" where some

@@ -220,6 +220,7 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     if parts is None:
         raise UnitError(f"must be {expected}, but {_unreadable(text)}")
     number, given = float(parts["number"]), _POWERLESS.sub(r"\1^\2", parts["unit"].strip())
+    given = _MIL.sub("thou", given)
     if not given:
         return number
     # pint passes over what it does not know, such as the sign that stands for a µ which was lost.
@@ -273,6 +274,7 @@ _GREATEST_POWER = 100
 _NO_UNIT = re.compile(r"[^\w\s*/^().·⋅×+\-−⁻⁺°%‰'\"]")
 # "m3" for m³, which pint takes for a name. It knows no unit of letters and one digit, 2 or 3.
 _POWERLESS = re.compile(r"(?<![\w])([^\W\d_]+)([23])(?!\w)")
+_MIL = re.compile(r"\bmils?\b")  # a thousandth of an inch; pint's is an angle
 # One or two digits before the point, or in brackets also a ratio of two such; no other power follows.
 _EXPONENT = re.compile(
     r"\s*(?:[+-]?\s*(\d{1,2}(?:\.\d*)?)|\(\s*[+-]?\s*(\d{1,2}(?:\.\d*)?)(?:/\d{1,2})?\s*\))(?![\w.])(?!\s*(?:[\w.(^]|\*\*))"
@@ -321,6 +323,9 @@ def _registry() -> "pint.UnitRegistry":
 
     registry = pint.UnitRegistry(cache_folder=None)
     registry.define("@alias pound = lbm")
+    # Of oil fields; pint's barrel is that of dry goods.
+    registry.define("@alias metric_ton = te")
+    registry.define("pptb = pound / (1000 * oil_bbl)")
     return registry
 
 
