@@ -41,7 +41,7 @@ from erosion.correlations import OutOfRangeWarning as OutOfRangeWarning
 from erosion.distributions import LAWS as LAWS
 from erosion.distributions import read_distribution as read_distribution
 from erosion.exercises import AnswerKey as AnswerKey
-from erosion.exercises.answer_key import notebook as notebook
+from erosion.exercises.notebook import notebook as notebook
 from erosion.explorer.server import free_port as free_port
 from erosion.explorer.server import offer as offer
 from erosion.explorer.server import serve as serve

@@ -1,7 +1,7 @@
 """The verbs that list, check and teach, such as `materials`, `models`, `verify`, `exercise`, `report`."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -171,6 +171,10 @@ def exercise(
     /,
     *,
     case: CaseOptions | None = None,
+    course: Annotated[
+        Literal["scenario", "numerics"],
+        Parameter(help="The scenario's questions, or numerical methods of one's own."),
+    ] = "scenario",
     output: Annotated[Path, output_option("The notebook (.ipynb).", ".ipynb")] = Path("exercise.ipynb"),
     solved: Annotated[
         Path | None,
@@ -182,19 +186,19 @@ def exercise(
 ) -> None:
     """Make a notebook of tasks for students, which checks their numbers.
 
-    Own Euler and Runge-Kutta steps against the tool, the end of the cut, the
-    volume, the best angle by Newton's method, and where that method fails.
+    Questions 1 to 8 of the scenario and the additional ones, with hints and
+    interpretation; or own Euler and Runge-Kutta steps, the end of the cut, the
+    best angle by Newton's method, and where that method fails.
     """
     options = with_file(case, file)
     p = options.parameters()
     require_outputs(output, solved, inputs=(options.case,))
 
     name = options.title(p.units)
-    with user_errors(), progress_bar("solving the tasks"):
-        key = lazy.AnswerKey(p)
-        texts = {path: lazy.notebook(key, title=name, solved=path == solved) for path in (output, solved) if path}
-        for path, text in texts.items():
-            lazy.write_whole(path, text.encode())
+    with user_errors():
+        key = lazy.AnswerKey(p, course)
+        for path in filter(None, (output, solved)):
+            lazy.write_whole(path, lazy.notebook(key, title=name, solved=path == solved).encode())
     print(f"{output.resolve()}: {len(key.tasks)} tasks about {name}")
     if solved is not None:
         print(f"{solved.resolve()}: the same with solutions")
