@@ -200,6 +200,24 @@ def test_the_sentence_says_how_far_off_an_answer_is(task: str, ratio: float, sen
     assert str(KEY.check(task, ...)) == f"{task}: still to do."
 
 
+def test_the_score_counts_the_last_answer_to_each_task() -> None:
+    key = AnswerKey(P)
+    assert key.score() == (0, 49)
+    key.check("volume", key.answer("volume"))
+    key.check("alpha_max", 2 * key.answer("alpha_max"))
+    assert str(key.score()) == "3 of 49 points for numbers"
+    key.check("alpha_max", key.answer("alpha_max"))
+    key.check("volume", ...)
+    assert key.score() == (3, 49)
+
+
+def test_a_notebook_shows_the_sentence_and_nbgrader_reads_the_points() -> None:
+    key = AnswerKey(P)
+    bundles = [key.check("volume", key.answer("volume") * factor)._repr_mimebundle_() for factor in (1, 1.25)]
+    assert [float(bundle["text/plain"]) for bundle in bundles] == [3, 0]
+    assert bundles[1]["text/html"] == "volume: 25 % above the answer. It is to be the removed volume."
+
+
 IN_SI = AnswerKey(P.to("si"), "numerics")
 
 

@@ -1,9 +1,10 @@
 """The answers to the tasks of a course about a case, and the verdict on a student's number."""
 
 import dataclasses
+import html
 import math
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
@@ -44,13 +45,34 @@ class Verdict:
     Args:
         right: whether the answer is within the tolerance.
         sentence: how far off it is, and what to look at.
+        points: reached by it.
     """
 
     right: bool
     sentence: str
+    points: int
 
     def __repr__(self) -> str:
         return self.sentence
+
+    def _repr_mimebundle_(self, **_: Any) -> dict[str, str]:
+        """The sentence for the reader of a notebook, the points for nbgrader, which reads the plain text."""
+        return {"text/plain": str(self.points), "text/html": html.escape(self.sentence)}
+
+
+class Score(NamedTuple):
+    """Points for numbers.
+
+    Args:
+        reached: by the answers that were checked; of several answers to a task the last one counts.
+        possible: of all tasks.
+    """
+
+    reached: int
+    possible: int
+
+    def __str__(self) -> str:
+        return f"{self.reached} of {self.possible} points for numbers"
 
 
 class AnswerKey:
@@ -75,6 +97,7 @@ class AnswerKey:
         self.p = p.replace(phidot0=0.0)
         self.course = COURSES[course]
         self._answers: dict[str, float] = {}
+        self._points: dict[str, int] = {}
         if str(LINEARIZED.ended_by(self.p)) == "no-cut":
             angle = f"{math.degrees(float(p.alpha)):g}°"
             raise ValueError(f"Argument `alpha` must be an angle at which something is cut, but is {angle}.")
@@ -118,18 +141,23 @@ class AnswerKey:
         if given is None and answer is not ...:
             raise ValueError(f"Argument `answer` must be one finite number, but is {briefly(answer)}.")
         right, asked = self.answer(task), self.tasks[task]
-        if given is None:
-            return Verdict(False, f"{task}: still to do.")
-        ratio = given / right
+        is_right = given is not None and abs(given / right - 1) <= asked.tolerance
+        self._points[task] = asked.points if is_right else 0
+        said = "still to do." if given is None else self._said(given / right, right, asked)
+        return Verdict(is_right, f"{task}: {said}", self._points[task])
+
+    def score(self) -> Score:
+        """The points of the answers that were checked, of the points of all tasks; without the interpretations."""
+        return Score(sum(self._points.values()), sum(task.points for task in self.tasks.values()))
+
+    def _said(self, ratio: float, right: float, asked: Task) -> str:
+        """What is said of an answer, by its ratio to the right one."""
         if abs(ratio - 1) <= asked.tolerance:
-            words = self._in_words(right, asked.dimension)
-            return Verdict(True, f"{task}: right. It is {asked.asks}: {words}.")
-        slip = self._slip(ratio, asked)
-        if slip:
-            return Verdict(False, f"{task}: {slip}")
-        near = abs(ratio - 1) <= _NEAR
-        hint = asked.hint if near else f"It is to be {asked.asks}."
-        return Verdict(False, f"{task}: {self._how_far(ratio)} {hint}")
+            return f"right. It is {asked.asks}: {self._in_words(right, asked.dimension)}."
+        if slip := self._slip(ratio, asked):
+            return slip
+        hint = asked.hint if abs(ratio - 1) <= _NEAR else f"It is to be {asked.asks}."
+        return f"{self._how_far(ratio)} {hint}"
 
     def _slip(self, ratio: float, asked: Task) -> str:
         """What is said of an answer that is off by the factor of a common slip; empty for any other."""

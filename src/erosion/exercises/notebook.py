@@ -53,9 +53,28 @@ def notebook(key: AnswerKey, *, title: str, solved: bool = False) -> str:
     cells = []
     for number, cell in enumerate(cells_of(text, solved=solved)):
         make: Any = v4.new_markdown_cell if cell.kind == "markdown" else v4.new_code_cell
-        cells.append(make(cell.source, id=f"cell-{number:02}"))
+        cells.append(make(cell.source, id=f"cell-{number:02}", metadata=_for_nbgrader(key, number, cell)))
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     return library("nbformat", "classroom").writes(v4.new_notebook(cells=cells, metadata={"kernelspec": kernel})) + "\n"
+
+
+def _for_nbgrader(key: AnswerKey, number: int, cell: Cell) -> dict[str, Any]:
+    """The metadata by which nbgrader grades a check, and asks the teacher to grade an interpretation."""
+    if cell.role not in ("check", "interpretation"):
+        return {}
+    by_hand = cell.role == "interpretation"
+    task = "" if by_hand else cell.source.split('"')[1]
+    graded = {
+        "schema_version": 3,
+        "grade_id": f"interpretation-{number:02}" if by_hand else task,
+        "grade": True,
+        "points": cell.points if by_hand else key.tasks[task].points,
+        "solution": by_hand,
+        "locked": not by_hand,
+        "task": False,
+        "cell_type": cell.kind,
+    }
+    return {"nbgrader": graded}
 
 
 def cells_of(text: str, *, solved: bool) -> Iterator[Cell]:
