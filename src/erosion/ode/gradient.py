@@ -8,14 +8,14 @@ so on, so that their bits depend on the lanes alone.
 import collections
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from erosion.arguments import PerImpact, PerLane, check_unmasked
+from erosion.arguments import Number, PerImpact, PerLane, check_unmasked
 from erosion.lanes.engines import compile_lanes
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import WIDTH, Lanewise, number
@@ -327,12 +327,18 @@ class _WayBack:
         ]
 
 
+# JAX traces it once, to look whether it can and to compile it: half of the time of a first gradient.
+@functools.lru_cache(maxsize=64)
+def _back(layout: Layout) -> Callable[..., list[Number]]:
+    """The way back through a lane."""
+    return jax.jit(functools.partial(pulled_back, layout))
+
+
 @functools.lru_cache(maxsize=256)
 def _is_traced(layout: Layout) -> bool:
     """Whether JAX can go back through a step."""
     try:
-        back = functools.partial(pulled_back, layout)
-        jax.eval_shape(back, layout.structs(), number, number, [number] * layout.rows, number)
+        jax.eval_shape(_back(layout), layout.structs(), number, number, [number] * layout.rows, number)
     except ValueError:
         return False
     return True
@@ -343,7 +349,7 @@ def _compiled(layout: Layout, *, timed: bool) -> Lanewise | None:
     """The program that goes back; None where lanes cannot do what it needs."""
     arguments = (layout.structs(), number, number, [number] * layout.rows, number, *[number] * timed)
     try:
-        return compile_lanes(functools.partial(pulled_back, layout), arguments, tapes=3 if timed else 1)
+        return compile_lanes(_back(layout), arguments, tapes=3 if timed else 1)
     except NotForLanesError:
         return None
 
