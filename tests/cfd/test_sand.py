@@ -30,7 +30,7 @@ def tally_of(volume: np.ndarray, face: np.ndarray, *, times: int = 1, faces: int
     for _ in range(times):
         for line in volume:
             outcome = np.isnan(line)[None].astype(np.int64)
-            tally.add(portion_of(hits, hits, line[None], outcome, zeros > 0, 1, 2))
+            tally.add(portion_of(hits, hits, line[None], outcome, zeros > 0, np.zeros(2, int), 1, 2))
     return tally
 
 

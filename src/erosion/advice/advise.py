@@ -12,7 +12,7 @@ from erosion.arguments import Progress, no_progress, refuse
 from erosion.correlations import CORRELATIONS
 from erosion.distributions import Normal, as_laws
 from erosion.fits.forward import FRACTION
-from erosion.impacts import SimulationError, alpha_max, impact
+from erosion.impacts import SimulationError, alpha_max, impact, turned_beyond
 from erosion.models import CuttingModel, called, load_model, with_values
 from erosion.models.correlated import Correlated, CorrelatedByShape, correlated, made_for, members, per_mass_of
 from erosion.ode.step_control import require_float64
@@ -28,7 +28,7 @@ from erosion.parameters import (
     target as read_target,
     validate,
 )
-from erosion.results import unique
+from erosion.results import Finding, unique
 from erosion.streams.tally import Particles
 
 MODELS = (
@@ -168,9 +168,11 @@ def advise_case(
         curves.append(jet.of_correlation(model.label, model, fits=fits, known=per_mass.density is not None))
         outside.append(model.outside_of_range(p))
     progress("models", total, total)
-    said = unique(finding for finding in outside if finding is not None)
-    return Advice(p, spread, speed_spread, per_mass, tuple(curves), grit, metal, said, uncertain,
-                  weighed=None if uncertain is None else uncertain.tested.get("alpha"))  # fmt: skip
+    advice = Advice(p, spread, speed_spread, per_mass, tuple(curves), grit, metal, uncertain=uncertain,
+                    weighed=None if uncertain is None else uncertain.tested.get("alpha"))  # fmt: skip
+    at = p.replace(alpha=advice.alpha)
+    turned = [Finding("turned_beyond_at_best", name) for name, model in models.items() if turned_beyond(model, at)]
+    return dataclasses.replace(advice, outside=unique([*filter(None, outside), *turned]))
 
 
 def _correlations(metal: Target | None, grit: Particle | None) -> list[tuple[Correlated, bool]]:

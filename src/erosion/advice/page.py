@@ -12,7 +12,7 @@ from erosion.advice.result import NOZZLE_ANGLES, Advice, degrees, ends
 from erosion.output import briefly, require_no_pdf, require_writable, write_whole
 from erosion.parameters import QUANTITIES, quantity_row
 from erosion.plotting.labels import DIM, INK, STYLES
-from erosion.plotting.style import angle_axis, house_style, new_axes, render
+from erosion.plotting.style import angle_axis, house_style, mark_turned, new_axes, render
 from erosion.report.text import inline_svg, render_page
 
 _DASHES: Sequence[Any] = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6, 2, 1, 2, 1, 2)))
@@ -45,6 +45,7 @@ def plot_advice(advice: Advice) -> Figure:
     angle_axis(ax, label="angle of the nozzle, from the surface")
     ax.set(ylabel="share of its own greatest erosion", ylim=(0, 1.03))
     ax.yaxis.set_major_formatter(lambda value, _: f"{value:.3g}")
+    mark_turned(ax, advice.findings)
     fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
     return fig
 

@@ -179,7 +179,7 @@ class Advice(Result):
         per_mass: density of the target, share of the particles that cut.
         curves: every model, its variations, and every correlation.
         particle, target: where they were named.
-        outside: findings on correlations that are used outside of their range.
+        outside: findings on models at the advised angle that turn the body too far, and on models out of range.
         uncertain: the laws that took the place of the ranges of k and ψ, from a fit for example.
         doubts: findings on the fit that it rests on.
         weighed: the least and the greatest angle of its tests [rad]; the advised angle is between them.

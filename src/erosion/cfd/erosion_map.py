@@ -28,7 +28,9 @@ from erosion.distributions import Distribution
 from erosion.impacts import (
     SimulationError,
     code_version,
+    count_turned,
     end_names,
+    finding_of_turned,
     identity,
     impact,
     model_in_words,
@@ -76,16 +78,18 @@ class MapTask:
         if not is_hit.all():
             struck, values = hits.part(is_hit), {name: value[is_hit] for name, value in values.items()}
         volume = outcome = np.zeros((options.realisations, struck.rows), np.int64)
+        turned = np.zeros(2, np.int64)
         if struck.rows:
             common = options.common(model)
             results = impact(*options.impacts(model, struck, values | common), rtol=options.rtol)
             removed = np.asarray(results.volume) * common.get(FRACTION, options.cutting_fraction)
             volume, outcome = (np.broadcast_to(array, volume.shape) for array in (removed, results.outcome))
+            turned = count_turned(results.model, results.p)
         outside = np.zeros(struck.rows, bool)
         if isinstance(model, Correlated):
             columns = {"alpha": struck.alpha, "v0": struck.speed, "diameter": struck.diameter}
             outside = np.any([*masks_outside(CORRELATIONS[model.name].ranges, columns).values()], axis=0)
-        return portion_of(hits, struck, volume, outcome, outside, self.patches, len(end_names(model)))
+        return portion_of(hits, struck, volume, outcome, outside, turned, self.patches, len(end_names(model)))
 
 
 @functools.lru_cache(maxsize=4)
@@ -165,7 +169,14 @@ class MapJob:
             duration_from=sand.duration_from,
             injected_from=sand.injected_from,
             read_as="\n".join(read_as),
-            findings=to_attribute([*map(stated, table.warnings), *summary.findings(tally), *sand.findings]),
+            findings=to_attribute(
+                (
+                    *map(stated, table.warnings),
+                    *summary.findings(tally),
+                    *sand.findings,
+                    *filter(None, [finding_of_turned(tally.counts["turned"])]),
+                )
+            ),
         )
         has_range = isinstance(task.model, Correlated)
         return to_dataset(tally, options, surface, sand, ends, attributes, has_range=has_range)

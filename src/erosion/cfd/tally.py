@@ -35,7 +35,8 @@ class Portion:
         of_draws: ΣwV of each draw of uncertain parameters and of these faces, shape (draws, faces) [volume].
         counts: what needs no care, by name: `ends`, impacts (rows that hit times draws) by face's patch and by outcome;
             `fates`, rows by fate; `lost_mass` of the rows of each fate [kg]; `outside_mass` of hits outside the range
-            of a correlation [kg]; `distances`, a histogram of those of rows that name no face.
+            of a correlation [kg]; `turned`, bodies that turn too far, and those looked at; `distances`, a histogram of
+            those of rows that name no face.
         farthest: the greatest of these distances [m].
         parcels: None where rows have no numbers of parcels.
     """
@@ -107,6 +108,7 @@ def portion_of(
     volume: np.ndarray,
     outcome: np.ndarray,
     outside: np.ndarray,
+    turned: np.ndarray,
     patches: int,
     ends: int,
 ) -> Portion:
@@ -119,6 +121,7 @@ def portion_of(
             the rows; shape (draws, rows) [volume].
         outcome: of these impacts, of the same shape.
         outside: whether these rows are outside the range of a correlation.
+        turned: of `erosion.impacts.turn.count_turned`.
         patches: number of patches.
         ends: number of outcomes.
     """
@@ -130,6 +133,7 @@ def portion_of(
         "ends": np.bincount(code, minlength=patches * ends).reshape(patches, ends),
         "fates": np.bincount(hits.fate, minlength=1 + len(LEFT_OUT)),
         "lost_mass": np.bincount(hits.fate, hits.count * hits.mass, minlength=1 + len(LEFT_OUT)),
+        "turned": turned,
         "outside_mass": np.sum(struck.count * struck.mass, where=outside),
         # The first bin holds the shortest.
         "distances": np.bincount(np.clip(place, 0, _BINS - 1).astype(np.int64), minlength=_BINS),

@@ -37,7 +37,7 @@ from erosion.cli.options import (
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 from erosion.extras import extra
 from erosion.parameters import QUANTITIES
-from erosion.results import Finding
+from erosion.results import Finding, from_attribute
 
 
 @contextlib.contextmanager
@@ -191,7 +191,7 @@ def _show_sweep(
     summary = _summary(dataset)
     of_mass, volumes, at = _per_mass(dataset, grid.p, weights)
     lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
-    output.warn(*grid.outside_of_range, *lazy.models_far_from_tests(weights, volumes, at))
+    output.warn(*from_attribute(dataset.attrs.get("findings", "")), *lazy.models_far_from_tests(weights, volumes, at))
     if 0 < lost < summary["impacts"]:
         output.warn(Finding("not_computed", numbers={"lost": lost, "impacts": summary["impacts"]}))
     dimensions = {str(dim): length for dim, length in dataset.sizes.items()}

@@ -19,7 +19,11 @@ from erosion.impacts.turn import BEYOND_LABEL as BEYOND_LABEL
 from erosion.impacts.turn import check_max_turn as check_max_turn
 from erosion.impacts.turn import QUARTER_TURN as QUARTER_TURN
 from erosion.impacts.turn import TURNED as TURNED
+from erosion.impacts.turn import OF_TURN as OF_TURN
 from erosion.impacts.turn import turned_beyond as turned_beyond
+from erosion.impacts.turn import count_turned as count_turned
+from erosion.impacts.turn import finding_of_turned as finding_of_turned
+from erosion.impacts.turn import turned_in_part as turned_in_part
 from erosion.impacts.dataset_files import code_version as code_version
 from erosion.impacts.dataset_files import IDENTITY as IDENTITY
 from erosion.impacts.dataset_files import identity as identity

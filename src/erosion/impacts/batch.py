@@ -24,6 +24,7 @@ from erosion.models import (
     NO_CUT,
     Case,
     CuttingModel,
+    State,
     impact_to_dict,
     load_model,
     model_name,
@@ -275,6 +276,14 @@ class Impact(Result):
     def state(self) -> ModelState:
         """The model's own state at the end of the cut, a pytree of arrays; see `end`."""
         return self.end.y
+
+    @property
+    def turn(self) -> PerImpact:
+        """How far the body turned, φ(t_c) - φ(0) [rad]; NaN of a model without an orientation; see `end`."""
+        state = self.state
+        if not isinstance(state, State):
+            return np.full(np.shape(self.volume), np.nan)[()]
+        return np.asarray(state.phi - self.model.initial_state(self.p).phi)[()]
 
     @property
     def quantities(self) -> Mapping[str, PerImpact]:

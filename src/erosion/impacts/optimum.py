@@ -22,7 +22,7 @@ import numpy as np
 from erosion.arguments import Broadcast, ModelState, PerImpact, as_pair
 from erosion.impacts.batch import PairDerivatives, impact, lanes_of, pair_derivatives
 from erosion.impacts.maxima import in_words, limit_at_zero, over_angles, shallowest
-from erosion.impacts.turn import BEYOND, TurnLimited, check_max_turn, turned_beyond, turns
+from erosion.impacts.turn import BEYOND, TurnLimited, check_max_turn, turn_of, turned_beyond, turns
 from erosion.models import (
     CuttingModel,
     Events,
@@ -186,6 +186,14 @@ class Optimum(Result):
     integrand: CuttingModel = dataclasses.field(repr=False)
 
     @functools.cached_property
+    def turn(self) -> PerImpact:
+        """How far the body turns there [rad]; NaN without an angle or an orientation; computed when first read."""
+        at = np.asarray(self.alpha)
+        cut = at > 0
+        turn = turn_of(self.model, self.p.replace(alpha=np.where(cut, at, STEEPEST)))
+        return np.where(cut, turn, np.nan)[()]
+
+    @functools.cached_property
     def turned_beyond(self) -> PerImpact:
         """Whether the body turns by more than 90° there, where the model does not hold; computed when first read."""
         return turned_beyond(self.model, self.p)[()]
@@ -238,6 +246,8 @@ class Optimum(Result):
         ]
         if self.objective != "volume":
             rows.append(self.value_row(self.value))
+        if not np.all(np.isnan(self.turn)):
+            rows.append(result_row("turn", self.turn, self.p.units))
         if beyond := int(np.sum(self.turned_beyond)):
             share = f"{beyond:,} of {np.size(self.turned_beyond):,}" if np.ndim(self.turned_beyond) else "yes"
             rows.append(Row("turned_beyond", "", share, "", BEYOND))
@@ -250,7 +260,7 @@ class Optimum(Result):
         """Model, parameters and every field, without the sensitivities, which take longer."""
         described = ("model", "p", "integrand")
         names = [field.name for field in dataclasses.fields(self) if field.name not in described]
-        content = {name: getattr(self, name) for name in (*names, "turned_beyond")} | {"units": self.units()}
+        content = {name: getattr(self, name) for name in (*names, "turn", "turned_beyond")} | {"units": self.units()}
         return impact_to_dict(self.model, self.p) | to_plain(content)
 
     def units(self) -> dict[str, str]:
@@ -258,7 +268,7 @@ class Optimum(Result):
         angle, volume = (RESULTS[name].unit(self.p.units) for name in ("alpha_max", "volume"))
         value = RESULTS[MEASURES[self.objective]].unit(self.p.units) if self.objective in MEASURES else "1"
         return {
-            **dict.fromkeys(("alpha", "low", "high", "max_turn"), angle),
+            **dict.fromkeys(("alpha", "low", "high", "max_turn", "turn"), angle),
             "volume": volume,
             **dict.fromkeys(("value", "below", "above"), value),
             **dict.fromkeys(("dvolume", "dvalue"), f"{value}/{angle}"),

@@ -1,16 +1,18 @@
 """How far a body turns in a cut, and the turn beyond which a model of a single tip does not hold."""
 
 import math
+from pathlib import Path
 
 import equinox as eqx
 import jax
 import numpy as np
 
-from erosion.arguments import Broadcast, ModelState
+from erosion.arguments import Broadcast, ModelState, PerImpact
 from erosion.impacts.batch import impact
-from erosion.models import NO_CUT, CuttingModel, Events, SameMotion, State, load_model
+from erosion.models import NO_CUT, CuttingModel, Events, SameMotion, State, load_model, values, with_values
 from erosion.output import briefly
 from erosion.parameters import QUANTITIES, STEEPEST, Parameters, about, read_quantity
+from erosion.results import Finding
 
 QUARTER_TURN = math.pi / 2
 """Beyond this turn [rad] another edge of the body is in the metal."""
@@ -29,6 +31,10 @@ _STEP_ASIDE = 1e-5  # of an angle, from where a cut begins: nearer its motion is
 _RTOL = 1e-11
 
 
+OF_TURN = ("turned_beyond", "turned_beyond_at_best", "turned_beyond_in_part")
+"""The codes of findings on a body that turns by more than 90°."""
+
+
 class TurnLimited(SameMotion):
     """A model's cuts, which end where the body has turned by `max_turn`, too."""
 
@@ -44,6 +50,22 @@ class TurnLimited(SameMotion):
 
     def removed_at_contact(self, p: Parameters) -> Broadcast:
         return self.motion.removed_at_contact(p)
+
+
+class Turn(SameMotion):
+    """φ(t_c) - φ(0) = ∫ φ̇ dt [rad]."""
+
+    motion: CuttingModel
+
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
+        return state.omega
+
+
+def turn_of(model: CuttingModel, p: Parameters) -> PerImpact:
+    """How far the body turns in each cut [rad]; NaN of a model without an orientation."""
+    if not turns(model, p):
+        return np.full(np.broadcast_shapes(*(np.shape(value) for value in values(model, p).values())), np.nan)[()]
+    return impact(Turn(model), p, rtol=_RTOL).volume
 
 
 def turns(model: CuttingModel, p: Parameters) -> bool:
@@ -69,7 +91,7 @@ def check_max_turn(max_turn: float | str | None) -> float | None:
     return float(angle)
 
 
-def turned_beyond(model: CuttingModel | str, p: Parameters) -> np.ndarray:
+def turned_beyond(model: CuttingModel | str | Path, p: Parameters) -> np.ndarray:
     """Whether the body turns by more than 90° in each cut; where nothing is cut, or α is NaN, nothing turns.
 
     Where cutting begins the cut beside it counts.
@@ -80,7 +102,55 @@ def turned_beyond(model: CuttingModel | str, p: Parameters) -> np.ndarray:
         return np.zeros(angles.shape, bool)
     known = np.isfinite(angles)
     alpha = np.where(known, np.maximum(angles, _SHALLOWEST), 1.0)
-    beside = np.stack([alpha, alpha * (1 - _STEP_ASIDE), np.minimum(alpha * (1 + _STEP_ASIDE), STEEPEST)])
-    ends = impact(TurnLimited(model, QUARTER_TURN), p.replace(alpha=beside), rtol=_RTOL).ended_by
-    own, turned = ends[0], ends == TURNED
-    return known & np.where(np.isin(own, (NO_CUT, "failed")), turned.any(axis=0), turned[0])
+    limited = TurnLimited(model, QUARTER_TURN)
+
+    def ends(alpha: np.ndarray) -> np.ndarray:
+        return np.asarray(impact(limited, p.replace(alpha=alpha), rtol=_RTOL).ended_by)
+
+    own = ends(alpha)
+    turned = own == TURNED
+    if (none := known & np.isin(own, (NO_CUT, "failed"))).any():
+        beside = np.stack([alpha * (1 - _STEP_ASIDE), np.minimum(alpha * (1 + _STEP_ASIDE), STEEPEST)])
+        turned = np.where(none, (ends(beside) == TURNED).any(axis=0), turned)
+    return known & turned
+
+
+_SAMPLED = 2**12  # impacts from which the share that turns too far is known well enough
+
+
+def turned_in_part(
+    model: CuttingModel, p: Parameters, name: str = "", counted: np.ndarray | None = None
+) -> Finding | None:
+    """The finding that bodies turn by more than 90° in some impacts; `name` is what it is about, None where none does.
+
+    Other arguments as of `count_turned`.
+    """
+    return finding_of_turned(count_turned(model, p, counted), name)
+
+
+def finding_of_turned(counts: np.ndarray, name: str = "") -> Finding | None:
+    """The finding of `count_turned`."""
+    turned, impacts = counts.tolist()
+    return Finding("turned_beyond_in_part", name, {"turned": turned, "impacts": impacts}) if turned else None
+
+
+def count_turned(model: CuttingModel, p: Parameters, counted: np.ndarray | None = None) -> np.ndarray:
+    """In how many impacts the body turns by more than 90°, and of how many, 4096 at most that lie evenly; shape (2,).
+
+    Args:
+        model: its own parameters may be arrays.
+        p: of one impact, or arrays that broadcast.
+        counted: which impacts count, of the broadcast shape; all of them without it.
+    """
+    if not turns(model, p):
+        return np.zeros(2, np.int64)
+    varied = {name: np.asarray(value) for name, value in values(model, p).items() if np.ndim(value)}
+    mask = np.asarray(True) if counted is None else counted
+    shape = np.broadcast_shapes(*(value.shape for value in varied.values()), mask.shape) or (1,)
+    flat = np.flatnonzero(np.broadcast_to(mask, shape))
+    if not flat.size:
+        return np.zeros(2, np.int64)
+    at = np.unravel_index(flat[np.unique(np.linspace(0, flat.size - 1, _SAMPLED).astype(int))], shape)
+    sample = {name: np.broadcast_to(value, shape)[at] for name, value in varied.items()}
+    turned = turned_beyond(*with_values(model, p, sample))
+    return np.array([np.sum(turned), np.size(turned)])

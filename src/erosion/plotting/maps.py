@@ -27,7 +27,8 @@ from erosion.extras import library
 from erosion.output import briefly, require_no_pdf, to_html, with_error, write_whole
 from erosion.parameters import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
-from erosion.plotting.style import house_style, new_figure, render
+from erosion.plotting.style import house_style, mark_turned, new_figure, render
+from erosion.results import from_attribute
 from erosion.streams.result import NozzleAngle, Stream
 from erosion.version import __version__
 
@@ -112,8 +113,8 @@ def plot_map(
         worst = int(np.argmax(np.where(is_hit, values, -np.inf)))
         error = greatest * float(wear["relative_error"][worst]) if quantity.startswith("depth") else 0.0
         _mark(ax, (camera, strip), wear, worst, f"{with_error(greatest, error) if error else f'{greatest:.3g}'}{unit}")
-    if not is_hit.all():
-        handles = [Patch(color=_UNTOUCHED, label="no impacts")]
+    handles = [] if is_hit.all() else [Patch(color=_UNTOUCHED, label="no impacts")]
+    if handles := [*handles, *mark_turned(ax, from_attribute(wear.attrs["findings"]))]:
         ax.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 0.0), borderaxespad=0.3)
     low = log and bool(np.any(values[is_hit] < norm.vmin))
     unit = f" [{scale.unit}]" if scale.unit else ""
@@ -456,6 +457,7 @@ def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
     ax.yaxis.set_major_formatter(lambda share, _: f"{100 * share:g} %")
     title = f"{100 * nothing:.2g} % of the particles remove nothing" if nothing else "every particle removes something"
     ax.set_title(title, fontsize="medium", wrap=True)
+    mark_turned(ax, stream.findings)
     ax.legend(loc="best")
     return ax
 

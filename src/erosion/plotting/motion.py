@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from scipy.interpolate import CubicSpline
 
-from erosion.impacts import Trajectory
+from erosion.impacts import BEYOND_LABEL, Trajectory
 from erosion.models import NO_CUT, ClosedForm, State, model_name
 from erosion.ode.solution import Solution
 from erosion.output import briefly
@@ -80,7 +80,11 @@ def plot_path(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
     ax.axhspan(0, 1.22 * deepest, color=DIM, alpha=0.13, linewidth=0)
     ax.axhline(0, color=INK, linewidth=1)
     ax.fill_between(x, 0, depth, color=PALETTE["orange"], alpha=0.55, linewidth=0, label="cut away")
-    ax.plot(x, depth, color=PALETTE["blue"], label="path of the tip")
+    turned = np.zeros(len(x), bool)
+    if trajectory.turned_beyond:
+        turned = np.abs(trajectory.phi - trajectory.phi[0]) > math.pi / 2
+        ax.plot(x[turned], depth[turned], ":", color=PALETTE["blue"], label=BEYOND_LABEL)
+    ax.plot(x[~turned], depth[~turned], color=PALETTE["blue"], label="path of the tip")
     ax.plot(x[:1], depth[:1], ">", color=PALETTE["green"], markersize=9, label="start", clip_on=False, zorder=5)
     ax.plot(x[-1:], depth[-1:], "s", color=ENDS.get(trajectory.ended_by, INK), markersize=7, clip_on=False, zorder=5,
             label=NOTHING if trajectory.ended_by == NO_CUT else f"end: {trajectory.ended_by}")  # fmt: skip

@@ -9,7 +9,7 @@ import contextvars
 import io
 import re
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,11 @@ from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
+from erosion.impacts import BEYOND_LABEL, OF_TURN
 from erosion.output import write_whole
 from erosion.parameters import QUANTITIES, RESULTS, Scale, UnitError, about, conversion_factor, has_unit, read_quantity
 from erosion.plotting.labels import FAINT, INK
+from erosion.results import Finding
 
 _NO_DATES: Mapping[str, Mapping[str, None]] = {
     "svg": {"Date": None, "Creator": None, "Format": None, "Type": None},
@@ -107,6 +109,13 @@ def axes_or_new(ax: Axes | None, width: float, height: float) -> tuple[Figure, A
     if fig is None:
         raise ValueError("Argument `ax` must be axes of a figure, but their figure is gone.")
     return fig, ax
+
+
+def mark_turned(ax: Axes, findings: Iterable[Finding]) -> list[Artist]:
+    """An entry of a panel's legend where a finding says that some bodies turn by more than 90°."""
+    if not any(finding.code in OF_TURN for finding in findings):
+        return []
+    return [*ax.plot([], [], color="none", label=f"some: {BEYOND_LABEL}")]
 
 
 def legend_of_panel(ax: Axes, handles: Sequence[Artist], columns: int) -> None:

@@ -33,9 +33,11 @@ from erosion.plotting.style import (
     axes_or_new,
     house_style,
     legend_of_panel,
+    mark_turned,
     new_figure,
     result_label,
 )
+from erosion.results import Finding, from_attribute
 from erosion.sweeps.grid import in_words
 
 _DASH = 8.0  # and gap, in widths of a line
@@ -54,7 +56,7 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
     fig, ax = axes_or_new(ax, 6.6, 4.4 + 0.22 * rows)
     volume, degrees = comparison.volume.values, np.rad2deg(comparison.alpha.values)
     scale = readable_scale("volume", comparison.attrs["unit_system"], float(np.nanmax(comparison.volume_max)))
-    shares = []
+    shares: list[Any] = []
     for i, (name, below) in enumerate(zip(models, coinciding(volume, _HIDDEN), strict=True)):
         color, line = STYLES[i % len(STYLES)]
         if below:  # dashes through whose gaps these are seen
@@ -63,9 +65,10 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
         alpha, kind = float(results.alpha_max), str(in_words(results.alpha_max_kind))
         # A comparison does not hold the side of a jump.
         best = Best(alpha, float(results.volume_max), kind, attained=kind != "jump" and alpha != 0)
-        x, y = broken(degrees, volume[i], np.deg2rad(1) * results.dvolume.values)
-        label = f"{name}: {describe(best)}"
-        ax.plot(x, y / scale.size, color=color, linestyle=line, linewidth=1.8, label=label)
+        turned, slope = results.turned_beyond.values, np.deg2rad(1) * results.dvolume.values
+        for flags, style, label in ((~turned, line, f"{name}: {describe(best)}"), (turned, ":", "")):
+            x, y = broken(degrees, np.where(flags, volume[i], np.nan), slope)
+            ax.plot(x, y / scale.size, color=color, linestyle=style, linewidth=1.8, label=label)
         at_contact = results.get("volume_at_contact", 0 * results.volume).values
         # Of a model that never cuts nothing is beside a cut.
         if at_contact.any() and np.any(results.t_c > 0):
@@ -73,6 +76,8 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
             shares = [Patch(color=DIM, label=AT_CONTACT, **_SHARE)]
         if np.isfinite(best.alpha):
             mark_best(ax, best, scale.size, color)
+    if comparison.turned_beyond.any():
+        shares.append(Line2D([], [], color=INK, linestyle=":", label=BEYOND_LABEL))
     top = 1.06 * float(np.nanmax(comparison.volume_max)) / scale.size
     ax.set(ylabel=result_label("volume", scale), ylim=(0, top))
     angle_axis(ax)
@@ -84,7 +89,7 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
 def plot_regimes(regimes: xr.Dataset) -> Figure:
     """How cuts end and how much they remove, over angle and spin, with the best angle of each spin.
 
-    Where the dataset has `turned_beyond`, a dotted line surrounds the cuts that turn the body by more than 90°.
+    A dotted line surrounds the cuts that turn the body by more than 90°.
     """
     units: System = regimes.attrs["unit_system"]
     fig = new_figure(7.2, 4.6)
@@ -107,7 +112,7 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     for ax, ink in ((left, INK), (right, "white")):
         ax.plot(np.where(jumps, np.nan, best), spins, ".", color=ink, markersize=3.5)
         ax.plot(np.where(jumps, best, np.nan), spins, "D", color="none", markeredgecolor=ink, markersize=4)
-        if "turned_beyond" in regimes and regimes.turned_beyond.any():
+        if regimes.turned_beyond.any():
             turned = regimes.turned_beyond.transpose("phidot0", "alpha").values
             ax.contour(degrees, spins, turned, levels=(0.5,), colors=ink, linewidths=1.1, linestyles="dotted")
         angle_axis(ax)
@@ -122,7 +127,7 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     if jumps.any():
         handles.append(Line2D([], [], marker="D", linestyle="", color="none", markeredgecolor=INK, markersize=5,
                               label="greatest for this spin, at a jump"))  # fmt: skip
-    if "turned_beyond" in regimes and regimes.turned_beyond.any():
+    if regimes.turned_beyond.any():
         handles.append(Line2D([], [], color=INK, linestyle="dotted", linewidth=1.1, label=f"inside: {BEYOND_LABEL}"))
     fig.legend(handles=handles, loc="outside lower center", ncols=3)
     return fig
@@ -173,7 +178,7 @@ def plot_volume_family(ax: Axes, sweep: xr.Dataset, along: str) -> Axes:
     ax.set(xlabel=x_label, ylabel=result_label("volume", scale), ylim=(0, None))
     ax.margins(x=0)
     shown = slice(None, None, max(1, (len(curves) - 1) // (_FEW - 1)))
-    handles = ax.get_legend_handles_labels()[0][shown]
+    handles = [*ax.get_legend_handles_labels()[0][shown], *mark_turned(ax, _findings(sweep))]
     legend_of_panel(ax, handles, min(3, len(handles)))
     return ax
 
@@ -190,12 +195,18 @@ def plot_volume_map(ax: Axes, sweep: xr.Dataset, x: str, y: str) -> Axes:
         codes = np.unique(ends)
         ax.contour(across, up, ends, levels=(codes[1:] + codes[:-1]) / 2, colors="white", linewidths=1.2)
         ax.plot([], [], color="white", label="the end of the cut changes")
+    mark_turned(ax, _findings(sweep))
+    if ax.get_legend_handles_labels()[0]:
         ax.legend(loc="upper right", frameon=True, facecolor=INK, labelcolor="white", framealpha=0.75)
     ax.set(xlabel=x_label, ylabel=y_label)
     ax.grid(visible=False)
     figure: Any = ax.figure
     figure.colorbar(image, ax=ax, label=result_label("volume", scale))
     return ax
+
+
+def _findings(sweep: xr.Dataset) -> tuple[Finding, ...]:
+    return from_attribute(sweep.attrs.get("findings", ""))
 
 
 def _sweep_units(sweep: xr.Dataset) -> System:

@@ -298,8 +298,6 @@ def _spins(case: "ReportCase", model: str) -> Spins:
     found = regimes(model, case.p, phidot0=spins, max_turn=None)
     kind, ended_by = in_words(found.alpha_max_kind), in_words(found.alpha_max_ended_by)
     beyond = turned_beyond(model, case.p.replace(alpha=found.alpha_max.values, phidot0=spins))
-    places = turned_beyond(model, case.p.replace(alpha=found.alpha.values, phidot0=spins[:, None]))
-    found = found.assign(turned_beyond=(("phidot0", "alpha"), places))
     valid = alpha_max(model, case.p.replace(phidot0=spins)).alpha
     return Spins(_SPINS, found.alpha_max.values, found.volume_max.values, kind, ended_by, beyond, found, valid)
 

@@ -15,7 +15,7 @@ import xarray as xr
 from scipy.optimize import minimize_scalar
 
 from erosion.arguments import Progress, no_progress
-from erosion.impacts import alpha_max, impact, model_in_words, provenance
+from erosion.impacts import alpha_max, impact, model_in_words, provenance, turned_in_part
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_quantities, quantities
 from erosion.output import Record, Row, largest_of, to_plain, with_error
 from erosion.parameters import (
@@ -307,9 +307,10 @@ class Stream(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Particles outside of the range of the model, and erosion far from what tests find at the mean speed."""
+        """Particles out of the model's range or turned too far, and erosion far from what tests find at this speed."""
         far = self._far if self.per_mass.is_given else None
-        found = (self.outside_of_range, far and far.finding())
+        model, p, hits = self.particles.impacts(self._sample)
+        found = (model.outside_of_range(p, hits), turned_in_part(model, p, counted=hits), far and far.finding())
         return tuple(finding for finding in found if finding is not None)
 
     @property

@@ -17,7 +17,17 @@ import numpy as np
 import xarray as xr
 
 from erosion.arguments import check_order, check_share, real_numbers, refuse, unit_of_labels
-from erosion.impacts import QUARTER_TURN, TURNED, alpha_max, end_names, identity, impact, numbers_in_words, provenance
+from erosion.impacts import (
+    QUARTER_TURN,
+    TURNED,
+    alpha_max,
+    end_names,
+    identity,
+    impact,
+    numbers_in_words,
+    provenance,
+    turned_in_part,
+)
 from erosion.models import (
     BUILT_IN,
     CuttingModel,
@@ -330,6 +340,13 @@ class Grid(AnyGrid):
         impacts = [self.impacts(model) for model in self.loaded().values()]
         return tuple(said for model, p in impacts if (said := model.outside_of_range(p)) is not None)
 
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Impacts outside of a model's range, and those that turn the body too far."""
+        names = {name if self.compared else "": model for name, model in self.loaded().items()}
+        turned = (turned_in_part(*self.impacts(model), name) for name, model in names.items())
+        return (*self.outside_of_range, *(finding for finding in turned if finding is not None))
+
     def variables(self) -> dict[str, Variable]:
         """The arrays of impacts, and of best angles; `ended_by` comes last."""
         known, units = {**self.outputs.own, **RESULTS}, self.p.units
@@ -391,7 +408,7 @@ class Grid(AnyGrid):
             "model": "" if self.compared else next(iter(self.models)),
             "own_parameters": "; ".join(own.values()),
             "derivatives_with_respect_to": self.outputs.wrt if self.outputs.derivatives else "",
-            "findings": to_attribute(self.outside_of_range),
+            "findings": to_attribute(self.findings),
         }
         attributes = provenance("a sweep", self.p, **{name: words for name, words in said.items() if words})
         return xr.Dataset(coords=coordinates, attrs=attributes)

@@ -34,6 +34,7 @@ from erosion.impacts import (
     read_netcdf,
     require_code,
     require_same,
+    turned_beyond,
     write_netcdf,
 )
 from erosion.interrupts import keeping_results
@@ -459,15 +460,23 @@ def compare(models: Sequence[Model], p: Parameters, *, alpha: Any = None) -> xr.
 
     Returns:
         Over (model, alpha): volume, dvolume, d2volume, t_c and ended_by (codes, see their attributes), and
-        volume_at_contact, if a model removes something beside the cut; over model: alpha_max, volume_max,
-        alpha_max_kind, alpha_max_ended_by.
+        turned_beyond, whether the body turns by more than 90°; volume_at_contact, if a model removes something beside
+        the cut; over model: alpha_max, volume_max, alpha_max_kind, alpha_max_ended_by.
 
     Raises:
         ValueError, TypeError: as `sweep`.
     """
     if isinstance(models, str) or not isinstance(models, Sequence):
         raise TypeError(f"Argument `models` must be a list of models, but is {briefly(models)}.")
-    return sweep(models, p, alpha=QUARTER_DEGREES if alpha is None else alpha, derivatives=2, optimum=True)
+    found = sweep(models, p, alpha=QUARTER_DEGREES if alpha is None else alpha, derivatives=2, optimum=True)
+    at = p.replace(alpha=found.alpha.values)
+    return _with_turned(found, ("model", "alpha"), np.stack([turned_beyond(model, at) for model in models]))
+
+
+def _with_turned(found: xr.Dataset, dims: tuple[str, str], turned: np.ndarray) -> xr.Dataset:
+    """The same with `turned_beyond`, whether the body turns by more than 90° in each cut."""
+    said = {"long_name": "whether the body turns by more than 90°, where the model does not hold", "units": "1"}
+    return found.assign(turned_beyond=(dims, turned, said))
 
 
 def regimes(
@@ -483,7 +492,7 @@ def regimes(
         max_turn: the greatest turn of the body at the best angles, see `erosion.alpha_max`.
 
     Returns:
-        Over (phidot0, alpha): volume, dvolume, d2volume, t_c and ended_by; over phidot0:
+        Over (phidot0, alpha): volume, dvolume, d2volume, t_c, ended_by and turned_beyond; over phidot0:
         alpha_max, volume_max, alpha_max_kind, alpha_max_ended_by.
 
     Raises:
@@ -494,4 +503,6 @@ def regimes(
         require_scalars(p)
         phidot0 = np.linspace(-0.9, 0.9, _SPINS) * float(p.v0 / p.r)
     angles = QUARTER_DEGREES[1::2] if alpha is None else alpha
-    return sweep(model, p, phidot0=phidot0, alpha=angles, derivatives=2, optimum=True, max_turn=max_turn)
+    found = sweep(model, p, phidot0=phidot0, alpha=angles, derivatives=2, optimum=True, max_turn=max_turn)
+    at = p.replace(alpha=found.alpha.values, phidot0=found.phidot0.values[:, None])
+    return _with_turned(found, ("phidot0", "alpha"), turned_beyond(model, at))

@@ -1,0 +1,100 @@
+"""Beyond a turn of 90° a model of a single tip does not hold: every verb and every figure says so."""
+
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.text import Text
+
+import erosion
+from erosion.advice.page import plot_advice
+from erosion.cfd.map_result import MapSummary
+from erosion.distributions import Normal
+from erosion.impacts import BEYOND_LABEL, OF_TURN
+from erosion.plotting.curves import plot_optimum
+from erosion.plotting.maps import plot_stream
+from erosion.plotting.motion import plot_trajectory
+from erosion.plotting.sweeps import plot_comparison, plot_regimes, plot_sweep
+from tests.cfd.tables import Table, hump
+from tests.documents import Shell, findings
+
+P = erosion.TABLE_1.replace(k=1.0)
+SHALLOW = P.replace(alpha=np.deg2rad(30.0))
+IMPACTS = "count,diameter [mm],density [kg/m^3],speed [m/s],angle [deg]\n5,0.2,2650,100,10\n5,0.2,2650,100,30\n"
+VERBS = {
+    "run": "run --k 1 --alpha 30deg",
+    "optimum": "optimum --k 1 --max-turn any",
+    "compare": "compare --k 1",
+    "sweep": "sweep --k 1 --alpha 10deg:80deg:8 -o out.csv",
+    "stream": "stream --k 1 --alpha 'normal(30deg, 2deg)' --n 256 --no-best-angle",
+    "map": "map impacts.csv --units si --k 1",
+    "advise": "advise --k 1",
+}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_verb_says_where_the_body_turns_too_far(verb: str, shell: Shell, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("impacts.csv").write_text(IMPACTS)
+    words = [*shlex.split(VERBS[verb]), "--model", "rotating"]
+    (turned,) = findings(shell([*words, "--json"]).document, *OF_TURN)
+    assert turned["level"] == "warning"
+    assert turned["text"] in shell(words).err
+    # A body whose moment about its centre of mass is left out does not turn.
+    words[-1] = "linearized"
+    assert findings(shell([*words, "--json"]).document, *OF_TURN) == []
+
+
+def small_map() -> Any:
+    rows = Table(
+        count=[1.0] * 2, mass=[1e-7] * 2, diameter=[4e-4] * 2, speed=[110.0] * 2, alpha=[0.1, 0.5], face=[0, 1]
+    )
+    return erosion.erosion_map("rotating", P.to("si"), rows, hump(2, 1))
+
+
+FIGURES: dict[str, Callable[[], Any]] = {
+    "run": lambda: plot_trajectory(erosion.simulate("rotating", SHALLOW)),
+    "optimum": lambda: plot_optimum(erosion.alpha_max("rotating", P, max_turn=None)),
+    "compare": lambda: plot_comparison(erosion.compare(["rotating", "linearized"], P, alpha=np.linspace(0.1, 1.5, 8))),
+    "sweep": lambda: plot_sweep(erosion.sweep("rotating", P, alpha=np.linspace(0.1, 1.5, 8))),
+    "sweep over two axes": lambda: plot_sweep(
+        erosion.sweep("rotating", P, alpha=np.linspace(0.1, 1.5, 8), k=np.linspace(1.0, 2.0, 8))
+    ),
+    "regimes": lambda: plot_regimes(
+        erosion.regimes("rotating", P, alpha=np.linspace(0.1, 1.5, 8), phidot0=[-1000.0, 0.0])
+    ),
+    "stream": lambda: plot_stream(
+        erosion.stream("rotating", SHALLOW, n=256, best_angle=False, sensitivities=False, alpha=Normal(0.5, 0.02))
+    ),
+    "advise": lambda: plot_advice(erosion.advise(P.to("si"), models=["rotating"])),
+}
+
+
+@pytest.mark.parametrize("verb", FIGURES)
+@pytest.mark.filterwarnings("ignore::erosion.impacts.trajectory.TurnWarning")
+def test_a_figure_says_so_in_its_legend(verb: str) -> None:
+    assert any(BEYOND_LABEL in text.get_text() for text in FIGURES[verb]().findobj(Text))
+
+
+def test_a_table_says_so_too() -> None:
+    stream = erosion.stream("rotating", SHALLOW, n=256, best_angle=False, sensitivities=False, alpha=Normal(0.5, 0.02))
+    for result in (erosion.alpha_max("rotating", P, max_turn=None), stream, MapSummary(small_map())):
+        (turned,) = (finding for finding in result.findings if finding.code in OF_TURN)
+        assert turned.text in str(result)
+        assert turned.text in result._repr_html_()
+
+
+def test_the_turn_is_a_number_of_an_impact_and_of_an_optimum() -> None:
+    best = erosion.alpha_max("rotating", P, max_turn=None)
+    with pytest.warns(erosion.TurnWarning):
+        followed = erosion.simulate("rotating", P.replace(alpha=best.alpha))
+    assert best.turn == pytest.approx(followed.turn, rel=1e-8)
+    assert erosion.impact("rotating", P.replace(alpha=best.alpha)).turn == pytest.approx(followed.turn, rel=1e-8)
+    assert json.loads(json.dumps(best.to_dict()))["turn"] == best.turn
+    # At the limit the body has turned by as much as is allowed.
+    assert abs(erosion.alpha_max("rotating", P).turn) == pytest.approx(np.pi / 2, abs=1e-6)
+    assert np.isnan(erosion.alpha_max("ecrc", P.to("si")).turn)
