@@ -193,7 +193,7 @@ def test_rows_of_a_stream_have_their_speeds_or_are_refused(shell: Shell) -> None
     assert len({*means.values()}) == 1
     Path("a.csv").write_text("alpha [deg],v_rel [m/s]\n20,200\n30,300\n")
     refused = shell("stream --units si --rows a.csv --n 64", 2)
-    assert "in a.csv 'v_rel [m/s]' has the unit of a speed" in refused.err
+    assert "a.csv: column 'v_rel [m/s]' has the unit of a speed" in refused.err
 
 
 def test_draws_of_a_table_may_have_the_share_of_particles_that_cut(shell: Shell) -> None:
