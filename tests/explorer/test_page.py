@@ -150,7 +150,7 @@ def test_the_energy_of_the_cut_is_shared_out(page: Page, expect: Any) -> None:
     end = CLOSED.state(CLOSED.t_c(TABLE_1), TABLE_1)
     left = float(end.vx**2 + end.vy**2) / TABLE_1.v0**2
     expect(page.locator(".cut-energy")).to_contain_text(f"motion of the centre {100 * left:.0f} %")
-    expect(page.locator(".cut-energy")).to_contain_text(f"spent on the cut {100 * (1 - left):.0f} %")
+    expect(page.locator(".cut-energy")).to_contain_text(f"lost by the body {100 * (1 - left):.0f} %")
     expect(page.locator(".cut .velocity polygon")).to_have_count(1)
 
 

@@ -158,10 +158,10 @@ def test_each_question_names_its_cuts_that_turn_by_more_than_90_degrees(reports:
     assert set(sentences) == {key for key, of in counts.items() if any(turned for turned, _ in of.values())}
     for key in sentences:
         turned, of = (sum(count) for count in zip(*counts[key].values(), strict=True))
-        assert f"{turned:,} of {of:,} cuts of the figures" in sentences[key]
+        assert f"{turned:,} of the {of:,} points of the figures" in sentences[key]
     assert not {"q1", "q2", "q3", "q4", "q5", "q6", "q7", "q8"} & set(sentences)
     # With spin the body of questions 1 to 8 turns, too.
-    assert all("where no model holds, at" in sections_of(reports["unusual"])[key] for key in ("q4", "q5", "q6", "q7"))
+    assert all("by more than 90°: at" in sections_of(reports["unusual"])[key] for key in ("q4", "q5", "q6", "q7"))
 
 
 def test_rotation_is_answered_within_the_limit_of_validity_too(tmp_path: Path) -> None:

@@ -133,7 +133,7 @@ def test_cuts_that_turn_by_more_than_90_degrees_are_named_in_one_sentence() -> N
     drawing = Drawing(Figure(), np.arange(9) > 6)
     cuts = [Cut("at 20°", "`one`", beyond=True), Cut("at 20°", "`other`", beyond=False), Cut(BEST, "", beyond=True)]
     sentence = validity(Answer({}, {"shape": drawing}, cuts=cuts))
-    assert "at 20° (`one`), at the best angle, in 2 of 9 cuts of the figures" in sentence
+    assert "at 20° (`one`); at the best angle; at 2 of the 9 points of the figures" in sentence
     assert validity(Answer({}, {"shape": Drawing(Figure(), NONE)}, cuts=cuts[1:2])) == ""
 
 

@@ -4,6 +4,7 @@ import html
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
+import jax
 import numpy as np
 
 from erosion.explorer.computed import SPINS, Computed
@@ -181,8 +182,13 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
     return (content,)
 
 
+_ROUNDING = 1e-9  # of the energy
+
+
 def _arrows_and_energy(motion: Trajectory) -> Option:
     """Velocity and force over time, over the greatest of each; shares of the kinetic energy at contact.
+
+    The energy that the body has lost is what the cut has used, and what the lifting force gives back in a rebound.
 
     Only for bodies whose state is `State`: of another model the centre of mass is not known.
     """
@@ -190,7 +196,7 @@ def _arrows_and_energy(motion: Trajectory) -> Option:
         return {"velocity": None, "force": None, "energy": None}
     p, states = motion.p, motion.states
     velocity = np.stack([np.asarray(states.vx), np.asarray(states.vy)])
-    rate = motion.model.derivative(states, p)
+    rate = jax.vmap(lambda state: motion.model.derivative(state, p))(states)
     force = np.stack([np.broadcast_to(np.asarray(part), motion.t.shape) for part in (rate.vx, rate.vy)])
     translation = float(p.m) / 2 * (velocity**2).sum(axis=0)
     rotation = float(p.moment_of_inertia) / 2 * np.asarray(states.omega) ** 2
@@ -200,7 +206,12 @@ def _arrows_and_energy(motion: Trajectory) -> Option:
         return (vectors / (float(np.max(np.hypot(*vectors))) or 1.0)).tolist()
 
     shares = np.stack([translation, rotation, whole - translation - rotation]) / whole
-    return {"velocity": over_greatest(velocity), "force": over_greatest(force), "energy": shares.tolist()}
+    loses = shares[2].min() > -_ROUNDING  # in `as-printed` the force drives the body at first
+    return {
+        "velocity": over_greatest(velocity),
+        "force": over_greatest(force),
+        "energy": shares.tolist() if loses else None,
+    }
 
 
 def histories(computed: Computed, models: Collection[str]) -> Drawing:

@@ -354,7 +354,7 @@ def plot_turn(ax: Axes, angles: np.ndarray, turn: np.ndarray, ended_by: np.ndarr
                 label=end_label(end))  # fmt: skip
     for limit in (-90, 90):
         if np.any(np.rad2deg(turn) / limit > 1):
-            ax.axhline(limit, color=DIM, linestyle=":", linewidth=1.9, label=BEYOND_LABEL)
+            ax.axhline(limit, color=DIM, linestyle=":", linewidth=1.9, label="90°: limit of validity")
     ax.yaxis.set_major_formatter("{x:g}°")
     return _over_angles(ax, f"{RESULTS['turn'].symbol}  {RESULTS['turn'].meaning}", 2)
 

@@ -165,7 +165,7 @@ def plot_sketch(ax: Axes, alpha: float, k: float) -> Axes:
     ax.annotate("", (1.0, -_TIP_DEPTH), (1.0, 0), arrowprops=both_ways)
     ax.text(1.07, -_TIP_DEPTH / 2, "$y$, depth of the tip", va="center")
     ax.plot([0, 1.06], [-_TIP_DEPTH] * 2, color=DIM, linewidth=0.8, linestyle=(0, (2, 2)))
-    ax.set(xlim=(-2.3, 2.4), ylim=(-0.62, max(1.6, k * along - _TIP_DEPTH + 0.3)))
+    ax.set(xlim=(-2.3, 2.4), ylim=(-0.62, max(1.6, k * along - _TIP_DEPTH + 0.3, start[1] + 0.2)))
     return ax
 
 
@@ -204,7 +204,9 @@ def plot_half_angle(fig: Figure, k: float) -> list[Axes]:
     curves.plot(degrees, depth / depth[-1], color=PALETTE["blue"], label="depth ∝ sin α")
     curves.plot(degrees, speed / speed[0], color=PALETTE["purple"], label="forward speed ∝ sin(θ − α)")
     product = depth * speed
-    curves.plot(degrees, product / product.max(), color=INK, linewidth=2.4, label="volume ∝ product")
+    rebounds = alpha <= math.atan(k / 2)
+    for shown, style, label in ((rebounds, "-", "volume ∝ product"), (~rebounds, ":", "steeper cuts stop first")):
+        curves.plot(degrees[shown], product[shown] / product.max(), style, color=INK, linewidth=2.4, label=label)
     curves.plot(np.rad2deg(best), 1, "*", color=PALETTE["orange"], markersize=13, markeredgecolor=INK,
                 markeredgewidth=0.7, zorder=5, clip_on=False, label="α = θ/2")  # fmt: skip
     curves.set(ylabel="over its greatest value", ylim=(0, 1.08))
@@ -218,7 +220,7 @@ _FRAMES, _A_SECOND = 40, 13
 
 @house_style()
 def animate_cut(trajectory: Trajectory) -> bytes:
-    """The bytes of a GIF of three seconds: the tip's path grows, and the body moves and turns with it.
+    """The bytes of a GIF of three seconds: the body moves along the tip's path and turns.
 
     Args:
         trajectory: of any model; the body is drawn where its state holds the orientation.
@@ -243,10 +245,10 @@ def animate_cut(trajectory: Trajectory) -> bytes:
         if turned is not None:
             sine, cosine = math.sin(turned[at]), math.cos(turned[at])
             corners = r * shape @ np.array([[cosine, sine], [-sine, cosine]])
-            centre = corners - r * np.array([sine, -cosine])  # from the tip to the centre
-            body.set_xy(np.column_stack([(x[at] + centre[:, 0]) / along, (depth[at] - centre[:, 1]) / down]))
+            corners -= r * np.array([sine, -cosine])  # from the tip to the centre of mass
+            body.set_xy(np.column_stack([(x[at] + corners[:, 0]) / along, (depth[at] - corners[:, 1]) / down]))
 
-    fig.canvas.draw()
+    fig.draw_without_rendering()
     fig.set_layout_engine("none")  # frames do not move, and are drawn much faster
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "cut.gif"

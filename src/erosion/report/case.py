@@ -460,6 +460,7 @@ def _row(case: ReportCase, model: str) -> Record:
         "turned_beyond_at_max": best,
         "valid_alpha_max": float(valid.alpha),
         "valid_volume_max": float(valid.volume),
+        "valid_kind": str(valid.kind),
     }
 
 

@@ -178,10 +178,11 @@ def validity(answer: Answer) -> str:
         names = ", ".join(cut.name for cut in answer.cuts if cut.beyond and cut.at == at)
         clauses.append(f"{at}{names and f' ({names})'}")
     drawn, of = map(sum, zip((0, 0), *(drawing.counts for drawing in answer.figures.values()), strict=True))
-    clauses += [f"in {drawn:,} of {of:,} cuts of the figures"] * bool(drawn)
+    clauses += [f"at {drawn:,} of the {of:,} points of the figures"] * bool(drawn)
     if not clauses:
         return ""
-    return f"**Limit of validity.** The body turns by more than 90°, where no model holds, {', '.join(clauses)}."
+    where = "; ".join(clauses)
+    return f"**Limit of validity.** The model does not hold where the body turns by more than 90°: {where}."
 
 
 def _parts(text: str, figures: Mapping[str, Drawing]) -> tuple[str, Markup, Markup, tuple[Illustration, ...], Markup]:

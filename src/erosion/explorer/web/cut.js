@@ -114,20 +114,21 @@ export default {
       if (!this.velocity || !this.moves) return [];
       const a = this.mass(), b = this.tip();
       return [["velocity", this.velocity, a.cx, a.cy, "velocity"], ["force", this.force, b.cx, b.cy, "force on the tip"]]
-        .map(([name, of, x, y, text]) => {
+        .flatMap(([name, of, x, y, text]) => {
           const [u, v] = of.map((part) => this.mix(part, this.fraction) * 1.1 * this.size), length = Math.hypot(u, v);
-          const head = 0.14 * this.size, [du, dv] = length ? [u / length, v / length] : [0, 0];
+          const head = 0.14 * this.size, [du, dv] = [u / length, v / length];
+          if (length <= head) return [];
           const end = [x + u, y + v], foot = [end[0] - head * du, end[1] - head * dv];
-          return {
+          return [{
             name, text: length > 2 * head ? text : "", at: [end[0] + 0.06 * this.size, end[1] - 0.06 * this.size],
             line: { x1: x, y1: y, x2: foot[0], y2: foot[1] },
-            head: length > head ? [end, [foot[0] - head * dv / 2, foot[1] + head * du / 2],
-              [foot[0] + head * dv / 2, foot[1] - head * du / 2]].map((point) => point.join(",")).join(" ") : "",
-          };
+            head: [end, [foot[0] - head * dv / 2, foot[1] + head * du / 2],
+              [foot[0] + head * dv / 2, foot[1] - head * du / 2]].map((point) => point.join(",")).join(" "),
+          }];
         });
     },
     shares() {
-      return [["motion", "motion of the centre"], ["turning", "turning"], ["lost", "spent on the cut"]].map(([name, words], i) => {
+      return [["motion", "motion of the centre"], ["turning", "turning"], ["lost", "lost by the body"]].map(([name, words], i) => {
         const part = Math.max(0, this.mix(this.energy[i], this.fraction));
         return { name, part, text: `${words} ${(100 * part).toFixed(0)} %` };
       });

@@ -320,7 +320,8 @@ def all_models(case: ReportCase) -> Answer:
     fields = {
         "models": BUILT_IN,
         # At 90°, too; not the limit as α → 0, and not the NaN where nothing is removed.
-        "best_angles": [row["alpha_max"] for row in numbers.values() if row["alpha_max"] > 0],
+        "best_angles": [row["valid_alpha_max"] for row in numbers.values() if row["valid_alpha_max"] > 0],
+        "any_turn": [row["alpha_max"] for row in numbers.values() if row["alpha_max"] > 0],
         "shallowest": [model for model, row in numbers.items() if row["alpha_max"] == 0],
         "idle": [model for model, row in numbers.items() if row["kind"] == "none"],
         "deforming": {model: row for model, row in numbers.items() if "left_at_90_degrees" in row},

@@ -43,6 +43,14 @@ _STATE: tuple[tuple[str, str, Dimension], ...] = (
 )
 
 
+def turn_if_free(p: Parameters) -> float | None:
+    """How far the body would turn [rad] if the force could turn it; None where that cut cannot be followed."""
+    try:
+        return float(np.abs(path(load_model("rotating"), p).phi - np.pi / 2).max())
+    except SimulationError:
+        return None
+
+
 def solutions(case: ReportCase) -> Answer:
     """x(t) and y(t) as formulas and with numbers; Figures 7 and 8."""
     p, motion = case.p, case.trajectory
@@ -51,10 +59,6 @@ def solutions(case: ReportCase) -> Answer:
     differences = {
         name: float(np.abs(getattr(motion, name) - np.asarray(getattr(exact, name))).max()) for name, _, _ in _STATE
     }
-    try:  # how far the body would turn [rad] if the force could turn it
-        turn_if_free = float(np.abs(path(load_model("rotating"), p).phi - np.pi / 2).max())
-    except SimulationError:
-        turn_if_free = None
     numbers = {
         "omega": case.omega,
         "stiffness": float(p.stiffness),
@@ -70,7 +74,7 @@ def solutions(case: ReportCase) -> Answer:
         "vy_end": float(motion.vy[-1]),
         "largest_value": {name: float(np.abs(getattr(motion, name)).max()) for name, _, _ in _STATE},
         "largest_difference": differences,
-        "turn_if_free": turn_if_free,
+        "turn_if_free": turn_if_free(p),
     }
     sketch = panel(plot_sketch, case.alpha, float(p.k), height=3.2)
     figures = {"sketch": Drawing(sketch, np.zeros(0, bool))}
@@ -80,7 +84,12 @@ def solutions(case: ReportCase) -> Answer:
         plot_path(motion, ax=ax)
         beyond = np.array([case.cut.beyond])
         figures |= {"figure-7-histories": Drawing(histories, beyond), "figure-8-path": Drawing(tip_path, beyond)}
-    return Answer(numbers, figures, {"checks": _STATE}, [case.cut])
+    return Answer(numbers, figures, {"checks": _STATE, "shown_length": _shown_length(case)}, [case.cut])
+
+
+def _shown_length(case: ReportCase) -> float | None:
+    """The size that chooses a readable unit of lengths; None for the inch, in which the scenario has its figures."""
+    return None if case.units == "inch-pound" else float(np.abs(case.trajectory.y).max())
 
 
 def end_of_cut(case: ReportCase) -> Answer:
@@ -176,6 +185,7 @@ def best_angle(case: ReportCase) -> Answer:
         **case.weighed(case.volume),
         **{f"{name}_max": value for name, value in case.weighed(last.volume).items()},
         "cutting_fraction": case.per_mass.cutting_fraction,
+        "turn_if_free": turn_if_free(case.p.replace(alpha=last.alpha)),
         "far_from_tests": far and {**dataclasses.asdict(far), "over_greatest": far.amount / far.greatest},
         "iterates": [{"n": n, **step._asdict()} for n, step in enumerate(steps)],
     }
