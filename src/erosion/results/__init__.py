@@ -1,4 +1,4 @@
-"""Results and findings: what the package computes, as data, and the one renderer of both."""
+"""Results and findings: numbers with the statements that qualify them."""
 
 from erosion.results.findings import (
     Finding as Finding,
