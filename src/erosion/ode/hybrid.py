@@ -353,7 +353,7 @@ class Transitions:
                 crossed = crosses(i, old[i], new) | leaves(i, rested, instant)
                 fires = crossed & instant.survives & (instant.count < self.most)
                 instant = self.fired(self._edged(instant, i, fires & (new == 0)), i, fires)
-                instant = self._followed(instant)
+                instant = self._followed(instant, i)
                 old[i] = values(instant)[i]
             return instant, old, [jnp.asarray(False) for _ in rested], rounds + 1
 
@@ -366,15 +366,15 @@ class Transitions:
         for i, is_past in enumerate(past):
             fires = is_past & self._past(instant)[i] & instant.survives & (instant.count < self.most)
             instant = self.fired(self._edged(instant, i, fires & (before[i] == 0)), i, fires)
-            instant = self._followed(instant)
+            instant = self._followed(instant, i)
         return self.settled(instant, [jnp.where(*each) for each in zip(past, [0.0] * len(past), before, strict=True)])
 
     def _past(self, instant: Instant) -> list[Flag]:
         return self.loop.past_at_start(jax.tree.leaves(instant.members))[: len(self.own)]
 
-    def _followed(self, instant: Instant) -> Instant:
-        """With the switches that a reset makes."""
-        if not self.bounds:
+    def _followed(self, instant: Instant, event: int) -> Instant:
+        """With the switches that the reset of an event makes."""
+        if not self.bounds or event not in self.problem.chains:
             return instant
         none = [jnp.asarray(False) for _ in self.bounds]
         return self.in_modes(instant, none, [0.0 * instant.elapsed[0] for _ in self.bounds])
@@ -392,10 +392,12 @@ class Transitions:
             zero: of each whether it is zero after them, but for rounding.
             typical: a typical time.
         """
+        stands = hops = jnp.asarray(False)
+        if not any(i in self.problem.chains for i in self.own):
+            return stands, hops
         at = instant.members[0]
         values = [jnp.where(is_zero, 0.0, value) for is_zero, value in zip(zero, self.here.events(at), strict=True)]
         rates, bends = jax.jvp(self.rates, (at,), (self.here.rate(at),))
-        stands = hops = jnp.asarray(False)
         for event, value, rate, bend, before, direction in zip(
             instant.at_once, values, rates, bends, falling, self.problem.directions[: len(self.own)], strict=False
         ):
@@ -464,20 +466,20 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
         )
         instant = transitions.in_turn(met, segment, segment.event, forwards=True)
         instant = transitions.commuting(instant, segment, along, met._replace(elapsed=so_far.elapsed))
-        rounding = transitions.here.events(members[0])
+        rounding, falling = transitions.here.events(members[0]), transitions.rates(members[0])
         functions = [jnp.where(near, 0.0, value) for near, value in zip(segment.at_once, rounding, strict=True)]
         flat = None
         if transitions.bounds:
-            own = zip(transitions.own, functions, transitions.rates(members[0]), strict=False)
+            own = zip(transitions.own, functions, falling, strict=False)
             flat = [~segment.at_once[i] & (value == 0) & (rate == 0) for i, value, rate in own]
         instant, endless = transitions.settled(instant, functions[: problem.own_events], flat)
         both = zip(segment.at_once, transitions.here.events(instant.members[0]), rounding, strict=True)
         still_zero = [near & (jnp.abs(after) <= _RESIDUAL * jnp.abs(met)) for near, after, met in both]
         typical = jnp.minimum(problem.time_scale, elapsed[0])
-        stands, hops = transitions.stands(instant, transitions.rates(members[0]), still_zero, typical)
+        stands, hops = transitions.stands(instant, falling, still_zero, typical)
         soon = jnp.where(instant.last == before.event, _ACCUMULATED * typical, _ROUNDING * elapsed[0])
         # An event so soon after another that its function does not fall any more, as of a body that comes to rest.
-        rests = (jnp.where(i == segment.event, rate > 0, False) for i, rate in enumerate(transitions.rates(members[0])))
+        rests = (jnp.where(i == segment.event, rate > 0, False) for i, rate in enumerate(falling))
         own = problem.directions[: problem.own_events]
         directed = (each for each, direction in zip(rests, own, strict=False) if direction)
         rests = functools.reduce(jnp.logical_or, directed, jnp.asarray(False)) & (segment.time < _RESTS * typical)
