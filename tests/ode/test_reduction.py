@@ -155,7 +155,7 @@ def test_a_chain_keeps_the_whole_state() -> None:
         lambda t, y, args: {"x": 1.0, "y": y["u"], "u": -args},
         {"bounce": Event(lambda t, y, args: y["y"], -1, lambda t, y, args: {**y, "u": -0.5 * y["u"]})},
     )
-    layout, numbers = lanes_of(bouncing, 9.81, Options(waits=True, clock=True, whole=True))
+    layout, numbers = lanes_of(bouncing, 9.81, Options(arm_on_return=True, clock=True, whole=True))
     motion = reduced_motion_of(layout)([*numbers, 0.0, 9.0, np.inf, np.inf])
     assert isinstance(motion, WholeMotion)
     at = motion.initial()._replace(state=(-3.0, 0.25, 0.0))

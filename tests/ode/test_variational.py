@@ -115,7 +115,7 @@ def test_the_mixed_derivative_by_parameters_is_the_closed_form() -> None:
     lifted = equations(2, "v0", "k")
     time, volume = end(REBOUND, V0, K)
     at = derivatives(lambda v0, k: state(time, v0, k), "v0", "k")
-    slopes = lifted.per_unit(volume_at_event(lifted, tuple(at), REBOUND, time).outputs)
+    slopes = lifted.unscale(volume_at_event(lifted, tuple(at), REBOUND, time).outputs)
     assert volume == pytest.approx(2 / 3 * B * V0**3 / K**2)
     assert slopes.first == pytest.approx(3 * volume / V0)
     assert slopes.other == pytest.approx(-2 * volume / K)

@@ -38,7 +38,7 @@ from erosion.models import (
 from erosion.ode.batch import compiling, integrate, integrate_along
 from erosion.ode.ensemble import Lanes
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.problem import Equations, is_number
+from erosion.ode.problem import TracedProblem, is_number
 from erosion.ode.solution import Solution
 from erosion.ode.solve import solution
 from erosion.ode.step_control import LONGEST, require_float64
@@ -87,7 +87,7 @@ def _of_units(units: System) -> Parameters:
 
 
 @functools.lru_cache(maxsize=256)
-def _shapes(equations: Equations) -> tuple[tuple[tuple[int, ...], ...], tuple[str, ...]]:
+def _shapes(equations: TracedProblem) -> tuple[tuple[tuple[int, ...], ...], tuple[str, ...]]:
     """Shape and type of each number, for one lane."""
     return tuple(n.shape for n in equations.numbers), tuple(n.dtype.name for n in equations.numbers)
 

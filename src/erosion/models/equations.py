@@ -30,11 +30,11 @@ from erosion.models.base import (
     units_within,
 )
 from erosion.ode.problem import (
-    Equations,
     FlawError,
     Problem,
     Rate,
     Traced,
+    TracedProblem,
     TreeKind,
     digits,
     equations_of as equations_of_kind,
@@ -49,7 +49,7 @@ _PACKAGE = Path(__file__).parents[1]
 _PLAIN_NODES = (tuple, list, dict, type(None))  # of pytrees
 
 
-def equations_of(model: CuttingModel, units: System = "inch-pound") -> Equations:
+def equations_of(model: CuttingModel, units: System = "inch-pound") -> TracedProblem:
     """The equations of a model as its code is now; they are traced where this kind of model is new or was redefined.
 
     Args:
@@ -63,10 +63,10 @@ def equations_of(model: CuttingModel, units: System = "inch-pound") -> Equations
 
 
 # By a model's place in memory: a model does not change, and to tell its kind takes ten times longer.
-_by_place: "dict[tuple[int, System], tuple[weakref.ref[CuttingModel], Equations]]" = {}
+_by_place: "dict[tuple[int, System], tuple[weakref.ref[CuttingModel], TracedProblem]]" = {}
 
 
-def _kept(model: CuttingModel, units: System, equations: Equations) -> Equations:
+def _kept(model: CuttingModel, units: System, equations: TracedProblem) -> TracedProblem:
     """The equations, which are found sooner from now on."""
     place = id(model), units
     with contextlib.suppress(TypeError):  # of a class with `__slots__` there are no such references
@@ -172,23 +172,23 @@ class _ModelKind(TreeKind):
         kinds = (one for kind, _ in _nodes(self.structure) for one in kind.__mro__)
         return [kind for kind in dict.fromkeys(kinds) if _is_of_package(kind)]
 
-    def traced(self) -> Equations:
+    def traced(self) -> TracedProblem:
         """The equations, as the code is now."""
         nodes, functions = list(_nodes(self.structure)), [leaf for leaf in self.leaves if leaf is not None]
         if self.is_of_package:
             # A short command need not wait for the trace of the package's code.
             snapshot = CodeSnapshot((), self._classes)
-            return Equations(None, digits("package", repr(self.key)), "", snapshot, self.numbers)
+            return TracedProblem(None, digits("package", repr(self.key)), "", snapshot, self.numbers)
         things = [*functions, *(thing for node in nodes for thing in node)]
         try:
             trace, state = _trace(self, [hashed("model", str(i)) for i in range(len(self.numbers))])
         except FlawError as error:
-            return Equations(
+            return TracedProblem(
                 str(error), digits("flaw", str(error)), "", CodeSnapshot(things, self._classes), self.numbers
             )
         # After the trace, which may change what it reads, such as a counter.
         snapshot, digest = CodeSnapshot(things, self._classes), digits(*trace.pieces, trace.foreign)
-        return Equations(None, digest, trace.foreign, snapshot, self.numbers, state)
+        return TracedProblem(None, digest, trace.foreign, snapshot, self.numbers, state)
 
 
 def _is_of_package(kind: type) -> bool:
@@ -294,14 +294,14 @@ class Cut(Problem):
         values: Mapping[str, Any] = args.model.events(y, args.p)
         return [values[name] for name in sorted(values)]
 
-    def equations(self, args: Case, numbers: Sequence[jax.ShapeDtypeStruct]) -> Equations:
+    def equations(self, args: Case, numbers: Sequence[jax.ShapeDtypeStruct]) -> TracedProblem:
         """What the model computes; the numbers are those of case and model, whichever are given."""
         return _of_case(equations_of(args.model, args.p.units))
 
 
 # The same object each time, as what is kept for equations is known by them.
 @functools.lru_cache(maxsize=256)
-def _of_case(equations: Equations) -> Equations:
+def _of_case(equations: TracedProblem) -> TracedProblem:
     """The equations of a model, whose numbers come after those of the case."""
     number = jax.ShapeDtypeStruct((), np.float64)
     return dataclasses.replace(equations, numbers=(*(number for _ in QUANTITIES), *equations.numbers))

@@ -44,7 +44,7 @@ from jax import lax
 from erosion.arguments import Number, Scalar
 from erosion.lanes import tapes
 from erosion.ode import tape
-from erosion.ode.extended import Extended
+from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.methods.base import BackStep
 from erosion.ode.methods.transposes import plus, zeros
 from erosion.ode.reduction import Rows
@@ -113,7 +113,7 @@ def pulled_back(
 
 class _Adjoint:
     def __init__(self, layout: Layout, numbers: Sequence[Number], token: Scalar, *, timed: bool) -> None:
-        self.problem = Extended(layout, numbers, 0, ())
+        self.problem = LaneEquations(layout, numbers, 0, ())
         self.token, self.width, self.timed, self.outputs = token, self.problem.width, timed, layout.rows - 1
         self.is_real = [dtype == "float64" for dtype in layout.dtypes]
         self.all = list(numbers)

@@ -262,7 +262,7 @@ _LAST_STEP = 0.2  # of the step before it is a stiff motion's last step at least
 _PARTED, _NEARER = 0.3, 0.75  # of a step: a longer way to the event is gone in two
 _AHEAD = 3.0  # trials: as far beyond its end as an event is looked for
 _IMMINENT = 2.0  # trials, at the rate of now: an event that near is worth looking for
-_ROUGH_NEAR = 1e-9  # of the time scale: near enough for a motion whose rates may be infinite at the end
+_NONSMOOTH_NEAR = 1e-9  # of the time scale: near enough for a motion whose rates may be infinite at the end
 _LONG = 1e-3  # of the time scale: a shorter step is already there for a kink
 _SHORT_OF_IT = 0.999  # of the way to an expected event
 _TOO_LONG = 256.0  # an error over the tolerance, for which the next step is 0.4 times as long
@@ -292,14 +292,14 @@ def look(
     scale: Scalar,
     *,
     clear: Sequence[Flag],
-    rough: bool = False,
+    nonsmooth: bool = False,
     sharp: float = 1.0,
 ) -> Trial:
     """What a trial says about events; `within` holds their values at some shares of the step.
 
     At an event that is `clear` nothing is looked for within the step; see `are_clear`.
 
-    Where the motion is `rough`, a step ends at a crest of an event function as it does at a dip: between two
+    Where the motion is `nonsmooth`, a step ends at a crest of an event function as it does at a dip: between two
     stages the motion may go behind a kink, and return unseen.
     """
     dips = [
@@ -307,7 +307,7 @@ def look(
         for i, each in enumerate(zip(clear, start, end, strict=True))
     ]
     places = [dip for dip, *_ in dips]
-    if rough:
+    if nonsmooth:
         # Where a force jumps, an event function may turn at once: steps that short need not end there.
         long = control.trial > _LONG * scale
         crests = [crest_in_step(*each, control.trial) for each in zip(start, end, strict=True)]
@@ -373,7 +373,7 @@ class ShortOfKinks(ByAShortStep):
     def nearness(self, control: Control, size: Scalar, scale: Scalar, error: Scalar) -> tuple[Scalar, Scalar]:
         """See `Ending`."""
         near, flat = super().nearness(control, size, scale, error)
-        return jnp.maximum(near, _ROUGH_NEAR * scale), flat
+        return jnp.maximum(near, _NONSMOOTH_NEAR * scale), flat
 
     def may_end(self, expected: Scalar, step: Scalar, past: Flag) -> Flag:
         """See `Ending`: beyond the event the rates may be others."""
@@ -581,7 +581,7 @@ def watch(directions: Sequence[int], starts: Sequence[Ends], scale: Scalar) -> l
     return [Watched(turn, counts(turned(start, turn), scale)) for turn, start in zip(turns, starts, strict=True)]
 
 
-def silenced(event: Ends, on: Flag) -> Ends:
+def disarmed(event: Ends, on: Flag) -> Ends:
     """The event function; far from zero where it does not count."""
     return Ends(jnp.where(on, event.value, 1.0), jnp.where(on, event.rate, 0.0))
 
@@ -606,7 +606,7 @@ def are_clear(
     within: Sequence[tuple[float, Sequence[Scalar]]],
     graze: Scalar,
     *,
-    rough: bool = False,
+    nonsmooth: bool = False,
 ) -> list[Flag]:
     """Of each event whether it cannot be in a step or near its end, nor a dip lower than `graze` times its size.
 
@@ -621,7 +621,7 @@ def are_clear(
         ends: and where it ends.
         within: their values at some shares of the step.
         graze: see above.
-        rough: whether a step ends at crests.
+        nonsmooth: whether a step ends at crests.
     """
     clear = []
     for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
@@ -639,7 +639,7 @@ def are_clear(
             clear.append(_is_clear(start, end, h, looks, least))
         else:
             clear.append(_is_clear(start, end, h, looks, graze))
-        if rough:
+        if nonsmooth:
             clear[i] = clear[i] & jnp.logical_not((start.rate > 0) & (end.rate < 0))
     return clear
 
@@ -678,7 +678,7 @@ def look_directed(
     scale: Scalar,
     *,
     clear: Sequence[Flag],
-    rough: bool = False,
+    nonsmooth: bool = False,
 ) -> Trial:
     """What a trial says about the events that count; see `erosion.ode.crossings.look`.
 
@@ -694,7 +694,7 @@ def look_directed(
 
     def watched(events: Sequence[Ends]) -> list[Ends]:
         parts = zip(events, factors, on, strict=True)
-        return [silenced(turned(event, factor), there) for event, factor, there in parts]
+        return [disarmed(turned(event, factor), there) for event, factor, there in parts]
 
     begun = [Ends(jnp.maximum(event.value, 0.0), event.rate) for event in watched(starts)]
     inside = [
@@ -705,7 +705,7 @@ def look_directed(
         for theta, values in within
     ]
     # A function such as a distance bends in a small part of a step, where the cubic errs by more than was seen.
-    trial = look(control, begun, watched(ends), inside, error, scale, clear=clear, rough=rough, sharp=_SHARP)
+    trial = look(control, begun, watched(ends), inside, error, scale, clear=clear, nonsmooth=nonsmooth, sharp=_SHARP)
     crest, hidden = _least([crest for crest, _ in rises], 2.0), _any(hidden for _, hidden in rises)
     return trial._replace(dip=jnp.minimum(crest, trial.dip), hidden=trial.hidden | hidden)
 

@@ -128,8 +128,8 @@ def checked_lanes(
         raise TypeError(f"Argument `problem` must be an `ode.Problem`, but is {briefly(problem)}.")
     rtol = max(check_share("rtol", rtol), _TINY)
     options = Options(
-        waits=True,
-        begins=start == "end",
+        arm_on_return=True,
+        check_start=start == "end",
         fires=start == "fire",
         clock=True,
         whole=True,

@@ -23,11 +23,11 @@ class EventSet(abc.ABC):
 
     Args:
         directions: of the events.
-        rough: whether a motion may go behind a kink and return unseen, so that steps end at crests.
+        nonsmooth: whether a motion may go behind a kink and return unseen, so that steps end at crests.
     """
 
-    def __init__(self, directions: Sequence[int], *, rough: bool) -> None:
-        self.directions, self.rough = directions, rough
+    def __init__(self, directions: Sequence[int], *, nonsmooth: bool) -> None:
+        self.directions, self.nonsmooth = directions, nonsmooth
 
     @abc.abstractmethod
     def begins(self, events: Sequence[Ends], scale: Scalar) -> Flag:
@@ -86,7 +86,7 @@ class EventSet(abc.ABC):
             return crossings.decide(control, trial, scale, limits, ending=ending, reach=reach)
 
         clear = crossings.are_clear(
-            watched, control.trial, start, step.events, step.within, GRAZE * rtol, rough=self.rough
+            watched, control.trial, start, step.events, step.within, GRAZE * rtol, nonsmooth=self.nonsmooth
         )
         quiet = functools.reduce(jnp.logical_and, clear, control.mode == ADVANCING)
         return lax.cond(quiet, goes_on, looks)
@@ -115,7 +115,7 @@ class Falling(EventSet):
     ) -> Trial:  # fmt: skip
         """See `EventSet`."""
         return crossings.look(
-            control, start, step.events, step.within, step.error, scale, clear=clear, rough=self.rough
+            control, start, step.events, step.within, step.error, scale, clear=clear, nonsmooth=self.nonsmooth
         )
 
 
@@ -123,16 +123,16 @@ class Armed(EventSet):
     """Of any direction; each counts once it is before its event.
 
     Args:
-        directions, rough: see `EventSet`.
+        directions, nonsmooth: see `EventSet`.
         own: how many of them are events of the problem; the others are bounds of modes, see `switches`.
         affine: of each event whether its function is affine in the state; others may move faster than it.
         smooth: whether all event functions are smooth.
     """
 
     def __init__(
-        self, directions: Sequence[int], *, rough: bool, own: int, affine: Sequence[bool], smooth: bool
+        self, directions: Sequence[int], *, nonsmooth: bool, own: int, affine: Sequence[bool], smooth: bool
     ) -> None:
-        super().__init__(directions, rough=rough)
+        super().__init__(directions, nonsmooth=nonsmooth)
         self.own, self.affine, self.smooth = own, affine, smooth
 
     def at_start(self, events: list[Ends], scale: Scalar, begins: Flag) -> list[Ends]:
@@ -171,5 +171,5 @@ class Armed(EventSet):
     ) -> Trial:  # fmt: skip
         """See `EventSet`."""
         return crossings.look_directed(
-            watched, control, start, step.events, step.within, step.error, scale, clear=clear, rough=self.rough
+            watched, control, start, step.events, step.within, step.error, scale, clear=clear, nonsmooth=self.nonsmooth
         )

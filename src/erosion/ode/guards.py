@@ -10,10 +10,10 @@ import jax
 import jax.numpy as jnp
 
 from erosion.arguments import Flag, Scalar
-from erosion.ode.extended import Extended
 from erosion.ode.horizon import Horizon
 from erosion.ode.kinks import breaks, comes_near, corrected, is_broken
-from erosion.ode.landing import Flight, Lane
+from erosion.ode.landing import Lane, Segment
+from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.methods.base import Step
 from erosion.ode.methods.runge_kutta import RungeKutta
 from erosion.ode.reduction import Rows
@@ -49,7 +49,7 @@ class Guard:
         rtol: relative tolerance.
     """
 
-    def __init__(self, problem: Extended, rtol: Scalar) -> None:
+    def __init__(self, problem: LaneEquations, rtol: Scalar) -> None:
         self.problem, self.rtol = problem, rtol
 
     def begin(self, scale: Scalar) -> Any:
@@ -60,7 +60,7 @@ class Guard:
         """What follows."""
         return Decided(memory, step, control)
 
-    def ends(self, memory: Any, lane: Lane, motion: Flight) -> Flight:
+    def ends(self, memory: Any, lane: Lane, motion: Segment) -> Segment:
         """The end of a motion, with what the guard has seen on its way."""
         return motion
 
@@ -85,7 +85,7 @@ class NearKinks(Guard):
         near = comes_near([problem.singular(at(i / _SAMPLES)) for i in range(_SAMPLES + 1)])
         return Decided(memory | near, step, control)
 
-    def ends(self, memory: Flag, lane: Lane, motion: Flight) -> Flight:
+    def ends(self, memory: Flag, lane: Lane, motion: Segment) -> Segment:
         """See `Guard`."""
         rows: Rows = jax.tree.leaves(motion.members[0])
         both = self.problem.singular(lane.state[: self.problem.width]), self.problem.singular(rows)
@@ -144,7 +144,7 @@ class Stiffness(Guard):
         method: whose stages tell eigenvalues.
     """
 
-    def __init__(self, problem: Extended, rtol: Scalar, method: RungeKutta) -> None:
+    def __init__(self, problem: LaneEquations, rtol: Scalar, method: RungeKutta) -> None:
         super().__init__(problem, rtol)
         self.method = method
 
@@ -162,15 +162,15 @@ class Stiffness(Guard):
         return Decided(count, step, control._replace(mode=mode, event=event))
 
 
-def guards_of(problem: Extended, rtol: Scalar) -> list[Guard]:
+def guards_of(problem: LaneEquations, rtol: Scalar) -> list[Guard]:
     """Those that a program needs."""
     guards: list[Guard] = [NearKinks(problem, rtol)] if problem.shows_kinks else []
-    if problem.rough and problem.order:
+    if problem.nonsmooth and problem.order:
         guards.append(Jumps(problem, rtol))
-    if problem.rough and problem.order == 2:
+    if problem.nonsmooth and problem.order == 2:
         guards.append(Kinks(problem, rtol))
     if problem.switches is not None:
         guards.append(InModes(problem, rtol))
-    if problem.watches and isinstance(problem.method, RungeKutta):
+    if problem.detects_stiffness and isinstance(problem.method, RungeKutta):
         guards.append(Stiffness(problem, rtol, problem.method))
     return guards

@@ -20,12 +20,21 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Flag, Scalar
 from erosion.ode import step_control
-from erosion.ode.extended import Extended
-from erosion.ode.landing import Flight
+from erosion.ode.landing import Segment
+from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.segments import Loop, Written
 from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FAILED, FIRST_STEP, SLIDES, UNFINISHED
 from erosion.ode.switches import SwitchedMotion
-from erosion.ode.variational import Along, AlongFlow, AtEvent, Augmented, Derivatives, Motion, at_event, outputs_of
+from erosion.ode.variational import (
+    AlongFlow,
+    AtEvent,
+    Augmented,
+    Derivatives,
+    EndTimeDependence,
+    Motion,
+    at_event,
+    outputs_of,
+)
 
 _ACCUMULATED = (
     1e-11  # of the time scale, and of the time so far: where an event follows itself sooner, events accumulate
@@ -85,7 +94,7 @@ class _Trajectory(NamedTuple):
     """
 
     goes_on: Flag
-    segment: Flight
+    segment: Segment
     elapsed: tuple[Scalar, ...]
     amplification: Scalar
     hops: Flag
@@ -100,7 +109,7 @@ class Transitions:
         loop: with the recorders.
     """
 
-    def __init__(self, problem: Extended, loop: Loop) -> None:
+    def __init__(self, problem: LaneEquations, loop: Loop) -> None:
         self.problem, self.loop, self.here = problem, loop, problem.equations.at(problem.numbers)
         self.most = problem.clock.max_events
         self.own = range(problem.own_events)
@@ -136,7 +145,7 @@ class Transitions:
             written=written,
         )
 
-    def in_turn(self, instant: Instant, segment: Flight, first: Scalar, *, forwards: bool) -> Instant:
+    def in_turn(self, instant: Instant, segment: Segment, first: Scalar, *, forwards: bool) -> Instant:
         """With the events that come to zero together, in their order or the reverse; switches before the others.
 
         The state is that at the first one's time. Each after the first happens where its function falls still after
@@ -161,7 +170,7 @@ class Transitions:
         return self.in_modes(instant, located, [falling[i] for i in self.bounds])
 
     def switched_in_turn(
-        self, instant: Instant, segment: Flight, falling: Sequence[Scalar], first: Scalar, *, forwards: bool
+        self, instant: Instant, segment: Segment, falling: Sequence[Scalar], first: Scalar, *, forwards: bool
     ) -> Instant:
         """With the switches among these events."""
         start, beyond = (self.bounds[0], self.bounds[-1] + 1) if forwards else (self.bounds[-1], self.bounds[0] - 1)
@@ -268,7 +277,7 @@ class Transitions:
         instant, _, rounds = lax.while_loop(goes_on, switches, (instant, due(instant), 0 * instant.count))
         return instant._replace(slides=instant.slides | (rounds >= _SLIDES))
 
-    def commuting(self, instant: Instant, segment: Flight, along: Along, before: Instant) -> Instant:
+    def commuting(self, instant: Instant, segment: Segment, along: EndTimeDependence, before: Instant) -> Instant:
         """An instant without the derivatives that another order of its events would change.
 
         Args:
@@ -422,7 +431,7 @@ class Transitions:
         return instant._replace(members=(instant.members[0], *members))
 
 
-def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]:
+def trajectory(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Written]:
     """Integrate one lane through the events that it survives: its last segment, and its end with derivatives."""
     equations, until, transitions = problem.equations, problem.until, Transitions(problem, loop)
     zero = 0.0 * problem.time_scale
@@ -433,10 +442,10 @@ def trajectory(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]
     elapsed = tuple(zero for _ in initial)
     sizes = problem.method.sizes_at_start(problem.initial, None)
     near_kink = jnp.asarray(False) if problem.shows_kinks else None
-    start = Flight(control, initial, none - 1, zero, none, nothing, sizes, near_kink, nothing)
+    start = Segment(control, initial, none - 1, zero, none, nothing, sizes, near_kink, nothing)
 
     def ended(
-        instant: Instant, endless: Flag, segment: Flight, amplification: Scalar, accumulates: Flag, hops: Flag
+        instant: Instant, endless: Flag, segment: Segment, amplification: Scalar, accumulates: Flag, hops: Flag
     ) -> _Trajectory:
         more = instant.happened & instant.survives & (instant.count < problem.clock.max_events)
         stops, control = accumulates | endless | instant.slides, segment.control

@@ -14,9 +14,9 @@ from jax import lax
 
 from erosion.arguments import Flag, Number, PerImpact, Scalar
 from erosion.ode.events import GRAZE
-from erosion.ode.extended import Extended
 from erosion.ode.hybrid import trajectory
-from erosion.ode.landing import Flight
+from erosion.ode.landing import Segment
+from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.methods.base import LEAST, TIGHTEST
 from erosion.ode.problem import OTHER_ENDS
 from erosion.ode.segments import Loop, Written
@@ -34,7 +34,7 @@ from erosion.ode.variational import (
 _DOUBT = 100.0  # errors are mostly smaller than the tolerance by this factor
 _MANY_STEPS, _MANY_FACTOR = 64, 1e-2  # the errors of this many steps add up, and may grow from step to step
 _CHEAPER, _CHEAPEST = 1e4, 1e-2  # times the tolerance, at most: of an integration that tells how errors grow
-_ROUGH_FACTOR = 1e-3  # across a kink an estimate says little, and a step may pass over a short visit behind one
+_NONSMOOTH_FACTOR = 1e-3  # across a kink an estimate says little, and a step may pass over a short visit behind one
 
 
 class LaneEnd(NamedTuple):
@@ -101,14 +101,14 @@ def integrate_lane(
         order: 0, 1 or 2 derivatives.
         rows: of the tape, where steps are recorded or events logged.
     """
-    problem = Extended(layout, numbers, order, directions)
+    problem = LaneEquations(layout, numbers, order, directions)
     loop = Loop(problem, rtol, rows)
     goes_on = problem.chains or problem.options.fires
     segment, end, written = (trajectory if goes_on else _single)(problem, loop)
     return _finish(problem, segment, end, rtol, loop.recorded(written))
 
 
-def _single(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]:
+def _single(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Written]:
     """A lane that ends with its first event."""
     until = problem.until
     written = [recorder.begin() for recorder in loop.recorders]
@@ -117,16 +117,18 @@ def _single(problem: Extended, loop: Loop) -> tuple[Flight, AtEvent, Written]:
     return motion, end, loop.after_segment(written, motion)
 
 
-def _finish(problem: Extended, motion: Flight, end: AtEvent, rtol: Scalar, recorded: Mapping[str, Any]) -> LaneEnd:
+def _finish(
+    problem: LaneEquations, motion: Segment, end: AtEvent, rtol: Scalar, recorded: Mapping[str, Any]
+) -> LaneEnd:
     """The results where a lane ended, or at its start where it does not begin; NaN where one of them is not finite."""
     control, equations, event = motion.control, problem.equations, motion.event
-    begun = event != NOT_BEGUN if problem.options.begins else jnp.asarray(True)
+    begun = event != NOT_BEGUN if problem.options.check_start else jnp.asarray(True)
     outputs, time = end.outputs, end.time
-    if problem.options.begins:
+    if problem.options.check_start:
         at_start = equations.of(outputs_of, problem.members(problem.initial))
         outputs = jax.tree.map(lambda there, alone: jnp.where(begun, there, alone), outputs, at_start)
         time = jax.tree.map(lambda number: jnp.where(begun, number, 0.0), time)
-    both = zip(equations.per_unit(time), equations.per_unit(outputs), strict=True)
+    both = zip(equations.unscale(time), equations.unscale(outputs), strict=True)
     results = Derivatives(*(None if of_time is None else [of_time, of_outputs] for of_time, of_outputs in both))
     numbers, structure = jax.tree.flatten(results)
     ended = problem.method.is_known(control.mode == ENDED, end.amplification)
@@ -147,9 +149,9 @@ def _finish(problem: Extended, motion: Flight, end: AtEvent, rtol: Scalar, recor
         factor = jnp.where(many, jnp.where(factor < 1, jnp.minimum(factor, _MANY_FACTOR), cheaper), factor)
     else:
         factor = jnp.where(many, jnp.minimum(factor, _MANY_FACTOR), factor)
-    if problem.rough:
-        rough = jnp.minimum(factor, _ROUGH_FACTOR)
-        factor = rough if motion.near_kink is None else jnp.where(motion.near_kink, rough, factor)
+    if problem.nonsmooth:
+        nonsmooth = jnp.minimum(factor, _NONSMOOTH_FACTOR)
+        factor = nonsmooth if motion.near_kink is None else jnp.where(motion.near_kink, nonsmooth, factor)
     least = [LEAST * size for size in problem.sizes_of_state(motion.greatest)]
     return LaneEnd(
         outcome=_outcome(problem, finite, control.mode, event),
@@ -162,13 +164,13 @@ def _finish(problem: Extended, motion: Flight, end: AtEvent, rtol: Scalar, recor
         if problem.options.clock
         else [],
         least=least,
-        stiff=lax.convert_element_type(control.event == STIFF, np.int8) if problem.watches else None,
+        stiff=lax.convert_element_type(control.event == STIFF, np.int8) if problem.detects_stiffness else None,
         slides=lax.convert_element_type(control.event == SLIDES, np.int8) if problem.switches else None,
         **recorded,
     )
 
 
-def _outcome(problem: Extended, finite: Flag, mode: Scalar, event: Scalar) -> Scalar:
+def _outcome(problem: LaneEquations, finite: Flag, mode: Scalar, event: Scalar) -> Scalar:
     """The code of an end, an index of `Layout.end_names`."""
     names = problem.layout.end_names
     code = {name: names.index(name) for name in OTHER_ENDS}

@@ -176,7 +176,7 @@ def arguments(closed: ClosedJaxpr, operands: Sequence[Scalar], varies: Sequence[
             parts += elements_of([1.0 - x, 1.0 + x])
         elif name == "cond":
             branches = equation.params["branches"]
-            if any(is_rough(branch.jaxpr, moves[1:]) for branch in branches):
+            if any(is_nonsmooth(branch.jaxpr, moves[1:]) for branch in branches):
                 return None
         elif name in ("jit", "pjit", "custom_jvp_call") and len(inner) == 1:
             called = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
@@ -355,10 +355,10 @@ def may_have_kinks(layout: Layout) -> bool:
     jaxpr = jax.make_jaxpr(rate)(start, layout.structs()).jaxpr
     made_by = {made: equation for equation in jaxpr.eqns for made in equation.outvars}
     varies = [not is_always_zero(value, made_by) for value in jaxpr.outvars[: len(start)]]
-    return is_rough(jaxpr, varies + [False] * (len(jaxpr.invars) - len(start)))
+    return is_nonsmooth(jaxpr, varies + [False] * (len(jaxpr.invars) - len(start)))
 
 
-def is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
+def is_nonsmooth(jaxpr: Jaxpr, varies: list[bool]) -> bool:
     """Whether an operation on the arguments that vary is not smooth."""
     varying = {variable for variable, moves in zip(jaxpr.invars, varies, strict=True) if moves}
     pivoted: set[Atom] = set()  # jumps where rows are exchanged; a solution of the system does not
@@ -386,7 +386,7 @@ def is_rough(jaxpr: Jaxpr, varies: list[bool]) -> bool:
         # A loop or a branch chooses by the state: only plain calls are looked into.
         if len(inner) != 1 or len(inner[0].invars) != len(moves) or equation.primitive.name in ("while", "scan"):
             return True
-        if is_rough(inner[0], moves):
+        if is_nonsmooth(inner[0], moves):
             return True
     return not pivoted.isdisjoint(atom for atom in jaxpr.outvars if not isinstance(atom, Literal))
 

@@ -14,10 +14,10 @@ from erosion.ode import crossings
 from erosion.ode.crossings import Ends, Watched
 from erosion.ode.reduction import Rows
 from erosion.ode.step_control import ENDED, FAILED, FIRST_STEP, Control
-from erosion.ode.variational import Along, Augmented
+from erosion.ode.variational import Augmented, EndTimeDependence
 
 if TYPE_CHECKING:
-    from erosion.ode.extended import Extended
+    from erosion.ode.lane_equations import LaneEquations
 
 _VANISHES = 1e-5  # of the time scale: a divisor that is zero as soon leaves too few digits of second derivatives
 
@@ -39,7 +39,7 @@ class Lane(NamedTuple):
     memories: tuple[Any, ...]
 
 
-class Flight(NamedTuple):
+class Segment(NamedTuple):
     """A motion to its first event.
 
     Args:
@@ -65,9 +65,9 @@ class Flight(NamedTuple):
     still_zero: Sequence[Flag] = ()
 
 
-def landed(problem: "Extended", lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:
+def finish_step(problem: "LaneEquations", lane: Lane, until: Scalar | None) -> tuple[Segment, EndTimeDependence]:
     """The motion to where its last step found its end; with how what is wanted there depends on the event's time."""
-    motion, along = problem.method.landed(lane, until)
+    motion, along = problem.method.finish_step(lane, until)
     if not problem.order:
         return motion, along
     lost = has_no_derivatives(problem, motion)
@@ -76,13 +76,13 @@ def landed(problem: "Extended", lane: Lane, until: Scalar | None) -> tuple[Fligh
     return motion._replace(control=control, at_once=at_once, count=jnp.where(lost, 0, motion.count)), along
 
 
-def has_no_derivatives(problem: "Extended", motion: Flight) -> Flag:
+def has_no_derivatives(problem: "LaneEquations", motion: Segment) -> Flag:
     """Whether derivatives at the end of a motion are not defined, as far as nothing else tells.
 
     A rate that divides by what vanishes there leaves nothing but rounding of them, as of those of sin(v)/v. At a switch
     that may be the rate of a mode that does not hold.
     """
-    if problem.rough or not problem.options.waits:
+    if problem.nonsmooth or not problem.options.arm_on_return:
         return jnp.asarray(False)
     rows: Rows = jax.tree.leaves(motion.members[0])
     scale = problem.scale_near(motion.control.step, FIRST_STEP)
@@ -93,7 +93,7 @@ def has_no_derivatives(problem: "Extended", motion: Flight) -> Flag:
 
 
 def happening(
-    problem: "Extended", ended: Flag, event: Scalar, remaining: Scalar, events: Sequence[Ends], scale: Scalar
+    problem: "LaneEquations", ended: Flag, event: Scalar, remaining: Scalar, events: Sequence[Ends], scale: Scalar
 ) -> list[Flag]:
     """For each event whether it happens at the end."""
     happened = ended & (event >= 0)
@@ -101,11 +101,13 @@ def happening(
     return [happened & (there | (event == i)) for i, there in enumerate(near)]
 
 
-def flight(lane: Lane, members: tuple[Augmented, ...], event: Scalar, time: Scalar, at_once: Sequence[Flag]) -> Flight:
+def segment_to(
+    lane: Lane, members: tuple[Augmented, ...], event: Scalar, time: Scalar, at_once: Sequence[Flag]
+) -> Segment:
     """A motion to the end that its last step found."""
     happened = (lane.control.mode == ENDED) & (event >= 0)
     count = lax.convert_element_type(happened, np.int32)
-    return Flight(lane.control, members, event, time, count, at_once, lane.greatest)
+    return Segment(lane.control, members, event, time, count, at_once, lane.greatest)
 
 
 def all_finite(rows: Rows) -> Flag:

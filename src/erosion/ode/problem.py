@@ -35,7 +35,7 @@ _MANY = 256  # kinds that are remembered
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Equations:
+class TracedProblem:
     """The equations of one kind of arguments: of all that differ in their numbers alone.
 
     Args:
@@ -114,14 +114,14 @@ class TreeKind(abc.ABC):
         return jax.tree.unflatten(self.structure, [next(rest) if leaf is None else leaf for leaf in self.leaves])
 
     @abc.abstractmethod
-    def traced(self) -> Equations:
+    def traced(self) -> TracedProblem:
         """The equations, as the code is now."""
 
 
-_by_kind: dict[TreeKind, Equations] = {}
+_by_kind: dict[TreeKind, TracedProblem] = {}
 
 
-def equations_of(kind: TreeKind, *, anew: bool = False) -> Equations:
+def equations_of(kind: TreeKind, *, anew: bool = False) -> TracedProblem:
     """The equations as the code is now; they are traced where the kind is new or was redefined, or always if `anew`."""
     known = _by_kind.get(kind)
     if known is not None and known.snapshot.unchanged():
@@ -427,7 +427,7 @@ class Problem:
         """The state after each event; None where it ends the motion."""
         return [event.reset for event in self.events.values()]
 
-    def equations(self, args: PyTree, numbers: Sequence[jax.ShapeDtypeStruct]) -> Equations:
+    def equations(self, args: PyTree, numbers: Sequence[jax.ShapeDtypeStruct]) -> TracedProblem:
         """What the problem computes from such arguments.
 
         Args:
@@ -467,7 +467,7 @@ class _ProblemKind(TreeKind):
         self.problem, self._functions = problem, problem.functions()
         super().__init__(args, numbers, self._functions, problem.directions(args))
 
-    def traced(self) -> Equations:
+    def traced(self) -> TracedProblem:
         """The equations, as the code is now."""
         things = [*jax.tree.leaves(self._functions), *(leaf for leaf in self.leaves if leaf is not None)]
         labels = [hashed("argument", str(i)) for i in range(len(self.numbers))]
@@ -476,13 +476,13 @@ class _ProblemKind(TreeKind):
             state, timed = self._trace(trace)
         except FlawError as error:
             words = str(error)
-            return Equations(words, digits("flaw", words), "", CodeSnapshot(things), self.numbers)
+            return TracedProblem(words, digits("flaw", words), "", CodeSnapshot(things), self.numbers)
         # After the trace, which may change what it reads, such as a counter.
         snapshot = CodeSnapshot(things)
         args = self.joined(self.numbers)
         described = repr((self.problem.event_names(args), self.problem.directions(args), list(self.problem.integrals)))
         digest = digits(*trace.pieces, trace.foreign, described, str(jax.tree.structure(state)), str(timed))
-        return Equations(None, digest, trace.foreign, snapshot, self.numbers, state, timed)
+        return TracedProblem(None, digest, trace.foreign, snapshot, self.numbers, state, timed)
 
     def _trace(self, trace: Traced) -> tuple[PyTree, bool]:
         """Shapes of the state, and whether anything depends on time."""

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 from jax import lax
 
 from erosion.arguments import Flag, Scalar
-from erosion.ode.extended import Extended
-from erosion.ode.landing import Flight, Lane, has_no_derivatives
+from erosion.ode.landing import Lane, Segment, has_no_derivatives
+from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.tape import EventLog, Recorded, Saved, StateWriter, Tape
 from erosion.ode.variational import Augmented, Derivatives, outputs_of
 
@@ -31,11 +31,11 @@ class Recorder(abc.ABC):
         """With a trial."""
         return written
 
-    def after_landing(self, written: Any, lane: Lane, motion: Flight) -> Any:
+    def after_landing(self, written: Any, lane: Lane, motion: Segment) -> Any:
         """With the end of a motion."""
         return written
 
-    def after_segment(self, written: Any, segment: Flight) -> Any:
+    def after_segment(self, written: Any, segment: Segment) -> Any:
         """With the end of a segment, before any reset."""
         return written
 
@@ -63,7 +63,7 @@ class Steps(Recorder):
         rows: of the tape.
     """
 
-    def __init__(self, problem: Extended, rtol: Scalar, rows: Scalar) -> None:
+    def __init__(self, problem: LaneEquations, rtol: Scalar, rows: Scalar) -> None:
         self.problem, self.rtol, self.rows = problem, rtol, rows
 
     def begin(self) -> Tape:
@@ -76,13 +76,13 @@ class Steps(Recorder):
         now, then = before.control.time, after.control.time
         return written.with_step(then - now, before.state, then != now)
 
-    def after_landing(self, written: Tape, lane: Lane, motion: Flight) -> Tape:
+    def after_landing(self, written: Tape, lane: Lane, motion: Segment) -> Tape:
         """See `Recorder`."""
         written = written.with_step(motion.time - lane.control.time, lane.state, jnp.asarray(True))
         has = written.has_derivatives & ~has_no_derivatives(self.problem, motion)
         return written._replace(has_derivatives=has)
 
-    def after_segment(self, written: Tape, segment: Flight) -> Tape:
+    def after_segment(self, written: Tape, segment: Segment) -> Tape:
         """See `Recorder`."""
         return written.with_event(segment.event, jax.tree.leaves(segment.members))
 
@@ -110,7 +110,7 @@ class SaveAt(Recorder):
         problem, rtol, elapsed: see `StateWriter`.
     """
 
-    def __init__(self, problem: Extended, rtol: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
+    def __init__(self, problem: LaneEquations, rtol: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
         self.problem, self.rtol, self.writer = problem, rtol, StateWriter(problem, rtol, elapsed)
 
     def begin(self) -> Saved:
@@ -125,7 +125,7 @@ class SaveAt(Recorder):
         """See `Recorder`."""
         return self.writer.after_step(written, before, after)
 
-    def after_landing(self, written: Saved, lane: Lane, motion: Flight) -> Saved:
+    def after_landing(self, written: Saved, lane: Lane, motion: Segment) -> Saved:
         """See `Recorder`."""
         return self.writer.after_landing(written, lane, motion)
 
@@ -144,7 +144,7 @@ class Events(Recorder):
         elapsed: the time of the event, with derivatives.
     """
 
-    def __init__(self, problem: Extended, rtol: Scalar, rows: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
+    def __init__(self, problem: LaneEquations, rtol: Scalar, rows: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
         self.problem, self.rtol, self.rows, self.elapsed = problem, rtol, rows, elapsed
 
     def begin(self) -> EventLog:
@@ -162,7 +162,7 @@ class Events(Recorder):
         equations = self.problem.equations
         pairs = zip(equations.unpack(self.elapsed), equations.of(outputs_of, at), strict=True)
         there = Derivatives(*(None if outputs is None else [time, *outputs] for time, outputs in pairs))
-        numbers = jax.tree.leaves(equations.pack(equations.per_unit(there)))
+        numbers = jax.tree.leaves(equations.pack(equations.unscale(there)))
         return written.with_event(event, fires, at_once[: self.problem.own_events], numbers)
 
     def results(self, written: EventLog) -> Mapping[str, Any]:
@@ -170,7 +170,7 @@ class Events(Recorder):
         return {"logged": Recorded(written.rows, written.token)}
 
 
-def recorders_of(problem: Extended, rtol: Scalar, rows: Scalar) -> list[Recorder]:
+def recorders_of(problem: LaneEquations, rtol: Scalar, rows: Scalar) -> list[Recorder]:
     """Those that a program asks for."""
     recorders: list[Recorder] = []
     if problem.options.records:

@@ -11,16 +11,16 @@ from erosion.arguments import Flag, Number, Scalar
 from erosion.ode import crossings, step_control
 from erosion.ode.crossings import Ends
 from erosion.ode.events import Armed, EventSet, Falling
-from erosion.ode.extended import Extended
 from erosion.ode.guards import MOMENT, ULPS, Guard, guards_of
 from erosion.ode.horizon import Horizon, To
-from erosion.ode.landing import Flight, Lane, all_finite, landed
+from erosion.ode.landing import Lane, Segment, all_finite, finish_step
+from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.recorders import Recorder, recorders_of
 from erosion.ode.reduction import Rows
 from erosion.ode.step_control import FIRST_STEP
 from erosion.ode.variational import (
-    Along,
     Augmented,
+    EndTimeDependence,
 )
 
 _SHARE = 1e-3  # of a rate, or of its jump: by more a rate jumps at the start, and by less it goes on after that
@@ -37,23 +37,23 @@ class Loop:
         rows: of the tape, where steps are recorded or events logged.
     """
 
-    def __init__(self, problem: Extended, rtol: Scalar, rows: Scalar) -> None:
+    def __init__(self, problem: LaneEquations, rtol: Scalar, rows: Scalar) -> None:
         self.problem, self.rtol, self.method = problem, rtol, problem.method
         self.guards: list[Guard] = guards_of(problem, rtol)
         self.recorders: list[Recorder] = recorders_of(problem, rtol, rows)
-        self.events: EventSet = Falling(problem.directions, rough=problem.rough)
-        if problem.options.waits:
+        self.events: EventSet = Falling(problem.directions, nonsmooth=problem.nonsmooth)
+        if problem.options.arm_on_return:
             self.events = Armed(
                 problem.directions,
-                rough=problem.rough,
+                nonsmooth=problem.nonsmooth,
                 own=problem.own_events,
                 affine=problem.affine_events,
                 smooth=problem.events_are_smooth,
             )
 
     def to_its_event(
-        self, initial: Rows, until: Scalar | None, written: Written, before: Flight | None, elapsed: tuple[Scalar, ...]
-    ) -> tuple[Flight, Along, Written]:
+        self, initial: Rows, until: Scalar | None, written: Written, before: Segment | None, elapsed: tuple[Scalar, ...]
+    ) -> tuple[Segment, EndTimeDependence, Written]:
         """Integrate from a state to the first event; with how it and what is wanted there depend on the event's time.
 
         Args:
@@ -73,7 +73,7 @@ class Loop:
 
         start = self._start(initial, end, before), written
         lane, written = lax.while_loop(lambda at: step_control.goes_on(at[0].control), tries, start)
-        motion, along = landed(self.problem, lane, until)
+        motion, along = finish_step(self.problem, lane, until)
         for guard, memory in zip(self.guards, lane.memories, strict=True):
             motion = guard.ends(memory, lane, motion)
         if before is not None and before.near_kink is not None and motion.near_kink is not None:
@@ -88,7 +88,7 @@ class Loop:
         events = self.events.at_start(events, scale, jnp.asarray(True))
         return [jnp.logical_not(each.counts) for each in self.events.watch(events, scale)]
 
-    def after_segment(self, written: Written, segment: Flight) -> Written:
+    def after_segment(self, written: Written, segment: Segment) -> Written:
         """What the recorders have written with the end of a segment, before any reset."""
         pairs = zip(self.recorders, written, strict=True)
         return [recorder.after_segment(so_far, segment) for recorder, so_far in pairs]
@@ -113,7 +113,7 @@ class Loop:
             results |= recorder.results(so_far)
         return results
 
-    def _start(self, initial: Rows, end: Horizon, before: Flight | None) -> Lane:
+    def _start(self, initial: Rows, end: Horizon, before: Segment | None) -> Lane:
         problem, method = self.problem, self.method
         slope, events = _at_start(problem, initial, problem.time_scale)
         scale = problem.scale_at_start(initial, slope)
@@ -123,7 +123,7 @@ class Loop:
         for event in events:
             zero = zero + 0.0 * event.value + 0.0 * event.rate
         events = self.events.at_start(events, scale, jnp.asarray(True) if before is None else before.event < 0)
-        begins = self.events.begins(events, scale) if problem.options.begins else jnp.asarray(True)
+        begins = self.events.begins(events, scale) if problem.options.check_start else jnp.asarray(True)
         if before is not None:
             begins = begins | (before.event >= 0)
         control = step_control.begin(scale, begins, jnp.isfinite(zero), FIRST_STEP)
@@ -168,7 +168,7 @@ class Loop:
         return Lane(control, *kept)
 
 
-def _own(problem: Extended) -> list[Number]:
+def _own(problem: LaneEquations) -> list[Number]:
     """The numbers that must be finite: those of the arguments, and of the clock t0, and t1 if it is not ∞."""
     if not problem.options.clock:
         return problem.numbers
@@ -176,10 +176,10 @@ def _own(problem: Extended) -> list[Number]:
     return [*problem.numbers[: -len(problem.clock)], t0, jnp.where(t1 == jnp.inf, t0, t1)]
 
 
-def _at_start(problem: Extended, initial: Rows, scale: Scalar) -> tuple[Rows, list[Ends]]:
+def _at_start(problem: LaneEquations, initial: Rows, scale: Scalar) -> tuple[Rows, list[Ends]]:
     """Rate and events at the start; where one is 0·∞ by a √0, or a rate jumps there, those just after it."""
     slope, events = problem.rate_and_events(initial)
-    if not problem.rough and (not problem.options.waits or problem.events_are_smooth):
+    if not problem.nonsmooth and (not problem.options.arm_on_return or problem.events_are_smooth):
         return slope, events
     known = [jnp.where(jnp.isfinite(k), k, 0.0) for k in slope]
     moment = jnp.maximum(MOMENT * scale, ULPS * jnp.abs(problem.clock.t0))

@@ -188,7 +188,7 @@ def switches_of(layout: Layout) -> Switches | None:
     switches = _all_switches(layout)
     if switches is not None and switches.count <= _MOST:
         return switches if switches.count else None
-    if layout.problem.breaks is None or not layout.options.waits:
+    if layout.problem.breaks is None or not layout.options.arm_on_return:
         return None
     return _traced(_plain(layout), by_hand=True)
 

@@ -22,12 +22,12 @@ from jax import lax
 
 from erosion.arguments import Flag, PerImpact, Scalar
 from erosion.lanes import tapes
-from erosion.ode.extended import Extended
 from erosion.ode.kinks import may_have_kinks
-from erosion.ode.landing import Flight, Lane
+from erosion.ode.landing import Lane, Segment
+from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.reduction import Rows
 from erosion.ode.step_control import ARRIVED
-from erosion.ode.variational import Along, Layout, at_event, outputs_of
+from erosion.ode.variational import EndTimeDependence, Layout, at_event, outputs_of
 
 STEP = -9.0
 BESIDE = 2  # numbers of a row before the state
@@ -80,7 +80,7 @@ class Recorded(NamedTuple):
 def row_width(layout: Layout) -> int:
     """How many numbers a row has."""
     width: list[int] = []
-    jax.eval_shape(lambda numbers: width.append(Extended(layout, numbers, 0, ()).width), layout.structs())
+    jax.eval_shape(lambda numbers: width.append(LaneEquations(layout, numbers, 0, ()).width), layout.structs())
     return BESIDE + width[0]
 
 
@@ -163,7 +163,7 @@ class StateWriter:
         elapsed: of a chain, the time since the lane began, with derivatives as the members of a state have them.
     """
 
-    def __init__(self, problem: Extended, rtol: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
+    def __init__(self, problem: LaneEquations, rtol: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
         self.problem, self.rtol = problem, rtol
         self.elapsed = problem.equations.unpack(elapsed) if elapsed else None
 
@@ -175,7 +175,7 @@ class StateWriter:
             due, lambda: self._written(saved, end, self.problem.method.within(before, after, self.rtol)), lambda: saved
         )
 
-    def after_landing(self, saved: Saved, lane: Lane, motion: Flight) -> Saved:
+    def after_landing(self, saved: Saved, lane: Lane, motion: Segment) -> Saved:
         """With those up to the end of the motion, which may lie before or after that of the last step."""
         end, problem = motion.time, self.problem
         if problem.chains:
@@ -192,7 +192,7 @@ class StateWriter:
         time = tapes.read(TIMES, np.zeros(()), index) - self.problem.clock.t0
         return time if self.elapsed is None else time - self.elapsed.value
 
-    def _written(self, saved: Saved, until: Scalar, at: Callable[[Scalar], Along]) -> Saved:
+    def _written(self, saved: Saved, until: Scalar, at: Callable[[Scalar], EndTimeDependence]) -> Saved:
         def writes(saved: Saved) -> Saved:
             numbers = self._numbers(at(self._time(saved.following)))
             token = tapes.write(STATES, saved.token, saved.following * len(numbers), *numbers)
@@ -200,7 +200,7 @@ class StateWriter:
 
         return lax.while_loop(lambda saved: self._time(saved.following) <= until, writes, saved)
 
-    def _numbers(self, along: Along) -> list[Scalar]:
+    def _numbers(self, along: EndTimeDependence) -> list[Scalar]:
         """What is wanted of a state, and its derivatives at a fixed time, of a motion that began at any."""
         problem, equations = self.problem, self.problem.equations
         if problem.order == 0:
@@ -210,4 +210,4 @@ class StateWriter:
             began = jax.tree.map(jnp.add, began, self.elapsed)
         since = jax.tree.map(lambda number: -1.0 * number, began)
         outputs = at_event(along, jnp.full((), ARRIVED), 0.0 * problem.time_scale, outputs_of, since).outputs
-        return jax.tree.leaves(equations.pack(equations.per_unit(outputs)))
+        return jax.tree.leaves(equations.pack(equations.unscale(outputs)))

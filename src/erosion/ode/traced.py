@@ -20,7 +20,7 @@ from erosion.ode.batch import compile_ahead, integrate, integrate_along
 from erosion.ode.ensemble import Lanes, named_events, shaped
 from erosion.ode.gradient import AtTimes, ends_of, gradient, is_worth, keep, summed
 from erosion.ode.integrator import LaneEnd
-from erosion.ode.problem import Equations
+from erosion.ode.problem import TracedProblem
 from erosion.ode.solution import Solution, Times
 from erosion.ode.variational import Clock, Layout
 
@@ -155,7 +155,7 @@ def _solve(wanted: Wanted, numbers: Sequence[Number], order: int, places: _Place
 
 
 @functools.lru_cache(maxsize=512)
-def _callback(function: Callable[..., Any], equations: Equations, *key: Any) -> Callable[..., Any]:
+def _callback(function: Callable[..., Any], equations: TracedProblem, *key: Any) -> Callable[..., Any]:
     """The same object each time, as JAX compiles a program for each; but each problem follows its own code."""
     return functools.partial(function, *key)
 

@@ -21,7 +21,7 @@ from jax import lax
 from jaxtyping import PyTree
 
 from erosion.arguments import Indices, Number, PerLane, Scalar, Structure
-from erosion.ode.problem import OTHER_ENDS, Equations, Problem
+from erosion.ode.problem import OTHER_ENDS, Problem, TracedProblem
 from erosion.ode.step_control import ARRIVED
 
 
@@ -44,8 +44,8 @@ class Options(NamedTuple):
     """What a program does beside its equations.
 
     Args:
-        waits: an event whose function is zero or beyond it counts once it has returned.
-        begins: a lane whose event functions are not all before their events at the start ends there.
+        arm_on_return: an event whose function is zero or beyond it counts once it has returned.
+        check_start: a lane whose event functions are not all before their events at the start ends there.
         fires: an event whose function is zero or past it at the start happens there.
         clock: the numbers end with those of `Clock`.
         whole: the state at the end is wanted, beside the integrals.
@@ -60,8 +60,8 @@ class Options(NamedTuple):
         logs: the events on the way are written on a tape, see `tape`.
     """
 
-    waits: bool = False
-    begins: bool = True
+    arm_on_return: bool = False
+    check_start: bool = True
     fires: bool = False
     clock: bool = False
     whole: bool = False
@@ -98,7 +98,7 @@ class Layout:
         shapes: tuple[tuple[int, ...], ...],
         dtypes: tuple[str, ...],
         options: Options,
-        equations: Equations,
+        equations: TracedProblem,
     ) -> None:
         self.problem, self.structure, self.leaves, self.options = problem, structure, leaves, options
         count = len(Clock._fields) if options.clock else 0
@@ -137,7 +137,7 @@ class Layout:
         """The layout with other options."""
         return self._of(self.options._replace(**options), self.equations)
 
-    def _of(self, options: Options, equations: Equations) -> "Layout":
+    def _of(self, options: Options, equations: TracedProblem) -> "Layout":
         count = len(self.shapes) - (len(Clock._fields) if self.options.clock else 0)
         own = self.shapes[:count], self.dtypes[:count]
         return Layout(self.problem, self.structure, self.leaves, *own, options, equations)
@@ -350,7 +350,7 @@ class Variational:
         """The time derivative of a state."""
         return self.pack(self.of(lambda at, motion: motion.rate(at), members))
 
-    def per_unit(self, scaled: Derivatives) -> Derivatives:
+    def unscale(self, scaled: Derivatives) -> Derivatives:
         """Derivatives by the directions' units turned into derivatives by the parameters."""
         if self.order == 0:
             return scaled
@@ -446,7 +446,7 @@ class AtEvent(NamedTuple):
     amplification: Scalar
 
 
-class Along(abc.ABC):
+class EndTimeDependence(abc.ABC):
     """How functions of the end depend on the end's time.
 
     Args:
@@ -469,7 +469,7 @@ class Along(abc.ABC):
         """How many times larger the relative errors of the event's time may be than those of the state."""
 
 
-class AlongFlow(Along):
+class AlongFlow(EndTimeDependence):
     """Along the flow.
 
     Args:
@@ -484,7 +484,7 @@ class AlongFlow(Along):
         self.members, self.rest = members, rest
 
     def here(self, function: OfMotion) -> Derivatives:
-        """See `Along`."""
+        """See `EndTimeDependence`."""
         here = self.equations.of(function, self.members)
         if self.rest is None:
             return here
@@ -494,7 +494,7 @@ class AlongFlow(Along):
         )
 
     def rate(self, function: OfMotion) -> Derivatives:
-        """See `Along`."""
+        """See `EndTimeDependence`."""
         return self.equations.of(_along_flow(function), self.members)
 
     def curve(self, function: OfMotion) -> Any:
@@ -508,7 +508,7 @@ class AlongFlow(Along):
 
 
 def at_event(
-    along: Along,
+    along: EndTimeDependence,
     event: Scalar,
     time: Scalar,
     outputs: OfMotion,
@@ -562,7 +562,7 @@ def at_event(
         return [mixed, first * t_other, other * t_first, curve * t_first * t_other]
 
     t_second = or_given(-sum(chain(g.second, g_rate.first, g_rate.other, g_curve)) / g_rate.value, until.second)
-    if along.equations.layout.options.waits:
+    if along.equations.layout.options.arm_on_return:
         # So flat a function leaves no digits of them.
         t_second = jnp.where(amplification < _FLAT, t_second, jnp.nan)
     parts = wanted.value, v_first, v_other, wanted.second, r.value, r.first, r.other, r_rate

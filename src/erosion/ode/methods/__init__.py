@@ -8,11 +8,11 @@ from erosion.ode.methods.dormand_prince import DormandPrince
 from erosion.ode.methods.rosenbrock import Rodas5P
 
 if TYPE_CHECKING:
-    from erosion.ode.extended import Extended
+    from erosion.ode.lane_equations import LaneEquations
 
 METHODS: Mapping[str, type[Method]] = {"explicit": DormandPrince, "auto": DormandPrince, "rosenbrock": Rodas5P}
 
 
-def method_of(problem: "Extended") -> Method:
+def method_of(problem: "LaneEquations") -> Method:
     """The method that a program is to use."""
     return METHODS[problem.options.method](problem)

@@ -11,11 +11,11 @@ from erosion.arguments import Flag, Number, Scalar
 from erosion.ode.crossings import Ending, Ends
 from erosion.ode.reduction import Rows
 from erosion.ode.step_control import Control
-from erosion.ode.variational import Along
+from erosion.ode.variational import EndTimeDependence
 
 if TYPE_CHECKING:
-    from erosion.ode.extended import Extended
-    from erosion.ode.landing import Flight, Lane
+    from erosion.ode.landing import Lane, Segment
+    from erosion.ode.lane_equations import LaneEquations
     from erosion.ode.tape import Entry
 
 APART = 1e-6  # of a row's size is the least size of its derivatives, by a change of a number by its own size
@@ -97,7 +97,7 @@ class Method(abc.ABC):
     foresees: ClassVar[bool]
     ending: Ending
 
-    def __init__(self, problem: "Extended") -> None:
+    def __init__(self, problem: "LaneEquations") -> None:
         self.problem = problem
 
     # A trial
@@ -114,7 +114,7 @@ class Method(abc.ABC):
         """The greatest sizes of the rows of the motion itself that the error's measure remembers."""
         return [jnp.maximum(size, jnp.abs(row)) for size, row in zip(before, state[: self.problem.width], strict=False)]
 
-    def sizes_at_start(self, initial: Rows, before: "Flight | None") -> Rows:
+    def sizes_at_start(self, initial: Rows, before: "Segment | None") -> Rows:
         """The same where a motion begins, after another one or none."""
         return self.sizes([0.0 * row for row in initial], initial)
 
@@ -125,7 +125,7 @@ class Method(abc.ABC):
         return after, moved
 
     @abc.abstractmethod
-    def landed(self, lane: "Lane", until: Scalar | None) -> "tuple[Flight, Along]":
+    def finish_step(self, lane: "Lane", until: Scalar | None) -> "tuple[Segment, EndTimeDependence]":
         """The motion to where its last step found its end."""
 
     def is_known(self, ended: Flag, amplification: Scalar) -> Flag:
@@ -135,11 +135,11 @@ class Method(abc.ABC):
     # Between steps
 
     @abc.abstractmethod
-    def within(self, before: "Lane", after: "Lane", rtol: Scalar) -> Callable[[Scalar], Along]:
+    def within(self, before: "Lane", after: "Lane", rtol: Scalar) -> Callable[[Scalar], EndTimeDependence]:
         """The state at a time within a step."""
 
     @abc.abstractmethod
-    def beyond(self, lane: "Lane", motion: "Flight") -> Callable[[Scalar], Along]:
+    def beyond(self, lane: "Lane", motion: "Segment") -> Callable[[Scalar], EndTimeDependence]:
         """The same between the last step and the end."""
 
     # Reverse mode

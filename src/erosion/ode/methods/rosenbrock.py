@@ -18,7 +18,7 @@ from jax import lax
 from erosion.arguments import Flag, Number, Scalar
 from erosion.ode import crossings
 from erosion.ode.crossings import ByTheLastStep, Ends
-from erosion.ode.landing import Flight, Lane, flight, happening
+from erosion.ode.landing import Lane, Segment, happening, segment_to
 from erosion.ode.methods.base import (
     APART,
     LEAST,
@@ -35,10 +35,10 @@ from erosion.ode.methods.sums import weighted
 from erosion.ode.methods.transposes import plus, transposed, zeros
 from erosion.ode.reduction import Rows
 from erosion.ode.step_control import ENDED, FIRST_STEP, NOT_BEGUN, Control
-from erosion.ode.variational import Along, Derivatives, OfMotion
+from erosion.ode.variational import Derivatives, EndTimeDependence, OfMotion
 
 if TYPE_CHECKING:
-    from erosion.ode.extended import Extended
+    from erosion.ode.lane_equations import LaneEquations
     from erosion.ode.tape import Entry
 
 _FIRST = 0.1  # of the time in which a number of the state changes by its own size, alone or by its own feedback
@@ -70,7 +70,7 @@ class _Landing(NamedTuple):
     step: tuple[Rows, Rows]
 
 
-class LastStep(Along):
+class LastStep(EndTimeDependence):
     """The end of a lane as a function of the length of its last step.
 
     Args:
@@ -92,11 +92,11 @@ class LastStep(Along):
         return [Ends(*pair) for pair in zip(values, rates, strict=True)]
 
     def here(self, function: OfMotion) -> Derivatives:
-        """See `Along`."""
+        """See `EndTimeDependence`."""
         return self.equations.of(function, self.problem.members(self.rows))
 
     def rate(self, function: OfMotion) -> Derivatives:
-        """See `Along`."""
+        """See `EndTimeDependence`."""
 
         def of(rows: Rows) -> Derivatives:
             return self.equations.of(function, self.problem.members(rows))
@@ -128,8 +128,8 @@ class Rodas5P(Method):
     foresees = False
     ending = ByTheLastStep()
 
-    def __init__(self, problem: "Extended") -> None:
-        if problem.rough:
+    def __init__(self, problem: "LaneEquations") -> None:
+        if problem.nonsmooth:
             raise ValueError(
                 'The method "rosenbrock" needs rates without kinks, but these may have some (`abs`, `where`, …): '
                 'use the method "explicit", or say `smooth=True` where there are none.'
@@ -137,7 +137,7 @@ class Rodas5P(Method):
         super().__init__(problem)
         self.rodas = Rodas(problem)
 
-    def sizes_at_start(self, initial: Rows, before: Flight | None) -> Rows:
+    def sizes_at_start(self, initial: Rows, before: Segment | None) -> Rows:
         """See `Method`: what a chain has had counts in all of it."""
         return self.sizes([0.0 * row for row in initial] if before is None else before.greatest, initial)
 
@@ -162,15 +162,15 @@ class Rodas5P(Method):
         """See `Method`."""
         return ended & (amplification < BLURRED / TIGHTEST)
 
-    def within(self, before: Lane, after: Lane, rtol: Scalar) -> Callable[[Scalar], Along]:
+    def within(self, before: Lane, after: Lane, rtol: Scalar) -> Callable[[Scalar], EndTimeDependence]:
         """See `Method`: no polynomial is as exact as a step."""
         return functools.partial(self._by_a_step, before)
 
-    def beyond(self, lane: Lane, motion: Flight) -> Callable[[Scalar], Along]:
+    def beyond(self, lane: Lane, motion: Segment) -> Callable[[Scalar], EndTimeDependence]:
         """See `Method`."""
         return lambda time: self._by_a_step(lane, jnp.minimum(time, motion.time))
 
-    def _by_a_step(self, before: Lane, time: Scalar) -> Along:
+    def _by_a_step(self, before: Lane, time: Scalar) -> EndTimeDependence:
         return self.step_of(before.state, before.slope, before.greatest, time - before.control.time)
 
     def reverse(self, rate: Callable[[list[Number], Rows], Rows], numbers: list[Number], every: Any) -> "_Reverse":
@@ -253,22 +253,22 @@ class Rodas5P(Method):
         rows: Rows = [jnp.where(passed > 0, new, old) for new, old in zip(step.rows, state, strict=True)]
         return LastStep(self, rows, step.rates, greatest)
 
-    def landed(self, lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:
+    def finish_step(self, lane: Lane, until: Scalar | None) -> tuple[Segment, EndTimeDependence]:
         """The same by the method for stiff motions: the length of the last step is what Newton's method finds.
 
         The step is written once, in a loop: it is most of a program for many unknowns.
         """
         control, options = lane.control, self.problem.options
         scale = self.problem.scale_near(control.step, FIRST_STEP)
-        watched = crossings.watch(self.problem.directions, lane.events, scale) if options.waits else []
+        watched = crossings.watch(self.problem.directions, lane.events, scale) if options.arm_on_return else []
         ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
 
         def nearer(landing: _Landing) -> _Landing:
             along = self.last_step(lane.state, lane.slope, lane.greatest, landing.length)
             events = along.events
-            if options.waits:
+            if options.arm_on_return:
                 events = [
-                    crossings.silenced(crossings.turned(event, each.turn), each.counts | (control.event == i))
+                    crossings.disarmed(crossings.turned(event, each.turn), each.counts | (control.event == i))
                     for i, (event, each) in enumerate(zip(events, watched, strict=True))
                 ]
             more = sum(
@@ -277,7 +277,7 @@ class Rodas5P(Method):
             )
             near = ended & (jnp.abs(more) < NEAR * landing.length)
             event, remaining = crossings.first_fall(control, events)
-            if options.waits and until is not None:
+            if options.arm_on_return and until is not None:
                 event, remaining = crossings.last_moment(event, remaining, events, scale)
             found = event, jnp.where(ended, remaining, 0.0), events
             # The first round finds the place of the event that was seen, the second which is the first there.
@@ -300,7 +300,7 @@ class Rodas5P(Method):
         along = LastStep(self, rows, rates, lane.greatest)
         at_once = happening(self.problem, ended, landing.event, landing.remaining, landing.events, scale)
         time = control.time + jnp.where(stepped, landing.length, 0.0)
-        return flight(lane, self.problem.members(rows), landing.event, time, at_once), along
+        return segment_to(lane, self.problem.members(rows), landing.event, time, at_once), along
 
 
 def length_of(left: Scalar, scale: Scalar) -> Scalar:

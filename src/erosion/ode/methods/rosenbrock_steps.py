@@ -30,7 +30,7 @@ from erosion.ode.reduction import Rows
 from erosion.ode.variational import Augmented, Direction, Motion
 
 if TYPE_CHECKING:
-    from erosion.ode.extended import Extended
+    from erosion.ode.lane_equations import LaneEquations
 
 GAMMA = 0.21193756319429014
 _LAST = (-7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946)
@@ -227,7 +227,7 @@ class Rodas:
         problem: the equations.
     """
 
-    def __init__(self, problem: "Extended") -> None:
+    def __init__(self, problem: "LaneEquations") -> None:
         self.problem, self.width = problem, problem.width
         self.pattern = _pattern(problem)
         self.sparse = Sparse(self.pattern)
@@ -329,7 +329,7 @@ def _solved_jvp(sparse: Sparse, width: int, primals: tuple[Any, ...], tangents: 
     return u, _solved(sparse, width, js, factors, d, right)
 
 
-def _pattern(problem: "Extended") -> np.ndarray:
+def _pattern(problem: "LaneEquations") -> np.ndarray:
     """Which rates of the motion itself may depend on which rows, by their arithmetic."""
     width = problem.width
     rows = [jax.ShapeDtypeStruct((), np.float64)] * width

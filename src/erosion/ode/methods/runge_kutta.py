@@ -15,7 +15,7 @@ from erosion.arguments import Flag, Number, Scalar
 from erosion.ode import crossings
 from erosion.ode.crossings import ByAShortStep, Ends, ShortOfKinks
 from erosion.ode.kinks import is_kinked
-from erosion.ode.landing import Flight, Lane, all_finite, flight, happening
+from erosion.ode.landing import Lane, Segment, all_finite, happening, segment_to
 from erosion.ode.methods.base import (
     APART,
     LEAST,
@@ -31,10 +31,10 @@ from erosion.ode.methods.sums import moved_by, weighted
 from erosion.ode.methods.transposes import plus, transposed
 from erosion.ode.reduction import Rows
 from erosion.ode.step_control import ENDED, FAILED, FIRST_STEP, NOT_BEGUN, eighth_root
-from erosion.ode.variational import Along, AlongFlow
+from erosion.ode.variational import AlongFlow, EndTimeDependence
 
 if TYPE_CHECKING:
-    from erosion.ode.extended import Extended
+    from erosion.ode.lane_equations import LaneEquations
     from erosion.ode.tape import Entry
 
 _CHECK = 0.1  # of the second estimate, brought to the first one's order
@@ -125,9 +125,9 @@ class RungeKutta(Method):
         """An error over the tolerance, to the 8th order, whose root the step control takes."""
         return error
 
-    def __init__(self, problem: "Extended") -> None:
+    def __init__(self, problem: "LaneEquations") -> None:
         super().__init__(problem)
-        self.ending = ShortOfKinks() if problem.rough else ByAShortStep()
+        self.ending = ShortOfKinks() if problem.nonsmooth else ByAShortStep()
         # Where nothing but integrals is wanted, their sizes are those that they have.
         self._remembers = problem.options.whole
         self._slack = self.slack[1][problem.order] if problem.options.whole else self.slack[0]
@@ -201,7 +201,7 @@ class RungeKutta(Method):
             for i in integrals:
                 sizes[i] = sizes[i] + jnp.abs(h * stages[first + i][late])
             measures = list(sizes)
-            if self.problem.options.clock and not self.problem.rough:
+            if self.problem.options.clock and not self.problem.nonsmooth:
                 for i, row in enumerate(member):
                     ends = (before[row], state[row]), (stages[row][0], stages[row][-1])
                     measures[i] = jnp.where(leaves_rest(*ends, h, self.problem.time_scale), jnp.inf, sizes[i])
@@ -257,37 +257,39 @@ class RungeKutta(Method):
         weights = np.array([1 / 6, 1 / 3, 1 / 3, 1 / 6])
         return [moved_by(weights, u, h, ks) for u, *ks in zip(state, slope, second, third, fourth, strict=True)]
 
-    def landed(self, lane: Lane, until: Scalar | None) -> tuple[Flight, Along]:
+    def finish_step(self, lane: Lane, until: Scalar | None) -> tuple[Segment, EndTimeDependence]:
         """The motion where its last step found its end."""
         control, options = lane.control, self.problem.options
         scale = self.problem.scale_near(control.step, FIRST_STEP)
         left, state, moves = self._to_the_end(lane, scale)
         search = None
-        if options.waits:
+        if options.arm_on_return:
             search = self._searched(lane, left, state, moves, scale)
             left, state, slope = search.left, search.rows, search.slope
             # What is rounding has no zero.
             lost = search.slow & ~(_ORDERS * jnp.abs(search.time) < _HIDDEN * scale)
             control = control._replace(mode=jnp.where(lost, FAILED, control.mode))
             events = [
-                crossings.silenced(crossings.turned(event, watched.turn), watched.counts | (control.event == i))
+                crossings.disarmed(crossings.turned(event, watched.turn), watched.counts | (control.event == i))
                 for i, (event, watched) in enumerate(zip(search.events, lane.watched, strict=True))
             ]
         else:
             slope, events = self.problem.rate_and_events(state)
         ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
         event, remaining = crossings.first_fall(control, events)
-        if options.waits and until is not None:
+        if options.arm_on_return and until is not None:
             event, remaining = crossings.last_moment(event, remaining, events, scale)
         remaining = jnp.where(ended, remaining, 0.0)
         if search is not None:
             # The derivatives are those beside such a zero: at it they are 0/0.
             remaining, moves = jnp.where(search.slow, search.length, remaining), moves & ~search.slow
         rows: Rows = [u + jnp.where(moves, remaining, 0.0) * k for u, k in zip(state, slope, strict=True)]
-        rest = None if search is None and not self.problem.rough else jnp.where(moves, 0.0, remaining)
+        rest = None if search is None and not self.problem.nonsmooth else jnp.where(moves, 0.0, remaining)
         along = AlongFlow(self.problem.equations, self.problem.members(rows), rest)
         at_once = happening(self.problem, ended, event, remaining, events, scale)
-        motion = flight(lane._replace(control=control), along.members, event, control.time + left + remaining, at_once)
+        motion = segment_to(
+            lane._replace(control=control), along.members, event, control.time + left + remaining, at_once
+        )
         return motion, along
 
     def _searched(self, lane: Lane, start: Scalar, state: Rows, moves: Flag, scale: Scalar) -> _Search:
@@ -364,7 +366,7 @@ class RungeKutta(Method):
         """
         left = lane.control.left
         state = self.short_step(lane.state, lane.slope, left)
-        if not self.problem.rough:
+        if not self.problem.nonsmooth:
             return left, state, jnp.asarray(True)
 
         def remaining(events: list[Ends]) -> Scalar:
@@ -387,7 +389,7 @@ class RungeKutta(Method):
         slope, events = self.problem.rate_and_events(state)
         event = [u + remaining(events) * k for u, k in zip(state, slope, strict=True)]
         reached = defined = all_finite([*state, *slope, *self.problem.rate(event)])
-        if self.problem.options.waits:
+        if self.problem.options.arm_on_return:
             # One more short step follows: where the event is the edge of what is defined, rounding might pass over it.
             beyond = [u + _BESIDE * scale * k for u, k in zip(event, slope, strict=True)]
             defined = defined & all_finite(self.problem.rate(beyond))
@@ -395,7 +397,7 @@ class RungeKutta(Method):
         kinked = happens & is_kinked(self.problem, event, slope, scale)
         return lax.cond(defined & ~kinked, lambda: (left, state, jnp.asarray(True)), inside)
 
-    def within(self, before: "Lane", after: "Lane", rtol: Scalar) -> Callable[[Scalar], Along]:
+    def within(self, before: "Lane", after: "Lane", rtol: Scalar) -> Callable[[Scalar], EndTimeDependence]:
         """See `Method`: a polynomial of degree 8, or where the motion may have kinks a step."""
         problem, begin, h = self.problem, before.control.time, before.control.trial
         middle, *_ = self.step(before.state, before.slope, 0.5 * h)
@@ -410,7 +412,7 @@ class RungeKutta(Method):
             # From the start of the step, which is met exactly.
             return [u + passed * functools.reduce(lambda sum_, c: sum_ * x + c, cs) for u, cs in polynomials]
 
-        if not problem.rough:
+        if not problem.nonsmooth:
             return lambda time: self._along(at((time - begin) / h))
         follows = jnp.asarray(True)
         for share in _COMPARED:
@@ -429,12 +431,12 @@ class RungeKutta(Method):
 
         return lambda time: self._along(rows_at(time))
 
-    def beyond(self, lane: Lane, motion: Flight) -> Callable[[Scalar], Along]:
+    def beyond(self, lane: Lane, motion: Segment) -> Callable[[Scalar], EndTimeDependence]:
         """See `Method`."""
         last: Rows = jax.tree.leaves(motion.members)
         end = motion.time
 
-        def at(time: Scalar) -> Along:
+        def at(time: Scalar) -> EndTimeDependence:
             there = time >= end
             passed = jnp.where(there, 0.0, time - lane.control.time)
             rows = self.short_step(lane.state, lane.slope, passed)
@@ -442,7 +444,7 @@ class RungeKutta(Method):
 
         return at
 
-    def _along(self, rows: Rows) -> Along:
+    def _along(self, rows: Rows) -> EndTimeDependence:
         return AlongFlow(self.problem.equations, self.problem.members(rows))
 
     def reverse(self, rate: Callable[[list[Number], Rows], Rows], numbers: list[Number], every: Any) -> "BackSteps":

@@ -9,7 +9,7 @@ from jax.extend.core import Jaxpr
 
 from erosion.arguments import Number, Scalar
 from erosion.ode.crossings import Ends
-from erosion.ode.kinks import arguments, cases, divisors, is_rough, may_have_kinks
+from erosion.ode.kinks import arguments, cases, divisors, is_nonsmooth, may_have_kinks
 from erosion.ode.methods import method_of
 from erosion.ode.reduction import Rows, are_affine
 from erosion.ode.step_control import Limits
@@ -22,7 +22,7 @@ _LONGER = 1e3  # times as long as a number of the state takes to change by its o
 _LEAST = 1e-9  # of the time scale: a number of the state that changes sooner by its own size is almost zero
 
 
-class Extended:
+class LaneEquations:
     """A lane's equations with those of its derivatives, as functions of plain numbers.
 
     Args:
@@ -35,7 +35,7 @@ class Extended:
     ) -> None:
         self.layout, self.numbers, self.options = layout, list(numbers), layout.options
         motion = motion_of(layout)
-        self.order, self.rough = order, may_have_kinks(layout)
+        self.order, self.nonsmooth = order, may_have_kinks(layout)
         fixed = all(isinstance(direction, int) for direction in directions)
         places = () if fixed else directions
 
@@ -93,9 +93,9 @@ class Extended:
         self.method = method_of(self)
         scaled, clocked = layout.problem.time_scale is not None, self.options.clock
         by_scale = scaled and (not clocked or jnp.isinf(self.clock.t1))
-        foresees = self.options.waits and self.method.foresees
+        foresees = self.options.arm_on_return and self.method.foresees
         self.limits = Limits(self.options.max_steps, by_scale, foresees=foresees)
-        self.watches = self.options.method == "auto" and not self.rough
+        self.detects_stiffness = self.options.method == "auto" and not self.nonsmooth
 
     @functools.cached_property
     def affine_events(self) -> list[bool]:
@@ -105,7 +105,7 @@ class Extended:
     @functools.cached_property
     def events_are_smooth(self) -> bool:
         """Whether all event functions are smooth by their arithmetic."""
-        return not is_rough(self._events_jaxpr, self._moves)
+        return not is_nonsmooth(self._events_jaxpr, self._moves)
 
     @property
     def _moves(self) -> list[bool]:
@@ -121,14 +121,14 @@ class Extended:
     @functools.cached_property
     def shows_kinks(self) -> bool:
         """Whether a lane tells by `singular` that it comes near no kink; impacts are integrated again all the same."""
-        if not self.rough or not self.options.waits or self.options.smooth is not None:
+        if not self.nonsmooth or not self.options.arm_on_return or self.options.smooth is not None:
             return False
         return jax.eval_shape(self.singular, self.initial[: self.width]) is not None
 
     @property
     def events_are_slow(self) -> bool:
         """Whether no event function may move faster than the state."""
-        return not self.options.waits or all(self.affine_events)
+        return not self.options.arm_on_return or all(self.affine_events)
 
     def dividing(self, rows: Rows) -> list[Scalar]:
         """What the rates of the motion itself divide by; see `divisors`."""
