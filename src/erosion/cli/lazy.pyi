@@ -42,6 +42,9 @@ from erosion.distributions import LAWS as LAWS
 from erosion.distributions import read_distribution as read_distribution
 from erosion.exercises import AnswerKey as AnswerKey
 from erosion.exercises.notebook import notebook as notebook
+from erosion.exercises.students import answers_table as answers_table
+from erosion.exercises.students import drawn_case as drawn_case
+from erosion.exercises.students import read_students as read_students
 from erosion.explorer.server import free_port as free_port
 from erosion.explorer.server import offer as offer
 from erosion.explorer.server import serve as serve

@@ -175,6 +175,14 @@ def exercise(
         Literal["scenario", "numerics"],
         Parameter(help="The scenario's questions, or numerical methods of one's own."),
     ] = "scenario",
+    students: Annotated[
+        Path | None,
+        Parameter(help='A notebook and a case for each `id` or `name` of this table (.csv): "tasks-ada.ipynb".'),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        Parameter(help="Draw the case, or the cases of the students, by this number; what options name stays."),
+    ] = None,
     output: Annotated[Path, output_option("The notebook (.ipynb).", ".ipynb")] = Path("exercise.ipynb"),
     solved: Annotated[
         Path | None,
@@ -183,8 +191,12 @@ def exercise(
             help="Also write it with the solutions into this file (.ipynb), for the teacher.",
         ),
     ] = None,
+    answers: Annotated[
+        Path | None,
+        Parameter(validator=ending(".csv"), help="Also write all cases and answers (.csv), for the teacher."),
+    ] = None,
 ) -> None:
-    """Make a notebook of tasks for students, which checks their numbers.
+    """Make notebooks of tasks for students, which check their numbers.
 
     Questions 1 to 8 of the scenario and the additional ones, with hints and
     interpretation; or own Euler and Runge-Kutta steps, the end of the cut, the
@@ -192,16 +204,37 @@ def exercise(
     """
     options = with_file(case, file)
     p = options.parameters()
-    require_outputs(output, solved, inputs=(options.case,))
-
-    name = options.title(p.units)
+    title = options.title(p.units)
     with user_errors():
-        key = lazy.AnswerKey(p, course)
-        for path in filter(None, (output, solved)):
-            lazy.write_whole(path, lazy.notebook(key, title=name, solved=path == solved).encode())
-    print(f"{output.resolve()}: {len(key.tasks)} tasks about {name}")
-    if solved is not None:
-        print(f"{solved.resolve()}: the same with solutions")
+        names = [""] if students is None else lazy.read_students(students)
+        cases = dict.fromkeys(names, p)
+        if students is not None or seed is not None:
+            cases = {name: lazy.drawn_case(p, name, seed=seed or 0, kept=options.given()) for name in names}
+        keys = {name: lazy.AnswerKey(drawn, course) for name, drawn in cases.items()}
+    handed_out, for_teacher = _each(output, names), {} if solved is None else _each(solved, names)
+    require_outputs(*handed_out.values(), *for_teacher.values(), answers, inputs=(options.case, students))
+
+    with user_errors():
+        for name, key in keys.items():
+            called = ", ".join(filter(None, (title, name)))
+            lazy.write_whole(handed_out[name], lazy.notebook(key, title=called).encode())
+            if solved is not None:
+                lazy.write_whole(for_teacher[name], lazy.notebook(key, title=called, solved=True).encode())
+        if answers is not None:
+            with progress_bar("solving the tasks") as progress:
+                lazy.write_whole(answers, lazy.answers_table(keys, progress=progress).encode())
+    count = len(keys[names[0]].tasks)
+    for name, path in handed_out.items():
+        print(f"{path.resolve()}: {count} tasks about {', '.join(filter(None, (title, name)))}")
+    for path in for_teacher.values():
+        print(f"{path.resolve()}: the same with solutions")
+    if answers is not None:
+        print(f"{answers.resolve()}: the answers")
+
+
+def _each(path: Path, students: list[str]) -> dict[str, Path]:
+    """A file for each student: "tasks-ada.ipynb"; the path itself for one without a name."""
+    return {name: path.with_stem(f"{path.stem}-{name}") if name else path for name in students}
 
 
 _PORT = 8080

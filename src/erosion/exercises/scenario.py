@@ -23,12 +23,13 @@ def _y(p: Parameters) -> float:
     return float(p.v0) * math.sin(float(p.alpha)) / omega(p) * math.sin(1)
 
 
-def _cusp(p: Parameters) -> float:
+def cusp(p: Parameters) -> float:
+    """The angle from which on the tip can stop [rad]."""
     return math.atan(float(p.k) / 2)
 
 
 def _steep_end(p: Parameters) -> float:
-    return end_of_cut(_at(p, alpha=(_cusp(p) + math.pi / 2) / 2))
+    return end_of_cut(_at(p, alpha=(cusp(p) + math.pi / 2) / 2))
 
 
 def _at(p: Parameters, **changes: float) -> Parameters:
@@ -63,7 +64,7 @@ SCENARIO = Course(
             "the way x at the time 1/ω", "length", 1e-4, 2, "Keep all digits of p.",
             _x,
         ),
-        "cusp": Task("the angle from which on the tip can stop", "angle", 1e-4, 2, _EVENT, _cusp),
+        "cusp": Task("the angle from which on the tip can stop", "angle", 1e-4, 2, _EVENT, cusp),
         "t_c": Task("the time at which the cut ends", "time", 1e-4, 2, _EVENT, end_of_cut),
         "steep_t_c": Task(
             "the time at which the cut ends halfway between the cusp and 90°", "time", 1e-4, 2, _EVENT, _steep_end

@@ -1,0 +1,90 @@
+"""One case a student, drawn by the name: the same name and seed give the same case."""
+
+import csv
+import dataclasses
+import hashlib
+import io
+import math
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from erosion.arguments import Progress
+from erosion.exercises.answer_key import AnswerKey
+from erosion.exercises.course import best_angle
+from erosion.exercises.scenario import cusp
+from erosion.output import briefly, readable
+from erosion.parameters import QUANTITIES, Dimension, Parameters, unit_name
+
+# Around Table 1 at half of these k the grain turns by more than 90° at the best angle, unless that is limited.
+_K = (1.2, 1.8)
+_SHARES = {"psi": (0.7, 1.3), "v0": (0.95, 1.4), "sigma": (0.6, 1.15)}  # of the case's
+_DEGREES = range(15, 41)
+_APART = math.radians(2)  # from the best angle, and from the cusp where both events coincide
+_NOT_IN_A_FILES_NAME = set('/\\:*?"<>|')
+
+
+def drawn_case(p: Parameters, name: str, *, seed: int = 0, kept: Collection[str] = ()) -> Parameters:
+    """A case within ranges in which every task has an answer: other k, ψ, v₀, σ and α, rounded to two digits.
+
+    Args:
+        p: the case around which it is drawn.
+        name: of the student.
+        seed: another one gives another case to each name.
+        kept: parameters that stay as they are.
+    """
+    digest = hashlib.sha256(f"{seed} {name}".encode()).digest()
+    rng = np.random.default_rng(int.from_bytes(digest))
+    drawn = {"k": rng.uniform(*_K)}
+    drawn |= {q: float(getattr(p, q)) * rng.uniform(*share) for q, share in _SHARES.items()}
+    rounded = {q: float(f"{value:.2g}") for q, value in drawn.items() if q not in kept}
+    p = dataclasses.replace(p, **rounded)
+    angles = [angle for angle in np.deg2rad(_DEGREES) if min(abs(angle - best_angle(p)), abs(angle - cusp(p))) > _APART]
+    return p if "alpha" in kept else dataclasses.replace(p, alpha=rng.choice(angles))
+
+
+def read_students(path: Path) -> list[str]:
+    """The names of a table with the column `id` or `name`; of both, those of `id`.
+
+    Raises:
+        ValueError: one sentence, where the table cannot be read or has neither, and for a name that is missing, double
+            or no part of a file's name.
+    """
+    with readable(path):
+        text = path.read_text("utf-8-sig")
+    heading = text.partition("\n")[0]
+    rows = csv.DictReader(io.StringIO(text), delimiter=";" if ";" in heading and "," not in heading else ",")
+    columns = [column for column in ("id", "name") if column in (rows.fieldnames or ())]
+    if not columns:
+        raise ValueError(f"{path}: must have a column `id` or `name`, but has {briefly(heading)}.")
+    names: list[str] = []
+    for row in rows:
+        name = (row[columns[0]] or "").strip()
+        if not name or not name.isprintable() or not _NOT_IN_A_FILES_NAME.isdisjoint(name):
+            about = f"{path}, line {rows.line_num}: the `{columns[0]}`"
+            raise ValueError(f"{about} must be a part of a file's name, but is {briefly(name)}.")
+        if name.casefold() in map(str.casefold, names):
+            raise ValueError(f"{path}, line {rows.line_num}: {name} is there twice; name the students apart.")
+        names.append(name)
+    if not names:
+        raise ValueError(f"{path}: has no student.")
+    return names
+
+
+def answers_table(keys: Mapping[str, AnswerKey], *, progress: Progress | None = None) -> str:
+    """The case and all answers of each student as CSV, angles in radians, in the units of the case."""
+    (first, *_) = keys.values()
+    parameters: dict[str, Dimension] = {name: quantity.dimension for name, quantity in QUANTITIES.items()}
+    tasks: dict[str, Dimension] = {name: task.dimension for name, task in first.tasks.items()}
+    units = [unit_name(dimension, first.p.units) for dimension in (*parameters.values(), *tasks.values())]
+    headings = [f"{name} [{unit}]" if unit else name for name, unit in zip((*parameters, *tasks), units, strict=True)]
+    file = io.StringIO()
+    table = csv.writer(file, lineterminator="\n")
+    table.writerow(["student", *headings])
+    for done, (student, key) in enumerate(keys.items()):
+        if progress is not None:
+            progress("solving the tasks", done, len(keys))
+        case = [repr(float(getattr(key.p, name))) for name in parameters]
+        table.writerow([student, *case, *(repr(key.answer(task)) for task in tasks)])
+    return file.getvalue()
