@@ -19,7 +19,7 @@ export default {
       <line class="arm" v-bind="arm()" /><circle class="mass" v-bind="mass()" :r="size * 0.05" />
       <circle class="tip" v-bind="tip()" :r="size * 0.05" />
       <g v-for="arrow in arrows()" :key="arrow.name" :class="['arrow', arrow.name]"><line v-bind="arrow.line" />
-        <polygon :points="arrow.head" /><text :x="arrow.at[0]" :y="arrow.at[1]" :font-size="letters">{{ arrow.text }}</text></g>
+        <polygon :points="arrow.head" /><text :x="arrow.at[0]" :y="arrow.at[1]" :font-size="letters" :text-anchor="arrow.anchor">{{ arrow.text }}</text></g>
       <g v-if="bar" class="bar" :transform="'translate(' + (box[0] + box[2] * 0.98 - bar.size) + ' ' + (box[1] + box[3] * 0.93) + ')'">
         <line x1="0" :x2="bar.size" y1="0" y2="0" />
         <text :x="bar.size" :y="-box[3] * 0.025" :font-size="letters" text-anchor="end">{{ bar.text }}</text></g>
@@ -120,7 +120,8 @@ export default {
           if (length <= head) return [];
           const end = [x + u, y + v], foot = [end[0] - head * du, end[1] - head * dv];
           return [{
-            name, text: length > 2 * head ? text : "", at: [end[0] + 0.06 * this.size, end[1] - 0.06 * this.size],
+            name, text: length > 2 * head ? text : "", anchor: u < 0 ? "end" : "start",
+            at: [end[0] + Math.sign(u) * 0.06 * this.size, end[1] - 0.06 * this.size],
             line: { x1: x, y1: y, x2: foot[0], y2: foot[1] },
             head: [end, [foot[0] - head * dv / 2, foot[1] + head * du / 2],
               [foot[0] + head * dv / 2, foot[1] - head * du / 2]].map((point) => point.join(",")).join(" "),
