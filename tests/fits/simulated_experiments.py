@@ -96,6 +96,8 @@ def on_grid(
     points = {name: np.exp(part.ravel()) for name, part in zip(posterior.names, np.meshgrid(*axes), strict=True)}
     both = {name: np.concatenate([rows[name], at[name]]) for name in rows}
     mean = posterior.likelihood.predict(points, both)
+    faster, measured = both["v0"] / rows["v0"].max(), posterior.data.erosion
+    of_tests = np.max((mean * faster**-2)[:, : len(measured)], axis=1)
     mass = np.full(len(mean), np.prod([axis[1] - axis[0] for axis in axes]))
     lacks: dict[str, np.ndarray] = {}
     if way != "model":
@@ -105,7 +107,9 @@ def on_grid(
         mean = mean * (both["v0"] / rows["v0"].max()) ** (lacks["exponent"][:, None] - 2)
     if way == "discrepancy":
         mean = mean * np.sin(both["alpha"]) ** lacks["sine_exponent"][:, None]
-    measured, count = posterior.data.erosion, len(posterior.data)
+        added = lacks["normal_wear"] * np.repeat(of_tests, LACKS)
+        mean = mean + added[:, None] * np.sin(both["alpha"]) ** 2 * faster ** lacks["exponent"][:, None]
+    count = len(measured)
     errors = deviation(np.maximum(mean[:, :count], 0.5 * measured))  # as `errors_at` has it
     if way != "discrepancy":
         squares = ((measured - mean[:, :count]) / errors) ** 2

@@ -1,5 +1,7 @@
 """Discrepancy and exponent: the likelihood against dense matrices, curves against the closed posterior, what holds."""
 
+import functools
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -36,10 +38,13 @@ def dense(misfit: Discrepant, values: dict, i: int, asked=None):
     if asked is not None:
         angle, speed = np.append(angle, asked[0]), np.append(speed, asked[1])
     at = p.replace(alpha=angle, v0=speed, k=values["k"][i], psi=values["psi"][i])
-    mean = erosion.impact("linearized", at).volume * (speed / V0) ** (values["exponent"][i] - 2)
+    of_model = erosion.impact("linearized", at).volume
+    mean = of_model * (speed / V0) ** (values["exponent"][i] - 2)
     if not misfit.has_discrepancy:
         return mean, np.zeros((len(angle), len(angle)))
     mean = mean * np.sin(angle) ** values["sine_exponent"][i]
+    greatest = np.max((of_model * (V0 / speed) ** 2)[: len(data)])
+    mean = mean + values["normal_wear"][i] * greatest * np.sin(angle) ** 2 * (speed / V0) ** values["exponent"][i]
 
     def matern(r):
         return (1 + np.sqrt(5) * r + 5 / 3 * r**2) * np.exp(-np.sqrt(5) * r)
@@ -143,7 +148,7 @@ def test_beyond_the_tested_angles_the_discrepancy_counts_alone():
     # The next experiment weighs a test as predictions do.
     means, missed, *_ = predictor.of_draws(predictor.question(alpha, {"v0": V0}), 200)
     mixed = np.hypot(means.std(axis=0), np.sqrt(np.mean(missed**2, axis=0)))
-    np.testing.assert_allclose(mixed, curves.std(axis=0), rtol=0.25)
+    np.testing.assert_allclose(mixed, curves.std(axis=0), rtol=0.3)
 
 
 def test_many_conditions_are_put_together_and_no_row_is_lost():
@@ -255,19 +260,32 @@ def test_a_fit_of_a_model_that_was_edited_since_predicts_nothing(monkeypatch):
     np.testing.assert_array_equal(fit.predict(0.5).columns["mean"], before)
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_a_fit_predicts_by_its_errors(known):
-    """ψ is a factor: the interval of the mean is that of ψ, and a weighing adds its own error."""
-    degrees = np.array([15.0, 25.0, 35.0, 45.0, 55.0, 65.0])
-    volume = erosion.impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees))).volume
-    table = {"angle [deg]": degrees, "volume [in^3]": volume + 2e-6 * np.array([1.0, -1.0, 0.5, 0.5, -1.0, 1.0])}
-    fit = erosion.calibrate("linearized", TABLE_1, table, ["psi"], error=2e-6 if known else None)
-    mean, error = fit.curve(np.deg2rad(30.0))
-    asked = {name: column[0] for name, column in fit.predict(np.deg2rad(30.0)).columns.items()}
-    half = stats.norm.ppf(0.975)
-    # Of 2000 draws an end is known to 4 % of the half width.
-    assert asked["mean"] == pytest.approx(float(mean), abs=0.1 * float(error))
-    assert (asked["mean_high"] - asked["mean_low"]) / 2 == pytest.approx(half * error, rel=0.06)
-    noise = 2e-6 if known else np.sqrt(fit.variance) * fit.data.deviation[0]
-    whole = (asked["weighing_high"] - asked["weighing_low"]) / 2
-    assert whole == pytest.approx(half * np.hypot(error, noise), rel=0.03)
+def test_a_fit_predicts_as_the_posterior_of_its_rows(missed):
+    """The parameters' errors alone would not hold the law, which the model misses."""
+    fit = erosion.calibrate("linearized", TABLE_1, missed.data, ["k", "psi"])
+    degrees = np.array([15.0, 35.0, 75.0])
+    tables = [
+        made(np.deg2rad(degrees)).columns for made in (fit.predict, functools.partial(predictions, missed.predictor))
+    ]
+    ends = [(table["mean_low"], table["mean_high"]) for table in tables]
+    (low, high), (below, above) = ends
+    np.testing.assert_allclose((high + low) / (above + below), 1.0, atol=0.1)
+    np.testing.assert_allclose((high - low) / (above - below), 1.0, atol=0.3)
+    true = 8e-5 * np.sin(np.deg2rad(2 * degrees)) ** 0.6
+    assert ((low < true) & (true < high)).all()
+    held = erosion.calibrate("linearized", TABLE_1, missed.data, ["k", "psi"], bounds={"k": (1.9, 2.1)}).predictor
+    drawn = np.concatenate([way.values["k"] for way in held.ways.values()])
+    assert 1.9 <= drawn.min() <= drawn.max() <= 2.1
+
+
+def test_a_predictor_of_tests_at_shallow_angles_expects_wear_at_90_degrees():
+    """Metals wear at 90°: that a model does not, or that nobody has weighed there, is no reason to expect none."""
+    angle = np.repeat([10.0, 20.0, 30.0, 45.0, 60.0], 2)
+    loss = 1e-4 * (
+        np.sin(np.deg2rad(angle)) * np.cos(np.deg2rad(angle)) ** 2 / 0.4 + 0.4 * np.sin(np.deg2rad(angle)) ** 2
+    )
+    table = {"angle [deg]": angle, "volume [in^3]": loss * np.tile([0.96, 1.04], 5)}
+    fit = erosion.calibrate("linearized", TABLE_1, table, ["k", "psi"], error="5 %")
+    columns = fit.predict(np.deg2rad([90.0])).columns
+    assert columns["mean_low"] < 4e-5 < columns["mean_high"]
+    assert columns["mean_low"] > 1e-6

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import stats
 
 from erosion.arguments import check_share, check_whole
+from erosion.distributions import LogUniform, Uniform
 from erosion.fits import doubts
 from erosion.fits.doubts import (
     LEVEL,
@@ -37,9 +38,10 @@ from erosion.fits.least_squares import (
     identify,
     make_problem,
 )
+from erosion.fits.likelihood import make_likelihood
 from erosion.fits.measurements import Measurements, conditions
 from erosion.fits.predicted import Predictions, predictions
-from erosion.fits.prediction import of_fit
+from erosion.fits.prediction import Predictor, make_predictor
 from erosion.fits.tempering import SamplingError
 from erosion.joint_laws import Rows
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_parameters, quantities
@@ -341,20 +343,36 @@ class Calibration(Result):
         errors = np.sqrt(spread * self.variance)
         return erosion.reshape(asked["alpha"].shape), errors.reshape(asked["alpha"].shape)
 
+    @functools.cached_property
+    def predictor(self) -> Predictor:
+        """What `predict` asks, as `Posterior.predictor`: what the rows leave within the bounds, drawn when asked for.
+
+        A robust loss counts as errors that are greater where it holds rows back.
+        """
+        problem, laws = self.problem, {}
+        for name, logarithmic, ends in zip(self.names, problem.forward.logarithmic, self.bounds.values(), strict=True):
+            if np.isfinite(ends).all():
+                laws[name] = (LogUniform if logarithmic else Uniform)(*ends)
+        forward, data = problem.forward, problem.forward.data
+        if problem.loss != "linear":
+            weights = problem.weights(problem.data.over_errors(self.residuals))
+            spread = problem.data.deviation * np.sqrt(self.variance / weights)
+            data = dataclasses.replace(data, uncertainty=spread, parts=None, error=None)
+            forward = dataclasses.replace(forward, data=data)
+        return make_predictor(make_likelihood(forward, laws), seed=0)
+
     def predict(self, alpha: Any, at: Mapping[str, Any] | None = None, level: float = LEVEL) -> Predictions:
-        """The mean at angles with its interval, and that of a new weighing, if the model is right.
+        """The mean at angles with its interval, and that of a new weighing: see `erosion.fits.prediction`.
 
         Args:
             alpha: α [rad], of any shape.
             at: other parameters of the case, numbers or arrays; speed and mass without it are those of most rows.
-            level: of the intervals, by the errors of the estimates; those of `Posterior.predictor` also hold what the
-                model may lack.
+            level: of the intervals, which also hold what the model may lack.
+
+        Raises:
+            MissingExtraError: without the extra `posterior`.
         """
-        steps = self.identifiability.modes * np.sqrt(self.variance)
-        known = self.data.uncertainty is not None
-        noise = None if known else float(np.sqrt(self.variance) * self.data.deviation[0])
-        predictor = of_fit(self.problem.forward, self.solution.theta, steps, noise)
-        return predictions(predictor, alpha, at, level)
+        return predictions(self.predictor, alpha, at, level)
 
     def rows_of_draws(self, count: int = 64) -> Rows:
         """Draws of the parameters as a joint law, for `uncertain` of `erosion.advise`; see `Posterior.rows_of_draws`.

@@ -305,8 +305,10 @@ class Posterior(Result):
     def prepared(self, progress: Progress) -> Predictor:
         """The same, with the progress told."""
         if "predictor" not in vars(self):
-            made = make_predictor(self._of_model, progress) if self.discrepancy else self._of_model
-            vars(self)["predictor"] = made
+            alone = self._of_model
+            vars(self)["predictor"] = (
+                make_predictor(self.likelihood, self.seed, progress, alone.ways["model"]) if self.discrepancy else alone
+            )
         return vars(self)["predictor"]
 
     @functools.cached_property

@@ -327,23 +327,6 @@ def of_model(
     return Predictor(likelihood.forward, {"model": Way(misfit, values, log_evidence)}, seed)
 
 
-def of_fit(forward: Forward, theta: np.ndarray, steps: np.ndarray, noise: float | None) -> Predictor:
-    """Predictions by normal errors of a fit.
-
-    Args:
-        forward: of the model.
-        theta: of the fit, shape (names,).
-        steps: directions of θ that are determined, each one standard deviation long, shape (names, directions).
-        noise: standard deviation of a row without an error of its own.
-    """
-    drawn = theta + np.random.default_rng(0).standard_normal((_MIXED, steps.shape[1])) @ steps.T
-    values = {name: forward.from_theta(name, np.clip(column, *ends))
-              for name, column, ends in zip(forward.names, drawn.T, forward.limits, strict=True)}  # fmt: skip
-    if noise is not None:
-        values |= {NOISE: np.full(_MIXED, noise), RELATIVE: np.zeros(_MIXED)}
-    return predictor_of(forward, {"model": {"values": values, "log_evidence": np.zeros(1)}}, 0)
-
-
 def predictor_of(forward: Forward, ways: Mapping[str, Mapping[str, Any]], seed: int) -> Predictor:
     """Predictions by draws that were kept: by way, the arguments of `Way` but for its likelihood."""
     whole = Likelihood(forward, LawSet({}, {}), ())
@@ -353,17 +336,25 @@ def predictor_of(forward: Forward, ways: Mapping[str, Mapping[str, Any]], seed: 
     return Predictor(forward, kept, seed)
 
 
-def make_predictor(plain: Predictor, progress: Progress = no_progress) -> Predictor:
-    """The average of the ways to read the data, of which the model alone is drawn already."""
-    model, seed = plain.ways["model"], plain.seed
-    whole = model.misfit.plain
-    few, rng = with_few_conditions(whole), np.random.default_rng([seed, 2])
-    ways = {"model": model if few is whole else drawn(Discrepant(few, False, False), rng, progress)}
-    forward = whole.forward
+def make_predictor(
+    whole: Likelihood, seed: int, progress: Progress = no_progress, model: Way | None = None
+) -> Predictor:
+    """The average of the ways to read the data.
+
+    Args:
+        whole: the likelihood of the model.
+        seed: see `Predictor`.
+        progress: as of `posterior`.
+        model: the model alone, where it is drawn already.
+    """
+    few, rng, forward = with_few_conditions(whole), np.random.default_rng([seed, 2]), whole.forward
+    if model is None or few is not whole:
+        model = drawn(Discrepant(few, False, False), rng, progress)
+    ways = {"model": model}
     exponent = "v0" not in forward.free and EXPONENT not in own_parameters(forward.model)
     exponent = exponent and forward.held_exponent is not None
     if exponent and forward.data.has_one_speed:  # n has no influence on these data
-        model, count = ways["model"], _size(ways["model"].values)
+        count = _size(model.values)
         law = {**model.values, EXPONENT: PRIORS[EXPONENT].ppf((rng.permutation(count) + 0.5) / count)}
         misfit = dataclasses.replace(model.misfit, has_exponent=True)
         ways["exponent"] = dataclasses.replace(model, misfit=misfit, values=law)
@@ -374,7 +365,7 @@ def make_predictor(plain: Predictor, progress: Progress = no_progress) -> Predic
     weights = special.softmax(logs).tolist()
     weighed = {name: dataclasses.replace(way, weight=weight)
                for (name, way), weight in zip(ways.items(), weights, strict=True)}  # fmt: skip
-    return Predictor(whole.forward, weighed, seed)
+    return Predictor(forward, weighed, seed)
 
 
 def _some_of(values: Mapping[str, np.ndarray], count: int) -> dict[str, np.ndarray]:
