@@ -12,6 +12,7 @@ References:
 
 import dataclasses
 import functools
+import itertools
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -23,17 +24,20 @@ from scipy import stats
 import erosion
 from benchmarks.page import Table
 from erosion import ErrorModel
+from erosion.advice.result import ends
 from erosion.arguments import no_progress
 from erosion.distributions import LogNormal, LogUniform
-from erosion.fits import calibrate, discrepancy, prediction
+from erosion.fits import Calibration, Posterior, calibrate, discrepancy, prediction
 from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
 
 TITLE = "Fits, predictions and posteriors"
 TEXT = """How often intervals hold the truth. Fits: synthetic sets of 50 angles with errors of 3 %, intervals of 95 %.
-Predictions: of the mean, in intervals of 95 %, from sets of 5 laws that no model is. Posteriors: intervals of
-90 % of simulation-based calibration; the probability is that of ranks as uneven, if the posteriors are right. A
-share counts as wrong if chance makes it less often than once in 10,000 times."""
+Predictions: of the mean, in intervals of 95 %, from sets of 5 laws that no model is, with the median of their widths
+over the law. Advice: after six weighings of these laws with 8 % scatter. Findings: how often fits to data of a model,
+with 10 % scatter, have one. Posteriors: intervals of 90 % of simulation-based calibration; the probability is that of
+ranks as uneven, if the posteriors are right. A share counts as wrong if chance makes it less often than once in 10,000
+times."""
 
 CHANCE = 1e-4
 FITTED = {
@@ -128,8 +132,10 @@ def calibrated_discrepancy(sets: int, *, known: bool, seed: int = 0) -> Ranks:
         values = {name: truth[name] for name in ("k", "psi")}
         p = case.replace(alpha=np.deg2rad(degrees), v0=speeds, **values)
         model = erosion.load_model(MISSING).replace(energy_ratio=truth["energy_ratio"])
-        mean = erosion.impact(model, p).volume * (speeds / max(SPEEDS)) ** (truth["exponent"] - 2)
-        mean = mean * np.sin(np.deg2rad(degrees)) ** truth["sine_exponent"]
+        faster, sine = speeds / max(SPEEDS), np.sin(np.deg2rad(degrees))
+        of_model = erosion.impact(model, p).volume
+        mean = of_model * faster ** (truth["exponent"] - 2) * sine ** truth["sine_exponent"]
+        mean += truth["normal_wear"] * np.max(of_model * faster**-2) * sine**2 * faster ** truth["exponent"]
         missing = np.linalg.cholesky(covariance(truth, np.deg2rad(degrees), speeds)) @ rng.standard_normal(len(mean))
         error = np.full(len(mean), SMALL) if known else np.hypot(truth["noise"], truth["relative_noise"] * mean)
         volume = mean * (1 + missing) + error * rng.standard_normal(len(mean))
@@ -183,7 +189,9 @@ def _ranks(laws: Mapping[str, Any], drawn: _Drawn, sets: int, seed: int) -> Rank
 
 FASTEST = 98.0  # m/s
 STATED = ErrorModel(0.3e-6, 0.08)  # 0.3 mg/kg + 8 %
-ASKED = (1.25, 2.0)  # speeds, over the fastest
+ASKED = (1.5, 2.0)  # speeds, over the fastest
+TO_60 = (10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0)
+WEIGHED = np.array([15.0, 30.0, 45.0, 60.0, 75.0, 90.0])
 CASE = erosion.TABLE_1.to("si").replace(v0=FASTEST)
 DENSITY = 8000.0
 
@@ -274,20 +282,103 @@ def fitted(model: str, sets: int) -> dict[str, np.ndarray]:
     return held
 
 
-def predicted(law: _Law, key: int, sets: int) -> dict[str, np.ndarray]:
-    """Whether intervals of predictions hold a law, by place."""
+def to_60(law: _Law, index: int, key: int) -> tuple[dict[str, np.ndarray], Questions]:
+    """The same of tests that end at 60°."""
+    rng = np.random.default_rng([60, key, index])
+    degrees, speeds = (part.ravel() for part in np.meshgrid(TO_60, (FASTEST / RATIOS[index % len(RATIOS)], FASTEST)))
+    true = law(degrees, speeds)
+    measured = np.maximum(true + rng.standard_normal(true.size) * np.hypot(0.3, 0.08 * true), 0.3)
+    table = {"angle [deg]": degrees, "speed [m/s]": speeds, "mass_loss [mg/kg]": measured}
+    return table, {f"to 60°, at {end}°": (np.array([end]), np.array([FASTEST])) for end in (8.0, 68.0, 83.0, 90.0)}
+
+
+def _drawn(table: Mapping[str, np.ndarray]) -> Posterior:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erosion.ConvergenceWarning)
+        return erosion.posterior(MISSING, CASE, table, [*OF_MISSING], density=DENSITY, error=STATED, draws=150)
+
+
+def _fitted(table: Mapping[str, np.ndarray]) -> Calibration:
+    return calibrate(MISSING, CASE, table, [*OF_MISSING], density=DENSITY, error=STATED)
+
+
+def predicted(
+    fit: Callable[[Mapping[str, np.ndarray]], Posterior | Calibration], law: _Law, key: int, sets: int
+) -> dict[str, np.ndarray]:
+    """Whether intervals of predictions hold a law, and their widths over it, by place, shape (2, questions)."""
     held: dict[str, list[np.ndarray]] = {}
-    for index in range(sets):
-        table, asked = made_up(law, index, key)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", erosion.ConvergenceWarning)
-            posterior = erosion.posterior(MISSING, CASE, table, [*OF_MISSING], density=DENSITY, error=STATED, draws=150)
+    for index, make in itertools.product(range(sets), (made_up, to_60)):
+        table, asked = make(law, index, key)
+        predictor = fit(table).predictor
         for place, (degrees, speeds) in asked.items():
-            draws = 1e6 * posterior.predict(np.deg2rad(degrees), {"v0": speeds}, 2000)
+            draws = 1e6 * predictor.predict(np.deg2rad(degrees), {"v0": speeds}, 2000)
             low, high = np.quantile(draws, [0.025, 0.975], axis=0)
             true = law(degrees, speeds)
-            held.setdefault(place, []).append((low <= true) & (true <= high))
-    return {place: np.concatenate(each) for place, each in held.items()}
+            held.setdefault(place, []).append(np.stack([(low <= true) & (true <= high), (high - low) / true]))
+    return {place: np.concatenate(each, axis=1) for place, each in held.items()}
+
+
+class Advised(NamedTuple):
+    """An advice after six weighings of a law.
+
+    Args:
+        share: of the greatest removal at the advised angle.
+        of_cubic: the same at the top of a cubic through the weighings.
+        holds: whether the amount at half the speed of the tests is in its interval.
+    """
+
+    share: float
+    of_cubic: float
+    holds: bool
+
+
+def advised(law: _Law, key: int, index: int) -> Advised:
+    """Weigh a law at six angles, fit, and ask for the angle, and for the amount at half the speed."""
+    rng, fine = np.random.default_rng([61, key, index]), np.linspace(5.0, 90.0, 341)
+    true = law(WEIGHED, np.full(WEIGHED.shape, FASTEST))
+    measured = true * (1 + 0.08 * rng.standard_normal(true.size))
+    fit = calibrate(MISSING, CASE, {"angle [deg]": WEIGHED, "mass_loss [mg/kg]": measured}, [*OF_MISSING],
+                    density=DENSITY, error="8 %")  # fmt: skip
+    options: dict[str, Any] = {"spread": 1e-3, "density": DENSITY, "models": [fit.model], "uncertain": fit}
+    removed = law(fine, np.full(fine.shape, FASTEST)) / law(fine, np.full(fine.shape, FASTEST)).max()
+    cubic = np.polynomial.Polynomial.fit(WEIGHED, measured, 3)(fine)
+    inside = (fine >= WEIGHED[0]) & (fine <= WEIGHED[-1])
+    of_cubic = float(removed[inside][np.argmax(cubic[inside])])
+    share = float(np.interp(np.rad2deg(erosion.advise(fit.p, **options).alpha), fine, removed))
+    slow = erosion.advise(fit.p.replace(v0=FASTEST / 2), **options)
+    low, high = ends(slow.group("draws"), lambda curve: curve.at(slow.alpha))
+    amount = law(np.array([np.rad2deg(slow.alpha)]), np.array([FASTEST / 2]))[0] * 1e-6
+    return Advised(share, of_cubic, bool(low <= amount <= high))
+
+
+def patterns(sets: int, jitter: float) -> np.ndarray:
+    """Whether a fit to noise of one speed, that the rig repeats to a share, has a pattern, shape (sets,)."""
+    degrees, seen = np.repeat(WEIGHED, 3), np.zeros(sets, bool)
+    for seed in range(sets):
+        rng = np.random.default_rng([62, seed])
+        speeds = 60.0 * (1 + jitter * rng.uniform(-1, 1, degrees.size))
+        seen[seed] = any(pattern.seen for pattern in _noisy(degrees, speeds, 2.0, [*OF_MISSING], rng).patterns)
+    return seen
+
+
+def exponents(sets: int, exponent: float) -> np.ndarray:
+    """Whether a fit at one angle and 6 to 10 speeds names a wrong exponent of the speed, shape (sets,)."""
+    seen = np.zeros(sets, bool)
+    for seed in range(sets):
+        rng, speeds = np.random.default_rng([63, seed]), np.geomspace(40.0, 160.0, 6 + seed % 5)
+        fit = _noisy(np.full(speeds.shape, 30.0), speeds, exponent, ["psi"], rng)
+        seen[seed] = any(pattern.seen and pattern.over == "speed" for pattern in fit.patterns)
+    return seen
+
+
+def _noisy(
+    degrees: np.ndarray, speeds: np.ndarray, exponent: float, free: Sequence[str], rng: np.random.Generator
+) -> Calibration:
+    """A fit to what its model removes, as another power of the speed, with a scatter of 10 %."""
+    volume = erosion.impact(MISSING, CASE.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
+    volume = volume * (speeds / 60.0) ** (exponent - 2) * (1 + 0.1 * rng.standard_normal(speeds.size))
+    table = {"angle [deg]": degrees, "speed [m/s]": speeds, "volume [m^3]": volume}
+    return calibrate(MISSING, CASE, table, free, starts=4)
 
 
 def too_few(held: np.ndarray, level: float) -> bool:
@@ -312,15 +403,35 @@ def measure(quick: bool) -> Table:
             rows.append([f"fit of {model}", name, each.size, f"{each.mean():.1%}", None, seconds])
             wrong += too_few(each, 0.95)
     sets = 1 if quick else 12
-    of_laws: dict[str, list[np.ndarray]] = {}
-    begin = time.perf_counter()
-    for key, law in enumerate(LAWS.values()):
-        for place, each in predicted(law, key, sets).items():
-            of_laws.setdefault(place, []).append(each)
-    seconds = (time.perf_counter() - begin) / sets / len(LAWS)
-    for place, parts in of_laws.items():
-        each = np.concatenate(parts)
-        rows.append(["prediction", place, each.size, f"{each.mean():.1%}", None, seconds])
+    for way, fit in (("posterior", _drawn), ("fit", _fitted)):
+        of_laws: dict[str, list[np.ndarray]] = {}
+        begin = time.perf_counter()
+        for key, law in enumerate(LAWS.values()):
+            for place, each in predicted(fit, law, key, sets).items():
+                of_laws.setdefault(place, []).append(each)
+        seconds = (time.perf_counter() - begin) / sets / len(LAWS) / 2
+        for place, parts in of_laws.items():
+            each, widths = np.concatenate(parts, axis=1)
+            label = f"prediction by a {way}, median width {np.median(widths):.2f}"
+            rows.append([label, place, each.size, f"{each.mean():.1%}", None, seconds])
+    sets = 1 if quick else 8
+    answers, seconds = timed(
+        lambda: [advised(law, key, i) for key, law in enumerate(LAWS.values()) for i in range(sets)], sets * len(LAWS)
+    )
+    shares, of_cubic, holds = (np.array(part) for part in zip(*answers, strict=True))
+    rows.append(["advice after six weighings", "amount at half the speed", holds.size, f"{holds.mean():.1%}", None,
+                 seconds])  # fmt: skip
+    for name, each in (("the advised angle", shares), ("a cubic", of_cubic)):
+        words = f"share removed: median {np.median(each):.3f}, worst {each.min():.3f}, mean {each.mean():.3f}"
+        rows.append([words, name, each.size, None, None, seconds])
+    sets = 2 if quick else 300
+    for name, check in (
+        ("a pattern at equal speeds", functools.partial(patterns, jitter=0.0)),
+        ("a pattern at speeds ± 1 %", functools.partial(patterns, jitter=0.01)),
+        *((f"a wrong exponent of {n:g}", functools.partial(exponents, exponent=n)) for n in (2.0, 2.5, 2.7, 2.9)),
+    ):
+        seen, seconds = timed(functools.partial(check, sets), sets)
+        rows.append(["finding of a fit", name, sets, f"{seen.mean():.1%} seen", None, seconds])
     sets = 2 if quick else 150
     for model in [*FREE, MISSING][: 1 if quick else None]:
         of_model = calibrated_discrepancy if model == MISSING else functools.partial(calibrated, model)

@@ -2,6 +2,7 @@ import csv
 import dataclasses
 import html
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -92,7 +93,7 @@ def test_draws_of_a_fit_take_the_place_of_the_ranges(fitted):
     assert beside.high == pytest.approx(fitted.high, abs=0.01)
     assert beside.worst > 0.99
     low, high = np.quantile([curve.at(beside.alpha) for curve in beside.group("draws")], [0.025, 0.975]) / 2700
-    assert beside.answers[2] == "With 95% confidence: " + beside.job.sentence([low, high], 2700)
+    assert beside.answers[2] == "By 95% of these curves: " + beside.job.sentence([low, high], 2700)
     far = dataclasses.replace(draws[0], erosion=1e3 * draws[0].erosion)
     curves = tuple(far if curve is draws[0] else curve for curve in fitted.curves)
     assert dataclasses.replace(fitted, curves=curves).warnings == fitted.warnings
@@ -102,6 +103,33 @@ def test_draws_of_a_fit_take_the_place_of_the_ranges(fitted):
     assert fitted.group("models")[0].at(alpha) == pytest.approx(middle, rel=1e-3)
     assert any(np.array_equal(curve.erosion, fitted.curves[0].erosion) for curve in draws)
     assert max(curve.at(alpha) for curve in draws) < 1.08 * min(curve.at(alpha) for curve in draws)
+
+
+def test_after_weighings_an_advice_holds_what_the_model_may_lack():
+    """The model has v₀², the metal v₀^2.6: by the parameters alone the amount at half the speed is too high by half."""
+    degrees, fast = np.array([15.0, 30, 45, 60, 75, 90]), NAMED.replace(v0=160.0)
+    metal = erosion.load_model("linearized-deformation")
+
+    def grams(v0: float, angle: np.ndarray) -> np.ndarray:
+        p = NAMED.replace(v0=160.0, alpha=angle)
+        return erosion.impact(metal, p).volume / float(p.m) * 2700 * (v0 / 160.0) ** 2.6
+
+    scatter = np.array([1.06, 0.95, 1.02, 0.93, 1.07, 0.98])
+    table = {"angle [deg]": degrees, "mass_loss [kg/kg]": scatter * grams(160.0, np.deg2rad(degrees))}
+    fit = erosion.calibrate(metal, fast, table, ["psi"], density=2700.0, error="8 %")
+    options: dict[str, Any] = {"target": "aluminium 6061", "spread": NARROW, "models": [metal], "uncertain": fit}
+    advice = erosion.advise(fit.p.replace(v0=80.0), **options)
+    low, high = np.quantile([curve.at(advice.alpha) for curve in advice.group("draws")], [0.025, 0.975])
+    assert low < grams(80.0, np.array([advice.alpha]))[0] < high
+    assert advice.answers[1].startswith(f"Expect {two_digits(low * 1e3)}")
+    assert "95% of parameters, discrepancy, speed exponent" in advice.answers[1]
+    with pytest.raises(ValueError, match="`models` must be the model of the fit, linearized-deformation, but is"):
+        erosion.advise(fit.p, models=["linearized"], uncertain=fit)
+    # At the speed of the tests, the curves are those of the predictor.
+    fast_advice = erosion.advise(fit.p, **options)
+    drawn = fit.predictor.predict(np.deg2rad([30.0]), {"v0": 160.0}, 200)[:, 0]
+    curves = [np.interp(np.deg2rad(30.0), NOZZLE_ANGLES, curve.erosion) * 2700 for curve in fast_advice.group("draws")]
+    np.testing.assert_allclose(np.median(curves), np.median(drawn), rtol=0.05)
 
 
 @pytest.mark.parametrize(("weighed", "advised", "says"), [

@@ -11,9 +11,13 @@ from erosion.advice.result import DRAWS, NOZZLE_ANGLES, Advice, Curve, Uncertain
 from erosion.arguments import Progress, no_progress, refuse
 from erosion.correlations import CORRELATIONS
 from erosion.distributions import Normal, as_laws
+from erosion.fits.calibration import Calibration
 from erosion.fits.forward import FRACTION
+from erosion.fits.posterior import Posterior
+from erosion.fits.predicted import ANGLES, highest
+from erosion.fits.prediction import Predictor
 from erosion.impacts import SimulationError, alpha_max, impact, turned_beyond
-from erosion.models import CuttingModel, called, load_model, with_values
+from erosion.models import CuttingModel, called, load_model, model_name, with_values
 from erosion.models.correlated import Correlated, CorrelatedByShape, correlated, made_for, members, per_mass_of
 from erosion.ode.step_control import require_float64
 from erosion.output import briefly
@@ -23,6 +27,7 @@ from erosion.parameters import (
     Particle,
     PerMass,
     Target,
+    conversion_factor,
     particle as read_particle,
     require_scalars,
     target as read_target,
@@ -49,6 +54,8 @@ _FACTORS = {"k": (0.5, 1.5), "psi": (0.5, 2.0)}  # no source gives ranges; these
 _DEVIATES = 64  # particles of a jet that stand for its angles
 _SPEEDS = 8
 _AT_ONCE = 8  # draws; more of them together take much memory
+_CURVES = 200  # of a fit's predictions: the ends of 95 % are known by five curves
+_ROUNDING = 1e-6  # of a parameter that a file keeps
 _STEEP = np.deg2rad(45.0)  # any: deviations from it are what counts
 
 
@@ -62,7 +69,7 @@ def advise(
     density: float | int | None = None,
     cutting_fraction: float | None = None,
     models: Sequence[str | CuttingModel] = MODELS,
-    uncertain: Mapping[str, Any] | None = None,
+    uncertain: Mapping[str, Any] | Calibration | Posterior | None = None,
     job: Job | None = None,
     compare: str | Particle | None = None,
     progress: Progress = no_progress,
@@ -78,10 +85,10 @@ def advise(
 
     After a fit to tests of your own, its draws or those of a posterior take the place of these ranges:
 
-        erosion.advise(fit.p, models=[fit.model], uncertain=fit.rows_of_draws())
+        erosion.advise(fit.p, models=[fit.model], uncertain=fit)
 
-    The advised angle is then where the draws remove most on average, each over its own maximum; the correlations, which
-    know nothing of your tests, do not count.
+    The advised angle is then where the curves that the tests allow remove most on average, each over its own maximum;
+    they also hold what the model may lack. The correlations, which know nothing of your tests, do not count.
 
     Args:
         p: the case, all scalars; its angle is not used.
@@ -94,7 +101,7 @@ def advise(
             `uncertain` 1, as in a fit.
         models: models, names or paths.
         uncertain: laws of what is one number for all particles, but not known, by parameter: of the metal (k, psi,
-            sigma), of a model's own, or "cutting_fraction". A posterior gives them: `Posterior.rows_of_draws`.
+            sigma), of a model's own, or "cutting_fraction"; or a fit or a posterior of tests of your own.
         job: what is to be removed, for the abrasive and the time that it takes.
         compare: another abrasive, whose erosion is compared with that of `particle`.
         progress: called with "models", how many are done, and how many there are.
@@ -108,16 +115,28 @@ def advise(
     metal = None if target is None else read_target(target)
     p = p if grit is None else p.with_particle(grit)
     p = p if metal is None else p.with_target(metal)
-    unknown = None if uncertain is None else Uncertain(as_laws(uncertain, "uncertain"))
+    unknown = _uncertain(uncertain)
     if cutting_fraction is None:
         cutting_fraction = CUTTING_FRACTION if unknown is None else FRACTION_OF_A_FIT
     per_mass = PerMass(density if metal is None else metal.density_beside(density), cutting_fraction)
     if isinstance(models, str) or not models:
         raise ValueError(f"Argument `models` must be a list of models, but is {briefly(models)}.")
     chosen = [made_for(load_model(model), metal, grit) for model in models]
+    if unknown is not None and unknown.predictor is not None:
+        fitted = model_name(unknown.predictor.forward.model)
+        if [model_name(model) for model in chosen] != [fitted]:
+            raise ValueError(f"Argument `models` must be the model of the fit, {fitted}, but is {briefly(models)}.")
     loaded = {called(given, model): model for given, model in zip(models, chosen, strict=True)}
     advice = advise_case(p, (grit, metal), (spread, speed_spread), per_mass, loaded, unknown, progress)
     return dataclasses.replace(advice, job=job, other=compared_with(compare, grit, metal))
+
+
+def _uncertain(uncertain: Mapping[str, Any] | Calibration | Posterior | None) -> Uncertain | None:
+    """The laws of what is not known, and the predictions of a fit where data tell the size of the wear."""
+    if not isinstance(uncertain, (Calibration, Posterior)):
+        return None if uncertain is None else Uncertain(as_laws(uncertain, "uncertain"))
+    predictor = None if uncertain.data.free_scale else uncertain.predictor
+    return Uncertain(as_laws(uncertain.rows_of_draws(), "uncertain"), predictor=predictor)
 
 
 def compared_with(other: str | Particle | None, grit: Particle | None, metal: Target | None) -> Particle | None:
@@ -206,7 +225,8 @@ class _Jet:
     def of_model(self, name: str, model: CuttingModel, per_mass: PerMass) -> Iterator[Curve]:
         """The curves of a model as it is, and with other k and ψ or with draws of what is uncertain."""
         if self._uncertain is not None and not isinstance(model, Correlated):
-            yield from self._of_draws(name, model, per_mass, self._uncertain)
+            made = self._of_draws if self._uncertain.predictor is None else self._of_predictor
+            yield from made(name, model, per_mass, self._uncertain)
             return
         (erosion,) = self._erosion(name, model, per_mass, {"k": np.array([float(self._p.k)])})
         yield Curve(name, "models", "", erosion, per_mass.density, single=float(alpha_max(model, self._p).alpha))
@@ -243,6 +263,53 @@ class _Jet:
         yield Curve(name, "models", "", erosion[usual], per_mass.density, single=float(alpha_max(model, p).alpha))
         for number, curve in enumerate(erosion, 1):
             yield Curve(name, "draws", f"draw {number}", curve, per_mass.density)
+
+    def _of_predictor(self, name: str, model: CuttingModel, per_mass: PerMass, uncertain: Uncertain) -> Iterator[Curve]:
+        """The curves of a fit with what the model may lack, and first the one that is nearest to their middle."""
+        predictor = uncertain.predictor
+        assert predictor is not None
+        forward = predictor.forward
+        changed = {key: float(value) for key, value in dataclasses.asdict(self._p.to(forward.p.units)).items()
+                   if key in QUANTITIES and key not in (*forward.names, "alpha")
+                   and not np.isclose(value, getattr(forward.p, key), rtol=_ROUNDING)}  # fmt: skip
+        asked = {key: float(getattr(self._p.to(forward.p.units), key)) for key in ("v0", "m")} | changed
+        asked = {key: value for key, value in asked.items() if key not in forward.names}
+        single = predictor.predict(ANGLES, asked, _CURVES) * self._to_specific(predictor)
+        if FRACTION not in forward.names:
+            single = single * per_mass.cutting_fraction / forward.cutting_fraction
+        erosion = self._spread(model, single, predictor)
+        draws = uncertain.draws(model)
+        draws.pop(FRACTION, None)
+        usual = {key: float(np.median(values)) for key, values in draws.items()}
+        _, p = with_values(model, self._p, usual)
+        self.p = p if self.p is self._p else self.p
+        middle = int(np.argmin(np.sum((erosion - np.median(erosion, axis=0)) ** 2, axis=1)))
+        best = float(highest(single[middle][None])[0])
+        yield Curve(name, "models", "", erosion[middle], per_mass.density, single=best)
+        for number, curve in enumerate(erosion, 1):
+            yield Curve(name, "draws", f"draw {number}", curve, per_mass.density)
+
+    def _to_specific(self, predictor: Predictor) -> float:
+        """Volume per mass of abrasive [m³/kg] over the erosion of the tests."""
+        data = predictor.data
+        factor = conversion_factor(data.dimension, data.units, "si")
+        if data.needs_density:
+            density = predictor.forward.density
+            assert density is not None
+            factor /= density * conversion_factor("density", data.units, "si")
+        return factor if data.per_mass else factor / float(self._p.to("si").m)
+
+    def _spread(self, model: CuttingModel, single: np.ndarray, predictor: Predictor) -> np.ndarray:
+        """Curves of single particles over `ANGLES`, (draws, angles), as those of the jet over `NOZZLE_ANGLES`."""
+        particles = Particles(model, self._p, {"alpha": self._law})
+        _, hits_at, hit = particles.impacts(self._values, NOZZLE_ANGLES[:, None])
+        held = predictor.forward.held_exponent
+        power = predictor.exponent[0] if predictor.exponent is not None else 2.0 if held is None else held
+        faster = (self._values["v0"] / float(self._p.v0)) ** power
+        grid = np.concatenate([[0.0], ANGLES])
+        angles = np.broadcast_to(np.asarray(hits_at.alpha), hit.shape)
+        curves = [np.interp(angles, grid, np.concatenate([[0.0], curve])) for curve in np.nan_to_num(single)]
+        return np.stack([np.where(hit, curve * faster, 0.0).mean(axis=-1) for curve in curves])
 
     def of_correlation(self, name: str, model: CuttingModel, *, fits: bool, known: bool) -> Curve:
         """The curve of a correlation, whose absolute numbers may be made for another target."""

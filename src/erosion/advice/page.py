@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from erosion.advice.abrasives import between
-from erosion.advice.result import NOZZLE_ANGLES, Advice, degrees, ends
+from erosion.advice.result import DRAWS, NOZZLE_ANGLES, Advice, degrees, ends
 from erosion.output import briefly, require_no_pdf, require_writable, write_whole
 from erosion.parameters import QUANTITIES, quantity_row
 from erosion.plotting.labels import DIM, INK, STYLES
@@ -25,7 +25,7 @@ def plot_advice(advice: Advice) -> Figure:
     # Narrow, so that letters can be read where a phone shows it.
     fig, ax = new_axes(4.6, 5.4)
     nozzle = np.rad2deg(NOZZLE_ANGLES)
-    for curve in (*advice.group("k"), *advice.group("psi"), *advice.group("draws")):
+    for curve in (*advice.group("k"), *advice.group("psi"), *advice.group("draws")[:DRAWS]):
         ax.plot(nozzle, curve.shares, color=DIM, linewidth=0.5, alpha=0.45)
     for i, curve in enumerate(advice.group("correlations")):
         ax.plot(nozzle, curve.shares, color=DIM, linewidth=1.4, linestyle=_DASHES[i % len(_DASHES)],
@@ -101,7 +101,7 @@ def _spreadsheet(advice: Advice, decimal: str) -> str:
         low, high = ends(
             advice.trusted, lambda curve: at_angles(curve.erosion) * (curve.density or 1.0) / advice.scale.size
         )
-        of = "" if advice.uncertain is None else " with 95% confidence"
+        of = "" if advice.uncertain is None else " of 95% of the curves"
         columns |= {f"least erosion{of} [{unit}]": low, f"greatest erosion{of} [{unit}]": high}
     share = "least share of its own best" if advice.uncertain is None else "mean share of its own best"
     columns[f"{share} [%]"] = 100 * at_angles(advice.shares)

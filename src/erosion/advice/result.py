@@ -10,6 +10,7 @@ import numpy as np
 from erosion.advice.abrasives import Job, between, comparison, hardness_sentence
 from erosion.fits.export import command
 from erosion.fits.forward import FACTORS, FRACTION, OF_METAL
+from erosion.fits.prediction import Predictor
 from erosion.joint_laws import SHARE, LawSet, Member, Rows, require_units
 from erosion.models import CuttingModel, own_parameters, quantities, ranges
 from erosion.models.correlated import Correlated
@@ -43,11 +44,19 @@ class Uncertain:
             (`Posterior.rows_of_draws`) all together.
         source: words for where they come from; without it they are made from the laws.
         values: the median of each parameter, and where 95 % of its law lies: "k = 1.29 (1.03 … 1.61)".
+        predictor: of the fit that the laws are from; its curves, which also hold what the model may lack, take the
+            place of the model's.
     """
 
     laws: Mapping[str, Any]
     source: str = ""
     values: tuple[str, ...] = ()
+    predictor: Predictor | None = None
+
+    @property
+    def holds(self) -> str:
+        """What 95 % of the curves hold, in words."""
+        return "if the model is right" if self.predictor is None else f"of {', '.join(self.predictor.parts)}"
 
     @property
     def tested(self) -> Mapping[str, tuple[float, float]]:
@@ -353,7 +362,7 @@ class Advice(Result):
         if self.job is not None and self.trusted:
             erosion = ends(self.trusted, lambda curve: curve.at(self.alpha) / (curve.density or 1.0))
             job = self.job.sentence(erosion, self.per_mass.density)
-            sentences.append(job if self.uncertain is None else f"With 95% confidence: {job}")
+            sentences.append(job if self.uncertain is None else f"By 95% of these curves: {job}")
         if self.other is not None and self.particle is not None and self.target is not None:
             names = (str(self.particle), str(self.other))
             speed = float(self.p.to("si").v0)
@@ -413,7 +422,7 @@ class Advice(Result):
                 "is made for this metal."
             )
         elif self.uncertain is not None:
-            text = f"Expect {amount} with 95% confidence{'' if share == 1 else f', {cutting}'}."
+            text = f"Expect {amount}: 95% {self.uncertain.holds}{'' if share == 1 else f', {cutting}'}."
             if fitting:
                 text += f" The correlations for this metal, made from other tests, say {tests}."
         elif fitting:

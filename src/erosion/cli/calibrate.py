@@ -468,8 +468,9 @@ class GivenFit:
             require_same_model(draws, model, where)
         if not laws:
             return None, draws
-        uncertain = lazy.Uncertain(laws, str(self._case.case) if self._options.uncertain is None else "")
+        source = str(self._case.case) if self._options.uncertain is None else ""
         with user_errors():
+            uncertain = lazy.Uncertain(laws, source, predictor=draws[0].predictor if draws else None)
             uncertain.require_of_metal(models, where)
         options = {name: name for name in self._case.given()}
         options |= {text.partition("=")[0].strip(): "set" for text in self._options.own or ()}

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import xarray as xr
 
@@ -75,6 +76,13 @@ class Draws:
     converged: bool
     warnings: tuple[str, ...] = ()
     data: str = "rows.csv"
+
+    @functools.cached_property
+    def predictor(self) -> Predictor | None:
+        """What was kept for predictions; None without it, and where only the shape of the wear is known."""
+        with h5py.File(self.path) as file:
+            is_kept = _PREDICTION in file
+        return read_predictor(self.path) if is_kept and not self.has_scale else None
 
     def otherwise(self, p: Parameters) -> dict[str, str]:
         """What the case of the fit has otherwise than `p`, as options take it; not what was sampled."""
