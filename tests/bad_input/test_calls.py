@@ -107,9 +107,6 @@ ROWS = [
     ("OWN.replace(friction=np.inf)", "ValueError", "Argument `friction` must be a finite number, but is inf."),
     ("erosion.own_parameter(1.0, 'f', 'turns', 'Hz')", "ValueError", "Argument `dimension` must be one of 1, length"),
     ("erosion.next_experiment(None, [0.3])", "ValueError", "Argument `candidates` must be such as {'alpha': …"),
-    ("erosion.next_experiment(None, weighings='a')", "ValueError", "`weighings` must be a whole number of at least 1"),
-    ("erosion.next_experiment(None, weighings=0.5)", "ValueError", "`weighings` must be a whole number of at least 1"),
-    ("erosion.next_experiment(None, repeat_cost='a')", "ValueError", "`repeat_cost` must be positive and finite"),
     ("erosion.next_experiment(None, noise='1')", "ValueError", "`noise` must be positive and finite, but is '1'."),
     (
         "erosion.next_experiment(None, noise=[1, -2])",

@@ -39,7 +39,6 @@ CASE = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("alum
 MODEL, FREE = "linearized", ("k", "psi")
 ERROR = (5.0, 0.08)  # of a row, in mg/kg and as a share
 SPEEDS, ROW_ANGLES = (60.0, 98.0), np.deg2rad([20.0, 40.0, 70.0])  # of the rows [m/s, rad]
-WEIGHINGS = (1, 5)  # of the candidates
 WAYS = ("model", "exponent", "discrepancy")
 
 
@@ -130,14 +129,12 @@ def on_grid(
 
 
 def drops(points: Points, rng: np.random.Generator) -> np.ndarray:
-    """The drop of entropy by a simulated test of each candidate [bit], shape (simulations, weighings × candidates)."""
+    """The drop of entropy by a simulated test of each candidate [bit], shape (simulations, candidates)."""
     weights = points.mass * np.exp(points.log - points.log.max())
     kept = weights > NOTHING * weights.max()
     mass, _, mean, missed = (part[kept] for part in points)
     weights = weights[kept] / weights[kept].sum()
-    errors = deviation(mean)
-    both = [np.hypot(missed, errors / np.sqrt(number)) for number in WEIGHINGS]
-    predicted, errors = np.tile(mean, len(both)), np.concatenate(both, axis=1)
+    predicted, errors = mean, np.hypot(missed, deviation(mean))
     truths, normal = rng.choice(len(weights), SIMULATIONS, p=weights), rng.standard_normal(SIMULATIONS)
     gains = np.full((SIMULATIONS, predicted.shape[1]), np.nan)
     has_error = np.flatnonzero(errors.all(axis=0))  # not a share of nothing
@@ -164,8 +161,8 @@ def compared(seed: int) -> tuple[NextExperiment, np.ndarray]:
         warnings.simplefilter("ignore", erosion.ConvergenceWarning)
         source = erosion.rank_posteriors(CASE, table, FREE, models=[MODEL], density=DENSITY, error=error)
     candidates = {"alpha": ANGLES[:, None], "v0": np.array(SPEEDS)}
-    answer = erosion.next_experiment(source, candidates, draws=2000, weighings=WEIGHINGS, discrepancy=True)
-    at = {name: answer.candidates[name][: ANGLES.size * len(SPEEDS)] for name in rows}
+    answer = erosion.next_experiment(source, candidates, draws=2000, discrepancy=True)
+    at = {name: answer.candidates[name] for name in rows}
     ways = [on_grid(source.posteriors[0], rows, at, way, rng) for way in WAYS]
     gains = drops(Points(*map(np.concatenate, zip(*ways, strict=True))), rng)
     angle = answer.candidates["alpha"]

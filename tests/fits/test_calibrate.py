@@ -375,9 +375,8 @@ def amounts(fit: erosion.Calibration) -> np.ndarray:
     return forward.predict_many(thetas, fit.data.conditions).mean(axis=1) / fit.fitted.mean()
 
 
-@pytest.mark.parametrize("loss", ["soft_l1", "huber", "cauchy", "arctan"])
-def test_draws_of_a_robust_fit_explain_the_rows(loss):
-    fit = of_steel(np.array([1271.0, 1550, 1952, 2080, 1454, 1399]), loss)
+def test_draws_of_a_robust_fit_explain_the_rows():
+    fit = of_steel(np.array([1271.0, 1550, 1952, 2080, 1454, 1399]), "soft_l1")
     least, greatest = np.quantile(amounts(fit), [0.025, 0.975])
     assert 0.7 < least < greatest < 1.4
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from erosion import TABLE_1, ErrorModel, calibrate, impact, next_experiment, posterior, rank_posteriors
+from erosion import TABLE_1, calibrate, impact, next_experiment, posterior, rank_posteriors
 from erosion.distributions import Normal, Uniform
 from erosion.fits.experiments import NextExperiment, _gains
 from erosion.models.rigid import LinearizedCut
@@ -120,11 +120,6 @@ def drawn():
     [
         ({"candidates": {"v0": [1.0]}}, "must give angles"),
         ({"noise": 0.0}, "`noise` must be positive"),
-        ({"weighings": [0]}, "`weighings` must be a whole number of at least 1"),
-        ({"weighings": []}, "`weighings` must list"),
-        ({"weighings": [20_000]}, "`weighings` must list numbers of at most 10,000"),
-        ({"repeat_cost": 0.0}, "`repeat_cost` must be positive"),
-        ({"repeat_cost": 0.2}, "`weighings` must list a number above 1, because a cost of repeats is given"),
     ],
 )
 def test_what_makes_no_sense_is_refused(drawn, options, message):
@@ -174,45 +169,7 @@ def test_conditions_broadcast_with_angles(drawn):
     )
 
 
-def test_weighings_of_one_test_are_worth_their_mean_and_cost_what_is_said(drawn):
-    candidates = {"alpha": np.array([0.3, 0.6]), "v0": 4000.0}
-    answer = next_experiment(drawn, candidates, noise=1e-6, weighings=[1, 4], repeat_cost=0.2)
-    alone, mean = (next_experiment(drawn, candidates, noise=noise, discrepancy=False) for noise in (1e-6, 0.5e-6))
-    without = next_experiment(drawn, candidates, noise=1e-6, weighings=[1, 4], discrepancy=False)
-    np.testing.assert_allclose(without.total, [*alone.total, *mean.total])
-    np.testing.assert_allclose(answer.cost, [1, 1, 1.6, 1.6])
-    assert answer.order.tolist() == np.argsort(-answer.total / answer.cost).tolist()
-    assert answer.headings[:4] == ("α [°]", "v₀ [in/s]", "weighings", "cost")
-    assert len(answer.rows()) == len(answer.to_dict()["weighings"]) == 4
-    assert answer.best["weighings"] == answer.shown["weighings"][answer.order[0]]
-    # What is said first and compared with the others is what they are sorted by.
-    worth = answer.total / answer.cost
-    both = f", {worth.max():.3f} for the cost of one weighing, the median candidate {np.median(worth):.3f};"
-    assert both in answer.sentence
-    assert answer.headings[-1] == "for the cost of one [bit]"
-    assert [row[-1] for row in answer.rows()] == [f"{value:.3f}" for value in sorted(worth, reverse=True)]
-    assert len(next_experiment(drawn, candidates, noise=1e-6, weighings=[4, 1, 4]).total) == 4
-    # Where a repeat costs as much as a new test, it never is the best one.
-    dear = next_experiment(drawn, candidates, noise=1e-6, weighings=[4, 1])
-    assert dear.weighings is not None
-    assert dear.weighings[dear.order[0]] == 1
-    assert "one row there is expected" in dear.sentence
-
-
-def test_repeats_do_not_average_out_what_a_speed_shares(drawn):
-    candidates = {"alpha": np.array([0.3, 0.6]), "v0": 4000.0}
-    error = ErrorModel(1e-6, 0.0, 0.1)
-    answer = next_experiment(drawn, candidates, noise=error, weighings=[1, 400], discrepancy=False)
-    alone = next_experiment(drawn, candidates, noise=ErrorModel(1e-12, 0.1), discrepancy=False)
-    both = next_experiment(drawn, candidates, noise=ErrorModel(1e-6, 0.1), discrepancy=False)
-    np.testing.assert_allclose(answer.information, [*both.information, *alone.information], rtol=1e-2)
-
-
 def test_what_a_model_may_lack_counts_as_in_simulated_experiments():
     answer, gains = compared(10)
     error = gains.std(axis=0, ddof=1) / np.sqrt(len(gains))
     assert (np.abs(answer.total - gains.mean(axis=0)) < 0.03 + 3.5 * error).all()
-    # Five weighings at 20° would say up to log₂ 5 / 2 = 1.16 bit more, if they did not miss by one discrepancy.
-    assert 0.4 < answer.total[16] - answer.total[2] < 0.9
-    # Beyond the tested angles, at 10°, it counts alone: they say little more.
-    assert answer.total[14] - answer.total[0] < 0.3

@@ -399,7 +399,7 @@ def test_a_common_error_needs_rows_of_one_speed_and_errors_of_their_own():
             twice | {"speed [in/s]": 3000 * 1.018 ** np.arange(12)}, "inch-pound", error=ErrorModel(0, 0.1, 0.05)
         )
     with pytest.raises(ValueError, match="`loss` must be linear"):
-        calibrate("linearized", TABLE_1, table, ["psi"], error=ErrorModel(0.0, 0.1, 0.05), loss="huber")
+        calibrate("linearized", TABLE_1, table, ["psi"], error=ErrorModel(0.0, 0.1, 0.05), loss="soft_l1")
     few = {name: np.asarray(values)[[0, 1, 3]] for name, values in dict(table).items()}
     with pytest.raises(ValueError, match="1 free parameter and 2 errors of speeds"):
         calibrate("linearized", TABLE_1, few, ["psi"], error=ErrorModel(common=0.05))

@@ -50,28 +50,20 @@ def test_models_that_miss_the_data_are_not_ranked_and_named(ranking):
 
 
 # By the noise of each model's plain fit, `tan-alpha` is first in 26 and 22 of 40 such cases; now in 2 and 5.
-@pytest.mark.parametrize(("loss", "seed"), [("cauchy", 0), ("soft_l1", 1), ("huber", 2)])
-def test_a_gross_outlier_refuses_no_model_and_does_not_put_a_wrong_one_first(loss, seed):
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_gross_outlier_refuses_no_model_and_does_not_put_a_wrong_one_first(seed):
     degrees, case, rng = np.linspace(15, 90, 12), P.replace(k=1.4, psi=0.08), np.random.default_rng(seed)
     exact = np.asarray(impact("linearized", case.replace(alpha=np.deg2rad(degrees))).volume)
     volume = exact + 0.02 * exact.max() * rng.standard_normal(12)
     volume[rng.integers(8)] *= [3, 10][seed % 2]
     rows = {"angle [deg]": degrees, "volume [m^3]": volume}
-    ranking = rank_models(case, rows, ["k", "psi"], models=["tan-alpha", "linearized"], starts=2, loss=loss)
+    ranking = rank_models(case, rows, ["k", "psi"], models=["tan-alpha", "linearized"], starts=2, loss="soft_l1")
     assert ranking.names == ("linearized", "tan-alpha")
     assert ranking.reasons == ()
     assert not any(is_beyond_scatter(fit) for fit in ranking.fits)
     assert len({fit.problem.noise for fit in ranking.fits}) == 1
     assert ranking.best.problem.noise * np.sqrt(np.mean(volume**2)) < 0.06 * exact.max()
     assert ranking.best.estimates == pytest.approx({"k": 1.4, "psi": 0.08}, rel=0.1)
-
-
-def test_a_loss_without_a_likelihood_has_no_criterion():
-    with pytest.raises(ValueError, match=r"^Argument `loss` must have a likelihood"):
-        ranked(MODELS, ["psi"], loss="arctan")
-    fit = calibrate("linearized", P, WEIGHED, ["psi"], density=DENSITY, starts=2, loss="arctan")
-    assert fit.aicc == np.inf
-    assert fit.rows()[-1].meaning.endswith('needs another loss than "arctan"')
 
 
 def test_a_right_model_stays_where_another_fits_six_rows_too_well_by_chance():

@@ -259,7 +259,7 @@ def calibrate(
     table: Annotated[TableOptions | None, Parameter(group=FIT)] = None,
     fit: FitOptions | None = None,
     bounds: Annotated[list[str] | None, LISTED, Parameter(group=FIT, help=_BOUNDS)] = None,
-    loss: Annotated[str, Parameter(group=FIT, help="Or soft_l1, huber, cauchy, arctan, for outliers.")] = "linear",
+    loss: Annotated[str, Parameter(group=FIT, help="Or soft_l1, for outliers.")] = "linear",
     level: Annotated[float, Parameter(group=FIT, help="Of the confidence intervals.")] = 0.95,
     profile: Annotated[str | None, Parameter(group=FIT, help="Also the likelihood along this parameter.")] = None,
     plot: Annotated[PlotOption, Parameter(help='Draw data, fits and band: "a.svg"; "a.png,a.pdf@84mm".')] = None,

@@ -106,7 +106,6 @@ _OPTIONS = {
     "priors": "Option `--prior`",
     "store": "Option `--output`",
     "data": "The table",
-    "weighings": "Option `--next-weighings`",
     "unit": "Option `--surface-unit`",
 }
 """Python's arguments that have another name on the command line."""

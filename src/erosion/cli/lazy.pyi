@@ -60,9 +60,8 @@ from erosion.fits import read_measurements as read_measurements
 from erosion.fits import to_case as to_case
 from erosion.fits import to_fluent as to_fluent
 from erosion.fits import to_openfoam as to_openfoam
-from erosion.fits.experiments import DEGREES as DEGREES
-from erosion.fits.experiments import check_repeats as check_repeats
 from erosion.fits.experiments import next_experiment as next_experiment
+from erosion.fits.experiments import tested_degrees as tested_degrees
 from erosion.fits.forward import Forward as Forward
 from erosion.fits.export import command as command
 from erosion.fits.forward import FACTORS as FACTORS

@@ -37,7 +37,6 @@ from erosion.cli.options import (
     TableOptions,
     WholeOption,
     output_option,
-    read_whole,
     with_file,
 )
 from erosion.cli.output import Output, draw, progress_bar, require_outputs
@@ -122,20 +121,12 @@ class _Experiment:
     next_particles: Annotated[list[str] | None, LISTED, Parameter(help='The same: "garnet 0.3 mm,garnet 0.6 mm".')] = (
         None
     )
-    next_weighings: Annotated[list[str] | None, LISTED, Parameter(help='That a test may have: "1,3".')] = None
-    repeat_cost: Annotated[
-        float | None, Parameter(help="Of a weighing more, over that of a new test; 1 without it.")
-    ] = None
 
     def read(self, units: "lazy.System", free: Sequence[str]) -> "_Judge":
         """The function that says where one more test tells most; what is typed is read before anything is computed."""
-        angles = (
-            np.deg2rad(lazy.DEGREES)
-            if self.next_angles is None
-            else _axis("alpha", self.next_angles, units, "next-angles")
-        )
+        given = None if self.next_angles is None else _axis("alpha", self.next_angles, units, "next-angles")
         with reading("Option `--next-angles`"):
-            if not ((angles > 0) & (angles <= np.pi / 2)).all():
+            if given is not None and not ((given > 0) & (given <= np.pi / 2)).all():
                 raise ValueError(f"must be above 0° and at most 90°, but is {self.next_angles}")
         with reading("Option `--next-speeds`"):
             speeds = [lazy.read_quantity(text, "speed", units) for text in self.next_speeds or ()]
@@ -150,17 +141,14 @@ class _Experiment:
         }.items():
             if fitted := sorted({*names} & {*free}):
                 raise InputError(f"Option `--next-{option}` must be left out, because {', '.join(fitted)} is fitted.")
-        with reading("Option `--next-weighings`"):
-            weighings = [read_whole(text) for text in self.next_weighings or ("1",)]
-        with user_errors():
-            lazy.check_repeats(weighings, self.repeat_cost)
 
         def judge(posteriors: "lazy.PosteriorRanking") -> "lazy.NextExperiment":
-            """Of all models together; without speeds and sizes, at those of the data."""
+            """Of all models together; without angles, speeds and sizes, among those of the data."""
+            angles = np.deg2rad(lazy.tested_degrees(posteriors.best.data)) if given is None else given
             at = _conditions(posteriors.best.likelihood.forward, speeds or None, sizes)
             others = {name: np.array([one[name] for one in at]) for name in at[0]}
             candidates = {"alpha": angles[:, None], **others}
-            return lazy.next_experiment(posteriors, candidates, weighings=weighings, repeat_cost=self.repeat_cost)
+            return lazy.next_experiment(posteriors, candidates)
 
         return judge
 

@@ -202,8 +202,8 @@ class Calibration(Result):
         """Akaike's criterion, corrected for few rows; smaller is better, among fits of the same data.
 
         A robust loss is the likelihood of errors of a given size, the noise. So fits are compared at the same noise, as
-        `rank_models` does (Ronchetti 1985, robust model selection in regression). "arctan" is no likelihood: its rows
-        far off cost the same wherever they are. Infinite for it, and for fewer rows than `rows_for_aicc`.
+        `rank_models` does (Ronchetti 1985, robust model selection in regression). Infinite for fewer rows than
+        `rows_for_aicc`.
         """
         rows, free, noise = len(self.data), self._counted, self.problem.noise
         if self.data.uncertainty is None and self.problem.loss == "linear":
@@ -211,7 +211,7 @@ class Calibration(Result):
                 misfit = rows * float(np.log(2 * self.solution.cost / rows))
         else:
             misfit = 2 * (self.solution.cost / noise**2 + rows * float(np.log(noise)))
-        if rows < self.rows_for_aicc or self.problem.loss == "arctan":
+        if rows < self.rows_for_aicc:
             return np.inf
         # Relative errors are of the fit: those of a larger fit are less likely to be this small.
         misfit += self.problem.data.log_determinant - self.problem.forward.data.log_determinant
@@ -444,7 +444,6 @@ class Calibration(Result):
         scale, open_row = table_scale(self.data.dimension, self.p.units, self.rms), self.leave_one_out == np.inf
         rms, left_out = (format_number(size, 4, scale.size) for size in (self.rms, self.leave_one_out))
         needs = f"at least {self.rows_for_aicc} rows for these parameters"
-        needs = 'another loss than "arctan"' if self.problem.loss == "arctan" else needs
         of_left_out = "rms at rows left out" + (
             ": there is a row without which a parameter is open" if open_row else ""
         )
@@ -598,8 +597,7 @@ def calibrate(
             for data of mass loss, but not by a correlation, whose own density counts.
         cutting_fraction: the share of the particles that cut as the model says, in (0, 1]:
             volumes are multiplied by it. The first guess where it is free.
-        loss: "linear" for least squares; "soft_l1", "huber", "cauchy" or "arctan" where some
-            rows may be far off (`scipy.optimize.least_squares`).
+        loss: "linear" for least squares; "soft_l1" where some rows may be far off (`scipy.optimize.least_squares`).
         starts: number of points to begin from. V(α) of a turning body jumps, so the misfit
             has several valleys. The best fits with one parameter at its least value are further starts.
         error: of a row, where the data have no column of it: "0.3 mg/kg + 8 %", and of each speed, "5 % of each

@@ -1,15 +1,16 @@
-"""`next_experiment`: the angle, speed and size at which one more test, of one or more weighings, says most."""
+"""`next_experiment`: the angle, speed and size at which one more test says most."""
 
 import dataclasses
 import functools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
-from erosion.arguments import check_unmasked, check_whole
+from erosion.arguments import check_unmasked
 from erosion.fits.errors import ErrorModel
+from erosion.fits.measurements import Measurements
 from erosion.fits.posterior import Posterior
 from erosion.fits.ranking import PosteriorRanking
 from erosion.models import model_name
@@ -23,9 +24,7 @@ _REACH = 6.0  # standard deviations beyond the outermost prediction
 _MOST = 2**17  # points of the grid; a prediction that varies by more noises is sampled less closely
 _NEAR = 2.0  # bit below the logarithm of the draws, from where on the information of normal laws is 0.3 bit too small
 _SHOWN = 10
-_MOST_WEIGHINGS = 10_000
-DEGREES = np.arange(5.0, 90.0, 2.5)
-"""The angles of the candidates, if there are no others."""
+_STEP = 2.5  # ° between the candidates, if there are no others
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,8 +40,6 @@ class NextExperiment(Result):
         names: the models.
         units: of the case.
         draws: of each posterior, which a row can at most distinguish.
-        weighings: of each candidate; one without it.
-        repeat_cost: of one more weighing of a test, over that of a new test.
     """
 
     candidates: Mapping[str, np.ndarray]
@@ -52,33 +49,21 @@ class NextExperiment(Result):
     names: tuple[str, ...]
     units: Any
     draws: int
-    weighings: np.ndarray | None = None
-    repeat_cost: float = 1.0
 
     @property
     def total(self) -> np.ndarray:
-        """Both together [bit]."""
+        """Both together [bit]; NaN where a candidate cannot be judged."""
         return self.information + self.discrimination
-
-    @property
-    def cost(self) -> np.ndarray:
-        """Of each candidate, over that of a test of one weighing."""
-        return 1 + self.repeat_cost * (np.zeros(len(self.total)) if self.weighings is None else self.weighings - 1)
-
-    @functools.cached_property
-    def worth(self) -> np.ndarray:
-        """The total for the cost of a test of one weighing [bit]; NaN where a candidate cannot be judged."""
-        return self.total / self.cost
 
     @functools.cached_property
     def order(self) -> np.ndarray:
-        """The indexes of the candidates, that of the greatest worth first."""
-        return np.argsort(-self.worth, kind="stable")  # NaN comes last
+        """The indexes of the candidates, that of the greatest total first."""
+        return np.argsort(-self.total, kind="stable")  # NaN comes last
 
     @property
     def best(self) -> dict[str, float]:
-        """The first candidate in the units of the case, with its weighings if asked for; empty if none is judged."""
-        return self._greatest(self.worth)
+        """The first candidate in the units of the case; empty if none is judged."""
+        return self._greatest(self.total)
 
     @property
     def best_to_discriminate(self) -> dict[str, float]:
@@ -92,15 +77,9 @@ class NextExperiment(Result):
         why = "cannot be judged: draws have no volume or no error there."
         if unknown.all():
             return f"No candidate {why.replace('cannot', 'can')}"
-        conditions = " and ".join(
-            self.condition_in_words(name, value[best]) for name, value in self.shown.items() if name != "weighings"
-        )
-        row, count = "one row there is", self.best.get("weighings", 1)
-        if count > 1:
-            row = f"{count} weighings there, for {self.cost[best]:.3g} times the cost of one, are"
+        conditions = " and ".join(self.condition_in_words(name, value[best]) for name, value in self.shown.items())
         share = f" ({self.discrimination[best]:.3f} on which model is right)" if len(self.names) > 1 else ""
-        each = "" if self.weighings is None else f", {self.worth[best]:.3f} for the cost of one weighing"
-        usual = f"the median candidate {np.nanmedian(self.worth):.3f}; one bit halves what is left open"
+        usual = f"the median candidate {np.nanmedian(self.total):.3f}; one bit halves what is left open"
         limit = float(np.log2(self.draws))
         is_near = float(np.nanmax(self.information)) > limit - _NEAR
         more = f" {self.draws:,} draws show {limit:.1f} bit at most: ask for more draws." * is_near
@@ -108,21 +87,18 @@ class NextExperiment(Result):
             low, high = (f"{end:.4g}°" for end in np.rad2deg(np.sort(self.candidates["alpha"][unknown])[[0, -1]]))
             where = f"at {low}" if low == high else f"between {low} and {high}"
             more += f" {unknown.sum():,} of {len(unknown):,} candidates, {where}, {why}"
-        bits = f"{self.total[best]:.3f} bit{share}{each}"
-        return f"Measure next at {conditions}: {row} expected to say {bits}, {usual}.{more}"
+        bits = f"{self.total[best]:.3f} bit{share}"
+        return f"Measure next at {conditions}: one row there is expected to say {bits}, {usual}.{more}"
 
     @functools.cached_property
     def shown(self) -> dict[str, np.ndarray]:
-        """What a reader needs, as angle, speed, what else varies, of a size the mass alone, and weighings if asked."""
+        """What a reader needs, as angle, speed, what else varies, of a size the mass alone."""
         varying = {name: values for name, values in self.candidates.items()
                    if name in ("alpha", "v0") or np.ptp(values) > 0}  # fmt: skip
-        needed = {name: values for name, values in varying.items() if "m" not in varying or name not in ("r", "b")}
-        return needed if self.weighings is None else {**needed, "weighings": self.weighings}
+        return {name: values for name, values in varying.items() if "m" not in varying or name not in ("r", "b")}
 
     def condition_in_words(self, name: str, value: float) -> str:
-        """A condition of a candidate: "40°", "30 m/s", "r = 0.2 mm", "3 weighings"."""
-        if name == "weighings":
-            return f"{value:.0f} weighing{'s' if value > 1 else ''}"
+        """A condition of a candidate: "40°", "30 m/s", "r = 0.2 mm"."""
         words = QUANTITIES[name].in_words(value, self.units)
         return words if name in ("alpha", "v0") else f"{QUANTITIES[name].symbol} = {words}"
 
@@ -130,8 +106,7 @@ class NextExperiment(Result):
         if np.isnan(bits).all():
             return {}
         at = int(np.nanargmax(bits))
-        count = {} if self.weighings is None else {"weighings": int(self.weighings[at])}
-        return {**{name: float(values[at]) for name, values in self.candidates.items()}, **count}
+        return {name: float(values[at]) for name, values in self.candidates.items()}
 
     @property
     def title(self) -> str:
@@ -152,17 +127,11 @@ class NextExperiment(Result):
 
     def _columns(self) -> list[tuple[str, str, np.ndarray]]:
         """Head, unit and values of the columns of the table; by the last of them it is sorted."""
-        scales = {name: self._scale(name) for name in self.shown if name != "weighings"}
+        scales = {name: self._scale(name) for name in self.shown}
         columns = [(QUANTITIES[name].symbol, unit, self.shown[name] / size) for name, (size, unit) in scales.items()]
-        if self.weighings is not None:
-            columns += [("weighings", "", self.weighings), ("cost", "", self.cost)]
         columns.append(("about the parameters", "bit", self.information))
         if len(self.names) > 1:
-            columns.append(("about the model", "bit", self.discrimination))
-        if self.weighings is not None:
-            columns.append(("for the cost of one", "bit", self.worth))
-        elif len(self.names) > 1:
-            columns.append(("together", "bit", self.total))
+            columns += [("about the model", "bit", self.discrimination), ("together", "bit", self.total)]
         return columns
 
     def _scale(self, name: str) -> Scale:
@@ -176,8 +145,6 @@ class NextExperiment(Result):
             "information": self.information,
             "discrimination": self.discrimination,
             "noise": self.noise,
-            "weighings": self.weighings,
-            "cost": self.cost,
             "best": self.best,
             "sentence": self.sentence,
         })  # fmt: skip
@@ -189,8 +156,6 @@ def next_experiment(
     *,
     noise: float | np.ndarray | ErrorModel | None = None,
     draws: int = _DRAWS,
-    weighings: Sequence[int] = (1,),
-    repeat_cost: float | None = None,
     discrepancy: bool = True,
 ) -> NextExperiment:
     """Which angle, speed and size to measure next: where a row is expected to say most.
@@ -200,23 +165,19 @@ def next_experiment(
     differently, measured in errors of the row: beside a jump of V(α) whose place is not known, above all. Of several
     models a row says two things, about the parameters of each, and about which one is right.
 
-    A row says less of the parameters where the model may miss it, and weighings of one test all miss by the same
-    discrepancy and share the error of their speed, which no repeat averages out.
+    A row says less of the parameters where the model may miss it.
 
     Args:
         source: a posterior, or several models' (`rank_posteriors`), with their probabilities.
         candidates: values of α [rad] and other conditions of the case, such as {"alpha": …, "v0": …}, arrays that
-            broadcast; 5° to 87.5° at the speeds of the case or of the data's first row without it.
+            broadcast; without it angles from the least to the greatest of the data, at the condition of most rows.
         noise: error of the row, a standard deviation [of the data], one for each candidate, or an `ErrorModel`; without
             it that of the data at the erosion that is expected, or the sampled one.
         draws: of each posterior.
-        weighings: how many of them a test may have; each candidate is judged with each number, by their mean.
-        repeat_cost: of one more weighing of a test, over that of a new test, 1 without it; candidates are ordered by
-            the information over the cost of all their weighings.
         discrepancy: with what the model may lack, as `Posterior.predict`; its parameters count, too.
 
     Raises:
-        ValueError: for candidates, a noise, weighings or a cost that make no sense.
+        ValueError: for candidates or a noise that make no sense.
 
     References:
         D. V. Lindley, On a measure of the information provided by an experiment, Ann. Math. Stat. 27 (1956) 986-1005.
@@ -232,57 +193,44 @@ def next_experiment(
         raise ValueError(
             f"Argument `candidates` must be such as {{'alpha': …, 'v0': …}}, but is {briefly(candidates)}."
         )
-    numbers = check_repeats(weighings, repeat_cost)
     conditions = _conditions(posteriors, candidates)
     predictors = [posterior.predictor_with(discrepancy) for posterior in posteriors]
     given = True if noise is None else noise
     expected = [predictor.of_draws(conditions, draws, given) for predictor in predictors]
-    information, discrimination = np.zeros((2, len(numbers), len(conditions["alpha"])))
-    for at, i in np.ndindex(information.shape):
+    information, discrimination = np.zeros((2, len(conditions["alpha"])))
+    for i in range(len(information)):
         # A draw whose impact fails at a candidate predicts nothing there.
         known = [np.isfinite(means[:, i]) for means, *_ in expected]
-        shares = [(means[of, i], np.sqrt(missed[of, i] ** 2 + common[of, i] ** 2 + own[of, i] ** 2 / numbers[at]))
+        shares = [(means[of, i], np.linalg.norm([missed[of, i], common[of, i], own[of, i]], axis=0))
                   for (means, missed, common, own), of in zip(expected, known, strict=True)]  # fmt: skip
-        information[at, i], discrimination[at, i] = _gains(shares, weights)
+        information[i], discrimination[i] = _gains(shares, weights)
+    errors = [np.nanmean(np.hypot(common, own), axis=0) for _, _, common, own in expected]
     return NextExperiment(
-        {name: np.tile(values, len(numbers)) for name, values in conditions.items()},
-        information.ravel(),
-        discrimination.ravel(),
-        np.tile(
-            np.nanmean([np.nanmean(np.hypot(common, own), axis=0) for _, _, common, own in expected], axis=0),
-            len(numbers),
-        ),
+        conditions,
+        information,
+        discrimination,
+        np.nanmean(errors, axis=0),
         tuple(model_name(posterior.model) for posterior in posteriors),
         posteriors[0].p.units,
         min(predictor.distinct(draws) for predictor in predictors),
-        None if numbers.tolist() == [1] else np.repeat(numbers, len(conditions["alpha"])),
-        1.0 if repeat_cost is None else repeat_cost,
     )
 
 
-def check_repeats(weighings: Any, repeat_cost: Any) -> np.ndarray:
-    """The numbers of weighings that a test may have, each once; a `ValueError` where they or the cost make no sense."""
-    given = weighings if isinstance(weighings, Iterable) and not isinstance(weighings, str) else (weighings,)
-    numbers = [*dict.fromkeys(check_whole("weighings", number, 1) for number in given)]
-    if not numbers or max(numbers) > _MOST_WEIGHINGS:
-        raise ValueError(
-            f"Argument `weighings` must list numbers of at most {_MOST_WEIGHINGS:,}, but is {briefly(weighings)}."
-        )
-    if repeat_cost is None:
-        return np.array(numbers)
-    if not isinstance(repeat_cost, (int, float, np.integer, np.floating)) or not 0 < repeat_cost < np.inf:
-        raise ValueError(f"Argument `repeat_cost` must be positive and finite, but is {briefly(repeat_cost)}.")
-    if max(numbers) == 1:
-        raise ValueError("Argument `weighings` must list a number above 1, because a cost of repeats is given.")
-    return np.array(numbers)
+def tested_degrees(data: Measurements) -> np.ndarray:
+    """Angles from the least to the greatest of the data [°], each 2.5°: beyond, priors decide what a test says."""
+    low, high = np.round(np.rad2deg([data.angle.min(), data.angle.max()]), 6)
+    steps = _STEP * np.arange(np.ceil(low / _STEP), np.floor(high / _STEP) + 1)
+    return steps if steps.size else np.array([low])
 
 
 def _conditions(posteriors: Sequence[Posterior], candidates: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
     """The candidates, flat."""
-    others = {"alpha": np.deg2rad(DEGREES)} if candidates is None else dict(candidates)
+    usual, others = posteriors[0].data.usual, {} if candidates is None else dict(candidates)
+    if candidates is None:
+        others["alpha"] = np.deg2rad(tested_degrees(posteriors[0].data))
     if "alpha" not in others:
         raise ValueError("Argument `candidates` must give angles, `alpha`, but gives none.")
-    alpha, usual = others.pop("alpha"), posteriors[0].data.usual
+    alpha = others.pop("alpha")
     checked, *_ = [posterior.likelihood.forward.conditions(alpha, others, usual) for posterior in posteriors]
     return {name: values.reshape(-1) for name, values in checked.items()}
 

@@ -166,7 +166,7 @@ def _power(name: str, exponent: float) -> str:
     return f"{name}^{exponent:.3g}"
 
 
-Loss = Literal["linear", "soft_l1", "huber", "cauchy", "arctan"]
+Loss = Literal["linear", "soft_l1"]
 LOSSES: tuple[Loss, ...] = get_args(Loss)
 
 _FOLLOWED = 5  # descents
@@ -185,16 +185,10 @@ _ROUGH = 0.02  # of one row's share in the cost: enough to choose among valleys
 _RHO: Mapping[Loss, Callable[[np.ndarray], np.ndarray]] = {
     "linear": lambda z: z,
     "soft_l1": lambda z: 2 * (np.sqrt(1 + z) - 1),
-    "huber": lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1),
-    "cauchy": np.log1p,
-    "arctan": np.arctan,
 }  # of scipy.optimize.least_squares
 _WEIGHTS: Mapping[Loss, Callable[[np.ndarray], np.ndarray]] = {
     "linear": np.ones_like,
     "soft_l1": lambda z: 1 / np.sqrt(1 + z),
-    "huber": lambda z: 1 / np.sqrt(np.maximum(z, 1)),
-    "cauchy": lambda z: 1 / (1 + z),
-    "arctan": lambda z: 1 / (1 + z**2),
 }  # their derivatives
 _NOISES, _SAME_NOISE = 10, 0.01  # rounds of a robust fit and its noise; the relative change that ends them
 _REWEIGHTED, _SAME_ERRORS = 10, 1e-3  # rounds of a fit and its relative errors; the relative change that ends them

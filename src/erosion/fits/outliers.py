@@ -1,13 +1,12 @@
 """Rows that are far from a fit: which one it is, what it does to the fit, and which ones a robust loss holds back."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import special, stats
 
-from erosion.fits.least_squares import Loss, settle
+from erosion.fits.least_squares import settle
 from erosion.output import format_number
 
 if TYPE_CHECKING:
@@ -20,14 +19,6 @@ _USUAL = 2.0  # stated errors that a row may be off
 _RATIOS = 0.0, *np.geomspace(0.3, 300.0, 10).tolist()  # of a relative error of the greatest erosion to the absolute one
 _HELD_BACK = 0.5  # of a row's weight
 _LISTED = 8  # rows that a sentence lists
-
-_WEIGHTS: Mapping[Loss, Callable[[np.ndarray], np.ndarray]] = {
-    "soft_l1": lambda z: (1 + z) ** -0.5,
-    "huber": lambda z: np.maximum(z, 1.0) ** -0.5,
-    "cauchy": lambda z: 1 / (1 + z),
-    "arctan": lambda z: 1 / (1 + z**2),
-}
-"""ρ'(z) of the robust losses of scipy.optimize.least_squares, z the squared residual over the noise."""
 
 
 def studentized(residuals: np.ndarray, leverage: np.ndarray, freedom: int) -> tuple[np.ndarray, np.ndarray]:
@@ -83,7 +74,7 @@ def far_rows(fit: "Calibration") -> list[str]:
     data, problem = fit.data, fit.problem
     residuals = problem.data.over_errors(fit.residuals)
     if problem.loss != "linear":
-        return _held_back(fit, _WEIGHTS[problem.loss]((residuals / problem.noise) ** 2))
+        return _held_back(fit, problem.weights(residuals))
     freedom = fit.degrees_of_freedom
     if freedom < 2 or not residuals.any():
         return []

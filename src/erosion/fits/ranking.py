@@ -225,15 +225,13 @@ def rank_models(
             many there are.
         bounds: as for `calibrate`; in each model those of its free parameters.
         error: as for `calibrate`.
-        options: `density`, `cutting_fraction`, `loss` (but "arctan") and `starts` of `calibrate`. A robust loss has the
+        options: `density`, `cutting_fraction`, `loss` and `starts` of `calibrate`. A robust loss has the
             same noise for all models, the least of their fits: what is far off is the same for all.
 
     Raises:
         ValueError: for arguments or data that cannot be used.
         CalibrationError: if no model could be fitted.
     """
-    if options.get("loss") == "arctan":
-        raise ValueError('Argument `loss` must have a likelihood to rank models, as "cauchy" has, but is "arctan".')
     measured, (models, free) = read_measurements(data, p.units, error=error), _usual(models, free)
 
     def fitted(model: CuttingModel, own_free: Sequence[str], own_bounds: dict[str, Any], at: tuple[int, int]) -> Any:

@@ -311,8 +311,7 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
     """What one more row is expected to say over its angle, a curve for each speed, with the best one marked.
 
     Of several models the upper panel is about their parameters, and the lower one about which model is right. The best
-    candidate is that of the greatest sum. Where tests have several weighings, all is for the cost of one. Where no
-    candidate can be judged, the figure says so.
+    candidate is that of the greatest sum. Where no candidate can be judged, the figure says so.
     """
     if not answer.best:
         fig = new_figure(6.2, 1.2)
@@ -325,9 +324,7 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
     axes = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     best, degrees = int(answer.order[0]), np.rad2deg(answer.candidates["alpha"])
     best_in_words = ", ".join(answer.condition_in_words(name, values[best]) for name, values in answer.shown.items())
-    unit = "[bit]" if answer.weighings is None else "[bit for the cost of one weighing]"
-    for ax, bits in zip(axes, panels.values(), strict=True):
-        information = bits / answer.cost
+    for ax, information in zip(axes, panels.values(), strict=True):
         for (label, candidates), (color, line) in zip(_by_conditions(answer), cycle(STYLES)):
             order = candidates[np.argsort(degrees[candidates])]
             ax.plot(degrees[order], information[order], color=color, linestyle=line, marker=".", label=label)
@@ -342,7 +339,7 @@ def plot_next_experiment(answer: NextExperiment) -> Figure:
     fig.align_ylabels(axes)
     _legend(fig, [axes[0]], 4)
     for ax, meaning in zip(axes, panels, strict=True):
-        _label_whole(ax, meaning, unit)
+        _label_whole(ax, meaning, "[bit]")
     return fig
 
 
