@@ -102,7 +102,7 @@ def test_a_share_of_impacts_outside_of_the_range_is_a_warning(shell, tmp_path):
     with pytest.warns(erosion.correlations.OutOfRangeWarning, match=r"^75 %.*\bdnv\b"):
         jet = erosion.stream("dnv", SI, **laws, n=256, best_angle=False, sensitivities=False)
     assert len(jet.warnings) == 1
-    assert erosion.stream("rotating", SI, **laws, n=256, best_angle=False, sensitivities=False).warnings == ()
+    assert erosion.stream("linearized", SI, **laws, n=256, best_angle=False, sensitivities=False).warnings == ()
     with pytest.warns(erosion.correlations.OutOfRangeWarning, match=r"dnv.*200 m/s"):
         followed = erosion.simulate("dnv", SI.replace(v0=250.0))
     assert len(followed.warnings) == 1

@@ -129,7 +129,7 @@ def test_a_prediction_has_bands_and_how_cuts_end(result):
     exact = LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(angles)))
     # Beyond the tests, up to 80°, metals are expected to wear at 90°.
     tested = np.asarray(angles) <= 80.0
-    np.testing.assert_allclose(1e-4 * np.asarray(median)[tested], exact[tested], atol=0.03 * np.max(exact))
+    np.testing.assert_allclose(1e-4 * np.asarray(median)[tested], np.asarray(exact)[tested], atol=0.03 * np.max(exact))
     labels = fig.legends[0].get_texts()
     assert {"95%", "50%", "median", "measured", "rebound", "stop"} <= {text.get_text() for text in labels}
     assert lower.get_ylim() == (0, 1)

@@ -30,7 +30,6 @@ from erosion.parameters.quantities import table_scale as table_scale
 from erosion.parameters.quantities import unit_name as unit_name
 from erosion.parameters.quantities import UnitError as UnitError
 from erosion.parameters.materials import ANOTHER_METAL as ANOTHER_METAL
-from erosion.parameters.materials import HEAVIEST as HEAVIEST
 from erosion.parameters.materials import known_particles as known_particles
 from erosion.parameters.materials import known_targets as known_targets
 from erosion.parameters.materials import MATERIALS as MATERIALS

@@ -67,8 +67,9 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
         best = Best(alpha, float(results.volume_max), kind, attained=kind != "jump" and alpha != 0)
         turned, slope = results.turned_beyond.values, np.deg2rad(1) * results.dvolume.values
         for flags, style, label in ((~turned, line, f"{name}: {describe(best)}"), (turned, ":", "")):
-            x, y = broken(degrees, np.where(flags, volume[i], np.nan), slope)
-            ax.plot(x, y / scale.size, color=color, linestyle=style, linewidth=1.8, label=label)
+            if flags.any():
+                x, y = broken(degrees, np.where(flags, volume[i], np.nan), slope)
+                ax.plot(x, y / scale.size, color=color, linestyle=style, linewidth=1.8, label=label)
         at_contact = results.get("volume_at_contact", 0 * results.volume).values
         # Of a model that never cuts nothing is beside a cut.
         if at_contact.any() and np.any(results.t_c > 0):

@@ -214,7 +214,6 @@ class ZarrStore:
         encoding = {str(name): {"compressors": (ZstdCodec(), Crc32cCodec())} for name in template.variables}
         for name, variable in self._variables.items():
             encoding[name]["fill_value"] = variable.empty
-        require_writable(self._path)  # zarr would make folders
         try:
             with written_whole(self._path) as draft:
                 # Coordinates and metadata alone: no block is computed.
@@ -370,6 +369,8 @@ def prepare_sweep(
     block = block_shape(grid.lengths, chunks, _LEAST_BLOCK, usual)
     if path is not None and path.suffix not in (".nc", ".zarr"):
         raise ValueError(f"Argument `store` must end in .nc or .zarr, but is {path}.")
+    if path is not None and not path.exists():
+        require_writable(path)  # before the first impact is computed; zarr would make folders
     store_of_blocks = ZarrStore(grid, block, path) if path is not None and is_zarr else MemoryStore(grid, block, path)
     missing = store_of_blocks.missing()
     if missing:
