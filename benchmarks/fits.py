@@ -25,7 +25,6 @@ import erosion
 from benchmarks.page import Table
 from erosion import ErrorModel
 from erosion.advice.result import ends
-from erosion.arguments import no_progress
 from erosion.distributions import LogNormal, LogUniform
 from erosion.fits import Calibration, Posterior, calibrate, discrepancy, prediction
 from erosion.fits.forward import make_forward
@@ -144,7 +143,7 @@ def calibrated_discrepancy(sets: int, *, known: bool, seed: int = 0) -> Ranks:
         forward = make_forward(MISSING, case, data, [*OF_MISSING], None, 1.0)
         priors = {name: law for name, law in laws.items() if name not in discrepancy.PRIORS}
         misfit = discrepancy.Discrepant(make_likelihood(forward, priors), has_exponent=True, has_discrepancy=True)
-        return prediction.drawn(misfit, np.random.default_rng(of_set), no_progress).values
+        return prediction.drawn(misfit, {}, np.random.default_rng(of_set)).values
 
     return _ranks(laws, drawn, sets, seed)
 

@@ -133,7 +133,7 @@ def test_beyond_the_tested_angles_the_discrepancy_counts_alone():
     lacking = misfit.values(np.random.default_rng(2).standard_normal((50, misfit.priors.dimension)) / 3)
     alone = {name: lacking[name][:1].repeat(50) for name in ("k", "psi")}
     ways = {"model": (alone, 0.9), "discrepancy": (lacking, 0.1)}
-    kept = {name: {"values": part, "log_evidence": np.zeros(1), "weight": weight}
+    kept = {name: {"values": part, "log_evidence": 0.0, "weight": weight}
             for name, (part, weight) in ways.items()}  # fmt: skip
     alpha, predictor = np.deg2rad([15.0, 50.0, 10.0, 55.0]), predictor_of(forward, kept, 0)
     curves = predictor.predict(alpha, {"v0": V0}, 200)

@@ -359,7 +359,7 @@ class Calibration(Result):
             spread = problem.data.deviation * np.sqrt(self.variance / weights)
             data = dataclasses.replace(data, uncertainty=spread, parts=None, error=None)
             forward = dataclasses.replace(forward, data=data)
-        return make_predictor(make_likelihood(forward, laws), seed=0)
+        return make_predictor(make_likelihood(forward, laws), self.estimates, seed=0)
 
     def predict(self, alpha: Any, at: Mapping[str, Any] | None = None, level: float = LEVEL) -> Predictions:
         """The mean at angles with its interval, and that of a new weighing: see `erosion.fits.prediction`.
@@ -368,9 +368,6 @@ class Calibration(Result):
             alpha: α [rad], of any shape.
             at: other parameters of the case, numbers or arrays; speed and mass without it are those of most rows.
             level: of the intervals, which also hold what the model may lack.
-
-        Raises:
-            MissingExtraError: without the extra `posterior`.
         """
         return predictions(self.predictor, alpha, at, level)
 

@@ -155,8 +155,7 @@ class Posterior(Result):
 
         Only its difference from that of another model on the same data means something.
         """
-        logs = self.run.log_evidence
-        return self.likelihood.constant + float(logs.max() + np.log(np.mean(np.exp(logs - logs.max()))))
+        return self.likelihood.constant + self.run.mean_log_evidence
 
     @property
     def log_evidence_error(self) -> float:
@@ -221,7 +220,8 @@ class Posterior(Result):
 
     def _ridges(self) -> list[str]:
         """Parameters that the data cannot tell apart, in the words of a fit."""
-        forward, theta = self.likelihood.forward, self.best
+        forward = self.likelihood.forward
+        theta = forward.theta(self.likeliest)
         deviation = self.data.deviation
         predicted, rates = forward.predict(theta, self.data.conditions)
         jacobian = rates / deviation[:, None]
@@ -307,14 +307,16 @@ class Posterior(Result):
         if "predictor" not in vars(self):
             alone = self._of_model
             vars(self)["predictor"] = (
-                make_predictor(self.likelihood, self.seed, progress, alone.ways["model"]) if self.discrepancy else alone
+                make_predictor(self.likelihood, self.likeliest, self.seed, progress, alone.ways["model"])
+                if self.discrepancy
+                else alone
             )
         return vars(self)["predictor"]
 
     @functools.cached_property
     def _of_model(self) -> Predictor:
         values = {name: self.samples[name].values.reshape(-1) for name in self.names}
-        return of_model(self.likelihood, values, self.run.log_evidence, self.seed)
+        return of_model(self.likelihood, values, self.run.mean_log_evidence, self.seed)
 
     def ends(self, alpha: Any, at: Mapping[str, Any] | None = None, count: int = _SOME) -> np.ndarray:
         """How the cuts end at angles, for draws of the parameters; arguments and shape as of `predict`."""
@@ -475,11 +477,10 @@ class Posterior(Result):
         return path
 
     @property
-    def best(self) -> np.ndarray:
-        """θ of the likeliest draw, shape (names of a fit,); for advice that a fit gives, too."""
+    def likeliest(self) -> dict[str, float]:
+        """The parameters of the likeliest draw."""
         at = np.unravel_index(int(np.argmax(self.run.log_likelihood)), self.run.log_likelihood.shape)
-        forward = self.likelihood.forward
-        return forward.theta({name: float(self.samples[name].values[at]) for name in forward.names})
+        return {name: float(self.samples[name].values[at]) for name in self.names}
 
 
 CHAINS = 4

@@ -35,7 +35,7 @@ from erosion.parameters import (
 )
 from erosion.results import Finding, found, stated
 
-_PREDICTION, _EVIDENCE = "prediction", "log_evidence"
+_PREDICTION = "prediction"
 EQUATIONS = "equations"
 """The attribute with the digest of a plug-in's equations."""
 LINE = "line"
@@ -210,8 +210,8 @@ def prediction_groups(predictor: Predictor) -> dict[str, xr.Dataset]:
     groups = {_PREDICTION: xr.Dataset(attrs=described)}
     for name, way in predictor.ways.items():
         values = {of: ("draw", column) for of, column in way.values.items()}
-        about = {"weight": way.weight, "converged": int(way.converged)}
-        groups[f"{_PREDICTION}/{name}"] = xr.Dataset({**values, _EVIDENCE: ("chain", way.log_evidence)}, attrs=about)
+        about = {"weight": way.weight, "converged": int(way.converged), "log_evidence": way.log_evidence}
+        groups[f"{_PREDICTION}/{name}"] = xr.Dataset(values, attrs=about)
     return groups
 
 
@@ -247,8 +247,8 @@ def read_predictor(path: str | Path) -> Predictor:
                           float(about["cutting_fraction"]))  # fmt: skip
         read = {
             str(name): {
-                "values": {str(of): column.values for of, column in way.data_vars.items() if of != _EVIDENCE},
-                "log_evidence": np.asarray(way.dataset[_EVIDENCE]),
+                "values": {str(of): column.values for of, column in way.data_vars.items()},
+                "log_evidence": float(way.attrs["log_evidence"]),
                 "weight": float(way.attrs["weight"]),
                 "converged": bool(way.attrs.get("converged", 1)),
             }

@@ -68,6 +68,13 @@ class Misfit(abc.ABC):
         The first is infinite where impacts fail.
         """
 
+    def log_density(self, points: np.ndarray) -> np.ndarray:
+        """The logarithm of likelihood and prior, without their constants, shape (n, names) -> (n,)."""
+        logs = -0.5 * np.sum(points**2, axis=1)
+        for part, rows in enumerate(self.sizes):
+            logs += log_likelihood(*self.squares(points, part), rows)
+        return logs
+
 
 @dataclasses.dataclass(frozen=True)
 class Run:
@@ -86,6 +93,11 @@ class Run:
     log_evidence: np.ndarray
     acceptance: float
     sweeps: int
+
+    @property
+    def mean_log_evidence(self) -> float:
+        """The logarithm of the mean evidence of the populations."""
+        return float(special.logsumexp(self.log_evidence) - np.log(len(self.log_evidence)))
 
 
 def log_likelihood(chi2: np.ndarray, variance: np.ndarray, rows: int) -> np.ndarray:

@@ -1,0 +1,51 @@
+"""Importance sampling against closed forms, and where annealing takes its place."""
+
+import numpy as np
+import pytest
+
+from erosion import TABLE_1, impact
+from erosion.fits.discrepancy import Discrepant
+from erosion.fits.forward import make_forward
+from erosion.fits.importance import sample_near
+from erosion.fits.likelihood import make_likelihood
+from erosion.fits.prediction import drawn
+from tests.fits.test_tempering import Rows
+
+
+def test_rows_that_are_linear_in_the_parameters_have_the_closed_posterior():
+    rng = np.random.default_rng(5)
+    slopes, y, error = rng.standard_normal((8, 3)), rng.standard_normal(8), 0.2
+    near = sample_near(Rows(lambda points: (points @ slopes.T - y) / error), np.array([2.0, 2.0, -2.0]), rng)
+    covariance = np.linalg.inv(np.eye(3) + slopes.T @ slopes / error**2)
+    mean = covariance @ slopes.T @ y / error**2
+    found, spread = near.moments()
+    deviations = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose((found - mean) / deviations, 0, atol=0.08)
+    np.testing.assert_allclose(spread / np.outer(deviations, deviations), covariance / np.outer(deviations, deviations),
+                               atol=0.1)  # fmt: skip
+    evidence = 0.5 * (mean @ np.linalg.solve(covariance, mean) - y @ y / error**2 + np.linalg.slogdet(covariance)[1])
+    assert near.log_evidence == pytest.approx(evidence, abs=0.05)
+    assert near.effective > 0.5 * len(near.points)
+    np.testing.assert_allclose(near.chosen(2000, rng).mean(axis=0), mean, atol=0.1 * deviations.max())
+
+
+def test_points_at_which_the_model_fails_get_no_weight():
+    def residuals(points):
+        return np.where(points[:, :1] > 0, points[:, :1] - 0.2, np.nan)
+
+    near = sample_near(Rows(residuals), np.array([0.5]), np.random.default_rng(0))
+    assert near.chosen(500, np.random.default_rng(0)).min() > 0
+
+
+def test_parameters_that_only_a_product_determines_are_annealed():
+    degrees = np.linspace(10.0, 80.0, 12)
+    volume = np.asarray(impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees))).volume)
+    table = {"angle [deg]": degrees, "volume [in^3]": volume, "uncertainty [in^3]": np.full(12, 0.03 * volume.max())}
+    forward = make_forward("linearized", TABLE_1, table, ["k", "psi", "sigma"], None, 1.0)
+    misfit = Discrepant(make_likelihood(forward, {}), has_exponent=False, has_discrepancy=False)
+    start = {name: float(getattr(TABLE_1, name)) for name in misfit.priors.laws}
+    assert sample_near(misfit, np.zeros(3), np.random.default_rng(0)).effective < 100
+    way = drawn(misfit, start, np.random.default_rng(0))
+    product = way.values["psi"] * way.values["sigma"]
+    assert np.median(product) == pytest.approx(float(TABLE_1.psi * TABLE_1.sigma), rel=0.02)
+    assert np.ptp(np.log(way.values["psi"])) > np.log(20)
