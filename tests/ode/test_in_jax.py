@@ -152,6 +152,62 @@ def test_lanes_that_fail_are_nan():
     np.testing.assert_array_equal(np.isnan(slope), [False, True])
 
 
+@pytest.mark.parametrize("names", [["g"], ["g", "v"], ["g", "v", "h"]])
+def test_lanes_that_a_loss_leaves_out_do_not_spoil_its_derivatives(names):
+    speeds, known = np.array([1.0, np.nan, 2.0]), np.array([1.0, 2.0])
+
+    def loss(some, of=end_of, speeds=speeds):
+        t = jax.vmap(lambda speed: of(ARGS | some | {"v": some.get("v", 0.0) + speed}))(speeds)
+        return jnp.sum(jnp.where(jnp.isfinite(t), t, 0.0))
+
+    some = {name: ARGS[name] for name in names}
+    expected = functools.partial(loss, of=lands, speeds=known)
+    for transform in (
+        jax.grad,
+        lambda f: jax.jit(jax.grad(f)),
+        jax.jacfwd,
+        jax.hessian,
+        lambda f: jax.jacrev(jax.grad(f)),
+    ):
+        close(transform(loss)(some), transform(expected)(some), 1e-7)
+
+
+def test_states_at_times_that_a_loss_leaves_out_do_not_spoil_its_derivatives():
+    heights = jnp.array([1.5, jnp.nan])
+
+    def loss(args, ts):
+        ys = ode.solve(BALL, args | {"h": heights}, t1=10.0, ts=ts).ys["y"]
+        return jnp.sum(jnp.where(jnp.isfinite(ys), ys, 0.0))
+
+    def exact(args, ts):
+        return jnp.sum(1.5 + args["v"] * ts - args["g"] * ts**2 / 2)
+
+    ts = jnp.array([0.1, 0.3])
+    close(jax.grad(loss, (0, 1))(ARGS, ts), jax.grad(exact, (0, 1))(ARGS | {"h": 0.0}, ts))
+    close(jax.hessian(loss, 1)(ARGS, ts), jax.hessian(exact, 1)(ARGS, ts))
+
+
+def test_second_derivatives_through_a_scan():
+    def last(height, step):
+        return lax.scan(lambda h, _: (h + step(ARGS | {"h": h}), None), height, None, length=3)[0]
+
+    for second in (jax.hessian, lambda f: jax.jacrev(jax.grad(f))):
+        close(second(lambda h: last(h, end_of))(1.0), second(lambda h: last(h, lands))(1.0), 1e-7)
+
+
+def test_inexact_lanes_are_told_within_jit():
+    """Lorenz's equations: after so long no digit is left."""
+
+    def field(t, y, args):
+        x, y, z = y
+        return [10 * (y - x), x * (args - z) - y, x * y - 8 / 3 * z]
+
+    problem = ode.Problem([1.0, 1.0, 1.0], field)
+    times = np.array([0.5, 60.0])
+    inexact = jax.jit(lambda rho: ode.solve(problem, rho, t1=times).inexact)(28.0)
+    np.testing.assert_array_equal(inexact, [False, True])
+
+
 TRACED: dict[str, tuple[Any, type[Exception]]] = {
     "outcome": (lambda g: 1.0 * (ode.solve(BALL, ARGS | {"g": g}, t1=1.0).ended_by == "t1"), ValueError),
     "wrt": (lambda g: ode.solve(BALL, ARGS | {"g": g}, t1=1.0, wrt="g").t, ValueError),

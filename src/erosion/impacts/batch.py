@@ -42,7 +42,7 @@ from erosion.ode.problem import TracedProblem, is_number
 from erosion.ode.solution import Solution
 from erosion.ode.solve import solution
 from erosion.ode.step_control import LONGEST, require_float64
-from erosion.ode.traced import Wanted, traced_end
+from erosion.ode.traced import traced_end
 from erosion.ode.variational import Clock, Derivatives, Layout, Options
 from erosion.output import Record, Row, abbreviate, briefly, format_number, to_plain
 from erosion.parameters import (
@@ -163,7 +163,7 @@ def volume(model: CuttingModel | str | Path, p: Parameters) -> Scalar:
     model = load_model(model)
     require_one_impact(model, p, "; for many impacts use `erosion.impact`, or `jax.vmap`", traced=True)
     layout, numbers = split(model, p)
-    return traced_end(Wanted(layout, _RTOL), numbers)[0][_VOLUME]
+    return traced_end(layout, _RTOL, numbers)[_VOLUME]
 
 
 OTHER_ENDS: Mapping[str, str] = {

@@ -27,6 +27,7 @@ from erosion.results import Result
 if TYPE_CHECKING:
     import xarray as xr
 
+INEXACT = 100.0  # tolerances: results that err by more are told
 _SEARCHED = 16  # failed lanes whose time is looked for
 
 
@@ -76,7 +77,7 @@ class Solution(Result):
         times: the states at `ts`, or None.
         tolerance: of each lane's results, which may be less than `rtol`; None where there are derivatives.
         inexact: whether a lane's results err by a hundred times `rtol` or more, by an estimate, as those of a chaotic
-            motion do in the end; False where JAX traces.
+            motion do in the end.
         recorded: the steps of lanes, for `gradient`; None where they were not recorded.
     """
 

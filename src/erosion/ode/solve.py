@@ -18,12 +18,10 @@ from erosion.ode.ensemble import Lanes, Part, checked_lanes, checked_times, name
 from erosion.ode.gradient import goes_back
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Problem, in_these_words
-from erosion.ode.solution import Solution, Times
+from erosion.ode.solution import INEXACT, Solution, Times
 from erosion.ode.step_control import require_float64
 from erosion.ode.traced import traced_solution
 from erosion.output.tables import briefly
-
-_INEXACT = 100.0  # tolerances: results that err by more are told
 
 
 @in_these_words
@@ -219,7 +217,7 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np
         rtol=rtol,
         digest=lanes.layout.equations.digest,
         tolerance=None if order else results.tolerance,
-        inexact=np.reshape(np.asarray(results.error) > _INEXACT * rtol, lanes.shape)[()],
+        inexact=np.reshape(np.asarray(results.error) > INEXACT * rtol, lanes.shape)[()],
         recorded=results.recorded,
         times=times,
     )

@@ -1,19 +1,23 @@
-"""Ends of lanes as numbers that JAX can trace: a callback into the batch, with rules for derivatives both ways."""
+"""Ends of lanes as numbers that JAX can trace: primitives that call the batch, with rules for derivatives both ways.
+
+All of them take numbers with `axes` axes of `vmap` before their own, each of length 1 where they are the same along it.
+They are primitives and no functions with rules of derivatives, which JAX forgets within loops. Their programs call
+Python directly: `jax.pure_callback` puts each number on a device and takes it back, which takes as long as a lane.
+"""
 
 import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from jax import Array, lax
 from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
-from jaxtyping import PyTree
 
 from erosion.arguments import Number
 from erosion.ode.batch import compile_ahead, integrate, integrate_along
@@ -21,11 +25,11 @@ from erosion.ode.ensemble import Lanes, named_events, shaped
 from erosion.ode.gradient import AtTimes, ends_of, gradient, is_worth, keep, summed
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import TracedProblem
-from erosion.ode.solution import Solution, Times
+from erosion.ode.solution import INEXACT, Solution, Times
 from erosion.ode.variational import Clock, Layout
 
-# For each derivative the places of one or two elements, see `Variational`.
-_Places = tuple[tuple[int, ...], ...]
+_Along = tuple[tuple[int, ...], ...]
+"""The elements by which derivatives are taken: none, some, or some and others for second ones."""
 
 
 class Wanted(NamedTuple):
@@ -33,12 +37,14 @@ class Wanted(NamedTuple):
 
     Args:
         layout: of problem and arguments.
+        equations: of the problem; equal layouts of two problems differ by them, as each follows its own code.
         rtol: relative tolerance.
         times: at how many times outputs are wanted as well; these follow the numbers of a lane, rising.
         moving: which numbers have tangents, where derivatives go back.
     """
 
     layout: Layout
+    equations: TracedProblem
     rtol: float
     times: int = 0
     moving: tuple[int, ...] = ()
@@ -55,21 +61,6 @@ class Wanted(NamedTuple):
 
 
 _KINDS = ("value", "first", "second")  # of `Derivatives`, by their order
-_zero = jax.custom_derivatives.SymbolicZero
-
-# What JAX gives to a rule of derivatives: the numbers, or their tangents, of which some are symbols for zero.
-_Numbers = tuple[list[PyTree]]
-
-
-def traced_end(wanted: Wanted, numbers: Sequence[Number]) -> tuple[Array, Array]:
-    """Time since the start and outputs of a lane, and those at times, in one row, and codes: see `_codes`.
-
-    Args:
-        wanted: what of it.
-        numbers: of one lane, of which some are traced, and its times.
-    """
-    dtypes = (*wanted.layout.dtypes, "float64")
-    return _end(wanted, [jnp.asarray(number, dtype) for number, dtype in zip(numbers, dtypes, strict=False)])
 
 
 def traced_solution(lanes: Lanes, wrt: Sequence[str], order: int, rtol: float, ts: Any) -> Solution:
@@ -85,30 +76,20 @@ def traced_solution(lanes: Lanes, wrt: Sequence[str], order: int, rtol: float, t
         ts = jnp.asarray(ts, float)
         if ts.ndim != 1:
             raise ValueError(f"Argument `ts` must be one row of times, but has shape {ts.shape}.")
-    wanted = Wanted(layout, rtol, 0 if ts is None else ts.size)
-    own = [len(numbers) for numbers in wanted.shapes]
+    wanted = Wanted(layout, layout.equations, rtol, 0 if ts is None else ts.size)
     # Where `ts` alone is traced the numbers have one axis of lanes already.
     numbers = [
-        jnp.reshape(number, shape) if np.ndim(number) > ndim and np.shape(number) == (lanes.size,) else number
-        for number, ndim in zip(lanes.numbers, own, strict=False)
+        jnp.reshape(number, shape) if np.shape(number) == (lanes.size,) and own == () else number
+        for number, own in zip(lanes.numbers, layout.shapes, strict=True)
     ]
     lanes = lanes._replace(numbers=numbers)
-
-    def many(wanted: Wanted, numbers: Sequence[Number]) -> tuple[Array, Array]:
-        """The ends of all lanes, each with its numbers."""
-        flat, axes = [], []
-        for number, ndim in zip(numbers, own, strict=False):
-            varies = jnp.ndim(number) > ndim
-            flat.append(jnp.ravel(jnp.broadcast_to(number, shape)) if varies else number)
-            axes.append(0 if varies else None)
-        if all(axis is None for axis in axes):
-            vector, codes = traced_end(wanted, flat)
-            return jnp.broadcast_to(vector, (*shape, vector.size)), jnp.broadcast_to(codes, (*shape, codes.size))
-        vectors, codes = jax.vmap(lambda one: traced_end(wanted, one), (axes,))(flat)
-        return vectors.reshape(*shape, vectors.shape[-1]), codes.reshape(*shape, codes.shape[-1])
-
     rising = [] if ts is None or not wanted.times else [ts[jnp.argsort(ts)]]
-    vector, codes = many(wanted, [*lanes.numbers, *rising])
+    given = []
+    for number, own, dtype in zip([*numbers, *rising], wanted.shapes, (*layout.dtypes, "float64"), strict=False):
+        array = jnp.asarray(number, dtype)
+        given.append(array[None] if array.shape == own else jnp.ravel(jnp.broadcast_to(array, shape)))
+    vector, codes = (jnp.broadcast_to(made, (lanes.size, made.shape[-1])) for made in _ends(wanted, 1, (), given))
+    vector, codes = (made.reshape(*shape, made.shape[-1]) for made in (vector, codes))
     clock = layout.clock(lanes.numbers)
     t0 = jnp.broadcast_to(jnp.asarray(clock.t0), shape)
     vector, at_times = vector[..., : layout.rows], vector[..., layout.rows :]
@@ -117,7 +98,8 @@ def traced_solution(lanes: Lanes, wrt: Sequence[str], order: int, rtol: float, t
     solution = Solution(
         problem=layout.problem, names=layout.end_names, wrt=(), outcome=codes[..., 0], t=t, y=part.y,
         integrals=part.integrals, count=codes[..., 1], trials=codes[..., 2],
-        at_once=named_events(lanes, [codes[..., i] > 0 for i in range(3, codes.shape[-1])]), derivatives={},
+        at_once=named_events(lanes, [codes[..., i] > 0 for i in range(_BESIDE, codes.shape[-1])]), derivatives={},
+        inexact=codes[..., 3] > 0,
         lanes=lanes, rtol=rtol, digest=layout.equations.digest,
     )  # fmt: skip
     if ts is None:
@@ -135,181 +117,37 @@ def _times_of(lanes: Lanes, times: Any, vectors: Array) -> Times:
     return Times(times, of_times.y, of_times.integrals)
 
 
-def _codes(end: LaneEnd) -> list[Any]:
-    """Outcome, number of events, steps tried, and for each event whether it happens at the end."""
+_BESIDE = 4  # codes before those of the events
+
+
+def _codes(end: LaneEnd, rtol: float) -> list[Any]:
+    """Outcome, number of events, steps tried, whether it is inexact, and whether each event happens at the end."""
     count = 0 * end.trials if end.count is None else end.count
-    return [end.outcome, count, end.trials, *end.at_once]
+    return [end.outcome, count, end.trials, np.asarray(end.error) > INEXACT * rtol, *end.at_once]
 
 
-def _solve(wanted: Wanted, numbers: Sequence[Number], order: int, places: _Places) -> Any:
-    """The row of numbers, and codes; or the derivatives along each direction, shape (rows, directions)."""
-    layout, rows = wanted.layout, wanted.rows
-    codes = len(("outcome", "count", "trials")) + (len(layout.event_names) if layout.options.clock else 0)
-    if places:
-        shape: Any = jax.ShapeDtypeStruct((rows, len(places)), np.float64)
-    else:
-        shape = jax.ShapeDtypeStruct((rows,), np.float64), jax.ShapeDtypeStruct((codes,), np.int32)
-    compile_ahead(layout, order, len(places[0]) if places else 0, timed=wanted.times > 0)
-    on_host = _callback(_on_host, layout.equations, wanted, order, places)
-    return jax.pure_callback(on_host, shape, *numbers, vmap_method="expand_dims")
+def _numbers_of_codes(layout: Layout) -> int:
+    return _BESIDE + (len(layout.event_names) if layout.options.clock else 0)
 
 
-@functools.lru_cache(maxsize=512)
-def _callback(function: Callable[..., Any], equations: TracedProblem, *key: Any) -> Callable[..., Any]:
-    """The same object each time, as JAX compiles a program for each; but each problem follows its own code."""
-    return functools.partial(function, *key)
+def traced_end(layout: Layout, rtol: float, numbers: Sequence[Number]) -> Array:
+    """Time since the start and outputs of one lane, of whose numbers some may be traced."""
+    given = [jnp.asarray(number, dtype) for number, dtype in zip(numbers, layout.dtypes, strict=True)]
+    return _ends(Wanted(layout, layout.equations, rtol), 0, (), given)[0]
 
 
-def _on_host(wanted: Wanted, order: int, places: _Places, *given: Number) -> Any:
-    """`_solve` by the batch, for numbers that may have axes of `vmap` before their own."""
-    layout, rtol, *_ = wanted
-    arrays = [np.asarray(number) for number in given]
-    leading = [array.shape[: array.ndim - len(shape)] for array, shape in zip(arrays, wanted.shapes, strict=True)]
-    batch = np.broadcast_shapes(*leading)
-    lanes = math.prod(batch)
-    numbers = [
-        array.reshape(shape)
-        if math.prod(before) == 1
-        else np.broadcast_to(array, (*batch, *shape)).reshape(lanes, *shape)
-        for array, before, shape in zip(arrays, leading, wanted.shapes, strict=True)
-    ]
-    times = numbers.pop() if wanted.times else None
-    if not places:
-        end = integrate(layout, numbers, lanes, 0, (), rtol, times=times)
-        keep(layout, numbers, end, rtol)
-        vector = np.stack(end.quantities.value, -1)
-        if end.saved is not None:
-            vector = np.concatenate([vector, end.saved[:, :, 0].reshape(lanes, -1)], -1)
-        return vector.reshape(*batch, -1), np.stack(_codes(end), -1).astype(np.int32).reshape(*batch, -1)
-    end = integrate_along(layout, numbers, lanes, order, np.array(places, float).T, rtol, times=times)
-    slopes = np.stack(getattr(end.quantities, _KINDS[order]), 1)
-    if times is not None and end.saved is not None:
-        # What comes before a lane's start or after its end is no number, and has no cotangents.
-        t0 = np.reshape(layout.clock(numbers).t0, (-1, 1, 1))
-        outside = (times.reshape(-1, 1, wanted.times) < t0) | ~np.isfinite(end.saved[:, :, :, 0]).all(-1)
-        saved = np.where(outside[..., None], 0.0, end.saved[:, :, :, -1])
-        slopes = np.concatenate([slopes, np.moveaxis(saved, 1, -1).reshape(lanes, -1, len(places))], 1)
-    return slopes.reshape(*batch, -1, len(places))
+def _ends(wanted: Wanted, axes: int, along: _Along, numbers: Sequence[Any]) -> list[Array]:
+    """The row of each lane and its codes; or its derivatives, shape (…, rows) and one axis for each of `along`."""
+    directions = len(_places(along)[0]) if along else 0
+    compile_ahead(wanted.layout, len(along), directions, timed=wanted.times > 0)
+    return _end.bind(*numbers, wanted=wanted, axes=axes, along=along)
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _end(wanted: Wanted, numbers: list[Number]) -> tuple[Array, Array]:
-    return _solve(wanted, numbers, 0, ())
-
-
-@functools.partial(_end.defjvp, symbolic_zeros=True)
-def _end_jvp(wanted: Wanted, primals: _Numbers, tangents: _Numbers) -> Any:
-    (numbers,), (rates,), layout = primals, tangents, wanted.layout
-    moving = _moving(layout, rates)
-    elements, moved = _elements(layout, moving), [jnp.asarray(rates[i]) for i in moving]
-    goes_back = is_worth(layout, len(elements))
-    vector, codes = _end(wanted._replace(layout=layout.wanting(records=goes_back)), numbers)
-    still = np.zeros(codes.shape, jax.dtypes.float0)
-    along = jnp.zeros(wanted.rows)
-    if goes_back:
-        along = _push.bind(*numbers, *moved, wanted=wanted._replace(moving=moving), axes=0)
-    elif elements:
-        along = _slopes(wanted, elements, numbers) @ _flat(0, moved)
-    if _times_move(wanted, rates):
-        along = along + _ending_at_times(wanted, numbers, ())[:, 0] * _of_rows(wanted, rates[-1])
-    return (vector, codes), (along, still)
-
-
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def _slopes(wanted: Wanted, elements: tuple[int, ...], numbers: list[Number]) -> Array:
-    """The row's derivatives by element i for each i of `elements`, shape (rows, elements)."""
-    return _solve(wanted, numbers, 1, tuple((i,) for i in elements))
-
-
-@functools.partial(_slopes.defjvp, symbolic_zeros=True)
-def _slopes_jvp(
-    wanted: Wanted, elements: tuple[int, ...], primals: _Numbers, tangents: _Numbers
-) -> tuple[Array, Array]:
-    (numbers,), (rates,) = primals, tangents
-    moving, slopes = _moving(wanted.layout, rates), _slopes(wanted, elements, numbers)
-    along = jnp.zeros(slopes.shape)
-    if moving:
-        others, moved = _elements(wanted.layout, moving), _flat(0, [jnp.asarray(rates[i]) for i in moving])
-        along = _curvatures(wanted, elements, others, numbers) @ moved
-    if _times_move(wanted, rates):
-        along = along + _ending_at_times(wanted, numbers, elements) * _of_rows(wanted, rates[-1])[:, None]
-    return slopes, along
-
-
-def _times_move(wanted: Wanted, rates: list[PyTree]) -> bool:
-    """Whether the times at which outputs are wanted have tangents."""
-    return wanted.times > 0 and not isinstance(rates[-1], _zero)
-
-
-def _of_rows(wanted: Wanted, rates: Array) -> Array:
-    """What times change by, for each number of a row."""
-    return jnp.concatenate([jnp.zeros(wanted.layout.rows), jnp.repeat(rates, wanted.layout.rows - 1)])
-
-
-def _ending_at_times(wanted: Wanted, numbers: Sequence[Number], elements: tuple[int, ...]) -> Array:
-    """The derivatives of the outputs at times by these, or those of their derivatives by elements; zero for the end.
-
-    They are taken from lanes that end there: a rate at a state of a stiff motion has few digits.
-
-    Args:
-        wanted: of a lane, with times.
-        numbers: of the lane, and its times.
-        elements: none for the outputs themselves.
-
-    Returns:
-        Shape (rows, elements), or (rows, 1) for none.
-    """
-    layout, (*own, times), alone = wanted.layout, numbers, wanted._replace(times=0)
-    clock = layout.clock(own)
-    place = len(own) - len(Clock._fields) + Clock._fields.index("t1")
-    of_t1 = layout.offsets[place]
-
-    def at(time: Array) -> Array:
-        within = (time >= clock.t0) & (time <= clock.t1)
-        ending = [*own[:place], jnp.where(within, time, clock.t1), *own[place + 1 :]]
-        if not elements:
-            slopes = _slopes(alone, (of_t1,), ending)[1:]
-        else:
-            # A given time does not change with the lane's own end.
-            still = np.array([element == of_t1 for element in elements])
-            slopes = jnp.where(still, 0.0, _curvatures(alone, elements, (of_t1,), ending)[1:, :, 0])
-        return jnp.where(within, slopes, 0.0)
-
-    along = jax.vmap(at)(jnp.asarray(times))
-    along = along.reshape(-1, along.shape[-1])
-    return jnp.concatenate([jnp.zeros((layout.rows, along.shape[1])), along])
-
-
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1, 2))
-def _curvatures(wanted: Wanted, elements: tuple[int, ...], others: tuple[int, ...], numbers: list[Number]) -> Array:
-    """∂²/∂(element i)∂(element j), i of `elements` and j of `others`; shape (rows, elements, others)."""
+def _places(along: _Along) -> list[tuple[int, ...]]:
+    """For each derivative the places of one or two elements, see `Variational`."""
     # One direction twice is cheaper than a pair.
-    alone = elements == others and len(elements) == 1
-    pairs = (elements,) if alone else tuple(itertools.product(elements, others))
-    return _solve(wanted, numbers, 2, pairs).reshape(-1, len(elements), len(others))
-
-
-@_curvatures.defjvp
-def _curvatures_jvp(*_: Any) -> NoReturn:
-    raise NotImplementedError("There are derivatives of ends up to the second; the third is not available.")
-
-
-def _moving(layout: Layout, rates: list[PyTree]) -> tuple[int, ...]:
-    """The numbers whose tangents are not zero by construction."""
-    pairs = enumerate(zip(rates, layout.dtypes, strict=False))
-    return tuple(i for i, (rate, dtype) in pairs if dtype == "float64" and not isinstance(rate, _zero))
-
-
-def _elements(layout: Layout, numbers: Sequence[int]) -> tuple[int, ...]:
-    """The elements of some numbers."""
-    return tuple(j for i in numbers for j in range(layout.offsets[i], layout.offsets[i + 1]))
-
-
-# `_push` gives the tangents of time and outputs. It is linear in those of the numbers, and `_pull` is its transpose: so
-# JAX goes forwards in `jvp`, `jacfwd` and `hessian`, and backwards in `grad`, `vjp` and `jacrev`. Both take numbers
-# with axes of `vmap` before their own, each of length 1 where they are the same along it, and `_pull` sums along them.
-_push, _pull = Primitive("erosion_push"), Primitive("erosion_pull")
-_pull.multiple_results = True
+    is_alone = len(along) == 2 and along[0] == along[1] and len(along[0]) == 1
+    return [along[0]] if is_alone else list(itertools.product(*along))
 
 
 def _leading(axes: int, arrays: Sequence[Any]) -> tuple[int, ...]:
@@ -317,16 +155,106 @@ def _leading(axes: int, arrays: Sequence[Any]) -> tuple[int, ...]:
     return np.broadcast_shapes(*(np.shape(array)[:axes] for array in arrays))
 
 
-def _slopes_along(wanted: Wanted, axes: int, numbers: Sequence[Any]) -> Array:
-    """The derivatives forwards, shape (…, rows, elements), of the numbers' own axes of `vmap`."""
-    if axes == 0:
-        return _slopes(wanted._replace(moving=()), _elements(wanted.layout, wanted.moving), list(numbers))
-    varies = [array.shape[0] != 1 for array in numbers]
-    within = functools.partial(_slopes_along, wanted, axes - 1)
-    if not any(varies):
-        return within([array[0] for array in numbers])[None]
-    given = [array if many else array[0] for array, many in zip(numbers, varies, strict=True)]
-    return jax.vmap(within, ([0 if many else None for many in varies],))(given)
+def _shapes_of_ends(*numbers: Any, wanted: Wanted, axes: int, along: _Along) -> list[ShapedArray]:
+    leading = _leading(axes, numbers)
+    if along:
+        return [ShapedArray((*leading, wanted.rows, *map(len, along)), np.dtype(np.float64))]
+    codes = (*leading, _numbers_of_codes(wanted.layout))
+    return [ShapedArray((*leading, wanted.rows), np.dtype(np.float64)), ShapedArray(codes, np.dtype(np.int32))]
+
+
+def _ends_on_host(*given: np.ndarray, wanted: Wanted, axes: int, along: _Along) -> list[np.ndarray]:
+    """`_ends` by the batch."""
+    layout, rtol, batch = wanted.layout, wanted.rtol, _leading(axes, given)
+    lanes = math.prod(batch)
+    numbers = [
+        array.reshape(shape)
+        if math.prod(array.shape[:axes]) == 1
+        else np.broadcast_to(array, (*batch, *shape)).reshape(lanes, *shape)
+        for array, shape in zip(given, wanted.shapes, strict=True)
+    ]
+    times = numbers.pop() if wanted.times else None
+    if not along:
+        end = integrate(layout, numbers, lanes, 0, (), rtol, times=times)
+        keep(layout, numbers, end, rtol)
+        vector = np.stack(end.quantities.value, -1)
+        if end.saved is not None:
+            vector = np.concatenate([vector, end.saved[:, :, 0].reshape(lanes, -1)], -1)
+        codes = np.stack(_codes(end, rtol), -1).astype(np.int32)
+        return [vector.reshape(*batch, -1), codes.reshape(*batch, -1)]
+    places = np.array(_places(along), float).T
+    end = integrate_along(layout, numbers, lanes, len(along), places, rtol, times=times)
+    slopes = np.stack(getattr(end.quantities, _KINDS[len(along)]), 1)
+    if times is not None and end.saved is not None:
+        # What comes before a lane's start or after its end is no number, and has no cotangents.
+        t0 = np.reshape(layout.clock(numbers).t0, (-1, 1, 1))
+        outside = (times.reshape(-1, 1, wanted.times) < t0) | ~np.isfinite(end.saved[:, :, :, 0]).all(-1)
+        saved = np.where(outside[..., None], 0.0, end.saved[:, :, :, -1])
+        slopes = np.concatenate([slopes, np.moveaxis(saved, 1, -1).reshape(lanes, -1, places.shape[1])], 1)
+    return [slopes.reshape(*batch, -1, *map(len, along))]
+
+
+def _ends_jvp(
+    numbers: Sequence[Any], rates: Sequence[Any], *, wanted: Wanted, axes: int, along: _Along
+) -> tuple[list[Any], list[Any]]:
+    """The derivatives forwards, or by `_push` where JAX may go backwards."""
+    if len(along) == 2:
+        raise NotImplementedError("There are derivatives of ends up to the second; the third is not available.")
+    pairs = enumerate(zip(rates, wanted.layout.dtypes, strict=False))
+    moving = tuple(i for i, (rate, dtype) in pairs if dtype == "float64" and type(rate) is not ad.Zero)
+    elements, moved = _elements(wanted.layout, moving), [rates[i] for i in moving]
+    back = not along and is_worth(wanted.layout, len(elements))
+    made = _ends(wanted._replace(layout=wanted.layout.wanting(records=True)) if back else wanted, axes, along, numbers)
+    change = jnp.zeros(made[0].shape)
+    if back:
+        change = _push.bind(*numbers, *moved, wanted=wanted._replace(moving=moving), axes=axes)
+    elif elements:
+        (slopes,) = _ends(wanted, axes, (*along, elements), numbers)
+        change = _product(slopes, _flat(axes, moved), axes)
+    if wanted.times and type(rates[-1]) is not ad.Zero:
+        leading, (rows, *rest) = change.shape[:axes], change.shape[axes:]
+        of_rows = jnp.repeat(jnp.broadcast_to(rates[-1], (*leading, wanted.times)), wanted.layout.rows - 1, axis=-1)
+        of_rows = jnp.concatenate([jnp.zeros((*leading, wanted.layout.rows)), of_rows], axis=-1)
+        slopes = jnp.broadcast_to(_ending_at_times(wanted, axes, along, numbers), (*leading, rows, *rest))
+        change = change + _product(slopes[..., None], of_rows[..., None], axes + 1)
+    return made, [change, *(ad.Zero(ShapedArray(codes.shape, jax.dtypes.float0)) for codes in made[1:])]
+
+
+def _ending_at_times(wanted: Wanted, axes: int, along: _Along, numbers: Sequence[Any]) -> Array:
+    """The derivatives of the outputs at times by these, or those of their derivatives; zero for the end.
+
+    They are taken from lanes that end there: a rate at a state of a stiff motion has few digits.
+
+    Args:
+        wanted: of a lane, with times.
+        axes: of the numbers.
+        along: see `_ends`.
+        numbers: of the lane, and its times.
+
+    Returns:
+        Shape (…, rows) and one axis for each of `along`.
+    """
+    layout, (*own, times) = wanted.layout, [jnp.asarray(number) for number in numbers]
+    place = len(own) - len(Clock._fields) + Clock._fields.index("t1")
+    of_t1 = layout.offsets[place]
+    ending = [jnp.expand_dims(number, axes) for number in own]
+    clock = layout.clock(ending)
+    within = (times >= clock.t0) & (times <= clock.t1)
+    ending[place] = jnp.where(within, times, clock.t1)
+    (slopes,) = _ends(wanted._replace(times=0), axes + 1, (*along, (of_t1,)), ending)
+    slopes = lax.slice_in_dim(slopes[..., 0], 1, None, axis=axes + 1)
+    if along:
+        # A given time does not change with the lane's own end.
+        slopes = jnp.where(np.array([element == of_t1 for element in along[0]]), 0.0, slopes)
+    leading, rest = slopes.shape[:axes], slopes.shape[axes + 2 :]
+    slopes = jnp.where(within.reshape(*within.shape, *[1] * (1 + len(rest))), slopes, 0.0)
+    beginning = jnp.zeros((*leading, layout.rows, *rest))
+    return jnp.concatenate([beginning, slopes.reshape(*leading, -1, *rest)], axis=axes)
+
+
+def _elements(layout: Layout, numbers: Sequence[int]) -> tuple[int, ...]:
+    """The elements of some numbers."""
+    return tuple(j for i in numbers for j in range(layout.offsets[i], layout.offsets[i + 1]))
 
 
 def _flat(axes: int, parts: Sequence[Any]) -> Array:
@@ -339,17 +267,68 @@ def _flat(axes: int, parts: Sequence[Any]) -> Array:
     return jnp.concatenate(flat, axis=-1)
 
 
+def _product(matrix: Array, vector: Array, axes: int) -> Array:
+    """The product along the last axis: what is times zero counts nothing, even where it is NaN, forwards or backwards.
+
+    So a lane without derivatives that a loss leaves out does not spoil the loss's gradient.
+
+    Args:
+        matrix: shape (…, rest, n).
+        vector: shape (…, n).
+        axes: of …, which broadcast.
+    """
+    leading = np.broadcast_shapes(matrix.shape[:axes], vector.shape[:axes])
+    rest, n = matrix.shape[axes:-1], vector.shape[-1]
+    wide = jnp.broadcast_to(matrix, (*leading, *rest, n)).reshape(math.prod(leading), math.prod(rest), n)
+    made = _times.bind(wide, jnp.broadcast_to(vector, (*leading, n)).reshape(math.prod(leading), n))
+    return made.reshape(*leading, *rest)
+
+
+# `_end` integrates. `_push` gives the tangents of time and outputs. It is linear in those of the numbers, and `_pull`
+# is its transpose: so JAX goes forwards in `jvp`, `jacfwd` and `hessian`, and backwards in `grad`, `vjp` and `jacrev`.
+# `_pull` sums along axes of `vmap`. `_times` multiplies matrices (lanes, m, n) by vectors (lanes, n), see `_product`.
+_end, _push, _pull, _times = (Primitive(f"erosion_{name}") for name in ("end", "push", "pull", "times"))
+_end.multiple_results = _pull.multiple_results = True
+
+
+def _multiplied(matrix: Array, vector: Array) -> Array:
+    return jnp.sum(jnp.where(vector[:, None] == 0, 0.0, matrix * vector[:, None]), axis=-1)
+
+
+def _times_jvp(primals: Sequence[Any], rates: Sequence[Any]) -> tuple[Array, Any]:
+    (matrix, vector), (of_matrix, of_vector) = primals, rates
+    change = [] if type(of_matrix) is ad.Zero else [_times.bind(of_matrix, vector)]
+    if type(of_vector) is not ad.Zero:
+        change.append(_times.bind(matrix, of_vector))
+    return _times.bind(matrix, vector), functools.reduce(jnp.add, change)
+
+
+def _times_transposed(bar: Any, matrix: Any, vector: Any) -> list[Any]:
+    if ad.is_undefined_primal(matrix):
+        return [bar[:, :, None] * vector[:, None], None]
+    return [None, _times.bind(jnp.swapaxes(matrix, 1, 2), bar)]
+
+
+def _times_batched(arrays: Sequence[Any], dims: Sequence[Any]) -> tuple[Array, int]:
+    matrix, vector = _batched(arrays, dims)
+    return _product(matrix, vector, 2), 0
+
+
 def _push_forwards(*arrays: Any, wanted: Wanted, axes: int) -> Array:
     numbers, tangents = arrays[: len(wanted.shapes)], arrays[len(wanted.shapes) :]
-    slopes, flat = _slopes_along(wanted, axes, numbers), _flat(axes, tangents)
-    made = jnp.einsum("...re,...e->...r", slopes, flat)
+    made = _product(_slopes_of(wanted, axes, numbers), _flat(axes, tangents), axes)
     return jnp.broadcast_to(made, (*_leading(axes, arrays), wanted.rows))
+
+
+def _slopes_of(wanted: Wanted, axes: int, numbers: Sequence[Any]) -> Array:
+    """The derivatives forwards by what moves, shape (…, rows, elements)."""
+    return _ends(wanted._replace(moving=()), axes, (_elements(wanted.layout, wanted.moving),), numbers)[0]
 
 
 def _pull_forwards(*arrays: Any, wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...]) -> list[Array]:
     """The transpose of `_push_forwards`."""
     *numbers, bars = arrays
-    flat = jnp.einsum("...re,...r->...e", _slopes_along(wanted, axes, numbers), bars)
+    flat = _product(jnp.swapaxes(_slopes_of(wanted, axes, numbers), -1, -2), bars, axes)
     leading, made, first = flat.shape[:-1], [], 0
     for shape in shapes:
         size = math.prod(shape[axes:])
@@ -359,15 +338,11 @@ def _pull_forwards(*arrays: Any, wanted: Wanted, axes: int, shapes: tuple[tuple[
     return made
 
 
-def _pull_back(*arrays: Any, wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...]) -> list[Array]:
-    results = [jax.ShapeDtypeStruct(shape, np.float64) for shape in shapes]
-    on_host = _callback(_pulled_on_host, wanted.layout.equations, wanted, axes, shapes)
-    return jax.pure_callback(on_host, results, *arrays)
-
-
-def _pulled_on_host(wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...], *given: Any) -> list[np.ndarray]:
+def _pulled_on_host(
+    *given: np.ndarray, wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...]
+) -> list[np.ndarray]:
     layout = wanted.layout
-    *numbers, bars = (np.asarray(array) for array in given)
+    *numbers, bars = given
     leading = _leading(axes, [*numbers, bars])
     lanes, asked = math.prod(leading), dict(zip(wanted.moving, shapes, strict=True))
     flat = []
@@ -405,6 +380,13 @@ def _batched(arrays: Sequence[Any], dims: Sequence[int | None]) -> list[Any]:
         jnp.expand_dims(array, 0) if dim is None else jnp.moveaxis(array, dim, 0)
         for array, dim in zip(arrays, dims, strict=True)
     ]
+
+
+def _ends_batched(
+    arrays: Sequence[Any], dims: Sequence[Any], *, wanted: Wanted, axes: int, along: _Along
+) -> tuple[list[Any], list[int]]:
+    made = _end.bind(*_batched(arrays, dims), wanted=wanted, axes=axes + 1, along=along)
+    return made, [0] * len(made)
 
 
 def _push_batched(arrays: Sequence[Any], dims: Sequence[Any], *, wanted: Wanted, axes: int) -> tuple[Any, int]:
@@ -475,37 +457,47 @@ def _pull_transposed(
     return [None] * len(numbers) + [made.sum(same, keepdims=True)]
 
 
-def _define(
-    primitive: Primitive,
-    forwards: Callable[..., Any],
-    shape: Callable[..., Any],
-    batched: Any,
-    jvp: Any,
-    transposed: Any,
-) -> None:
-    primitive.def_abstract_eval(shape)
-    # JAX compiles it where it is called by itself.
-    compiled = functools.lru_cache(256)(lambda params: jax.jit(functools.partial(forwards, **dict(params))))
-    primitive.def_impl(lambda *arrays, **params: compiled(tuple(params.items()))(*arrays))
-    mlir.register_lowering(primitive, mlir.lower_fun(forwards, multiple_results=primitive.multiple_results))
+def _emitted(primitive: Primitive, on_host: Callable[..., list[np.ndarray]]) -> None:
+    """Let a primitive be computed by a function of arrays."""
+
+    def now(*arrays: Any, **params: Any) -> list[Array]:
+        return [jnp.asarray(made) for made in on_host(*map(np.asarray, arrays), **params)]
+
+    def lowered(ctx: mlir.LoweringRuleContext, *arrays: Any, **params: Any) -> Sequence[Any]:
+        call = functools.partial(on_host, **params)
+        takes, gives = cast("list[list[ShapedArray]]", [ctx.avals_in, ctx.avals_out])
+        return mlir.emit_python_callback(ctx, call, None, arrays, takes, gives, has_side_effect=False)[0]
+
+    primitive.def_impl(now)
+    mlir.register_lowering(primitive, lowered)
+
+
+def _composed(primitive: Primitive, function: Callable[..., Any]) -> None:
+    """Let a primitive be computed by others."""
+    primitive.def_impl(function)
+    mlir.register_lowering(primitive, mlir.lower_fun(function, multiple_results=primitive.multiple_results))
+
+
+_emitted(_end, _ends_on_host)
+_emitted(_pull, _pulled_on_host)
+_composed(_push, _push_forwards)
+_composed(_times, _multiplied)
+_end.def_abstract_eval(_shapes_of_ends)
+_push.def_abstract_eval(
+    lambda *arrays, wanted, axes: ShapedArray((*_leading(axes, arrays), wanted.rows), np.dtype(np.float64))
+)
+_pull.def_abstract_eval(
+    lambda *arrays, wanted, axes, shapes: [ShapedArray(shape, np.dtype(np.float64)) for shape in shapes]
+)
+_times.def_abstract_eval(lambda matrix, vector: ShapedArray(matrix.shape[:-1], np.dtype(np.float64)))
+for primitive, batched in (
+    (_end, _ends_batched),
+    (_push, _push_batched),
+    (_pull, _pull_batched),
+    (_times, _times_batched),
+):
     batching.primitive_batchers[primitive] = batched
+for primitive, jvp in ((_end, _ends_jvp), (_push, _push_jvp), (_pull, _pull_jvp), (_times, _times_jvp)):
     ad.primitive_jvps[primitive] = jvp
+for primitive, transposed in ((_push, _push_transposed), (_pull, _pull_transposed), (_times, _times_transposed)):
     ad.primitive_transposes[primitive] = transposed
-
-
-_define(
-    _push,
-    _push_forwards,
-    lambda *arrays, wanted, axes: ShapedArray((*_leading(axes, arrays), wanted.rows), np.dtype(np.float64)),
-    _push_batched,
-    _push_jvp,
-    _push_transposed,
-)
-_define(
-    _pull,
-    _pull_back,
-    lambda *arrays, wanted, axes, shapes: [ShapedArray(shape, np.dtype(np.float64)) for shape in shapes],
-    _pull_batched,
-    _pull_jvp,
-    _pull_transposed,
-)
