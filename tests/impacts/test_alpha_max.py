@@ -124,7 +124,7 @@ def test_an_optimum_is_numbers_by_name():
     assert (numbers["model"], numbers["own_parameters"], numbers["kind"]) == ("rotating", {}, ["jump", "interior"])
     assert numbers["parameters"]["alpha"] == numbers["alpha"] == best.alpha.tolist()
     assert numbers["candidates"][0][0] == dataclasses.asdict(best.candidates[0][0])
-    described = {"own_parameters", "parameters", "units"}
+    described = {"own_parameters", "parameters", "units", "findings"}
     assert set(numbers) - described == set(vars(best)) - {"p", "integrand", "sensitivities"}
 
 

@@ -208,12 +208,12 @@ def test_bad_arguments_are_refused(options, message):
 
 def test_derivatives_have_the_units_of_both():
     several = erosion.impact("linearized", P, derivatives=2, wrt=("alpha", "v0"))
-    units = {row.symbol: row.unit for row in several.rows()[3:]}
+    units = {row[1]: row[3] for row in several.rows()[3:]}
     assert units == {
         "∂V/∂α": "in³/°", "∂V/∂v₀": "in³/(in/s)",
         "∂²V/∂α²": "in³/°²", "∂²V/∂α∂v₀": "in³/°/(in/s)", "∂²V/∂v₀²": "in³/(in/s)²",
     }  # fmt: skip
-    values = {row.symbol: float(row.value) for row in several.rows()[3:]}
+    values = {row[1]: float(row[2]) for row in several.rows()[3:]}
     assert values["∂²V/∂α∂v₀"] == pytest.approx(np.deg2rad(several.d2volume[0, 1]), rel=1e-5, abs=0)
 
 

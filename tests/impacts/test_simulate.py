@@ -354,9 +354,9 @@ def test_a_state_of_a_model_s_own_is_shown_and_drawn() -> None:
     # The heat is the loss of ½ m ẋ².
     lost = 0.5 * one.m * ((one.v0 * np.cos(0.3)) ** 2 - hit.state["vx"] ** 2)
     assert hit.state["heat"] == pytest.approx(float(lost), rel=1e-8)
-    shown = {row.name: row.value for row in cut.rows()}
+    shown = {row[0]: row[2] for row in cut.rows()}
     assert "turn" not in shown
-    assert float(shown["heat"]) == pytest.approx(float(hit.state["heat"]), rel=1e-6)
+    assert float(shown["state heat"]) == pytest.approx(float(hit.state["heat"]), rel=1e-6)
     assert cut.to_dict()["state"]["heat"] == pytest.approx(float(hit.state["heat"]), rel=1e-8)
     assert "nan" not in str(cut)
     lines = [np.asarray(line.get_ydata(), float) for axes in plot_trajectory(cut).axes for line in axes.lines]

@@ -113,7 +113,7 @@ def test_results_say_what_deformation_removes(shell):
     hits = erosion.impact(model, P.replace(alpha=angles))
     expected = np.sin(angles) ** 2 / (2 * energies) * float(P.volume_scale)
     np.testing.assert_allclose(hits.volume_at_contact, expected, rtol=1e-14)
-    assert "volume_at_contact" in {row.name for row in hits.rows()}
+    assert "volume_at_contact" in {row[0] for row in hits.rows()}
     assert erosion.impact("linearized", P).volume_at_contact == 0
     assert hits.to_dict()["units"]["volume_at_contact"] == "in^3"
     result = shell("run --model rotating-deformation --alpha 90deg --json").result

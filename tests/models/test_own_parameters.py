@@ -122,7 +122,7 @@ def test_derivatives_by_friction_are_those_of_the_closed_form():
     assert found.volume == pytest.approx(at(volume), rel=1e-10)
     assert found.dvolume == pytest.approx(at(jax.grad(volume, (0, 1))), rel=1e-8)
     assert found.d2volume == pytest.approx(at(jax.hessian(volume, (0, 1))), rel=1e-7)
-    assert [row.symbol for row in found.rows()[-3:]] == ["∂²V/∂k²", "∂²V/∂k∂μ", "∂²V/∂μ²"]
+    assert [row[1] for row in found.rows()[-3:]] == ["∂²V/∂k²", "∂²V/∂k∂μ", "∂²V/∂μ²"]
     slope = jax.grad(lambda friction: erosion.volume(MODEL.replace(friction=friction), P))(0.2)
     assert slope == pytest.approx(found.dvolume[1, 1], rel=1e-8)
 
@@ -283,8 +283,8 @@ def test_it_has_units_and_a_label_wherever_results_are_shown() -> None:
     assert factor == pytest.approx(0.1129848290276167)  # a pound-force inch in joules
     assert np.allclose(imperial.quantities["work"] * factor, si.quantities["work"], rtol=1e-8)
     assert si.to_dict()["units"]["work"] == "J"
-    row = next(row for row in si.rows() if row.name == "work")
-    assert (row.symbol, row.meaning, row.unit[-1]) == ("W", "work of the target on the tip", "J")
+    row = next(row for row in si.rows() if row[0] == "work")
+    assert (row[1], row[4], row[3][-1]) == ("W", "work of the target on the tip", "J")
     swept = erosion.sweep(WORKING, erosion.TABLE_1.replace(k=1.0).to("si"), alpha=MANY.alpha)
     assert np.array_equal(swept["work"], si.quantities["work"])
     assert swept["work"].attrs == {"long_name": "work of the target on the tip", "symbol": "W", "units": "J"}

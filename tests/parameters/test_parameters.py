@@ -17,6 +17,7 @@ from erosion.models.correlated import per_mass_of
 from erosion.parameters.case_files import CaseFile, Tested as Ranges, with_paths
 from erosion.parameters.per_mass import far_from_tests
 from erosion.parameters.quantities import QUANTITIES, read_quantity
+from erosion.results import render
 from tests.reference import relative_volume
 
 P = erosion.TABLE_1
@@ -254,9 +255,9 @@ def test_the_range_of_tests_holds_the_fits_that_it_rests_on(material, speed):
 def test_without_a_density_there_is_no_mass_loss():
     with pytest.raises(ValueError, match="`density` must be given"):
         erosion.PerMass().erosion_ratio(1.0, GARNET)
-    assert [row.name for row in erosion.PerMass().rows(1e-12, GARNET)] == ["specific_volume"]
-    rows = erosion.PerMass(2700.0, 0.5).rows(GARNET.m * 1e-6, GARNET)
-    assert [(row.value, row.unit) for row in rows] == [("500", "mm³/kg"), ("1.35", "g/kg")]
+    assert [value.name for value in erosion.PerMass().declare(1e-12, GARNET)] == ["specific_volume"]
+    (table,) = render.tables("", erosion.PerMass(2700.0, 0.5).declare(GARNET.m * 1e-6, GARNET))
+    assert [tuple(row[2:4]) for row in table.rows] == [("500", "mm³/kg"), ("1.35", "g/kg")]
 
 
 TARGET = 'target = "aluminium 6061"\n'

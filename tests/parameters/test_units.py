@@ -20,7 +20,8 @@ from erosion.parameters.quantities import (
     _registry,
     ascii_unit,
     conversion_factor,
-    derivative_row,
+    declare_derivative,
+    declare_result,
     derivative_unit,
     has_unit,
     quantity_row,
@@ -28,10 +29,10 @@ from erosion.parameters.quantities import (
     read_dimension,
     read_quantity,
     readable_scale,
-    result_row,
     table_scale,
     unit_name,
 )
+from erosion.results import render
 from erosion.tables.headings import factor
 
 _PRODUCTS = ("mass/time", "1/speed", "stress * time²", "energy/speed/mass flow^2", "[mass] * [length]**2")
@@ -173,11 +174,22 @@ def test_tables_need_fewer_powers_of_ten(dimension, units, largest, number, word
 
 def test_rows_are_in_units_that_people_read() -> None:
     assert quantity_row("alpha", QUANTITIES["alpha"], np.deg2rad(31.7174744), "si")[2:4] == ("31.717", "°")
-    assert result_row("volume", 1.66178821e-9, "si")[2:4] == ("1.66179", "mm³")
-    assert result_row("volume", np.nan, "si")[2:4] == ("nan", "m³")
-    assert result_row("t_c", np.array([1e-6, np.nan, 5e-5]), "si")[2:4] == ("[3] 1 … 50", "µs")
-    mixed = derivative_row("d2volume", 2e-9, [QUANTITIES["alpha"], QUANTITIES["phidot0"]], "si")
-    assert mixed[2:4] == (f"{2 * np.pi / 180:.6g}", "mm³/°/(rad/s)")
+    mixed = declare_derivative("d2volume", 2e-9, [QUANTITIES["alpha"], QUANTITIES["phidot0"]], "si")
+    shown = {
+        declare_result("volume", 1.66178821e-9, "si"): ("1.66179", "mm³"),
+        declare_result("volume", np.nan, "si"): ("nan", "m³"),
+        declare_result("t_c", np.array([1e-6, np.nan, 5e-5]), "si"): ("[3] 1 … 50", "µs"),
+        mixed: (f"{2 * np.pi / 180:.6g}", "mm³/°/(rad/s)"),
+    }
+    for value, words in shown.items():
+        ((row,),) = (table.rows for table in render.tables("", [value]))
+        assert row[2:4] == words
+
+
+def test_values_of_one_unit_share_the_unit_of_a_table_where_they_can() -> None:
+    lengths = [declare_result("max_depth", depth, "si") for depth in (0.0020442, 0.0020196e-2, 1e-9)]
+    (table,) = render.tables("", lengths)
+    assert [row[2:4] for row in table.rows] == [("2.0442", "mm"), ("0.020196", "mm"), ("1", "nm")]
 
 
 @pytest.mark.parametrize(

@@ -145,10 +145,9 @@ from erosion.parameters.quantities import Dimension as Dimension
 from erosion.parameters.quantities import System as System
 from erosion.parameters.quantities import check_system as check_system
 from erosion.parameters.quantities import conversion_factor as conversion_factor
-from erosion.parameters.quantities import quantity_row as quantity_row
+from erosion.parameters.quantities import declare_result as declare_result
 from erosion.parameters.quantities import read_axis as read_axis
 from erosion.parameters.quantities import read_quantity as read_quantity
-from erosion.parameters.quantities import result_row as result_row
 from erosion.parameters.quantities import table_scale as table_scale
 from erosion.parameters.quantities import unit_of as unit_of
 from erosion.plotting.curves import plot_against_correlations as plot_against_correlations
@@ -174,7 +173,6 @@ from erosion.report.page import PARTS as PARTS
 from erosion.report.page import chosen_questions as chosen_questions
 from erosion.report.page import require_folder as require_folder
 from erosion.report.page import write_report as write_report
-from erosion.streams.result import Stream as Stream
 from erosion.streams.stream import StreamInterrupted as StreamInterrupted
 from erosion.streams.stream import StreamOptions as StreamOptions
 from erosion.streams.stream import prepare_stream as prepare_stream

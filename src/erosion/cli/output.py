@@ -16,7 +16,7 @@ from erosion.cli import lazy
 from erosion.cli.errors import InputError, as_options, reading, user_errors, warn
 from erosion.cli.options import MODEL, CaseOptions
 from erosion.parameters import QUANTITIES
-from erosion.results import Finding
+from erosion.results import Declared, Finding, Result, render
 from erosion.version import __version__
 
 _SPACE = "\ue000"  # within a command; of private use, so that no text has it
@@ -102,6 +102,34 @@ class Output:
             if finding is not None and finding not in self.findings:
                 self.findings.append(finding)
                 warn(finding)
+
+    def show(
+        self,
+        result: Result,
+        models: "Mapping[str, lazy.CuttingModel] | None" = None,
+        also: Sequence[Declared] = (),
+        *,
+        title: str = "",
+        varied: Mapping[str, Any] | None = None,
+        sentences: Sequence[str] = (),
+    ) -> None:
+        """Warn of a result's findings, and print it: as a document, or as tables with its conclusions.
+
+        Args:
+            result: what was computed.
+            models: by name, by which models.
+            also: what the verb adds, after the result's own values.
+            title: above the first table, in place of the result's.
+            varied: see `document`.
+            sentences: below the tables, after the conclusions.
+        """
+        self.warn(*result.findings)
+        declared = [*result.declare(), *also]
+        self.document(render.record(declared, has_units=True), models, varied=varied)
+        first, *others = render.tables(title or result.title, declared)
+        for table in (first, *others):
+            last = [*result.conclusions, *sentences] if table is (first, *others)[-1] else []
+            self.table(table.title, table.rows, table.headings, table.numbers, [*table.notes, *last])
 
     def document(
         self,

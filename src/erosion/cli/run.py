@@ -31,7 +31,7 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
-from erosion.results import Finding, from_attribute
+from erosion.results import Columns, Declared, Finding, Scale, Value, from_attribute
 
 
 def run(
@@ -55,23 +55,23 @@ def run(
         trajectory = lazy.path(chosen, p)
         draw(plot, lambda: lazy.plot_trajectory(trajectory))
     output = Output("run", p, options, json=json)
-    output.warn(*trajectory.findings, per_mass.finding(trajectory.volume, p))
+    output.warn(per_mass.finding(trajectory.volume, p))
     if trajectory.dvolume is None or not math.isfinite(trajectory.dvolume):
         output.warn(Finding("no_derivative"))
-    content = trajectory.to_dict()
-    units = content["units"]
-    numbers = {"ended_by": trajectory.ended_by} | {name: content[name] for name in units}
-    output.document(numbers | per_mass.to_dict(trajectory.volume, p), {name: chosen}, units | lazy.PER_MASS_UNITS)
-    at = f"one impact at α = {math.degrees(float(p.alpha)):.6g}°"
-    rows, in_si = trajectory.rows(), trajectory.volume * lazy.conversion_factor("volume", p.units, "si")
-    same = lazy.result_row("volume", in_si, "si")._replace(name="", symbol="", meaning="the same in SI")
-    below = 1 + [row.name for row in rows].index("volume")
-    rows[below:below] = [*[same] * (p.units != "si"), *per_mass.rows(trajectory.volume, p)]
-    output.table(f"{in_full(name, chosen, p.units)}: {at}", rows)
+    output.show(
+        trajectory,
+        {name: chosen},
+        [*per_mass.declare(trajectory.volume, p), *_in_si(trajectory.volume, p.units)],
+        title=f"{in_full(name, chosen, p.units)}: {trajectory.title.partition(': ')[2]}",
+    )
     output.wrote(figure=plot)
 
 
-_AT = ("angle", "", "value", "unit", "kind")
+def _in_si(volume: float, units: "lazy.System") -> list[Value]:
+    """The volume once more, where it is not in SI."""
+    volume *= lazy.conversion_factor("volume", units, "si")
+    same = lazy.declare_result("volume", volume, "si", meaning="removed volume in SI", only="table")
+    return [] if units == "si" else [same]
 
 
 def optimum(
@@ -124,45 +124,32 @@ def optimum(
         if best.ended_by == "failed":
             raise RuntimeError(f"{name}: no impact could be computed, at any angle.")
         draw(plot, lambda: lazy.plot_optimum(best))
-        rates = best.sensitivities if sensitivities else {}
     output = Output("optimum", p, options, json=json)
-    output.warn(*best.findings, per_mass.finding(best.volume, p))
+    output.warn(per_mass.finding(best.volume, p))
     if sensitivities and best.without_sensitivities:
         output.warn(Finding("sensitivities_unknown", numbers={"reason": best.without_sensitivities}))
-    described = ("model", "own_parameters", "parameters", "units")
-    result = {name: value for name, value in best.to_dict().items() if name not in described}
-    result |= per_mass.to_dict(best.volume, p)
-    if rates:
-        result["sensitivities"] = {name: float(rate) for name, rate in rates.items()}
-    output.document(result, {name: chosen}, best.units() | lazy.PER_MASS_UNITS)
-    _show_optimum(output, name, best, per_mass)
-    if sensitivities and not best.without_sensitivities:
-        known, size = lazy.quantities(best.model), lazy.sizes(best.model, best.p)
-        title = "How the angle moves when a parameter grows by its own size, to first order"
-        moves = [lazy.Row(q, known[q].symbol, f"{math.degrees(rate * size[q]):.5g}", "°", known[q].meaning)
-                 for q, rate in best.sensitivities.items()]  # fmt: skip
-        output.table(title, moves, ("parameter", "", "q ∂α/∂q", "unit", "meaning"))
+    title = f"{in_full(name, chosen, p.units)}: {best.title.partition(': ')[2]}"
+    also = [*per_mass.declare(best.volume, p), *(_sensitivities(best) if sensitivities else ())]
+    output.show(best, {name: chosen}, also, title=title)
     output.wrote(figure=plot)
 
 
-def _show_optimum(output: Output, model: str, best: "lazy.Optimum", per_mass: "lazy.PerMass") -> None:
-    extreme = "least" if best.least else "greatest"
-    title = f"{in_full(model, best.model, best.p.units)}: the angle of {extreme} {best.objective}"
-    *rows, certificate = best.rows()
-    output.table(title, [*rows, *per_mass.rows(best.volume, best.p), certificate])
-    value = best.value_row(best.value)
-
-    def line(alpha: float, numbers: list[float], meaning: str) -> lazy.Row:
-        angle = lazy.quantity_row("", lazy.QUANTITIES["alpha"], alpha, best.p.units)
-        values = " → ".join(best.value_row(number).value for number in numbers)
-        return lazy.Row(f"{angle.value}{angle.unit}", "", values, value.unit, meaning)
-
-    others = [line(c.alpha, [c.value], f"{c.kind} {c.side}".strip()) for c in best.candidates[1:]]
-    if others:
-        output.table("Other candidates", others, _AT)
-    jumps = [line(j.alpha, [j.below, j.above], f"{j.ended_below} → {j.ended_above}") for j in best.jumps]
-    if jumps:
-        output.table("Jumps", jumps, _AT)
+def _sensitivities(best: "lazy.Optimum") -> list[Declared]:
+    """How the angle moves with each parameter: by one of its units in JSON, by its own size in a table."""
+    rates = best.sensitivities
+    known, size = lazy.quantities(best.model), lazy.sizes(best.model, best.p)
+    data = Value("sensitivities", [*map(float, rates.values())], labels=[*rates], only="data")
+    if best.without_sensitivities:
+        return [data]
+    moves = [math.degrees(rate * size[q]) for q, rate in rates.items()]
+    columns = [
+        Value("parameter", [*rates]),
+        Value("symbol", [known[q].symbol for q in rates]),
+        Value("move", moves, "q ∂α/∂q", scale=Scale(1.0, "°"), digits=5),
+        Value("meaning", [known[q].meaning for q in rates]),
+    ]
+    title = "How the angle moves when a parameter grows by its own size, to first order"
+    return [data, Columns("moves", title, columns, only="table")]
 
 
 _COMPARISON = {"result": "a comparison of models"}

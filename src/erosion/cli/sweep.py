@@ -37,7 +37,7 @@ from erosion.cli.options import (
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 from erosion.extras import extra
 from erosion.parameters import QUANTITIES
-from erosion.results import Finding, from_attribute
+from erosion.results import Finding, from_attribute, render
 
 
 @contextlib.contextmanager
@@ -264,8 +264,8 @@ def _rows(dataset: Any, summary: dict[str, Any]) -> "list[lazy.Row]":
         lazy.Row("ended_by", "", ", ".join(f"{n:,} {name}" for name, n in summary["ended_by"].items()), ""),
     ]
     for name, meaning in (("volume_least", "least"), ("volume_greatest", "greatest")):
-        row = lazy.result_row("volume", summary[name], dataset.attrs["unit_system"])
-        rows.append(row._replace(meaning=f"{meaning} {row.meaning}"))
+        value = lazy.declare_result("volume", summary[name], dataset.attrs["unit_system"])
+        rows += map(lazy.Row._make, render.tables("", [value.but(meaning=f"{meaning} {value.meaning}")])[0].rows)
     return rows
 
 
@@ -325,19 +325,8 @@ def stream(
             result = dataclasses.replace(job.run(progress), per_mass=per_mass)
     except lazy.StreamInterrupted as interrupted:
         if interrupted.partial is not None:
-            _show_stream(dataclasses.replace(interrupted.partial, per_mass=per_mass), jet.name, printed)
+            partial = dataclasses.replace(interrupted.partial, per_mass=per_mass)
+            printed.show(partial, {jet.name: partial.model}, varied=partial.laws_in_words())
         raise
     draw(plot, lambda: lazy.plot_stream(result))
-    _show_stream(result, jet.name, printed)
-
-
-def _show_stream(result: "lazy.Stream", name: str, output: Output) -> None:
-    output.warn(*result.findings)
-    described = ("model", "own_parameters", "parameters", "laws", "units")
-    content = result.to_dict()
-    numbers = {name: value for name, value in content.items() if name not in described}
-    units = content["units"] | dict.fromkeys(("quantiles",), content["units"]["mean_volume"])
-    if "alpha_max" in units:
-        units["alpha_max_interval"] = units["alpha_max"]
-    output.document(numbers, {name: result.model}, units, result.laws_in_words())
-    output.table(result.title, result.rows())
+    printed.show(result, {jet.name: result.model}, varied=result.laws_in_words())

@@ -7,7 +7,7 @@ are the others, in the order of `OTHER_ENDS`.
 import dataclasses
 import functools
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import jax
@@ -44,21 +44,18 @@ from erosion.ode.solve import solution
 from erosion.ode.step_control import LONGEST, require_float64
 from erosion.ode.traced import traced_end
 from erosion.ode.variational import Clock, Derivatives, Layout, Options
-from erosion.output import Record, Row, abbreviate, briefly, format_number, to_plain
+from erosion.output import Record, briefly, largest_of
 from erosion.parameters import (
     QUANTITIES,
-    RESULTS,
     TABLE_1,
     Parameters,
     System,
-    contact_rows,
-    derivative_row,
-    quantity_row,
+    declare_derivative,
+    declare_result,
     require_concrete,
-    result_row,
     validate,
 )
-from erosion.results import Result
+from erosion.results import Result, Value
 
 _NAMES = tuple(QUANTITIES)
 
@@ -208,7 +205,7 @@ def _tip_program(layout: Layout, structure: Structure) -> Lanewise:
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Impact(Result):
     """Results of a batch of impacts; every array has the broadcast shape of the parameters.
 
@@ -303,35 +300,37 @@ class Impact(Result):
                 missing |= np.isnan(part).any(axis=tuple(range(np.ndim(self.volume), np.ndim(part))))
         return (missing & np.isfinite(self.volume))[()]
 
-    def rows(self) -> list[Row]:
-        """The results as rows of a table."""
-        rows = [result_row("t_c", self.t_c, self.p.units), Row("ended_by", "", format_number(self.ended_by), "", "")]
-        rows.append(result_row("volume", self.volume, self.p.units))
-        rows += contact_rows(self.volume_at_contact, self.p.units)
-        own = own_quantities(type(self.model))
-        rows += [quantity_row(name, own[name], value, self.p.units) for name, value in self.quantities.items()]
-        if np.any(self.no_derivatives):
-            share = f"{np.sum(self.no_derivatives):,} of {np.size(self.no_derivatives):,}"
-            rows.append(Row("no_derivatives", "", share, "", NO_DERIVATIVES))
-        if self.wrt == "alpha":
-            derivatives = {"dvolume": self.dvolume, "d2volume": self.d2volume}
-            return rows + [
-                result_row(name, value, self.p.units) for name, value in derivatives.items() if value is not None
-            ]
-        names = (self.wrt,) if isinstance(self.wrt, str) else self.wrt
-        known = quantities(self.model)
+    def declare(self) -> list[Value]:
+        """Times, outcomes, volumes, the quantities of the model's own, and derivatives."""
+        units, own, at_contact = self.p.units, own_quantities(type(self.model)), self.volume_at_contact
+        lost = bool(np.any(self.no_derivatives))
+        return [
+            declare_result("t_c", self.t_c, units),
+            Value("ended_by", self.ended_by, meaning="how the cut ends"),
+            declare_result("volume", self.volume, units),
+            declare_result("volume_at_contact", at_contact, units, only="" if largest_of(at_contact) else "data"),
+            *(own[name].declare(name, value, units) for name, value in self.quantities.items()),
+            *([Value("no_derivatives", self.no_derivatives, meaning=NO_DERIVATIVES)] if lost else []),
+            *self._derivatives(),
+        ]
+
+    def _derivatives(self) -> Iterator[Value]:
+        """The derivatives by angle; those by other parameters a row each in tables, and together in data."""
+        units, names, known = self.p.units, self.wrt, quantities(self.model)
+        yield Value("wrt", self.wrt if isinstance(self.wrt, str) else [*self.wrt], only="data")
         for name, value, order in (("dvolume", self.dvolume, 1), ("d2volume", self.d2volume, 2)):
             if value is None:
                 continue
+            if self.wrt == "alpha":
+                yield declare_result(name, value, units)
+                continue
+            if isinstance(self.wrt, str):
+                yield declare_derivative(name, value, [known[self.wrt]] * order, units)
+                continue
+            yield Value(name, value, only="data")
             for index in itertools.combinations_with_replacement(range(len(names)), order):
-                part = value if isinstance(self.wrt, str) else value[(..., *index)]
-                rows.append(derivative_row(name, part, [known[names[i]] for i in index], self.p.units))
-        return rows
-
-    def __repr__(self) -> str:
-        names = ("t_c", "ended_by", "volume", "dvolume", "d2volume")
-        values = [f"{name}={abbreviate(v)}" for name in names if (v := getattr(self, name)) is not None]
-        return f"Impact({model_name(self.model)!r}, {', '.join(values)}, wrt={self.wrt!r}, p={self.p!r})"
+                by = [known[names[i]] for i in index]
+                yield declare_derivative(name, value[(..., *index)], by, units).but(only="table")
 
     @property
     def title(self) -> str:
@@ -339,13 +338,10 @@ class Impact(Result):
         count = np.size(self.volume)
         return f"{model_name(self.model)}: {count:,} impact{'s' * (count != 1)}"
 
-    def to_dict(self) -> Record:
-        """Model and case, times, volumes, derivatives and outcomes, and the units of times and volumes."""
-        names = ("t_c", "volume", "volume_at_contact", "dvolume", "d2volume", "ended_by", "wrt")
-        numbers = {name: value for name in names if (value := getattr(self, name)) is not None} | dict(self.quantities)
-        units = {name: RESULTS[name].unit(self.p.units) for name in ("t_c", "volume", "volume_at_contact")}
-        units |= {name: quantity.unit(self.p.units) for name, quantity in own_quantities(type(self.model)).items()}
-        return impact_to_dict(self.model, self.p) | to_plain({**numbers, "units": units})
+    @property
+    def subject(self) -> Record:
+        """The model and the case."""
+        return impact_to_dict(self.model, self.p)
 
 
 def impact(

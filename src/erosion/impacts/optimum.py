@@ -15,6 +15,7 @@ import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -38,20 +39,19 @@ from erosion.models import (
 )
 from erosion.ode.maxima import ASIDE as ASIDE, TIGHT, Maxima, searched
 from erosion.ode.step_control import require_float64
-from erosion.output import Record, Row, briefly, format_number, largest_of, to_plain
+from erosion.output import Record, briefly
 from erosion.parameters import (
-    DIGITS,
     QUANTITIES,
     RESULTS,
     STEEPEST,
     Parameters,
-    quantity_row,
+    Quantity,
+    System,
+    declare_result,
     require_parameters,
-    result_row,
-    table_scale,
     validate,
 )
-from erosion.results import Finding, Result, found
+from erosion.results import Columns, Declare, Declared, Finding, Result, Value, found
 
 _HAIR = 1e-8  # of the first speed into the depth
 
@@ -123,7 +123,7 @@ _NO_RATES = {
 _DISTANCES = 1e-7, 4e-7, 16e-7  # rad, from a jump or a kink; a quotient at it is continued from these
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Optimum(Result):
     """The angle of attack at which an objective is greatest (or least).
 
@@ -235,54 +235,67 @@ class Optimum(Result):
         """The model and what is greatest or least."""
         return f"{model_name(self.model)}: the angle of {'least' if self.least else 'greatest'} {self.objective}"
 
-    def rows(self) -> list[Row]:
-        """The answer as rows of a table."""
-        angle = quantity_row("", QUANTITIES["alpha"], self.alpha, self.p.units)
-        rows = [
-            angle._replace(name="alpha_min" if self.least else "alpha_max", meaning="angle of attack, of this model"),
-            Row("kind", "", format_number(self.kind), "", "" if np.ndim(self.kind) else self._kind_explained()),
-            Row("ended_by", "", format_number(self.ended_by), "", "how the cut ends there"),
-            result_row("volume", self.volume, self.p.units),
+    @property
+    def subject(self) -> Record:
+        """The model and the case."""
+        return impact_to_dict(self.model, self.p)
+
+    @property
+    def measure(self) -> Quantity:
+        """What the objective is."""
+        return RESULTS[MEASURES[self.objective]] if self.objective in MEASURES else Quantity("", self.objective, "1")
+
+    def declare(self) -> list[Declared]:
+        """The answer with every rival, but not the sensitivities, which take longer."""
+        units, known, angle, turn = self.p.units, self.measure, QUANTITIES["alpha"], self.turn
+        slope, bend = (f"{known.unit(units)}/rad{power}" for power in ("", "^2"))
+        symbol, is_volume = "α_min" if self.least else "α_max", self.objective == "volume"
+        certified = Finding("not_certified").text if not np.all(self.certified) else "the search resolved all angles"
+        return [
+            Value("objective", self.objective, only="data"),
+            Value("least", self.least, only="data"),
+            angle.declare("alpha", self.alpha, units, symbol=symbol, meaning="angle of attack, of this model"),
+            angle.declare("low", self.low, units, only="data"),
+            angle.declare("high", self.high, units, only="data"),
+            Value("kind", self.kind, meaning="" if np.ndim(self.kind) else self._kind_explained()),
+            Value("ended_by", self.ended_by, meaning="how the cut ends there"),
+            declare_result("volume", self.volume, units),
+            known.declare("value", self.value, units, only="data" if is_volume else ""),
+            declare_result("turn", turn, units, only="data" if np.all(np.isnan(turn)) else ""),
+            Value(
+                "turned_beyond", self.turned_beyond, meaning=BEYOND, only="" if np.any(self.turned_beyond) else "data"
+            ),
+            Value("side", self.side, only="data"),
+            Value("attained", self.attained, only="data"),
+            Value("dvolume", self.dvolume, unit=slope, only="data"),
+            Value("d2volume", self.d2volume, unit=bend, only="data"),
+            angle.declare("max_turn", self.max_turn, units, only="data"),
+            Value("iterations", self.iterations, only="data"),
+            Value("certified", self.certified, meaning=certified),
+            *self._rivals(slope, bend),
         ]
-        if self.objective != "volume":
-            rows.append(self.value_row(self.value))
-        if not np.all(np.isnan(self.turn)):
-            rows.append(result_row("turn", self.turn, self.p.units))
-        if beyond := int(np.sum(self.turned_beyond)):
-            share = f"{beyond:,} of {np.size(self.turned_beyond):,}" if np.ndim(self.turned_beyond) else "yes"
-            rows.append(Row("turned_beyond", "", share, "", BEYOND))
-        count, size = int(np.sum(self.certified)), np.size(self.certified)
-        share = f"{count:,} of {size:,}" if np.ndim(self.certified) else "yes" if count else "no"
-        meaning = Finding("not_certified").text if count < size else "the search resolved all angles"
-        return [*rows, Row("certified", "", share, "", meaning)]
 
-    def to_dict(self) -> Record:
-        """Model, parameters and every field, without the sensitivities, which take longer."""
-        described = ("model", "p", "integrand")
-        names = [field.name for field in dataclasses.fields(self) if field.name not in described]
-        content = {name: getattr(self, name) for name in (*names, "turn", "turned_beyond")} | {"units": self.units()}
-        return impact_to_dict(self.model, self.p) | to_plain(content)
-
-    def units(self) -> dict[str, str]:
-        """Unit by name of the numbers of `to_dict`, those of candidates, jumps and regimes too."""
-        angle, volume = (RESULTS[name].unit(self.p.units) for name in ("alpha_max", "volume"))
-        value = RESULTS[MEASURES[self.objective]].unit(self.p.units) if self.objective in MEASURES else "1"
-        return {
-            **dict.fromkeys(("alpha", "low", "high", "max_turn", "turn"), angle),
-            "volume": volume,
+    def _rivals(self, slope: str, bend: str) -> list[Declared]:
+        """The candidates, jumps and regimes; of many optima a tuple of each for every one."""
+        rivals = {"candidates": self.candidates, "jumps": self.jumps, "regimes": self.regimes}
+        if np.ndim(self.kind):
+            return [Value(name, each, only="data") for name, each in rivals.items()]
+        angle, value = (
+            functools.partial(_declared, each, self.p.units) for each in (QUANTITIES["alpha"], self.measure)
+        )
+        known: dict[str, Declare] = {
+            **dict.fromkeys(("alpha", "low", "high"), angle),
             **dict.fromkeys(("value", "below", "above"), value),
-            **dict.fromkeys(("dvolume", "dvalue"), f"{value}/{angle}"),
-            **dict.fromkeys(("d2volume", "d2value"), f"{value}/{angle}^2"),
+            "dvalue": lambda name, numbers: Value(name, numbers, unit=slope),
+            "d2value": lambda name, numbers: Value(name, numbers, unit=bend),
         }
-
-    def value_row(self, value: PerImpact) -> Row:
-        """A value of the objective as a table row, in the unit of the greatest one."""
-        if self.objective not in MEASURES:
-            return Row("value", "", format_number(value, DIGITS), "", self.objective)
-        name = MEASURES[self.objective]
-        scale = table_scale(RESULTS[name].dimension, self.p.units, largest_of(self.value))
-        row = result_row(name, value, self.p.units)
-        return row._replace(value=format_number(value, DIGITS, scale.size), unit=scale.unit)
+        hidden = ("low", "high", "attained", "dvalue", "d2value", "steps")
+        return [
+            Columns.of("candidates", "", self.candidates, known, only="data"),
+            Columns.of("others", "Other candidates", self.candidates[1:], known, hidden, only="table"),
+            Columns.of("jumps", "Jumps", self.jumps, known),
+            Columns.of("regimes", "", self.regimes, known, only="data"),
+        ]
 
     def _kind_explained(self) -> str:
         if self.kind == "jump":
@@ -293,9 +306,15 @@ class Optimum(Result):
         if self.kind == "boundary":
             return "an end of the range" if self.attained else "approached as α → 0, not reached"
         if self.kind == "plateau":
-            low, high = (quantity_row("", QUANTITIES["alpha"], end, self.p.units) for end in (self.low, self.high))
-            return f"the same from {low.value}{low.unit} to {high.value}{high.unit}"
+            low, high = (f"{math.degrees(end):.5g}°" for end in (self.low, self.high))
+            return f"the same from {low} to {high}"
         return {"interior": "dV/dα = 0", "unresolved": "the greatest value that was computed"}.get(str(self.kind), "")
+
+
+def _declared(quantity: Quantity, units: System, name: str, numbers: Any) -> Value:
+    """A column of the quantity, named as its field is."""
+    symbol = quantity.symbol if name in ("alpha", "value") else ""
+    return quantity.declare(name, numbers, units, symbol=symbol)
 
 
 def alpha_max(

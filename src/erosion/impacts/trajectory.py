@@ -39,9 +39,9 @@ from erosion.ode.batch import integrate
 from erosion.ode.ensemble import path_of
 from erosion.ode.step_control import LONGEST, require_float64, require_xla
 from erosion.ode.variational import Clock
-from erosion.output import Record, Row, abbreviate, briefly, format_number, to_plain
-from erosion.parameters import RESULTS, Parameters, contact_rows, result_row, validate
-from erosion.results import Finding, Result
+from erosion.output import Record, briefly
+from erosion.parameters import Parameters, declare_result, validate
+from erosion.results import Finding, Result, Value
 
 TURNED_BEYOND = "turned_beyond"
 """The code of the finding on a body that turned by more than 90°."""
@@ -55,7 +55,7 @@ class TurnWarning(UserWarning):
     """The body turned so far that "the tip" is no longer one."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Trajectory(Result):
     """One cut from contact to its end.
 
@@ -183,55 +183,37 @@ class Trajectory(Result):
         greatest = np.abs(self.phi - self.phi[0]).max() if isinstance(self.states, State) else 0.0
         return None if greatest <= np.pi / 2 else Finding(TURNED_BEYOND, numbers={"turn": greatest})
 
-    def rows(self) -> list[Row]:
-        """The results as rows of a table."""
+    def declare(self) -> list[Value]:
+        """When and how the cut ends, and what it removes; of a model with a state of its own its parts at the end."""
+        at_contact, units = self.volume_at_contact, self.p.units
+        is_rigid = isinstance(self.states, State)
+        state = self._own_state()
         return [
-            result_row("t_c", self.t_c, self.p.units),
-            Row("ended_by", "", self.ended_by, "", "how the cut ends"),
-            result_row("volume", self.volume, self.p.units),
-            *contact_rows(self.volume_at_contact, self.p.units),
-            *([] if self.dvolume is None else [result_row("dvolume", self.dvolume, self.p.units)]),
-            result_row("max_depth", self.max_depth, self.p.units),
-            *([result_row("turn", self.turn, self.p.units)] if isinstance(self.states, State) else []),
-            *(
-                Row(name, "", format_number(number), "", "of the model's own state, at the end")
-                for name, number in self._own_state().items()
-            ),
-        ]
+            declare_result("t_c", self.t_c, units),
+            Value("ended_by", self.ended_by, meaning="how the cut ends"),
+            declare_result("volume", self.volume, units),
+            declare_result("volume_at_contact", at_contact, units, only="" if at_contact else "data"),
+            declare_result("dvolume", self.dvolume, units),
+            declare_result("max_depth", self.max_depth, units),
+            *([declare_result("turn", self.turn, units)] if is_rigid else []),
+            *([Value("state", [*state.values()], meaning="of the model's own state, at the end", labels=[*state])]
+              if state else []),
+        ]  # fmt: skip
 
     def _own_state(self) -> dict[str, np.ndarray]:
         """Each part of a state of the model's own, at the end; none of a rigid body."""
         parts = [] if isinstance(self.states, State) else jax.tree_util.tree_flatten_with_path(self.states)[0]
         return {".".join(path_of(keys)) or "state": values[-1] for keys, values in parts}
 
-    def __repr__(self) -> str:
-        return (
-            f"Trajectory({model_name(self.model)!r}, {len(self.t)} points, t_c={abbreviate(self.t_c)}, "
-            f"ended_by={self.ended_by!r}, volume={abbreviate(self.volume)}, p={self.p!r})"
-        )
-
     @property
     def title(self) -> str:
         """The model and the angle of attack."""
         return f"{model_name(self.model)}: one impact at α = {np.rad2deg(float(self.p.alpha)):.6g}°"
 
-    def to_dict(self) -> Record:
-        """Model and case, how the cut ends and what it removes, and the units; without the histories.
-
-        A model with a state of its own has its parts at the end, by name, in place of the turn.
-        """
-        is_rigid = isinstance(self.states, State)
-        names = ("t_c", "volume", "volume_at_contact", "dvolume", "max_depth", *(["turn"] if is_rigid else []))
-        numbers = {name: getattr(self, name) for name in names}
-        units = {name: RESULTS[name].unit(self.p.units) for name in names}
-        numbers |= {} if is_rigid else {"state": self._own_state()}
-        content = {
-            **numbers,
-            "ended_by": self.ended_by,
-            "units": units,
-            "findings": [finding.to_dict() for finding in self.findings],
-        }
-        return impact_to_dict(self.model, self.p) | to_plain(content)
+    @property
+    def subject(self) -> Record:
+        """The model and the case."""
+        return impact_to_dict(self.model, self.p)
 
     def _body(self) -> State:
         if not isinstance(self.states, State):

@@ -37,7 +37,7 @@ class Row(NamedTuple):
     meaning: str = ""
 
 
-def _is_traced(value: Any) -> bool:
+def is_traced(value: Any) -> bool:
     """Whether JAX is tracing the value; nothing is where JAX isn't loaded."""
     jax = sys.modules.get("jax")
     return jax is not None and isinstance(value, jax.core.Tracer)
@@ -51,7 +51,7 @@ def format_number(value: Any, digits: int = 10, size: float = 1.0) -> str:
         digits: significant digits.
         size: of the unit in which numbers are shown.
     """
-    if _is_traced(value):
+    if is_traced(value):
         return f"traced{list(np.shape(value))}"
     array = np.asarray(value)
     if array.dtype.kind in "US":
@@ -71,7 +71,7 @@ def format_number(value: Any, digits: int = 10, size: float = 1.0) -> str:
 
 def largest_of(value: object) -> float:
     """The greatest magnitude of a number or an array; 0 where there is none."""
-    if _is_traced(value):
+    if is_traced(value):
         return 0.0
     magnitudes = np.abs(np.asarray(value, dtype=float))
     return float(np.max(magnitudes, where=np.isfinite(magnitudes), initial=0.0))
@@ -90,7 +90,7 @@ def with_error(value: float, error: float, size: float = 1.0) -> str:
 
 def abbreviate(value: object) -> str:
     """A number so that Python reads the same one back, text in quotes, an array as its shape and range."""
-    if _is_traced(value) or np.asarray(value).ndim:
+    if is_traced(value) or np.asarray(value).ndim:
         return f"<{format_number(value, 6)}>"
     number = np.asarray(value)
     if number.dtype.kind in "US":

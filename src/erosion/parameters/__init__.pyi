@@ -3,11 +3,10 @@
 from erosion.parameters.quantities import about as about
 from erosion.parameters.quantities import ascii_unit as ascii_unit
 from erosion.parameters.quantities import check_system as check_system
-from erosion.parameters.quantities import contact_rows as contact_rows
 from erosion.parameters.quantities import conversion_factor as conversion_factor
-from erosion.parameters.quantities import derivative_row as derivative_row
+from erosion.parameters.quantities import declare_derivative as declare_derivative
+from erosion.parameters.quantities import declare_result as declare_result
 from erosion.parameters.quantities import derivative_unit as derivative_unit
-from erosion.parameters.quantities import DIGITS as DIGITS
 from erosion.parameters.quantities import Dimension as Dimension
 from erosion.parameters.quantities import example as example
 from erosion.parameters.quantities import has_unit as has_unit
@@ -19,7 +18,6 @@ from erosion.parameters.quantities import QUARTER_DEGREES as QUARTER_DEGREES
 from erosion.parameters.quantities import read_dimension as read_dimension
 from erosion.parameters.quantities import read_quantity as read_quantity
 from erosion.parameters.quantities import readable_scale as readable_scale
-from erosion.parameters.quantities import result_row as result_row
 from erosion.parameters.quantities import RESULTS as RESULTS
 from erosion.parameters.quantities import Scale as Scale
 from erosion.parameters.quantities import STEEPEST as STEEPEST

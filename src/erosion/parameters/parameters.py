@@ -20,7 +20,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from erosion.arguments import Broadcast, check_scalars, check_unmasked
-from erosion.output.tables import Row, abbreviate, briefly
+from erosion.output.tables import abbreviate, briefly
 from erosion.parameters.materials import (
     Particle,
     Target,
@@ -35,10 +35,9 @@ from erosion.parameters.quantities import (
     about,
     check_system,
     conversion_factor,
-    quantity_row,
     read_quantity,
 )
-from erosion.results import Finding, Result
+from erosion.results import Finding, Result, Value
 
 if TYPE_CHECKING:
     Leaf = Any  # numbers, lists and arrays come in; what is kept is an array, or JAX's stand-in for one
@@ -244,9 +243,9 @@ class Parameters(Result, eqx.Module):
         """What the table shows."""
         return f"Parameters ({self.units})"
 
-    def rows(self) -> list[Row]:
-        """Name, symbol, value, unit and meaning of each field, for tables."""
-        return [quantity_row(name, quantity, getattr(self, name), self.units) for name, quantity in QUANTITIES.items()]
+    def declare(self) -> list[Value]:
+        """Each field."""
+        return [quantity.declare(name, getattr(self, name), self.units) for name, quantity in QUANTITIES.items()]
 
 
 def warn_of_size(p: Parameters, before: Parameters | None = None) -> None:

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from erosion.arguments import PerImpact
-from erosion.output.tables import Row, briefly, format_number
+from erosion.output.tables import briefly
 from erosion.parameters.materials import target
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import DIGITS, RESULTS, Scale, conversion_factor, has_unit, read_quantity
-from erosion.results import Finding
+from erosion.parameters.quantities import RESULTS, Scale, conversion_factor, has_unit, read_quantity
+from erosion.results import Finding, Value
 
 PER_MASS_SCALES: Mapping[str, Scale] = types.MappingProxyType(
     {"specific_volume": Scale(1e-9, "mm³/kg"), "erosion_ratio": Scale(1e-3, "g/kg")}
@@ -99,14 +99,15 @@ class PerMass:
             raise ValueError("Argument `density` must be given for a mass loss, but is None.")
         return self.density * self.specific_volume(volume, p)
 
-    def rows(self, volume: Any, p: Parameters) -> list[Row]:
-        """Volume and, where the density is known, mass per mass of abrasive, as table rows in mm³/kg and g/kg."""
-        is_beyond, scales = self.is_beyond_tests(volume, p), PER_MASS_SCALES
+    def declare(self, volume: Any, p: Parameters) -> list[Value]:
+        """Volume and, where the density is known, mass per mass of abrasive; in tables in mm³/kg and g/kg."""
+        is_beyond = self.is_beyond_tests(volume, p)
         return [
-            Row(name, RESULTS[name].symbol, format_number(value, DIGITS, scales[name].size), scales[name].unit,
-                self.meaning_of(name, is_beyond=is_beyond))
+            RESULTS[name].declare(
+                name, value, "si", scale=PER_MASS_SCALES[name], meaning=self.meaning_of(name, is_beyond=is_beyond)
+            )
             for name, value in self.to_dict(volume, p).items()
-        ]  # fmt: skip
+        ]
 
     def meaning_of(self, name: str, *, is_beyond: bool = False) -> str:
         """What a result per mass of abrasive is, the share of the particles that cut, and the mark beyond tests."""

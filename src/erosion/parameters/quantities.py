@@ -19,11 +19,12 @@ import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from erosion.output.tables import Row, briefly, format_number, largest_of
+from erosion.results import Scale as Scale, Value
 
 Named = Literal[
     "1", "length", "area", "volume", "mass", "time", "speed", "stress", "angle", "angular speed",
@@ -329,19 +330,6 @@ def _registry() -> "pint.UnitRegistry":
     return registry
 
 
-class Scale(NamedTuple):
-    """A unit that makes numbers readable: the number in the base unit, divided by `size`, is the number in `unit`."""
-
-    size: float
-    unit: str
-
-    def beside(self, number: str) -> str:
-        """A number in this unit, with it: "30 m/s", "40°", "(3.1 ± 2.5)·10⁻⁷ in³"."""
-        if self.unit.startswith("10"):
-            return f"({number})·{self.unit}" if "±" in number else f"{number}·{self.unit}"
-        return f"{number} {self.unit}".rstrip().replace(" °", "°")
-
-
 _DEGREE = math.pi / 180
 _POUND = 0.45359237 / conversion_factor("mass", "inch-pound", "si")  # lb in slinch
 
@@ -466,6 +454,13 @@ class Quantity:
         scale = Scale(1.0, self.fixed) if self.fixed else table_scale(self.dimension, units, abs(value))
         return scale.beside(f"{value / scale.size:.{digits}g}")
 
+    def declare(self, name: str, value: Any, units: System, **more: Any) -> Value:
+        """A number of it, in the units of `units`, for a result; `more` are other fields of the `Value`."""
+        scale = Scale(1.0, self.fixed) if self.fixed else functools.partial(table_scale, self.dimension, units)
+        digits = ANGLE_DIGITS if self.dimension == "angle" else DIGITS
+        usual = {"symbol": self.symbol, "meaning": self.meaning, "scale": scale, "digits": digits}
+        return Value(name, value, **{**usual, "unit": self.unit(units), **more})
+
     def attributes(self, units: System) -> dict[str, str]:
         """The same as attributes of a labelled array, in the words of the CF conventions."""
         return {"long_name": self.meaning, "symbol": self.symbol, "units": self.unit(units)}
@@ -529,29 +524,24 @@ def quantity_row(name: str, quantity: Quantity, value: object, units: System) ->
     return Row(name, quantity.symbol, format_number(value, digits, scale.size), scale.unit, quantity.meaning)
 
 
-def result_row(name: str, value: object, units: System) -> Row:
-    """One result as a table row."""
-    return quantity_row(name, RESULTS[name], value, units)
+def declare_result(name: str, value: Any, units: System, **more: Any) -> Value:
+    """One of `RESULTS`; see `Quantity.declare`."""
+    return RESULTS[name].declare(name, value, units, **more)
 
 
-def contact_rows(volume: object, units: System) -> list[Row]:
-    """The volume removed at contact as a table row; no row where it is zero."""
-    return [result_row("volume_at_contact", volume, units)] if largest_of(volume) else []
-
-
-def derivative_row(name: str, value: object, by: Sequence[Quantity], units: System) -> Row:
-    """The volume's derivative with respect to one or two parameters as a table row; per degree, not per radian."""
+def declare_derivative(name: str, value: Any, by: Sequence[Quantity], units: System) -> Value:
+    """The volume's derivative with respect to one or two parameters; in tables per degree, not per radian."""
     same = len(by) == 2 and by[0] == by[1]
     power = "²" if len(by) == 2 else ""
     below = f"∂{by[0].symbol}²" if same else "".join(f"∂{quantity.symbol}" for quantity in by)
     unit = derivative_unit(RESULTS["volume"].dimension, [quantity.dimension for quantity in by], units)
-    angles = sum(quantity.dimension == "angle" for quantity in by)
+    exact, angles = ascii_unit(unit), sum(quantity.dimension == "angle" for quantity in by)
     size = 1 / readable_scale("angle", units, 1.0).size ** angles
     unit = re.sub(r"/rad(²?)(?=/|$)", r"/°\1", unit)
     if units == "si":
         size, unit = size * 1e-9, unit.replace("m³", "mm³", 1)
     meaning = "change of volume with " + " and ".join(dict.fromkeys(quantity.meaning for quantity in by))
-    return Row(name, f"∂{power}V/{below}", format_number(value, DIGITS, size), unit, meaning)
+    return Value(name, value, f"∂{power}V/{below}", meaning, exact, Scale(size, unit))
 
 
 STEEPEST = np.pi / 2  # rad; the angle of attack of a perpendicular impact

@@ -1,5 +1,14 @@
-"""Results and findings: numbers with the statements that qualify them."""
+"""Results and findings: numbers declared once, with the statements that qualify them."""
 
+from erosion.results.declaration import (
+    PLAIN as PLAIN,
+    Columns as Columns,
+    Declare as Declare,
+    Declared as Declared,
+    Mark as Mark,
+    Scale as Scale,
+    Value as Value,
+)
 from erosion.results.findings import (
     Finding as Finding,
     found as found,

@@ -1,29 +1,35 @@
-"""The results of the package: a table for people, numbers by name for programs."""
+"""The results of the package: declared once, shown to people and given to programs."""
 
 import abc
 import html
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from erosion.output.tables import HEADINGS, Record, to_html, to_lines, to_plain
-from erosion.results.findings import Finding
+from erosion.output.tables import HEADINGS, Record, to_plain
+from erosion.results import render
+from erosion.results.declaration import Declared
+from erosion.results.findings import Finding, to_attribute
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 class Result(abc.ABC):
-    """A result that prints as a table, shows as one in a notebook, and is numbers by name for programs."""
+    """A result declares its numbers; tables, HTML, JSON, CSV, a Dataset and `repr` follow from that."""
 
     @property
     @abc.abstractmethod
     def title(self) -> str:
         """One line above the table."""
 
-    @abc.abstractmethod
-    def rows(self) -> Sequence[Sequence[str]]:
-        """The table, all cells as text."""
+    def declare(self) -> Sequence[Declared]:
+        """The numbers, each with all that an output needs."""
+        return ()
 
     @property
-    def headings(self) -> Sequence[str]:
-        """The columns of the table."""
-        return HEADINGS
+    def subject(self) -> Record:
+        """By name, what the numbers are of: the model, its own parameters, the case."""
+        return {}
 
     @property
     def conclusions(self) -> Sequence[str]:
@@ -40,17 +46,46 @@ class Result(abc.ABC):
         """The findings as sentences."""
         return tuple(finding.text for finding in self.findings)
 
-    def to_dict(self) -> Record:
-        """The numbers by name, in Python's own types; NaN and infinity stay what they are."""
-        return to_plain(self)
+    @property
+    def headings(self) -> Sequence[str]:
+        """The columns of the first table."""
+        return HEADINGS
 
-    def __repr__(self) -> str:  # of a class that wants no other
-        return f"{type(self).__name__}({self.title!r})"
+    def rows(self) -> Sequence[Sequence[str]]:
+        """The first table, all cells as text."""
+        return render.tables(self.title, self.declare())[0].rows
+
+    def tables(self) -> list[render.Table]:
+        """The tables for people."""
+        declared = self.declare()
+        return render.tables(self.title, declared) if declared else [
+            render.Table(self.title, self.rows(), self.headings)
+        ]  # fmt: skip
+
+    def to_dict(self) -> Record:
+        """The numbers by name, in Python's own types, their units and findings; NaN and infinity stay what they are."""
+        declared = self.declare()
+        if not declared:
+            return to_plain(self)
+        findings = [finding.to_dict() for finding in self.findings]
+        return {**self.subject, **render.record(declared), "units": render.units(declared), "findings": findings}
+
+    def to_csv(self) -> str:
+        """The numbers as comma-separated values; a line for each impact."""
+        return render.csv(self.declare())
+
+    def to_dataset(self) -> "xr.Dataset":
+        """The numbers with their units as a Dataset, for netCDF."""
+        attributes = {"findings": to_attribute(self.findings)}
+        return render.dataset(self.title, self.declare(), attributes)
+
+    def __repr__(self) -> str:
+        numbers = render.summary(self.declare())
+        return f"{type(self).__name__}({self.title!r}{f', {numbers}' if numbers else ''})"
 
     def __str__(self) -> str:
-        table = "\n".join(line.plain.rstrip() for line in to_lines(self.title, self.rows(), self.headings)).rstrip()
-        return "\n".join([table, *self.conclusions, *self.warnings])
+        return "\n".join(["\n\n".join(map(str, self.tables())), *self.conclusions, *self.warnings])
 
     def _repr_html_(self) -> str:
         sentences = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in (*self.conclusions, *self.warnings))
-        return to_html(self.title, self.rows(), self.headings) + sentences
+        return "".join(table.to_html() for table in self.tables()) + sentences

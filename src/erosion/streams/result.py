@@ -17,21 +17,19 @@ from scipy.optimize import minimize_scalar
 from erosion.arguments import Progress, no_progress
 from erosion.impacts import alpha_max, impact, model_in_words, provenance, turned_in_part
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_quantities, quantities
-from erosion.output import Record, Row, largest_of, to_plain, with_error
+from erosion.output import Record
 from erosion.parameters import (
     PER_MASS_SCALES,
     QUANTITIES,
     RESULTS,
     FarFromTests,
     PerMass,
-    Quantity,
+    Scale,
     conversion_factor,
+    declare_result,
     far_from_tests,
-    quantity_row,
-    result_row,
-    table_scale,
 )
-from erosion.results import Finding, Result
+from erosion.results import Columns, Declared, Finding, Result, Value
 from erosion.streams.tally import Estimate, Particles, Points, Tally
 
 _ANGLES = np.deg2rad(np.linspace(2.0, 90.0, 45))
@@ -176,7 +174,7 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 _OF_RANGE = 2**12  # particles by which the share outside of a range is known well enough
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Stream(Result):
     """The erosion of a stream of particles.
 
@@ -221,17 +219,12 @@ class Stream(Result):
         """The quantities of the model's own of a particle, by name; see `erosion.own_quantity`."""
         return {name: Estimate.of(own.mean) for name, own in self.tally.own.items()}
 
-    @property
-    def _estimates(self) -> dict[str, tuple[Quantity, Estimate]]:
-        """By name what is estimated with a standard error, as far as it is known."""
-        names = ("mean_volume", "mean_mass", "erosion", "erosion_ratio")
-        estimates = {name: (RESULTS[name], estimate) for name in names if (estimate := getattr(self, name)) is not None}
-        own, means = own_quantities(type(self.model)), self.mean_quantities
-        for name, quantity in own.items():
-            meaning = f"{quantity.meaning}, mean of the stream"
-            described = dataclasses.replace(quantity, symbol=f"{quantity.symbol}\u0304", meaning=meaning)
-            estimates[f"mean_{name}"] = described, means[name]
-        return estimates
+    def _means(self) -> Iterator[Value]:
+        """The means of a particle's own quantities."""
+        units, means = self.particles.p.units, self.mean_quantities
+        for name, quantity in own_quantities(type(self.model)).items():
+            more = {"symbol": f"{quantity.symbol}\u0304", "meaning": f"{quantity.meaning}, mean of the stream"}
+            yield quantity.declare(f"mean_{name}", means[name].value, units, error=means[name].error, **more)
 
     @property
     def total_volume(self) -> float:
@@ -324,75 +317,111 @@ class Stream(Result):
         """What varies, of a few thousand particles."""
         return self.particles.draw(Points("sobol", self.particles.dimension, 0, 1).take(_OF_RANGE)[0])
 
-    def rows(self) -> list[Row]:
-        """The results as rows of a table; errors are standard errors."""
-        units, parameters = self.particles.p.units, quantities(self.model)
+    @property
+    def subject(self) -> Record:
+        """The model, the case and the laws."""
+        return {**impact_to_dict(self.model, self.particles.p, but=self.particles.all_laws), "laws": self._laws}
 
-        def mean(name: str) -> Row:
-            quantity, estimate = self._estimates[name]
-            scale = table_scale(quantity.dimension, units, largest_of(estimate.value))
-            return _with_error(quantity_row(name, quantity, estimate.value, units), estimate, 1 / scale.size)
+    def declare(self) -> list[Declared]:
+        """The results; errors are standard errors by sampling."""
+        units, mean, mass = self.particles.p.units, self.mean_volume, self.mean_mass
+        spread = ", uncertain parameters included" if self.particles.uncertain else ""
+        deviation = f"{RESULTS['deviation'].meaning}{spread}"
+        return [
+            Value("particles", self.n, meaning=f"± is {self.error_meaning}"),
+            declare_result("mean_volume", mean.value, units, error=mean.error),
+            *self._per_mass(),
+            *self._by_uncertain(),
+            declare_result("mean_mass", mass.value, units, error=mass.error),
+            *self._means(),
+            declare_result("deviation", self.deviation, units, meaning=deviation),
+            declare_result("total_volume", self.total_volume, units),
+            RESULTS["volume"].declare(
+                "quantiles", np.array([*self.quantiles.values()]), units, dims=("quantile",),
+                labels=[f"{share:g}" for share in self.quantiles], meaning="no more by this share of the particles",
+            ),
+            Value(
+                "shares", [share.value for share in self.shares.values()], meaning="of the particles",
+                scale=Scale(0.01, "%"), error=[share.error for share in self.shares.values()], dims=("outcome",),
+                labels=[*self.shares],
+            ),
+            *self._distribution(),
+            *self._sensitivities(),
+            *self._best_angle(),
+        ]  # fmt: skip
 
-        deviation, total = (result_row(name, getattr(self, name), units) for name in ("deviation", "total_volume"))
-        if self.particles.uncertain:
-            deviation = deviation._replace(meaning=f"{deviation.meaning}, uncertain parameters included")
-        rows = [
-            Row("n", "", f"{self.n:,}", "", f"particles; ± is {self.error_meaning}"),
-            mean("mean_volume"),
-            *self._per_mass_rows(),
-            *self._uncertainty_rows(),
-            mean("mean_mass"),
-            *(mean(f"mean_{name}") for name in self.mean_quantities),
-            deviation,
-            total,
-        ]
-        for share, volume in self.quantiles.items():
-            meaning = f"{share:.0%} of the particles remove no more"
-            rows.append(result_row("volume", volume, units)._replace(meaning=meaning))
-        for end, share in self.shares.items():
-            rows.append(_with_error(Row(f"share {end}", "", "", "%"), share, 100.0))
-        for name, (first, with_others) in (self.sensitivities or {}).items():
-            symbol = ", ".join(parameters[part].symbol for part in name.split(", "))
-            rows.append(_with_error(Row("sensitivity", f"S({symbol})", "", "", "of the variance, alone"), first))
-            rows.append(_with_error(Row("sensitivity", f"T({symbol})", "", "", "with interactions"), with_others))
-        if self.nozzle is not None:
-            at_edge = " (the edge of what was looked at)" if self.nozzle.at_edge else ""
-            best, degree = self.nozzle.alpha, 180 / math.pi
-            row = Row("alpha_max", "α_max", "", "°", f"of the nozzle, for the stream{at_edge}; ± by sampling alone")
-            interval = _interval(best.low, best.high, best.error, 1 / degree)
-            alone = f"of a single, typical particle ({self.nozzle.single_kind})"
-            rows += [
-                _with_error(row, best, degree),
-                Row("", "", interval, "°", "its 95 % interval, by sampling alone"),
-                Row("", "", f"{self.nozzle.single_alpha * degree:.5g}", "°", alone),
-            ]
-        return rows
-
-    def _per_mass_rows(self) -> Iterator[Row]:
-        """Erosion per mass of abrasive, in mm³/kg and, where the density is known, in g/kg."""
-        to_si = conversion_factor("volume per mass", self.particles.p.units, "si")
-        is_beyond = self._far is not None and self._far.is_beyond
-        sizes = zip(("erosion", "erosion_ratio"), (to_si, 1.0), PER_MASS_SCALES.values(), strict=True)
-        for name, to_base, scale in sizes:
+    def _per_mass(self) -> Iterator[Value]:
+        """Erosion per mass of abrasive; in tables in mm³/kg and, where the density is known, in g/kg."""
+        units, is_beyond = self.particles.p.units, self._far is not None and self._far.is_beyond
+        sizes = (conversion_factor("volume per mass", units, "si"), 1.0)
+        for name, to_si, scale in zip(("erosion", "erosion_ratio"), sizes, PER_MASS_SCALES.values(), strict=True):
             if (estimate := getattr(self, name)) is not None:
-                meaning = self.per_mass.meaning_of(name, is_beyond=is_beyond)
-                yield _with_error(
-                    Row(name, RESULTS[name].symbol, "", scale.unit, meaning), estimate, to_base / scale.size
+                meaning, shown = (
+                    self.per_mass.meaning_of(name, is_beyond=is_beyond),
+                    Scale(scale.size / to_si, scale.unit),
                 )
+                yield declare_result(name, estimate.value, units, error=estimate.error, meaning=meaning, scale=shown)
 
-    def _uncertainty_rows(self) -> list[Row]:
+    def _by_uncertain(self) -> Iterator[Value]:
         """What the uncertain parameters do to the erosion."""
         if self.uncertainty is None:
-            return []
-        names = ", ".join(quantities(self.model)[name].symbol for name in self.particles.uncertain)
-        error, scale = self.parameter_errors["erosion"], PER_MASS_SCALES["specific_volume"]
-        size = scale.size / conversion_factor("volume per mass", self.particles.p.units, "si")
+            return
+        units, symbols = (
+            self.particles.p.units,
+            (quantities(self.model)[name].symbol for name in self.particles.uncertain),
+        )
+        for name, error in self.parameter_errors.items():
+            meaning = f"standard deviation of {name} by uncertain parameters"
+            yield declare_result(name, error, units, meaning=meaning, only="data").but(name=f"{name}_parameter_error")
+        error, size = self.parameter_errors["erosion"], conversion_factor("volume per mass", units, "si")
+        relative = error / self.erosion.value if self.erosion.value else math.nan
+        meaning = f"of E, by uncertain {', '.join(symbols)}; ± is by sampling alone"
+        yield Value("parameter_error", relative, meaning=meaning, scale=Scale(0.01, "%"), digits=3)
         low, high = self.per_mass.cutting_fraction * np.quantile(self.uncertainty.erosion, [0.025, 0.975])
-        relative = 100 * error / self.erosion.value if self.erosion.value else math.nan
-        return [
-            Row("parameter_error", "", f"{relative:.3g}", "%", f"of E, by uncertain {names}; ± is by sampling alone"),
-            Row("", "", _interval(low, high, error, size), scale.unit, "the 95 % interval of E by them"),
+        scale = PER_MASS_SCALES["specific_volume"]
+        yield declare_result(
+            "erosion", (float(low), float(high)), units, scale=Scale(scale.size / size, scale.unit)
+        ).but(name="erosion_interval", symbol="", meaning="the 95 % interval of E by them", digits=4)
+
+    def _distribution(self) -> Iterator[Value]:
+        """The histogram of the particles' volumes."""
+        edges, shares = self.tally.histogram()
+        yield RESULTS["volume"].declare("volume_edge", edges, self.particles.p.units, dims=("edge",), only="file")
+        yield Value("share", shares, "", "share of the particles", "1", dims=("between_edges",), only="file")
+
+    def _sensitivities(self) -> Iterator[Columns]:
+        """Sobol indices of each law."""
+        if self.sensitivities is None:
+            return
+        known, names = quantities(self.model), [*self.sensitivities]
+        first, total = zip(*self.sensitivities.values(), strict=True)
+        symbols = [", ".join(known[part].symbol for part in name.split(", ")) for name in names]
+        indices = [
+            Value(name, [each.value for each in of], symbol, error=[each.error for each in of])
+            for name, symbol, of in (("first", "S, alone", first), ("total", "T, with interactions", total))
         ]
+        columns = [Value("law", names), Value("symbol", symbols, only="table"), *indices]
+        yield Columns("sensitivities", "Sensitivities: shares of the variance", columns, keyed=True)
+
+    def _best_angle(self) -> Iterator[Value]:
+        """The nozzle's best angle, and the curve that it is the top of."""
+        if self.nozzle is None:
+            return
+        nozzle, units, alpha = self.nozzle, self.particles.p.units, QUANTITIES["alpha"]
+        at_edge, best = " (the edge of what was looked at)" if nozzle.at_edge else "", nozzle.alpha
+        meaning = f"of the nozzle, for the stream{at_edge}; ± by sampling alone"
+        interval, alone = (
+            "its 95 % interval, by sampling alone",
+            f"of a single, typical particle ({nozzle.single_kind})",
+        )
+        yield alpha.declare("alpha_max", best.value, units, symbol="α_max", meaning=meaning, error=best.error)
+        yield alpha.declare("alpha_max_interval", (best.low, best.high), units, symbol="", meaning=interval)
+        yield alpha.declare("single_alpha_max", nozzle.single_alpha, units, symbol="", meaning=alone)
+        yield alpha.declare(
+            "nozzle", nozzle.angles, units, meaning="angle of the nozzle", dims=("nozzle",), only="file"
+        )
+        curve = RESULTS["mean_volume"].declare("curve", nozzle.curve, units, error=nozzle.curve_error, dims=("nozzle",))
+        yield curve.but(only="file")
 
     @property
     def title(self) -> str:
@@ -406,83 +435,14 @@ class Stream(Result):
         words = {name: law.in_words(known[name].dimension, units) for name, law in self.particles.all_laws.items()}
         return words | {name: f"uncertain {words[name]}" for name in self.particles.uncertain}
 
-    def to_dict(self) -> Record:
-        """The results with their standard errors and units, and the case."""
-        dataset = self.to_dataset()
-        scalars = [str(name) for name, variable in dataset.data_vars.items() if not variable.dims]
-        numbers: Record = {"particles": self.n, **{name: dataset[name].item() for name in scalars}}
-        numbers["quantiles"] = {f"{share:g}": volume for share, volume in self.quantiles.items()}
-        numbers["shares"] = {outcome: share.value for outcome, share in self.shares.items()}
-        if self.nozzle is not None:
-            numbers["alpha_max_interval"] = [self.nozzle.alpha.low, self.nozzle.alpha.high]
-        if self.sensitivities is not None:
-            numbers["sensitivities"] = {
-                name: {"first": first.value, "first_error": first.error,
-                       "total": total.value, "total_error": total.error}
-                for name, (first, total) in self.sensitivities.items()
-            }  # fmt: skip
-        numbers["units"] = {name: dataset[name].attrs["units"] for name in scalars}
-        impact = impact_to_dict(self.model, self.particles.p, but=self.particles.all_laws)
-        return impact | {"laws": self._laws} | to_plain(numbers)
-
     def to_dataset(self) -> xr.Dataset:
         """The results with their units, and the tally they come from, as a Dataset."""
-        units, estimates = self.particles.p.units, self._estimates
-        known = {**RESULTS, **QUANTITIES, **{name: quantity for name, (quantity, _) in estimates.items()}}
-
-        def number(dims: str | tuple[()], values: Any, name: str, meaning: str = "") -> tuple[Any, ...]:
-            return dims, values, known[name].attributes(units) | ({"long_name": meaning} if meaning else {})
-
-        variables: dict[str, tuple[Any, ...]] = {"end": ("end", np.array(self.ends, dtype=object))}
-        for name, (_, estimate) in estimates.items():
-            variables[name] = number((), estimate.value, name)
-            error = f"standard error of {name} by sampling"
-            variables[f"{name}_error"] = number((), estimate.error, name, error)
-        for name, error in self.parameter_errors.items():
-            meaning = f"standard deviation of {name} by uncertain parameters"
-            variables[f"{name}_parameter_error"] = number((), error, name, meaning)
-        variables |= {name: number((), getattr(self, name), name) for name in ("deviation", "total_volume")}
-        edges, shares = self.tally.histogram()
-        variables |= {
-            "quantile": ("quantile", list(self.quantiles)),
-            "volume_quantile": number("quantile", list(self.quantiles.values()), "volume"),
-            "volume_edge": number("edge", edges, "volume"),
-            "share": ("between_edges", shares, {"long_name": "share of the particles", "units": "1"}),
-        }
-        if self.sensitivities is not None:
-            variables["law"] = ("law", np.array(list(self.sensitivities), dtype=object))
-            for name, estimates in zip(
-                ("first_order", "total_order"), zip(*self.sensitivities.values(), strict=True), strict=True
-            ):
-                index = {"long_name": f"Sobol index, {name}", "units": "1"}
-                variables[name] = ("law", [estimate.value for estimate in estimates], index)
-                variables[f"{name}_error"] = ("law", [estimate.error for estimate in estimates], {"units": "1"})
-        if (nozzle := self.nozzle) is not None:
-            best, single = nozzle.alpha, "angle of attack at which a single, typical particle removes most"
-            variables |= {
-                "nozzle": number("nozzle", nozzle.angles, "alpha", "angle of the nozzle"),
-                "curve": number("nozzle", nozzle.curve, "mean_volume"),
-                "curve_error": number("nozzle", nozzle.curve_error, "mean_volume"),
-                "alpha_max": number((), best.value, "alpha", "angle of the nozzle that removes most"),
-                "single_alpha_max": number((), nozzle.single_alpha, "alpha", single),
-                "alpha_max_interval": number("end_of_interval", [best.low, best.high], "alpha"),
-            }
         model = model_in_words(self.model, but=self.particles.all_laws)
         described = provenance("a stream", self.particles.p, **model, distributions=self._laws, particles=self.n)
-        dataset = self.tally.to_dataset().assign(variables)
-        return dataset.assign_attrs(described)
+        ends = {"end": ("end", np.array(self.ends, dtype=object))}
+        return self.tally.to_dataset().assign(super().to_dataset().variables).assign(ends).assign_attrs(described)
 
     @property
     def _laws(self) -> str:
         kinds = dict.fromkeys(self.particles.uncertain, "uncertain ")
         return "; ".join(f"{name}: {kinds.get(name, '')}{law}" for name, law in self.particles.all_laws.items())
-
-
-def _with_error(row: Row, estimate: Estimate, unit: float = 1.0) -> Row:
-    """A row whose value shows its standard error."""
-    return row._replace(value=with_error(estimate.value, estimate.error, 1 / unit))
-
-
-def _interval(low: float, high: float, error: float, size: float) -> str:
-    """The ends of an interval, to the digits that an error has."""
-    return " … ".join(with_error(end, error, size).partition(" ")[0] for end in (low, high))

@@ -1,0 +1,126 @@
+"""A declaration says what a number of a result is; `render.py` makes tables, JSON, CSV, Datasets and `repr` of it."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, NamedTuple
+
+Output = Literal["", "table", "data", "file"]
+"""Where a value stands: in all outputs, in tables for people alone, in all but these tables, or in Datasets alone."""
+
+
+class Scale(NamedTuple):
+    """A unit that makes numbers readable: the number in the base unit, divided by `size`, is the number in `unit`."""
+
+    size: float
+    unit: str
+
+    def beside(self, number: str) -> str:
+        """A number in this unit, with it: "30 m/s", "40°", "(3.1 ± 2.5)·10⁻⁷ in³"."""
+        if self.unit.startswith("10"):
+            return f"({number})·{self.unit}" if "±" in number else f"{number}·{self.unit}"
+        return f"{number} {self.unit}".rstrip().replace(" °", "°")
+
+
+PLAIN = Scale(1.0, "")
+
+
+class Mark(NamedTuple):
+    """A statement that qualifies a number: a sign beside it in a table, and the sentence below the table.
+
+    Args:
+        where: whether it holds, for the number or for each of an array.
+        note: the sentence, without a full stop.
+    """
+
+    where: Any
+    note: str
+
+
+@dataclass(frozen=True, eq=False)
+class Value:
+    """One named number, array, word or flag of a result.
+
+    Args:
+        name: as JSON, CSV and files name it.
+        value: a number, a word, a flag, an array of these, a pair of numbers (an interval), or None where it is not
+            known.
+        symbol, meaning: as tables and axes name it.
+        unit: as programs read it, "m^3"; "1" of a pure number; "" of counts, words, flags.
+        scale: the unit in which people read it, or a function that gives the one for the greatest magnitude; values
+            of one unit then share it within a table where they can.
+        digits: significant ones, in tables.
+        error: the standard error, of the same shape; data name it `NAME_error`.
+        dims: of an array; without names for an array of impacts.
+        labels: along the only dimension: a row each in a table, keys in JSON.
+        marks: what qualifies it.
+        only: see `Output`.
+    """
+
+    name: str
+    value: Any
+    symbol: str = ""
+    meaning: str = ""
+    unit: str = ""
+    scale: Scale | Callable[[float], Scale] = PLAIN
+    digits: int = 6
+    error: Any = None
+    dims: Sequence[str] | None = None
+    labels: Sequence[str] = ()
+    marks: Sequence[Mark] = ()
+    only: Output = ""
+
+    def but(self, **changes: Any) -> "Value":
+        """The same with some fields changed."""
+        return replace(self, **changes)
+
+
+Declare = Callable[[str, Any], Value]
+"""Makes a `Value` of a name and a number or an array."""
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Values along one dimension, a table of their own: candidates, models, checks.
+
+    Args:
+        name: as JSON and files name the dimension.
+        title: above the table.
+        values: arrays or lists of one length.
+        keyed: whether JSON has a record by each word of the first column, in place of a list of records.
+        only: see `Output`.
+    """
+
+    name: str
+    title: str
+    values: Sequence[Value]
+    keyed: bool = False
+    only: Output = ""
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        title: str,
+        items: Sequence[Any],
+        known: Mapping[str, Declare],
+        hidden: Collection[str] = (),
+        **more: Any,
+    ) -> "Columns":
+        """The fields of dataclasses of one kind as columns.
+
+        Args:
+            name: see the class.
+            title: see the class.
+            items: the dataclasses.
+            known: by field, what declares its column; the other fields are words, counts and flags.
+            hidden: fields that tables leave out.
+            **more: other fields of the class.
+        """
+        columns = []
+        for field in fields(items[0]) if items else ():
+            column = known.get(field.name, Value)(field.name, [getattr(item, field.name) for item in items])
+            columns.append(column.but(only="data") if field.name in hidden else column)
+        return cls(name, title, columns, **more)
+
+
+Declared = Value | Columns

@@ -1,0 +1,269 @@
+"""All outputs of a declaration: tables for people, records for programs, CSV, labelled Datasets, `repr`."""
+
+import html
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from erosion.output.tables import (
+    HEADINGS,
+    Record,
+    Row,
+    abbreviate,
+    format_number,
+    is_traced,
+    largest_of,
+    to_csv,
+    to_html,
+    to_lines,
+    to_plain,
+    with_error,
+)
+from erosion.results.declaration import Columns, Declared, Scale, Value
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_SIGNS = "*†‡§"
+_UNKNOWN = "–"
+_SHARED = (1e-3, 1e6)  # numbers within these need no power of ten: a unit that values share
+
+
+class Table(NamedTuple):
+    """A table for people, all cells as text.
+
+    Args:
+        title: above it.
+        rows: cells.
+        headings: of the columns.
+        numbers: the columns that are flush right.
+        notes: what the signs beside numbers say, below the table.
+    """
+
+    title: str
+    rows: Sequence[Sequence[str]]
+    headings: Sequence[str] = HEADINGS
+    numbers: Sequence[int] = (2,)
+    notes: Sequence[str] = ()
+
+    def __str__(self) -> str:
+        lines = to_lines(self.title, self.rows, self.headings, self.numbers)
+        return "\n".join(["\n".join(line.plain.rstrip() for line in lines).rstrip(), *self.notes])
+
+    def to_html(self) -> str:
+        """The same as an HTML table."""
+        notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
+        return to_html(self.title, self.rows, self.headings) + notes
+
+
+def tables(title: str, declared: Iterable[Declared]) -> list[Table]:
+    """The values as rows of one table, then each group of columns as a table of its own."""
+    values, groups = _apart(declared, "table")
+    made = []
+    if values:
+        notes = _Notes()
+        rows = [row for value, scale in zip(values, _scales(values), strict=True) for row in _rows(value, scale, notes)]
+        made.append(Table(title, rows, notes=notes.sentences))
+    for group in groups:
+        if group.values and len(group.values[0].value):
+            made.append(_table(group, group.title if made else title))
+    return made
+
+
+def record(declared: Iterable[Declared], *, has_units: bool = False) -> Record:
+    """Numbers by name in Python's own types; with `has_units` those that have one are objects of value and unit."""
+    values, groups = _apart(declared, "data")
+    made: Record = {}
+    for value in values:
+        for name, number in _numbers(value):
+            labelled = dict(zip(value.labels, number, strict=True)) if value.labels else number
+            made[name] = _beside_unit(to_plain(labelled), value, has_units=has_units)
+    for group in groups:
+        length = len(group.values[0].value) if group.values else 0
+        columns = [(name, numbers, value) for value in group.values if value.only != "table"
+                   for name, numbers in _numbers(value)]  # fmt: skip
+        records = [
+            {name: _beside_unit(to_plain(numbers[i]), value, has_units=has_units) for name, numbers, value in columns}
+            for i in range(length)
+        ]
+        made[group.name] = {each.pop(columns[0][0]): each for each in records} if group.keyed else records
+    return made
+
+
+def units(declared: Iterable[Declared]) -> dict[str, str]:
+    """Unit by name of the numbers of `record`, those of columns too."""
+    values, groups = _apart(declared, "data")
+    listed = [*values, *(value for group in groups for value in group.values)]
+    return {name: value.unit for value in listed if value.unit for name, _ in _numbers(value)}
+
+
+def csv(declared: Iterable[Declared]) -> str:
+    """Comma-separated values with units in the headings: a line for each element of the arrays.
+
+    Single numbers stand in each line; columns of a dimension of their own, and arrays of other shapes, are left out.
+    """
+    columns: dict[str, np.ndarray] = {}
+    for value in _apart(declared, "data")[0]:
+        for name, number in _numbers(value):
+            if not (value.labels or isinstance(number, (list, tuple, type(None)))) and _is_storable(_array(number)):
+                columns[f"{name} [{value.unit}]" if value.unit not in ("", "1") else name] = np.asarray(number)
+    shapes = Counter(array.shape for array in columns.values() if array.ndim)
+    (shape, _), *_ = shapes.most_common(1) or [((), 0)]
+    fitting = {name: array for name, array in columns.items() if array.shape in ((), shape)}
+    return to_csv({name: np.broadcast_to(array, shape).ravel().tolist() for name, array in fitting.items()})
+
+
+def dataset(title: str, declared: Iterable[Declared], attributes: Mapping[str, str]) -> "xr.Dataset":
+    """The values as a labelled Dataset, which xarray writes to netCDF."""
+    import xarray as xr  # half a second that a table for a terminal does without
+
+    values, groups = _apart(declared, "data", "file")
+    variables: dict[str, Any] = {}
+    for value in values:
+        dims = value.dims or ([f"{value.name}_of"] if value.labels else None)
+        for name, number in _numbers(value):
+            array = _array(number)
+            if _is_storable(array):
+                variables[name] = (dims or [f"dim_{i}" for i in range(array.ndim)], array, _attributes(value))
+        if value.labels and dims:
+            variables[dims[0]] = (dims, _array(value.labels))
+    for group in groups:
+        for value in group.values:
+            if value.only == "table":
+                continue
+            for name, number in _numbers(value):
+                key = f"{group.name}_{name}"
+                variables[key] = (group.name, _array([np.nan if each is None else each for each in number]),
+                                  _attributes(value))  # fmt: skip
+    return xr.Dataset(variables, attrs={"title": title, **attributes})
+
+
+def summary(declared: Iterable[Declared]) -> str:
+    """The values as arguments of a constructor: "volume=1.66e-09, ended_by='rebound'"; all digits."""
+    values = [value for value in _apart(declared, "table")[0] if value.only != "table" and value.value is not None]
+    return ", ".join(f"{value.name}={_short(value.value)}" for value in values if not value.labels)
+
+
+def _apart(declared: Iterable[Declared], *outputs: str) -> tuple[list[Value], list[Columns]]:
+    """The values and the groups of columns that outputs have."""
+    listed = [item for item in declared if item.only in ("", *outputs)]
+    values = [item for item in listed if isinstance(item, Value)]
+    if "table" in outputs:
+        values = [value for value in values if value.value is not None]
+    return values, [item for item in listed if isinstance(item, Columns)]
+
+
+def _numbers(value: Value) -> Iterator[tuple[str, Any]]:
+    """The value and its error by name."""
+    yield value.name, value.value
+    if value.error is not None:
+        yield f"{value.name}_error", value.error
+
+
+def _beside_unit(number: Any, value: Value, *, has_units: bool) -> Any:
+    return {"value": number, "unit": value.unit} if has_units and value.unit else number
+
+
+def _attributes(value: Value) -> dict[str, str]:
+    given = {"long_name": value.meaning, "symbol": value.symbol, "units": value.unit}
+    return {name: text for name, text in given.items() if text}
+
+
+def _array(value: Any) -> np.ndarray:
+    array = np.asarray(value)
+    return array.astype(object) if array.dtype.kind in "US" else array
+
+
+def _is_storable(array: np.ndarray) -> bool:
+    """Whether files have a place for it: numbers, flags and words, but no lists in arrays."""
+    return array.dtype != object or all(isinstance(each, str) for each in array.flat)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, (bool, np.bool_)):
+        return str(bool(value))
+    return repr(to_plain(value)) if isinstance(value, tuple) else abbreviate(value)
+
+
+def _scales(values: Sequence[Value]) -> list[Scale]:
+    """The unit of each value in a table: one for all of a unit, unless a number would need a power of ten in it."""
+    largest: dict[str, float] = {}
+    for value in values:
+        if not isinstance(value.scale, Scale):
+            largest[value.unit] = max(largest.get(value.unit, 0.0), _size(value))
+
+    def scale_of(value: Value) -> Scale:
+        if isinstance(value.scale, Scale):
+            return value.scale
+        own, shared = _size(value), value.scale(largest[value.unit])
+        return shared if own == 0 or _SHARED[0] <= own / shared.size < _SHARED[1] else value.scale(own)
+
+    return [scale_of(value) for value in values]
+
+
+def _size(value: Value) -> float:
+    numbers = (
+        [each for each in value.value if each is not None] if isinstance(value.value, (list, tuple)) else value.value
+    )
+    return largest_of(numbers)
+
+
+def _rows(value: Value, scale: Scale, notes: "_Notes") -> Iterator[Row]:
+    """A value as a row of a table, or one for each label."""
+    if not value.labels:
+        cell = _cell(value.value, value.error, value, scale) + notes.signs(value)
+        yield Row(value.name, value.symbol, cell, scale.unit, value.meaning)
+    for i, label in enumerate(value.labels):
+        cell = _cell(value.value[i], None if value.error is None else value.error[i], value, scale)
+        yield Row(f"{value.name} {label}", value.symbol, cell + notes.signs(value, i), scale.unit, value.meaning)
+
+
+def _table(group: Columns, title: str) -> Table:
+    """Columns as a table."""
+    shown = [value for value in group.values if value.only != "data"]
+    notes, columns, headings, numbers = _Notes(), [], [], []
+    for at, (value, scale) in enumerate(zip(shown, _scales(shown), strict=True)):
+        headings.append(f"{value.symbol or value.name.replace('_', ' ')}{f' [{scale.unit}]' if scale.unit else ''}")
+        errors = [None] * len(value.value) if value.error is None else value.error
+        columns.append([_cell(number, error, value, scale) + notes.signs(value, i)
+                        for i, (number, error) in enumerate(zip(value.value, errors, strict=True))])  # fmt: skip
+        if not all(isinstance(number, (str, bool, np.bool_)) for number in value.value):
+            numbers.append(at)
+    return Table(title, list(zip(*columns, strict=True)), headings, numbers, notes.sentences)
+
+
+def _cell(number: Any, error: Any, value: Value, scale: Scale) -> str:
+    """A number as text, in the unit of the table."""
+    if number is None:
+        return _UNKNOWN
+    if is_traced(number):
+        return format_number(number)
+    if isinstance(number, tuple):
+        return " … ".join(_cell(end, None, value, scale) for end in number)
+    array = np.asarray(number)
+    if array.dtype.kind == "b":
+        return f"{np.sum(array):,} of {array.size:,}" if array.ndim else "yes" if array else "no"
+    if array.dtype.kind in "iu" and not array.ndim:
+        return f"{array:,}"
+    if error is not None and not array.ndim:
+        return with_error(float(array), float(error), scale.size)
+    return format_number(array, value.digits, scale.size)
+
+
+class _Notes:
+    """The sentences below a table, each with the sign that stands beside the numbers that it qualifies."""
+
+    def __init__(self) -> None:
+        self._signs: dict[str, str] = {}
+
+    def signs(self, value: Value, at: int | None = None) -> str:
+        """The signs of a value, or of one of its elements."""
+        marks = [mark for mark in value.marks if np.any(mark.where if at is None else mark.where[at])]
+        signs = [self._signs.setdefault(mark.note, _SIGNS[len(self._signs) % len(_SIGNS)]) for mark in marks]
+        return f" {''.join(signs)}" if signs else ""
+
+    @property
+    def sentences(self) -> list[str]:
+        return [f"{sign} {note}." for note, sign in self._signs.items()]
