@@ -1,0 +1,58 @@
+"""The words that `docs/glossary.md` lists as not used, in its last column."""
+
+import inspect
+import re
+from pathlib import Path
+
+import erosion
+from erosion import models, ode
+
+ROOT = Path(__file__).parents[1]
+GLOSSARY = ROOT / "docs" / "glossary.md"
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md"), *ROOT.glob("docs/develop/*.md")]
+
+
+def unused_words():
+    rows = re.findall(r"^\| (?!word ).*\| ([^|]+) \|$", GLOSSARY.read_text("utf-8"), re.MULTILINE)
+    return re.compile(rf"\b({'|'.join(word for row in rows for word in row.split(', '))})(s|es)?\b", re.IGNORECASE)
+
+
+CODE_AND_LINKS = re.compile(r"^```.*?^```|`[^`\n]*`|\]\([^)]*\)", re.MULTILINE | re.DOTALL)
+
+
+def words_of_name(name):
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).replace("_", " ")
+
+
+def public_objects():
+    for module in (erosion, models, ode):
+        for name in dir(module):
+            value = getattr(module, name)
+            if not name.startswith("_") and getattr(value, "__module__", "").startswith("erosion"):
+                yield name, value
+                for member, method in inspect.getmembers(value if inspect.isclass(value) else None):
+                    if not member.startswith("_") and getattr(method, "__module__", "").startswith("erosion"):
+                        yield f"{name}.{member}", method
+
+
+def test_words_are_found():
+    found = unused_words().search("The optimal angles")
+    assert found
+    assert found[1] == "optimal angle"
+
+
+def test_pages_use_the_words_of_the_glossary():
+    unused = unused_words()
+    for page in PAGES:
+        if page != GLOSSARY:
+            text = CODE_AND_LINKS.sub("", page.read_text("utf-8"))
+            assert not [found[0] for found in unused.finditer(text)], page.name
+
+
+def test_public_names_and_their_docstrings_use_the_words_of_the_glossary():
+    unused = unused_words()
+    for name, value in public_objects():
+        first_line = (value.__doc__ or "").strip().partition("\n")[0]
+        parameters = inspect.signature(value).parameters if inspect.isroutine(value) else ()
+        for text in (*map(words_of_name, (name, *parameters)), first_line):
+            assert not unused.search(text), name
