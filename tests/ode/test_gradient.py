@@ -1,6 +1,7 @@
 """Gradients by the adjoint: closed forms, derivatives forwards, bits that depend on the lanes alone."""
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -519,6 +520,49 @@ def test_times_at_resets_have_the_gradient_of_what_was_before():
     np.testing.assert_allclose(found, np.sum(end.times.along("d").ys["x"], axis=-1), rtol=1e-8)
     loss = lambda args: jnp.sum(ode.solve(DOSED, args, t1=6.5, max_events=1e9, ts=ts).ys["x"])  # noqa: E731
     np.testing.assert_allclose(jax.grad(loss)(args)["d"], found, rtol=1e-8)
+
+
+BOUNCING = ode.Problem(
+    lambda args: {"y": args["height"], "v": 0.0},
+    lambda t, y, args: {"y": y["v"], "v": -args["g"] - args["drag"] * y["v"] * (1 + 0.1 * jnp.sin(y["y"]))},
+    {"floor": ode.Event(lambda t, y, args: y["y"], -1, lambda t, y, args: {"y": 0.0, "v": -args["kept"] * y["v"]})},
+)
+
+
+@pytest.mark.parametrize("t0", [0.0, 0.3])
+def test_chains_with_times_go_back_to_the_derivatives_forwards(t0):
+    """Times are before, between and after bounces, and at the start; lanes end by the last bounce, and by t1."""
+    args, ts = {"height": np.array([0.3, 1.0, 2.0]), "g": 9.81, "drag": 0.1, "kept": 0.8}, t0 + np.linspace(0, 1.9, 23)
+    run = functools.partial(ode.solve, BOUNCING, args, t0=t0, t1=t0 + 2.0, ts=ts, max_events=6)
+    end, weights = run(gradient=True), np.cos(np.arange(23.0))
+    assert {"floor", "t1"} == set(end.ended_by)
+    assert not end.warnings
+    ys = {"y": weights, "v": weights**2}
+    found = end.gradient(t=0.7, y={"y": 0.3, "v": 0.2}, ys=ys)
+    slopes = run(wrt=tuple(args))
+    assert slopes.times is not None
+    for name, each in found.items():
+        last, times = slopes.along(name), slopes.times.along(name)
+        at_times = sum(np.nansum(bar * times.ys[part], axis=-1) for part, bar in ys.items())
+        lanes = 0.7 * last.t + 0.3 * last.y["y"] + 0.2 * last.y["v"] + at_times
+        np.testing.assert_allclose(each, lanes if name == "height" else lanes.sum(), rtol=1e-8)
+
+
+KINKED = ode.Problem(lambda args: 1.0, lambda t, y, args: -args["drag"] * jnp.sqrt(jnp.abs(y)))
+FORWARDS: dict[str, tuple[ode.Problem, dict[str, Any]]] = {
+    "kinks": (KINKED, {}),
+    "fire": (BOUNCING, {"start": "fire"}),
+    "stiff": (BOUNCING, {"method": "rosenbrock", "ts": [0.1]}),
+}
+
+
+@pytest.mark.parametrize("case", FORWARDS)
+def test_lanes_whose_gradient_goes_forwards_are_told(case):
+    problem, options = FORWARDS[case]
+    args = {"height": np.array([1.0, 2.0]), "g": 9.81, "drag": 0.1, "kept": 0.8}
+    end = ode.solve(problem, args, t1=0.2, gradient=True, **options)
+    assert any("2 of" in sentence and "4 numbers" in sentence for sentence in end.warnings), end.warnings
+    assert not ode.solve(problem, args, t1=0.2, **options).warnings
 
 
 def test_gradients_at_times_are_as_exact_as_the_states():

@@ -23,6 +23,8 @@ for the cotangents. The Ȳ of the second stage tells by how much these err: the 
 transposed as well. Derivatives of a lane in which the error is too great are NaN.
 
 A state at a time within a step is that of a shorter step from the same start, so its cotangents go back through that.
+After an event a given time is later in its motion where the event is sooner: what a number changes by with the time
+since the event is taken from the cotangent of the event's time.
 
 At an event g = 0 the time is a function of state and arguments, dt = -dg/ġ: with F the rates there, and t̄ the
 cotangent of the time, s̄ gains -(t̄ + s̄·F)/ġ g_s, and p̄ the same times g_p. Of a stiff motion F is what the state
@@ -69,7 +71,7 @@ class _Back(NamedTuple):
         sums: cotangents of the numbers.
         greatest: the greatest size so far of each row's cotangent.
         error: the greatest relative error of a cotangent in a step.
-        until: when the next step on the way ends, since the start of a lane of one motion.
+        until: when the next step on the way ends, since the lane began.
         due: how many times are left.
         there: cotangents of the state where that step begins, of those at times within it.
     """
@@ -103,7 +105,7 @@ def pulled_back(
         count: rows of its tape.
         bars: by what the number changes with the lane's time, and with each of its outputs.
         token: see `erosion.lanes.tapes`.
-        due: how many times the lane, which has no resets, reaches, whose states count as well; None where none do.
+        due: how many times the lane reaches, whose states count as well; None where none do.
     """
     adjoint = _Adjoint(layout, numbers, token, timed=due is not None)
     gradient, error = adjoint.pulled_back(count, bars[0], list(bars[1:]), due)
@@ -146,11 +148,9 @@ class _Adjoint:
         last = lax.convert_element_type(count, int) - 1
         at_end = tape.read(self.token, last, self.width)
         sums, state = self._from_outputs(at_end.state, outputs)
-        until, left = 0.0 * time, lax.convert_element_type(0.0 * time if due is None else due, int)
-        if self.timed:
-            until = self._end(last)
+        left = lax.convert_element_type(0.0 * time if due is None else due, int)
         greatest: Rows = [jnp.abs(bar) for bar in state]
-        back = _Back(last, state, time, sums, greatest, 0.0 * time, until, left, zeros(state))
+        back = _Back(last, state, time, sums, greatest, 0.0 * time, 0.0 * time, left, zeros(state))
         if self.problem.chains:
             back = lax.while_loop(
                 lambda back: back.row >= 0, lambda back: self._steps(self._event(back, is_last=back.row == last)), back
@@ -167,16 +167,6 @@ class _Adjoint:
         _, pull = jax.vjp(lambda numbers, rows: self._at(numbers).outputs(self._member(rows)), self.numbers, rows)
         return pull(bars)
 
-    def _end(self, last: Scalar) -> Scalar:
-        """When the lane ends, since its start."""
-
-        def longer(at: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
-            row, time = at
-            entry = tape.read(self.token, row, self.width)
-            return row + 1, time + jnp.where(entry.code == tape.STEP, entry.length, 0.0)
-
-        return lax.while_loop(lambda at: at[0] < last, longer, (0 * last, jnp.zeros(())))[1]
-
     def _start(self, numbers: list[Number]) -> Any:
         state, integrals = self._at(numbers).initial()
         return state, [jnp.asarray(begin, float) for begin in integrals]
@@ -184,7 +174,7 @@ class _Adjoint:
     def _event(self, back: _Back, *, is_last: Scalar) -> _Back:
         """Before the event of a motion, from after it."""
         # Lanes that are done go on beside others, and read the first row.
-        _, event, rows = tape.read(self.token, jnp.maximum(back.row, 0), self.width)
+        until, event, rows = tape.read(self.token, jnp.maximum(back.row, 0), self.width)
         state, sums = list(back.state), back.sums
         if self.problem.chains:
 
@@ -215,7 +205,7 @@ class _Adjoint:
             _, pull = jax.vjp(lambda numbers: self._at(numbers).clock.t1 - self._at(numbers).clock.t0, self.numbers)
             sums, time = plus(sums, pull(of_clock)[0]), time - of_clock
         greatest: Rows = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
-        return back._replace(row=back.row - 1, state=state, time=time, sums=sums, greatest=greatest)
+        return back._replace(row=back.row - 1, state=state, time=time, sums=sums, greatest=greatest, until=until)
 
     def _flow(self, event: Scalar, rows: Rows) -> Rows:
         """What the state at an event changes by with its time."""
@@ -259,9 +249,14 @@ class _Adjoint:
         Both take a step from the same start, which is written once.
         """
         place = jnp.maximum(back.due - 1, 0)
-        time = tapes.read(_BACK_TIMES, np.zeros(()), place) - self.problem.clock.t0
-        passed = time - (back.until - row.length)
-        within = (back.due > 0) & ((passed > 0) | (back.row == 0))
+        time, t0 = tapes.read(_BACK_TIMES, np.zeros(()), place), self.problem.clock.t0
+        before_it = tape.read(self.token, jnp.maximum(back.row - 1, 0), self.width)
+        begins = (back.row > 0) & (before_it.code != tape.STEP)
+        start = jnp.where(begins, before_it.length, back.until - row.length)
+        passed = time - t0 - start
+        # As where states are written, a time at an event is before its reset.
+        least = jnp.where(begins, tape.ROUNDING * (jnp.abs(t0) + start), 0.0)
+        within = (back.due > 0) & ((passed > least) | (back.row == 0))
         step = self.steps.step(row._replace(length=jnp.where(within, jnp.clip(passed, 0.0, row.length), row.length)))
         count = self.outputs
         bars = [tapes.read(_BARS, self.token, place * count + i) for i in range(count)]
@@ -275,7 +270,7 @@ class _Adjoint:
         # At a given time it is later since the start, where that is earlier.
         at_time = back._replace(
             sums=plus(before.sums, plus(of_outputs, pull(-of_time)[0])),
-            due=back.due - 1, there=plus(back.there, before.state), error=before.error,
+            time=back.time - of_time, due=back.due - 1, there=plus(back.there, before.state), error=before.error,
         )  # fmt: skip
         return jax.tree.map(functools.partial(jnp.where, within), at_time, before)
 

@@ -24,7 +24,6 @@ from erosion.ode.batch import ROWS, compiling, in_threads, integrate, integrate_
 from erosion.ode.ensemble import Lanes
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.kinks import may_have_kinks
-from erosion.ode.switches import switches_of
 from erosion.ode.tape import Recorded, row_width
 from erosion.ode.variational import Clock, Layout
 from erosion.output.tables import briefly
@@ -132,20 +131,21 @@ def first_method(layout: Layout) -> str:
     return "explicit" if layout.options.method == "auto" else layout.options.method
 
 
-def is_chain(layout: Layout) -> bool:
-    """Whether a lane may go on after an event, or a switch."""
-    return any(layout.problem.resets()) or switches_of(layout) is not None
+def goes_back(layout: Layout, *, timed: bool = False) -> bool:
+    """Whether lanes of a layout have an adjoint; `timed` where states at times count.
 
-
-def goes_back(layout: Layout) -> bool:
-    """Whether lanes of a layout have an adjoint.
-
-    JAX cannot go backwards through a `while_loop` of the rates.
+    JAX cannot go backwards through a `while_loop` of the rates. At a time the rates of a stiff motion have few digits.
     """
-    if may_have_kinks(layout) or layout.options.fires:
-        return False
     method = first_method(layout)
+    if may_have_kinks(layout) or layout.options.fires or (timed and method == "rosenbrock"):
+        return False
     return _is_traced(layout.renewed().wanting(method=method))
+
+
+def going_forwards(layout: Layout, stiff: np.ndarray, *, timed: bool) -> np.ndarray:
+    """Which lanes have no adjoint, whatever they do on the way, by whether they are stiff; see `goes_back`."""
+    methods = (layout.wanting(method="rosenbrock"), layout.wanting(method=first_method(layout)))
+    return np.where(stiff, *(not goes_back(each, timed=timed) for each in methods))
 
 
 def gradient(
@@ -184,10 +184,7 @@ def gradient(
     forwards = known.copy()
     for method, those in ((first_method(layout), known & ~stiff), ("rosenbrock", known & stiff)):
         wanted = layout.wanting(method=method)
-        # At a time the rates of a stiff motion have few digits left, and in a chain rounding decides whether a time
-        # at a reset is before it.
-        forwards_only = at is not None and (method == "rosenbrock" or is_chain(layout))
-        if forwards_only or not np.any(those) or not goes_back(wanted):
+        if not np.any(those) or not goes_back(wanted, timed=at is not None):
             continue
         with compiling:
             back = _compiled(wanted, timed=at is not None)

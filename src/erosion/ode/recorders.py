@@ -61,15 +61,20 @@ class Steps(Recorder):
         problem: the equations.
         rtol: relative tolerance.
         rows: of the tape.
+        elapsed: the time at which the motion begins.
     """
 
-    def __init__(self, problem: LaneEquations, rtol: Scalar, rows: Scalar) -> None:
-        self.problem, self.rtol, self.rows = problem, rtol, rows
+    def __init__(self, problem: LaneEquations, rtol: Scalar, rows: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
+        self.problem, self.rtol, self.rows, self.elapsed = problem, rtol, rows, elapsed
 
     def begin(self) -> Tape:
         """See `Recorder`."""
         rows = lax.convert_element_type(self.rows, int)
-        return Tape(jnp.zeros((), int), rows, 0.0 * self.rtol, jnp.asarray(True))
+        return Tape(jnp.zeros((), int), rows, 0.0 * self.rtol, jnp.asarray(True), jnp.zeros(()))
+
+    def of_motion(self, elapsed: tuple[Scalar, ...]) -> "Steps":
+        """See `Recorder`."""
+        return Steps(self.problem, self.rtol, self.rows, elapsed)
 
     def after_step(self, written: Tape, before: Lane, after: Lane) -> Tape:
         """See `Recorder`."""
@@ -80,7 +85,7 @@ class Steps(Recorder):
         """See `Recorder`."""
         written = written.with_step(motion.time - lane.control.time, lane.state, jnp.asarray(True))
         has = written.has_derivatives & ~has_no_derivatives(self.problem, motion)
-        return written._replace(has_derivatives=has)
+        return written._replace(has_derivatives=has, elapsed=sum(self.elapsed[:1], motion.time))
 
     def after_segment(self, written: Tape, segment: Segment) -> Tape:
         """See `Recorder`."""

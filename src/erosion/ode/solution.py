@@ -16,7 +16,7 @@ from erosion.ode.back_in_time import chosen
 from erosion.ode.batch import integrate
 from erosion.ode.ensemble import Lanes, Part, again, path_of
 from erosion.ode.event_log import Passed, events_passed
-from erosion.ode.gradient import Ended, gradient_of
+from erosion.ode.gradient import Ended, going_forwards, gradient_of
 from erosion.ode.kinks import may_have_kinks
 from erosion.ode.problem import Problem, Words
 from erosion.ode.switches import unlocated
@@ -79,6 +79,7 @@ class Solution(Result):
         inexact: whether a lane's results err by a hundred times `rtol` or more, by an estimate, as those of a chaotic
             motion do in the end.
         recorded: the steps of lanes, for `gradient`; None where they were not recorded.
+        has_gradient: whether a gradient follows, as `ode.solve` was told.
     """
 
     problem: Problem
@@ -101,6 +102,7 @@ class Solution(Result):
     tolerance: np.ndarray | None = dataclasses.field(default=None, repr=False)
     inexact: PerImpact = False
     recorded: Recorded | None = dataclasses.field(default=None, repr=False)
+    has_gradient: bool = dataclasses.field(default=False, repr=False)
     forwards: "Solution | None" = dataclasses.field(default=None, repr=False)
     """Of a motion back in time, that of the reflected problem."""
     earlier: "tuple[Solution, np.ndarray] | None" = dataclasses.field(default=None, repr=False)
@@ -306,6 +308,8 @@ class Solution(Result):
                 "their errors grow as those of a chaotic motion do."
             )
         has_result = ~self.lanes.layout.has_no_result(np.asarray(self.outcome))
+        if self.has_gradient:
+            sentences += self._going_forwards(has_result)
         for path, part in self.derivatives.items():
             by = " and ".join(map(_label, dict.fromkeys(path)))
             none = has_result & np.isnan(part.t)
@@ -328,6 +332,16 @@ class Solution(Result):
         if self.earlier is not None:
             sentences += [f"Before t0: {sentence}" for sentence in self.earlier[0].warnings]
         return sentences
+
+    def _going_forwards(self, has_result: np.ndarray) -> Iterator[str]:
+        layout, timed = self.lanes.layout, self.times is not None
+        count = np.count_nonzero(going_forwards(layout, np.asarray(self.stiff), timed=timed) & has_result)
+        if count:
+            elements = layout.offsets[self.lanes.arguments]
+            yield (
+                f"The gradient of {count:,} of {self.title} takes one integration for each of {elements:,} numbers, "
+                "as motions with kinks, stiff ones with `ts`, and those with `start='fire'` or loops in their rates do."
+            )
 
     def _arrays_of_lanes(self) -> Iterator[str]:
         """Arrays of the state's length that made lanes, although each lane could compute with all of them."""

@@ -1,5 +1,6 @@
 """Lanes to their first events, with derivatives: `erosion.ode.solve`."""
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -77,7 +78,8 @@ def solve(
             up to some twenty unknowns without kinks, whose second derivatives are NaN; or "auto": explicit, and lanes
             that turn out to be stiff by the other (`Solution.stiff`).
         shared: paths of arrays that each lane has as a whole, such as tables and weights.
-        gradient: whether `Solution.gradient` follows; it then takes the steps of this integration.
+        gradient: whether `Solution.gradient` follows; it then takes the steps of this integration, and
+            `Solution.warnings` say which lanes it goes through forwards.
 
     Returns:
         What the lanes ended by, when, in which state; see `Solution`.
@@ -115,8 +117,10 @@ def solve(
         lanes = lanes._replace(layout=lanes.layout.wanting(records=goes_back(lanes.layout)))
     found = traced_solution if _is_traced([*lanes.numbers, times]) else solution
     if lanes.original is not None:
-        return _both_ways(found, lanes, names, order, rtol, None if times is None else -1.0 * times).mirrored()
-    return _both_ways(found, lanes, names, order, rtol, times)
+        end = _both_ways(found, lanes, names, order, rtol, None if times is None else -1.0 * times).mirrored()
+    else:
+        end = _both_ways(found, lanes, names, order, rtol, times)
+    return dataclasses.replace(end, has_gradient=True) if gradient else end
 
 
 def _both_ways(

@@ -1,8 +1,8 @@
 """What a lane writes on its way: each of its steps and events, or its states at many times.
 
 Of steps each row holds a length and a code, and then the state. A row of a step has the code `STEP`. After the steps
-of a motion comes a row with the code of what ended it and the state there, before any reset. A lane in which several
-events happen at one time is gone through forwards.
+of a motion comes a row with the time since the lane began, the code of what ended it and the state there, before any
+reset. A lane in which several events happen at one time is gone through forwards.
 
 For states, a step that has a time within it takes one more step of half its length from the same start. The polynomial
 of degree 8 through the states, the rates and the second derivatives at the start, in the middle and at the end is about
@@ -43,12 +43,14 @@ class Tape(NamedTuple):
         capacity: of the tape, in rows.
         token: see `erosion.lanes.tapes`.
         has_derivatives: whether the results of what is written have any.
+        elapsed: since the lane began, at the end of the last motion.
     """
 
     rows: Scalar
     capacity: Scalar
     token: Scalar
     has_derivatives: Flag
+    elapsed: Scalar
 
     def with_step(self, length: Scalar, state: Rows, moved: Flag) -> "Tape":
         """With a step, which the next row replaces unless the lane moved."""
@@ -56,7 +58,7 @@ class Tape(NamedTuple):
 
     def with_event(self, event: Scalar, state: Rows) -> "Tape":
         """With the end of a motion."""
-        return self._with(0.0 * state[0], lax.convert_element_type(event, float), state, jnp.asarray(True))
+        return self._with(self.elapsed, lax.convert_element_type(event, float), state, jnp.asarray(True))
 
     def _with(self, length: Scalar, code: Scalar, state: Rows, is_kept: Flag) -> "Tape":
         place = jnp.minimum(self.rows, self.capacity - 1) * (BESIDE + len(state))
@@ -131,7 +133,7 @@ class EventLog(NamedTuple):
 TIMES, STATES = 0, 1
 """Tapes: the times of a lane, rising, ∞ the last of them; and for each time a lane's row of numbers."""
 
-_ROUNDING = 2e-15  # of the times so far: a time that is this much later than the end is the end
+ROUNDING = 2e-15  # of the times so far: a time that is this much later than the end is the end
 
 
 def takes_times_apart(layout: Layout, order: int) -> bool:
@@ -185,7 +187,7 @@ class StateWriter:
             )
             saved = saved._replace(following=following)
         so_far = jnp.abs(problem.clock.t0) + end + (0.0 if self.elapsed is None else self.elapsed.value)
-        return self._written(saved, end + _ROUNDING * so_far, problem.method.beyond(lane, motion))
+        return self._written(saved, end + ROUNDING * so_far, problem.method.beyond(lane, motion))
 
     def _time(self, index: Scalar) -> Scalar:
         """A time, since the motion began."""
