@@ -25,7 +25,7 @@ from erosion.distributions import (
     as_law,
     read_distribution,
 )
-from erosion.fits.posterior_files import read_draws
+from erosion.fits.fit_files import read_draws
 from erosion.joint_laws import SHARE, CorrelatedLaws, LawSet, Ranges, Rows, law_digest, read_rows
 from erosion.parameters.quantities import QUANTITIES
 

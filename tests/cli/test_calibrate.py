@@ -17,8 +17,9 @@ import xarray as xr
 import erosion
 from erosion import TABLE_1, dump_case, impact, load_case, load_model, to_fluent
 from erosion.cli import exit_status
-from erosion.fits.posterior_files import read_predictor
+from erosion.fits.fit_files import read_draws, read_predictor
 from erosion.models.rigid import LinearizedCut
+from erosion.parameters import QUANTITIES
 from tests.cli.test_document import check
 from tests.documents import findings
 from tests.fits.test_real_data import SAND, measured
@@ -86,7 +87,8 @@ def test_a_fit_within_bounds_is_written_as_a_case(sand, tmp_path, shell):
     assert float(fitted.v0) == 60.0
     case, _, advice = path.read_text().partition("\n[advise]\n")
     assert case.endswith('\ncutting_fraction = 0.3  # share of the particles that cut\nmodel = "linearized"\n')
-    draws = tomllib.loads(f"[advise]\n{advice}")["advise"]["uncertain"]
+    assert tomllib.loads(f"[advise]\n{advice}")["advise"]["uncertain"] == "fitted.nc"
+    draws = read_draws(tmp_path / "fitted.nc", QUANTITIES, "si").rows.columns
     low, high = printed["intervals"]["sigma"]
     assert [*draws] == ["sigma", "k"]
     assert 0.85 < np.mean((low < np.array(draws["sigma"])) & (np.array(draws["sigma"]) < high)) <= 1
@@ -101,8 +103,7 @@ def test_draws_are_within_bounds_and_spread_where_the_data_say_nothing(sand, tmp
     path = tmp_path / "fitted.toml"
     bounded = [*sand, "--free", "sigma,k", "--cutting-fraction", "0.3", "--bounds", "sigma=1 GPa:1.4 GPa"]
     assert exit_status([*bounded, "--write-case", str(path)]) == 0
-    draws = tomllib.loads(path.read_text())["advise"]["uncertain"]["sigma"]
-    assert len(draws) == 64
+    draws = read_draws(tmp_path / "fitted.nc", QUANTITIES, "si").rows.columns["sigma"]
     assert 1e9 <= min(draws) < max(draws) == pytest.approx(1.4e9, rel=0.01)
 
 

@@ -18,7 +18,7 @@ import xarray as xr
 import erosion
 from erosion.cli import exit_status
 from erosion.distributions import LogNormal, Normal
-from erosion.fits.posterior_files import read_draws
+from erosion.fits.fit_files import read_draws
 from erosion.joint_laws import CorrelatedLaws, Rows
 from erosion.parameters.quantities import QUANTITIES
 from tests.cli.test_document import SCHEMA

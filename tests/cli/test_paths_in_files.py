@@ -12,7 +12,7 @@ import pytest
 
 import erosion
 from erosion.cli import exit_status
-from erosion.fits.posterior_files import model_of_draws, read_draws
+from erosion.fits.fit_files import model_of_draws, read_draws
 from erosion.parameters.case_files import CaseFile, load_case
 from erosion.parameters.quantities import QUANTITIES
 from tests.documents import Shell

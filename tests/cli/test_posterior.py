@@ -8,7 +8,7 @@ import xarray as xr
 
 from erosion.cli import exit_status
 from erosion.cli.calibrate import Fit
-from erosion.fits.posterior_files import model_of_draws
+from erosion.fits.fit_files import model_of_draws
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.case_files import CaseFile
 from erosion.parameters.parameters import TABLE_1

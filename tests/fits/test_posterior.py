@@ -13,9 +13,9 @@ from scipy import stats
 import erosion
 from erosion.distributions import Normal, Uniform
 from erosion.fits import Posterior
+from erosion.fits.fit_files import read_draws
 from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
-from erosion.fits.posterior_files import read_draws
 from erosion.joint_laws import CorrelatedLaws
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1

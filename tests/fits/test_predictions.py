@@ -11,9 +11,9 @@ from erosion.distributions import Uniform
 from erosion.fits import Posterior
 from erosion.fits.discrepancy import Discrepant, with_few_conditions
 from erosion.fits.errors import ErrorModel
+from erosion.fits.fit_files import read_draws, read_predictor
 from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
-from erosion.fits.posterior_files import read_draws, read_predictor
 from erosion.fits.predicted import predictions
 from erosion.fits.prediction import predictor_of
 from erosion.parameters.parameters import QUANTITIES, TABLE_1

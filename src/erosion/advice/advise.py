@@ -11,9 +11,8 @@ from erosion.advice.result import DRAWS, NOZZLE_ANGLES, Advice, Curve, Uncertain
 from erosion.arguments import Progress, no_progress, refuse
 from erosion.correlations import CORRELATIONS
 from erosion.distributions import Normal, as_laws
-from erosion.fits.calibration import Calibration
+from erosion.fits.fit import Fit
 from erosion.fits.forward import FRACTION
-from erosion.fits.posterior import Posterior
 from erosion.fits.predicted import ANGLES, highest
 from erosion.fits.prediction import Predictor
 from erosion.impacts import SimulationError, alpha_max, impact, turned_beyond
@@ -69,7 +68,7 @@ def advise(
     density: float | int | None = None,
     cutting_fraction: float | None = None,
     models: Sequence[str | CuttingModel] = MODELS,
-    uncertain: Mapping[str, Any] | Calibration | Posterior | None = None,
+    uncertain: Mapping[str, Any] | Fit | None = None,
     job: Job | None = None,
     compare: str | Particle | None = None,
     progress: Progress = no_progress,
@@ -131,12 +130,13 @@ def advise(
     return dataclasses.replace(advice, job=job, other=compared_with(compare, grit, metal))
 
 
-def _uncertain(uncertain: Mapping[str, Any] | Calibration | Posterior | None) -> Uncertain | None:
+def _uncertain(uncertain: Mapping[str, Any] | Fit | None) -> Uncertain | None:
     """The laws of what is not known, and the predictions of a fit where data tell the size of the wear."""
-    if not isinstance(uncertain, (Calibration, Posterior)):
+    if not isinstance(uncertain, Fit):
         return None if uncertain is None else Uncertain(as_laws(uncertain, "uncertain"))
     predictor = None if uncertain.data.free_scale else uncertain.predictor
-    return Uncertain(as_laws(uncertain.rows_of_draws(), "uncertain"), predictor=predictor)
+    laws = as_laws(uncertain.rows_of_draws(), "uncertain")
+    return Uncertain(laws, predictor=predictor).of_metal({"": uncertain.forward.model})
 
 
 def compared_with(other: str | Particle | None, grit: Particle | None, metal: Target | None) -> Particle | None:

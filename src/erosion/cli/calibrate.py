@@ -37,6 +37,7 @@ from erosion.cli.options import (
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 from erosion.output import briefly
 from erosion.results import Finding, stated, unique
+from erosion.results.findings import STATED
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or "angle [deg], speed [m/s], '
@@ -128,19 +129,18 @@ class Fit:
 
     def next_steps(self, ranking: "lazy.Ranking", case_file: Path | None, draws: Path | None = None) -> list[str]:
         """The commands for the best angle, the advice and CFD codes, by the files that are written."""
-        uncertain = [] if draws is None else ["--uncertain", str(draws)]
         wear = [] if draws is None else [f"wear at other angles and speeds: {lazy.command('predict', str(draws))}"]
         if case_file is not None:
             path = str(case_file)
             return [
                 *wear,
                 f"the best angle of this fit: {lazy.command('optimum', path)}",
-                f"a nozzle's angle by this fit: {lazy.command('advise', path, *uncertain)}",
+                f"a nozzle's angle by this fit: {lazy.command('advise', path)}",
                 f"for CFD codes: {lazy.command('export', path, '--fluent', 'angles.csv')}",
             ]
         if draws is not None:
             words = self.options.words(ranking.best.names)
-            return [*wear, f"a nozzle's angle by this fit: {lazy.command('advise', *words, *uncertain)}"]
+            return [*wear, f"a nozzle's angle by this fit: {lazy.command('advise', *words, '--uncertain', str(draws))}"]
         return ["a nozzle's angle: --write-case fitted.toml, then erosion advise fitted.toml"]
 
 
@@ -196,17 +196,46 @@ def dimension_of(name: str, models: Sequence[Any], units: "lazy.System") -> "laz
 
 WriteCaseOption = Annotated[
     Path | None,
-    Parameter(name="--write-case", group=OUTPUT, help="Write the best fit as a case file, for all verbs."),
+    Parameter(
+        name="--write-case",
+        group=OUTPUT,
+        help="Write the best fit as a case file, for all verbs, and its samples beside it (.nc).",
+    ),
 ]
 
 
-def write_case(path: Path, ranking: "lazy.Ranking", task: Fit, output: Output) -> None:
-    """Write the best fit as a case file; without draws of its parameters, where there are none, with a warning."""
+def samples_beside(case_file: Path | None) -> Path | None:
+    """The file of samples that belongs to a case file."""
+    return None if case_file is None else case_file.with_suffix(".nc")
+
+
+def write_case(
+    path: Path, ranking: "lazy.Ranking", task: Fit, output: Output, samples: Path | None = None
+) -> Path | None:
+    """Write the best fit as a case file, and the file of its samples.
+
+    Args:
+        path: of the case file.
+        ranking: the fits.
+        task: what was asked.
+        output: of the verb.
+        samples: a file of samples that is written already, to which the case file refers.
+
+    Returns:
+        The file of samples; None, with a finding, where there is no parameter of an impact to sample.
+    """
+    warnings = ranking.warnings_of_best
     with user_errors(lazy.CalibrationError):
-        text = lazy.to_case(ranking.best, str(path), **task.options.names(), warnings=ranking.warnings_of_best)
+        if samples is None:
+            try:
+                ranking.best.rows_of_draws()
+                samples = ranking.best.save(path.with_suffix(".nc"), warnings)
+            except lazy.SamplingError:
+                output.warn(Finding("case_without_draws", str(path)))
+        options = task.options.names()
+        text = lazy.to_case(ranking.best, str(path), **options, warnings=warnings, samples=samples)
         lazy.write_whole(path, text.encode())
-    if "\n[advise.uncertain]\n" not in text:
-        output.warn(Finding("case_without_draws", str(path)))
+    return samples
 
 
 def ranks_several(ranking: "lazy.Ranking") -> bool:
@@ -273,7 +302,7 @@ def calibrate(
     units of the data. `erosion posterior` draws all values that data leave.
     """
     task = given_fit(data, with_file(case, file), fit, model, own, table)
-    require_outputs(case_file, plot=plot, inputs=task.inputs)
+    require_outputs(case_file, samples_beside(case_file), plot=plot, inputs=task.inputs)
     models = task.models()
     output = Output("calibrate", task.p, task.options, json=json)
     with user_errors(), progress_bar("reading") as progress:
@@ -297,10 +326,9 @@ def calibrate(
     output.table(ranking.best.title, ranking.best.rows(level))
     if along is not None:
         output.table(along.title, along.rows(), along.headings, (0, 1))
-    if case_file is not None:
-        write_case(case_file, ranking, task, output)
+    samples = None if case_file is None else write_case(case_file, ranking, task, output)
     draw(plot, lambda: lazy.plot_calibration(ranking.best_first, level))
-    output.wrote(*task.next_steps(ranking, case_file), figure=plot, case=case_file)
+    output.wrote(*task.next_steps(ranking, case_file, samples), figure=plot, case=case_file, samples=samples)
 
 
 def _read_bounds(
@@ -422,6 +450,10 @@ class GivenFit:
         loaded = {name: self._case.load_as_set(name, own) for name in chosen}
         return {lazy.called(name, model): model for name, model in loaded.items()}
 
+    def is_said(self, doubt: Finding) -> bool:
+        """Whether the case file says what its samples say of the fit, too."""
+        return self._counts and doubt.code == STATED
+
     def words(
         self,
         abrasive: PerMassOptions,
@@ -441,7 +473,7 @@ class GivenFit:
             return (*self._case.words(fitted), *words)
         of_file = self._case.model()[0]
         named = [] if of_file and self._section.get("model") == of_file else ["--model", ",".join(models)]
-        if not draws and not {"data", "tested"}.isdisjoint(self._section):
+        if (self._counts or not draws) and not {"data", "tested"}.isdisjoint(self._section):
             return (str(self._case.case), *named)
         share = draws[0].cutting_fraction if draws else abrasive.cutting_fraction
         if share is not None and (share != 1 or self._case.file is not None):
@@ -470,7 +502,7 @@ class GivenFit:
             return None, draws
         source = str(self._case.case) if self._options.uncertain is None else ""
         with user_errors():
-            uncertain = lazy.Uncertain(laws, source, predictor=draws[0].predictor if draws else None)
+            uncertain = lazy.Uncertain(laws, source, predictor=draws[0].predictor if draws else None).of_metal(models)
             uncertain.require_of_metal(models, where)
         options = {name: name for name in self._case.given()}
         options |= {text.partition("=")[0].strip(): "set" for text in self._options.own or ()}
@@ -545,7 +577,7 @@ def advise(
         ]  # of the file's tests, which may be those of the draws
         of_draws = [doubt for part in draws for chosen in models.values()
                     for doubt in part.doubts(chosen, advice.p, advice.per_mass.cutting_fraction)
-                    if (doubt.code, doubt.numbers) not in told]  # fmt: skip
+                    if (doubt.code, doubt.numbers) not in told and not fit.is_said(doubt)]  # fmt: skip
         weighed = advice.weighed or fit.weighed if uncertain else None
         advice = dataclasses.replace(
             advice, doubts=unique((*fit.doubts, *outside, *of_draws)), weighed=weighed,

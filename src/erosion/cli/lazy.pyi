@@ -54,6 +54,7 @@ from erosion.fits import Measurements as Measurements
 from erosion.fits import NextExperiment as NextExperiment
 from erosion.fits import PosteriorRanking as PosteriorRanking
 from erosion.fits import Ranking as Ranking
+from erosion.fits import SamplingError as SamplingError
 from erosion.fits import rank_models as rank_models
 from erosion.fits import rank_posteriors as rank_posteriors
 from erosion.fits import read_measurements as read_measurements
@@ -73,10 +74,10 @@ from erosion.fits.forward import USUAL_FREE as USUAL_FREE
 from erosion.fits.forward import USUAL_MODELS as USUAL_MODELS
 from erosion.fits.measurements import conditions as conditions
 from erosion.fits.measurements import unit_system as unit_system
-from erosion.fits.posterior_files import Draws as Draws
-from erosion.fits.posterior_files import model_of_draws as model_of_draws
-from erosion.fits.posterior_files import read_draws as read_draws
-from erosion.fits.posterior_files import read_predictor as read_predictor
+from erosion.fits.fit_files import Draws as Draws
+from erosion.fits.fit_files import model_of_draws as model_of_draws
+from erosion.fits.fit_files import read_draws as read_draws
+from erosion.fits.fit_files import read_predictor as read_predictor
 from erosion.fits.predicted import predictions as predictions
 from erosion.fits.likelihood import ERROR_FACTOR as ERROR_FACTOR
 from erosion.fits.likelihood import NOISE as NOISE

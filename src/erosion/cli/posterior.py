@@ -20,6 +20,7 @@ from erosion.cli.calibrate import (
     dimension_of,
     given_fit,
     print_document,
+    samples_beside,
     write_case,
 )
 from erosion.cli.errors import InputError, reading, user_errors
@@ -69,6 +70,11 @@ class _Files:
     ] = None
 
     @property
+    def samples(self) -> Path | None:
+        """The file of draws, which a case file has beside it where it has no other name."""
+        return self.output or samples_beside(self.case_file)
+
+    @property
     def figures(self) -> dict[str, Path]:
         """The figures that are asked for, by the name of their function."""
         paths = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
@@ -78,7 +84,7 @@ class _Files:
         """Know before computing that all files can be written, and that none of them is read."""
         with user_errors():
             figures = [file for path in self.figures.values() for file in lazy.plot_files(path)]
-        require_outputs(self.output, self.case_file, *figures, inputs=inputs)
+        require_outputs(self.samples, self.case_file, *figures, inputs=inputs)
 
     def write(
         self,
@@ -91,10 +97,10 @@ class _Files:
         """Write the files, first the draws, which take longest."""
         posterior = posteriors.best
         with user_errors():
-            if self.output is not None:
-                posterior.save(self.output)
+            if self.samples is not None:
+                posterior.save(self.samples)
         if self.case_file is not None:
-            write_case(self.case_file, ranking, task, output)
+            write_case(self.case_file, ranking, task, output, self.samples)
         with user_errors():
             for name, path in self.figures.items():
                 result: Any = posterior.alpha_max() if name == "plot_best_angles" else posterior
@@ -221,8 +227,8 @@ def posterior(
     files.write(task, ranking, posteriors, following, output)
     figures = [f"{name.removeprefix('plot_')}: {file}" for name, path in files.figures.items()
                for file in lazy.plot_files(path)]  # fmt: skip
-    steps = [*task.next_steps(ranking, files.case_file, files.output), *([following.sentence] if following else [])]
-    output.wrote(*figures, *steps, draws=files.output, case=files.case_file)
+    steps = [*task.next_steps(ranking, files.case_file, files.samples), *([following.sentence] if following else [])]
+    output.wrote(*figures, *steps, draws=files.samples, case=files.case_file)
 
 
 def _draw(

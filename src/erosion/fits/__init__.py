@@ -5,6 +5,7 @@ from erosion.fits.doubts import Profile as Profile
 from erosion.fits.errors import ErrorModel as ErrorModel
 from erosion.fits.experiments import NextExperiment as NextExperiment, next_experiment as next_experiment
 from erosion.fits.export import to_case as to_case, to_fluent as to_fluent, to_openfoam as to_openfoam
+from erosion.fits.fit import Fit as Fit
 from erosion.fits.least_squares import CalibrationError as CalibrationError
 from erosion.fits.measurements import (
     MeasurementError as MeasurementError,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from scipy import stats
 
 from erosion.arguments import check_share, check_whole
@@ -24,15 +25,16 @@ from erosion.fits.doubts import (
     find_patterns,
     growth,
 )
-from erosion.fits.draws import draws_of_theta
 from erosion.fits.errors import ErrorModel
-from erosion.fits.forward import FACTORS, FRACTION, FREE, OF_METAL, SCALE, make_forward
+from erosion.fits.fit import Fit
+from erosion.fits.forward import FACTORS, FRACTION, FREE, Forward, make_forward
 from erosion.fits.least_squares import (
     FINEST,
     LOSSES,
     CalibrationError,
     FitProblem,
     FitSolution,
+    Group,
     Identifiability,
     fit,
     identify,
@@ -42,8 +44,6 @@ from erosion.fits.likelihood import make_likelihood
 from erosion.fits.measurements import Measurements, conditions
 from erosion.fits.predicted import Predictions, predictions
 from erosion.fits.prediction import Predictor, make_predictor
-from erosion.fits.tempering import SamplingError
-from erosion.joint_laws import Rows
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_parameters, quantities
 from erosion.output.tables import Row, briefly, format_number, to_plain
 from erosion.parameters.parameters import Parameters
@@ -54,14 +54,13 @@ from erosion.parameters.quantities import (
     table_scale,
     unit_name,
 )
-from erosion.results import Result
 
 _ROUNDING = 1e-9  # of leverages
 _PROFILED = 1.8  # intervals of that level, to either side of an estimate
 
 
 @dataclasses.dataclass(frozen=True)
-class Calibration(Result):
+class Calibration(Fit):
     """A model fitted to measurements.
 
     Args:
@@ -78,14 +77,14 @@ class Calibration(Result):
         return self.problem.forward.at(self.solution.theta)[0]
 
     @property
-    def data(self) -> Measurements:
-        """The measurements."""
-        return self.problem.data
+    def forward(self) -> Forward:
+        """The model and the case of the first guess, and the data."""
+        return self.problem.forward
 
     @property
-    def erosion_unit(self) -> str:
-        """The unit of the data's erosion, as programs read it."""
-        return self.data.erosion_unit
+    def data(self) -> Measurements:
+        """The measurements, whose relative errors are of the fit."""
+        return self.problem.data
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -371,28 +370,15 @@ class Calibration(Result):
         """
         return predictions(self.predictor, alpha, at, level)
 
-    def rows_of_draws(self, count: int = 64) -> Rows:
-        """Draws of the parameters as a joint law, for `uncertain` of `erosion.advise`; see `Posterior.rows_of_draws`.
+    @functools.cached_property
+    def samples(self) -> xr.Dataset:
+        """Samples of what the rows leave within the bounds if the model is right, over the dimensions (chain, draw)."""
+        return self.dataset({name: values[None] for name, values in self.predictor.ways["model"].values.items()})
 
-        They are the parameters of the metal and of the model, within the bounds, that explain the rows as well as the
-        scatter allows. So the curves of the draws are known where the rows are, even if they do not decide a parameter.
-        What only the scale of data in units of its own decides keeps its estimate, and so do particle and jet.
-
-        Raises:
-            SamplingError: where impacts fail all over the bounds, or no such parameter is free.
-        """
-        drawn = {*OF_METAL, *own_parameters(self.model)}
-        for group in self.identifiability.groups:
-            drawn -= {*group.names} if SCALE in group.names else set()
-        columns = [name for name in self.names if name in drawn]
-        if not columns:
-            raise SamplingError("The fit has no draws: it decides no parameter of the metal or of the model.")
-        held = {*self.names} - {*columns, SCALE}
-        thetas = draws_of_theta(self.problem, self.solution, held, check_whole("count", count, 1))
-        values = {name: self.problem.forward.from_theta(name, theta)
-                  for name, theta in zip(self.names, thetas.T, strict=True) if name in columns}  # fmt: skip
-        tested = self.problem.forward.tested.ranges
-        return Rows(values, f"the fit to {self.data.source}", self.p.units, tested=tested)
+    @functools.cached_property
+    def groups(self) -> Sequence[Group]:
+        """The parameters that the data cannot tell apart."""
+        return self.identifiability.groups
 
     def profile(self, name: str, points: int = 21) -> Profile:
         """The likelihood's profile along one parameter, with all others fitted again at each value.

@@ -15,7 +15,6 @@ from erosion.cfd.exports import ANGLES, ExportedParticle, Reach, commented, part
 from erosion.fits.calibration import Calibration
 from erosion.fits.conditions import MOST
 from erosion.fits.measurements import conditions
-from erosion.fits.tempering import SamplingError
 from erosion.impacts import impact
 from erosion.models import CuttingModel, model_name, model_source, own_parameters
 from erosion.models.correlated import per_mass_of
@@ -137,12 +136,12 @@ def to_case(
     particle: str | None = None,
     target: str | None = None,
     warnings: Sequence[str] | None = None,
+    samples: str | Path | None = None,
 ) -> str:
     """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
 
-    The model and its own parameters are the file's usual ones for all verbs. What is doubtful, and draws of the
-    parameters that explain the rows (`Calibration.rows_of_draws`), if there are any, are in the table [advise], which
-    `erosion advise` reads.
+    The model and its own parameters are the file's usual ones for all verbs. What is doubtful, what was tested and the
+    file of samples are in the table [advise], which `erosion advise` reads.
 
     Args:
         calibration: the fit.
@@ -150,6 +149,7 @@ def to_case(
         particle: its name and size, where the case has it by name.
         target: its name, where the case has it by name.
         warnings: sentences for whoever uses the file; those of the fit without them.
+        samples: the file that `Fit.save` writes, for advice by predictions of the fit.
 
     Raises:
         ValueError: for a model without a name or a file, which no verb could load again.
@@ -165,9 +165,8 @@ def to_case(
         density *= conversion_factor("density", calibration.p.units, "si")
     weighed = dump_per_mass(PerMass(density, calibration.cutting_fraction))
     said = calibration.warnings if warnings is None else warnings
-    return (
-        commented(text, "#") + case + named + weighed + _model(calibration, path) + _for_advice(calibration, said, path)
-    )
+    advice = _for_advice(calibration, said, path, samples)
+    return commented(text, "#") + case + named + weighed + _model(calibration, path) + advice
 
 
 def _in_file(text: str, path: str) -> str:
@@ -187,25 +186,21 @@ def _model(calibration: Calibration, path: str) -> str:
     return dump_model(_in_file(source, path), own)
 
 
-def _for_advice(calibration: Calibration, warnings: Sequence[str], path: str) -> str:
+def _for_advice(calibration: Calibration, warnings: Sequence[str], path: str, samples: str | Path | None) -> str:
     """The table [advise] of a case file."""
     of_scale = "The tests had units of their own, so the size of the wear is that of the case."
     rows = "" if calibration.data.path is None else seen_from(Path(path), str(calibration.data.path))
-    said, draws = [of_scale] * calibration.data.free_scale + [*warnings], []
-    try:
-        columns = calibration.rows_of_draws().columns
-        draws = ["", "[advise.uncertain]", *(f"{name} = [{', '.join(f'{value:.6g}' for value in values)}]"
-                                             for name, values in columns.items())]  # fmt: skip
-    except SamplingError as error:
-        said.append(str(error))
+    said = [of_scale] * calibration.data.free_scale + [*warnings]
+    kept = "" if samples is None else seen_from(Path(path), str(samples))
     equations = plug_in_digest(calibration.model, calibration.p)
     lines = sentences(
         (bool(said), f"warning = {toml_string(' '.join(said))}"),
         (rows, f"data = {toml_string(rows)}"),
+        (kept, f"uncertain = {toml_string(kept)}"),
         (True, f"tested = {calibration.problem.forward.tested.dump()}"),
         (equations, f'equations = "{equations}"  # of {model_name(calibration.model)}, as it was'),
     )
-    return "\n".join(["", "[advise]", *lines, *draws, ""])
+    return "\n".join(["", "[advise]", *lines, ""])
 
 
 def command(*words: str) -> str:

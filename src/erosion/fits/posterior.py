@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import json
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,44 +11,29 @@ import numpy as np
 import xarray as xr
 from scipy import special, stats
 
-from erosion.arguments import Progress, check_path, check_share, check_whole, no_progress
+from erosion.arguments import Progress, check_share, check_whole, no_progress
 from erosion.fits.doubts import LEVEL, POOR, rounded
 from erosion.fits.errors import ErrorModel
-from erosion.fits.forward import FRACTION, FREE, SCALE, make_forward
-from erosion.fits.least_squares import identify
+from erosion.fits.fit import Fit
+from erosion.fits.forward import FREE, Forward, make_forward
+from erosion.fits.least_squares import Group, identify
 from erosion.fits.likelihood import (
     OF_ERROR,
     Likelihood,
     make_likelihood,
     sampled_quantities,
 )
-from erosion.fits.measurements import Measurements
-from erosion.fits.posterior_files import (
-    DATA_FILE,
-    EQUATIONS,
-    LINE,
-    SOURCE,
-    TESTED,
-    WARNINGS,
-    own_in_si,
-    prediction_groups,
-)
 from erosion.fits.predicted import ANGLES, BestAngles, highest
 from erosion.fits.prediction import Noise, Predictor, make_predictor, of_model
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
 from erosion.impacts.batch import impact
 from erosion.impacts.optimum import alpha_max
-from erosion.joint_laws import LawSet, Rows
-from erosion.models import CuttingModel, impact_to_dict, model_name, model_source, with_values
-from erosion.models.equations import plug_in_digest
+from erosion.joint_laws import LawSet
+from erosion.models import CuttingModel, impact_to_dict, model_name, with_values
 from erosion.ode.step_control import require_float64
-from erosion.output.files import require_writable, seen_from, write_whole
 from erosion.output.tables import Row, format_number, sentences, to_plain
-from erosion.parameters.case_files import dump_case, with_paths
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity, Scale, table_scale
-from erosion.results import Result
-from erosion.version import __version__
 
 _EVIDENCE = 0.5  # standard error of ln Z, from which on a factor of evidence means little
 _END, _PILED = 0.01, 0.1  # an end of a prior, and the share of draws there that shows that the prior decides
@@ -64,7 +48,7 @@ class ConvergenceWarning(UserWarning):
 
 
 @dataclasses.dataclass(frozen=True)
-class Posterior(Result):
+class Posterior(Fit):
     """The parameters of a model after the data: draws of them, and the evidence.
 
     Args:
@@ -90,14 +74,9 @@ class Posterior(Result):
         return self.likelihood.forward.p
 
     @property
-    def data(self) -> Measurements:
-        """The measurements."""
-        return self.likelihood.forward.data
-
-    @property
-    def erosion_unit(self) -> str:
-        """The unit of the data's erosion, as programs read it."""
-        return self.data.erosion_unit
+    def forward(self) -> Forward:
+        """The model, the case and the data."""
+        return self.likelihood.forward
 
     @property
     def priors(self) -> LawSet:
@@ -115,11 +94,7 @@ class Posterior(Result):
 
         Chains are populations that know nothing of each other. Within one, copies of a draw stand side by side.
         """
-        known = self.quantities
-        return xr.Dataset({
-            name: (("chain", "draw"), values, known[name].attributes(self.p.units))
-            for name, values in self.likelihood.values(self.run.points).items()
-        }, {"chain": range(self.run.points.shape[0]), "draw": range(self.run.points.shape[1])})  # fmt: skip
+        return self.dataset(self.likelihood.values(self.run.points))
 
     @property
     def quantities(self) -> dict[str, Quantity]:
@@ -218,19 +193,21 @@ class Posterior(Result):
             )
         return tuple(said)
 
+    @functools.cached_property
+    def groups(self) -> Sequence[Group]:
+        """The parameters that the data cannot tell apart, at the likeliest draw."""
+        theta, deviation = self.forward.theta(self.likeliest), self.data.deviation
+        predicted, rates = self.forward.predict(theta, self.data.conditions)
+        jacobian = rates / deviation[:, None]
+        if len(self.data) < len(self.forward.names) or not np.isfinite(jacobian).all():
+            return ()
+        exponent = np.where(self.forward.logarithmic | (theta == 0), 1.0, theta)
+        return identify(self.forward.names, jacobian, exponent, float(np.linalg.norm(predicted / deviation))).groups
+
     def _ridges(self) -> list[str]:
         """Parameters that the data cannot tell apart, in the words of a fit."""
-        forward = self.likelihood.forward
-        theta = forward.theta(self.likeliest)
-        deviation = self.data.deviation
-        predicted, rates = forward.predict(theta, self.data.conditions)
-        jacobian = rates / deviation[:, None]
-        if len(self.data) < len(forward.names) or not np.isfinite(jacobian).all():
-            return []
-        exponent = np.where(forward.logarithmic | (theta == 0), 1.0, theta)
-        groups = identify(forward.names, jacobian, exponent, float(np.linalg.norm(predicted / deviation))).groups
         alone, ridge = "Its draws are those of the prior.", "How far the ridge goes, the priors say."
-        return [f"{group.statement} {alone if len(group.names) == 1 else ridge}" for group in groups]
+        return [f"{group.statement} {alone if len(group.names) == 1 else ridge}" for group in self.groups]
 
     def some(self, count: int) -> dict[str, np.ndarray]:
         """Draws of all parameters, from all populations alike, each of shape (count,) or, of fewer draws, of all."""
@@ -242,18 +219,6 @@ class Posterior(Result):
         """Model and case at draws, as arrays of shape (count,), for `erosion.impact` and all that takes arrays."""
         of_impact = self.likelihood.forward.of_impact
         return with_values(self.model, self.p, {name: self.some(count)[name] for name in of_impact})
-
-    def rows_of_draws(self) -> Rows:
-        """All draws as a joint law, for `uncertain` of `erosion.stream` and `erosion.erosion_map`.
-
-        It has the parameters of an impact, and "cutting_fraction" if that was sampled: a map takes it, a stream does
-        not. "scale" and the errors belong to the measurements and are left out. Values are in the units of the case,
-        which the case that takes them must have, too.
-        """
-        names = [name for name in self.names if name not in (SCALE, *OF_ERROR)]
-        columns = {name: self.samples[name].values for name in names}
-        tested = self.likelihood.forward.tested.ranges
-        return Rows(columns, f"the posterior of {self.data.source}", self.p.units, tested=tested)
 
     def derive(self, function: Callable[[CuttingModel, Parameters], Any], count: int = _SOME) -> Any:
         """A function of model and case at draws; it gets arrays of shape (count,): see `cases`."""
@@ -405,76 +370,25 @@ class Posterior(Result):
         }
         return impact_to_dict(self.model, self.p) | to_plain(numbers)
 
-    def to_datatree(self) -> xr.DataTree:
-        """Everything in ArviZ's layout: the groups posterior, sample_stats, observed_data and constant_data."""
-        chains = self.samples.coords
-        stats = xr.Dataset(
-            {"log_likelihood": (("chain", "draw"), self.run.log_likelihood + self.likelihood.constant)}, chains
-        )
-        known, units = sampled_quantities(self.likelihood.forward), self.p.units
-        observed: dict[str, Any] = {"erosion": ("row", self.data.erosion, self.data.quantity.attributes(units))}
-        if self.data.uncertainty is not None:
-            observed["uncertainty"] = ("row", self.data.uncertainty, {"units": self.data.erosion_unit})
-        if self.data.speeds is not None:
-            observed["speeds"] = ("row", self.data.speeds, {"long_name": "which speed's error it shares"})
-        if self.data.parts is not None:
-            observed["parts"] = (("row", "part"), self.data.parts, {"long_name": "absolute and relative part"})
-        constant = {name: ("row", values, known[name].attributes(units))
-                    for name, values in self.data.conditions.items()}  # fmt: skip
-        if self.data.lines is not None:
-            constant[LINE] = ("row", self.data.lines, {"long_name": f"line of {self.data.source}"})
-        described = {
-            "inference_library": "erosion",
-            "inference_library_version": __version__,
-            "model": model_name(self.model),
-            SOURCE: model_source(self.model) or "",
-            EQUATIONS: plug_in_digest(self.model, self.p),
-            "case": dump_case(self.p),
-            "unit_system": self.p.units,
-            "own_parameters": own_in_si(self.model, self.p, self.names),
-            **({} if FRACTION in self.names else {FRACTION: self.likelihood.forward.cutting_fraction}),
-            "data": self.data.source,
-            "seed": self.seed,
+    @property
+    def described(self) -> dict[str, Any]:
+        """Attributes of the samples in a file."""
+        return super().described | {
             "log_evidence": self.log_evidence,
             "log_evidence_error": self.log_evidence_error,
-            "converged": int(self.converged),
-            TESTED: json.dumps(self.likelihood.forward.tested.ranges),
-            # Whether the draws are good is said by the one who reads them.
-            WARNINGS: json.dumps(self.warnings[len(self.not_converged) :]),
             **{f"prior_{name}": self.prior_in_words(name) for name in self.names},
         }
-        return xr.DataTree.from_dict({
-            "posterior": self.samples.assign_attrs(described),
-            "sample_stats": stats,
-            "observed_data": xr.Dataset(observed),
-            "constant_data": xr.Dataset(constant),
-            **prediction_groups(self.predictor),
-        })  # fmt: skip
 
-    def save(self, path: str | Path) -> Path:
-        """Write `to_datatree` to a netCDF file, whole or not at all.
+    @property
+    def sample_stats(self) -> xr.Dataset:
+        """The log-likelihood of each draw."""
+        logs = self.run.log_likelihood + self.likelihood.constant
+        return xr.Dataset({"log_likelihood": (("chain", "draw"), logs)}, self.samples.coords)
 
-        Raises:
-            ValueError: for a suffix other than .nc.
-            OSError: where the file cannot be written.
-        """
-        path = check_path("path", path)
-        if path.suffix != ".nc":
-            raise ValueError(f"Argument `path` must end in .nc, but is {path}.")
-        require_writable(path)
-        tree = self.to_datatree()
-        draws = tree["posterior"].attrs
-        draws[SOURCE] = with_paths(draws[SOURCE], functools.partial(seen_from, path))
-        if self.data.path is not None:
-            draws[DATA_FILE] = seen_from(path, str(self.data.path))
-        # HDF5 then sees numbers that were damaged; it keeps no checksum of what has no axes.
-        checked = {
-            group.path: {name: {"fletcher32": True} for name, values in group.data_vars.items() if values.ndim}
-            for group in tree.subtree
-        }
-        with memoryview(tree.to_netcdf(None, engine="h5netcdf", encoding=checked)) as content:
-            write_whole(path, content)
-        return path
+    @property
+    def doubts(self) -> Sequence[str]:
+        """The warnings but for those on the draws."""
+        return self.warnings[len(self.not_converged) :]
 
     @property
     def likeliest(self) -> dict[str, float]:

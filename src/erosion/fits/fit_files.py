@@ -1,4 +1,4 @@
-"""Files of draws: what `Posterior.save` writes, read as a joint law for streams and maps of the same model."""
+"""Files of fits: what `Fit.save` writes, read as a joint law for streams and maps of the same model."""
 
 import dataclasses
 import functools
@@ -44,6 +44,8 @@ SOURCE, DATA_FILE = "model_source", "data_file"
 """The attributes with what loads the model again, its name or its file, and with the tests' table; paths begin here."""
 TESTED, WARNINGS = "tested", "warnings"
 """The attributes with the ranges of the tests, as `Tested` has them, and what is doubtful in the fit; in JSON."""
+TIED = "tied_to_scale"
+"""The attribute with the parameters whose samples mean nothing, as the tests had units of their own; in JSON."""
 _OF_METAL = ("k", "psi", "sigma")  # those that a case must share with the data
 
 
@@ -139,7 +141,7 @@ def own_in_si(model: CuttingModel, p: Parameters, sampled: Collection[str]) -> s
 
 
 def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: System) -> Draws:
-    """Read what `Posterior.save` or `erosion posterior -o` has written.
+    """Read what `Fit.save` or `erosion posterior -o` has written.
 
     Args:
         path: of the file (.nc).
@@ -155,8 +157,9 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
     before = check_system(attrs["unit_system"])
     known = {**quantities, FRACTION: FACTORS[FRACTION]}
     columns = {}
-    # The noise and the scale are of the measurements, not of an impact.
-    for name in map(str, dataset.drop_vars([*OF_ERROR, SCALE], errors="ignore").data_vars):
+    # The noise and the scale are of the measurements, not of an impact, and so is what the scale decides.
+    of_tests = [*OF_ERROR, SCALE, *_kept(attrs, TIED, [])]
+    for name in map(str, dataset.drop_vars(of_tests, errors="ignore").data_vars):
         values = dataset[name]
         if name not in known or values.attrs.get("units") != known[name].unit(before):
             raise ValueError(
@@ -216,7 +219,7 @@ def prediction_groups(predictor: Predictor) -> dict[str, xr.Dataset]:
 
 
 def read_predictor(path: str | Path) -> Predictor:
-    """The predictions of a posterior from the file that `Posterior.save` wrote; they are those before it was saved.
+    """The predictions of a posterior from the file that `Fit.save` wrote; they are those before it was saved.
 
     Args:
         path: of the file (.nc).
@@ -265,7 +268,7 @@ def model_of_draws(path: str | Path) -> str:
 
 
 def _opened(path: Path) -> xr.Dataset:
-    """The draws with the attributes that `Posterior.save` gives them."""
+    """The draws with the attributes that `Fit.save` gives them."""
     require_finite(path)
     try:
         with xr.open_dataset(path, group="posterior", engine="h5netcdf") as stored:

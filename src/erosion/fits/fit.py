@@ -1,0 +1,190 @@
+"""What every fit has, by least squares or by draws: samples, predictions, and a file that keeps both."""
+
+import abc
+import functools
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from erosion.arguments import check_path
+from erosion.fits.fit_files import (
+    DATA_FILE,
+    EQUATIONS,
+    LINE,
+    SOURCE,
+    TESTED,
+    TIED,
+    WARNINGS,
+    own_in_si,
+    prediction_groups,
+)
+from erosion.fits.forward import FRACTION, SCALE, Forward
+from erosion.fits.least_squares import Group
+from erosion.fits.likelihood import OF_ERROR, sampled_quantities
+from erosion.fits.measurements import Measurements
+from erosion.fits.prediction import Predictor
+from erosion.fits.tempering import SamplingError
+from erosion.joint_laws import Rows
+from erosion.models import model_name, model_source
+from erosion.models.equations import plug_in_digest
+from erosion.output.files import require_writable, seen_from, write_whole
+from erosion.parameters.case_files import dump_case, with_paths
+from erosion.results import Result
+from erosion.version import __version__
+
+
+class Fit(Result):
+    """A model fitted to tests."""
+
+    @property
+    @abc.abstractmethod
+    def forward(self) -> Forward:
+        """The model and the case as they were given, the free parameters, and the data."""
+
+    @functools.cached_property
+    @abc.abstractmethod
+    def predictor(self) -> Predictor:
+        """What predictions ask: the average of the ways to read the data."""
+
+    @functools.cached_property
+    @abc.abstractmethod
+    def samples(self) -> xr.Dataset:
+        """Samples of each parameter, over the dimensions (chain, draw), in the case's units."""
+
+    @functools.cached_property
+    @abc.abstractmethod
+    def groups(self) -> Sequence[Group]:
+        """The parameters that the data leave open together."""
+
+    @property
+    def data(self) -> Measurements:
+        """The measurements."""
+        return self.forward.data
+
+    @property
+    def erosion_unit(self) -> str:
+        """The unit of the data's erosion, as programs read it."""
+        return self.data.erosion_unit
+
+    @property
+    def converged(self) -> bool:
+        """Whether the samples are good."""
+        return all(way.converged for way in self.predictor.ways.values())
+
+    @property
+    def tied_to_scale(self) -> tuple[str, ...]:
+        """The parameters that data in units of their own leave open, as the scale has their influence."""
+        tied = {name for group in self.groups if SCALE in group.names for name in group.names} - {SCALE}
+        return tuple(name for name in self.forward.names if name in tied)
+
+    def rows_of_draws(self) -> Rows:
+        """The samples as a joint law, for `uncertain` of `erosion.stream`, `erosion.erosion_map` and `erosion.advise`.
+
+        It has the parameters of an impact, and "cutting_fraction" if that was fitted: a map takes it, a stream does
+        not. "scale" and the errors belong to the measurements and are left out, and so is what is tied to the scale.
+        Values are in the units of the case, which the case that takes them must have, too.
+
+        Raises:
+            SamplingError: where no such parameter is left, or impacts fail all over the bounds.
+        """
+        names = [name for name in self.forward.names if name not in (SCALE, *OF_ERROR, *self.tied_to_scale)]
+        if not names:
+            raise SamplingError("The fit has no samples: it decides no parameter of an impact.")
+        columns = {name: self.samples[name].values for name in names}
+        return Rows(columns, f"the fit to {self.data.source}", self.forward.p.units, tested=self.forward.tested.ranges)
+
+    def dataset(self, values: Mapping[str, Any]) -> xr.Dataset:
+        """Samples by name, of the shape (chains, draws), with their units."""
+        known, (chains, draws) = sampled_quantities(self.forward), next(iter(values.values())).shape
+        columns = {name: (("chain", "draw"), column, known[name].attributes(self.forward.p.units))
+                   for name, column in values.items()}  # fmt: skip
+        return xr.Dataset(columns, {"chain": range(chains), "draw": range(draws)})
+
+    @property
+    def described(self) -> dict[str, Any]:
+        """Attributes of the samples in a file."""
+        forward = self.forward
+        fraction = {} if FRACTION in forward.names else {FRACTION: forward.cutting_fraction}
+        return {
+            "inference_library": "erosion",
+            "inference_library_version": __version__,
+            "model": model_name(forward.model),
+            SOURCE: model_source(forward.model) or "",
+            EQUATIONS: plug_in_digest(forward.model, forward.p),
+            "case": dump_case(forward.p),
+            "unit_system": forward.p.units,
+            "own_parameters": own_in_si(forward.model, forward.p, forward.names),
+            **fraction,
+            "data": self.data.source,
+            "seed": self.predictor.seed,
+            "converged": int(self.converged),
+            TESTED: json.dumps(forward.tested.ranges),
+            TIED: json.dumps(self.tied_to_scale),
+        }
+
+    @property
+    def sample_stats(self) -> xr.Dataset | None:
+        """Numbers of each sample; None without any."""
+        return None
+
+    def to_datatree(self) -> xr.DataTree:
+        """Everything in ArviZ's layout: the groups posterior, sample_stats, observed_data and constant_data."""
+        # The rows as predictions read them: a robust loss has errors of its own.
+        data, known, units = self.predictor.data, sampled_quantities(self.forward), self.forward.p.units
+        observed: dict[str, Any] = {"erosion": ("row", data.erosion, data.quantity.attributes(units))}
+        if data.uncertainty is not None:
+            observed["uncertainty"] = ("row", data.uncertainty, {"units": data.erosion_unit})
+        if data.speeds is not None:
+            observed["speeds"] = ("row", data.speeds, {"long_name": "which speed's error it shares"})
+        if data.parts is not None:
+            observed["parts"] = (("row", "part"), data.parts, {"long_name": "absolute and relative part"})
+        constant = {name: ("row", values, known[name].attributes(units)) for name, values in data.conditions.items()}
+        if data.lines is not None:
+            constant[LINE] = ("row", data.lines, {"long_name": f"line of {data.source}"})
+        groups = {
+            "posterior": self.samples.assign_attrs(self.described),
+            "observed_data": xr.Dataset(observed),
+            "constant_data": xr.Dataset(constant),
+            **prediction_groups(self.predictor),
+        }
+        return xr.DataTree.from_dict(
+            groups if self.sample_stats is None else groups | {"sample_stats": self.sample_stats}
+        )
+
+    def save(self, path: str | Path, warnings: Sequence[str] | None = None) -> Path:
+        """Write `to_datatree` to a netCDF file, whole or not at all.
+
+        Args:
+            path: ends in .nc.
+            warnings: sentences for whoever uses the file; those of the fit without them.
+
+        Raises:
+            ValueError: for a suffix other than .nc.
+            OSError: where the file cannot be written.
+        """
+        path = check_path("path", path)
+        if path.suffix != ".nc":
+            raise ValueError(f"Argument `path` must end in .nc, but is {path}.")
+        require_writable(path)
+        tree = self.to_datatree()
+        samples = tree["posterior"].attrs
+        samples[WARNINGS] = json.dumps([*(self.doubts if warnings is None else warnings)])
+        samples[SOURCE] = with_paths(samples[SOURCE], functools.partial(seen_from, path))
+        if self.data.path is not None:
+            samples[DATA_FILE] = seen_from(path, str(self.data.path))
+        # HDF5 then sees numbers that were damaged; it keeps no checksum of what has no axes.
+        checked = {
+            group.path: {name: {"fletcher32": True} for name, values in group.data_vars.items() if values.ndim}
+            for group in tree.subtree
+        }
+        with memoryview(tree.to_netcdf(None, engine="h5netcdf", encoding=checked)) as content:
+            write_whole(path, content)
+        return path
+
+    @property
+    def doubts(self) -> Sequence[str]:
+        """The warnings but for those on the samples, which whoever reads a file is told."""
+        return self.warnings
