@@ -8,6 +8,7 @@ import inspect
 import json
 import pkgutil
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from erosion.distributions import Normal
 from erosion.fits.predicted import predictions
 from erosion.output.tables import to_json, to_plain
 from erosion.results import Result, Value, render
+from erosion.sweeps.summary import Comparison, SweepSummary
 from tests.cfd.tables import Table, hump
 
 P = erosion.TABLE_1
@@ -64,6 +66,10 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "Advice": lambda: erosion.advise(SI, particle="garnet 0.3 mm", target="copper", models=["finnie"]),
     "BestAngles": lambda: drawn().alpha_max(10, discrepancy=False),
     "Calibration": fit,
+    "Comparison": lambda: Comparison(
+        erosion.compare(["linearized", "finnie"], SI, alpha=np.array([0.2, float(SI.alpha), 0.6])),
+        SI, {"linearized": erosion.PerMass(2700.0), "finnie": erosion.PerMass()},
+    ),
     "Impact": lambda: erosion.impact("linearized", SI.replace(alpha=np.array([0.3, 0.4])), derivatives=1),
     "MapSummary": wear,
     "Maximum": lambda: ode.maximum(
@@ -82,14 +88,17 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "Ranking": lambda: erosion.rank_models(P, data(), ["psi"], models=["linearized", "finnie"]),
     "Solution": lambda: ode.solve(DROP, {"drag": 0.1}, t1=9.0, wrt="drag"),
     "Stream": lambda: erosion.stream("linearized", SI, n=64, best_angle=False, alpha=Normal(0.3, 0.02)),
+    "SweepSummary": lambda: SweepSummary(
+        erosion.sweep("linearized", SI, alpha=np.array([0.2, 0.3])), SI, {"": erosion.PerMass(2700.0)}, Path("out.nc")
+    ),
     "Trajectory": lambda: erosion.simulate("linearized", SI),
     "Verification": lambda: erosion.verify("tan-alpha"),
-}
+}  # fmt: skip
 
 
 OLD = {
-    "Advice", "BestAngles", "Calibration", "MapSummary", "Maximum", "NextExperiment", "Posterior", "PosteriorRanking",
-    "Predictions", "Predictor", "Profile", "Ranking", "Solution", "Verification",
+    "Advice", "BestAngles", "Calibration", "MapSummary", "NextExperiment", "Posterior", "PosteriorRanking",
+    "Predictions", "Predictor", "Profile", "Ranking", "Solution",
 }  # fmt: skip
 """Results that write their rows and dictionaries themselves."""
 

@@ -43,9 +43,8 @@ from erosion.models import (
     with_values,
 )
 from erosion.ode.step_control import require_xla
-from erosion.output import Record, to_plain
 from erosion.parameters import QUANTITIES, TABLE_1, Parameters, conversion_factor
-from erosion.results import Finding, Result
+from erosion.results import Columns, Declared, Finding, Mark, Result, Value
 
 BOUNDS: Mapping[str, tuple[float, str]] = {
     "closed form": (1e-9, "V, V′, V″, t_c and the state midway, where an exact solution is known"),
@@ -62,8 +61,6 @@ BOUNDS: Mapping[str, tuple[float, str]] = {
     "∂²V/∂α∂q": (1e-6, "against differences of dV/dα, q every other parameter"),
 }
 """Every check: the greatest relative error that passes, and what it compares."""
-
-HEADINGS = ("check", "models", "worst error", "bound", "of")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,33 +131,32 @@ class Verification(Result):
         verdict = f"{len(self.failures)} out of bounds" if self.failures else "all within bounds"
         return f"{len(self.checks)} checks of {models} model{'s' * (models != 1)}: {verdict}"
 
-    @property
-    def headings(self) -> tuple[str, ...]:
-        """The columns of the table."""
-        return HEADINGS
-
-    def rows(self) -> list[tuple[str, ...]]:
-        """For each kind of check the worst error of all models."""
-        rows: list[tuple[str, ...]] = []
-        for name, (bound, _) in BOUNDS.items():
-            checks = [check for check in self.checks if check.name == name]
-            if checks:
-                worst = max(checks, key=lambda check: check.error)
-                mark = "" if worst.passed else " ✗"
-                rows.append((name, str(len(checks)), f"{worst.error:.1e}{mark}", f"{bound:.0e}", worst.model))
-        return rows
+    def declare(self) -> list[Declared]:
+        """The verdict, for each kind of check the worst error of all models, and every check."""
+        kinds = [[check for check in self.checks if check.name == name] for name in BOUNDS]
+        worst = [max(checks, key=lambda check: check.error) for checks in kinds if checks]
+        columns = [
+            Value("check", [check.name for check in worst]),
+            Value("models", [len(checks) for checks in kinds if checks]),
+            Value("error", [check.error for check in worst], "worst error", digits=2,
+                  marks=[Mark([not check.passed for check in worst], "out of bounds")]),
+            Value("bound", [check.bound for check in worst]),
+            Value("model", [check.model for check in worst], "of"),
+        ]  # fmt: skip
+        names = ("model", "name", "compares", "error", "bound", "passed", "where")
+        every = [Value(name, [getattr(check, name) for check in self.checks]) for name in names]
+        return [
+            Value("passed", self.passed, only="data"),
+            Value("absent", [*self.absent], only="data"),
+            Columns("worst", "", columns),
+            Columns("checks", "", every, only="data"),
+        ]
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """One for each failure and each absent solver."""
         absent = (Finding("solver_absent", name) for name in self.absent)
         return (*(check.finding for check in self.failures), *absent)
-
-    def to_dict(self) -> Record:
-        """The verdict and every check."""
-        names = ("model", "name", "compares", "error", "bound", "passed", "where")
-        checks = [{name: getattr(check, name) for name in names} for check in self.checks]
-        return to_plain({"passed": self.passed, "absent": self.absent, "checks": checks})
 
 
 _RTOL = 1e-12

@@ -118,8 +118,6 @@ from erosion.output.files import require_writable as require_writable
 from erosion.output.files import write_whole as write_whole
 from erosion.output.tables import HEADINGS as HEADINGS
 from erosion.output.tables import WIDTH as WIDTH
-from erosion.output.tables import Row as Row
-from erosion.output.tables import largest_of as largest_of
 from erosion.output.tables import to_json as to_json
 from erosion.output.tables import to_lines as to_lines
 from erosion.parameters.case_files import CaseFile as CaseFile
@@ -133,15 +131,10 @@ from erosion.parameters.parameters import TABLE_1 as TABLE_1
 from erosion.parameters.parameters import Parameters as Parameters
 from erosion.parameters.parameters import SizeWarning as SizeWarning
 from erosion.parameters.parameters import validate as validate
-from erosion.parameters.per_mass import BEYOND_TESTS as BEYOND_TESTS
-from erosion.parameters.per_mass import PER_MASS_SCALES as PER_MASS_SCALES
-from erosion.parameters.per_mass import PER_MASS_UNITS as PER_MASS_UNITS
 from erosion.parameters.per_mass import PerMass as PerMass
-from erosion.parameters.per_mass import models_far_from_tests as models_far_from_tests
 from erosion.parameters.per_mass import read_density as read_density
 from erosion.parameters.quantities import QUANTITIES as QUANTITIES
 from erosion.parameters.quantities import QUARTER_DEGREES as QUARTER_DEGREES
-from erosion.parameters.quantities import RESULTS as RESULTS
 from erosion.parameters.quantities import Dimension as Dimension
 from erosion.parameters.quantities import System as System
 from erosion.parameters.quantities import check_system as check_system
@@ -149,7 +142,6 @@ from erosion.parameters.quantities import conversion_factor as conversion_factor
 from erosion.parameters.quantities import declare_result as declare_result
 from erosion.parameters.quantities import read_axis as read_axis
 from erosion.parameters.quantities import read_quantity as read_quantity
-from erosion.parameters.quantities import table_scale as table_scale
 from erosion.parameters.quantities import unit_of as unit_of
 from erosion.plotting.curves import plot_against_correlations as plot_against_correlations
 from erosion.plotting.curves import plot_optimum as plot_optimum
@@ -177,9 +169,9 @@ from erosion.report.page import write_report as write_report
 from erosion.streams.stream import StreamInterrupted as StreamInterrupted
 from erosion.streams.stream import StreamOptions as StreamOptions
 from erosion.streams.stream import prepare_stream as prepare_stream
-from erosion.sweeps.grid import Grid as Grid
 from erosion.sweeps.grid import Outputs as Outputs
-from erosion.sweeps.grid import in_words as in_words
 from erosion.sweeps.grid import make_grid as make_grid
+from erosion.sweeps.summary import Comparison as Comparison
+from erosion.sweeps.summary import SweepSummary as SweepSummary
 from erosion.sweeps.sweep import compare as compare
 from erosion.sweeps.sweep import prepare_sweep as prepare_sweep

@@ -159,9 +159,7 @@ def verify(
     output = Output("verify", json=json)
     with progress_bar("compiling") as progress:
         verification = lazy.verify(models or None, progress=progress)
-    output.warn(*verification.findings)
-    output.document(verification.to_dict(), loaded)
-    output.table(verification.title, verification.rows(), verification.headings, (1, 2, 3))
+    output.show(verification, loaded)
     if not verification.passed:
         raise RuntimeError(f"{len(verification.failures)} of {len(verification.checks)} checks are out of bounds.")
 

@@ -2,9 +2,8 @@
 
 import math
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
@@ -31,7 +30,7 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
-from erosion.results import Columns, Declared, Finding, Scale, Value, from_attribute
+from erosion.results import Columns, Declared, Finding, Scale, Value
 
 
 def run(
@@ -201,11 +200,9 @@ def compare(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", lazy.OutOfRangeWarning)
             curves = lazy.compare([*references.values()], p, alpha=np.union1d(lazy.QUARTER_DEGREES, p.alpha))
-        at = curves.sel(alpha=float(p.alpha))
-        lines = [_at_the_case(str(name), at.sel(model=name), weights[str(name)], p) for name in at.model.values]
-        lost = [line["model"] for line in lines if line["ended_by"] in ("failed", "unfinished")]
+        comparison = lazy.Comparison(curves, p, weights)
         if not curves.volume.notnull().any():
-            raise lazy.SimulationError(f"{', '.join(lost)}: no impact could be computed.")
+            raise lazy.SimulationError(f"{', '.join(comparison.lost)}: no impact could be computed.")
         draw(plot, lambda: lazy.plot_against_correlations(curves, overlay) if overlay else lazy.plot_comparison(curves))
         if output is not None:
             with user_errors():
@@ -214,92 +211,8 @@ def compare(
                 else:
                     lazy.write_netcdf(curves, output, _COMPARISON)
     said = Output("compare", p, options, json=json)
-    said.warn(
-        *from_attribute(curves.attrs.get("findings", "")), *(Finding("model_not_computed", name) for name in lost)
-    )
-    said.warn(*lazy.models_far_from_tests(weights, {line["model"]: line["volume_max"] for line in lines}, p))
-    statements = _spread(lines)
-    units = {name: lazy.RESULTS[name].unit(p.units) for name in ("volume", "volume_max", "alpha_max")}
-    units |= lazy.PER_MASS_UNITS | {f"{name}_max": unit for name, unit in lazy.PER_MASS_UNITS.items()}
-    said.document({"models": lines, "statements": statements}, models, units)
-    _show_lines(said, lines, p, weights, statements)
+    said.show(comparison, models)
     said.wrote(figure=plot, curves=output)
-
-
-def _at_the_case(model: str, impact: Any, weight: "lazy.PerMass", p: "lazy.Parameters") -> dict[str, Any]:
-    """A model's impact at the case's angle, and its best angle."""
-    return {
-        "model": model,
-        "volume": float(impact.volume),
-        "ended_by": str(lazy.in_words(impact.ended_by)),
-        "alpha_max": float(impact.alpha_max),
-        "volume_max": float(impact.volume_max),
-        "kind": str(lazy.in_words(impact.alpha_max_kind)),
-        "alpha_max_ended_by": str(lazy.in_words(impact.alpha_max_ended_by)),
-        **weight.to_dict(float(impact.volume), p),
-        **{f"{name}_max": ratio for name, ratio in weight.to_dict(float(impact.volume_max), p).items()},
-    }
-
-
-def _show_lines(
-    output: Output,
-    lines: list[dict[str, Any]],
-    p: "lazy.Parameters",
-    weights: "Mapping[str, lazy.PerMass]",
-    statements: list[str],
-) -> None:
-    largest = max(lazy.largest_of(line[name]) for line in lines for name in ("volume", "volume_max"))
-    scale = lazy.table_scale("volume", p.units, largest)
-
-    def volume(value: float) -> str:
-        return f"{value / scale.size:.5g}"
-
-    # The erosion per mass of abrasive that every line has.
-    key = "erosion_ratio" if all("erosion_ratio" in line for line in lines) else "specific_volume"
-    size, unit = lazy.PER_MASS_SCALES[key]
-
-    def weighed(line: dict[str, Any], end: str) -> str:
-        mark = " *" if weights[line["model"]].is_beyond_tests(line["volume" + end], p) else ""
-        return f"{line[key + end] / size:.5g}{mark}"
-
-    rows = [
-        (
-            line["model"],
-            volume(line["volume"]),
-            weighed(line, ""),
-            line["ended_by"],
-            _angle(line["alpha_max"]),
-            volume(line["volume_max"]),
-            weighed(line, "_max"),
-            line["kind"],
-            line["alpha_max_ended_by"],
-        )
-        for line in lines
-    ]
-    models = f"{len(lines)} model{'s' * (len(lines) > 1)}"
-    at = f"{math.degrees(float(p.alpha)):.6g}°"
-    title = f"{models}: impacts at α = {at} and best angles; volumes in {scale.unit}, E in {unit}"
-    headings = ("model", "V", "E", "ends by", "α_max", "V_max", "E_max", "kind", "ends by")
-    marked = any(cell.endswith("*") for row in rows for cell in row)
-    output.table(title, rows, headings, (1, 2, 4, 5, 6), [*statements, *[f"* {lazy.BEYOND_TESTS}."] * marked])
-
-
-def _spread(lines: list[dict[str, Any]]) -> list[str]:
-    """How far the best angles of the models and of the correlations lie apart."""
-
-    def between(angles: list[float]) -> str:
-        low, high = (f"{math.degrees(angle):.3g}°" for angle in (min(angles), max(angles)))
-        return low if low == high else f"{low} to {high}"
-
-    # Where most is removed as α → 0, or nothing at all, there is no best angle.
-    of_models = [line["alpha_max"] for line in lines if line["alpha_max"] > 0]
-    if not of_models:
-        return []
-    of_all = [*of_models, *(correlation.alpha_max for correlation in lazy.CORRELATIONS.values())]
-    words = f"{len(of_models)} models" if len(of_models) > 1 else "one model"
-    if len(of_models) < len(lines):
-        words += f" (the other{'s' * (len(lines) - len(of_models) > 1)} have none)"
-    return [f"The best angle is {between(of_models)} over {words}, and {between(of_all)} with the correlations."]
 
 
 def _correlations(names: list[str] | None, plot: Path | None) -> list[str]:
@@ -316,9 +229,3 @@ def _correlations(names: list[str] | None, plot: Path | None) -> list[str]:
         known = ", ".join(lazy.CORRELATIONS)
         raise InputError(f"Option `--correlations` must name some of {known}, or all, but has {' '.join(unknown)!r}.")
     return names
-
-
-def _angle(alpha: float) -> str:
-    if math.isnan(alpha):
-        return "none"
-    return "→ 0°" if alpha == 0 else f"{math.degrees(alpha):.5g}°"

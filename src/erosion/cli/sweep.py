@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from cyclopts import Parameter
 
 from erosion.cli import lazy
@@ -37,7 +36,6 @@ from erosion.cli.options import (
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 from erosion.extras import extra
 from erosion.parameters import QUANTITIES
-from erosion.results import Finding, from_attribute, render
 
 
 @contextlib.contextmanager
@@ -142,7 +140,11 @@ def sweep(
     printed = Output("sweep", p, options, json=json)
     for name in () if "m" in grid.axes else [name for name in ("r", "b") if name in grid.axes]:
         printed.warn(dataclasses.replace(p, **{name: grid.axes[name]}).size_finding)
-    _show_sweep(dataset, grid, output, printed, weights)
+    summary = lazy.SweepSummary(dataset, grid.p, weights, output)
+    varied = {name: f"{values.size} values" for name, values in grid.axes.items()}
+    printed.show(summary, dict(grid.loaded()), varied=varied)
+    if summary.lost == dataset.ended_by.size:
+        raise RuntimeError(f"of {summary.lost:,} impacts none could be computed.")
 
 
 def _listed(options: CaseOptions, section: Mapping[str, Any], name: str, read: Callable[[str], list[str]]) -> Any:
@@ -182,91 +184,6 @@ def _chunks(items: list[str] | None) -> dict[str, int] | None:
     if not all(length.isdecimal() for _, _, length in parts):
         raise ValueError(f'Option `--chunks` must be such as "alpha=100,v0=200", but is {",".join(items)!r}.')
     return {dim: int(length) for dim, _, length in parts}
-
-
-def _show_sweep(
-    dataset: Any, grid: "lazy.Grid", store: Path, output: Output, weights: "Mapping[str, lazy.PerMass]"
-) -> None:
-    """Show a summary; some impacts that could not be computed are a warning, all of them an error."""
-    summary = _summary(dataset)
-    of_mass, volumes, at = _per_mass(dataset, grid.p, weights)
-    lost = sum(summary["ended_by"].get(event, 0) for event in ("failed", "unfinished"))
-    output.warn(*from_attribute(dataset.attrs.get("findings", "")), *lazy.models_far_from_tests(weights, volumes, at))
-    if 0 < lost < summary["impacts"]:
-        output.warn(Finding("not_computed", numbers={"lost": lost, "impacts": summary["impacts"]}))
-    dimensions = {str(dim): length for dim, length in dataset.sizes.items()}
-    units: dict[str, str] = dict.fromkeys(("volume_least", "volume_greatest"), dataset.volume.attrs["units"])
-    units |= {name: lazy.PER_MASS_UNITS[name.rpartition("_")[0]] for name in of_mass}
-    axes = {name: f"{values.size} values" for name, values in grid.axes.items()}
-    result = {"output": str(store), "dimensions": dimensions, **summary, **of_mass}
-    output.document(result, dict(grid.loaded()), units, axes)
-    is_beyond = any(weight.is_beyond_tests(volumes[name], at) for name, weight in weights.items())
-    rows = [*_rows(dataset, summary), *_per_mass_rows(of_mass, is_beyond=is_beyond)]
-    output.table(f"{store}: a sweep", rows)
-    if lost == summary["impacts"]:
-        raise RuntimeError(f"of {lost:,} impacts none could be computed.")
-
-
-def _summary(dataset: Any) -> dict[str, Any]:
-    meanings = dataset.ended_by.attrs["flag_meanings"].split()
-    counts = np.zeros(len(meanings), int)
-    # Block by block, for what is larger than memory.
-    for block in dataset.ended_by.data.blocks if dataset.ended_by.chunks else [dataset.ended_by.data]:
-        counts += np.bincount(np.asarray(block).ravel(), minlength=len(meanings))
-    return {
-        "impacts": int(dataset.ended_by.size),
-        "ended_by": {name: int(n) for name, n in zip(meanings, counts, strict=True) if n},
-        "volume_least": float(dataset.volume.min()),
-        "volume_greatest": float(dataset.volume.max()),
-    }
-
-
-def _per_mass(
-    dataset: Any, p: "lazy.Parameters", weights: "Mapping[str, lazy.PerMass]"
-) -> "tuple[dict[str, float], dict[str, Any], lazy.Parameters]":
-    """The least and the greatest erosion per mass of abrasive, of all models [SI].
-
-    And by model the greatest volumes at each speed, of a particle of mass 1, with the case that they belong to.
-    """
-    per_particle_mass = dataset.volume / (dataset["m"] if "m" in dataset else float(p.m))
-    speeds, one = dataset.get("v0"), dataclasses.replace(p, m=1.0)
-    volumes: dict[str, Any] = {}
-    ends: dict[str, list[float]] = {}
-    for model, weight in weights.items():
-        of_model = per_particle_mass.sel(model=model) if model else per_particle_mass
-        volumes[model] = of_model.max([dim for dim in of_model.dims if speeds is None or dim not in speeds.dims]).values
-        for end in (float(of_model.min()), float(of_model.max())):
-            for name, value in weight.to_dict(end, one).items():
-                ends.setdefault(name, []).append(float(value))
-    # Where only some models have a density, their ratios are not those of all.
-    common = {name: values for name, values in ends.items() if len(values) == 2 * len(weights)}
-    of_mass = {f"{name}_{end}": of(values) for name, values in common.items()
-               for end, of in (("least", min), ("greatest", max))}  # fmt: skip
-    return of_mass, volumes, one if speeds is None else dataclasses.replace(one, v0=speeds.values)
-
-
-def _per_mass_rows(of_mass: Mapping[str, float], *, is_beyond: bool) -> "list[lazy.Row]":
-    """The rows of `_per_mass`, the greatest marked where it is beyond all tests."""
-    rows = []
-    for name, value in of_mass.items():
-        quantity, _, end = name.rpartition("_")
-        (size, unit), known = lazy.PER_MASS_SCALES[quantity], lazy.RESULTS[quantity]
-        mark = f"; {lazy.BEYOND_TESTS}" if is_beyond and end == "greatest" else ""
-        rows.append(lazy.Row(name, known.symbol, f"{value / size:.6g}", unit, f"{end} {known.meaning}{mark}"))
-    return rows
-
-
-def _rows(dataset: Any, summary: dict[str, Any]) -> "list[lazy.Row]":
-    rows = [
-        lazy.Row(
-            "impacts", "", f"{summary['impacts']:,}", "", " × ".join(f"{n} {dim}" for dim, n in dataset.sizes.items())
-        ),
-        lazy.Row("ended_by", "", ", ".join(f"{n:,} {name}" for name, n in summary["ended_by"].items()), ""),
-    ]
-    for name, meaning in (("volume_least", "least"), ("volume_greatest", "greatest")):
-        value = lazy.declare_result("volume", summary[name], dataset.attrs["unit_system"])
-        rows += map(lazy.Row._make, render.tables("", [value.but(meaning=f"{meaning} {value.meaning}")])[0].rows)
-    return rows
 
 
 _NO_LAW = (

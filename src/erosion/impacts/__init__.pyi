@@ -15,6 +15,7 @@ from erosion.impacts.trajectory import simulate as simulate
 from erosion.impacts.trajectory import SimulationError as SimulationError
 from erosion.impacts.trajectory import Trajectory as Trajectory
 from erosion.impacts.trajectory import TurnWarning as TurnWarning
+from erosion.impacts.turn import BEYOND as BEYOND
 from erosion.impacts.turn import BEYOND_LABEL as BEYOND_LABEL
 from erosion.impacts.turn import check_max_turn as check_max_turn
 from erosion.impacts.turn import QUARTER_TURN as QUARTER_TURN

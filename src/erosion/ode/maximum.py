@@ -31,8 +31,8 @@ from erosion.ode.problem import FlawError, Problem, Traced, flattened, is_number
 from erosion.ode.resolve import Ruler
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Derivatives
-from erosion.output.tables import Record, Row, briefly, format_number, to_plain
-from erosion.results import Result
+from erosion.output.tables import briefly, format_number
+from erosion.results import Columns, Declared, Result, Value
 
 _POINTS = 64
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
@@ -53,6 +53,9 @@ class End(NamedTuple):
     y: PyTree
     integrals: Mapping[str, Scalar]
     args: Any
+
+
+_RIVALS = ("candidates", "jumps", "regimes")
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -106,28 +109,28 @@ class Maximum(Result):
         """What is greatest or least over what."""
         return f"The {'least' if self.least else 'greatest'} value over {self.over}"
 
-    def rows(self) -> list[Row]:
-        """The answer as rows of a table."""
-        count, size = int(np.sum(self.certified)), np.size(self.certified)
-        share = f"{count:,} of {size:,}" if np.ndim(self.certified) else "yes" if count else "no"
-        better = "smaller" if self.least else "greater"
+    def declare(self) -> list[Declared]:
+        """The answer with every rival."""
+        search = f"no {'smaller' if self.least else 'greater'} value in any resolved cell"
         why = "lanes failed or have no derivatives: a better value may have been missed"
+        one = not np.ndim(self.kind)
+        names = ("over", "least", "low", "high", "side", "attained", "slope", "curve", "iterations")
         return [
-            Row(self.over, "", format_number(self.at), ""),
-            Row("value", "", format_number(self.value), ""),
-            Row("kind", "", format_number(self.kind), "", "" if np.ndim(self.kind) else self._kind_explained()),
-            Row("ended_by", "", format_number(self.ended_by), "", "how the lane ends there"),
-            Row("certified", "", share, "", why if count < size else f"no {better} value in any resolved cell"),
+            Value("at", self.at, self.over, digits=10),
+            Value("value", self.value, digits=10),
+            Value("kind", self.kind, meaning=self._kind_explained() if one else ""),
+            Value("ended_by", self.ended_by, meaning="how the lane ends there"),
+            Value(
+                "certified",
+                self.certified,
+                meaning=search if np.all(self.certified) else why,
+            ),
+            *(Value(name, getattr(self, name), only="data") for name in names),
+            *(self._rivals() if one else [Value(name, getattr(self, name), only="data") for name in _RIVALS]),
         ]
 
-    def to_dict(self) -> Record:
-        """Every field but the problem."""
-        names = [field.name for field in dataclasses.fields(self) if field.name != "problem"]
-        return to_plain({name: getattr(self, name) for name in names})
-
-    def __repr__(self) -> str:
-        numbers = f"at={format_number(self.at, 6)}, value={format_number(self.value, 6)}"
-        return f"Maximum({self.over!r}, {numbers}, {format_number(self.kind)})"
+    def _rivals(self) -> list[Declared]:
+        return [Columns.of(name, "", getattr(self, name), {}, only="data") for name in _RIVALS]
 
     def _kind_explained(self) -> str:
         explained = {

@@ -233,10 +233,6 @@ def two_digits(number: float) -> str:
     return f"{float(f'{number:.2g}'):g}"
 
 
-PER_MASS_UNITS = {name: RESULTS[name].unit("si") for name in ("specific_volume", "erosion_ratio")}
-"""The units of `PerMass.to_dict`, as programs read them."""
-
-
 def read_density(text: Any) -> float:
     """A density as text, with its unit [kg/m³].
 

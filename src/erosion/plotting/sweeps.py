@@ -79,7 +79,7 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
             mark_best(ax, best, scale.size, color)
     if comparison.turned_beyond.any():
         shares.append(Line2D([], [], color=INK, linestyle=":", label=BEYOND_LABEL))
-    top = 1.06 * float(np.nanmax(comparison.volume_max)) / scale.size
+    top = 1.06 * float(np.nanmax([comparison.volume_max.max(), comparison.volume.max()])) / scale.size
     ax.set(ylabel=result_label("volume", scale), ylim=(0, top))
     angle_axis(ax)
     legend_of_panel(ax, [*ax.get_legend_handles_labels()[0], *shares], 1 if len(models) < 4 else 2)

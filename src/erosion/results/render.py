@@ -102,10 +102,14 @@ def units(declared: Iterable[Declared]) -> dict[str, str]:
 def csv(declared: Iterable[Declared]) -> str:
     """Comma-separated values with units in the headings: a line for each element of the arrays.
 
-    Single numbers stand in each line; columns of a dimension of their own, and arrays of other shapes, are left out.
+    Single numbers stand in each line; columns of a dimension of their own, and arrays of other shapes, are left out. A
+    result of columns alone gives the first of them.
     """
     columns: dict[str, np.ndarray] = {}
-    for value in _apart(declared, "data")[0]:
+    values, groups = _apart(declared, "data")
+    if groups and not any(np.ndim(value.value) == 0 for value in values):
+        values = [value.but(value=_column(value.value)) for value in groups[0].values if value.only != "table"]
+    for value in values:
         for name, number in _numbers(value):
             if not (value.labels or isinstance(number, (list, tuple, type(None)))) and _is_storable(_array(number)):
                 columns[f"{name} [{value.unit}]" if value.unit not in ("", "1") else name] = np.asarray(number)
@@ -134,9 +138,7 @@ def dataset(title: str, declared: Iterable[Declared], attributes: Mapping[str, s
             if value.only == "table":
                 continue
             for name, number in _numbers(value):
-                key = f"{group.name}_{name}"
-                variables[key] = (group.name, _array([np.nan if each is None else each for each in number]),
-                                  _attributes(value))  # fmt: skip
+                variables[f"{group.name}_{name}"] = (group.name, _array(_column(number)), _attributes(value))
     return xr.Dataset(variables, attrs={"title": title, **attributes})
 
 
@@ -169,6 +171,11 @@ def _beside_unit(number: Any, value: Value, *, has_units: bool) -> Any:
 def _attributes(value: Value) -> dict[str, str]:
     given = {"long_name": value.meaning, "symbol": value.symbol, "units": value.unit}
     return {name: text for name, text in given.items() if text}
+
+
+def _column(values: Sequence[Any]) -> np.ndarray:
+    """A column as an array; NaN where a number is not known."""
+    return np.array([np.nan if value is None else value for value in values])
 
 
 def _array(value: Any) -> np.ndarray:
