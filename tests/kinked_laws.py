@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -60,6 +61,23 @@ class Breaking(_OfDepth):
 
     def factor(self, u: Any) -> Any:
         return jnp.where(u < 0.2, u, 0.6 * u)
+
+
+@jax.custom_jvp
+def _opaque(u: Any) -> Any:
+    return u
+
+
+@_opaque.defjvp
+def _(primals: Any, tangents: Any) -> Any:
+    return primals[0], jnp.nan * tangents[0]
+
+
+class Opaque(_OfDepth):
+    """Nobody knows its derivative."""
+
+    def factor(self, u: Any) -> Any:
+        return _opaque(u)
 
 
 KNOTS_OF = {KinkedTable: KNOTS[1:], Where: [0.2], Cond: [0.2], Power: [], Breaking: [0.2]}

@@ -14,7 +14,6 @@ from jax import lax
 
 import erosion
 from erosion.impacts.batch import split
-from erosion.ode.kinks import may_have_kinks
 from erosion.parameters.parameters import QUANTITIES
 from tests.fine_steps import scipy_cut
 from tests.kinked_laws import KNOTS_OF, Breaking, Cond, KinkedTable, Power, Where, model_of, random_impacts
@@ -242,8 +241,12 @@ def test_a_power_without_a_value_above_the_surface_is_the_guarded_one():
     p = random_impacts(500, seed=1)
     plain, guarded = (erosion.impact(model_of(law), p, derivatives=2) for law in (Power, Guarded))
     assert np.array_equal(plain.ended_by, guarded.ended_by)
+    # A second derivative may be lost where the switch of the guard and the event are at one time.
+    known = ~guarded.no_derivatives
+    assert np.sum(known) > 0.9 * known.size
+    assert guarded.dvolume == pytest.approx(plain.dvolume, rel=1e-7, abs=1e-9)
     for name in ("volume", "dvolume", "d2volume"):
-        assert getattr(plain, name) == pytest.approx(getattr(guarded, name), rel=1e-7, abs=1e-9)
+        assert getattr(plain, name)[known] == pytest.approx(getattr(guarded, name)[known], rel=1e-6, abs=1e-9)
     volume, ended_by, _ = scipy_cut(model_of(Guarded), _case(p, 0))
     assert (plain.ended_by[0], plain.volume[0]) == (ended_by, pytest.approx(volume, rel=1e-8))
 
@@ -282,18 +285,17 @@ def test_mixed_derivatives_across_kinks_are_differences():
     )
 
 
-def test_where_the_force_jumps_there_is_a_volume_and_a_reason():
-    model, p = model_of(Breaking), random_impacts(1000, seed=1)
+def test_where_the_force_jumps_derivatives_are_differences():
+    model, p = model_of(Breaking), random_impacts(500, seed=1)
     hit = erosion.impact(model, p, derivatives=2)
-    first, _, alike = _differences(model, p)
-    assert not np.any(np.isnan(hit.volume))
-    assert np.array_equal(np.isnan(hit.dvolume), hit.no_derivatives)
-    # A cut that stays above the jump has its derivatives. One that crosses it has none, rather than wrong ones.
-    assert 100 < np.sum(hit.no_derivatives) < 900
-    known = alike & ~hit.no_derivatives
-    errors = np.abs(hit.dvolume - first)[known] / (np.abs(first) + hit.volume)[known]
-    assert np.quantile(errors, 0.99) < 1e-6
-    assert f"{np.sum(hit.no_derivatives)} of 1,000" in str(hit)
+    first, second, alike = _differences(model, p)
+    assert not np.any(hit.no_derivatives)
+    size = np.abs(first) + hit.volume
+    slopes = np.abs(hit.dvolume - first)[alike] / size[alike]
+    curves = np.abs(hit.d2volume - second)[alike] / (np.abs(second) + size)[alike]
+    # A difference near an angle at which the tip just reaches the jump is wrong itself.
+    assert np.quantile(slopes, 0.98) < 1e-6
+    assert np.quantile(curves, 0.95) < 1e-4
 
 
 def test_first_derivatives_remain_where_only_the_second_fails():
@@ -315,10 +317,26 @@ def test_first_derivatives_remain_where_only_the_second_fails():
 
 
 @pytest.mark.parametrize("name", [name for name in erosion.available_models() if "/" not in name])
-def test_only_rough_motions_pay_for_kinks(name):
-    assert not may_have_kinks(split(erosion.load_model(name), erosion.TABLE_1)[0])
+def test_only_laws_that_break_pay_for_switches(name):
+    assert not split(erosion.load_model(name), erosion.TABLE_1)[0].options.switches
 
 
-@pytest.mark.parametrize("law", [*CONTINUOUS, Breaking], ids=lambda law: law.__name__)
-def test_rough_motions_are_known(law):
-    assert may_have_kinks(split(model_of(law), erosion.TABLE_1)[0])
+class Iterated(erosion.models.ForceLaw):
+    """The law of `Implicit`, of whose loop nothing tells that it is smooth."""
+
+    def __call__(self, state, tip, p):
+        target = 2 + (tip.depth / p.r) ** 2
+        u = lax.while_loop(
+            lambda u: jnp.abs(u**3 + u - target) > 1e-14 * target,
+            lambda u: u - (u**3 + u - target) / (3 * u**2 + 1),
+            1.0 + 0 * target,
+        )
+        return -p.stiffness * tip.depth * u, -p.k * p.stiffness * tip.depth * u
+
+    def typical_ratio(self, p):
+        return p.k
+
+
+def test_a_law_whose_breaks_cannot_be_located_is_refused():
+    with pytest.raises(ValueError, match=r"within a loop.*custom_jvp"):
+        erosion.impact(erosion.models.Rotating(force=Iterated()), P)

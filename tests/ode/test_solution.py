@@ -149,21 +149,15 @@ def test_events_and_times_print_in_a_line() -> None:
     assert "integrals={'work': [3] " in repr(ONE.times)
 
 
-def test_derivatives_beyond_a_jump_of_a_rate_are_told_what_to_do() -> None:
-    size = lambda x: jnp.sqrt(x**2)  # noqa: E731
-    jumps = ode.Problem(0.0, lambda t, y, args: args["p"] * (1 - t) / size(1 - t) - y)
-    (sentence,) = ode.solve(jumps, {"p": 1.0}, t1=3.0, wrt="p").warnings
-    assert "jumps" in sentence
-    assert "`reset`" in sentence
-    # The jump as an event: y(3) = p (1 - e⁻¹) e⁻².
-    switched = ode.Problem(
-        {"y": 0.0, "on": 1.0},
-        lambda t, y, args: {"y": y["on"] * args["p"] - y["y"], "on": 0.0 * y["on"]},
-        {"off": ode.Event(lambda t, y, args: t - 1, 1, lambda t, y, args: y | {"on": 0.0})},
+def test_derivatives_that_a_root_loses_are_told() -> None:
+    thrown = ode.Problem(
+        lambda args: {"v": args["v"]},
+        lambda t, y, args: {"v": -1.0},
+        {"apex": ode.Event(lambda t, y, args: y["v"], -1)},
+        {"path": lambda t, y, args: jnp.hypot(y["v"], 2 * y["v"])},
     )
-    end = ode.solve(switched, {"p": 1.0}, t1=3.0, wrt="p")
-    assert not end.warnings
-    assert end.along("p").y["y"] == pytest.approx((1 - np.exp(-1)) * np.exp(-2), rel=1e-9)
+    (sentence,) = ode.solve(thrown, {"v": 1.0}, t1=3.0, wrt="v", derivatives=2).warnings
+    assert "root" in sentence
 
 
 def _falling(t, y, args):

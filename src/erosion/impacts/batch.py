@@ -42,6 +42,7 @@ from erosion.ode.problem import TracedProblem, is_number
 from erosion.ode.solution import Solution
 from erosion.ode.solve import solution
 from erosion.ode.step_control import LONGEST, require_float64
+from erosion.ode.switches import switches_of, unlocated
 from erosion.ode.traced import traced_end
 from erosion.ode.variational import Clock, Derivatives, Layout, Options
 from erosion.output import Record, briefly, largest_of
@@ -73,7 +74,15 @@ def layout_of(model: CuttingModel, p: Parameters, *, whole: bool = False) -> Lay
     leaves, structure = jax.tree.flatten(case)
     rest = tuple(None if is_number(leaf) else leaf for leaf in leaves)
     problem, options = (whole_cut(model), Options(clock=True, whole=True)) if whole else (CUT, Options())
-    return Layout(problem, structure, rest, *_shapes(equations), options, equations)
+    layout = Layout(problem, structure, rest, *_shapes(equations), options, equations)
+    located = layout.wanting(switches=True, arm_on_return=True)
+    what = unlocated(located)
+    if what:
+        raise ValueError(
+            f"Argument `model` must have breaks that can be located, but its equations have {what} that cannot: give a "
+            "loop its derivative by `jax.custom_jvp`, or write smooth functions, such as `jnp.tanh`, or a table."
+        )
+    return layout if switches_of(located) is None else located
 
 
 # Each call of a user makes a layout, and what its parts have in common takes longer than the rest.
@@ -170,7 +179,9 @@ OTHER_ENDS: Mapping[str, str] = {
 }
 """The ends that are no events, with a sentence on each."""
 
-NO_DERIVATIVES = "the volume is right, but a jump or an infinite rate of the force leaves it without these derivatives"
+NO_DERIVATIVES = (
+    "the volume is right, but an infinite rate of the force, or events at one time, leave it without these derivatives"
+)
 """Of an impact that has a result where fewer derivatives are asked for."""
 
 
@@ -291,8 +302,8 @@ class Impact(Result):
     def no_derivatives(self) -> np.ndarray | np.bool_:
         """Whether derivatives that were asked for are not known although the volume is; bool.
 
-        They do not exist, or cannot be computed, where the force jumps within the cut or where its rate is
-        infinite. Across a kink they are computed.
+        They do not exist, or cannot be computed, where the rate of the force is infinite, or where a break of the force
+        and the end are at one time. Across a kink or a jump they are computed.
         """
         missing = np.zeros(np.shape(self.volume), bool)
         for part in (self.dvolume, self.d2volume):

@@ -15,17 +15,14 @@ from erosion.lanes.engines import blocks_for_threads, compile_lanes, threads
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import WIDTH, Lanewise, alike_together, number
 from erosion.ode.integrator import LaneEnd, integrate_lane
-from erosion.ode.kinks import may_have_kinks
 from erosion.ode.methods import METHODS
 from erosion.ode.methods.base import LEAST, TIGHTEST
-from erosion.ode.tape import row_width, takes_times_apart
+from erosion.ode.switches import require_derivatives
+from erosion.ode.tape import row_width
 from erosion.ode.variational import Clock, Derivatives, Direction, Layout
 
 _BLOCK = 2**16  # lanes that are ordered together: their numbers fit the second-level cache
 _REPEATED = 4  # times at most
-_ANOTHER = 1 / 300, 10.0  # times the tolerance: to compare derivatives with, of a lane that was repeated or was not
-_AGREE = 1e-7, 1e-6  # of its size: as near are two values of a first derivative, and of a second one
-_SMALL = 1e-3  # of what a value does by a number's own size: a smaller derivative need not be known relative to itself
 _DERIVED = 3e-2  # of its error, relative as that of a value, counts in a derivative: `Solution.inexact` tells the rest
 ROWS, _RECORDED = 64, 2**12  # of the tape of a lane that is recorded, and how many lanes are at most
 _FEW = 2048  # lanes: fewer are computed sooner by one thread than by several
@@ -94,10 +91,6 @@ class _Batch(NamedTuple):
         for leaf, shape in zip(self.leaves[:own], self.program.inputs, strict=False):
             known &= np.isfinite(leaf).all(axis=tuple(range(leaf.ndim - len(shape), leaf.ndim)))
         return known
-
-    def derivatives(self, lanes: np.ndarray) -> Derivatives:
-        """Lists of derivatives of some lanes' times and outputs, without values."""
-        return jax.tree.map(lambda part: part[lanes], self.results.quantities._replace(value=None))
 
     def reached(self, lanes: np.ndarray) -> _Reached:
         """The results of some lanes; they stay as they are whatever follows."""
@@ -249,10 +242,6 @@ def integrate(
         times = np.broadcast_to(times, (lanes, times.shape[-1]))
     if order > METHODS[layout.options.method].derivatives:
         return _by_fewer_derivatives(layout, numbers, lanes, order, directions, rtol, again=again, times=times)
-    if times is not None and takes_times_apart(layout, order):
-        results = integrate(layout, numbers, lanes, order, directions, rtol, again=again)
-        saved = _one_by_one(layout, numbers, lanes, order, directions, rtol, times, again=again)
-        return results._replace(saved=saved)
     layout = layout.wanting(saves=times is not None)
     fixed = tuple(direction for direction in directions if isinstance(direction, int))
     program, results = integrator_of(layout, order, fixed, 0 if fixed else len(directions))
@@ -274,45 +263,13 @@ def integrate(
     if again:
         _check(batch, np.flatnonzero(batch.results.tolerance > rtol), rtol)
         doubtful = np.flatnonzero(batch.results.tolerance < rtol)
-        first = batch.derivatives(doubtful) if order and may_have_kinks(layout) else None
-        repeated = _repeat(batch, doubtful, rtol)
-        if first is not None and doubtful.size:
-            _require_agreement(batch, doubtful, first, repeated, directions, rtol)
+        _repeat(batch, doubtful, rtol)
     if order:
         _with_fewer_derivatives(batch, order, directions, rtol, again=again)
     results = batch.results._replace(tolerance=batch.used, error=batch.errors)
     if results.recorded is not None:
         return results._replace(recorded=results.recorded._replace(tapes=batch.tapes[0]))
     return results if times is None else results._replace(saved=batch.saved)
-
-
-def _one_by_one(
-    layout: Layout,
-    numbers: Sequence[PerLane],
-    lanes: int,
-    order: int,
-    directions: tuple[int | PerLane, ...],
-    rtol: float,
-    times: np.ndarray,
-    *,
-    again: bool,
-) -> np.ndarray:
-    """Outputs at times and their derivatives from lanes that end there, shape (lanes, times, members, outputs)."""
-    which = np.repeat(np.arange(lanes), times.shape[1])
-    own = layout.of_lanes(numbers, which)
-    place = len(own) - len(Clock._fields) + Clock._fields.index("t1")
-    own[place] = np.minimum(times.ravel(), own[place])
-    directions = _of_lanes(directions, which)
-    results = integrate(layout, own, which.size, order, directions, rtol, again=again)
-    value, first, other, second = (part and np.stack(part, -1) for part in results.outputs)
-    members = [value, first, second][: order + 1] if len(directions) < 2 else [value, first, other, second]
-    # A given time does not change with the lane's own end.
-    for along, changes in zip((directions[0], directions[-1]) if directions else (), ((1, -1), (-2, -1)), strict=False):
-        for i in changes if len(members) > 1 else ():
-            members[i][np.broadcast_to(np.asarray(along) == layout.offsets[place], which.size)] = 0.0
-    # An unfinished lane has a state, but at another time.
-    saved = np.where(layout.has_no_result(results.outcome)[:, None, None], np.nan, np.stack(members, 1))
-    return saved.reshape(*times.shape, *saved.shape[-2:])
 
 
 def _by_other_methods(
@@ -426,20 +383,15 @@ def _check(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
         batch.results.tolerance[lanes] = np.maximum(np.minimum(rtol * rtol / error, rtol), TIGHTEST)
 
 
-def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> np.ndarray:
+def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
     """Integrate doubtful lanes again, each with its own tolerance, until two integrations agree.
 
     The error is proportional to the tolerance. So the error of the last integration is the change it
     made, times the ratio of both tolerances. An integration that fails, by rounding, changes no result.
-
-    Returns:
-        For each lane whether an integration after the first has a result.
     """
-    repeated = np.zeros(batch.results.tolerance.size, bool)
     results = batch.results
     used, following = np.full(lanes.size, rtol), results.tolerance[lanes]
     tolerances = np.array(results.tolerance)
-    asked = lanes
     for _ in range(_REPEATED):
         if not lanes.size:
             break
@@ -447,7 +399,6 @@ def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> np.ndarray:
         before = batch.refine(lanes, tolerances)
         has_result = ~batch.layout.has_no_result(results.outcome[lanes])
         lost = ~has_result & ~batch.layout.has_no_result(before.results.outcome)
-        repeated[lanes[~lost]] = True
         error, of_greatest = batch.error(lanes, before, following / used)
         batch.errors[lanes[~lost]] = of_greatest[~lost]
         batch.put(lanes[lost], jax.tree.map(lambda part, lost=lost: part[lost], before))
@@ -456,57 +407,6 @@ def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> np.ndarray:
             wanted = np.where(lost, np.sqrt(used * following), wanted)
         again = lost | (wanted < following / 2)
         used, following, lanes = np.where(lost, used, following)[again], wanted[again], lanes[again]
-    return repeated[asked]
-
-
-def _require_agreement(
-    batch: _Batch,
-    lanes: np.ndarray,
-    first: Derivatives,
-    repeated: np.ndarray,
-    directions: tuple[int | PerLane, ...],
-    rtol: float,
-) -> None:
-    """Make derivatives NaN on which no two integrations agree.
-
-    Where a derivative of a rate is infinite, is not defined, or is rounding alone, as the second one of √(v²) is near
-    v = 0, no estimate of an error holds. But two integrations, which step in different ways, then differ.
-
-    Args:
-        batch: of lanes that may have kinks.
-        lanes: those that were integrated again.
-        first: their derivatives at first.
-        repeated: whether they have been integrated again with a result.
-        directions: of the derivatives.
-        rtol: the tolerance at first.
-    """
-    layout, results = batch.layout, batch.results
-    numbers = batch.leaves[: len(layout.shapes)]
-
-    def differing(lanes: np.ndarray, one: Derivatives) -> list[list[np.ndarray]]:
-        own = layout.of_lanes(numbers, lanes)
-        units = [_units_of(layout, own, each, lanes.size) for each in _of_lanes(directions, lanes)]
-        sizes = [np.abs(value[lanes]) for value in results.quantities.value]
-        # Parts of the state may be zero at an event: their greatest size on the way.
-        for i, part in enumerate(results.least, 1):
-            sizes[i] = np.maximum(sizes[i], part[lanes] / LEAST)
-        return _differences(one, batch.derivatives(lanes), sizes, (units[0], units[-1]))
-
-    doubtful = ~repeated | np.any([flags[-1] for flags in differing(lanes, first)], axis=0)
-    lanes, repeated = lanes[doubtful], repeated[doubtful]
-    if not lanes.size:
-        return
-    final, tolerances = batch.derivatives(lanes), np.full(results.tolerance.shape, rtol)
-    tolerances[lanes] *= np.where(repeated, *_ANOTHER)
-    before = batch.refine(lanes, tolerances)
-    differs = differing(lanes, final)
-    batch.put(lanes, before)
-    quantities = results.quantities
-    for i, (of_first, *of_second) in enumerate(differs):
-        for array in (quantities.first[i], quantities.other[i]):
-            array[lanes[of_first]] = np.nan
-        for unlike in of_second:
-            quantities.second[i][lanes[unlike]] = np.nan
 
 
 def _units_of(layout: Layout, numbers: Sequence[PerLane], direction: int | PerLane, lanes: int) -> np.ndarray:
@@ -515,34 +415,6 @@ def _units_of(layout: Layout, numbers: Sequence[PerLane], direction: int | PerLa
     columns = [np.broadcast_to(np.asarray(size), (lanes, *shape)).reshape(lanes, -1) for size, shape in sizes]
     unit = np.concatenate(columns, axis=1)[np.arange(lanes), np.asarray(direction, int)]
     return np.where(unit == 0, 1.0, unit)
-
-
-def _differences(
-    one: Derivatives, two: Derivatives, sizes: Sequence[np.ndarray], units: tuple[np.ndarray, np.ndarray]
-) -> list[list[np.ndarray]]:
-    """For each quantity whether two integrations differ in its first derivatives, and in its second ones or those.
-
-    Args:
-        one: derivatives of quantities, lists; there may be no second ones.
-        two: the same of another integration.
-        sizes: of the quantities, arrays (lanes,).
-        units: of both directions, see `_units_of`.
-    """
-    unit, other = units
-    found = []
-    for i, size in enumerate(sizes):
-        pairs = (one.first[i], two.first[i], size / unit), (one.other[i], two.other[i], size / other)
-        first = np.logical_or(*(_differ(*pair, _AGREE[0]) for pair in pairs))
-        second = []
-        if one.second is not None:
-            second = [first | _differ(one.second[i], two.second[i], size / (unit * other), _AGREE[1])]
-        found.append([first, *second])
-    return found
-
-
-def _differ(one: np.ndarray, two: np.ndarray, size: np.ndarray, share: float) -> np.ndarray:
-    with np.errstate(all="ignore"):
-        return ~(np.abs(one - two) <= share * np.maximum(np.maximum(np.abs(one), np.abs(two)), _SMALL * size))
 
 
 def integrate_along(
@@ -631,13 +503,15 @@ def compile_ahead(layout: Layout, order: int, directions: int, *, timed: bool = 
         NotForLanesError: for a problem that cannot be compiled; a callback would bury it under JAX's own words.
     """
     order = min(order, METHODS[layout.options.method].derivatives)
-    saves = timed and not takes_times_apart(layout, order)
-    layout = layout.renewed().wanting(saves=saves, records=layout.options.records and not timed)
+    layout = layout.renewed().wanting(saves=timed, records=layout.options.records and not timed)
     integrator_of(layout, order, (), directions)
 
 
 @functools.lru_cache(maxsize=256)
 def _compiled(layout: Layout, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Lanewise, LaneEnd]:
+    if order:
+        require_derivatives(layout)
+
     def lane(numbers: list[Number], places: tuple[Direction, ...], rows: list[Scalar], rtol: Scalar) -> LaneEnd:
         return integrate_lane(layout, numbers, fixed or places, rtol, order=order, rows=rows[0] if rows else 0)
 

@@ -39,7 +39,6 @@ _LANDED = 1e-6  # of a step: this near the lowest point of an event function, it
 _STRAIGHT = 0.5  # of its slope at a step's end: an event function keeps at least as much up to an expected zero
 _STEEP = 0.02  # of its slopes in a step: an event function that is flatter may turn before zero
 _CONVERGED = 1e-3  # of a step: the cubic's zero is known when Newton's method would move by less
-_CREST = 3e-3  # of a step: this near a highest point, it is where the step begins or ends
 _NONE = 1e-200  # instead of no slope
 _LOW = 0.1  # a dip's cubic errs by less than this times its variation times θ²(1-θ)², unless `is_crooked`
 _MISSED = 0.05  # of the range of an event function in a step: by so much its cubic may miss values within the step
@@ -164,14 +163,6 @@ def dip_unless_clear(
     return lax.cond(clear, lambda: (jnp.asarray(2.0), jnp.asarray(jnp.inf), jnp.asarray(False)), asked)
 
 
-@jax.jit
-def crest_in_step(start: Ends, end: Ends, length: Scalar) -> Scalar:
-    """Where in the step (0 to 1) the cubic through both ends has its highest point, or 2."""
-    theta, _ = _crest(start, end, length)
-    crests = (start.rate > 0) & (end.rate < 0) & (theta > _CREST) & (theta < 1 - _CREST)
-    return jnp.where(crests, theta, 2.0)
-
-
 def _crest(start: Ends, end: Ends, length: Scalar) -> tuple[Scalar, Flag]:
     """Where the cubic through both ends turns from rising to falling, as a share of the step, and whether it does."""
     mean = (end.value - start.value) / length
@@ -263,7 +254,6 @@ _PARTED, _NEARER = 0.3, 0.75  # of a step: a longer way to the event is gone in 
 _AHEAD = 3.0  # trials: as far beyond its end as an event is looked for
 _IMMINENT = 2.0  # trials, at the rate of now: an event that near is worth looking for
 _NONSMOOTH_NEAR = 1e-9  # of the time scale: near enough for a motion whose rates may be infinite at the end
-_LONG = 1e-3  # of the time scale: a shorter step is already there for a kink
 _SHORT_OF_IT = 0.999  # of the way to an expected event
 _TOO_LONG = 256.0  # an error over the tolerance, for which the next step is 0.4 times as long
 
@@ -292,26 +282,17 @@ def look(
     scale: Scalar,
     *,
     clear: Sequence[Flag],
-    nonsmooth: bool = False,
     sharp: float = 1.0,
 ) -> Trial:
     """What a trial says about events; `within` holds their values at some shares of the step.
 
     At an event that is `clear` nothing is looked for within the step; see `are_clear`.
-
-    Where the motion is `nonsmooth`, a step ends at a crest of an event function as it does at a dip: between two
-    stages the motion may go behind a kink, and return unseen.
     """
     dips = [
         dip_unless_clear(*each, control.trial, [(theta, values[i]) for theta, values in within], sharp)
         for i, each in enumerate(zip(clear, start, end, strict=True))
     ]
     places = [dip for dip, *_ in dips]
-    if nonsmooth:
-        # Where a force jumps, an event function may turn at once: steps that short need not end there.
-        long = control.trial > _LONG * scale
-        crests = [crest_in_step(*each, control.trial) for each in zip(start, end, strict=True)]
-        places += [jnp.where(long, crest, 2.0) for crest in crests]
     past = _any(event.value <= 0 for event in end)
     ahead = jnp.where(control.mode == LOCATING, control.high, _AHEAD * control.trial)
     return Trial(
@@ -605,8 +586,6 @@ def are_clear(
     ends: Sequence[Ends],
     within: Sequence[tuple[float, Sequence[Scalar]]],
     graze: Scalar,
-    *,
-    nonsmooth: bool = False,
 ) -> list[Flag]:
     """Of each event whether it cannot be in a step or near its end, nor a dip lower than `graze` times its size.
 
@@ -621,7 +600,6 @@ def are_clear(
         ends: and where it ends.
         within: their values at some shares of the step.
         graze: see above.
-        nonsmooth: whether a step ends at crests.
     """
     clear = []
     for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
@@ -639,8 +617,6 @@ def are_clear(
             clear.append(_is_clear(start, end, h, looks, least))
         else:
             clear.append(_is_clear(start, end, h, looks, graze))
-        if nonsmooth:
-            clear[i] = clear[i] & jnp.logical_not((start.rate > 0) & (end.rate < 0))
     return clear
 
 
@@ -678,7 +654,6 @@ def look_directed(
     scale: Scalar,
     *,
     clear: Sequence[Flag],
-    nonsmooth: bool = False,
 ) -> Trial:
     """What a trial says about the events that count; see `erosion.ode.crossings.look`.
 
@@ -705,7 +680,7 @@ def look_directed(
         for theta, values in within
     ]
     # A function such as a distance bends in a small part of a step, where the cubic errs by more than was seen.
-    trial = look(control, begun, watched(ends), inside, error, scale, clear=clear, nonsmooth=nonsmooth, sharp=_SHARP)
+    trial = look(control, begun, watched(ends), inside, error, scale, clear=clear, sharp=_SHARP)
     crest, hidden = _least([crest for crest, _ in rises], 2.0), _any(hidden for _, hidden in rises)
     return trial._replace(dip=jnp.minimum(crest, trial.dip), hidden=trial.hidden | hidden)
 

@@ -23,11 +23,10 @@ class EventSet(abc.ABC):
 
     Args:
         directions: of the events.
-        nonsmooth: whether a motion may go behind a kink and return unseen, so that steps end at crests.
     """
 
-    def __init__(self, directions: Sequence[int], *, nonsmooth: bool) -> None:
-        self.directions, self.nonsmooth = directions, nonsmooth
+    def __init__(self, directions: Sequence[int]) -> None:
+        self.directions = directions
 
     @abc.abstractmethod
     def begins(self, events: Sequence[Ends], scale: Scalar) -> Flag:
@@ -85,9 +84,7 @@ class EventSet(abc.ABC):
             trial = self.look(watched, control, start, step, scale, clear)
             return crossings.decide(control, trial, scale, limits, ending=ending, reach=reach)
 
-        clear = crossings.are_clear(
-            watched, control.trial, start, step.events, step.within, GRAZE * rtol, nonsmooth=self.nonsmooth
-        )
+        clear = crossings.are_clear(watched, control.trial, start, step.events, step.within, GRAZE * rtol)
         quiet = functools.reduce(jnp.logical_and, clear, control.mode == ADVANCING)
         return lax.cond(quiet, goes_on, looks)
 
@@ -114,25 +111,21 @@ class Falling(EventSet):
         clear: Sequence[Flag],
     ) -> Trial:  # fmt: skip
         """See `EventSet`."""
-        return crossings.look(
-            control, start, step.events, step.within, step.error, scale, clear=clear, nonsmooth=self.nonsmooth
-        )
+        return crossings.look(control, start, step.events, step.within, step.error, scale, clear=clear)
 
 
 class Armed(EventSet):
     """Of any direction; each counts once it is before its event.
 
     Args:
-        directions, nonsmooth: see `EventSet`.
+        directions: see `EventSet`.
         own: how many of them are events of the problem; the others are bounds of modes, see `switches`.
         affine: of each event whether its function is affine in the state; others may move faster than it.
         smooth: whether all event functions are smooth.
     """
 
-    def __init__(
-        self, directions: Sequence[int], *, nonsmooth: bool, own: int, affine: Sequence[bool], smooth: bool
-    ) -> None:
-        super().__init__(directions, nonsmooth=nonsmooth)
+    def __init__(self, directions: Sequence[int], *, own: int, affine: Sequence[bool], smooth: bool) -> None:
+        super().__init__(directions)
         self.own, self.affine, self.smooth = own, affine, smooth
 
     def at_start(self, events: list[Ends], scale: Scalar, begins: Flag) -> list[Ends]:
@@ -171,5 +164,5 @@ class Armed(EventSet):
     ) -> Trial:  # fmt: skip
         """See `EventSet`."""
         return crossings.look_directed(
-            watched, control, start, step.events, step.within, step.error, scale, clear=clear, nonsmooth=self.nonsmooth
+            watched, control, start, step.events, step.within, step.error, scale, clear=clear
         )

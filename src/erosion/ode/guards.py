@@ -6,22 +6,19 @@ A program has a list of guards, chosen where it is traced. What a guard remember
 import functools
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 
 from erosion.arguments import Flag, Scalar
 from erosion.ode.horizon import Horizon
-from erosion.ode.kinks import breaks, comes_near, corrected, is_broken
-from erosion.ode.landing import Lane, Segment
+from erosion.ode.landing import Lane
 from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.methods.base import Step
 from erosion.ode.methods.runge_kutta import RungeKutta
 from erosion.ode.reduction import Rows
-from erosion.ode.step_control import FAILED, SLIDES, STIFF, UNFINISHED, Control, goes_on
+from erosion.ode.step_control import SLIDES, STIFF, UNFINISHED, Control, goes_on
 
 MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start, or jumps, is taken this much later
 ULPS = 1e-15  # of a number, at least: then it is another one
-_SAMPLES = 24  # parts of a step between which kinks are looked for: as close as the stages of a second integration
 _MANY_STIFF = 12  # steps, more than others, that are short although the motion is smooth: it is stiff
 _BEYOND = 1e-9  # of the time scale: a bound below zero that would take so long is no rounding
 _FAR = 200  # steps: a nearer end is reached all the same
@@ -59,61 +56,6 @@ class Guard:
     def decided(self, memory: Any, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
         """What follows."""
         return Decided(memory, step, control)
-
-    def ends(self, memory: Any, lane: Lane, motion: Segment) -> Segment:
-        """The end of a motion, with what the guard has seen on its way."""
-        return motion
-
-
-class NearKinks(Guard):
-    """Sees whether a lane comes near a kink: a lane that does not is not integrated again as one that does."""
-
-    def begin(self, scale: Scalar) -> Flag:
-        """See `Guard`."""
-        return jnp.asarray(False)
-
-    def decided(self, memory: Flag, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
-        """See `Guard`."""
-        problem, h = self.problem, lane.control.trial
-        ends = lane.state, lane.slope, step.state, step.slope
-        rows = list(zip(*(each[: problem.width] for each in ends), strict=True))
-
-        def at(share: float) -> Rows:
-            a, b = share * share * (3 - 2 * share), share * (1 - share)
-            return [u + a * (v - u) + h * b * ((1 - share) * k - share * m) for u, k, v, m in rows]
-
-        near = comes_near([problem.singular(at(i / _SAMPLES)) for i in range(_SAMPLES + 1)])
-        return Decided(memory | near, step, control)
-
-    def ends(self, memory: Flag, lane: Lane, motion: Segment) -> Segment:
-        """See `Guard`."""
-        rows: Rows = jax.tree.leaves(motion.members[0])
-        both = self.problem.singular(lane.state[: self.problem.width]), self.problem.singular(rows)
-        return motion._replace(near_kink=memory | comes_near(both))
-
-
-class Jumps(Guard):
-    """A lane with derivatives fails where a rate jumps."""
-
-    def decided(self, memory: Any, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
-        """See `Guard`."""
-        problem, h = self.problem, lane.control.trial
-        broken = is_broken(problem, lane.state, step.stages, h, problem.time_scale)
-        begun = jnp.maximum(MOMENT, ULPS * jnp.abs(problem.clock.t0) / h)
-        begun = jnp.where(lane.control.time == 0, begun, -1.0)
-        ends = (lane.state, lane.slope), (step.state, step.slope)
-        broken = moved & (broken | breaks(problem, *ends, h, problem.time_scale, begun))
-        return Decided(memory, step, control._replace(mode=jnp.where(broken, FAILED, control.mode)))
-
-
-class Kinks(Guard):
-    """Second derivatives jump at a kink."""
-
-    def decided(self, memory: Any, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
-        """See `Guard`."""
-        ends = (lane.state, lane.slope), (step.state, step.slope)
-        state, slope = corrected(self.problem, *ends, step.stages, lane.control.trial, self.problem.time_scale)
-        return Decided(memory, step._replace(state=state, slope=slope), control)
 
 
 class InModes(Guard):
@@ -164,11 +106,7 @@ class Stiffness(Guard):
 
 def guards_of(problem: LaneEquations, rtol: Scalar) -> list[Guard]:
     """Those that a program needs."""
-    guards: list[Guard] = [NearKinks(problem, rtol)] if problem.shows_kinks else []
-    if problem.nonsmooth and problem.order:
-        guards.append(Jumps(problem, rtol))
-    if problem.nonsmooth and problem.order == 2:
-        guards.append(Kinks(problem, rtol))
+    guards: list[Guard] = []
     if problem.switches is not None:
         guards.append(InModes(problem, rtol))
     if problem.detects_stiffness and isinstance(problem.method, RungeKutta):

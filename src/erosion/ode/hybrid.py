@@ -303,15 +303,15 @@ class Transitions:
             other = self.in_turn(start, segment, last, forwards=False)
             one, two = fixed(instant), fixed(other)
             times = zip(instant.elapsed, other.elapsed, strict=True)
-            apart = [_differ(a, b, share=_ALIKE[0], size=0.0) for a, b in times]
+            orders = [0, *[1] * (len(one) - 1)] if equations.order < 2 else [0, *[1] * (len(one) - 2), 2]
+            apart = [_differ(*each, share=_ALIKE[k], size=0.0) for each, k in zip(times, orders, strict=True)]
             unlike = jax.tree.map(functools.partial(_differ, share=_ALIKE[0], size=0.0), one[0], two[0])
             members = [instant.members[0]]
             for k in range(1, len(one)):
-                is_second = equations.order == 2 and k == len(one) - 1
-                moves = functools.reduce(jnp.logical_or, apart[1:]) if is_second else apart[k]
+                moves = functools.reduce(jnp.logical_or, apart[1:]) if orders[k] == 2 else apart[k]
                 lost = jax.tree.map(
-                    lambda a, b, u, jump, k=k, moves=moves, share=_ALIKE[2 if is_second else 1]: (jump & moves)
-                    | _differ(a, b, share=share, size=u),
+                    lambda a, b, u, jump, moves=moves, share=_ALIKE[orders[k]]: moves
+                    & (jump | _differ(a, b, share=share, size=u)),
                     one[k], two[k], one[0], unlike,
                 )  # fmt: skip
                 members.append(jax.tree.map(lambda u, gone: jnp.where(gone, jnp.nan, u), instant.members[k], lost))
@@ -441,8 +441,7 @@ def trajectory(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Wr
     initial, written = problem.members(problem.initial), [recorder.begin() for recorder in loop.recorders]
     elapsed = tuple(zero for _ in initial)
     sizes = problem.method.sizes_at_start(problem.initial, None)
-    near_kink = jnp.asarray(False) if problem.shows_kinks else None
-    start = Segment(control, initial, none - 1, zero, none, nothing, sizes, near_kink, nothing)
+    start = Segment(control, initial, none - 1, zero, none, nothing, sizes, nothing)
 
     def ended(
         instant: Instant, endless: Flag, segment: Segment, amplification: Scalar, accumulates: Flag, hops: Flag
@@ -462,8 +461,10 @@ def trajectory(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Wr
 
     def flown(so_far: _Trajectory) -> _Trajectory:
         before = so_far.segment
-        rest = jax.tree.map(lambda part, gone: part - gone, until, equations.unpack(so_far.elapsed))
-        rest = rest._replace(value=jnp.where(rest.value <= _ARRIVED * problem.time_scale, 0.0, rest.value))
+        rest = until
+        if until.value is not None:
+            rest = jax.tree.map(lambda part, gone: part - gone, until, equations.unpack(so_far.elapsed))
+            rest = rest._replace(value=jnp.where(rest.value <= _ARRIVED * problem.time_scale, 0.0, rest.value))
         segment, along, written = loop.to_its_event(
             jax.tree.leaves(before.members), rest.value, so_far.written, before, so_far.elapsed
         )

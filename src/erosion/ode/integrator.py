@@ -34,7 +34,6 @@ from erosion.ode.variational import (
 _DOUBT = 100.0  # errors are mostly smaller than the tolerance by this factor
 _MANY_STEPS, _MANY_FACTOR = 64, 1e-2  # the errors of this many steps add up, and may grow from step to step
 _CHEAPER, _CHEAPEST = 1e4, 1e-2  # times the tolerance, at most: of an integration that tells how errors grow
-_NONSMOOTH_FACTOR = 1e-3  # across a kink an estimate says little, and a step may pass over a short visit behind one
 
 
 class LaneEnd(NamedTuple):
@@ -149,9 +148,6 @@ def _finish(
         factor = jnp.where(many, jnp.where(factor < 1, jnp.minimum(factor, _MANY_FACTOR), cheaper), factor)
     else:
         factor = jnp.where(many, jnp.minimum(factor, _MANY_FACTOR), factor)
-    if problem.nonsmooth:
-        nonsmooth = jnp.minimum(factor, _NONSMOOTH_FACTOR)
-        factor = nonsmooth if motion.near_kink is None else jnp.where(motion.near_kink, nonsmooth, factor)
     least = [LEAST * size for size in problem.sizes_of_state(motion.greatest)]
     return LaneEnd(
         outcome=_outcome(problem, finite, control.mode, event),

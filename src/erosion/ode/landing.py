@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from erosion.ode.lane_equations import LaneEquations
 
 _VANISHES = 1e-5  # of the time scale: a divisor that is zero as soon leaves too few digits of second derivatives
+_DOUBLE = 4.0  # the square of a rate over value and second derivative: 2 at a double zero, ∞ at a simple one
 
 
 class Lane(NamedTuple):
@@ -51,7 +52,6 @@ class Segment(NamedTuple):
         at_once: for each event whether it happens there.
         greatest: the greatest size of each row of the motion itself, where the whole state is wanted.
         still_zero: of each event that happened whether its function is zero after the resets, but for rounding.
-        near_kink: whether the lane has come near a kink so far; None where its arithmetic does not tell.
     """
 
     control: Control
@@ -61,7 +61,6 @@ class Segment(NamedTuple):
     count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
     at_once: Sequence[Flag]
     greatest: Rows
-    near_kink: Flag | None = None
     still_zero: Sequence[Flag] = ()
 
 
@@ -79,15 +78,27 @@ def finish_step(problem: "LaneEquations", lane: Lane, until: Scalar | None) -> t
 def has_no_derivatives(problem: "LaneEquations", motion: Segment) -> Flag:
     """Whether derivatives at the end of a motion are not defined, as far as nothing else tells.
 
-    A rate that divides by what vanishes there leaves nothing but rounding of them, as of those of sin(v)/v. At a switch
-    that may be the rate of a mode that does not hold.
+    A rate that divides by what vanishes there leaves nothing but rounding of them, as of those of sin(v)/v. So does the
+    root of what has a double zero there of second ones, as √(v² + w²). At a switch that may be the rate of a mode that
+    does not hold.
     """
-    if problem.nonsmooth or not problem.options.arm_on_return:
+    if not problem.options.arm_on_return:
         return jnp.asarray(False)
     rows: Rows = jax.tree.leaves(motion.members[0])
-    scale = problem.scale_near(motion.control.step, FIRST_STEP)
-    ends = zip(*jax.jvp(problem.dividing, (rows,), (problem.motion_rate(rows),)), strict=True)
-    vanish = (~(jnp.abs(value) > _VANISHES * scale * jnp.abs(rate)) for value, rate in ends)
+    near = _VANISHES * problem.scale_near(motion.control.step, FIRST_STEP)
+    flow = problem.motion_rate(rows)
+    ends = zip(*jax.jvp(problem.dividing, (rows,), (flow,)), strict=True)
+    vanish = [~(jnp.abs(value) > near * jnp.abs(rate)) for value, rate in ends]
+    if problem.order == 2:
+
+        def moving(rows: Rows) -> list[tuple[Scalar, Scalar]]:
+            both = jax.jvp(problem.under_roots, (rows,), (problem.motion_rate(rows),))
+            return list(zip(*both, strict=True))
+
+        ends, bends = jax.jvp(moving, (rows,), (flow,))
+        for (value, rate), (_, bend) in zip(ends, bends, strict=True):
+            product = jnp.abs(value * bend)
+            vanish.append((rate * rate <= _DOUBLE * product) & (jnp.abs(value) < near * near * jnp.abs(bend)))
     at_its_end = (motion.control.mode == ENDED) & (motion.event < problem.own_events)
     return at_its_end & functools.reduce(jnp.logical_or, vanish, jnp.asarray(False))
 
@@ -97,7 +108,8 @@ def happening(
 ) -> list[Flag]:
     """For each event whether it happens at the end."""
     happened = ended & (event >= 0)
-    near = crossings.at_once(events, remaining, scale) if problem.options.clock else [jnp.asarray(False)] * len(events)
+    counts = problem.options.arm_on_return
+    near = crossings.at_once(events, remaining, scale) if counts else [jnp.asarray(False)] * len(events)
     return [happened & (there | (event == i)) for i, there in enumerate(near)]
 
 

@@ -9,7 +9,7 @@ from jax.extend.core import Jaxpr
 
 from erosion.arguments import Number, Scalar
 from erosion.ode.crossings import Ends
-from erosion.ode.kinks import arguments, cases, divisors, is_nonsmooth, may_have_kinks
+from erosion.ode.kinks import divisors, is_nonsmooth, may_have_kinks, operands_of, radicands
 from erosion.ode.methods import method_of
 from erosion.ode.reduction import Rows, are_affine
 from erosion.ode.step_control import Limits
@@ -81,11 +81,6 @@ class LaneEquations:
         def motion_rate(numbers: Sequence[Number], rows: Rows) -> Rows:
             return jax.tree.leaves(motion(numbers).rate(self.members(rows)[0]))
 
-        @jax.jit
-        def singular(numbers: Sequence[Number], rows: Rows) -> Rows | None:
-            return arguments(jax.make_jaxpr(functools.partial(motion_rate, numbers))(rows), rows, [True] * len(rows))
-
-        self.singular = functools.partial(singular, self.numbers)
         self.motion_rate = functools.partial(motion_rate, self.numbers)
         self.events = functools.partial(events, self.numbers)
         self.rate = functools.partial(rate, self.numbers, places)
@@ -118,25 +113,18 @@ class LaneEquations:
     def _events_jaxpr(self) -> Jaxpr:
         return jax.make_jaxpr(self.events)(self.initial[: self.width]).jaxpr
 
-    @functools.cached_property
-    def shows_kinks(self) -> bool:
-        """Whether a lane tells by `singular` that it comes near no kink; impacts are integrated again all the same."""
-        if not self.nonsmooth or not self.options.arm_on_return or self.options.smooth is not None:
-            return False
-        return jax.eval_shape(self.singular, self.initial[: self.width]) is not None
-
     @property
     def events_are_slow(self) -> bool:
         """Whether no event function may move faster than the state."""
         return not self.options.arm_on_return or all(self.affine_events)
 
     def dividing(self, rows: Rows) -> list[Scalar]:
-        """What the rates of the motion itself divide by; see `divisors`."""
-        return divisors(jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
+        """What the rates of the motion itself divide by."""
+        return operands_of(divisors, jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
 
-    def cases(self, rows: Rows) -> list[Scalar]:
-        """The cases of the rates of the motion itself; see `erosion.ode.kinks.cases`."""
-        return cases(jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
+    def under_roots(self, rows: Rows) -> list[Scalar]:
+        """Of what the rates of the motion itself take roots."""
+        return operands_of(radicands, jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
 
     def members(self, rows: Rows) -> tuple[Augmented, ...]:
         """Value and derivatives of a state."""

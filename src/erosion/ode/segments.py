@@ -41,11 +41,10 @@ class Loop:
         self.problem, self.rtol, self.method = problem, rtol, problem.method
         self.guards: list[Guard] = guards_of(problem, rtol)
         self.recorders: list[Recorder] = recorders_of(problem, rtol, rows)
-        self.events: EventSet = Falling(problem.directions, nonsmooth=problem.nonsmooth)
+        self.events: EventSet = Falling(problem.directions)
         if problem.options.arm_on_return:
             self.events = Armed(
                 problem.directions,
-                nonsmooth=problem.nonsmooth,
                 own=problem.own_events,
                 affine=problem.affine_events,
                 smooth=problem.events_are_smooth,
@@ -74,10 +73,6 @@ class Loop:
         start = self._start(initial, end, before), written
         lane, written = lax.while_loop(lambda at: step_control.goes_on(at[0].control), tries, start)
         motion, along = finish_step(self.problem, lane, until)
-        for guard, memory in zip(self.guards, lane.memories, strict=True):
-            motion = guard.ends(memory, lane, motion)
-        if before is not None and before.near_kink is not None and motion.near_kink is not None:
-            motion = motion._replace(near_kink=motion.near_kink | before.near_kink)
         written = [one.after_landing(so_far, lane, motion) for one, so_far in zip(recorders, written, strict=True)]
         return motion, along, written
 

@@ -323,10 +323,10 @@ class Solution(Result):
             if lost:
                 several = sum(reset is not None for reset in self.problem.resets()) > 1
                 at_once = "events happen at once whose order matters, " if several else ""
-                jump = "a rate jumps on the way (write the jump as an event with a `reset`), "
+                root = "the argument of a root or a power vanishes, "
                 sentences.append(
                     f"The {'second' if len(path) == 2 else 'first'} derivatives by {by} are NaN in {lost:,} of "
-                    f"{self.title}: they do not exist there, {jump if may_have_kinks(self.lanes.layout) else ''}"
+                    f"{self.title}: they do not exist there, {root if may_have_kinks(self.lanes.layout) else ''}"
                     f"{at_once}or cancellation leaves too few of their digits."
                 )
         if self.earlier is not None:

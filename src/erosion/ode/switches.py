@@ -8,12 +8,15 @@ of a break follow from the rules for events.
 
 | operation | mode | bounds |
 |---|---|---|
-| `lt le gt ge max min abs sign clamp` | whether a ≥ b | the distance a - b, or b - a |
+| `lt le gt ge max min abs sign clamp`, `sqrt` of a square | whether a ≥ b | the distance a - b, or b - a |
+| `reduce_max reduce_min` | the same of each element and the best before it | the same |
+| `atan2` | whether y ≥ 0 | y, or -y |
 | `floor ceil round rem`, numpy's remainder and quotient, a real number as an integer | that number | to both ends |
 | `searchsorted`, and so `interp`, in a table that does not move | the piece | the distances to its two knots |
 
 `eq` and `ne` of real numbers stay: they hold, or not, all the way. Equal bounds share a mode. What depends on arguments
-alone, or on modes, needs none. Roots, powers and logarithms stay as they are, and so do loops; see `erosion.ode.kinks`.
+alone, or on modes, needs none. Roots, powers and logarithms stay as they are: the error control sees them. Loops, what
+sorts, and more than 32 modes are not located; see `unlocated`.
 
 A user's problem, its state and its events know nothing of this: modes and bounds are parts of the `Motion` alone.
 """
@@ -34,7 +37,7 @@ from erosion.ode.reduction import NEVER, WholeMotion, beside_breaks, evaluate, r
 from erosion.ode.variational import Augmented, Layout, Motion
 
 _ULPS, _TINY = 4e-16, 1e-300  # before a break is a time that is earlier by as little
-_MOST = 32  # modes: a problem with more of them is integrated across its breaks, see `erosion.ode.kinks`
+_MOST = 32  # modes: a problem with more of them is integrated across its breaks
 
 
 class Bound(NamedTuple):
@@ -85,7 +88,7 @@ class Switches:
             found = rewriting.of(closed.jaxpr, closed.consts, operands)
             rates, rates_of_integrals, events = jax.tree.unflatten(structure, [value.number for value in found])
             self._switch_of_bound = [bound.switch for bound in rewriting.bounds]
-            self.within_loops = rewriting.within_loops
+            self.others = sorted(rewriting.others)
             return {
                 "rates": [rate if moves else np.zeros(()) for rate, moves in zip(rates, self.moves, strict=True)],
                 "integrals": rates_of_integrals, "events": events, "values": rewriting.values,
@@ -95,7 +98,7 @@ class Switches:
             }  # fmt: skip
 
         self._switch_of_bound: list[int] = []
-        self.within_loops = False
+        self.others: list[str] = []
         first, shapes = jax.make_jaxpr(functools.partial(rewritten, modes=None), return_shape=True)(*structs)
         self.count = len(shapes["values"])
         self.bounds = len(shapes["bounds"])
@@ -196,11 +199,28 @@ def switches_of(layout: Layout) -> Switches | None:
 def unlocated(layout: Layout) -> str:
     """What breaks in a layout's functions and is not located, as a subject; "" where nothing is."""
     switches = _all_switches(layout)
-    if switches is None:
+    if switches is None or layout.problem.breaks is not None:
         return ""
     if switches.count > _MOST:
-        return f"{switches.count} switches (`where`, `abs`, `max` …)"
-    return "switches within a loop (`while_loop`, `scan`, `fori_loop`)" if switches.within_loops else ""
+        return f"{switches.count} switches (`where`, `abs`, `max` …), more than {_MOST},"
+    loops = "switches within a loop (`while_loop`, `scan`, `fori_loop`)"
+    others = [f"`{name}`" for name in switches.others if name not in _LOOPS]
+    return " and ".join([loops] * (len(others) < len(switches.others)) + others)
+
+
+def require_derivatives(layout: Layout) -> None:
+    """Refuse derivatives where something breaks that is not located: they jump there.
+
+    Raises:
+        ValueError: with what to write.
+    """
+    what = unlocated(layout)
+    if what:
+        raise ValueError(
+            f"Derivatives need breaks that are located, but the rates have {what} that are not: name their times by "
+            "`Problem.breaks`, give a loop its derivative by `jax.custom_jvp`, or say `smooth=True` where the motion "
+            "has no breaks."
+        )
 
 
 def _all_switches(layout: Layout) -> Switches | None:
@@ -241,11 +261,13 @@ class _Value(NamedTuple):
         number: the value.
         moves: whether it moves between two events.
         key: equal values have equal keys, where that is known.
+        root: of what it is the square, where that is known.
     """
 
     number: Any
     moves: bool
     key: Hashable = None
+    root: "_Value | None" = None
 
 
 class _Rewriting:
@@ -258,14 +280,14 @@ class _Rewriting:
     Attributes:
         values: the modes that the operations themselves would choose.
         bounds: of all modes.
-        within_loops: whether an operation breaks within a loop, where it has none.
+        others: names of operations that break and have no modes: within loops, and those that sort.
     """
 
     def __init__(self, modes: Sequence[Scalar] | None, *, by_hand: bool) -> None:
         self._modes, self._by_hand = modes, by_hand
         self.values: list[Scalar] = []
         self.bounds: list[Bound] = []
-        self.within_loops = False
+        self.others: set[str] = set()
         self._known: dict[Hashable, Any] = {}
         self._numbered: dict[Hashable, int] = {}
 
@@ -305,23 +327,29 @@ class _Rewriting:
                 number, moves = _BREAKING[name](self, equation, operands)
                 return [_Value(number, moves, key)]
             inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
-            if name in ("jit", "pjit", "custom_jvp_call") and isinstance(inner, ClosedJaxpr):
+            is_call = name in ("jit", "pjit", "custom_jvp_call") and equation.params.get("name") not in SMOOTH_FUNCTIONS
+            if is_call and isinstance(inner, ClosedJaxpr):
                 library = _library_function(equation, inner)
                 if library is not None and not (library in _OF_TABLES and operands[0].moves) and self._sees(library):
                     number, moves = library(self, operands)
                     return [_Value(number, moves, self.key_of(str(equation.params.get("name")), keys))]
-                if not self._by_hand and (name != "custom_jvp_call" or _breaks(equation)):
+                # A loop with a derivative of its own is smooth: its author says so.
+                looks = name != "custom_jvp_call" or (_breaks(equation) and not _has_loop(inner.jaxpr))
+                if looks and not self._by_hand:
                     return self.of(inner.jaxpr, inner.consts, operands)
             if name == "cond" and not operands[0].moves and not self._by_hand:
                 return self._of_cases(equation, operands)
-            if name in ("while", "scan") and _breaks(equation):
-                self.within_loops = True
+            if (name in _LOOPS and _breaks(equation)) or name in _SORTING:
+                self.others.add(name)
         made = _result(jaxpr, equation)(
             *(x for x, atom in zip(numbers, equation.invars, strict=True) if not isinstance(atom, Literal))
         )
         moves = any(operand.moves for operand in operands) and name not in _STEADY
         key = self.key_of(name, _described(equation), keys)
-        return [_Value(number, moves, self.key_of(key, i)) for i, number in enumerate(made)]
+        is_square = name == "square" or (name == "integer_pow" and equation.params["y"] == 2)
+        is_square |= name == "mul" and keys[0] == keys[1]
+        root = operands[0] if is_square else None
+        return [_Value(number, moves, self.key_of(key, i), root) for i, number in enumerate(made)]
 
     def _sees(self, library: Callable[..., "_Made"]) -> bool:
         return library is _beside_breaks or not self._by_hand
@@ -454,6 +482,31 @@ def _less(rewriting: _Rewriting, _: Equation, operands: list[_Value]) -> _Made:
     return jnp.where(rewriting.is_above(a, b), b.number, a.number), True
 
 
+def _extreme(is_greatest: bool) -> Callable[..., _Made]:
+    def extreme(rewriting: _Rewriting, equation: Equation, operands: list[_Value]) -> _Made:
+        (x,), axes = operands, equation.params["axes"]
+        kept = [i for i in range(np.ndim(x.number)) if i not in axes]
+        rows = jnp.transpose(x.number, (*axes, *kept)).reshape(-1, *(np.shape(x.number)[i] for i in kept))
+        best = _Value(rows[0], True, rewriting.key_of("row", x.key, axes, 0))
+        for i in range(1, rows.shape[0]):
+            row = _Value(rows[i], True, rewriting.key_of("row", x.key, axes, i))
+            above = rewriting.is_above(best, row)
+            number = (
+                jnp.where(above, best.number, row.number) if is_greatest else jnp.where(above, row.number, best.number)
+            )
+            best = _Value(number, True, rewriting.key_of("best", best.key, row.key, is_greatest))
+        return best.number, True
+
+    return extreme
+
+
+def _angle(rewriting: _Rewriting, _: Equation, operands: list[_Value]) -> _Made:
+    """The angle of (x, y) in a half plane, y above zero or below, at whose edge it is smooth but at the origin."""
+    y, x = operands
+    sign = jnp.where(rewriting.is_above(y, _zero(rewriting, y)), 1.0, -1.0)
+    return sign * (np.pi / 2 - jnp.arctan2(x.number, sign * y.number)), True
+
+
 def _zero(rewriting: _Rewriting, like: _Value) -> _Value:
     number = np.zeros((), np.float64)
     return _Value(
@@ -466,6 +519,14 @@ def _zero(rewriting: _Rewriting, like: _Value) -> _Value:
 def _absolute(rewriting: _Rewriting, _: Equation, operands: list[_Value]) -> _Made:
     (x,) = operands
     return jnp.where(rewriting.is_above(x, _zero(rewriting, x)), x.number, -x.number), True
+
+
+def _root(rewriting: _Rewriting, equation: Equation, operands: list[_Value]) -> _Made:
+    """√x, of a square as |x|."""
+    (x,) = operands
+    if x.root is None:
+        return jnp.sqrt(x.number), True
+    return _absolute(rewriting, equation, [x.root])
 
 
 def _signed(rewriting: _Rewriting, _: Equation, operands: list[_Value]) -> _Made:
@@ -509,7 +570,14 @@ _BREAKING: dict[str, Callable[..., _Made]] = {
     "lt": _compared(False), "le": _compared(False), "gt": _compared(True), "ge": _compared(True), "max": _greater,
     "min": _less, "abs": _absolute, "sign": _signed, "clamp": _clamped, "floor": _rounded("floor"),
     "ceil": _rounded("ceil"), "round": _nearest, "rem": _remainder, "convert_element_type": _converted,
+    "sqrt": _root, "reduce_max": _extreme(True), "reduce_min": _extreme(False), "atan2": _angle,
 }  # fmt: skip
+
+SMOOTH_FUNCTIONS = frozenset({"sincos", "between"})
+"""Of the package: smooth, although their arithmetic has steps."""
+
+_LOOPS = frozenset({"while", "scan"})
+_SORTING = frozenset({"sort", "argmax", "argmin", "cummax", "cummin", "top_k", "approx_top_k"})
 
 _STEADY = frozenset({"eq", "ne", "is_finite"})
 """What is the same all the way, but at single moments."""
@@ -611,9 +679,18 @@ def _breaks(equation: Equation) -> bool:
         for each in getattr(part, "eqns", ()):
             name, types = each.primitive.name, [np.dtype(aval_of(atom).dtype) for atom in each.invars]
             real = bool(types) and np.issubdtype(types[-1], np.floating)
-            if (real and name in _BREAKING and name != "convert_element_type") or _breaks(each):
+            if (real and name in _BREAKING.keys() - {"convert_element_type", "sqrt"}) or _breaks(each):
                 return True
     return False
+
+
+def _has_loop(jaxpr: Jaxpr) -> bool:
+    """Whether a function has a loop in which something breaks."""
+    return any(
+        (each.primitive.name in _LOOPS and _breaks(each))
+        or any(_has_loop(getattr(part, "jaxpr", part)) for part in each.params.values() if hasattr(part, "eqns"))
+        for each in jaxpr.eqns
+    )
 
 
 def _described(equation: Equation) -> Hashable:

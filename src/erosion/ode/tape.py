@@ -22,7 +22,6 @@ from jax import lax
 
 from erosion.arguments import Flag, PerImpact, Scalar
 from erosion.lanes import tapes
-from erosion.ode.kinks import may_have_kinks
 from erosion.ode.landing import Lane, Segment
 from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.reduction import Rows
@@ -134,14 +133,6 @@ TIMES, STATES = 0, 1
 """Tapes: the times of a lane, rising, ∞ the last of them; and for each time a lane's row of numbers."""
 
 ROUNDING = 2e-15  # of the times so far: a time that is this much later than the end is the end
-
-
-def takes_times_apart(layout: Layout, order: int) -> bool:
-    """Whether each time has an integration of its own, with so many derivatives.
-
-    Of derivatives across a kink only two integrations tell whether they exist.
-    """
-    return bool(order and may_have_kinks(layout))
 
 
 class Saved(NamedTuple):

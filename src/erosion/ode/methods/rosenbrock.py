@@ -131,7 +131,7 @@ class Rodas5P(Method):
     def __init__(self, problem: "LaneEquations") -> None:
         if problem.nonsmooth:
             raise ValueError(
-                'The method "rosenbrock" needs rates without kinks, but these may have some (`abs`, `where`, …): '
+                'The method "rosenbrock" needs rates without kinks, but these may have some (roots, powers, loops): '
                 'use the method "explicit", or say `smooth=True` where there are none.'
             )
         super().__init__(problem)

@@ -394,7 +394,7 @@ class RungeKutta(Method):
             beyond = [u + _BESIDE * scale * k for u, k in zip(event, slope, strict=True)]
             defined = defined & all_finite(self.problem.rate(beyond))
         happens = (lane.control.mode == ENDED) & (lane.control.event >= 0)
-        kinked = happens & is_kinked(self.problem, event, slope, scale)
+        kinked = happens & is_kinked(self.problem.rate, event, slope, scale)
         return lax.cond(defined & ~kinked, lambda: (left, state, jnp.asarray(True)), inside)
 
     def within(self, before: "Lane", after: "Lane", rtol: Scalar) -> Callable[[Scalar], EndTimeDependence]:
