@@ -1,6 +1,9 @@
 """How the pages are built: `make docs`."""
 
+import base64
+import json
 import os
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -90,6 +93,33 @@ def copy_notebooks(app: Sphinx, failed: Exception | None) -> None:
             shutil.copy(notebook, copy)
 
 
+def show_thumbnails(app: Sphinx, pagename: str, templatename: str, context: dict[str, Any], doctree: Any) -> None:
+    """Put the first figure of each example above its link on the page of examples."""
+    if pagename != "examples":
+        return
+    folder = Path(app.outdir) / "_images" / "examples"
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def card(link: re.Match) -> str:
+        figure = _first_figure(_notebooks(app) / "examples" / f"{link[1]}.ipynb", folder)
+        return f'{link[0]}<img src="_images/examples/{figure}" alt="">'
+
+    context["body"] = re.sub(r'<a class="reference internal" href="examples/([\w-]+)\.html">', card, context["body"])
+
+
+def _first_figure(notebook: Path, folder: Path) -> str:
+    """Write the first figure of an executed notebook into a folder, and return its name."""
+    cells = json.loads(notebook.read_text("utf-8"))["cells"]
+    for data in (output["data"] for cell in cells for output in cell.get("outputs", ()) if "data" in output):
+        for kind, ending in (("image/svg+xml", "svg"), ("image/png", "png")):
+            if kind in data:
+                figure = folder / f"{notebook.stem}.{ending}"
+                content = "".join(data[kind])
+                figure.write_bytes(content.encode() if ending == "svg" else base64.b64decode(content))
+                return figure.name
+    raise ValueError(f"{notebook} has no figure")
+
+
 def copy_examples() -> None:
     """Put the notebooks of examples/ where Sphinx reads: it sees its own folder only."""
     shutil.rmtree(HERE / "examples", ignore_errors=True)
@@ -105,4 +135,5 @@ def setup(app: Sphinx) -> None:
     copy_examples()
     app.connect("source-read", point_to_examples)
     app.connect("html-page-context", offer_notebook)
+    app.connect("html-page-context", show_thumbnails)
     app.connect("build-finished", copy_notebooks)
