@@ -47,7 +47,7 @@ class Fit(Result):
     @functools.cached_property
     @abc.abstractmethod
     def predictor(self) -> Predictor:
-        """What predictions ask: the average of the ways to read the data."""
+        """The average of the ways to read the data, which predictions ask."""
 
     @functools.cached_property
     @abc.abstractmethod
