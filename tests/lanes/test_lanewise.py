@@ -197,12 +197,12 @@ def _levels(monkeypatch):
     """The levels at which code is compiled from now on."""
     compiled = []
 
-    class Noted(machine._Compiled):
-        def __init__(self, text, target, level):
-            compiled.append(level)
-            super().__init__(text, target, level)
+    def noted(text, target, level):
+        compiled.append(level)
+        return compile_module(text, target, level)
 
-    monkeypatch.setattr(machine, "_Compiled", Noted)
+    compile_module = machine.compiled
+    monkeypatch.setattr(machine, "compiled", noted)
     return compiled
 
 

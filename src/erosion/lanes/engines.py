@@ -9,6 +9,7 @@ from jaxtyping import PyTree
 
 from erosion.lanes.gpu import GpuLanes
 from erosion.lanes.lanewise import Lanewise
+from erosion.lanes.program_files import ProgramFile
 
 ENGINE = "EROSION_ENGINE"
 """The environment variable: "gpu" has a GPU compute calls of many lanes."""
@@ -17,13 +18,23 @@ _FEEDING = 8  # threads at most that order and copy lanes for a GPU
 _BLOCK = 2**17  # lanes for a GPU: several for each of its threads
 
 
-def compile_lanes(function: Callable[..., PyTree], examples: Sequence[PyTree], *, tapes: int = 0) -> Lanewise:
-    """Compile a function of one lane's numbers; see `Lanewise`.
+def compile_lanes(
+    function: Callable[..., PyTree], examples: Sequence[PyTree], *, tapes: int = 0, what: str = ""
+) -> Lanewise:
+    """Compile a function of one lane's numbers, or read it from a file of an earlier process; see `Lanewise`.
+
+    Args:
+        function: takes and returns pytrees of numbers and small arrays; written in plain JAX.
+        examples: examples of its arguments, or `jax.ShapeDtypeStruct` of them.
+        tapes: how many tapes the function has; see `erosion.lanes.tapes`.
+        what: all that the function computes, the same text in every process; without it the program is not kept.
 
     Raises:
         NoGpuError: where the environment asks for a GPU that cannot compute.
     """
-    return (GpuLanes if by_gpu() else Lanewise)(function, examples, tapes=tapes)
+    if by_gpu():
+        return GpuLanes(function, examples, tapes=tapes)
+    return Lanewise(function, examples, tapes=tapes, file=ProgramFile(what) if what else None)
 
 
 @functools.cache

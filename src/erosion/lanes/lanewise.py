@@ -14,7 +14,8 @@ from jax.extend.core import ClosedJaxpr
 from jaxtyping import PyTree
 
 from erosion.lanes.flatten import flatten, is_large
-from erosion.lanes.machine import MachineCode, Processor, without_garbage_collection
+from erosion.lanes.machine import MachineCode, ObjectCode, Processor, without_garbage_collection
+from erosion.lanes.program_files import Program, ProgramFile
 from erosion.lanes.scalars import aval_of
 from erosion.lanes.tapes import READ, WRITE
 from erosion.lanes.vector_ir import vector_ir
@@ -47,6 +48,7 @@ class Lanewise:
         examples: examples of its arguments, or `jax.ShapeDtypeStruct` of them.
         width, target: of the vectors, and the processor; for tests.
         tapes: how many tapes the function has; see `erosion.lanes.tapes`.
+        file: where an earlier process may have left the program, and where it is left for later ones.
 
     Raises:
         NotForLanesError: naming what in the function lanes cannot do.
@@ -60,18 +62,49 @@ class Lanewise:
         width: int = WIDTH,
         target: Processor | None = None,
         tapes: int = 0,
+        file: ProgramFile | None = None,
     ) -> None:
-        with without_garbage_collection():
-            closed, shapes = jax.make_jaxpr(function, return_shape=True)(*examples)
-            self._compile = functools.partial(_compiled, closed, width, target, tapes)
-            self._shared = self._compile(shared=True)
-        self.closed, self.large = closed, [is_large(aval_of(variable)) for variable in closed.jaxpr.invars]
+        self._function, self._examples = function, examples
+        self._target, self._tapes, self._width = target, tapes, width
         self._own: _Code | None = None
-        self.inputs = [tuple(aval.shape) for aval in closed.in_avals]
-        leaves, self.structure = jax.tree.flatten(shapes)
+        program = None if file is None else file.read()
+        if program is None:
+            with without_garbage_collection():
+                self._shared = self._compiled(shared=True)
+            closed, self.results = self._traced
+            self.large = [is_large(aval_of(variable)) for variable in closed.jaxpr.invars]
+            self.inputs = [tuple(aval.shape) for aval in closed.in_avals]
+            if file is not None:
+                self._keep(file, self._shared.code.made)
+        else:
+            self.inputs, self.large, self.results = program.inputs, program.large, program.results
+            code = MachineCode(program.text, target, program.made)
+            self._shared = _Code(code, program.rows, program.numbers, program.is_repeatable)
+        if file is not None:
+            self._shared.code.keep = functools.partial(self._keep, file)
+        leaves, self.structure = jax.tree.flatten(self.results)
         self.outputs = [(tuple(leaf.shape), np.dtype(leaf.dtype)) for leaf in leaves]
         self._places = np.cumsum([0, *(int(np.prod(shape, dtype=int)) for shape in self.inputs)])
-        self._width = width
+
+    @functools.cached_property
+    def _traced(self) -> tuple[ClosedJaxpr, PyTree]:
+        """The function as JAX sees it, and shapes and types of its results."""
+        return jax.make_jaxpr(self._function, return_shape=True)(*self._examples)
+
+    @property
+    def closed(self) -> ClosedJaxpr:
+        """The function as JAX sees it; traced when first asked for where the program was read from a file."""
+        return self._traced[0]
+
+    def _compiled(self, *, shared: bool) -> _Code:
+        graph = flatten(self.closed, shared=shared)
+        is_repeatable = not tapes_with(READ, graph) & tapes_with(WRITE, graph)
+        code = MachineCode(vector_ir(graph, self._width, self._tapes), self._target)
+        return _Code(code, graph.rows, graph.numbers, is_repeatable)
+
+    def _keep(self, file: ProgramFile, made: ObjectCode) -> None:
+        code, rows, numbers, is_repeatable = self._shared
+        file.write(Program(self.inputs, self.large, self.results, rows, numbers, is_repeatable, made, code.text))
 
     def __call__(self, *arguments: PyTree) -> PyTree:
         """The function of all lanes: leaves of shape (lanes, …), or of one lane's shape where all share it."""
@@ -108,7 +141,7 @@ class Lanewise:
         together, is_shared = self.sharing(leaves)
         if not is_shared and self._own is None:
             with without_garbage_collection():
-                self._own = self._compile(shared=False)
+                self._own = self._compiled(shared=False)
         code, rows, count, is_repeatable = self._shared if is_shared or self._own is None else self._own
         inputs, numbers = self._memory(rows, count)
         varying: list[int] = []
@@ -172,12 +205,6 @@ class Lanewise:
         memory = np.empty(size + numbers + line // 8)
         begin = -memory.ctypes.data % line // 8
         return memory[begin : begin + size].reshape(-1, self._width), memory[begin + size : begin + size + numbers]
-
-
-def _compiled(closed: ClosedJaxpr, width: int, target: Processor | None, tapes: int, *, shared: bool) -> _Code:
-    graph = flatten(closed, shared=shared)
-    is_repeatable = not tapes_with(READ, graph) & tapes_with(WRITE, graph)
-    return _Code(MachineCode(vector_ir(graph, width, tapes), target), graph.rows, graph.numbers, is_repeatable)
 
 
 _KEYS = 2**16 - 1  # whole numbers of two bytes

@@ -56,6 +56,13 @@ class Processor(NamedTuple):
     features: str
 
 
+class ObjectCode(NamedTuple):
+    """An object file, and the level of LLVM's code generator that made it."""
+
+    level: int
+    content: bytes
+
+
 class MachineCode:
     """A module's function: compiled quickly at first, and with care once it has run for long.
 
@@ -64,22 +71,40 @@ class MachineCode:
     Args:
         text: of the module.
         target: the processor; without it, this machine's.
+        made: the code, if it was compiled before.
+
+    Attributes:
+        text: of the module, as long as its code is quick; then empty.
+        keep: is called with careful code that takes the place of quick code.
     """
 
-    def __init__(self, text: str, target: Processor | None = None) -> None:
+    def __init__(
+        self,
+        text: str,
+        target: Processor | None = None,
+        made: ObjectCode | None = None,
+    ) -> None:
         self._target = target
+        self.keep: Callable[[ObjectCode], object] | None = None
         self._cost, self._spent = _COST * len(text), 0.0
         self._replacing = threading.Lock()
-        self._code = _Compiled(text, target, _QUICK if len(text) <= _LONG else _CAREFUL)
-        self._text = text if self._code.level == _QUICK else ""
+        self._code = _Compiled(made or compiled(text, target, _QUICK if len(text) <= _LONG else _CAREFUL), target)
+        self.text = text if self.made.level == _QUICK else ""
+
+    @property
+    def made(self) -> ObjectCode:
+        """The code that runs now."""
+        return self._code.made
 
     def run(self, inputs: int, varying: int, count: int, order: int, lanes: int, outputs: int, stop: int) -> None:
         """Call the function, with its arguments (see `vector_ir`)."""
         # Other threads go on with the quick code meanwhile.
-        if self._spent > self._cost and self._code.level == _QUICK and self._replacing.acquire(blocking=False):
+        if self._spent > self._cost and self.made.level == _QUICK and self._replacing.acquire(blocking=False):
             try:
-                if self._code.level == _QUICK:
-                    self._code, self._text = _Compiled(self._text, self._target, _CAREFUL), ""
+                if self.made.level == _QUICK:
+                    self._code, self.text = _Compiled(compiled(self.text, self._target, _CAREFUL), self._target), ""
+                    if self.keep is not None:
+                        self.keep(self.made)
             finally:
                 self._replacing.release()
         code, begin = self._code, time.thread_time()  # replaced code is kept until it has run
@@ -87,18 +112,27 @@ class MachineCode:
         self._spent += time.thread_time() - begin
 
 
+def compiled(text: str, target: Processor | None, level: int) -> ObjectCode:
+    """The object file of a module."""
+    machine = _machine(target, level)
+    module = llvm.parse_assembly(text)
+    module.triple, module.data_layout = machine.triple, str(machine.target_data)
+    return ObjectCode(level, machine.emit_object(module))
+
+
+def _machine(target: Processor | None, level: int) -> llvm.TargetMachine:
+    cpu, features = this_machine() if target is None else target
+    return _triple().create_target_machine(cpu=cpu, features=features, opt=level, jit=True)
+
+
 class _Compiled:
     """A module's function, in memory."""
 
-    def __init__(self, text: str, target: Processor | None, level: int) -> None:
-        cpu, features = this_machine() if target is None else target
-        machine = _triple().create_target_machine(cpu=cpu, features=features, opt=level, jit=True)
-        self.level = level
-        module = llvm.parse_assembly(text)
-        module.triple, module.data_layout = machine.triple, str(machine.target_data)
+    def __init__(self, made: ObjectCode, target: Processor | None) -> None:
+        self.made = made
         # MCJIT needs a module to start from, so it gets an empty one; the code is added as an object file.
-        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-        self._engine.add_object_file(llvm.ObjectFileRef.from_data(machine.emit_object(module)))
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine(target, made.level))
+        self._engine.add_object_file(llvm.ObjectFileRef.from_data(made.content))
         self._engine.finalize_object()
         address, whole = ctypes.c_void_p, ctypes.c_int64
         signature = ctypes.CFUNCTYPE(None, address, address, whole, address, whole, address, address)

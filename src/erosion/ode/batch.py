@@ -517,5 +517,7 @@ def _compiled(layout: Layout, order: int, fixed: tuple[int, ...], directions: in
 
     saves, records, logs = layout.options.saves, layout.options.records, layout.options.logs
     arguments = (layout.structs(), (number,) * directions, [number] if records or logs else [], number)
-    program = compile_lanes(lane, arguments, tapes=2 if saves else int(records or logs))
-    return program, jax.eval_shape(lane, *arguments)
+    program = compile_lanes(
+        lane, arguments, tapes=2 if saves else int(records or logs), what=layout.name("lane", order, fixed, directions)
+    )
+    return program, program.results

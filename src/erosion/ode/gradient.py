@@ -346,7 +346,7 @@ def _compiled(layout: Layout, *, timed: bool) -> Lanewise | None:
     """The program that goes back; None where lanes cannot do what it needs."""
     arguments = (layout.structs(), number, number, [number] * layout.rows, number, *[number] * timed)
     try:
-        return compile_lanes(_back(layout), arguments, tapes=3 if timed else 1)
+        return compile_lanes(_back(layout), arguments, tapes=3 if timed else 1, what=layout.name("back", timed))
     except NotForLanesError:
         return None
 

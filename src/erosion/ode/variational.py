@@ -112,6 +112,13 @@ class Layout:
     def __hash__(self) -> int:
         return hash(self._key)
 
+    def name(self, *of: object) -> str:
+        """A program's name for every process, of what else decides what it computes.
+
+        Empty where the equations hold in this process alone.
+        """
+        return "" if self.equations.foreign else repr((self._key, *of))
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Without the equations: a process that reads it traces them from its own code."""
         count = len(self.equations.numbers)

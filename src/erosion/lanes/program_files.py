@@ -1,0 +1,136 @@
+"""Compiled programs on disk: a later process reads them and neither traces nor compiles them again.
+
+A program's name is the digest of all that its bits follow from: what it computes, the code of this package that makes
+programs, the versions of the libraries, and the processor. So a file is never out of date; it is only not asked for.
+A file that is damaged, and a folder that cannot be read or written, cost the time to compile and nothing else.
+"""
+
+import contextlib
+import functools
+import hashlib
+import os
+import pickle
+import platform
+import sys
+import tempfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import equinox
+import jax
+import jaxlib
+import llvmlite
+import numpy as np
+import platformdirs
+from jaxtyping import PyTree
+
+from erosion.lanes.digests import hashed
+from erosion.lanes.machine import ObjectCode, this_machine
+
+CACHE = "EROSION_CACHE"
+"""The environment variable: a folder for compiled programs, or nothing (`EROSION_CACHE=`) to keep none."""
+
+_PACKAGE = Path(__file__).parents[1]
+_SUFFIX = ".program"
+_MOST = 1000  # files; one of `rotating` with two derivatives has 150 kB
+_CHECK = hashlib.sha256().digest_size
+
+
+class Program(NamedTuple):
+    """A compiled function of one lane.
+
+    Args:
+        inputs: the shape of each argument, for one lane.
+        large: which arguments are large arrays.
+        results: shapes and types of what it returns.
+        rows, numbers: of the memory for one vector of lanes, and for what lanes share.
+        is_repeatable: whether it may begin again.
+        made: the code.
+        text: of LLVM's intermediate representation, where more care would make faster code; else empty.
+    """
+
+    inputs: list[tuple[int, ...]]
+    large: list[bool]
+    results: PyTree
+    rows: int
+    numbers: int
+    is_repeatable: bool
+    made: ObjectCode
+    text: str
+
+
+class ProgramFile:
+    """The file of one program.
+
+    Args:
+        what: all that the program follows from, beside this package, the libraries and the processor; the same text
+            in every process.
+    """
+
+    def __init__(self, what: str) -> None:
+        self._name = hashed(_surroundings(), what).hex()[:40] + _SUFFIX
+
+    def read(self) -> Program | None:
+        """The program; None where there is no such file that can be read."""
+        folder = _folder()
+        if folder is None:
+            return None
+        path = folder / self._name
+        try:
+            if hasattr(os, "getuid") and path.stat().st_uid != os.getuid():
+                return None
+            content = path.read_bytes()
+            if hashlib.sha256(content[_CHECK:]).digest() != content[:_CHECK]:
+                return None
+            os.utime(path)
+            return pickle.loads(zlib.decompress(content[_CHECK:]))
+        except OSError:
+            return None
+
+    def write(self, program: Program) -> None:
+        """Keep the program, in place of an earlier one; the oldest files make room."""
+        folder = _folder()
+        if folder is None:
+            return
+        content = zlib.compress(pickle.dumps(program), 1)
+        with contextlib.suppress(OSError):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            handle, partial = tempfile.mkstemp(prefix=self._name, suffix=".part", dir=folder)
+            try:
+                with os.fdopen(handle, "wb") as file:
+                    file.write(hashlib.sha256(content).digest() + content)
+                Path(partial).replace(folder / self._name)
+            finally:
+                Path(partial).unlink(missing_ok=True)
+            _make_room(folder)
+
+
+def _make_room(folder: Path) -> None:
+    files = list(_files(folder))
+    if len(files) > _MOST:
+        for _, path in sorted(files)[: len(files) - _MOST // 2]:
+            path.unlink(missing_ok=True)
+
+
+def _files(folder: Path) -> Iterator[tuple[float, Path]]:
+    """When each was last used, and its path."""
+    for path in folder.iterdir():
+        with contextlib.suppress(OSError):
+            yield path.stat().st_mtime, path
+
+
+def _folder() -> Path | None:
+    given = os.environ.get(CACHE)
+    if given is None:
+        return platformdirs.user_cache_path("erosion", appauthor=False) / "programs"
+    return Path(given) if given else None
+
+
+@functools.cache
+def _surroundings() -> bytes:
+    """The digest of this package's code, of the libraries and of the processor."""
+    code = (part for file in sorted(_PACKAGE.rglob("*.py")) for part in (str(file), file.read_bytes()))
+    libraries = (library.__version__ for library in (jax, jaxlib, np, llvmlite, equinox))
+    return hashed(*code, *libraries, sys.version, platform.platform(), *this_machine())
