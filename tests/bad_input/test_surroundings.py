@@ -126,7 +126,7 @@ def test_streams_that_a_shell_connects(tmp_path, line, status, errors):
 # Ctrl-C, or a batch system's signal, comes in whatever the command is doing then; the work would take hours.
 INTERRUPTED = {
     "sweep": ["--alpha", "1deg:90deg:10000", "--v0", "10 m/s:900 m/s:3000", "-o", "out.nc"],
-    "stream": ["--v0", "normal(4400, 40)", "--n", "1e11", "-o", "out.nc"],
+    "stream": ["--v0", "normal(110 m/s, 1 m/s)", "--n", "1e11", "-o", "out.nc"],
     "calibrate": ["sand.csv", "--model", "all", "--starts", "1000000"],
     "report": ["--output", "page"],
 }

@@ -215,8 +215,7 @@ def test_without_a_case_the_units_are_those_of_the_data(written, shell):
     assert "in³" not in out
     # --units wins.
     assert "in³" in shell(["calibrate", str(path), "--starts", "1", "--units", "inch-pound"]).out
-    # Bare numbers are in the same units.
-    document = shell(["calibrate", str(path), "--starts", "1", "--r", "1e-3", "--json"]).document
+    document = shell(["calibrate", str(path), "--starts", "1", "--r", "1 mm", "--json"]).document
     assert document["units"] == "si"
     assert document["case"]["parameters"]["r"] == {"value": 1e-3, "unit": "m"}
 

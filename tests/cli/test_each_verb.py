@@ -32,7 +32,7 @@ COMMANDS = {
     "sweep --alpha 10deg:80deg:8 --k 1:3:3 -o sweep.nc --plot sweep.svg": "sweep.nc sweep.svg",
     "sweep --alpha 10deg:80deg:8 --k 1:3:3 -o sweep.zarr": "sweep.zarr",
     "sweep --alpha 10deg:80deg:8 --workers 2 -o workers.zarr": "workers.zarr",
-    "stream --n 512 --v0 'normal(4400, 40)' --alpha 'normal(20 deg, 2 deg)' -o jet.nc --plot jet.svg": "jet.nc jet.svg",
+    "stream --n 512 --v0 'normal(9 m/s,1 m/s)' --alpha 'normal(20deg,2deg)' -o jet.nc --plot jet.svg": "jet.nc jet.svg",
     f"calibrate {FIT} --plot fit.svg --write-case fit.toml": "fit.svg fit.toml fit.nc",
     f"{DRAWN}; {PREDICTED}": "draws.nc pairs.svg wear.csv wear.svg",
     "map impacts.csv --surface plate.stl --surface-unit m -o map.vtp --plot map.png": "map.vtp map.png",

@@ -250,7 +250,7 @@ BAD = [
     ("map {run} --surface {run} --restitution 0,0", "Option `--restitution` must be (e, μ) with e in (0, 1]"),
     ("map {run}", "gives velocities, so the angle of attack needs the normals of a surface"),
     ("map {run} --surface {run} --alpha 20deg", "Option `--alpha` has no meaning here"),
-    ("map {run} --surface {run} --v0 20", "Option `--v0` has no meaning here"),
+    ("map {run} --surface {run} --v0 '20 m/s'", "Option `--v0` has no meaning here"),
     ("map {run} --surface {run} --density '3 kg'", "Option `--density` must be a density such as"),
     ("map {run} --particle-density 2650", "Option `--particle-density` must be a density with its unit"),
     ("map {run} --surface {run} --limit 0", "Option `--limit` must be positive and finite, but is 0.0."),

@@ -192,15 +192,15 @@ def test_export_writes_the_share_that_cuts(shell: Shell) -> None:
     assert "cutting fraction" not in Path("whole.txt").read_text()
 
 
-def test_bare_numbers_beside_a_named_particle_are_in_si(shell, written):
+def test_bare_numbers_need_a_unit_system(shell, written):
     named = ["run", "--particle", "garnet 0.3 mm", "--json"]
-    # Without a case file, and whatever the target; other cases say their own units.
-    assert _case([*named, "--v0", "100"], shell)["v0"] == {"value": 100.0, "unit": "m/s"}
+    for words in (named, ["run", "--target", "copper"]):
+        assert "Option `--v0` must have a unit" in shell([*words, "--v0", "100"], 2).err
+    assert _case([*named, "--units", "si", "--v0", "100"], shell)["v0"] == {"value": 100.0, "unit": "m/s"}
     assert _case([*named, "--v0", "4400 in/s"], shell)["v0"] == {"value": pytest.approx(111.76), "unit": "m/s"}
     assert _case([*named, "--units", "inch-pound", "--v0", "4400"], shell)["v0"] == {"value": 4400.0, "unit": "in/s"}
     case = written("case.toml", dump_case(erosion.TABLE_1))
     assert _case([*named, str(case), "--v0", "4400"], shell)["v0"]["unit"] == "in/s"
-    assert _case(["run", "--target", "copper", "--v0", "4400", "--json"], shell)["v0"]["unit"] == "in/s"
 
 
 def _case(line, shell):

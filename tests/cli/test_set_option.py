@@ -53,7 +53,20 @@ def test_run_takes_own_parameters(harder, shell):
 
 
 def test_a_stream_of_another_model_is_another_stream(harder, shell):
-    words = ["stream", "--model", harder, "--n", "64", "--no-best-angle", "--v0", "normal(4400, 40)", "-o", "jet.nc"]
+    words = [
+        "stream",
+        "--model",
+        harder,
+        "--n",
+        "64",
+        "--no-best-angle",
+        "--units",
+        "inch-pound",
+        "--v0",
+        "normal(4400, 40)",
+        "-o",
+        "jet.nc",
+    ]
     case = erosion.dump_case(P) + "\n[stream]\nset.factor = 2\n"
     Path("case.toml").write_text(case)
     printed = shell([*words, "case.toml", "--json"]).document

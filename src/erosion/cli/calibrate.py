@@ -199,7 +199,7 @@ WriteCaseOption = Annotated[
     Parameter(
         name="--write-case",
         group=OUTPUT,
-        help="Write the best fit as a case file, for all verbs, and its samples beside it (.nc).",
+        help="The best fit as a case file; its samples beside it (.nc).",
     ),
 ]
 
@@ -298,8 +298,8 @@ def calibrate(
     """Fit a model to measured erosion, or rank several models.
 
     Without --model and --free, linearized is fitted with and without deformation.
-    Without a case file and --units, bare numbers and what is printed are in the
-    units of the data. `erosion posterior` draws all values that data leave.
+    Without a case file and --units, bounds and what is printed are in the units
+    of the data. `erosion posterior` draws all values that data leave.
     """
     task = given_fit(data, with_file(case, file), fit, model, own, table)
     require_outputs(case_file, samples_beside(case_file), plot=plot, inputs=task.inputs)

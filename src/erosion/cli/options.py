@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import functools
 import math
+import re
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
@@ -15,7 +16,7 @@ from cyclopts import Group, Parameter
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors, warn
 from erosion.output import briefly, is_file
-from erosion.parameters import QUANTITIES, example, has_unit, unit_name
+from erosion.parameters import QUANTITIES, conversion_factor, example, has_unit, unit_name
 from erosion.results import Finding
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ class CaseOptions:
     """Which impact: a case file, and changes to it."""
 
     case: Annotated[Path | None, Parameter(parse=False)] = None
-    units: Annotated[str | None, Parameter(help='Convert the case, for bare numbers too: "inch-pound", "si".')] = None
+    units: Annotated[str | None, Parameter(help='Of bare numbers, and of the result: "inch-pound", "si".')] = None
     particle: Annotated[str | None, Parameter(help='For r, b, m: "garnet 0.3 mm" or "garnet 80 mesh".')] = None
     target: Annotated[
         str | None,
@@ -344,8 +345,43 @@ CaseArgument = Annotated[Path | None, Parameter(help="Case file (TOML); Table 1 
 
 
 def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:
-    """The case of a file and of the options that change it."""
-    return dataclasses.replace(options or CaseOptions(), case=file)
+    """The case of a file and of the options that change it.
+
+    Raises:
+        InputError: for a bare number whose unit neither the file nor --units says.
+    """
+    made = dataclasses.replace(options or CaseOptions(), case=file)
+    if made.case is None and made.units is None:
+        for name, text in made.given().items():
+            _require_unit(name, text)
+    return made
+
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_BARE_LAW = re.compile(r"[a-z-]+\([\d\s.,eE+-]*\)")
+
+
+def _require_unit(name: str, text: str) -> None:
+    """Refuse a bare number that the two unit systems read as different quantities; 0 is the same in both.
+
+    A law needs one unit, as "lognormal(110 m/s, 0.1)" has; of an axis the last part may be its count.
+    """
+    dimension = QUANTITIES[name].dimension
+    if conversion_factor(dimension, "si", "inch-pound") == 1:
+        return
+    parts = text.removesuffix("log").rstrip(": ").split(":")
+    ends = parts[:2] if len(parts) > 1 else text.split(",")
+    if _BARE_LAW.fullmatch(text.strip()) if "(" in text else any(map(_is_bare, ends)):
+        such_as = f"--{name} {example(dimension, 'si')}"
+        raise InputError(
+            f"Option `--{name}` must have a unit, such as {such_as}, or come with --units si or --units inch-pound, "
+            f"but is {briefly(text)}."
+        )
+
+
+def _is_bare(part: str) -> bool:
+    number = _NUMBER.fullmatch(part.strip())
+    return number is not None and float(number[0]) != 0
 
 
 def ending(*suffixes: str) -> Callable[[Any, Path | None], None]:

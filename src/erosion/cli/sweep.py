@@ -95,7 +95,7 @@ def sweep(
     After an interruption, the same command goes on; out.csv starts anew.
 
     Any parameter of the case may be an axis: --alpha "1deg:90deg:90" (first,
-    last, count), --v0 "100 m/s : 900 m/s : 5 : log", --sigma "10e3, 37e3".
+    last, count), --v0 "100 m/s : 900 m/s : 5 : log", --sigma "1 GPa, 2 GPa".
     A model's own parameters may be axes as well: --set "friction=0:0.4:5".
     A case file gives the same in a table [sweep]; options overrule it.
     """
