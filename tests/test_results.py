@@ -75,7 +75,7 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "Maximum": lambda: ode.maximum(
         DROP, {"drag": 0.1}, of=lambda end: -((end.t - 1.5) ** 2), over="drag", between=(0.0, 2.0), t1=9.0
     ),
-    "NextExperiment": lambda: erosion.next_experiment(drawn(), discrepancy=False),
+    "NextTest": lambda: erosion.next_test(drawn()),
     "Optimum": lambda: erosion.alpha_max("linearized", SI),
     "Parameters": lambda: SI,
     "Posterior": drawn,
@@ -97,7 +97,7 @@ MAKERS: dict[str, Callable[[], Any]] = {
 
 
 OLD = {
-    "Advice", "BestAngles", "Calibration", "MapSummary", "NextExperiment", "Posterior", "PosteriorRanking",
+    "Advice", "BestAngles", "Calibration", "MapSummary", "NextTest", "Posterior", "PosteriorRanking",
     "Predictions", "Predictor", "Profile", "Ranking", "Solution",
 }  # fmt: skip
 """Results that write their rows and dictionaries themselves."""

@@ -26,13 +26,13 @@ from erosion.fits import ConvergenceWarning as ConvergenceWarning
 from erosion.fits import ErrorModel as ErrorModel
 from erosion.fits import MeasurementError as MeasurementError
 from erosion.fits import Measurements as Measurements
-from erosion.fits import NextExperiment as NextExperiment
+from erosion.fits import NextTest as NextTest
 from erosion.fits import Posterior as Posterior
 from erosion.fits import PosteriorRanking as PosteriorRanking
 from erosion.fits import Ranking as Ranking
 from erosion.fits import SamplingError as SamplingError
 from erosion.fits import calibrate as calibrate
-from erosion.fits import next_experiment as next_experiment
+from erosion.fits import next_test as next_test
 from erosion.fits import posterior as posterior
 from erosion.fits import rank_models as rank_models
 from erosion.fits import rank_posteriors as rank_posteriors

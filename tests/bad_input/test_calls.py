@@ -106,10 +106,10 @@ ROWS = [
     ("OWN.replace(friction=[0.1, 0.2])", "TypeError", "Argument `friction` must be a number, but is [0.1, 0.2]."),
     ("OWN.replace(friction=np.inf)", "ValueError", "Argument `friction` must be a finite number, but is inf."),
     ("erosion.own_parameter(1.0, 'f', 'turns', 'Hz')", "ValueError", "Argument `dimension` must be one of 1, length"),
-    ("erosion.next_experiment(None, [0.3])", "ValueError", "Argument `candidates` must be such as {'alpha': …"),
-    ("erosion.next_experiment(None, noise='1')", "ValueError", "`noise` must be positive and finite, but is '1'."),
+    ("erosion.next_test(None, [0.3])", "ValueError", "Argument `candidates` must be such as {'alpha': …"),
+    ("erosion.next_test(None, noise='1')", "ValueError", "`noise` must be positive and finite, but is '1'."),
     (
-        "erosion.next_experiment(None, noise=[1, -2])",
+        "erosion.next_test(None, noise=[1, -2])",
         "ValueError",
         "`noise` must be positive and finite, but is [1, -2].",
     ),

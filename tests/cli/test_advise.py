@@ -201,7 +201,7 @@ def test_the_printed_command_is_of_the_tests(shell, tmp_path, options, words):
     (tmp_path / "fitted.toml").write_text(f"{text}[advise.uncertain]\nk = [1.3, 1.4]\npsi = [20, 19]\n")
     result = shell(["advise", *options.split(), "--json"]).result
     command = printed_command(result["statements"])
-    assert [word.replace(str(tmp_path) + "/", "") for word in command] == [*words, "--next-experiment"]
+    assert [word.replace(str(tmp_path) + "/", "") for word in command] == [*words, "--next-test"]
 
 
 def test_an_advice_by_draws_prints_the_tests_and_their_doubts(shell, tmp_path):
@@ -219,7 +219,7 @@ def test_an_advice_by_draws_prints_the_tests_and_their_doubts(shell, tmp_path):
     printed = shell(["advise", *names, "--v0", "160 m/s", "--uncertain", "post.nc", "-o", "a.html", "--json"])
     assert printed_command(printed.result["statements"]) == [
         "tests/my rows.csv", *names, "--v0", "100 m/s", "--cutting-fraction", "0.8", "--model", "linearized",
-        "--free", "k,psi", "--next-experiment",
+        "--free", "k,psi", "--next-test",
     ]  # fmt: skip
     doubt = "160 m/s is 1.6 × the fastest test."
     assert (tmp_path / "a.html").read_text().count(f"post.nc: {doubt}") == printed.err.count(doubt) == 1

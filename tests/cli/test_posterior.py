@@ -51,17 +51,18 @@ def test_several_models_as_json(table, shell):
     assert printed["ranking"][0]["model"] == "linearized"
 
 
-def test_the_next_experiment(table, shell):
+def test_the_next_test(table, shell):
     line = ["posterior", str(table), "--free", "psi", "--draws", "125", "--discrepancy", "none", "--json"]
     rig = ["--next-angles", "20deg,40deg", "--next-particles", "quartz sand 2 mm"]
-    some = shell([*line, *rig]).result["next_experiment"]
-    assert len(some["information"]) == 2
-    printed = shell([*line, "--next-experiment"]).result["next_experiment"]
+    some = shell([*line, *rig]).result["next_test"]
+    assert len(some["prediction"]) == 2
+    printed = shell([*line, "--next-test", "--next-for", "45deg"]).result["next_test"]
     # Of one factor a row says most where the volume is greatest: at arctan(k)/2 = 31.7°.
-    assert "32.5°" in printed["sentence"]
+    assert "A test at 32.5°" in printed["sentence"]
+    assert printed["asked"]["alpha"] == pytest.approx(np.deg2rad(45.0))
     # From 10° to 80°, as the tests are from 8° to 80°.
-    assert len(printed["information"]) == 29
-    assert "next_experiment" not in shell(line).result
+    assert len(printed["prediction"]) == 29
+    assert "next_test" not in shell(line).result
 
 
 @pytest.mark.parametrize(
@@ -73,21 +74,22 @@ def test_the_next_experiment(table, shell):
             "`--next-particles` must be left out, because r is fitted.",
         ),
         (["--next-speeds", "60 m/s", "--free", "v0"], "`--next-speeds` must be left out, because v0 is fitted."),
+        (["--next-for", "30deg,40deg"], "Option `--next-for` must give one angle and one speed at most."),
+        (["--next-for", "95deg"], "Option `--next-for` must have an angle above 0° and at most 90°."),
+        (["--next-for", "60 kg"], "Option `--next-for` must be a speed such as"),
         (["--next-speeds", "inf m/s"], "Option `--next-speeds` must list positive speeds, but is inf m/s."),
     ],
 )
-def test_mistakes_in_the_next_experiment_are_found_before_anything_is_computed(
-    table, shell, monkeypatch, options, message
-):
+def test_mistakes_in_the_next_test_are_found_before_anything_is_computed(table, shell, monkeypatch, options, message):
     monkeypatch.setattr(Fit, "measured", lambda *arguments: pytest.fail("is computed"))
     assert message in shell(["posterior", str(table), "--free", "psi", *options], 2).err
 
 
-def test_draws_are_kept_where_no_next_experiment_can_be_judged(shell):
+def test_draws_are_kept_where_no_next_test_can_be_judged(shell):
     Path("rows.csv").write_text("angle [deg], mass_loss [mg/kg]\n15,190\n30,240\n45,205\n60,150\n")
     # A share of nothing: the model alone removes nothing at 90°.
     words = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--error", "8 %", "--next-angles", "90deg"]
-    files = ["--discrepancy", "none", "--plot-next-experiment", "next.svg", "-o", "draws.nc"]
+    files = ["--discrepancy", "none", "--plot-next-test", "next.svg", "-o", "draws.nc"]
     out = shell(["posterior", "rows.csv", *words, "--model", "linearized", "--draws", "125", *files]).out
     assert out.splitlines()[-1].startswith("No candidate can be judged: ")
     assert "nan" not in out

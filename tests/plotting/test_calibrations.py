@@ -12,12 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.container import ErrorbarContainer
 
-from erosion import TABLE_1, calibrate, next_experiment, posterior
+from erosion import TABLE_1, calibrate, next_test, posterior
 from erosion.models.rigid import LinearizedCut
 from erosion.plotting.fits import (
     plot_best_angles,
     plot_calibration,
-    plot_next_experiment,
+    plot_next_test,
     plot_pairs,
     plot_prediction,
     plot_traces,
@@ -145,22 +145,23 @@ def test_best_angles_are_coloured_by_kind(result):
     np.testing.assert_allclose(np.sort(lower.lines[0].get_xdata()), np.sort(np.rad2deg(best.of_model)))
 
 
-def test_the_next_experiment_has_a_curve_for_each_speed_and_a_star(result):
+def test_the_next_test_has_a_curve_for_each_speed_and_a_star(result):
     angles = np.deg2rad([20.0, 60.0, 40.0])
-    answer = next_experiment(result, {"alpha": angles[:, None], "v0": [8800.0, 4400.0]})
-    (ax,) = plot_next_experiment(answer).axes
+    answer = next_test(result, {"alpha": angles[:, None], "v0": [8800.0, 4400.0]})
+    ax, lower = plot_next_test(answer).axes
     slow, fast, star = ax.lines
     assert [line.get_label() for line in ax.lines[:2]] == ["4400 in/s", "8800 in/s"]
     np.testing.assert_allclose(np.asarray(slow.get_xdata()), [20, 40, 60])
-    np.testing.assert_allclose(np.asarray(fast.get_ydata()), answer.information[[0, 4, 2]])
-    assert star.get_ydata() == answer.information.max()
+    np.testing.assert_allclose(np.asarray(fast.get_ydata()), 100 * answer.prediction[[0, 4, 2]])
+    assert star.get_ydata() == 100 * answer.prediction.max()
+    np.testing.assert_allclose(np.asarray(lower.lines[1].get_ydata()), 100 * answer.parameters[[0, 4, 2]])
     assert str(star.get_label()).startswith("best: ")
-    assert str(star.get_label()).endswith(", 8800 in/s")
+    assert str(star.get_label()).endswith(", 4400 in/s")
 
 
 def test_the_label_of_a_small_number_stays_on_the_paper(result):
-    answer = next_experiment(result, {"alpha": np.deg2rad([20.0, 40.0])})
+    answer = next_test(result, {"alpha": np.deg2rad([20.0, 40.0])})
     # Numbers that need two digits beside the axis move the label, which stays on the paper.
-    (ax,) = plot_next_experiment(dataclasses.replace(answer, information=0.426 * np.ones(2))).axes
+    ax, _ = plot_next_test(dataclasses.replace(answer, prediction=0.426 * np.ones(2))).axes
     ax.figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]
     assert ax.yaxis.label.get_window_extent().x0 > 0

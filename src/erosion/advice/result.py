@@ -449,7 +449,7 @@ class Advice(Result):
                 f"yours is that {'flat' if best < self.alpha else 'steep'}."
             )
         if self.uncertain is not None:
-            words = (self.rows_file, *self._typed, "--free", ",".join(self.uncertain.laws), "--next-experiment")
+            words = (self.rows_file, *self._typed, "--free", ",".join(self.uncertain.laws), "--next-test")
             return (
                 f"What would narrow it: more tests. “{command('posterior', *words)}” says at which angle and speed one "
                 "more test tells most (extra posterior)."

@@ -51,7 +51,7 @@ from erosion.explorer.server import serve as serve
 from erosion.fits import CalibrationError as CalibrationError
 from erosion.fits import ConvergenceWarning as ConvergenceWarning
 from erosion.fits import Measurements as Measurements
-from erosion.fits import NextExperiment as NextExperiment
+from erosion.fits import NextTest as NextTest
 from erosion.fits import PosteriorRanking as PosteriorRanking
 from erosion.fits import Ranking as Ranking
 from erosion.fits import SamplingError as SamplingError
@@ -61,8 +61,8 @@ from erosion.fits import read_measurements as read_measurements
 from erosion.fits import to_case as to_case
 from erosion.fits import to_fluent as to_fluent
 from erosion.fits import to_openfoam as to_openfoam
-from erosion.fits.experiments import next_experiment as next_experiment
-from erosion.fits.experiments import tested_degrees as tested_degrees
+from erosion.fits.next_test import next_test as next_test
+from erosion.fits.next_test import tested_degrees as tested_degrees
 from erosion.fits.forward import Forward as Forward
 from erosion.fits.export import command as command
 from erosion.fits.forward import FACTORS as FACTORS
@@ -148,7 +148,7 @@ from erosion.plotting.curves import plot_optimum as plot_optimum
 from erosion.plotting.fits import plot_best_angles as plot_best_angles
 from erosion.plotting.fits import plot_calibration as plot_calibration
 from erosion.plotting.fits import plot_means as plot_means
-from erosion.plotting.fits import plot_next_experiment as plot_next_experiment
+from erosion.plotting.fits import plot_next_test as plot_next_test
 from erosion.plotting.fits import plot_pairs as plot_pairs
 from erosion.plotting.fits import plot_prediction as plot_prediction
 from erosion.plotting.fits import plot_traces as plot_traces

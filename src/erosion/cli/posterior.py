@@ -65,9 +65,9 @@ class _Files:
     plot_traces: Annotated[Path | None, Parameter(help="Draw the populations, one draw after the other.")] = None
     plot_prediction: Annotated[Path | None, Parameter(help="Draw the bands of the curve, with its jumps.")] = None
     plot_best_angles: Annotated[Path | None, Parameter(help="Draw the angles of greatest removal.")] = None
-    plot_next_experiment: Annotated[
-        Path | None, Parameter(help="Draw how much a row would tell, over angle and speed.")
-    ] = None
+    plot_next_test: Annotated[Path | None, Parameter(help="Draw what a test would narrow, over angle and speed.")] = (
+        None
+    )
 
     @property
     def samples(self) -> Path | None:
@@ -91,7 +91,7 @@ class _Files:
         task: Fit,
         ranking: "lazy.Ranking",
         posteriors: "lazy.PosteriorRanking",
-        experiment: "lazy.NextExperiment | None",
+        following: "lazy.NextTest | None",
         output: Output,
     ) -> None:
         """Write the files, first the draws, which take longest."""
@@ -104,21 +104,22 @@ class _Files:
         with user_errors():
             for name, path in self.figures.items():
                 result: Any = posterior.alpha_max() if name == "plot_best_angles" else posterior
-                if name == "plot_next_experiment":
-                    result = experiment
+                if name == "plot_next_test":
+                    result = following
                 draw(path, functools.partial(getattr(lazy, name), result))
 
 
-_Judge = Callable[["lazy.PosteriorRanking"], "lazy.NextExperiment"]
+_ANGLE_UNITS = ("deg", "°", "rad")
+_Judge = Callable[["lazy.PosteriorRanking"], "lazy.NextTest"]
 
 
 @Parameter(name="*", group=DRAWS)
 @dataclasses.dataclass(frozen=True)
-class _Experiment:
-    """The tests among which the next one is looked for, as they are typed."""
+class _NextTests:
+    """The tests among which the next one is looked for, and the prediction that it is for, as they are typed."""
 
-    next_experiment: Annotated[
-        bool, Parameter(negative="", show_default=False, help="Say which test tells most: its angle, speed and size.")
+    next_test: Annotated[
+        bool, Parameter(negative="", show_default=False, help="Say which test narrows a prediction most.")
     ] = False
     next_angles: Annotated[str | None, Parameter(help='That can be tested next: "20deg:80deg:7".')] = None
     next_speeds: Annotated[
@@ -127,9 +128,12 @@ class _Experiment:
     next_particles: Annotated[list[str] | None, LISTED, Parameter(help='The same: "garnet 0.3 mm,garnet 0.6 mm".')] = (
         None
     )
+    next_for: Annotated[
+        list[str] | None, LISTED, Parameter(help='The prediction to narrow: "30 deg,60 m/s"; or the greatest wear.')
+    ] = None
 
     def read(self, units: "lazy.System", free: Sequence[str]) -> "_Judge":
-        """The function that says where one more test tells most; what is typed is read before anything is computed."""
+        """The function that says which test narrows most; what is typed is read before anything is computed."""
         given = None if self.next_angles is None else _axis("alpha", self.next_angles, units, "next-angles")
         with reading("Option `--next-angles`"):
             if given is not None and not ((given > 0) & (given <= np.pi / 2)).all():
@@ -148,13 +152,27 @@ class _Experiment:
             if fitted := sorted({*names} & {*free}):
                 raise InputError(f"Option `--next-{option}` must be left out, because {', '.join(fitted)} is fitted.")
 
-        def judge(posteriors: "lazy.PosteriorRanking") -> "lazy.NextExperiment":
+        asked = {}
+        for text in self.next_for or ():
+            name = "alpha" if lazy.unit_of(text) in _ANGLE_UNITS else "v0"
+            with reading("Option `--next-for`"):
+                asked[name] = lazy.read_quantity(text, QUANTITIES[name].dimension, units)
+        lazy.refuse(
+            "Option `--next-for` must ",
+            (len(asked) != len(self.next_for or ()), "give one angle and one speed at most."),
+            (not 0 < asked.get("alpha", 1.0) <= np.pi / 2, "have an angle above 0° and at most 90°."),
+            (not 0 < asked.get("v0", 1.0) < np.inf, "have a positive speed."),
+            ("v0" in asked and "v0" in free, "have no speed, because v0 is fitted."),
+            kind=InputError,
+        )  # fmt: skip
+
+        def judge(posteriors: "lazy.PosteriorRanking") -> "lazy.NextTest":
             """Of all models together; without angles, speeds and sizes, among those of the data."""
             angles = np.deg2rad(lazy.tested_degrees(posteriors.best.data)) if given is None else given
             at = _conditions(posteriors.best.likelihood.forward, speeds or None, sizes)
             others = {name: np.array([one[name] for one in at]) for name in at[0]}
             candidates = {"alpha": angles[:, None], **others}
-            return lazy.next_experiment(posteriors, candidates)
+            return lazy.next_test(posteriors, candidates, for_prediction=asked)
 
         return judge
 
@@ -177,7 +195,7 @@ def posterior(
         Literal["averaged", "none"],
         Parameter(group=DRAWS, help="What the model may lack, for predictions; averaged by evidence."),
     ] = "averaged",
-    experiment: _Experiment | None = None,
+    next_tests: _NextTests | None = None,
     files: _Files | None = None,
     json: JsonOption = False,
 ) -> None:
@@ -189,8 +207,8 @@ def posterior(
     """
     task, files = given_fit(data, with_file(case, file), fit, model, own, table), files or _Files()
     files.require_writable(task.inputs)
-    experiment = experiment or _Experiment()
-    judge = experiment.read(task.p.units, task.fit.free)
+    next_tests = next_tests or _NextTests()
+    judge = next_tests.read(task.p.units, task.fit.free)
     models = task.models()
     output = Output("posterior", task.p, task.options, json=json, seed=seed or 0)
     with user_errors(), progress_bar("reading") as progress:
@@ -202,7 +220,7 @@ def posterior(
         posteriors = _draw(task, ranking, measured, laws, progress, **options, discrepancy=discrepancy == "averaged")
         predictor = posteriors.best.prepared(progress)
         ranking = ranking.preferring(posteriors.names[0])
-        is_asked = experiment != _Experiment() or files.plot_next_experiment
+        is_asked = next_tests != _NextTests() or files.plot_next_test
         following = judge(posteriors) if is_asked else None
     output.warn(
         *map(stated, ranking.warnings),
@@ -210,7 +228,7 @@ def posterior(
     )
     # Draws take longer than any file: they are shown first.
     parts = [as_json(part) for part in posteriors.to_dict(level)["posteriors"]]
-    more = {} if following is None else {"next_experiment": following.to_dict()}
+    more = {} if following is None else {"next_test": following.to_dict()}
     print_document(
         output,
         ranking,

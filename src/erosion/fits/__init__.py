@@ -3,7 +3,6 @@
 from erosion.fits.calibration import Calibration as Calibration, calibrate as calibrate
 from erosion.fits.doubts import Profile as Profile
 from erosion.fits.errors import ErrorModel as ErrorModel
-from erosion.fits.experiments import NextExperiment as NextExperiment, next_experiment as next_experiment
 from erosion.fits.export import to_case as to_case, to_fluent as to_fluent, to_openfoam as to_openfoam
 from erosion.fits.fit import Fit as Fit
 from erosion.fits.least_squares import CalibrationError as CalibrationError
@@ -12,6 +11,7 @@ from erosion.fits.measurements import (
     Measurements as Measurements,
     read_measurements as read_measurements,
 )
+from erosion.fits.next_test import NextTest as NextTest, next_test as next_test
 from erosion.fits.posterior import (
     ConvergenceWarning as ConvergenceWarning,
     Posterior as Posterior,

@@ -244,22 +244,6 @@ class Discrepant(Misfit):
             discrepancy[batch] = middle + curves[:, :, 0]
         return asked * np.maximum(1 + discrepancy[:, index], 0.0)
 
-    def means(
-        self, values: Mapping[str, np.ndarray], conditions: Mapping[str, np.ndarray]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The erosion at conditions that each draw expects, and its standard deviation by the discrepancy.
-
-        Arguments as of `draw`; both of the shape (n, rows).
-        """
-        asked = self.mean(values, conditions)
-        if not self.has_discrepancy:
-            return asked, np.zeros_like(asked)
-        there, index = self._distinct(conditions)
-        expected, deviation = np.empty((2, len(asked), len(there["alpha"])))
-        for batch, middle, left in self._at_questions(values, there):
-            expected[batch], deviation[batch] = 1 + middle, np.sqrt(np.diagonal(left, axis1=1, axis2=2))
-        return asked * expected[:, index], np.abs(asked) * deviation[:, index]
-
     def _distinct(self, conditions: Mapping[str, np.ndarray]) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """The angles and speeds of conditions, each once, and where each condition is: these have one δ."""
         places = np.stack([conditions["alpha"], self._log_speed(conditions)])

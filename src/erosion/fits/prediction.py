@@ -116,11 +116,6 @@ class Predictor(Result):
             ways.append((way, _some_of(way.values, wanted)))
         return ways
 
-    def distinct(self, count: int) -> int:
-        """How many draws `chosen` has, of those that it repeats one."""
-        totals = [_size(way.values) for way in self.ways.values()]
-        return sum(min(_size(values), total) for (_, values), total in zip(self.chosen(count), totals, strict=True))
-
     @property
     def exponent(self) -> tuple[float, float] | None:
         """Mean and standard deviation of the speed's exponent over the model's v², in the average; None without."""
@@ -157,33 +152,6 @@ class Predictor(Result):
                  for values, part in zip(ways, parts, strict=True)]  # fmt: skip
         own, common = (np.concatenate(part) for part in zip(*about, strict=True))
         return own, common
-
-    def of_draws(
-        self, conditions: Mapping[str, np.ndarray], count: int, noise: Noise = True
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """A weighing at conditions, as each draw has it: its mean, and its deviations.
-
-        Args:
-            conditions: of `question`, each of shape (n,).
-            count: number of draws.
-            noise: as of `predict`, or True.
-
-        Returns:
-            Means, and deviations by the discrepancy, by the error of the speed, which repeats share, too, and by that
-            of the row; each of shape (draws, n).
-        """
-        chosen = [(way, values) for way, values in self.chosen(count) if _size(values)]
-        means, missed = (
-            np.concatenate(part)
-            for part in zip(*(way.misfit.means(values, conditions) for way, values in chosen), strict=True)
-        )
-        if alone := self._alone(conditions, chosen):
-            last, values, there, place, share = alone
-            mean, miss = last.misfit.means(values, there)
-            means[place] += share * (mean - means[place])
-            missed[place] = np.hypot((1 - share) * missed[place], share * miss)
-        own, common = self._errors(means, [values for _, values in chosen], noise)
-        return means, missed, common, own
 
     def _means(
         self, alpha: Any, at: Mapping[str, Any] | None, count: int

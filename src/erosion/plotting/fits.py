@@ -1,4 +1,4 @@
-"""Figures of fits and posteriors: measurements, curves with bands, profiles, pairs, traces, the next experiment."""
+"""Figures of fits and posteriors: measurements, curves with bands, profiles, pairs, traces, the next test."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import stats
 
-from erosion.fits import Calibration, NextExperiment, Posterior
+from erosion.fits import Calibration, NextTest, Posterior
 from erosion.fits.conditions import MOST, Condition, describe
 from erosion.fits.measurements import Measurements, conditions
 from erosion.fits.predicted import BestAngles
@@ -143,7 +143,7 @@ _BAND_ANGLES = np.deg2rad(np.linspace(0.5, 89.5, 179))
 _DRAWS = 400  # of a band: its 95 % ends are known to some percents of its width
 _DECADE = 10.0  # of an interval, from which on the axis is logarithmic
 _BINS = 40
-_LEAST_BITS = 0.01  # of an axis: ten times the accuracy
+_LEAST_GAIN = 0.01  # of an axis, in per cent or bits
 _BANDS = ((0.95, 0.18), (0.5, 0.4))  # probability, opacity
 
 
@@ -307,46 +307,43 @@ def plot_best_angles(best: BestAngles) -> Figure:
 
 
 @house_style()
-def plot_next_experiment(answer: NextExperiment) -> Figure:
-    """What one more row is expected to say over its angle, a curve for each speed, with the best one marked.
+def plot_next_test(answer: NextTest) -> Figure:
+    """By how much one more test narrows the prediction and the parameters, over its angle, a curve for each speed.
 
-    Of several models the upper panel is about their parameters, and the lower one about which model is right. The best
-    candidate is that of the greatest sum. Where no candidate can be judged, the figure says so.
+    Of several models the last panel is about which one is right. The best candidate narrows the prediction most. Where
+    no candidate can be judged, the figure says so.
     """
     if not answer.best:
         fig = new_figure(6.2, 1.2)
         fig.suptitle(answer.sentence, fontsize="small", wrap=True)
         return fig
-    panels = {"about the parameters": answer.information}
-    if len(answer.names) > 1:
-        panels["about the model"] = answer.discrimination
-    fig = new_figure(6.2, 1.2 + 2.6 * len(panels))
+    panels = [("prediction narrows by", "[%]", 100 * answer.prediction),
+              ("parameters narrow by", "[%]", 100 * answer.parameters),
+              ("about the model", "[bit]", answer.discrimination)][: 3 if len(answer.names) > 1 else 2]  # fmt: skip
+    fig = new_figure(6.2, 1.2 + 2.2 * len(panels))
     axes = fig.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     best, degrees = int(answer.order[0]), np.rad2deg(answer.candidates["alpha"])
     best_in_words = ", ".join(answer.condition_in_words(name, values[best]) for name, values in answer.shown.items())
-    for ax, information in zip(axes, panels.values(), strict=True):
+    for ax, (_, _, gains) in zip(axes, panels, strict=True):
         for (label, candidates), (color, line) in zip(_by_conditions(answer), cycle(STYLES)):
             order = candidates[np.argsort(degrees[candidates])]
-            ax.plot(degrees[order], information[order], color=color, linestyle=line, marker=".", label=label)
-        ax.plot(degrees[best], information[best], "*", color=PALETTE["orange"], markersize=13, markeredgecolor=INK,
+            ax.plot(degrees[order], gains[order], color=color, linestyle=line, marker=".", label=label)
+        ax.plot(degrees[best], gains[best], "*", color=PALETTE["orange"], markersize=13, markeredgecolor=INK,
                 markeredgewidth=0.7, zorder=5, label=f"best: {best_in_words}")  # fmt: skip
-        # What is less than the accuracy of the sums is not shown at large.
-        ax.set_ylim(0, max(1.05 * float(np.nanmax(information)), _LEAST_BITS))
+        ax.set_ylim(0, max(1.05 * float(np.nanmax(gains)), _LEAST_GAIN))
     angle_axis(axes[-1])
-    axes[0].set_title(
-        f"what one more row is expected to say: {', '.join(answer.names)}", fontsize="small", loc="left", wrap=True
-    )
+    axes[0].set_title(f"what one more test narrows: {', '.join(answer.names)}", fontsize="small", loc="left", wrap=True)
     fig.align_ylabels(axes)
     _legend(fig, [axes[0]], 4)
-    for ax, meaning in zip(axes, panels, strict=True):
-        _label_whole(ax, meaning, "[bit]")
+    for ax, (meaning, unit, _) in zip(axes, panels, strict=True):
+        _label_whole(ax, meaning, unit)
     return fig
 
 
-def _by_conditions(answer: NextExperiment) -> list[tuple[str, np.ndarray]]:
+def _by_conditions(answer: NextTest) -> list[tuple[str, np.ndarray]]:
     """The candidates with the same conditions but for the angle, by words for these."""
     others = {name: values for name, values in answer.shown.items() if name != "alpha"}
-    rows = np.stack([*others.values(), np.zeros(len(answer.total))], axis=1)  # of no others, too
+    rows = np.stack([*others.values(), np.zeros(len(answer.prediction))], axis=1)  # of no others, too
     groups = []
     for kind in np.unique(rows, axis=0):
         words = [answer.condition_in_words(name, value) for name, value in zip(others, kind, strict=False)]
