@@ -81,7 +81,8 @@ class AtTimes(NamedTuple):
 
 class _Known(NamedTuple):
     layout: Layout
-    numbers: list[PerLane]
+    bits: list[tuple[tuple[int, ...], bytes]]
+    lanes: int
     ended: Ended
 
 
@@ -95,10 +96,9 @@ def ends_of(
     """How lanes end, with their steps; where states at times count, with the tolerance that these need."""
     if times is not None:
         return _ended(layout, numbers, integrate(layout, numbers, lanes, 0, (), rtol, times=times), rtol)
-    layout = layout.renewed().wanting(records=True)
+    layout, bits = layout.wanting(records=True), _bits(numbers)
     for known in list(_known):
-        alike = known.layout == layout and known.ended.rtol == rtol and known.ended.outcome.size == lanes
-        if alike and all(np.array_equal(*pair, equal_nan=True) for pair in zip(known.numbers, numbers, strict=True)):
+        if known.layout == layout and known.ended.rtol == rtol and known.lanes == lanes and known.bits == bits:
             return known.ended
     return _ended(layout, numbers, integrate(layout, numbers, lanes, 0, (), rtol), rtol)
 
@@ -112,9 +112,11 @@ def _ended(layout: Layout, numbers: Sequence[PerLane], found: LaneEnd, rtol: flo
 def keep(layout: Layout, numbers: Sequence[PerLane], found: LaneEnd, rtol: float) -> None:
     """Keep lanes, for `ends_of` them."""
     if found.recorded is not None:
-        _known.append(
-            _Known(layout.renewed(), [np.array(number) for number in numbers], _ended(layout, numbers, found, rtol))
-        )
+        _known.append(_Known(layout, _bits(numbers), found.outcome.size, _ended(layout, numbers, found, rtol)))
+
+
+def _bits(numbers: Sequence[PerLane]) -> list[tuple[tuple[int, ...], bytes]]:
+    return [(np.shape(number), np.asarray(number, float).tobytes()) for number in numbers]
 
 
 FEW = 3
@@ -139,7 +141,7 @@ def goes_back(layout: Layout, *, timed: bool = False) -> bool:
     method = first_method(layout)
     if may_have_kinks(layout) or layout.options.fires or (timed and method == "rosenbrock"):
         return False
-    return _is_traced(layout.renewed().wanting(method=method))
+    return _is_traced(layout.wanting(method=method))
 
 
 def going_forwards(layout: Layout, stiff: np.ndarray, *, timed: bool) -> np.ndarray:
@@ -226,7 +228,7 @@ def gradient(
 
 def _counts(bars: np.ndarray, at: AtTimes | None) -> np.ndarray:
     """Whether a number changes with what a lane gives, shape (lanes,)."""
-    counts = np.any(bars != 0, axis=0)
+    counts = (bars != 0).any(axis=0)
     return counts if at is None else counts | np.any(at.bars != 0, axis=(1, 2))
 
 

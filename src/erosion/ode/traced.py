@@ -152,7 +152,8 @@ def _places(along: _Along) -> list[tuple[int, ...]]:
 
 def _leading(axes: int, arrays: Sequence[Any]) -> tuple[int, ...]:
     """The axes of `vmap` before those of the numbers and what follows them."""
-    return np.broadcast_shapes(*(np.shape(array)[:axes] for array in arrays))
+    shapes = {array.shape[:axes] for array in arrays}
+    return shapes.pop() if len(shapes) == 1 else np.broadcast_shapes(*shapes)
 
 
 def _shapes_of_ends(*numbers: Any, wanted: Wanted, axes: int, along: _Along) -> list[ShapedArray]:
@@ -165,7 +166,7 @@ def _shapes_of_ends(*numbers: Any, wanted: Wanted, axes: int, along: _Along) -> 
 
 def _ends_on_host(*given: np.ndarray, wanted: Wanted, axes: int, along: _Along) -> list[np.ndarray]:
     """`_ends` by the batch."""
-    layout, rtol, batch = wanted.layout, wanted.rtol, _leading(axes, given)
+    layout, rtol, batch = wanted.layout.renewed(), wanted.rtol, _leading(axes, given)
     lanes = math.prod(batch)
     numbers = [
         array.reshape(shape)
@@ -177,10 +178,12 @@ def _ends_on_host(*given: np.ndarray, wanted: Wanted, axes: int, along: _Along) 
     if not along:
         end = integrate(layout, numbers, lanes, 0, (), rtol, times=times)
         keep(layout, numbers, end, rtol)
-        vector = np.stack(end.quantities.value, -1)
+        vector = np.array(end.quantities.value).T
         if end.saved is not None:
             vector = np.concatenate([vector, end.saved[:, :, 0].reshape(lanes, -1)], -1)
-        codes = np.stack(_codes(end, rtol), -1).astype(np.int32)
+        codes = np.empty((lanes, _numbers_of_codes(layout)), np.int32)
+        for i, code in enumerate(_codes(end, rtol)):
+            codes[:, i] = code
         return [vector.reshape(*batch, -1), codes.reshape(*batch, -1)]
     places = np.array(_places(along), float).T
     end = integrate_along(layout, numbers, lanes, len(along), places, rtol, times=times)
@@ -341,7 +344,7 @@ def _pull_forwards(*arrays: Any, wanted: Wanted, axes: int, shapes: tuple[tuple[
 def _pulled_on_host(
     *given: np.ndarray, wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...]
 ) -> list[np.ndarray]:
-    layout = wanted.layout
+    layout = wanted.layout.renewed()
     *numbers, bars = given
     leading = _leading(axes, [*numbers, bars])
     lanes, asked = math.prod(leading), dict(zip(wanted.moving, shapes, strict=True))

@@ -142,7 +142,8 @@ class Layout:
 
     def wanting(self, **options: Any) -> "Layout":
         """The layout with other options."""
-        return self._of(self.options._replace(**options), self.equations)
+        wanted = self.options._replace(**options)
+        return self if wanted == self.options else self._of(wanted, self.equations)
 
     def _of(self, options: Options, equations: TracedProblem) -> "Layout":
         count = len(self.shapes) - (len(Clock._fields) if self.options.clock else 0)
