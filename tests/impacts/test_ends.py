@@ -170,7 +170,7 @@ def test_a_stop_within_a_fast_oscillation_is_not_stepped_over():
     assert erosion.impact("rotating", p).volume == pytest.approx(6.7725336, rel=1e-8, abs=0)
     # At once: not because a lane of so many steps is integrated again.
     layout, numbers = split(erosion.load_model("rotating"), p)
-    first = integrate(layout, numbers, 1, 0, (), 1e-9, again=False)
+    first = integrate(layout, numbers, 1, 0, (), 1e-9, refines=False)
     assert first.outputs.value[0][0] == pytest.approx(6.7725336, rel=1e-8, abs=0)
 
 

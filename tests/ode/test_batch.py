@@ -71,12 +71,12 @@ class Program:
         return LaneEnd(np.zeros((), np.int8), number, time, outputs, np.zeros((), np.int32), None)
 
 
-def integrate(monkeypatch: pytest.MonkeyPatch, kind: type[Program] = Program, *, again: bool = True, **changes: Any):
+def integrate(monkeypatch: pytest.MonkeyPatch, kind: type[Program] = Program, *, refines: bool = True, **changes: Any):
     """What the batch makes of the program, and the program."""
     numbers = [np.asarray(number) for number in {**ARGS, **changes}.values()]
     program = kind()
     monkeypatch.setattr(batch, "integrator_of", lambda *_: (program, program.results))
-    results = batch.integrate(LAYOUT, numbers, np.size(numbers[-1]), 0, (), RTOL, again=again)
+    results = batch.integrate(LAYOUT, numbers, np.size(numbers[-1]), 0, (), RTOL, refines=refines)
     return results, program
 
 
@@ -89,7 +89,7 @@ def test_only_doubtful_lanes_are_integrated_again(monkeypatch) -> None:
         assert program.tolerances(lane) == ([RTOL, RTOL / 1e3] if lane % 7 == 3 else [RTOL])
     assert results.outputs.value[0] == pytest.approx(values, rel=1.001 * RTOL)
     assert list(results.trials) == [2 if lane % 7 == 3 else 1 for lane in range(20)]
-    results, program = integrate(monkeypatch, again=False, value=values, off=amplified, asked=amplified)
+    results, program = integrate(monkeypatch, refines=False, value=values, off=amplified, asked=amplified)
     assert len(program.runs) == 1
     assert results.outputs.value[0][3] == pytest.approx(values[3] * (1 + 1e3 * RTOL), rel=1e-15)
 

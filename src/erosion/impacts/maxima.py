@@ -134,11 +134,11 @@ def over_angles(
     )
     names = (*layout.event_names, *OTHER_ENDS)
     if TURNED not in names:
-        volume = functools.partial(QuantityAlong, layout, numbers, _ALPHA, _volume, least, again=False)
+        volume = functools.partial(QuantityAlong, layout, numbers, _ALPHA, _volume, least, refines=False)
         return Search(lambda rtol: volume(rtol=rtol), cases, names, within, least=least)
     lowest, range_ = _sizes(layout, numbers, cases, within.grid, least=least)
     quantity = functools.partial(_volume_or_time, layout.event_names.index(TURNED))
-    volume = functools.partial(QuantityAlong, layout, numbers, _ALPHA, quantity, least, again=False)
+    volume = functools.partial(QuantityAlong, layout, numbers, _ALPHA, quantity, least, refines=False)
     return Search(lambda rtol: WithinTurn(volume(rtol=rtol), lowest, range_), cases, names, within, least=least)
 
 
@@ -146,7 +146,7 @@ def _sizes(
     layout: Layout, numbers: list[np.ndarray], cases: int, grid: np.ndarray, *, least: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """The lowest volume (of `least`, its negative) of each case and the range of its volumes, shape (cases,)."""
-    volume = QuantityAlong(layout, numbers, _ALPHA, _volume, False, maxima.LOOSE, again=False)
+    volume = QuantityAlong(layout, numbers, _ALPHA, _volume, False, maxima.LOOSE, refines=False)
     _, _, values = volume.outcomes(np.repeat(np.arange(cases), grid.size), np.tile(grid, cases))
     values = np.where(np.isfinite(values), -values if least else values, np.nan).reshape(cases, grid.size)
     known = np.isfinite(values).any(axis=1)

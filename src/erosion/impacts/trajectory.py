@@ -453,7 +453,7 @@ def _end_and_states(model: CuttingModel, p: Parameters, t: np.ndarray) -> tuple[
     clock = Clock(t0=0.0, t1=np.inf, max_step=np.inf, max_events=np.inf)
     rising, places = np.unique(t, return_inverse=True)
     alpha = element_of(model, "alpha")
-    end = integrate(layout, [*numbers, *map(np.asarray, clock)], 1, 1, (alpha,), _RTOL, again=False, times=rising)
+    end = integrate(layout, [*numbers, *map(np.asarray, clock)], 1, 1, (alpha,), _RTOL, refines=False, times=rising)
     # After the state comes the volume, and after that what the model itself integrates.
     volume = len(end.outputs.value) - len(layout.problem.integrals)
     at_the_end, t_c = np.concatenate(end.outputs.value[: volume + 1]), end.time.value[0]

@@ -16,30 +16,16 @@ from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import WIDTH, Lanewise, alike_together, number
 from erosion.ode.integrator import LaneEnd, integrate_lane
 from erosion.ode.methods import METHODS
-from erosion.ode.methods.base import LEAST, TIGHTEST
+from erosion.ode.methods.base import TIGHTEST
 from erosion.ode.switches import require_derivatives
 from erosion.ode.tape import row_width
 from erosion.ode.variational import Clock, Derivatives, Direction, Layout
+from erosion.ode.verification import Reached, Verification, of_lanes
 
-_BLOCK = 2**16  # lanes that are ordered together: their numbers fit the second-level cache
 _REPEATED = 4  # times at most
-_DERIVED = 3e-2  # of its error, relative as that of a value, counts in a derivative: `Solution.inexact` tells the rest
+_BLOCK = 2**16  # lanes that are ordered together: their numbers fit the second-level cache
 ROWS, _RECORDED = 64, 2**12  # of the tape of a lane that is recorded, and how many lanes are at most
 _FEW = 2048  # lanes: fewer are computed sooner by one thread than by several
-
-
-class _Reached(NamedTuple):
-    """Results of lanes.
-
-    Args:
-        results: of the program.
-        used: their tolerances.
-        tapes: states at times, or steps, where they are written.
-    """
-
-    results: LaneEnd
-    used: np.ndarray
-    tapes: Sequence[np.ndarray]
 
 
 class _Batch(NamedTuple):
@@ -55,7 +41,7 @@ class _Batch(NamedTuple):
     results: LaneEnd
     used: np.ndarray  # tolerances of the results
     errors: np.ndarray  # of values, by their greatest sizes
-    directions: tuple[int | PerLane, ...] = ()
+    verification: Verification
     tapes: Sequence[np.ndarray] = ()
 
     def run(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
@@ -92,15 +78,15 @@ class _Batch(NamedTuple):
             known &= np.isfinite(leaf).all(axis=tuple(range(leaf.ndim - len(shape), leaf.ndim)))
         return known
 
-    def reached(self, lanes: np.ndarray) -> _Reached:
+    def reached(self, lanes: np.ndarray) -> Reached:
         """The results of some lanes; they stay as they are whatever follows."""
         return jax.tree.map(lambda part: part[lanes], self._arrays)
 
-    def put(self, lanes: np.ndarray, reached: _Reached) -> None:
+    def put(self, lanes: np.ndarray, reached: Reached) -> None:
         """Write the results of some lanes."""
         _put(self._arrays, reached, lanes)
 
-    def refine(self, lanes: np.ndarray, rtol: np.ndarray) -> _Reached:
+    def refine(self, lanes: np.ndarray, rtol: np.ndarray) -> Reached:
         """Integrate some lanes again, each with its tolerance; their results before that."""
         before = self.reached(lanes)
         self.run_again(lanes, rtol)
@@ -132,63 +118,41 @@ class _Batch(NamedTuple):
         """Outputs at times and their derivatives, shape (lanes, times, members, outputs)."""
         return self.tapes[1]
 
-    def error(self, lanes: np.ndarray, before: _Reached, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The greatest relative error of some lanes' values, a `ratio` of their change; 1 where they end otherwise.
+    def check(self, lanes: np.ndarray, rtol: float) -> None:
+        """Integrate lanes with a greater tolerance, to know which of them need a smaller one; the results stay."""
+        if not lanes.size:
+            return
+        tolerances = np.array(self.results.tolerance)
+        before = self.refine(lanes, tolerances)
+        errors = self.verification.compare(lanes, before, self.reached(lanes), rtol / tolerances[lanes])
+        self.errors[lanes] = errors.greatest
+        self.put(lanes, before)
+        with np.errstate(divide="ignore"):
+            self.results.tolerance[lanes] = np.maximum(np.minimum(rtol * rtol / errors.own, rtol), TIGHTEST)
 
-        Also the same by the greatest sizes that the state has had.
+    def refine_until_two_agree(self, lanes: np.ndarray, rtol: float) -> None:
+        """Integrate doubtful lanes, each with its own tolerance, until two integrations agree.
 
-        Args:
-            lanes: some lanes.
-            before: their results before the last integration.
-            ratio: of the error to the change.
+        An integration that fails, by rounding, changes no result.
         """
-        after, events = self.reached(lanes), len(self.layout.event_names)
-        outcome, old = after.results.outcome, before.results.outcome
-        values, of_times = (_values(each.results) for each in (before, after)), 0.0
-        before_it, found = values
-        with np.errstate(all="ignore"):
-            if self.timed:
-                # Relative to the greatest size among the times: a state may pass through zero there.
-                states = before.tapes[-1][:, :, 0], after.tapes[-1][:, :, 0]
-                for old_part, part in zip(*(np.moveaxis(each, -1, 0) for each in states), strict=True):
-                    moved, size = (np.fmax.reduce(np.abs(each), 1, initial=0.0) for each in (part - old_part, part))
-                    of_times = np.fmax(of_times, moved / size * ratio)
-            sizes = [np.abs(new) for new in found]
-            greatest = [*sizes]
-            # At an event a part of the state may be zero by definition, and nothing is known relative to it.
-            for i, least in enumerate(after.results.least):
-                greatest[i] = np.maximum(sizes[i], least / LEAST)
-                sizes[i] = np.where(outcome < events, greatest[i], np.maximum(sizes[i], least))
-            moved = np.abs(np.array(found) - np.array(before_it))
-            changes = np.array([moved / np.array(sizes), moved / np.array(greatest)])
-            changes = np.where(outcome == old, np.nan_to_num(changes, posinf=1.0), 1.0) * ratio
-            error, of_greatest = changes.max(1)
-            of_derivatives = self._error_of_derivatives(lanes, before.results, after.results, greatest) * ratio
-            error, of_greatest = np.fmax(error, _DERIVED * of_derivatives), np.fmax(of_greatest, of_derivatives)
-            return np.fmax(error, of_times), of_greatest
-
-    def _error_of_derivatives(
-        self, lanes: np.ndarray, before: LaneEnd, after: LaneEnd, greatest: Sequence[np.ndarray]
-    ) -> np.ndarray | float:
-        """The greatest change of a derivative, relative to it or to the value by a change of a number by its own size.
-
-        What a chain or a chaotic motion multiplies in its derivatives need not show in its values.
-        """
-        if not self.layout.options.whole or not self.directions:
-            return 0.0
-        numbers = self.layout.of_lanes(self.leaves[: len(self.layout.shapes)], lanes)
-        units = [_units_of(self.layout, numbers, each, lanes.size) for each in _of_lanes(self.directions, lanes)]
-        by_one, by_other = units[0], units[-1]
-        error = np.zeros(lanes.size)
-        one, other = (
-            Derivatives(*(part and [*part[1:], part[0]] for part in each.quantities)) for each in (before, after)
-        )
-        for kind, unit in (("first", by_one), ("other", by_other), ("second", by_one * by_other)):
-            pairs = zip(getattr(one, kind) or [], getattr(other, kind) or [], greatest, strict=False)
-            for old, new, size in pairs:
-                change = np.abs(new - old) / np.maximum(np.abs(new), size / unit)
-                error = np.fmax(error, np.nan_to_num(change, posinf=1.0))
-        return error
+        used, following = np.full(lanes.size, rtol), self.results.tolerance[lanes]
+        tolerances = np.array(self.results.tolerance)
+        for _ in range(_REPEATED):
+            if not lanes.size:
+                break
+            tolerances[lanes] = following
+            before = self.refine(lanes, tolerances)
+            after = self.reached(lanes)
+            lost, had = (self.layout.has_no_result(each.results.outcome) for each in (after, before))
+            lost &= ~had
+            errors = self.verification.compare(lanes, before, after, following / used)
+            self.errors[lanes[~lost]] = errors.greatest[~lost]
+            self.put(lanes[lost], jax.tree.map(lambda part, lost=lost: part[lost], before))
+            with np.errstate(all="ignore"):
+                wanted = np.maximum(following * rtol / errors.own, TIGHTEST)
+                wanted = np.where(lost, np.sqrt(used * following), wanted)
+            goes_on = lost | (wanted < following / 2)
+            used, following, lanes = np.where(lost, used, following)[goes_on], wanted[goes_on], lanes[goes_on]
 
     @property
     def outputs(self) -> list[np.ndarray]:
@@ -196,14 +160,9 @@ class _Batch(NamedTuple):
         return jax.tree.leaves(self.results)
 
     @property
-    def _arrays(self) -> _Reached:
+    def _arrays(self) -> Reached:
         """The arrays of all lanes that stay where an integration after the first is not taken."""
-        return _Reached(self.results, self.used, self.tapes[-1:])
-
-
-def _values(results: LaneEnd) -> list[np.ndarray]:
-    """Outputs and times."""
-    return [*results.outputs.value, results.time.value]
+        return Reached(self.results, self.used, self.tapes[-1:])
 
 
 def integrate(
@@ -214,7 +173,7 @@ def integrate(
     directions: tuple[int | PerLane, ...],
     rtol: float,
     *,
-    again: bool = True,
+    refines: bool = True,
     times: np.ndarray | None = None,
 ) -> LaneEnd:
     """Integrate lanes to their ends, and lanes of doubtful accuracy again.
@@ -230,7 +189,7 @@ def integrate(
         directions: the place of an element, see `Variational`, or one or two arrays of places.
             Arrays of places are numbers, so one program serves all of them.
         rtol: relative tolerance of outputs, end time and derivatives.
-        again: False leaves doubtful lanes as they are.
+        refines: False leaves doubtful lanes as they are.
         times: at which the outputs are wanted as well; rising, shape (n,), or (lanes, n) of each lane's own.
 
     Returns:
@@ -241,7 +200,7 @@ def integrate(
     if times is not None:
         times = np.broadcast_to(times, (lanes, times.shape[-1]))
     if order > METHODS[layout.options.method].derivatives:
-        return _by_fewer_derivatives(layout, numbers, lanes, order, directions, rtol, again=again, times=times)
+        return _by_fewer_derivatives(layout, numbers, lanes, order, directions, rtol, refines=refines, times=times)
     layout = layout.wanting(saves=times is not None)
     fixed = tuple(direction for direction in directions if isinstance(direction, int))
     program, results = integrator_of(layout, order, fixed, 0 if fixed else len(directions))
@@ -256,16 +215,16 @@ def integrate(
         rising = np.full((lanes, times.shape[1] + 1), np.inf)
         rising[:, :-1] = times
         tapes = [rising, np.full((*times.shape, members, len(empty.outputs.value)), np.nan)]
-    batch = _Batch(layout, program, leaves, empty, np.empty(lanes), np.zeros(lanes), directions, tapes)
+    verification = Verification(layout, leaves[: len(layout.shapes)], directions)
+    batch = _Batch(layout, program, leaves, empty, np.empty(lanes), np.zeros(lanes), verification, tapes)
     batch.run(np.arange(lanes), np.asarray(rtol))
     if layout.options.method == "auto":
-        _by_other_methods(batch, order, directions, rtol, again=again)
-    if again:
-        _check(batch, np.flatnonzero(batch.results.tolerance > rtol), rtol)
-        doubtful = np.flatnonzero(batch.results.tolerance < rtol)
-        _repeat(batch, doubtful, rtol)
+        _by_other_methods(batch, order, directions, rtol, refines=refines)
+    if refines:
+        batch.check(np.flatnonzero(batch.results.tolerance > rtol), rtol)
+        batch.refine_until_two_agree(np.flatnonzero(batch.results.tolerance < rtol), rtol)
     if order:
-        _with_fewer_derivatives(batch, order, directions, rtol, again=again)
+        _with_fewer_derivatives(batch, order, directions, rtol, refines=refines)
     results = batch.results._replace(tolerance=batch.used, error=batch.errors)
     if results.recorded is not None:
         return results._replace(recorded=results.recorded._replace(tapes=batch.tapes[0]))
@@ -273,7 +232,7 @@ def integrate(
 
 
 def _by_other_methods(
-    batch: _Batch, order: int, directions: tuple[int | PerLane, ...], rtol: float, *, again: bool
+    batch: _Batch, order: int, directions: tuple[int | PerLane, ...], rtol: float, *, refines: bool
 ) -> None:
     """Integrate lanes that turned out to be stiff, or took too many steps, by the method for stiff motions.
 
@@ -292,7 +251,7 @@ def _by_other_methods(
         try:
             found = integrate(
                 layout.wanting(method=method, records=False),
-                numbers, lanes.size, order, _of_lanes(directions, lanes), rtol, again=again,
+                numbers, lanes.size, order, of_lanes(directions, lanes), rtol, refines=refines,
                 times=batch.times(lanes),
             )  # fmt: skip
         except NotForLanesError:
@@ -308,16 +267,16 @@ def _by_other_methods(
 
 
 def _with_fewer_derivatives(
-    batch: _Batch, order: int, directions: tuple[int | PerLane, ...], rtol: float, *, again: bool
+    batch: _Batch, order: int, directions: tuple[int | PerLane, ...], rtol: float, *, refines: bool
 ) -> None:
     """Integrate lanes that failed with derivatives again with fewer: their outputs may exist although these do not."""
     lost = np.flatnonzero(batch.layout.has_no_result(batch.results.outcome) & batch.is_known)
     if not lost.size:
         return
-    numbers, along = batch.layout.of_lanes(batch.leaves[: len(batch.layout.shapes)], lost), _of_lanes(directions, lost)
+    numbers, along = batch.layout.of_lanes(batch.leaves[: len(batch.layout.shapes)], lost), of_lanes(directions, lost)
     batch.adopt(
         _by_fewer_derivatives(
-            batch.layout, numbers, lost.size, order, along, rtol, again=again, times=batch.times(lost)
+            batch.layout, numbers, lost.size, order, along, rtol, refines=refines, times=batch.times(lost)
         ),
         lost,
     )
@@ -331,13 +290,13 @@ def _by_fewer_derivatives(
     directions: tuple[int | PerLane, ...],
     rtol: float,
     *,
-    again: bool,
+    refines: bool,
     times: np.ndarray | None,
 ) -> LaneEnd:
     """Results of a program with one derivative less; those of the order are NaN. See `integrate`."""
     # Along two directions the first derivatives are two integrations.
     lower = [
-        integrate(layout, numbers, lanes, order - 1, each, rtol, again=again, times=times)
+        integrate(layout, numbers, lanes, order - 1, each, rtol, refines=refines, times=times)
         for each in ([(direction,) for direction in directions] if order == 2 else [()])
     ]
     one, other = lower[0], lower[-1]
@@ -357,64 +316,10 @@ def _by_fewer_derivatives(
     return one._replace(time=time, outputs=outputs, saved=saved)
 
 
-def _of_lanes(directions: tuple[int | PerLane, ...], lanes: np.ndarray) -> tuple[int | PerLane, ...]:
-    """The directions of some lanes."""
-    return tuple(each if isinstance(each, int) or not np.ndim(each) else each[lanes] for each in directions)
-
-
 def _put(arrays: PyTree, found: PyTree, lanes: np.ndarray) -> None:
     """Write what was found into some lanes."""
     for array, part in zip(jax.tree.leaves(arrays), jax.tree.leaves(found), strict=True):
         array[lanes] = part
-
-
-def _check(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
-    """Integrate lanes again with a greater tolerance, to know which of them need a smaller one.
-
-    The results stay. The error is proportional to the tolerance, so that of the results follows from the change.
-    """
-    if not lanes.size:
-        return
-    tolerances = np.array(batch.results.tolerance)
-    before = batch.refine(lanes, tolerances)
-    error, batch.errors[lanes] = batch.error(lanes, before, rtol / tolerances[lanes])
-    batch.put(lanes, before)
-    with np.errstate(divide="ignore"):
-        batch.results.tolerance[lanes] = np.maximum(np.minimum(rtol * rtol / error, rtol), TIGHTEST)
-
-
-def _repeat(batch: _Batch, lanes: np.ndarray, rtol: float) -> None:
-    """Integrate doubtful lanes again, each with its own tolerance, until two integrations agree.
-
-    The error is proportional to the tolerance. So the error of the last integration is the change it
-    made, times the ratio of both tolerances. An integration that fails, by rounding, changes no result.
-    """
-    results = batch.results
-    used, following = np.full(lanes.size, rtol), results.tolerance[lanes]
-    tolerances = np.array(results.tolerance)
-    for _ in range(_REPEATED):
-        if not lanes.size:
-            break
-        tolerances[lanes] = following
-        before = batch.refine(lanes, tolerances)
-        has_result = ~batch.layout.has_no_result(results.outcome[lanes])
-        lost = ~has_result & ~batch.layout.has_no_result(before.results.outcome)
-        error, of_greatest = batch.error(lanes, before, following / used)
-        batch.errors[lanes[~lost]] = of_greatest[~lost]
-        batch.put(lanes[lost], jax.tree.map(lambda part, lost=lost: part[lost], before))
-        with np.errstate(all="ignore"):
-            wanted = np.maximum(following * rtol / error, TIGHTEST)
-            wanted = np.where(lost, np.sqrt(used * following), wanted)
-        again = lost | (wanted < following / 2)
-        used, following, lanes = np.where(lost, used, following)[again], wanted[again], lanes[again]
-
-
-def _units_of(layout: Layout, numbers: Sequence[PerLane], direction: int | PerLane, lanes: int) -> np.ndarray:
-    """The size of the number that a direction changes; 1 where it is zero. Shape (lanes,)."""
-    sizes = zip(layout.sizes(numbers), layout.shapes, strict=True)
-    columns = [np.broadcast_to(np.asarray(size), (lanes, *shape)).reshape(lanes, -1) for size, shape in sizes]
-    unit = np.concatenate(columns, axis=1)[np.arange(lanes), np.asarray(direction, int)]
-    return np.where(unit == 0, 1.0, unit)
 
 
 def integrate_along(

@@ -13,11 +13,10 @@ import numpy as np
 from jax import lax
 
 from erosion.arguments import Flag, Number, PerImpact, Scalar
-from erosion.ode.events import GRAZE
 from erosion.ode.hybrid import trajectory
 from erosion.ode.landing import Segment
 from erosion.ode.lane_equations import LaneEquations
-from erosion.ode.methods.base import LEAST, TIGHTEST
+from erosion.ode.methods.base import LEAST
 from erosion.ode.problem import OTHER_ENDS
 from erosion.ode.segments import Loop, Written
 from erosion.ode.step_control import ARRIVED, ENDED, NOT_BEGUN, SLIDES, STIFF, UNFINISHED
@@ -30,10 +29,7 @@ from erosion.ode.variational import (
     at_event,
     outputs_of,
 )
-
-_DOUBT = 100.0  # errors are mostly smaller than the tolerance by this factor
-_MANY_STEPS, _MANY_FACTOR = 64, 1e-2  # the errors of this many steps add up, and may grow from step to step
-_CHEAPER, _CHEAPEST = 1e4, 1e-2  # times the tolerance, at most: of an integration that tells how errors grow
+from erosion.ode.verification import plan
 
 
 class LaneEnd(NamedTuple):
@@ -138,20 +134,10 @@ def _finish(
     others = [jnp.where(finite, number, jnp.nan) for number in numbers[len(known) :]]
     results = jax.tree.unflatten(structure, known + others)
     time, outputs = (Derivatives(*(part and part[i] for part in results)) for i in range(2))
-    amplified = ended & begun & (end.amplification > _DOUBT)
-    factor = jnp.where(amplified, _DOUBT / end.amplification, 1.0)
-    factor = jnp.where(control.margin < GRAZE * rtol, jnp.minimum(factor, 1 / GRAZE), factor)
-    many = control.trials > _MANY_STEPS
-    if problem.options.whole:
-        # Most motions forget their errors: a cheaper integration tells which do not.
-        cheaper = jnp.clip(_CHEAPEST / rtol, 1.0, _CHEAPER)
-        factor = jnp.where(many, jnp.where(factor < 1, jnp.minimum(factor, _MANY_FACTOR), cheaper), factor)
-    else:
-        factor = jnp.where(many, jnp.minimum(factor, _MANY_FACTOR), factor)
     least = [LEAST * size for size in problem.sizes_of_state(motion.greatest)]
     return LaneEnd(
         outcome=_outcome(problem, finite, control.mode, event),
-        tolerance=jnp.where(finite, jnp.maximum(factor * rtol, jnp.minimum(TIGHTEST, rtol)), rtol),
+        tolerance=plan(control, ended & begun, end.amplification, finite, rtol, whole=problem.options.whole),
         time=time,
         outputs=outputs,
         trials=lax.convert_element_type(control.trials, np.int32),

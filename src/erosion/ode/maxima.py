@@ -127,7 +127,7 @@ class QuantityAlong(NamedTuple):
         quantity: of the ends of lanes and their numbers: the value, and by the number its `first` and `second`.
         negative: whether the negative is meant.
         rtol: relative tolerance.
-        again: whether doubtful lanes are integrated again; see `integrate`.
+        refines: whether doubtful lanes are integrated again; see `integrate`.
     """
 
     layout: Layout
@@ -136,7 +136,7 @@ class QuantityAlong(NamedTuple):
     quantity: Callable[[LaneEnd, list[np.ndarray]], Derivatives]
     negative: bool
     rtol: float
-    again: bool
+    refines: bool
 
     def __call__(self, case: np.ndarray, at: np.ndarray) -> Nodes:
         """The nodes at these numbers."""
@@ -154,7 +154,7 @@ class QuantityAlong(NamedTuple):
         lanes = self.layout.of_lanes(self.numbers, case)
         lanes[self.place] = at
         along = (self.layout.offsets[self.place],) if order else ()
-        results = integrate(self.layout, lanes, at.size, order, along, self.rtol, again=self.again)
+        results = integrate(self.layout, lanes, at.size, order, along, self.rtol, refines=self.refines)
         return results, self.quantity(results, lanes)
 
 

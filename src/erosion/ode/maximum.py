@@ -242,7 +242,7 @@ def _optima(
 
     def search(which: slice, cases: int) -> list[Maxima]:
         numbers = layout.of_lanes(lanes.numbers, which)
-        objective = functools.partial(QuantityAlong, layout, numbers, place, quantity, least, again=True)
+        objective = functools.partial(QuantityAlong, layout, numbers, place, quantity, least, refines=True)
         names = layout.end_names
         return Search(
             lambda rtol: objective(rtol=rtol), cases, names, within, least=least, loose=rtol, tight=tight
