@@ -74,6 +74,13 @@ def numbers(folder: Path) -> dict[str, Any]:
     return json.loads((folder / "numbers.json").read_text(encoding="utf-8"))
 
 
+def test_at_the_cusp_both_events_coincide(tmp_path: Path) -> None:
+    cusp = TABLE_1.replace(k=1.0, alpha=np.arctan(0.5))
+    page = write_report(cusp, tmp_path, case_name="cusp", only=["q2"]).read_text(encoding="utf-8")
+    assert "both events coincide" in page
+    assert "still moving forward" not in page
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_numbers_are_those_of_the_closed_forms(reports: dict[str, Path], name: str) -> None:
     p, record = CASES[name], numbers(reports[name])

@@ -104,6 +104,7 @@ def end_of_cut(case: ReportCase) -> Answer:
         "t_c_numerical": case.trajectory.t_c,
         "ended_by_numerical": case.trajectory.ended_by,
         "vx_end": float(end.vx),
+        "coincide": max(abs(float(end.vx)), abs(float(end.y)) * case.omega) < _COINCIDE * float(case.p.v0),
         "y_end": float(end.y),
         "k_cot_alpha": float(case.p.k / np.tan(case.p.alpha)),
     }
@@ -122,6 +123,7 @@ def end_of_cut(case: ReportCase) -> Answer:
     return Answer(numbers, {"figure-9-end-of-cut": drawing}, cuts=[case.cut])
 
 
+_COINCIDE = 1e-7  # of v₀: at the cusp the stop is known to the root of the rounding
 _PANELS = (10, 100, 1000)
 
 
