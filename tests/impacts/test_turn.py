@@ -86,6 +86,9 @@ def test_what_shows_a_best_angle_beyond_the_limit_says_so():
 
 def test_sweeps_keep_the_limit():
     found = erosion.regimes("rotating", P, phidot0=np.array([-0.5, 0.0, 0.5]) * P.v0 / P.r, alpha=[0.1, 0.2])
+    assert found.turn.attrs["units"] == "rad"
+    last = erosion.impact("rotating", P.replace(alpha=0.2, phidot0=found.phidot0.values[0]))
+    assert found.turn.values[0, 1] == pytest.approx(last.turn, rel=1e-8)
     p = P.replace(alpha=found.alpha_max.values, phidot0=found.phidot0.values)
     assert not turned_beyond("rotating", p).any()
     free = erosion.regimes("rotating", P, phidot0=found.phidot0.values, alpha=[0.1, 0.2], max_turn=None)

@@ -34,13 +34,15 @@ from erosion.impacts import (
     read_netcdf,
     require_code,
     require_same,
+    turn_of,
     turned_beyond,
     write_netcdf,
 )
 from erosion.interrupts import keeping_results
+from erosion.models import load_model
 from erosion.ode.step_control import require_float64
 from erosion.output import briefly, claimed, require_writable, trace, written_whole
-from erosion.parameters import QUARTER_DEGREES, Parameters, require_scalars, validate
+from erosion.parameters import QUARTER_DEGREES, RESULTS, Parameters, require_scalars, validate
 from erosion.sweeps.grid import AnyGrid, Model, Outputs, Region, block_shape, make_grid, regions
 
 # zarr's own name for a chunk that it is writing: the chunk's place and a random UUID.
@@ -493,7 +495,7 @@ def regimes(
         max_turn: the greatest turn of the body at the best angles, see `erosion.alpha_max`.
 
     Returns:
-        Over (phidot0, alpha): volume, dvolume, d2volume, t_c, ended_by and turned_beyond; over phidot0:
+        Over (phidot0, alpha): volume, dvolume, d2volume, t_c, ended_by, turn and turned_beyond; over phidot0:
         alpha_max, volume_max, alpha_max_kind, alpha_max_ended_by.
 
     Raises:
@@ -506,4 +508,7 @@ def regimes(
     angles = QUARTER_DEGREES[1::2] if alpha is None else alpha
     found = sweep(model, p, phidot0=phidot0, alpha=angles, derivatives=2, optimum=True, max_turn=max_turn)
     at = p.replace(alpha=found.alpha.values, phidot0=found.phidot0.values[:, None])
+    found = found.assign(
+        turn=(("phidot0", "alpha"), turn_of(load_model(model), at), RESULTS["turn"].attributes(p.units))
+    )
     return _with_turned(found, ("phidot0", "alpha"), turned_beyond(model, at))
