@@ -104,7 +104,7 @@ class NextTest(Result):
 
     @property
     def asked_in_words(self) -> str:
-        """The condition of the prediction: "30° and 60 m/s"."""
+        """The condition of the prediction, such as "30° and 60 m/s"."""
         named = [name for name in self.asked if name in ("alpha", "v0") or name in self.shown]
         return " and ".join(self.condition_in_words(name, self.asked[name]) for name in named)
 
