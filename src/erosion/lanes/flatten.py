@@ -1,12 +1,12 @@
 """From JAX's equations to a graph: calls opened, control flow as regions, arrays element by element."""
 
 import functools
+import importlib.util
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-import equinox as eqx
 import jax
 import numpy as np
 from jax.core import ShapedArray
@@ -26,7 +26,11 @@ from erosion.lanes.scalars import SCALARS, Atom, Equation, Kind, aval_of, conver
 _DOUBLE = np.dtype(np.float64)
 _Result = TypeVar("_Result")
 _UNROLLED = 64  # rounds of a loop of known length, at most; longer ones run as loops
-_LIBRARIES = tuple(str(Path(module.__file__ or "").parent) for module in (jax, eqx, np))
+
+LIBRARIES = tuple(
+    str(Path(spec.origin or "").parent) for spec in map(importlib.util.find_spec, ("jax", "equinox", "numpy")) if spec
+)
+"""Folders whose code is not the user's. equinox is looked for, as to import it takes as long as all else here."""
 
 
 class NotForLanesError(ValueError):
@@ -366,7 +370,7 @@ def _located(equation: Equation, function: Callable[[], _Result]) -> _Result:
         own = [
             frame
             for frame in (traceback.frames if traceback is not None else [])
-            if not frame.file_name.startswith((*_LIBRARIES, "<"))
+            if not frame.file_name.startswith((*LIBRARIES, "<"))
         ]
         if not own:
             raise

@@ -8,6 +8,7 @@ A file that is damaged, and a folder that cannot be read or written, cost the ti
 import contextlib
 import functools
 import hashlib
+import importlib.metadata
 import os
 import pickle
 import platform
@@ -18,7 +19,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import equinox
 import jax
 import jaxlib
 import llvmlite
@@ -132,5 +132,6 @@ def _folder() -> Path | None:
 def _surroundings() -> bytes:
     """The digest of this package's code, of the libraries and of the processor."""
     code = (part for file in sorted(_PACKAGE.rglob("*.py")) for part in (str(file), file.read_bytes()))
-    libraries = (library.__version__ for library in (jax, jaxlib, np, llvmlite, equinox))
-    return hashed(*code, *libraries, sys.version, platform.platform(), *this_machine())
+    libraries = (library.__version__ for library in (jax, jaxlib, np, llvmlite))
+    equinox = importlib.metadata.version("equinox")  # which users' modules are of
+    return hashed(*code, *libraries, equinox, sys.version, platform.platform(), *this_machine())

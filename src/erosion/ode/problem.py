@@ -10,6 +10,7 @@ import functools
 import inspect
 import re
 import struct
+import sys
 import traceback
 import types
 from collections.abc import Callable, Hashable, Mapping, Sequence
@@ -18,7 +19,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, ParamSpec, TypeGuard, TypeVar
 
-import equinox as eqx
 import jax
 import numpy as np
 from jax.core import Tracer
@@ -27,6 +27,7 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Number, Scalar, Structure
 from erosion.lanes.digests import TRACED, CodeSnapshot, digest_of, hashed
+from erosion.lanes.flatten import LIBRARIES
 from erosion.lanes.jax_versions import forget_traces
 from erosion.output.tables import briefly
 
@@ -222,10 +223,16 @@ def _exactly(value: Any) -> Hashable:
         return kind, *map(_exactly, (value.func, value.args, value.keywords))
     if isinstance(value, Mapping):
         return kind, *((_exactly(key), _exactly(part)) for key, part in value.items())
-    if dataclasses.is_dataclass(value) and not isinstance(value, (type, eqx.Module)):
+    if dataclasses.is_dataclass(value) and not isinstance(value, type) and not _is_module(value):
         slots = [name for one in kind.__mro__ for name in vars(one).get("__slots__", ()) if hasattr(value, name)]
         return kind, *((name, _exactly(getattr(value, name))) for name in (*getattr(value, "__dict__", ()), *slots))
     return Same(value)
+
+
+def _is_module(value: object) -> bool:
+    """Whether it is a module of equinox, which whoever has one has imported."""
+    equinox = sys.modules.get("equinox")
+    return equinox is not None and isinstance(value, equinox.Module)
 
 
 class Same:
@@ -269,7 +276,7 @@ def named(error: BaseException) -> str:
 
 def _where(error: BaseException) -> str:
     """The last line of the user's own code on the way to an error: " in line 9 of kink.py"."""
-    packages = (str(_PACKAGE), *(str(Path(str(module.__file__)).parent) for module in (jax, eqx, np)))
+    packages = (str(_PACKAGE), *LIBRARIES)
     own = [
         frame for frame in traceback.extract_tb(error.__traceback__)
         if not frame.filename.startswith((*packages, "<frozen", "<string"))
