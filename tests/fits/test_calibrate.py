@@ -373,6 +373,13 @@ def of_steel(losses: np.ndarray, loss: str = "linear") -> erosion.Calibration:
     )
 
 
+def test_residuals_are_in_the_unit_of_the_table():
+    rows = {"angle [deg]": SIX, "erosion [g/kg]": np.array([1.27, 1.55, 1.95, 2.08, 1.45, 1.4])}
+    fit = erosion.calibrate("linearized-deformation", STEEL, rows, ["psi"], density="7850 kg/m^3", starts=1)
+    units = {row[0]: row[3] for row in fit.rows()}
+    assert units["rms"] == units["leave_one_out"] == "g/kg"
+
+
 def amounts(fit: erosion.Calibration) -> np.ndarray:
     """The mean erosion of the rows by each draw, over that of the fit."""
     columns = {name: fit.samples[name].values.ravel() for name in fit.names}

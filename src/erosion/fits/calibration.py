@@ -424,7 +424,7 @@ class Calibration(Fit):
             for name, own in own_parameters(self.model).items()
             if name not in self.names
         ]
-        scale, open_row = table_scale(self.data.dimension, self.p.units, self.rms), self.leave_one_out == np.inf
+        scale, open_row = self.data.scale_of(self.rms), self.leave_one_out == np.inf
         rms, left_out = (format_number(size, 4, scale.size) for size in (self.rms, self.leave_one_out))
         needs = f"at least {self.rows_for_aicc} rows for these parameters"
         of_left_out = "rms at rows left out" + (

@@ -34,6 +34,7 @@ from erosion.parameters.quantities import (
     ascii_unit,
     check_system,
     conversion_factor,
+    known_scales,
     table_scale,
     unit_name,
 )
@@ -119,6 +120,12 @@ class Measurements:
         if self.unit:
             return scale_of(self.unit, self.dimension, self.units)
         return table_scale(self.dimension, self.units, largest_of(self.erosion))
+
+    def scale_of(self, size: float) -> Scale:
+        """The table's own unit where it is one of the case's system, else one in which a size reads well."""
+        units = {scale.unit for scale in known_scales(self.dimension, self.units)}
+        is_own = bool(self.unit) and self.scale.unit in units
+        return self.scale if is_own else table_scale(self.dimension, self.units, size)
 
     def in_unit(self, unit: str) -> "Measurements":
         """The same rows, whose erosion tables and figures show in a unit such as "g/kg".

@@ -24,7 +24,7 @@ from erosion.fits.posterior import Posterior, posterior
 from erosion.fits.tempering import SamplingError
 from erosion.models import CuttingModel, load_model, model_name, own_in_words, quantities, usable_models
 from erosion.output import Record, format_number, sentences, to_plain
-from erosion.parameters import Parameters, Scale, table_scale
+from erosion.parameters import Parameters, Scale
 from erosion.results import Result
 
 _Models = Sequence[CuttingModel | str | Path] | None
@@ -183,8 +183,8 @@ class Ranking(Result):
 
     @property
     def _scale(self) -> Scale:
-        """The unit in which errors read well."""
-        return table_scale(self.best.data.dimension, self.best.p.units, self.best.rms)
+        """The unit of the residuals."""
+        return self.best.data.scale_of(self.best.rms)
 
     def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
         """The fits, each with its weight and the models of the same curve; and the failures."""
