@@ -125,8 +125,13 @@ def test_after_weighings_an_advice_holds_what_the_model_may_lack():
     assert "95% of parameters, discrepancy, speed exponent" in advice.answers[1]
     with pytest.raises(ValueError, match="`models` must be the model of the fit, linearized-deformation, but is"):
         erosion.advise(fit.p, models=["linearized"], uncertain=fit)
-    # At the speed of the tests, the curves are those of the predictor.
+    # At the speed of the tests, the curves are those of the predictor, and the weighings are drawn beside them.
     fast_advice = erosion.advise(fit.p, **options)
+    weighed = fast_advice.weighings
+    np.testing.assert_allclose(weighed, (np.deg2rad(degrees), 1e3 * table["mass_loss [kg/kg]"]), rtol=1e-9)
+    (points,) = [line for line in plot_advice(fast_advice).axes[1].get_lines() if line.get_marker() == "o"]
+    np.testing.assert_allclose(np.asarray(points.get_ydata()), weighed[1])
+    assert len(plot_advice(advice).axes) == 1  # no test is of half the speed
     drawn = fit.predictor.predict(np.deg2rad([30.0]), {"v0": 160.0}, 200)[:, 0]
     curves = [np.interp(np.deg2rad(30.0), NOZZLE_ANGLES, curve.erosion) * 2700 for curve in fast_advice.group("draws")]
     np.testing.assert_allclose(np.median(curves), np.median(drawn), rtol=0.05)

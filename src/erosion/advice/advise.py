@@ -26,7 +26,6 @@ from erosion.parameters import (
     Particle,
     PerMass,
     Target,
-    conversion_factor,
     particle as read_particle,
     require_scalars,
     target as read_target,
@@ -274,7 +273,7 @@ class _Jet:
                    and not np.isclose(value, getattr(forward.p, key), rtol=_ROUNDING)}  # fmt: skip
         asked = {key: float(getattr(self._p.to(forward.p.units), key)) for key in ("v0", "m")} | changed
         asked = {key: value for key, value in asked.items() if key not in forward.names}
-        single = predictor.predict(ANGLES, asked, _CURVES) * self._to_specific(predictor)
+        single = predictor.predict(ANGLES, asked, _CURVES) * predictor.to_specific_volume(float(self._p.to("si").m))
         if FRACTION not in forward.names:
             single = single * per_mass.cutting_fraction / forward.cutting_fraction
         erosion = self._spread(model, single, predictor)
@@ -288,16 +287,6 @@ class _Jet:
         yield Curve(name, "models", "", erosion[middle], per_mass.density, single=best)
         for number, curve in enumerate(erosion, 1):
             yield Curve(name, "draws", f"draw {number}", curve, per_mass.density)
-
-    def _to_specific(self, predictor: Predictor) -> float:
-        """Volume per mass of abrasive [m³/kg] over the erosion of the tests."""
-        data = predictor.data
-        factor = conversion_factor(data.dimension, data.units, "si")
-        if data.needs_density:
-            density = predictor.forward.density
-            assert density is not None
-            factor /= density * conversion_factor("density", data.units, "si")
-        return factor if data.per_mass else factor / float(self._p.to("si").m)
 
     def _spread(self, model: CuttingModel, single: np.ndarray, predictor: Predictor) -> np.ndarray:
         """Curves of single particles over `ANGLES`, (draws, angles), as those of the jet over `NOZZLE_ANGLES`."""

@@ -5,14 +5,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from erosion.advice.abrasives import between
 from erosion.advice.result import DRAWS, NOZZLE_ANGLES, Advice, degrees, ends
 from erosion.output import briefly, require_no_pdf, require_writable, write_whole
 from erosion.parameters import QUANTITIES, quantity_row
-from erosion.plotting.labels import DIM, INK, STYLES
-from erosion.plotting.style import angle_axis, house_style, mark_turned, new_axes, render
+from erosion.plotting.labels import DIM, INK, PALETTE, STYLES
+from erosion.plotting.style import angle_axis, house_style, mark_turned, new_figure, render
 from erosion.report.text import inline_svg, render_page
 
 _DASHES: Sequence[Any] = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6, 2, 1, 2, 1, 2)))
@@ -21,9 +22,14 @@ _MARKS = ("o", "s", "^", "v", "D", "x")
 
 @house_style()
 def plot_advice(advice: Advice) -> Figure:
-    """Erosion over the nozzle's angle, each curve over its own maximum, and the advised angle."""
+    """Erosion over the nozzle's angle, each curve over its own maximum, and the advised angle.
+
+    After tests of its own a second panel has their weighings, and 95 % of the curves, as amounts.
+    """
+    weighed = len(advice.weighings[0]) > 0
     # Narrow, so that letters can be read where a phone shows it.
-    fig, ax = new_axes(4.6, 5.4)
+    fig = new_figure(4.6, 8.0 if weighed else 5.4)
+    ax, *below = fig.subplots(1 + weighed, 1, sharex=True, squeeze=False)[:, 0]
     nozzle = np.rad2deg(NOZZLE_ANGLES)
     for curve in (*advice.group("k"), *advice.group("psi"), *advice.group("draws")[:DRAWS]):
         ax.plot(nozzle, curve.shares, color=DIM, linewidth=0.5, alpha=0.45)
@@ -42,12 +48,25 @@ def plot_advice(advice: Advice) -> Figure:
     ax.plot(nozzle, advice.shares, color=INK, linewidth=2.6, label=label)
     ax.axvline(best, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     ax.plot(best, advice.share, "*", color=INK, markersize=13)
-    angle_axis(ax, label="angle of the nozzle, from the surface")
+    for lower in below:
+        _draw_amounts(lower, advice)
+    angle_axis((ax, *below)[-1], label="angle of the nozzle, from the surface")
     ax.set(ylabel="share of its own greatest erosion", ylim=(0, 1.03))
     ax.yaxis.set_major_formatter(lambda value, _: f"{value:.3g}")
     mark_turned(ax, advice.findings)
-    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    entries = [entry for panel in (ax, *below) for entry in zip(*panel.get_legend_handles_labels(), strict=True)]
+    fig.legend(*zip(*entries, strict=True), loc="outside lower center", ncols=2, fontsize=8)
     return fig
+
+
+def _draw_amounts(ax: Axes, advice: Advice) -> None:
+    """The weighings, and the middle 95 % of the curves that they allow."""
+    nozzle, (angles, amounts) = np.rad2deg(NOZZLE_ANGLES), advice.weighings
+    low, high = ends(advice.group("draws"), lambda curve: curve.erosion * (curve.density or 1.0) / advice.scale.size)
+    ax.fill_between(nozzle, low, high, color=PALETTE["blue"], alpha=0.3, linewidth=0, label="95% of the curves")
+    ax.plot(np.rad2deg(angles), amounts, "o", color=INK, markersize=4, clip_on=False, label="your weighings")
+    ax.axvline(float(np.rad2deg(advice.alpha)), color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
+    ax.set(ylabel=f"erosion [{advice.unit}]", ylim=(0, None))
 
 
 _DESCRIPTION = "Erosion by the jet over the angle of the nozzle, by every model and correlation, and the advised angle."

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from erosion.advice.abrasives import Job, between, comparison, hardness_sentence
+from erosion.fits.conditions import is_same
 from erosion.fits.export import command
 from erosion.fits.forward import FACTORS, FRACTION, OF_METAL
 from erosion.fits.prediction import Predictor
@@ -287,6 +288,18 @@ class Advice(Result):
     def scale(self) -> Scale:
         """Of `unit`, in SI."""
         return PER_MASS_SCALES["specific_volume" if self.per_mass.density is None else "erosion_ratio"]
+
+    @property
+    def weighings(self) -> tuple[np.ndarray, np.ndarray]:
+        """Angles [rad] and erosion [`unit`] of the tests at the case's speed; none without a fit of their size."""
+        predictor = None if self.uncertain is None else self.uncertain.predictor
+        if predictor is None:
+            return np.empty(0), np.empty(0)
+        data, p = predictor.data, self.p.to(predictor.data.units)
+        speed = predictor.forward.p.v0 if data.speed is None else data.speed
+        here = np.broadcast_to(is_same(speed, float(p.v0)), data.angle.shape)
+        factor = predictor.to_specific_volume(float(self.p.to("si").m)) * (self.per_mass.density or 1.0)
+        return data.angle[here], data.erosion[here] * factor / self.scale.size
 
     def rows(self) -> list[tuple[str, ...]]:
         """What varies, the range of best angles, and what the advised angle gives."""

@@ -27,6 +27,7 @@ from erosion.fits.tempering import sample
 from erosion.joint_laws import LawSet
 from erosion.models import own_parameters
 from erosion.output import Row, format_number, sentences, to_plain
+from erosion.parameters import conversion_factor
 from erosion.results import Result
 
 CHAINS = 4
@@ -86,6 +87,19 @@ class Predictor(Result):
         """The same, whose tables and figures show erosion in a unit; see `Measurements.in_unit`."""
         forward = dataclasses.replace(self.forward, data=self.data.in_unit(unit))
         return dataclasses.replace(self, forward=forward)
+
+    def to_specific_volume(self, mass: float) -> float:
+        """Volume per mass of abrasive [m³/kg] over the erosion of the tests.
+
+        Args:
+            mass: of a particle [kg], where the tests are of one impact.
+        """
+        data, density = self.data, self.forward.density
+        factor = conversion_factor(data.dimension, data.units, "si")
+        if data.needs_density:
+            assert density is not None
+            factor /= density * conversion_factor("density", data.units, "si")
+        return factor if data.per_mass else factor / mass
 
     @functools.cached_property
     def usual(self) -> Mapping[str, float]:
