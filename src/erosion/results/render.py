@@ -31,7 +31,7 @@ _UNKNOWN = "–"
 _SHARED = (1e-3, 1e6)  # numbers within these need no power of ten: a unit that values share
 
 
-class Table(NamedTuple):
+class TextTable(NamedTuple):
     """A table for people, all cells as text.
 
     Args:
@@ -58,14 +58,14 @@ class Table(NamedTuple):
         return to_html(self.title, self.rows, self.headings) + notes
 
 
-def tables(title: str, declared: Iterable[Declared]) -> list[Table]:
+def tables(title: str, declared: Iterable[Declared]) -> list[TextTable]:
     """The values as rows of one table, then each group of columns as a table of its own."""
     values, groups = _apart(declared, "table")
     made = []
     if values:
         notes = _Notes()
         rows = [row for value, scale in zip(values, _scales(values), strict=True) for row in _rows(value, scale, notes)]
-        made.append(Table(title, rows, notes=notes.sentences))
+        made.append(TextTable(title, rows, notes=notes.sentences))
     for group in groups:
         if group.values and len(group.values[0].value):
             made.append(_table(group, group.title if made else title))
@@ -227,7 +227,7 @@ def _rows(value: Value, scale: Scale, notes: "_Notes") -> Iterator[Row]:
         yield Row(f"{value.name} {label}", value.symbol, cell + notes.signs(value, i), scale.unit, value.meaning)
 
 
-def _table(group: Columns, title: str) -> Table:
+def _table(group: Columns, title: str) -> TextTable:
     """Columns as a table."""
     shown = [value for value in group.values if value.only != "data"]
     notes, columns, headings, numbers = _Notes(), [], [], []
@@ -238,7 +238,7 @@ def _table(group: Columns, title: str) -> Table:
                         for i, (number, error) in enumerate(zip(value.value, errors, strict=True))])  # fmt: skip
         if not all(isinstance(number, (str, bool, np.bool_)) for number in value.value):
             numbers.append(at)
-    return Table(title, list(zip(*columns, strict=True)), headings, numbers, notes.sentences)
+    return TextTable(title, list(zip(*columns, strict=True)), headings, numbers, notes.sentences)
 
 
 def _cell(number: Any, error: Any, value: Value, scale: Scale) -> str:

@@ -55,11 +55,11 @@ class Result(abc.ABC):
         """The first table, all cells as text."""
         return render.tables(self.title, self.declare())[0].rows
 
-    def tables(self) -> list[render.Table]:
+    def tables(self) -> list[render.TextTable]:
         """The tables for people."""
         declared = self.declare()
         return render.tables(self.title, declared) if declared else [
-            render.Table(self.title, self.rows(), self.headings)
+            render.TextTable(self.title, self.rows(), self.headings)
         ]  # fmt: skip
 
     def to_dict(self) -> Record:
