@@ -583,6 +583,24 @@ def test_a_kink_is_met_however_it_is_written(depth):
     np.testing.assert_allclose(end.y["x"], exact, rtol=1e-8)
 
 
+JUMP = growth(lambda t, u, args: jnp.where(t < args["a"], args["p"], 2 * args["p"]))
+BEND = growth(lambda t, u, args: args["p"] * jnp.maximum(t - args["a"], 0.0))
+
+
+@pytest.mark.parametrize(("at", "exact"), [(1.0, 1.0), (0.0, 2.0)], ids=["end", "start"])
+def test_a_break_exactly_at_an_end_has_the_derivatives_of_both_sides(at, exact):
+    """u(1) is p a + 2 p (1 - a) within, p or 2 p beyond: only the derivative by p is the same on both sides."""
+    args = {"a": np.array([at, 0.5]), "p": 1.0}
+    by_a, by_p = (ode.solve(JUMP, args, t1=1.0, wrt=name).along(name).y["u"] for name in ("a", "p"))
+    np.testing.assert_allclose(by_a, [np.nan, -1.0], rtol=1e-9)
+    np.testing.assert_allclose(by_p, [exact, 1.5], rtol=1e-9)
+    end = ode.solve(BEND, args, t1=1.0, wrt="a", derivatives=2)
+    np.testing.assert_allclose(end.along("a").y["u"], [at - 1, -0.5], rtol=1e-9, atol=1e-15)
+    assert any("exactly" in warning for warning in end.warnings)
+    # (1 - a)²/2 goes on behind the start, and not behind the end.
+    np.testing.assert_allclose(end.along("a", "a").y["u"], [np.nan, 1.0], rtol=1e-9)
+
+
 def test_the_cut_of_an_angle_is_located():
     """A point goes round; ∫ of its angle is zero after each turn."""
     circle = ode.Problem(

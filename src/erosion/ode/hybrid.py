@@ -320,6 +320,79 @@ class Transitions:
         several = sum(jnp.where(near, 1, 0) for near in segment.at_once) > 1
         return instant._replace(members=lax.cond(several, checked, lambda: instant.members))
 
+    def two_sided_at_end(self, instant: Instant, met: Instant, at_once: Sequence[Flag], until: Derivatives) -> Instant:
+        """Without the derivatives that a break exactly at the end of the lane has on one side alone.
+
+        Args:
+            instant: after the switches.
+            met: before them.
+            at_once: of each event whether it happens there.
+            until: when the lane ends.
+        """
+        equations = self.problem.equations
+        if not self.problem.order or not self.bounds or until.value is None:
+            return instant
+
+        def ended(at: Instant) -> tuple[tuple[Augmented, ...], Augmented]:
+            rest = jax.tree.map(jnp.subtract, until, equations.unpack(at.elapsed))
+            along = AlongFlow(equations, at.members)
+            end = at_event(along, jnp.full((), ARRIVED), at.elapsed[0], _itself, rest)
+            return equations.pack(end.outputs), along.curve(_itself)
+
+        def checked() -> tuple[Augmented, ...]:
+            (one, curve), (two, other) = ended(instant), ended(met)
+            # The break is as near the end as rounding says: by so much the rates have changed.
+            late = jnp.abs(self.problem.clock.t0) + until.value
+            rounding = until.value * (_ARRIVED * self.problem.time_scale + _ULPS * late)
+            sizes = jax.tree.map(lambda a, b: rounding * (jnp.abs(a) + jnp.abs(b)), curve, other)
+            members = [instant.members[0]]
+            for k in range(1, len(one)):
+                share = _ALIKE[2 if equations.order == 2 and k == len(one) - 1 else 1]
+                lost = jax.tree.map(
+                    lambda a, b, u, least, share=share: _differ(a, b, share=share, size=u)
+                    & (jnp.abs(a - b) > least),
+                    one[k], two[k], one[0], sizes,
+                )  # fmt: skip
+                members.append(jax.tree.map(lambda u, gone: jnp.where(gone, jnp.nan, u), instant.members[k], lost))
+            return tuple(members)
+
+        here = functools.reduce(jnp.logical_or, [at_once[i] for i in self.bounds])
+        is_end = here & (until.value - instant.elapsed[0] <= _ARRIVED * self.problem.time_scale)
+        return instant._replace(members=lax.cond(is_end, checked, lambda: instant.members))
+
+    def two_sided_at_start(self, members: tuple[Augmented, ...]) -> tuple[Augmented, ...]:
+        """A state at the start without the derivatives that a break exactly there has on one side alone."""
+        equations, here = self.problem.equations, self.here
+        if not self.problem.order or not self.bounds:
+            return members
+        assert isinstance(here, SwitchedMotion)
+        at, scale = members[0], self.problem.time_scale
+        values, rates, sizes = here.events(at), self.rates(at), here.sizes_of_bounds(at)
+        moved = equations.pack(equations.of(lambda at, motion: motion.events(at), members))[1:]
+        flow = jax.tree.leaves(equations.rate(members))
+        lost = [jnp.asarray(False) for _ in moved]
+        for j, i in enumerate(self.bounds):
+            near = _NEAR * scale * jnp.abs(rates[i]) + _ULPS * sizes[j]
+
+            def beyond(at: Augmented, motion: Motion, j: int = j) -> Augmented:
+                assert isinstance(motion, SwitchedMotion)
+                return motion.switched(jnp.asarray(j), jnp.asarray(False), at)
+
+            other = jax.tree.leaves(equations.rate(equations.pack(equations.of(beyond, members))))
+            jumps = [_differ(*pair, share=_ALIKE[0], size=0.0) for pair in zip(flow, other, strict=True)]
+            width = self.problem.width
+            breaks, bends = (
+                functools.reduce(jnp.logical_or, those) for those in (jumps[:width], jumps[: len(jumps) - width])
+            )
+            moves = [(jnp.abs(values[i]) <= near) & (jnp.abs(part[i]) > near) for part in moved]
+            for k in range(len(moved)):
+                is_second = equations.order == 2 and k == len(moved) - 1
+                gone = bends & functools.reduce(jnp.logical_or, moves) if is_second else breaks & moves[k]
+                lost[k] = lost[k] | gone
+        pairs = zip(members[1:], lost, strict=True)
+        others = [jax.tree.map(lambda u, gone=gone: jnp.where(gone, jnp.nan, u), member) for member, gone in pairs]
+        return members[0], *others
+
     def settled(
         self, instant: Instant, before: Sequence[Scalar], flat: Sequence[Flag] | None = None
     ) -> tuple[Instant, Flag]:
@@ -476,6 +549,7 @@ def trajectory(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Wr
         )
         instant = transitions.in_turn(met, segment, segment.event, forwards=True)
         instant = transitions.commuting(instant, segment, along, met._replace(elapsed=so_far.elapsed))
+        instant = transitions.two_sided_at_end(instant, met, segment.at_once, until)
         rounding, falling = transitions.here.events(members[0]), transitions.rates(members[0])
         functions = [jnp.where(near, 0.0, value) for near, value in zip(segment.at_once, rounding, strict=True)]
         flat = None
@@ -506,10 +580,10 @@ def trajectory(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Wr
     at_start = Instant(initial, initial, elapsed, none - 1, none, no, no, jnp.asarray(True), nothing, written)
     if transitions.bounds:
         settled = transitions.in_modes(at_start, [no] * len(transitions.bounds), [zero] * len(transitions.bounds))
-        at_start = at_start._replace(members=settled.members)
+        at_start = at_start._replace(members=transitions.two_sided_at_start(settled.members))
         mode = jnp.where(settled.slides & (control.mode == ADVANCING), UNFINISHED, control.mode)
         event = jnp.where(settled.slides, SLIDES, control.event)
-        start = start._replace(members=settled.members, control=control._replace(mode=mode, event=event))
+        start = start._replace(members=at_start.members, control=control._replace(mode=mode, event=event))
         begun = _Trajectory(jnp.logical_not(settled.slides), start, elapsed, zero + 1.0, no, written)
     else:
         begun = _Trajectory(jnp.asarray(True), start, elapsed, zero + 1.0, no, written)

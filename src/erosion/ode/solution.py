@@ -19,7 +19,7 @@ from erosion.ode.event_log import Passed, events_passed
 from erosion.ode.gradient import Ended, going_forwards, gradient_of
 from erosion.ode.kinks import may_have_kinks
 from erosion.ode.problem import Problem, Words
-from erosion.ode.switches import unlocated
+from erosion.ode.switches import switches_of, unlocated
 from erosion.ode.tape import Recorded
 from erosion.output.tables import Record, format_number, to_plain
 from erosion.results import Result
@@ -323,10 +323,12 @@ class Solution(Result):
             if lost:
                 several = sum(reset is not None for reset in self.problem.resets()) > 1
                 at_once = "events happen at once whose order matters, " if several else ""
-                root = "the argument of a root or a power vanishes, "
+                layout = self.lanes.layout
+                root = "the argument of a root or a power vanishes, " if may_have_kinks(layout) else ""
+                at_end = "" if switches_of(layout) is None else "a break is exactly at the start or the end, "
                 sentences.append(
                     f"The {'second' if len(path) == 2 else 'first'} derivatives by {by} are NaN in {lost:,} of "
-                    f"{self.title}: they do not exist there, {root if may_have_kinks(self.lanes.layout) else ''}"
+                    f"{self.title}: they do not exist there, {root}{at_end}"
                     f"{at_once}or cancellation leaves too few of their digits."
                 )
         if self.earlier is not None:
