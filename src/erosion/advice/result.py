@@ -465,7 +465,7 @@ class Advice(Result):
             words = (self.rows_file, *self._typed, "--free", ",".join(self.uncertain.laws), "--next-test")
             return (
                 f"What would narrow it: more tests. “{command('posterior', *words)}” says at which angle and speed one "
-                "more test tells most (extra posterior)."
+                "more test narrows the prediction most (extra posterior)."
             )
         models = self.group("models")
         spans = {"the choice of the model": _width(models)}
