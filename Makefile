@@ -5,14 +5,6 @@ PYTHON ?= python3
 UV_VERSION := 0.13.8
 STAMP := .venv/.synced
 
-ifdef CI
-PYRIGHT = .venv/bin/pyright
-else
-PYRIGHT = git rev-parse --quiet --verify main >/dev/null || { echo "There is no branch main to compare with; CI=1 checks all." >&2; exit 1; }; \
-  { git diff --name-only -z --diff-filter=d main -- 'src/*.py' 'tests/*.py' 'models/*.py'; \
-  git ls-files -z --others --exclude-standard -- 'src/*.py' 'tests/*.py' 'models/*.py'; } | xargs -0 -r .venv/bin/pyright
-endif
-
 # A run starts a hundred processes. Without bytecode, each would compile JAX and the other libraries anew: for 3 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -70,11 +62,10 @@ docs: $(STAMP)
 	.venv/bin/sphinx-build -W --keep-going -E -q -j auto docs docs/_build/html
 	@echo "The documentation: $(CURDIR)/docs/_build/html/index.html"
 
-# Types of the files that differ from main; of all where CI is set.
 lint: $(STAMP)
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
-	$(PYRIGHT)
+	.venv/bin/pyrefly check --summary=none
 	.venv/bin/lint-imports
 
 format: $(STAMP)

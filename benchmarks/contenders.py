@@ -157,7 +157,7 @@ def by_scipy(case: Case, method: str, **options: Any) -> Solve:
         def function(t: float, s: np.ndarray) -> Any:
             return case.events(NUMPY, t, list(s), p)[i]
 
-        function.direction, function.terminal = direction, True  # pyright: ignore[reportFunctionMemberAccess]
+        function.direction, function.terminal = direction, True  # pyrefly: ignore
         return function
 
     def one(rtol: float, p: Mapping[str, float]) -> tuple[float, int]:

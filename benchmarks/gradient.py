@@ -90,7 +90,7 @@ def of_diffrax(size: int, rtol: float) -> Way:
             stepsize_controller=diffrax.PIDController(rtol=rtol, atol=rtol * 1e-2), max_steps=1024,
             event=diffrax.Event(down, optimistix.Newton(1e-10, 1e-10, optimistix.rms_norm), direction=False),
         )  # fmt: skip
-        return found.ts[0]  # pyright: ignore[reportOptionalSubscript]
+        return found.ts[0]  # pyrefly: ignore
 
     at = jnp.asarray(angles())
     compiled = jax.jit(jax.value_and_grad(lambda w: jnp.mean((jax.vmap(time_of, (0, None))(at, w) - MEAN) ** 2)))

@@ -171,7 +171,7 @@ def scipy_cut(model: CuttingModel, p: Parameters, knots: Sequence[float] = ()) -
         def value(_: float, u: np.ndarray) -> float:
             return seen(u.tobytes())[place] - level
 
-        value.terminal, value.direction = True, direction  # pyright: ignore[reportFunctionMemberAccess]
+        value.terminal, value.direction = True, direction  # pyrefly: ignore
         return value
 
     events = [event(0, 0.0, -1), event(1, 0.0, -1), *(event(0, knot, way) for knot in knots for way in (1, -1))]

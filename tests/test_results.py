@@ -174,7 +174,7 @@ def test_all_outputs_have_the_numbers_that_it_declares(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", [kind for kind in MAKERS if kind not in OLD])
 def test_a_table_has_the_numbers_in_other_units_alone(kind: str) -> None:
-    registry = pint.UnitRegistry()
+    registry: Any = pint.UnitRegistry()
     registry.define("percent = 0.01 = %")
     result = made(kind)
     rows = {row[0]: row for row in result.rows()}

@@ -16,14 +16,14 @@ def _public_names() -> dict[str, str]:
     """Each public name, and the module that defines it."""
     # `ast`, `importlib.resources` and `typing` take longer to import than all else here: Ctrl-C would come
     # before the command can heed it.
-    stub = __loader__.get_data(__file__ + "i").decode()  # pyright: ignore[reportOptionalMemberAccess]
+    stub = __loader__.get_data(__file__ + "i").decode()  # pyrefly: ignore
     lines = [line.split() for line in stub.splitlines() if line.startswith("from ")]
     return {name: module for _, module, _, name, _, _ in lines}
 
 
 _MODULE_OF = _public_names()
 
-__all__ = list(_MODULE_OF)  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = list(_MODULE_OF)  # pyrefly: ignore
 
 
 def _turn_float64_on() -> None:

@@ -441,7 +441,7 @@ def test_a_masked_value_is_no_value(name: str) -> None:
         IGNORES[name]()
 
 
-QUANTITY = pint.UnitRegistry().Quantity
+QUANTITY: Any = pint.UnitRegistry().Quantity
 NO_NUMBERS = [
     np.array([0.1 + 1j, 0.2]), np.array([1, 2], "m8[s]"), ["0.1", "0_2"], [True, False], QUANTITY([1.0, 2.0], "km"),
     [QUANTITY(1.0, "km"), QUANTITY(2.0, "km")], xr.DataArray(QUANTITY([1.0, 2.0], "km"), dims="x"),

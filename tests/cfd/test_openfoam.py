@@ -178,7 +178,8 @@ def test_a_binary_mesh_with_labels_of_64_bits(run):
     head = 'FoamFile {{ version 2.0; format binary; arch "LSB;label=64;scalar=64"; class {}; object x; }}\n'
     mesh = Path("constant") / "polyMesh"
     lists: dict[Path, Any] = {path: [FoamFile(path)[None]] for path in run.glob(f"processor*/{ADDRESSING}")}
-    for path, labels in {run / mesh / "faces": FoamFile(run / mesh / "faces")[None], **lists}.items():
+    lists[run / mesh / "faces"] = FoamFile(run / mesh / "faces")[None]
+    for path, labels in lists.items():
         parts = [f"{len(part)}\n(".encode() + np.asarray(part, "<i8").tobytes() + b")\n" for part in labels]
         kind = "faceCompactList" if path.name == "faces" else "labelList"
         path.write_bytes(head.format(kind).encode() + b"".join(parts))

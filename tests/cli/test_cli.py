@@ -170,7 +170,7 @@ def test_an_import_is_not_interrupted(tmp_path, monkeypatch, usual):
 
 def _import_slow_module():
     with between_imports():
-        import slow_module  # noqa: F401  # pyright: ignore[reportMissingImports]
+        import slow_module  # noqa: F401  # pyrefly: ignore
 
         time.sleep(1)
 
@@ -181,7 +181,7 @@ def test_an_import_that_never_ends_is_interrupted(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt), between_imports():
-        import endless_module  # noqa: F401  # pyright: ignore[reportMissingImports]
+        import endless_module  # noqa: F401  # pyrefly: ignore
     assert time.monotonic() - began < _LONGEST + 2
 
 

@@ -136,7 +136,7 @@ def _factor(unit: str) -> float:
     return float(_UNITS.Quantity(1.0, unit).to_base_units().magnitude)
 
 
-_UNITS = pint.UnitRegistry()
+_UNITS: Any = pint.UnitRegistry()
 _UNITS.define("slinch = lbf * s^2 / inch")
 
 
@@ -167,7 +167,7 @@ def table_in_si(path: Path) -> pd.DataFrame:
     table = pd.read_csv(path, comment="#")
     for heading, unit in zip(table, table.columns.str.extract(r"\[(.*)\]", expand=False).fillna("1"), strict=True):
         if pd.api.types.is_numeric_dtype(table[heading]):
-            table[heading] *= _factor(unit)
+            table[str(heading)] *= _factor(unit)
     return table.set_axis(table.columns.str.partition(" [").get_level_values(0), axis=1)
 
 

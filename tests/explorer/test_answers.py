@@ -82,7 +82,7 @@ def test_a_model_that_never_answers_is_left_out_until_it_does(monkeypatch: pytes
 
 
 def test_an_answer_that_fails_is_a_line_on_the_page() -> None:
-    answers = fake(curve=lambda model, case: 1 / 0 if case != CASE else True)
+    answers = fake(curve=lambda model, case: 1 / int(case == CASE))
     preparation, computed = Preparation(answers, CASE), Computed(dataclasses.replace(STATE, case=CASE.replace(k=3.0)))
     computing.take(computed, [("curve", "linearized")], answers, preparation, 60.0)
     assert computed.errors == ["linearized: division by zero"]

@@ -66,7 +66,7 @@ def test_files_with_nearly_one_name_have_a_module_each(tmp_path: Path) -> None:
     for i, path in enumerate(paths):
         path.write_text(text(f"{i + 1}.0"))
     models = [erosion.load_model(path) for path in paths]
-    modules = [type(model.force).__module__ for model in models]  # pyright: ignore[reportAttributeAccessIssue]
+    modules = [type(model.force).__module__ for model in models]  # pyrefly: ignore
     assert len(set(modules)) == 3
     assert all(vars(sys.modules[module])["model"] is model for module, model in zip(modules, models, strict=True))
 

@@ -176,7 +176,7 @@ def test_hires_goes_backwards():
     best = forwards(problem, args, tuple(args), bars, rtol=1e-11, method="rosenbrock", t1=1e3)
     greatest = np.sum([np.abs(best[name] * args[name]) for name in args], axis=0)
     for name in args:
-        expected = best[name] if np.ndim(args[name]) else best[name].sum()
+        expected = best[name] if np.ndim(args[name]) else np.sum(best[name])
         size = greatest if np.ndim(args[name]) else greatest.sum()
         np.testing.assert_allclose(found[name] * args[name] / size, expected * args[name] / size, rtol=0, atol=1e-7)
 

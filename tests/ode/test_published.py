@@ -105,7 +105,7 @@ def test_the_events_of_scipys_tests(direction, times):
     def exact(t: float) -> np.ndarray:
         return np.array([t / (t + 10), 10 * t / (t + 10) ** 2])
 
-    roots = {
+    roots: dict[str, Any] = {
         "one": brentq(lambda t: exact(t)[0] - exact(t)[1] ** 0.7, 5, 8, xtol=1e-14),
         "two": brentq(lambda t: exact(t)[1] ** 0.6 - exact(t)[0], 5, 8, xtol=1e-14),
         "three": 7.4,
@@ -205,7 +205,7 @@ def test_petscs_switched_linear_system():
             dt: Any = brentq(function, grid[turns[0]], grid[turns[0] + 1], xtol=1e-16)
             if t + dt > 0.125:
                 return expm(matrices[mode] * (0.125 - t)) @ u, times
-            t, u, mode = t + dt, expm(matrices[mode] * dt) @ u, 1 - mode  # pyright: ignore[reportOperatorIssue]
+            t, u, mode = t + dt, expm(matrices[mode] * dt) @ u, 1 - mode  # pyrefly: ignore
             times.append(t)
 
     u, times = exact(2.75, 0.36)

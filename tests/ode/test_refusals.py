@@ -1,8 +1,5 @@
 """What `ode` refuses: one sentence each, in the words of the user's own function and line."""
 
-# What is refused has wrong types.
-# pyright: reportArgumentType=false
-
 import re
 from typing import Any
 

@@ -163,5 +163,5 @@ def test_the_label_of_a_small_number_stays_on_the_paper(result):
     answer = next_test(result, {"alpha": np.deg2rad([20.0, 40.0])})
     # Numbers that need two digits beside the axis move the label, which stays on the paper.
     ax, _ = plot_next_test(dataclasses.replace(answer, prediction=0.426 * np.ones(2))).axes
-    ax.figure.draw_without_rendering()  # pyright: ignore[reportAttributeAccessIssue]
+    ax.figure.draw_without_rendering()  # pyrefly: ignore
     assert ax.yaxis.label.get_window_extent().x0 > 0

@@ -126,7 +126,7 @@ def test_a_wide_range_has_colours_by_the_logarithm() -> None:
 )
 def test_what_cannot_be_drawn_is_refused(options: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        plot_map(two_faces(1.0, 1.0), **options)  # pyright: ignore[reportArgumentType]
+        plot_map(two_faces(1.0, 1.0), **options)  # pyrefly: ignore
 
 
 def test_a_surface_that_is_seen_edge_on_is_told() -> None:

@@ -216,7 +216,7 @@ def test_the_mean_and_the_best_angle_are_those_of_the_closed_form():
 
 
 class Undeclared(ForceLaw):
-    factor: jax.Array = eqx.field(default=1.0)  # pyright: ignore[reportAssignmentType]
+    factor: jax.Array = eqx.field(default=1.0)  # pyrefly: ignore
 
     def __call__(self, state, tip, p):
         horizontal = -p.stiffness * tip.depth * self.factor

@@ -43,7 +43,7 @@ def client() -> Iterator:
 def state_of_worker() -> tuple[int, bool, str]:
     import jax
 
-    return len(os.sched_getaffinity(0)), bool(jax.config.jax_enable_x64), jax.numpy.ones(1).dtype.name  # pyright: ignore
+    return len(os.sched_getaffinity(0)), bool(jax.config.jax_enable_x64), jax.numpy.ones(1).dtype.name  # pyrefly: ignore
 
 
 def test_any_problem_is_computed_to_the_same_bits(client, tmp_path):

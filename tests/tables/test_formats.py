@@ -102,7 +102,7 @@ def excel(path: Path, rows: list[list[Any]], sheets: int = 1) -> Path:
 )
 def test_a_file_of_numbers_is_read(tmp_path: Path, name: str) -> None:
     path, kind = tmp_path / name, Path(name).suffix
-    bare = [heading.partition(" ")[0] for heading in FRAME]
+    bare = [str(heading).partition(" ")[0] for heading in FRAME]
     if kind == ".xlsx":
         rows = [[None if np.isnan(cell) else cell for cell in row] for row in FRAME.to_numpy().tolist()]
         excel(path, [bare, ["deg", "m/s", "um"], *rows] if "units" in name else [list(FRAME), *rows])

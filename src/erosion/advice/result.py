@@ -406,7 +406,7 @@ class Advice(Result):
     def findings(self) -> list[Finding]:
         """A size that fits no body, correlations out of range, amounts far from tests, and doubts of the fit."""
         far = self._far([curve for curve in self.curves if curve.group != "correlations"])
-        found = (self.p.size_finding, *self.outside, far and far.finding())
+        found = (self.p.size_finding, *self.outside, far.finding() if far else None)
         return [*filter(None, found), *self.doubts]
 
     def _why(self) -> str:

@@ -162,7 +162,7 @@ def _by_scipy(rates: _Function, events: _Function, start: np.ndarray) -> tuple[f
         def event(t: float, state: np.ndarray) -> float:
             return events(state)[i]
 
-        event.terminal, event.direction = True, -1.0  # pyright: ignore[reportFunctionMemberAccess]
+        event.terminal, event.direction = True, -1.0  # pyrefly: ignore
         return event
 
     solution = solve_ivp(

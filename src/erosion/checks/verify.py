@@ -235,7 +235,7 @@ class Subject:
         return [simulate(self.model, p, points=3) for p in self.cases]
 
     def _impact(self, cases: Sequence[Parameters], model: CuttingModel | None = None) -> Impact:
-        columns = {q: np.array([float(getattr(p, q)) for p in cases]) for q in QUANTITIES}
+        columns: dict[str, Any] = {q: np.array([float(getattr(p, q)) for p in cases]) for q in QUANTITIES}
         return impact(model or self.model, dataclasses.replace(cases[0], **columns), derivatives=2, rtol=_RTOL)
 
     def _closed_form(self) -> Iterator[_Errors]:

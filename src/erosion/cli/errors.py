@@ -31,7 +31,7 @@ def spell_out() -> None:
     codecs.register_error("erosion-spelled", _spelled)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="erosion-spelled")  # pyright: ignore[reportAttributeAccessIssue]
+            stream.reconfigure(errors="erosion-spelled")  # pyrefly: ignore
 
 
 def _spelled(error: UnicodeError) -> tuple[str | bytes, int]:

@@ -170,7 +170,7 @@ class _NextTests:
             """Of all models together; without angles, speeds and sizes, among those of the data."""
             angles = np.deg2rad(lazy.tested_degrees(posteriors.best.data)) if given is None else given
             at = _conditions(posteriors.best.likelihood.forward, speeds or None, sizes)
-            others = {name: np.array([one[name] for one in at]) for name in at[0]}
+            others: dict[str, Any] = {name: np.array([one[name] for one in at]) for name in at[0]}
             candidates = {"alpha": angles[:, None], **others}
             return lazy.next_test(posteriors, candidates, for_prediction=asked)
 
@@ -335,7 +335,7 @@ def predict(
         sizes = [] if particle is None else [lazy.particle(particle).parameters(predictor.data.units)]
     at = _conditions(predictor.forward, speeds, sizes)
     asked = np.tile(_axis("alpha", alpha, predictor.data.units), (len(at), 1))
-    others = {name: np.array([[one[name]] for one in at]) for name in at[0]}
+    others: dict[str, Any] = {name: np.array([[one[name]] for one in at]) for name in at[0]}
     with user_errors(), progress_bar("predicting"):
         lazy.validate(dataclasses.replace(predictor.forward.p, alpha=asked, **others))
         table = lazy.predictions(predictor, asked, others, level)

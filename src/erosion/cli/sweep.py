@@ -139,7 +139,8 @@ def sweep(
     draw(plot, lambda: lazy.plot_sweep(dataset))
     printed = Output("sweep", p, options, json=json)
     for name in () if "m" in grid.axes else [name for name in ("r", "b") if name in grid.axes]:
-        printed.warn(dataclasses.replace(p, **{name: grid.axes[name]}).size_finding)
+        sizes: dict[str, Any] = {name: grid.axes[name]}
+        printed.warn(dataclasses.replace(p, **sizes).size_finding)
     summary = lazy.SweepSummary(dataset, grid.p, weights, output)
     varied = {name: f"{values.size} values" for name, values in grid.axes.items()}
     printed.show(summary, dict(grid.loaded()), varied=varied)
@@ -172,7 +173,13 @@ def _own_values(model: Any, options: CaseOptions, given: Settings, p: "lazy.Para
     values: dict[str, Any] = {}
     if given:
         for name in model if isinstance(model, list) else [model]:
-            values = read_settings(name, options.load(name), given, p.units, lambda _, *of: lazy.read_axis(*of))
+            values = read_settings(
+                name,
+                options.load(name),
+                given,
+                p.units,
+                lambda _, text, dimension, system: lazy.read_axis(text, dimension, system),
+            )
     return values
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 from erosion.exercises.course import Course, Task, best_angle, end_of_cut, omega, volume
 from erosion.impacts import alpha_max, impact
@@ -32,7 +33,7 @@ def _steep_end(p: Parameters) -> float:
     return end_of_cut(_at(p, alpha=(cusp(p) + math.pi / 2) / 2))
 
 
-def _at(p: Parameters, **changes: float) -> Parameters:
+def _at(p: Parameters, **changes: Any) -> Parameters:
     """The case with changes, without a warning where the grain's mass no longer fits its size."""
     return dataclasses.replace(p, **changes)
 

@@ -7,6 +7,7 @@ import io
 import math
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,7 @@ def drawn_case(p: Parameters, name: str, *, seed: int = 0, kept: Collection[str]
     rng = np.random.default_rng(int.from_bytes(digest))
     drawn = {"k": rng.uniform(*_K)}
     drawn |= {q: float(getattr(p, q)) * rng.uniform(*share) for q, share in _SHARES.items()}
-    rounded = {q: float(f"{value:.2g}") for q, value in drawn.items() if q not in kept}
+    rounded: dict[str, Any] = {q: float(f"{value:.2g}") for q, value in drawn.items() if q not in kept}
     p = dataclasses.replace(p, **rounded)
     angles = [angle for angle in np.deg2rad(_DEGREES) if min(abs(angle - best_angle(p)), abs(angle - cusp(p))) > _APART]
     return p if "alpha" in kept else dataclasses.replace(p, alpha=rng.choice(angles))

@@ -140,7 +140,7 @@ class PageCase(NamedTuple):
         """Symbol, meaning and dimension of each of these numbers, by the same names."""
         return {**QUANTITIES, **{number.key: number.quantity for number in self.own}}
 
-    def replace(self, **changes: float) -> "PageCase":
+    def replace(self, **changes: Any) -> "PageCase":
         """Change some numbers and validate the case.
 
         Raises:

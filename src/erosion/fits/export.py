@@ -250,7 +250,7 @@ def _other_speeds(calibration: Calibration, p: Parameters) -> list[str]:
         return impact(calibration.model, case.replace(alpha=ANGLES)).volume / float(case.m * case.v0**2)
 
     here = over_energy(p)
-    differs = {group.label: np.abs(over_energy(dataclasses.replace(p, **group.values)) - here).max() / here.max()
+    differs = {group.label: np.abs(over_energy(dataclasses.replace(p, **group.values)) - here).max() / here.max()  # pyrefly: ignore
                for group in groups}  # fmt: skip
     label = max(differs, key=lambda key: differs[key])
     if len(groups) > 1:

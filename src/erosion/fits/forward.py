@@ -233,7 +233,7 @@ class Forward:
         return np.broadcast_to(hits.volume * factor, (len(next(iter(values.values()))), len(conditions["alpha"])))
 
     def _impacts(
-        self, values: Mapping[str, Any], conditions: Mapping[str, np.ndarray], derivatives: int, rtol: float = 1e-9
+        self, values: Mapping[str, Any], conditions: Mapping[str, Any], derivatives: int, rtol: float = 1e-9
     ) -> tuple[Impact, Any]:
         """The impacts at parameter values, and the factor from volume to the erosion that was measured."""
         if equations_of(self.model, self.p.units).digest != self.digest:
@@ -242,7 +242,7 @@ class Forward:
             )
         model, p = with_values(self.model, self.p, {name: values[name] for name in self.of_impact})
         p = dataclasses.replace(p, **conditions)
-        along = {"derivatives": derivatives, "wrt": self.of_impact} if derivatives else {}
+        along: dict[str, Any] = {"derivatives": derivatives, "wrt": self.of_impact} if derivatives else {}
         hits = impact(model, p, rtol=rtol, **along)
         factor = values.get(FRACTION, self.cutting_fraction)
         if self.data.needs_density and self.density is not None:

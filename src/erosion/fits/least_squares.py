@@ -117,7 +117,7 @@ def identify(names: Sequence[str], jacobian: np.ndarray, exponent: np.ndarray, s
 def _ties(all_names: Sequence[str], involved: np.ndarray, thetas: np.ndarray, exponent: np.ndarray) -> list[Group]:
     """The groups of parameters that null directions of θ, shape (n, directions), tie together."""
     names, null = [all_names[int(i)] for i in involved], thetas[involved] / exponent[involved][:, None]
-    determined = _reduced(null_space(null.T).T) if null.shape[1] < len(names) else np.zeros((0, len(names)))
+    determined = _reduced(null_space(null.T).T) if null.shape[1] < len(names) else np.zeros((0, len(names)))  # pyrefly: ignore
     has = np.abs(np.concatenate([_reduced(null.T), determined])) > _INVOLVED
     together, groups = connected_components(has.T.astype(int) @ has)[1], []
     for label in dict.fromkeys(together.tolist()):
@@ -454,7 +454,7 @@ def descend(
         result = optimize.least_squares(
             lambda part: evaluate(part.tobytes())[0],
             part,
-            jac=lambda part: evaluate(part.tobytes())[1][:, moving],  # pyright: ignore[reportArgumentType]
+            jac=lambda part: evaluate(part.tobytes())[1][:, moving],  # pyrefly: ignore
             bounds=(problem.lower[moving], problem.upper[moving]),
             loss=problem.loss,
             f_scale=problem.noise,

@@ -188,7 +188,7 @@ class Measurements:
         return self.speed is None or not group_numbers(self.speed).any()
 
     @functools.cached_property
-    def usual(self) -> Mapping[str, float]:
+    def usual(self) -> Mapping[str, Any]:
         """Speed and mass of most rows, the greatest among equals, where the data have them."""
         return max(conditions(self), key=lambda group: (len(group.rows), *group.values.values())).values
 

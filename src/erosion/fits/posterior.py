@@ -227,7 +227,7 @@ class Posterior(Fit):
     def alpha_max(self, count: int = _SOME, *, discrepancy: bool = True) -> BestAngles:
         """The angle of greatest removal at draws, at the speed and the mass of most rows; arguments as of `predict`."""
         model, p = self.cases(count)
-        optimum = alpha_max(model, dataclasses.replace(p, **self._of_model.usual))
+        optimum = alpha_max(model, dataclasses.replace(p, **self._of_model.usual))  # pyrefly: ignore
         if not (discrepancy and self.discrepancy):
             return BestAngles(optimum)
         return BestAngles(optimum, highest(self.predict(ANGLES, count=count)), self.predictor.parts)
@@ -289,7 +289,7 @@ class Posterior(Fit):
         draws, of_impact = self.some(count), self.likelihood.forward.of_impact
         model, p = with_values(self.model, self.p, {name: draws[name][:, None] for name in of_impact})
         shape, flat = asked["alpha"].shape, {name: column.ravel() for name, column in asked.items()}
-        ends = impact(model, dataclasses.replace(p, **flat)).ended_by
+        ends = impact(model, dataclasses.replace(p, **flat)).ended_by  # pyrefly: ignore
         drawn = len(next(iter(draws.values())))
         return np.broadcast_to(ends, (drawn, flat["alpha"].size)).reshape((drawn, *shape))
 

@@ -178,7 +178,7 @@ class _Populations:
         greatest = float(np.log(self.noise)) if self.noise < np.inf else _APART
         while excess(greatest) < 0:
             greatest += _APART
-        return float(np.exp(optimize.bisect(excess, least, greatest, xtol=1e-3)))  # pyright: ignore[reportArgumentType, reportCallIssue]
+        return float(np.exp(optimize.bisect(excess, least, greatest, xtol=1e-3)))  # pyrefly: ignore
 
     def _systematic(self, weights: np.ndarray) -> np.ndarray:
         """Indexes by weights, copies of a draw side by side: so a chain's autocorrelation shows them."""

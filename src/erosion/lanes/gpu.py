@@ -104,7 +104,7 @@ class Gpu:
     def __init__(self, driver: Any = None, target: Target = GPU, translate: Callable[[str], str] = ptx) -> None:
         if driver is None:
             try:
-                from cuda.bindings import driver  # pyright: ignore[reportAttributeAccessIssue]
+                from cuda.bindings import driver  # pyrefly: ignore
             except ImportError:
                 raise NoGpuError("A GPU needs NVIDIA's bindings: pip install 'particle-erosion[gpu]'.") from None
         self.driver, self._target, self._translate = driver, target, translate
@@ -368,7 +368,10 @@ class _Call:
         fields: list[tuple[int, int, int, int]] = []
         outputs = sum(result[0].size for result in self._results)
         fields_at = room_for(8 * FIELD * (sum(self._sizes) + outputs + 2 * len(self._tapes)))
-        sent = [(self._numbers, room_for(self._numbers.nbytes)), (places, room_for(places.nbytes))]
+        sent: list[tuple[np.ndarray, int]] = [
+            (self._numbers, room_for(self._numbers.nbytes)),
+            (places, room_for(places.nbytes)),
+        ]
         for given, length in zip(self._given, self._sizes, strict=True):
             at = 0
             if given is not None:

@@ -103,7 +103,7 @@ class Large:
         """The same array in memory."""
         if self.view is not None:
             return self
-        if self._stored is None or not _encloses(self._stored.view.array.region, self.graph.region):  # pyright: ignore[reportOptionalMemberAccess]
+        if self._stored is None or not _encloses(self._stored.view.array.region, self.graph.region):  # pyrefly: ignore
             room = self.graph.room(self.size)
             self._stored = Large(self.graph, self.shape, self.type, View(_fill(self, room), 0, _strides(self.shape)))
         return self._stored

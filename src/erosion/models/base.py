@@ -566,7 +566,7 @@ def sizes(model: eqx.Module, p: Parameters) -> dict[str, np.ndarray]:
     return {**changes, "phidot0": np.asarray(p.v0 / p.r)}
 
 
-def with_values(model: _Model, p: Parameters, changes: Mapping[str, Number]) -> tuple[_Model, Parameters]:
+def with_values(model: _Model, p: Parameters, changes: Mapping[str, Any]) -> tuple[_Model, Parameters]:
     """Model and case with other values of some of `quantities`."""
     own = {name: value for name, value in changes.items() if name not in QUANTITIES}
     return replaced(model, own), dataclasses.replace(

@@ -153,7 +153,7 @@ class CorrelatedByShape(Correlated):
 
     def replace(self, **changes: object) -> CuttingModel:
         changed = super().replace(**changes)
-        return dataclasses.replace(changed, is_set=self.is_set or "sharpness" in changes)
+        return dataclasses.replace(changed, is_set=self.is_set or "sharpness" in changes)  # pyrefly: ignore
 
     def _factors(self, p: Parameters) -> dict[str, object]:
         return {**super()._factors(p), "sharpness": self.sharpness}

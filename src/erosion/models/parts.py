@@ -15,6 +15,7 @@ References:
 
 import abc
 import math
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -60,7 +61,7 @@ def sincos(angle: Broadcast) -> _Pair:
 
 
 @sincos.defjvp
-def _sincos_jvp(primals: tuple[Broadcast], tangents: tuple[Broadcast]) -> tuple[_Pair, _Pair]:
+def _sincos_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
     (angle,), (rate,) = primals, tangents
     sine, cosine = sincos(angle)
     return (sine, cosine), (cosine * rate, -sine * rate)

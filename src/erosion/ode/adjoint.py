@@ -263,7 +263,7 @@ class _Adjoint:
         of_outputs, there = self._from_outputs(step.end, bars)
         of_time = _dot(there, self._rate(self.numbers, step.end))
         _, pull = jax.vjp(lambda numbers: self._at(numbers).clock.t0, self.numbers)
-        state = [jnp.where(within, bar, other) for bar, other in zip(there, back.state, strict=True)]
+        state: Rows = [jnp.where(within, bar, other) for bar, other in zip(there, back.state, strict=True)]
         before = self._before(
             back._replace(state=state, there=[jnp.where(within, 0.0, bar) for bar in back.there]), row, step
         )

@@ -601,7 +601,7 @@ def are_clear(
         within: their values at some shares of the step.
         graze: see above.
     """
-    clear = []
+    clear: list[Flag] = []
     for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
         looks = [(theta, values[i]) for theta, values in within]
         if events:

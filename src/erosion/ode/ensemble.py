@@ -60,7 +60,7 @@ class Lanes(NamedTuple):
         end = clock.t1 if until is None else np.minimum(clock.t0, until)
         numbers = [*self.numbers[: -len(clock)], *clock._replace(t0=-1.0 * clock.t0, t1=-1.0 * end)]
         layout = self.layout.of_problem(self.original or reflected(problem))
-        return self._replace(layout=layout, numbers=numbers, original=problem)
+        return self._replace(layout=layout, numbers=numbers, original=problem)  # pyrefly: ignore
 
     def element_of(self, name: str) -> int:
         """The place of a number among the elements of all numbers.

@@ -73,7 +73,7 @@ class Instant(NamedTuple):
     met: tuple[Augmented, ...]
     elapsed: tuple[Scalar, ...]
     last: Scalar
-    count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
+    count: Scalar  # pyrefly: ignore
     happened: Flag
     slides: Flag
     survives: Flag

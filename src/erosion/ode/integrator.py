@@ -60,7 +60,7 @@ class LaneEnd(NamedTuple):
     time: Derivatives
     outputs: Derivatives
     trials: PerImpact
-    count: PerImpact  # pyright: ignore[reportIncompatibleMethodOverride]
+    count: PerImpact  # pyrefly: ignore
     at_once: Sequence[PerImpact] = ()
     least: Sequence[PerImpact] = ()
     stiff: PerImpact | None = None

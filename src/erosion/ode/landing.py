@@ -58,7 +58,7 @@ class Segment(NamedTuple):
     members: tuple[Augmented, ...]
     event: Scalar
     time: Scalar
-    count: Scalar  # pyright: ignore[reportIncompatibleMethodOverride]
+    count: Scalar  # pyrefly: ignore
     at_once: Sequence[Flag]
     greatest: Rows
     still_zero: Sequence[Flag] = ()
@@ -72,7 +72,7 @@ def finish_step(problem: "LaneEquations", lane: Lane, until: Scalar | None) -> t
     lost = has_no_derivatives(problem, motion)
     control = motion.control._replace(mode=jnp.where(lost, FAILED, motion.control.mode))
     at_once = [event & ~lost for event in motion.at_once]
-    return motion._replace(control=control, at_once=at_once, count=jnp.where(lost, 0, motion.count)), along
+    return motion._replace(control=control, at_once=at_once, count=jnp.where(lost, 0, motion.count)), along  # pyrefly: ignore
 
 
 def has_no_derivatives(problem: "LaneEquations", motion: Segment) -> Flag:

@@ -85,7 +85,7 @@ class Steps(Recorder):
         """See `Recorder`."""
         written = written.with_step(motion.time - lane.control.time, lane.state, jnp.asarray(True))
         has = written.has_derivatives & ~has_no_derivatives(self.problem, motion)
-        return written._replace(has_derivatives=has, elapsed=sum(self.elapsed[:1], motion.time))
+        return written._replace(has_derivatives=has, elapsed=sum(self.elapsed[:1], motion.time))  # pyrefly: ignore
 
     def after_segment(self, written: Tape, segment: Segment) -> Tape:
         """See `Recorder`."""
@@ -101,7 +101,7 @@ class Steps(Recorder):
 
     def after_switch(self, written: Tape, fires: Flag) -> Tape:
         """See `Recorder`."""
-        return written._replace(has_derivatives=written.has_derivatives & ~fires)
+        return written._replace(has_derivatives=written.has_derivatives & ~fires)  # pyrefly: ignore
 
     def results(self, written: Tape) -> Mapping[str, Any]:
         """See `Recorder`."""

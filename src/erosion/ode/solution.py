@@ -477,7 +477,7 @@ class Solution(Result):
 
     def rows(self) -> list[tuple[str, ...]]:
         """The results as rows of a table: values, first derivatives, second ones."""
-        rows = [("ended_by", "", format_number(self.ended_by))]
+        rows: list[tuple[str, ...]] = [("ended_by", "", format_number(self.ended_by))]
         rows += [(name, "", format_number(values)) for name, values in self._parts(self).items()]
         for path, part in sorted(self.derivatives.items(), key=lambda item: len(item[0])):
             first, *other = map(_label, path)

@@ -154,7 +154,9 @@ def ends(
     if order == 0 or len(names) == 1:
         places = (lanes.element_of(names[0]),) if order else ()
         return integrate(layout, numbers, count, order, places, rtol, times=times), [(*names, *names)[:order]]
-    along = [(name,) for name in names] if order == 1 else list(itertools.combinations_with_replacement(names, 2))
+    along: list[tuple[str, ...]] = (
+        [(name,) for name in names] if order == 1 else list(itertools.combinations_with_replacement(names, 2))
+    )
     places = np.array([[lanes.element_of(name) for name in each] for each in along], float).T
     results = integrate_along(layout, numbers, count, order, places, rtol, times=times)
     # A lane that fails along one direction fails in all.

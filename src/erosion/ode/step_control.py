@@ -22,7 +22,7 @@ def require_float64() -> None:
     Raises:
         PrecisionError: with the line that mends it.
     """
-    if not jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
+    if not jax.config.jax_enable_x64:  # pyrefly: ignore
         raise PrecisionError(
             "erosion needs float64, but JAX's 64-bit mode is off; unset JAX_ENABLE_X64 or call "
             'jax.config.update("jax_enable_x64", True) before computing.'

@@ -387,7 +387,7 @@ class _Rewriting:
     def is_above(self, a: _Value, b: _Value) -> Any:
         """Whether a ≥ b in the mode, for numbers or arrays."""
         shape = jnp.broadcast_shapes(jnp.shape(a.number), jnp.shape(b.number))
-        turned = not a.key < b.key  # pyright: ignore[reportOperatorIssue]
+        turned = not a.key < b.key  # pyrefly: ignore
         first, second = (b, a) if turned else (a, b)
         ones, others = (jnp.broadcast_to(each.number, shape) for each in (first, second))
 

@@ -82,7 +82,7 @@ def traced_solution(lanes: Lanes, wrt: Sequence[str], order: int, rtol: float, t
         jnp.reshape(number, shape) if np.shape(number) == (lanes.size,) and own == () else number
         for number, own in zip(lanes.numbers, layout.shapes, strict=True)
     ]
-    lanes = lanes._replace(numbers=numbers)
+    lanes = lanes._replace(numbers=numbers)  # pyrefly: ignore
     rising = [] if ts is None or not wanted.times else [ts[jnp.argsort(ts)]]
     given = []
     for number, own, dtype in zip([*numbers, *rising], wanted.shapes, (*layout.dtypes, "float64"), strict=False):

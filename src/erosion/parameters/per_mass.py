@@ -128,7 +128,7 @@ class PerMass:
         units of `p` broadcast with p.m and p.v0; the greatest is that over the speed's power.
         """
         far = self.far_from_tests(volume, p)
-        return far and far.finding()
+        return far.finding() if far else None
 
     @property
     def is_given(self) -> bool:

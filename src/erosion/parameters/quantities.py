@@ -212,7 +212,7 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
     """
     import pint
 
-    registry = _registry()
+    registry: Any = _registry()
     unit = _pint_unit(dimension, system)
     article = "an" if dimension[0] == "a" else "a"
     expected = f"{article} {dimension if unit else 'pure number'} such as {example(dimension, system)}"
@@ -459,7 +459,8 @@ class Quantity:
         scale = Scale(1.0, self.fixed) if self.fixed else functools.partial(table_scale, self.dimension, units)
         digits = ANGLE_DIGITS if self.dimension == "angle" else DIGITS
         usual = {"symbol": self.symbol, "meaning": self.meaning, "scale": scale, "digits": digits}
-        return Value(name, value, **{**usual, "unit": self.unit(units), **more})
+        fields: dict[str, Any] = {**usual, "unit": self.unit(units), **more}
+        return Value(name, value, **fields)
 
     def attributes(self, units: System) -> dict[str, str]:
         """The same as attributes of a labelled array, in the words of the CF conventions."""

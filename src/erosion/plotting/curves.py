@@ -219,7 +219,8 @@ def _draw_shape(ax: Axes, curve: ShapeCurve, size: float, label: str, **style: A
     beside = beyond | np.append(beyond[1:], False) | np.insert(beyond[:-1], 0, False)
     ax.plot(degrees, np.where(beyond, np.nan, volume), label=label, **style)
     if beside.any():
-        ax.plot(degrees, np.where(beside, volume, np.nan), **{**style, "linestyle": ":"})
+        style["linestyle"] = ":"
+        ax.plot(degrees, np.where(beside, volume, np.nan), **style)
         ax.plot([], [], color=DIM, linestyle=":", linewidth=1.9, label=BEYOND_LABEL)
 
 
@@ -301,8 +302,12 @@ def plot_best_angles(
         marker, size = _MARKERS[i % len(_MARKERS)], 4 if line else 6.5
         plain = {"color": color, "markersize": size, "markeredgecolor": color if line else INK, "markeredgewidth": 0.6}
         open_ = {"markerfacecolor": "none", "markeredgecolor": color, "markersize": size + 2.5, "markeredgewidth": 1.3}
+        looks: list[tuple[np.ndarray, dict[str, Any], str]] = [
+            (~at_jump, plain, label),
+            (at_jump, open_, f"{label}, at a jump"),
+        ]
         pale = np.zeros(x.size, bool) if beyond is None else beyond
-        for at, style, words in ((~at_jump, plain, label), (at_jump, open_, f"{label}, at a jump")):
+        for at, style, words in looks:
             if at.any():
                 ax.plot([], [], marker, label=words, **style)
                 ax.plot(x[at & ~pale], degrees[at & ~pale], marker, **style)

@@ -111,9 +111,10 @@ def _draw_rows(
 ) -> None:
     """Rows with their errors; of very many rows points alone."""
     many = len(angle) > 500
+    style: dict[str, Any] = {**look, "linestyle": "", **({"fmt": "."} if many else {})}
     ax.errorbar(np.rad2deg(angle), erosion, yerr=None if many else errors, elinewidth=0.9, markersize=2 if many else 4,
                 capsize=2, alpha=0.3 if many else 0.9, zorder=2,
-                **{**look, "linestyle": "", **({"fmt": "."} if many else {})})  # fmt: skip
+                **style)  # fmt: skip
 
 
 def _color(index: int, count: int = 1) -> Any:

@@ -180,12 +180,13 @@ def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
     """All families of a model about one case, in one batch."""
     varied = {name: values(p) for name, values in _VALUES.items()}
     rows = [(name, value) for name, values in varied.items() for value in values]
-    columns = {q: np.full(len(rows), float(getattr(p, q))) for q in QUANTITIES}
+    columns: dict[str, Any] = {q: np.full(len(rows), float(getattr(p, q))) for q in QUANTITIES}
     for i, (name, value) in enumerate(rows):
         columns[name][i] = value
     cases = dataclasses.replace(p, **columns)
     best = alpha_max(model, cases, max_turn=None)
-    grid = dataclasses.replace(p, **{q: column[:, None] for q, column in columns.items()} | {"alpha": angles})
+    over_angles: dict[str, Any] = {q: column[:, None] for q, column in columns.items()} | {"alpha": angles}
+    grid = dataclasses.replace(p, **over_angles)
     hits = impact(model, grid, derivatives=2, rtol=RTOL)
     reach = np.asarray(cases.r * cases.rate / cases.v0)
     beyond = turned_beyond(model, cases.replace(alpha=best.alpha))

@@ -131,8 +131,8 @@ def _fill(path: Path, fields: Mapping[str, Any], units: System, printed: list[fl
         lstrip_blocks=True,
     )
     environment.filters |= _filters(units, printed)
-    environment.globals |= {"parameters": QUANTITIES, "degree": _DEGREE, "percent": _PERCENT}
-    return environment.get_template(path.name).render(fields)
+    scales = {"parameters": QUANTITIES, "degree": _DEGREE, "percent": _PERCENT}
+    return environment.get_template(path.name, globals=scales).render(fields)
 
 
 class _KeepNewlines(jinja2.ext.Extension):

@@ -303,7 +303,8 @@ class Stream(Result):
         """Particles out of the model's range or turned too far, and erosion far from what tests find at this speed."""
         far = self._far if self.per_mass.is_given else None
         model, p, hits = self.particles.impacts(self._sample)
-        found = (model.outside_of_range(p, hits), turned_in_part(model, p, counted=hits), far and far.finding())
+        too_far = far.finding() if far else None
+        found = (model.outside_of_range(p, hits), turned_in_part(model, p, counted=hits), too_far)
         return tuple(finding for finding in found if finding is not None)
 
     @property

@@ -67,7 +67,8 @@ class ProblemGrid(AnyGrid):
         clock = {name: values.pop(name) for name in ("t0", "t1") if name in values}
         paths, structure = jax.tree_util.tree_flatten_with_path(self.args)
         leaves = [values.get(".".join(path_of(keys)), leaf) for keys, leaf in paths]
-        return solve(self.problem, jax.tree.unflatten(structure, leaves), **{**self.options, **clock})
+        options: dict[str, Any] = {**self.options, **clock}
+        return solve(self.problem, jax.tree.unflatten(structure, leaves), **options)
 
     def _columns(self, solution: Solution) -> dict[str, np.ndarray]:
         """The numbers of lanes by name: "t", "y_vx", "integrals_work", "dt_dangle", …; `ended_by` comes last."""

@@ -302,9 +302,9 @@ def open_text(path: Path) -> Iterator[Any]:
         with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as file:
             begins = file.peek(_HEAD)[:_HEAD]
             if begins.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-                yield io.BufferedReader(io.BytesIO(file.read().decode("utf-16").encode()))  # pyright: ignore
+                yield io.BufferedReader(io.BytesIO(file.read().decode("utf-16").encode()))  # pyrefly: ignore
             elif b"\r" in begins and b"\n" not in begins:  # as spreadsheets wrote on old Macs
-                yield io.BufferedReader(io.BytesIO(file.read().replace(b"\r", b"\n")))  # pyright: ignore
+                yield io.BufferedReader(io.BytesIO(file.read().replace(b"\r", b"\n")))  # pyrefly: ignore
             else:
                 if begins.startswith(codecs.BOM_UTF8):
                     file.read(len(codecs.BOM_UTF8))

@@ -282,8 +282,8 @@ class Rodas:
         d = inverse * (1 / GAMMA)
         js = self._jacobians(self.problem.numbers, self.problem.places, rows, whole)
         factors = self.factors(js[0], lax.stop_gradient(d))
-        rates = [[k] for k in slope]
-        increments = [[u] for u in self._stage(js, factors, d, slope)]
+        rates: list[list[Scalar]] = [[k] for k in slope]
+        increments: list[list[Scalar]] = [[u] for u in self._stage(js, factors, d, slope)]
         for a, c in zip(A, C, strict=True):
             at = [moved_by(a, y, 1.0, us) for y, us in zip(rows, increments, strict=True)]
             rate = self.problem.rate(at) if whole else self.problem.motion_rate(at)
@@ -297,7 +297,7 @@ class Rodas:
 
     def within(self, before: Rows, after: Rows, stages: Stages) -> list[tuple[float, list[Scalar]]]:
         """The events at two places within a step."""
-        found = []
+        found: list[tuple[float, list[Scalar]]] = []
         for theta in _LOOKS if self.problem.events_are_slow else _MORE_LOOKS:
             rest = 1.0 - theta
             rows = []

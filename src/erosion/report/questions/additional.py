@@ -1,6 +1,7 @@
 """The additional questions: bodies that turn, other force ratios; slips of the source, and all models side by side."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def body_may_turn(case: ReportCase) -> Answer:
     """α_max for both torques, over the spin; the turn; questions 5 to 8 again."""
     spins = [case.spins(model) for model in TORQUES]
     without = case.impact_and_optimum(LINEARIZED)
-    torques = []
+    torques: list[dict[str, Any]] = []
     for model, spin in zip(TORQUES, spins, strict=True):
         row = case.impact_and_optimum(model)
         torques.append(
