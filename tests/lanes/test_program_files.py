@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -12,6 +13,9 @@ from erosion.lanes import lanewise, machine, program_files
 from erosion.lanes.engines import compile_lanes
 from erosion.lanes.lanewise import number
 from erosion.lanes.program_files import CACHE, ProgramFile
+from erosion.ode import step_control
+
+compile_module = machine.compiled
 
 X = np.linspace(0.1, 3.0, 100)
 
@@ -109,15 +113,54 @@ def test_careful_code_takes_the_place_of_quick_code(traces):
 
 def test_the_oldest_files_make_room(monkeypatch, folder):
     monkeypatch.setattr(program_files, "_MOST", 4)
+    folder.mkdir()
+    for i in range(10):
+        (folder / f"{i}.txt").write_text("the user's")
     for i in range(5):
         compiled(f"wave {i}")
     assert ProgramFile("wave 0").read() is None
     assert ProgramFile("wave 4").read() is not None
+    assert len(list(folder.glob("*.txt"))) == 10
+
+
+def test_code_that_was_edited_since_the_process_started_is_not_kept(monkeypatch, folder):
+    monkeypatch.setattr(program_files, "_STARTED", 0.0)
+    program_files._surroundings.cache_clear()
+    try:
+        compiled()
+    finally:
+        program_files._surroundings.cache_clear()
+    assert not folder.exists()
+
+
+def test_a_constant_or_a_function_that_was_replaced_makes_another_program(traces, monkeypatch):
+    compiled()
+    with monkeypatch.context() as patch:
+        patch.setattr(step_control, "_SAFETY", 0.4)
+        compiled()
+    with monkeypatch.context() as patch:
+        patch.setattr(machine, "compiled", lambda *given: compile_module(*given))
+        compiled()
+    compiled()
+    assert len(traces) == 3
+
+
+def test_a_function_of_large_arrays_is_not_kept(folder):
+    def read(x, table):
+        return table[x.astype(int)]
+
+    compile_lanes(read, (number, jax.ShapeDtypeStruct((5000,), float)), what="table")
+    assert not folder.exists()
+
+
+def test_a_folder_may_be_in_the_home(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv(CACHE, "~/kept")
+    compiled()
+    assert len(list((tmp_path / "kept").iterdir())) == 1
 
 
 def test_a_problem_that_calls_python_is_not_kept(folder):
-    import jax
-
     def rate(t, y, args):
         return jax.pure_callback(lambda u: -u, jax.ShapeDtypeStruct((), float), y)
 
@@ -146,8 +189,8 @@ print(float(end.t).hex(), float(end.along("k").t).hex(), float(end.gradient(t=1.
 """
 
 NO_COMPILER = """
-from erosion.lanes import lanewise
-lanewise.flatten = None
+import llvmlite.binding
+llvmlite.binding.TargetMachine.emit_object = None
 """
 
 

@@ -76,10 +76,12 @@ class Lanewise:
             closed, self.results = self._traced
             self.large = [is_large(aval_of(variable)) for variable in closed.jaxpr.invars]
             self.inputs = [tuple(aval.shape) for aval in closed.in_avals]
+            # Where large arrays differ from lane to lane, the function is compiled once more, from this trace.
+            file = None if any(self.large) else file
             if file is not None:
                 self._keep(file, self._shared.code.made)
         else:
-            self.inputs, self.large, self.results = program.inputs, program.large, program.results
+            self.inputs, self.large, self.results = program.inputs, [False] * len(program.inputs), program.results
             code = MachineCode(program.text, target, program.made)
             self._shared = _Code(code, program.rows, program.numbers, program.is_repeatable)
         if file is not None:
@@ -95,7 +97,7 @@ class Lanewise:
 
     @property
     def closed(self) -> ClosedJaxpr:
-        """The function as JAX sees it; traced when first asked for where the program was read from a file."""
+        """The function as JAX sees it."""
         return self._traced[0]
 
     def _compiled(self, *, shared: bool) -> _Code:
@@ -106,7 +108,7 @@ class Lanewise:
 
     def _keep(self, file: ProgramFile, made: ObjectCode) -> None:
         code, rows, numbers, is_repeatable = self._shared
-        file.write(Program(self.inputs, self.large, self.results, rows, numbers, is_repeatable, made, code.text))
+        file.write(Program(self.inputs, self.results, rows, numbers, is_repeatable, made, code.text))
 
     def __call__(self, *arguments: PyTree) -> PyTree:
         """The function of all lanes: leaves of shape (lanes, …), or of one lane's shape where all share it."""

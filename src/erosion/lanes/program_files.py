@@ -1,8 +1,9 @@
 """Compiled programs on disk: a later process reads them and neither traces nor compiles them again.
 
-A program's name is the digest of all that its bits follow from: what it computes, the code of this package that makes
-programs, the versions of the libraries, and the processor. So a file is never out of date; it is only not asked for.
-A file that is damaged, and a folder that cannot be read or written, cost the time to compile and nothing else.
+A program's name is the digest of all that its bits follow from: what it computes, the code of this package as this
+process has it, the versions of the libraries, and the processor. So a file is never out of date; it is only not asked
+for. A process whose package was edited since it started has code that no file shows, and keeps nothing. A file that
+is damaged, and a folder that cannot be read or written, cost the time to compile and nothing else.
 """
 
 import contextlib
@@ -12,12 +13,15 @@ import importlib.metadata
 import os
 import pickle
 import platform
+import re
 import sys
 import tempfile
+import time
+import types
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jaxlib
@@ -28,12 +32,14 @@ from jaxtyping import PyTree
 
 from erosion.lanes.digests import hashed
 from erosion.lanes.machine import ObjectCode, this_machine
+from erosion.version import __version__
 
 CACHE = "EROSION_CACHE"
 """The environment variable: a folder for compiled programs, or nothing (`EROSION_CACHE=`) to keep none."""
 
 _PACKAGE = Path(__file__).parents[1]
-_SUFFIX = ".program"
+_OURS = re.compile(r"[0-9a-f]{40}\.program")
+_STARTED = time.time() - 3.0  # the package's first modules were read shortly before this one
 _MOST = 1000  # files; one of `rotating` with two derivatives has 150 kB
 _CHECK = hashlib.sha256().digest_size
 
@@ -42,8 +48,7 @@ class Program(NamedTuple):
     """A compiled function of one lane.
 
     Args:
-        inputs: the shape of each argument, for one lane.
-        large: which arguments are large arrays.
+        inputs: the shape of each argument, for one lane; none is large.
         results: shapes and types of what it returns.
         rows, numbers: of the memory for one vector of lanes, and for what lanes share.
         is_repeatable: whether it may begin again.
@@ -52,7 +57,6 @@ class Program(NamedTuple):
     """
 
     inputs: list[tuple[int, ...]]
-    large: list[bool]
     results: PyTree
     rows: int
     numbers: int
@@ -70,29 +74,31 @@ class ProgramFile:
     """
 
     def __init__(self, what: str) -> None:
-        self._name = hashed(_surroundings(), what).hex()[:40] + _SUFFIX
+        surroundings = _surroundings()
+        self._name = "" if surroundings is None else f"{hashed(surroundings, _loaded(), what).hex()[:40]}.program"
 
     def read(self) -> Program | None:
         """The program; None where there is no such file that can be read."""
         folder = _folder()
-        if folder is None:
+        if folder is None or not self._name:
             return None
         path = folder / self._name
         try:
             if hasattr(os, "getuid") and path.stat().st_uid != os.getuid():
                 return None
             content = path.read_bytes()
-            if hashlib.sha256(content[_CHECK:]).digest() != content[:_CHECK]:
-                return None
-            os.utime(path)
-            return pickle.loads(zlib.decompress(content[_CHECK:]))
         except OSError:
             return None
+        if hashlib.sha256(content[_CHECK:]).digest() != content[:_CHECK]:
+            return None
+        with contextlib.suppress(OSError):
+            os.utime(path)
+        return pickle.loads(zlib.decompress(content[_CHECK:]))
 
     def write(self, program: Program) -> None:
         """Keep the program, in place of an earlier one; the oldest files make room."""
         folder = _folder()
-        if folder is None:
+        if folder is None or not self._name:
             return
         content = zlib.compress(pickle.dumps(program), 1)
         with contextlib.suppress(OSError):
@@ -115,23 +121,47 @@ def _make_room(folder: Path) -> None:
 
 
 def _files(folder: Path) -> Iterator[tuple[float, Path]]:
-    """When each was last used, and its path."""
+    """When each program was last used, and its path; other files are none of ours."""
     for path in folder.iterdir():
-        with contextlib.suppress(OSError):
-            yield path.stat().st_mtime, path
+        if _OURS.match(path.name):
+            with contextlib.suppress(OSError):
+                yield path.stat().st_mtime, path
 
 
 def _folder() -> Path | None:
     given = os.environ.get(CACHE)
     if given is None:
         return platformdirs.user_cache_path("erosion", appauthor=False) / "programs"
-    return Path(given) if given else None
+    return Path(given).expanduser() if given else None
 
 
 @functools.cache
-def _surroundings() -> bytes:
-    """The digest of this package's code, of the libraries and of the processor."""
-    code = (part for file in sorted(_PACKAGE.rglob("*.py")) for part in (str(file), file.read_bytes()))
+def _surroundings() -> bytes | None:
+    """The digest of this package's code, of the libraries and of the processor; None where the code is not known."""
+    files = sorted(_PACKAGE.rglob("*.py"))
+    changes = [max(status.st_mtime, status.st_ctime) for status in map(Path.stat, files)]
+    if not files or max(changes) > _STARTED:
+        return None
+    code = (part for file in files for part in (str(file), file.read_bytes()))
     libraries = (library.__version__ for library in (jax, jaxlib, np, llvmlite))
     equinox = importlib.metadata.version("equinox")  # which users' modules are of
-    return hashed(*code, *libraries, equinox, sys.version, platform.platform(), *this_machine())
+    return hashed(*code, __version__, *libraries, equinox, sys.version, platform.platform(), *this_machine())
+
+
+def _loaded() -> bytes:
+    """The digest of what modules that make programs hold: a process may replace a constant or a function."""
+    modules = sorted(name for name in sys.modules if name.startswith(("erosion.lanes.", "erosion.ode.")))
+    return hashed(*(part for name in modules for part in _parts(name, vars(sys.modules[name]))))
+
+
+def _parts(name: str, space: Mapping[str, Any]) -> Iterator[str]:
+    """What decides between one content of a module or class and another."""
+    for key, value in sorted(space.items()):
+        if isinstance(value, types.FunctionType):
+            yield f"{name}.{key} {value.__code__.co_filename} {value.__code__.co_firstlineno}"
+        elif isinstance(value, type) and value.__module__ == name:
+            yield from _parts(f"{name}.{key}", vars(value))
+        elif isinstance(value, (bool, int, float, str)) and not key.startswith("_STARTED"):
+            yield f"{name}.{key} {value!r}"
+        elif isinstance(value, np.ndarray):
+            yield f"{name}.{key} {value.tobytes().hex()}"
