@@ -326,9 +326,12 @@ class Impact(Result):
         ]
 
     def _derivatives(self) -> Iterator[Value]:
-        """The derivatives by angle; those by other parameters a row each in tables, and together in data."""
-        units, names, known = self.p.units, self.wrt, quantities(self.model)
-        yield Value("wrt", self.wrt if isinstance(self.wrt, str) else [*self.wrt], only="data")
+        """The derivatives by the parameters; those by several have a name each, `dvolume_dk`."""
+        units, known = self.p.units, quantities(self.model)
+        if isinstance(self.wrt, str):
+            yield Value("wrt", self.wrt, only="data")
+        else:
+            yield Value("wrt", [*self.wrt], dims=("wrt",), only="data")
         for name, value, order in (("dvolume", self.dvolume, 1), ("d2volume", self.d2volume, 2)):
             if value is None:
                 continue
@@ -338,10 +341,10 @@ class Impact(Result):
             if isinstance(self.wrt, str):
                 yield declare_derivative(name, value, [known[self.wrt]] * order, units)
                 continue
-            yield Value(name, value, only="data")
-            for index in itertools.combinations_with_replacement(range(len(names)), order):
-                by = [known[names[i]] for i in index]
-                yield declare_derivative(name, value[(..., *index)], by, units).but(only="table")
+            for index in itertools.combinations_with_replacement(range(len(self.wrt)), order):
+                by = [self.wrt[i] for i in index]
+                below = f"d{by[0]}2" if by[1:] == by[:1] else "_".join(f"d{each}" for each in by)
+                yield declare_derivative(f"{name}_{below}", value[(..., *index)], [known[each] for each in by], units)
 
     @property
     def title(self) -> str:
