@@ -21,7 +21,7 @@ from erosion.cfd.map_result import MapSummary
 from erosion.distributions import Normal
 from erosion.fits.predicted import predictions
 from erosion.output.tables import to_json, to_plain
-from erosion.results import Result, Value, render
+from erosion.results import Result, Value, from_attribute, render
 from erosion.sweeps.summary import Comparison, SweepSummary
 from tests.cfd.tables import Table, hump
 
@@ -91,7 +91,12 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "Profile": lambda: fit().profile("k", 5),
     "Ranking": lambda: erosion.rank_models(P, data(), ["psi"], models=["linearized", "finnie"]),
     "Solution": lambda: ode.solve(DROP, {"drag": 0.1}, t1=9.0, wrt="drag"),
-    "Stream": lambda: erosion.stream("linearized", SI, n=64, best_angle=False, alpha=Normal(0.3, 0.02)),
+    "Stream": lambda: erosion.stream(
+        "linearized", SI, n=64, sensitivities=True, alpha=Normal(0.3, 0.02), v0=Normal(100.0, 3.0)
+    ),
+    "Stream of long turns": lambda: erosion.stream(
+        "linearized", SI.replace(phidot0=1e5), n=64, best_angle=False, alpha=Normal(0.3, 0.02)
+    ),
     "SweepSummary": lambda: SweepSummary(
         erosion.sweep("linearized", SI, alpha=np.array([0.2, 0.3])), SI, {"": erosion.PerMass(2700.0)}, Path("out.nc")
     ),
@@ -172,6 +177,7 @@ def test_all_outputs_have_the_numbers_that_it_declares(kind: str) -> None:
     dataset, columns = result.to_dataset(), list(csv.DictReader(result.to_csv().splitlines()))
     assert document.keys() <= numbers.keys()
     assert [finding["code"] for finding in numbers["findings"]] == [finding.code for finding in result.findings]
+    assert [each.code for each in from_attribute(dataset.attrs["findings"])] == [each.code for each in result.findings]
     for value in values(result):
         plain = to_plain(value.value)
         np.testing.assert_equal([*numbers[value.name].values()] if value.labels else numbers[value.name], plain)

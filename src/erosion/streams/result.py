@@ -441,7 +441,9 @@ class Stream(Result):
         model = model_in_words(self.model, but=self.particles.all_laws)
         described = provenance("a stream", self.particles.p, **model, distributions=self._laws, particles=self.n)
         ends = {"end": ("end", np.array(self.ends, dtype=object))}
-        return self.tally.to_dataset().assign(super().to_dataset().variables).assign(ends).assign_attrs(described)
+        numbers = super().to_dataset()
+        dataset = self.tally.to_dataset().assign(numbers.variables).assign(ends)
+        return dataset.assign_attrs(numbers.attrs).assign_attrs(described)
 
     @property
     def _laws(self) -> str:
