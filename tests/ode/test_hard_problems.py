@@ -394,6 +394,25 @@ def test_a_break_within_a_loop_is_a_warning():
     assert not ode.solve(smooth_loop, t1=2.0).warnings
 
 
+LEVELS = np.array([1.0, *[2.0] * 8])
+
+
+@pytest.mark.parametrize(
+    "index",
+    [
+        lambda u: u.astype(int),
+        lambda u: jnp.argmax(jnp.stack([1 + 0 * u, u])),
+        lambda u: jax.lax.cond(u == 7.0, lambda u: 3, lambda u: u.astype(int), u),
+    ],
+)
+def test_derivatives_across_a_whole_number_within_a_loop_are_refused(index):
+    climb = growth(lambda t, u, args: jax.lax.fori_loop(0, 1, lambda i, s: s + jnp.array(LEVELS)[index(u)], 0 * u))
+    climb = dataclasses.replace(climb, y0=lambda args: {"u": args["u0"]})
+    with pytest.raises(ValueError, match="loop"):
+        ode.solve(climb, {"u0": 0.2}, t1=1.5, wrt="u0")
+    assert any("loop" in warning for warning in ode.solve(climb, {"u0": 0.2}, t1=1.5).warnings)
+
+
 @pytest.mark.parametrize("smooth", [None, True])
 @pytest.mark.parametrize("t0", [0.0, 100.0])
 def test_breaks_by_hand_are_met_and_have_derivatives(smooth, t0):

@@ -22,7 +22,7 @@ A user's problem, its state and its events know nothing of this: modes and bound
 """
 
 import functools
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -321,7 +321,7 @@ class _Rewriting:
         keys = tuple(operand.key for operand in operands)
         if any(operand.moves for operand in operands):
             types = [np.dtype(getattr(atom.aval, "dtype", float)) for atom in equation.invars]
-            real = [np.issubdtype(each, np.floating) for each in types]
+            real, moving = [np.issubdtype(each, np.floating) for each in types], [each.moves for each in operands]
             if name in _BREAKING and real[-1] and not self._by_hand:
                 key = self.key_of(name, str(equation.params), keys)
                 number, moves = _BREAKING[name](self, equation, operands)
@@ -334,12 +334,12 @@ class _Rewriting:
                     number, moves = library(self, operands)
                     return [_Value(number, moves, self.key_of(str(equation.params.get("name")), keys))]
                 # A loop with a derivative of its own is smooth: its author says so.
-                looks = name != "custom_jvp_call" or (_breaks(equation) and not _has_loop(inner.jaxpr))
+                looks = name != "custom_jvp_call" or (_breaks(equation, moving) and not _has_loop(inner.jaxpr))
                 if looks and not self._by_hand:
                     return self.of(inner.jaxpr, inner.consts, operands)
             if name == "cond" and not operands[0].moves and not self._by_hand:
                 return self._of_cases(equation, operands)
-            if (name in _LOOPS and _breaks(equation)) or name in _SORTING:
+            if (name in _LOOPS and _breaks(equation, moving)) or name in _SORTING:
                 self.others.add(name)
         made = _result(jaxpr, equation)(
             *(x for x, atom in zip(numbers, equation.invars, strict=True) if not isinstance(atom, Literal))
@@ -673,22 +673,85 @@ def _result(jaxpr: Jaxpr, equation: Equation) -> Callable[..., list[Any]]:
     return lambda *inputs: function(*dict(zip(variables, inputs, strict=True)).values())
 
 
-def _breaks(equation: Equation) -> bool:
-    """Whether a function that an operation calls has one on real numbers that breaks."""
-    for part in equation.params.values():
-        for each in getattr(part, "eqns", ()):
-            name, types = each.primitive.name, [np.dtype(aval_of(atom).dtype) for atom in each.invars]
-            real = bool(types) and np.issubdtype(types[-1], np.floating)
-            if (real and name in _BREAKING.keys() - {"convert_element_type", "sqrt"}) or _breaks(each):
-                return True
-    return False
+def _breaks(equation: Equation, moves: Sequence[bool]) -> bool:
+    """Whether an operation, or a function that it calls, breaks as those of its operands move that do."""
+    if not any(moves):
+        return False
+    name, types = equation.primitive.name, [np.dtype(aval_of(atom).dtype) for atom in equation.invars]
+    if name in _SORTING:
+        return True
+    if np.issubdtype(types[-1], np.floating):
+        if name == "convert_element_type":
+            return np.issubdtype(np.dtype(equation.params["new_dtype"]), np.integer)
+        if name in _BREAKING.keys() - {"sqrt"}:
+            return True
+    return any(_breaks_within(inner, each) for inner, each in _called(equation, moves))
+
+
+def _breaks_within(jaxpr: Jaxpr, moves: Sequence[bool]) -> bool:
+    """Whether a function breaks as those of its arguments move that do."""
+    return any(_breaks(equation, each) for equation, each in zip(jaxpr.eqns, _moving(jaxpr, moves)[1], strict=True))
+
+
+def _moving(jaxpr: Jaxpr, moves: Sequence[bool]) -> tuple[list[bool], list[list[bool]]]:
+    """Which results of a function move, and of each of its operations which operands do."""
+    varying = {variable for variable, moving in zip(jaxpr.invars, moves, strict=True) if moving}
+
+    def flags(atoms: Sequence[Any]) -> list[bool]:
+        return [not isinstance(atom, Literal) and atom in varying for atom in atoms]
+
+    operands = []
+    for equation in jaxpr.eqns:
+        operands.append(flags(equation.invars))
+        if any(operands[-1]) and equation.primitive.name not in _STEADY:
+            varying |= set(equation.outvars)
+    return flags(jaxpr.outvars), operands
+
+
+def _called(equation: Equation, moves: Sequence[bool]) -> Iterator[tuple[Jaxpr, Sequence[bool]]]:
+    """The functions that an operation calls, each with which of its arguments move."""
+    name, params = equation.primitive.name, equation.params
+    functions = [
+        getattr(part, "jaxpr", part)
+        for value in params.values()
+        for part in (value if isinstance(value, (tuple, list)) else (value,))
+        if hasattr(part, "eqns")
+    ]
+    if name == "while":
+        of_condition, of_body = params["cond_nconsts"], params["cond_nconsts"] + params["body_nconsts"]
+        body = params["body_jaxpr"].jaxpr
+        carried = _carried(body, moves[of_condition:of_body], moves[of_body:])
+        yield params["cond_jaxpr"].jaxpr, [*moves[:of_condition], *carried]
+        yield body, [*moves[of_condition:of_body], *carried]
+    elif name == "scan":
+        first, beyond = params["num_consts"], params["num_consts"] + params["num_carry"]
+        body = params["jaxpr"].jaxpr
+        carried = _carried(body, moves[:first], moves[first:beyond], moves[beyond:])
+        yield body, [*moves[:first], *carried, *moves[beyond:]]
+    elif name == "cond":
+        for function in functions:
+            yield function, moves[1:]
+    else:
+        for function in functions:
+            yield function, moves if len(function.invars) == len(moves) else [True] * len(function.invars)
+
+
+def _carried(
+    body: Jaxpr, consts: Sequence[bool], carried: Sequence[bool], elements: Sequence[bool] = ()
+) -> Sequence[bool]:
+    """Which of the numbers that a loop carries move, after any number of rounds."""
+    while True:
+        after = _moving(body, [*consts, *carried, *elements])[0][: len(carried)]
+        if not any(new and not old for new, old in zip(after, carried, strict=True)):
+            return carried
+        carried = [new or old for new, old in zip(after, carried, strict=True)]
 
 
 def _has_loop(jaxpr: Jaxpr) -> bool:
     """Whether a function has a loop in which something breaks."""
     return any(
-        (each.primitive.name in _LOOPS and _breaks(each))
-        or any(_has_loop(getattr(part, "jaxpr", part)) for part in each.params.values() if hasattr(part, "eqns"))
+        (each.primitive.name in _LOOPS and _breaks(each, [True] * len(each.invars)))
+        or any(_has_loop(inner) for inner, _ in _called(each, [True] * len(each.invars)))
         for each in jaxpr.eqns
     )
 
