@@ -426,6 +426,27 @@ def test_breaks_by_hand_are_met_and_have_derivatives(smooth, t0):
         np.testing.assert_allclose(end.along(*names).y["u"], np.broadcast_to(derivative, 2), rtol=scale, atol=scale)
 
 
+@pytest.mark.parametrize(
+    "rate",
+    [
+        lambda u: jax.lax.fori_loop(0, 1, lambda i, s: s + jnp.where(u > 1, 2.0, 1.0), 0 * u),
+        lambda u: sum(jnp.where(u > 1 + 0.01 * i, 2.0, 1.0) for i in range(40)) / 40,
+    ],
+)
+@pytest.mark.parametrize("drive", [0.0, 0.1])
+def test_breaks_by_hand_do_not_answer_for_those_of_the_state(rate, drive):
+    climb = ode.Problem(
+        lambda args: {"u": args["u0"]},
+        lambda t, y, args: {"u": rate(y["u"]) + (drive * t if drive else 0.0)},
+        breaks=[5.0],
+    )
+    with pytest.raises(ValueError, match="breaks of time alone"):
+        ode.solve(climb, {"u0": 0.2}, t1=1.5, wrt="u0")
+    end = ode.solve(climb, {"u0": 0.2}, t1=1.5)
+    assert end.ended_by == "t1"
+    assert any("not located" in warning for warning in end.warnings)
+
+
 def test_breaks_by_hand_are_met_back_in_time():
     problem = dataclasses.replace(PULSE, breaks=(1.0, 1.01))
     end = ode.solve(problem, {"a": 1.0, "b": 1.01}, t0=2.0, t1=0.0)

@@ -373,8 +373,8 @@ class Problem:
             3 % of t1 - t0 without it.
         typical: a function of args, a pytree like args of typical changes, by which derivatives are scaled; their
             own sizes without it.
-        breaks: times at which rates or integrals break and which `solve` cannot see, as within a `scan`: numbers, or a
-            function of args that gives them. A step ends at each of them; derivatives by them follow.
+        breaks: times at which rates or integrals break by time alone and which `solve` cannot see, as within a `scan`:
+            numbers, or a function of args that gives them. A step ends at each of them; derivatives by them follow.
     """
 
     y0: PyTree

@@ -366,8 +366,9 @@ class Solution(Result):
         what = unlocated(layout)
         if what and not np.all(np.isfinite(layout.clock(self.lanes.numbers).max_step)):
             yield (
-                f"The rates have {what} that are not located: what is shorter than a step may be missed. Name their "
-                "times by `Problem.breaks`, give `max_step`, or say `smooth=True` where they do not matter."
+                f"The rates have {what} that are not located: what is shorter than a step may be missed. Name the "
+                "times of breaks of time alone by `Problem.breaks`, give `max_step`, or say `smooth=True` where they "
+                "do not matter."
             )
 
     def _in_lanes(self, flags: np.ndarray, said: str) -> str:

@@ -62,9 +62,10 @@ class Switches:
     Args:
         layout: of problem and arguments.
         by_hand: whether only the problem's `breaks` are.
+        of_time: whether what depends on time alone may have modes; else nothing but `count` and `others` is known.
     """
 
-    def __init__(self, layout: Layout, *, by_hand: bool) -> None:
+    def __init__(self, layout: Layout, *, by_hand: bool, of_time: bool = True) -> None:
         start = jax.eval_shape(lambda numbers: WholeMotion(layout, numbers).start(), layout.structs())
         self._rows, self._integrals = len(start), len(layout.problem.integrals)
         integrals = (0.0,) * self._integrals
@@ -81,6 +82,8 @@ class Switches:
         made_by = {made: equation for equation in closed.jaxpr.eqns for made in equation.outvars}
         self.moves = [not is_always_zero(atom, made_by) for atom in closed.jaxpr.outvars[: self._rows]]
         varies = [False] * (len(closed.jaxpr.invars) - self._rows) + self.moves
+        if layout.equations.timed and not of_time:
+            varies[-self._rows] = False
 
         def rewritten(numbers: list[Number], elements: list[Scalar], modes: list[Scalar] | None) -> dict[str, Any]:
             rewriting = _Rewriting(modes, by_hand=by_hand)
@@ -103,7 +106,7 @@ class Switches:
         self.count = len(shapes["values"])
         self.bounds = len(shapes["bounds"])
         self.initial = self._part(first, shapes, "values")
-        if not 0 < self.count <= _MOST:
+        if not (of_time and 0 < self.count <= _MOST):
             return
         modes = [jax.ShapeDtypeStruct((), np.float64)] * self.count
         closed_modes, shapes = jax.make_jaxpr(rewritten, return_shape=True)(*structs, modes)
@@ -193,14 +196,20 @@ def switches_of(layout: Layout) -> Switches | None:
         return switches if switches.count else None
     if layout.problem.breaks is None or not layout.options.arm_on_return:
         return None
-    return _traced(_plain(layout), by_hand=True)
+    by_hand = _traced(_plain(layout), by_hand=True)
+    return by_hand if 0 < by_hand.count <= _MOST else None
 
 
 def unlocated(layout: Layout) -> str:
     """What breaks in a layout's functions and is not located, as a subject; "" where nothing is."""
     switches = _all_switches(layout)
-    if switches is None or layout.problem.breaks is not None:
+    if switches is None:
         return ""
+    if layout.problem.breaks is not None and (switches.count > _MOST or switches.others):
+        # The problem's own times tell where what depends on time alone breaks.
+        too_many, switches = switches.count > _MOST, _traced(_plain(layout), by_hand=False, of_time=False)
+        if too_many and 0 < switches.count <= _MOST:
+            return f"more than {_MOST} switches, of which {switches.count} are of the state,"
     if switches.count > _MOST:
         return f"{switches.count} switches (`where`, `abs`, `max` …), more than {_MOST},"
     loops = "switches within a loop (`while_loop`, `scan`, `fori_loop`)"
@@ -217,9 +226,9 @@ def require_derivatives(layout: Layout) -> None:
     what = unlocated(layout)
     if what:
         raise ValueError(
-            f"Derivatives need breaks that are located, but the rates have {what} that are not: name their times by "
-            "`Problem.breaks`, give a loop its derivative by `jax.custom_jvp`, or say `smooth=True` where the motion "
-            "has no breaks."
+            f"Derivatives need breaks that are located, but the rates have {what} that are not: name the times of "
+            "breaks of time alone by `Problem.breaks`, give a loop its derivative by `jax.custom_jvp`, or say "
+            "`smooth=True` where the motion has no breaks."
         )
 
 
@@ -234,8 +243,8 @@ def _plain(layout: Layout) -> Layout:
 
 
 @functools.lru_cache(maxsize=256)
-def _traced(layout: Layout, *, by_hand: bool) -> Switches:
-    return Switches(layout, by_hand=by_hand)
+def _traced(layout: Layout, *, by_hand: bool, of_time: bool = True) -> Switches:
+    return Switches(layout, by_hand=by_hand, of_time=of_time)
 
 
 def motion_of(layout: Layout) -> Callable[[Sequence[Number]], Motion]:
