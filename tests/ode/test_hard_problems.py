@@ -155,6 +155,25 @@ def test_events_at_once_whose_order_matters_have_no_derivative():
 NEVER = 1e9
 
 
+def test_an_event_between_two_at_once_whose_order_matters_has_no_derivative():
+    """The first and the third have the same time; the second may be before both or after them."""
+    add = lambda amount: lambda t, y, args: {"u": y["u"] + amount}  # noqa: E731
+    three = growth(
+        lambda t, u, args: -u,
+        {
+            "first": ode.Event(lambda t, y, args: t - args["ta"], 1, add(1.0)),
+            "second": ode.Event(lambda t, y, args: t - args["tb"], 1, lambda t, y, args: {"u": 2 * y["u"]}),
+            "third": ode.Event(lambda t, y, args: t - args["ta"], 1, add(3.0)),
+        },
+        y0=1.0,
+    )
+    end = ode.solve(three, {"ta": 1.0, "tb": 1.0}, t1=2.0, wrt=TIMES)
+    assert end.y["u"] == pytest.approx((2 * (np.exp(-1) + 1) + 3) * np.exp(-1), rel=1e-8)
+    assert all(np.isnan(end.along(name).y["u"]) for name in TIMES)
+    apart = ode.solve(three, {"ta": 1.0, "tb": 1.5}, t1=2.0, wrt=TIMES)
+    assert apart.along("tb").y["u"] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_reset_takes_another_event_through_zero():
     """A concentration falls from 1 to e⁻¹ in 5; a dose of 1 takes it above 0.9."""
     dosed = growth(

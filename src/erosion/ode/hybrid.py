@@ -60,6 +60,7 @@ class Instant(NamedTuple):
         members: the state after the events so far, with its total derivatives.
         met: the same before the last of them.
         elapsed: the time since the lane began, with derivatives as the members of a state have them.
+        soonest, latest: the least and greatest of each of these numbers, of all events at this time.
         last: the last event.
         count: events of the lane so far.
         happened: whether an event or a switch happened at this time.
@@ -72,6 +73,8 @@ class Instant(NamedTuple):
     members: tuple[Augmented, ...]
     met: tuple[Augmented, ...]
     elapsed: tuple[Scalar, ...]
+    soonest: tuple[Scalar, ...]
+    latest: tuple[Scalar, ...]
     last: Scalar
     count: Scalar  # pyrefly: ignore
     happened: Flag
@@ -79,6 +82,16 @@ class Instant(NamedTuple):
     survives: Flag
     at_once: Sequence[Flag]
     written: Written
+
+    def at_own_time(self, later: Flag, members: tuple[Augmented, ...], since: tuple[Scalar, ...]) -> "Instant":
+        """With the state at an event, if it has its own time, later by as much."""
+        elapsed = chosen(later, tuple(map(jnp.add, self.elapsed, since)), self.elapsed)
+        return self._replace(
+            members=chosen(later, members, self.members),
+            elapsed=elapsed,
+            soonest=tuple(map(jnp.minimum, self.soonest, elapsed)),
+            latest=tuple(map(jnp.maximum, self.latest, elapsed)),
+        )
 
 
 class _Trajectory(NamedTuple):
@@ -119,27 +132,30 @@ class Transitions:
         """The rates of the event functions."""
         return jax.jvp(self.here.events, (at,), (self.here.rate(at),))[1]
 
+    def at_event(self, instant: Instant, event: Scalar, later: Flag) -> Instant:
+        """At an event's own time, if that is `later` in its derivatives than the time of the event before it."""
+        equations = self.problem.equations
+        along = AlongFlow(equations, instant.members)
+        at_it = at_event(along, event, 0.0 * instant.elapsed[0], _itself, _NO_TIME)
+        return instant.at_own_time(later, equations.pack(at_it.outputs), equations.pack(at_it.time))
+
     def fired(self, instant: Instant, event: int, fires: Flag, own_time: Flag | None = None) -> Instant:
         """With an event, if it `fires`; where it has its own time the state comes to it from that of the one before."""
-        equations, members, elapsed = self.problem.equations, instant.members, instant.elapsed
+        equations = self.problem.equations
         if own_time is not None and self.problem.order:
-            at_it = at_event(AlongFlow(equations, members), jnp.asarray(event), 0.0 * elapsed[0], _itself, _NO_TIME)
-            later = fires & own_time
-            members = chosen(later, equations.pack(at_it.outputs), members)
-            elapsed = chosen(later, tuple(map(jnp.add, elapsed, equations.pack(at_it.time))), elapsed)
+            instant = self.at_event(instant, jnp.asarray(event), fires & own_time)
+        members, elapsed = instant.members, instant.elapsed
         at_once = [flag | fires if i == event else flag for i, flag in enumerate(instant.at_once)]
         written = self.loop.after_event(instant.written, event, fires, at_once, members, elapsed)
         after, survives = members, event in self.problem.chains
         if survives:
             after = equations.pack(equations.of(lambda at, motion: motion.after(event, at), members))
-        return Instant(
+        return instant._replace(
             members=chosen(fires, after, members),
             met=chosen(fires, members, instant.met),
-            elapsed=elapsed,
             last=jnp.where(fires, event, instant.last),
             count=instant.count + jnp.where(fires, 1, 0),
             happened=instant.happened | fires,
-            slides=instant.slides,
             survives=jnp.where(fires, survives, instant.survives),
             at_once=at_once,
             written=written,
@@ -208,15 +224,12 @@ class Transitions:
             own_time: whether it has its own time; None where it has that of another event.
             jumps: whether its function jumped, and did not fall.
         """
-        equations, members, elapsed = self.problem.equations, instant.members, instant.elapsed
-        written = instant.written
+        equations, written = self.problem.equations, instant.written
         if own_time is not None:
             written = self.loop.after_switch(written, fires & own_time)
             if self.problem.order:
-                at_it = at_event(AlongFlow(equations, members), bound, 0.0 * elapsed[0], _itself, _NO_TIME)
-                later = fires & own_time
-                members = chosen(later, equations.pack(at_it.outputs), members)
-                elapsed = chosen(later, tuple(map(jnp.add, elapsed, equations.pack(at_it.time))), elapsed)
+                instant = self.at_event(instant, bound, fires & own_time)
+        members = instant.members
         place = bound - self.problem.own_events
 
         def beyond(at: Augmented, motion: Motion) -> Augmented:
@@ -228,7 +241,7 @@ class Transitions:
             flag | (fires & (bound == i)) if i in self.bounds else flag for i, flag in enumerate(instant.at_once)
         ]
         return instant._replace(
-            members=chosen(fires, after, members), met=chosen(fires, members, instant.met), elapsed=elapsed,
+            members=chosen(fires, after, members), met=chosen(fires, members, instant.met),
             happened=instant.happened | fires, at_once=at_once, written=written,
         )  # fmt: skip
 
@@ -299,10 +312,12 @@ class Transitions:
             last = functools.reduce(jnp.maximum, [jnp.where(near, i, -1) for i, near in enumerate(segment.at_once)])
             end = at_event(along, last, segment.time, _itself, _NO_TIME)
             gone = tuple(map(jnp.add, before.elapsed, equations.pack(end.time)))
-            start = before._replace(members=equations.pack(end.outputs), elapsed=gone)
+            members = equations.pack(end.outputs)
+            start = before._replace(members=members, elapsed=gone, soonest=gone, latest=gone)
             other = self.in_turn(start, segment, last, forwards=False)
             one, two = fixed(instant), fixed(other)
-            times = zip(instant.elapsed, other.elapsed, strict=True)
+            soonest = map(jnp.minimum, instant.soonest, other.soonest)
+            times = zip(soonest, map(jnp.maximum, instant.latest, other.latest), strict=True)
             orders = [0, *[1] * (len(one) - 1)] if equations.order < 2 else [0, *[1] * (len(one) - 2), 2]
             apart = [_differ(*each, share=_ALIKE[k], size=0.0) for each, k in zip(times, orders, strict=True)]
             unlike = jax.tree.map(functools.partial(_differ, share=_ALIKE[0], size=0.0), one[0], two[0])
@@ -545,7 +560,18 @@ def trajectory(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Wr
         members, elapsed = equations.pack(end.outputs), tuple(map(jnp.add, so_far.elapsed, equations.pack(end.time)))
         written = loop.after_segment(written, segment._replace(members=members))
         met = Instant(
-            members, members, elapsed, segment.event, before.count, no, no, jnp.asarray(True), segment.at_once, written
+            members,
+            members,
+            elapsed,
+            elapsed,
+            elapsed,
+            segment.event,
+            before.count,
+            no,
+            no,
+            jnp.asarray(True),
+            segment.at_once,
+            written,
         )
         instant = transitions.in_turn(met, segment, segment.event, forwards=True)
         instant = transitions.commuting(instant, segment, along, met._replace(elapsed=so_far.elapsed))
@@ -577,7 +603,9 @@ def trajectory(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Wr
         at_rest = _Trajectory(no, accumulated, so_far.elapsed, so_far.amplification, no, after.written)
         return chosen(so_far.hops & (segment.control.mode == FAILED), at_rest, after)
 
-    at_start = Instant(initial, initial, elapsed, none - 1, none, no, no, jnp.asarray(True), nothing, written)
+    at_start = Instant(
+        initial, initial, elapsed, elapsed, elapsed, none - 1, none, no, no, jnp.asarray(True), nothing, written
+    )
     if transitions.bounds:
         settled = transitions.in_modes(at_start, [no] * len(transitions.bounds), [zero] * len(transitions.bounds))
         at_start = at_start._replace(members=transitions.two_sided_at_start(settled.members))
