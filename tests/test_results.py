@@ -81,7 +81,9 @@ MAKERS: dict[str, Callable[[], Any]] = {
     ),
     "NextTest": lambda: erosion.next_test(drawn()),
     "Optimum": lambda: erosion.alpha_max("linearized", SI),
+    "Optimum of two": lambda: erosion.alpha_max("linearized", SI.replace(k=np.array([1.5, 2.0]))),
     "Parameters": lambda: SI,
+    "Parameters that broadcast": lambda: SI.replace(alpha=np.linspace(0.1, 0.5, 5), k=np.array([[1.5], [2.0], [2.5]])),
     "Posterior": drawn,
     "PosteriorRanking": lambda: erosion.rank_posteriors(
         P, data(), ["psi"], models=["linearized", "finnie"], draws=125, discrepancy=False
@@ -144,7 +146,8 @@ def values(result: Any) -> list[Value]:
 
 def is_numeric(plain: Any) -> bool:
     """Whether it is a number or numbers, of the same count in each row."""
-    return all(isinstance(each, float) for each in np.ravel(np.array(plain, dtype=object)))
+    numbers = np.ravel(np.array(plain, dtype=object))
+    return numbers.size > 0 and all(isinstance(each, float) for each in numbers)
 
 
 @pytest.mark.parametrize("kind", MAKERS)
@@ -188,7 +191,12 @@ def test_all_outputs_have_the_numbers_that_it_declares(kind: str) -> None:
             np.testing.assert_equal(dataset[value.name].values.tolist(), plain)
             assert dataset[value.name].attrs.get("units", "") == value.unit
         heading = f"{value.name} [{value.unit}]" if value.unit not in ("", "1") else value.name
-        if is_numeric(plain) and not (value.labels or isinstance(value.value, (list, tuple))):
+        if value.labels and value.name in dataset:
+            (dim,) = dataset[value.name].dims
+            np.testing.assert_equal([dataset[value.name].sel({dim: label}).item() for label in value.labels], plain)
+        elif (
+            is_numeric(plain) and np.shape(value.value) in ((), (len(columns),)) and not isinstance(value.value, tuple)
+        ):
             in_lines = [float(line[heading]) for line in columns]
             np.testing.assert_equal(in_lines, [*np.broadcast_to(plain, len(columns))])
 

@@ -136,6 +136,8 @@ def test_the_best_angle_of_a_narrow_stream_is_the_particles():
     assert result.nozzle.curve.argmax() == np.abs(result.nozzle.angles - exact).argmin()
     dataset, numbers = result.to_dataset(), result.to_dict()
     assert float(dataset.alpha_max) == numbers["alpha_max"] == result.nozzle.alpha.value
+    assert float(dataset.quantiles.sel(quantile=0.05)) == numbers["quantiles"]["0.05"] == result.quantiles[0.05]
+    assert dataset.alpha_max_interval.dims == ("alpha_max_interval_0",)
     assert numbers["model"] == "linearized"
     assert numbers["parameters"]["v0"] == 4400
     assert numbers["units"]["alpha_max"] == "rad"

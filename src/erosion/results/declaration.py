@@ -50,8 +50,9 @@ class Value:
             of one unit then share it within a table where they can.
         digits: significant ones, in tables.
         error: the standard error, of the same shape; data name it `NAME_error`.
-        dims: of an array; without names for an array of impacts.
-        labels: along the only dimension: a row each in a table, keys in JSON.
+        dims: of an array; without them an array of impacts has `dim_0`, …, an interval or an array of another shape
+            dimensions by its name.
+        labels: along the only dimension: a row each in a table, keys in JSON, a coordinate in files.
         marks: what qualifies it.
         only: see `Output`.
     """
@@ -65,7 +66,7 @@ class Value:
     digits: int = 6
     error: Any = None
     dims: Sequence[str] | None = None
-    labels: Sequence[str] = ()
+    labels: Sequence[str] | Sequence[float] = ()
     marks: Sequence[Mark] = ()
     only: Output = ""
 

@@ -78,7 +78,7 @@ def record(declared: Iterable[Declared], *, has_units: bool = False) -> Record:
     made: Record = {}
     for value in values:
         for name, number in _numbers(value):
-            labelled = dict(zip(value.labels, number, strict=True)) if value.labels else number
+            labelled = dict(zip(map(str, value.labels), number, strict=True)) if value.labels else number
             made[name] = _beside_unit(to_plain(labelled), value, has_units=has_units)
     for group in groups:
         length = len(group.values[0].value) if group.values else 0
@@ -113,8 +113,7 @@ def csv(declared: Iterable[Declared]) -> str:
         for name, number in _numbers(value):
             if not (value.labels or isinstance(number, (list, tuple, type(None)))) and _is_storable(_array(number)):
                 columns[f"{name} [{value.unit}]" if value.unit not in ("", "1") else name] = np.asarray(number)
-    shapes = Counter(array.shape for array in columns.values() if array.ndim)
-    (shape, _), *_ = shapes.most_common(1) or [((), 0)]
+    shape = _most_common_shape(columns.values())
     fitting = {name: array for name, array in columns.items() if array.shape in ((), shape)}
     return to_csv({name: np.broadcast_to(array, shape).ravel().tolist() for name, array in fitting.items()})
 
@@ -125,12 +124,15 @@ def dataset(title: str, declared: Iterable[Declared], attributes: Mapping[str, s
 
     values, groups = _apart(declared, "data", "file")
     variables: dict[str, Any] = {}
+    arrays = [value.value for value in values if not (value.dims or value.labels or isinstance(value.value, tuple))]
+    impacts = _most_common_shape(map(_array, arrays))
     for value in values:
         dims = value.dims or ([f"{value.name}_of"] if value.labels else None)
         for name, number in _numbers(value):
             array = _array(number)
             if _is_storable(array):
-                variables[name] = (dims or [f"dim_{i}" for i in range(array.ndim)], array, _attributes(value))
+                stem = "dim" if array.shape == impacts else value.name
+                variables[name] = (dims or [f"{stem}_{i}" for i in range(array.ndim)], array, _attributes(value))
         if value.labels and dims:
             variables[dims[0]] = (dims, _array(value.labels))
     for group in groups:
@@ -181,6 +183,12 @@ def _column(values: Sequence[Any]) -> np.ndarray:
 def _array(value: Any) -> np.ndarray:
     array = np.asarray(value)
     return array.astype(object) if array.dtype.kind in "US" else array
+
+
+def _most_common_shape(arrays: Iterable[np.ndarray]) -> tuple[int, ...]:
+    """The shape of the arrays of impacts; () where all are single numbers."""
+    shapes = Counter(array.shape for array in arrays if array.ndim)
+    return shapes.most_common(1)[0][0] if shapes else ()
 
 
 def _is_storable(array: np.ndarray) -> bool:

@@ -339,7 +339,7 @@ class Stream(Result):
             declare_result("total_volume", self.total_volume, units),
             RESULTS["volume"].declare(
                 "quantiles", np.array([*self.quantiles.values()]), units, dims=("quantile",),
-                labels=[f"{share:g}" for share in self.quantiles], meaning="no more by this share of the particles",
+                labels=[*self.quantiles], meaning="no more by this share of the particles",
             ),
             Value(
                 "shares", [share.value for share in self.shares.values()], meaning="of the particles",
