@@ -21,7 +21,7 @@ from erosion.cfd.map_result import MapSummary
 from erosion.distributions import Normal
 from erosion.fits.predicted import predictions
 from erosion.output.tables import to_json, to_plain
-from erosion.results import Result, Value, from_attribute, render
+from erosion.results import Columns, Result, Value, from_attribute, render
 from erosion.sweeps.summary import Comparison, SweepSummary
 from tests.cfd.tables import Table, hump
 
@@ -199,6 +199,34 @@ def test_all_outputs_have_the_numbers_that_it_declares(kind: str) -> None:
         ):
             in_lines = [float(line[heading]) for line in columns]
             np.testing.assert_equal(in_lines, [*np.broadcast_to(plain, len(columns))])
+
+
+@pytest.mark.parametrize("kind", [kind for kind in MAKERS if kind not in OLD])
+def test_files_have_the_columns_that_it_declares(kind: str) -> None:
+    result = made(kind)
+    dataset = result.to_dataset()
+    for group in result.declare():
+        if isinstance(group, Columns) and group.only in ("", "data"):
+            for value in group.values:
+                if value.only != "table":
+                    assert_known_alike(dataset[f"{group.name}_{value.name}"].values.tolist(), to_plain(value.value))
+
+
+def test_a_word_or_number_that_is_not_known_is_a_gap_in_files() -> None:
+    words, numbers = ["stop", None], [None, 2.0]
+    declared = [Columns("models", "Models", [Value("end", words), Value("volume", numbers, unit="m^3")])]
+    dataset, lines = render.dataset("", declared, {}), list(csv.DictReader(render.csv(declared).splitlines()))
+    assert_known_alike(dataset.models_end.values.tolist(), words)
+    assert_known_alike(dataset.models_volume.values.tolist(), numbers)
+    assert [line["end"] for line in lines] == ["stop", ""]
+    assert [line["volume [m^3]"] for line in lines] == ["nan", "2.0"]
+    assert render.record(declared)["models"][1] == {"end": None, "volume": 2.0}
+
+
+def assert_known_alike(stored: list[Any], values: list[Any]) -> None:
+    """An empty word stands for a word that is not known, NaN for a number."""
+    unknown = "" if any(isinstance(value, str) for value in values) else np.nan
+    np.testing.assert_equal(stored, [unknown if value is None else value for value in values])
 
 
 @pytest.mark.parametrize("kind", [kind for kind in MAKERS if kind not in OLD])

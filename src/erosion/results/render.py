@@ -176,8 +176,9 @@ def _attributes(value: Value) -> dict[str, str]:
 
 
 def _column(values: Sequence[Any]) -> np.ndarray:
-    """A column as an array; NaN where a number is not known."""
-    return np.array([np.nan if value is None else value for value in values])
+    """A column as an array; where a value is not known an empty word, or NaN among numbers."""
+    unknown = "" if any(isinstance(value, str) for value in values) else np.nan
+    return np.array([unknown if value is None else value for value in values])
 
 
 def _array(value: Any) -> np.ndarray:
