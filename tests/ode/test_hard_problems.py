@@ -1059,3 +1059,18 @@ def test_a_quotient_in_a_loop_is_a_quotient():
 
     y = np.arange(1.0, 100.0)
     np.testing.assert_array_equal(Lanewise(equals, (number,))(y), 1.0)
+
+
+@pytest.mark.parametrize("power", [lambda square: jnp.sqrt(square), lambda square: square**0.5])
+def test_second_derivatives_across_a_double_zero_of_a_root_are_nan_or_right(power):
+    """∫ √(5 x² + ε²) dt with x = t - p; of ε = 0 the second derivative is that of a kink."""
+    p, small = 1.0, np.array([0.0, 1e-4, 1e-2])
+    path = growth(lambda t, u, args: power(5 * (t - args["p"]) ** 2 + args["small"] ** 2))
+    end = ode.solve(path, {"p": p, "small": small}, t1=3.0, wrt="p", derivatives=2)
+    first = np.sqrt(5 * p**2 + small**2) - np.sqrt(5 * (3 - p) ** 2 + small**2)
+    np.testing.assert_allclose(end.along("p").y["u"], first, rtol=1e-7)
+    second = [5 * x / np.sqrt(5 * x**2 + small[1:] ** 2) for x in (3 - p, p)]
+    found = end.along("p", "p").y["u"]
+    assert np.isnan(found[0])
+    np.testing.assert_allclose(found[1:], sum(second), rtol=1e-6)
+    assert any("root" in warning for warning in end.warnings)

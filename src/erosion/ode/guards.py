@@ -6,6 +6,7 @@ A program has a list of guards, chosen where it is traced. What a guard remember
 import functools
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 
 from erosion.arguments import Flag, Scalar
@@ -15,12 +16,13 @@ from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.methods.base import Step
 from erosion.ode.methods.runge_kutta import RungeKutta
 from erosion.ode.reduction import Rows
-from erosion.ode.step_control import SLIDES, STIFF, UNFINISHED, Control, goes_on
+from erosion.ode.step_control import FAILED, SLIDES, STIFF, UNFINISHED, Control, goes_on
 
 MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start, or jumps, is taken this much later
 ULPS = 1e-15  # of a number, at least: then it is another one
 _MANY_STIFF = 12  # steps, more than others, that are short although the motion is smooth: it is stiff
 _BEYOND = 1e-9  # of the time scale: a bound below zero that would take so long is no rounding
+_TOUCHES = 0.1  # of the square of a rate: a parabola's least value as near zero is not resolved by a step
 _FAR = 200  # steps: a nearer end is reached all the same
 
 
@@ -104,11 +106,37 @@ class Stiffness(Guard):
         return Decided(count, step, control._replace(mode=mode, event=event))
 
 
+class Roots(Guard):
+    """A lane with second derivatives fails where what a square root is taken of touches zero within a step.
+
+    The root has a kink there, as √(v² + w²) has where a body comes to rest. First derivatives of the motion bend at
+    the kink, and no step sees what the second ones gain by that.
+    """
+
+    def decided(self, memory: Any, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
+        """See `Guard`."""
+        problem, length, lost = self.problem, lane.control.trial, jnp.asarray(False)
+        width = problem.width
+        before, after = (
+            jax.jvp(problem.under_square_roots, (rows[:width],), (slope[:width],))
+            for rows, slope in ((lane.state, lane.slope), (step.state, step.slope))
+        )
+        for value, rate, other, later in zip(*before, *after, strict=True):
+            # The parabola of both rates: its least value is zero where the square of a rate is 2 value · bend.
+            greater = value > other
+            farther, slope = jnp.where(greater, value, other), jnp.where(greater, rate, later)
+            touching = 2.0 * farther * (later - rate) / length
+            lost = lost | ((rate < 0) & (later > 0) & (jnp.abs(slope * slope - touching) < _TOUCHES * touching))
+        return Decided(memory, step, control._replace(mode=jnp.where(moved & lost, FAILED, control.mode)))
+
+
 def guards_of(problem: LaneEquations, rtol: Scalar) -> list[Guard]:
     """Those that a program needs."""
     guards: list[Guard] = []
     if problem.switches is not None:
         guards.append(InModes(problem, rtol))
+    if problem.order == 2 and problem.nonsmooth and problem.options.arm_on_return and problem.has_square_roots:
+        guards.append(Roots(problem, rtol))
     if problem.detects_stiffness and isinstance(problem.method, RungeKutta):
         guards.append(Stiffness(problem, rtol, problem.method))
     return guards

@@ -54,6 +54,15 @@ def radicands(equation: Equation, moves: Sequence[bool]) -> list[Atom]:
     return [equation.invars[0]] if equation.primitive.name in ("sqrt", "rsqrt", "pow") and moves[0] else []
 
 
+def square_roots(equation: Equation, moves: Sequence[bool]) -> list[Atom]:
+    """Of what an operation takes a square root, or a power as low: it has a kink where that touches zero."""
+    if equation.primitive.name != "pow":
+        return [equation.invars[0]] if equation.primitive.name == "sqrt" else []
+    base, exponent = equation.invars
+    low = not isinstance(exponent, Literal) or np.any(exponent.val <= 0.5)
+    return [base] if moves[0] and low else []
+
+
 def operands_of(
     which: Callable[[Equation, Sequence[bool]], list[Atom]],
     closed: ClosedJaxpr, operands: Sequence[Scalar], varies: Sequence[bool],

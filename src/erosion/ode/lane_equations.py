@@ -9,7 +9,7 @@ from jax.extend.core import Jaxpr
 
 from erosion.arguments import Number, Scalar
 from erosion.ode.crossings import Ends
-from erosion.ode.kinks import divisors, is_nonsmooth, may_have_kinks, operands_of, radicands
+from erosion.ode.kinks import divisors, is_nonsmooth, may_have_kinks, operands_of, radicands, square_roots
 from erosion.ode.methods import method_of
 from erosion.ode.reduction import Rows, are_affine
 from erosion.ode.step_control import Limits
@@ -125,6 +125,15 @@ class LaneEquations:
     def under_roots(self, rows: Rows) -> list[Scalar]:
         """Of what the rates of the motion itself take roots."""
         return operands_of(radicands, jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
+
+    def under_square_roots(self, rows: Rows) -> list[Scalar]:
+        """Of what they take square roots."""
+        return operands_of(square_roots, jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
+
+    @functools.cached_property
+    def has_square_roots(self) -> bool:
+        """Whether they take any."""
+        return bool(jax.eval_shape(self.under_square_roots, self.initial[: self.width]))
 
     def members(self, rows: Rows) -> tuple[Augmented, ...]:
         """Value and derivatives of a state."""
