@@ -430,6 +430,11 @@ def test_derivatives_across_a_whole_number_within_a_loop_are_refused(index):
     with pytest.raises(ValueError, match="loop"):
         ode.solve(climb, {"u0": 0.2}, t1=1.5, wrt="u0")
     assert any("loop" in warning for warning in ode.solve(climb, {"u0": 0.2}, t1=1.5).warnings)
+    end = ode.solve(climb, {"u0": 0.2}, t1=1.5, gradient=True)
+    assert any("no gradient" in warning for warning in end.warnings)
+    assert not any("one integration" in warning for warning in end.warnings)
+    with pytest.raises(ValueError, match="loop"):
+        end.gradient(y={"u": 1.0})
 
 
 @pytest.mark.parametrize("smooth", [None, True])

@@ -337,6 +337,10 @@ class Solution(Result):
 
     def _going_forwards(self, has_result: np.ndarray) -> Iterator[str]:
         layout, timed = self.lanes.layout, self.times is not None
+        what = unlocated(layout)
+        if what:
+            yield f"There is no gradient, as the rates have {what} that are not located."
+            return
         count = np.count_nonzero(going_forwards(layout, np.asarray(self.stiff), timed=timed) & has_result)
         if count:
             elements = layout.offsets[self.lanes.arguments]
