@@ -1,5 +1,7 @@
 """Importance sampling against closed forms, and where annealing takes its place."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from erosion.fits.forward import make_forward
 from erosion.fits.importance import sample_near
 from erosion.fits.likelihood import make_likelihood
 from erosion.fits.prediction import drawn
+from erosion.fits.tempering import Misfit
 from tests.fits.test_tempering import Rows
 
 
@@ -29,6 +32,36 @@ def test_rows_that_are_linear_in_the_parameters_have_the_closed_posterior():
     np.testing.assert_allclose(near.chosen(2000, rng).mean(axis=0), mean, atol=0.1 * deviations.max())
 
 
+class TwoModes(Misfit):
+    """Modes at ±1.5 of the first parameter, by normal laws of σ 0.1; of the others the prior alone is known."""
+
+    sizes = (1,)
+
+    def squares(self, points, part):
+        first = points[:, 0]
+        logs = np.logaddexp(3 - 0.5 * ((first + 1.5) / 0.1) ** 2, -0.5 * ((first - 1.5) / 0.1) ** 2) + 0.5 * first**2
+        return 10 - 2 * logs, np.ones(len(points))
+
+
+@pytest.mark.parametrize("start", [1.0, -1.0])
+@pytest.mark.parametrize("names", [1, 6])
+def test_two_modes_count_by_their_shares(names, start):
+    begin = np.full(names, start)
+    near = sample_near(TwoModes(), begin, np.random.default_rng(1))
+    assert near.weights @ (near.points[:, 0] > 0) == pytest.approx(1 / (1 + np.exp(3)), abs=0.04)
+    assert near.log_evidence == pytest.approx(np.log(0.1 * (1 + np.exp(3))) - 5, abs=0.1)
+    assert near.effective > 500
+
+
+def test_points_at_which_the_model_fails_everywhere_have_no_effective_draw():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        nowhere = sample_near(
+            Rows(lambda points: np.full((len(points), 1), np.nan)), np.zeros(2), np.random.default_rng(0)
+        )
+    assert nowhere.effective == 0
+
+
 def test_points_at_which_the_model_fails_get_no_weight():
     def residuals(points):
         return np.where(points[:, :1] > 0, points[:, :1] - 0.2, np.nan)
@@ -40,11 +73,11 @@ def test_points_at_which_the_model_fails_get_no_weight():
 def test_parameters_that_only_a_product_determines_are_annealed():
     degrees = np.linspace(10.0, 80.0, 12)
     volume = np.asarray(impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees))).volume)
-    table = {"angle [deg]": degrees, "volume [in^3]": volume, "uncertainty [in^3]": np.full(12, 0.03 * volume.max())}
+    table = {"angle [deg]": degrees, "volume [in^3]": volume, "uncertainty [in^3]": np.full(12, 0.003 * volume.max())}
     forward = make_forward("linearized", TABLE_1, table, ["k", "psi", "sigma"], None, 1.0)
     misfit = Discrepant(make_likelihood(forward, {}), has_exponent=False, has_discrepancy=False)
     start = {name: float(getattr(TABLE_1, name)) for name in misfit.priors.laws}
-    assert sample_near(misfit, np.zeros(3), np.random.default_rng(0)).effective < 100
+    assert sample_near(misfit, np.zeros(3), np.random.default_rng(0)).effective < 500
     way = drawn(misfit, start, np.random.default_rng(0))
     product = way.values["psi"] * way.values["sigma"]
     assert np.median(product) == pytest.approx(float(TABLE_1.psi * TABLE_1.sigma), rel=0.02)
