@@ -2,6 +2,7 @@
 
 import functools
 
+import h5py
 import numpy as np
 import pytest
 from scipy import stats
@@ -204,6 +205,11 @@ def test_predictions_are_kept_in_the_file_of_draws(missed, tmp_path):
         "alpha": np.deg2rad((10.0, 85.0)), "v0": (0.6 * V0 * 0.0254, V0 * 0.0254), "m": 2 * (float(TABLE_1.to("si").m),)
     }.items()}  # fmt: skip
     assert draws.warnings == missed.warnings[len(missed.not_converged) :] != ()
+    # An older version kept the evidence of each population.
+    with h5py.File(path, "r+") as file:
+        file["prediction/model"].attrs["log_evidence"] = np.zeros(4)
+    with pytest.raises(ValueError, match=r"draws\.nc: was written by an older version"):
+        read_predictor(path)
 
 
 def test_what_rows_of_a_speed_share_is_kept_and_is_in_a_new_weighing(tmp_path):

@@ -248,6 +248,8 @@ def read_predictor(path: str | Path) -> Predictor:
         names = tuple(np.atleast_1d(about["free"]).tolist())
         forward = Forward(model.replace(**json.loads(about["own"])), p, names, data, density,
                           float(about["cutting_fraction"]))  # fmt: skip
+        if any(np.ndim(way.attrs["log_evidence"]) for way in ways.values()):
+            raise ValueError(f"{path}: was written by an older version, whose predictions cannot be read; fit again.")
         read = {
             str(name): {
                 "values": {str(of): column.values for of, column in way.data_vars.items()},
