@@ -5,7 +5,8 @@ import pytest
 
 from erosion import TABLE_1, calibrate, impact, next_test, posterior, rank_posteriors
 from erosion.distributions import Normal, Uniform
-from erosion.fits.next_test import NextTest, _discrimination, _narrowed
+from erosion.fits.next_test import NextTest, _discrimination, _Drawn, _narrowed
+from erosion.fits.prediction import Predictor
 from erosion.models.rigid import LinearizedCut
 
 
@@ -179,3 +180,24 @@ def test_conditions_broadcast_with_angles(drawn):
     np.testing.assert_array_equal(
         drawn.predict([[0.3], [0.5]], {"v0": [3000.0, 4000.0]}, 5, discrepancy=False)[:, 1, 0], alone
     )
+
+
+def test_an_angle_without_a_prediction_is_not_that_of_the_greatest_erosion(drawn, monkeypatch):
+    predict = Predictor.predict
+
+    def fails_first(self, alpha, *options, **named):
+        curves = predict(self, alpha, *options, **named)
+        curves[:, 0] = np.nan
+        return curves
+
+    expected = next_test(drawn).asked["alpha"]
+    monkeypatch.setattr(Predictor, "predict", fails_first)
+    assert next_test(drawn).asked["alpha"] == expected > np.deg2rad(10.0)
+    monkeypatch.setattr(Predictor, "predict", lambda self, alpha, *options: np.full((3, len(alpha)), np.nan))
+    with pytest.raises(ValueError, match="`for_prediction` must give an angle"):
+        next_test(drawn)
+
+
+def test_without_draws_nothing_is_known_of_the_parameters():
+    nothing = _Drawn(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty((0, 1)))
+    assert np.isnan(nothing.parameters_narrowed(0))

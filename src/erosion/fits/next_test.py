@@ -285,7 +285,7 @@ class _Drawn:
         """The mean share by which a row at a candidate narrows the parameters' intervals."""
         means = self.candidates[:, candidate]
         works, count = np.isfinite(means), len(means)
-        equal = np.full(count, 1 / count)[works]
+        equal = np.full(count, 1 / max(count, 1))[works]
         of_each = [
             _narrowed(means[works], self.errors[works, candidate], theta[works], equal) for theta in self.thetas.T
         ]
@@ -349,8 +349,11 @@ def _conditions(
     at = given.pop("alpha", None)
     if at is None:
         tested = np.deg2rad(tested_degrees(fit.data))
-        curve = np.nanmean(fit.predictor.predict(tested, {**usual, **given}), axis=0)
-        at = float(tested[int(np.argmax(curve))])
+        curves = fit.predictor.predict(tested, {**usual, **given})
+        works = np.isfinite(curves).any(axis=0)
+        if not works.any():
+            raise ValueError("Argument `for_prediction` must give an angle, because no tested one has a prediction.")
+        at = float(tested[works][int(np.argmax(np.nanmean(curves[:, works], axis=0)))])
     target = fit.forward.conditions(at, given, usual)
     if any(values.size != 1 for values in target.values()):
         raise ValueError(f"Argument `for_prediction` must have one number each, but is {briefly(asked)}.")
