@@ -95,10 +95,10 @@ class Uncertain:
                 raise ValueError(f"{where} must name {wanted}, but has {strange[0]}.")
 
     def of_metal(self, models: Mapping[str, CuttingModel]) -> "Uncertain":
-        """The same without the laws of particle and jet: predictions of a fit to other ones hold them already."""
+        """The same without the laws of particle and jet: they are of the tests of a fit, and an advice has its own."""
         known = {*OF_METAL, *(name for model in models.values() for name in own_parameters(model))}
         kept = {name: law for name, law in self.laws.items() if name in known}
-        return self if self.predictor is None else dataclasses.replace(self, laws=kept)
+        return dataclasses.replace(self, laws=kept)
 
     def _values(self, models: Mapping[str, CuttingModel], units: System) -> Iterator[str]:
         known = dict(FACTORS)

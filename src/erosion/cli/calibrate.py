@@ -502,7 +502,8 @@ class GivenFit:
             return None, draws
         source = str(self._case.case) if self._options.uncertain is None else ""
         with user_errors():
-            uncertain = lazy.Uncertain(laws, source, predictor=draws[0].predictor if draws else None).of_metal(models)
+            uncertain = lazy.Uncertain(laws, source, predictor=draws[0].predictor if draws else None)
+            uncertain = uncertain.of_metal(models) if draws else uncertain
             uncertain.require_of_metal(models, where)
         options = {name: name for name in self._case.given()}
         options |= {text.partition("=")[0].strip(): "set" for text in self._options.own or ()}
