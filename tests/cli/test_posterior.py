@@ -1,7 +1,9 @@
 """`erosion posterior` as a user types it."""
 
+import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -139,3 +141,24 @@ def test_all_files_of_a_ranking_are_of_one_model(shell):
         exit_status(["stream", "fitted.toml", "--uncertain", "post.nc", "--n", "128", "--alpha", "normal(30deg, 3deg)"])
         == 0
     )
+
+
+def test_a_case_file_names_no_draws_that_an_advice_refuses(shell):
+    """In tests in units of their own the scale has the influence of ψ."""
+    Path("rows.csv").write_text("angle [deg], erosion [-]\n15,1.9\n30,2.4\n45,2.05\n60,1.5\n75,1.1\n90,0.95\n")
+    words = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s", "--starts", "2"]
+    options = ["--free", "psi", "--model", "linearized", "--draws", "125", "--write-case", "f.toml", "--json"]
+    assert "f.toml: has no draws of the fit" in shell(["posterior", "rows.csv", *words, *options]).err
+    assert "uncertain" not in CaseFile.read("f.toml").section("advise")
+    assert exit_status(["advise", "f.toml"]) == 0
+
+
+def test_an_advice_tells_what_only_the_samples_say(shell):
+    Path("rows.csv").write_text("angle [deg], erosion [-]\n15,1.9\n30,2.4\n45,2.05\n60,1.5\n75,1.1\n90,0.95\n")
+    words = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s", "--starts", "2"]
+    shell(["calibrate", "rows.csv", *words, "--free", "k", "--model", "linearized", "--write-case", "f.toml"])
+    both, alone = CaseFile.read("f.toml").section("advise")["warning"], "The populations of draws disagree."
+    with h5py.File("f.nc", "r+") as file:
+        file["posterior"].attrs["warnings"] = json.dumps([both, alone])
+    told = [one["text"] for one in findings(shell(["advise", "f.toml", "--json"]).document)]
+    assert sum(alone in text for text in told) == sum(both in text for text in told) == 1

@@ -210,7 +210,11 @@ def samples_beside(case_file: Path | None) -> Path | None:
 
 
 def write_case(
-    path: Path, ranking: "lazy.Ranking", task: Fit, output: Output, samples: Path | None = None
+    path: Path,
+    ranking: "lazy.Ranking",
+    task: Fit,
+    output: Output,
+    drawn: "tuple[lazy.PosteriorRanking, Path] | None" = None,
 ) -> Path | None:
     """Write the best fit as a case file, and the file of its samples.
 
@@ -219,19 +223,20 @@ def write_case(
         ranking: the fits.
         task: what was asked.
         output: of the verb.
-        samples: a file of samples that is written already, to which the case file refers.
+        drawn: posteriors and the file of the best one, which is written already: the case file refers to it.
 
     Returns:
-        The file of samples; None, with a finding, where there is no parameter of an impact to sample.
+        The file of samples to which the case file refers; None, with a finding, where there is no parameter of an
+        impact to sample.
     """
     warnings = ranking.warnings_of_best
     with user_errors(lazy.CalibrationError):
-        if samples is None:
-            try:
-                ranking.best.rows_of_draws()
-                samples = ranking.best.save(path.with_suffix(".nc"), warnings)
-            except lazy.SamplingError:
-                output.warn(Finding("case_without_draws", str(path)))
+        try:
+            (ranking.best if drawn is None else drawn[0].best).rows_of_draws()
+            samples = ranking.best.save(path.with_suffix(".nc"), warnings) if drawn is None else drawn[1]
+        except lazy.SamplingError:
+            samples = None
+            output.warn(Finding("case_without_draws", str(path)))
         options = task.options.names()
         text = lazy.to_case(ranking.best, str(path), **options, warnings=warnings, samples=samples)
         lazy.write_whole(path, text.encode())
@@ -452,7 +457,7 @@ class GivenFit:
 
     def is_said(self, doubt: Finding) -> bool:
         """Whether the case file says what its samples say of the fit, too."""
-        return self._counts and doubt.code == STATED
+        return doubt.code == STATED and any(doubt.numbers["text"] in said.numbers["text"] for said in self.doubts)
 
     def words(
         self,

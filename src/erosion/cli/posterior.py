@@ -100,7 +100,8 @@ class _Files:
             if self.samples is not None:
                 posterior.save(self.samples)
         if self.case_file is not None:
-            write_case(self.case_file, ranking, task, output, self.samples)
+            assert self.samples is not None  # beside the case file
+            write_case(self.case_file, ranking, task, output, (posteriors, self.samples))
         with user_errors():
             for name, path in self.figures.items():
                 result: Any = posterior.alpha_max() if name == "plot_best_angles" else posterior
