@@ -17,7 +17,7 @@ from jaxtyping import PyTree
 
 from erosion.lanes.flatten import flatten, is_large
 from erosion.lanes.machine import MachineCode, ObjectCode, Processor, without_garbage_collection
-from erosion.lanes.program_files import Program, ProgramFile
+from erosion.lanes.program_files import KeptProgram, ProgramFile
 from erosion.lanes.scalars import aval_of
 from erosion.lanes.tapes import READ, WRITE
 from erosion.lanes.vector_ir import vector_ir
@@ -108,7 +108,7 @@ class Lanewise:
 
     def _keep(self, file: ProgramFile, made: ObjectCode) -> None:
         code, rows, numbers, is_repeatable = self._shared
-        file.write(Program(self.inputs, self.results, rows, numbers, is_repeatable, made, code.text))
+        file.write(KeptProgram(self.inputs, self.results, rows, numbers, is_repeatable, made, code.text))
 
     def __call__(self, *arguments: PyTree) -> PyTree:
         """The function of all lanes: leaves of shape (lanes, …), or of one lane's shape where all share it."""

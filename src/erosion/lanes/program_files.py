@@ -44,7 +44,7 @@ _MOST = 1000  # files; one of `rotating` with two derivatives has 150 kB
 _CHECK = hashlib.sha256().digest_size
 
 
-class Program(NamedTuple):
+class KeptProgram(NamedTuple):
     """A compiled function of one lane.
 
     Args:
@@ -77,7 +77,7 @@ class ProgramFile:
         surroundings = _surroundings()
         self._name = "" if surroundings is None else f"{hashed(surroundings, _loaded(), what).hex()[:40]}.program"
 
-    def read(self) -> Program | None:
+    def read(self) -> KeptProgram | None:
         """The program; None where there is no such file that can be read."""
         folder = _folder()
         if folder is None or not self._name:
@@ -95,7 +95,7 @@ class ProgramFile:
             os.utime(path)
         return pickle.loads(zlib.decompress(content[_CHECK:]))
 
-    def write(self, program: Program) -> None:
+    def write(self, program: KeptProgram) -> None:
         """Keep the program, in place of an earlier one; the oldest files make room."""
         folder = _folder()
         if folder is None or not self._name:
