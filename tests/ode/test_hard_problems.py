@@ -1079,3 +1079,15 @@ def test_second_derivatives_across_a_double_zero_of_a_root_are_nan_or_right(powe
     assert np.isnan(found[0])
     np.testing.assert_allclose(found[1:], sum(second), rtol=1e-6)
     assert any("root" in warning for warning in end.warnings)
+
+
+def test_a_softmax_of_many_has_derivatives():
+    """Its shift by the greatest number is no break: u' = Σ wᵢ softmax(cᵢ u)ᵢ, against differences."""
+    slopes = np.linspace(-1, 1, 40)
+    mixed = lambda t, u, args: jnp.sum(jnp.array(slopes) * jax.nn.softmax(jnp.array(slopes) * (u - args["c"])))  # noqa: E731
+    path = growth(mixed, y0=0.5)
+    end = ode.solve(path, {"c": 0.2}, t1=3.0, wrt="c", derivatives=2)
+    near = ode.solve(path, {"c": 0.2 + np.array([-1e-4, 1e-4])}, t1=3.0, wrt="c")
+    assert end.along("c").y["u"] == pytest.approx(np.diff(near.y["u"])[0] / 2e-4, rel=1e-6)
+    assert end.along("c", "c").y["u"] == pytest.approx(np.diff(near.along("c").y["u"])[0] / 2e-4, rel=1e-5)
+    assert not end.warnings

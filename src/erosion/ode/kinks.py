@@ -16,7 +16,7 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 from erosion.arguments import Flag, Scalar
 from erosion.lanes.scalars import Atom, Equation
 from erosion.ode.reduction import Rows, WholeMotion, elements_of, evaluate, known_values
-from erosion.ode.switches import SMOOTH_FUNCTIONS, SwitchedMotion, is_always_zero, switches_of
+from erosion.ode.switches import SMOOTH_FUNCTIONS, SwitchedMotion, is_always_zero, shifts_of, switches_of
 from erosion.ode.variational import Augmented, Layout
 
 _MOMENT = 1e-8  # of the time scale: so soon before and after an event a smooth rate is the same
@@ -115,9 +115,10 @@ def is_nonsmooth(jaxpr: Jaxpr, varies: list[bool]) -> bool:
     """Whether an operation on the arguments that vary is not smooth."""
     varying = {variable for variable, moves in zip(jaxpr.invars, varies, strict=True) if moves}
     pivoted: set[Atom] = set()  # jumps where rows are exchanged; a solution of the system does not
+    shifts = shifts_of(jaxpr)
     for equation in jaxpr.eqns:
         moves = [not isinstance(atom, Literal) and atom in varying for atom in equation.invars]
-        if not any(moves):
+        if not any(moves) or not shifts.isdisjoint(equation.outvars):
             continue
         if equation.primitive.name in ("eq", "ne"):
             continue  # it holds, or not, all the way

@@ -315,23 +315,24 @@ class _Rewriting:
             number = np.asarray(atom.val)
             return _Value(atom.val, False, self.key_of(str(number.dtype), number.tobytes()))
 
+        shifts = shifts_of(jaxpr)
         for equation in jaxpr.eqns:
             operands = [read(atom) for atom in equation.invars]
-            made = self._made(jaxpr, equation, operands)
+            made = self._made(jaxpr, equation, operands, is_shift=not shifts.isdisjoint(equation.outvars))
             values.update(zip(equation.outvars, made, strict=True))
         return [read(atom) for atom in jaxpr.outvars]
 
     def key_of(self, *parts: Hashable) -> int:
         return self._numbered.setdefault(parts, len(self._numbered))
 
-    def _made(self, jaxpr: Jaxpr, equation: Equation, operands: list[_Value]) -> list[_Value]:
+    def _made(self, jaxpr: Jaxpr, equation: Equation, operands: list[_Value], *, is_shift: bool) -> list[_Value]:
         """The results of an operation."""
         name, numbers = equation.primitive.name, [operand.number for operand in operands]
         keys = tuple(operand.key for operand in operands)
         if any(operand.moves for operand in operands):
             types = [np.dtype(getattr(atom.aval, "dtype", float)) for atom in equation.invars]
             real, moving = [np.issubdtype(each, np.floating) for each in types], [each.moves for each in operands]
-            if name in _BREAKING and real[-1] and not self._by_hand:
+            if name in _BREAKING and real[-1] and not self._by_hand and not is_shift:
                 key = self.key_of(name, str(equation.params), keys)
                 number, moves = _BREAKING[name](self, equation, operands)
                 return [_Value(number, moves, key)]
@@ -588,6 +589,8 @@ SMOOTH_FUNCTIONS = frozenset({"sincos", "between"})
 _LOOPS = frozenset({"while", "scan"})
 _SORTING = frozenset({"sort", "argmax", "argmin", "cummax", "cummin", "top_k", "approx_top_k"})
 
+_EXTREMES = frozenset({"max", "min", "reduce_max", "reduce_min"})
+
 _STEADY = frozenset({"eq", "ne", "is_finite"})
 """What is the same all the way, but at single moments."""
 
@@ -763,6 +766,21 @@ def _has_loop(jaxpr: Jaxpr) -> bool:
         or any(_has_loop(inner) for inner, _ in _called(each, [True] * len(each.invars)))
         for each in jaxpr.eqns
     )
+
+
+def shifts_of(jaxpr: Jaxpr) -> set[Var]:
+    """The greatest and least numbers of a function that only pass `stop_gradient`, as the shift of a softmax does.
+
+    A function that is shifted by them is smooth all the same: its author says so.
+    """
+    counts, shifts = {atom for atom in jaxpr.outvars if not isinstance(atom, Literal)}, set()
+    for equation in reversed(jaxpr.eqns):
+        name = equation.primitive.name
+        if counts.isdisjoint(equation.outvars):
+            shifts |= set(equation.outvars) if name in _EXTREMES else set()
+        elif name != "stop_gradient":
+            counts |= {atom for atom in equation.invars if not isinstance(atom, Literal)}
+    return shifts
 
 
 def _described(equation: Equation) -> Hashable:
