@@ -32,7 +32,6 @@ from jaxtyping import PyTree
 
 from erosion.lanes.digests import hashed
 from erosion.lanes.machine import ObjectCode, this_machine
-from erosion.version import __version__
 
 CACHE = "EROSION_CACHE"
 """The environment variable: a folder for compiled programs, or nothing (`EROSION_CACHE=`) to keep none."""
@@ -145,7 +144,7 @@ def _surroundings() -> bytes | None:
     code = (part for file in files for part in (str(file), file.read_bytes()))
     libraries = (library.__version__ for library in (jax, jaxlib, np, llvmlite))
     equinox = importlib.metadata.version("equinox")  # which users' modules are of
-    return hashed(*code, __version__, *libraries, equinox, sys.version, platform.platform(), *this_machine())
+    return hashed(*code, *libraries, equinox, sys.version, platform.platform(), *this_machine())
 
 
 def _loaded() -> bytes:
