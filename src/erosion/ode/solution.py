@@ -249,7 +249,8 @@ class Solution(Result):
 
         assert self.times is not None
         assert before.times is not None
-        inexact = np.asarray(self.inexact) | np.asarray(before.inexact)
+        either = jnp.logical_or if isinstance(self.inexact, jax.Array) else np.logical_or
+        inexact = either(self.inexact, before.inexact)
         times = of(self.times, before.times)
         return dataclasses.replace(self, times=times, inexact=inexact, earlier=(before, flags))
 
