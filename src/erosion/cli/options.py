@@ -357,7 +357,7 @@ def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:
     return made
 
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _BARE_LAW = re.compile(r"[a-z-]+\([\d\s.,eE+-]*\)")
 
 
