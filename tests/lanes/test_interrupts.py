@@ -20,18 +20,30 @@ from erosion.lanes.lanewise import Lanewise, number
 _ENDLESS = '''
 """A lip whose force is found by a search that never ends."""
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
 import erosion
 
 
-class Endless(erosion.models.ForceLaw):
+@jax.custom_jvp
+def searched(depth):
     """A search for a number that is not there."""
+    return lax.while_loop(lambda x: x < jnp.inf, lambda x: -x, depth)
+
+
+@searched.defjvp
+def searched_jvp(primals, tangents):
+    return searched(*primals), tangents[0]
+
+
+class Endless(erosion.models.ForceLaw):
+    """A force that never comes."""
 
     def __call__(self, state, tip, p):
         """Return (F_x, F_y)."""
-        depth = lax.while_loop(lambda x: x < jnp.inf, lambda x: -x, tip.depth)
+        depth = searched(tip.depth)
         return -p.stiffness * depth, -p.k * p.stiffness * depth
 
     def typical_ratio(self, p):
