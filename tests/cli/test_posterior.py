@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from erosion.cli import exit_status
-from erosion.cli.calibrate import Fit
+from erosion.cli.calibrate import FitTask
 from erosion.fits.fit_files import model_of_draws
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.case_files import CaseFile
@@ -83,7 +83,7 @@ def test_the_next_test(table, shell):
     ],
 )
 def test_mistakes_in_the_next_test_are_found_before_anything_is_computed(table, shell, monkeypatch, options, message):
-    monkeypatch.setattr(Fit, "measured", lambda *arguments: pytest.fail("is computed"))
+    monkeypatch.setattr(FitTask, "measured", lambda *arguments: pytest.fail("is computed"))
     assert message in shell(["posterior", str(table), "--free", "psi", *options], 2).err
 
 

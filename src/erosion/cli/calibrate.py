@@ -66,7 +66,7 @@ class FitOptions(PerMassOptions):
 
 
 @dataclasses.dataclass(frozen=True)
-class Fit:
+class FitTask:
     """Data, case and models of a fit; `given_fit` makes it of the options.
 
     Args:
@@ -151,7 +151,7 @@ def given_fit(
     model: list[str] | None,
     own: list[str] | None,
     table: TableOptions | None,
-) -> Fit:
+) -> FitTask:
     """The fit that options ask for.
 
     Args:
@@ -184,7 +184,7 @@ def given_fit(
         (own and len(names) > 1, f"`--set` needs one model, but `--model` names {', '.join(names)}."),
         kind=InputError,
     )  # fmt: skip
-    return Fit(data, table, case, p, fit, names, of_model)
+    return FitTask(data, table, case, p, fit, names, of_model)
 
 
 def dimension_of(name: str, models: Sequence[Any], units: "lazy.System") -> "lazy.Dimension":
@@ -212,7 +212,7 @@ def samples_beside(case_file: Path | None) -> Path | None:
 def write_case(
     path: Path,
     ranking: "lazy.Ranking",
-    task: Fit,
+    task: FitTask,
     output: Output,
     drawn: "tuple[lazy.PosteriorRanking, Path] | None" = None,
 ) -> Path | None:

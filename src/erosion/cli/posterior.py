@@ -13,8 +13,8 @@ from cyclopts import Parameter
 from erosion.cli import lazy
 from erosion.cli.calibrate import (
     DataFile,
-    Fit,
     FitOptions,
+    FitTask,
     WriteCaseOption,
     as_json,
     dimension_of,
@@ -88,7 +88,7 @@ class _Files:
 
     def write(
         self,
-        task: Fit,
+        task: FitTask,
         ranking: "lazy.Ranking",
         posteriors: "lazy.PosteriorRanking",
         following: "lazy.NextTest | None",
@@ -251,7 +251,7 @@ def posterior(
 
 
 def _draw(
-    task: Fit,
+    task: FitTask,
     ranking: "lazy.Ranking",
     measured: "lazy.Measurements",
     laws: Mapping[str, Any],
