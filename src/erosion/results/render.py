@@ -31,7 +31,7 @@ _UNKNOWN = "–"
 _SHARED = (1e-3, 1e6)  # numbers within these need no power of ten: a unit that values share
 
 
-class TextTable(NamedTuple):
+class PrintedTable(NamedTuple):
     """A table for people, all cells as text.
 
     Args:
@@ -58,14 +58,14 @@ class TextTable(NamedTuple):
         return to_html(self.title, self.rows, self.headings) + notes
 
 
-def tables(title: str, declared: Iterable[Declared]) -> list[TextTable]:
+def tables(title: str, declared: Iterable[Declared]) -> list[PrintedTable]:
     """The values as rows of one table, then each group of columns as a table of its own."""
     values, groups = _apart(declared, "table")
     made = []
     if values:
         notes = _Notes()
         rows = [row for value, scale in zip(values, _scales(values), strict=True) for row in _rows(value, scale, notes)]
-        made.append(TextTable(title, rows, notes=notes.sentences))
+        made.append(PrintedTable(title, rows, notes=notes.sentences))
     for group in groups:
         if group.values and len(group.values[0].value):
             made.append(_table(group, group.title if made else title))
@@ -236,7 +236,7 @@ def _rows(value: Value, scale: Scale, notes: "_Notes") -> Iterator[Row]:
         yield Row(f"{value.name} {label}", value.symbol, cell + notes.signs(value, i), scale.unit, value.meaning)
 
 
-def _table(group: Columns, title: str) -> TextTable:
+def _table(group: Columns, title: str) -> PrintedTable:
     """Columns as a table."""
     shown = [value for value in group.values if value.only != "data"]
     notes, columns, headings, numbers = _Notes(), [], [], []
@@ -247,7 +247,7 @@ def _table(group: Columns, title: str) -> TextTable:
                         for i, (number, error) in enumerate(zip(value.value, errors, strict=True))])  # fmt: skip
         if not all(isinstance(number, (str, bool, np.bool_)) for number in value.value):
             numbers.append(at)
-    return TextTable(title, list(zip(*columns, strict=True)), headings, numbers, notes.sentences)
+    return PrintedTable(title, list(zip(*columns, strict=True)), headings, numbers, notes.sentences)
 
 
 def _cell(number: Any, error: Any, value: Value, scale: Scale) -> str:

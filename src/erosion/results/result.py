@@ -55,11 +55,11 @@ class Result(abc.ABC):
         """The first table, all cells as text."""
         return render.tables(self.title, self.declare())[0].rows
 
-    def tables(self) -> list[render.TextTable]:
+    def tables(self) -> list[render.PrintedTable]:
         """The tables for people."""
         declared = self.declare()
         return render.tables(self.title, declared) if declared else [
-            render.TextTable(self.title, self.rows(), self.headings)
+            render.PrintedTable(self.title, self.rows(), self.headings)
         ]  # fmt: skip
 
     def to_dict(self) -> Record:
