@@ -67,8 +67,8 @@ def test_a_dip_before_the_end_is_not_looked_for_for_ever():
         k=3.416359702877047, v0=3865.5369915730844, r=0.18975583800561208, phidot0=-5538.944996032343,
         inertia=0.5376768582569, alpha=np.deg2rad(29.335018174890664) + 1e-9 * np.arange(-500, 500),
     )  # fmt: skip
-    layout, numbers = split(erosion.load_model("rotating"), p)
-    results = integrate(layout, numbers, 1000, 0, (), 1e-9)
+    signature, numbers = split(erosion.load_model("rotating"), p)
+    results = integrate(signature, numbers, 1000, 0, (), 1e-9)
     assert results.trials.max() < 100
     assert np.all(results.outcome < 2)
 
@@ -169,8 +169,8 @@ def test_a_stop_within_a_fast_oscillation_is_not_stepped_over():
     p = P.replace(psi=1e-6, alpha=0.3141, phidot0=-2958.0)
     assert erosion.impact("rotating", p).volume == pytest.approx(6.7725336, rel=1e-8, abs=0)
     # At once: not because a lane of so many steps is integrated again.
-    layout, numbers = split(erosion.load_model("rotating"), p)
-    first = integrate(layout, numbers, 1, 0, (), 1e-9, refines=False)
+    signature, numbers = split(erosion.load_model("rotating"), p)
+    first = integrate(signature, numbers, 1, 0, (), 1e-9, refines=False)
     assert first.outputs.value[0][0] == pytest.approx(6.7725336, rel=1e-8, abs=0)
 
 

@@ -128,8 +128,8 @@ def test_a_lane_of_rounding_alone_fails_soon():
         alpha=0.5645325433252832,
     )
     model = erosion.load_model("rotating")
-    layout, numbers = split(model, hopeless)
-    results = integrate(layout, numbers, 1, 2, (element_of(model, "alpha"),), 3e-13)
+    signature, numbers = split(model, hopeless)
+    results = integrate(signature, numbers, 1, 2, (element_of(model, "alpha"),), 3e-13)
     assert end_names(model)[results.outcome[0]] == "failed"
     assert results.trials < 1000
     assert erosion.impact(model, hopeless, derivatives=2).ended_by == "rebound"
@@ -237,8 +237,8 @@ LAYOUTS = {
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_an_array_of_any_layout_gives_the_same_bits(layout) -> None:
-    given = LAYOUTS[layout](TWELVE)
+def test_an_array_of_any_layout_gives_the_same_bits(signature) -> None:
+    given = LAYOUTS[signature](TWELVE)
     expected = [
         erosion.impact("rotating", P.replace(alpha=alpha)).volume for alpha in np.ravel(np.asarray(given, float))
     ]
@@ -294,8 +294,8 @@ _P = erosion.TABLE_1.replace(phidot0=2e4)
 
 
 def _reduced(model):
-    layout, numbers = split(model, _P)
-    return reduced_motion_of(layout)(numbers)
+    signature, numbers = split(model, _P)
+    return reduced_motion_of(signature)(numbers)
 
 
 @pytest.mark.parametrize("name", erosion.available_models())

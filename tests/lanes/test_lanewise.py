@@ -19,7 +19,7 @@ from jax import lax
 
 from erosion.lanes import machine
 from erosion.lanes.flatten import NotForLanesError, flatten
-from erosion.lanes.graph import Loop, Region, Value
+from erosion.lanes.graph import GraphValue, Loop, Region
 from erosion.lanes.lanewise import Lanewise, number
 from erosion.lanes.machine import LLVMLITE, Processor, require_llvmlite, this_machine
 from erosion.lanes.vector_ir import vector_ir
@@ -253,7 +253,7 @@ def test_threads_share_a_function(monkeypatch):
 
 
 def _ops(region: Region) -> list[str]:
-    return [step.op for step in region.steps if isinstance(step, Value)]
+    return [step.op for step in region.steps if isinstance(step, GraphValue)]
 
 
 def test_what_a_loop_does_not_change_is_computed_before_it():

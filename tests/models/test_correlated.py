@@ -10,7 +10,7 @@ import erosion
 from erosion.correlations import FinnieMaterial
 from erosion.models import Correlated, correlated, made_for, model_name, own_parameters
 from erosion.models.correlated import CorrelatedByFlowStress, per_mass_of
-from erosion.models.equations import flaw
+from erosion.models.equations import error_in
 from erosion.parameters.materials import known_targets
 from erosion.results import from_attribute
 from tests.documents import findings
@@ -33,7 +33,7 @@ def expected(name, alpha, material=None):
 @pytest.mark.parametrize("name", erosion.CORRELATIONS)
 def test_volume_and_derivatives_are_the_correlations(name):
     model, alpha = erosion.load_model(name), float(P.alpha)
-    assert flaw(model) is None
+    assert error_in(model) is None
     assert model_name(model) == name
     hit = erosion.impact(model, SI, derivatives=2)
     slope = jax.grad(lambda a: expected(name, a))

@@ -16,7 +16,7 @@ from erosion.checks.verify import Subject
 from erosion.impacts.optimum import EndTime
 from erosion.models import ConstantRatio, DeformationWear, Finnie, ForceLaw, FullTorque, Linearized, Torque
 from erosion.models.base import own_parameters, own_quantities, quantities, replaced, sizes, values, with_values
-from erosion.models.equations import flaw, model_digest
+from erosion.models.equations import error_in, model_digest
 from erosion.parameters.quantities import conversion_factor
 from tests.reference import closed_form
 
@@ -151,7 +151,7 @@ FRICTIONS = np.array([0.0, 0.2, 0.5])
 
 def test_an_array_is_a_number_for_each_impact():
     model, angles = MODEL.replace(friction=FRICTIONS), np.deg2rad([[10.0], [30.0]])
-    assert flaw(model) is None
+    assert error_in(model) is None
     found = erosion.impact(model, P.replace(alpha=angles), derivatives=2, wrt=["friction", "k"])
     assert found.d2volume.shape == (2, 3, 2, 2)
     for i, friction in enumerate(FRICTIONS):

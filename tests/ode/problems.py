@@ -9,27 +9,27 @@ import numpy as np
 from erosion.ode.batch import integrate
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Problem, is_number, struct_of
-from erosion.ode.variational import Layout, Options
+from erosion.ode.variational import Options, Signature
 
 
-def lanes_of(problem: Problem, args: Any, options: Options | None = None) -> tuple[Layout, list[Any]]:
-    """Layout and numbers of one lane."""
+def lanes_of(problem: Problem, args: Any, options: Options | None = None) -> tuple[Signature, list[Any]]:
+    """Signature and parameters of one lane."""
     leaves, structure = jax.tree.flatten(args)
-    numbers = [leaf for leaf in leaves if is_number(leaf)]
-    structs = [struct_of(number) for number in numbers]
+    parameters = [leaf for leaf in leaves if is_number(leaf)]
+    structs = [struct_of(number) for number in parameters]
     equations = problem.equations(args, structs)
-    assert equations.flaw is None
+    assert equations.error is None
     rest = tuple(None if is_number(leaf) else leaf for leaf in leaves)
     shapes, dtypes = tuple(one.shape for one in structs), tuple(one.dtype.name for one in structs)
-    return Layout(problem, structure, rest, shapes, dtypes, options or Options(), equations), numbers
+    return Signature(problem, structure, rest, shapes, dtypes, options or Options(), equations), parameters
 
 
 def ended(problem: Problem, args: Any, places: Sequence[int] = (), rtol: float = 1e-9) -> tuple[str, LaneEnd]:
     """How one lane ends, and its results; with first derivatives where there is a place."""
-    layout, numbers = lanes_of(problem, args)
-    arrays = [np.asarray(number) for number in numbers]
-    results = integrate(layout, arrays, 1, len(places), tuple(places), rtol)
-    return layout.end_names[results.outcome[0]], results
+    signature, parameters = lanes_of(problem, args)
+    arrays = [np.asarray(number) for number in parameters]
+    results = integrate(signature, arrays, 1, len(places), tuple(places), rtol)
+    return signature.end_names[results.outcome[0]], results
 
 
 def alike(found: Any, expected: Any, rtol: float = 0.0, atol: float = 0.0) -> None:

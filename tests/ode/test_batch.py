@@ -10,7 +10,7 @@ from erosion.lanes.lanewise import WIDTH
 from erosion.ode import batch
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Event, Problem
-from erosion.ode.variational import Derivatives, Layout
+from erosion.ode.variational import Derivatives, Signature
 from tests.ode.problems import lanes_of
 
 RTOL = 1e-9
@@ -19,15 +19,15 @@ NAMES = list(ARGS)
 PROBLEM = Problem(
     0.0, lambda t, y, args: args["value"], {"end": Event(lambda t, y, args: y - 1)}, {"value": lambda t, y, args: y}
 )
-LAYOUT, _ = lanes_of(PROBLEM, ARGS)
-END, FAILED = (LAYOUT.end_names.index(name) for name in ("end", "failed"))
+SIGNATURE, _ = lanes_of(PROBLEM, ARGS)
+END, FAILED = (SIGNATURE.end_names.index(name) for name in ("end", "failed"))
 
 
 class Program:
     """Gives `value` as the integral, off by `off` tolerances; and asks for a tolerance `asked` times smaller."""
 
-    def __init__(self, layout: Layout = LAYOUT, directions: int = 0) -> None:
-        self.inputs = [*layout.shapes, *[()] * directions, ()]
+    def __init__(self, signature: Signature = SIGNATURE, directions: int = 0) -> None:
+        self.inputs = [*signature.shapes, *[()] * directions, ()]
         self.directions = directions
         self.runs: list[tuple[np.ndarray, np.ndarray]] = []
 
@@ -76,7 +76,7 @@ def integrate(monkeypatch: pytest.MonkeyPatch, kind: type[Program] = Program, *,
     numbers = [np.asarray(number) for number in {**ARGS, **changes}.values()]
     program = kind()
     monkeypatch.setattr(batch, "integrator_of", lambda *_: (program, program.results))
-    results = batch.integrate(LAYOUT, numbers, np.size(numbers[-1]), 0, (), RTOL, refines=refines)
+    results = batch.integrate(SIGNATURE, numbers, np.size(numbers[-1]), 0, (), RTOL, refines=refines)
     return results, program
 
 
@@ -186,12 +186,12 @@ def test_directions_vary_fastest(monkeypatch) -> None:
     numbers = [np.ones(()), np.ones(()), values]
     program = Program(directions=1)
     monkeypatch.setattr(batch, "integrator_of", lambda *_: (program, program.results))
-    results = batch.integrate_along(LAYOUT, numbers, 3, 1, np.array([[5.0, 7.0]]), RTOL)
-    assert np.array_equal(results.outputs.other[0], 100 * values[:, None] + [5, 7])
+    results = batch.integrate_along(SIGNATURE, numbers, 3, 1, np.array([[5.0, 7.0]]), RTOL)
+    assert np.array_equal(results.outputs.by_second[0], 100 * values[:, None] + [5, 7])
     assert results.outcome.shape == (3, 2)
 
 
 def test_codes_are_events_and_then_the_other_ends() -> None:
-    assert LAYOUT.end_names == ("end", "start", "failed", "unfinished", "t1")
+    assert SIGNATURE.end_names == ("end", "start", "failed", "unfinished", "t1")
     codes = np.arange(5)
-    assert np.array_equal(LAYOUT.has_no_result(codes), (codes == FAILED) | (codes == FAILED + 1))
+    assert np.array_equal(SIGNATURE.has_no_result(codes), (codes == FAILED) | (codes == FAILED + 1))

@@ -11,7 +11,7 @@ from numpy.polynomial import Polynomial
 from scipy.interpolate import CubicHermiteSpline
 
 from erosion.ode import crossings, step_control
-from erosion.ode.crossings import Ends, cubic_error, dip_in_step, expected_fall, is_crooked, may_hide_a_fall
+from erosion.ode.crossings import Ends, cubic_error, expected_fall, is_crooked, may_hide_a_fall, minimum_in_step
 from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, LOCATING, Control, Limits
 
 
@@ -72,17 +72,17 @@ def test_a_dip_that_the_cubic_does_not_see_may_be_there():
     assert not is_crooked(start, end, 1.0, cubic_error(start, end, 1.0, straight))
 
 
-def dip(polynomial: np.polynomial.Polynomial, error: float = 0.0) -> tuple[float, float]:
+def minimum(polynomial: np.polynomial.Polynomial, error: float = 0.0) -> tuple[float, float]:
     """Where a step from 0 to 1 has its dip, and its lowest value there."""
     start, end = (Ends(polynomial(t), polynomial.deriv()(t)) for t in (0.0, 1.0))
-    where, lowest = dip_in_step(start, end, 1.0, error)
+    where, lowest = minimum_in_step(start, end, 1.0, error)
     return float(where), float(lowest)
 
 
 @pytest.mark.parametrize("theta", [0.1, 0.5, 0.83])
 @pytest.mark.parametrize("lowest", [-0.1, 0.0, 1e-4])
 def test_a_dip_near_zero_is_where_the_parabola_is_lowest(theta: float, lowest: float) -> None:
-    where, value = dip(np.polynomial.Polynomial([theta**2 + lowest, -2 * theta, 1.0]))
+    where, value = minimum(np.polynomial.Polynomial([theta**2 + lowest, -2 * theta, 1.0]))
     # At a step's end below zero nothing dips: the function has fallen.
     assert where == pytest.approx(theta if (1 - theta) ** 2 + lowest > 0 else 2, abs=1e-12)
     assert value == pytest.approx(lowest if where < 1 else np.inf, abs=1e-12)
@@ -91,25 +91,25 @@ def test_a_dip_near_zero_is_where_the_parabola_is_lowest(theta: float, lowest: f
 def test_a_cubic_is_lowest_where_its_slope_is_zero() -> None:
     """(t - 0.4)² (t + 1) - 0.01, which touches -0.01 at 0.4."""
     touching = np.polynomial.Polynomial.fromroots([0.4, 0.4, -1.0]) - 0.01
-    assert dip(touching) == (pytest.approx(0.4, rel=1e-12), pytest.approx(-0.01, rel=1e-12))
+    assert minimum(touching) == (pytest.approx(0.4, rel=1e-12), pytest.approx(-0.01, rel=1e-12))
 
 
 def test_a_dip_is_harmless_above_what_its_cubic_may_err() -> None:
     high = np.polynomial.Polynomial([0.25 + 0.1, -1.0, 1.0])
-    assert dip(high) == (2, pytest.approx(0.1))
+    assert minimum(high) == (2, pytest.approx(0.1))
     # The cubic's error at a half: θ²(1-θ)² = 1/16, doubled.
-    assert dip(high, error=0.99 * 0.8)[0] == 2
-    assert dip(high, error=1.01 * 0.8)[0] == pytest.approx(0.5)
+    assert minimum(high, error=0.99 * 0.8)[0] == 2
+    assert minimum(high, error=1.01 * 0.8)[0] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("coefficients", [[1.0, 1.0], [1.0, -0.5], [1.0, 1.0, -1.0], [1.0, 0.0, 0.0, 1.0]])
 def test_what_rises_falls_or_humps_has_no_dip(coefficients: list[float]) -> None:
-    assert dip(np.polynomial.Polynomial(coefficients)) in ((2, np.inf), (2, 1.0))
+    assert minimum(np.polynomial.Polynomial(coefficients)) in ((2, np.inf), (2, 1.0))
 
 
 def test_a_step_that_ends_on_a_lowest_point_does_not_look_there_again() -> None:
     for lowest_at in (0.0, 1.0):
-        where, value = dip(np.polynomial.Polynomial([lowest_at**2 + 1e-6, -2 * lowest_at, 1.0]))
+        where, value = minimum(np.polynomial.Polynomial([lowest_at**2 + 1e-6, -2 * lowest_at, 1.0]))
         assert where == 2
         assert value == pytest.approx(1e-6, rel=1e-9)
 
@@ -126,13 +126,13 @@ def start(step: float = FIRST) -> Control:
 @jax.jit
 def after_trial(control: Control, before: list[Ends], after: list[Ends], within: list, error: jax.Array):
     """As the integrator does it."""
-    looks = list(zip((0.15, 0.92), within, strict=True))
-    clear = crossings.are_clear([], control.trial, before, after, looks, 1e-5)
+    samples = list(zip((0.15, 0.92), within, strict=True))
+    clear = crossings.are_clear([], control.trial_length, before, after, samples, 1e-5)
     return jax.lax.cond(
         jnp.stack(clear).all() & (control.mode == ADVANCING),
         lambda: step_control.go_on(control, error, SCALE, LIMITS),
         lambda: crossings.decide(
-            control, crossings.look(control, before, after, looks, error, jnp.ones(()), clear=clear), SCALE, LIMITS
+            control, crossings.look(control, before, after, samples, error, jnp.ones(()), clear=clear), SCALE, LIMITS
         ),
     )
 
@@ -141,13 +141,13 @@ def after_trial(control: Control, before: list[Ends], after: list[Ends], within:
 def both_ways(control: Control, before: list[Ends], after: list[Ends], within: list, error: jax.Array):
     """Which events are clear, and what follows without a look at those, with one at all, and with none at any."""
     watched = crossings.watch([-1] * len(before), before, SCALE)
-    looks = list(zip((0.15, 0.92), within, strict=True))
+    samples = list(zip((0.15, 0.92), within, strict=True))
 
     def decided(clear: list):
-        trial = crossings.look_directed(watched, control, before, after, looks, error, jnp.ones(()), clear=clear)
+        trial = crossings.look_directed(watched, control, before, after, samples, error, jnp.ones(()), clear=clear)
         return crossings.decide(control, trial, SCALE, LIMITS)
 
-    clear = crossings.are_clear(watched, control.trial, before, after, looks, 1e-5)
+    clear = crossings.are_clear(watched, control.trial_length, before, after, samples, 1e-5)
     none = [jnp.asarray(False)] * len(clear)
     return clear, decided(clear), decided(none), step_control.go_on(control, error, SCALE, LIMITS)
 
@@ -157,7 +157,7 @@ def test_a_look_at_clear_events_changes_nothing() -> None:
     random = np.random.default_rng(3)
     lanes = 20_000
     step = random.uniform(0.01, 3.0, lanes)
-    control = jax.vmap(lambda h: start()._replace(trial=h, step=h))(step)
+    control = jax.vmap(lambda h: start()._replace(trial_length=h, step=h))(step)
     before, after, within = [], [], []
     for _ in range(2):
         cubics = random.normal(size=(4, lanes)) * 10.0 ** random.uniform(-3, 1, (4, 1))
@@ -180,18 +180,18 @@ def test_a_look_at_clear_events_changes_nothing() -> None:
     one = clear[0] ^ clear[1]
     assert np.mean(quiet) > 0.02
     assert np.mean(one) > 0.1
-    for name in ("mode", "time", "trial", "step", "trials", "rejected", "event", "left", "high"):
+    for name in ("mode", "time", "trial_length", "step", "trials", "rejected", "event", "time_to_event", "high"):
         found = getattr(looked[0], name)
         assert np.array_equal(getattr(without[0], name), found, equal_nan=True), name
-        if name not in ("event", "left", "high"):
+        if name not in ("event", "time_to_event", "high"):
             assert np.array_equal(getattr(unseen[0], name)[quiet], found[quiet]), name
     assert np.array_equal(without[1], looked[1])
     assert np.array_equal(unseen[1][quiet], looked[1][quiet])
-    assert np.all(looked[0].margin[quiet] > 1e-5)
+    assert np.all(looked[0].closest_approach[quiet] > 1e-5)
 
 
 def follow(
-    *events: Polynomial, error: float = 1e-4, until: float | None = None, step: float = FIRST
+    *events: Polynomial, error: float = 1e-4, t_stop: float | None = None, step: float = FIRST
 ) -> tuple[Control, int, float]:
     """Step through event functions to the end: the last control, the event's index and its time."""
 
@@ -199,18 +199,18 @@ def follow(
         return [Ends(jnp.asarray(event(time)), jnp.asarray(event.deriv()(time))) for event in events]
 
     def within_limit(control: Control) -> Control:
-        return control if until is None else crossings.stop_at(control, until)
+        return control if t_stop is None else crossings.stop_at(control, t_stop)
 
     control, here = within_limit(start(step)), at(0.0)
     while step_control.goes_on(control):
-        begin, length = float(control.time), float(control.trial)
+        begin, length = float(control.time), float(control.trial_length)
         there = at(begin + length)
         within = [[jnp.asarray(event(begin + share * length)) for event in events] for share in (0.15, 0.92)]
         control, moved = after_trial(control, here, there, within, jnp.asarray(error))
         control = within_limit(control)
         here = there if moved else here
-    event, remaining = crossings.first_fall(control, at(float(control.time + control.left)))
-    return control, int(event), float(control.time + control.left + remaining)
+    event, remaining = crossings.first_fall(control, at(float(control.time + control.time_to_event)))
+    return control, int(event), float(control.time + control.time_to_event + remaining)
 
 
 @pytest.mark.parametrize("step", [FIRST, 3.0])
@@ -223,7 +223,7 @@ def test_a_fall_is_located(roots: list[float], step: float) -> None:
     # Newton's last step starts within 1 % of the root.
     assert time == pytest.approx(min(root for root in roots if root > 0), rel=1e-4)
     # The state from which it starts is nearer by the trial's own step.
-    assert abs(control.left) <= 0.01 * SCALE
+    assert abs(control.time_to_event) <= 0.01 * SCALE
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -236,7 +236,7 @@ def test_of_two_falls_the_first_ends_the_lane(order: int) -> None:
 
 def test_a_wrong_expectation_of_two_falls_is_mended() -> None:
     """Newton's method at the place where event 0 was expected says that event 1 falls before."""
-    ended = start()._replace(mode=ENDED, event=jnp.asarray(0), left=jnp.asarray(0.01))
+    ended = start()._replace(mode=ENDED, event=jnp.asarray(0), time_to_event=jnp.asarray(0.01))
     ends = [Ends(jnp.asarray(1e-6), jnp.asarray(-1.0)), Ends(jnp.asarray(-1e-6), jnp.asarray(-1.0))]
     event, remaining = crossings.first_fall(ended, ends)
     assert (event, remaining) == (1, -1e-6)
@@ -260,7 +260,7 @@ def test_a_dip_below_zero_ends_the_lane(step: float) -> None:
 def test_a_dip_that_stays_positive_does_not(step: float) -> None:
     control, _, time = follow(dipping(1e-4), step=step)
     assert time == pytest.approx(3, rel=1e-6)
-    assert control.margin == pytest.approx(1e-4, rel=0.01)
+    assert control.closest_approach == pytest.approx(1e-4, rel=0.01)
 
 
 def test_a_step_that_may_hide_a_fall_is_tried_again_shorter() -> None:
@@ -273,7 +273,7 @@ def test_a_step_that_may_hide_a_fall_is_tried_again_shorter() -> None:
     after, moved = after_trial(start(), at(0.0), at(FIRST), within, jnp.asarray(1e-9))
     assert not moved
     assert (after.mode, after.time) == (ADVANCING, 0)
-    assert after.trial == pytest.approx(0.4 * FIRST, rel=1e-12)
+    assert after.trial_length == pytest.approx(0.4 * FIRST, rel=1e-12)
 
 
 def test_past_an_event_it_is_located_from_the_same_start() -> None:
@@ -283,18 +283,18 @@ def test_past_an_event_it_is_located_from_the_same_start() -> None:
     after, moved = after_trial(start(), *ends, within, jnp.asarray(1e-4))
     assert not moved
     assert (after.mode, after.time) == (LOCATING, 0)
-    assert after.trial == pytest.approx(0.1, rel=1e-12)
+    assert after.trial_length == pytest.approx(0.1, rel=1e-12)
     assert after.high == FIRST
 
 
 def test_no_step_goes_beyond_the_time_asked_for() -> None:
-    control, event, time = follow(Polynomial([0.9, -1.0]), until=0.5)
+    control, event, time = follow(Polynomial([0.9, -1.0]), t_stop=0.5)
     assert (control.mode, event) == (ENDED, ARRIVED)
-    assert time - control.left == pytest.approx(0.5, rel=1e-12)
+    assert time - control.time_to_event == pytest.approx(0.5, rel=1e-12)
 
 
-@pytest.mark.parametrize(("until", "expected", "end"), [(0.9 + 1e-6, 0, 0.9), (0.9 - 1e-6, ARRIVED, 0.9 - 1e-6)])
-def test_an_event_counts_up_to_the_time_asked_for(until: float, expected: int, end: float) -> None:
-    control, event, _ = follow(Polynomial([0.9, -1.0]), until=until)
+@pytest.mark.parametrize(("t_stop", "expected", "end"), [(0.9 + 1e-6, 0, 0.9), (0.9 - 1e-6, ARRIVED, 0.9 - 1e-6)])
+def test_an_event_counts_up_to_the_time_asked_for(t_stop: float, expected: int, end: float) -> None:
+    control, event, _ = follow(Polynomial([0.9, -1.0]), t_stop=t_stop)
     assert event == expected
-    assert control.time + control.left == pytest.approx(end, abs=1e-9)
+    assert control.time + control.time_to_event == pytest.approx(end, abs=1e-9)

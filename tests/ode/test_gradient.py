@@ -52,14 +52,14 @@ def learned(lanes=40):
     return problem, {"x0": RNG.uniform(0.3, 2.0, lanes), "w": w}, {"t1": 20.0, "shared": "w"}
 
 
-def forwards(problem, args, names, bars, rtol=1e-13, **options):
+def forwards(problem, args, names, cotangents, rtol=1e-13, **options):
     """The same derivatives forwards, by each of some numbers, to the last digits."""
     end = ode.solve(problem, args, wrt=names, rtol=rtol, **options)
     found = {}
     for name in names:
         part = end.along(name)
         parts = [part.t, *(part.y[key] for key in part.y), *part.integrals.values()]
-        found[name] = sum(bar * each for bar, each in zip(bars, parts, strict=True))
+        found[name] = sum(cotangent * each for cotangent, each in zip(cotangents, parts, strict=True))
     return found
 
 
@@ -67,8 +67,8 @@ def bars_of(end):
     return RNG.normal(size=(1 + len(end.y) + len(end.integrals), *np.shape(end.t)))
 
 
-def by_adjoint(end, bars):
-    time, *rest = bars
+def by_adjoint(end, cotangents):
+    time, *rest = cotangents
     y = dict(zip(end.y, rest[: len(end.y)], strict=True))
     return end.gradient(t=time, y=y, integrals=dict(zip(end.integrals, rest[len(end.y) :], strict=True)))
 
@@ -91,9 +91,9 @@ def test_standard_problems(name):
     case, lanes = CASES[name], 50
     problem, args = case.problem(integral=True), case.sample(lanes, np.random.default_rng(3))
     end = ode.solve(problem, args, t1=case.t1, smooth=True)
-    bars = bars_of(end)
-    found = by_adjoint(end, bars)
-    best = forwards(problem, args, tuple(args), bars, t1=case.t1, smooth=True)
+    cotangents = bars_of(end)
+    found = by_adjoint(end, cotangents)
+    best = forwards(problem, args, tuple(args), cotangents, t1=case.t1, smooth=True)
     of_size = [np.array([part[key] * args[key] for key in args]) for part in (found, best)]
     error = np.abs(of_size[0] - of_size[1]).max(axis=0) / np.abs(of_size[1]).max(axis=0)
     assert np.sort(error)[-2] < 1e-7
@@ -171,9 +171,9 @@ def test_hires_goes_backwards():
     """Eight unknowns of a stiff motion, and an integral, against the derivatives forwards."""
     problem, args = HIRES.problem(integral=True), HIRES.sample(5, np.random.default_rng(0))
     end = ode.solve(problem, args, t1=1e3, method="rosenbrock")
-    bars = bars_of(end)
-    found = by_adjoint(end, bars)
-    best = forwards(problem, args, tuple(args), bars, rtol=1e-11, method="rosenbrock", t1=1e3)
+    cotangents = bars_of(end)
+    found = by_adjoint(end, cotangents)
+    best = forwards(problem, args, tuple(args), cotangents, rtol=1e-11, method="rosenbrock", t1=1e3)
     greatest = np.sum([np.abs(best[name] * args[name]) for name in args], axis=0)
     for name in args:
         expected = best[name] if np.ndim(args[name]) else np.sum(best[name])
@@ -278,19 +278,22 @@ def test_jax_goes_backwards():
     """`grad`, within `jit` and `vmap` and around them, sums over lanes as `Solution.gradient` does."""
     problem, args, options = learned(lanes=9)
     end = ode.solve(problem, args, **options)
-    bars = bars_of(end)
-    expected = by_adjoint(end, bars)
+    cotangents = bars_of(end)
+    expected = by_adjoint(end, cotangents)
     at = jax.tree.map(jnp.asarray, args)
 
-    def loss(args, bars):
+    def loss(args, cotangents):
         found = ode.solve(problem, args, **options)
-        return jnp.sum(bars[0] * found.t + sum(bar * y for bar, y in zip(bars[1:], found.y.values(), strict=True)))
+        return jnp.sum(
+            cotangents[0] * found.t
+            + sum(cotangent * y for cotangent, y in zip(cotangents[1:], found.y.values(), strict=True))
+        )
 
-    _alike(jax.grad(loss)(at, bars), expected, 1e-12)
+    _alike(jax.grad(loss)(at, cotangents), expected, 1e-12)
     lane = {"x0": 0, "w": None}
     of_lanes = jax.vmap(loss, (lane, 1))
-    _alike(jax.jit(jax.grad(lambda args: jnp.sum(of_lanes(args, bars))))(at), expected, 1e-12)
-    each = jax.vmap(jax.grad(loss), (lane, 1))(at, bars)["w"]
+    _alike(jax.jit(jax.grad(lambda args: jnp.sum(of_lanes(args, cotangents))))(at), expected, 1e-12)
+    each = jax.vmap(jax.grad(loss), (lane, 1))(at, cotangents)["w"]
     _alike(jax.tree.map(lambda leaf: leaf.sum(0), each), expected["w"], 1e-10)
 
 
@@ -381,9 +384,14 @@ def test_a_jacobian_of_lanes_is_diagonal():
 def test_a_gradient_of_recorded_steps_has_the_same_bits():
     (problem, options), args = bounces(5), {"height": RNG.uniform(1.0, 3.0, 9), "g": 9.0, "e": 0.8}
     one, other = (ode.solve(problem, args, method="explicit", gradient=kept, **options) for kept in (False, True))
-    bars = bars_of(one)
+    cotangents = bars_of(one)
     assert other.recorded is not None
-    list(map(np.testing.assert_array_equal, *map(jax.tree.leaves, (by_adjoint(other, bars), by_adjoint(one, bars)))))
+    list(
+        map(
+            np.testing.assert_array_equal,
+            *map(jax.tree.leaves, (by_adjoint(other, cotangents), by_adjoint(one, cotangents))),
+        )
+    )
 
 
 def test_doubtful_lanes_are_recorded_with_their_tolerance(monkeypatch):
@@ -401,8 +409,10 @@ def test_doubtful_lanes_are_recorded_with_their_tolerance(monkeypatch):
     assert other.tolerance is not None
     fits, doubtful = other.recorded.rows <= 48, other.tolerance < other.rtol
     assert np.all([np.any(fits & doubtful), np.any(fits & ~doubtful), np.any(~fits)])
-    bars = bars_of(one)
-    list(map(np.testing.assert_array_equal, *map(jax.tree.leaves, (by_adjoint(end, bars) for end in (one, other)))))
+    cotangents = bars_of(one)
+    list(
+        map(np.testing.assert_array_equal, *map(jax.tree.leaves, (by_adjoint(end, cotangents) for end in (one, other))))
+    )
 
 
 PREY = ode.Problem(
@@ -543,7 +553,7 @@ def test_chains_with_times_go_back_to_the_derivatives_forwards(t0):
     assert slopes.times is not None
     for name, each in found.items():
         last, times = slopes.along(name), slopes.times.along(name)
-        at_times = sum(np.nansum(bar * times.ys[part], axis=-1) for part, bar in ys.items())
+        at_times = sum(np.nansum(cotangent * times.ys[part], axis=-1) for part, cotangent in ys.items())
         lanes = 0.7 * last.t + 0.3 * last.y["y"] + 0.2 * last.y["v"] + at_times
         np.testing.assert_allclose(each, lanes if name == "height" else lanes.sum(), rtol=1e-8)
 

@@ -19,8 +19,8 @@ from tests.ode.problems import ended, lanes_of
 
 
 def unknowns(problem, args) -> int:
-    layout, numbers = lanes_of(problem, args)
-    return len(reduced_motion_of(layout)(numbers).initial().state)
+    signature, parameters = lanes_of(problem, args)
+    return len(reduced_motion_of(signature)(parameters).initial().state)
 
 
 def _odd_rate(t, y, args):
@@ -58,7 +58,7 @@ def test_odd_arithmetic_is_left_as_it_is():
         ended_by, results = ended(ODD, args, (place,))
         assert ended_by == "rebound"
         assert np.isclose(results.outputs.value[0][0], exact, rtol=1e-9)
-        assert np.isclose(results.outputs.first[0][0], slope, rtol=1e-8)
+        assert np.isclose(results.outputs.by_first[0][0], slope, rtol=1e-8)
 
 
 def _looks(motion, scale, steps=4):
@@ -72,24 +72,26 @@ def _looks(motion, scale, steps=4):
 
 
 def test_the_motion_is_the_same() -> None:
-    layout, numbers = lanes_of(ODD, {"drag": 0.2, "stiffness": 4.0, "v": np.array([3.0, 0.5])})
-    expected = _looks(WholeMotion(layout, numbers), 0.5)
-    assert np.allclose(_looks(reduced_motion_of(layout)(numbers), 0.5), expected, rtol=1e-12, atol=1e-15)
+    signature, parameters = lanes_of(ODD, {"drag": 0.2, "stiffness": 4.0, "v": np.array([3.0, 0.5])})
+    expected = _looks(WholeMotion(signature, parameters), 0.5)
+    assert np.allclose(_looks(reduced_motion_of(signature)(parameters), 0.5), expected, rtol=1e-12, atol=1e-15)
 
 
 def test_a_state_that_is_wanted_is_integrated_or_follows() -> None:
-    layout, numbers = lanes_of(ODD, {"drag": 0.2, "stiffness": 4.0, "v": np.array([3.0, 0.5])}, Options(whole=True))
-    motion = reduced_motion_of(layout)(numbers)
+    signature, parameters = lanes_of(
+        ODD, {"drag": 0.2, "stiffness": 4.0, "v": np.array([3.0, 0.5])}, Options(whole=True)
+    )
+    motion = reduced_motion_of(signature)(parameters)
     # x as well; ẋ and ẏ follow from one integral, and the spin stays.
     assert len(motion.initial().state) == 4
-    whole = WholeMotion(layout, numbers)
+    whole = WholeMotion(signature, parameters)
     assert np.allclose(np.array(motion.outputs(motion.initial())), np.array(whole.outputs(whole.initial())), rtol=1e-15)
 
 
 def test_a_problem_that_depends_on_time_has_time_as_an_unknown() -> None:
     driven = Problem(0.5, lambda t, y, args: jnp.cos(t) * args, {"end": Event(lambda t, y, args: y - 1)})
-    layout, numbers = lanes_of(driven, 2.0, Options(clock=True))
-    motion = reduced_motion_of(layout)([*numbers, 0.7, 9.0, np.inf, np.inf])
+    signature, parameters = lanes_of(driven, 2.0, Options(clock=True))
+    motion = reduced_motion_of(signature)([*parameters, 0.7, 9.0, np.inf, np.inf])
     at = motion.initial()
     assert list(at.state) == [0.0, 0.5]
     assert motion.rate(at).state == (1.0, pytest.approx(2 * np.cos(0.7)))
@@ -155,8 +157,8 @@ def test_a_chain_keeps_the_whole_state() -> None:
         lambda t, y, args: {"x": 1.0, "y": y["u"], "u": -args},
         {"bounce": Event(lambda t, y, args: y["y"], -1, lambda t, y, args: {**y, "u": -0.5 * y["u"]})},
     )
-    layout, numbers = lanes_of(bouncing, 9.81, Options(arm_on_return=True, clock=True, whole=True))
-    motion = reduced_motion_of(layout)([*numbers, 0.0, 9.0, np.inf, np.inf])
+    signature, parameters = lanes_of(bouncing, 9.81, Options(arm_on_return=True, clock=True, whole=True))
+    motion = reduced_motion_of(signature)([*parameters, 0.0, 9.0, np.inf, np.inf])
     assert isinstance(motion, WholeMotion)
     at = motion.initial()._replace(state=(-3.0, 0.25, 0.0))
     assert motion.after(0, at).state == (1.5, 0.25, 0.0)

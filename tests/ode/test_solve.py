@@ -505,8 +505,8 @@ def test_what_an_event_fixes_asks_for_no_second_integration() -> None:
         {"ground": ode.Event(lambda t, y, args: y["y"], -1, lambda t, y, args: {"y": 0.0, "v": -args["e"] * y["v"]})},
     )
     lanes = ode.solve(ball, {"e": 0.9}, t1=1e3, max_events=10, wrt="e", derivatives=2).lanes
-    results = integrate(lanes.layout, lanes.numbers, 1, 2, (0,), 1e-9, refines=False)
-    assert results.tolerance == 1e-9
+    results = integrate(lanes.signature, lanes.parameters, 1, 2, (0,), 1e-9, refines=False)
+    assert results.rtol_used == 1e-9
 
 
 def test_a_part_that_has_decayed_costs_no_digits() -> None:

@@ -47,7 +47,7 @@ def test_the_next_step_follows_the_error(error: float, factor: float) -> None:
     """A method of 7th order errs as h⁸: 0.8 of the length that would just do, within limits."""
     after, moved = one_trial(start(), error)
     assert moved == (error <= 1)
-    assert after.trial == pytest.approx(FIRST * factor, rel=1e-12)
+    assert after.trial_length == pytest.approx(FIRST * factor, rel=1e-12)
     assert after.time == (FIRST if moved else 0)
     assert (after.trials, after.rejected) == (1, 0 if moved else 1)
 
@@ -59,18 +59,18 @@ def test_steps_that_get_shorter_go_on_so() -> None:
     for before, shorter in ((0.0, 1.0), (wanted / 2, 1.0), (wanted * 2, 0.75)):
         control = start()._replace(wanted=jnp.asarray(before))
         after, _ = one_trial(control, 0.5, foresees)
-        assert after.trial == pytest.approx(shorter * wanted, rel=1e-12)
+        assert after.trial_length == pytest.approx(shorter * wanted, rel=1e-12)
         assert after.wanted == pytest.approx(wanted, rel=1e-12)
         rejected, _ = one_trial(control, 100.0, foresees)
-        assert rejected.trial == pytest.approx(FIRST * 0.8 * 100 ** (-1 / 8), rel=1e-12)
+        assert rejected.trial_length == pytest.approx(FIRST * 0.8 * 100 ** (-1 / 8), rel=1e-12)
         assert rejected.wanted == before
 
 
 def test_a_step_cut_short_does_not_shorten_the_next() -> None:
-    wanted = start()._replace(trial=jnp.asarray(FIRST / 100))
+    wanted = start()._replace(trial_length=jnp.asarray(FIRST / 100))
     after, moved = one_trial(wanted, 1e-4)
     assert moved
-    assert after.trial == FIRST
+    assert after.trial_length == FIRST
 
 
 def test_a_lane_begins_only_with_finite_numbers_and_a_time_scale() -> None:

@@ -47,14 +47,16 @@ def end(which: int, v0: Any, k: Any) -> tuple[Any, Any]:
 
 
 def equations(order: int, *names: str) -> Variational:
-    layout, numbers = lanes_of(THROWN, ARGS)
-    return Variational(layout, numbers, order, tuple(map(NAMES.index, names)), functools.partial(WholeMotion, layout))
+    signature, parameters = lanes_of(THROWN, ARGS)
+    return Variational(
+        signature, parameters, order, tuple(map(NAMES.index, names)), functools.partial(WholeMotion, signature)
+    )
 
 
-def volume_at_event(lifted: Variational, members: tuple[Augmented, ...], which: int, time: Any, until=FREE):
+def volume_at_event(lifted: Variational, members: tuple[Augmented, ...], which: int, time: Any, time_to_end=FREE):
     """What happens at an event, with the integral alone."""
     result = at_event(
-        AlongFlow(lifted, members), jnp.asarray(which), time, lambda at, motion: motion.outputs(at), until
+        AlongFlow(lifted, members), jnp.asarray(which), time, lambda at, motion: motion.outputs(at), time_to_end
     )
     return result._replace(outputs=Derivatives(*(part and part[0] for part in result.outputs)))
 
@@ -76,7 +78,7 @@ def derivatives(function: Any, *names: str) -> Derivatives:
 
 def members(order: int, all_four: Derivatives, names: tuple[str, ...]) -> tuple[Any, ...]:
     """The state that is integrated."""
-    return tuple(all_four) if len(names) == 2 else (all_four.value, all_four.first, all_four.second)[: order + 1]
+    return tuple(all_four) if len(names) == 2 else (all_four.value, all_four.by_first, all_four.mixed)[: order + 1]
 
 
 CASES = [(0, ("v0",)), (1, ("v0",)), (1, ("k",)), (2, ("k",)), (2, ("v0", "k"))]
@@ -117,9 +119,9 @@ def test_the_mixed_derivative_by_parameters_is_the_closed_form() -> None:
     at = derivatives(lambda v0, k: state(time, v0, k), "v0", "k")
     slopes = lifted.unscale(volume_at_event(lifted, tuple(at), REBOUND, time).outputs)
     assert volume == pytest.approx(2 / 3 * B * V0**3 / K**2)
-    assert slopes.first == pytest.approx(3 * volume / V0)
-    assert slopes.other == pytest.approx(-2 * volume / K)
-    assert slopes.second == pytest.approx(-4 * B * V0**2 / K**3)
+    assert slopes.by_first == pytest.approx(3 * volume / V0)
+    assert slopes.by_second == pytest.approx(-2 * volume / K)
+    assert slopes.mixed == pytest.approx(-4 * B * V0**2 / K**3)
 
 
 @pytest.mark.parametrize(("which", "amplification"), [(REBOUND, 2.0), (SLOW, 1.0)])
@@ -132,31 +134,31 @@ def test_errors_of_a_slow_fall_are_amplified(which: int, amplification: float) -
 
 def test_an_end_by_no_event_has_a_time_that_does_not_move() -> None:
     at = derivatives(lambda v0, k: state(0.8, v0, k), "v0")
-    result = volume_at_event(equations(1, "v0"), (at.value, at.first), ARRIVED, 0.8)
-    assert (result.time.value, result.time.first) == (0.8, 0)
-    assert result.outputs.first == at.first.integrals[0]
+    result = volume_at_event(equations(1, "v0"), (at.value, at.by_first), ARRIVED, 0.8)
+    assert (result.time.value, result.time.by_first) == (0.8, 0)
+    assert result.outputs.by_first == at.by_first.integrals[0]
 
 
 def test_a_time_that_is_given_moves_as_it_is_said_to() -> None:
     at = derivatives(lambda v0, k: state(0.8, v0, k), "v0")
-    until = Derivatives(0.8, 0.1, 0.1, None)
-    result = volume_at_event(equations(1, "v0"), (at.value, at.first), ARRIVED, 0.8, until)
-    assert result.time.first == 0.1
-    assert result.outputs.first == pytest.approx(at.first.integrals[0] + 0.1 * B * depth(0.8, V0, K))
+    time_to_end = Derivatives(0.8, 0.1, 0.1, None)
+    result = volume_at_event(equations(1, "v0"), (at.value, at.by_first), ARRIVED, 0.8, time_to_end)
+    assert result.time.by_first == 0.1
+    assert result.outputs.by_first == pytest.approx(at.by_first.integrals[0] + 0.1 * B * depth(0.8, V0, K))
     # An event's own time goes before it.
     time, _ = end(SLOW, V0, K)
     at = derivatives(lambda v0, k: state(time, v0, k), "v0")
-    assert volume_at_event(equations(1, "v0"), (at.value, at.first), SLOW, time, until).time.first == pytest.approx(
-        time
-    )
+    assert volume_at_event(
+        equations(1, "v0"), (at.value, at.by_first), SLOW, time, time_to_end
+    ).time.by_first == pytest.approx(time)
 
 
 def test_a_place_is_a_number_or_part_of_the_program() -> None:
-    layout, numbers = lanes_of(THROWN, ARGS)
-    of_motion = functools.partial(WholeMotion, layout)
+    signature, parameters = lanes_of(THROWN, ARGS)
+    of_motion = functools.partial(WholeMotion, signature)
 
     def along(place: Any) -> Variational:
-        return Variational(layout, numbers, 1, (place,), of_motion)
+        return Variational(signature, parameters, 1, (place,), of_motion)
 
     at = (state(0.8, V0, K), Augmented((0.0, 0.0), (0.0,)))
     for place in range(len(NAMES)):
@@ -170,24 +172,26 @@ def test_a_place_is_a_number_or_part_of_the_program() -> None:
 
 def test_an_element_of_an_array_is_a_direction() -> None:
     start = Problem(lambda args: args, lambda t, y, args: y)
-    layout, numbers = lanes_of(start, {"a": 2.0, "b": np.array([3.0, 5.0])})
+    signature, parameters = lanes_of(start, {"a": 2.0, "b": np.array([3.0, 5.0])})
     for place, unit in enumerate([2.0, 3.0, 5.0]):
         for one in (place, jnp.asarray(place)):
-            _, first = Variational(layout, numbers, 1, (one,), functools.partial(WholeMotion, layout)).initial()
+            _, first = Variational(
+                signature, parameters, 1, (one,), functools.partial(WholeMotion, signature)
+            ).initial()
             assert [float(part) for part in first.state] == [unit if i == place else 0 for i in range(3)]
 
 
 @pytest.mark.parametrize(("size", "unit"), [(0.3, 0.3), (-0.3, 0.3), (0.0, 1.0)])
 def test_a_step_is_as_large_as_its_number(size: float, unit: float) -> None:
     start = Problem(lambda args: args, lambda t, y, args: y)
-    layout, numbers = lanes_of(start, {"a": 7.0, "b": size})
-    _, first = Variational(layout, numbers, 1, (1,), functools.partial(WholeMotion, layout)).initial()
+    signature, parameters = lanes_of(start, {"a": 7.0, "b": size})
+    _, first = Variational(signature, parameters, 1, (1,), functools.partial(WholeMotion, signature)).initial()
     assert [float(part) for part in first.state] == [0, unit]
 
 
 def test_a_problem_may_say_what_change_is_typical() -> None:
     start = Problem(lambda args: args, lambda t, y, args: y, typical=lambda args: {"a": 1.0, "b": args["a"] / 2})
-    layout, numbers = lanes_of(start, {"a": 7.0, "b": 0.0})
+    signature, parameters = lanes_of(start, {"a": 7.0, "b": 0.0})
     for place, unit in enumerate([1.0, 3.5]):
-        _, first = Variational(layout, numbers, 1, (place,), functools.partial(WholeMotion, layout)).initial()
+        _, first = Variational(signature, parameters, 1, (place,), functools.partial(WholeMotion, signature)).initial()
         assert [float(part) for part in first.state] == [unit if i == place else 0 for i in range(2)]

@@ -307,7 +307,7 @@ class Subject:
     @functools.cached_property
     def _mixed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         volume = pair_derivatives(self.model, self.hits.p, [("alpha", q) for q in self.others], rtol=_RTOL).volume
-        return {q: (volume.other[:, j], volume.second[:, j]) for j, q in enumerate(self.others)}
+        return {q: (volume.by_second[:, j], volume.mixed[:, j]) for j, q in enumerate(self.others)}
 
     def _slopes(self, q: str) -> list[np.ndarray]:
         """Errors of ∂V/∂q and ∂V′/∂q against central differences extrapolated to step 0 (Richardson)."""

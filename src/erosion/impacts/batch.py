@@ -44,7 +44,7 @@ from erosion.ode.solve import solution
 from erosion.ode.step_control import LONGEST, require_float64
 from erosion.ode.switches import switches_of, unlocated
 from erosion.ode.traced import traced_end
-from erosion.ode.variational import Clock, Derivatives, Layout, Options
+from erosion.ode.variational import Clock, Derivatives, Options, Signature
 from erosion.output import Record, briefly, largest_of
 from erosion.parameters import (
     QUANTITIES,
@@ -61,8 +61,8 @@ from erosion.results import Result, Value
 _NAMES = tuple(QUANTITIES)
 
 
-def layout_of(model: CuttingModel, p: Parameters, *, whole: bool = False) -> Layout:
-    """The layout of model and case, which are made of the ten parameters and the model's own numbers.
+def signature_of(model: CuttingModel, p: Parameters, *, whole: bool = False) -> Signature:
+    """The signature of model and case, which are made of the ten parameters and the model's own numbers.
 
     Args:
         model: the model.
@@ -74,59 +74,59 @@ def layout_of(model: CuttingModel, p: Parameters, *, whole: bool = False) -> Lay
     leaves, structure = jax.tree.flatten(case)
     rest = tuple(None if is_number(leaf) else leaf for leaf in leaves)
     problem, options = (whole_cut(model), Options(clock=True, whole=True)) if whole else (CUT, Options())
-    layout = Layout(problem, structure, rest, *_shapes(equations), options, equations)
-    located = layout.wanting(switches=True, arm_on_return=True)
+    signature = Signature(problem, structure, rest, *_shapes(equations), options, equations)
+    located = signature.wanting(switches=True, arm_on_return=True)
     what = unlocated(located)
     if what:
         raise ValueError(
             f"Argument `model` must have breaks that can be located, but its equations have {what} that cannot: give a "
             "loop its derivative by `jax.custom_jvp`, or write smooth functions, such as `jnp.tanh`, or a table."
         )
-    return layout if switches_of(located) is None else located
+    return signature if switches_of(located) is None else located
 
 
-# Each call of a user makes a layout, and what its parts have in common takes longer than the rest.
+# Each call of a user makes a signature, and what its parts have in common takes longer than the rest.
 @functools.cache
 def _of_units(units: System) -> Parameters:
-    """Any parameters of a unit system: a layout knows no numbers."""
+    """Any parameters of a unit system: a signature knows no numbers."""
     return dataclasses.replace(TABLE_1, units=units)
 
 
 @functools.lru_cache(maxsize=256)
 def _shapes(equations: TracedProblem) -> tuple[tuple[tuple[int, ...], ...], tuple[str, ...]]:
     """Shape and type of each number, for one lane."""
-    return tuple(n.shape for n in equations.numbers), tuple(n.dtype.name for n in equations.numbers)
+    return tuple(n.shape for n in equations.parameters), tuple(n.dtype.name for n in equations.parameters)
 
 
-def split(model: CuttingModel, p: Parameters) -> tuple[Layout, list[PerImpact]]:
-    """Layout and numbers of many impacts.
+def split(model: CuttingModel, p: Parameters) -> tuple[Signature, list[PerImpact]]:
+    """Signature and parameters of many impacts.
 
     The parameters of the case and the model's own may be arrays, with one number for each impact.
     Any other array is part of the model, the same for all impacts.
     """
-    numbers = [getattr(p, name) for name in _NAMES] + [leaf for leaf in jax.tree.leaves(model) if is_number(leaf)]
-    return layout_of(model, p), [leaf if isinstance(leaf, Tracer) else np.asarray(leaf) for leaf in numbers]
+    parameters = [getattr(p, name) for name in _NAMES] + [leaf for leaf in jax.tree.leaves(model) if is_number(leaf)]
+    return signature_of(model, p), [leaf if isinstance(leaf, Tracer) else np.asarray(leaf) for leaf in parameters]
 
 
-def lanes_of(model: CuttingModel, p: Parameters) -> tuple[Layout, list[np.ndarray], tuple[int, ...]]:
-    """Layout, numbers and their broadcast shape; each number has one axis of lanes, or all lanes share it."""
-    layout, numbers = split(model, p)
-    require_concrete(dict(zip(names_of(model), numbers, strict=True)))
-    varies = [number.ndim > 0 and shape == () for number, shape in zip(numbers, layout.shapes, strict=True)]
+def lanes_of(model: CuttingModel, p: Parameters) -> tuple[Signature, list[np.ndarray], tuple[int, ...]]:
+    """Signature, parameters and their broadcast shape; each number has one axis of lanes, or all lanes share it."""
+    signature, parameters = split(model, p)
+    require_concrete(dict(zip(names_of(model), parameters, strict=True)))
+    varies = [number.ndim > 0 and shape == () for number, shape in zip(parameters, signature.shapes, strict=True)]
     if not any(varies):
-        return layout, numbers, ()
+        return signature, parameters, ()
     try:
-        shape = np.broadcast_shapes(*(number.shape for number, many in zip(numbers, varies, strict=True) if many))
+        shape = np.broadcast_shapes(*(number.shape for number, many in zip(parameters, varies, strict=True) if many))
     except ValueError:
-        shapes = ", ".join(str(number.shape) for number, many in zip(numbers, varies, strict=True) if many)
+        shapes = ", ".join(str(number.shape) for number, many in zip(parameters, varies, strict=True) if many)
         raise ValueError(
             f"The model's own parameters must broadcast with the case's, but shapes are {shapes}."
         ) from None
     flat = [
         number if not many else number.reshape(()) if number.size == 1 else np.broadcast_to(number, shape).reshape(-1)
-        for number, many in zip(numbers, varies, strict=True)
+        for number, many in zip(parameters, varies, strict=True)
     ]
-    return layout, flat, shape
+    return signature, flat, shape
 
 
 def names_of(model: CuttingModel) -> tuple[str, ...]:
@@ -168,8 +168,8 @@ def volume(model: CuttingModel | str | Path, p: Parameters) -> Scalar:
     require_float64()
     model = load_model(model)
     require_one_impact(model, p, "; for many impacts use `erosion.impact`, or `jax.vmap`", traced=True)
-    layout, numbers = split(model, p)
-    return traced_end(layout, _RTOL, numbers)[_VOLUME]
+    signature, parameters = split(model, p)
+    return traced_end(signature, _RTOL, parameters)[_VOLUME]
 
 
 OTHER_ENDS: Mapping[str, str] = {
@@ -190,27 +190,27 @@ def end_names(model: CuttingModel) -> tuple[str, ...]:
 
     The code of an outcome is an index of these.
     """
-    return (*layout_of(model, TABLE_1).event_names, *OTHER_ENDS)
+    return (*signature_of(model, TABLE_1).event_names, *OTHER_ENDS)
 
 
 def tip_at(model: CuttingModel, p: Parameters, ys: np.ndarray) -> list[np.ndarray]:
     """Position and velocity of the tip, and dV/dt, at states with the volume, shape (times, quantities)."""
-    layout, (_, numbers) = layout_of(model, p), split(model, p)
+    signature, (_, parameters) = signature_of(model, p), split(model, p)
     with compiling:
-        program = _tip_program(layout, jax.tree.structure(layout.state))
+        program = _tip_program(signature, jax.tree.structure(signature.state))
     results = [np.empty(len(ys)) for _ in range(5)]
-    program.run([*(np.asarray(number, float) for number in numbers), *ys[:, :-1].T], np.arange(len(ys)), results)
+    program.run([*(np.asarray(number, float) for number in parameters), *ys[:, :-1].T], np.arange(len(ys)), results)
     return results
 
 
 @functools.lru_cache(maxsize=64)
-def _tip_program(layout: Layout, structure: Structure) -> Lanewise:
-    def lane(numbers: list[Number], leaves: list[Scalar]) -> list[Scalar]:
-        p, model = layout.args(numbers)
+def _tip_program(signature: Signature, structure: Structure) -> Lanewise:
+    def lane(parameters: list[Number], leaves: list[Scalar]) -> list[Scalar]:
+        p, model = signature.args(parameters)
         state = jax.tree.unflatten(structure, leaves)
         return [jnp.asarray(part, float) for part in (*model.tip(state, p), model.removal_rate(state, p))]
 
-    return compile_lanes(lane, (layout.structs(), [number] * structure.num_leaves))
+    return compile_lanes(lane, (signature.structs(), [number] * structure.num_leaves))
 
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
@@ -254,14 +254,16 @@ class Impact(Result):
     @functools.cached_property
     def volume_at_contact(self) -> PerImpact:
         """The volume removed at contact by deformation, beside the cut [volume]; computed when first read."""
-        layout, numbers, shape = lanes_of(self.model, self.p)
+        signature, parameters, shape = lanes_of(self.model, self.p)
 
-        def of_one(numbers: Sequence[Number]) -> Array:
-            p, model = layout.args(numbers)
+        def of_one(parameters: Sequence[Number]) -> Array:
+            p, model = signature.args(parameters)
             return jnp.asarray(model.removed_at_contact(p), float)
 
-        varies = [0 if number.ndim > len(own) else None for number, own in zip(numbers, layout.shapes, strict=True)]
-        removed = jax.vmap(of_one, (varies,))(numbers) if 0 in varies else of_one(numbers)
+        varies = [
+            0 if number.ndim > len(own) else None for number, own in zip(parameters, signature.shapes, strict=True)
+        ]
+        removed = jax.vmap(of_one, (varies,))(parameters) if 0 in varies else of_one(parameters)
         return np.broadcast_to(removed, _count(shape)).reshape(shape)[()]
 
     @functools.cached_property
@@ -273,10 +275,10 @@ class Impact(Result):
         where a derivative does not exist. It is computed when first read.
         """
         order = 2 if self.d2volume is not None else 1 if self.dvolume is not None else 0
-        _, numbers, shape = lanes_of(self.model, self.p)
-        wide = layout_of(self.model, self.p, whole=True)
+        _, parameters, shape = lanes_of(self.model, self.p)
+        wide = signature_of(self.model, self.p, whole=True)
         clock = Clock(0.0, np.inf, np.inf, np.inf)
-        lanes = Lanes(wide, [*numbers, *map(np.asarray, clock)], shape, (*names_of(self.model), *Clock._fields))
+        lanes = Lanes(wide, [*parameters, *map(np.asarray, clock)], shape, (*names_of(self.model), *Clock._fields))
         wrt = (self.wrt,) if isinstance(self.wrt, str) else self.wrt
         return solution(lanes, wrt if order else (), order, self.rtol)
 
@@ -396,14 +398,14 @@ def impact(
     if not names or len(set(names)) != len(names):
         raise ValueError(f"Argument `wrt` must name one or several different parameters, but is {briefly(wrt)}.")
     derivatives, rtol = check_order(derivatives), max(check_share("rtol", rtol), _TINY)
-    layout, numbers, shape = lanes_of(model, p)
+    signature, parameters, shape = lanes_of(model, p)
     single = isinstance(wrt, str)
     if derivatives == 0 or (single and wrt in QUANTITIES):
         places = (element_of(model, names[0]),) if derivatives else ()
-        results = integrate(layout, numbers, _count(shape), derivatives, places, rtol)
-        first, second = volume_of(results).first, volume_of(results).second
+        results = integrate(signature, parameters, _count(shape), derivatives, places, rtol)
+        first, second = volume_of(results).by_first, volume_of(results).mixed
     else:
-        results, first, second = _several(model, layout, numbers, _count(shape), derivatives, names, rtol)
+        results, first, second = _several(model, signature, parameters, _count(shape), derivatives, names, rtol)
     tail = () if single else (len(names),)
     return Impact(
         model=model,
@@ -438,8 +440,8 @@ def pair_derivatives(
 
     For other modules of the package: arguments are not checked.
     """
-    layout, numbers, shape = lanes_of(model, p)
-    results = _along(model, layout, numbers, _count(shape), 2, pairs, rtol)
+    signature, parameters, shape = lanes_of(model, p)
+    results = _along(model, signature, parameters, _count(shape), 2, pairs, rtol)
 
     def shaped(derivatives: Derivatives) -> Derivatives:
         return Derivatives(*(part.reshape(shape + part.shape[1:]) for part in derivatives))
@@ -458,8 +460,8 @@ def _count(shape: tuple[int, ...]) -> int:
 
 def _several(
     model: CuttingModel,
-    layout: Layout,
-    numbers: list[np.ndarray],
+    signature: Signature,
+    parameters: list[np.ndarray],
     lanes: int,
     order: int,
     names: tuple[str, ...],
@@ -467,19 +469,21 @@ def _several(
 ) -> tuple[LaneEnd, np.ndarray, np.ndarray | None]:
     """Gradient and Hessian over several parameters."""
     if order == 1:
-        results = _along(model, layout, numbers, lanes, 1, [(name,) for name in names], rtol)
-        return results, volume_of(results).first, None
-    results = _along(model, layout, numbers, lanes, 2, list(itertools.combinations_with_replacement(names, 2)), rtol)
+        results = _along(model, signature, parameters, lanes, 1, [(name,) for name in names], rtol)
+        return results, volume_of(results).by_first, None
+    results = _along(
+        model, signature, parameters, lanes, 2, list(itertools.combinations_with_replacement(names, 2)), rtol
+    )
     row, column = np.triu_indices(len(names))
     second = np.empty((lanes, len(names), len(names)))
-    second[:, row, column] = second[:, column, row] = volume_of(results).second
-    return results, volume_of(results).first[:, row == column], second
+    second[:, row, column] = second[:, column, row] = volume_of(results).mixed
+    return results, volume_of(results).by_first[:, row == column], second
 
 
 def _along(
     model: CuttingModel,
-    layout: Layout,
-    numbers: list[np.ndarray],
+    signature: Signature,
+    parameters: list[np.ndarray],
     lanes: int,
     order: int,
     directions: Sequence[tuple[str, ...]],
@@ -487,9 +491,9 @@ def _along(
 ) -> LaneEnd:
     """The lanes' results, with derivatives (lanes, directions) along names, or along pairs of names."""
     places = np.array([[element_of(model, name) for name in names] for names in directions], float).T
-    results = integrate_along(layout, numbers, lanes, order, places, rtol)
+    results = integrate_along(signature, parameters, lanes, order, places, rtol)
     # A lane that fails along one direction fails in all.
-    failed = np.any(layout.has_no_result(results.outcome), axis=1, keepdims=True)
+    failed = np.any(signature.has_no_result(results.outcome), axis=1, keepdims=True)
     outcome = np.where(failed[:, 0], results.outcome.max(axis=1), results.outcome[:, 0])
 
     def of_lanes(parts: Derivatives) -> Derivatives:

@@ -13,7 +13,7 @@ from erosion.ode import maxima
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.maxima import QuantityAlong, Search, SearchRange
 from erosion.ode.resolve import Nodes, Ruler, choose
-from erosion.ode.variational import Derivatives, Layout
+from erosion.ode.variational import Derivatives, Signature
 from erosion.output import Record
 from erosion.parameters import QUANTITIES, STEEPEST
 
@@ -99,7 +99,7 @@ class WithinTurn:
 
     def __init__(self, volume: QuantityAlong, lowest: np.ndarray, range_: np.ndarray) -> None:
         self._volume, self._lowest, self._range = volume, lowest, range_
-        self._turned = volume.layout.event_names.index(TURNED)
+        self._turned = volume.signature.event_names.index(TURNED)
         self._sign = -1.0 if volume.negative else 1.0
 
     def __call__(self, case: np.ndarray, at: np.ndarray) -> Nodes:
@@ -116,7 +116,7 @@ class WithinTurn:
 
 
 def over_angles(
-    layout: Layout, numbers: list[np.ndarray], cases: int, low: float, high: float, *, least: bool
+    signature: Signature, parameters: list[np.ndarray], cases: int, low: float, high: float, *, least: bool
 ) -> Search:
     """The search of the greatest (or least) volumes of many cases over the angles from `low` to `high` [rad].
 
@@ -132,21 +132,21 @@ def over_angles(
         ends_apart=least,
         nothing=NO_CUT,
     )
-    names = (*layout.event_names, *OTHER_ENDS)
+    names = (*signature.event_names, *OTHER_ENDS)
     if TURNED not in names:
-        volume = functools.partial(QuantityAlong, layout, numbers, _ALPHA, _volume, least, refines=False)
+        volume = functools.partial(QuantityAlong, signature, parameters, _ALPHA, _volume, least, refines=False)
         return Search(lambda rtol: volume(rtol=rtol), cases, names, within, least=least)
-    lowest, range_ = _sizes(layout, numbers, cases, within.grid, least=least)
-    quantity = functools.partial(_volume_or_time, layout.event_names.index(TURNED))
-    volume = functools.partial(QuantityAlong, layout, numbers, _ALPHA, quantity, least, refines=False)
+    lowest, range_ = _sizes(signature, parameters, cases, within.grid, least=least)
+    quantity = functools.partial(_volume_or_time, signature.event_names.index(TURNED))
+    volume = functools.partial(QuantityAlong, signature, parameters, _ALPHA, quantity, least, refines=False)
     return Search(lambda rtol: WithinTurn(volume(rtol=rtol), lowest, range_), cases, names, within, least=least)
 
 
 def _sizes(
-    layout: Layout, numbers: list[np.ndarray], cases: int, grid: np.ndarray, *, least: bool
+    signature: Signature, parameters: list[np.ndarray], cases: int, grid: np.ndarray, *, least: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """The lowest volume (of `least`, its negative) of each case and the range of its volumes, shape (cases,)."""
-    volume = QuantityAlong(layout, numbers, _ALPHA, _volume, False, maxima.LOOSE, refines=False)
+    volume = QuantityAlong(signature, parameters, _ALPHA, _volume, False, maxima.LOOSE, refines=False)
     _, _, values = volume.outcomes(np.repeat(np.arange(cases), grid.size), np.tile(grid, cases))
     values = np.where(np.isfinite(values), -values if least else values, np.nan).reshape(cases, grid.size)
     known = np.isfinite(values).any(axis=1)
@@ -187,33 +187,33 @@ def _within_turn(found: maxima.Maxima) -> maxima.Maxima:
     return dataclasses.replace(found, candidates=tuple(candidates), jumps=jumps)
 
 
-def _volume(results: LaneEnd, numbers: list[np.ndarray]) -> Derivatives:
+def _volume(results: LaneEnd, parameters: list[np.ndarray]) -> Derivatives:
     """The removed volume."""
-    volume, alpha = volume_of(results), numbers[_ALPHA]
-    if volume.first is None:
+    volume, alpha = volume_of(results), parameters[_ALPHA]
+    if volume.by_first is None:
         return volume
     # Near 0 a slope is known to rounding over the angle.
-    rounding = (_RULER.near(alpha) < 1) & (np.abs(alpha * volume.first) <= _ROUNDING * np.abs(volume.value))
-    return volume._replace(first=np.where(rounding, 0.0, volume.first))
+    rounding = (_RULER.near(alpha) < 1) & (np.abs(alpha * volume.by_first) <= _ROUNDING * np.abs(volume.value))
+    return volume._replace(by_first=np.where(rounding, 0.0, volume.by_first))
 
 
-def _volume_or_time(turned: int, results: LaneEnd, numbers: list[np.ndarray]) -> Derivatives:
+def _volume_or_time(turned: int, results: LaneEnd, parameters: list[np.ndarray]) -> Derivatives:
     """The removed volume; where the body turns too far, how late it does, from 0 at once to 1 never."""
-    volume, time = _volume(results, numbers), results.time
+    volume, time = _volume(results, parameters), results.time
     late = results.outcome == turned
     if not late.any():
         return volume
-    p = dict(zip(QUANTITIES, numbers, strict=False))
+    p = dict(zip(QUANTITIES, parameters, strict=False))
     scale = np.sqrt(p["m"] / (p["k"] * p["sigma"] * p["b"] * p["psi"]))
     whole = 1 + time.value / scale
     value = np.where(late, 1 - 1 / whole, volume.value)
-    if time.first is None or time.second is None:
+    if time.by_first is None or time.mixed is None:
         return volume._replace(value=value)
-    rate = time.first / scale
+    rate = time.by_first / scale
     return volume._replace(
         value=value,
-        first=np.where(late, rate / whole**2, volume.first),
-        second=np.where(late, time.second / scale / whole**2 - 2 * rate**2 / whole**3, volume.second),
+        by_first=np.where(late, rate / whole**2, volume.by_first),
+        mixed=np.where(late, time.mixed / scale / whole**2 - 2 * rate**2 / whole**3, volume.mixed),
     )
 
 

@@ -386,10 +386,10 @@ def _optimum(
     if limit is not None and not turns(model, p):
         limit = None
     searched_model = integrand if limit is None else TurnLimited(integrand, limit)
-    layout, numbers, shape = lanes_of(searched_model, p)
+    signature, parameters, shape = lanes_of(searched_model, p)
 
     def search(lanes: slice, cases: int) -> list[Maxima]:
-        return over_angles(layout, layout.of_lanes(numbers, lanes), cases, low, high, least=least).optima()
+        return over_angles(signature, signature.of_lanes(parameters, lanes), cases, low, high, least=least).optima()
 
     columns = in_words(searched(math.prod(shape), search), shape)
     volume = columns["value"]
@@ -474,7 +474,7 @@ def _sensitivities(optimum: Optimum, names: list[str]) -> np.ndarray:
 
 def _along_interior(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -> np.ndarray:
     """dα/dq of the interior maxima of some cases, shape (names, cases)."""
-    second = along_angle(cases, np.ravel(optimum.alpha)[cases]).volume.second
+    second = along_angle(cases, np.ravel(optimum.alpha)[cases]).volume.mixed
     return (-second[:, 1:] / second[:, :1]).T
 
 
@@ -494,8 +494,8 @@ def _along_jump(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -
     below, attained = (np.ravel(mask)[cases] for mask in (np.asarray(optimum.side) == "below", optimum.attained))
     towards = np.where(below == attained, -1.0, 1.0)
     times = [along_angle(cases, at + towards * distance).t_c for distance in _DISTANCES]
-    rates = _at_no_distance([(-time.other[:, 1:] / time.first[:, :1]).T for time in times])
-    nearest, farthest = (np.abs(times[i].first[:, 0]) for i in (0, -1))
+    rates = _at_no_distance([(-time.by_second[:, 1:] / time.by_first[:, :1]).T for time in times])
+    nearest, farthest = (np.abs(times[i].by_first[:, 0]) for i in (0, -1))
     # Beside a graze t_α grows as the root of the distance falls, by 4 here. Another jump leaves no trace beside it, and
     # t_α may be zero but for rounding there.
     is_graze = (nearest > 2 * farthest) & (nearest > 1e-6 * times[0].value)
@@ -511,7 +511,7 @@ def _along_kink(along_angle: _AlongAngle, cases: np.ndarray, optimum: Optimum) -
 
     def quotient(distance: float) -> np.ndarray:
         below, above = (along_angle(cases, alpha + side * distance).volume for side in (-1, 1))
-        return (-(above.other - below.other)[:, 1:] / (above.first - below.first)[:, :1]).T
+        return (-(above.by_second - below.by_second)[:, 1:] / (above.by_first - below.by_first)[:, :1]).T
 
     return _at_no_distance([quotient(distance) for distance in _DISTANCES])
 

@@ -23,7 +23,7 @@ from jax.typing import ArrayLike
 import erosion.impacts.diffrax_steps as flow
 from erosion.arguments import ModelState, Structure, check_share, check_whole, refuse
 from erosion.correlations.ranges import OutOfRangeWarning
-from erosion.impacts.batch import OTHER_ENDS, element_of, end_names, layout_of, split, tip_at
+from erosion.impacts.batch import OTHER_ENDS, element_of, end_names, signature_of, split, tip_at
 from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
 from erosion.models import (
     NO_CUT,
@@ -449,14 +449,16 @@ def path(model: CuttingModel, p: Parameters, points: int = 201) -> Trajectory:
 
 def _end_and_states(model: CuttingModel, p: Parameters, t: np.ndarray) -> tuple[tuple[int, float, float], np.ndarray]:
     """How and when one cut ends, and dV/dα; the vectors `y` of its motion at times up to there."""
-    layout, (_, numbers) = layout_of(model, p, whole=True), split(model, p)
+    signature, (_, parameters) = signature_of(model, p, whole=True), split(model, p)
     clock = Clock(t0=0.0, t1=np.inf, max_step=np.inf, max_events=np.inf)
     rising, places = np.unique(t, return_inverse=True)
     alpha = element_of(model, "alpha")
-    end = integrate(layout, [*numbers, *map(np.asarray, clock)], 1, 1, (alpha,), _RTOL, refines=False, times=rising)
+    end = integrate(
+        signature, [*parameters, *map(np.asarray, clock)], 1, 1, (alpha,), _RTOL, refines=False, times=rising
+    )
     # After the state comes the volume, and after that what the model itself integrates.
-    volume = len(end.outputs.value) - len(layout.problem.integrals)
+    volume = len(end.outputs.value) - len(signature.problem.integrals)
     at_the_end, t_c = np.concatenate(end.outputs.value[: volume + 1]), end.time.value[0]
-    first, saved = np.array(end.outputs.first), np.asarray(end.saved)
+    first, saved = np.array(end.outputs.by_first), np.asarray(end.saved)
     ys = np.where(t[:, None] < t_c, saved[0, places, 0, : volume + 1], at_the_end)
     return (int(end.outcome[0]), float(t_c), float(first[volume][0])), ys

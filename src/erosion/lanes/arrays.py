@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 
-from erosion.lanes.graph import BOOL, CannotCompileError, Graph, Value
+from erosion.lanes.graph import BOOL, CannotCompileError, Graph, GraphValue
 from erosion.lanes.large import Large, array_of, large
 from erosion.lanes.scalars import SCALARS, Equation, Kind, Params, Rule, aval_of, converted, type_of
 
 Elements = Any
 """An array of values. numpy's types do not say that an index gives one element of it."""
 
-Part = Value | np.ndarray | Large
+Part = GraphValue | np.ndarray | Large
 """A scalar, or an array of values, or a large array."""
 
 Work = Callable[[Graph, list[Elements]], Sequence[Part]]
@@ -44,7 +44,7 @@ def constant(graph: Graph, number: ArrayLike, dtype: DTypeLike) -> Part:
     return part(array_of(numbers.shape, lambda index: graph.constant(numbers[index].item(), type_)))
 
 
-def of_each(function: Callable[..., Value], *arrays: Elements) -> Elements:
+def of_each(function: Callable[..., GraphValue], *arrays: Elements) -> Elements:
     """What a function of scalars makes of each element of arrays, which broadcast."""
     spread = np.broadcast_arrays(*arrays)
     return array_of(spread[0].shape, lambda index: function(*(array[index] for array in spread)))
@@ -62,7 +62,7 @@ def elementwise(rule: Rule, equation: Equation, *, stored: bool = False) -> Work
             return None
         known = [array for array in arrays if array is not None]
 
-        def at(index: Sequence[Value]) -> Value:
+        def at(index: Sequence[GraphValue]) -> GraphValue:
             return rule(graph, kind, *(array.at(index if array.shape else ()) for array in known))
 
         reads = [item for array in known for item in array.reads.items()]
@@ -163,7 +163,7 @@ def _index_of_extreme(equation: Equation, graph: Graph, inputs: list[Part]) -> l
     better = SCALARS["gt" if equation.primitive.name == "argmax" else "lt"]
     rows, type_ = np.moveaxis(whole(inputs[0]), axis, 0), type_of(equation.params["index_dtype"])
 
-    def first_best(index: tuple[int, ...]) -> Value:
+    def first_best(index: tuple[int, ...]) -> GraphValue:
         best, where = rows[(0, *index)], graph.constant(0, type_)
         for i in range(1, len(rows)):
             other = rows[(i, *index)]

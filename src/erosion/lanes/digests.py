@@ -35,7 +35,7 @@ from erosion.lanes.scalars import Atom, Equation, aval_of
 
 _PACKAGE = str(Path(__file__).parents[1]) + os.sep
 TRACED = "a number that JAX is tracing"
-"""What is foreign in a function that reads a tracer from outside."""
+"""`process_local` of a function that reads a tracer from outside."""
 
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+")  # of a thing in this process
 _IGNORED = ("weak_type", "sharding", "out_sharding")  # parameters that change no number
@@ -48,12 +48,12 @@ class Digest:
     Args:
         text: hexadecimal digits.
         results: shapes and types of what it gives.
-        foreign: what holds only in this process, such as a callback into Python; empty where there is nothing.
+        process_local: what holds only in this process, such as a callback into Python; empty where there is nothing.
     """
 
     text: str
     results: PyTree
-    foreign: str
+    process_local: str
 
 
 def hashed(*parts: bytes | str) -> bytes:
@@ -80,7 +80,7 @@ def digest_of(
     results = walk.results(closed, labels)
     if walk.has_rules:
         results += walk.results(_twice_differentiated(function, examples), labels)
-    return Digest(hashed(*results).hex()[:32], shapes, walk.foreign)
+    return Digest(hashed(*results).hex()[:32], shapes, walk.process_local)
 
 
 def _twice_differentiated(function: Callable[..., PyTree], examples: Sequence[PyTree]) -> ClosedJaxpr:
@@ -114,7 +114,7 @@ class _Walk:
 
     def __init__(self) -> None:
         self.has_rules = False
-        self.foreign = ""
+        self.process_local = ""
 
     def results(self, closed: ClosedJaxpr, labels: Sequence[bytes] | None = None) -> list[bytes]:
         """The digests of a function's results."""
@@ -171,12 +171,12 @@ class _Walk:
             return self._number(value)
         words = repr(value)
         if _ADDRESS.search(words):
-            self.foreign = self.foreign or words
+            self.process_local = self.process_local or words
         return hashed(type(value).__name__, _ADDRESS.sub("", words))
 
     def _number(self, number: Any, dtype: Any = None) -> bytes:
         if isinstance(number, Tracer):
-            self.foreign = TRACED
+            self.process_local = TRACED
             return hashed("traced", str(id(number)))
         if jax.numpy.issubdtype(getattr(number, "dtype", float), jax.dtypes.extended):  # keys of random numbers
             number = jax.random.key_data(number)

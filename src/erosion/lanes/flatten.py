@@ -16,7 +16,7 @@ from jax.typing import ArrayLike
 from erosion.lanes import tapes
 from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, elementwise, of_each, part, whole
 from erosion.lanes.functions import FUNCTIONS
-from erosion.lanes.graph import ARRAY, BOOL, DOUBLE, LONG, NUMBERS, CannotCompileError, Graph, Loop, Region, Value
+from erosion.lanes.graph import ARRAY, BOOL, DOUBLE, LONG, NUMBERS, CannotCompileError, Graph, GraphValue, Loop, Region
 from erosion.lanes.jax_versions import CALLS, called, carried_by_scan, expansion
 from erosion.lanes.large import LARGE, Large, array_of, as_memory, begin_carrying, carry_on, memory, parted
 from erosion.lanes.loops import of_arrays
@@ -133,15 +133,15 @@ class Flattener:
             raise CannotCompileError("`custom_vjp`", "use `custom_jvp`, by which JAX goes backwards as well")
         raise CannotCompileError(f"`{name}`")
 
-    def _function(self, name: str, inputs: int) -> Callable[..., Value]:
+    def _function(self, name: str, inputs: int) -> Callable[..., GraphValue]:
         """A function such as `exp` in plain arithmetic."""
         closed = _traced(name, inputs)
 
-        def rule(graph: Graph, kind: Kind, *given: Value) -> Value:
+        def rule(graph: Graph, kind: Kind, *given: GraphValue) -> GraphValue:
             # In double precision, also for integers (as in `pow`) and single precision.
             exact = [converted(graph, value, dtype, _DOUBLE) for value, dtype in zip(given, kind.inputs, strict=True)]
             (result,) = self.closed(closed, exact)
-            assert isinstance(result, Value)
+            assert isinstance(result, GraphValue)
             return converted(graph, result, _DOUBLE, kind.output)
 
         return rule
@@ -172,7 +172,7 @@ class Flattener:
         arrays = {i: each for i in changing if isinstance(each := initial[i], Large) and each.type == DOUBLE}
         memories = {i: begin_carrying(array) for i, array in arrays.items()}
 
-        def all_of(changed: Sequence[Value]) -> list[Part]:
+        def all_of(changed: Sequence[GraphValue]) -> list[Part]:
             carried, rest = list(initial), iter(changed)
             for i in changing:
                 if i in memories:
@@ -210,7 +210,7 @@ class Flattener:
 
     def _cond(self, equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
         case, *arguments = inputs
-        assert isinstance(case, Value)
+        assert isinstance(case, GraphValue)
         cases, outputs, results = [], [], []
         for closed in equation.params["branches"]:
             with graph.within(Region(graph.region)) as case_region:
@@ -252,11 +252,11 @@ class Flattener:
 
         def body(state: list[Part]) -> list[Part]:
             count, *rest = state
-            assert isinstance(count, Value)
+            assert isinstance(count, GraphValue)
             return [graph.op("add", LONG, count, one), *self.closed(closed, [*fixed, *rest])]
 
         def condition(state: list[Part]) -> Part:
-            assert isinstance(state[0], Value)
+            assert isinstance(state[0], GraphValue)
             return graph.compare("icmp slt", state[0], last)
 
         unchanged = {i + 1 for i in _unchanged(closed.jaxpr, len(fixed))}
@@ -275,8 +275,8 @@ class _Steps:
         self.results: list[int] = []
 
 
-def _one(scalar: Part) -> Value:
-    assert isinstance(scalar, Value)
+def _one(scalar: Part) -> GraphValue:
+    assert isinstance(scalar, GraphValue)
     return scalar
 
 
@@ -316,7 +316,7 @@ def flatten(closed: ClosedJaxpr, *, shared: bool = True) -> Graph:
         results = Flattener(graph).closed(closed, arguments)
     except CannotCompileError as error:
         raise NotForLanesError.at("The function", error) from None
-    outputs: list[Value] = []
+    outputs: list[GraphValue] = []
     for result in results:
         if isinstance(result, Large) and result.type == DOUBLE:
             outputs.append(graph.op("output", ARRAY, result.copied(), extra=result.size))
@@ -345,11 +345,11 @@ def _traced(name: str, inputs: int) -> ClosedJaxpr:
     return jax.make_jaxpr(FUNCTIONS[name])(*[number] * inputs)
 
 
-def _scalars(parts: Sequence[Part]) -> list[Value]:
+def _scalars(parts: Sequence[Part]) -> list[GraphValue]:
     return [value for array in map(whole, parts) for value in array.ravel()]
 
 
-def _gathered(values: Sequence[Value], shaped: Sequence[Part]) -> list[Part]:
+def _gathered(values: Sequence[GraphValue], shaped: Sequence[Part]) -> list[Part]:
     """Scalars put together to parts of the shapes of `shaped`."""
     rest = iter(values)
     return [part(array_of(whole(example).shape, lambda _: next(rest))) for example in shaped]

@@ -23,7 +23,7 @@ from erosion.lanes.graph import Graph
 from erosion.lanes.lanewise import Lanewise
 from erosion.lanes.machine import without_garbage_collection
 from erosion.lanes.tapes import WRITE
-from erosion.lanes.thread_ir import FIELD, GPU, Target, own_rows, thread_ir
+from erosion.lanes.thread_ir import FIELD, GPU, KernelTarget, own_rows, thread_ir
 from erosion.lanes.writer import ENTRY, tapes_with
 
 _CPU, _PTX = "sm_70", "+ptx70"  # the driver assembles it for any newer GPU, to the same bits
@@ -101,7 +101,7 @@ class Gpu:
         NoGpuError: where there is no GPU, no driver, or no bindings of the driver.
     """
 
-    def __init__(self, driver: Any = None, target: Target = GPU, translate: Callable[[str], str] = ptx) -> None:
+    def __init__(self, driver: Any = None, target: KernelTarget = GPU, translate: Callable[[str], str] = ptx) -> None:
         if driver is None:
             try:
                 from cuda.bindings import driver  # pyrefly: ignore

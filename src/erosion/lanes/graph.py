@@ -35,7 +35,7 @@ class CannotCompileError(Exception):
         self.instead = instead
 
 
-class Value:
+class GraphValue:
     """A scalar: the result of an operation.
 
     Args:
@@ -51,7 +51,9 @@ class Value:
 
     regions = ()  # a step that has none within it
 
-    def __init__(self, op: str, inputs: tuple["Value", ...], type_: str, region: "Region", extra: Any = None) -> None:
+    def __init__(
+        self, op: str, inputs: tuple["GraphValue", ...], type_: str, region: "Region", extra: Any = None
+    ) -> None:
         self.op, self.inputs, self.type, self.region, self.extra = op, inputs, type_, region, extra
         self.name = ""  # in the text of the program
         self.uses = 0  # how many steps read it; known once the graph is complete
@@ -77,7 +79,7 @@ class Region:
         self.depth: int = 0 if parent is None else parent.depth + 1
         self.level: int = is_loop if parent is None else parent.level + is_loop  # loops around it
         self.steps: list[Step] = []
-        self.known: dict[tuple[object, ...], Value] = {}  # operations of this region, by name, type and inputs
+        self.known: dict[tuple[object, ...], GraphValue] = {}  # operations of this region, by name, type and inputs
         # By the depth of the innermost input: the region in which an operation asked for here is computed.
         self.targets: list[Region] = []
         for depth in range(self.depth):
@@ -91,16 +93,16 @@ class Loop:
 
     __slots__ = ("arguments", "body", "condition", "head", "initial", "regions", "results", "updates")
 
-    def __init__(self, head: Region, initial: Sequence[Value]) -> None:
+    def __init__(self, head: Region, initial: Sequence[GraphValue]) -> None:
         self.regions = self.head, self.body = head, Region(head)
         self.initial = list(initial)
-        self.arguments = [Value("argument", (), value.type, head, self) for value in initial]
-        self.condition: Value
-        self.updates: list[Value] = []
-        self.results: list[Value] = []
+        self.arguments = [GraphValue("argument", (), value.type, head, self) for value in initial]
+        self.condition: GraphValue
+        self.updates: list[GraphValue] = []
+        self.results: list[GraphValue] = []
 
     @property
-    def inputs(self) -> tuple[Value, ...]:
+    def inputs(self) -> tuple[GraphValue, ...]:
         """What it reads."""
         return self.condition, *self.initial, *self.updates
 
@@ -116,12 +118,12 @@ class Branch:
 
     __slots__ = ("outputs", "regions", "results", "selector")
 
-    def __init__(self, selector: Value, regions: list[Region], outputs: list[list[Value]]) -> None:
+    def __init__(self, selector: GraphValue, regions: list[Region], outputs: list[list[GraphValue]]) -> None:
         self.selector, self.regions, self.outputs = selector, regions, outputs
-        self.results: list[Value] = []
+        self.results: list[GraphValue] = []
 
     @property
-    def inputs(self) -> tuple[Value, ...]:
+    def inputs(self) -> tuple[GraphValue, ...]:
         """What it reads."""
         return self.selector, *(value for outputs in self.outputs for value in outputs)
 
@@ -131,21 +133,21 @@ class Counted:
 
     __slots__ = ("arguments", "body", "index", "initial", "length", "regions", "results", "updates")
 
-    def __init__(self, parent: Region, length: int, initial: Sequence[Value]) -> None:
+    def __init__(self, parent: Region, length: int, initial: Sequence[GraphValue]) -> None:
         self.length, self.initial, self.body = length, list(initial), Region(parent, is_loop=True)
         self.regions = (self.body,)
-        self.index = Value("index", (), PLACE, self.body, self)
-        self.arguments = [Value("argument", (), value.type, self.body, self) for value in initial]
-        self.updates: list[Value] = []
-        self.results: list[Value] = []
+        self.index = GraphValue("index", (), PLACE, self.body, self)
+        self.arguments = [GraphValue("argument", (), value.type, self.body, self) for value in initial]
+        self.updates: list[GraphValue] = []
+        self.results: list[GraphValue] = []
 
     @property
-    def inputs(self) -> tuple[Value, ...]:
+    def inputs(self) -> tuple[GraphValue, ...]:
         """What it reads."""
         return *self.initial, *self.updates
 
 
-Step = Value | Loop | Branch | Counted
+Step = GraphValue | Loop | Branch | Counted
 
 
 class Graph:
@@ -160,31 +162,31 @@ class Graph:
 
     def __init__(self) -> None:
         self.root = self.region = Region(None)
-        self.outputs: list[Value] = []
+        self.outputs: list[GraphValue] = []
         self.places = 0  # of the arguments
         self.rows = 0  # of memory, each with a number of every lane; the first are the arguments
         self.numbers = 0  # in memory after them, of arguments that all lanes share
         self._made = self._asked = 0  # operations
 
-    def constant(self, number: float, type_: str) -> Value:
+    def constant(self, number: float, type_: str) -> GraphValue:
         """A number."""
         number = _in_range(number, type_)
         key = ("const", type_, struct.pack("<d", number) if type_ in _FLOATS else number)
         value = self.root.known.get(key)
         if value is None:
-            value = self.root.known[key] = Value("const", (), type_, self.root, number)
+            value = self.root.known[key] = GraphValue("const", (), type_, self.root, number)
         return value
 
-    def input(self, place: int) -> Value:
+    def input(self, place: int) -> GraphValue:
         """The float64 in this place of the lane's arguments."""
         key = ("input", place)
         value = self.root.known.get(key)
         if value is None:
-            value = self.root.known[key] = Value("input", (), DOUBLE, self.root, place)
+            value = self.root.known[key] = GraphValue("input", (), DOUBLE, self.root, place)
             self.root.steps.append(value)
         return value
 
-    def op(self, name: str, type_: str, *inputs: Value, extra: Any = None) -> Value:
+    def op(self, name: str, type_: str, *inputs: GraphValue, extra: Any = None) -> GraphValue:
         """The value of an operation."""
         self._asked += 1
         if self._made > _MOST or self._asked > _MOST_ASKED:
@@ -206,27 +208,27 @@ class Graph:
                 return value
             region = region.parent
         self._made += 1
-        value = target.known[key] = Value(name, inputs, type_, target, extra)
+        value = target.known[key] = GraphValue(name, inputs, type_, target, extra)
         target.steps.append(value)
         return value
 
-    def _simplified(self, name: str, type_: str, inputs: tuple[Value, ...]) -> Value | None:
+    def _simplified(self, name: str, type_: str, inputs: tuple[GraphValue, ...]) -> GraphValue | None:
         """A simpler value with the same bits; None if there is none."""
         if name in _FOLDED and all(value.op == "const" for value in inputs):
             return self._folded(name, type_, inputs)
         simplify = _SIMPLER.get(name)
         return simplify(self, *inputs) if simplify is not None else None
 
-    def _folded(self, name: str, type_: str, inputs: tuple[Value, ...]) -> Value:
+    def _folded(self, name: str, type_: str, inputs: tuple[GraphValue, ...]) -> GraphValue:
         numbers = [_NUMPY[value.type](value.extra) for value in inputs]
         with np.errstate(all="ignore"):
             return self.constant(_FOLDED[name](*numbers), type_)
 
-    def compare(self, kind: str, x: Value, y: Value) -> Value:
+    def compare(self, kind: str, x: GraphValue, y: GraphValue) -> GraphValue:
         """A comparison: "fcmp olt", "icmp eq", …."""
         return self.op(kind, BOOL, x, y)
 
-    def select(self, condition: Value, if_true: Value, if_false: Value) -> Value:
+    def select(self, condition: GraphValue, if_true: GraphValue, if_false: GraphValue) -> GraphValue:
         """One of two values."""
         return self.op("select", if_true.type, condition, if_true, if_false)
 
@@ -238,17 +240,20 @@ class Graph:
         self.region = outer
 
     def counted(
-        self, length: int, initial: Sequence[Value], body: Callable[[Value, list[Value]], Sequence[Value]]
-    ) -> list[Value]:
+        self,
+        length: int,
+        initial: Sequence[GraphValue],
+        body: Callable[[GraphValue, list[GraphValue]], Sequence[GraphValue]],
+    ) -> list[GraphValue]:
         """What a loop over indices carries at its end; `body` gives what is carried on, from the index and what was."""
         loop = Counted(self.region, length, initial)
         with self.within(loop.body):
             loop.updates = list(body(loop.index, loop.arguments))
         return self.ended(loop, initial)
 
-    def place(self, terms: Iterable[tuple[Value, int]], offset: int = 0) -> Value:
+    def place(self, terms: Iterable[tuple[GraphValue, int]], offset: int = 0) -> GraphValue:
         """Σ index · stride + offset, the same in all lanes."""
-        total: Value | None = None
+        total: GraphValue | None = None
         for index, stride in terms:
             if index.is_constant or stride == 0:
                 offset += stride * (index.extra if index.is_constant else 0)
@@ -259,18 +264,18 @@ class Graph:
             return self.constant(offset, PLACE)
         return total if offset == 0 else self.op("place add", PLACE, total, self.constant(offset, PLACE))
 
-    def room(self, rows: int) -> Value:
+    def room(self, rows: int) -> GraphValue:
         """New memory for numbers of each lane."""
         self.rows += rows
         return self.memory(self.rows - rows, ARRAY)
 
-    def memory(self, first: int, type_: str) -> Value:
+    def memory(self, first: int, type_: str) -> GraphValue:
         """Memory from a row on, or from one of the numbers that all lanes share."""
-        room = Value("room", (), type_, self.root, first)
+        room = GraphValue("room", (), type_, self.root, first)
         self.root.steps.append(room)
         return room
 
-    def rows_of(self, values: Sequence[Value]) -> Value:
+    def rows_of(self, values: Sequence[GraphValue]) -> GraphValue:
         """Memory with these numbers."""
         key = ("rows", *values)
         region: Region | None = self.region
@@ -283,27 +288,27 @@ class Graph:
         made = self.region.known[key] = self.filled(room, stores)
         return made
 
-    def filled(self, array: Value, stores: Sequence[Value]) -> Value:
+    def filled(self, array: GraphValue, stores: Sequence[GraphValue]) -> GraphValue:
         """The array with what `store` wrote into it."""
-        value = Value("filled", (array, *stores), ARRAY, self.region)
+        value = GraphValue("filled", (array, *stores), ARRAY, self.region)
         self.region.steps.append(value)
         return value
 
-    def store(self, array: Value, place: Value, value: Value, *, masked: bool = False) -> Value:
+    def store(self, array: GraphValue, place: GraphValue, value: GraphValue, *, masked: bool = False) -> GraphValue:
         """Write a number of each lane; of active lanes alone if `masked`."""
         self._made += 1
-        store = Value("store", (array, place, value), "", self.region, masked)
+        store = GraphValue("store", (array, place, value), "", self.region, masked)
         self.region.steps.append(store)
         return store
 
-    def branch(self, selector: Value, cases: list[Region], outputs: list[list[Value]]) -> list[Value]:
+    def branch(self, selector: GraphValue, cases: list[Region], outputs: list[list[GraphValue]]) -> list[GraphValue]:
         """The outputs of the case that each lane takes."""
         return self.ended(Branch(selector, cases, outputs), outputs[0])
 
-    def ended(self, step: Loop | Branch | Counted, values: Sequence[Value]) -> list[Value]:
+    def ended(self, step: Loop | Branch | Counted, values: Sequence[GraphValue]) -> list[GraphValue]:
         """The results of a step that is complete, of the types of some values."""
         self.region.steps.append(step)
-        step.results = [Value("result", (), value.type, self.region, step) for value in values]
+        step.results = [GraphValue("result", (), value.type, self.region, step) for value in values]
         return step.results
 
 
@@ -336,12 +341,12 @@ def _in_range(number: float, type_: str) -> float:
     return (int(number) + half) % (2 * half) - half
 
 
-def _is(value: Value, number: float) -> bool:
+def _is(value: GraphValue, number: float) -> bool:
     """Whether a value is this constant; 0.0 and -0.0 differ."""
     return value.op == "const" and value.extra == number and math.copysign(1, value.extra) == math.copysign(1, number)
 
 
-def _product(graph: Graph, x: Value, y: Value) -> Value | None:
+def _product(graph: Graph, x: GraphValue, y: GraphValue) -> GraphValue | None:
     for constant, other in ((x, y), (y, x)):
         if _is(constant, 1.0):
             return other
@@ -350,14 +355,14 @@ def _product(graph: Graph, x: Value, y: Value) -> Value | None:
     return None
 
 
-def _quotient(graph: Graph, x: Value, y: Value) -> Value | None:
+def _quotient(graph: Graph, x: GraphValue, y: GraphValue) -> GraphValue | None:
     # The reciprocal of a power of two is exact.
     if y.op == "const" and 1e-30 < abs(y.extra) < 1e30 and abs(math.frexp(y.extra)[0]) == 0.5:
         return graph.op("fmul", x.type, x, graph.constant(1.0 / y.extra, y.type))
     return None
 
 
-def _sum(graph: Graph, x: Value, y: Value) -> Value | None:
+def _sum(graph: Graph, x: GraphValue, y: GraphValue) -> GraphValue | None:
     for term, other in ((x, y), (y, x)):
         if _is(term, -0.0):
             return other
@@ -366,22 +371,22 @@ def _sum(graph: Graph, x: Value, y: Value) -> Value | None:
     return None
 
 
-def _difference(graph: Graph, x: Value, y: Value) -> Value | None:
+def _difference(graph: Graph, x: GraphValue, y: GraphValue) -> GraphValue | None:
     if _is(y, 0.0):
         return x
     return graph.op("fadd", x.type, x, y.inputs[0]) if y.op == "fneg" else None
 
 
-def _choice(_: Graph, condition: Value, x: Value, y: Value) -> Value | None:
+def _choice(_: Graph, condition: GraphValue, x: GraphValue, y: GraphValue) -> GraphValue | None:
     if x is y:
         return x
     return (x if condition.extra else y) if condition.op == "const" else None
 
 
-def _logical(neutral: bool) -> Callable[..., Value | None]:
+def _logical(neutral: bool) -> Callable[..., GraphValue | None]:
     """Of "and" and "or": one of two truths is `neutral`, or decides alone."""
 
-    def simpler(_: Graph, x: Value, y: Value) -> Value | None:
+    def simpler(_: Graph, x: GraphValue, y: GraphValue) -> GraphValue | None:
         for constant, other in ((x, y), (y, x)):
             if constant.op == "const" and constant.type == BOOL:
                 return other if constant.extra == neutral else constant
@@ -390,14 +395,14 @@ def _logical(neutral: bool) -> Callable[..., Value | None]:
     return simpler
 
 
-def _not_zero(_: Graph, x: Value, y: Value) -> Value | None:
+def _not_zero(_: Graph, x: GraphValue, y: GraphValue) -> GraphValue | None:
     # x is a condition that was made a number, 1 or 0: the condition itself is the answer.
     if x.op == "select" and _is(y, 0) and _is(x.inputs[1], 1) and _is(x.inputs[2], 0):
         return x.inputs[0]
     return None
 
 
-_SIMPLER: dict[str, Callable[..., Value | None]] = {
+_SIMPLER: dict[str, Callable[..., GraphValue | None]] = {
     "icmp ne": _not_zero,
     "fmul": _product,
     "fdiv": _quotient,

@@ -11,28 +11,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from erosion.lanes.graph import DOUBLE, PLACE, CannotCompileError, Graph, Region, Value
+from erosion.lanes.graph import DOUBLE, PLACE, CannotCompileError, Graph, GraphValue, Region
 
 LARGE = 16
 """Elements from which on an argument is large, and so what is computed from it."""
 
 _TILE = 4  # sums side by side: each has to wait for its last term
 
-Index = Sequence[Value]
+Index = Sequence[GraphValue]
 """An index along each axis, the same in all lanes."""
 
 
 class Carried:
     """Memory that a loop changes: the array that it holds now."""
 
-    def __init__(self, array: Value) -> None:
+    def __init__(self, array: GraphValue) -> None:
         self.now = array
 
 
 class View(NamedTuple):
     """Where elements lie in memory: an array, and by how many places an index moves along each axis."""
 
-    array: Value
+    array: GraphValue
     offset: int
     strides: tuple[int, ...]
     carried: Carried | None = None
@@ -54,7 +54,7 @@ class Large:
         graph: Graph,
         shape: Sequence[int],
         type_: str,
-        given: Callable[[Index], Value] | View,
+        given: Callable[[Index], GraphValue] | View,
         reads: dict[Carried, bool] | None = None,
     ) -> None:
         self.graph, self.shape, self.type, self._given = graph, tuple(shape), type_, given
@@ -63,7 +63,7 @@ class Large:
         if self.view is not None and self.view.carried is not None:
             self.reads = {self.view.carried: self.is_contiguous and self.view.offset == 0}
         self._stored: Large | None = None
-        self._known: dict[tuple[Value, ...], Value] = {}
+        self._known: dict[tuple[GraphValue, ...], GraphValue] = {}
 
     @property
     def size(self) -> int:
@@ -83,7 +83,7 @@ class Large:
         pairs = zip(self.shape, self.view.strides, _strides(self.shape), strict=True)
         return all(length == 1 or stride == usual for length, stride, usual in pairs)
 
-    def at(self, index: Index) -> Value:
+    def at(self, index: Index) -> GraphValue:
         """The element at an index."""
         if not isinstance(self._given, View):
             known = self._known.get(tuple(index))
@@ -108,7 +108,7 @@ class Large:
             self._stored = Large(self.graph, self.shape, self.type, View(_fill(self, room), 0, _strides(self.shape)))
         return self._stored
 
-    def copied(self) -> Value:
+    def copied(self) -> GraphValue:
         """A copy in new memory, one element after another."""
         return _fill(self, self.graph.room(self.size))
 
@@ -131,7 +131,7 @@ class Large:
                     strides[axis] += step * stride
             return Large(self.graph, shape, self.type, self.view._replace(offset=offset, strides=tuple(strides)))
 
-        def at(index: Index) -> Value:
+        def at(index: Index) -> GraphValue:
             return self.at(
                 [
                     self.graph.place([(index[axis], step)] if axis is not None else [], begin)
@@ -157,7 +157,7 @@ class Large:
         return stored.reshaped(shape)
 
 
-def array_of(shape: Sequence[int], element: Callable[[tuple[int, ...]], Value]) -> np.ndarray:
+def array_of(shape: Sequence[int], element: Callable[[tuple[int, ...]], GraphValue]) -> np.ndarray:
     """An array of values, each from its index."""
     made = np.empty(shape, object)
     for index in np.ndindex(made.shape):
@@ -177,23 +177,23 @@ def _encloses(region: Region, inner: Region | None) -> bool:
     return False
 
 
-def memory(graph: Graph, array: Value, shape: Sequence[int], carried: Carried | None = None) -> Large:
+def memory(graph: Graph, array: GraphValue, shape: Sequence[int], carried: Carried | None = None) -> Large:
     """An array whose elements lie one after another."""
     return Large(graph, shape, DOUBLE, View(array, 0, _strides(shape), carried))
 
 
-def each(graph: Graph, shape: Sequence[int], body: Callable[[list[Value]], None]) -> None:
+def each(graph: Graph, shape: Sequence[int], body: Callable[[list[GraphValue]], None]) -> None:
     """Do something for each index of a shape, in nested loops."""
     zero = graph.constant(0, PLACE)
 
-    def along(axis: int, index: list[Value]) -> None:
+    def along(axis: int, index: list[GraphValue]) -> None:
         if axis == len(shape):
             body(index)
         elif shape[axis] == 1:
             along(axis + 1, [*index, zero])
         else:
 
-            def again(i: Value, _: list[Value]) -> list[Value]:
+            def again(i: GraphValue, _: list[GraphValue]) -> list[GraphValue]:
                 along(axis + 1, [*index, i])
                 return []
 
@@ -202,13 +202,13 @@ def each(graph: Graph, shape: Sequence[int], body: Callable[[list[Value]], None]
     along(0, [])
 
 
-def _fill(source: Large, room: Value, *, masked: bool = False) -> Value:
+def _fill(source: Large, room: GraphValue, *, masked: bool = False) -> GraphValue:
     """The memory with an array in it."""
     graph, strides, stores = source.graph, _strides(source.shape), []
     if source.type != DOUBLE:
         raise CannotCompileError(f"a large array of type {source.type}")
 
-    def store(index: list[Value]) -> None:
+    def store(index: list[GraphValue]) -> None:
         place = graph.place(zip(index, strides, strict=True))
         stores.append(graph.store(room, place, source.at(index), masked=masked))
 
@@ -220,7 +220,7 @@ def large(graph: Graph, part: Any, shape: Sequence[int] | None = None) -> Large 
     """A part as a large array; None where it cannot be one."""
     if isinstance(part, Large):
         return part
-    if isinstance(part, Value):
+    if isinstance(part, GraphValue):
         return Large(graph, shape or (), part.type, lambda _: part)
     values = list(part.ravel())
     if values and all(value is values[0] for value in values):
@@ -231,8 +231,11 @@ def large(graph: Graph, part: Any, shape: Sequence[int] | None = None) -> Large 
 
 
 def sums(
-    graph: Graph, shape: Sequence[int], along: Sequence[int], term: Callable[[Index, Index], tuple[Value, Value | None]]
-) -> Value | np.ndarray | Large:
+    graph: Graph,
+    shape: Sequence[int],
+    along: Sequence[int],
+    term: Callable[[Index, Index], tuple[GraphValue, GraphValue | None]],
+) -> GraphValue | np.ndarray | Large:
     """Sums of terms, a product of two numbers or one number, for each index of a shape; in the order of the terms.
 
     Args:
@@ -243,10 +246,10 @@ def sums(
     """
     zero = graph.constant(0.0, DOUBLE)
 
-    def summed(indices: list[list[Value]]) -> list[Value]:
+    def summed(indices: list[list[GraphValue]]) -> list[GraphValue]:
         """The sums at some indices, side by side."""
 
-        def inner(axis: int, place: list[Value], totals: Sequence[Value]) -> Sequence[Value]:
+        def inner(axis: int, place: list[GraphValue], totals: Sequence[GraphValue]) -> Sequence[GraphValue]:
             if axis < len(along):
                 return graph.counted(along[axis], totals, lambda i, carried: inner(axis + 1, [*place, i], carried))
             after = []
@@ -272,7 +275,7 @@ def sums(
     last = max(i for i, length in enumerate(shape) if length > 1)
     room, strides, stores = graph.room(size), _strides(shape), []
 
-    def tile(index: list[Value], width: int, first: int, factor: int) -> None:
+    def tile(index: list[GraphValue], width: int, first: int, factor: int) -> None:
         """Some sums from `first` on."""
         begin = graph.place([(index[last], factor)], first)
         own = [[*index[:last], graph.place([(begin, 1), (constants[i], 1)]), *index[last + 1 :]] for i in range(width)]
@@ -314,7 +317,7 @@ def parted(held: Large, new: Large) -> Large:
     return new if alone else memory(new.graph, new.copied(), new.shape)
 
 
-def carry_on(held: Large, new: Large) -> Value:
+def carry_on(held: Large, new: Large) -> GraphValue:
     """The memory of a loop with what it holds after a round, for the lanes that have another."""
     own = held.view
     assert own is not None

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from erosion.lanes.arrays import ARRAYS, Part, part, whole
-from erosion.lanes.graph import DOUBLE, Graph, Value
+from erosion.lanes.graph import DOUBLE, Graph, GraphValue
 from erosion.lanes.large import LARGE, Index, Large, large, sums
 from erosion.lanes.scalars import Equation, aval_of
 
@@ -68,7 +68,7 @@ def _reduce_sum(equation: Equation, graph: Graph, inputs: list[Any]) -> Part | N
         return None
     free = [axis for axis in range(len(array.shape)) if axis not in axes]
 
-    def term(index: Index, along: Index) -> tuple[Value, None]:
+    def term(index: Index, along: Index) -> tuple[GraphValue, None]:
         return array.at(_joined(len(array.shape), (free, index), (axes, along))), None
 
     return sums(graph, [array.shape[axis] for axis in free], [array.shape[axis] for axis in axes], term)
@@ -76,7 +76,7 @@ def _reduce_sum(equation: Equation, graph: Graph, inputs: list[Any]) -> Part | N
 
 def _dot_general(equation: Equation, graph: Graph, inputs: list[Any]) -> Part | None:
     (left, right), (batch_left, batch_right) = equation.params["dimension_numbers"]
-    x, y = (large(graph, whole(given) if isinstance(given, Value) else given) for given in inputs)
+    x, y = (large(graph, whole(given) if isinstance(given, GraphValue) else given) for given in inputs)
     if x is None or y is None or {x.type, y.type} != {DOUBLE}:
         return None
     free_x, free_y = (
@@ -87,7 +87,7 @@ def _dot_general(equation: Equation, graph: Graph, inputs: list[Any]) -> Part | 
     x, y = (array if not contracted else array.stored() for array, contracted in ((x, left), (y, right)))
     batches = len(batch_left)
 
-    def term(index: Index, along: Index) -> tuple[Value, Value]:
+    def term(index: Index, along: Index) -> tuple[GraphValue, GraphValue]:
         batch, of_x, of_y = index[:batches], index[batches : batches + len(free_x)], index[batches + len(free_x) :]
         return (
             x.at(_joined(len(x.shape), (batch_left, batch), (free_x, of_x), (left, along))),
@@ -102,7 +102,7 @@ def _dot_general(equation: Equation, graph: Graph, inputs: list[Any]) -> Part | 
     return product if product.size >= LARGE else part(product.apart())
 
 
-def _joined(ndim: int, *parts: tuple[Sequence[int], Index]) -> list[Value]:
+def _joined(ndim: int, *parts: tuple[Sequence[int], Index]) -> list[GraphValue]:
     """An index of which some axes are given here and others there."""
     by_axis = {axis: value for axes, index in parts for axis, value in zip(axes, index, strict=True)}
     return [by_axis[axis] for axis in range(ndim)]

@@ -16,16 +16,16 @@ from erosion.lanes.graph import (
     CannotCompileError,
     Counted,
     Graph,
+    GraphValue,
     Loop,
     Region,
     Step,
-    Value,
 )
 from erosion.lanes.large import array_of
 from erosion.lanes.scalars import SCALARS, Equation, Kind, aval_of, converted, type_of
 
 
-def finish(graph: Graph, outputs: Sequence[Value]) -> None:
+def finish(graph: Graph, outputs: Sequence[GraphValue]) -> None:
     """Set a graph's outputs: drop what they do not need, count uses, and contract products and sums."""
     graph.outputs = list(outputs)
     _prune(graph.root, live(graph.outputs))
@@ -35,9 +35,9 @@ def finish(graph: Graph, outputs: Sequence[Value]) -> None:
     _contract(graph.root)
 
 
-def live(outputs: Iterable[Value]) -> set[Value]:
+def live(outputs: Iterable[GraphValue]) -> set[GraphValue]:
     """What the outputs depend on."""
-    found: set[Value] = set()
+    found: set[GraphValue] = set()
     waiting = list(outputs)
     while waiting:
         value = waiting.pop()
@@ -57,10 +57,10 @@ def live(outputs: Iterable[Value]) -> set[Value]:
     return found
 
 
-def _prune(region: Region, live: set[Value]) -> None:
+def _prune(region: Region, live: set[GraphValue]) -> None:
     kept: list[Step] = []
     for step in region.steps:
-        if isinstance(step, Value):
+        if isinstance(step, GraphValue):
             if step in live:
                 kept.append(step)
             continue
@@ -93,15 +93,15 @@ def _contract(region: Region) -> None:
 
     The choice depends on the graph alone, so the bits of a result do too.
     """
-    taken: set[Value] = set()
+    taken: set[GraphValue] = set()
 
-    def is_product(value: Value) -> bool:
+    def is_product(value: GraphValue) -> bool:
         return value.op == "fmul" and value.uses == 1 and value.region is region and value.type == DOUBLE
 
     for step in region.steps:
         for inner in step.regions:
             _contract(inner)
-        if isinstance(step, Value) and step.op in ("fadd", "fsub"):
+        if isinstance(step, GraphValue) and step.op in ("fadd", "fsub"):
             x, y = step.inputs
             minus = step.op == "fsub"
             if is_product(x):
@@ -117,7 +117,7 @@ _LONG = np.dtype(np.int64)
 _OF_LONGS = Kind({}, (_LONG, _LONG), _LONG)
 
 
-def _start(graph: Graph, value: Value, dtype: np.dtype) -> Value:
+def _start(graph: Graph, value: GraphValue, dtype: np.dtype) -> GraphValue:
     """Where a slice starts, as an int64; the largest where an unsigned number is larger still."""
     start = converted(graph, value, dtype, _LONG)
     if dtype != np.uint64:
@@ -126,13 +126,13 @@ def _start(graph: Graph, value: Value, dtype: np.dtype) -> Value:
     return graph.select(beyond, graph.constant(np.iinfo(np.int64).max, LONG), start)
 
 
-def _clamped(graph: Graph, start: Value, most: int) -> Value:
+def _clamped(graph: Graph, start: GraphValue, most: int) -> GraphValue:
     """A start from 0 to `most`."""
     low, high = graph.constant(0, LONG), graph.constant(most, LONG)
     return SCALARS["clamp"](graph, _OF_LONGS, low, start, high)
 
 
-def _within(graph: Graph, starts: Sequence[Value], most: Sequence[int]) -> Value:
+def _within(graph: Graph, starts: Sequence[GraphValue], most: Sequence[int]) -> GraphValue:
     """Whether every start is from 0 to its `most`."""
     inside = graph.constant(True, BOOL)
     for start, highest in zip(starts, most, strict=True):
@@ -144,7 +144,7 @@ def _within(graph: Graph, starts: Sequence[Value], most: Sequence[int]) -> Value
     return inside
 
 
-def _element(graph: Graph, array: Elements, starts: Sequence[Value], offset: Sequence[int]) -> Value:
+def _element(graph: Graph, array: Elements, starts: Sequence[GraphValue], offset: Sequence[int]) -> GraphValue:
     """The element at starts + offset, which lies within the array."""
     flat = graph.constant(0, LONG)
     for axis, (start, by) in enumerate(zip(starts, offset, strict=True)):
@@ -159,7 +159,11 @@ def _element(graph: Graph, array: Elements, starts: Sequence[Value], offset: Seq
 
 
 def _changed(
-    graph: Graph, array: Elements, starts: Sequence[Value], offset: Sequence[int], new: Callable[[Value], Value]
+    graph: Graph,
+    array: Elements,
+    starts: Sequence[GraphValue],
+    offset: Sequence[int],
+    new: Callable[[GraphValue], GraphValue],
 ) -> None:
     """Replace the element at starts + offset by `new` of it; outside the array nothing changes."""
     for index in np.ndindex(array.shape):
@@ -177,7 +181,7 @@ def _gather(equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
     gone = (*numbers.collapsed_slice_dims, *numbers.operand_batching_dims)
     kept = [axis for axis in range(array.ndim) if axis not in gone]
 
-    def element(index: tuple[int, ...]) -> Value:
+    def element(index: tuple[int, ...]) -> GraphValue:
         batch = [i for axis, i in enumerate(index) if axis not in numbers.offset_dims]
         offset = [0] * array.ndim
         for axis, to in zip(numbers.offset_dims, kept, strict=True):
@@ -195,7 +199,7 @@ def _gather(equation: Equation, graph: Graph, inputs: list[Part]) -> list[Part]:
     return [part(array_of(aval_of(equation.outvars[0]).shape, element))]
 
 
-def _starts(graph: Graph, axes: Sequence[int], ndim: int, vector: np.ndarray, dtype: np.dtype) -> list[Value]:
+def _starts(graph: Graph, axes: Sequence[int], ndim: int, vector: np.ndarray, dtype: np.dtype) -> list[GraphValue]:
     """Where a slice starts, for each axis of the array."""
     starts = [graph.constant(0, LONG)] * ndim
     for axis, value in zip(axes, vector, strict=True):
@@ -243,7 +247,7 @@ def scatter(
             starts = [_clamped(graph, start, highest) for start, highest in zip(starts, most, strict=True)]
         inside, update = _within(graph, starts, most), updates[index]
 
-        def new(old: Value, inside: Value = inside, update: Value = update) -> Value:
+        def new(old: GraphValue, inside: GraphValue = inside, update: GraphValue = update) -> GraphValue:
             value = whole(call(function, params["update_consts"], [old, update])[0])[()] if function else update
             return graph.select(inside, value, old)
 

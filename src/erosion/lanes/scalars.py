@@ -8,7 +8,7 @@ from jax.core import ShapedArray
 from jax.extend.core import JaxprEqn, Literal, Var
 from jax.typing import DTypeLike
 
-from erosion.lanes.graph import BOOL, DOUBLE, CannotCompileError, Graph, Value
+from erosion.lanes.graph import BOOL, DOUBLE, CannotCompileError, Graph, GraphValue
 
 _TYPES = {
     "float64": DOUBLE, "float32": "float", "bool": BOOL,
@@ -52,12 +52,12 @@ def type_of(dtype: DTypeLike) -> str:
         raise CannotCompileError(what) from None
 
 
-Rule = Callable[..., Value]
+Rule = Callable[..., GraphValue]
 """A function of (graph, kind, *inputs)."""
 
 
 def _by_type(floating: str, whole: str, logical: str) -> Rule:
-    def rule(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
+    def rule(graph: Graph, kind: Kind, x: GraphValue, y: GraphValue) -> GraphValue:
         name = floating if kind.output.kind == "f" else logical if kind.output.kind == "b" else whole
         return graph.op(name, x.type, x, y)
 
@@ -65,7 +65,7 @@ def _by_type(floating: str, whole: str, logical: str) -> Rule:
 
 
 def _comparison(floating: str, signed: str, unsigned: str) -> Rule:
-    def rule(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
+    def rule(graph: Graph, kind: Kind, x: GraphValue, y: GraphValue) -> GraphValue:
         of = kind.inputs[0].kind
         name = f"fcmp {floating}" if of == "f" else f"icmp {signed if of == 'i' else unsigned}"
         return graph.compare(name, x, y)
@@ -77,19 +77,19 @@ def _intrinsic(name: str) -> Rule:
     return lambda graph, _, x: graph.op(name, x.type, x)
 
 
-def _same(_: Graph, __: Kind, x: Value) -> Value:
+def _same(_: Graph, __: Kind, x: GraphValue) -> GraphValue:
     return x
 
 
-def _zero(graph: Graph, x: Value) -> Value:
+def _zero(graph: Graph, x: GraphValue) -> GraphValue:
     return graph.constant(0, x.type)
 
 
-def _neg(graph: Graph, kind: Kind, x: Value) -> Value:
+def _neg(graph: Graph, kind: Kind, x: GraphValue) -> GraphValue:
     return graph.op("fneg", x.type, x) if kind.output.kind == "f" else graph.op("sub", x.type, _zero(graph, x), x)
 
 
-def _abs(graph: Graph, kind: Kind, x: Value) -> Value:
+def _abs(graph: Graph, kind: Kind, x: GraphValue) -> GraphValue:
     if kind.output.kind == "f":
         return graph.op("llvm.fabs", x.type, x)
     if kind.output.kind == "u":
@@ -97,7 +97,7 @@ def _abs(graph: Graph, kind: Kind, x: Value) -> Value:
     return graph.select(graph.compare("icmp slt", x, _zero(graph, x)), _neg(graph, kind, x), x)
 
 
-def _sign(graph: Graph, kind: Kind, x: Value) -> Value:
+def _sign(graph: Graph, kind: Kind, x: GraphValue) -> GraphValue:
     zero, one = _zero(graph, x), graph.constant(1, x.type)
     if kind.output.kind == "u":
         return graph.select(graph.compare("icmp eq", x, zero), zero, one)
@@ -108,7 +108,7 @@ def _sign(graph: Graph, kind: Kind, x: Value) -> Value:
 
 
 def _extreme(more: str, signed: str, unsigned: str, logical: str) -> Rule:
-    def rule(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
+    def rule(graph: Graph, kind: Kind, x: GraphValue, y: GraphValue) -> GraphValue:
         of = kind.output.kind
         if of == "b":
             return graph.op(logical, BOOL, x, y)
@@ -128,7 +128,7 @@ _min = _extreme("olt", "slt", "ult", "and")
 def _division(name: str) -> Rule:
     """The quotient ("div") or the remainder ("rem")."""
 
-    def rule(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
+    def rule(graph: Graph, kind: Kind, x: GraphValue, y: GraphValue) -> GraphValue:
         if kind.output.kind == "f":
             # For "frem" LLVM calls the C library for each lane. It is exact, so every library gives the same bits.
             return graph.op(f"f{name}", x.type, x, y)
@@ -150,14 +150,14 @@ def _division(name: str) -> Rule:
 _mul = _by_type("fmul", "mul", "and")
 
 
-def _integer_pow(graph: Graph, kind: Kind, x: Value) -> Value:
+def _integer_pow(graph: Graph, kind: Kind, x: GraphValue) -> GraphValue:
     y = kind.params["y"]
     if y < 0:
         return graph.op("fdiv", x.type, graph.constant(1.0, x.type), _power(graph, kind, x, -y))
     return _power(graph, kind, x, y)
 
 
-def _power(graph: Graph, kind: Kind, x: Value, y: int) -> Value:
+def _power(graph: Graph, kind: Kind, x: GraphValue, y: int) -> GraphValue:
     """A whole power, by repeated squaring."""
     if y == 0:
         return graph.constant(1, x.type)
@@ -168,11 +168,11 @@ def _power(graph: Graph, kind: Kind, x: Value, y: int) -> Value:
     return _mul(graph, kind, square, x) if y % 2 else square
 
 
-def _not(graph: Graph, _: Kind, x: Value) -> Value:
+def _not(graph: Graph, _: Kind, x: GraphValue) -> GraphValue:
     return graph.op("xor", x.type, x, graph.constant(True if x.type == BOOL else -1, x.type))
 
 
-def _select_n(graph: Graph, kind: Kind, selector: Value, *cases: Value) -> Value:
+def _select_n(graph: Graph, kind: Kind, selector: GraphValue, *cases: GraphValue) -> GraphValue:
     chosen = cases[-1]
     for i in reversed(range(len(cases) - 1)):
         if kind.inputs[0].kind == "b":
@@ -181,11 +181,11 @@ def _select_n(graph: Graph, kind: Kind, selector: Value, *cases: Value) -> Value
     return chosen
 
 
-def _is_finite(graph: Graph, kind: Kind, x: Value) -> Value:
+def _is_finite(graph: Graph, kind: Kind, x: GraphValue) -> GraphValue:
     return graph.compare("fcmp olt", graph.op("llvm.fabs", x.type, x), graph.constant(np.inf, x.type))
 
 
-def _round(graph: Graph, kind: Kind, x: Value) -> Value:
+def _round(graph: Graph, kind: Kind, x: GraphValue) -> GraphValue:
     if kind.params["rounding_method"].name == "TO_NEAREST_EVEN":
         return graph.op("llvm.roundeven", x.type, x)
     return graph.op("llvm.round", x.type, x)  # away from zero
@@ -194,7 +194,7 @@ def _round(graph: Graph, kind: Kind, x: Value) -> Value:
 def _shift(name: str, beyond: str) -> Rule:
     """A shift. By the number's width or more it gives 0, or, where `beyond` is "sign", copies of the sign bit."""
 
-    def rule(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
+    def rule(graph: Graph, kind: Kind, x: GraphValue, y: GraphValue) -> GraphValue:
         bits = 8 * kind.output.itemsize
         inside = graph.compare("icmp ult", y, graph.constant(bits, y.type))
         if beyond == "sign":
@@ -205,7 +205,7 @@ def _shift(name: str, beyond: str) -> Rule:
     return rule
 
 
-def _convert(graph: Graph, kind: Kind, x: Value) -> Value:
+def _convert(graph: Graph, kind: Kind, x: GraphValue) -> GraphValue:
     from_, to = kind.inputs[0], kind.output
     if from_ == to:
         return x
@@ -229,19 +229,19 @@ def _convert(graph: Graph, kind: Kind, x: Value) -> Value:
     return graph.op("sext" if from_.kind == "i" else "zext", type_, x)
 
 
-def converted(graph: Graph, value: Value, from_: np.dtype, to: np.dtype) -> Value:
+def converted(graph: Graph, value: GraphValue, from_: np.dtype, to: np.dtype) -> GraphValue:
     """The value as another type."""
     return _convert(graph, Kind({}, (from_,), to), value)
 
 
-def _bitcast(graph: Graph, kind: Kind, x: Value) -> Value:
+def _bitcast(graph: Graph, kind: Kind, x: GraphValue) -> GraphValue:
     type_ = type_of(kind.output)
     if kind.inputs[0].itemsize != kind.output.itemsize:
         raise CannotCompileError("`bitcast_convert_type` between types of other sizes")
     return x if type_ == x.type else graph.op("bitcast", type_, x)
 
 
-def _total_order(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
+def _total_order(graph: Graph, kind: Kind, x: GraphValue, y: GraphValue) -> GraphValue:
     # JAX first makes both zeros equal, and all NaN; then NaN is the largest.
     if kind.inputs[0].kind != "f":
         return _less(graph, kind, x, y)
@@ -249,7 +249,7 @@ def _total_order(graph: Graph, kind: Kind, x: Value, y: Value) -> Value:
     return graph.op("or", BOOL, graph.compare("fcmp olt", x, y), graph.op("and", BOOL, y_nan, x_number))
 
 
-def _reduce_precision(_: Graph, kind: Kind, x: Value) -> Value:
+def _reduce_precision(_: Graph, kind: Kind, x: GraphValue) -> GraphValue:
     if (kind.params["exponent_bits"], kind.params["mantissa_bits"]) != (11, 52) or kind.output.itemsize != 8:
         raise CannotCompileError("numbers of reduced precision (`reduce_precision`)")
     return x

@@ -9,7 +9,7 @@ A thread takes the next lane when its lane ends. After many rounds of a loop it 
 from typing import NamedTuple
 
 from erosion.lanes import tapes
-from erosion.lanes.graph import ARRAY, NUMBERS, Branch, Graph, Loop, Step, Value
+from erosion.lanes.graph import ARRAY, NUMBERS, Branch, Graph, GraphValue, Loop, Step
 from erosion.lanes.writer import BITS, ENTRY, Writer, is_short
 
 LOCAL = 256
@@ -22,7 +22,7 @@ number to number, and 0."""
 _ROUNDS = 2**12  # of a loop, between two looks at the word that stops it: a power of two
 
 
-class Target(NamedTuple):
+class KernelTarget(NamedTuple):
     """The machine that runs the threads: how its text begins a kernel, and how a thread gets its number."""
 
     header: str
@@ -31,7 +31,7 @@ class Target(NamedTuple):
     prologue: str
 
 
-GPU = Target(
+GPU = KernelTarget(
     'target triple = "nvptx64-nvidia-cuda"\n'
     "declare i32 @llvm.nvvm.read.ptx.sreg.tid.x()\ndeclare i32 @llvm.nvvm.read.ptx.sreg.ctaid.x()\n"
     "declare i32 @llvm.nvvm.read.ptx.sreg.ntid.x()\ndeclare i32 @llvm.nvvm.read.ptx.sreg.nctaid.x()",
@@ -48,7 +48,7 @@ GPU = Target(
   %threads = zext i32 %all to i64""",
 )
 
-PROCESSOR = Target("", "", ", i64 %thread, i64 %threads", "")
+PROCESSOR = KernelTarget("", "", ", i64 %thread, i64 %threads", "")
 """A processor, for tests: one thread at a time, which is told its number."""
 
 _GLOBAL, _FOREVER = "ptr addrspace(1)", "!invariant.load !0"
@@ -90,7 +90,7 @@ declare double @llvm.copysign.f64(double, double)"""
 """The exact remainder, for which a processor calls the C library: each step is exact, so the bits are the same."""
 
 
-def thread_ir(graph: Graph, of_tapes: int = 0, target: Target = GPU) -> str:
+def thread_ir(graph: Graph, of_tapes: int = 0, target: KernelTarget = GPU) -> str:
     """The text of a module with one kernel.
 
         void run(i64* fields, i32* order, i64 lanes, double* numbers, double* room, i64* next, i64* stop)
@@ -115,11 +115,11 @@ def own_rows(graph: Graph) -> int:
 
 
 class _ThreadWriter(Writer):
-    def __init__(self, graph: Graph, of_tapes: int, target: Target) -> None:
+    def __init__(self, graph: Graph, of_tapes: int, target: KernelTarget) -> None:
         super().__init__(graph, of_tapes)
         self.target = target
         self.given: dict[str, int] = {}  # arrays that are arguments: the place of the first number
-        self.rows: dict[str, tuple[Value, int]] = {}  # tables that are part of an array
+        self.rows: dict[str, tuple[GraphValue, int]] = {}  # tables that are part of an array
         self.lane = ""  # whose numbers are read and written
 
     def of(self, type_: str) -> str:
@@ -140,7 +140,7 @@ class _ThreadWriter(Writer):
         """The whole text."""
         self.start("entry")
         for step in self.graph.root.steps:
-            if isinstance(step, Value) and step.op == "room":
+            if isinstance(step, GraphValue) and step.op == "room":
                 step.name = self.room(step.extra, step.type)
         self.do("br label %first")
         self.start("first")
@@ -226,7 +226,7 @@ class _ThreadWriter(Writer):
         """The argument in a place that may be computed."""
         return self.get(f"load double, {_GLOBAL} {self.pointer(place)}, {_FOREVER}")
 
-    def on_tape(self, value: Value, mask: str) -> None:
+    def on_tape(self, value: GraphValue, mask: str) -> None:
         """Numbers in the GPU's memory."""
         token, place, *numbers = map(self.text, value.inputs)
         if value.inputs[1].type != "i64":
@@ -264,7 +264,7 @@ class _ThreadWriter(Writer):
             return self.get(f"getelementptr double, ptr {array}, i64 {place}")
         return self.get(f"getelementptr i8, {_GLOBAL} {array}, i64 {self.get(f'mul i64 %pitch, {place}')}")
 
-    def element(self, array: Value, place: str) -> str:
+    def element(self, array: GraphValue, place: str) -> str:
         """A number of an array."""
         name = self.text(array)
         if name in self.given:
@@ -291,7 +291,7 @@ class _ThreadWriter(Writer):
         self.given[f"given{first}"] = first
         return f"given{first}"
 
-    def table_of_rows(self, type_: str, array: Value, first: int) -> str:
+    def table_of_rows(self, type_: str, array: GraphValue, first: int) -> str:
         """A part of an array."""
         name = self.new("rows")
         self.rows[name] = array, first
@@ -331,7 +331,7 @@ class _ThreadWriter(Writer):
 
     def step(self, step: Step, mask: str) -> None:
         """A step of a region; where memory begins is known before."""
-        if not (isinstance(step, Value) and step.op == "room"):
+        if not (isinstance(step, GraphValue) and step.op == "room"):
             super().step(step, mask)
 
     def loop(self, loop: Loop, mask: str) -> None:
@@ -400,4 +400,4 @@ class _ThreadWriter(Writer):
 
 
 def _writes(step: Step) -> bool:
-    return isinstance(step, Value) and step.op in ("store", tapes.WRITE)
+    return isinstance(step, GraphValue) and step.op in ("store", tapes.WRITE)

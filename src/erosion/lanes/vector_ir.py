@@ -8,7 +8,7 @@ The code counts the rounds of its loops, and after many of them it looks at a wo
 """
 
 from erosion.lanes import tapes
-from erosion.lanes.graph import ARRAY, BOOL, NUMBERS, Branch, Graph, Loop, Region, Value
+from erosion.lanes.graph import ARRAY, BOOL, NUMBERS, Branch, Graph, GraphValue, Loop, Region
 from erosion.lanes.writer import BITS, ENTRY, Writer, is_short
 
 _ALL = "splat (i1 true)"
@@ -144,7 +144,7 @@ class _VectorWriter(Writer):
         places, size = (self.of("ptr"), addresses), ("i32", str(BITS[type_] // 8))
         self.do(self.call(name, "void", (self.of(type_), numbers), places, size, (self.of(BOOL), active)))
 
-    def on_tape(self, value: Value, mask: str) -> None:
+    def on_tape(self, value: GraphValue, mask: str) -> None:
         """Numbers of the lane's own memory; see `erosion.lanes.tapes`."""
         token, place, *numbers = map(self.text, value.inputs)
         pointers, longs, tape = self.of("ptr"), self.of("i64"), self.tapes[value.extra]
@@ -160,7 +160,7 @@ class _VectorWriter(Writer):
             )
         value.name = token
 
-    def write_array(self, array: Value, first: str, lane: str) -> None:
+    def write_array(self, array: GraphValue, first: str, lane: str) -> None:
         """Write the numbers of an array into outputs, the first of which is given."""
         with self.counting(array.extra) as index:
             place = self.place_of_output(self.get(f"add i64 {index}, {first}"))
@@ -208,7 +208,7 @@ class _VectorWriter(Writer):
         place = first * self.width if type_ != NUMBERS else first + self.graph.rows * self.width
         return self.get(f"getelementptr double, ptr %inputs, i64 {place}")
 
-    def element(self, array: Value, place: str) -> str:
+    def element(self, array: GraphValue, place: str) -> str:
         """A number of each lane, or one that all share."""
         if array.type == NUMBERS:
             address = self.get(f"getelementptr double, ptr {self.text(array)}, i64 {place}")
@@ -237,7 +237,7 @@ class _VectorWriter(Writer):
         """Rows of `inputs`."""
         return self.get(f"getelementptr {self.of(type_)}, ptr %inputs, i64 {first}")
 
-    def table_of_rows(self, type_: str, array: Value, first: int) -> str:
+    def table_of_rows(self, type_: str, array: GraphValue, first: int) -> str:
         """Rows of `inputs`, or numbers behind them."""
         kind = type_ if array.type == NUMBERS else self.of(type_)
         name = self.get(f"getelementptr {kind}, ptr {self.text(array)}, i64 {first}")
@@ -330,7 +330,7 @@ class _VectorWriter(Writer):
             results.append(self.case(case, branch.outputs[i], self.both(mask, taken)))
         self.chosen(branch, conditions, results)
 
-    def case(self, case: Region, outputs: list[Value], mask: str) -> list[str]:
+    def case(self, case: Region, outputs: list[GraphValue], mask: str) -> list[str]:
         """One case; zeros where no lane takes it."""
         if is_short(case):
             self.region(case, mask)

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterator
 
 from erosion.lanes import tapes
-from erosion.lanes.graph import BOOL, PLACE, Branch, Counted, Graph, Loop, Region, Value
+from erosion.lanes.graph import BOOL, PLACE, Branch, Counted, Graph, GraphValue, Loop, Region
 
 ENTRY = "run"
 FEW = 8  # operations of a case that are no longer than the jump around them
@@ -38,7 +38,7 @@ class Writer(abc.ABC):
         self.declared: dict[str, str] = {}
         self.tables: list[str] = []  # of constants
         self.memory: list[str] = []  # on the stack
-        self.numbers: dict[Value, str] = {}  # the texts of constants
+        self.numbers: dict[GraphValue, str] = {}  # the texts of constants
 
     # Text.
 
@@ -107,7 +107,7 @@ class Writer(abc.ABC):
         """The lane's argument in a place."""
 
     @abc.abstractmethod
-    def on_tape(self, value: Value, mask: str) -> None:
+    def on_tape(self, value: GraphValue, mask: str) -> None:
         """Numbers of the lane's own memory; see `erosion.lanes.tapes`."""
 
     @abc.abstractmethod
@@ -115,7 +115,7 @@ class Writer(abc.ABC):
         """Where an array begins: `first` in the memory of lanes, or in what all lanes share."""
 
     @abc.abstractmethod
-    def element(self, array: Value, place: str) -> str:
+    def element(self, array: GraphValue, place: str) -> str:
         """A number of an array."""
 
     @abc.abstractmethod
@@ -131,7 +131,7 @@ class Writer(abc.ABC):
         """The name of a table that is the lane's arguments from a place on."""
 
     @abc.abstractmethod
-    def table_of_rows(self, type_: str, array: Value, first: int) -> str:
+    def table_of_rows(self, type_: str, array: GraphValue, first: int) -> str:
         """The name of a table that is in memory already."""
 
     @abc.abstractmethod
@@ -152,20 +152,20 @@ class Writer(abc.ABC):
 
     # Values.
 
-    def text(self, value: Value) -> str:
+    def text(self, value: GraphValue) -> str:
         """A value's name, or its number."""
         if value.op == "const":
             return self.number(value)
         return value.name
 
-    def number(self, value: Value) -> str:
+    def number(self, value: GraphValue) -> str:
         """A constant."""
         if value not in self.numbers:
             text = str(value.extra) if value.type == PLACE else self.constant(value.type, self.digits(value))
             self.numbers[value] = text
         return self.numbers[value]
 
-    def digits(self, value: Value) -> str:
+    def digits(self, value: GraphValue) -> str:
         """A constant's number as LLVM reads it."""
         if value.type in ("double", "float"):
             return f"0x{struct.unpack('<Q', struct.pack('<d', value.extra))[0]:016X}"
@@ -178,7 +178,7 @@ class Writer(abc.ABC):
         for step in region.steps:
             self.step(step, mask)
 
-    def step(self, step: Value | Loop | Branch | Counted, mask: str) -> None:
+    def step(self, step: GraphValue | Loop | Branch | Counted, mask: str) -> None:
         """A step of a region."""
         if isinstance(step, Loop):
             self.loop(step, mask)
@@ -195,7 +195,7 @@ class Writer(abc.ABC):
         else:
             self.operation(step)
 
-    def operation(self, value: Value) -> None:
+    def operation(self, value: GraphValue) -> None:
         """One operation."""
         op, type_ = value.op, self.of(value.type)
         names = [self.text(operand) for operand in value.inputs]
@@ -235,7 +235,7 @@ class Writer(abc.ABC):
         """An operation on two numbers that LLVM knows by its name."""
         return self.get(f"{op} {self.of(type_)} {names[0]}, {names[1]}")
 
-    def in_memory(self, value: Value, mask: str) -> None:
+    def in_memory(self, value: GraphValue, mask: str) -> None:
         """Numbers in memory, and the places of these."""
         names = [self.text(operand) for operand in value.inputs]
         if value.op == "filled":
@@ -268,7 +268,7 @@ class Writer(abc.ABC):
 
     # Tables.
 
-    def table(self, value: Value, names: list[str]) -> None:
+    def table(self, value: GraphValue, names: list[str]) -> None:
         """Numbers in memory: the module's own, the lane's arguments, or copies on the stack."""
         elements, type_ = value.inputs, value.inputs[0].type
         if len(elements) <= _CHOSEN:
@@ -290,7 +290,7 @@ class Writer(abc.ABC):
                 names = [self.get(f"zext {self.of(type_)} {name} to {self.of(kept)}") for name in names]
             value.name = self.table_of_values(kept, names)
 
-    def lookup(self, value: Value) -> str:
+    def lookup(self, value: GraphValue) -> str:
         """The element of a table that each lane asks for."""
         index, table = value.inputs
         elements, type_ = table.inputs, value.type
@@ -327,7 +327,7 @@ class Writer(abc.ABC):
                 chosen = self.get(f"select {self.of(BOOL)} {taken}, {type_} {values[i]}, {type_} {chosen}")
             result.name = chosen
 
-    def stored(self, value: Value) -> tuple[str, str]:
+    def stored(self, value: GraphValue) -> tuple[str, str]:
         """An output's type in memory, and its number: truths as bytes."""
         if value.type != BOOL:
             return value.type, self.text(value)
@@ -336,7 +336,7 @@ class Writer(abc.ABC):
 
 def is_short(case: Region) -> bool:
     """Whether a case is always computed: it is no longer than a jump around it."""
-    return len(case.steps) <= FEW and all(isinstance(step, Value) for step in case.steps)
+    return len(case.steps) <= FEW and all(isinstance(step, GraphValue) for step in case.steps)
 
 
 def _follow(places: list[int]) -> bool:
@@ -350,7 +350,7 @@ def tapes_with(op: str, graph: Graph) -> set[int]:
 
     def note(region: Region) -> None:
         for step in region.steps:
-            if isinstance(step, Value) and step.op == op:
+            if isinstance(step, GraphValue) and step.op == op:
                 found.add(step.extra)
             for inner in step.regions:
                 note(inner)

@@ -30,7 +30,7 @@ from erosion.models.base import (
     units_within,
 )
 from erosion.ode.problem import (
-    FlawError,
+    FunctionError,
     Problem,
     Rate,
     Traced,
@@ -86,12 +86,12 @@ def model_digest(model: CuttingModel, p: Parameters) -> str:
     kind = _ModelKind(model, units)
     # As the code is now, also where something changed that `CodeSnapshot` does not see, such as a file that is read.
     equations = _kept(model, units, equations_of_kind(kind, anew=True))
-    if equations.flaw is not None:
-        raise ValueError(f"Argument `model` must be a model, but {equations.flaw}.")
-    if equations.foreign:
+    if equations.error is not None:
+        raise ValueError(f"Argument `model` must be a model, but {equations.error}.")
+    if equations.process_local:
         raise ValueError(
             "Argument `model` must compute by JAX alone where a store is given, but its equations hold "
-            f"{briefly(equations.foreign)}."
+            f"{briefly(equations.process_local)}."
         )
     labels, values = _labels(model)
     return digits(*_trace(kind, labels)[0].pieces, *sorted(values))
@@ -104,7 +104,7 @@ def plug_in_digest(model: CuttingModel, p: Parameters) -> str:
     """
     kind = _ModelKind(model, units_within(model, p))
     equations = equations_of_kind(kind, anew=True)
-    if kind.is_of_package or equations.flaw is not None or equations.foreign:
+    if kind.is_of_package or equations.error is not None or equations.process_local:
         return ""
     return digits(*_trace(kind, _labels(model)[0])[0].pieces)
 
@@ -122,14 +122,14 @@ def _labels(model: CuttingModel) -> tuple[list[bytes], list[bytes]]:
     return labels, values
 
 
-def flaw(model: CuttingModel) -> str | None:
+def error_in(model: CuttingModel) -> str | None:
     """What is wrong with a model, as a clause on one of its methods; None where nothing is.
 
     Its methods are traced, not run: a model of NaN, or one whose cut never ends, passes.
     """
     recent = _by_place.get((id(model), "inch-pound"))
     is_known = recent is not None and recent[0]() is model
-    return (None if is_known else _wrong_part(model)) or equations_of(model).flaw
+    return (None if is_known else _wrong_part(model)) or equations_of(model).error
 
 
 def _wrong_part(model: CuttingModel) -> str | None:
@@ -154,8 +154,8 @@ class _ModelKind(TreeKind):
         # An own parameter may be an array, with one number for each of many impacts; a whole number is one like others.
         own = {parameter.leaf for parameter in own_parameters(model).values()} if leaves else ()
         scalar = jax.ShapeDtypeStruct((), np.float64)
-        numbers = [scalar if i in own else struct_of(leaf) for i, leaf in enumerate(leaves) if is_number(leaf)]
-        super().__init__(model, numbers, units)
+        parameters = [scalar if i in own else struct_of(leaf) for i, leaf in enumerate(leaves) if is_number(leaf)]
+        super().__init__(model, parameters, units)
         self.units: System = units
         self.of_class = type(model)
 
@@ -178,17 +178,17 @@ class _ModelKind(TreeKind):
         if self.is_of_package:
             # A short command need not wait for the trace of the package's code.
             snapshot = CodeSnapshot((), self._classes)
-            return TracedProblem(None, digits("package", repr(self.key)), "", snapshot, self.numbers)
+            return TracedProblem(None, digits("package", repr(self.key)), "", snapshot, self.parameters)
         things = [*functions, *(thing for node in nodes for thing in node)]
         try:
-            trace, state = _trace(self, [hashed("model", str(i)) for i in range(len(self.numbers))])
-        except FlawError as error:
+            trace, state = _trace(self, [hashed("model", str(i)) for i in range(len(self.parameters))])
+        except FunctionError as error:
             return TracedProblem(
-                str(error), digits("flaw", str(error)), "", CodeSnapshot(things, self._classes), self.numbers
+                str(error), digits("error", str(error)), "", CodeSnapshot(things, self._classes), self.parameters
             )
         # After the trace, which may change what it reads, such as a counter.
-        snapshot, digest = CodeSnapshot(things, self._classes), digits(*trace.pieces, trace.foreign)
-        return TracedProblem(None, digest, trace.foreign, snapshot, self.numbers, state)
+        snapshot, digest = CodeSnapshot(things, self._classes), digits(*trace.pieces, trace.process_local)
+        return TracedProblem(None, digest, trace.process_local, snapshot, self.parameters, state)
 
 
 def _is_of_package(kind: type) -> bool:
@@ -209,7 +209,7 @@ def _nodes(structure: Structure) -> Iterator[tuple[type, object]]:
 def _trace(kind: _ModelKind, labels: Sequence[bytes]) -> tuple[Traced, PyTree]:
     """The trace of all methods of a model, which are checked, and shapes and types of its state."""
     case = dataclasses.replace(TABLE_1, units=kind.units)
-    trace = Traced(kind.joined, kind.numbers, labels)
+    trace = Traced(kind.joined, kind.parameters, labels)
 
     def given(name: str, method: Callable[..., PyTree], *state: PyTree) -> PyTree:
         """What a method of (model, p, …) gives."""
@@ -221,10 +221,10 @@ def _trace(kind: _ModelKind, labels: Sequence[bytes]) -> tuple[Traced, PyTree]:
     # Each compiled program, of values or derivatives, traces the rates once more.
     rate = given("derivative", lambda model, p, state: model.derivative(state, p), state)
     if jax.tree.structure(rate) != jax.tree.structure(state):
-        raise FlawError("`derivative` must give what `initial_state` gives, its rate, but gives something else")
+        raise FunctionError("`derivative` must give what `initial_state` gives, its rate, but gives something else")
     require_numbers("derivative", rate)
     if trace.pieces[-1] != trace.pieces[-2]:
-        raise FlawError("`derivative` must give the same at each call, but its equations change")
+        raise FunctionError("`derivative` must give the same at each call, but its equations change")
     _require("tip", given("tip", lambda model, p, state: model.tip(state, p), state), Tip)
     _require("removal_rate", given("removal_rate", lambda model, p, state: model.removal_rate(state, p), state), None)
     events = given("events", lambda model, p, state: model.events(state, p), state)
@@ -240,9 +240,9 @@ def _trace(kind: _ModelKind, labels: Sequence[bytes]) -> tuple[Traced, PyTree]:
 
 def _require(name: str, given: PyTree, kind: type | None) -> None:
     if kind is not None and not isinstance(given, kind):
-        raise FlawError(f"`{name}` must give a {kind.__name__}, but gives a {type(given).__name__}")
+        raise FunctionError(f"`{name}` must give a {kind.__name__}, but gives a {type(given).__name__}")
     if kind is dict and not given:
-        raise FlawError(f"`{name}` must name at least one event, but is empty")
+        raise FunctionError(f"`{name}` must name at least one event, but is empty")
     require_numbers(name, given)
 
 
@@ -294,7 +294,7 @@ class Cut(Problem):
         values: Mapping[str, Any] = args.model.events(y, args.p)
         return [values[name] for name in sorted(values)]
 
-    def equations(self, args: Case, numbers: Sequence[jax.ShapeDtypeStruct]) -> TracedProblem:
+    def equations(self, args: Case, parameters: Sequence[jax.ShapeDtypeStruct]) -> TracedProblem:
         """What the model computes; the numbers are those of case and model, whichever are given."""
         return _of_case(equations_of(args.model, args.p.units))
 
@@ -304,7 +304,7 @@ class Cut(Problem):
 def _of_case(equations: TracedProblem) -> TracedProblem:
     """The equations of a model, whose numbers come after those of the case."""
     number = jax.ShapeDtypeStruct((), np.float64)
-    return dataclasses.replace(equations, numbers=(*(number for _ in QUANTITIES), *equations.numbers))
+    return dataclasses.replace(equations, parameters=(*(number for _ in QUANTITIES), *equations.parameters))
 
 
 CUT = Cut()

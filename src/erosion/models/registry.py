@@ -18,7 +18,7 @@ from erosion.arguments import check_path
 from erosion.correlations import CORRELATIONS
 from erosion.models.base import CuttingModel, own_parameters
 from erosion.models.correlated import Correlated, correlated
-from erosion.models.equations import equations_of, flaw
+from erosion.models.equations import equations_of, error_in
 from erosion.models.parts import (
     Deformation,
     ForceLaw,
@@ -366,7 +366,7 @@ def _made(candidate: object, where: str) -> CuttingModel:
 
 
 def _sound(model: CuttingModel, where: str) -> CuttingModel:
-    wrong = flaw(model)
+    wrong = error_in(model)
     if wrong is not None:
         raise ModelError(f"{where}: {wrong}.")
     return model

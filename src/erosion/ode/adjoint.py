@@ -49,19 +49,19 @@ from erosion.ode import tape
 from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.methods.base import BackStep
 from erosion.ode.methods.transposes import plus, zeros
-from erosion.ode.reduction import Rows
+from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import ARRIVED
 from erosion.ode.switches import motion_of
-from erosion.ode.variational import Layout
+from erosion.ode.variational import Signature
 
 _TINY = 1e-200  # keeps 0/0 away
 
 
-_BACK_TIMES, _BARS = 1, 2
+_BACK_TIMES, _COTANGENTS = 1, 2
 """Tapes beside that of the steps: times, which all lanes share; for each the cotangents of a lane's outputs there."""
 
 
-class _Back(NamedTuple):
+class _Backward(NamedTuple):
     """On the way back.
 
     Args:
@@ -71,179 +71,189 @@ class _Back(NamedTuple):
         sums: cotangents of the numbers.
         greatest: the greatest size so far of each row's cotangent.
         error: the greatest relative error of a cotangent in a step.
-        until: when the next step on the way ends, since the lane began.
+        step_end: when the next step on the way ends, since the lane began.
         due: how many times are left.
         there: cotangents of the state where that step begins, of those at times within it.
     """
 
     row: Scalar
-    state: Rows
+    state: FlatState
     time: Scalar
     sums: list[Number]
-    greatest: Rows
+    greatest: FlatState
     error: Scalar
-    until: Scalar
+    step_end: Scalar
     due: Scalar
-    there: Rows
+    there: FlatState
 
 
 def pulled_back(
-    layout: Layout,
-    numbers: Sequence[Number],
+    signature: Signature,
+    parameters: Sequence[Number],
     rtol: Scalar,
     count: Scalar,
-    bars: Sequence[Scalar],
+    cotangents: Sequence[Scalar],
     token: Scalar,
     due: Scalar | None = None,
 ) -> list[Number]:
     """The derivatives of a number by the lane's real numbers, shapes as of these.
 
     Args:
-        layout: of the lane.
-        numbers: of the lane.
+        signature: of the lane.
+        parameters: of the lane.
         rtol: with which it was integrated.
         count: rows of its tape.
-        bars: by what the number changes with the lane's time, and with each of its outputs.
+        cotangents: by what the number changes with the lane's time, and with each of its outputs.
         token: see `erosion.lanes.tapes`.
         due: how many times the lane reaches, whose states count as well; None where none do.
     """
-    adjoint = _Adjoint(layout, numbers, token, timed=due is not None)
-    gradient, error = adjoint.pulled_back(count, bars[0], list(bars[1:]), due)
+    adjoint = _Adjoint(signature, parameters, token, timed=due is not None)
+    gradient, error = adjoint.pulled_back(count, cotangents[0], list(cotangents[1:]), due)
     most = adjoint.steps.most(rtol)
     return [jnp.where(error <= most, each, jnp.nan) for each in gradient]
 
 
 class _Adjoint:
-    def __init__(self, layout: Layout, numbers: Sequence[Number], token: Scalar, *, timed: bool) -> None:
-        self.problem = LaneEquations(layout, numbers, 0, ())
-        self.token, self.width, self.timed, self.outputs = token, self.problem.width, timed, layout.rows - 1
-        self.is_real = [dtype == "float64" for dtype in layout.dtypes]
-        self.all = list(numbers)
-        self.numbers = [number for number, real in zip(numbers, self.is_real, strict=True) if real]
-        self.motion = motion_of(layout)
+    def __init__(self, signature: Signature, parameters: Sequence[Number], token: Scalar, *, timed: bool) -> None:
+        self.problem = LaneEquations(signature, parameters, 0, ())
+        self.token, self.width, self.timed, self.outputs = token, self.problem.width, timed, signature.rows - 1
+        self.is_real = [dtype == "float64" for dtype in signature.dtypes]
+        self.all = list(parameters)
+        self.parameters = [number for number, real in zip(parameters, self.is_real, strict=True) if real]
+        self.motion = motion_of(signature)
 
-        def rate(numbers: list[Number], rows: Rows) -> Rows:
-            return jax.tree.leaves(self._at(numbers).rate(self._member(rows)))
+        def rate(parameters: list[Number], flat_state: FlatState) -> FlatState:
+            return jax.tree.leaves(self._at(parameters).rate(self._member(flat_state)))
 
         # Each is traced once for all the places where it is called.
         self._rate = jax.jit(rate)
-        self.steps = self.problem.method.reverse(self._rate, self.numbers, self._with_whole)
+        self.steps = self.problem.method.reverse(self._rate, self.parameters, self._with_whole)
 
-    def _at(self, numbers: list[Number]) -> Any:
-        return self.motion(self._with_whole(numbers))
+    def _at(self, parameters: list[Number]) -> Any:
+        return self.motion(self._with_whole(parameters))
 
-    def _with_whole(self, numbers: list[Number]) -> list[Number]:
+    def _with_whole(self, parameters: list[Number]) -> list[Number]:
         """All numbers of the lane, from the real ones."""
-        rest = iter(numbers)
+        rest = iter(parameters)
         return [next(rest) if real else one for one, real in zip(self.all, self.is_real, strict=True)]
 
-    def _member(self, rows: Rows) -> Any:
-        (member,) = self.problem.members(rows)
+    def _member(self, flat_state: FlatState) -> Any:
+        (member,) = self.problem.value_and_tangents(flat_state)
         return member
 
     def pulled_back(
-        self, count: Scalar, time: Scalar, outputs: Rows, due: Scalar | None
+        self, count: Scalar, time: Scalar, outputs: FlatState, due: Scalar | None
     ) -> tuple[list[Number], Scalar]:
         """The derivatives, and their error."""
         last = lax.convert_element_type(count, int) - 1
         at_end = tape.read(self.token, last, self.width)
         sums, state = self._from_outputs(at_end.state, outputs)
-        left = lax.convert_element_type(0.0 * time if due is None else due, int)
-        greatest: Rows = [jnp.abs(bar) for bar in state]
-        back = _Back(last, state, time, sums, greatest, 0.0 * time, 0.0 * time, left, zeros(state))
+        due_times = lax.convert_element_type(0.0 * time if due is None else due, int)
+        greatest: FlatState = [jnp.abs(cotangent) for cotangent in state]
+        back = _Backward(last, state, time, sums, greatest, 0.0 * time, 0.0 * time, due_times, zeros(state))
         if self.problem.chains:
             back = lax.while_loop(
                 lambda back: back.row >= 0, lambda back: self._steps(self._event(back, is_last=back.row == last)), back
             )
         else:
             back = self._steps(self._event(back, is_last=jnp.asarray(True)))
-        _, pull = jax.vjp(lambda numbers: jax.tree.leaves(self._start(numbers)), self.numbers)
+        _, pull = jax.vjp(lambda parameters: jax.tree.leaves(self._start(parameters)), self.parameters)
         # A time before the first step, which a lane that ends at its start has not.
         error = jnp.where(back.due > 0, jnp.inf, back.error)
         return plus(back.sums, pull(back.state)[0]), error
 
-    def _from_outputs(self, rows: Rows, bars: Rows) -> tuple[list[Number], Rows]:
+    def _from_outputs(self, flat_state: FlatState, cotangents: FlatState) -> tuple[list[Number], FlatState]:
         """Cotangents of the numbers and of the state, from those of the outputs there."""
-        _, pull = jax.vjp(lambda numbers, rows: self._at(numbers).outputs(self._member(rows)), self.numbers, rows)
-        return pull(bars)
+        _, pull = jax.vjp(
+            lambda parameters, flat_state: self._at(parameters).outputs(self._member(flat_state)),
+            self.parameters,
+            flat_state,
+        )
+        return pull(cotangents)
 
-    def _start(self, numbers: list[Number]) -> Any:
-        state, integrals = self._at(numbers).initial()
+    def _start(self, parameters: list[Number]) -> Any:
+        state, integrals = self._at(parameters).initial()
         return state, [jnp.asarray(begin, float) for begin in integrals]
 
-    def _event(self, back: _Back, *, is_last: Scalar) -> _Back:
+    def _event(self, back: _Backward, *, is_last: Scalar) -> _Backward:
         """Before the event of a motion, from after it."""
         # Lanes that are done go on beside others, and read the first row.
-        until, event, rows = tape.read(self.token, jnp.maximum(back.row, 0), self.width)
+        step_end, event, flat_state = tape.read(self.token, jnp.maximum(back.row, 0), self.width)
         state, sums = list(back.state), back.sums
         if self.problem.chains:
 
-            def after(numbers: list[Number], rows: Rows) -> Rows:
-                at, motion = self._member(rows), self._at(numbers)
+            def after(parameters: list[Number], flat_state: FlatState) -> FlatState:
+                at, motion = self._member(flat_state), self._at(parameters)
                 for i in self.problem.chains:
                     at = jax.tree.map(functools.partial(jnp.where, event == i), motion.after(i, at), at)
                 return jax.tree.leaves(at)
 
-            _, pull = jax.vjp(after, self.numbers, rows)
-            grads, earlier = pull([jnp.where(is_last, 0.0, bar) for bar in state])
-            state: Rows = [jnp.where(is_last, bar, before) for bar, before in zip(state, earlier, strict=True)]
+            _, pull = jax.vjp(after, self.parameters, flat_state)
+            grads, earlier = pull([jnp.where(is_last, 0.0, cotangent) for cotangent in state])
+            state: FlatState = [
+                jnp.where(is_last, cotangent, before) for cotangent, before in zip(state, earlier, strict=True)
+            ]
             sums = plus(sums, grads)
-        flow = self._flow(back.row, rows)
+        flow = self._flow(back.row, flat_state)
         total = back.time + _dot(state, flow)
 
-        def events(numbers: list[Number], rows: Rows) -> list[Scalar]:
-            return self._at(numbers).events(self._member(rows))
+        def events(parameters: list[Number], flat_state: FlatState) -> list[Scalar]:
+            return self._at(parameters).events(self._member(flat_state))
 
-        _, falls = jax.jvp(lambda rows: events(self.numbers, rows), (rows,), (flow,))
-        _, pull = jax.vjp(events, self.numbers, rows)
+        _, falls = jax.jvp(lambda flat_state: events(self.parameters, flat_state), (flat_state,), (flow,))
+        _, pull = jax.vjp(events, self.parameters, flat_state)
         grads, more = pull([jnp.where(event == i, -total / fall, 0.0) for i, fall in enumerate(falls)])
         sums, state = plus(sums, grads), plus(state, more)
         time = back.time
         if self.problem.options.clock:
             # A lane without an event ends at a given time, and what came before took of it.
             of_clock = jnp.where(event == ARRIVED, total, 0.0)
-            _, pull = jax.vjp(lambda numbers: self._at(numbers).clock.t1 - self._at(numbers).clock.t0, self.numbers)
+            _, pull = jax.vjp(
+                lambda parameters: self._at(parameters).clock.t1 - self._at(parameters).clock.t0, self.parameters
+            )
             sums, time = plus(sums, pull(of_clock)[0]), time - of_clock
-        greatest: Rows = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
-        return back._replace(row=back.row - 1, state=state, time=time, sums=sums, greatest=greatest, until=until)
+        greatest: FlatState = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
+        return back._replace(row=back.row - 1, state=state, time=time, sums=sums, greatest=greatest, step_end=step_end)
 
-    def _flow(self, event: Scalar, rows: Rows) -> Rows:
+    def _flow(self, event: Scalar, flat_state: FlatState) -> FlatState:
         """What the state at an event changes by with its time."""
-        return self.steps.flow(rows, lambda: tape.read(self.token, jnp.maximum(event - 1, 0), self.width))
+        return self.steps.flow(flat_state, lambda: tape.read(self.token, jnp.maximum(event - 1, 0), self.width))
 
-    def _steps(self, back: _Back) -> _Back:
+    def _steps(self, back: _Backward) -> _Backward:
         """Where a motion began, from its event."""
 
-        def step(at: tuple[_Back, tape.Entry]) -> tuple[_Back, tape.Entry]:
+        def step(at: tuple[_Backward, tape.Entry]) -> tuple[_Backward, tape.Entry]:
             back, row = at
             after = self._at_time(back, row) if self.timed else self._before(back, row, self.steps.step(row))
             return after, tape.read(self.token, jnp.maximum(after.row, 0), self.width)
 
-        def goes_on(at: tuple[_Back, tape.Entry]) -> Scalar:
+        def goes_on(at: tuple[_Backward, tape.Entry]) -> Scalar:
             back, row = at
             return (back.row >= 0) & (row.code == tape.STEP)
 
         return lax.while_loop(goes_on, step, (back, tape.read(self.token, jnp.maximum(back.row, 0), self.width)))[0]
 
-    def _before(self, back: _Back, row: tape.Entry, step: BackStep) -> _Back:
+    def _before(self, back: _Backward, row: tape.Entry, step: BackStep) -> _Backward:
         """Where a step began, from its end."""
         state, gained, errors = step.back(back.state)
         if self.timed:
             state = plus(state, back.there)
-        greatest: Rows = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
+        greatest: FlatState = list(map(jnp.maximum, back.greatest, map(jnp.abs, state)))
         moved = [jnp.abs(row.length * k) for k in step.slope]
         sizes = list(map(jnp.maximum, map(jnp.abs, row.state), moved))
-        most = functools.reduce(jnp.maximum, [bar * size for bar, size in zip(greatest, sizes, strict=True)])
+        most = functools.reduce(
+            jnp.maximum, [cotangent * size for cotangent, size in zip(greatest, sizes, strict=True)]
+        )
         error, share = back.error, self.steps.share
-        for e, bar, size in zip(errors, greatest, sizes, strict=True):
+        for e, cotangent, size in zip(errors, greatest, sizes, strict=True):
             least = jnp.where(size > 0, share * most / (size + _TINY), 0.0)
-            error = jnp.maximum(error, jnp.abs(e) / (jnp.maximum(bar, least) + _TINY))
+            error = jnp.maximum(error, jnp.abs(e) / (jnp.maximum(cotangent, least) + _TINY))
         return back._replace(
             row=back.row - 1, state=state, sums=plus(back.sums, gained), greatest=greatest, error=error,
-            until=back.until - row.length, there=zeros(back.there),
+            step_end=back.step_end - row.length, there=zeros(back.there),
         )  # fmt: skip
 
-    def _at_time(self, back: _Back, row: tape.Entry) -> _Back:
+    def _at_time(self, back: _Backward, row: tape.Entry) -> _Backward:
         """The same, or the cotangents there of the last time within the step, if one is left.
 
         Both take a step from the same start, which is written once.
@@ -252,20 +262,22 @@ class _Adjoint:
         time, t0 = tapes.read(_BACK_TIMES, np.zeros(()), place), self.problem.clock.t0
         before_it = tape.read(self.token, jnp.maximum(back.row - 1, 0), self.width)
         begins = (back.row > 0) & (before_it.code != tape.STEP)
-        start = jnp.where(begins, before_it.length, back.until - row.length)
+        start = jnp.where(begins, before_it.length, back.step_end - row.length)
         passed = time - t0 - start
         # As where states are written, a time at an event is before its reset.
         least = jnp.where(begins, tape.ROUNDING * (jnp.abs(t0) + start), 0.0)
         within = (back.due > 0) & ((passed > least) | (back.row == 0))
         step = self.steps.step(row._replace(length=jnp.where(within, jnp.clip(passed, 0.0, row.length), row.length)))
         count = self.outputs
-        bars = [tapes.read(_BARS, self.token, place * count + i) for i in range(count)]
-        of_outputs, there = self._from_outputs(step.end, bars)
-        of_time = _dot(there, self._rate(self.numbers, step.end))
-        _, pull = jax.vjp(lambda numbers: self._at(numbers).clock.t0, self.numbers)
-        state: Rows = [jnp.where(within, bar, other) for bar, other in zip(there, back.state, strict=True)]
+        cotangents = [tapes.read(_COTANGENTS, self.token, place * count + i) for i in range(count)]
+        of_outputs, there = self._from_outputs(step.end, cotangents)
+        of_time = _dot(there, self._rate(self.parameters, step.end))
+        _, pull = jax.vjp(lambda parameters: self._at(parameters).clock.t0, self.parameters)
+        state: FlatState = [
+            jnp.where(within, cotangent, other) for cotangent, other in zip(there, back.state, strict=True)
+        ]
         before = self._before(
-            back._replace(state=state, there=[jnp.where(within, 0.0, bar) for bar in back.there]), row, step
+            back._replace(state=state, there=[jnp.where(within, 0.0, cotangent) for cotangent in back.there]), row, step
         )
         # At a given time it is later since the start, where that is earlier.
         at_time = back._replace(
@@ -275,5 +287,5 @@ class _Adjoint:
         return jax.tree.map(functools.partial(jnp.where, within), at_time, before)
 
 
-def _dot(these: Rows, those: Rows) -> Scalar:
+def _dot(these: FlatState, those: FlatState) -> Scalar:
     return sum((one * other for one, other in zip(these, those, strict=True)), jnp.zeros(()))

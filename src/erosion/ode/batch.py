@@ -19,8 +19,8 @@ from erosion.ode.methods import METHODS
 from erosion.ode.methods.base import TIGHTEST
 from erosion.ode.switches import require_derivatives
 from erosion.ode.tape import row_width
-from erosion.ode.variational import Clock, Derivatives, Direction, Layout
-from erosion.ode.verification import Reached, Verification, of_lanes
+from erosion.ode.variational import Clock, Derivatives, Direction, Signature
+from erosion.ode.verification import AccuracyCheck, Reached, of_lanes
 
 _REPEATED = 4  # times at most
 _BLOCK = 2**16  # lanes that are ordered together: their numbers fit the second-level cache
@@ -35,26 +35,19 @@ class _Batch(NamedTuple):
     steps are recorded there is one for them.
     """
 
-    layout: Layout
+    signature: Signature
     program: Lanewise
     leaves: list[np.ndarray]
     results: LaneEnd
     used: np.ndarray  # tolerances of the results
     errors: np.ndarray  # of values, by their greatest sizes
-    verification: Verification
+    accuracy: AccuracyCheck
     tapes: Sequence[np.ndarray] = ()
 
     def run(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
         """Integrate some lanes with their tolerances."""
         self.used[lanes] = rtol
         self._compute([*self.leaves, rtol], lanes)
-
-    def run_again(self, lanes: np.ndarray, rtol: np.ndarray) -> None:
-        """The same for lanes whose trials are known, by which they are ordered."""
-        # The longest lanes come first: none is left alone at the end.
-        order = np.argsort(-self.results.trials[lanes], kind="stable")
-        self.used[lanes] = rtol[lanes]
-        self._compute([*self.leaves, rtol], lanes[order], ordered=True)
 
     def _compute(self, leaves: list[np.ndarray], lanes: np.ndarray, *, ordered: bool = False) -> None:
         """Integrate some lanes, and write their results; unless they are `ordered`, similar ones side by side."""
@@ -72,8 +65,8 @@ class _Batch(NamedTuple):
     @property
     def is_known(self) -> np.ndarray:
         """Whether all numbers of the arguments of a lane are finite, shape (lanes,)."""
-        known = np.ones(self.results.tolerance.size, bool)
-        own = len(self.layout.shapes) - (len(Clock._fields) if self.layout.options.clock else 0)
+        known = np.ones(self.used.size, bool)
+        own = len(self.signature.shapes) - (len(Clock._fields) if self.signature.options.clock else 0)
         for leaf, shape in zip(self.leaves[:own], self.program.inputs, strict=False):
             known &= np.isfinite(leaf).all(axis=tuple(range(leaf.ndim - len(shape), leaf.ndim)))
         return known
@@ -89,7 +82,10 @@ class _Batch(NamedTuple):
     def refine(self, lanes: np.ndarray, rtol: np.ndarray) -> Reached:
         """Integrate some lanes again, each with its tolerance; their results before that."""
         before = self.reached(lanes)
-        self.run_again(lanes, rtol)
+        # The longest lanes come first: none is left alone at the end.
+        order = np.argsort(-self.results.trials[lanes], kind="stable")
+        self.used[lanes] = rtol[lanes]
+        self._compute([*self.leaves, rtol], lanes[order], ordered=True)
         return before
 
     def adopt(self, found: LaneEnd, lanes: np.ndarray, better: np.ndarray | slice = slice(None)) -> None:
@@ -102,7 +98,7 @@ class _Batch(NamedTuple):
             self.saved[those] = np.asarray(found.saved)[better]
         if results.recorded is not None:
             results.recorded.rows[those] = 0
-        self.used[those], self.errors[those] = np.asarray(found.tolerance)[better], np.asarray(found.error)[better]
+        self.used[those], self.errors[those] = np.asarray(found.rtol_used)[better], np.asarray(found.error)[better]
 
     def times(self, lanes: np.ndarray) -> np.ndarray | None:
         """The times at which states of some lanes are wanted, shape (lanes, n)."""
@@ -115,37 +111,37 @@ class _Batch(NamedTuple):
 
     @property
     def saved(self) -> np.ndarray:
-        """Outputs at times and their derivatives, shape (lanes, times, members, outputs)."""
+        """Outputs at times and their derivatives, shape (lanes, times, value and tangents, outputs)."""
         return self.tapes[1]
 
     def check(self, lanes: np.ndarray, rtol: float) -> None:
         """Integrate lanes with a greater tolerance, to know which of them need a smaller one; the results stay."""
         if not lanes.size:
             return
-        tolerances = np.array(self.results.tolerance)
+        tolerances = np.array(self.results.rtol_next)
         before = self.refine(lanes, tolerances)
-        errors = self.verification.compare(lanes, before, self.reached(lanes), rtol / tolerances[lanes])
+        errors = self.accuracy.compare(lanes, before, self.reached(lanes), rtol / tolerances[lanes])
         self.errors[lanes] = errors.greatest
         self.put(lanes, before)
         with np.errstate(divide="ignore"):
-            self.results.tolerance[lanes] = np.maximum(np.minimum(rtol * rtol / errors.own, rtol), TIGHTEST)
+            self.results.rtol_next[lanes] = np.maximum(np.minimum(rtol * rtol / errors.own, rtol), TIGHTEST)
 
     def refine_until_two_agree(self, lanes: np.ndarray, rtol: float) -> None:
         """Integrate doubtful lanes, each with its own tolerance, until two integrations agree.
 
         An integration that fails, by rounding, changes no result.
         """
-        used, following = np.full(lanes.size, rtol), self.results.tolerance[lanes]
-        tolerances = np.array(self.results.tolerance)
+        used, following = np.full(lanes.size, rtol), self.results.rtol_next[lanes]
+        tolerances = np.array(self.results.rtol_next)
         for _ in range(_REPEATED):
             if not lanes.size:
                 break
             tolerances[lanes] = following
             before = self.refine(lanes, tolerances)
             after = self.reached(lanes)
-            lost, had = (self.layout.has_no_result(each.results.outcome) for each in (after, before))
+            lost, had = (self.signature.has_no_result(each.results.outcome) for each in (after, before))
             lost &= ~had
-            errors = self.verification.compare(lanes, before, after, following / used)
+            errors = self.accuracy.compare(lanes, before, after, following / used)
             self.errors[lanes[~lost]] = errors.greatest[~lost]
             self.put(lanes[lost], jax.tree.map(lambda part, lost=lost: part[lost], before))
             with np.errstate(all="ignore"):
@@ -166,8 +162,8 @@ class _Batch(NamedTuple):
 
 
 def integrate(
-    layout: Layout,
-    numbers: Sequence[PerLane],
+    signature: Signature,
+    parameters: Sequence[PerLane],
     lanes: int,
     order: int,
     directions: tuple[int | PerLane, ...],
@@ -182,8 +178,8 @@ def integrate(
     again with a tolerance that is smaller by the same factor, until two integrations agree.
 
     Args:
-        layout: of problem and arguments.
-        numbers: each an array (lanes,), or of one lane's shape where all lanes share it.
+        signature: of problem and arguments.
+        parameters: each an array (lanes,), or of one lane's shape where all lanes share it.
         lanes: number of lanes.
         order: 0, 1 or 2 derivatives.
         directions: the place of an element, see `Variational`, or one or two arrays of places.
@@ -195,37 +191,39 @@ def integrate(
     Returns:
         The lanes' results, arrays of shape (lanes,).
     """
-    records = layout.options.records and order == 0 and times is None and lanes <= _RECORDED
-    layout = layout.renewed().wanting(records=records)
+    records = signature.options.records and order == 0 and times is None and lanes <= _RECORDED
+    signature = signature.renewed().wanting(records=records)
     if times is not None:
         times = np.broadcast_to(times, (lanes, times.shape[-1]))
-    if order > METHODS[layout.options.method].derivatives:
-        return _by_fewer_derivatives(layout, numbers, lanes, order, directions, rtol, refines=refines, times=times)
-    layout = layout.wanting(saves=times is not None)
+    if order > METHODS[signature.options.method].derivatives:
+        return _by_fewer_derivatives(
+            signature, parameters, lanes, order, directions, rtol, refines=refines, times=times
+        )
+    signature = signature.wanting(saves=times is not None)
     fixed = tuple(direction for direction in directions if isinstance(direction, int))
-    program, results = integrator_of(layout, order, fixed, 0 if fixed else len(directions))
+    program, results = integrator_of(signature, order, fixed, 0 if fixed else len(directions))
     places = () if fixed else tuple(np.asarray(direction, float) for direction in directions)
-    leaves = [*(np.asarray(number, float) for number in numbers), *places]
+    leaves = [*(np.asarray(number, float) for number in parameters), *places]
     empty = _empty(results, lanes, len(directions))
     tapes: list[np.ndarray] = []
-    if layout.options.records:
-        leaves, tapes = [*leaves, np.asarray(float(ROWS))], [np.empty((lanes, ROWS * row_width(layout)))]
+    if signature.options.records:
+        leaves, tapes = [*leaves, np.asarray(float(ROWS))], [np.empty((lanes, ROWS * row_width(signature)))]
     if times is not None:
-        members = 4 if len(directions) == 2 else order + 1
+        tangents = 4 if len(directions) == 2 else order + 1
         rising = np.full((lanes, times.shape[1] + 1), np.inf)
         rising[:, :-1] = times
-        tapes = [rising, np.full((*times.shape, members, len(empty.outputs.value)), np.nan)]
-    verification = Verification(layout, leaves[: len(layout.shapes)], directions)
-    batch = _Batch(layout, program, leaves, empty, np.empty(lanes), np.zeros(lanes), verification, tapes)
+        tapes = [rising, np.full((*times.shape, tangents, len(empty.outputs.value)), np.nan)]
+    accuracy = AccuracyCheck(signature, leaves[: len(signature.shapes)], directions)
+    batch = _Batch(signature, program, leaves, empty, np.empty(lanes), np.zeros(lanes), accuracy, tapes)
     batch.run(np.arange(lanes), np.asarray(rtol))
-    if layout.options.method == "auto":
+    if signature.options.method == "auto":
         _by_other_methods(batch, order, directions, rtol, refines=refines)
     if refines:
-        batch.check(np.flatnonzero(batch.results.tolerance > rtol), rtol)
-        batch.refine_until_two_agree(np.flatnonzero(batch.results.tolerance < rtol), rtol)
+        batch.check(np.flatnonzero(batch.results.rtol_next > rtol), rtol)
+        batch.refine_until_two_agree(np.flatnonzero(batch.results.rtol_next < rtol), rtol)
     if order:
         _with_fewer_derivatives(batch, order, directions, rtol, refines=refines)
-    results = batch.results._replace(tolerance=batch.used, error=batch.errors)
+    results = batch.results._replace(rtol_used=batch.used, error=batch.errors)
     if results.recorded is not None:
         return results._replace(recorded=results.recorded._replace(tapes=batch.tapes[0]))
     return results if times is None else results._replace(saved=batch.saved)
@@ -239,30 +237,30 @@ def _by_other_methods(
     Where that has no result either, or cannot be compiled, a stiff lane is integrated as if it were not. A lane that
     ends by neither shows the farther one.
     """
-    results, layout = batch.results, batch.layout
+    results, signature = batch.results, batch.signature
     if results.stiff is None:
         return
     given_up = results.stiff > 0
-    lanes = np.flatnonzero(given_up | (results.trials > layout.options.max_steps))
+    lanes = np.flatnonzero(given_up | (results.trials > signature.options.max_steps))
     for method in ("rosenbrock", "explicit"):
         if not lanes.size:
             return
-        numbers = layout.of_lanes(batch.leaves[: len(layout.shapes)], lanes)
+        parameters = signature.of_lanes(batch.leaves[: len(signature.shapes)], lanes)
         try:
             found = integrate(
-                layout.wanting(method=method, records=False),
-                numbers, lanes.size, order, of_lanes(directions, lanes), rtol, refines=refines,
+                signature.wanting(method=method, records=False),
+                parameters, lanes.size, order, of_lanes(directions, lanes), rtol, refines=refines,
                 times=batch.times(lanes),
             )  # fmt: skip
         except NotForLanesError:
             lanes = lanes[given_up[lanes]]
             continue
-        lost = layout.has_no_result(found.outcome)
+        lost = signature.has_no_result(found.outcome)
         reached = results.time.value[lanes]
         farther = (found.time.value > reached) | np.isnan(reached)
         better = ~lost | farther | (given_up[lanes] & (method == "rosenbrock"))
         batch.adopt(found, lanes, better)
-        results.tolerance[lanes[better]], results.stiff[lanes[better]] = rtol, method == "rosenbrock"
+        results.rtol_next[lanes[better]], results.stiff[lanes[better]] = rtol, method == "rosenbrock"
         lanes = lanes[lost & given_up[lanes]]
 
 
@@ -270,21 +268,24 @@ def _with_fewer_derivatives(
     batch: _Batch, order: int, directions: tuple[int | PerLane, ...], rtol: float, *, refines: bool
 ) -> None:
     """Integrate lanes that failed with derivatives again with fewer: their outputs may exist although these do not."""
-    lost = np.flatnonzero(batch.layout.has_no_result(batch.results.outcome) & batch.is_known)
+    lost = np.flatnonzero(batch.signature.has_no_result(batch.results.outcome) & batch.is_known)
     if not lost.size:
         return
-    numbers, along = batch.layout.of_lanes(batch.leaves[: len(batch.layout.shapes)], lost), of_lanes(directions, lost)
+    parameters, along = (
+        batch.signature.of_lanes(batch.leaves[: len(batch.signature.shapes)], lost),
+        of_lanes(directions, lost),
+    )
     batch.adopt(
         _by_fewer_derivatives(
-            batch.layout, numbers, lost.size, order, along, rtol, refines=refines, times=batch.times(lost)
+            batch.signature, parameters, lost.size, order, along, rtol, refines=refines, times=batch.times(lost)
         ),
         lost,
     )
 
 
 def _by_fewer_derivatives(
-    layout: Layout,
-    numbers: Sequence[PerLane],
+    signature: Signature,
+    parameters: Sequence[PerLane],
     lanes: int,
     order: int,
     directions: tuple[int | PerLane, ...],
@@ -296,7 +297,7 @@ def _by_fewer_derivatives(
     """Results of a program with one derivative less; those of the order are NaN. See `integrate`."""
     # Along two directions the first derivatives are two integrations.
     lower = [
-        integrate(layout, numbers, lanes, order - 1, each, rtol, refines=refines, times=times)
+        integrate(signature, parameters, lanes, order - 1, each, rtol, refines=refines, times=times)
         for each in ([(direction,) for direction in directions] if order == 2 else [()])
     ]
     one, other = lower[0], lower[-1]
@@ -305,7 +306,7 @@ def _by_fewer_derivatives(
         none = jax.tree.map(lambda part: np.full_like(part, np.nan), of_one.value)
         if order == 1:
             return Derivatives(of_one.value, none, none, None)
-        return Derivatives(of_one.value, of_one.first, of_other.first, none)
+        return Derivatives(of_one.value, of_one.by_first, of_other.by_first, none)
 
     time, outputs = (derivatives(getattr(one, name), getattr(other, name)) for name in ("time", "outputs"))
     saved = None
@@ -323,8 +324,8 @@ def _put(arrays: PyTree, found: PyTree, lanes: np.ndarray) -> None:
 
 
 def integrate_along(
-    layout: Layout,
-    numbers: Sequence[PerLane],
+    signature: Signature,
+    parameters: Sequence[PerLane],
     lanes: int,
     order: int,
     places: np.ndarray,
@@ -335,8 +336,8 @@ def integrate_along(
     """Derivatives along several directions.
 
     Args:
-        layout: as in `integrate`, and so are `numbers`, `lanes` and `rtol`.
-        numbers: of the lanes.
+        signature: as in `integrate`, and so are `parameters`, `lanes` and `rtol`.
+        parameters: of the lanes.
         lanes: number of lanes.
         order: 1 or 2 derivatives.
         places: places of elements, see `Variational`; shape (1 or 2, n).
@@ -347,11 +348,11 @@ def integrate_along(
         Arrays of shape (lanes, n).
     """
     count = places.shape[1]
-    repeated = layout.of_lanes(numbers, np.repeat(np.arange(lanes), count))
+    repeated = signature.of_lanes(parameters, np.repeat(np.arange(lanes), count))
     directions = tuple(np.tile(row.astype(float), lanes) for row in places)
     if times is not None and times.ndim == 2:
         times = np.repeat(times, count, axis=0)
-    results = integrate(layout, repeated, lanes * count, order, directions, rtol, times=times)
+    results = integrate(signature, repeated, lanes * count, order, directions, rtol, times=times)
     return jax.tree.map(lambda part: part.reshape(lanes, count, *part.shape[1:]), results)
 
 
@@ -387,7 +388,7 @@ def _empty(results: LaneEnd, lanes: int, directions: int) -> LaneEnd:
     if directions == 2:
         return empty
     # Along one direction both first derivatives are the same, in the same place.
-    time, outputs = (part._replace(other=part.first) for part in (empty.time, empty.outputs))
+    time, outputs = (part._replace(by_second=part.by_first) for part in (empty.time, empty.outputs))
     return empty._replace(time=time, outputs=outputs)
 
 
@@ -395,34 +396,39 @@ compiling = threading.RLock()
 """While one thread compiles, others wait: each program is compiled once."""
 
 
-def integrator_of(layout: Layout, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Lanewise, LaneEnd]:
+def integrator_of(
+    signature: Signature, order: int, fixed: tuple[int, ...], directions: int
+) -> tuple[Lanewise, LaneEnd]:
     """The compiled integrator, and shapes and types of a lane's results."""
     with compiling:
-        return _compiled(layout, order, fixed, directions)
+        return _compiled(signature, order, fixed, directions)
 
 
-def compile_ahead(layout: Layout, order: int, directions: int, *, timed: bool = False) -> None:
+def compile_ahead(signature: Signature, order: int, directions: int, *, timed: bool = False) -> None:
     """Compile what `integrate` will need; `timed` where states at times are wanted.
 
     Raises:
         NotForLanesError: for a problem that cannot be compiled; a callback would bury it under JAX's own words.
     """
-    order = min(order, METHODS[layout.options.method].derivatives)
-    layout = layout.renewed().wanting(saves=timed, records=layout.options.records and not timed)
-    integrator_of(layout, order, (), directions)
+    order = min(order, METHODS[signature.options.method].derivatives)
+    signature = signature.renewed().wanting(saves=timed, records=signature.options.records and not timed)
+    integrator_of(signature, order, (), directions)
 
 
 @functools.lru_cache(maxsize=256)
-def _compiled(layout: Layout, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Lanewise, LaneEnd]:
+def _compiled(signature: Signature, order: int, fixed: tuple[int, ...], directions: int) -> tuple[Lanewise, LaneEnd]:
     if order:
-        require_derivatives(layout)
+        require_derivatives(signature)
 
-    def lane(numbers: list[Number], places: tuple[Direction, ...], rows: list[Scalar], rtol: Scalar) -> LaneEnd:
-        return integrate_lane(layout, numbers, fixed or places, rtol, order=order, rows=rows[0] if rows else 0)
+    def lane(parameters: list[Number], places: tuple[Direction, ...], rows: list[Scalar], rtol: Scalar) -> LaneEnd:
+        return integrate_lane(signature, parameters, fixed or places, rtol, order=order, rows=rows[0] if rows else 0)
 
-    saves, records, logs = layout.options.saves, layout.options.records, layout.options.logs
-    arguments = (layout.structs(), (number,) * directions, [number] if records or logs else [], number)
+    saves, records, logs = signature.options.saves, signature.options.records, signature.options.logs
+    arguments = (signature.structs(), (number,) * directions, [number] if records or logs else [], number)
     program = compile_lanes(
-        lane, arguments, tapes=2 if saves else int(records or logs), what=layout.name("lane", order, fixed, directions)
+        lane,
+        arguments,
+        tapes=2 if saves else int(records or logs),
+        what=signature.name("lane", order, fixed, directions),
     )
     return program, program.results

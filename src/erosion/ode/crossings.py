@@ -4,9 +4,9 @@ A step is shortened to end where an event is expected. A lane whose step went pa
 tries again **from the same start** with the length at which it expects the event. So the state at the event
 has the full order of the method, not an interpolant's.
 
-An event *counts* in a step at whose start its function is before zero, or at zero and leaving it. Every function is
-turned so that it falls to zero: of either direction by its sign at the step's start. It is brought to order 1 in each
-step, as the functions come in any unit.
+An event is *armed* in a step at whose start its function is before zero, or at zero and leaving it. Every function is
+multiplied by a sign, so that it falls to zero: of either direction by its sign at the step's start. It is brought to
+order 1 in each step, as the functions come in any unit.
 """
 
 import abc
@@ -40,11 +40,11 @@ _STRAIGHT = 0.5  # of its slope at a step's end: an event function keeps at leas
 _STEEP = 0.02  # of its slopes in a step: an event function that is flatter may turn before zero
 _CONVERGED = 1e-3  # of a step: the cubic's zero is known when Newton's method would move by less
 _NONE = 1e-200  # instead of no slope
-_LOW = 0.1  # a dip's cubic errs by less than this times its variation times θ²(1-θ)², unless `is_crooked`
+_LOW = 0.1  # a local minimum's cubic errs by less than this times its variation times θ²(1-θ)², unless `is_crooked`
 _MISSED = 0.05  # of the range of an event function in a step: by so much its cubic may miss values within the step
 _FAR = 2.0  # times that range: a function so far from zero does not come to it
 _EQUAL = 1e-12  # of its size: a smaller range is rounding
-_LOOKS = (0.25, 0.5, 0.75)  # of a step: where the cubic of a crooked function is asked
+_SAMPLED = (0.25, 0.5, 0.75)  # of a step: where the cubic of a crooked function is asked
 
 
 class Ends(NamedTuple):
@@ -57,7 +57,7 @@ class Ends(NamedTuple):
 # JAX traces these once, for all events and programs.
 @functools.partial(jax.jit, static_argnames="smooth")
 def unresolved(
-    start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Scalar, Scalar]], *, smooth: bool
+    start: Ends, end: Ends, length: Scalar, samples: Sequence[tuple[Scalar, Scalar]], *, smooth: bool
 ) -> Scalar:
     """By how much an event function moves too fast for a step, as an error of 8th order over the tolerance.
 
@@ -65,10 +65,10 @@ def unresolved(
     share of the range of all values. Unless the function is `smooth` it may miss them by more where all are far from
     zero: at a kink its error stays the same share in any step.
     """
-    values = [start.value, end.value, *(value for _, value in looks)]
+    values = [start.value, end.value, *(value for _, value in samples)]
     size = functools.reduce(jnp.maximum, map(jnp.abs, values))
     spread = functools.reduce(jnp.maximum, values) - functools.reduce(jnp.minimum, values)
-    misses = [jnp.abs(value - _cubic(start, end, length, theta)) for theta, value in looks]
+    misses = [jnp.abs(value - _cubic(start, end, length, theta)) for theta, value in samples]
     miss = functools.reduce(jnp.maximum, misses)
     share = miss / (_MISSED * jnp.maximum(spread, _EQUAL * size) + _NONE)
     if smooth:
@@ -78,17 +78,17 @@ def unresolved(
 
 
 @jax.jit
-def cubic_error(start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Scalar, Scalar]]) -> Scalar:
+def cubic_error(start: Ends, end: Ends, length: Scalar, samples: Sequence[tuple[Scalar, Scalar]]) -> Scalar:
     """How many times θ²(1-θ)² the cubic through both ends errs by, from the function's values within the step.
 
     Args:
         start: the event function where the step begins.
         end: the event function where the step ends.
         length: length of the step.
-        looks: places in the step, from 0 to 1, and the values there.
+        samples: places in the step, from 0 to 1, and the values there.
     """
     worst: Scalar = 0.0
-    for theta, value in looks:
+    for theta, value in samples:
         error = jnp.abs(value - _cubic(start, end, length, theta))
         worst = jnp.maximum(worst, error * (theta * (1 - theta)) ** -2)
     return worst
@@ -96,7 +96,7 @@ def cubic_error(start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Sc
 
 @jax.jit
 def is_crooked(start: Ends, end: Ends, length: Scalar, error: Scalar) -> Flag:
-    """Whether the cubic errs by more than a search for dips assumes; see `cubic_error`."""
+    """Whether the cubic errs by more than a search for local minima assumes; see `cubic_error`."""
     return 2 * error > _LOW * length * (jnp.abs(start.rate) + jnp.abs(end.rate))
 
 
@@ -104,7 +104,7 @@ def is_crooked(start: Ends, end: Ends, length: Scalar, error: Scalar) -> Flag:
 def may_hide_a_fall(start: Ends, end: Ends, length: Scalar, error: Scalar) -> Flag:
     """Whether an event function may fall to zero within the step, given the error of its cubic."""
     low: Flag = end.value <= 0
-    for theta in _LOOKS:
+    for theta in _SAMPLED:
         low = low | (_cubic(start, end, length, theta) <= 2 * error * (theta * (1 - theta)) ** 2)
     return low
 
@@ -117,7 +117,7 @@ def _cubic(start: Ends, end: Ends, length: Scalar, theta: Scalar) -> Scalar:
 
 
 @jax.jit
-def dip_in_step(start: Ends, end: Ends, length: Scalar, error: Scalar) -> tuple[Scalar, Scalar]:
+def minimum_in_step(start: Ends, end: Ends, length: Scalar, error: Scalar) -> tuple[Scalar, Scalar]:
     """Where in the step (0 to 1) an event function may dip to zero and return, or 2; and its least value.
 
     The cubic through both ends has its minimum at θ. It errs by less than a small multiple
@@ -132,38 +132,39 @@ def dip_in_step(start: Ends, end: Ends, length: Scalar, error: Scalar) -> tuple[
     turns = b * b > 4 * a * from_
     inside = turns & (upper > 0) & (upper < 1)
     # A step that ends at a lowest point has it at its end, the next step at its start.
-    within = turns & (upper > -_ENDS) & (upper < 1 + _ENDS)
-    theta = jnp.where(within, jnp.clip(upper, 0.0, 1.0), 0.5)
+    near = turns & (upper > -_ENDS) & (upper < 1 + _ENDS)
+    theta = jnp.where(near, jnp.clip(upper, 0.0, 1.0), 0.5)
     lowest = start.value + theta * (from_ + theta * (b / 2 + theta * (a / 3)))
     width = theta * (1 - theta)
     harmless = lowest > jnp.maximum(_LOW * (jnp.abs(from_) + jnp.abs(to)), 2 * error) * width**2
-    # A function that is zero or below at the end has returned from a dip only if it has a crest above zero after it.
-    crest, crests = _crest(start, end, length)
-    crests = crests & (crest > theta) & (crest < 1)
-    returns = (end.value > 0) | (crests & (_cubic(start, end, length, jnp.where(crests, crest, 0.5)) > 0))
+    # A function that is zero or below at the end has returned from a local minimum only if it has a local maximum
+    # above zero after it.
+    maximum, is_maximum = _maximum(start, end, length)
+    is_maximum = is_maximum & (maximum > theta) & (maximum < 1)
+    returns = (end.value > 0) | (is_maximum & (_cubic(start, end, length, jnp.where(is_maximum, maximum, 0.5)) > 0))
     place = jnp.where(inside & returns & ~harmless & (width > _LANDED), theta, 2.0)
-    return place, jnp.where(within & (end.value > 0), lowest, jnp.inf)
+    return place, jnp.where(near & (end.value > 0), lowest, jnp.inf)
 
 
 @functools.partial(jax.jit, static_argnames="sharp")
-def dip_unless_clear(
-    clear: Flag, start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Scalar, Scalar]], sharp: float
+def minimum_unless_clear(
+    clear: Flag, start: Ends, end: Ends, length: Scalar, samples: Sequence[tuple[Scalar, Scalar]], sharp: float
 ) -> tuple[Scalar, Scalar, Flag]:
-    """A dip as in `dip_in_step`, and whether a fall may be hidden in the step; nothing of either if that is `clear`.
+    """A local minimum as in `minimum_in_step`, and whether the step may hide a fall; neither where that is `clear`.
 
     The function may err by `sharp` times as much as its values within the step show.
     """
 
     def asked() -> tuple[Scalar, Scalar, Flag]:
-        error = cubic_error(start, end, length, looks)
-        place, lowest = dip_in_step(start, end, length, error)
+        error = cubic_error(start, end, length, samples)
+        place, lowest = minimum_in_step(start, end, length, error)
         error = sharp * error
         return place, lowest, is_crooked(start, end, length, error) & may_hide_a_fall(start, end, length, error)
 
     return lax.cond(clear, lambda: (jnp.asarray(2.0), jnp.asarray(jnp.inf), jnp.asarray(False)), asked)
 
 
-def _crest(start: Ends, end: Ends, length: Scalar) -> tuple[Scalar, Flag]:
+def _maximum(start: Ends, end: Ends, length: Scalar) -> tuple[Scalar, Flag]:
     """Where the cubic through both ends turns from rising to falling, as a share of the step, and whether it does."""
     mean = (end.value - start.value) / length
     a, b = 3 * (start.rate + end.rate - 2 * mean), 2 * (3 * mean - 2 * start.rate - end.rate)
@@ -174,18 +175,18 @@ def _crest(start: Ends, end: Ends, length: Scalar) -> tuple[Scalar, Flag]:
 
 
 @jax.jit
-def crest_above_zero(start: Ends, end: Ends, length: Scalar, error: Scalar) -> Scalar:
+def maximum_above_zero(start: Ends, end: Ends, length: Scalar, error: Scalar) -> Scalar:
     """Where in the step (0 to 1) a function that begins below zero is highest before it falls to zero, or 2.
 
     For `error` see `cubic_error`.
     """
-    theta, turns = _crest(start, end, length)
+    theta, turns = _maximum(start, end, length)
     inside = turns & (theta > 0) & (theta < 1) & (theta * (1 - theta) > _LANDED)
     place = jnp.where(inside, theta, 0.5)
-    dip, _ = dip_in_step(start, end, length, 0.0)
+    minimum, _ = minimum_in_step(start, end, length, 0.0)
     height = _cubic(start, end, length, place)
-    falls = (end.value <= jnp.maximum(_LANDED * height, 0.0)) | ((dip > place) & (dip < 1))
-    # The cubic may put the crest too low by as much as it may put a dip too high.
+    falls = (end.value <= jnp.maximum(_LANDED * height, 0.0)) | ((minimum > place) & (minimum < 1))
+    # The cubic may put the maximum too low by as much as it may put a local minimum too high.
     slopes = length * (jnp.abs(start.rate) + jnp.abs(end.rate))
     doubt = jnp.maximum(_LOW * slopes, 2 * error) * (place * (1 - place)) ** 2
     return jnp.where(inside & falls & (height > -doubt), place, 2.0)
@@ -193,16 +194,16 @@ def crest_above_zero(start: Ends, end: Ends, length: Scalar, error: Scalar) -> S
 
 @jax.jit
 def rise_unless_clear(
-    clear: Flag, start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Scalar, Scalar]]
+    clear: Flag, start: Ends, end: Ends, length: Scalar, samples: Sequence[tuple[Scalar, Scalar]]
 ) -> tuple[Scalar, Flag]:
-    """A crest as in `crest_above_zero`, and whether a rise may be hidden in the step; neither if that is `clear`."""
+    """A local maximum as in `maximum_above_zero`, and whether the step may hide a rise; neither where it is `clear`."""
 
     def asked() -> tuple[Scalar, Flag]:
-        error = cubic_error(start, end, length, looks)
-        crest, below = crest_above_zero(start, end, length, error), (turned(start, -1.0), turned(end, -1.0))
+        error = cubic_error(start, end, length, samples)
+        maximum, below = maximum_above_zero(start, end, length, error), (signed(start, -1.0), signed(end, -1.0))
         error = _SHARP * error
         hidden = is_crooked(*below, length, error) & may_hide_a_fall(*below, length, error)
-        return crest, hidden & (end.value < 0)
+        return maximum, hidden & (end.value < 0)
 
     return lax.cond(clear, lambda: (jnp.asarray(2.0), jnp.asarray(False)), asked)
 
@@ -235,7 +236,7 @@ def expected_fall(start: Ends, end: Ends, length: Scalar, low: Scalar, high: Sca
         left, right = jnp.where(value > 0, theta, left), jnp.where(value > 0, right, theta)
         newton = theta - value / jnp.where(slope == 0, 1.0, slope)
         # A converged step may leave the bracket by rounding: that is no reason to bisect. Where the cubic does not
-        # fall, as at a dip, a small value says nothing about how near its zero is.
+        # fall, as at a local minimum, a small value says nothing about how near its zero is.
         inside = (slope < 0) & (newton > left - 1e-9) & (newton < right + 1e-9)
         theta = jnp.where(inside, jnp.clip(newton, left, right), (left + right) / 2)
     value, slope = cubic(theta)
@@ -264,7 +265,7 @@ class Trial(NamedTuple):
     error: Scalar  # over the tolerance; NaN is an error
     start: Sequence[Ends]  # the event functions where it began
     end: Sequence[Ends]  # the event functions where it ended
-    dip: Scalar  # where in the step, from 0 to 1, an event function may dip to zero and return; 2 if none does
+    minimum: Scalar  # where in the step, from 0 to 1, an event function may dip to zero and return; 2 if none does
     lowest: Scalar  # the least value in the step
     past: Flag  # whether its end is past an event
     imminent: Flag  # whether an event is so near the end that it is worth looking for
@@ -277,42 +278,44 @@ def look(
     control: Control,
     start: Sequence[Ends],
     end: Sequence[Ends],
-    within: Sequence[tuple[float, Sequence[Scalar]]],
+    interior_samples: Sequence[tuple[float, Sequence[Scalar]]],
     error: Scalar,
     scale: Scalar,
     *,
     clear: Sequence[Flag],
     sharp: float = 1.0,
 ) -> Trial:
-    """What a trial says about events; `within` holds their values at some shares of the step.
+    """What a trial says about events; `interior_samples` holds their values at some shares of the step.
 
     At an event that is `clear` nothing is looked for within the step; see `are_clear`.
     """
-    dips = [
-        dip_unless_clear(*each, control.trial, [(theta, values[i]) for theta, values in within], sharp)
+    minima = [
+        minimum_unless_clear(
+            *each, control.trial_length, [(theta, values[i]) for theta, values in interior_samples], sharp
+        )
         for i, each in enumerate(zip(clear, start, end, strict=True))
     ]
-    places = [dip for dip, *_ in dips]
+    places = [minimum for minimum, *_ in minima]
     past = _any(event.value <= 0 for event in end)
-    ahead = jnp.where(control.mode == LOCATING, control.high, _AHEAD * control.trial)
+    ahead = jnp.where(control.mode == LOCATING, control.high, _AHEAD * control.trial_length)
     return Trial(
         error=error,
         start=start,
         end=end,
-        dip=_least(places, 2.0),
-        lowest=_least([lowest for _, lowest, _ in dips], jnp.inf),
+        minimum=_least(places, 2.0),
+        lowest=_least([lowest for _, lowest, _ in minima], jnp.inf),
         past=past,
-        imminent=_any(_is_imminent(event, control.trial) for event in end),
-        low=jnp.where(past, 0.0, control.trial),
-        high=jnp.where(_good(control, error) & past, control.trial, ahead),
-        hidden=_any(hidden for *_, hidden in dips),
+        imminent=_any(_is_imminent(event, control.trial_length) for event in end),
+        low=jnp.where(past, 0.0, control.trial_length),
+        high=jnp.where(_good(control, error) & past, control.trial_length, ahead),
+        hidden=_any(hidden for *_, hidden in minima),
     )
 
 
 class Ending(abc.ABC):
     """How the step that ends a lane is found from a trial near the event.
 
-    Of a trial `expected` is the time to the event from its start, and `left` that from its end.
+    Of a trial `expected` is the time to the event from its start, and `time_to_event` that from its end.
     """
 
     @abc.abstractmethod
@@ -323,21 +326,23 @@ class Ending(abc.ABC):
         """Whether the lane may end by such a trial."""
         return True
 
-    def is_left(self, steep: Flag, left: Scalar, expected: Scalar, trial: Scalar, reach: Callable[[], Scalar]) -> Flag:
+    def moves_lane(
+        self, steep: Flag, time_to_event: Scalar, expected: Scalar, trial: Scalar, reach: Callable[[], Scalar]
+    ) -> Flag:
         """Whether a trial that does not end the lane moves it."""
         return True
 
-    def aim(self, expected: Scalar, left: Scalar, past: Flag, accepted: Flag, step: Scalar) -> Scalar:
+    def aim(self, expected: Scalar, time_to_event: Scalar, past: Flag, accepted: Flag, step: Scalar) -> Scalar:
         """The length of the next trial towards the event."""
-        return jnp.where(past, expected, left)
+        return jnp.where(past, expected, time_to_event)
 
     def moved(self, accepted: Flag, ended: Flag) -> Flag:
         """Whether the lane moves to the trial's end."""
         return accepted | ended
 
-    def left(self, expected: Scalar, left: Scalar) -> Scalar:
+    def time_to_event(self, expected: Scalar, time_to_event: Scalar) -> Scalar:
         """The time to the event from where the lane stays."""
-        return left
+        return time_to_event
 
 
 class ByAShortStep(Ending):
@@ -360,9 +365,9 @@ class ShortOfKinks(ByAShortStep):
         """See `Ending`: beyond the event the rates may be others."""
         return jnp.logical_not(past)
 
-    def aim(self, expected: Scalar, left: Scalar, past: Flag, accepted: Flag, step: Scalar) -> Scalar:
+    def aim(self, expected: Scalar, time_to_event: Scalar, past: Flag, accepted: Flag, step: Scalar) -> Scalar:
         """See `Ending`."""
-        return _SHORT_OF_IT * super().aim(expected, left, past, accepted, step)
+        return _SHORT_OF_IT * super().aim(expected, time_to_event, past, accepted, step)
 
 
 class ByTheLastStep(Ending):
@@ -370,26 +375,30 @@ class ByTheLastStep(Ending):
 
     def nearness(self, control: Control, size: Scalar, scale: Scalar, error: Scalar) -> tuple[Scalar, Scalar]:
         """See `Ending`."""
-        return _STIFF_NEAR * control.trial, _STIFF_FLAT * control.trial
+        return _STIFF_NEAR * control.trial_length, _STIFF_FLAT * control.trial_length
 
     def may_end(self, expected: Scalar, step: Scalar, past: Flag) -> Flag:
         """See `Ending`: the derivatives of a long step by its length err by far more than the step."""
         return expected <= _PARTED * step
 
-    def is_left(self, steep: Flag, left: Scalar, expected: Scalar, trial: Scalar, reach: Callable[[], Scalar]) -> Flag:
+    def moves_lane(
+        self, steep: Flag, time_to_event: Scalar, expected: Scalar, trial: Scalar, reach: Callable[[], Scalar]
+    ) -> Flag:
         """See `Ending`: one that ends a little before the event is tried again with the whole length to it."""
-        return jnp.logical_not(steep & (left > 0) & (left < _LAST_STEP * trial) & (expected <= reach()))
+        return jnp.logical_not(
+            steep & (time_to_event > 0) & (time_to_event < _LAST_STEP * trial) & (expected <= reach())
+        )
 
-    def aim(self, expected: Scalar, left: Scalar, past: Flag, accepted: Flag, step: Scalar) -> Scalar:
+    def aim(self, expected: Scalar, time_to_event: Scalar, past: Flag, accepted: Flag, step: Scalar) -> Scalar:
         """See `Ending`."""
-        aim = jnp.where(accepted, left, expected)
+        aim = jnp.where(accepted, time_to_event, expected)
         return jnp.where(aim > _PARTED * step, _NEARER * aim, aim)
 
     def moved(self, accepted: Flag, ended: Flag) -> Flag:
         """See `Ending`."""
         return accepted
 
-    def left(self, expected: Scalar, left: Scalar) -> Scalar:
+    def time_to_event(self, expected: Scalar, time_to_event: Scalar) -> Scalar:
         """See `Ending`."""
         return expected
 
@@ -405,7 +414,7 @@ def decide(
 ) -> tuple[Control, Flag]:
     """The control after a trial near an event, and whether the lane moves to the trial's end.
 
-    Where a dip may reach below zero, the next step ends there before anything else is decided. Where a body
+    Where a local minimum may reach below zero, the next step ends there before anything else is decided. Where a body
     turns by radians within a step, the cubic says little: the step is too long if an event may be in it.
 
     `ending` is how the method finds the end from a trial near it, `reach` the longest step that is allowed.
@@ -415,47 +424,51 @@ def decide(
     trial = trial._replace(error=jnp.where(too_long, jnp.maximum(trial.error, _TOO_LONG), trial.error))
     locating, past = control.mode == LOCATING, trial.past
     good = _good(control, trial.error)
-    lands, fits = good & (trial.dip < 1), good & (trial.dip >= 1)
+    lands, fits = good & (trial.minimum < 1), good & (trial.minimum >= 1)
     bracketed = good & (past | locating)
     expected, event, steep, uncertainty = _first_expected(control, trial)
-    left = expected - control.trial
-    size = jnp.minimum(jnp.minimum(scale, control.step), control.time + control.trial)
+    time_to_event = expected - control.trial_length
+    size = jnp.minimum(jnp.minimum(scale, control.step), control.time + control.trial_length)
     near, flat = ending.nearness(control, size, scale, uncertainty)
-    ended = fits & (jnp.abs(left) <= jnp.where(steep, near, flat))
+    ended = fits & (jnp.abs(time_to_event) <= jnp.where(steep, near, flat))
     wanted = next_step(control, trial.error, good)
     step = jnp.where(locating, control.step, foreseen_step(control, wanted, good, limits))
     ended = _both(ended, ending.may_end(expected, step, past))
-    # A lane that locates moves on as well, or it would look at both sides of a dip for ever.
+    # A lane that locates moves on as well, or it would look at both sides of a local minimum for ever.
     accepted = fits & jnp.logical_not(past | ended)
-    accepted = _both(accepted, ending.is_left(steep, left, expected, control.trial, reach))
-    aim = ending.aim(expected, left, past, accepted, step)
+    accepted = _both(accepted, ending.moves_lane(steep, time_to_event, expected, control.trial_length, reach))
+    aim = ending.aim(expected, time_to_event, past, accepted, step)
     moved = ending.moved(accepted, ended)
-    length = jnp.where(lands, trial.dip * control.trial, jnp.where(bracketed | (good & (left < step)), aim, step))
+    length = jnp.where(
+        lands, trial.minimum * control.trial_length, jnp.where(bracketed | (good & (time_to_event < step)), aim, step)
+    )
     after = counted(control, trial.lowest, good | too_long, moved)._replace(
         mode=jnp.where(bracketed & ~lands, LOCATING, control.mode),
         step=step,
-        trial=length,
+        trial_length=length,
         wanted=jnp.where(accepted & ~locating, wanted, control.wanted),
-        high=jnp.where(accepted, trial.high - control.trial, trial.high),
+        high=jnp.where(accepted, trial.high - control.trial_length, trial.high),
         event=jnp.where(ended, event, control.event),
-        left=jnp.where(ended, ending.left(expected, left), control.left),
+        time_to_event=jnp.where(ended, ending.time_to_event(expected, time_to_event), control.time_to_event),
     )
     after = given_up(after, scale, limits)
     mode = jnp.where(ended, ENDED, jnp.where(locating & ~good, FAILED, after.mode))
     return after._replace(mode=mode), moved
 
 
-def stop_at(control: Control, until: Scalar) -> Control:
+def stop_at(control: Control, t_stop: Scalar) -> Control:
     """Go no further than to a time: the next step ends there, and so does the lane."""
-    rest = until - control.time
+    remaining = t_stop - control.time
     # An event located beyond that time does not count.
-    over = (control.mode == ENDED) & (control.event >= 0) & (control.left > rest)
-    arrived = goes_on(control) & (rest <= 0)
+    over = (control.mode == ENDED) & (control.event >= 0) & (control.time_to_event > remaining)
+    arrived = goes_on(control) & (remaining <= 0)
     return control._replace(
         mode=jnp.where(arrived, ENDED, control.mode),
         event=jnp.where(arrived | over, ARRIVED, control.event),
-        left=jnp.where(arrived, 0.0, jnp.where(over, rest, control.left)),
-        trial=jnp.where(goes_on(control) & (rest > 0), jnp.minimum(control.trial, rest), control.trial),
+        time_to_event=jnp.where(arrived, 0.0, jnp.where(over, remaining, control.time_to_event)),
+        trial_length=jnp.where(
+            goes_on(control) & (remaining > 0), jnp.minimum(control.trial_length, remaining), control.trial_length
+        ),
     )
 
 
@@ -469,7 +482,7 @@ def first_fall(control: Control, events: Sequence[Ends]) -> tuple[Scalar, Scalar
     index = control.event
     remaining: Scalar = sum((jnp.where(index == i, time, 0.0) for i, time in enumerate(newton)), jnp.zeros(()))
     for i, (event, time) in enumerate(zip(events, newton, strict=True)):
-        earlier = (event.rate < 0) & (time < remaining) & (time > -jnp.abs(control.left)) & (index >= 0)
+        earlier = (event.rate < 0) & (time < remaining) & (time > -jnp.abs(control.time_to_event)) & (index >= 0)
         index, remaining = jnp.where(earlier, i, index), jnp.where(earlier, time, remaining)
     return index, remaining
 
@@ -499,7 +512,7 @@ def _first_expected(control: Control, trial: Trial) -> tuple[Scalar, Scalar, Fla
         # Events that have fallen at the trial's end are known; while locating before the event, all are.
         known = (after.value <= 0) | (~trial.past & ~advancing)
         foreseen = advancing & ~trial.past & trial.imminent & (after.rate < 0)
-        expected = functools.partial(expected_fall, before, after, control.trial, trial.low, trial.high)
+        expected = functools.partial(expected_fall, before, after, control.trial_length, trial.low, trial.high)
         root, steep, uncertainty = lax.cond(known | foreseen, expected, lambda: never)
         falls.append((root, known | steep, steep, uncertainty))
     first = _least([root for root, *_ in falls], jnp.inf)
@@ -523,43 +536,43 @@ class Watched(NamedTuple):
     """How an event is watched in a step.
 
     Args:
-        turn: what turns its function so that it falls to the event.
-        counts: whether it counts.
+        sign: times its function, which then falls to the event.
+        armed: whether it may happen in the step.
     """
 
-    turn: Scalar
-    counts: Flag
+    sign: Scalar
+    armed: Flag
 
 
-def sign(direction: int, start: Ends, scale: Scalar) -> Scalar:
+def sign_of(direction: int, start: Ends, scale: Scalar) -> Scalar:
     """What turns an event function so that it falls to its event; 1 where it is turned already."""
     if direction:
         return 1.0
     return jnp.sign(jnp.where(_is_zero(start, scale), start.rate, start.value))
 
 
-def turned(event: Ends, sign: Scalar) -> Ends:
+def signed(event: Ends, sign: Scalar) -> Ends:
     """An event function times its sign."""
     return Ends(sign * event.value, sign * event.rate)
 
 
-def counts(event: Ends, scale: Scalar) -> Flag:
+def is_armed(event: Ends, scale: Scalar) -> Flag:
     """Whether an event function is before zero, or leaves it."""
     return jnp.where(_is_zero(event, scale), event.rate > 0, event.value > 0)
 
 
-def all_count(directions: Sequence[int], events: Sequence[Ends], scale: Scalar) -> Flag:
+def all_armed(directions: Sequence[int], events: Sequence[Ends], scale: Scalar) -> Flag:
     """Whether every event function is before its event, or leaves it."""
     going: Flag = jnp.asarray(True)
     for event in watch(directions, events, scale):
-        going = going & event.counts
+        going = going & event.armed
     return going
 
 
 def watch(directions: Sequence[int], starts: Sequence[Ends], scale: Scalar) -> list[Watched]:
     """How the events are watched in a step."""
-    turns = [sign(direction, start, scale) for direction, start in zip(directions, starts, strict=True)]
-    return [Watched(turn, counts(turned(start, turn), scale)) for turn, start in zip(turns, starts, strict=True)]
+    signs = [sign_of(direction, start, scale) for direction, start in zip(directions, starts, strict=True)]
+    return [Watched(sign, is_armed(signed(start, sign), scale)) for sign, start in zip(signs, starts, strict=True)]
 
 
 def disarmed(event: Ends, on: Flag) -> Ends:
@@ -584,10 +597,10 @@ def are_clear(
     h: Scalar,
     starts: Sequence[Ends],
     ends: Sequence[Ends],
-    within: Sequence[tuple[float, Sequence[Scalar]]],
+    interior_samples: Sequence[tuple[float, Sequence[Scalar]]],
     graze: Scalar,
 ) -> list[Flag]:
-    """Of each event whether it cannot be in a step or near its end, nor a dip lower than `graze` times its size.
+    """Whether neither an event nor a local minimum below `graze` times its size can be in a step or near its end.
 
     Most steps are *quiet*: all events are clear, and then nothing needs to be looked for. A cubic lies between the
     least and the greatest of four numbers (its Bézier points), so the sign of an event function is mostly known
@@ -598,34 +611,34 @@ def are_clear(
         h: length of the step.
         starts: the event functions where it begins.
         ends: and where it ends.
-        within: their values at some shares of the step.
+        interior_samples: their values at some shares of the step.
         graze: see above.
     """
     clear: list[Flag] = []
     for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
-        looks = [(theta, values[i]) for theta, values in within]
+        samples = [(theta, values[i]) for theta, values in interior_samples]
         if events:
             # One that does not count is before zero on its other side.
-            on = events[i].counts
-            turn = jnp.where(on, events[i].turn, -events[i].turn)
+            on = events[i].armed
+            sign = jnp.where(on, events[i].sign, -events[i].sign)
             least = jnp.where(on, graze * jnp.maximum(_size(start, end, h), _TINY), 0.0)
-            start, end, looks = (
-                turned(start, turn),
-                turned(end, turn),
-                [(theta, turn * value) for theta, value in looks],
+            start, end, samples = (
+                signed(start, sign),
+                signed(end, sign),
+                [(theta, sign * value) for theta, value in samples],
             )
-            clear.append(_is_clear(start, end, h, looks, least))
+            clear.append(_is_clear(start, end, h, samples, least))
         else:
-            clear.append(_is_clear(start, end, h, looks, graze))
+            clear.append(_is_clear(start, end, h, samples, graze))
     return clear
 
 
 @jax.jit
-def _is_clear(start: Ends, end: Ends, length: Scalar, looks: Sequence[tuple[Scalar, Scalar]], least: Scalar) -> Flag:
+def _is_clear(start: Ends, end: Ends, length: Scalar, samples: Sequence[tuple[Scalar, Scalar]], least: Scalar) -> Flag:
     """Whether an event function is above `least` in all of a step, by more than `look` and `decide` doubt."""
     lowest = functools.reduce(jnp.minimum, _bezier(start, end, length))
     slopes = jnp.abs(length * start.rate) + jnp.abs(length * end.rate)
-    doubt = jnp.maximum(_LOW * slopes, 2 * _SHARP * cubic_error(start, end, length, looks)) / 16
+    doubt = jnp.maximum(_LOW * slopes, 2 * _SHARP * cubic_error(start, end, length, samples)) / 16
     return (lowest > jnp.maximum(doubt, least)) & jnp.logical_not(_is_imminent(end, length))
 
 
@@ -649,7 +662,7 @@ def look_directed(
     control: Control,
     starts: Sequence[Ends],
     ends: Sequence[Ends],
-    within: Sequence[tuple[float, Sequence[Scalar]]],
+    interior_samples: Sequence[tuple[float, Sequence[Scalar]]],
     error: Scalar,
     scale: Scalar,
     *,
@@ -659,17 +672,17 @@ def look_directed(
 
     Where one that does not count rises above zero within the step, the step ends there: it counts from there on.
     """
-    h = control.trial
-    on, factors, rises = [event.counts for event in events], [], []
+    h = control.trial_length
+    on, factors, rises = [event.armed for event in events], [], []
     for i, (event, start, end, is_clear) in enumerate(zip(events, starts, ends, clear, strict=True)):
-        factors.append(event.turn / jnp.maximum(_size(start, end, h), _TINY))
-        looks = [(theta, event.turn * values[i]) for theta, values in within]
-        both = turned(start, event.turn), turned(end, event.turn)
-        rises.append(rise_unless_clear(event.counts | is_clear, *both, h, looks))
+        factors.append(event.sign / jnp.maximum(_size(start, end, h), _TINY))
+        samples = [(theta, event.sign * values[i]) for theta, values in interior_samples]
+        both = signed(start, event.sign), signed(end, event.sign)
+        rises.append(rise_unless_clear(event.armed | is_clear, *both, h, samples))
 
     def watched(events: Sequence[Ends]) -> list[Ends]:
         parts = zip(events, factors, on, strict=True)
-        return [disarmed(turned(event, factor), there) for event, factor, there in parts]
+        return [disarmed(signed(event, factor), there) for event, factor, there in parts]
 
     begun = [Ends(jnp.maximum(event.value, 0.0), event.rate) for event in watched(starts)]
     inside = [
@@ -677,12 +690,12 @@ def look_directed(
             theta,
             [jnp.where(there, factor * value, 1.0) for value, factor, there in zip(values, factors, on, strict=True)],
         )
-        for theta, values in within
+        for theta, values in interior_samples
     ]
     # A function such as a distance bends in a small part of a step, where the cubic errs by more than was seen.
     trial = look(control, begun, watched(ends), inside, error, scale, clear=clear, sharp=_SHARP)
-    crest, hidden = _least([crest for crest, _ in rises], 2.0), _any(hidden for _, hidden in rises)
-    return trial._replace(dip=jnp.minimum(crest, trial.dip), hidden=trial.hidden | hidden)
+    maximum, hidden = _least([maximum for maximum, _ in rises], 2.0), _any(hidden for _, hidden in rises)
+    return trial._replace(minimum=jnp.minimum(maximum, trial.minimum), hidden=trial.hidden | hidden)
 
 
 def last_moment(event: Scalar, remaining: Scalar, events: Sequence[Ends], scale: Scalar) -> tuple[Scalar, Scalar]:

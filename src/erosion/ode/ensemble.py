@@ -15,7 +15,7 @@ from erosion.ode.batch import integrate
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.methods import METHODS
 from erosion.ode.problem import Problem, flattened, is_number
-from erosion.ode.variational import Clock, Layout, Options
+from erosion.ode.variational import Clock, Options, Signature
 from erosion.output.tables import briefly
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near
@@ -33,16 +33,16 @@ class Lanes(NamedTuple):
     """Problem and arguments as lanes.
 
     Args:
-        layout: of both.
-        numbers: each with one axis of lanes, or of one lane's shape where all share it.
+        signature: of both.
+        parameters: each with one axis of lanes, or of one lane's shape where all share it.
         shape: of the lanes.
         names: the path of each number, dots between.
         given: the shape of each number as it was given.
-        original: where time goes back, the problem that was given; the layout is that of the reflected one.
+        original: where time goes back, the problem that was given; the signature is that of the reflected one.
     """
 
-    layout: Layout
-    numbers: list[PerLane]
+    signature: Signature
+    parameters: list[PerLane]
     shape: tuple[int, ...]
     names: tuple[str, ...]
     given: tuple[tuple[int, ...], ...] = ()
@@ -55,12 +55,12 @@ class Lanes(NamedTuple):
 
     def turned(self, until: float | None = None) -> "Lanes":
         """The lanes in the other direction of time; they end at a time of these, or where these end."""
-        problem = self.layout.problem
-        clock = self.layout.clock(self.numbers)
+        problem = self.signature.problem
+        clock = self.signature.clock(self.parameters)
         end = clock.t1 if until is None else np.minimum(clock.t0, until)
-        numbers = [*self.numbers[: -len(clock)], *clock._replace(t0=-1.0 * clock.t0, t1=-1.0 * end)]
-        layout = self.layout.of_problem(self.original or reflected(problem))
-        return self._replace(layout=layout, numbers=numbers, original=problem)  # pyrefly: ignore
+        parameters = [*self.parameters[: -len(clock)], *clock._replace(t0=-1.0 * clock.t0, t1=-1.0 * end)]
+        signature = self.signature.of_problem(self.original or reflected(problem))
+        return self._replace(signature=signature, parameters=parameters, original=problem)  # pyrefly: ignore
 
     def element_of(self, name: str) -> int:
         """The place of a number among the elements of all numbers.
@@ -77,14 +77,14 @@ class Lanes(NamedTuple):
         if len(places) > 1:
             which = " or ".join(dict.fromkeys(repr(labels[i]) for i in places))
             raise ValueError(f"Argument `wrt` must say which {name!r} is meant, {which}, as there are several.")
-        if not places or self.layout.shapes[places[0]] != ():
+        if not places or self.signature.shapes[places[0]] != ():
             inside = bool(places) or name.rpartition(".")[0] in self.names
             hint = "; for an array that lanes share, use `Solution.gradient` or `jax.grad`" if inside else ""
-            scalars = [one for one, shape in zip(known, self.layout.shapes, strict=False) if shape == ()]
+            scalars = [one for one, shape in zip(known, self.signature.shapes, strict=False) if shape == ()]
             raise ValueError(
                 f"Argument `wrt` must name numbers of `args` ({', '.join(scalars)}), but has {briefly(name)}{hint}."
             )
-        return self.layout.offsets[places[0]]
+        return self.signature.offsets[places[0]]
 
     @property
     def arguments(self) -> int:
@@ -93,11 +93,11 @@ class Lanes(NamedTuple):
 
     def is_of_clock(self, name: str) -> bool:
         """Whether a name is that of where lanes begin or end."""
-        return self.element_of(name) >= self.layout.offsets[self.arguments]
+        return self.element_of(name) >= self.signature.offsets[self.arguments]
 
     def begins_with(self, name: str) -> bool:
         """Whether a name is that of where lanes begin."""
-        return self.element_of(name) == self.layout.offsets[self.arguments]
+        return self.element_of(name) == self.signature.offsets[self.arguments]
 
 
 def checked_lanes(
@@ -153,7 +153,7 @@ def lanes_of(
     shared: str | Sequence[str] = (),
     sizes: PyTree = None,
 ) -> Lanes:
-    """Layout, numbers and shape of lanes.
+    """Signature, parameters and shape of lanes.
 
     Raises:
         ValueError, TypeError: for numbers that do not broadcast, or functions that cannot be computed.
@@ -168,7 +168,7 @@ def lanes_of(
             raise ValueError(
                 f"Argument `shared` must name parts of `args` ({', '.join(names)}), but has {briefly(one)}."
             )
-    numbers, own, structs = [], [], []
+    parameters, own, structs = [], [], []
     for name, leaf, together in zip(names, leaves, whole, strict=True):
         if not is_number(leaf):
             if isinstance(leaf, (complex, np.ndarray, np.generic, jax.Array)):
@@ -187,7 +187,7 @@ def lanes_of(
         if kind == "O":
             raise ValueError(f"Argument `args` must hold numbers below 1e308, but {name or 'it'} is greater.")
         structs.append(jax.ShapeDtypeStruct(shape, array.dtype if together and kind != "f" else np.float64))
-        numbers.append(array)
+        parameters.append(array)
         own.append(name)
     own += Clock._fields
     for name, value in zip(Clock._fields, clock, strict=True):
@@ -195,10 +195,10 @@ def lanes_of(
         if not is_number(value) or isinstance(value, bool) or (not isinstance(value, Tracer) and _is_huge(value)):
             raise TypeError(f"Argument `{name}` must be a number or an array, but is {briefly(value)}.")
         check_unmasked(name, value)
-        numbers.append(value if isinstance(value, (Tracer, jax.Array)) else np.asarray(value, float))
+        parameters.append(value if isinstance(value, (Tracer, jax.Array)) else np.asarray(value, float))
     is_back = _check_clock(clock, endless=problem.time_scale is not None)
     shapes = [struct.shape for struct in structs] + [()] * len(clock)
-    many = [(name, number) for name, number, shape in zip(own, numbers, shapes, strict=True) if shape == ()]
+    many = [(name, number) for name, number, shape in zip(own, parameters, shapes, strict=True) if shape == ()]
     try:
         shape = np.broadcast_shapes(*(np.shape(number) for _, number in many))
     except ValueError:
@@ -208,17 +208,17 @@ def lanes_of(
             "name arrays that each lane has as a whole in `shared`."
         ) from None
     equations = problem.equations(args, structs)
-    if equations.flaw is not None:
-        raise ValueError(f"Argument `problem` must be one that can be computed, but {equations.flaw}.")
+    if equations.error is not None:
+        raise ValueError(f"Argument `problem` must be one that can be computed, but {equations.error}.")
     rest = tuple(None if is_number(leaf) else leaf for leaf in leaves)
     own_shapes, dtypes = tuple(s.shape for s in structs), tuple(np.dtype(s.dtype).name for s in structs)
-    layout = Layout(problem, structure, rest, own_shapes, dtypes, options, equations)
+    signature = Signature(problem, structure, rest, own_shapes, dtypes, options, equations)
     if sizes is not None:
-        layout = layout.wanting(sizes=_sizes(layout, sizes))
-    flat = numbers
-    if not any(isinstance(number, Tracer) for number in numbers):
-        flat = [_flat(number, own_shape, shape) for number, own_shape in zip(numbers, shapes, strict=True)]
-    lanes = Lanes(layout, flat, shape, tuple(own), tuple(np.shape(number) for number in numbers))
+        signature = signature.wanting(sizes=_sizes(signature, sizes))
+    flat = parameters
+    if not any(isinstance(number, Tracer) for number in parameters):
+        flat = [_flat(number, own_shape, shape) for number, own_shape in zip(parameters, shapes, strict=True)]
+    lanes = Lanes(signature, flat, shape, tuple(own), tuple(np.shape(number) for number in parameters))
     return lanes.turned() if is_back else lanes
 
 
@@ -260,11 +260,11 @@ def _check_clock(clock: Clock, *, endless: bool) -> bool:
     return is_back
 
 
-def _sizes(layout: Layout, sizes: PyTree) -> tuple[float, ...]:
+def _sizes(signature: Signature, sizes: PyTree) -> tuple[float, ...]:
     """A size for each element of the state."""
     for size in jax.tree.leaves(sizes):
         check_unmasked("sizes", size)
-    leaves, structure = jax.tree.flatten(layout.state)
+    leaves, structure = jax.tree.flatten(signature.state)
     if is_number(sizes) and np.ndim(sizes) == 0:
         sizes = jax.tree.unflatten(structure, [sizes] * len(leaves))
     if jax.tree.structure(sizes) != structure:
@@ -296,29 +296,31 @@ class Part(NamedTuple):
 
 def shaped(lanes: Lanes, time: Any, outputs: Sequence[Any]) -> Part:
     """Time, state and integrals in the structure of the problem; arrays of a state have their own axes last."""
-    leaves, structure = jax.tree.flatten(lanes.layout.state)
+    leaves, structure = jax.tree.flatten(lanes.signature.state)
     rest, parts = list(outputs), []
     stack = jax.numpy.stack if isinstance(time, Tracer) else np.stack
     for leaf in leaves:
         own, rest = rest[: math.prod(leaf.shape)], rest[math.prod(leaf.shape) :]
         parts.append(stack(own, -1).reshape(np.shape(time) + leaf.shape) if leaf.shape else own[0])
     return Part(
-        time, jax.tree.unflatten(structure, parts), dict(zip(lanes.layout.problem.integrals, rest, strict=True))
+        time, jax.tree.unflatten(structure, parts), dict(zip(lanes.signature.problem.integrals, rest, strict=True))
     )
 
 
 def named_events(lanes: Lanes, flags: Sequence[Any]) -> dict[str, Any]:
     """By the name of each event whether it happens at the end."""
-    return dict(zip(lanes.layout.event_names, flags, strict=True))
+    return dict(zip(lanes.signature.event_names, flags, strict=True))
 
 
-def again(lanes: Lanes, copies: int, rtol: float, **clock: PerLane) -> LaneEnd:
+def repeated(lanes: Lanes, copies: int, rtol: float, **clock: PerLane) -> LaneEnd:
     """Each lane several times over, with other numbers of the clock, of shape (lanes, copies)."""
     which = np.repeat(np.arange(lanes.size), copies)
-    numbers = lanes.layout.of_lanes(lanes.numbers, which)
+    parameters = lanes.signature.of_lanes(lanes.parameters, which)
     for name, value in clock.items():
-        numbers[len(numbers) - len(Clock._fields) + Clock._fields.index(name)] = np.ascontiguousarray(value).reshape(-1)
-    return integrate(lanes.layout, numbers, which.size, 0, (), rtol)
+        parameters[len(parameters) - len(Clock._fields) + Clock._fields.index(name)] = np.ascontiguousarray(
+            value
+        ).reshape(-1)
+    return integrate(lanes.signature, parameters, which.size, 0, (), rtol)
 
 
 def _is_huge(value: Number) -> bool:

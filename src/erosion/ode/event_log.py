@@ -49,24 +49,24 @@ def events_passed(lanes: Lanes, count: PerImpact, tolerance: PerImpact, stiff: P
     """
     count, tolerance, stiff = (np.reshape(np.asarray(each), -1) for each in (count, tolerance, stiff))
     most = int(count.max(initial=0))
-    rows = np.full((lanes.size, most, EventLog.BESIDE + lanes.layout.rows), np.nan)
+    rows = np.full((lanes.size, most, EventLog.BESIDE + lanes.signature.rows), np.nan)
     for method, those in (("explicit", ~stiff), ("rosenbrock", stiff)):
         which = np.flatnonzero(those & (count > 0))
-        own = lanes.layout.renewed().wanting(method=method, logs=True, records=False, saves=False)
+        own = lanes.signature.renewed().wanting(method=method, logs=True, records=False, saves=False)
         by_count = which[np.argsort(count[which], kind="stable")]
         in_threads(
-            lambda block, stop, own=own: _record(lanes._replace(layout=own), block, count, tolerance, rows, stop),
+            lambda block, stop, own=own: _record(lanes._replace(signature=own), block, count, tolerance, rows, stop),
             by_count, _CHUNK, _FEW,
         )  # fmt: skip
     wide = lanes._replace(shape=(*lanes.shape, most))
     codes, happening, time, *outputs = (part.reshape(wide.shape) for part in np.moveaxis(rows, -1, 0))
     there = np.isfinite(codes)
     codes, happening = (np.where(there, part, 0.0).astype(int) for part in (codes, happening))
-    t0 = np.reshape(np.broadcast_to(lanes.layout.clock(lanes.numbers).t0, lanes.size), (*lanes.shape, 1))
+    t0 = np.reshape(np.broadcast_to(lanes.signature.clock(lanes.parameters).t0, lanes.size), (*lanes.shape, 1))
     part = shaped(wide, time + t0, outputs)
-    at_once = [there & (happening >> i & 1 > 0) for i in range(len(lanes.layout.event_names))]
+    at_once = [there & (happening >> i & 1 > 0) for i in range(len(lanes.signature.event_names))]
     return Passed(
-        np.where(there, np.array(lanes.layout.end_names)[codes], ""), part.t, part.y, named_events(lanes, at_once)
+        np.where(there, np.array(lanes.signature.end_names)[codes], ""), part.t, part.y, named_events(lanes, at_once)
     )
 
 
@@ -79,11 +79,11 @@ def _record(
     some = max(WIDTH, _MEMORY // (8 * capacity * width))
     for first in range(0, which.size, some):
         each = which[first : first + some]
-        program, results = integrator_of(lanes.layout, 0, (), 0)
+        program, results = integrator_of(lanes.signature, 0, (), 0)
         found = jax.tree.map(lambda leaf, size=each.size: np.empty(size, leaf.dtype), results)
         log = np.empty((each.size, capacity * width))
         inputs = [
-            *(np.asarray(number, float) for number in lanes.layout.of_lanes(lanes.numbers, each)),
+            *(np.asarray(number, float) for number in lanes.signature.of_lanes(lanes.parameters, each)),
             np.asarray(float(capacity)), tolerance[each],
         ]  # fmt: skip
         program.run(inputs, np.arange(each.size), jax.tree.leaves(found), stop, [log])

@@ -13,7 +13,7 @@ from erosion.ode.crossings import Ending, Ends, Trial, Watched
 from erosion.ode.methods.base import Step
 from erosion.ode.step_control import ADVANCING, Control, Limits
 
-GRAZE = 1e4  # tolerances: a dip this close to zero may be a fall, after many turns of a fast spin
+GRAZE = 1e4  # tolerances: a local minimum this close to zero may be a fall, after many turns of a fast spin
 _AT_START = 1e-12  # of the time scale: a function is zero at the start of a lane that would be within so long
 _ZERO = 1e-15  # event functions of order 1 below this are zero at the start: cos(π/2) is 6e-17 in floating point
 
@@ -84,7 +84,9 @@ class EventSet(abc.ABC):
             trial = self.look(watched, control, start, step, scale, clear)
             return crossings.decide(control, trial, scale, limits, ending=ending, reach=reach)
 
-        clear = crossings.are_clear(watched, control.trial, start, step.events, step.within, GRAZE * rtol)
+        clear = crossings.are_clear(
+            watched, control.trial_length, start, step.events, step.interior_samples, GRAZE * rtol
+        )
         quiet = functools.reduce(jnp.logical_and, clear, control.mode == ADVANCING)
         return lax.cond(quiet, goes_on, looks)
 
@@ -111,7 +113,7 @@ class Falling(EventSet):
         clear: Sequence[Flag],
     ) -> Trial:  # fmt: skip
         """See `EventSet`."""
-        return crossings.look(control, start, step.events, step.within, step.error, scale, clear=clear)
+        return crossings.look(control, start, step.events, step.interior_samples, step.error, scale, clear=clear)
 
 
 class Armed(EventSet):
@@ -138,13 +140,13 @@ class Armed(EventSet):
         error = step.error
         for i, (begin, end, affine) in enumerate(zip(start, step.events, self.affine, strict=True)):
             if not affine:
-                looks = [(theta, values[i]) for theta, values in step.within]
-                error = jnp.maximum(error, crossings.unresolved(begin, end, h, looks, smooth=self.smooth))
+                samples = [(theta, values[i]) for theta, values in step.interior_samples]
+                error = jnp.maximum(error, crossings.unresolved(begin, end, h, samples, smooth=self.smooth))
         return step._replace(error=error)
 
     def begins(self, events: Sequence[Ends], scale: Scalar) -> Flag:
         """See `EventSet`."""
-        return crossings.all_count(self.directions[: self.own], events[: self.own], scale)
+        return crossings.all_armed(self.directions[: self.own], events[: self.own], scale)
 
     def begun(self, events: list[Ends]) -> list[Ends]:
         """See `EventSet`."""
@@ -164,5 +166,5 @@ class Armed(EventSet):
     ) -> Trial:  # fmt: skip
         """See `EventSet`."""
         return crossings.look_directed(
-            watched, control, start, step.events, step.within, step.error, scale, clear=clear
+            watched, control, start, step.events, step.interior_samples, step.error, scale, clear=clear
         )

@@ -25,7 +25,7 @@ from erosion.ode.ensemble import Lanes
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.kinks import may_have_kinks
 from erosion.ode.tape import Recorded, row_width
-from erosion.ode.variational import Clock, Layout
+from erosion.ode.variational import Clock, Signature
 from erosion.output.tables import briefly
 
 _BESIDE_STEPS = 8  # rows of a tape beside one for each trial: those of events, and of the steps that end there
@@ -39,10 +39,10 @@ class Ended(NamedTuple):
     """How lanes ended, arrays of shape (lanes,).
 
     Args:
-        outcome: indices of `Layout.end_names`.
-        t: when, see `Layout.end_times`.
+        outcome: indices of `Signature.end_names`.
+        t: when, see `Signature.end_times`.
         trials: of steps.
-        tolerance: of the results.
+        rtol_used: tolerance of the results.
         stiff: whether the method for stiff motions integrated them.
         rtol: that was asked for.
         recorded: their steps, where some are.
@@ -51,7 +51,7 @@ class Ended(NamedTuple):
     outcome: np.ndarray
     t: np.ndarray
     trials: np.ndarray
-    tolerance: np.ndarray
+    rtol_used: np.ndarray
     stiff: np.ndarray
     rtol: float
     recorded: Recorded | None = None
@@ -63,24 +63,24 @@ class AtTimes(NamedTuple):
     Args:
         times: of each lane, rising, shape (lanes, n).
         due: how many of them each lane reaches, shape (lanes,).
-        bars: zero where a lane does not, shape (lanes, n, outputs).
+        cotangents: zero where a lane does not, shape (lanes, n, outputs).
     """
 
     times: np.ndarray
     due: np.ndarray
-    bars: np.ndarray
+    cotangents: np.ndarray
 
     @classmethod
-    def of(cls, times: np.ndarray, bars: np.ndarray, ends: "Ended") -> "AtTimes":
+    def of(cls, times: np.ndarray, cotangents: np.ndarray, ends: "Ended") -> "AtTimes":
         """With how many times these lanes reach."""
-        times = np.broadcast_to(times, bars.shape[:2])
+        times = np.broadcast_to(times, cotangents.shape[:2])
         due = np.count_nonzero(times <= ends.t[:, None], axis=1)
         is_late = (np.arange(times.shape[1]) >= due[:, None]) & np.isfinite(ends.t)[:, None]
-        return cls(times, due, np.where(is_late[..., None], 0.0, bars))
+        return cls(times, due, np.where(is_late[..., None], 0.0, cotangents))
 
 
 class _Known(NamedTuple):
-    layout: Layout
+    signature: Signature
     bits: list[tuple[tuple[int, ...], bytes]]
     lanes: int
     ended: Ended
@@ -91,71 +91,74 @@ _known: collections.deque[_Known] = collections.deque(maxlen=4)
 
 
 def ends_of(
-    layout: Layout, numbers: Sequence[PerLane], lanes: int, rtol: float, times: np.ndarray | None = None
+    signature: Signature, parameters: Sequence[PerLane], lanes: int, rtol: float, times: np.ndarray | None = None
 ) -> Ended:
     """How lanes end, with their steps; where states at times count, with the tolerance that these need."""
     if times is not None:
-        return _ended(layout, numbers, integrate(layout, numbers, lanes, 0, (), rtol, times=times), rtol)
-    layout, bits = layout.wanting(records=True), _bits(numbers)
+        return _ended(signature, parameters, integrate(signature, parameters, lanes, 0, (), rtol, times=times), rtol)
+    signature, bits = signature.wanting(records=True), _bits(parameters)
     for known in list(_known):
-        if known.layout == layout and known.ended.rtol == rtol and known.lanes == lanes and known.bits == bits:
+        if known.signature == signature and known.ended.rtol == rtol and known.lanes == lanes and known.bits == bits:
             return known.ended
-    return _ended(layout, numbers, integrate(layout, numbers, lanes, 0, (), rtol), rtol)
+    return _ended(signature, parameters, integrate(signature, parameters, lanes, 0, (), rtol), rtol)
 
 
-def _ended(layout: Layout, numbers: Sequence[PerLane], found: LaneEnd, rtol: float) -> Ended:
+def _ended(signature: Signature, parameters: Sequence[PerLane], found: LaneEnd, rtol: float) -> Ended:
     stiff = np.zeros(found.outcome.shape, bool) if found.stiff is None else found.stiff > 0
-    t = layout.end_times(numbers, found.outcome, found.time.value)
-    return Ended(found.outcome, t, found.trials, found.tolerance, stiff, rtol, found.recorded)
+    t = signature.end_times(parameters, found.outcome, found.time.value)
+    assert found.rtol_used is not None
+    return Ended(found.outcome, t, found.trials, found.rtol_used, stiff, rtol, found.recorded)
 
 
-def keep(layout: Layout, numbers: Sequence[PerLane], found: LaneEnd, rtol: float) -> None:
+def keep(signature: Signature, parameters: Sequence[PerLane], found: LaneEnd, rtol: float) -> None:
     """Keep lanes, for `ends_of` them."""
     if found.recorded is not None:
-        _known.append(_Known(layout, _bits(numbers), found.outcome.size, _ended(layout, numbers, found, rtol)))
+        _known.append(
+            _Known(signature, _bits(parameters), found.outcome.size, _ended(signature, parameters, found, rtol))
+        )
 
 
-def _bits(numbers: Sequence[PerLane]) -> list[tuple[tuple[int, ...], bytes]]:
-    return [(np.shape(number), np.asarray(number, float).tobytes()) for number in numbers]
+def _bits(parameters: Sequence[PerLane]) -> list[tuple[tuple[int, ...], bytes]]:
+    return [(np.shape(number), np.asarray(number, float).tobytes()) for number in parameters]
 
 
 FEW = 3
 """Elements by which derivatives are taken from which on going backwards costs less, as measured."""
 
 
-def is_worth(layout: Layout, elements: int) -> bool:
+def is_worth(signature: Signature, elements: int) -> bool:
     """Whether derivatives by so many elements should go backwards."""
-    return elements >= FEW and goes_back(layout)
+    return elements >= FEW and goes_back(signature)
 
 
-def first_method(layout: Layout) -> str:
+def first_method(signature: Signature) -> str:
     """That by which a lane is integrated unless it turns out to be stiff."""
-    return "explicit" if layout.options.method == "auto" else layout.options.method
+    return "explicit" if signature.options.method == "auto" else signature.options.method
 
 
-def goes_back(layout: Layout, *, timed: bool = False) -> bool:
-    """Whether lanes of a layout have an adjoint; `timed` where states at times count.
+def goes_back(signature: Signature, *, timed: bool = False) -> bool:
+    """Whether lanes of a signature have an adjoint; `timed` where states at times count.
 
     JAX cannot go backwards through a `while_loop` of the rates. At a time the rates of a stiff motion have few digits.
     """
-    method = first_method(layout)
-    if may_have_kinks(layout) or layout.options.fires or (timed and method == "rosenbrock"):
+    method = first_method(signature)
+    if may_have_kinks(signature) or signature.options.fires or (timed and method == "rosenbrock"):
         return False
-    return _is_traced(layout.wanting(method=method))
+    return _is_traced(signature.wanting(method=method))
 
 
-def going_forwards(layout: Layout, stiff: np.ndarray, *, timed: bool) -> np.ndarray:
+def going_forwards(signature: Signature, stiff: np.ndarray, *, timed: bool) -> np.ndarray:
     """Which lanes have no adjoint, whatever they do on the way, by whether they are stiff; see `goes_back`."""
-    methods = (layout.wanting(method="rosenbrock"), layout.wanting(method=first_method(layout)))
+    methods = (signature.wanting(method="rosenbrock"), signature.wanting(method=first_method(signature)))
     return np.where(stiff, *(not goes_back(each, timed=timed) for each in methods))
 
 
 def gradient(
-    layout: Layout,
-    numbers: Sequence[PerLane],
+    signature: Signature,
+    parameters: Sequence[PerLane],
     lanes: int,
     ends: Ended,
-    bars: np.ndarray,
+    cotangents: np.ndarray,
     *,
     spoils: bool,
     at: AtTimes | None = None,
@@ -163,45 +166,45 @@ def gradient(
     """What a number L changes by with the numbers of lanes.
 
     Args:
-        layout: of problem and arguments.
-        numbers: each an array with an axis of lanes, or of one lane's shape where all share it.
+        signature: of problem and arguments.
+        parameters: each an array with an axis of lanes, or of one lane's shape where all share it.
         lanes: how many.
         ends: of these lanes.
-        bars: by what L changes with each lane's time and outputs, shape (1 + outputs, lanes).
+        cotangents: by what L changes with each lane's time and outputs, shape (1 + outputs, lanes).
         spoils: whether derivatives of lanes without a result are NaN, and the sums with them; else they are zero.
         at: by what L changes with the outputs at times.
 
     Returns:
         For each number the derivatives by it: of each lane, shape (lanes, …), or the sum over the lanes where they
-        share it. Zero where `bars` are zero.
+        share it. Zero where `cotangents` are zero.
     """
-    layout = layout.renewed().wanting(records=False)
-    bars = np.asarray(bars, float)
-    lost = layout.has_no_result(ends.outcome)
+    signature = signature.renewed().wanting(records=False)
+    cotangents = np.asarray(cotangents, float)
+    lost = signature.has_no_result(ends.outcome)
     # What does not count is zero, whatever the lane did.
-    counts = _counts(bars, at)
+    counts = _counts(cotangents, at)
     known = counts & ~lost
-    stiff = ends.stiff | (layout.options.method == "rosenbrock")
+    stiff = ends.stiff | (signature.options.method == "rosenbrock")
     ways: list[tuple[_WayBack, np.ndarray]] = []
     forwards = known.copy()
-    for method, those in ((first_method(layout), known & ~stiff), ("rosenbrock", known & stiff)):
-        wanted = layout.wanting(method=method)
+    for method, those in ((first_method(signature), known & ~stiff), ("rosenbrock", known & stiff)):
+        wanted = signature.wanting(method=method)
         if not np.any(those) or not goes_back(wanted, timed=at is not None):
             continue
         with compiling:
             back = _compiled(wanted, timed=at is not None)
         if back is not None:
-            real = [np.asarray(number, float) for number in numbers]
-            ways.append((_WayBack(wanted, back, real, ends, bars, at), those))
+            real = [np.asarray(number, float) for number in parameters]
+            ways.append((_WayBack(wanted, back, real, ends, cotangents, at), those))
             forwards &= ~those
-    shared = [number.ndim == len(shape) for number, shape in zip(numbers, layout.shapes, strict=True)]
-    found = [np.zeros(() if same else (lanes, *shape)) for same, shape in zip(shared, layout.shapes, strict=True)]
+    shared = [number.ndim == len(shape) for number, shape in zip(parameters, signature.shapes, strict=True)]
+    found = [np.zeros(() if same else (lanes, *shape)) for same, shape in zip(shared, signature.shapes, strict=True)]
     sums: list[list[np.ndarray]] = [[] for _ in found]
-    size = sum(math.prod(shape) for shape in layout.shapes)
+    size = sum(math.prod(shape) for shape in signature.shapes)
     block = max(WIDTH, 1 << int(math.log2(max(_MEMORY / 8 / size, 1))))
     for begin in range(0, lanes, block):
         some = np.arange(begin, min(begin + block, lanes))
-        parts = [np.zeros((some.size, *shape)) for shape in layout.shapes]
+        parts = [np.zeros((some.size, *shape)) for shape in signature.shapes]
         for way, those in ways:
             way.fill(some[those[some]], begin, parts)
         if ways:
@@ -209,10 +212,10 @@ def gradient(
             unknown = [~np.isfinite(part).all(axis=tuple(range(1, part.ndim))) for part in parts]
             forwards[some] |= known[some] & np.any(unknown, axis=0)
         if forwards[some].any():
-            _fill_forwards(layout, numbers, some[forwards[some]], ends, bars, begin, parts, at=at)
+            _fill_forwards(signature, parameters, some[forwards[some]], ends, cotangents, begin, parts, at=at)
         gone = (counts & lost)[some]
         for i, (part, same) in enumerate(zip(parts, shared, strict=True)):
-            if layout.dtypes[i] != "float64":
+            if signature.dtypes[i] != "float64":
                 continue
             if spoils:
                 part[gone] = np.nan
@@ -222,14 +225,14 @@ def gradient(
                 found[i][some] = part
     for i, (of_blocks, same) in enumerate(zip(sums, shared, strict=True)):
         if same:
-            found[i] = summed(np.array(of_blocks)) if of_blocks else np.zeros(layout.shapes[i])
+            found[i] = summed(np.array(of_blocks)) if of_blocks else np.zeros(signature.shapes[i])
     return found
 
 
-def _counts(bars: np.ndarray, at: AtTimes | None) -> np.ndarray:
+def _counts(cotangents: np.ndarray, at: AtTimes | None) -> np.ndarray:
     """Whether a number changes with what a lane gives, shape (lanes,)."""
-    counts = (bars != 0).any(axis=0)
-    return counts if at is None else counts | np.any(at.bars != 0, axis=(1, 2))
+    counts = (cotangents != 0).any(axis=0)
+    return counts if at is None else counts | np.any(at.cotangents != 0, axis=(1, 2))
 
 
 def summed(rows: np.ndarray) -> np.ndarray:
@@ -248,14 +251,20 @@ class _WayBack:
 
     def __init__(
         self,
-        layout: Layout,
+        signature: Signature,
         back: Lanewise,
-        numbers: list[np.ndarray],
+        parameters: list[np.ndarray],
         ends: Ended,
-        bars: np.ndarray,
+        cotangents: np.ndarray,
         at: AtTimes | None,
     ) -> None:
-        self.layout, self.numbers, self.ends, self.bars, self.at = layout, numbers, ends, bars, at
+        self.signature, self.parameters, self.ends, self.cotangents, self.at = (
+            signature,
+            parameters,
+            ends,
+            cotangents,
+            at,
+        )
         self.back = back
 
     def fill(self, lanes: np.ndarray, begin: int, parts: Sequence[np.ndarray]) -> None:
@@ -276,17 +285,17 @@ class _WayBack:
         self, lanes: np.ndarray, begin: int, parts: Sequence[np.ndarray], stop: np.ndarray | None, rows: int = 0
     ) -> None:
         rows = rows or int(self.ends.trials[lanes].max()) + _BESIDE_STEPS
-        layout = self.layout.wanting(records=True)
-        length = rows * row_width(layout)
+        signature = self.signature.wanting(records=True)
+        length = rows * row_width(signature)
         most = max(WIDTH, _MEMORY // (8 * length))
         if lanes.size > most:
             for first in range(0, lanes.size, most):
                 self._record_and_fill(lanes[first : first + most], begin, parts, stop, rows)
             return
-        forwards, results = integrator_of(layout, 0, (), 0)
+        forwards, results = integrator_of(signature, 0, (), 0)
         found = jax.tree.map(lambda leaf: np.empty(lanes.size, leaf.dtype), results)
         tapes = np.empty((lanes.size, length))
-        inputs = [*layout.of_lanes(self.numbers, lanes), np.asarray(float(rows)), self.ends.tolerance[lanes]]
+        inputs = [*signature.of_lanes(self.parameters, lanes), np.asarray(float(rows)), self.ends.rtol_used[lanes]]
         forwards.run(inputs, np.arange(lanes.size), jax.tree.leaves(found), stop, [tapes])
         if stop is not None and stop[0]:
             return
@@ -307,13 +316,13 @@ class _WayBack:
         recorded: Recorded,
     ) -> None:
         results = [np.full((lanes.size, *shape), np.nan) for shape, real in self._real() if real]
-        bars = [np.ascontiguousarray(row[lanes]) for row in self.bars]
-        own = self.layout.of_lanes(self.numbers, lanes)
-        inputs = [*own, self.ends.tolerance[lanes], recorded.rows.astype(float), *bars, np.zeros(())]
+        cotangents = [np.ascontiguousarray(row[lanes]) for row in self.cotangents]
+        own = self.signature.of_lanes(self.parameters, lanes)
+        inputs = [*own, self.ends.rtol_used[lanes], recorded.rows.astype(float), *cotangents, np.zeros(())]
         tapes = [recorded.tapes]
         if self.at is not None:
             inputs.append(self.at.due[lanes].astype(float))
-            tapes += [self.at.times[lanes], self.at.bars[lanes]]
+            tapes += [self.at.times[lanes], self.at.cotangents[lanes]]
         self.back.run(inputs, np.flatnonzero(recorded.rows), results, stop, tapes)
         found = iter(results)
         for part, (_, real) in zip(parts, self._real(), strict=True):
@@ -322,76 +331,77 @@ class _WayBack:
 
     def _real(self) -> list[tuple[tuple[int, ...], bool]]:
         return [
-            (shape, dtype == "float64") for shape, dtype in zip(self.layout.shapes, self.layout.dtypes, strict=True)
+            (shape, dtype == "float64")
+            for shape, dtype in zip(self.signature.shapes, self.signature.dtypes, strict=True)
         ]
 
 
 # JAX traces it once, to look whether it can and to compile it: half of the time of a first gradient.
 @functools.lru_cache(maxsize=64)
-def _back(layout: Layout) -> Callable[..., list[Number]]:
+def _back(signature: Signature) -> Callable[..., list[Number]]:
     """The way back through a lane."""
-    return jax.jit(functools.partial(pulled_back, layout))
+    return jax.jit(functools.partial(pulled_back, signature))
 
 
 @functools.lru_cache(maxsize=256)
-def _is_traced(layout: Layout) -> bool:
+def _is_traced(signature: Signature) -> bool:
     """Whether JAX can go back through a step."""
     try:
-        jax.eval_shape(_back(layout), layout.structs(), number, number, [number] * layout.rows, number)
+        jax.eval_shape(_back(signature), signature.structs(), number, number, [number] * signature.rows, number)
     except ValueError:
         return False
     return True
 
 
 @functools.lru_cache(maxsize=64)
-def _compiled(layout: Layout, *, timed: bool) -> Lanewise | None:
+def _compiled(signature: Signature, *, timed: bool) -> Lanewise | None:
     """The program that goes back; None where lanes cannot do what it needs."""
-    arguments = (layout.structs(), number, number, [number] * layout.rows, number, *[number] * timed)
+    arguments = (signature.structs(), number, number, [number] * signature.rows, number, *[number] * timed)
     try:
-        return compile_lanes(_back(layout), arguments, tapes=3 if timed else 1, what=layout.name("back", timed))
+        return compile_lanes(_back(signature), arguments, tapes=3 if timed else 1, what=signature.name("back", timed))
     except NotForLanesError:
         return None
 
 
 def _fill_forwards(
-    layout: Layout,
-    numbers: Sequence[PerLane],
+    signature: Signature,
+    parameters: Sequence[PerLane],
     lanes: np.ndarray,
     ends: Ended,
-    bars: np.ndarray,
+    cotangents: np.ndarray,
     begin: int,
     parts: Sequence[np.ndarray],
     *,
     at: AtTimes | None,
 ) -> None:
     """The same as `_WayBack.fill`, one lane for each element of a number."""
-    clock = Clock._fields.index("max_step") - len(Clock._fields) if layout.options.clock else None
+    clock = Clock._fields.index("max_step") - len(Clock._fields) if signature.options.clock else None
     elements = [
         (i, offset + j)
-        for i, (shape, offset) in enumerate(zip(layout.shapes[:clock], layout.offsets, strict=False))
+        for i, (shape, offset) in enumerate(zip(signature.shapes[:clock], signature.offsets, strict=False))
         for j in range(math.prod(shape))
-        if layout.dtypes[i] == "float64"
+        if signature.dtypes[i] == "float64"
     ]
     places = np.array([[element for _, element in elements]], float)
     some = max(1, _FORWARD // (len(elements) * (1 if at is None else 2 * at.times.shape[1] + 1)))
     for first in range(0, lanes.size, some):
         each = lanes[first : first + some]
-        own = layout.of_lanes(numbers, each)
+        own = signature.of_lanes(parameters, each)
         times = None if at is None else at.times[each]
-        slopes = integrate_along(layout, own, each.size, 1, places, ends.rtol, times=times)
-        along = slopes.quantities.first
+        slopes = integrate_along(signature, own, each.size, 1, places, ends.rtol, times=times)
+        along = slopes.quantities.by_first
         total = np.zeros((each.size, len(elements)))
-        for bar, slope in zip(bars, along, strict=True):
-            if np.any(bar[each]):
-                total += np.where(bar[each, None] != 0, bar[each, None] * slope, 0.0)
+        for cotangent, slope in zip(cotangents, along, strict=True):
+            if np.any(cotangent[each]):
+                total += np.where(cotangent[each, None] != 0, cotangent[each, None] * slope, 0.0)
         if at is not None:
             assert slopes.saved is not None
-            weights = at.bars[each][:, None]
+            weights = at.cotangents[each][:, None]
             total += np.sum(np.where(weights != 0, weights * slopes.saved[:, :, :, 1], 0.0), axis=(2, 3))
         for column, (i, element) in enumerate(elements):
             part = parts[i][each - begin].reshape(each.size, -1)
-            part[:, element - layout.offsets[i]] = total[:, column]
-            parts[i][each - begin] = part.reshape(each.size, *layout.shapes[i])
+            part[:, element - signature.offsets[i]] = total[:, column]
+            parts[i][each - begin] = part.reshape(each.size, *signature.shapes[i])
 
 
 def gradient_of(
@@ -408,9 +418,9 @@ def gradient_of(
 
     `ended` is None where the solution has derivatives, and `ts` where it has no states at times.
     """
-    layout, shape = lanes.layout, lanes.shape
-    bars = [_bar("t", t, shape), *_state_bars("y", y, layout, shape)]
-    names = layout.problem.integrals
+    signature, shape = lanes.signature, lanes.shape
+    cotangents = [_cotangent("t", t, shape), *_state_cotangents("y", y, signature, shape)]
+    names = signature.problem.integrals
     if not isinstance(integrals, Mapping):
         raise TypeError(f"Argument `integrals` must give numbers by name, but is {briefly(integrals)}.")
     for name in integrals:
@@ -418,50 +428,54 @@ def gradient_of(
             raise ValueError(
                 f"Argument `integrals` must name some of {', '.join(names) or 'none'}, but has {briefly(name)}."
             )
-    bars += [_bar("integrals", integrals.get(name, 0.0), shape) for name in names]
-    rows = np.concatenate([bar.reshape(lanes.size, math.prod(bar.shape[len(shape) :])).T for bar in bars])
+    cotangents += [_cotangent("integrals", integrals.get(name, 0.0), shape) for name in names]
+    rows = np.concatenate(
+        [cotangent.reshape(lanes.size, math.prod(cotangent.shape[len(shape) :])).T for cotangent in cotangents]
+    )
     if ended is None:
         times = None if ys is None or ts is None else np.unique(ts[np.isfinite(ts)])
-        ended = ends_of(layout, lanes.numbers, lanes.size, rtol, times)
+        ended = ends_of(signature, lanes.parameters, lanes.size, rtol, times)
     at = None if ys is None else _at_times(lanes, ended, ts, ys)
-    found = gradient(layout, lanes.numbers, lanes.size, ended, rows, spoils=False, at=at)
-    gone = np.asarray(layout.has_no_result(ended.outcome) & _counts(rows, at)).reshape(shape)
+    found = gradient(signature, lanes.parameters, lanes.size, ended, rows, spoils=False, at=at)
+    gone = np.asarray(signature.has_no_result(ended.outcome) & _counts(rows, at)).reshape(shape)
     own = [
         _as_given(part, gone, leaf, each) if dtype == "float64" else np.zeros(each, jax.dtypes.float0)
-        for part, leaf, dtype, each in zip(found, layout.shapes, layout.dtypes, lanes.given, strict=True)
+        for part, leaf, dtype, each in zip(found, signature.shapes, signature.dtypes, lanes.given, strict=True)
     ]
-    return layout.args(own)
+    return signature.args(own)
 
 
-def _state_bars(name: str, given: PyTree, layout: Layout, shape: tuple[int, ...]) -> list[np.ndarray]:
+def _state_cotangents(name: str, given: PyTree, signature: Signature, shape: tuple[int, ...]) -> list[np.ndarray]:
     """By what a number changes with each part of a state, arrays of a shape and the part's own; zeros for None."""
-    state = jax.tree.leaves(layout.state)
+    state = jax.tree.leaves(signature.state)
     if given is None:
         return [np.zeros((*shape, *leaf.shape)) for leaf in state]
-    if jax.tree.structure(given) != jax.tree.structure(layout.state):
+    if jax.tree.structure(given) != jax.tree.structure(signature.state):
         raise ValueError(f"Argument `{name}` must be a pytree like the state, but is {jax.tree.structure(given)}.")
-    return [_bar(name, part, (*shape, *leaf.shape)) for part, leaf in zip(jax.tree.leaves(given), state, strict=True)]
+    return [
+        _cotangent(name, part, (*shape, *leaf.shape)) for part, leaf in zip(jax.tree.leaves(given), state, strict=True)
+    ]
 
 
 def _at_times(lanes: Lanes, ended: Ended, ts: PerImpact, ys: PyTree) -> AtTimes:
     """The same with states at times; integrals there do not count."""
-    layout = lanes.layout
+    signature = lanes.signature
     if ts is None:
         raise ValueError("Argument `ys` needs states at times, but the solution has none: give `solve` times, `ts`.")
     ts = np.asarray(ts)
-    parts = _state_bars("ys", ys, layout, (*lanes.shape, ts.size))
+    parts = _state_cotangents("ys", ys, signature, (*lanes.shape, ts.size))
     given = np.concatenate(
         [part.reshape(lanes.size, ts.size, math.prod(part.shape[len(lanes.shape) + 1 :])) for part in parts], axis=-1
     )
     known = np.isfinite(ts)
     times, places = np.unique(ts[known], return_inverse=True)
-    bars = np.zeros((lanes.size, times.size, layout.rows - 1))
-    for place, bar in zip(places, np.moveaxis(given[:, known], 1, 0), strict=True):
-        bars[:, place, : bar.shape[-1]] += bar
-    return AtTimes.of(times, bars, ended)
+    cotangents = np.zeros((lanes.size, times.size, signature.rows - 1))
+    for place, cotangent in zip(places, np.moveaxis(given[:, known], 1, 0), strict=True):
+        cotangents[:, place, : cotangent.shape[-1]] += cotangent
+    return AtTimes.of(times, cotangents, ended)
 
 
-def _bar(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
+def _cotangent(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
     check_unmasked(name, given)
     try:
         return np.broadcast_to(np.asarray(given).astype(float, casting="same_kind"), shape)

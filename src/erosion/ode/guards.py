@@ -10,12 +10,12 @@ import jax
 import jax.numpy as jnp
 
 from erosion.arguments import Flag, Scalar
+from erosion.ode.event_location import Lane
 from erosion.ode.horizon import Horizon
-from erosion.ode.landing import Lane
 from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.methods.base import Step
 from erosion.ode.methods.runge_kutta import RungeKutta
-from erosion.ode.reduction import Rows
+from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import FAILED, SLIDES, STIFF, UNFINISHED, Control, goes_on
 
 MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start, or jumps, is taken this much later
@@ -63,11 +63,13 @@ class Guard:
 class InModes(Guard):
     """A lane is given up where a bound that rested at zero falls, so that no mode fits: see `switches`."""
 
-    def begin(self, scale: Scalar) -> Rows:
+    def begin(self, scale: Scalar) -> FlatState:
         """See `Guard`."""
         return [0.0 * scale for _ in self.problem.directions[self.problem.own_events :]]
 
-    def decided(self, memory: Rows, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
+    def decided(
+        self, memory: FlatState, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon
+    ) -> Decided:
         """See `Guard`."""
         own, scale, greatest = self.problem.own_events, self.problem.time_scale, []
         lost: Flag = jnp.asarray(False)
@@ -98,8 +100,8 @@ class Stiffness(Guard):
 
     def decided(self, memory: Scalar, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
         """See `Guard`."""
-        rows = (lane.state, step.state)
-        one = self.method.stiffness(lane.greatest, rows, step.stages, lane.control.trial, self.rtol)
+        states = (lane.state, step.state)
+        one = self.method.stiffness(lane.greatest, states, step.stages, lane.control.trial_length, self.rtol)
         count = jnp.maximum(memory + jnp.where(moved, one, 0.0), 0.0)
         stops = goes_on(control) & (count >= _MANY_STIFF) & end.is_far(control, _FAR)
         mode, event = jnp.where(stops, UNFINISHED, control.mode), jnp.where(stops, STIFF, control.event)
@@ -115,7 +117,7 @@ class Roots(Guard):
 
     def decided(self, memory: Any, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
         """See `Guard`."""
-        problem, length, lost = self.problem, lane.control.trial, jnp.asarray(False)
+        problem, length, lost = self.problem, lane.control.trial_length, jnp.asarray(False)
         width = problem.width
         before, after = (
             jax.jvp(problem.under_square_roots, (rows[:width],), (slope[:width],))

@@ -40,7 +40,9 @@ class To(Horizon):
 
     def within(self, control: Control) -> Control:
         """See `Horizon`."""
-        return crossings.stop_at(control._replace(trial=jnp.minimum(control.trial, self.max_step)), self.time)
+        return crossings.stop_at(
+            control._replace(trial_length=jnp.minimum(control.trial_length, self.max_step)), self.time
+        )
 
     def is_far(self, control: Control, steps: float) -> Flag:
         """See `Horizon`."""

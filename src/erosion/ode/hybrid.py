@@ -20,9 +20,9 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Flag, Scalar
 from erosion.ode import step_control
-from erosion.ode.landing import Segment
+from erosion.ode.event_location import Segment
 from erosion.ode.lane_equations import LaneEquations
-from erosion.ode.segments import Loop, Written
+from erosion.ode.segments import SegmentLoop, Written
 from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FAILED, FIRST_STEP, SLIDES, UNFINISHED
 from erosion.ode.switches import SwitchedMotion
 from erosion.ode.variational import (
@@ -57,9 +57,9 @@ class Instant(NamedTuple):
     """A state, and what has happened to it at one time.
 
     Args:
-        members: the state after the events so far, with its total derivatives.
+        value_and_tangents: the state after the events so far, with its total derivatives.
         met: the same before the last of them.
-        elapsed: the time since the lane began, with derivatives as the members of a state have them.
+        elapsed: the time since the lane began, with its tangents.
         soonest, latest: the least and greatest of each of these numbers, of all events at this time.
         last: the last event.
         count: events of the lane so far.
@@ -70,7 +70,7 @@ class Instant(NamedTuple):
         written: by the recorders.
     """
 
-    members: tuple[Augmented, ...]
+    value_and_tangents: tuple[Augmented, ...]
     met: tuple[Augmented, ...]
     elapsed: tuple[Scalar, ...]
     soonest: tuple[Scalar, ...]
@@ -83,11 +83,13 @@ class Instant(NamedTuple):
     at_once: Sequence[Flag]
     written: Written
 
-    def at_own_time(self, later: Flag, members: tuple[Augmented, ...], since: tuple[Scalar, ...]) -> "Instant":
+    def at_own_time(
+        self, later: Flag, value_and_tangents: tuple[Augmented, ...], since: tuple[Scalar, ...]
+    ) -> "Instant":
         """With the state at an event, if it has its own time, later by as much."""
         elapsed = chosen(later, tuple(map(jnp.add, self.elapsed, since)), self.elapsed)
         return self._replace(
-            members=chosen(later, members, self.members),
+            value_and_tangents=chosen(later, value_and_tangents, self.value_and_tangents),
             elapsed=elapsed,
             soonest=tuple(map(jnp.minimum, self.soonest, elapsed)),
             latest=tuple(map(jnp.maximum, self.latest, elapsed)),
@@ -99,8 +101,8 @@ class _Trajectory(NamedTuple):
 
     Args:
         goes_on: whether there is another segment.
-        segment: the last one; its members are those from which the next begins, or at the end.
-        elapsed: time since the start, with derivatives as the members of a state have them.
+        segment: the last one; its state is that from which the next begins, or at the end.
+        elapsed: time since the start, with its tangents.
         amplification: the greatest so far.
         hops: whether the state is about to return to an event that it has just left, so soon that rounding may hide it.
         written: by the recorders so far.
@@ -122,8 +124,8 @@ class Transitions:
         loop: with the recorders.
     """
 
-    def __init__(self, problem: LaneEquations, loop: Loop) -> None:
-        self.problem, self.loop, self.here = problem, loop, problem.equations.at(problem.numbers)
+    def __init__(self, problem: LaneEquations, loop: SegmentLoop) -> None:
+        self.problem, self.loop, self.here = problem, loop, problem.equations.at(problem.parameters)
         self.most = problem.clock.max_events
         self.own = range(problem.own_events)
         self.bounds = range(problem.own_events, len(problem.directions))
@@ -135,7 +137,7 @@ class Transitions:
     def at_event(self, instant: Instant, event: Scalar, later: Flag) -> Instant:
         """At an event's own time, if that is `later` in its derivatives than the time of the event before it."""
         equations = self.problem.equations
-        along = AlongFlow(equations, instant.members)
+        along = AlongFlow(equations, instant.value_and_tangents)
         at_it = at_event(along, event, 0.0 * instant.elapsed[0], _itself, _NO_TIME)
         return instant.at_own_time(later, equations.pack(at_it.outputs), equations.pack(at_it.time))
 
@@ -144,15 +146,15 @@ class Transitions:
         equations = self.problem.equations
         if own_time is not None and self.problem.order:
             instant = self.at_event(instant, jnp.asarray(event), fires & own_time)
-        members, elapsed = instant.members, instant.elapsed
+        value_and_tangents, elapsed = instant.value_and_tangents, instant.elapsed
         at_once = [flag | fires if i == event else flag for i, flag in enumerate(instant.at_once)]
-        written = self.loop.after_event(instant.written, event, fires, at_once, members, elapsed)
-        after, survives = members, event in self.problem.chains
+        written = self.loop.after_event(instant.written, event, fires, at_once, value_and_tangents, elapsed)
+        after, survives = value_and_tangents, event in self.problem.chains
         if survives:
-            after = equations.pack(equations.of(lambda at, motion: motion.after(event, at), members))
+            after = equations.pack(equations.of(lambda at, motion: motion.after(event, at), value_and_tangents))
         return instant._replace(
-            members=chosen(fires, after, members),
-            met=chosen(fires, members, instant.met),
+            value_and_tangents=chosen(fires, after, value_and_tangents),
+            met=chosen(fires, value_and_tangents, instant.met),
             last=jnp.where(fires, event, instant.last),
             count=instant.count + jnp.where(fires, 1, 0),
             happened=instant.happened | fires,
@@ -167,11 +169,11 @@ class Transitions:
         The state is that at the first one's time. Each after the first happens where its function falls still after
         the resets before it.
         """
-        falling, before = self.rates(instant.members[0]), instant
+        falling, before = self.rates(instant.value_and_tangents[0]), instant
         if self.bounds and forwards:
             instant = self.switched_in_turn(instant, segment, falling, first, forwards=True)
         for i in self.own if forwards else reversed(self.own):
-            still = (first == i) | (self.rates(instant.members[0])[i] * falling[i] > 0)
+            still = (first == i) | (self.rates(instant.value_and_tangents[0])[i] * falling[i] > 0)
             fires = segment.at_once[i] & still & instant.survives & (instant.count < self.most)
             instant = self.fired(instant, i, fires, first != i)
         if not self.bounds:
@@ -200,7 +202,7 @@ class Transitions:
 
         def switches(at: tuple[Instant, Scalar]) -> tuple[Instant, Scalar]:
             instant, index = at
-            rates = self.rates(instant.members[0])
+            rates = self.rates(instant.value_and_tangents[0])
             still = [rates[i] * falling[i] > 0 for i in self.bounds]
             fires = (index == first) | functools.reduce(
                 jnp.logical_or, [(index == i) & flag for i, flag in zip(self.bounds, still, strict=True)]
@@ -229,21 +231,24 @@ class Transitions:
             written = self.loop.after_switch(written, fires & own_time)
             if self.problem.order:
                 instant = self.at_event(instant, bound, fires & own_time)
-        members = instant.members
+        value_and_tangents = instant.value_and_tangents
         place = bound - self.problem.own_events
 
         def beyond(at: Augmented, motion: Motion) -> Augmented:
             assert isinstance(motion, SwitchedMotion)
             return motion.switched(place, jumps, at)
 
-        after = equations.pack(equations.of(beyond, members))
+        after = equations.pack(equations.of(beyond, value_and_tangents))
         at_once = [
             flag | (fires & (bound == i)) if i in self.bounds else flag for i, flag in enumerate(instant.at_once)
         ]
         return instant._replace(
-            members=chosen(fires, after, members), met=chosen(fires, members, instant.met),
-            happened=instant.happened | fires, at_once=at_once, written=written,
-        )  # fmt: skip
+            value_and_tangents=chosen(fires, after, value_and_tangents),
+            met=chosen(fires, value_and_tangents, instant.met),
+            happened=instant.happened | fires,
+            at_once=at_once,
+            written=written,
+        )
 
     def in_modes(self, instant: Instant, located: Sequence[Flag], before: Sequence[Scalar]) -> Instant:
         """With the switches after which the state is in its modes: no bound is below zero, or at zero and falls.
@@ -262,7 +267,7 @@ class Transitions:
 
         def due(instant: Instant) -> tuple[Scalar, Flag]:
             """The first bound that the state is beyond, or -1, and whether it is far beyond it."""
-            at = instant.members[0]
+            at = instant.value_and_tangents[0]
             values = here.events(at)
             rates, bends = jax.jvp(self.rates, (at,), (here.rate(at),))
             index, jumps = 0 * instant.last - 1, jnp.asarray(False)
@@ -305,15 +310,15 @@ class Transitions:
 
         def fixed(instant: Instant) -> tuple[Augmented, ...]:
             since = equations.unpack(tuple(-part for part in instant.elapsed))
-            along = AlongFlow(equations, instant.members)
+            along = AlongFlow(equations, instant.value_and_tangents)
             return equations.pack(at_event(along, jnp.full((), ARRIVED), instant.elapsed[0], _itself, since).outputs)
 
         def checked() -> tuple[Augmented, ...]:
             last = functools.reduce(jnp.maximum, [jnp.where(near, i, -1) for i, near in enumerate(segment.at_once)])
             end = at_event(along, last, segment.time, _itself, _NO_TIME)
             gone = tuple(map(jnp.add, before.elapsed, equations.pack(end.time)))
-            members = equations.pack(end.outputs)
-            start = before._replace(members=members, elapsed=gone, soonest=gone, latest=gone)
+            value_and_tangents = equations.pack(end.outputs)
+            start = before._replace(value_and_tangents=value_and_tangents, elapsed=gone, soonest=gone, latest=gone)
             other = self.in_turn(start, segment, last, forwards=False)
             one, two = fixed(instant), fixed(other)
             soonest = map(jnp.minimum, instant.soonest, other.soonest)
@@ -321,7 +326,7 @@ class Transitions:
             orders = [0, *[1] * (len(one) - 1)] if equations.order < 2 else [0, *[1] * (len(one) - 2), 2]
             apart = [_differ(*each, share=_ALIKE[k], size=0.0) for each, k in zip(times, orders, strict=True)]
             unlike = jax.tree.map(functools.partial(_differ, share=_ALIKE[0], size=0.0), one[0], two[0])
-            members = [instant.members[0]]
+            value_and_tangents = [instant.value_and_tangents[0]]
             for k in range(1, len(one)):
                 moves = functools.reduce(jnp.logical_or, apart[1:]) if orders[k] == 2 else apart[k]
                 lost = jax.tree.map(
@@ -329,38 +334,42 @@ class Transitions:
                     & (jump | _differ(a, b, share=share, size=u)),
                     one[k], two[k], one[0], unlike,
                 )  # fmt: skip
-                members.append(jax.tree.map(lambda u, gone: jnp.where(gone, jnp.nan, u), instant.members[k], lost))
-            return tuple(members)
+                value_and_tangents.append(
+                    jax.tree.map(lambda u, gone: jnp.where(gone, jnp.nan, u), instant.value_and_tangents[k], lost)
+                )
+            return tuple(value_and_tangents)
 
         several = sum(jnp.where(near, 1, 0) for near in segment.at_once) > 1
-        return instant._replace(members=lax.cond(several, checked, lambda: instant.members))
+        return instant._replace(value_and_tangents=lax.cond(several, checked, lambda: instant.value_and_tangents))
 
-    def two_sided_at_end(self, instant: Instant, met: Instant, at_once: Sequence[Flag], until: Derivatives) -> Instant:
+    def two_sided_at_end(
+        self, instant: Instant, met: Instant, at_once: Sequence[Flag], time_to_end: Derivatives
+    ) -> Instant:
         """Without the derivatives that a break exactly at the end of the lane has on one side alone.
 
         Args:
             instant: after the switches.
             met: before them.
             at_once: of each event whether it happens there.
-            until: when the lane ends.
+            time_to_end: when the lane ends.
         """
         equations = self.problem.equations
-        if not self.problem.order or not self.bounds or until.value is None:
+        if not self.problem.order or not self.bounds or time_to_end.value is None:
             return instant
 
         def ended(at: Instant) -> tuple[tuple[Augmented, ...], Augmented]:
-            rest = jax.tree.map(jnp.subtract, until, equations.unpack(at.elapsed))
-            along = AlongFlow(equations, at.members)
-            end = at_event(along, jnp.full((), ARRIVED), at.elapsed[0], _itself, rest)
+            remaining = jax.tree.map(jnp.subtract, time_to_end, equations.unpack(at.elapsed))
+            along = AlongFlow(equations, at.value_and_tangents)
+            end = at_event(along, jnp.full((), ARRIVED), at.elapsed[0], _itself, remaining)
             return equations.pack(end.outputs), along.curve(_itself)
 
         def checked() -> tuple[Augmented, ...]:
             (one, curve), (two, other) = ended(instant), ended(met)
             # The break is as near the end as rounding says: by so much the rates have changed.
-            late = jnp.abs(self.problem.clock.t0) + until.value
-            rounding = until.value * (_ARRIVED * self.problem.time_scale + _ULPS * late)
+            late = jnp.abs(self.problem.clock.t0) + time_to_end.value
+            rounding = time_to_end.value * (_ARRIVED * self.problem.time_scale + _ULPS * late)
             sizes = jax.tree.map(lambda a, b: rounding * (jnp.abs(a) + jnp.abs(b)), curve, other)
-            members = [instant.members[0]]
+            value_and_tangents = [instant.value_and_tangents[0]]
             for k in range(1, len(one)):
                 share = _ALIKE[2 if equations.order == 2 and k == len(one) - 1 else 1]
                 lost = jax.tree.map(
@@ -368,23 +377,25 @@ class Transitions:
                     & (jnp.abs(a - b) > least),
                     one[k], two[k], one[0], sizes,
                 )  # fmt: skip
-                members.append(jax.tree.map(lambda u, gone: jnp.where(gone, jnp.nan, u), instant.members[k], lost))
-            return tuple(members)
+                value_and_tangents.append(
+                    jax.tree.map(lambda u, gone: jnp.where(gone, jnp.nan, u), instant.value_and_tangents[k], lost)
+                )
+            return tuple(value_and_tangents)
 
         here = functools.reduce(jnp.logical_or, [at_once[i] for i in self.bounds])
-        is_end = here & (until.value - instant.elapsed[0] <= _ARRIVED * self.problem.time_scale)
-        return instant._replace(members=lax.cond(is_end, checked, lambda: instant.members))
+        is_end = here & (time_to_end.value - instant.elapsed[0] <= _ARRIVED * self.problem.time_scale)
+        return instant._replace(value_and_tangents=lax.cond(is_end, checked, lambda: instant.value_and_tangents))
 
-    def two_sided_at_start(self, members: tuple[Augmented, ...]) -> tuple[Augmented, ...]:
+    def two_sided_at_start(self, value_and_tangents: tuple[Augmented, ...]) -> tuple[Augmented, ...]:
         """A state at the start without the derivatives that a break exactly there has on one side alone."""
         equations, here = self.problem.equations, self.here
         if not self.problem.order or not self.bounds:
-            return members
+            return value_and_tangents
         assert isinstance(here, SwitchedMotion)
-        at, scale = members[0], self.problem.time_scale
+        at, scale = value_and_tangents[0], self.problem.time_scale
         values, rates, sizes = here.events(at), self.rates(at), here.sizes_of_bounds(at)
-        moved = equations.pack(equations.of(lambda at, motion: motion.events(at), members))[1:]
-        flow = jax.tree.leaves(equations.rate(members))
+        moved = equations.pack(equations.of(lambda at, motion: motion.events(at), value_and_tangents))[1:]
+        flow = jax.tree.leaves(equations.rate(value_and_tangents))
         lost = [jnp.asarray(False) for _ in moved]
         for j, i in enumerate(self.bounds):
             near = _NEAR * scale * jnp.abs(rates[i]) + _ULPS * sizes[j]
@@ -393,7 +404,7 @@ class Transitions:
                 assert isinstance(motion, SwitchedMotion)
                 return motion.switched(jnp.asarray(j), jnp.asarray(False), at)
 
-            other = jax.tree.leaves(equations.rate(equations.pack(equations.of(beyond, members))))
+            other = jax.tree.leaves(equations.rate(equations.pack(equations.of(beyond, value_and_tangents))))
             jumps = [_differ(*pair, share=_ALIKE[0], size=0.0) for pair in zip(flow, other, strict=True)]
             width = self.problem.width
             breaks, bends = (
@@ -404,9 +415,9 @@ class Transitions:
                 is_second = equations.order == 2 and k == len(moved) - 1
                 gone = bends & functools.reduce(jnp.logical_or, moves) if is_second else breaks & moves[k]
                 lost[k] = lost[k] | gone
-        pairs = zip(members[1:], lost, strict=True)
+        pairs = zip(value_and_tangents[1:], lost, strict=True)
         others = [jax.tree.map(lambda u, gone=gone: jnp.where(gone, jnp.nan, u), member) for member, gone in pairs]
-        return members[0], *others
+        return value_and_tangents[0], *others
 
     def settled(
         self, instant: Instant, before: Sequence[Scalar], flat: Sequence[Flag] | None = None
@@ -425,12 +436,12 @@ class Transitions:
             return (old * new < 0) | ((old != 0) & (new == 0))
 
         def values(instant: Instant) -> list[Scalar]:
-            return self.here.events(instant.members[0])
+            return self.here.events(instant.value_and_tangents[0])
 
         def leaves(i: int, rested: Sequence[Flag], instant: Instant) -> Flag:
             if flat is None:
                 return jnp.asarray(False)
-            rate = self.rates(instant.members[0])[i]
+            rate = self.rates(instant.value_and_tangents[0])[i]
             return jnp.logical_and(rested[i], rate < 0 if self.problem.directions[i] else rate != 0)
 
         def goes_on(state: tuple[Instant, list[Scalar], list[Flag], Scalar]) -> Flag:
@@ -459,7 +470,7 @@ class Transitions:
 
     def at_start(self, instant: Instant) -> tuple[Instant, Flag]:
         """With the events at whose functions a lane begins, or past them, and whether they are without end."""
-        before, past = self.here.events(instant.members[0])[: len(self.own)], self._past(instant)
+        before, past = self.here.events(instant.value_and_tangents[0])[: len(self.own)], self._past(instant)
         for i, is_past in enumerate(past):
             fires = is_past & self._past(instant)[i] & instant.survives & (instant.count < self.most)
             instant = self.fired(self._edged(instant, i, fires & (before[i] == 0)), i, fires)
@@ -467,7 +478,7 @@ class Transitions:
         return self.settled(instant, [jnp.where(*each) for each in zip(past, [0.0] * len(past), before, strict=True)])
 
     def _past(self, instant: Instant) -> list[Flag]:
-        return self.loop.past_at_start(jax.tree.leaves(instant.members))[: len(self.own)]
+        return self.loop.past_at_start(jax.tree.leaves(instant.value_and_tangents))[: len(self.own)]
 
     def _followed(self, instant: Instant, event: int) -> Instant:
         """With the switches that the reset of an event makes."""
@@ -492,7 +503,7 @@ class Transitions:
         stands = hops = jnp.asarray(False)
         if not any(i in self.problem.chains for i in self.own):
             return stands, hops
-        at = instant.members[0]
+        at = instant.value_and_tangents[0]
         values = [jnp.where(is_zero, 0.0, value) for is_zero, value in zip(zero, self.here.events(at), strict=True)]
         rates, bends = jax.jvp(self.rates, (at,), (self.here.rate(at),))
         for event, value, rate, bend, before, direction in zip(
@@ -510,23 +521,25 @@ class Transitions:
         equations = self.problem.equations
         if not self.problem.order:
             return instant
-        moved = equations.pack(equations.of(lambda at, motion: motion.events(at)[event], instant.members))
+        moved = equations.pack(equations.of(lambda at, motion: motion.events(at)[event], instant.value_and_tangents))
         lost = [at_zero & (part != 0) for part in moved[1:]]
         if equations.order == 2:
             lost[-1] = functools.reduce(jnp.logical_or, lost)
-        pairs = zip(instant.members[1:], lost, strict=True)
-        members = [jax.tree.map(lambda u, gone=gone: jnp.where(gone, jnp.nan, u), member) for member, gone in pairs]
-        return instant._replace(members=(instant.members[0], *members))
+        pairs = zip(instant.value_and_tangents[1:], lost, strict=True)
+        value_and_tangents = [
+            jax.tree.map(lambda u, gone=gone: jnp.where(gone, jnp.nan, u), member) for member, gone in pairs
+        ]
+        return instant._replace(value_and_tangents=(instant.value_and_tangents[0], *value_and_tangents))
 
 
-def trajectory(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Written]:
+def trajectory(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEvent, Written]:
     """Integrate one lane through the events that it survives: its last segment, and its end with derivatives."""
-    equations, until, transitions = problem.equations, problem.until, Transitions(problem, loop)
+    equations, time_to_end, transitions = problem.equations, problem.time_to_end, Transitions(problem, loop)
     zero = 0.0 * problem.time_scale
     control = step_control.begin(problem.time_scale, jnp.asarray(True), jnp.asarray(True), FIRST_STEP)
     none, no = 0 * control.mode, jnp.asarray(False)
     nothing = [no] * len(problem.directions)
-    initial, written = problem.members(problem.initial), [recorder.begin() for recorder in loop.recorders]
+    initial, written = problem.value_and_tangents(problem.initial), [recorder.begin() for recorder in loop.recorders]
     elapsed = tuple(zero for _ in initial)
     sizes = problem.method.sizes_at_start(problem.initial, None)
     start = Segment(control, initial, none - 1, zero, none, nothing, sizes, nothing)
@@ -541,27 +554,36 @@ def trajectory(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Wr
             event=jnp.where(more & instant.slides, SLIDES, control.event),
         )
         goes_on = more & jnp.logical_not(stops)
-        members = chosen(goes_on, instant.members, instant.met)
+        value_and_tangents = chosen(goes_on, instant.value_and_tangents, instant.met)
         segment = segment._replace(
-            control=control, members=members, event=instant.last, count=instant.count, at_once=instant.at_once
+            control=control,
+            value_and_tangents=value_and_tangents,
+            event=instant.last,
+            count=instant.count,
+            at_once=instant.at_once,
         )
         return _Trajectory(goes_on, segment, instant.elapsed, amplification, hops, instant.written)
 
     def flown(so_far: _Trajectory) -> _Trajectory:
         before = so_far.segment
-        rest = until
-        if until.value is not None:
-            rest = jax.tree.map(lambda part, gone: part - gone, until, equations.unpack(so_far.elapsed))
-            rest = rest._replace(value=jnp.where(rest.value <= _ARRIVED * problem.time_scale, 0.0, rest.value))
+        remaining = time_to_end
+        if time_to_end.value is not None:
+            remaining = jax.tree.map(lambda part, gone: part - gone, time_to_end, equations.unpack(so_far.elapsed))
+            remaining = remaining._replace(
+                value=jnp.where(remaining.value <= _ARRIVED * problem.time_scale, 0.0, remaining.value)
+            )
         segment, along, written = loop.to_its_event(
-            jax.tree.leaves(before.members), rest.value, so_far.written, before, so_far.elapsed
+            jax.tree.leaves(before.value_and_tangents), remaining.value, so_far.written, before, so_far.elapsed
         )
-        end = at_event(along, segment.event, segment.time, _itself, rest)
-        members, elapsed = equations.pack(end.outputs), tuple(map(jnp.add, so_far.elapsed, equations.pack(end.time)))
-        written = loop.after_segment(written, segment._replace(members=members))
+        end = at_event(along, segment.event, segment.time, _itself, remaining)
+        value_and_tangents, elapsed = (
+            equations.pack(end.outputs),
+            tuple(map(jnp.add, so_far.elapsed, equations.pack(end.time))),
+        )
+        written = loop.after_segment(written, segment._replace(value_and_tangents=value_and_tangents))
         met = Instant(
-            members,
-            members,
+            value_and_tangents,
+            value_and_tangents,
             elapsed,
             elapsed,
             elapsed,
@@ -575,15 +597,15 @@ def trajectory(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Wr
         )
         instant = transitions.in_turn(met, segment, segment.event, forwards=True)
         instant = transitions.commuting(instant, segment, along, met._replace(elapsed=so_far.elapsed))
-        instant = transitions.two_sided_at_end(instant, met, segment.at_once, until)
-        rounding, falling = transitions.here.events(members[0]), transitions.rates(members[0])
+        instant = transitions.two_sided_at_end(instant, met, segment.at_once, time_to_end)
+        rounding, falling = transitions.here.events(value_and_tangents[0]), transitions.rates(value_and_tangents[0])
         functions = [jnp.where(near, 0.0, value) for near, value in zip(segment.at_once, rounding, strict=True)]
         flat = None
         if transitions.bounds:
             own = zip(transitions.own, functions, falling, strict=False)
             flat = [~segment.at_once[i] & (value == 0) & (rate == 0) for i, value, rate in own]
         instant, endless = transitions.settled(instant, functions[: problem.own_events], flat)
-        both = zip(segment.at_once, transitions.here.events(instant.members[0]), rounding, strict=True)
+        both = zip(segment.at_once, transitions.here.events(instant.value_and_tangents[0]), rounding, strict=True)
         still_zero = [near & (jnp.abs(after) <= _RESIDUAL * jnp.abs(met)) for near, after, met in both]
         typical = jnp.minimum(problem.time_scale, elapsed[0])
         stands, hops = transitions.stands(instant, falling, still_zero, typical)
@@ -608,17 +630,19 @@ def trajectory(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Wr
     )
     if transitions.bounds:
         settled = transitions.in_modes(at_start, [no] * len(transitions.bounds), [zero] * len(transitions.bounds))
-        at_start = at_start._replace(members=transitions.two_sided_at_start(settled.members))
+        at_start = at_start._replace(value_and_tangents=transitions.two_sided_at_start(settled.value_and_tangents))
         mode = jnp.where(settled.slides & (control.mode == ADVANCING), UNFINISHED, control.mode)
         event = jnp.where(settled.slides, SLIDES, control.event)
-        start = start._replace(members=at_start.members, control=control._replace(mode=mode, event=event))
+        start = start._replace(
+            value_and_tangents=at_start.value_and_tangents, control=control._replace(mode=mode, event=event)
+        )
         begun = _Trajectory(jnp.logical_not(settled.slides), start, elapsed, zero + 1.0, no, written)
     else:
         begun = _Trajectory(jnp.asarray(True), start, elapsed, zero + 1.0, no, written)
     at_begin = begun.goes_on
     if problem.options.fires:
         instant, endless = transitions.at_start(at_start)
-        here = at_start.members[0]
+        here = at_start.value_and_tangents[0]
         falling, at_zero = transitions.rates(here), [value == 0 for value in transitions.here.events(here)]
         stands, hops = transitions.stands(instant, falling, at_zero, problem.time_scale)
         ends = (instant.count > 0) & ~(instant.survives & (instant.count < problem.clock.max_events))
@@ -627,10 +651,12 @@ def trajectory(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Wr
         segment = begun.segment._replace(control=begun.segment.control._replace(mode=mode))
         fires = instant.count > 0
         goes_on = jnp.where(fires, begun.goes_on, at_begin)
-        segment = segment._replace(members=chosen(fires, segment.members, at_start.members))
+        segment = segment._replace(
+            value_and_tangents=chosen(fires, segment.value_and_tangents, at_start.value_and_tangents)
+        )
         begun = begun._replace(goes_on=goes_on, segment=segment)
     last = lax.while_loop(lambda so_far: so_far.goes_on, flown, begun)
-    outputs = equations.of(outputs_of, last.segment.members)
+    outputs = equations.of(outputs_of, last.segment.value_and_tangents)
     return last.segment, AtEvent(equations.unpack(last.elapsed), outputs, last.amplification), last.written
 
 

@@ -13,19 +13,19 @@ import numpy as np
 from jax import lax
 
 from erosion.arguments import Flag, Number, PerImpact, Scalar
+from erosion.ode.event_location import Segment
 from erosion.ode.hybrid import trajectory
-from erosion.ode.landing import Segment
 from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.methods.base import LEAST
 from erosion.ode.problem import OTHER_ENDS
-from erosion.ode.segments import Loop, Written
+from erosion.ode.segments import SegmentLoop, Written
 from erosion.ode.step_control import ARRIVED, ENDED, NOT_BEGUN, SLIDES, STIFF, UNFINISHED
 from erosion.ode.tape import Recorded
 from erosion.ode.variational import (
     AtEvent,
     Derivatives,
     Direction,
-    Layout,
+    Signature,
     at_event,
     outputs_of,
 )
@@ -36,10 +36,8 @@ class LaneEnd(NamedTuple):
     """The results of a lane: numbers, and after the batch arrays of shape (lanes,).
 
     Args:
-        outcome: an index of `Layout.end_names`.
-        tolerance: the tolerance that the lane needs for results as exact as asked for; a greater one than asked for
-            where an integration with that would tell whether it needs a smaller one. After the
-            batch that of the results.
+        outcome: an index of `Signature.end_names`.
+        rtol_next: the tolerance of a second integration, see `erosion.ode.verification.plan`.
         time: from the start to the end, with derivatives.
         outputs: what is wanted there, with derivatives; see `erosion.ode.reduction`.
         trials: number of steps tried.
@@ -48,15 +46,16 @@ class LaneEnd(NamedTuple):
         least: where the whole state is wanted, a size of each of its elements below which it need not be known.
         stiff: whether the lane was given up as stiff, or integrated by the method for that; where it is looked for.
         slides: whether the lane was given up as its rates point to a switch from both sides; where it has switches.
+        rtol_used: after the batch, the tolerance of the results.
         error: after the batch, what the values err by as two integrations tell; 0 where there was one.
         saved: the token of what is written at times; after the batch outputs there and their derivatives, in the
-            order of `Variational.pack`, shape (lanes, times, members, outputs).
+            order of `Variational.pack`, shape (lanes, times, value and tangents, outputs).
         recorded: the steps, where they are recorded.
         logged: the events, where they are logged.
     """
 
     outcome: PerImpact
-    tolerance: PerImpact
+    rtol_next: PerImpact
     time: Derivatives
     outputs: Derivatives
     trials: PerImpact
@@ -65,6 +64,7 @@ class LaneEnd(NamedTuple):
     least: Sequence[PerImpact] = ()
     stiff: PerImpact | None = None
     slides: PerImpact | None = None
+    rtol_used: PerImpact | None = None
     error: PerImpact | None = None
     saved: PerImpact | None = None
     recorded: Recorded | None = None
@@ -78,8 +78,8 @@ class LaneEnd(NamedTuple):
 
 
 def integrate_lane(
-    layout: Layout,
-    numbers: Sequence[Number],
+    signature: Signature,
+    parameters: Sequence[Number],
     directions: tuple[Direction, ...],
     rtol: Scalar,
     *,
@@ -89,26 +89,26 @@ def integrate_lane(
     """Integrate one lane to its end.
 
     Args:
-        layout: of problem and arguments.
-        numbers: of this lane.
+        signature: of problem and arguments.
+        parameters: of this lane.
         directions: of the derivatives; see `Variational`.
         rtol: of outputs, end time and derivatives.
         order: 0, 1 or 2 derivatives.
         rows: of the tape, where steps are recorded or events logged.
     """
-    problem = LaneEquations(layout, numbers, order, directions)
-    loop = Loop(problem, rtol, rows)
+    problem = LaneEquations(signature, parameters, order, directions)
+    loop = SegmentLoop(problem, rtol, rows)
     goes_on = problem.chains or problem.options.fires
     segment, end, written = (trajectory if goes_on else _single)(problem, loop)
     return _finish(problem, segment, end, rtol, loop.recorded(written))
 
 
-def _single(problem: LaneEquations, loop: Loop) -> tuple[Segment, AtEvent, Written]:
+def _single(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEvent, Written]:
     """A lane that ends with its first event."""
-    until = problem.until
+    time_to_end = problem.time_to_end
     written = [recorder.begin() for recorder in loop.recorders]
-    motion, along, written = loop.to_its_event(problem.initial, until.value, written, None, ())
-    end = at_event(along, motion.event, motion.time, outputs_of, until)
+    motion, along, written = loop.to_its_event(problem.initial, time_to_end.value, written, None, ())
+    end = at_event(along, motion.event, motion.time, outputs_of, time_to_end)
     return motion, end, loop.after_segment(written, motion)
 
 
@@ -120,7 +120,7 @@ def _finish(
     begun = event != NOT_BEGUN if problem.options.check_start else jnp.asarray(True)
     outputs, time = end.outputs, end.time
     if problem.options.check_start:
-        at_start = equations.of(outputs_of, problem.members(problem.initial))
+        at_start = equations.of(outputs_of, problem.value_and_tangents(problem.initial))
         outputs = jax.tree.map(lambda there, alone: jnp.where(begun, there, alone), outputs, at_start)
         time = jax.tree.map(lambda number: jnp.where(begun, number, 0.0), time)
     both = zip(equations.unscale(time), equations.unscale(outputs), strict=True)
@@ -137,7 +137,7 @@ def _finish(
     least = [LEAST * size for size in problem.sizes_of_state(motion.greatest)]
     return LaneEnd(
         outcome=_outcome(problem, finite, control.mode, event),
-        tolerance=plan(control, ended & begun, end.amplification, finite, rtol, whole=problem.options.whole),
+        rtol_next=plan(control, ended & begun, end.amplification, finite, rtol, whole=problem.options.whole),
         time=time,
         outputs=outputs,
         trials=lax.convert_element_type(control.trials, np.int32),
@@ -153,8 +153,8 @@ def _finish(
 
 
 def _outcome(problem: LaneEquations, finite: Flag, mode: Scalar, event: Scalar) -> Scalar:
-    """The code of an end, an index of `Layout.end_names`."""
-    names = problem.layout.end_names
+    """The code of an end, an index of `Signature.end_names`."""
+    names = problem.signature.end_names
     code = {name: names.index(name) for name in OTHER_ENDS}
     without_event = jnp.where(event == ARRIVED, code["t1"], event)
     ended = jnp.where(event == NOT_BEGUN, code["start"], without_event)

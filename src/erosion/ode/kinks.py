@@ -15,15 +15,15 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
 from erosion.arguments import Flag, Scalar
 from erosion.lanes.scalars import Atom, Equation
-from erosion.ode.reduction import Rows, WholeMotion, elements_of, evaluate, known_values
+from erosion.ode.reduction import FlatState, WholeMotion, elements_of, evaluate, known_values
 from erosion.ode.switches import SMOOTH_FUNCTIONS, SwitchedMotion, is_always_zero, shifts_of, switches_of
-from erosion.ode.variational import Augmented, Layout
+from erosion.ode.variational import Augmented, Signature
 
 _MOMENT = 1e-8  # of the time scale: so soon before and after an event a smooth rate is the same
 _OTHER = 1e-6  # of its size, and of what it does within the time scale: a rate so different has a kink
 
 
-def is_kinked(rate: Callable[[Rows], Rows], event: Rows, slope: Rows, scale: Scalar) -> Flag:
+def is_kinked(rate: Callable[[FlatState], FlatState], event: FlatState, slope: FlatState, scale: Scalar) -> Flag:
     """Whether a rate, of the motion or of its derivatives, is another one after an event than before it.
 
     Args:
@@ -91,21 +91,21 @@ _SMOOTH = frozenset({
 
 
 @functools.lru_cache(maxsize=256)
-def may_have_kinks(layout: Layout) -> bool:
+def may_have_kinks(signature: Signature) -> bool:
     """Whether the rates of state and integrals have an operation on the state that is not smooth everywhere.
 
     A part of the state whose rate is zero, such as a switch that resets change, is constant between two events.
     """
-    if layout.options.smooth is not None:
-        return not layout.options.smooth
-    switches = switches_of(layout)
+    if signature.options.smooth is not None:
+        return not signature.options.smooth
+    switches = switches_of(signature)
     whole = WholeMotion if switches is None else functools.partial(SwitchedMotion, switches)
-    start = jax.eval_shape(lambda numbers: whole(layout, numbers).start(), layout.structs())
+    start = jax.eval_shape(lambda parameters: whole(signature, parameters).start(), signature.structs())
 
-    def rate(elements: list[Any], numbers: list[Any]) -> Any:
-        return whole(layout, numbers).rate(Augmented(tuple(elements), ()))
+    def rate(elements: list[Any], parameters: list[Any]) -> Any:
+        return whole(signature, parameters).rate(Augmented(tuple(elements), ()))
 
-    jaxpr = jax.make_jaxpr(rate)(start, layout.structs()).jaxpr
+    jaxpr = jax.make_jaxpr(rate)(start, signature.structs()).jaxpr
     made_by = {made: equation for equation in jaxpr.eqns for made in equation.outvars}
     varies = [not is_always_zero(value, made_by) for value in jaxpr.outvars[: len(start)]]
     return is_nonsmooth(jaxpr, varies + [False] * (len(jaxpr.invars) - len(start)))

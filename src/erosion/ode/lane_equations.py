@@ -11,10 +11,10 @@ from erosion.arguments import Number, Scalar
 from erosion.ode.crossings import Ends
 from erosion.ode.kinks import divisors, is_nonsmooth, may_have_kinks, operands_of, radicands, square_roots
 from erosion.ode.methods import method_of
-from erosion.ode.reduction import Rows, are_affine
+from erosion.ode.reduction import FlatState, are_affine
 from erosion.ode.step_control import Limits
 from erosion.ode.switches import motion_of, switches_of
-from erosion.ode.variational import Augmented, Derivatives, Direction, Layout, Variational
+from erosion.ode.variational import Augmented, Derivatives, Direction, Signature, Variational
 
 _SPAN = 0.03  # of the time from t0 to t1: the time scale of a problem that names none
 _TINY = 1e-300  # keeps 0/0 away
@@ -26,32 +26,32 @@ class LaneEquations:
     """A lane's equations with those of its derivatives, as functions of plain numbers.
 
     Args:
-        layout, numbers: of problem and arguments.
+        signature, parameters: of problem and arguments.
         order, directions: see `Variational`.
     """
 
     def __init__(
-        self, layout: Layout, numbers: Sequence[Number], order: int, directions: tuple[Direction, ...]
+        self, signature: Signature, parameters: Sequence[Number], order: int, directions: tuple[Direction, ...]
     ) -> None:
-        self.layout, self.numbers, self.options = layout, list(numbers), layout.options
-        motion = motion_of(layout)
-        self.order, self.nonsmooth = order, may_have_kinks(layout)
+        self.signature, self.parameters, self.options = signature, list(parameters), signature.options
+        motion = motion_of(signature)
+        self.order, self.nonsmooth = order, may_have_kinks(signature)
         fixed = all(isinstance(direction, int) for direction in directions)
         places = () if fixed else directions
 
-        def equations(numbers: Sequence[Number], places: tuple[Direction, ...]) -> Variational:
-            return Variational(layout, numbers, order, directions if fixed else places, motion)
+        def equations(parameters: Sequence[Number], places: tuple[Direction, ...]) -> Variational:
+            return Variational(signature, parameters, order, directions if fixed else places, motion)
 
         self.equations_at, self.places = equations, places
-        self.equations = equations(self.numbers, places)
-        here = self.equations.at(self.numbers)
-        self.clock, self.switches = here.clock, switches_of(layout)
-        own, resets = layout.problem.directions(layout.args(self.numbers)), layout.problem.resets()
+        self.equations = equations(self.parameters, places)
+        here = self.equations.at(self.parameters)
+        self.clock, self.switches = here.clock, switches_of(signature)
+        own, resets = signature.problem.directions(signature.args(self.parameters)), signature.problem.resets()
         self.own_events, bounds = len(own), 0 if self.switches is None else self.switches.bounds
         self.directions = (*own, *[-1] * bounds)
         self.chains = [i for i, reset in enumerate(resets) if reset is not None]
         self.chains += range(self.own_events, len(self.directions))
-        self.initial: Rows = jax.tree.leaves(self.equations.initial())
+        self.initial: FlatState = jax.tree.leaves(self.equations.initial())
         state, integrals = jax.eval_shape(here.initial)
         self._member = jax.tree.structure(Augmented(state, integrals))
         self.width, self.integrals = self._member.num_leaves, len(integrals)
@@ -60,33 +60,33 @@ class LaneEquations:
 
         # Each is traced once for all the places where it is called.
         @jax.jit
-        def rate(numbers: Sequence[Number], places: tuple[Direction, ...], rows: Rows) -> Rows:
-            return jax.tree.leaves(equations(numbers, places).rate(self.members(rows)))
+        def rate(parameters: Sequence[Number], places: tuple[Direction, ...], flat_state: FlatState) -> FlatState:
+            return jax.tree.leaves(equations(parameters, places).rate(self.value_and_tangents(flat_state)))
 
         @jax.jit
         def rate_and_events(
-            numbers: Sequence[Number], places: tuple[Direction, ...], rows: Rows
-        ) -> tuple[Rows, list[Ends]]:
-            extended, state = equations(numbers, places), self.members(rows)
+            parameters: Sequence[Number], places: tuple[Direction, ...], flat_state: FlatState
+        ) -> tuple[FlatState, list[Ends]]:
+            extended, state = equations(parameters, places), self.value_and_tangents(flat_state)
             flow = extended.rate(state)
-            motion_here = extended.at(numbers)
+            motion_here = extended.at(parameters)
             values, rates = jax.jvp(motion_here.events, (state[0],), (flow[0],))
             return jax.tree.leaves(flow), [Ends(*pair) for pair in zip(values, rates, strict=True)]
 
         @jax.jit
-        def events(numbers: Sequence[Number], rows: Rows) -> list[Scalar]:
-            return motion(numbers).events(self.members(rows)[0])
+        def events(parameters: Sequence[Number], flat_state: FlatState) -> list[Scalar]:
+            return motion(parameters).events(self.value_and_tangents(flat_state)[0])
 
         @jax.jit
-        def motion_rate(numbers: Sequence[Number], rows: Rows) -> Rows:
-            return jax.tree.leaves(motion(numbers).rate(self.members(rows)[0]))
+        def motion_rate(parameters: Sequence[Number], flat_state: FlatState) -> FlatState:
+            return jax.tree.leaves(motion(parameters).rate(self.value_and_tangents(flat_state)[0]))
 
-        self.motion_rate = functools.partial(motion_rate, self.numbers)
-        self.events = functools.partial(events, self.numbers)
-        self.rate = functools.partial(rate, self.numbers, places)
-        self.rate_and_events = functools.partial(rate_and_events, self.numbers, places)
+        self.motion_rate = functools.partial(motion_rate, self.parameters)
+        self.events = functools.partial(events, self.parameters)
+        self.rate = functools.partial(rate, self.parameters, places)
+        self.rate_and_events = functools.partial(rate_and_events, self.parameters, places)
         self.method = method_of(self)
-        scaled, clocked = layout.problem.time_scale is not None, self.options.clock
+        scaled, clocked = signature.problem.time_scale is not None, self.options.clock
         by_scale = scaled and (not clocked or jnp.isinf(self.clock.t1))
         foresees = self.options.arm_on_return and self.method.foresees
         self.limits = Limits(self.options.max_steps, by_scale, foresees=foresees)
@@ -118,35 +118,41 @@ class LaneEquations:
         """Whether no event function may move faster than the state."""
         return not self.options.arm_on_return or all(self.affine_events)
 
-    def dividing(self, rows: Rows) -> list[Scalar]:
+    def dividing(self, flat_state: FlatState) -> list[Scalar]:
         """What the rates of the motion itself divide by."""
-        return operands_of(divisors, jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
+        return operands_of(divisors, jax.make_jaxpr(self.motion_rate)(flat_state), flat_state, [True] * len(flat_state))
 
-    def under_roots(self, rows: Rows) -> list[Scalar]:
+    def under_roots(self, flat_state: FlatState) -> list[Scalar]:
         """Of what the rates of the motion itself take roots."""
-        return operands_of(radicands, jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
+        return operands_of(
+            radicands, jax.make_jaxpr(self.motion_rate)(flat_state), flat_state, [True] * len(flat_state)
+        )
 
-    def under_square_roots(self, rows: Rows) -> list[Scalar]:
+    def under_square_roots(self, flat_state: FlatState) -> list[Scalar]:
         """Of what they take square roots."""
-        return operands_of(square_roots, jax.make_jaxpr(self.motion_rate)(rows), rows, [True] * len(rows))
+        return operands_of(
+            square_roots, jax.make_jaxpr(self.motion_rate)(flat_state), flat_state, [True] * len(flat_state)
+        )
 
     @functools.cached_property
     def has_square_roots(self) -> bool:
         """Whether they take any."""
         return bool(jax.eval_shape(self.under_square_roots, self.initial[: self.width]))
 
-    def members(self, rows: Rows) -> tuple[Augmented, ...]:
+    def value_and_tangents(self, flat_state: FlatState) -> tuple[Augmented, ...]:
         """Value and derivatives of a state."""
-        parts = [rows[i : i + self.width] for i in range(0, len(rows), self.width)]
+        parts = [flat_state[i : i + self.width] for i in range(0, len(flat_state), self.width)]
         return tuple(jax.tree.unflatten(self._member, part) for part in parts)
 
-    def sizes_of_state(self, rows: Rows) -> list[Scalar]:
+    def sizes_of_state(self, flat_state: FlatState) -> list[Scalar]:
         """The sizes of the elements of the state, where it is wanted, from those of the rows of the motion itself."""
         if not self.options.whole:
             return []
         # Each element is a known number plus known multiples of rows.
         high, low = (
-            self.equations.at(self.numbers).outputs(jax.tree.unflatten(self._member, [sign * row for row in rows]))
+            self.equations.at(self.parameters).outputs(
+                jax.tree.unflatten(self._member, [sign * row for row in flat_state])
+            )
             for sign in (1.0, -1.0)
         )
         both = zip(high[: len(high) - self.integrals], low, strict=False)
@@ -155,17 +161,17 @@ class LaneEquations:
     @property
     def time_scale(self) -> Scalar:
         """A typical time of the motion."""
-        given, args = self.layout.problem.time_scale, self.layout.args(self.numbers)
+        given, args = self.signature.problem.time_scale, self.signature.args(self.parameters)
         if given is not None:
             return given(args)
         span = self.clock.t1 - self.clock.t0
         # A lane that has no time ends where it starts, in any scale.
         return jnp.where(span == 0, 1.0, _SPAN * span)
 
-    def scale_at_start(self, initial: Rows, slope: Rows) -> Scalar:
+    def scale_at_start(self, initial: FlatState, slope: FlatState) -> Scalar:
         """The time scale where a motion begins, for its first step: the span says little where it is far too long."""
         scale = self.time_scale
-        if self.layout.problem.time_scale is not None:
+        if self.signature.problem.time_scale is not None:
             return scale
         motion = zip(initial[: self.width], slope[: self.width], strict=True)
         times = (jnp.abs(u) / jnp.maximum(jnp.abs(k), _TINY) for u, k in motion)
@@ -181,10 +187,10 @@ class LaneEquations:
             first: the first step, of the time scale.
         """
         scale = self.time_scale
-        return scale if self.layout.problem.time_scale is not None else jnp.minimum(scale, step * (1 / first))
+        return scale if self.signature.problem.time_scale is not None else jnp.minimum(scale, step * (1 / first))
 
     @property
-    def until(self) -> Derivatives:
+    def time_to_end(self) -> Derivatives:
         """How long a lane without an event goes on, with derivatives; the value is None where it does."""
         if not self.options.clock:
             return Derivatives(None, None, None, None)

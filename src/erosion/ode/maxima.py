@@ -12,7 +12,7 @@ from erosion.lanes.engines import threads
 from erosion.ode.batch import integrate
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.resolve import Cells, Evaluate, Nodes, Ruler, Scan, is_jump, joined, polish, scan
-from erosion.ode.variational import Derivatives, Layout
+from erosion.ode.variational import Derivatives, Signature
 from erosion.output.tables import Record
 
 LOOSE = 1e-9  # relative tolerance of the search
@@ -121,17 +121,17 @@ class QuantityAlong(NamedTuple):
     """A quantity of many cases as a function of one of their numbers, or its negative: then its minima are maxima.
 
     Args:
-        layout: of problem and arguments.
-        numbers: of the cases, each of shape (cases, …), or of one case's shape where all share it.
+        signature: of problem and arguments.
+        parameters: of the cases, each of shape (cases, …), or of one case's shape where all share it.
         place: which of the numbers.
-        quantity: of the ends of lanes and their numbers: the value, and by the number its `first` and `second`.
+        quantity: of the ends of lanes and their numbers: the value, and by the number its `by_first` and `mixed`.
         negative: whether the negative is meant.
         rtol: relative tolerance.
         refines: whether doubtful lanes are integrated again; see `integrate`.
     """
 
-    layout: Layout
-    numbers: Sequence[np.ndarray]
+    signature: Signature
+    parameters: Sequence[np.ndarray]
     place: int
     quantity: Callable[[LaneEnd, list[np.ndarray]], Derivatives]
     negative: bool
@@ -142,7 +142,7 @@ class QuantityAlong(NamedTuple):
         """The nodes at these numbers."""
         results, quantity = self._integrate(2, case, at)
         sign = -1.0 if self.negative else 1.0
-        value, slope, curve = (sign * part for part in (quantity.value, quantity.first, quantity.second))
+        value, slope, curve = (sign * part for part in (quantity.value, quantity.by_first, quantity.mixed))
         return Nodes(case, at, value, slope, curve, *map(np.asarray, (results.time.value, results.outcome)))
 
     def outcomes(self, case: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -151,10 +151,10 @@ class QuantityAlong(NamedTuple):
         return np.asarray(results.outcome), results.time.value, quantity.value
 
     def _integrate(self, order: int, case: np.ndarray, at: np.ndarray) -> tuple[LaneEnd, Derivatives]:
-        lanes = self.layout.of_lanes(self.numbers, case)
+        lanes = self.signature.of_lanes(self.parameters, case)
         lanes[self.place] = at
-        along = (self.layout.offsets[self.place],) if order else ()
-        results = integrate(self.layout, lanes, at.size, order, along, self.rtol, refines=self.refines)
+        along = (self.signature.offsets[self.place],) if order else ()
+        results = integrate(self.signature, lanes, at.size, order, along, self.rtol, refines=self.refines)
         return results, self.quantity(results, lanes)
 
 

@@ -27,7 +27,7 @@ from erosion.ode.batch import compiling
 from erosion.ode.ensemble import Lanes, checked_lanes, path_of, shaped
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.maxima import LOOSE, TIGHT, Maxima, QuantityAlong, Search, SearchRange, columns, searched
-from erosion.ode.problem import FlawError, Problem, Traced, flattened, is_number, require_numbers
+from erosion.ode.problem import FunctionError, Problem, Traced, flattened, is_number, require_numbers
 from erosion.ode.resolve import Ruler
 from erosion.ode.step_control import require_float64
 from erosion.ode.variational import Clock, Derivatives
@@ -235,15 +235,15 @@ def _optima(
     lanes: Lanes, over: str, of: Callable[[End], Any], within: SearchRange, rtol: float, *, least: bool
 ) -> list[Maxima]:
     """The maxima of each lane."""
-    if any(isinstance(number, Tracer) for number in lanes.numbers):
+    if any(isinstance(number, Tracer) for number in lanes.parameters):
         raise TypeError("Arguments of `maximum` must be numbers: JAX cannot trace a search.")
-    layout, place = lanes.layout, lanes.names.index(over)
+    signature, place = lanes.signature, lanes.names.index(over)
     quantity, tight = _Quantity(lanes, place, of), max(rtol * (TIGHT / LOOSE), _TINY)
 
     def search(which: slice, cases: int) -> list[Maxima]:
-        numbers = layout.of_lanes(lanes.numbers, which)
-        objective = functools.partial(QuantityAlong, layout, numbers, place, quantity, least, refines=True)
-        names = layout.end_names
+        parameters = signature.of_lanes(lanes.parameters, which)
+        objective = functools.partial(QuantityAlong, signature, parameters, place, quantity, least, refines=True)
+        names = signature.end_names
         return Search(
             lambda rtol: objective(rtol=rtol), cases, names, within, least=least, loose=rtol, tight=tight
         ).optima()
@@ -295,66 +295,68 @@ class _Quantity:
         if not callable(of):
             raise TypeError(f"Argument `of` must be a function of the end of a lane, but is {briefly(of)}.")
         self._lanes, self._place, self._of = lanes, place, of
-        layout = lanes.layout
-        outputs = sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(layout.state)) + len(layout.problem.integrals)
+        signature = lanes.signature
+        outputs = sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(signature.state)) + len(
+            signature.problem.integrals
+        )
         self._ends = [jax.ShapeDtypeStruct((), np.float64)] * (1 + outputs)
-        labels = [hashed("argument", str(i)) for i in range(len(layout.shapes))]
+        labels = [hashed("argument", str(i)) for i in range(len(signature.shapes))]
         try:
-            given = Traced(list, layout.structs(), labels).given("of", self._given, self._ends)
+            given = Traced(list, signature.structs(), labels).given("of", self._given, self._ends)
             if jax.tree.structure(given).num_leaves != 1:
-                raise FlawError("`of` must give one number")
+                raise FunctionError("`of` must give one number")
             require_numbers("of", given)
-        except FlawError as error:
+        except FunctionError as error:
             raise ValueError(f"Argument `of` must be a function of the end of a lane, but {error}.") from error
         self._compiled = functools.cache(self._program)
 
-    def __call__(self, results: LaneEnd, numbers: list[PerLane]) -> Derivatives:
+    def __call__(self, results: LaneEnd, parameters: list[PerLane]) -> Derivatives:
         """Value, and where the ends have derivatives, `first` and `second`."""
         parts = [
             list(map(np.asarray, each))
-            for each in (results.quantities.value, results.quantities.first, results.quantities.second)
+            for each in (results.quantities.value, results.quantities.by_first, results.quantities.mixed)
             if each is not None
         ]
         with compiling:
             program = self._compiled(len(parts) > 1)
         lanes = np.size(results.outcome)
-        leaves = [np.asarray(number, float) for number in [*numbers, *itertools.chain.from_iterable(parts)]]
+        leaves = [np.asarray(number, float) for number in [*parameters, *itertools.chain.from_iterable(parts)]]
         found = [np.empty(lanes) for _ in parts]
         program.run(leaves, np.arange(lanes), found)
         # An infinite quantity is none.
-        failed = self._lanes.layout.has_no_result(np.asarray(results.outcome)) | ~np.isfinite(found[0])
+        failed = self._lanes.signature.has_no_result(np.asarray(results.outcome)) | ~np.isfinite(found[0])
         value, *slopes = (np.where(failed, np.nan, part) for part in found)
         first, second = slopes or (None, None)
         return Derivatives(value, first, first, second)
 
     def _program(self, derivatives: bool) -> Lanewise:
-        examples = self._lanes.layout.structs(), *[self._ends] * (3 if derivatives else 1)
+        examples = self._lanes.signature.structs(), *[self._ends] * (3 if derivatives else 1)
         try:
             return compile_lanes(self._with_derivatives if derivatives else self._value, examples)
         except NotForLanesError as error:
             raise ValueError(f"Argument `of` must be a function that lanes can compute. {error}") from error
 
-    def _given(self, numbers: Sequence[Number], ends: Sequence[Scalar]) -> Any:
+    def _given(self, parameters: Sequence[Number], ends: Sequence[Scalar]) -> Any:
         """What `of` gives for the end of a lane."""
-        layout = self._lanes.layout
+        signature = self._lanes.signature
         part = shaped(self._lanes, ends[0], ends[1:])
-        clock: Clock = layout.clock(numbers)
-        return self._of(End(part.t + clock.t0, part.y, part.integrals, layout.args(numbers)))
+        clock: Clock = signature.clock(parameters)
+        return self._of(End(part.t + clock.t0, part.y, part.integrals, signature.args(parameters)))
 
-    def _value(self, numbers: Sequence[Number], ends: Sequence[Scalar]) -> Scalar:
-        (value,) = jax.tree.leaves(self._given(numbers, ends))
+    def _value(self, parameters: Sequence[Number], ends: Sequence[Scalar]) -> Scalar:
+        (value,) = jax.tree.leaves(self._given(parameters, ends))
         return jnp.asarray(value, float)
 
     def _with_derivatives(
-        self, numbers: Sequence[Number], ends: list[Scalar], first: list[Scalar], second: list[Scalar]
+        self, parameters: Sequence[Number], ends: list[Scalar], first: list[Scalar], second: list[Scalar]
     ) -> tuple[Scalar, Scalar, Scalar]:
         def value(number: Scalar, ends: list[Scalar]) -> Scalar:
-            return self._value([*numbers[: self._place], number, *numbers[self._place + 1 :]], ends)
+            return self._value([*parameters[: self._place], number, *parameters[self._place + 1 :]], ends)
 
         def slope(number: Scalar, ends: list[Scalar], first: list[Scalar]) -> Scalar:
             return jax.jvp(value, (number, ends), (one, first))[1]
 
         one = jnp.ones(())
-        number = jnp.asarray(numbers[self._place])
+        number = jnp.asarray(parameters[self._place])
         curve = jax.jvp(slope, (number, ends, first), (one, first, second))[1]
         return value(number, ends), slope(number, ends, first), curve

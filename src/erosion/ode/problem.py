@@ -40,20 +40,20 @@ class TracedProblem:
     """The equations of one kind of arguments: of all that differ in their numbers alone.
 
     Args:
-        flaw: what is wrong with them, as a clause on one of the functions; None where nothing is.
+        error: what is wrong with them, as a clause on one of the functions; None where nothing is.
         digest: of what they compute from the numbers.
-        foreign: what in them holds only in this process, such as a callback into Python; mostly "".
+        process_local: what in them holds only in this process, such as a callback into Python; mostly "".
         snapshot: what the functions read beside their arguments.
-        numbers: shape and type of each number of the arguments, for one lane.
+        parameters: shape and type of each number of the arguments, for one lane.
         state: shapes and types of the state; None where it was not traced.
         timed: whether they depend on time.
     """
 
-    flaw: str | None
+    error: str | None
     digest: str
-    foreign: str
+    process_local: str
     snapshot: CodeSnapshot
-    numbers: tuple[jax.ShapeDtypeStruct, ...]
+    parameters: tuple[jax.ShapeDtypeStruct, ...]
     state: PyTree = None
     timed: bool = False
 
@@ -92,15 +92,15 @@ class TreeKind(abc.ABC):
 
     Args:
         tree: the pytree.
-        numbers: shape and type of each of its numbers.
+        parameters: shape and type of each of its numbers.
         beside: what else must be the same.
     """
 
-    def __init__(self, tree: PyTree, numbers: Sequence[jax.ShapeDtypeStruct], *beside: object) -> None:
+    def __init__(self, tree: PyTree, parameters: Sequence[jax.ShapeDtypeStruct], *beside: object) -> None:
         leaves, self.structure = jax.tree.flatten(tree)
         self.leaves = [None if is_number(leaf) else leaf for leaf in leaves]
-        self.numbers = tuple(numbers)
-        shapes = tuple((number.shape, number.dtype) for number in self.numbers)
+        self.parameters = tuple(parameters)
+        shapes = tuple((number.shape, number.dtype) for number in self.parameters)
         self.key = _exact_structure(self.structure), _exactly(self.leaves), shapes, _exactly(beside)
 
     def __eq__(self, other: object) -> bool:
@@ -109,9 +109,9 @@ class TreeKind(abc.ABC):
     def __hash__(self) -> int:
         return hash(self.key)
 
-    def joined(self, numbers: Sequence[Number | jax.ShapeDtypeStruct]) -> Any:
+    def joined(self, parameters: Sequence[Number | jax.ShapeDtypeStruct]) -> Any:
         """The pytree with these numbers, or with their shapes."""
-        rest = iter(numbers)
+        rest = iter(parameters)
         return jax.tree.unflatten(self.structure, [next(rest) if leaf is None else leaf for leaf in self.leaves])
 
     @abc.abstractmethod
@@ -138,7 +138,7 @@ def equations_of(kind: TreeKind, *, anew: bool = False) -> TracedProblem:
     return equations
 
 
-class FlawError(Exception):
+class FunctionError(Exception):
     """What is wrong with a user's function, as a clause."""
 
 
@@ -147,37 +147,40 @@ class Traced:
 
     Args:
         made: the arguments, made of their numbers.
-        numbers: shapes and types of these.
+        parameters: shapes and types of these.
         labels: what each number is.
 
     Attributes:
         pieces: a digest of each function and its name.
-        foreign: what in them holds only in this process.
+        process_local: what in them holds only in this process.
     """
 
     def __init__(
-        self, made: Callable[[Sequence[Number]], Any], numbers: Sequence[jax.ShapeDtypeStruct], labels: Sequence[bytes]
+        self,
+        made: Callable[[Sequence[Number]], Any],
+        parameters: Sequence[jax.ShapeDtypeStruct],
+        labels: Sequence[bytes],
     ) -> None:
-        self._made, self._numbers, self._labels = made, list(numbers), labels
+        self._made, self._parameters, self._labels = made, list(parameters), labels
         self.pieces: list[str] = []
-        self.foreign = ""
+        self.process_local = ""
 
     def given(self, name: str, function: Callable[..., PyTree], *state: PyTree) -> PyTree:
         """Shapes and types of what a function of (args, …) gives."""
         beside = [hashed("beside", str(i)) for i in range(len(jax.tree.leaves(state)))]
         try:
             digest = digest_of(
-                lambda numbers, *rest: function(self._made(numbers), *rest),
-                (self._numbers, *state),
+                lambda parameters, *rest: function(self._made(parameters), *rest),
+                (self._parameters, *state),
                 [*self._labels, *beside],
             )
         # A user's own code may raise anything, and may ask to end the program.
         except (Exception, SystemExit) as error:
-            raise FlawError(f"`{name}` fails{_where(error)}: {_said(error)}") from error
-        if digest.foreign == TRACED:
-            raise FlawError(f"`{name}` reads a number that JAX traces outside of it; give the number by `args`")
+            raise FunctionError(f"`{name}` fails{_where(error)}: {_said(error)}") from error
+        if digest.process_local == TRACED:
+            raise FunctionError(f"`{name}` reads a number that JAX traces outside of it; give the number by `args`")
         self.pieces.append(digits(name, digest.text))
-        self.foreign = self.foreign or digest.foreign
+        self.process_local = self.process_local or digest.process_local
         return digest.results
 
 
@@ -185,20 +188,20 @@ def require_numbers(name: str, given: PyTree, *, scalars: bool = True, double: b
     """Refuse what is no pytree of real numbers; of `double` precision, where it must be.
 
     Raises:
-        FlawError: with the part that is none.
+        FunctionError: with the part that is none.
     """
     parts = jax.tree_util.tree_flatten_with_path(given)[0]
     if not parts:
-        raise FlawError(f"`{name}` must give numbers, but gives {_shown(given)}")
+        raise FunctionError(f"`{name}` must give numbers, but gives {_shown(given)}")
     for path, leaf in parts:
         part, kind = jax.tree_util.keystr(path).lstrip(".") or "it", leaf.dtype.kind
         if (leaf.shape and scalars) or kind not in "fiu":
             what = f"type {leaf.dtype}" if kind not in "fiu" else f"shape {leaf.shape}"
-            raise FlawError(f"`{name}` must give real {'scalars' if scalars else 'numbers'}, but {part} has {what}")
+            raise FunctionError(f"`{name}` must give real {'scalars' if scalars else 'numbers'}, but {part} has {what}")
         if not leaf.size:
-            raise FlawError(f"`{name}` must give numbers, but {part} has shape {leaf.shape}")
+            raise FunctionError(f"`{name}` must give numbers, but {part} has shape {leaf.shape}")
         if double and kind == "f" and leaf.dtype.itemsize < 8:
-            raise FlawError(f"`{name}` must give numbers of double precision, but {part} has type {leaf.dtype}")
+            raise FunctionError(f"`{name}` must give numbers of double precision, but {part} has type {leaf.dtype}")
 
 
 def _exact_structure(structure: Structure) -> Hashable:
@@ -437,14 +440,14 @@ class Problem:
         """The state after each event; None where it ends the motion."""
         return [event.reset for event in self.events.values()]
 
-    def equations(self, args: PyTree, numbers: Sequence[jax.ShapeDtypeStruct]) -> TracedProblem:
+    def equations(self, args: PyTree, parameters: Sequence[jax.ShapeDtypeStruct]) -> TracedProblem:
         """What the problem computes from such arguments.
 
         Args:
             args: a pytree; of its numbers only the places count.
-            numbers: shape and type of each, for one lane.
+            parameters: shape and type of each, for one lane.
         """
-        return equations_of(_ProblemKind(self, args, numbers))
+        return equations_of(_ProblemKind(self, args, parameters))
 
     def functions(self) -> dict[str, Any]:
         """What the problem computes with, by the words that a message about it uses."""
@@ -473,26 +476,26 @@ _says_so(Problem)
 class _ProblemKind(TreeKind):
     """What problems with arguments that differ in their numbers alone have in common."""
 
-    def __init__(self, problem: Problem, args: PyTree, numbers: Sequence[jax.ShapeDtypeStruct]) -> None:
+    def __init__(self, problem: Problem, args: PyTree, parameters: Sequence[jax.ShapeDtypeStruct]) -> None:
         self.problem, self._functions = problem, problem.functions()
-        super().__init__(args, numbers, self._functions, problem.directions(args))
+        super().__init__(args, parameters, self._functions, problem.directions(args))
 
     def traced(self) -> TracedProblem:
         """The equations, as the code is now."""
         things = [*jax.tree.leaves(self._functions), *(leaf for leaf in self.leaves if leaf is not None)]
-        labels = [hashed("argument", str(i)) for i in range(len(self.numbers))]
-        trace = Traced(self.joined, self.numbers, labels)
+        labels = [hashed("argument", str(i)) for i in range(len(self.parameters))]
+        trace = Traced(self.joined, self.parameters, labels)
         try:
             state, timed = self._trace(trace)
-        except FlawError as error:
+        except FunctionError as error:
             words = str(error)
-            return TracedProblem(words, digits("flaw", words), "", CodeSnapshot(things), self.numbers)
+            return TracedProblem(words, digits("error", words), "", CodeSnapshot(things), self.parameters)
         # After the trace, which may change what it reads, such as a counter.
         snapshot = CodeSnapshot(things)
-        args = self.joined(self.numbers)
+        args = self.joined(self.parameters)
         described = repr((self.problem.event_names(args), self.problem.directions(args), list(self.problem.integrals)))
-        digest = digits(*trace.pieces, trace.foreign, described, str(jax.tree.structure(state)), str(timed))
-        return TracedProblem(None, digest, trace.foreign, snapshot, self.numbers, state, timed)
+        digest = digits(*trace.pieces, trace.process_local, described, str(jax.tree.structure(state)), str(timed))
+        return TracedProblem(None, digest, trace.process_local, snapshot, self.parameters, state, timed)
 
     def _trace(self, trace: Traced) -> tuple[PyTree, bool]:
         """Shapes of the state, and whether anything depends on time."""
@@ -509,16 +512,16 @@ class _ProblemKind(TreeKind):
                 _require_like_state(name, given, y)
             else:
                 if jax.tree.structure(given).num_leaves != 1:
-                    raise FlawError(f"`{name}` must give one number, but gives {_shown(given)}")
+                    raise FunctionError(f"`{name}` must give one number, but gives {_shown(given)}")
                 require_numbers(name, given, double=True)
                 kind = jax.tree.leaves(given)[0].dtype
                 if name.startswith("events[") and kind.kind != "f":
-                    raise FlawError(f"`{name}` must pass through zero, but gives whole numbers ({kind})")
+                    raise FunctionError(f"`{name}` must pass through zero, but gives whole numbers ({kind})")
         if problem.integrals0 is not None:
             given = trace.given("integrals0", problem.integrals0)
             require_numbers("integrals0", given)
             if not isinstance(given, Mapping) or set(given) != set(problem.integrals):
-                raise FlawError(f"`integrals0` must give a number for each of {', '.join(problem.integrals)}")
+                raise FunctionError(f"`integrals0` must give a number for each of {', '.join(problem.integrals)}")
         if problem.time_scale is not None:
             require_numbers("time_scale", trace.given("time_scale", problem.time_scale))
         if problem.breaks is not None:
@@ -526,12 +529,12 @@ class _ProblemKind(TreeKind):
         if problem.typical is not None:
             given = trace.given("typical", problem.typical)
             if jax.tree.structure(given) != self.structure:
-                raise FlawError("`typical` must give a pytree like the arguments, but gives another")
+                raise FunctionError("`typical` must give a pytree like the arguments, but gives another")
 
-        def everything(time: Any, numbers: Sequence[Number], y: PyTree) -> list[PyTree]:
-            return [function(time, y, self.joined(numbers)) for function in of_state.values()]
+        def everything(time: Any, parameters: Sequence[Number], y: PyTree) -> list[PyTree]:
+            return [function(time, y, self.joined(parameters)) for function in of_state.values()]
 
-        return y, _depends_on_first(everything, time, list(self.numbers), y)
+        return y, _depends_on_first(everything, time, list(self.parameters), y)
 
 
 class Words(str):
@@ -544,11 +547,11 @@ class Words(str):
 def _require_like_state(name: str, given: PyTree, y: PyTree) -> None:
     require_numbers(name, given, scalars=False, double=True)
     if jax.tree.structure(given) != jax.tree.structure(y):
-        raise FlawError(f"`{name}` must give what `y0` gives, {_shown(y)}, but gives {_shown(given)}")
+        raise FunctionError(f"`{name}` must give what `y0` gives, {_shown(y)}, but gives {_shown(given)}")
     for (path, leaf), of_y in zip(jax.tree_util.tree_flatten_with_path(given)[0], jax.tree.leaves(y), strict=True):
         if leaf.shape != of_y.shape:
             part = jax.tree_util.keystr(path) or "it"
-            raise FlawError(f"`{name}` must have the shapes of `y0`, but {part} has {leaf.shape}, not {of_y.shape}")
+            raise FunctionError(f"`{name}` must have the shapes of `y0`, but {part} has {leaf.shape}, not {of_y.shape}")
 
 
 def _shown(tree: PyTree) -> str:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from erosion.arguments import Flag, Scalar
-from erosion.ode.landing import Lane, Segment, has_no_derivatives
+from erosion.ode.event_location import Lane, Segment, has_no_derivatives
 from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.tape import EventLog, Recorded, Saved, StateWriter, Tape
 from erosion.ode.variational import Augmented, Derivatives, outputs_of
@@ -31,7 +31,7 @@ class Recorder(abc.ABC):
         """With a trial."""
         return written
 
-    def after_landing(self, written: Any, lane: Lane, motion: Segment) -> Any:
+    def after_last_step(self, written: Any, lane: Lane, motion: Segment) -> Any:
         """With the end of a motion."""
         return written
 
@@ -81,7 +81,7 @@ class Steps(Recorder):
         now, then = before.control.time, after.control.time
         return written.with_step(then - now, before.state, then != now)
 
-    def after_landing(self, written: Tape, lane: Lane, motion: Segment) -> Tape:
+    def after_last_step(self, written: Tape, lane: Lane, motion: Segment) -> Tape:
         """See `Recorder`."""
         written = written.with_step(motion.time - lane.control.time, lane.state, jnp.asarray(True))
         has = written.has_derivatives & ~has_no_derivatives(self.problem, motion)
@@ -89,7 +89,7 @@ class Steps(Recorder):
 
     def after_segment(self, written: Tape, segment: Segment) -> Tape:
         """See `Recorder`."""
-        return written.with_event(segment.event, jax.tree.leaves(segment.members))
+        return written.with_event(segment.event, jax.tree.leaves(segment.value_and_tangents))
 
     def after_event(
         self, written: Tape, event: int, fires: Flag, at_once: Sequence[Flag], at: tuple[Augmented, ...]
@@ -130,9 +130,9 @@ class SaveAt(Recorder):
         """See `Recorder`."""
         return self.writer.after_step(written, before, after)
 
-    def after_landing(self, written: Saved, lane: Lane, motion: Segment) -> Saved:
+    def after_last_step(self, written: Saved, lane: Lane, motion: Segment) -> Saved:
         """See `Recorder`."""
-        return self.writer.after_landing(written, lane, motion)
+        return self.writer.after_last_step(written, lane, motion)
 
     def results(self, written: Saved) -> Mapping[str, Any]:
         """See `Recorder`."""

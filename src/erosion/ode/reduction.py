@@ -19,10 +19,10 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Number, Scalar, Structure
 from erosion.lanes.scalars import Atom
-from erosion.ode.variational import Augmented, Clock, Layout, Motion
+from erosion.ode.variational import Augmented, Clock, Motion, Signature
 
-Rows = list[Scalar]
-"""The state with its derivatives, as plain numbers, one member after the other."""
+FlatState = list[Scalar]
+"""The state with its derivatives, as plain numbers, the value first and then each tangent."""
 
 
 NEVER = 1e300  # instead of an infinite time
@@ -32,15 +32,17 @@ class WholeMotion(Motion):
     """A problem's motion with the state itself, as a tuple of numbers; first, if it counts, the time since the start.
 
     Args:
-        layout: of problem and arguments.
-        numbers: of one lane.
+        signature: of problem and arguments.
+        parameters: of one lane.
     """
 
-    def __init__(self, layout: Layout, numbers: Sequence[Number]) -> None:
-        self.layout, self.problem = layout, layout.problem
-        self.args = layout.args(numbers)
-        self.clock = layout.clock(numbers) if layout.options.clock else Clock(0.0, math.inf, math.inf, math.inf)
-        self._timed = layout.equations.timed
+    def __init__(self, signature: Signature, parameters: Sequence[Number]) -> None:
+        self.signature, self.problem = signature, signature.problem
+        self.args = signature.args(parameters)
+        self.clock = (
+            signature.clock(parameters) if signature.options.clock else Clock(0.0, math.inf, math.inf, math.inf)
+        )
+        self._timed = signature.equations.timed
 
     @functools.cached_property
     def _y0(self) -> tuple[list[Any], Structure]:
@@ -97,7 +99,7 @@ class WholeMotion(Motion):
     def outputs(self, at: Augmented) -> list[Scalar]:
         """What is wanted at the end."""
         _, y = self.whole(at.state)
-        return [*(elements_of(jax.tree.leaves(y)) if self.layout.options.whole else []), *at.integrals]
+        return [*(elements_of(jax.tree.leaves(y)) if self.signature.options.whole else []), *at.integrals]
 
     def after(self, event: int, at: Augmented) -> Augmented:
         """State and integrals after an event."""
@@ -124,39 +126,43 @@ def elements_of(parts: Sequence[Any]) -> list[Scalar]:
     return elements
 
 
-def reduced_motion_of(layout: Layout) -> Callable[[Sequence[Number]], Motion]:
+def reduced_motion_of(signature: Signature) -> Callable[[Sequence[Number]], Motion]:
     """The motion of one lane's numbers: a tuple of integrals, as few as the arithmetic shows.
 
     A chain goes on from a whole state, and so keeps it; so do sizes, which are given for it, and the method for stiff
     motions, whose Jacobian is sparse in the state as it is written.
     """
-    if any(layout.problem.resets()) or layout.options.sizes is not None or layout.options.method == "rosenbrock":
-        return functools.partial(WholeMotion, layout)
-    start = jax.make_jaxpr(lambda numbers: WholeMotion(layout, numbers).start())(layout.structs())
-    integrals = len(layout.problem.integrals)
+    if (
+        any(signature.problem.resets())
+        or signature.options.sizes is not None
+        or signature.options.method == "rosenbrock"
+    ):
+        return functools.partial(WholeMotion, signature)
+    start = jax.make_jaxpr(lambda parameters: WholeMotion(signature, parameters).start())(signature.structs())
+    integrals = len(signature.problem.integrals)
 
-    def look(numbers: list[Number], elements: list[Scalar]) -> list[Scalar]:
-        motion = WholeMotion(layout, numbers)
+    def look(parameters: list[Number], elements: list[Scalar]) -> list[Scalar]:
+        motion = WholeMotion(signature, parameters)
         at = Augmented(tuple(elements), (0.0,) * integrals)
         rate = motion.rate(at)
         # What is wanted counts as what must be known, but for the integrals.
-        wanted = motion.outputs(at)[: len(elements)] if layout.options.whole else []
+        wanted = motion.outputs(at)[: len(elements)] if signature.options.whole else []
         return [*rate.state, *rate.integrals, *motion.events(at), *wanted]
 
     parts = [jax.ShapeDtypeStruct((), np.float64) for _ in start.out_avals]
-    closed = jax.make_jaxpr(look)(layout.structs(), parts)
-    unknowns = Unknowns(closed, jaxpr_as_fun(start), len(parts), integrals, len(layout.event_names))
+    closed = jax.make_jaxpr(look)(signature.structs(), parts)
+    unknowns = Unknowns(closed, jaxpr_as_fun(start), len(parts), integrals, len(signature.event_names))
     if not unknowns.itself and not integrals:
-        return functools.partial(WholeMotion, layout)  # nothing moves, and a step needs a row
-    return functools.partial(ReducedMotion, unknowns, layout)
+        return functools.partial(WholeMotion, signature)  # nothing moves, and a step needs a row
+    return functools.partial(ReducedMotion, unknowns, signature)
 
 
 class ReducedMotion(Motion):
     """A problem's motion whose state is a tuple of integrals."""
 
-    def __init__(self, unknowns: "Unknowns", layout: Layout, numbers: Sequence[Number]) -> None:
-        self.unknowns, self.known = unknowns, list(numbers)
-        self._whole = WholeMotion(layout, numbers)
+    def __init__(self, unknowns: "Unknowns", signature: Signature, parameters: Sequence[Number]) -> None:
+        self.unknowns, self.known = unknowns, list(parameters)
+        self._whole = WholeMotion(signature, parameters)
         self.clock = self._whole.clock
 
     def initial(self) -> Augmented:
@@ -175,7 +181,7 @@ class ReducedMotion(Motion):
 
     def outputs(self, at: Augmented) -> list[Scalar]:
         """What is wanted at the end."""
-        if not self._whole.layout.options.whole:
+        if not self._whole.signature.options.whole:
             return list(at.integrals)
         parts = tuple(self.unknowns.parts(self.known, at.state))
         return self._whole.outputs(Augmented(parts, at.integrals))

@@ -10,13 +10,13 @@ from jax import lax
 from erosion.arguments import Flag, Number, Scalar
 from erosion.ode import crossings, step_control
 from erosion.ode.crossings import Ends
+from erosion.ode.event_location import Lane, Segment, all_finite, finish_step
 from erosion.ode.events import Armed, EventSet, Falling
 from erosion.ode.guards import MOMENT, ULPS, Guard, guards_of
 from erosion.ode.horizon import Horizon, To
-from erosion.ode.landing import Lane, Segment, all_finite, finish_step
 from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.recorders import Recorder, recorders_of
-from erosion.ode.reduction import Rows
+from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import FIRST_STEP
 from erosion.ode.variational import (
     Augmented,
@@ -28,7 +28,7 @@ _SHARE = 1e-3  # of a rate, or of its jump: by more a rate jumps at the start, a
 Written = list[Any]  # by each recorder, so far
 
 
-class Loop:
+class SegmentLoop:
     """The loop of steps, for every motion of a lane.
 
     Args:
@@ -51,18 +51,23 @@ class Loop:
             )
 
     def to_its_event(
-        self, initial: Rows, until: Scalar | None, written: Written, before: Segment | None, elapsed: tuple[Scalar, ...]
+        self,
+        initial: FlatState,
+        time_to_end: Scalar | None,
+        written: Written,
+        before: Segment | None,
+        elapsed: tuple[Scalar, ...],
     ) -> tuple[Segment, EndTimeDependence, Written]:
         """Integrate from a state to the first event; with how it and what is wanted there depend on the event's time.
 
         Args:
             initial: the state with derivatives.
-            until: stop after this time.
+            time_to_end: stop after this time.
             written: by the recorders so far.
             before: the motion before it in a chain.
             elapsed: the time since the chain began, with derivatives.
         """
-        end = Horizon() if until is None else To(until, self.problem.clock.max_step)
+        end = Horizon() if time_to_end is None else To(time_to_end, self.problem.clock.max_step)
         recorders = [recorder.of_motion(elapsed) for recorder in self.recorders]
 
         def tries(at: tuple[Lane, Written]) -> tuple[Lane, Written]:
@@ -72,16 +77,16 @@ class Loop:
 
         start = self._start(initial, end, before), written
         lane, written = lax.while_loop(lambda at: step_control.goes_on(at[0].control), tries, start)
-        motion, along = finish_step(self.problem, lane, until)
-        written = [one.after_landing(so_far, lane, motion) for one, so_far in zip(recorders, written, strict=True)]
+        motion, along = finish_step(self.problem, lane, time_to_end)
+        written = [one.after_last_step(so_far, lane, motion) for one, so_far in zip(recorders, written, strict=True)]
         return motion, along, written
 
-    def past_at_start(self, rows: Rows) -> list[Flag]:
+    def past_at_start(self, rows: FlatState) -> list[Flag]:
         """Of each event whether its function is past zero where a lane begins, or at zero and does not leave it."""
         slope, events = _at_start(self.problem, rows, self.problem.time_scale)
         scale = self.problem.scale_at_start(rows, slope)
         events = self.events.at_start(events, scale, jnp.asarray(True))
-        return [jnp.logical_not(each.counts) for each in self.events.watch(events, scale)]
+        return [jnp.logical_not(each.armed) for each in self.events.watch(events, scale)]
 
     def after_segment(self, written: Written, segment: Segment) -> Written:
         """What the recorders have written with the end of a segment, before any reset."""
@@ -108,7 +113,7 @@ class Loop:
             results |= recorder.results(so_far)
         return results
 
-    def _start(self, initial: Rows, end: Horizon, before: Segment | None) -> Lane:
+    def _start(self, initial: FlatState, end: Horizon, before: Segment | None) -> Lane:
         problem, method = self.problem, self.method
         slope, events = _at_start(problem, initial, problem.time_scale)
         scale = problem.scale_at_start(initial, slope)
@@ -127,13 +132,17 @@ class Loop:
             # The functions of events that have just happened are zero, but for rounding.
             flags = zip(events, before.at_once, before.still_zero, strict=True)
             events = [crossings.after_event(*each, scale) for each in flags]
-            past, trial = before.control, jnp.minimum(control.trial, before.control.step)
+            past, trial = before.control, jnp.minimum(control.trial_length, before.control.step)
             control = control._replace(
-                trial=trial, step=trial, trials=past.trials, rejected=past.rejected, margin=past.margin
+                trial_length=trial,
+                step=trial,
+                trials=past.trials,
+                rejected=past.rejected,
+                closest_approach=past.closest_approach,
             )
         events = self.events.in_modes(events)
-        first = method.first_step(initial, slope, scale, control.trial)
-        control = control._replace(trial=first, step=first)
+        first = method.first_step(initial, slope, scale, control.trial_length)
+        control = control._replace(trial_length=first, step=first)
         memories = tuple(guard.begin(scale) for guard in self.guards)
         watched, greatest = self.events.watch(events, scale), method.sizes_at_start(initial, before)
         return Lane(end.within(control), events, initial, slope, watched, greatest, memories)
@@ -146,7 +155,7 @@ class Loop:
         step = method.tried(lane, scale, self.rtol)
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
         step = step._replace(error=sum((0.0 * part for event in step.events for part in event), step.error))
-        step = self.events.resolved(lane.events, step, before.trial)
+        step = self.events.resolved(lane.events, step, before.trial_length)
         watched = self.events.watch(lane.events, scale)
         control, moved = self.events.decide(
             watched, before, lane.events, step, scale, self.rtol, problem.limits, method.ending,
@@ -166,12 +175,12 @@ class Loop:
 def _own(problem: LaneEquations) -> list[Number]:
     """The numbers that must be finite: those of the arguments, and of the clock t0, and t1 if it is not ∞."""
     if not problem.options.clock:
-        return problem.numbers
+        return problem.parameters
     t0, t1, *_ = problem.clock
-    return [*problem.numbers[: -len(problem.clock)], t0, jnp.where(t1 == jnp.inf, t0, t1)]
+    return [*problem.parameters[: -len(problem.clock)], t0, jnp.where(t1 == jnp.inf, t0, t1)]
 
 
-def _at_start(problem: LaneEquations, initial: Rows, scale: Scalar) -> tuple[Rows, list[Ends]]:
+def _at_start(problem: LaneEquations, initial: FlatState, scale: Scalar) -> tuple[FlatState, list[Ends]]:
     """Rate and events at the start; where one is 0·∞ by a √0, or a rate jumps there, those just after it."""
     slope, events = problem.rate_and_events(initial)
     if not problem.nonsmooth and (not problem.options.arm_on_return or problem.events_are_smooth):
@@ -179,7 +188,7 @@ def _at_start(problem: LaneEquations, initial: Rows, scale: Scalar) -> tuple[Row
     known = [jnp.where(jnp.isfinite(k), k, 0.0) for k in slope]
     moment = jnp.maximum(MOMENT * scale, ULPS * jnp.abs(problem.clock.t0))
 
-    def after(moments: float) -> Rows:
+    def after(moments: float) -> FlatState:
         changes = [(moment * k, ULPS * jnp.abs(u) * jnp.sign(k)) for u, k in zip(initial, known, strict=True)]
         pairs = zip(initial, changes, strict=True)
         return [u + moments * jnp.where(jnp.abs(d) > jnp.abs(least), d, least) for u, (d, least) in pairs]
@@ -191,7 +200,7 @@ def _at_start(problem: LaneEquations, initial: Rows, scale: Scalar) -> tuple[Row
         jump = jnp.abs(soon - now)
         jumps = jumps | ((jump > _SHARE * jnp.abs(now)) & (jnp.abs(then - soon) < _SHARE * jump))
 
-    def limit() -> tuple[Rows, list[Ends]]:
+    def limit() -> tuple[FlatState, list[Ends]]:
         rates, ends = problem.rate_and_events(after(1.0))
         return rates, [Ends(event.value, end.rate) for event, end in zip(events, ends, strict=True)]
 

@@ -14,7 +14,7 @@ from jaxtyping import PyTree
 from erosion.arguments import PerImpact
 from erosion.ode.back_in_time import chosen
 from erosion.ode.batch import integrate
-from erosion.ode.ensemble import Lanes, Part, again, path_of
+from erosion.ode.ensemble import Lanes, Part, path_of, repeated
 from erosion.ode.event_log import Passed, events_passed
 from erosion.ode.gradient import Ended, going_forwards, gradient_of
 from erosion.ode.kinks import may_have_kinks
@@ -119,7 +119,7 @@ class Solution(Result):
         return np.array(self.names)[np.asarray(self.outcome)]
 
     def _require_numbers(self, name: str) -> None:
-        if any(isinstance(each, Tracer) for each in (self.outcome, self.t, *self.lanes.numbers)):
+        if any(isinstance(each, Tracer) for each in (self.outcome, self.t, *self.lanes.parameters)):
             raise ValueError(
                 f"`{name}` needs numbers, or holds words, and there are none where JAX traces; `outcome` is the index "
                 "in `names` of what ended a lane. For the time of the n-th event let it be the end, by `max_events=n`; "
@@ -127,7 +127,7 @@ class Solution(Result):
             )
 
     def _require_problem(self, name: str) -> None:
-        if self.lanes.layout.renewed().equations.digest != self.digest:
+        if self.lanes.signature.renewed().equations.digest != self.digest:
             raise ValueError(
                 f"`{name}` needs the problem as it was solved, but its functions compute something else since; "
                 "solve it again."
@@ -274,7 +274,9 @@ class Solution(Result):
             return self._end_alone
         tolerance = self.tolerance
         if tolerance is None:  # of an integration with derivatives
-            tolerance = integrate(self.lanes.layout, self.lanes.numbers, self.lanes.size, 0, (), self.rtol).tolerance
+            tolerance = integrate(
+                self.lanes.signature, self.lanes.parameters, self.lanes.size, 0, (), self.rtol
+            ).rtol_used
         return events_passed(self.lanes, self.count, tolerance, self.stiff)
 
     @property
@@ -308,7 +310,7 @@ class Solution(Result):
                 f"{inexact:,} of {self.title} err by more than {100 * self.rtol:g}, by an estimate: "
                 "their errors grow as those of a chaotic motion do."
             )
-        has_result = ~self.lanes.layout.has_no_result(np.asarray(self.outcome))
+        has_result = ~self.lanes.signature.has_no_result(np.asarray(self.outcome))
         if self.has_gradient:
             sentences += self._going_forwards(has_result)
         for path, part in self.derivatives.items():
@@ -324,9 +326,9 @@ class Solution(Result):
             if lost:
                 several = sum(reset is not None for reset in self.problem.resets()) > 1
                 at_once = "events happen at once whose order matters, " if several else ""
-                layout = self.lanes.layout
-                root = "the argument of a root or a power vanishes, " if may_have_kinks(layout) else ""
-                at_end = "" if switches_of(layout) is None else "a break is exactly at the start or the end, "
+                signature = self.lanes.signature
+                root = "the argument of a root or a power vanishes, " if may_have_kinks(signature) else ""
+                at_end = "" if switches_of(signature) is None else "a break is exactly at the start or the end, "
                 sentences.append(
                     f"The {'second' if len(path) == 2 else 'first'} derivatives by {by} are NaN in {lost:,} of "
                     f"{self.title}: they do not exist there, {root}{at_end}"
@@ -337,14 +339,14 @@ class Solution(Result):
         return sentences
 
     def _going_forwards(self, has_result: np.ndarray) -> Iterator[str]:
-        layout, timed = self.lanes.layout, self.times is not None
-        what = unlocated(layout)
+        signature, timed = self.lanes.signature, self.times is not None
+        what = unlocated(signature)
         if what:
             yield f"There is no gradient, as the rates have {what} that are not located."
             return
-        count = np.count_nonzero(going_forwards(layout, np.asarray(self.stiff), timed=timed) & has_result)
+        count = np.count_nonzero(going_forwards(signature, np.asarray(self.stiff), timed=timed) & has_result)
         if count:
-            elements = layout.offsets[self.lanes.arguments]
+            elements = signature.offsets[self.lanes.arguments]
             yield (
                 f"The gradient of {count:,} of {self.title} takes one integration for each of {elements:,} numbers, "
                 "as motions with kinks, stiff ones with `ts`, and those with `start='fire'` or loops in their rates do."
@@ -352,14 +354,14 @@ class Solution(Result):
 
     def _arrays_of_lanes(self) -> Iterator[str]:
         """Arrays of the state's length that made lanes, although each lane could compute with all of them."""
-        layout, structs = self.lanes.layout, list(self.lanes.layout.equations.numbers)
-        lengths = {leaf.shape[-1] for leaf in jax.tree.leaves(layout.state) if leaf.shape}
+        signature, structs = self.lanes.signature, list(self.lanes.signature.equations.parameters)
+        lengths = {leaf.shape[-1] for leaf in jax.tree.leaves(signature.state) if leaf.shape}
         for i, (name, given) in enumerate(zip(self.lanes.names, self.lanes.given[: len(structs)], strict=False)):
             if structs[i].shape or not given or given[-1] not in lengths or given[-1] == 1:
                 continue
             shared = [*structs[:i], jax.ShapeDtypeStruct(given[-1:], structs[i].dtype), *structs[i + 1 :]]
-            args = layout.args([np.zeros(struct.shape, struct.dtype) for struct in shared])
-            if layout.problem.equations(args, shared).flaw is None:
+            args = signature.args([np.zeros(struct.shape, struct.dtype) for struct in shared])
+            if signature.problem.equations(args, shared).error is None:
                 yield (
                     f"The array `{_label(name)}` of shape {given} makes lanes, and is as long as an array of the "
                     f"state: where each lane needs all of it, say `shared={name!r}`."
@@ -367,9 +369,9 @@ class Solution(Result):
 
     def _unlocated(self) -> Iterator[str]:
         """Switches that are too many to be located, or within a loop."""
-        layout = self.lanes.layout
-        what = unlocated(layout)
-        if what and not np.all(np.isfinite(layout.clock(self.lanes.numbers).max_step)):
+        signature = self.lanes.signature
+        what = unlocated(signature)
+        if what and not np.all(np.isfinite(signature.clock(self.lanes.parameters).max_step)):
             yield (
                 f"The rates have {what} that are not located: what is shorter than a step may be missed. Name the "
                 "times of breaks of time alone by `Problem.breaks`, give `max_step`, or say `smooth=True` where they "
@@ -383,7 +385,7 @@ class Solution(Result):
 
     def _unfinished(self) -> Iterator[str]:
         """Why lanes are unfinished, a sentence for each reason."""
-        layout, clock = self.lanes.layout, self.lanes.layout.clock(self.lanes.numbers)
+        signature, clock = self.lanes.signature, self.lanes.signature.clock(self.lanes.parameters)
         unfinished = np.asarray(self.ended_by) == "unfinished"
         if not np.any(unfinished):
             return
@@ -396,16 +398,16 @@ class Solution(Result):
             )
             unfinished = unfinished & ~slides
         passes = sum(len(path) == max(map(len, self.derivatives)) for path in self.derivatives) or 1
-        many = unfinished & (np.asarray(self.trials) > layout.options.max_steps * passes)
+        many = unfinished & (np.asarray(self.trials) > signature.options.max_steps * passes)
         endless = np.isinf(np.broadcast_to(clock.t1, self.lanes.size)).reshape(self.lanes.shape)
         late = unfinished & ~many & endless & (np.asarray(self.count) == 0)
         gathered = unfinished & ~many & ~late
         if np.any(many):
-            said = f"unfinished after {layout.options.max_steps:,} trials of steps {_times(self.t, many)}"
+            said = f"unfinished after {signature.options.max_steps:,} trials of steps {_times(self.t, many)}"
             hint = ""
-            if layout.options.method == "explicit":
+            if signature.options.method == "explicit":
                 hint = ' If the motion is stiff, leave `method` at "auto".'
-            elif layout.options.method == "auto" and may_have_kinks(layout):
+            elif signature.options.method == "auto" and may_have_kinks(signature):
                 hint = (
                     " If the motion is stiff, say `smooth=True`: the rates may have kinks (`sqrt`, `abs`, `where` …), "
                     "and the method for stiff motions takes none. If it comes to rest at its event, as h' = -√h does, "
@@ -442,7 +444,7 @@ class Solution(Result):
         left = np.ravel(np.asarray(self.ended_by) == "failed")
         if not np.any(left):
             return ()
-        columns = zip(lanes.names, lanes.numbers, lanes.layout.shapes, strict=True)
+        columns = zip(lanes.names, lanes.parameters, lanes.signature.shapes, strict=True)
         for place, (name, number, shape) in enumerate(columns):
             number = np.asarray(number, float)
             bad = np.isnan(number) if place >= lanes.arguments else ~np.isfinite(number)
@@ -454,7 +456,7 @@ class Solution(Result):
                     "for a bound that is never met."
                 )
                 left &= ~own
-        if not np.any(left) or lanes.layout.renewed().equations.digest != self.digest:
+        if not np.any(left) or lanes.signature.renewed().equations.digest != self.digest:
             return sentences
         for name, own in _undefined_at_start(lanes, np.flatnonzero(left)).items():
             own = left & own
@@ -563,7 +565,7 @@ class Solution(Result):
             put("{}_at", self.times, ("time",))
             coordinates["time"] = self.times.ts
         taken = variables | coordinates | {dim: None for dims, *_ in variables.values() for dim in dims}
-        columns = zip(self.lanes.names, self.lanes.numbers, self.lanes.layout.shapes, strict=True)
+        columns = zip(self.lanes.names, self.lanes.parameters, self.lanes.signature.shapes, strict=True)
         for place, (name, number, shape) in enumerate(columns):
             if np.ndim(number) > len(shape):
                 is_time = place >= self.lanes.arguments and name in ("t0", "t1")
@@ -594,11 +596,11 @@ def _undefined_at_start(lanes: Lanes, which: np.ndarray) -> dict[str, np.ndarray
         lanes: the lanes.
         which: those that are looked at.
     """
-    layout, problem = lanes.layout, lanes.layout.problem
+    signature, problem = lanes.signature, lanes.signature.problem
     order: dict[str, None] = {}  # JAX sorts the names
 
-    def look(numbers: list[Any]) -> dict[str, Any]:
-        args, t = layout.args(numbers), layout.clock(numbers).t0
+    def look(parameters: list[Any]) -> dict[str, Any]:
+        args, t = signature.args(parameters), signature.clock(parameters).t0
         y = jax.tree.map(lambda part: jnp.asarray(part, float), problem.start(args))
         parts: dict[str, Any] = {"y0": y}
         if problem.integrals0 is not None:
@@ -612,11 +614,11 @@ def _undefined_at_start(lanes: Lanes, which: np.ndarray) -> dict[str, np.ndarray
         order.update(dict.fromkeys(parts))
         return {name: [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(part)] for name, part in parts.items()}
 
-    numbers = [
+    parameters = [
         jnp.broadcast_to(jnp.asarray(number, struct.dtype), (which.size, *struct.shape))
-        for number, struct in zip(layout.of_lanes(lanes.numbers, which), layout.structs(), strict=True)
+        for number, struct in zip(signature.of_lanes(lanes.parameters, which), signature.structs(), strict=True)
     ]
-    defined = jax.vmap(look)(numbers)
+    defined = jax.vmap(look)(parameters)
     undefined = {name: np.zeros(lanes.size, bool) for name in order}
     for name, flags in undefined.items():
         flags[which] = ~np.all(defined[name], axis=0)
@@ -625,16 +627,16 @@ def _undefined_at_start(lanes: Lanes, which: np.ndarray) -> dict[str, np.ndarray
 
 def _given_up(solution: Solution, which: np.ndarray) -> np.ndarray:
     """About when lanes that failed on the way did: the latest `t1` before which they do not; NaN without a `t1`."""
-    lanes, layout = solution.lanes, solution.lanes.layout
-    lanes = lanes._replace(numbers=layout.of_lanes(lanes.numbers, which), shape=which.shape)
-    clock = layout.clock(lanes.numbers)
+    lanes, signature = solution.lanes, solution.lanes.signature
+    lanes = lanes._replace(parameters=signature.of_lanes(lanes.parameters, which), shape=which.shape)
+    clock = signature.clock(lanes.parameters)
     low, high = (np.array(np.broadcast_to(each, which.shape), float)[:, None] for each in (clock.t0, clock.t1))
     high[np.isinf(high)] = np.nan
     rows = np.arange(which.size)
     for _ in range(5):
         times = low + (high - low) * np.linspace(0.0, 1.0, 11)
-        results = again(lanes, times.shape[1] - 1, solution.rtol, t1=times[:, 1:])
-        lost = layout.has_no_result(results.outcome).reshape(which.size, -1)
+        results = repeated(lanes, times.shape[1] - 1, solution.rtol, t1=times[:, 1:])
+        lost = signature.has_no_result(results.outcome).reshape(which.size, -1)
         first = np.where(np.any(lost, 1), np.argmax(lost, 1), lost.shape[1] - 1)
         low, high = times[rows, first][:, None], times[rows, first + 1][:, None]
     return high[:, 0]

@@ -114,8 +114,8 @@ def solve(
     if ts is not None:
         times = jnp.asarray(ts, float) if _is_traced(jax.tree.leaves(ts)) else checked_times(ts)
     if gradient:
-        lanes = lanes._replace(layout=lanes.layout.wanting(records=goes_back(lanes.layout)))
-    found = traced_solution if _is_traced([*lanes.numbers, times]) else solution
+        lanes = lanes._replace(signature=lanes.signature.wanting(records=goes_back(lanes.signature)))
+    found = traced_solution if _is_traced([*lanes.parameters, times]) else solution
     if lanes.original is not None:
         end = _both_ways(found, lanes, names, order, rtol, None if times is None else -1.0 * times).mirrored()
     else:
@@ -127,13 +127,13 @@ def _both_ways(
     found: Callable[..., Solution], lanes: Lanes, names: Sequence[str], order: int, rtol: float, times: Any
 ) -> Solution:
     """The solution of lanes, with states at times before their start as well."""
-    end, t0 = found(lanes, names, order, rtol, times), lanes.layout.clock(lanes.numbers).t0
+    end, t0 = found(lanes, names, order, rtol, times), lanes.signature.clock(lanes.parameters).t0
     if times is None or _is_traced([t0, times]):
         return end
     flags = early(t0, lanes.shape, times)
     if not np.any(flags):
         return end
-    if any(lanes.layout.problem.resets()):
+    if any(lanes.signature.problem.resets()):
         raise ValueError(
             "Argument `ts` must hold no times before `t0` where events have resets, as these know no way back."
         )
@@ -150,17 +150,17 @@ def ends(
     lanes: Lanes, names: Sequence[str], order: int, rtol: float, times: np.ndarray | None = None
 ) -> tuple[LaneEnd, list[tuple[str, ...]]]:
     """The ends of lanes, and along which names the last axis of their derivatives is, where there are several."""
-    layout, numbers, count = lanes.layout, lanes.numbers, lanes.size
+    signature, parameters, count = lanes.signature, lanes.parameters, lanes.size
     if order == 0 or len(names) == 1:
         places = (lanes.element_of(names[0]),) if order else ()
-        return integrate(layout, numbers, count, order, places, rtol, times=times), [(*names, *names)[:order]]
+        return integrate(signature, parameters, count, order, places, rtol, times=times), [(*names, *names)[:order]]
     along: list[tuple[str, ...]] = (
         [(name,) for name in names] if order == 1 else list(itertools.combinations_with_replacement(names, 2))
     )
     places = np.array([[lanes.element_of(name) for name in each] for each in along], float).T
-    results = integrate_along(layout, numbers, count, order, places, rtol, times=times)
+    results = integrate_along(signature, parameters, count, order, places, rtol, times=times)
     # A lane that fails along one direction fails in all.
-    failed = np.any(layout.has_no_result(results.outcome), axis=1)
+    failed = np.any(signature.has_no_result(results.outcome), axis=1)
     outcome = np.where(failed, results.outcome.max(axis=1), results.outcome[:, 0])
     results = results._replace(
         outcome=outcome,
@@ -178,7 +178,7 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np
     """The solution of lanes, with derivatives of an order along all pairs of names, and states at times."""
     known = None if ts is None else np.unique(ts[np.isfinite(ts)])
     results, along = ends(lanes, names, order, rtol, known)
-    lanes = lanes._replace(layout=lanes.layout.wanting(records=False))
+    lanes = lanes._replace(signature=lanes.signature.wanting(records=False))
     several = results.time.value.ndim > 1
 
     def part(kind: str, column: int) -> Part:
@@ -192,22 +192,22 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np
     value = part("value", 0)
     found: dict[tuple[str, ...], Part] = {}
     for i, each in enumerate(along if order else []):
-        for kind, path in (("first", each[:1]), ("other", each[-1:]), ("second", each[:2])):
-            if len(path) <= order and (kind != "second" or order == 2) and path not in found:
+        for kind, path in (("by_first", each[:1]), ("by_second", each[-1:]), ("mixed", each[:2])):
+            if len(path) <= order and (kind != "mixed" or order == 2) and path not in found:
                 found[path] = part(kind, i)
     for name in names if order else ():
         if lanes.begins_with(name):
             found[(name,)] = found[(name,)]._replace(t=found[(name,)].t + 1.0)
     outcome = results.outcome.reshape(lanes.shape)
     elapsed = np.reshape(value.t, lanes.size)
-    t = lanes.layout.end_times(lanes.numbers, results.outcome, elapsed).reshape(lanes.shape)[()]
+    t = lanes.signature.end_times(lanes.parameters, results.outcome, elapsed).reshape(lanes.shape)[()]
     times = None if ts is None or results.saved is None else _at_times(lanes, ts, t, results.saved, along)
-    stiff = np.full(lanes.size, lanes.layout.options.method == "rosenbrock")
+    stiff = np.full(lanes.size, lanes.signature.options.method == "rosenbrock")
     if results.stiff is not None:
         stiff = results.stiff > 0
     return Solution(
-        problem=lanes.layout.problem,
-        names=lanes.layout.end_names,
+        problem=lanes.signature.problem,
+        names=lanes.signature.end_names,
         wrt=tuple(names),
         outcome=outcome[()],
         t=t,
@@ -221,8 +221,8 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np
         derivatives=found,
         lanes=lanes,
         rtol=rtol,
-        digest=lanes.layout.equations.digest,
-        tolerance=None if order else results.tolerance,
+        digest=lanes.signature.equations.digest,
+        tolerance=None if order else results.rtol_used,
         inexact=np.reshape(np.asarray(results.error) > INEXACT * rtol, lanes.shape)[()],
         recorded=results.recorded,
         times=times,
@@ -243,21 +243,21 @@ def _at_times(lanes: Lanes, ts: np.ndarray, t: Any, saved: np.ndarray, along: Se
     places = np.unique(ts[known], return_inverse=True)[1]
     in_order, late = np.array_equal(places, np.arange(ts.size)), ts > np.reshape(t, (-1, 1))
 
-    def part(column: int, member: int) -> Times:
+    def part(column: int, tangent: int) -> Times:
         of_along = saved if saved.ndim == 4 else saved[:, column]
-        rows = of_along[:, :, member]
+        rows = of_along[:, :, tangent]
         if not in_order:
             rows = np.full((lanes.size, ts.size, saved.shape[-1]), np.nan)
-            rows[:, known] = of_along[:, places, member]
+            rows[:, known] = of_along[:, places, tangent]
         rows[late] = np.nan
         outputs = [row.reshape(wide.shape) for row in np.moveaxis(rows, -1, 0)]
         y, integrals = shaped(wide, np.broadcast_to(ts, wide.shape), outputs)[1:]
         return Times(ts, y, integrals)
 
-    members, found = saved.shape[-2], {}
-    for column, names in enumerate(along if members > 1 else []):
-        for name, member in zip(names, (1, 2 if members == 4 else 1), strict=False):
-            found.setdefault((name,), part(column, member))
+    tangents, found = saved.shape[-2], {}
+    for column, names in enumerate(along if tangents > 1 else []):
+        for name, tangent in zip(names, (1, 2 if tangents == 4 else 1), strict=False):
+            found.setdefault((name,), part(column, tangent))
         if len(names) == 2:
-            found[names] = part(column, members - 1)
+            found[names] = part(column, tangents - 1)
     return part(0, 0)._replace(derivatives=found)

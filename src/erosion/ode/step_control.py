@@ -94,14 +94,14 @@ class Control(NamedTuple):
 
     mode: Scalar
     time: Scalar  # from the start of the lane to that of the step
-    trial: Scalar  # the length to try next
+    trial_length: Scalar  # the length to try next
     step: Scalar  # the length that the error control would like
     high: Scalar  # while locating: a length past the event
     event: Scalar  # the index of the event that ended the lane
-    left: Scalar  # from the last trial's end to the event
+    time_to_event: Scalar  # from the last trial's end to the event
     trials: Scalar
     rejected: Scalar  # trials whose error was too large
-    margin: Scalar  # the least value to which an event function has dipped so far
+    closest_approach: Scalar  # the least value to which an event function has dipped so far
     wanted: Scalar  # the length that the error control asked for after the last accepted step; 0 before it
 
 
@@ -112,14 +112,14 @@ def begin(scale: Scalar, begins: Flag, finite: Flag, first: float) -> Control:
     return Control(
         mode=mode,
         time=zero,
-        trial=first * scale,
+        trial_length=first * scale,
         step=first * scale,
         high=zero,
         event=jnp.where(begins, 0, NOT_BEGUN),
-        left=zero,
+        time_to_event=zero,
         trials=0 * mode,
         rejected=0 * mode,
-        margin=zero + jnp.inf,
+        closest_approach=zero + jnp.inf,
         wanted=zero,
     )
 
@@ -142,7 +142,7 @@ def go_on(control: Control, error: Scalar, scale: Scalar, limits: Limits) -> tup
     wanted = next_step(control, error, good)
     step = foreseen_step(control, wanted, good, limits)
     after = counted(control, jnp.inf, good, good)._replace(wanted=jnp.where(good, wanted, control.wanted))
-    return given_up(after._replace(step=step, trial=step), scale, limits), good
+    return given_up(after._replace(step=step, trial_length=step), scale, limits), good
 
 
 def eighth_root(value: Scalar) -> Scalar:
@@ -153,9 +153,9 @@ def eighth_root(value: Scalar) -> Scalar:
 def next_step(control: Control, error: Scalar, good: Flag) -> Scalar:
     """The length that the error control would like, of the order of the embedded estimate."""
     factor = _SAFETY / eighth_root(error + 1e-30)
-    wanted = jnp.where(jnp.isfinite(error), jnp.clip(factor, 0.2, 5.0), 0.2) * control.trial
-    # A step shortened to end at a dip or an event says little about the next step.
-    return jnp.where(good & (control.trial < control.step), jnp.maximum(wanted, control.step), wanted)
+    wanted = jnp.where(jnp.isfinite(error), jnp.clip(factor, 0.2, 5.0), 0.2) * control.trial_length
+    # A step shortened to end at a local minimum or an event says little about the next step.
+    return jnp.where(good & (control.trial_length < control.step), jnp.maximum(wanted, control.step), wanted)
 
 
 def foreseen_step(control: Control, wanted: Scalar, good: Flag, limits: Limits) -> Scalar:
@@ -169,10 +169,10 @@ def foreseen_step(control: Control, wanted: Scalar, good: Flag, limits: Limits) 
 def counted(control: Control, lowest: Scalar, good: Flag, moved: Flag) -> Control:
     """The control with one more trial."""
     return control._replace(
-        time=control.time + jnp.where(moved, control.trial, 0.0),
+        time=control.time + jnp.where(moved, control.trial_length, 0.0),
         trials=control.trials + 1,
         rejected=control.rejected + jnp.where(good, 0, 1),
-        margin=jnp.where(moved, jnp.minimum(control.margin, lowest), control.margin),
+        closest_approach=jnp.where(moved, jnp.minimum(control.closest_approach, lowest), control.closest_approach),
     )
 
 
@@ -187,4 +187,4 @@ def given_up(control: Control, scale: Scalar, limits: Limits) -> Control:
         stuck = (control.trials > _STUCK) & (control.time < _PACE * control.trials * scale)
         hopeless = (limits.by_scale & stuck) | hopeless
     mode = jnp.where(late, UNFINISHED, control.mode)
-    return control._replace(mode=jnp.where(~(control.trial > _SHORTEST * scale) | hopeless, FAILED, mode))
+    return control._replace(mode=jnp.where(~(control.trial_length > _SHORTEST * scale) | hopeless, FAILED, mode))

@@ -34,7 +34,7 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var, jaxpr_as_fun
 from erosion.arguments import Flag, Number, Scalar
 from erosion.lanes.scalars import Equation, aval_of
 from erosion.ode.reduction import NEVER, WholeMotion, beside_breaks, evaluate, reduced_motion_of
-from erosion.ode.variational import Augmented, Layout, Motion
+from erosion.ode.variational import Augmented, Motion, Signature
 
 _ULPS, _TINY = 4e-16, 1e-300  # before a break is a time that is earlier by as little
 _MOST = 32  # modes: a problem with more of them is integrated across its breaks
@@ -57,37 +57,37 @@ class Bound(NamedTuple):
 
 
 class Switches:
-    """The modes of a layout's motion, and its functions in given modes.
+    """The modes of a signature's motion, and its functions in given modes.
 
     Args:
-        layout: of problem and arguments.
+        signature: of problem and arguments.
         by_hand: whether only the problem's `breaks` are.
         of_time: whether what depends on time alone may have modes; else nothing but `count` and `others` is known.
     """
 
-    def __init__(self, layout: Layout, *, by_hand: bool, of_time: bool = True) -> None:
-        start = jax.eval_shape(lambda numbers: WholeMotion(layout, numbers).start(), layout.structs())
-        self._rows, self._integrals = len(start), len(layout.problem.integrals)
+    def __init__(self, signature: Signature, *, by_hand: bool, of_time: bool = True) -> None:
+        start = jax.eval_shape(lambda parameters: WholeMotion(signature, parameters).start(), signature.structs())
+        self._rows, self._integrals = len(start), len(signature.problem.integrals)
         integrals = (0.0,) * self._integrals
 
-        def look(numbers: list[Number], elements: list[Scalar]) -> tuple[list[Scalar], list[Scalar], list[Scalar]]:
-            motion = WholeMotion(layout, numbers)
+        def look(parameters: list[Number], elements: list[Scalar]) -> tuple[list[Scalar], list[Scalar], list[Scalar]]:
+            motion = WholeMotion(signature, parameters)
             at = Augmented(tuple(elements), integrals)
             rate = motion.rate(at)
             return list(rate.state), list(rate.integrals), motion.events(at)
 
-        structs = layout.structs(), [jax.ShapeDtypeStruct((), np.float64)] * self._rows
+        structs = signature.structs(), [jax.ShapeDtypeStruct((), np.float64)] * self._rows
         closed, shapes = jax.make_jaxpr(look, return_shape=True)(*structs)
         structure = jax.tree.structure(shapes)
         made_by = {made: equation for equation in closed.jaxpr.eqns for made in equation.outvars}
         self.moves = [not is_always_zero(atom, made_by) for atom in closed.jaxpr.outvars[: self._rows]]
         varies = [False] * (len(closed.jaxpr.invars) - self._rows) + self.moves
-        if layout.equations.timed and not of_time:
+        if signature.equations.timed and not of_time:
             varies[-self._rows] = False
 
-        def rewritten(numbers: list[Number], elements: list[Scalar], modes: list[Scalar] | None) -> dict[str, Any]:
+        def rewritten(parameters: list[Number], elements: list[Scalar], modes: list[Scalar] | None) -> dict[str, Any]:
             rewriting = _Rewriting(modes, by_hand=by_hand)
-            operands = [_Value(*pair) for pair in zip([*numbers, *elements], varies, strict=True)]
+            operands = [_Value(*pair) for pair in zip([*parameters, *elements], varies, strict=True)]
             found = rewriting.of(closed.jaxpr, closed.consts, operands)
             rates, rates_of_integrals, events = jax.tree.unflatten(structure, [value.number for value in found])
             self._switch_of_bound = [bound.switch for bound in rewriting.bounds]
@@ -129,13 +129,13 @@ class SwitchedMotion(WholeMotion):
     """A motion in modes, which are its last numbers; the last events are the bounds.
 
     Args:
-        switches: of the layout.
-        layout, numbers: see `WholeMotion`.
+        switches: of the signature.
+        signature, parameters: see `WholeMotion`.
     """
 
-    def __init__(self, switches: Switches, layout: Layout, numbers: Sequence[Number]) -> None:
-        super().__init__(layout, numbers)
-        self.switches, self.known = switches, list(numbers)
+    def __init__(self, switches: Switches, signature: Signature, parameters: Sequence[Number]) -> None:
+        super().__init__(signature, parameters)
+        self.switches, self.known = switches, list(parameters)
         self._own = len(self.problem.resets())
 
     def start(self) -> list[Scalar]:
@@ -189,25 +189,25 @@ class SwitchedMotion(WholeMotion):
         return at._replace(state=(*at.state, *modes))
 
 
-def switches_of(layout: Layout) -> Switches | None:
-    """The switches of a layout; None where it has none, or more than are located."""
-    switches = _all_switches(layout)
+def switches_of(signature: Signature) -> Switches | None:
+    """The switches of a signature; None where it has none, or more than are located."""
+    switches = _all_switches(signature)
     if switches is not None and switches.count <= _MOST:
         return switches if switches.count else None
-    if layout.problem.breaks is None or not layout.options.arm_on_return:
+    if signature.problem.breaks is None or not signature.options.arm_on_return:
         return None
-    by_hand = _traced(_plain(layout), by_hand=True)
+    by_hand = _traced(_plain(signature), by_hand=True)
     return by_hand if 0 < by_hand.count <= _MOST else None
 
 
-def unlocated(layout: Layout) -> str:
-    """What breaks in a layout's functions and is not located, as a subject; "" where nothing is."""
-    switches = _all_switches(layout)
+def unlocated(signature: Signature) -> str:
+    """What breaks in a signature's functions and is not located, as a subject; "" where nothing is."""
+    switches = _all_switches(signature)
     if switches is None:
         return ""
-    if layout.problem.breaks is not None and (switches.count > _MOST or switches.others):
+    if signature.problem.breaks is not None and (switches.count > _MOST or switches.others):
         # The problem's own times tell where what depends on time alone breaks.
-        too_many, switches = switches.count > _MOST, _traced(_plain(layout), by_hand=False, of_time=False)
+        too_many, switches = switches.count > _MOST, _traced(_plain(signature), by_hand=False, of_time=False)
         if too_many and 0 < switches.count <= _MOST:
             return f"more than {_MOST} switches, of which {switches.count} are of the state,"
     if switches.count > _MOST:
@@ -217,13 +217,13 @@ def unlocated(layout: Layout) -> str:
     return " and ".join([loops] * (len(others) < len(switches.others)) + others)
 
 
-def require_derivatives(layout: Layout) -> None:
+def require_derivatives(signature: Signature) -> None:
     """Refuse derivatives where something breaks that is not located: they jump there.
 
     Raises:
         ValueError: with what to write.
     """
-    what = unlocated(layout)
+    what = unlocated(signature)
     if what:
         raise ValueError(
             f"Derivatives need breaks that are located, but the rates have {what} that are not: name the times of "
@@ -232,25 +232,25 @@ def require_derivatives(layout: Layout) -> None:
         )
 
 
-def _all_switches(layout: Layout) -> Switches | None:
-    if not layout.options.switches:
+def _all_switches(signature: Signature) -> Switches | None:
+    if not signature.options.switches:
         return None
-    return _traced(_plain(layout), by_hand=False)
+    return _traced(_plain(signature), by_hand=False)
 
 
-def _plain(layout: Layout) -> Layout:
-    return layout.wanting(method="explicit", records=False, saves=False, logs=False)
+def _plain(signature: Signature) -> Signature:
+    return signature.wanting(method="explicit", records=False, saves=False, logs=False)
 
 
 @functools.lru_cache(maxsize=256)
-def _traced(layout: Layout, *, by_hand: bool, of_time: bool = True) -> Switches:
-    return Switches(layout, by_hand=by_hand, of_time=of_time)
+def _traced(signature: Signature, *, by_hand: bool, of_time: bool = True) -> Switches:
+    return Switches(signature, by_hand=by_hand, of_time=of_time)
 
 
-def motion_of(layout: Layout) -> Callable[[Sequence[Number]], Motion]:
+def motion_of(signature: Signature) -> Callable[[Sequence[Number]], Motion]:
     """The motion of one lane's numbers."""
-    switches = switches_of(layout)
-    return reduced_motion_of(layout) if switches is None else functools.partial(SwitchedMotion, switches, layout)
+    switches = switches_of(signature)
+    return reduced_motion_of(signature) if switches is None else functools.partial(SwitchedMotion, switches, signature)
 
 
 def is_always_zero(value: Any, made_by: Any) -> bool:

@@ -22,11 +22,11 @@ from jax import lax
 
 from erosion.arguments import Flag, PerImpact, Scalar
 from erosion.lanes import tapes
-from erosion.ode.landing import Lane, Segment
+from erosion.ode.event_location import Lane, Segment
 from erosion.ode.lane_equations import LaneEquations
-from erosion.ode.reduction import Rows
+from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import ARRIVED
-from erosion.ode.variational import EndTimeDependence, Layout, at_event, outputs_of
+from erosion.ode.variational import EndTimeDependence, Signature, at_event, outputs_of
 
 STEP = -9.0
 BESIDE = 2  # numbers of a row before the state
@@ -51,15 +51,15 @@ class Tape(NamedTuple):
     has_derivatives: Flag
     elapsed: Scalar
 
-    def with_step(self, length: Scalar, state: Rows, moved: Flag) -> "Tape":
+    def with_step(self, length: Scalar, state: FlatState, moved: Flag) -> "Tape":
         """With a step, which the next row replaces unless the lane moved."""
         return self._with(length, jnp.full((), STEP), state, moved)
 
-    def with_event(self, event: Scalar, state: Rows) -> "Tape":
+    def with_event(self, event: Scalar, state: FlatState) -> "Tape":
         """With the end of a motion."""
         return self._with(self.elapsed, lax.convert_element_type(event, float), state, jnp.asarray(True))
 
-    def _with(self, length: Scalar, code: Scalar, state: Rows, is_kept: Flag) -> "Tape":
+    def _with(self, length: Scalar, code: Scalar, state: FlatState, is_kept: Flag) -> "Tape":
         place = jnp.minimum(self.rows, self.capacity - 1) * (BESIDE + len(state))
         token = tapes.write(_STEPS, self.token, place, length, code, *state)
         return self._replace(rows=self.rows + jnp.where(is_kept, 1, 0), token=token)
@@ -78,10 +78,12 @@ class Recorded(NamedTuple):
 
 
 @functools.lru_cache(maxsize=256)
-def row_width(layout: Layout) -> int:
+def row_width(signature: Signature) -> int:
     """How many numbers a row has."""
     width: list[int] = []
-    jax.eval_shape(lambda numbers: width.append(LaneEquations(layout, numbers, 0, ()).width), layout.structs())
+    jax.eval_shape(
+        lambda parameters: width.append(LaneEquations(signature, parameters, 0, ()).width), signature.structs()
+    )
     return BESIDE + width[0]
 
 
@@ -90,7 +92,7 @@ class Entry(NamedTuple):
 
     length: Scalar
     code: Scalar
-    state: Rows
+    state: FlatState
 
 
 def read(token: Scalar, row: Scalar, width: int) -> Entry:
@@ -121,7 +123,7 @@ class EventLog(NamedTuple):
 
     BESIDE = 2  # numbers of a row before time and outputs
 
-    def with_event(self, event: int, happens: Flag, at_once: Sequence[Flag], numbers: Rows) -> "EventLog":
+    def with_event(self, event: int, happens: Flag, at_once: Sequence[Flag], numbers: FlatState) -> "EventLog":
         """With an event, which the next one replaces unless it happens."""
         digits = sum((2.0**i * flag for i, flag in enumerate(at_once)), jnp.zeros(()))
         place = jnp.minimum(self.rows, self.capacity - 1) * (self.BESIDE + len(numbers))
@@ -153,7 +155,7 @@ class StateWriter:
     Args:
         problem: the equations; of a stiff motion without second derivatives.
         rtol: relative tolerance.
-        elapsed: of a chain, the time since the lane began, with derivatives as the members of a state have them.
+        elapsed: of a chain, the time since the lane began, with its tangents.
     """
 
     def __init__(self, problem: LaneEquations, rtol: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
@@ -165,10 +167,12 @@ class StateWriter:
         end = after.control.time
         due = (end > before.control.time) & (self._time(saved.following) <= end)
         return lax.cond(
-            due, lambda: self._written(saved, end, self.problem.method.within(before, after, self.rtol)), lambda: saved
+            due,
+            lambda: self._written(saved, end, self.problem.method.interpolate(before, after, self.rtol)),
+            lambda: saved,
         )
 
-    def after_landing(self, saved: Saved, lane: Lane, motion: Segment) -> Saved:
+    def after_last_step(self, saved: Saved, lane: Lane, motion: Segment) -> Saved:
         """With those up to the end of the motion, which may lie before or after that of the last step."""
         end, problem = motion.time, self.problem
         if problem.chains:
@@ -185,13 +189,13 @@ class StateWriter:
         time = tapes.read(TIMES, np.zeros(()), index) - self.problem.clock.t0
         return time if self.elapsed is None else time - self.elapsed.value
 
-    def _written(self, saved: Saved, until: Scalar, at: Callable[[Scalar], EndTimeDependence]) -> Saved:
+    def _written(self, saved: Saved, t_stop: Scalar, at: Callable[[Scalar], EndTimeDependence]) -> Saved:
         def writes(saved: Saved) -> Saved:
             numbers = self._numbers(at(self._time(saved.following)))
             token = tapes.write(STATES, saved.token, saved.following * len(numbers), *numbers)
             return Saved(saved.following + 1, token)
 
-        return lax.while_loop(lambda saved: self._time(saved.following) <= until, writes, saved)
+        return lax.while_loop(lambda saved: self._time(saved.following) <= t_stop, writes, saved)
 
     def _numbers(self, along: EndTimeDependence) -> list[Scalar]:
         """What is wanted of a state, and its derivatives at a fixed time, of a motion that began at any."""

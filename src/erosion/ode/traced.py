@@ -26,24 +26,24 @@ from erosion.ode.gradient import AtTimes, ends_of, gradient, is_worth, keep, sum
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import TracedProblem
 from erosion.ode.solution import INEXACT, Solution, Times
-from erosion.ode.variational import Clock, Layout
+from erosion.ode.variational import Clock, Signature
 
 _Along = tuple[tuple[int, ...], ...]
 """The elements by which derivatives are taken: none, some, or some and others for second ones."""
 
 
-class Wanted(NamedTuple):
+class WantedOutputs(NamedTuple):
     """What is wanted of lanes.
 
     Args:
-        layout: of problem and arguments.
-        equations: of the problem; equal layouts of two problems differ by them, as each follows its own code.
+        signature: of problem and arguments.
+        equations: of the problem; equal signatures of two problems differ by them, as each follows its own code.
         rtol: relative tolerance.
         times: at how many times outputs are wanted as well; these follow the numbers of a lane, rising.
         moving: which numbers have tangents, where derivatives go back.
     """
 
-    layout: Layout
+    signature: Signature
     equations: TracedProblem
     rtol: float
     times: int = 0
@@ -52,15 +52,15 @@ class Wanted(NamedTuple):
     @property
     def rows(self) -> int:
         """The time at the end, the outputs there, and those at times."""
-        return self.layout.rows + self.times * (self.layout.rows - 1)
+        return self.signature.rows + self.times * (self.signature.rows - 1)
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:
         """Of the numbers of a lane, and of its times."""
-        return (*self.layout.shapes, *([(self.times,)] if self.times else []))
+        return (*self.signature.shapes, *([(self.times,)] if self.times else []))
 
 
-_KINDS = ("value", "first", "second")  # of `Derivatives`, by their order
+_KINDS = ("value", "by_first", "mixed")  # of `Derivatives`, by their order
 
 
 def traced_solution(lanes: Lanes, wrt: Sequence[str], order: int, rtol: float, ts: Any) -> Solution:
@@ -71,40 +71,40 @@ def traced_solution(lanes: Lanes, wrt: Sequence[str], order: int, rtol: float, t
     """
     if wrt or order:
         raise ValueError("Argument `wrt` must be left out where JAX traces: use `jax.grad` and its like.")
-    layout, shape = lanes.layout, lanes.shape
+    signature, shape = lanes.signature, lanes.shape
     if ts is not None:
         ts = jnp.asarray(ts, float)
         if ts.ndim != 1:
             raise ValueError(f"Argument `ts` must be one row of times, but has shape {ts.shape}.")
-    wanted = Wanted(layout, layout.equations, rtol, 0 if ts is None else ts.size)
+    wanted = WantedOutputs(signature, signature.equations, rtol, 0 if ts is None else ts.size)
     # Where `ts` alone is traced the numbers have one axis of lanes already.
-    numbers = [
+    parameters = [
         jnp.reshape(number, shape) if np.shape(number) == (lanes.size,) and own == () else number
-        for number, own in zip(lanes.numbers, layout.shapes, strict=True)
+        for number, own in zip(lanes.parameters, signature.shapes, strict=True)
     ]
-    lanes = lanes._replace(numbers=numbers)  # pyrefly: ignore
+    lanes = lanes._replace(parameters=parameters)  # pyrefly: ignore
     rising = [] if ts is None or not wanted.times else [ts[jnp.argsort(ts)]]
     given = []
-    for number, own, dtype in zip([*numbers, *rising], wanted.shapes, (*layout.dtypes, "float64"), strict=False):
+    for number, own, dtype in zip([*parameters, *rising], wanted.shapes, (*signature.dtypes, "float64"), strict=False):
         array = jnp.asarray(number, dtype)
         given.append(array[None] if array.shape == own else jnp.ravel(jnp.broadcast_to(array, shape)))
     vector, codes = (jnp.broadcast_to(made, (lanes.size, made.shape[-1])) for made in _ends(wanted, 1, (), given))
     vector, codes = (made.reshape(*shape, made.shape[-1]) for made in (vector, codes))
-    clock = layout.clock(lanes.numbers)
+    clock = signature.clock(lanes.parameters)
     t0 = jnp.broadcast_to(jnp.asarray(clock.t0), shape)
-    vector, at_times = vector[..., : layout.rows], vector[..., layout.rows :]
-    part = shaped(lanes, vector[..., 0], [vector[..., i] for i in range(1, layout.rows)])
-    t = layout.end_times(lanes.numbers, codes[..., 0], part.t)
+    vector, at_times = vector[..., : signature.rows], vector[..., signature.rows :]
+    part = shaped(lanes, vector[..., 0], [vector[..., i] for i in range(1, signature.rows)])
+    t = signature.end_times(lanes.parameters, codes[..., 0], part.t)
     solution = Solution(
-        problem=layout.problem, names=layout.end_names, wrt=(), outcome=codes[..., 0], t=t, y=part.y,
+        problem=signature.problem, names=signature.end_names, wrt=(), outcome=codes[..., 0], t=t, y=part.y,
         integrals=part.integrals, count=codes[..., 1], trials=codes[..., 2],
         at_once=named_events(lanes, [codes[..., i] > 0 for i in range(_BESIDE, codes.shape[-1])]), derivatives={},
         inexact=codes[..., 3] > 0,
-        lanes=lanes, rtol=rtol, digest=layout.equations.digest,
+        lanes=lanes, rtol=rtol, digest=signature.equations.digest,
     )  # fmt: skip
     if ts is None:
         return solution
-    rows = at_times.reshape(*shape, ts.size, layout.rows - 1)[..., jnp.argsort(jnp.argsort(ts)), :]
+    rows = at_times.reshape(*shape, ts.size, signature.rows - 1)[..., jnp.argsort(jnp.argsort(ts)), :]
     is_within = (ts >= t0[..., None]) & (ts <= t[..., None])
     vectors = jnp.where(is_within[..., None], rows, jnp.nan)
     return solution.with_times(_times_of(lanes, ts, vectors))
@@ -126,21 +126,21 @@ def _codes(end: LaneEnd, rtol: float) -> list[Any]:
     return [end.outcome, count, end.trials, np.asarray(end.error) > INEXACT * rtol, *end.at_once]
 
 
-def _numbers_of_codes(layout: Layout) -> int:
-    return _BESIDE + (len(layout.event_names) if layout.options.clock else 0)
+def _numbers_of_codes(signature: Signature) -> int:
+    return _BESIDE + (len(signature.event_names) if signature.options.clock else 0)
 
 
-def traced_end(layout: Layout, rtol: float, numbers: Sequence[Number]) -> Array:
+def traced_end(signature: Signature, rtol: float, parameters: Sequence[Number]) -> Array:
     """Time since the start and outputs of one lane, of whose numbers some may be traced."""
-    given = [jnp.asarray(number, dtype) for number, dtype in zip(numbers, layout.dtypes, strict=True)]
-    return _ends(Wanted(layout, layout.equations, rtol), 0, (), given)[0]
+    given = [jnp.asarray(number, dtype) for number, dtype in zip(parameters, signature.dtypes, strict=True)]
+    return _ends(WantedOutputs(signature, signature.equations, rtol), 0, (), given)[0]
 
 
-def _ends(wanted: Wanted, axes: int, along: _Along, numbers: Sequence[Any]) -> list[Array]:
+def _ends(wanted: WantedOutputs, axes: int, along: _Along, parameters: Sequence[Any]) -> list[Array]:
     """The row of each lane and its codes; or its derivatives, shape (…, rows) and one axis for each of `along`."""
     directions = len(_places(along)[0]) if along else 0
-    compile_ahead(wanted.layout, len(along), directions, timed=wanted.times > 0)
-    return _end.bind(*numbers, wanted=wanted, axes=axes, along=along)
+    compile_ahead(wanted.signature, len(along), directions, timed=wanted.times > 0)
+    return _end.bind(*parameters, wanted=wanted, axes=axes, along=along)
 
 
 def _places(along: _Along) -> list[tuple[int, ...]]:
@@ -156,41 +156,41 @@ def _leading(axes: int, arrays: Sequence[Any]) -> tuple[int, ...]:
     return shapes.pop() if len(shapes) == 1 else np.broadcast_shapes(*shapes)
 
 
-def _shapes_of_ends(*numbers: Any, wanted: Wanted, axes: int, along: _Along) -> list[ShapedArray]:
-    leading = _leading(axes, numbers)
+def _shapes_of_ends(*parameters: Any, wanted: WantedOutputs, axes: int, along: _Along) -> list[ShapedArray]:
+    leading = _leading(axes, parameters)
     if along:
         return [ShapedArray((*leading, wanted.rows, *map(len, along)), np.dtype(np.float64))]
-    codes = (*leading, _numbers_of_codes(wanted.layout))
+    codes = (*leading, _numbers_of_codes(wanted.signature))
     return [ShapedArray((*leading, wanted.rows), np.dtype(np.float64)), ShapedArray(codes, np.dtype(np.int32))]
 
 
-def _ends_on_host(*given: np.ndarray, wanted: Wanted, axes: int, along: _Along) -> list[np.ndarray]:
+def _ends_on_host(*given: np.ndarray, wanted: WantedOutputs, axes: int, along: _Along) -> list[np.ndarray]:
     """`_ends` by the batch."""
-    layout, rtol, batch = wanted.layout.renewed(), wanted.rtol, _leading(axes, given)
+    signature, rtol, batch = wanted.signature.renewed(), wanted.rtol, _leading(axes, given)
     lanes = math.prod(batch)
-    numbers = [
+    parameters = [
         array.reshape(shape)
         if math.prod(array.shape[:axes]) == 1
         else np.broadcast_to(array, (*batch, *shape)).reshape(lanes, *shape)
         for array, shape in zip(given, wanted.shapes, strict=True)
     ]
-    times = numbers.pop() if wanted.times else None
+    times = parameters.pop() if wanted.times else None
     if not along:
-        end = integrate(layout, numbers, lanes, 0, (), rtol, times=times)
-        keep(layout, numbers, end, rtol)
+        end = integrate(signature, parameters, lanes, 0, (), rtol, times=times)
+        keep(signature, parameters, end, rtol)
         vector = np.array(end.quantities.value).T
         if end.saved is not None:
             vector = np.concatenate([vector, end.saved[:, :, 0].reshape(lanes, -1)], -1)
-        codes = np.empty((lanes, _numbers_of_codes(layout)), np.int32)
+        codes = np.empty((lanes, _numbers_of_codes(signature)), np.int32)
         for i, code in enumerate(_codes(end, rtol)):
             codes[:, i] = code
         return [vector.reshape(*batch, -1), codes.reshape(*batch, -1)]
     places = np.array(_places(along), float).T
-    end = integrate_along(layout, numbers, lanes, len(along), places, rtol, times=times)
+    end = integrate_along(signature, parameters, lanes, len(along), places, rtol, times=times)
     slopes = np.stack(getattr(end.quantities, _KINDS[len(along)]), 1)
     if times is not None and end.saved is not None:
         # What comes before a lane's start or after its end is no number, and has no cotangents.
-        t0 = np.reshape(layout.clock(numbers).t0, (-1, 1, 1))
+        t0 = np.reshape(signature.clock(parameters).t0, (-1, 1, 1))
         outside = (times.reshape(-1, 1, wanted.times) < t0) | ~np.isfinite(end.saved[:, :, :, 0]).all(-1)
         saved = np.where(outside[..., None], 0.0, end.saved[:, :, :, -1])
         slopes = np.concatenate([slopes, np.moveaxis(saved, 1, -1).reshape(lanes, -1, places.shape[1])], 1)
@@ -198,32 +198,34 @@ def _ends_on_host(*given: np.ndarray, wanted: Wanted, axes: int, along: _Along) 
 
 
 def _ends_jvp(
-    numbers: Sequence[Any], rates: Sequence[Any], *, wanted: Wanted, axes: int, along: _Along
+    parameters: Sequence[Any], rates: Sequence[Any], *, wanted: WantedOutputs, axes: int, along: _Along
 ) -> tuple[list[Any], list[Any]]:
     """The derivatives forwards, or by `_push` where JAX may go backwards."""
     if len(along) == 2:
         raise NotImplementedError("There are derivatives of ends up to the second; the third is not available.")
-    pairs = enumerate(zip(rates, wanted.layout.dtypes, strict=False))
+    pairs = enumerate(zip(rates, wanted.signature.dtypes, strict=False))
     moving = tuple(i for i, (rate, dtype) in pairs if dtype == "float64" and type(rate) is not ad.Zero)
-    elements, moved = _elements(wanted.layout, moving), [rates[i] for i in moving]
-    back = not along and is_worth(wanted.layout, len(elements))
-    made = _ends(wanted._replace(layout=wanted.layout.wanting(records=True)) if back else wanted, axes, along, numbers)
+    elements, moved = _elements(wanted.signature, moving), [rates[i] for i in moving]
+    back = not along and is_worth(wanted.signature, len(elements))
+    made = _ends(
+        wanted._replace(signature=wanted.signature.wanting(records=True)) if back else wanted, axes, along, parameters
+    )
     change = jnp.zeros(made[0].shape)
     if back:
-        change = _push.bind(*numbers, *moved, wanted=wanted._replace(moving=moving), axes=axes)
+        change = _push.bind(*parameters, *moved, wanted=wanted._replace(moving=moving), axes=axes)
     elif elements:
-        (slopes,) = _ends(wanted, axes, (*along, elements), numbers)
+        (slopes,) = _ends(wanted, axes, (*along, elements), parameters)
         change = _product(slopes, _flat(axes, moved), axes)
     if wanted.times and type(rates[-1]) is not ad.Zero:
         leading, (rows, *rest) = change.shape[:axes], change.shape[axes:]
-        of_rows = jnp.repeat(jnp.broadcast_to(rates[-1], (*leading, wanted.times)), wanted.layout.rows - 1, axis=-1)
-        of_rows = jnp.concatenate([jnp.zeros((*leading, wanted.layout.rows)), of_rows], axis=-1)
-        slopes = jnp.broadcast_to(_ending_at_times(wanted, axes, along, numbers), (*leading, rows, *rest))
+        of_rows = jnp.repeat(jnp.broadcast_to(rates[-1], (*leading, wanted.times)), wanted.signature.rows - 1, axis=-1)
+        of_rows = jnp.concatenate([jnp.zeros((*leading, wanted.signature.rows)), of_rows], axis=-1)
+        slopes = jnp.broadcast_to(_ending_at_times(wanted, axes, along, parameters), (*leading, rows, *rest))
         change = change + _product(slopes[..., None], of_rows[..., None], axes + 1)
     return made, [change, *(ad.Zero(ShapedArray(codes.shape, jax.dtypes.float0)) for codes in made[1:])]
 
 
-def _ending_at_times(wanted: Wanted, axes: int, along: _Along, numbers: Sequence[Any]) -> Array:
+def _ending_at_times(wanted: WantedOutputs, axes: int, along: _Along, parameters: Sequence[Any]) -> Array:
     """The derivatives of the outputs at times by these, or those of their derivatives; zero for the end.
 
     They are taken from lanes that end there: a rate at a state of a stiff motion has few digits.
@@ -232,16 +234,16 @@ def _ending_at_times(wanted: Wanted, axes: int, along: _Along, numbers: Sequence
         wanted: of a lane, with times.
         axes: of the numbers.
         along: see `_ends`.
-        numbers: of the lane, and its times.
+        parameters: of the lane, and its times.
 
     Returns:
         Shape (…, rows) and one axis for each of `along`.
     """
-    layout, (*own, times) = wanted.layout, [jnp.asarray(number) for number in numbers]
+    signature, (*own, times) = wanted.signature, [jnp.asarray(number) for number in parameters]
     place = len(own) - len(Clock._fields) + Clock._fields.index("t1")
-    of_t1 = layout.offsets[place]
+    of_t1 = signature.offsets[place]
     ending = [jnp.expand_dims(number, axes) for number in own]
-    clock = layout.clock(ending)
+    clock = signature.clock(ending)
     within = (times >= clock.t0) & (times <= clock.t1)
     ending[place] = jnp.where(within, times, clock.t1)
     (slopes,) = _ends(wanted._replace(times=0), axes + 1, (*along, (of_t1,)), ending)
@@ -251,13 +253,13 @@ def _ending_at_times(wanted: Wanted, axes: int, along: _Along, numbers: Sequence
         slopes = jnp.where(np.array([element == of_t1 for element in along[0]]), 0.0, slopes)
     leading, rest = slopes.shape[:axes], slopes.shape[axes + 2 :]
     slopes = jnp.where(within.reshape(*within.shape, *[1] * (1 + len(rest))), slopes, 0.0)
-    beginning = jnp.zeros((*leading, layout.rows, *rest))
+    beginning = jnp.zeros((*leading, signature.rows, *rest))
     return jnp.concatenate([beginning, slopes.reshape(*leading, -1, *rest)], axis=axes)
 
 
-def _elements(layout: Layout, numbers: Sequence[int]) -> tuple[int, ...]:
+def _elements(signature: Signature, numbers: Sequence[int]) -> tuple[int, ...]:
     """The elements of some numbers."""
-    return tuple(j for i in numbers for j in range(layout.offsets[i], layout.offsets[i + 1]))
+    return tuple(j for i in numbers for j in range(signature.offsets[i], signature.offsets[i + 1]))
 
 
 def _flat(axes: int, parts: Sequence[Any]) -> Array:
@@ -306,10 +308,10 @@ def _times_jvp(primals: Sequence[Any], rates: Sequence[Any]) -> tuple[Array, Any
     return _times.bind(matrix, vector), functools.reduce(jnp.add, change)
 
 
-def _times_transposed(bar: Any, matrix: Any, vector: Any) -> list[Any]:
+def _times_transposed(cotangent: Any, matrix: Any, vector: Any) -> list[Any]:
     if ad.is_undefined_primal(matrix):
-        return [bar[:, :, None] * vector[:, None], None]
-    return [None, _times.bind(jnp.swapaxes(matrix, 1, 2), bar)]
+        return [cotangent[:, :, None] * vector[:, None], None]
+    return [None, _times.bind(jnp.swapaxes(matrix, 1, 2), cotangent)]
 
 
 def _times_batched(arrays: Sequence[Any], dims: Sequence[Any]) -> tuple[Array, int]:
@@ -317,21 +319,21 @@ def _times_batched(arrays: Sequence[Any], dims: Sequence[Any]) -> tuple[Array, i
     return _product(matrix, vector, 2), 0
 
 
-def _push_forwards(*arrays: Any, wanted: Wanted, axes: int) -> Array:
-    numbers, tangents = arrays[: len(wanted.shapes)], arrays[len(wanted.shapes) :]
-    made = _product(_slopes_of(wanted, axes, numbers), _flat(axes, tangents), axes)
+def _push_forwards(*arrays: Any, wanted: WantedOutputs, axes: int) -> Array:
+    parameters, tangents = arrays[: len(wanted.shapes)], arrays[len(wanted.shapes) :]
+    made = _product(_slopes_of(wanted, axes, parameters), _flat(axes, tangents), axes)
     return jnp.broadcast_to(made, (*_leading(axes, arrays), wanted.rows))
 
 
-def _slopes_of(wanted: Wanted, axes: int, numbers: Sequence[Any]) -> Array:
+def _slopes_of(wanted: WantedOutputs, axes: int, parameters: Sequence[Any]) -> Array:
     """The derivatives forwards by what moves, shape (…, rows, elements)."""
-    return _ends(wanted._replace(moving=()), axes, (_elements(wanted.layout, wanted.moving),), numbers)[0]
+    return _ends(wanted._replace(moving=()), axes, (_elements(wanted.signature, wanted.moving),), parameters)[0]
 
 
-def _pull_forwards(*arrays: Any, wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...]) -> list[Array]:
+def _pull_forwards(*arrays: Any, wanted: WantedOutputs, axes: int, shapes: tuple[tuple[int, ...], ...]) -> list[Array]:
     """The transpose of `_push_forwards`."""
-    *numbers, bars = arrays
-    flat = _product(jnp.swapaxes(_slopes_of(wanted, axes, numbers), -1, -2), bars, axes)
+    *parameters, cotangents = arrays
+    flat = _product(jnp.swapaxes(_slopes_of(wanted, axes, parameters), -1, -2), cotangents, axes)
     leading, made, first = flat.shape[:-1], [], 0
     for shape in shapes:
         size = math.prod(shape[axes:])
@@ -342,30 +344,33 @@ def _pull_forwards(*arrays: Any, wanted: Wanted, axes: int, shapes: tuple[tuple[
 
 
 def _pulled_on_host(
-    *given: np.ndarray, wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...]
+    *given: np.ndarray, wanted: WantedOutputs, axes: int, shapes: tuple[tuple[int, ...], ...]
 ) -> list[np.ndarray]:
-    layout = wanted.layout.renewed()
-    *numbers, bars = given
-    leading = _leading(axes, [*numbers, bars])
+    signature = wanted.signature.renewed()
+    *parameters, cotangents = given
+    leading = _leading(axes, [*parameters, cotangents])
     lanes, asked = math.prod(leading), dict(zip(wanted.moving, shapes, strict=True))
     flat = []
-    for i, (array, own) in enumerate(zip(numbers, wanted.shapes, strict=True)):
+    for i, (array, own) in enumerate(zip(parameters, wanted.shapes, strict=True)):
         # A number that all lanes share, and whose derivative is the sum over them.
         together = math.prod(array.shape[:axes]) == 1 == math.prod(asked.get(i, ())[:axes])
         flat.append(array.reshape(own) if together else np.broadcast_to(array, (*leading, *own)).reshape(lanes, *own))
-    of_lanes = np.broadcast_to(bars, (*leading, wanted.rows)).reshape(lanes, wanted.rows).T
+    of_lanes = np.broadcast_to(cotangents, (*leading, wanted.rows)).reshape(lanes, wanted.rows).T
     # A row of `jacrev` counts in one lane of all.
     some = np.flatnonzero(np.any(of_lanes != 0, axis=0))
     times = np.broadcast_to(flat.pop(), (lanes, wanted.times))[some] if wanted.times else None
-    given_some, bars = layout.of_lanes(flat, some), of_lanes[:, some]
-    ended, at = ends_of(layout, given_some, some.size, wanted.rtol, times), None
+    given_some, cotangents = signature.of_lanes(flat, some), of_lanes[:, some]
+    ended, at = ends_of(signature, given_some, some.size, wanted.rtol, times), None
     if times is not None:
-        bars, of_times = bars[: layout.rows], bars[layout.rows :].T.reshape(some.size, times.shape[1], layout.rows - 1)
+        cotangents, of_times = (
+            cotangents[: signature.rows],
+            cotangents[signature.rows :].T.reshape(some.size, times.shape[1], signature.rows - 1),
+        )
         at = AtTimes.of(times, of_times, ended)
-    found = gradient(layout, given_some, some.size, ended, bars, spoils=True, at=at)
+    found = gradient(signature, given_some, some.size, ended, cotangents, spoils=True, at=at)
     made = []
     for i, shape in asked.items():
-        part, own = found[i], layout.shapes[i]
+        part, own = found[i], signature.shapes[i]
         if part.ndim > len(own):
             part = np.zeros((lanes, *own))
             part[some] = found[i]
@@ -386,18 +391,18 @@ def _batched(arrays: Sequence[Any], dims: Sequence[int | None]) -> list[Any]:
 
 
 def _ends_batched(
-    arrays: Sequence[Any], dims: Sequence[Any], *, wanted: Wanted, axes: int, along: _Along
+    arrays: Sequence[Any], dims: Sequence[Any], *, wanted: WantedOutputs, axes: int, along: _Along
 ) -> tuple[list[Any], list[int]]:
     made = _end.bind(*_batched(arrays, dims), wanted=wanted, axes=axes + 1, along=along)
     return made, [0] * len(made)
 
 
-def _push_batched(arrays: Sequence[Any], dims: Sequence[Any], *, wanted: Wanted, axes: int) -> tuple[Any, int]:
+def _push_batched(arrays: Sequence[Any], dims: Sequence[Any], *, wanted: WantedOutputs, axes: int) -> tuple[Any, int]:
     return _push.bind(*_batched(arrays, dims), wanted=wanted, axes=axes + 1), 0
 
 
 def _pull_batched(
-    arrays: Sequence[Any], dims: Sequence[Any], *, wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...]
+    arrays: Sequence[Any], dims: Sequence[Any], *, wanted: WantedOutputs, axes: int, shapes: tuple[tuple[int, ...], ...]
 ) -> tuple[Any, list[int]]:
     given = _batched(arrays, dims)
     (length,) = np.broadcast_shapes(*(array.shape[:1] for array in given))
@@ -405,59 +410,61 @@ def _pull_batched(
     return _pull.bind(*given, wanted=wanted, axes=axes + 1, shapes=wide), [0] * len(shapes)
 
 
-def _moved(forwards: Callable[..., Any], numbers: Sequence[Any], rates: Sequence[Any], rest: Any) -> Any:
+def _moved(forwards: Callable[..., Any], parameters: Sequence[Any], rates: Sequence[Any], rest: Any) -> Any:
     """What changes with the numbers alone, by derivatives forwards; None where none moves."""
     moving = [i for i, rate in enumerate(rates) if type(rate) is not ad.Zero and rate.dtype == np.float64]
     if not moving:
         return None
 
     def of(*some: Any) -> Any:
-        given = list(numbers)
+        given = list(parameters)
         for i, one in zip(moving, some, strict=True):
             given[i] = one
         return forwards(*given, *rest)
 
-    return jax.jvp(of, [numbers[i] for i in moving], [rates[i] for i in moving])[1]
+    return jax.jvp(of, [parameters[i] for i in moving], [rates[i] for i in moving])[1]
 
 
 def _push_jvp(primals: Sequence[Any], rates: Sequence[Any], **params: Any) -> tuple[Any, Any]:
     count = len(params["wanted"].shapes)
-    numbers, tangents = primals[:count], primals[count:]
+    parameters, tangents = primals[:count], primals[count:]
     made = _push.bind(*primals, **params)
-    change = _moved(functools.partial(_push_forwards, **params), numbers, rates[:count], tangents)
+    change = _moved(functools.partial(_push_forwards, **params), parameters, rates[:count], tangents)
     if any(type(rate) is not ad.Zero for rate in rates[count:]):
-        along = _push.bind(*numbers, *map(ad.instantiate_zeros, rates[count:]), **params)
+        along = _push.bind(*parameters, *map(ad.instantiate_zeros, rates[count:]), **params)
         change = along if change is None else change + along
     return made, jnp.zeros_like(made) if change is None else change
 
 
 def _pull_jvp(primals: Sequence[Any], rates: Sequence[Any], **params: Any) -> tuple[Any, Any]:
-    *numbers, bars = primals
+    *parameters, cotangents = primals
     made = _pull.bind(*primals, **params)
-    changes = _moved(functools.partial(_pull_forwards, **params), numbers, rates[:-1], [bars])
+    changes = _moved(functools.partial(_pull_forwards, **params), parameters, rates[:-1], [cotangents])
     if type(rates[-1]) is not ad.Zero:
-        along = _pull.bind(*numbers, rates[-1], **params)
+        along = _pull.bind(*parameters, rates[-1], **params)
         changes = along if changes is None else [one + other for one, other in zip(changes, along, strict=True)]
     return made, [jnp.zeros_like(each) for each in made] if changes is None else changes
 
 
-def _push_transposed(bars: Any, *arrays: Any, wanted: Wanted, axes: int) -> list[Any]:
-    numbers, tangents = arrays[: len(wanted.shapes)], arrays[len(wanted.shapes) :]
+def _push_transposed(cotangents: Any, *arrays: Any, wanted: WantedOutputs, axes: int) -> list[Any]:
+    parameters, tangents = arrays[: len(wanted.shapes)], arrays[len(wanted.shapes) :]
     unknown = [ad.is_undefined_primal(each) for each in tangents]
     shapes = tuple(
         each.aval.shape if undefined else each.shape for each, undefined in zip(tangents, unknown, strict=True)
     )
-    found = _pull.bind(*numbers, bars, wanted=wanted, axes=axes, shapes=shapes)
-    return [None] * len(numbers) + [part if undefined else None for part, undefined in zip(found, unknown, strict=True)]
+    found = _pull.bind(*parameters, cotangents, wanted=wanted, axes=axes, shapes=shapes)
+    return [None] * len(parameters) + [
+        part if undefined else None for part, undefined in zip(found, unknown, strict=True)
+    ]
 
 
 def _pull_transposed(
-    tangents: Sequence[Any], *arrays: Any, wanted: Wanted, axes: int, shapes: tuple[tuple[int, ...], ...]
+    tangents: Sequence[Any], *arrays: Any, wanted: WantedOutputs, axes: int, shapes: tuple[tuple[int, ...], ...]
 ) -> list[Any]:
-    *numbers, bars = arrays
-    made = _push.bind(*numbers, *map(ad.instantiate_zeros, tangents), wanted=wanted, axes=axes)
-    same = tuple(i for i in range(axes) if bars.aval.shape[i] != made.shape[i])
-    return [None] * len(numbers) + [made.sum(same, keepdims=True)]
+    *parameters, cotangents = arrays
+    made = _push.bind(*parameters, *map(ad.instantiate_zeros, tangents), wanted=wanted, axes=axes)
+    same = tuple(i for i in range(axes) if cotangents.aval.shape[i] != made.shape[i])
+    return [None] * len(parameters) + [made.sum(same, keepdims=True)]
 
 
 def _emitted(primitive: Primitive, on_host: Callable[..., list[np.ndarray]]) -> None:

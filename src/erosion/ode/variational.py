@@ -75,10 +75,10 @@ class Options(NamedTuple):
     logs: bool = False
 
 
-class Layout:
-    """What programs need to know of a problem and its arguments beside the numbers. Equal layouts share a program.
+class Signature:
+    """What programs need to know of a problem and its arguments beside the numbers. Equal signatures share a program.
 
-    Layouts are equal where the problems compute the same from numbers of the same shapes, however they are written.
+    Signatures are equal where the problems compute the same from numbers of the same shapes, however they are written.
 
     Args:
         problem: the problem.
@@ -107,7 +107,7 @@ class Layout:
         self._key = equations.digest, self.shapes, self.dtypes, options
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Layout) and self._key == other._key
+        return isinstance(other, Signature) and self._key == other._key
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -117,38 +117,38 @@ class Layout:
 
         Empty where the equations hold in this process alone.
         """
-        return "" if self.equations.foreign else repr((self._key, *of))
+        return "" if self.equations.process_local else repr((self._key, *of))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Without the equations: a process that reads it traces them from its own code."""
-        count = len(self.equations.numbers)
+        count = len(self.equations.parameters)
         own = self.shapes[:count], self.dtypes[:count]
         return _traced_again, (self.problem, self.structure, self.leaves, *own, self.options)
 
-    def renewed(self) -> "Layout":
-        """The layout of the same problem as its code is now; a program of JAX may keep a layout for long."""
+    def renewed(self) -> "Signature":
+        """The signature of the same problem as its code is now; a program of JAX may keep a signature for long."""
         if self.equations.snapshot.unchanged():
             return self
         args = self.args([np.zeros(struct.shape, struct.dtype) for struct in self.structs()])
-        return self._of(self.options, self.problem.equations(args, self.equations.numbers))
+        return self._of(self.options, self.problem.equations(args, self.equations.parameters))
 
-    def of_problem(self, problem: Problem) -> "Layout":
-        """The layout of another problem with such arguments."""
+    def of_problem(self, problem: Problem) -> "Signature":
+        """The signature of another problem with such arguments."""
         args = self.args([np.zeros(struct.shape, struct.dtype) for struct in self.structs()])
-        count = len(self.equations.numbers)
+        count = len(self.equations.parameters)
         own = self.shapes[:count], self.dtypes[:count]
-        equations = problem.equations(args, self.equations.numbers)
-        return Layout(problem, self.structure, self.leaves, *own, self.options, equations)
+        equations = problem.equations(args, self.equations.parameters)
+        return Signature(problem, self.structure, self.leaves, *own, self.options, equations)
 
-    def wanting(self, **options: Any) -> "Layout":
-        """The layout with other options."""
+    def wanting(self, **options: Any) -> "Signature":
+        """The signature with other options."""
         wanted = self.options._replace(**options)
         return self if wanted == self.options else self._of(wanted, self.equations)
 
-    def _of(self, options: Options, equations: TracedProblem) -> "Layout":
+    def _of(self, options: Options, equations: TracedProblem) -> "Signature":
         count = len(self.shapes) - (len(Clock._fields) if self.options.clock else 0)
         own = self.shapes[:count], self.dtypes[:count]
-        return Layout(self.problem, self.structure, self.leaves, *own, options, equations)
+        return Signature(self.problem, self.structure, self.leaves, *own, options, equations)
 
     @functools.cached_property
     def offsets(self) -> list[int]:
@@ -177,17 +177,17 @@ class Layout:
         """What a code of an outcome means."""
         return (*self.event_names, *OTHER_ENDS)
 
-    def end_times(self, numbers: Sequence[Any], codes: Any, elapsed: Any) -> Any:
+    def end_times(self, parameters: Sequence[Any], codes: Any, elapsed: Any) -> Any:
         """When lanes ended, which is the end wherever one is asked for: a later time is after it, by one digit too.
 
         Args:
-            numbers: of the lanes.
+            parameters: of the lanes.
             codes: how they ended, see `end_names`.
             elapsed: since they began; without a clock also the time.
         """
         if not self.options.clock:
             return elapsed
-        clock = self.clock(numbers)
+        clock = self.clock(parameters)
         where = jnp.where if isinstance(elapsed, jax.Array) else np.where
         # t0 + (t1 - t0) may be another number than t1.
         return where(codes == self.end_names.index("t1"), clock.t1, clock.t0 + elapsed)
@@ -197,33 +197,33 @@ class Layout:
         names = self.end_names
         return (codes == names.index("failed")) | (codes == names.index("unfinished"))
 
-    def args(self, numbers: Sequence[Number]) -> Any:
+    def args(self, parameters: Sequence[Number]) -> Any:
         """The arguments with these numbers."""
-        rest = iter(numbers)
+        rest = iter(parameters)
         return jax.tree.unflatten(self.structure, [next(rest) if leaf is None else leaf for leaf in self.leaves])
 
-    def clock(self, numbers: Sequence[Number]) -> Clock:
+    def clock(self, parameters: Sequence[Number]) -> Clock:
         """The numbers of the clock."""
-        return Clock(*numbers[len(numbers) - len(Clock._fields) :])
+        return Clock(*parameters[len(parameters) - len(Clock._fields) :])
 
-    def sizes(self, numbers: Sequence[Number]) -> list[Number]:
+    def sizes(self, parameters: Sequence[Number]) -> list[Number]:
         """The size of a significant change of each number."""
         if self.problem.typical is None:
-            sizes = list(numbers)
+            sizes = list(parameters)
         else:
-            typical = jax.tree.leaves(self.problem.typical(self.args(numbers)))
+            typical = jax.tree.leaves(self.problem.typical(self.args(parameters)))
             sizes = [size for size, leaf in zip(typical, self.leaves, strict=True) if leaf is None]
         if self.options.clock:
-            clock = self.clock(numbers)
+            clock = self.clock(parameters)
             span = jnp.where(jnp.isfinite(clock.t1), clock.t1 - clock.t0, 1.0)
             sizes[len(self.shapes) - len(clock) :] = clock._replace(t0=span, t1=span)
         return [jnp.abs(size) for size in sizes]
 
-    def of_lanes(self, numbers: Sequence[PerLane], lanes: Indices | slice) -> list[PerLane]:
+    def of_lanes(self, parameters: Sequence[PerLane], lanes: Indices | slice) -> list[PerLane]:
         """The numbers of some lanes, given by indices or a slice; those that all lanes share stay as they are."""
         return [
             number[lanes] if number.ndim > len(shape) else number
-            for number, shape in zip(numbers, self.shapes, strict=True)
+            for number, shape in zip(parameters, self.shapes, strict=True)
         ]
 
     def structs(self) -> list[jax.ShapeDtypeStruct]:
@@ -238,23 +238,23 @@ def _traced_again(
     shapes: tuple[tuple[int, ...], ...],
     dtypes: tuple[str, ...],
     options: Options,
-) -> Layout:
+) -> Signature:
     structs = list(map(jax.ShapeDtypeStruct, shapes, dtypes))
     zeros = iter([np.zeros(struct.shape, struct.dtype) for struct in structs])
     args = jax.tree.unflatten(structure, [next(zeros) if leaf is None else leaf for leaf in leaves])
-    return Layout(problem, structure, leaves, shapes, dtypes, options, problem.equations(args, structs))
+    return Signature(problem, structure, leaves, shapes, dtypes, options, problem.equations(args, structs))
 
 
-# By layout, not in it: each call of a user makes a layout, and equal ones have the same events.
+# By signature, not in it: each call of a user makes a signature, and equal ones have the same events.
 @functools.lru_cache(maxsize=256)
-def _event_names(layout: Layout) -> tuple[str, ...]:
+def _event_names(signature: Signature) -> tuple[str, ...]:
     names: list[tuple[str, ...]] = []
 
-    def look(numbers: Sequence[Number]) -> float:
-        names.append(layout.problem.event_names(layout.args(numbers)))
+    def look(parameters: Sequence[Number]) -> float:
+        names.append(signature.problem.event_names(signature.args(parameters)))
         return 0.0
 
-    jax.eval_shape(look, layout.structs())
+    jax.eval_shape(look, signature.structs())
     return names[0]
 
 
@@ -262,7 +262,7 @@ _FLAT = 1e9  # times as much as the state errs the time of an event: its second 
 _FIXED = 1e-9  # of its terms: a first derivative that is smaller is zero by definition
 
 Direction = int | Scalar
-"""The place of an element among the elements of all numbers, see `Layout`; traced, or part of the program."""
+"""The place of an element among the elements of all numbers, see `Signature`; traced, or part of the program."""
 
 
 class Augmented(NamedTuple):
@@ -311,20 +311,20 @@ class Derivatives(NamedTuple):
     """A quantity with its first and mixed second derivative along two directions."""
 
     value: PyTree
-    first: PyTree
-    other: PyTree
-    second: PyTree
+    by_first: PyTree
+    by_second: PyTree
+    mixed: PyTree
 
 
 class Variational:
     """The state with its derivatives: at the start, its rate, and functions of it, for `order` 0, 1 or 2.
 
-    The extended state is a tuple. Along one direction it has `order` + 1 members. For two different
+    The extended state is a tuple. Along one direction it has `order` + 1 parts. For two different
     directions at order 2 it has four: value, first, other, second.
 
     Args:
-        layout: of the numbers.
-        numbers: of one lane.
+        signature: of the numbers.
+        parameters: of one lane.
         order: number of derivatives, 0 to 2.
         directions: one direction, or two for a mixed second derivative.
         motion: from numbers to what is integrated; see `erosion.ode.reduction`.
@@ -332,15 +332,15 @@ class Variational:
 
     def __init__(
         self,
-        layout: Layout,
-        numbers: Sequence[Number],
+        signature: Signature,
+        parameters: Sequence[Number],
         order: int,
         directions: tuple[Direction, ...],
         motion: Callable[[Sequence[Number]], Motion],
     ) -> None:
-        self.layout, self.numbers, self.order, self.directions = layout, list(numbers), order, directions
+        self.signature, self.parameters, self.order, self.directions = signature, list(parameters), order, directions
         self.at = motion
-        self.mixed = order == 2 and len(directions) == 2
+        self.along_two = order == 2 and len(directions) == 2
         # Once for a lane: to trace them takes as long as to trace a rate.
         self.units = [self._unit(direction) for direction in directions if order]
         self.changes = list(map(self._changes, directions, self.units))
@@ -354,9 +354,9 @@ class Variational:
 
         return self.pack(self.of(start, ()))
 
-    def rate(self, members: tuple[Augmented, ...]) -> tuple[Augmented, ...]:
+    def rate(self, value_and_tangents: tuple[Augmented, ...]) -> tuple[Augmented, ...]:
         """The time derivative of a state."""
-        return self.pack(self.of(lambda at, motion: motion.rate(at), members))
+        return self.pack(self.of(lambda at, motion: motion.rate(at), value_and_tangents))
 
     def unscale(self, scaled: Derivatives) -> Derivatives:
         """Derivatives by the directions' units turned into derivatives by the parameters."""
@@ -365,40 +365,44 @@ class Variational:
         unit, other_unit = self.units[0], self.units[-1]
         first, other, second = (
             jax.tree.map(lambda part, size=size: part / size, parts)
-            for parts, size in ((scaled.first, unit), (scaled.other, other_unit), (scaled.second, unit * other_unit))
+            for parts, size in (
+                (scaled.by_first, unit),
+                (scaled.by_second, other_unit),
+                (scaled.mixed, unit * other_unit),
+            )
         )
         return Derivatives(scaled.value, first, other, second)
 
     def pack(self, derivatives: Derivatives) -> tuple[PyTree, ...]:
-        """The members of a state with these derivatives."""
-        if self.mixed:
-            return (derivatives.value, derivatives.first, derivatives.other, derivatives.second)
-        return (derivatives.value, derivatives.first, derivatives.second)[: self.order + 1]
+        """A value and its tangents, from these derivatives."""
+        if self.along_two:
+            return (derivatives.value, derivatives.by_first, derivatives.by_second, derivatives.mixed)
+        return (derivatives.value, derivatives.by_first, derivatives.mixed)[: self.order + 1]
 
-    def unpack(self, members: tuple[Any, ...]) -> Derivatives:
-        """The derivatives that are the members of a state."""
-        if len(members) == 4:
-            return Derivatives(*members)
-        value, first, second = (*members, None, None)[:3] if members else ((), (), ())
+    def unpack(self, value_and_tangents: tuple[Any, ...]) -> Derivatives:
+        """The derivatives of a value with its tangents."""
+        if len(value_and_tangents) == 4:
+            return Derivatives(*value_and_tangents)
+        value, first, second = (*value_and_tangents, None, None)[:3] if value_and_tangents else ((), (), ())
         return Derivatives(value, first, first, second)
 
-    def of(self, function: OfMotion, members: tuple[Augmented, ...]) -> Derivatives:
+    def of(self, function: OfMotion, value_and_tangents: tuple[Augmented, ...]) -> Derivatives:
         """A function of a state and its motion, with its derivatives along the directions."""
-        at = self.unpack(members)
+        at = self.unpack(value_and_tangents)
 
-        def value_at(numbers: Sequence[Number], state: PyTree) -> PyTree:
-            return function(state, self.at(numbers))
+        def value_at(parameters: Sequence[Number], state: PyTree) -> PyTree:
+            return function(state, self.at(parameters))
 
-        def first_member(numbers: Sequence[Number], state: PyTree, state_first: PyTree) -> tuple[PyTree, PyTree]:
-            return self._along(0, value_at, numbers, (state,), (state_first,))
+        def value_and_first(parameters: Sequence[Number], state: PyTree, state_first: PyTree) -> tuple[PyTree, PyTree]:
+            return self._along(0, value_at, parameters, (state,), (state_first,))
 
         if self.order == 0:
-            return Derivatives(value_at(self.numbers, at.value), None, None, None)
+            return Derivatives(value_at(self.parameters, at.value), None, None, None)
         if self.order == 1:
-            value, first = first_member(self.numbers, at.value, at.first)
+            value, first = value_and_first(self.parameters, at.value, at.by_first)
             return Derivatives(value, first, first, None)
         (value, first), (other, second) = self._along(
-            -1, first_member, self.numbers, (at.value, at.first), (at.other, at.second)
+            -1, value_and_first, self.parameters, (at.value, at.by_first), (at.by_second, at.mixed)
         )
         return Derivatives(value, first, other, second)
 
@@ -406,7 +410,7 @@ class Variational:
         self,
         which: int,
         function: Callable[..., PyTree],
-        numbers: Sequence[Number],
+        parameters: Sequence[Number],
         primals: tuple[PyTree, ...],
         tangents: tuple[PyTree, ...],
     ) -> tuple[PyTree, PyTree]:
@@ -414,15 +418,17 @@ class Variational:
         changes = self.changes[which]
 
         def moved(some: dict[int, Number], *primals: PyTree) -> PyTree:
-            return function([some.get(i, number) for i, number in enumerate(numbers)], *primals)
+            return function([some.get(i, number) for i, number in enumerate(parameters)], *primals)
 
-        return jax.jvp(moved, ({i: numbers[i] for i in changes}, *primals), (changes, *tangents))
+        return jax.jvp(moved, ({i: parameters[i] for i in changes}, *primals), (changes, *tangents))
 
     def _changes(self, direction: Direction, unit: Scalar) -> dict[int, Number]:
         """The changes of the numbers that move along a direction, by its unit."""
         changes: dict[int, Number] = {}
-        layout = self.layout
-        for i, (shape, dtype, offset) in enumerate(zip(layout.shapes, layout.dtypes, layout.offsets, strict=False)):
+        signature = self.signature
+        for i, (shape, dtype, offset) in enumerate(
+            zip(signature.shapes, signature.dtypes, signature.offsets, strict=False)
+        ):
             count = math.prod(shape)
             if dtype == "float64" and not (isinstance(direction, int) and not offset <= direction < offset + count):
                 places = offset + np.arange(count, dtype=float).reshape(shape)
@@ -435,9 +441,9 @@ class Variational:
 
         Derivatives by such units compare with the value itself, so that one tolerance fits all.
         """
-        sizes = self.layout.sizes(self.numbers)
+        sizes = self.signature.sizes(self.parameters)
         size: Scalar = 0.0
-        for number, shape, offset in zip(sizes, self.layout.shapes, self.layout.offsets, strict=False):
+        for number, shape, offset in zip(sizes, self.signature.shapes, self.signature.offsets, strict=False):
             if isinstance(direction, int) and shape == ():
                 size = number if direction == offset else size
             else:
@@ -482,33 +488,37 @@ class AlongFlow(EndTimeDependence):
 
     Args:
         equations: of the lane.
-        members: the state at the event, or shortly before it.
-        rest: time from that state to the event, where the rates are known only before it; so short that derivatives
-            are the same. None where it is always zero.
+        value_and_tangents: the state at the event, or shortly before it.
+        time_to_event: from that state, where the rates are known only before the event; so short that derivatives are
+            the same. None where it is always zero.
     """
 
-    def __init__(self, equations: Variational, members: tuple[Augmented, ...], rest: Scalar | None = None) -> None:
+    def __init__(
+        self, equations: Variational, value_and_tangents: tuple[Augmented, ...], time_to_event: Scalar | None = None
+    ) -> None:
         super().__init__(equations)
-        self.members, self.rest = members, rest
+        self.value_and_tangents, self.time_to_event = value_and_tangents, time_to_event
 
     def here(self, function: OfMotion) -> Derivatives:
         """See `EndTimeDependence`."""
-        here = self.equations.of(function, self.members)
-        if self.rest is None:
+        here = self.equations.of(function, self.value_and_tangents)
+        if self.time_to_event is None:
             return here
-        flow = _along_flow(function)(self.members[0], self.equations.at(self.equations.numbers))
+        flow = _along_flow(function)(self.value_and_tangents[0], self.equations.at(self.equations.parameters))
         return here._replace(
-            value=jax.tree.map(lambda v, k: jnp.where(self.rest == 0, v, v + self.rest * k), here.value, flow)
+            value=jax.tree.map(
+                lambda v, k: jnp.where(self.time_to_event == 0, v, v + self.time_to_event * k), here.value, flow
+            )
         )
 
     def rate(self, function: OfMotion) -> Derivatives:
         """See `EndTimeDependence`."""
-        return self.equations.of(_along_flow(function), self.members)
+        return self.equations.of(_along_flow(function), self.value_and_tangents)
 
     def curve(self, function: OfMotion) -> Any:
         """The second time derivative of a function's value."""
-        here = self.equations.at(self.equations.numbers)
-        return _along_flow(_along_flow(function))(self.members[0], here)
+        here = self.equations.at(self.equations.parameters)
+        return _along_flow(_along_flow(function))(self.value_and_tangents[0], here)
 
     def amplification(self, event: OfMotion, rate: Scalar, time: Scalar) -> Scalar:
         """The ratio g̈ t/ġ, large where the event function falls slowly."""
@@ -520,7 +530,7 @@ def at_event(
     event: Scalar,
     time: Scalar,
     outputs: OfMotion,
-    until: Derivatives,
+    time_to_end: Derivatives,
 ) -> AtEvent:
     """Derivatives at the event, whose time depends on the parameters as well.
 
@@ -535,7 +545,7 @@ def at_event(
         event: index of the event; below 0 if none ended the motion.
         time: since the start.
         outputs: what is wanted there, numbers.
-        until: the time at which a lane without an event ends, with its derivatives.
+        time_to_end: the time at which a lane without an event ends, with its derivatives.
     """
 
     def event_function(at: Augmented, motion: Motion) -> Scalar:
@@ -556,9 +566,12 @@ def at_event(
     def or_given(of_event: Scalar, given: Scalar | None) -> Scalar:
         return of_event if given is None else jnp.where(event == ARRIVED, given, of_event)
 
-    t_first, t_other = or_given(-g.first / g_rate.value, until.first), or_given(-g.other / g_rate.value, until.other)
-    v_first = each(lambda v, flow: v + flow * t_first, wanted.first, r.value)
-    v_other = each(lambda v, flow: v + flow * t_other, wanted.other, r.value)
+    t_first, t_other = (
+        or_given(-g.by_first / g_rate.value, time_to_end.by_first),
+        or_given(-g.by_second / g_rate.value, time_to_end.by_second),
+    )
+    v_first = each(lambda v, flow: v + flow * t_first, wanted.by_first, r.value)
+    v_other = each(lambda v, flow: v + flow * t_other, wanted.by_second, r.value)
     if order == 1:
         return AtEvent(
             Derivatives(time, t_first, t_other, None), Derivatives(wanted.value, v_first, v_other, None), amplification
@@ -569,11 +582,13 @@ def at_event(
     def chain(mixed: Scalar, first: Scalar, other: Scalar, curve: Scalar) -> list[Scalar]:
         return [mixed, first * t_other, other * t_first, curve * t_first * t_other]
 
-    t_second = or_given(-sum(chain(g.second, g_rate.first, g_rate.other, g_curve)) / g_rate.value, until.second)
-    if along.equations.layout.options.arm_on_return:
+    t_second = or_given(
+        -sum(chain(g.mixed, g_rate.by_first, g_rate.by_second, g_curve)) / g_rate.value, time_to_end.mixed
+    )
+    if along.equations.signature.options.arm_on_return:
         # So flat a function leaves no digits of them.
         t_second = jnp.where(amplification < _FLAT, t_second, jnp.nan)
-    parts = wanted.value, v_first, v_other, wanted.second, r.value, r.first, r.other, r_rate
+    parts = wanted.value, v_first, v_other, wanted.mixed, r.value, r.by_first, r.by_second, r_rate
     v_second, worst = [], 1.0
     for value, first, other, second, flow, flow_first, flow_other, curve in zip(
         *map(jax.tree.leaves, parts), strict=True

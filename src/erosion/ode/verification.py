@@ -14,7 +14,7 @@ from erosion.arguments import Flag, PerLane, Scalar
 from erosion.ode.events import GRAZE
 from erosion.ode.methods.base import LEAST, TIGHTEST
 from erosion.ode.step_control import Control
-from erosion.ode.variational import Derivatives, Layout
+from erosion.ode.variational import Derivatives, Signature
 
 if TYPE_CHECKING:
     from erosion.ode.integrator import LaneEnd
@@ -41,7 +41,7 @@ def plan(
         whole: whether the whole state is wanted.
     """
     factor = jnp.where(ended & (amplification > _DOUBT), _DOUBT / amplification, 1.0)
-    factor = jnp.where(control.margin < GRAZE * rtol, jnp.minimum(factor, 1 / GRAZE), factor)
+    factor = jnp.where(control.closest_approach < GRAZE * rtol, jnp.minimum(factor, 1 / GRAZE), factor)
     many = control.trials > _MANY_STEPS
     if whole:
         # Most motions forget their errors.
@@ -78,29 +78,31 @@ class Errors(NamedTuple):
     greatest: np.ndarray
 
 
-class Verification:
+class AccuracyCheck:
     """Compares two integrations of lanes.
 
     Args:
-        layout: of problem and arguments.
-        numbers: of all lanes.
+        signature: of problem and arguments.
+        parameters: of all lanes.
         directions: of the derivatives, see `integrate`.
     """
 
-    def __init__(self, layout: Layout, numbers: Sequence[PerLane], directions: Sequence[int | PerLane]) -> None:
-        self.layout, self.numbers, self.directions = layout, numbers, directions
+    def __init__(
+        self, signature: Signature, parameters: Sequence[PerLane], directions: Sequence[int | PerLane]
+    ) -> None:
+        self.signature, self.parameters, self.directions = signature, parameters, directions
 
     def compare(self, lanes: np.ndarray, before: Reached, after: Reached, ratio: np.ndarray) -> Errors:
         """The errors of some lanes, a `ratio` of the change from one integration to another.
 
         They are 1 where these end otherwise.
         """
-        events = len(self.layout.event_names)
+        events = len(self.signature.event_names)
         outcome, old = after.results.outcome, before.results.outcome
         values, of_times = (_values(each.results) for each in (before, after)), 0.0
         before_it, found = values
         with np.errstate(all="ignore"):
-            if self.layout.options.saves:
+            if self.signature.options.saves:
                 # Relative to the greatest size among the times: a state may pass through zero there.
                 states = before.tapes[-1][:, :, 0], after.tapes[-1][:, :, 0]
                 for old_part, part in zip(*(np.moveaxis(each, -1, 0) for each in states), strict=True):
@@ -127,25 +129,25 @@ class Verification:
 
         What a chain or a chaotic motion multiplies in its derivatives need not show in its values.
         """
-        if not self.layout.options.whole or not self.directions:
+        if not self.signature.options.whole or not self.directions:
             return 0.0
-        numbers = self.layout.of_lanes(self.numbers, lanes)
-        units = [self._units(numbers, each, lanes.size) for each in of_lanes(self.directions, lanes)]
+        parameters = self.signature.of_lanes(self.parameters, lanes)
+        units = [self._units(parameters, each, lanes.size) for each in of_lanes(self.directions, lanes)]
         by_one, by_other = units[0], units[-1]
         error = np.zeros(lanes.size)
         one, other = (
             Derivatives(*(part and [*part[1:], part[0]] for part in each.quantities)) for each in (before, after)
         )
-        for kind, unit in (("first", by_one), ("other", by_other), ("second", by_one * by_other)):
+        for kind, unit in (("by_first", by_one), ("by_second", by_other), ("mixed", by_one * by_other)):
             pairs = zip(getattr(one, kind) or [], getattr(other, kind) or [], greatest, strict=False)
             for old, new, size in pairs:
                 change = np.abs(new - old) / np.maximum(np.abs(new), size / unit)
                 error = np.fmax(error, np.nan_to_num(change, posinf=1.0))
         return error
 
-    def _units(self, numbers: Sequence[PerLane], direction: int | PerLane, lanes: int) -> np.ndarray:
+    def _units(self, parameters: Sequence[PerLane], direction: int | PerLane, lanes: int) -> np.ndarray:
         """The size of the number that a direction changes; 1 where it is zero. Shape (lanes,)."""
-        sizes = zip(self.layout.sizes(numbers), self.layout.shapes, strict=True)
+        sizes = zip(self.signature.sizes(parameters), self.signature.shapes, strict=True)
         columns = [np.broadcast_to(np.asarray(size), (lanes, *shape)).reshape(lanes, -1) for size, shape in sizes]
         unit = np.concatenate(columns, axis=1)[np.arange(lanes), np.asarray(direction, int)]
         return np.where(unit == 0, 1.0, unit)

@@ -95,10 +95,11 @@ class ProblemGrid(AnyGrid):
         numbers = {name: leaf for name, leaf in _by_path(self.args).items() if is_number(leaf)}
         clock = Clock(0.0, 1.0, math.inf, math.inf)
         lanes = lanes_of(self.problem, self.args, clock, Options(clock=True), self.options.get("shared", ()))
-        equations = lanes.layout.equations
-        if equations.foreign:
+        equations = lanes.signature.equations
+        if equations.process_local:
             raise ValueError(
-                f"Argument `problem` must compute by JAX alone where a store is given, but holds {equations.foreign}."
+                "Argument `problem` must compute by JAX alone where a store is given, but holds "
+                f"{equations.process_local}."
             )
         return {
             "version": code_version(),

@@ -9,12 +9,12 @@ import numpy as np
 
 from erosion.arguments import Flag, Number, Scalar
 from erosion.ode.crossings import Ending, Ends
-from erosion.ode.reduction import Rows
+from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import Control
 from erosion.ode.variational import EndTimeDependence
 
 if TYPE_CHECKING:
-    from erosion.ode.landing import Lane, Segment
+    from erosion.ode.event_location import Lane, Segment
     from erosion.ode.lane_equations import LaneEquations
     from erosion.ode.tape import Entry
 
@@ -35,15 +35,15 @@ class Step(NamedTuple):
         state, slope: at its end.
         stages: what the method has computed on its way; of an explicit one the slopes of each row.
         events: the event functions at its end.
-        within: and at some shares of it.
+        interior_samples: and at some shares of it.
         error: over the tolerance, as the step control wants it.
     """
 
-    state: Rows
-    slope: Rows
+    state: FlatState
+    slope: FlatState
     stages: Any
     events: list[Ends]
-    within: list[tuple[float, list[Scalar]]]
+    interior_samples: list[tuple[float, list[Scalar]]]
     error: Scalar
 
 
@@ -61,7 +61,7 @@ class Reverse(abc.ABC):
         """By how much a cotangent may err."""
 
     @abc.abstractmethod
-    def flow(self, rows: Rows, before: Callable[[], "Entry"]) -> Rows:
+    def flow(self, flat_state: FlatState, before: Callable[[], "Entry"]) -> FlatState:
         """What the state at an event changes by with its time; `before` is the last step."""
 
     @abc.abstractmethod
@@ -78,9 +78,9 @@ class BackStep(NamedTuple):
         back: from cotangents at its end those at its start, what those of the numbers gain, and errors of the former.
     """
 
-    end: Rows
-    slope: Rows
-    back: Callable[[Rows], tuple[Rows, list[Number], Rows]]
+    end: FlatState
+    slope: FlatState
+    back: Callable[[FlatState], tuple[FlatState, list[Number], FlatState]]
 
 
 class Method(abc.ABC):
@@ -103,18 +103,18 @@ class Method(abc.ABC):
     # A trial
 
     @abc.abstractmethod
-    def first_step(self, initial: Rows, slope: Rows, scale: Scalar, asked: Scalar) -> Scalar:
+    def first_step(self, initial: FlatState, slope: FlatState, scale: Scalar, asked: Scalar) -> Scalar:
         """The length of the first step, where the step control asks for one."""
 
     @abc.abstractmethod
     def tried(self, lane: "Lane", scale: Scalar, rtol: Scalar) -> Step:
         """A trial; `scale` is the time scale."""
 
-    def sizes(self, before: Rows, state: Rows) -> Rows:
+    def sizes(self, before: FlatState, state: FlatState) -> FlatState:
         """The greatest sizes of the rows of the motion itself that the error's measure remembers."""
         return [jnp.maximum(size, jnp.abs(row)) for size, row in zip(before, state[: self.problem.width], strict=False)]
 
-    def sizes_at_start(self, initial: Rows, before: "Segment | None") -> Rows:
+    def sizes_at_start(self, initial: FlatState, before: "Segment | None") -> FlatState:
         """The same where a motion begins, after another one or none."""
         return self.sizes([0.0 * row for row in initial], initial)
 
@@ -125,7 +125,7 @@ class Method(abc.ABC):
         return after, moved
 
     @abc.abstractmethod
-    def finish_step(self, lane: "Lane", until: Scalar | None) -> "tuple[Segment, EndTimeDependence]":
+    def finish_step(self, lane: "Lane", time_to_end: Scalar | None) -> "tuple[Segment, EndTimeDependence]":
         """The motion to where its last step found its end."""
 
     def is_known(self, ended: Flag, amplification: Scalar) -> Flag:
@@ -135,7 +135,7 @@ class Method(abc.ABC):
     # Between steps
 
     @abc.abstractmethod
-    def within(self, before: "Lane", after: "Lane", rtol: Scalar) -> Callable[[Scalar], EndTimeDependence]:
+    def interpolate(self, before: "Lane", after: "Lane", rtol: Scalar) -> Callable[[Scalar], EndTimeDependence]:
         """The state at a time within a step."""
 
     @abc.abstractmethod
@@ -145,27 +145,29 @@ class Method(abc.ABC):
     # Reverse mode
 
     @abc.abstractmethod
-    def reverse(self, rate: Callable[[list[Number], Rows], Rows], numbers: list[Number], every: Any) -> Reverse:
+    def reverse(
+        self, rate: Callable[[list[Number], FlatState], FlatState], parameters: list[Number], every: Any
+    ) -> Reverse:
         """Steps back, for rates as functions of the real numbers; `every` brings these back among the others."""
 
 
-def leaves_rest(rows: tuple[Scalar, Scalar], slopes: tuple[Scalar, Scalar], h: Scalar, scale: Scalar) -> Flag:
+def leaves_rest(row: tuple[Scalar, Scalar], slopes: tuple[Scalar, Scalar], h: Scalar, scale: Scalar) -> Flag:
     """Whether a row at zero, of rate zero, begins to grow as a power of time in a short step.
 
     Such a step has the same relative error at any length, which a shorter one does not mend and a longer way forgets.
     A row that grows faster than a power is stiff.
 
     Args:
-        rows: before and after the step.
+        row: before and after the step.
         slopes: there.
         h: its length.
         scale: the time scale of the problem.
     """
-    rests = (rows[0] == 0) & (slopes[0] == 0) & (h < _REST * scale)
-    return rests & (jnp.abs(h * slopes[1]) <= _POWER * jnp.abs(rows[1]))
+    rests = (row[0] == 0) & (slopes[0] == 0) & (h < _REST * scale)
+    return rests & (jnp.abs(h * slopes[1]) <= _POWER * jnp.abs(row[1]))
 
 
-def sizes_or_least(sizes: Sequence[float], greatest: Rows) -> list[Scalar]:
+def sizes_or_least(sizes: Sequence[float], greatest: FlatState) -> list[Scalar]:
     """Sizes of rows below which these need not be known: as given, or of their greatest so far."""
     found: list[Scalar] = [np.float64(size) for size in sizes]
     for i, size in enumerate(greatest):

@@ -15,7 +15,7 @@ import numpy as np
 
 from erosion.arguments import Scalar
 from erosion.ode.methods.runge_kutta import BackSteps, RungeKutta, Tableau, estimate
-from erosion.ode.reduction import Rows
+from erosion.ode.reduction import FlatState
 
 _EIGHTH = [
     14005451 / 335480064, 0, 0, 0, 0, -59238493 / 1068277825, 181606767 / 758867731, 561292985 / 797845732,
@@ -65,10 +65,10 @@ orthogonal to the pair's own, and as long.
 """
 
 
-class _Back(BackSteps):
+class _DormandPrinceBackSteps(BackSteps):
     power, stages = 9 / 7, len(A)  # a stage at a step's end is not one of them
 
-    def errors(self, transposed: Callable[[np.ndarray], Rows], of_states: dict[int, Rows]) -> Rows:
+    def errors(self, transposed: Callable[[np.ndarray], FlatState], of_states: dict[int, FlatState]) -> FlatState:
         """See `BackSteps`: of the second stage's cotangents nothing but terms of 7th order is left."""
         return of_states[1]
 
@@ -76,17 +76,17 @@ class _Back(BackSteps):
 class DormandPrince(RungeKutta):
     """See `RungeKutta`."""
 
-    tableau, back_steps = Tableau(A, B, B_ERROR), _Back
+    tableau, back_steps = Tableau(A, B, B_ERROR), _DormandPrinceBackSteps
     # The embedded estimate is of 7th order, the solution of 8th. Where states are wanted, too,
     # at an event they err by the error of its time as well. Measured on the six problems of benchmarks/ode_problems.py.
     slack = 4.0, (1.0, 0.7, 4.0)
-    looks = (5, 9)  # stages at 0.15 and 0.92 of a step: a cubic that errs between them errs at one of them
-    more_looks = (5, 7, 9)  # with one at 0.56, where event functions may move faster than the state
+    interior_stages = (5, 9)  # stages at 0.15 and 0.92 of a step: a cubic that errs between them errs at one of them
+    more_interior_stages = (5, 7, 9)  # with one at 0.56, where event functions may move faster than the state
 
-    def after_stage(self, stage: int, rows: Rows) -> list[tuple[float, list[Scalar]]]:
+    def after_stage(self, stage: int, flat_state: FlatState) -> list[tuple[float, list[Scalar]]]:
         """See `RungeKutta`."""
-        looks = self.looks if self.problem.events_are_slow else self.more_looks
-        return [(float(A[stage].sum()), self.problem.events(rows))] if stage in looks else []
+        interior_stages = self.interior_stages if self.problem.events_are_slow else self.more_interior_stages
+        return [(float(A[stage].sum()), self.problem.events(flat_state))] if stage in interior_stages else []
 
     def check(self, check: Scalar, h: Scalar, slopes: Sequence[Scalar], size: Scalar) -> Scalar:
         """See `RungeKutta`."""

@@ -18,7 +18,7 @@ from jax import lax
 from erosion.arguments import Flag, Number, Scalar
 from erosion.ode import crossings
 from erosion.ode.crossings import ByTheLastStep, Ends
-from erosion.ode.landing import Lane, Segment, happening, segment_to
+from erosion.ode.event_location import Lane, Segment, happening, segment_to
 from erosion.ode.methods.base import (
     APART,
     LEAST,
@@ -33,7 +33,7 @@ from erosion.ode.methods.base import (
 from erosion.ode.methods.rosenbrock_steps import GAMMA, A, B, C, Rodas, Stages
 from erosion.ode.methods.sums import weighted
 from erosion.ode.methods.transposes import plus, transposed, zeros
-from erosion.ode.reduction import Rows
+from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import ENDED, FIRST_STEP, NOT_BEGUN, Control
 from erosion.ode.variational import Derivatives, EndTimeDependence, OfMotion
 
@@ -51,7 +51,7 @@ BLURRED = 1e-2  # of itself, at the tightest tolerance: a time that errs by more
 _POWER = 1.6  # an error of 5th order brought to the 8th, whose root the step control takes
 
 
-class _Landing(NamedTuple):
+class _LastStepSearch(NamedTuple):
     """The last step of a stiff motion on its way to the event.
 
     Args:
@@ -67,7 +67,7 @@ class _Landing(NamedTuple):
     event: Scalar
     remaining: Scalar
     events: list[Ends]
-    step: tuple[Rows, Rows]
+    step: tuple[FlatState, FlatState]
 
 
 class LastStep(EndTimeDependence):
@@ -75,46 +75,54 @@ class LastStep(EndTimeDependence):
 
     Args:
         method: with the equations.
-        rows: at the end, with derivatives at a fixed time.
+        flat_state: at the end, with derivatives at a fixed time.
         rates: their derivatives by the step's length.
         greatest: the greatest size so far of each of these rows.
     """
 
-    def __init__(self, method: "Rodas5P", rows: Rows, rates: Rows, greatest: Rows) -> None:
+    def __init__(self, method: "Rodas5P", flat_state: FlatState, rates: FlatState, greatest: FlatState) -> None:
         super().__init__(method.problem.equations)
-        self.method, self.problem, self.rows, self.rates, self.greatest = method, method.problem, rows, rates, greatest
+        self.method, self.problem, self.flat_state, self.rates, self.greatest = (
+            method,
+            method.problem,
+            flat_state,
+            rates,
+            greatest,
+        )
 
     @property
     def events(self) -> list[Ends]:
         """The event functions, and their derivatives by the step's length."""
         width = self.problem.width
-        values, rates = jax.jvp(self.problem.events, (self.rows[:width],), (self.rates[:width],))
+        values, rates = jax.jvp(self.problem.events, (self.flat_state[:width],), (self.rates[:width],))
         return [Ends(*pair) for pair in zip(values, rates, strict=True)]
 
     def here(self, function: OfMotion) -> Derivatives:
         """See `EndTimeDependence`."""
-        return self.equations.of(function, self.problem.members(self.rows))
+        return self.equations.of(function, self.problem.value_and_tangents(self.flat_state))
 
     def rate(self, function: OfMotion) -> Derivatives:
         """See `EndTimeDependence`."""
 
-        def of(rows: Rows) -> Derivatives:
-            return self.equations.of(function, self.problem.members(rows))
+        def of(flat_state: FlatState) -> Derivatives:
+            return self.equations.of(function, self.problem.value_and_tangents(flat_state))
 
-        return jax.jvp(of, (self.rows,), (self.rates,))[1]
+        return jax.jvp(of, (self.flat_state,), (self.rates,))[1]
 
     def amplification(self, event: OfMotion, rate: Scalar, time: Scalar) -> Scalar:
         """By how much more the event's time errs, relative to itself, than the state."""
-        width, here = self.problem.width, self.equations.at(self.equations.numbers)
-        rows, least = self.rows[:width], self.method.least_sizes(self.greatest)
+        width, here = self.problem.width, self.equations.at(self.equations.parameters)
+        flat_state, least = self.flat_state[:width], self.method.least_sizes(self.greatest)
 
-        def value(rows: Rows) -> Scalar:
-            (at,) = self.problem.members(rows)
+        def value(flat_state: FlatState) -> Scalar:
+            (at,) = self.problem.value_and_tangents(flat_state)
             return event(at, here)
 
         error: Scalar = 0.0 * time
-        for i, row in enumerate(rows):
-            slope = jax.jvp(lambda x, i=i: value([*rows[:i], x, *rows[i + 1 :]]), (row,), (jnp.ones(()),))[1]
+        for i, row in enumerate(flat_state):
+            slope = jax.jvp(lambda x, i=i: value([*flat_state[:i], x, *flat_state[i + 1 :]]), (row,), (jnp.ones(()),))[
+                1
+            ]
             error = error + jnp.abs(slope) * jnp.maximum(jnp.abs(row), least[i])
         return jnp.maximum(1.0, jnp.where(rate * time == 0, 1.0, error / jnp.abs(rate * time)))
 
@@ -137,24 +145,25 @@ class Rodas5P(Method):
         super().__init__(problem)
         self.rodas = Rodas(problem)
 
-    def sizes_at_start(self, initial: Rows, before: Segment | None) -> Rows:
+    def sizes_at_start(self, initial: FlatState, before: Segment | None) -> FlatState:
         """See `Method`: what a chain has had counts in all of it."""
         return self.sizes([0.0 * row for row in initial] if before is None else before.greatest, initial)
 
     def tried(self, lane: Lane, scale: Scalar, rtol: Scalar) -> Step:
         """See `Method`."""
-        h, before = lane.control.trial, lane.state
+        h, before = lane.control.trial_length, lane.state
         state, found = self.rodas.step(before, lane.slope, h)
         slope, events = self.problem.rate_and_events(state)
-        apart = jnp.maximum(APART, NOISE / rtol) if self.problem.layout.problem.typical is None else 1.0
+        apart = jnp.maximum(APART, NOISE / rtol) if self.problem.signature.problem.typical is None else 1.0
         error = self.error_of(lane.greatest, apart, (before, state), (lane.slope, slope), found, h, rtol)
-        return Step(state, slope, found, events, self.rodas.within(before, state, found), error)
+        return Step(state, slope, found, events, self.rodas.interior_samples(before, state, found), error)
 
     def arrives(self, before: Control, after: Control, moved: Flag) -> tuple[Control, Flag]:
         """See `Method`: the step that arrives is the last one, which a lane ends with."""
         last = moved & (after.mode == ENDED)
         after = after._replace(
-            time=jnp.where(last, before.time, after.time), left=jnp.where(last, before.trial, after.left)
+            time=jnp.where(last, before.time, after.time),
+            time_to_event=jnp.where(last, before.trial_length, after.time_to_event),
         )
         return after, moved & jnp.logical_not(last)
 
@@ -162,7 +171,7 @@ class Rodas5P(Method):
         """See `Method`."""
         return ended & (amplification < BLURRED / TIGHTEST)
 
-    def within(self, before: Lane, after: Lane, rtol: Scalar) -> Callable[[Scalar], EndTimeDependence]:
+    def interpolate(self, before: Lane, after: Lane, rtol: Scalar) -> Callable[[Scalar], EndTimeDependence]:
         """See `Method`: no polynomial is as exact as a step."""
         return functools.partial(self._by_a_step, before)
 
@@ -173,11 +182,13 @@ class Rodas5P(Method):
     def _by_a_step(self, before: Lane, time: Scalar) -> EndTimeDependence:
         return self.step_of(before.state, before.slope, before.greatest, time - before.control.time)
 
-    def reverse(self, rate: Callable[[list[Number], Rows], Rows], numbers: list[Number], every: Any) -> "_Reverse":
+    def reverse(
+        self, rate: Callable[[list[Number], FlatState], FlatState], parameters: list[Number], every: Any
+    ) -> "_Reverse":
         """See `Method`."""
-        return _Reverse(self, rate, numbers, every)
+        return _Reverse(self, rate, parameters, every)
 
-    def first_step(self, initial: Rows, slope: Rows, scale: Scalar, asked: Scalar) -> Scalar:
+    def first_step(self, initial: FlatState, slope: FlatState, scale: Scalar, asked: Scalar) -> Scalar:
         """A length in which little happens, but for numbers that are almost zero."""
         motion = zip(initial[: self.problem.width], slope, strict=False)
         times = [jnp.where(u == 0, jnp.inf, jnp.abs(u) / (jnp.abs(k) + _TINY)) for u, k in motion]
@@ -187,7 +198,7 @@ class Rodas5P(Method):
             asked, jnp.maximum(_FIRST * functools.reduce(jnp.minimum, times, jnp.asarray(jnp.inf)), _SOONEST * scale)
         )
 
-    def least_sizes(self, greatest: Rows) -> list[Scalar]:
+    def least_sizes(self, greatest: FlatState) -> list[Scalar]:
         """Sizes of the rows of the motion itself below which these need not be known: as given, or by the greatest."""
         given = self.problem.options.sizes is not None
         return [np.float64(least) if given and least > _TINY else jnp.maximum(LEAST * size, _TINY)
@@ -195,10 +206,10 @@ class Rodas5P(Method):
 
     def error_of(
         self,
-        greatest: Rows,
+        greatest: FlatState,
         apart: Scalar,
-        rows: tuple[Rows, Rows],
-        slopes: tuple[Rows, Rows],
+        states: tuple[FlatState, FlatState],
+        slopes: tuple[FlatState, FlatState],
         stages: Stages,
         h: Scalar,
         rtol: Scalar,
@@ -211,13 +222,13 @@ class Rodas5P(Method):
         Args:
             greatest: the greatest size so far of each row of the motion itself.
             apart: the least size of a derivative's row, of the size of that which it differentiates.
-            rows: before and after the step.
+            states: before and after the step.
             slopes: there.
             stages: of the step.
             h: its length.
             rtol: the tolerance.
         """
-        before, after = rows
+        before, after = states
         width, places = self.problem.width, self.rodas.sparse.places
         terms: list[Scalar] = [0.0 * h for _ in range(width)]
         damped = [h for _ in range(width)]
@@ -241,19 +252,21 @@ class Rodas5P(Method):
         error = jnp.where(stages.sound, error / rtol, jnp.inf)
         return jnp.exp(_POWER * jnp.log(error + 1e-30))
 
-    def last_step(self, state: Rows, slope: Rows, greatest: Rows, h: Scalar) -> LastStep:
+    def last_step(self, state: FlatState, slope: FlatState, greatest: FlatState, h: Scalar) -> LastStep:
         """The step of a length, with its derivatives by that."""
         at, rates = jax.jvp(lambda h: self.rodas.step(state, slope, h)[0], (h,), (jnp.ones(()),))
         return LastStep(self, at, rates, greatest)
 
-    def step_of(self, state: Rows, slope: Rows, greatest: Rows, passed: Scalar) -> LastStep:
+    def step_of(self, state: FlatState, slope: FlatState, greatest: FlatState, passed: Scalar) -> LastStep:
         """The state a time after a step began, 0 or later."""
         passed = jnp.where(passed > _SMALL * self.problem.time_scale, passed, 0.0)
         step = self.last_step(state, slope, greatest, length_of(passed, self.problem.time_scale))
-        rows: Rows = [jnp.where(passed > 0, new, old) for new, old in zip(step.rows, state, strict=True)]
-        return LastStep(self, rows, step.rates, greatest)
+        flat_state: FlatState = [
+            jnp.where(passed > 0, new, old) for new, old in zip(step.flat_state, state, strict=True)
+        ]
+        return LastStep(self, flat_state, step.rates, greatest)
 
-    def finish_step(self, lane: Lane, until: Scalar | None) -> tuple[Segment, EndTimeDependence]:
+    def finish_step(self, lane: Lane, time_to_end: Scalar | None) -> tuple[Segment, EndTimeDependence]:
         """The same by the method for stiff motions: the length of the last step is what Newton's method finds.
 
         The step is written once, in a loop: it is most of a program for many unknowns.
@@ -263,49 +276,49 @@ class Rodas5P(Method):
         watched = crossings.watch(self.problem.directions, lane.events, scale) if options.arm_on_return else []
         ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
 
-        def nearer(landing: _Landing) -> _Landing:
-            along = self.last_step(lane.state, lane.slope, lane.greatest, landing.length)
+        def nearer(search: _LastStepSearch) -> _LastStepSearch:
+            along = self.last_step(lane.state, lane.slope, lane.greatest, search.length)
             events = along.events
             if options.arm_on_return:
                 events = [
-                    crossings.disarmed(crossings.turned(event, each.turn), each.counts | (control.event == i))
+                    crossings.disarmed(crossings.signed(event, each.sign), each.armed | (control.event == i))
                     for i, (event, each) in enumerate(zip(events, watched, strict=True))
                 ]
             more = sum(
                 (jnp.where(control.event == i, -each.value / each.rate, 0.0) for i, each in enumerate(events)),
                 jnp.zeros(()),
             )
-            near = ended & (jnp.abs(more) < NEAR * landing.length)
+            near = ended & (jnp.abs(more) < NEAR * search.length)
             event, remaining = crossings.first_fall(control, events)
-            if options.arm_on_return and until is not None:
+            if options.arm_on_return and time_to_end is not None:
                 event, remaining = crossings.last_moment(event, remaining, events, scale)
             found = event, jnp.where(ended, remaining, 0.0), events
             # The first round finds the place of the event that was seen, the second which is the first there.
-            looks = landing.rounds == 1
+            looks = search.rounds == 1
             event, remaining, events = jax.tree.map(
-                functools.partial(jnp.where, looks), found, (landing.event, landing.remaining, landing.events)
+                functools.partial(jnp.where, looks), found, (search.event, search.remaining, search.events)
             )
-            moves = jnp.where(landing.rounds == 0, jnp.where(near, more, 0.0), jnp.where(looks, remaining, 0.0))
-            return _Landing(
-                landing.rounds + 1, landing.length + moves, event, remaining, events, (along.rows, along.rates)
+            moves = jnp.where(search.rounds == 0, jnp.where(near, more, 0.0), jnp.where(looks, remaining, 0.0))
+            return _LastStepSearch(
+                search.rounds + 1, search.length + moves, event, remaining, events, (along.flat_state, along.rates)
             )
 
-        length = length_of(control.left, scale)
+        length = length_of(control.time_to_event, scale)
         nothing = [0.0 * row for row in lane.state]
-        landing = _Landing(0 * control.mode, length, control.event, 0.0 * length, lane.events, (nothing, nothing))
-        landing = lax.while_loop(lambda landing: landing.rounds < 3, nearer, landing)
-        stepped = control.left > 0
-        rows, rates = landing.step
-        rows: Rows = [jnp.where(stepped, new, old) for new, old in zip(rows, lane.state, strict=True)]
-        along = LastStep(self, rows, rates, lane.greatest)
-        at_once = happening(self.problem, ended, landing.event, landing.remaining, landing.events, scale)
-        time = control.time + jnp.where(stepped, landing.length, 0.0)
-        return segment_to(lane, self.problem.members(rows), landing.event, time, at_once), along
+        search = _LastStepSearch(0 * control.mode, length, control.event, 0.0 * length, lane.events, (nothing, nothing))
+        search = lax.while_loop(lambda search: search.rounds < 3, nearer, search)
+        stepped = control.time_to_event > 0
+        flat_state, rates = search.step
+        flat_state: FlatState = [jnp.where(stepped, new, old) for new, old in zip(flat_state, lane.state, strict=True)]
+        along = LastStep(self, flat_state, rates, lane.greatest)
+        at_once = happening(self.problem, ended, search.event, search.remaining, search.events, scale)
+        time = control.time + jnp.where(stepped, search.length, 0.0)
+        return segment_to(lane, self.problem.value_and_tangents(flat_state), search.event, time, at_once), along
 
 
-def length_of(left: Scalar, scale: Scalar) -> Scalar:
+def length_of(time_to_event: Scalar, scale: Scalar) -> Scalar:
     """The length of the last step; a lane that takes none may take its derivatives by a very short one."""
-    return jnp.where(left > 0, left, _SHORTEST * scale)
+    return jnp.where(time_to_event > 0, time_to_event, _SHORTEST * scale)
 
 
 _LOST, _LOST_AT_MOST = 1e6, 0.01  # an estimate of 4th order is far greater than the error, and counts effects alone
@@ -315,34 +328,38 @@ class _Reverse(Reverse):
     share = 1.0
 
     def __init__(
-        self, method: Rodas5P, rate: Callable[[list[Number], Rows], Rows], numbers: list[Number], every: Any
+        self,
+        method: Rodas5P,
+        rate: Callable[[list[Number], FlatState], FlatState],
+        parameters: list[Number],
+        every: Any,
     ) -> None:
-        self._method, self._rate, self._numbers, rodas = method, rate, numbers, method.rodas
-        self._entries = jax.jit(lambda numbers, rows: rodas.entries(rows, every(numbers)))
+        self._method, self._rate, self._parameters, rodas = method, rate, parameters, method.rodas
+        self._entries = jax.jit(lambda parameters, flat_state: rodas.entries(flat_state, every(parameters)))
         self._solve, self._solve_transposed = jax.jit(rodas.sparse.solve), jax.jit(rodas.sparse.solve_transposed)
 
     def most(self, rtol: Scalar) -> Scalar:
         """See `Reverse`."""
         return jnp.minimum(_LOST * rtol, _LOST_AT_MOST)
 
-    def flow(self, rows: Rows, before: Callable[[], "Entry"]) -> Rows:
+    def flow(self, flat_state: FlatState, before: Callable[[], "Entry"]) -> FlatState:
         """See `Reverse`."""
         last = before()
         h = length_of(last.length, self._method.problem.time_scale)
-        return self._method.last_step(last.state, self._rate(self._numbers, last.state), [], h).rates
+        return self._method.last_step(last.state, self._rate(self._parameters, last.state), [], h).rates
 
     def step(self, row: "Entry") -> BackStep:
         """The same by the Rosenbrock method; a motion that ends where it began takes no step."""
         rodas, steps = self._method.rodas, row.length > 0
         inverse = 1.0 / length_of(row.length, self._method.problem.time_scale)
-        entries, pull_entries = jax.vjp(self._entries, self._numbers, row.state)
+        entries, pull_entries = jax.vjp(self._entries, self._parameters, row.state)
         factors = rodas.factors(entries, inverse * (1 / GAMMA))
-        slope: Rows = []
+        slope: FlatState = []
         increments, pulls = [], []
         for a, c in zip(((), *A), ((), *C), strict=True):
             so_far = list(zip(*increments, strict=True)) or [()] * self._method.problem.width
-            rows = [u + weighted(a, us) if a else u for u, us in zip(row.state, so_far, strict=True)]
-            right, pull = jax.vjp(self._rate, self._numbers, rows)
+            flat_state = [u + weighted(a, us) if a else u for u, us in zip(row.state, so_far, strict=True)]
+            right, pull = jax.vjp(self._rate, self._parameters, flat_state)
             slope = slope or right
             if c:
                 right = [r + inverse * weighted(c, us) for r, us in zip(right, so_far, strict=True)]
@@ -350,16 +367,19 @@ class _Reverse(Reverse):
             pulls.append(pull)
         count = len(increments)
 
-        def of_right(i: int, bars: Rows, of_rights: dict[int, Rows]) -> Rows:
+        def of_right(i: int, cotangents: FlatState, of_rights: dict[int, FlatState]) -> FlatState:
             later = range(i + 1, count)
             others = [C[j - 1][i] for j in later]
             if others:
                 rights = ([of_rights[j][r] for j in later] for r in range(self._method.problem.width))
-                bars = [bar + inverse * weighted(others, each) for bar, each in zip(bars, rights, strict=True)]
-            return self._solve_transposed(factors, bars)
+                cotangents = [
+                    cotangent + inverse * weighted(others, each)
+                    for cotangent, each in zip(cotangents, rights, strict=True)
+                ]
+            return self._solve_transposed(factors, cotangents)
 
-        def of_all(b: Sequence[float], after: Rows) -> tuple[Rows, list[Number]]:
-            total, gained, (of_rights, _) = transposed(self._numbers, b, A, after, pulls, of_right)
+        def of_all(b: Sequence[float], after: FlatState) -> tuple[FlatState, list[Number]]:
+            total, gained, (of_rights, _) = transposed(self._parameters, b, A, after, pulls, of_right)
             of_entries = [
                 sum((of_rights[k][i] * increments[k][j] for k in range(count)), jnp.zeros(()))
                 for i, j in rodas.sparse.places
@@ -367,7 +387,7 @@ class _Reverse(Reverse):
             grads, of_state = pull_entries(of_entries)
             return plus(total, of_state), plus(gained, grads)
 
-        def back(after: Rows) -> tuple[Rows, list[Number], Rows]:
+        def back(after: FlatState) -> tuple[FlatState, list[Number], FlatState]:
             moved, gained = of_all(B, after)
             # What is damped within the step is no error of what comes before: W^-T d takes it away.
             errors = self._solve_transposed(factors, of_all((*[0.0] * (count - 1), 1.0), after)[0])

@@ -26,7 +26,7 @@ from jax import lax
 from erosion.arguments import Flag, Number, Scalar
 from erosion.lanes.flatten import NotForLanesError, dependencies
 from erosion.ode.methods.sums import moved_by, total_by
-from erosion.ode.reduction import Rows
+from erosion.ode.reduction import FlatState
 from erosion.ode.variational import Augmented, Direction, Motion
 
 if TYPE_CHECKING:
@@ -214,8 +214,8 @@ class Stages(NamedTuple):
         sound: whether its LU is.
     """
 
-    increments: list[Rows]
-    rates: list[Rows]
+    increments: list[FlatState]
+    rates: list[FlatState]
     entries: list[Scalar]
     sound: Flag
 
@@ -254,33 +254,33 @@ class Rodas:
         # Each is traced once for all the places where it is called.
         @functools.partial(jax.jit, static_argnums=3)
         def jacobians(
-            numbers: Sequence[Number], places: tuple[Direction, ...], rows: Rows, whole: bool
+            parameters: Sequence[Number], places: tuple[Direction, ...], rows: FlatState, whole: bool
         ) -> list[list[Scalar]]:
-            """The entries, and where the step is of the `whole` rows, their derivatives as the members of a state."""
-            equations, members = equations_at(numbers, places), problem.members(rows)
+            """The entries, and where the step is of the `whole` rows, their tangents."""
+            equations, value_and_tangents = equations_at(parameters, places), problem.value_and_tangents(rows)
             if not whole:
-                return [entries(members[0], equations.at(numbers))]
-            return list(equations.pack(equations.of(entries, members)))
+                return [entries(value_and_tangents[0], equations.at(parameters))]
+            return list(equations.pack(equations.of(entries, value_and_tangents)))
 
         @jax.jit
-        def stage(js: list[list[Scalar]], factors: Factors, d: Scalar, rate: Rows) -> Rows:
+        def stage(js: list[list[Scalar]], factors: Factors, d: Scalar, rate: FlatState) -> FlatState:
             return _solved(sparse, width, js, factors, d, rate)
 
         self._jacobians = jacobians
         self.factors, self._stage = jax.jit(sparse.factors), stage
 
-    def entries(self, rows: Rows, numbers: Sequence[Number] | None = None) -> list[Scalar]:
+    def entries(self, rows: FlatState, parameters: Sequence[Number] | None = None) -> list[Scalar]:
         """The entries of the Jacobian of the motion itself, with the lane's numbers or others."""
         problem = self.problem
-        given = problem.numbers if numbers is None else numbers
+        given = problem.parameters if parameters is None else parameters
         return self._jacobians(given, problem.places, rows[: self.width], False)[0]
 
-    def step(self, rows: Rows, slope: Rows, h: Scalar) -> tuple[Rows, Stages]:
+    def step(self, rows: FlatState, slope: FlatState, h: Scalar) -> tuple[FlatState, Stages]:
         """The rows after a step; `rows` are those of the motion itself, or all."""
         whole = len(rows) > self.width
         inverse = 1.0 / h
         d = inverse * (1 / GAMMA)
-        js = self._jacobians(self.problem.numbers, self.problem.places, rows, whole)
+        js = self._jacobians(self.problem.parameters, self.problem.places, rows, whole)
         factors = self.factors(js[0], lax.stop_gradient(d))
         rates: list[list[Scalar]] = [[k] for k in slope]
         increments: list[list[Scalar]] = [[u] for u in self._stage(js, factors, d, slope)]
@@ -295,7 +295,7 @@ class Rodas:
         after = [moved_by(B, y, 1.0, us) for y, us in zip(rows, increments, strict=True)]
         return after, Stages(increments, rates, js[0], factors.sound)
 
-    def within(self, before: Rows, after: Rows, stages: Stages) -> list[tuple[float, list[Scalar]]]:
+    def interior_samples(self, before: FlatState, after: FlatState, stages: Stages) -> list[tuple[float, list[Scalar]]]:
         """The events at two places within a step."""
         found: list[tuple[float, list[Scalar]]] = []
         for theta in _LOOKS if self.problem.events_are_slow else _MORE_LOOKS:
@@ -309,8 +309,10 @@ class Rodas:
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def _solved(sparse: Sparse, width: int, js: list[list[Scalar]], factors: Factors, d: Scalar, rate: Rows) -> Rows:
-    """U of W u = rate, member by member.
+def _solved(
+    sparse: Sparse, width: int, js: list[list[Scalar]], factors: Factors, d: Scalar, rate: FlatState
+) -> FlatState:
+    """U of W u = rate, part by part.
 
     It may be differentiated by the step's length: W depends on it by its diagonal d alone, and J does not.
     """
@@ -322,7 +324,9 @@ def _solved(sparse: Sparse, width: int, js: list[list[Scalar]], factors: Factors
 
 
 @_solved.defjvp
-def _solved_jvp(sparse: Sparse, width: int, primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Rows, Rows]:
+def _solved_jvp(
+    sparse: Sparse, width: int, primals: tuple[Any, ...], tangents: tuple[Any, ...]
+) -> tuple[FlatState, FlatState]:
     (js, factors, d, rate), (*_, by_d, by_rate) = primals, tangents
     u = _solved(sparse, width, js, factors, d, rate)
     right = [moved - by_d * each for moved, each in zip(by_rate, u, strict=True)]
@@ -334,10 +338,10 @@ def _pattern(problem: "LaneEquations") -> np.ndarray:
     width = problem.width
     rows = [jax.ShapeDtypeStruct((), np.float64)] * width
 
-    def rate(rows: Rows, numbers: Sequence[Number]) -> Rows:
-        return jax.tree.leaves(problem.equations.at(numbers).rate(problem.members(rows)[0]))
+    def rate(rows: FlatState, parameters: Sequence[Number]) -> FlatState:
+        return jax.tree.leaves(problem.equations.at(parameters).rate(problem.value_and_tangents(rows)[0]))
 
     try:
-        return dependencies(jax.make_jaxpr(rate)(rows, problem.layout.structs()))[:, :width]
+        return dependencies(jax.make_jaxpr(rate)(rows, problem.signature.structs()))[:, :width]
     except NotForLanesError:
         return np.ones((width, width), bool)  # XLA may compute it all the same

@@ -14,8 +14,8 @@ from jax import lax
 from erosion.arguments import Flag, Number, Scalar
 from erosion.ode import crossings
 from erosion.ode.crossings import ByAShortStep, Ends, ShortOfKinks
+from erosion.ode.event_location import Lane, Segment, all_finite, happening, segment_to
 from erosion.ode.kinks import is_kinked
-from erosion.ode.landing import Lane, Segment, all_finite, happening, segment_to
 from erosion.ode.methods.base import (
     APART,
     LEAST,
@@ -29,7 +29,7 @@ from erosion.ode.methods.base import (
 )
 from erosion.ode.methods.sums import moved_by, weighted
 from erosion.ode.methods.transposes import plus, transposed
-from erosion.ode.reduction import Rows
+from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import ENDED, FAILED, FIRST_STEP, NOT_BEGUN, eighth_root
 from erosion.ode.variational import AlongFlow, EndTimeDependence
 
@@ -61,8 +61,8 @@ class _Search(NamedTuple):
 
     Args:
         rounds: so far.
-        left: time since the last trial.
-        rows, slope, events: there.
+        time_to_event: time since the last trial.
+        flat_state, slope, events: there.
         time: to the zero by Newton's method.
         low, high: times before and after the zero.
         length: of the next step.
@@ -70,9 +70,9 @@ class _Search(NamedTuple):
     """
 
     rounds: Scalar
-    left: Scalar
-    rows: Rows
-    slope: Rows
+    passed: Scalar
+    flat_state: FlatState
+    slope: FlatState
     events: list[Ends]
     time: Scalar
     low: Scalar
@@ -109,11 +109,11 @@ class RungeKutta(Method):
     slack: ClassVar[tuple[float, tuple[float, float, float]]]
     back_steps: "ClassVar[type[BackSteps]]"
 
-    def after_stage(self, stage: int, rows: Rows) -> list[tuple[float, list[Scalar]]]:
+    def after_stage(self, stage: int, flat_state: FlatState) -> list[tuple[float, list[Scalar]]]:
         """The events there, if the stage is one at which they are asked for."""
         return []
 
-    def at_end(self, state: Rows, stages: list[Rows], h: Scalar) -> list[tuple[float, list[Scalar]]]:
+    def at_end(self, state: FlatState, stages: list[FlatState], h: Scalar) -> list[tuple[float, list[Scalar]]]:
         """The events within a step, from all its slopes."""
         return []
 
@@ -132,39 +132,45 @@ class RungeKutta(Method):
         self._remembers = problem.options.whole
         self._slack = self.slack[1][problem.order] if problem.options.whole else self.slack[0]
 
-    def first_step(self, initial: Rows, slope: Rows, scale: Scalar, asked: Scalar) -> Scalar:
+    def first_step(self, initial: FlatState, slope: FlatState, scale: Scalar, asked: Scalar) -> Scalar:
         """See `Method`."""
         return asked
 
-    def sizes(self, before: Rows, state: Rows) -> Rows:
+    def sizes(self, before: FlatState, state: FlatState) -> FlatState:
         """See `Method`."""
         return super().sizes(before, state) if self._remembers else []
 
     def tried(self, lane: Lane, scale: Scalar, rtol: Scalar) -> Step:
         """See `Method`."""
-        h, before = lane.control.trial, lane.state
-        state, stages, within = self.step(before, lane.slope, h)
+        h, before = lane.control.trial_length, lane.state
+        state, stages, interior_samples = self.step(before, lane.slope, h)
         slope, events = self.problem.rate_and_events(state)
         stages = [[*ks, k] for ks, k in zip(stages, slope, strict=True)]
         error = self.error_of(lane.greatest, (before, state), stages, h, scale, rtol) / (self._slack * rtol)
-        within += self.at_end(before, stages, h)
-        return Step(state, slope, stages, events, within, self.raised(error))
+        interior_samples += self.at_end(before, stages, h)
+        return Step(state, slope, stages, events, interior_samples, self.raised(error))
 
-    def step(self, state: Rows, slope: Rows, h: Scalar) -> tuple[Rows, list[Rows], list[tuple[float, list[Scalar]]]]:
+    def step(
+        self, state: FlatState, slope: FlatState, h: Scalar
+    ) -> tuple[FlatState, list[FlatState], list[tuple[float, list[Scalar]]]]:
         """The state after a step of 8th order, each row's slopes at the stages, and the events at two stages."""
-        stages, within = [[k] for k in slope], []
+        stages, interior_samples = [[k] for k in slope], []
         for i, weights in enumerate(self.tableau.a[:-1]):
             at = [moved_by(weights, u, h, ks) for u, ks in zip(state, stages, strict=True)]
-            within += self.after_stage(i, at)
+            interior_samples += self.after_stage(i, at)
             for ks, k in zip(stages, self.problem.rate(at), strict=True):
                 ks.append(k)
-        return [moved_by(self.tableau.b, u, h, ks) for u, ks in zip(state, stages, strict=True)], stages, within
+        return (
+            [moved_by(self.tableau.b, u, h, ks) for u, ks in zip(state, stages, strict=True)],
+            stages,
+            interior_samples,
+        )
 
     def error_of(
         self,
-        greatest: Rows,
-        rows: tuple[Rows, Rows],
-        stages: list[Rows],
+        greatest: FlatState,
+        states: tuple[FlatState, FlatState],
+        stages: list[FlatState],
         h: Scalar,
         scale: Scalar,
         rtol: Scalar,
@@ -176,13 +182,13 @@ class RungeKutta(Method):
 
         Args:
             greatest: the greatest size so far of each row of the motion itself, where the whole state is wanted.
-            rows: before and after the step.
+            states: before and after the step.
             stages: the slopes of each row in the step.
             h: its length.
             scale: the time scale.
             rtol: the tolerance, for the rounding of derivatives.
         """
-        before, state = rows
+        before, state = states
         sizes: list[Scalar] = sizes_or_least(self.problem.sizes, greatest)
         error = check = 0.0 * h
         # A step far too long may end in a slope that is far greater than all within it, which the estimate knows.
@@ -191,7 +197,7 @@ class RungeKutta(Method):
         of_motion = sizes
         for first in range(0, len(state), self.problem.width):
             member = range(first, first + self.problem.width)
-            if first and self.problem.options.clock and self.problem.layout.problem.typical is None:
+            if first and self.problem.options.clock and self.problem.signature.problem.typical is None:
                 # A number may matter far less than by its own size, and its derivatives are wanted all the same.
                 sizes = [jnp.maximum(APART, NOISE / rtol) * size for size in of_motion]
             for i, row in enumerate(member):
@@ -214,7 +220,9 @@ class RungeKutta(Method):
             of_motion = of_motion if first else list(sizes)
         return jnp.maximum(error, _CHECK * check * eighth_root(check))
 
-    def stiffness(self, greatest: Rows, rows: tuple[Rows, Rows], stages: list[Rows], h: Scalar, rtol: Scalar) -> Scalar:
+    def stiffness(
+        self, greatest: FlatState, states: tuple[FlatState, FlatState], stages: list[FlatState], h: Scalar, rtol: Scalar
+    ) -> Scalar:
         """1 where the fastest part of a smooth motion makes a step short, -1 where it does not, 0 where none can say.
 
         Two stages are near the step's end. Their slopes differ by an eigenvalue times their difference. How smooth the
@@ -223,14 +231,14 @@ class RungeKutta(Method):
 
         Args:
             greatest: the greatest size so far of each row of the motion itself.
-            rows: before and after the step.
+            states: before and after the step.
             stages: the slopes of each row in the step.
             h: its length.
             rtol: the tolerance.
         """
         apart = slopes = change = 0.0 * h
         sizes: list[Scalar] = [LEAST * size for size in greatest]
-        for i, (before, after, ks) in enumerate(zip(*rows, stages, strict=True)):
+        for i, (before, after, ks) in enumerate(zip(*states, stages, strict=True)):
             own = i % self.problem.width
             size = jnp.maximum(jnp.maximum(jnp.abs(before), jnp.abs(after)), sizes[own]) + _TINY
             change = jnp.maximum(change, jnp.abs(h * (ks[-1] - ks[0])) / size)
@@ -245,10 +253,10 @@ class RungeKutta(Method):
         # Differences of rounding say nothing.
         return jnp.where(apart > _TOLD * rtol, jnp.where(smooth & (slopes > _FAST * apart), 1.0, -1.0), 0.0)
 
-    def short_step(self, state: Rows, slope: Rows, h: Scalar) -> Rows:
+    def short_step(self, state: FlatState, slope: FlatState, h: Scalar) -> FlatState:
         """The state a short time after: the classical method of fourth order."""
 
-        def after(weight: float, slopes: Rows) -> Rows:
+        def after(weight: float, slopes: FlatState) -> FlatState:
             return [moved_by(np.array([weight]), u, h, [k]) for u, k in zip(state, slopes, strict=True)]
 
         second = self.problem.rate(after(1 / 2, slope))
@@ -257,42 +265,42 @@ class RungeKutta(Method):
         weights = np.array([1 / 6, 1 / 3, 1 / 3, 1 / 6])
         return [moved_by(weights, u, h, ks) for u, *ks in zip(state, slope, second, third, fourth, strict=True)]
 
-    def finish_step(self, lane: Lane, until: Scalar | None) -> tuple[Segment, EndTimeDependence]:
+    def finish_step(self, lane: Lane, time_to_end: Scalar | None) -> tuple[Segment, EndTimeDependence]:
         """The motion where its last step found its end."""
         control, options = lane.control, self.problem.options
         scale = self.problem.scale_near(control.step, FIRST_STEP)
-        left, state, moves = self._to_the_end(lane, scale)
+        passed, state, moves = self._to_the_end(lane, scale)
         search = None
         if options.arm_on_return:
-            search = self._searched(lane, left, state, moves, scale)
-            left, state, slope = search.left, search.rows, search.slope
+            search = self._searched(lane, passed, state, moves, scale)
+            passed, state, slope = search.passed, search.flat_state, search.slope
             # What is rounding has no zero.
             lost = search.slow & ~(_ORDERS * jnp.abs(search.time) < _HIDDEN * scale)
             control = control._replace(mode=jnp.where(lost, FAILED, control.mode))
             events = [
-                crossings.disarmed(crossings.turned(event, watched.turn), watched.counts | (control.event == i))
+                crossings.disarmed(crossings.signed(event, watched.sign), watched.armed | (control.event == i))
                 for i, (event, watched) in enumerate(zip(search.events, lane.watched, strict=True))
             ]
         else:
             slope, events = self.problem.rate_and_events(state)
         ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
         event, remaining = crossings.first_fall(control, events)
-        if options.arm_on_return and until is not None:
+        if options.arm_on_return and time_to_end is not None:
             event, remaining = crossings.last_moment(event, remaining, events, scale)
         remaining = jnp.where(ended, remaining, 0.0)
         if search is not None:
             # The derivatives are those beside such a zero: at it they are 0/0.
             remaining, moves = jnp.where(search.slow, search.length, remaining), moves & ~search.slow
-        rows: Rows = [u + jnp.where(moves, remaining, 0.0) * k for u, k in zip(state, slope, strict=True)]
-        rest = None if search is None and not self.problem.nonsmooth else jnp.where(moves, 0.0, remaining)
-        along = AlongFlow(self.problem.equations, self.problem.members(rows), rest)
+        flat_state: FlatState = [u + jnp.where(moves, remaining, 0.0) * k for u, k in zip(state, slope, strict=True)]
+        time_to_event = None if search is None and not self.problem.nonsmooth else jnp.where(moves, 0.0, remaining)
+        along = AlongFlow(self.problem.equations, self.problem.value_and_tangents(flat_state), time_to_event)
         at_once = happening(self.problem, ended, event, remaining, events, scale)
         motion = segment_to(
-            lane._replace(control=control), along.members, event, control.time + left + remaining, at_once
+            lane._replace(control=control), along.value_and_tangents, event, control.time + passed + remaining, at_once
         )
         return motion, along
 
-    def _searched(self, lane: Lane, start: Scalar, state: Rows, moves: Flag, scale: Scalar) -> _Search:
+    def _searched(self, lane: Lane, start: Scalar, state: FlatState, moves: Flag, scale: Scalar) -> _Search:
         """Take one more short step before Newton's last, as an event function may bend more than the motion.
 
         Towards a zero of higher order, as of (y - 1)⁵, or one beside other zeros, Newton's method leaves a share of the
@@ -309,15 +317,15 @@ class RungeKutta(Method):
         def rate_of(events: Sequence[Ends]) -> Scalar:
             return chosen([event.rate for event in events])
 
-        def at(left: Scalar, rows: Rows, before: _Search | None) -> _Search:
-            slope, events = self.problem.rate_and_events(rows)
+        def at(passed: Scalar, flat_state: FlatState, before: _Search | None) -> _Search:
+            slope, events = self.problem.rate_and_events(flat_state)
             time = chosen([-event.value / event.rate for event in events])
             fits = happens & jnp.isfinite(time) & (jnp.abs(time) < jnp.abs(start) + SOON * scale)
             simple = jnp.where(fits, time, 0.0)
             if before is None:
                 far = simple + jnp.inf
                 return _Search(
-                    0 * control.mode, left, rows, slope, events, simple, -far, far, simple, jnp.asarray(False)
+                    0 * control.mode, passed, flat_state, slope, events, simple, -far, far, simple, jnp.asarray(False)
                 )
             # Newton's last step leaves the third power of this one over the square of that before. By as much the rate
             # has changed, if it is not rounding that hides the zero.
@@ -329,62 +337,71 @@ class RungeKutta(Method):
             long = happens & ~fits & straight & (jnp.abs(time) < _LONG * scale)
             slow = before.slow | ((before.rounds == 0) & ((fits & bends & far) | long))
             turns = zip(lane.watched, events, strict=True)
-            is_before = chosen([watched.turn * event.value for watched, event in turns]) > 0
-            low, high = jnp.where(is_before, left, before.low), jnp.where(is_before, before.high, left)
+            is_before = chosen([watched.sign * event.value for watched, event in turns]) > 0
+            low, high = jnp.where(is_before, passed, before.low), jnp.where(is_before, before.high, passed)
             order = jnp.clip(before.length / (before.time - time), 1.0, _ORDERS)
             aim = _MOSTLY * order * time
-            inside = (left + aim > low) & (left + aim < high)
+            inside = (passed + aim > low) & (passed + aim < high)
             shorter = jnp.abs(aim) < jnp.abs(before.length) / 2
             bracketed = high - low < jnp.inf
             further = jnp.where(is_before, 2.0, -2.0) * jnp.abs(before.length)
             length = jnp.where(
-                inside & (shorter | ~bracketed), aim, jnp.where(bracketed, (low + high) / 2 - left, further)
+                inside & (shorter | ~bracketed), aim, jnp.where(bracketed, (low + high) / 2 - passed, further)
             )
             return _Search(
-                before.rounds + 1, left, rows, slope, events, time, low, high, jnp.where(slow, length, 0.0), slow
+                before.rounds + 1,
+                passed,
+                flat_state,
+                slope,
+                events,
+                time,
+                low,
+                high,
+                jnp.where(slow, length, 0.0),
+                slow,
             )
 
         def goes_on(search: _Search) -> Flag:
             far = (
                 (jnp.abs(search.length) > near)
                 & (search.high - search.low > near)
-                & (jnp.abs(search.left - start) < scale)
+                & (jnp.abs(search.passed - start) < scale)
             )
             return (search.rounds == 0) | (search.slow & far & (search.rounds < _ROUNDS))
 
         def nearer(search: _Search) -> _Search:
-            rows = self.short_step(search.rows, search.slope, search.length)
-            return at(search.left + search.length, rows, search)
+            flat_state = self.short_step(search.flat_state, search.slope, search.length)
+            return at(search.passed + search.length, flat_state, search)
 
         return lax.while_loop(goes_on, nearer, at(start, state, None))
 
-    def _to_the_end(self, lane: Lane, scale: Scalar) -> tuple[Scalar, Rows, Flag]:
+    def _to_the_end(self, lane: Lane, scale: Scalar) -> tuple[Scalar, FlatState, Flag]:
         """The time from the last trial to the end, the state there, and whether it may move to the event itself.
 
         A force such as depth^1.5 is not defined above the surface, and |v| has another slope beyond v = 0. At such an
         event only the side from which the motion comes counts: Newton's method ends a little before it.
         """
-        left = lane.control.left
-        state = self.short_step(lane.state, lane.slope, left)
+        time_to_event = lane.control.time_to_event
+        state = self.short_step(lane.state, lane.slope, time_to_event)
         if not self.problem.nonsmooth:
-            return left, state, jnp.asarray(True)
+            return time_to_event, state, jnp.asarray(True)
 
         def remaining(events: list[Ends]) -> Scalar:
             times = (jnp.where(lane.control.event == i, -end.value / end.rate, 0.0) for i, end in enumerate(events))
             return sum(times, jnp.zeros(()))
 
-        def nearer(at: tuple[Scalar, Rows, Rows, Scalar]) -> tuple[Scalar, Rows, Rows, Scalar]:
-            passed, rows, slope, fall = at
+        def nearer(at: tuple[Scalar, FlatState, FlatState, Scalar]) -> tuple[Scalar, FlatState, FlatState, Scalar]:
+            passed, flat_state, slope, fall = at
             length = _SHARE * fall
-            rows = self.short_step(rows, slope, length)
-            slope, events = self.problem.rate_and_events(rows)
-            return passed + length, rows, slope, remaining(events)
+            flat_state = self.short_step(flat_state, slope, length)
+            slope, events = self.problem.rate_and_events(flat_state)
+            return passed + length, flat_state, slope, remaining(events)
 
-        def inside() -> tuple[Scalar, Rows, Flag]:
-            start = (0.0 * left, lane.state, lane.slope, jnp.minimum(remaining(lane.events), left))
+        def inside() -> tuple[Scalar, FlatState, Flag]:
+            start = (0.0 * time_to_event, lane.state, lane.slope, jnp.minimum(remaining(lane.events), time_to_event))
             beside = jnp.where(reached, _BESIDE, _INSIDE) * scale
-            passed, rows, *_ = lax.while_loop(lambda at: at[-1] > beside, nearer, start)
-            return passed, rows, jnp.asarray(False)
+            passed, flat_state, *_ = lax.while_loop(lambda at: at[-1] > beside, nearer, start)
+            return passed, flat_state, jnp.asarray(False)
 
         slope, events = self.problem.rate_and_events(state)
         event = [u + remaining(events) * k for u, k in zip(state, slope, strict=True)]
@@ -395,19 +412,21 @@ class RungeKutta(Method):
             defined = defined & all_finite(self.problem.rate(beyond))
         happens = (lane.control.mode == ENDED) & (lane.control.event >= 0)
         kinked = happens & is_kinked(self.problem.rate, event, slope, scale)
-        return lax.cond(defined & ~kinked, lambda: (left, state, jnp.asarray(True)), inside)
+        return lax.cond(defined & ~kinked, lambda: (time_to_event, state, jnp.asarray(True)), inside)
 
-    def within(self, before: "Lane", after: "Lane", rtol: Scalar) -> Callable[[Scalar], EndTimeDependence]:
+    def interpolate(self, before: "Lane", after: "Lane", rtol: Scalar) -> Callable[[Scalar], EndTimeDependence]:
         """See `Method`: a polynomial of degree 8, or where the motion may have kinks a step."""
-        problem, begin, h = self.problem, before.control.time, before.control.trial
+        problem, begin, h = self.problem, before.control.time, before.control.trial_length
         middle, *_ = self.step(before.state, before.slope, 0.5 * h)
         flow = problem.rate(middle)
         points = (before.state, before.slope), (middle, flow), (after.state, after.slope)
-        curves = [jax.jvp(problem.rate, (rows,), (slope,))[1] for rows, slope in points]
-        columns = list(zip(*(rows for rows, _ in points), *(slope for _, slope in points), *curves, strict=True))
+        curves = [jax.jvp(problem.rate, (flat_state,), (slope,))[1] for flat_state, slope in points]
+        columns = list(
+            zip(*(flat_state for flat_state, _ in points), *(slope for _, slope in points), *curves, strict=True)
+        )
         polynomials = [_polynomial(h, column) for column in columns]
 
-        def at(passed: Scalar) -> Rows:
+        def at(passed: Scalar) -> FlatState:
             x = 2.0 * passed - 1.0
             # From the start of the step, which is met exactly.
             return [u + passed * functools.reduce(lambda sum_, c: sum_ * x + c, cs) for u, cs in polynomials]
@@ -416,12 +435,12 @@ class RungeKutta(Method):
             return lambda time: self._along(at((time - begin) / h))
         follows = jnp.asarray(True)
         for share in _COMPARED:
-            rows, slopes = jax.jvp(at, (jnp.asarray(share),), (jnp.ones(()),))
-            for column, slope, rate in zip(columns, slopes, problem.rate(rows), strict=True):
+            flat_state, slopes = jax.jvp(at, (jnp.asarray(share),), (jnp.ones(()),))
+            for column, slope, rate in zip(columns, slopes, problem.rate(flat_state), strict=True):
                 size = functools.reduce(jnp.maximum, [jnp.abs(u) for u in column[:3]]) + jnp.abs(h * rate)
                 follows &= jnp.abs(slope - h * rate) <= _FOLLOWS * rtol * size
 
-        def rows_at(time: Scalar) -> Rows:
+        def rows_at(time: Scalar) -> FlatState:
             passed = time - begin
             return lax.cond(
                 follows,
@@ -433,23 +452,25 @@ class RungeKutta(Method):
 
     def beyond(self, lane: Lane, motion: Segment) -> Callable[[Scalar], EndTimeDependence]:
         """See `Method`."""
-        last: Rows = jax.tree.leaves(motion.members)
+        last: FlatState = jax.tree.leaves(motion.value_and_tangents)
         end = motion.time
 
         def at(time: Scalar) -> EndTimeDependence:
             there = time >= end
             passed = jnp.where(there, 0.0, time - lane.control.time)
-            rows = self.short_step(lane.state, lane.slope, passed)
-            return self._along([jnp.where(there, at_end, row) for at_end, row in zip(last, rows, strict=True)])
+            flat_state = self.short_step(lane.state, lane.slope, passed)
+            return self._along([jnp.where(there, at_end, row) for at_end, row in zip(last, flat_state, strict=True)])
 
         return at
 
-    def _along(self, rows: Rows) -> EndTimeDependence:
-        return AlongFlow(self.problem.equations, self.problem.members(rows))
+    def _along(self, flat_state: FlatState) -> EndTimeDependence:
+        return AlongFlow(self.problem.equations, self.problem.value_and_tangents(flat_state))
 
-    def reverse(self, rate: Callable[[list[Number], Rows], Rows], numbers: list[Number], every: Any) -> "BackSteps":
+    def reverse(
+        self, rate: Callable[[list[Number], FlatState], FlatState], parameters: list[Number], every: Any
+    ) -> "BackSteps":
         """See `Method`."""
-        return self.back_steps(self.tableau, rate, numbers)
+        return self.back_steps(self.tableau, rate, parameters)
 
 
 @jax.jit
@@ -497,42 +518,49 @@ class BackSteps(Reverse):
     power: ClassVar[float]
     stages: ClassVar[int]  # that are gone back through
 
-    def __init__(self, tableau: Tableau, rate: Callable[[list[Number], Rows], Rows], numbers: list[Number]) -> None:
-        self.tableau, self._rate, self._numbers = tableau, rate, numbers
+    def __init__(
+        self, tableau: Tableau, rate: Callable[[list[Number], FlatState], FlatState], parameters: list[Number]
+    ) -> None:
+        self.tableau, self._rate, self._parameters = tableau, rate, parameters
 
     @abc.abstractmethod
-    def errors(self, transposed: Callable[[np.ndarray], Rows], of_states: dict[int, Rows]) -> Rows:
+    def errors(self, transposed: Callable[[np.ndarray], FlatState], of_states: dict[int, FlatState]) -> FlatState:
         """What cotangents err by, of the stages' or of other weights."""
 
     def most(self, rtol: Scalar) -> Scalar:
         """See `Reverse`."""
         return (_LOST * rtol) ** (1 / self.power)
 
-    def flow(self, rows: Rows, before: Callable[[], "Entry"]) -> Rows:
+    def flow(self, flat_state: FlatState, before: Callable[[], "Entry"]) -> FlatState:
         """See `Reverse`."""
-        return self._rate(self._numbers, rows)
+        return self._rate(self._parameters, flat_state)
 
     def step(self, row: "Entry") -> BackStep:
         """See `Reverse`."""
         h, slopes, pulls = row.length, [[] for _ in row.state], []
         for i in range(self.stages):
-            rows = [
+            flat_state = [
                 u + h * weighted(self.tableau.a[i - 1], ks) if i else u for u, ks in zip(row.state, slopes, strict=True)
             ]
-            rates, pull = jax.vjp(self._rate, self._numbers, rows)
+            rates, pull = jax.vjp(self._rate, self._parameters, flat_state)
             pulls.append(pull)
             for ks, k in zip(slopes, rates, strict=True):
                 ks.append(k)
 
-        def of_all(b: np.ndarray, after: Rows) -> tuple[Rows, list[Number], dict[int, Rows]]:
+        def of_all(b: np.ndarray, after: FlatState) -> tuple[FlatState, list[Number], dict[int, FlatState]]:
             total, gained, (_, of_states) = transposed(
-                self._numbers, b, self.tableau.a, after, pulls, lambda _, bars, __: [h * bar for bar in bars]
+                self._parameters,
+                b,
+                self.tableau.a,
+                after,
+                pulls,
+                lambda _, cotangents, __: [h * cotangent for cotangent in cotangents],
             )
             return total, gained, of_states
 
-        def back(after: Rows) -> tuple[Rows, list[Number], Rows]:
+        def back(after: FlatState) -> tuple[FlatState, list[Number], FlatState]:
             total, gained, of_states = of_all(self.tableau.b, after)
             return plus(after, total), gained, self.errors(lambda b: of_all(b, after)[0], of_states)
 
-        end: Rows = [u + h * weighted(self.tableau.b, ks) for u, ks in zip(row.state, slopes, strict=True)]
+        end: FlatState = [u + h * weighted(self.tableau.b, ks) for u, ks in zip(row.state, slopes, strict=True)]
         return BackStep(end, [ks[0] for ks in slopes], back)

@@ -12,7 +12,7 @@ from jax import lax
 from erosion.arguments import Flag, Scalar
 from erosion.ode import crossings
 from erosion.ode.crossings import Ends, Watched
-from erosion.ode.reduction import Rows
+from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import ENDED, FAILED, FIRST_STEP, Control
 from erosion.ode.variational import Augmented, EndTimeDependence
 
@@ -33,10 +33,10 @@ class Lane(NamedTuple):
 
     control: Control
     events: list[Ends]
-    state: Rows
-    slope: Rows
+    state: FlatState
+    slope: FlatState
     watched: list[Watched]
-    greatest: Rows
+    greatest: FlatState
     memories: tuple[Any, ...]
 
 
@@ -45,7 +45,7 @@ class Segment(NamedTuple):
 
     Args:
         control: at its end.
-        members: state and integrals at the event, with derivatives at a fixed time.
+        value_and_tangents: state and integrals at the event, with derivatives at a fixed time.
         event: its index; below 0 if there is none.
         time: since the motion began.
         count: events so far, of all motions of a chain.
@@ -55,18 +55,18 @@ class Segment(NamedTuple):
     """
 
     control: Control
-    members: tuple[Augmented, ...]
+    value_and_tangents: tuple[Augmented, ...]
     event: Scalar
     time: Scalar
     count: Scalar  # pyrefly: ignore
     at_once: Sequence[Flag]
-    greatest: Rows
+    greatest: FlatState
     still_zero: Sequence[Flag] = ()
 
 
-def finish_step(problem: "LaneEquations", lane: Lane, until: Scalar | None) -> tuple[Segment, EndTimeDependence]:
+def finish_step(problem: "LaneEquations", lane: Lane, time_to_end: Scalar | None) -> tuple[Segment, EndTimeDependence]:
     """The motion to where its last step found its end; with how what is wanted there depends on the event's time."""
-    motion, along = problem.method.finish_step(lane, until)
+    motion, along = problem.method.finish_step(lane, time_to_end)
     if not problem.order:
         return motion, along
     lost = has_no_derivatives(problem, motion)
@@ -84,18 +84,18 @@ def has_no_derivatives(problem: "LaneEquations", motion: Segment) -> Flag:
     """
     if not problem.options.arm_on_return:
         return jnp.asarray(False)
-    rows: Rows = jax.tree.leaves(motion.members[0])
+    flat_state: FlatState = jax.tree.leaves(motion.value_and_tangents[0])
     near = _VANISHES * problem.scale_near(motion.control.step, FIRST_STEP)
-    flow = problem.motion_rate(rows)
-    ends = zip(*jax.jvp(problem.dividing, (rows,), (flow,)), strict=True)
+    flow = problem.motion_rate(flat_state)
+    ends = zip(*jax.jvp(problem.dividing, (flat_state,), (flow,)), strict=True)
     vanish = [~(jnp.abs(value) > near * jnp.abs(rate)) for value, rate in ends]
     if problem.order == 2:
 
-        def moving(rows: Rows) -> list[tuple[Scalar, Scalar]]:
-            both = jax.jvp(problem.under_roots, (rows,), (problem.motion_rate(rows),))
+        def moving(flat_state: FlatState) -> list[tuple[Scalar, Scalar]]:
+            both = jax.jvp(problem.under_roots, (flat_state,), (problem.motion_rate(flat_state),))
             return list(zip(*both, strict=True))
 
-        ends, bends = jax.jvp(moving, (rows,), (flow,))
+        ends, bends = jax.jvp(moving, (flat_state,), (flow,))
         for (value, rate), (_, bend) in zip(ends, bends, strict=True):
             product = jnp.abs(value * bend)
             vanish.append((rate * rate <= _DOUBLE * product) & (jnp.abs(value) < near * near * jnp.abs(bend)))
@@ -114,14 +114,14 @@ def happening(
 
 
 def segment_to(
-    lane: Lane, members: tuple[Augmented, ...], event: Scalar, time: Scalar, at_once: Sequence[Flag]
+    lane: Lane, value_and_tangents: tuple[Augmented, ...], event: Scalar, time: Scalar, at_once: Sequence[Flag]
 ) -> Segment:
     """A motion to the end that its last step found."""
     happened = (lane.control.mode == ENDED) & (event >= 0)
     count = lax.convert_element_type(happened, np.int32)
-    return Segment(lane.control, members, event, time, count, at_once, lane.greatest)
+    return Segment(lane.control, value_and_tangents, event, time, count, at_once, lane.greatest)
 
 
-def all_finite(rows: Rows) -> Flag:
+def all_finite(flat_state: FlatState) -> Flag:
     """Whether each of them is."""
-    return functools.reduce(jnp.logical_and, map(jnp.isfinite, rows))
+    return functools.reduce(jnp.logical_and, map(jnp.isfinite, flat_state))
