@@ -289,7 +289,7 @@ class Cut(Problem):
         """A cut ends where a function falls through zero."""
         return (-1,) * len(self.event_names(args))
 
-    def event_values(self, t: Scalar, y: PyTree, args: Case) -> Sequence[Scalar]:
+    def event_values(self, t: Scalar, y: PyTree, args: Case, integrals: Mapping[str, Any]) -> Sequence[Scalar]:
         """The functions of all events, by name."""
         values: Mapping[str, Any] = args.model.events(y, args.p)
         return [values[name] for name in sorted(values)]

@@ -1,7 +1,7 @@
 """Motions back in time: those of another problem, in -t, that go forwards."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import PyTree
 
 from erosion.arguments import Scalar
-from erosion.ode.problem import Event, Problem, Rate
+from erosion.ode.problem import Event, Problem, sees_integrals
 
 
 # Not functions within a function: they are alike where what they hold is.
 @dataclasses.dataclass(frozen=True)
 class _OfMinusT:
-    fun: Rate
+    fun: Callable[..., PyTree]
 
     def __call__(self, t: Scalar, y: PyTree, args: Any) -> PyTree:
         return self.fun(-t, y, args)
@@ -29,6 +29,12 @@ class _MinusOfMinusT(_OfMinusT):
 
 
 @dataclasses.dataclass(frozen=True)
+class _OfMinusTAndIntegrals(_OfMinusT):
+    def __call__(self, t: Scalar, y: PyTree, args: Any, integrals: Mapping[str, Any]) -> PyTree:
+        return self.fun(-t, y, args, integrals=integrals)
+
+
+@dataclasses.dataclass(frozen=True)
 class _Minus:
     times: Callable[[Any], PyTree]
 
@@ -38,8 +44,12 @@ class _Minus:
 
 def reflected(problem: Problem) -> Problem:
     """The problem of -t. An event's direction is that in which its function passes zero on the way, as in scipy."""
+
+    def of_minus_t(function: Callable[..., PyTree]) -> Callable[..., PyTree]:
+        return (_OfMinusTAndIntegrals if sees_integrals(function) else _OfMinusT)(function)
+
     events = {
-        name: Event(_OfMinusT(event.function), event.direction, event.reset and _OfMinusT(event.reset))
+        name: Event(of_minus_t(event.function), event.direction, event.reset and of_minus_t(event.reset))
         for name, event in problem.events.items()
     }
     rates = {name: _MinusOfMinusT(rate) for name, rate in problem.integrals.items()}

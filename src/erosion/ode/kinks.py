@@ -103,7 +103,7 @@ def may_have_kinks(signature: Signature) -> bool:
     start = jax.eval_shape(lambda parameters: whole(signature, parameters).start(), signature.structs())
 
     def rate(elements: list[Any], parameters: list[Any]) -> Any:
-        return whole(signature, parameters).rate(Augmented(tuple(elements), ()))
+        return whole(signature, parameters).rate(Augmented(tuple(elements), (0.0,) * len(signature.problem.integrals)))
 
     jaxpr = jax.make_jaxpr(rate)(start, signature.structs()).jaxpr
     made_by = {made: equation for equation in jaxpr.eqns for made in equation.outvars}

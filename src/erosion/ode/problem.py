@@ -322,20 +322,34 @@ Rate = Callable[[Scalar, PyTree, Any], PyTree]
 """A function of time, state and arguments."""
 
 
+def sees_integrals(function: Callable[..., Any]) -> bool:
+    """Whether a function of (t, y, args) also takes `integrals`, the running integrals by name."""
+    try:
+        return "integrals" in inspect.signature(function).parameters
+    except (TypeError, ValueError):
+        return False
+
+
+def evaluated(function: Callable[..., PyTree], t: Scalar, y: PyTree, args: Any, integrals: Mapping[str, Any]) -> PyTree:
+    """The value of an event's function or reset, which may take the running integrals."""
+    return function(t, y, args, integrals=integrals) if sees_integrals(function) else function(t, y, args)
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Event:
     """Something that happens where a function passes through zero.
 
     Args:
-        function: of (t, y, args); a number, smooth near its zeros.
+        function: of (t, y, args); a number, smooth near its zeros. It may have a fourth argument `integrals`, the
+            running integrals by name; so may `reset`.
         direction: +1 where only a rise through zero counts, -1 a fall, 0 either.
         reset: of (t, y, args), the state after the event, from which the motion goes on; without it the
             event ends the motion.
     """
 
-    function: Rate
+    function: Callable[..., PyTree]
     direction: int = 0
-    reset: Rate | None = None
+    reset: Callable[..., PyTree] | None = None
 
     def __post_init__(self) -> None:
         for name in ("function", "reset"):
@@ -408,17 +422,25 @@ class Problem:
         for name in ("integrals0", "time_scale", "typical"):
             if (given := getattr(self, name)) is not None and not callable(given):
                 raise TypeError(f"Argument `{name}` must be a function of args, but is {briefly(given)}.")
-        for name in self.events:
+        for name, event in self.events.items():
             if not name.strip():
                 raise ValueError(f"Argument `events` must have names, but has {briefly(name)}.")
             if name in OTHER_ENDS:
                 raise ValueError(
                     f"Argument `events` must have other names than {', '.join(OTHER_ENDS)}, but has {briefly(name)}."
                 )
+            if not self.integrals and any(map(sees_integrals, filter(None, (event.function, event.reset)))):
+                raise ValueError(
+                    f"Argument `integrals` must name the integrals that event {name!r} takes, but is empty."
+                )
 
     def start(self, args: Any) -> PyTree:
         """The state at the start."""
         return self.y0(args) if callable(self.y0) else self.y0
+
+    def integrals_at_start(self, args: Any) -> Mapping[str, Any]:
+        """Where the integrals begin, by name."""
+        return dict.fromkeys(self.integrals, 0.0) if self.integrals0 is None else self.integrals0(args)
 
     def break_times(self, args: Any) -> PyTree:
         """Times at which rates break."""
@@ -432,11 +454,11 @@ class Problem:
         """The direction of each event."""
         return tuple(event.direction for event in self.events.values())
 
-    def event_values(self, t: Scalar, y: PyTree, args: Any) -> Sequence[Scalar]:
+    def event_values(self, t: Scalar, y: PyTree, args: Any, integrals: Mapping[str, Any]) -> Sequence[Scalar]:
         """The functions of all events."""
-        return [event.function(t, y, args) for event in self.events.values()]
+        return [evaluated(event.function, t, y, args, integrals) for event in self.events.values()]
 
-    def resets(self) -> Sequence[Rate | None]:
+    def resets(self) -> Sequence[Callable[..., PyTree] | None]:
         """The state after each event; None where it ends the motion."""
         return [event.reset for event in self.events.values()]
 
@@ -503,11 +525,14 @@ class _ProblemKind(TreeKind):
         y = trace.given("y0", problem.start)
         require_numbers("y0", y, scalars=False)
         y = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, np.float64), y)
-        of_state: dict[str, Callable[..., PyTree]] = {
-            name: function for name, function in self._functions.items() if name not in _OF_ARGS
+        integrals = dict.fromkeys(problem.integrals, time)
+        of_state = {
+            name: _of_args_and_state(name, function)
+            for name, function in self._functions.items()
+            if name not in _OF_ARGS
         }
         for name, function in of_state.items():
-            given = trace.given(name, lambda args, t, y, function=function: function(t, y, args), time, y)
+            given = trace.given(name, function, time, y, integrals)
             if name == "vector_field" or name.endswith(".reset"):
                 _require_like_state(name, given, y)
             else:
@@ -531,10 +556,18 @@ class _ProblemKind(TreeKind):
             if jax.tree.structure(given) != self.structure:
                 raise FunctionError("`typical` must give a pytree like the arguments, but gives another")
 
-        def everything(time: Any, parameters: Sequence[Number], y: PyTree) -> list[PyTree]:
-            return [function(time, y, self.joined(parameters)) for function in of_state.values()]
+        def everything(time: Any, parameters: Sequence[Number], y: PyTree, integrals: PyTree) -> list[PyTree]:
+            args = self.joined(parameters)
+            return [function(args, time, y, integrals) for function in of_state.values()]
 
-        return y, _depends_on_first(everything, time, list(self.parameters), y)
+        return y, _depends_on_first(everything, time, list(self.parameters), y, integrals)
+
+
+def _of_args_and_state(name: str, function: Callable[..., PyTree]) -> Callable[..., PyTree]:
+    """A function of a problem as one of (args, t, y, integrals), of which only events see the last."""
+    if name.startswith("events["):
+        return lambda args, t, y, integrals: evaluated(function, t, y, args, integrals)
+    return lambda args, t, y, integrals: function(t, y, args)
 
 
 class Words(str):

@@ -19,6 +19,7 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Number, Scalar, Structure
 from erosion.lanes.scalars import Atom
+from erosion.ode.problem import evaluated
 from erosion.ode.variational import Augmented, Clock, Motion, Signature
 
 FlatState = list[Scalar]
@@ -64,9 +65,7 @@ class WholeMotion(Motion):
 
     def integrals0(self) -> tuple[Scalar, ...]:
         """Where the integrals begin."""
-        if self.problem.integrals0 is None:
-            return (0.0,) * len(self.problem.integrals)
-        starts = self.problem.integrals0(self.args)
+        starts = self.problem.integrals_at_start(self.args)
         return tuple(starts[name] for name in self.problem.integrals)
 
     def whole(self, state: Sequence[Scalar]) -> tuple[Scalar, PyTree]:
@@ -93,8 +92,12 @@ class WholeMotion(Motion):
         """The event functions."""
         t, y = self.whole(at.state)
         directions = self.problem.directions(self.args)
-        values = self.problem.event_values(t, y, self.args)
+        values = self.problem.event_values(t, y, self.args, self.running(at))
         return [-value if up == 1 else value for value, up in zip(values, directions, strict=True)]
+
+    def running(self, at: Augmented) -> dict[str, Scalar]:
+        """The integrals so far, by name."""
+        return dict(zip(self.problem.integrals, at.integrals, strict=True))
 
     def outputs(self, at: Augmented) -> list[Scalar]:
         """What is wanted at the end."""
@@ -107,7 +110,7 @@ class WholeMotion(Motion):
         if reset is None:
             return at
         t, y = self.whole(at.state)
-        elements = elements_of(jax.tree.leaves(reset(t, y, self.args)))
+        elements = elements_of(jax.tree.leaves(evaluated(reset, t, y, self.args, self.running(at))))
         return Augmented((*at.state[: int(self._timed)], *elements), at.integrals)
 
 
@@ -139,18 +142,18 @@ def reduced_motion_of(signature: Signature) -> Callable[[Sequence[Number]], Moti
     ):
         return functools.partial(WholeMotion, signature)
     start = jax.make_jaxpr(lambda parameters: WholeMotion(signature, parameters).start())(signature.structs())
-    integrals = len(signature.problem.integrals)
+    number, integrals = jax.ShapeDtypeStruct((), np.float64), len(signature.problem.integrals)
 
-    def look(parameters: list[Number], elements: list[Scalar]) -> list[Scalar]:
+    def look(parameters: list[Number], elements: list[Scalar], integrals: list[Scalar]) -> list[Scalar]:
         motion = WholeMotion(signature, parameters)
-        at = Augmented(tuple(elements), (0.0,) * integrals)
+        at = Augmented(tuple(elements), tuple(integrals))
         rate = motion.rate(at)
         # What is wanted counts as what must be known, but for the integrals.
         wanted = motion.outputs(at)[: len(elements)] if signature.options.whole else []
         return [*rate.state, *rate.integrals, *motion.events(at), *wanted]
 
-    parts = [jax.ShapeDtypeStruct((), np.float64) for _ in start.out_avals]
-    closed = jax.make_jaxpr(look)(signature.structs(), parts)
+    parts = [number for _ in start.out_avals]
+    closed = jax.make_jaxpr(look)(signature.structs(), parts, [number] * integrals)
     unknowns = Unknowns(closed, jaxpr_as_fun(start), len(parts), integrals, len(signature.event_names))
     if not unknowns.itself and not integrals:
         return functools.partial(WholeMotion, signature)  # nothing moves, and a step needs a row
@@ -177,7 +180,7 @@ class ReducedMotion(Motion):
 
     def events(self, at: Augmented) -> list[Scalar]:
         """The event functions."""
-        return self.unknowns.events(self.known, at.state)
+        return self.unknowns.events(self.known, at.state, at.integrals)
 
     def outputs(self, at: Augmented) -> list[Scalar]:
         """What is wanted at the end."""
@@ -200,8 +203,8 @@ class Unknowns:
     """The expressions to integrate, and how the parts of the state follow from them.
 
     Args:
-        closed: a function of (known …, state …) that gives the rates of the state, the rates of the integrals, the
-            events, and what else must be known.
+        closed: a function of (known …, state …, integrals …) that gives the rates of the state, the rates of the
+            integrals, the events, and what else must be known. Of these only events depend on integrals.
         start: a function of (known …) that gives the state at the start.
         parts: number of parts of the state.
         integrals: number of integrals.
@@ -214,15 +217,17 @@ class Unknowns:
         self._start = start
         self._made_by = {made: equation for equation in closed.jaxpr.eqns for made in equation.outvars}
         arguments, outputs = closed.jaxpr.invars, closed.jaxpr.outvars
-        state = arguments[len(arguments) - parts :]
+        moving = arguments[len(arguments) - parts - integrals :]
+        state = moving[:parts]
         self._state = set(state)
-        self._known = known_values(closed.jaxpr, self._state)
+        self._known = known_values(closed.jaxpr, set(moving))
+        no_integrals = [0.0] * integrals
         rates = dict(zip(state, outputs[:parts], strict=True))
         needed: set[Var] = set()
         while (more := needed | self._inputs([*outputs[parts:], *(rates[part] for part in needed)])) > needed:
             needed = more
-        moving = [i for i, part in enumerate(state) if part in needed and not _is_zero(rates[part])]
-        products = {i: self._product(rates[state[i]]) for i in moving}
+        changing = [i for i, part in enumerate(state) if part in needed and not _is_zero(rates[part])]
+        products = {i: self._product(rates[state[i]]) for i in changing}
         groups: dict[tuple[int, int], list[int]] = {}
         for i, product in products.items():
             # A part that relaxes keeps its digits only as an integral of its own.
@@ -243,11 +248,10 @@ class Unknowns:
         values = evaluate(closed, outputs[first : first + events])
         # JAX traces each of these once, for all the places and derivatives that ask for it.
         self.initial = jax.jit(self._initial)
-        self.rates = jax.jit(lambda known, integrals: rates(*known, *self.parts(known, integrals)))
-        self.events = jax.jit(lambda known, integrals: values(*known, *self.parts(known, integrals)))
-        self._factors = evaluate(
-            closed, [part for *_, product in self._follow for part in (*product.times, *product.over)]
-        )
+        self.rates = jax.jit(lambda known, own: rates(*known, *self.parts(known, own), *no_integrals))
+        self.events = jax.jit(lambda known, own, integrals: values(*known, *self.parts(known, own), *integrals))
+        factors = evaluate(closed, [part for *_, product in self._follow for part in (*product.times, *product.over)])
+        self._factors = lambda known, start: factors(*known, *start, *no_integrals)
 
     def _initial(self, known: Sequence[Number]) -> tuple[Scalar, ...]:
         """The integrals at the start: a part of the state where the integral is one, else zero."""
@@ -258,7 +262,7 @@ class Unknowns:
         """The state itself; parts of it that do not matter stay as they were at the start."""
         start = self._start(*known)
         parts = list(start)
-        factors = iter(self._factors(*known, *start))
+        factors = iter(self._factors(known, start))
         for i, index, product in self._follow:
             times = math.prod([next(factors) for _ in product.times], start=product.sign)
             over = math.prod([next(factors) for _ in product.over], start=1.0)

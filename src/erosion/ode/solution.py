@@ -603,13 +603,14 @@ def _undefined_at_start(lanes: Lanes, which: np.ndarray) -> dict[str, np.ndarray
         args, t = signature.args(parameters), signature.clock(parameters).t0
         y = jax.tree.map(lambda part: jnp.asarray(part, float), problem.start(args))
         parts: dict[str, Any] = {"y0": y}
+        integrals = problem.integrals_at_start(args)
         if problem.integrals0 is not None:
-            parts["integrals0"] = problem.integrals0(args)
+            parts["integrals0"] = integrals
         if problem.time_scale is not None:
             parts["time_scale"] = problem.time_scale(args)
         parts["vector_field"] = problem.vector_field(t, y, args)
         parts |= {f"integrals[{name!r}]": rate(t, y, args) for name, rate in problem.integrals.items()}
-        names, values = problem.event_names(args), problem.event_values(t, y, args)
+        names, values = problem.event_names(args), problem.event_values(t, y, args, integrals)
         parts |= {f"events[{name!r}]": value for name, value in zip(names, values, strict=True)}
         order.update(dict.fromkeys(parts))
         return {name: [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(part)] for name, part in parts.items()}

@@ -67,23 +67,23 @@ class Switches:
 
     def __init__(self, signature: Signature, *, by_hand: bool, of_time: bool = True) -> None:
         start = jax.eval_shape(lambda parameters: WholeMotion(signature, parameters).start(), signature.structs())
-        self._rows, self._integrals = len(start), len(signature.problem.integrals)
-        integrals = (0.0,) * self._integrals
+        rows, integrals = len(start), len(signature.problem.integrals)
 
         def look(parameters: list[Number], elements: list[Scalar]) -> tuple[list[Scalar], list[Scalar], list[Scalar]]:
             motion = WholeMotion(signature, parameters)
-            at = Augmented(tuple(elements), integrals)
+            at = Augmented(tuple(elements[:rows]), tuple(elements[rows:]))
             rate = motion.rate(at)
             return list(rate.state), list(rate.integrals), motion.events(at)
 
-        structs = signature.structs(), [jax.ShapeDtypeStruct((), np.float64)] * self._rows
+        structs = signature.structs(), [jax.ShapeDtypeStruct((), np.float64)] * (rows + integrals)
         closed, shapes = jax.make_jaxpr(look, return_shape=True)(*structs)
         structure = jax.tree.structure(shapes)
         made_by = {made: equation for equation in closed.jaxpr.eqns for made in equation.outvars}
-        self.moves = [not is_always_zero(atom, made_by) for atom in closed.jaxpr.outvars[: self._rows]]
-        varies = [False] * (len(closed.jaxpr.invars) - self._rows) + self.moves
+        self.moves = [not is_always_zero(atom, made_by) for atom in closed.jaxpr.outvars[:rows]]
+        of_lane = len(closed.jaxpr.invars) - rows - integrals
+        varies = [False] * of_lane + self.moves + [True] * integrals
         if signature.equations.timed and not of_time:
-            varies[-self._rows] = False
+            varies[of_lane] = False
 
         def rewritten(parameters: list[Number], elements: list[Scalar], modes: list[Scalar] | None) -> dict[str, Any]:
             rewriting = _Rewriting(modes, by_hand=by_hand)
@@ -118,7 +118,7 @@ class Switches:
 
     @staticmethod
     def _part(closed: ClosedJaxpr, shapes: dict[str, Any], *names: str) -> Callable[..., list[Scalar]]:
-        """A function of numbers, elements and modes that gives some parts of what is rewritten."""
+        """A function of parameters, elements with integrals, and modes that gives some parts of what is rewritten."""
         places = jax.tree.unflatten(jax.tree.structure(shapes), range(len(closed.jaxpr.outvars)))
         wanted = [closed.jaxpr.outvars[i] for name in names for i in places[name]]
         function = evaluate(closed, wanted)
@@ -141,7 +141,7 @@ class SwitchedMotion(WholeMotion):
     def start(self) -> list[Scalar]:
         """See `WholeMotion`."""
         elements = super().start()
-        return [*elements, *map(lax.stop_gradient, self.switches.initial(self.known, elements))]
+        return [*elements, *map(lax.stop_gradient, self.switches.initial(self.known, [*elements, *self.integrals0()]))]
 
     def whole(self, state: Sequence[Scalar]) -> tuple[Scalar, Any]:
         """See `WholeMotion`."""
@@ -151,7 +151,7 @@ class SwitchedMotion(WholeMotion):
         """See `Motion`."""
         elements, modes = self._parted(at)
         rates = self.switches.rates(self.known, elements, modes)
-        moves, rows = self.switches.moves, len(elements)
+        moves, rows = self.switches.moves, len(self.switches.moves)
         own = [rate if moves else np.zeros(()) for rate, moves in zip(rates[:rows], moves, strict=True)]
         return Augmented((*own, *(np.zeros(()) for _ in modes)), tuple(rates[rows:]))
 
@@ -175,15 +175,16 @@ class SwitchedMotion(WholeMotion):
         for i, (switch, mode) in enumerate(zip(self.switches.switch_of_bound, following, strict=True)):
             new = lax.stop_gradient(jnp.where(jumps, values[switch], mode))
             after[switch] = jnp.where(bound == i, new, after[switch])
-        return self._with(at._replace(state=tuple(elements)), after)
+        return self._with(at._replace(state=at.state[: len(self.switches.moves)]), after)
 
     def sizes_of_bounds(self, at: Augmented) -> list[Scalar]:
         """The sizes of the numbers whose differences the bounds are."""
         return self.switches.sizes(self.known, *self._parted(at))
 
     def _parted(self, at: Augmented) -> tuple[list[Scalar], list[Scalar]]:
-        own = len(at.state) - self.switches.count
-        return list(at.state[:own]), list(at.state[own:])
+        """Elements of the state with the integrals, and modes."""
+        rows = len(self.switches.moves)
+        return [*at.state[:rows], *at.integrals], list(at.state[rows:])
 
     def _with(self, at: Augmented, modes: Sequence[Scalar]) -> Augmented:
         return at._replace(state=(*at.state, *modes))
