@@ -274,6 +274,6 @@ def test_a_switch_that_only_resets_change_is_no_kink(rate, rough: bool, still) -
         {"high": ode.Event(lambda t, y, args: y["x"] - 0.6, +1, reset=lambda t, y, args: y | {"on": 0.0})},
     )
     signature = lanes_of(
-        problem, None, Clock(0.0, 1.0, np.inf, np.inf), Options(arm_on_return=True, clock=True)
+        problem, None, Clock(0.0, 1.0, np.inf, np.inf), Options(arm_on_return=True, reports_state=True)
     ).signature
     assert may_have_kinks(signature) == rough

@@ -73,7 +73,7 @@ def signature_of(model: CuttingModel, p: Parameters, *, whole: bool = False) -> 
     equations = CUT.equations(case, ())
     leaves, structure = jax.tree.flatten(case)
     rest = tuple(None if is_number(leaf) else leaf for leaf in leaves)
-    problem, options = (whole_cut(model), Options(clock=True, whole=True)) if whole else (CUT, Options())
+    problem, options = (whole_cut(model), Options(reports_state=True)) if whole else (CUT, Options())
     signature = Signature(problem, structure, rest, *_shapes(equations), options, equations)
     located = signature.wanting(switches=True, arm_on_return=True)
     what = unlocated(located)

@@ -19,7 +19,7 @@ from erosion.ode.methods import METHODS
 from erosion.ode.methods.base import TIGHTEST
 from erosion.ode.switches import require_derivatives
 from erosion.ode.tape import row_width
-from erosion.ode.variational import Clock, Derivatives, Direction, Signature
+from erosion.ode.variational import Derivatives, Direction, Signature
 from erosion.ode.verification import AccuracyCheck, Reached, of_lanes
 
 _REPEATED = 4  # times at most
@@ -66,8 +66,7 @@ class _Batch(NamedTuple):
     def is_known(self) -> np.ndarray:
         """Whether all numbers of the arguments of a lane are finite, shape (lanes,)."""
         known = np.ones(self.used.size, bool)
-        own = len(self.signature.shapes) - (len(Clock._fields) if self.signature.options.clock else 0)
-        for leaf, shape in zip(self.leaves[:own], self.program.inputs, strict=False):
+        for leaf, shape in zip(self.leaves[: self.signature.arguments], self.program.inputs, strict=False):
             known &= np.isfinite(leaf).all(axis=tuple(range(leaf.ndim - len(shape), leaf.ndim)))
         return known
 

@@ -68,7 +68,7 @@ class Lanes(NamedTuple):
         Raises:
             ValueError: where the name is none of a number that each lane has.
         """
-        count = self.arguments
+        count = self.signature.arguments
         known = [*self.names[:count], *_CLOCK]
         # "args.t1" is an argument although `solve` has a number of that name, which is "solve.t1".
         labels = [*(f"args.{one}" for one in self.names[:count]), *(f"solve.{one}" for one in _CLOCK)]
@@ -86,18 +86,13 @@ class Lanes(NamedTuple):
             )
         return self.signature.offsets[places[0]]
 
-    @property
-    def arguments(self) -> int:
-        """How many of the numbers are arguments; the clock's follow them, whose names arguments may have, too."""
-        return len(self.names) - len(Clock._fields)
-
     def is_of_clock(self, name: str) -> bool:
         """Whether a name is that of where lanes begin or end."""
-        return self.element_of(name) >= self.signature.offsets[self.arguments]
+        return self.element_of(name) >= self.signature.offsets[self.signature.arguments]
 
     def begins_with(self, name: str) -> bool:
         """Whether a name is that of where lanes begin."""
-        return self.element_of(name) == self.signature.offsets[self.arguments]
+        return self.element_of(name) == self.signature.offsets[self.signature.arguments]
 
 
 def checked_lanes(
@@ -131,8 +126,7 @@ def checked_lanes(
         arm_on_return=True,
         check_start=start == "end",
         fires=start == "fire",
-        clock=True,
-        whole=True,
+        reports_state=True,
         smooth=smooth,
         switches=not smooth,
         max_steps=check_whole("max_steps", max_steps, 1),

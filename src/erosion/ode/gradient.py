@@ -375,10 +375,10 @@ def _fill_forwards(
     at: AtTimes | None,
 ) -> None:
     """The same as `_WayBack.fill`, one lane for each element of a number."""
-    clock = Clock._fields.index("max_step") - len(Clock._fields) if signature.options.clock else None
+    of_times = signature.arguments + Clock._fields.index("max_step")
     elements = [
         (i, offset + j)
-        for i, (shape, offset) in enumerate(zip(signature.shapes[:clock], signature.offsets, strict=False))
+        for i, (shape, offset) in enumerate(zip(signature.shapes[:of_times], signature.offsets, strict=False))
         for j in range(math.prod(shape))
         if signature.dtypes[i] == "float64"
     ]

@@ -129,7 +129,7 @@ def _finish(
     ended = problem.method.is_known(control.mode == ENDED, end.amplification)
     finite = functools.reduce(jnp.logical_and, map(jnp.isfinite, numbers), ended)
     # What an unfinished lane has reached is told, where nothing else says so.
-    reached = finite | (control.mode == UNFINISHED) if problem.options.clock else finite
+    reached = finite | (control.mode == UNFINISHED) if problem.options.reports_state else finite
     known = [jnp.where(reached, number, jnp.nan) for number in numbers[: len(jax.tree.leaves(results.value))]]
     others = [jnp.where(finite, number, jnp.nan) for number in numbers[len(known) :]]
     results = jax.tree.unflatten(structure, known + others)
@@ -137,13 +137,13 @@ def _finish(
     least = [LEAST * size for size in problem.sizes_of_state(motion.greatest)]
     return LaneEnd(
         outcome=_outcome(problem, finite, control.mode, event),
-        rtol_next=plan(control, ended & begun, end.amplification, finite, rtol, whole=problem.options.whole),
+        rtol_next=plan(control, ended & begun, end.amplification, finite, rtol, whole=problem.options.reports_state),
         time=time,
         outputs=outputs,
         trials=lax.convert_element_type(control.trials, np.int32),
-        count=lax.convert_element_type(motion.count, np.int32) if problem.options.clock else None,
+        count=lax.convert_element_type(motion.count, np.int32) if problem.options.reports_state else None,
         at_once=[lax.convert_element_type(each, np.int8) for each in motion.at_once[: problem.own_events]]
-        if problem.options.clock
+        if problem.options.reports_state
         else [],
         least=least,
         stiff=lax.convert_element_type(control.event == STIFF, np.int8) if problem.detects_stiffness else None,

@@ -86,7 +86,7 @@ class LaneEquations:
         self.rate = functools.partial(rate, self.parameters, places)
         self.rate_and_events = functools.partial(rate_and_events, self.parameters, places)
         self.method = method_of(self)
-        scaled, clocked = signature.problem.time_scale is not None, self.options.clock
+        scaled, clocked = signature.problem.time_scale is not None, self.options.reports_state
         by_scale = scaled and (not clocked or jnp.isinf(self.clock.t1))
         foresees = self.options.arm_on_return and self.method.foresees
         self.limits = Limits(self.options.max_steps, by_scale, foresees=foresees)
@@ -146,7 +146,7 @@ class LaneEquations:
 
     def sizes_of_state(self, flat_state: FlatState) -> list[Scalar]:
         """The sizes of the elements of the state, where it is wanted, from those of the rows of the motion itself."""
-        if not self.options.whole:
+        if not self.options.reports_state:
             return []
         # Each element is a known number plus known multiples of rows.
         high, low = (
@@ -192,6 +192,6 @@ class LaneEquations:
     @property
     def time_to_end(self) -> Derivatives:
         """How long a lane without an event goes on, with derivatives; the value is None where it does."""
-        if not self.options.clock:
+        if not self.options.reports_state:
             return Derivatives(None, None, None, None)
         return self.equations.of(lambda _, motion: motion.clock.t1 - motion.clock.t0, ())

@@ -41,7 +41,7 @@ class WholeMotion(Motion):
         self.signature, self.problem = signature, signature.problem
         self.args = signature.args(parameters)
         self.clock = (
-            signature.clock(parameters) if signature.options.clock else Clock(0.0, math.inf, math.inf, math.inf)
+            signature.clock(parameters) if signature.options.reports_state else Clock(0.0, math.inf, math.inf, math.inf)
         )
         self._timed = signature.equations.timed
 
@@ -102,7 +102,7 @@ class WholeMotion(Motion):
     def outputs(self, at: Augmented) -> list[Scalar]:
         """What is wanted at the end."""
         _, y = self.whole(at.state)
-        return [*(elements_of(jax.tree.leaves(y)) if self.signature.options.whole else []), *at.integrals]
+        return [*(elements_of(jax.tree.leaves(y)) if self.signature.options.reports_state else []), *at.integrals]
 
     def after(self, event: int, at: Augmented) -> Augmented:
         """State and integrals after an event."""
@@ -149,7 +149,7 @@ def reduced_motion_of(signature: Signature) -> Callable[[Sequence[Number]], Moti
         at = Augmented(tuple(elements), tuple(integrals))
         rate = motion.rate(at)
         # What is wanted counts as what must be known, but for the integrals.
-        wanted = motion.outputs(at)[: len(elements)] if signature.options.whole else []
+        wanted = motion.outputs(at)[: len(elements)] if signature.options.reports_state else []
         return [*rate.state, *rate.integrals, *motion.events(at), *wanted]
 
     parts = [number for _ in start.out_avals]
@@ -184,7 +184,7 @@ class ReducedMotion(Motion):
 
     def outputs(self, at: Augmented) -> list[Scalar]:
         """What is wanted at the end."""
-        if not self._whole.signature.options.whole:
+        if not self._whole.signature.options.reports_state:
             return list(at.integrals)
         parts = tuple(self.unknowns.parts(self.known, at.state))
         return self._whole.outputs(Augmented(parts, at.integrals))

@@ -174,7 +174,7 @@ class SegmentLoop:
 
 def _own(problem: LaneEquations) -> list[Number]:
     """The numbers that must be finite: those of the arguments, and of the clock t0, and t1 if it is not ∞."""
-    if not problem.options.clock:
+    if not problem.options.reports_state:
         return problem.parameters
     t0, t1, *_ = problem.clock
     return [*problem.parameters[: -len(problem.clock)], t0, jnp.where(t1 == jnp.inf, t0, t1)]

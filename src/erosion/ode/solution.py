@@ -346,7 +346,7 @@ class Solution(Result):
             return
         count = np.count_nonzero(going_forwards(signature, np.asarray(self.stiff), timed=timed) & has_result)
         if count:
-            elements = signature.offsets[self.lanes.arguments]
+            elements = signature.offsets[self.lanes.signature.arguments]
             yield (
                 f"The gradient of {count:,} of {self.title} takes one integration for each of {elements:,} numbers, "
                 "as motions with kinks, stiff ones with `ts`, and those with `start='fire'` or loops in their rates do."
@@ -447,7 +447,7 @@ class Solution(Result):
         columns = zip(lanes.names, lanes.parameters, lanes.signature.shapes, strict=True)
         for place, (name, number, shape) in enumerate(columns):
             number = np.asarray(number, float)
-            bad = np.isnan(number) if place >= lanes.arguments else ~np.isfinite(number)
+            bad = np.isnan(number) if place >= lanes.signature.arguments else ~np.isfinite(number)
             own = left & np.broadcast_to(np.any(bad) if shape else bad, lanes.size)
             if np.any(own):
                 what = "NaN" if np.all(np.isnan(number[bad])) else "NaN or infinite"
@@ -568,7 +568,7 @@ class Solution(Result):
         columns = zip(self.lanes.names, self.lanes.parameters, self.lanes.signature.shapes, strict=True)
         for place, (name, number, shape) in enumerate(columns):
             if np.ndim(number) > len(shape):
-                is_time = place >= self.lanes.arguments and name in ("t0", "t1")
+                is_time = place >= self.lanes.signature.arguments and name in ("t0", "t1")
                 sign = -1.0 if self.forwards is not None and is_time else 1.0
                 name = _free(_label(name).replace(".", "_"), taken)
                 taken[name] = coordinates[name] = (axes, sign * np.reshape(number, self.lanes.shape))

@@ -127,7 +127,7 @@ def _codes(end: LaneEnd, rtol: float) -> list[Any]:
 
 
 def _numbers_of_codes(signature: Signature) -> int:
-    return _BESIDE + (len(signature.event_names) if signature.options.clock else 0)
+    return _BESIDE + (len(signature.event_names) if signature.options.reports_state else 0)
 
 
 def traced_end(signature: Signature, rtol: float, parameters: Sequence[Number]) -> Array:

@@ -47,8 +47,7 @@ class Options(NamedTuple):
         arm_on_return: an event whose function is zero or beyond it counts once it has returned.
         check_start: a lane whose event functions are not all before their events at the start ends there.
         fires: an event whose function is zero or past it at the start happens there.
-        clock: the numbers end with those of `Clock`.
-        whole: the state at the end is wanted, beside the integrals.
+        reports_state: the state at the end is wanted beside the integrals; the parameters end with those of `Clock`.
         smooth: the motion has no kinks, whatever its arithmetic looks like; None looks.
         switches: breaks of the rates are located, see `switches`.
         max_steps: trials after which a lane is unfinished.
@@ -63,8 +62,7 @@ class Options(NamedTuple):
     arm_on_return: bool = False
     check_start: bool = True
     fires: bool = False
-    clock: bool = False
-    whole: bool = False
+    reports_state: bool = False
     smooth: bool | None = None
     switches: bool = False
     max_steps: int = 20_000
@@ -101,7 +99,7 @@ class Signature:
         equations: TracedProblem,
     ) -> None:
         self.problem, self.structure, self.leaves, self.options = problem, structure, leaves, options
-        count = len(Clock._fields) if options.clock else 0
+        count = len(Clock._fields) if options.reports_state else 0
         self.shapes, self.dtypes = shapes + ((),) * count, dtypes + ("float64",) * count
         self.equations = equations
         self._key = equations.digest, self.shapes, self.dtypes, options
@@ -121,9 +119,7 @@ class Signature:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Without the equations: a process that reads it traces them from its own code."""
-        count = len(self.equations.parameters)
-        own = self.shapes[:count], self.dtypes[:count]
-        return _traced_again, (self.problem, self.structure, self.leaves, *own, self.options)
+        return _traced_again, (self.problem, self.structure, self.leaves, *self._of_arguments, self.options)
 
     def renewed(self) -> "Signature":
         """The signature of the same problem as its code is now; a program of JAX may keep a signature for long."""
@@ -135,10 +131,8 @@ class Signature:
     def of_problem(self, problem: Problem) -> "Signature":
         """The signature of another problem with such arguments."""
         args = self.args([np.zeros(struct.shape, struct.dtype) for struct in self.structs()])
-        count = len(self.equations.parameters)
-        own = self.shapes[:count], self.dtypes[:count]
         equations = problem.equations(args, self.equations.parameters)
-        return Signature(problem, self.structure, self.leaves, *own, self.options, equations)
+        return Signature(problem, self.structure, self.leaves, *self._of_arguments, self.options, equations)
 
     def wanting(self, **options: Any) -> "Signature":
         """The signature with other options."""
@@ -146,9 +140,16 @@ class Signature:
         return self if wanted == self.options else self._of(wanted, self.equations)
 
     def _of(self, options: Options, equations: TracedProblem) -> "Signature":
-        count = len(self.shapes) - (len(Clock._fields) if self.options.clock else 0)
-        own = self.shapes[:count], self.dtypes[:count]
-        return Signature(self.problem, self.structure, self.leaves, *own, options, equations)
+        return Signature(self.problem, self.structure, self.leaves, *self._of_arguments, options, equations)
+
+    @property
+    def arguments(self) -> int:
+        """How many of the parameters are arguments; those of the clock follow, whose names arguments may have, too."""
+        return len(self.equations.parameters)
+
+    @property
+    def _of_arguments(self) -> tuple[tuple[tuple[int, ...], ...], tuple[str, ...]]:
+        return self.shapes[: self.arguments], self.dtypes[: self.arguments]
 
     @functools.cached_property
     def offsets(self) -> list[int]:
@@ -169,7 +170,7 @@ class Signature:
     @property
     def rows(self) -> int:
         """How many numbers the time at the end and the outputs are."""
-        state = jax.tree.leaves(self.state) if self.options.whole else []
+        state = jax.tree.leaves(self.state) if self.options.reports_state else []
         return 1 + sum(math.prod(leaf.shape) for leaf in state) + len(self.problem.integrals)
 
     @property
@@ -185,7 +186,7 @@ class Signature:
             codes: how they ended, see `end_names`.
             elapsed: since they began; without a clock also the time.
         """
-        if not self.options.clock:
+        if not self.options.reports_state:
             return elapsed
         clock = self.clock(parameters)
         where = jnp.where if isinstance(elapsed, jax.Array) else np.where
@@ -213,7 +214,7 @@ class Signature:
         else:
             typical = jax.tree.leaves(self.problem.typical(self.args(parameters)))
             sizes = [size for size, leaf in zip(typical, self.leaves, strict=True) if leaf is None]
-        if self.options.clock:
+        if self.options.reports_state:
             clock = self.clock(parameters)
             span = jnp.where(jnp.isfinite(clock.t1), clock.t1 - clock.t0, 1.0)
             sizes[len(self.shapes) - len(clock) :] = clock._replace(t0=span, t1=span)

@@ -129,7 +129,7 @@ class AccuracyCheck:
 
         What a chain or a chaotic motion multiplies in its derivatives need not show in its values.
         """
-        if not self.signature.options.whole or not self.directions:
+        if not self.signature.options.reports_state or not self.directions:
             return 0.0
         parameters = self.signature.of_lanes(self.parameters, lanes)
         units = [self._units(parameters, each, lanes.size) for each in of_lanes(self.directions, lanes)]

@@ -94,7 +94,7 @@ class ProblemGrid(AnyGrid):
         """
         numbers = {name: leaf for name, leaf in _by_path(self.args).items() if is_number(leaf)}
         clock = Clock(0.0, 1.0, math.inf, math.inf)
-        lanes = lanes_of(self.problem, self.args, clock, Options(clock=True), self.options.get("shared", ()))
+        lanes = lanes_of(self.problem, self.args, clock, Options(reports_state=True), self.options.get("shared", ()))
         equations = lanes.signature.equations
         if equations.process_local:
             raise ValueError(

@@ -129,8 +129,8 @@ class RungeKutta(Method):
         super().__init__(problem)
         self.ending = ShortOfKinks() if problem.nonsmooth else ByAShortStep()
         # Where nothing but integrals is wanted, their sizes are those that they have.
-        self._remembers = problem.options.whole
-        self._slack = self.slack[1][problem.order] if problem.options.whole else self.slack[0]
+        self._remembers = problem.options.reports_state
+        self._slack = self.slack[1][problem.order] if problem.options.reports_state else self.slack[0]
 
     def first_step(self, initial: FlatState, slope: FlatState, scale: Scalar, asked: Scalar) -> Scalar:
         """See `Method`."""
@@ -192,12 +192,12 @@ class RungeKutta(Method):
         sizes: list[Scalar] = sizes_or_least(self.problem.sizes, greatest)
         error = check = 0.0 * h
         # A step far too long may end in a slope that is far greater than all within it, which the estimate knows.
-        late = -2 if self.problem.options.clock else -1
+        late = -2 if self.problem.options.reports_state else -1
         integrals = range(self.problem.width - self.problem.integrals, self.problem.width)
         of_motion = sizes
         for first in range(0, len(state), self.problem.width):
             member = range(first, first + self.problem.width)
-            if first and self.problem.options.clock and self.problem.signature.problem.typical is None:
+            if first and self.problem.options.reports_state and self.problem.signature.problem.typical is None:
                 # A number may matter far less than by its own size, and its derivatives are wanted all the same.
                 sizes = [jnp.maximum(APART, NOISE / rtol) * size for size in of_motion]
             for i, row in enumerate(member):
@@ -207,7 +207,7 @@ class RungeKutta(Method):
             for i in integrals:
                 sizes[i] = sizes[i] + jnp.abs(h * stages[first + i][late])
             measures = list(sizes)
-            if self.problem.options.clock and not self.problem.nonsmooth:
+            if self.problem.options.reports_state and not self.problem.nonsmooth:
                 for i, row in enumerate(member):
                     ends = (before[row], state[row]), (stages[row][0], stages[row][-1])
                     measures[i] = jnp.where(leaves_rest(*ends, h, self.problem.time_scale), jnp.inf, sizes[i])
@@ -215,7 +215,7 @@ class RungeKutta(Method):
                 error = jnp.maximum(error, estimate(tuple(self.tableau.error), h, stages[row], size))
             # The estimate of what is wanted is mostly the largest by far. Where it passes through zero by chance
             # it hides an error, but a second estimate is not zero at the same place.
-            for i in range(self.problem.width) if self.problem.options.whole else integrals:
+            for i in range(self.problem.width) if self.problem.options.reports_state else integrals:
                 check = self.check(check, h, stages[first + i], measures[i])
             of_motion = of_motion if first else list(sizes)
         return jnp.maximum(error, _CHECK * check * eighth_root(check))
