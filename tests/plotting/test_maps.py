@@ -13,8 +13,9 @@ import erosion
 from erosion import CORRELATIONS, erosion_map
 from erosion.cfd.surface import Surface
 from erosion.output.tables import with_error
+from erosion.pages.map import write_map_page
 from erosion.plotting import maps
-from erosion.plotting.maps import plot_map, require_view, write_map_page
+from erosion.plotting.maps import plot_map, require_view
 from tests.cfd.tables import Table, hump, sand
 
 pytest.importorskip("pyvista")
@@ -86,7 +87,7 @@ def test_a_page_has_the_worst_faces_the_totals_and_the_warnings(tmp_path: Path) 
     wear = erosion_map("dnv", P, sand(surface, 400), surface, sand_rate="100 kg/day", injected="1 g")
     page = write_map_page(wear, tmp_path / "a.html").read_text()
     assert 'src="data:image/png;base64,iVBOR' in page
-    worst = [int(face) for face in re.findall(r"<tr><td>(\d+)</td><td>(?:front|back)</td>", page)]
+    worst = [int(face) for face in re.findall(r"<tr><th scope=\"row\">(\d+)</th><td>(?:front|back)</td>", page)]
     assert worst == np.argsort(-wear["depth"].values)[:10].tolist()
     greatest, error = (float(wear[name][worst[0]]) for name in ("depth_per_year", "relative_error"))
     x, y, z = wear["centre"].values[worst[0]] * 1e3

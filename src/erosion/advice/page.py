@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from erosion.advice.abrasives import between
 from erosion.advice.result import DRAWS, NOZZLE_ANGLES, Advice, degrees, ends
 from erosion.output import briefly, require_no_pdf, require_writable, write_whole
+from erosion.pages.frame import inline_svg, render_page
 from erosion.parameters import QUANTITIES, quantity_row
 from erosion.plotting.labels import DIM, INK, PALETTE, STYLES
 from erosion.plotting.style import angle_axis, house_style, mark_turned, new_figure, render
-from erosion.report.text import inline_svg, render_page
 
 _DASHES: Sequence[Any] = ("-", (0, (6, 2)), (0, (2, 2)), (0, (6, 2, 1, 2)), (0, (1, 1)), (0, (6, 2, 1, 2, 1, 2)))
 _MARKS = ("o", "s", "^", "v", "D", "x")

@@ -120,6 +120,7 @@ from erosion.output.tables import HEADINGS as HEADINGS
 from erosion.output.tables import WIDTH as WIDTH
 from erosion.output.tables import to_json as to_json
 from erosion.output.tables import to_lines as to_lines
+from erosion.pages.map import write_map_page as write_map_page
 from erosion.parameters.case_files import CaseFile as CaseFile
 from erosion.parameters.materials import Particle as Particle
 from erosion.parameters.materials import Target as Target
@@ -156,7 +157,6 @@ from erosion.plotting.maps import plot_map as plot_map
 from erosion.plotting.maps import plot_stream as plot_stream
 from erosion.plotting.maps import require_renderer as require_renderer
 from erosion.plotting.maps import require_view as require_view
-from erosion.plotting.maps import write_map_page as write_map_page
 from erosion.plotting.motion import plot_trajectory as plot_trajectory
 from erosion.plotting.style import plot_files as plot_files
 from erosion.plotting.style import save_plots as save_plots

@@ -1,15 +1,11 @@
-"""Figures of maps and streams: a surface coloured by its wear, its page, and the volumes that particles remove."""
+"""Figures of maps and streams: a surface coloured by its wear, and the volumes that particles remove."""
 
-import base64
 import contextlib
 import ctypes
-import html
 import math
 import os
-import re
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -22,15 +18,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogFormatter
 
-from erosion.cfd.map_result import FACES, PAGE, MapSummary, require_map_path, to_polydata, total_scale
+from erosion.cfd.map_result import FACES, to_polydata, total_scale
 from erosion.extras import library
-from erosion.output import briefly, require_no_pdf, to_html, with_error, write_whole
+from erosion.output import briefly, with_error
 from erosion.parameters import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
-from erosion.plotting.style import house_style, mark_turned, new_figure, render
+from erosion.plotting.style import house_style, mark_turned, new_figure
 from erosion.results import from_attribute
 from erosion.streams.result import NozzleAngle, Stream
-from erosion.version import __version__
 
 VIEWS: Mapping[str, tuple[float, float, float]] = {
     "iso": (1.0, -1.4, 0.9), "+x": (1.0, 0.0, 0.0), "-x": (-1.0, 0.0, 0.0), "+y": (0.0, 1.0, 0.0),
@@ -83,11 +78,11 @@ def plot_map(
     require_view(view, zoom)
     if "face" not in wear.dims:
         raise ValueError("Argument `wear` must be the map of a surface, but holds totals alone.")
-    quantity = quantity or _depth_of(wear)
+    quantity = quantity or depth_of(wear)
     if quantity not in FACES or quantity not in wear:
         known = ", ".join(name for name in FACES if name in wear)
         raise ValueError(f"Argument `quantity` must be one of {known}, but is {briefly(quantity)}.")
-    scale, values = _in_scale(wear, quantity)
+    scale, values = in_scale(wear, quantity)
     greatest = float(np.max(values, where=np.isfinite(values), initial=0.0))
     is_amount = quantity not in ("alpha_mean", "v0_mean")
     if log is None:
@@ -126,7 +121,7 @@ def plot_map(
     return fig
 
 
-def _depth_of(wear: xr.Dataset) -> str:
+def depth_of(wear: xr.Dataset) -> str:
     """The depth a year where the duration is known, else the depth."""
     return "depth_per_year" if "depth_per_year" in wear else "depth"
 
@@ -268,7 +263,7 @@ def _picture(wear: xr.Dataset, colours: np.ndarray, camera: _Camera) -> np.ndarr
     return np.asarray(picture)
 
 
-def _in_scale(wear: xr.Dataset, quantity: str) -> tuple[Scale, np.ndarray]:
+def in_scale(wear: xr.Dataset, quantity: str) -> tuple[Scale, np.ndarray]:
     """The unit in which the numbers of the faces read well, and the numbers in it."""
     values = np.asarray(wear[quantity].values, float)
     if quantity == "depth_per_year":
@@ -340,85 +335,6 @@ def described(wear: xr.Dataset) -> list[str]:
         time = table_scale("time", "si", float(wear["duration"]))
         sand.append(f"impacts of {float(wear['duration']) / time.size:.4g} {time.unit} {attrs['duration_from']}")
     return [*lines, ", ".join(sand)] if sand else lines
-
-
-_WORST = 10  # faces that a page lists
-_ASSUMED = (
-    "Each impact meets a plane, smooth wall that has not worn; impacts do not know of each other. ± is the standard "
-    "error of the sample of impacts: it knows no error of the flow, of the velocities or of the model."
-)
-_STYLE = (
-    "body{font:15px/1.45 system-ui,sans-serif;max-width:60rem;margin:1.5rem auto;padding:0 1rem;color:#1d2329}"
-    "img{max-width:100%}table{border-collapse:collapse;margin:1rem 0;font-size:.9rem}caption{text-align:left;"
-    "font-weight:600}th,td{border-bottom:1px solid #d9dde2;padding:.15rem .8rem .15rem 0;text-align:left;"
-    "vertical-align:top;white-space:nowrap}td:last-child{white-space:normal}"
-    "@media print{@page{size:A4;margin:12mm}body{font-size:9pt;margin:0;padding:0;max-width:none}"
-    "img{max-width:15cm;max-height:14cm}img,tr,p{break-inside:avoid}h1,caption,thead{break-after:avoid}"
-    "thead{display:table-header-group}}"
-)
-
-
-def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = None, **look: Any) -> Path:
-    """Write a map as one page: the picture, the worst ten faces, totals, what is assumed, and warnings.
-
-    Args:
-        wear: what `erosion_map` returns, of a surface.
-        path: ends in .html; the picture is in the file. A browser prints it.
-        quantity: of the picture, see `plot_map`.
-        look: view, zoom and log of `plot_map`.
-
-    Raises:
-        ValueError: for another suffix, and as of `plot_map`.
-        OSError: where the file cannot be written.
-    """
-    require_no_pdf(Path(path))
-    path = require_map_path(path, has_surface="face" in wear.dims, suffixes=(PAGE,))
-    title = f"Wear of {Path(wear.attrs['surface']).name}"
-    summary = MapSummary(wear)
-    totals = [(row.name, row.value, row.unit, row.meaning) for row in summary.rows()]
-    tables = [_worst_faces(wear), ("Totals", totals, ["quantity", "value", "unit", "meaning"])]
-    options = re.sub(r"\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", wear.attrs["options"])
-    source = "; ".join(filter(None, [summary.title, options, f"erosion {__version__}"]))
-    source = re.sub(r"\b(sand_rate = [^, ;]+)(?=[,;])", r"\1 kg/s", source)
-    # A reader of the page knows no arguments.
-    warnings = ["⚠ " + re.sub(r"(?:Argument )?`(\w+)`", r"“\1”", warning) for warning in summary.warnings]
-    notes = [*wear.attrs["read_as"].splitlines(), _ASSUMED, f"{wear.attrs['model']}: {wear.attrs['constants']}", source]
-    picture = base64.b64encode(render(plot_map(wear, quantity, **look), "png")).decode()
-    content = "\n".join([
-        f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>',
-        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>',
-        f"<h1>{html.escape(title)}</h1>", *(f"<p>{html.escape(warning)}</p>" for warning in warnings),
-        f'<img alt="The surface, coloured by its wear." src="data:image/png;base64,{picture}">',
-        *(to_html(*table) for table in tables), *(f"<p>{html.escape(note)}</p>" for note in notes),
-        "</body></html>",
-    ])  # fmt: skip
-    write_whole(path, content.encode())
-    return path
-
-
-_Table = tuple[str, Sequence[Sequence[str]], Sequence[str]]
-"""Title, rows and headings."""
-
-
-def _worst_faces(wear: xr.Dataset) -> _Table:
-    """The faces with the greatest depth, with their places."""
-    name = _depth_of(wear)
-    scale, depth = _in_scale(wear, name)
-    errors, centre = depth * wear["relative_error"].values, wear["centre"].values
-    length = readable_scale("length", "si", float(np.abs(centre).max()))
-    speed = conversion_factor("speed", wear.attrs["unit_system"], "si")
-    rows = []
-    for face in [face for face in np.argsort(-np.nan_to_num(depth), kind="stable")[:_WORST] if depth[face] > 0]:
-        patch = wear["patch"].values[wear["face_patch"].values[face]]
-        place = ", ".join(f"{number / length.size:.4g}" for number in centre[face])
-        rows.append([
-            f"{face:,}", str(patch), place, with_error(float(depth[face]), float(errors[face])),
-            f"{int(wear['impacts'][face]):,}", f"{math.degrees(float(wear['alpha_mean'][face])):.3g}°",
-            f"{float(wear['v0_mean'][face]) * speed:.3g}",
-        ])  # fmt: skip
-    headings = ["face", "patch", f"x, y, z [{length.unit}]", f"{FACES[name].meaning.split(',')[0]} [{scale.unit}]",
-                "rows", "mean angle", "speed [m/s]"]  # fmt: skip
-    return f"The worst {len(rows)} faces", rows, headings
 
 
 @house_style()

@@ -22,6 +22,7 @@ from erosion.impacts import TurnWarning
 from erosion.interrupts import unawaited_threads
 from erosion.ode.step_control import require_xla
 from erosion.output import Record, briefly, to_csv, to_json, write_whole
+from erosion.pages.frame import inline_svg, render_page
 from erosion.parameters import (
     QUANTITIES,
     Parameters,
@@ -37,7 +38,7 @@ from erosion.parameters import (
 from erosion.plotting.style import fit_legends, save_figure
 from erosion.report.case import Answer, Drawing, ReportCase, question
 from erosion.report.questions import QUESTIONS, text_file
-from erosion.report.text import blocks, degrees, inline, inline_svg, number, quantity, render_page, to_html
+from erosion.report.text import blocks, degrees, inline, number, quantity, to_html
 from erosion.version import __version__
 
 _FOLDER = Path(__file__).parent
@@ -334,6 +335,7 @@ def _write(case: ReportCase, keys: Sequence[str], out: Path, progress: Progress,
     write_whole(out / "numbers.csv", to_csv({"name": names, "value": values}).encode())
     page = render_page(
         "handout.html" if brief else "page.html",
+        package="erosion.report",
         case_name=case.name,
         system=_SYSTEMS[case.units],
         parameters=_parameter_rows(case.p),

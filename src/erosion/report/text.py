@@ -1,12 +1,11 @@
-"""Numbers, formulas, figures and Markdown as parts of an HTML page, and the frame that all pages share."""
+"""Numbers, formulas and Markdown as parts of an HTML page."""
 
 import decimal
 import math as maths
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-import jinja2
 from latex2mathml.converter import convert
 from markdown_it import MarkdownIt
 from markdown_it.renderer import RendererHTML
@@ -14,41 +13,10 @@ from markdown_it.rules_block import StateBlock
 from markdown_it.rules_core import StateCore
 from markdown_it.rules_inline import StateInline
 from markdown_it.token import Token
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from erosion.output import briefly
 from erosion.parameters import Dimension, Scale, System, readable_scale, superscript, unit_name
-from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
-from erosion.version import __version__
-
-THEMES: Mapping[str, Mapping[str, str]] = {
-    "light": {**PALETTE, "ink": INK, "faint": FAINT, "dim": DIM, "paper": "#ffffff", "page": "#f4f5f7",
-              "accent": "#00568a"},
-    "dark": {"blue": "#4fb0f0", "vermillion": "#ff8a47", "green": "#2fcca0", "purple": "#e3a0c6", "sky": "#2f7fb8",
-             "orange": "#f0b429", "ink": "#e4e7eb", "faint": "#39414a", "dim": "#98a2ad", "paper": "#1b2027",
-             "page": "#12161b", "accent": "#7cc4f5"},
-}  # fmt: skip
-"""Colours of the page by CSS variable. Figures have the same colours; on a dark page they are lighter."""
-
-_VARIABLES = {THEMES["light"][name]: name for name in (*PALETTE, "ink", "faint", "dim")}
-
-
-def inline_svg(name: str, text: str, description: str) -> Markup:
-    """A figure as `<svg>`: it fills its box, has the page's colours, and its ids are unique on the page.
-
-    Args:
-        name: of the figure; ids begin with it.
-        text: of the SVG file.
-        description: a description for readers who cannot see the figure.
-    """
-    text = text[text.index("<svg") :].strip().replace("fill: #ffffff", "fill: none")
-    for color, variable in _VARIABLES.items():
-        text = re.sub(color, f"var(--{variable})", text, flags=re.IGNORECASE)
-    text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
-    start, content = text.split(">", 1)
-    start = re.sub(r'\s(?:width|height|version)="[^"]*"', "", start)
-    return Markup(start + f' role="img" aria-label="{escape(description)}">' + content)
-
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _MINUS = "\N{MINUS SIGN}"
@@ -261,22 +229,3 @@ _MARKDOWN.block.ruler.before("fence", "formula_block", _formula_block, {"alt": [
 _MARKDOWN.core.ruler.push("caption_tables", _caption_tables)
 _MARKDOWN.core.ruler.push("head_tables", _head_tables)
 _MARKDOWN.add_render_rule("blockquote_close", lambda *_: "</div>")
-
-
-def render_page(template: str, *, package: str = "erosion.report", **fields: Any) -> str:
-    """The text of a page.
-
-    Args:
-        template: a file of the package, which extends "frame.html".
-        package: that has the file.
-        fields: of the template.
-    """
-    environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(name, ".") for name in (package, "erosion.report")]),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    return environment.get_template(template).render(themes=THEMES, version=__version__, **fields)
