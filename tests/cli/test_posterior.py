@@ -46,10 +46,9 @@ def test_the_files(table, tmp_path, shell):
 def test_several_models_as_json(table, shell):
     arguments = ["posterior", str(table), "--free", "psi", "--model", "linearized,tan-alpha"]
     printed = shell([*arguments, "--draws", "125", "--json"]).result
-    assert printed["posterior"]["model"] == "linearized"
     # What misses the data is not drawn.
-    assert [part["model"] for part in printed["posteriors"]] == ["linearized"]
-    assert printed["posteriors"][0]["probability"] == pytest.approx(1)
+    (drawn,) = printed["posterior"]["ranking"]
+    assert (drawn["model"], drawn["delta_log_evidence"], drawn["probability"]) == ("linearized", 0, pytest.approx(1))
     assert printed["ranking"][0]["model"] == "linearized"
 
 
@@ -57,13 +56,13 @@ def test_the_next_test(table, shell):
     line = ["posterior", str(table), "--free", "psi", "--draws", "125", "--discrepancy", "none", "--json"]
     rig = ["--next-angles", "20deg,40deg", "--next-particles", "quartz sand 2 mm"]
     some = shell([*line, *rig]).result["next_test"]
-    assert len(some["prediction"]) == 2
+    assert len(some["candidates"]) == 2
     printed = shell([*line, "--next-test", "--next-for", "45deg"]).result["next_test"]
     # Of one factor a row says most where the volume is greatest: at arctan(k)/2 = 31.7°.
-    assert "A test at 32.5°" in printed["sentence"]
+    assert printed["best"]["alpha"] == pytest.approx(np.deg2rad(32.5))
     assert printed["asked"]["alpha"] == pytest.approx(np.deg2rad(45.0))
     # From 10° to 80°, as the tests are from 8° to 80°.
-    assert len(printed["prediction"]) == 29
+    assert len(printed["candidates"]) == 29
     assert "next_test" not in shell(line).result
 
 
@@ -132,7 +131,7 @@ def test_all_files_of_a_ranking_are_of_one_model(shell):
     ranked = [fit["model"] for fit in printed["result"]["ranking"] if fit["not_ranked"] is None]
     assert ranked == ["rotating-deformation", "linearized-deformation"]
     # What misses the data is drawn no posterior of.
-    assert [part["model"] for part in printed["result"]["posteriors"]] == ranked[::-1]
+    assert [*printed["result"]["posterior"]["fits"]] == ranked[::-1]
     assert any(
         "AICc prefers rotating-deformation, the evidence linearized-d" in one["text"] for one in findings(printed)
     )

@@ -107,7 +107,7 @@ def test_two_models_are_told_apart_where_they_differ():
     answer = next_test(both)
     assert answer.names == both.names
     assert answer.discrimination.max() <= -(both.weights @ np.log2(both.weights)) + 1e-6
-    assert answer.headings[-1] == "about the model [bit]"
+    assert answer.tables()[0].headings[-1] == "about the model [bit]"
     assert [float(row[1]) for row in answer.rows()] == sorted((float(row[1]) for row in answer.rows()), reverse=True)
     where = answer.best_to_discriminate["alpha"]
     assert answer.discrimination.max() == answer.discrimination[answer.candidates["alpha"] == where]

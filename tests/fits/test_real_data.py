@@ -71,7 +71,7 @@ def test_the_share_of_particles_that_cut_is_found(share):
     assert share.cutting_fraction == share.estimates["cutting_fraction"]
     for name, truth in (("k", 2.0), ("cutting_fraction", FRACTION)):
         assert abs(share.estimates[name] - truth) < 3 * share.standard_errors[name] < 0.2 * truth
-    assert [row.symbol for row in share.rows()[:2]] == ["k", "c"]
+    assert [row[1] for row in share.rows()[:2]] == ["k", "c"]
     given = fitted("k", "psi", cutting_fraction=0.6)
     assert given.estimates["psi"] == pytest.approx(2.0 * 0.6 / share.cutting_fraction, rel=1e-4)
     np.testing.assert_allclose(given.fitted, share.fitted, rtol=1e-4)
@@ -217,7 +217,7 @@ def test_a_fit_finds_friction_and_gives_the_model_back(data):
     assert_is_near(fit, TRUTH, 0.4)
     assert getattr(fit.model, "force") == FRICTION(fit.estimates["friction"])  # noqa: B009
     assert fit.p == P.replace(psi=fit.estimates["psi"])
-    assert [(row.symbol, row.unit) for row in fit.rows()[:2]] == [("ψ", ""), ("μ", "")]
+    assert [(row[1], row[3]) for row in fit.rows()[:2]] == [("ψ", ""), ("μ", "")]
     again = erosion.impact(fit.model, fit.p.replace(alpha=np.deg2rad(TO_53)), derivatives=1, wrt=FREE)
     np.testing.assert_array_equal(again.volume, fit.fitted)
 

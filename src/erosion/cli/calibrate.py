@@ -36,7 +36,7 @@ from erosion.cli.options import (
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 from erosion.output import briefly
-from erosion.results import Finding, stated, unique
+from erosion.results import Finding, Part, stated, unique
 from erosion.results.findings import STATED
 
 _DATA = (
@@ -229,7 +229,7 @@ def write_case(
         The file of samples to which the case file refers; None, with a finding, where there is no parameter of an
         impact to sample.
     """
-    warnings = ranking.warnings_of_best
+    warnings = [finding.text for finding in ranking.findings_of_best]
     with user_errors(lazy.CalibrationError):
         try:
             (ranking.best if drawn is None else drawn[0].best).rows_of_draws()
@@ -241,42 +241,6 @@ def write_case(
         text = lazy.to_case(ranking.best, str(path), **options, warnings=warnings, samples=samples)
         lazy.write_whole(path, text.encode())
     return samples
-
-
-def ranks_several(ranking: "lazy.Ranking") -> bool:
-    """Whether there are several models, some of which may have failed."""
-    return len(ranking.fits) + len(ranking.failures) > 1
-
-
-def print_document(
-    output: Output, ranking: "lazy.Ranking", level: float, more: Mapping[str, Any], units: Mapping[str, str]
-) -> None:
-    """The best fit and the ranking of several models as JSON.
-
-    Args:
-        output: of the verb.
-        ranking: the fits.
-        level: of the confidence intervals.
-        more: what the verb has found beside.
-        units: of numbers in `more`.
-    """
-    fits = dict(zip(ranking.names, ranking.fits, strict=True))
-    of_fits = {name: quantity.unit(ranking.best.p.units) for fit in fits.values()
-               for name, quantity in lazy.quantities(fit.model).items()}  # fmt: skip
-    of_fits |= dict.fromkeys(("rms", "leave_one_out", "residuals"), ranking.best.erosion_unit)
-    content = as_json(ranking.best.to_dict(level), "model")
-    if ranks_several(ranking):
-        content["ranking"] = [
-            {"model": name, **as_json(fit.to_dict(level), "model"), **ranking.standing(at)}
-            for at, (name, fit) in enumerate(fits.items())
-        ]
-    output.document({**content, **more}, {name: fit.model for name, fit in fits.items()}, {**of_fits, **units})
-
-
-def as_json(numbers: Mapping[str, Any], *but: str) -> dict[str, Any]:
-    """Numbers without what the document says elsewhere, `but` some more."""
-    said = ("own_parameters", "parameters", "warnings", "findings", *but)
-    return {name: value for name, value in numbers.items() if name not in said}
 
 
 _BOUNDS = 'Least and greatest: "psi=0.01:0.3,threshold=0:40 m/s".'
@@ -317,20 +281,11 @@ def calibrate(
         ends = _read_bounds(bounds or (), names, task.names, task.p.units)
         if profile is not None and profile not in names:
             raise InputError(f"Option `--profile` must be one of {', '.join(names)}, but is {briefly(profile)}.")
-        ranking = task.ranking(measured, models, progress, bounds=ends, loss=loss)
+        ranking = task.ranking(measured, models, progress, bounds=ends, loss=loss, level=level)
         along = None if profile is None else ranking.best.profile(profile)
-    output.warn(*map(stated, ranking.warnings))
     # A fit takes longer than any file: it is shown first.
-    more, units = {}, {}
-    if along is not None:
-        more = {"profile": {"name": along.name, "values": along.values.tolist(), "rise": along.rise.tolist()}}
-        units = {"values": along.unit or "1"}
-    print_document(output, ranking, level, more, units)
-    if ranks_several(ranking):
-        output.table(ranking.title, ranking.rows(), ranking.headings, (1, 2, 3, 4))
-    output.table(ranking.best.title, ranking.best.rows(level))
-    if along is not None:
-        output.table(along.title, along.rows(), along.headings, (0, 1))
+    also = [] if along is None else [Part("profile", along.declare())]
+    output.show(ranking, dict(zip(ranking.names, (fit.model for fit in ranking.fits), strict=True)), also)
     samples = None if case_file is None else write_case(case_file, ranking, task, output)
     draw(plot, lambda: lazy.plot_calibration(ranking.best_first, level))
     output.wrote(*task.next_steps(ranking, case_file, samples), figure=plot, case=case_file, samples=samples)

@@ -16,7 +16,7 @@ from erosion.cli import lazy
 from erosion.cli.errors import InputError, as_options, reading, user_errors, warn
 from erosion.cli.options import MODEL, CaseOptions
 from erosion.parameters import QUANTITIES
-from erosion.results import Declared, Finding, Result, render
+from erosion.results import Declared, Finding, Part, Result, render
 from erosion.version import __version__
 
 _SPACE = "\ue000"  # within a command; of private use, so that no text has it
@@ -109,6 +109,7 @@ class Output:
         models: "Mapping[str, lazy.CuttingModel] | None" = None,
         also: Sequence[Declared] = (),
         *,
+        name: str = "",
         title: str = "",
         varied: Mapping[str, Any] | None = None,
         sentences: Sequence[str] = (),
@@ -119,17 +120,21 @@ class Output:
             result: what was computed.
             models: by name, by which models.
             also: what the verb adds, after the result's own values.
+            name: of the record in the document that the result's numbers have; without it they stand in `result`.
             title: above the first table, in place of the result's.
             varied: see `document`.
             sentences: below the tables, after the conclusions.
         """
         self.warn(*result.findings)
-        declared = [*result.declare(), *also]
+        own = result.declare()
+        declared = [*([Part(name, own, result.title)] if name else own), *also]
         self.document(render.record(declared, has_units=True), models, varied=varied)
         first, *others = render.tables(title or result.title, declared)
+        before: Sequence[str] = ()
         for table in (first, *others):
             last = [*result.conclusions, *sentences] if table is (first, *others)[-1] else []
-            self.table(table.title, table.rows, table.headings, table.numbers, [*table.notes, *last])
+            self.table(table.title, table.rows, table.headings, table.numbers, [*table.notes, *last], before)
+            before = [""] if table.notes else ()  # so that notes do not look like the next title
 
     def document(
         self,

@@ -16,10 +16,8 @@ from erosion.cli.calibrate import (
     FitOptions,
     FitTask,
     WriteCaseOption,
-    as_json,
     dimension_of,
     given_fit,
-    print_document,
     samples_beside,
     write_case,
 )
@@ -41,9 +39,9 @@ from erosion.cli.options import (
     with_file,
 )
 from erosion.cli.output import Output, draw, progress_bar, require_outputs
-from erosion.output import briefly, to_csv
+from erosion.output import briefly
 from erosion.parameters import QUANTITIES
-from erosion.results import Finding, stated
+from erosion.results import Finding, Part
 
 _PRIOR = (
     'Law before the data, of a parameter, "noise", "relative_noise" or "error_factor" (on stated errors): '
@@ -216,33 +214,19 @@ def posterior(
         lazy.check_share("level", level)
         measured = task.measured(output)
         laws = _read_priors(prior or (), task.fit.names(measured), models, measured)
-        ranking = task.ranking(measured, models, progress)
-        options = {"draws": 500 if draws is None else draws, "seed": seed or 0}
+        ranking = task.ranking(measured, models, progress, level=level)
+        options = {"draws": 500 if draws is None else draws, "seed": seed or 0, "level": level}
         posteriors = _draw(task, ranking, measured, laws, progress, **options, discrepancy=discrepancy == "averaged")
         predictor = posteriors.best.prepared(progress)
         ranking = ranking.preferring(posteriors.names[0])
         is_asked = next_tests != _NextTests() or files.plot_next_test
         following = judge(posteriors) if is_asked else None
-    output.warn(
-        *map(stated, ranking.warnings),
-        *(stated(sentence, "posterior") for sentence in (*posteriors.warnings, *predictor.warnings)),
-    )
     # Draws take longer than any file: they are shown first.
-    parts = [as_json(part) for part in posteriors.to_dict(level)["posteriors"]]
-    more = {} if following is None else {"next_test": following.to_dict()}
-    print_document(
-        output,
-        ranking,
-        level,
-        {"posterior": parts[0], "posteriors": parts, "prediction": predictor.to_dict(), **more},
-        {},
-    )
-    if len(posteriors.posteriors) > 1:
-        output.table(posteriors.title, posteriors.rows(), posteriors.headings, (1, 2))
-    output.table(posteriors.best.title, posteriors.best.rows(level))
-    output.table(predictor.title, predictor.rows())
-    if following is not None:
-        output.table(following.title, following.rows(), following.headings, range(len(following.headings)))
+    output.warn(*ranking.findings, *posteriors.findings, *predictor.findings)
+    others = {"prediction": predictor, "next_test": following}
+    also = [Part(name, other.declare(), other.title) for name, other in others.items() if other is not None]
+    of_models = dict(zip(ranking.names, (fit.model for fit in ranking.fits), strict=True))
+    output.show(posteriors, of_models, [Part("", ranking.declare(), only="data"), *also], name="posterior")
     files.write(task, ranking, posteriors, following, output)
     figures = [f"{name.removeprefix('plot_')}: {file}" for name, path in files.figures.items()
                for file in lazy.plot_files(path)]  # fmt: skip
@@ -340,20 +324,14 @@ def predict(
     with user_errors(), progress_bar("predicting"):
         lazy.validate(dataclasses.replace(predictor.forward.p, alpha=asked, **others))
         table = lazy.predictions(predictor, asked, others, level)
-        csv = to_csv(dict(table.in_csv())).encode()
+        csv = table.to_csv_as_shown().encode()
     printed = Output("predict", predictor.forward.p, json=json, seed=predictor.seed)
     printed.case = fitted
-    printed.warn(None if draws.converged else Finding("not_converged", str(fitted)), *map(stated, table.warnings))
+    printed.warn(None if draws.converged else Finding("not_converged", str(fitted)))
     model = predictor.forward.model
     varied = {name: f"{len(set(column.tolist()))} values" for name, column in table.asked.items()}
-    printed.document(
-        as_json(table.to_dict()),
-        {lazy.model_name(model): model},
-        table.units,
-        dict.fromkeys(predictor.forward.names, "drawn") | varied,
-    )
-    printed.table(table.title, table.rows(), table.headings, range(len(table.headings)))
-    printed.table("how the data are read", predictor.rows(), sentences=table.conclusions)
+    varied |= dict.fromkeys(predictor.forward.names, "drawn")
+    printed.show(table, {lazy.model_name(model): model}, varied=varied)
     if output is not None:
         with user_errors():
             lazy.write_whole(output, csv)

@@ -45,31 +45,28 @@ from erosion.fits.measurements import Measurements, conditions
 from erosion.fits.predicted import Predictions, predictions
 from erosion.fits.prediction import Predictor, make_predictor
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_parameters, quantities
-from erosion.output.tables import Row, briefly, format_number, to_plain
+from erosion.output.tables import Record, briefly
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import (
-    Quantity,
-    Scale,
-    quantity_row,
-    table_scale,
-    unit_name,
-)
+from erosion.parameters.quantities import Quantity, Scale, table_scale, unit_name
+from erosion.results import Columns, Declared, Finding, Part, Value, stated
 
 _ROUNDING = 1e-9  # of leverages
 _PROFILED = 1.8  # intervals of that level, to either side of an estimate
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Calibration(Fit):
     """A model fitted to measurements.
 
     Args:
         problem: the model, data and weights.
         solution: the minimum.
+        level: of the intervals in tables and documents.
     """
 
     problem: FitProblem
     solution: FitSolution
+    level: float = LEVEL
 
     @property
     def model(self) -> CuttingModel:
@@ -258,9 +255,9 @@ class Calibration(Fit):
         return self.identifiability.undetermined
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings about this fit, in sentences; empty for a good fit."""
-        return doubts.doubts(self)
+    def findings(self) -> tuple[Finding, ...]:
+        """What is doubtful in this fit; empty for a good one."""
+        return tuple(map(stated, doubts.doubts(self)))
 
     @property
     def undecided(self) -> tuple[str, ...]:
@@ -412,78 +409,67 @@ class Calibration(Fit):
         share = self.data.share_of_speeds
         return f"± and intervals are by {source} {f'and {100 * share:.4g} % of each speed' if share else 'alone'}"
 
-    def rows(self, level: float = LEVEL) -> list[Row]:
-        """Estimates with standard errors and intervals of `level`."""
-        rows = []
-        for name, quantity in self.quantities.items():
-            scale = table_scale(quantity.dimension, self.p.units, abs(self.estimates[name]))
-            value, meaning = doubts.in_words(self, name, level, scale.size)
-            rows.append(Row(name, quantity.symbol, value, scale.unit, meaning))
-        held = [
-            quantity_row(name, own.quantity, float(own.value), self.p.units)._replace(meaning="held")
-            for name, own in own_parameters(self.model).items()
-            if name not in self.names
-        ]
-        scale, open_row = self.data.scale_of(self.rms), self.leave_one_out == np.inf
-        rms, left_out = (format_number(size, 4, scale.size) for size in (self.rms, self.leave_one_out))
-        needs = f"at least {self.rows_for_aicc} rows for these parameters"
-        of_left_out = "rms at rows left out" + (
-            ": there is a row without which a parameter is open" if open_row else ""
-        )
-        of_aicc = "Akaike's criterion, for few data" + (f": needs {needs}" if self.aicc == np.inf else "")
-        chi2 = Row("chi2", "χ²", format_number(self.chi2, 4), "", f"{self.degrees_of_freedom} degrees of freedom")
-        return [
-            *rows,
-            *held,
-            Row("rms", "", rms, scale.unit, f"of the residuals; {self.error_meaning}"),
-            Row("leave_one_out", "", "–" if open_row else left_out, scale.unit, of_left_out),
-            *([] if self.data.uncertainty is None else [chi2]),
-            *self._row_of_repeats(scale),
-            Row("aicc", "", "–" if self.aicc == np.inf else format_number(self.aicc, 5), "", of_aicc),
-        ]
+    @property
+    def subject(self) -> Record:
+        """Model and case with the estimates."""
+        return impact_to_dict(self.model, self.p)
 
-    def _row_of_repeats(self, scale: Scale) -> list[Row]:
+    def declare(self) -> list[Declared]:
+        """Estimates, their errors and intervals, and the quality of the fit."""
+        has_errors, unit, scale = self.data.uncertainty is not None, self.erosion_unit, self.data.scale_of(self.rms)
+        needs = f": needs at least {self.rows_for_aicc} rows for these parameters" if self.aicc == np.inf else ""
+        without = ": there is a row without which a parameter is open" if self.leave_one_out == np.inf else ""
+        return [
+            *map(self._row, self.names),
+            *(own.quantity.declare(name, float(own.value), self.p.units, meaning="held", only="table")
+              for name, own in own_parameters(self.model).items() if name not in self.names),
+            Value("rows", len(self.data), only="data"),
+            Value("cutting_fraction", self.cutting_fraction, only="data"),
+            self.of_parameters("estimates", self.estimates),
+            self.of_parameters("standard_errors", self.standard_errors),
+            self.of_parameters("intervals", self.intervals(self.level)),
+            Value("level", self.level, only="data"),
+            Value("correlation", self.correlation, dims=("parameter", "other_parameter"), only="data"),
+            Value("undetermined", [*self.undetermined], only="data"),
+            Value("undecided", [*self.undecided], only="data"),
+            self.of_parameters("bounds", self.bounds),
+            Part("bounds_touched",
+                 [Value(name, [*marks]) for name, marks in self.bounds_touched(self.level).items()], only="data"),
+            Value("rms", self.rms, meaning=f"of the residuals; {self.error_meaning}", unit=unit, scale=scale, digits=5),
+            *_known(Value("leave_one_out", self.leave_one_out, meaning=f"rms at rows left out{without}", unit=unit,
+                          scale=scale, digits=5)),
+            Value("noise", "given" if has_errors else "estimated from the residuals", only="data"),
+            Value("chi2", self.chi2, "χ²", f"{self.degrees_of_freedom} degrees of freedom", digits=5,
+                  only="" if has_errors else "data"),
+            Value("degrees_of_freedom", self.degrees_of_freedom, only="data"),
+            *self._of_repeats(scale),
+            *_known(Value("aicc", self.aicc, meaning=f"Akaike's criterion, for few data{needs}")),
+            Value("residuals", self.residuals, unit=unit, dims=("row",), only="data"),
+            Columns("patterns", "", [Value(name, [getattr(pattern, name) for pattern in self.patterns])
+                                     for name in ("over", "statistic", "probability", "level", "seen")], only="data"),
+            Value("erosion_unit", unit, only="data"),
+        ]  # fmt: skip
+
+    def _row(self, name: str) -> Value:
+        """A parameter in tables."""
+        quantity = self.quantities[name]
+        scale = table_scale(quantity.dimension, self.p.units, abs(self.estimates[name]))
+        value, meaning = doubts.in_words(self, name, self.level, scale.size)
+        return Value(name, value, quantity.symbol, meaning, scale=scale._replace(size=1.0), only="table")
+
+    def _of_repeats(self, scale: Scale) -> list[Value]:
         lack = self.lack_of_fit
         if lack is None:
             return []
         known = self.data.uncertainty is not None
         size = f"{lack.scatter:.2g} stated errors" if known else scale.beside(f"{lack.scatter / scale.size:.3g}")
         words = f"of lack of fit, probability {lack.probability:.2g}; repeats scatter by {size}"
-        return [Row("lack_of_fit", "F", format_number(lack.ratio, 4), "", words)]
+        return [Value("lack_of_fit", lack.ratio, "F", words, digits=5)]
 
     @property
     def title(self) -> str:
         """The model and the data."""
         return f"{model_name(self.model)}: fitted to {len(self.data):,} rows of {self.data.source}"
-
-    def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
-        """Model and case with the estimates, their errors, intervals of `level`, and the quality of the fit."""
-        numbers = {
-            "rows": len(self.data),
-            "cutting_fraction": self.cutting_fraction,
-            "estimates": self.estimates,
-            "standard_errors": self.standard_errors,
-            "intervals": self.intervals(level),
-            "level": level,
-            "correlation": self.correlation,
-            "undetermined": self.undetermined,
-            "undecided": self.undecided,
-            "bounds": self.bounds,
-            "bounds_touched": [
-                {"parameter": name, "touches": marks} for name, marks in self.bounds_touched(level).items()
-            ],
-            "noise": "estimated from the residuals" if self.data.uncertainty is None else "given",
-            "chi2": self.chi2,
-            "degrees_of_freedom": self.degrees_of_freedom,
-            "rms": self.rms,
-            "residuals": self.residuals,
-            "patterns": [{**dataclasses.asdict(pattern), "seen": pattern.seen} for pattern in self.patterns],
-            "aicc": self.aicc,
-            "leave_one_out": self.leave_one_out,
-            "erosion_unit": self.data.erosion_unit,
-            "warnings": self.warnings,
-        }
-        return impact_to_dict(self.model, self.p) | to_plain(numbers)
 
     @property
     def covariance_of_theta(self) -> np.ndarray:
@@ -546,6 +532,13 @@ class Calibration(Fit):
         return Ridge(self.problem, self.solution, at, path)
 
 
+def _known(value: Value) -> list[Value]:
+    """A value, which tables show as a dash where it is infinite."""
+    if np.isfinite(value.value):
+        return [value]
+    return [value.but(value="–", only="table"), value.but(only="data")]
+
+
 _GREATEST = 1e100  # m³ or m³/kg
 
 
@@ -561,6 +554,7 @@ def calibrate(
     loss: str = "linear",
     starts: int = 32,
     error: ErrorModel | float | str | None = None,
+    level: float = LEVEL,
 ) -> Calibration:
     """Fit parameters of a model to measured erosion, by least squares.
 
@@ -585,6 +579,7 @@ def calibrate(
             has several valleys. The best fits with one parameter at its least value are further starts.
         error: of a row, where the data have no column of it: "0.3 mg/kg + 8 %", and of each speed, "5 % of each
             speed", beside the rows' own; see `read_measurements`.
+        level: of the intervals in tables and documents.
 
     Returns:
         Estimates, their errors, and sentences on parameters that the data does not determine.
@@ -613,4 +608,4 @@ def calibrate(
     if not 1 / _GREATEST <= greatest <= _GREATEST:  # squares are summed
         raise ValueError(f"Argument `data` must have erosion that a metal can have, but has {greatest:g} (SI) at most.")
     problem = make_problem(forward, data, bounds or {})
-    return Calibration(*fit(problem, loss, starts))
+    return Calibration(*fit(problem, loss, starts), check_share("level", level))

@@ -25,8 +25,8 @@ from erosion.fits.outliers import error_sizes, far_rows
 from erosion.models import BUILT_IN, SPEED_EXPONENT, SpeedExponent, model_name
 from erosion.output.tables import format_number, sentences
 from erosion.parameters.per_mass import far_from_tests
-from erosion.parameters.quantities import conversion_factor, table_scale
-from erosion.results import Finding, Result
+from erosion.parameters.quantities import ascii_unit, conversion_factor, table_scale
+from erosion.results import Columns, Declared, Finding, Result, Scale, Value
 
 if TYPE_CHECKING:
     from erosion.fits.calibration import Calibration
@@ -56,7 +56,7 @@ _WIDER = 2.0  # factor per trial at most, while the end is not passed
 _CLOSE = 0.02  # of an interval's half width, and of the rise that is looked for
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Profile(Result):
     """The misfit over one parameter, with all others fitted again.
 
@@ -77,14 +77,11 @@ class Profile(Result):
         """The parameter."""
         return f"profile of {self.name}"
 
-    @property
-    def headings(self) -> tuple[str, ...]:
-        """The columns of the table."""
-        return (f"{self.name} [{self.unit}]" if self.unit else self.name, "Δχ²")
-
-    def rows(self) -> list[tuple[str, str]]:
-        """Value and rise of each point."""
-        return [(f"{value:.6g}", f"{rise:.4g}") for value, rise in zip(self.values, self.rise, strict=True)]
+    def declare(self) -> list[Declared]:
+        """The parameter, with value and rise at each point."""
+        values = Value("value", self.values, self.name, unit=ascii_unit(self.unit) or "1", scale=Scale(1.0, self.unit))
+        rises = Value("rise", self.rise, "Δχ²", digits=4)
+        return [Value("parameter", self.name, only="data"), Columns("points", self.title, [values, rises])]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -32,7 +32,8 @@ from erosion.models import model_name, model_source
 from erosion.models.equations import plug_in_digest
 from erosion.output.files import require_writable, seen_from, write_whole
 from erosion.parameters.case_files import dump_case, with_paths
-from erosion.results import Result
+from erosion.parameters.quantities import Quantity
+from erosion.results import Part, Result
 from erosion.version import __version__
 
 
@@ -63,6 +64,18 @@ class Fit(Result):
     def data(self) -> Measurements:
         """The measurements."""
         return self.forward.data
+
+    @property
+    @abc.abstractmethod
+    def quantities(self) -> Mapping[str, Quantity]:
+        """Symbol, meaning and dimension of each parameter."""
+
+    def of_parameters(self, name: str, numbers: Mapping[str, Any]) -> Part:
+        """Numbers of parameters, such as estimates or intervals, which JSON and files have by name."""
+        units = self.forward.p.units
+        return Part(
+            name, [self.quantities[of].declare(of, number, units) for of, number in numbers.items()], only="data"
+        )
 
     @property
     def erosion_unit(self) -> str:

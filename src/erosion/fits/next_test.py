@@ -15,9 +15,9 @@ from erosion.fits.fit import Fit
 from erosion.fits.measurements import Measurements
 from erosion.fits.ranking import PosteriorRanking
 from erosion.models import model_name
-from erosion.output import briefly, sentences, to_plain
-from erosion.parameters import QUANTITIES, Scale, array_of, table_scale
-from erosion.results import Result
+from erosion.output import briefly, sentences
+from erosion.parameters import QUANTITIES, array_of
+from erosion.results import Columns, Declared, Part, Result, Scale, Value
 
 _DRAWS = 2000
 _PER_NOISE = 16  # points of the grid in one standard deviation: the entropy errs by 1e-4 bit
@@ -28,7 +28,7 @@ _STEP = 2.5  # ° between the candidates, if there are no others
 _WIDTHS = float(stats.norm.ppf((1 + LEVEL) / 2))  # standard deviations in half of an interval
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class NextTest(Result):
     """How much one more row narrows intervals, by angle and other conditions; arrays have the shape (candidates,).
 
@@ -132,44 +132,38 @@ class NextTest(Result):
         count = len(self.prediction)
         return f"what one more test narrows, {count:,} candidate{'s' * (count > 1)}: {', '.join(self.names)}"
 
+    def declare(self) -> list[Declared]:
+        """All candidates in the order they were given in, the best ones in tables."""
+        best = self.order[: min(_SHOWN, int(np.isfinite(self.prediction).sum()))]
+        percent, is_one = {"scale": Scale(0.01, "%"), "digits": 3}, len(self.names) == 1
+        words = {"prediction": f"narrows the prediction at {self.asked_in_words} by",
+                 "parameters": "narrows the parameters by"}  # fmt: skip
+        columns = [
+            *(self._declared(name, values).but(only="" if name in self.shown else "data")
+              for name, values in self.candidates.items()),
+            *(Value(name, getattr(self, name), symbol, **percent) for name, symbol in words.items()),
+            Value("discrimination", self.discrimination, "about the model", unit="bit", scale=Scale(1.0, "bit"),
+                  digits=3, only="data" if is_one else ""),
+            Value("noise", self.noise, only="data"),
+        ]  # fmt: skip
+        tested = [column.but(value=np.asarray(column.value)[best]) for column in columns if column.only != "data"]
+        chosen = {"asked": self.asked, "best": self.best, "best_for_parameters": self.best_for_parameters}
+        return [
+            Value("models", [*self.names], only="data"),
+            Columns("best_tests", self.title, tested, only="table"),
+            Columns("candidates", "", columns, only="data"),
+            Value("half_width", self.half_width, only="data"),
+            *(Part(part, [self._declared(name, value) for name, value in values.items()], only="data")
+              for part, values in chosen.items()),
+        ]  # fmt: skip
+
     @property
-    def headings(self) -> tuple[str, ...]:
-        """The columns of the table."""
-        return tuple(f"{head} [{unit}]" if unit else head for head, unit, _ in self._columns())
+    def conclusions(self) -> tuple[str, ...]:
+        """Where to test next."""
+        return (self.sentence,)
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """The best candidates."""
-        formats = {"bit": ".3f", "%": ".1f"}
-        columns = [[f"{value:{formats.get(unit, '.4g')}}" for value in values[self.order]]
-                   for _, unit, values in self._columns()]  # fmt: skip
-        return [*zip(*columns, strict=True)][: min(_SHOWN, int(np.isfinite(self.prediction).sum()))]
-
-    def _columns(self) -> list[tuple[str, str, np.ndarray]]:
-        """Head, unit and values of the columns of the table, which is sorted by the prediction's."""
-        scales = {name: self._scale(name) for name in self.shown}
-        columns = [(QUANTITIES[name].symbol, unit, self.shown[name] / size) for name, (size, unit) in scales.items()]
-        columns.append((f"narrows the prediction at {self.asked_in_words} by", "%", 100 * self.prediction))
-        columns.append(("narrows the parameters by", "%", 100 * self.parameters))
-        return [*columns, ("about the model", "bit", self.discrimination)] if len(self.names) > 1 else columns
-
-    def _scale(self, name: str) -> Scale:
-        return table_scale(QUANTITIES[name].dimension, self.units, float(np.max(np.abs(self.candidates[name]))))
-
-    def to_dict(self) -> dict[str, Any]:
-        """All candidates, in the order they were given in, and the best ones."""
-        return to_plain({
-            "models": self.names,
-            "candidates": dict(self.candidates),
-            "asked": dict(self.asked),
-            "half_width": self.half_width,
-            "prediction": self.prediction,
-            "parameters": self.parameters,
-            "discrimination": self.discrimination,
-            "noise": self.noise,
-            "best": self.best,
-            "best_for_parameters": self.best_for_parameters,
-            "sentence": self.sentence,
-        })  # fmt: skip
+    def _declared(self, name: str, values: Any) -> Value:
+        return QUANTITIES[name].declare(name, values, self.units, digits=4)
 
 
 def next_test(

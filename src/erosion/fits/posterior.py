@@ -31,9 +31,10 @@ from erosion.impacts.optimum import alpha_max
 from erosion.joint_laws import LawSet
 from erosion.models import CuttingModel, impact_to_dict, model_name, with_values
 from erosion.ode.step_control import require_float64
-from erosion.output.tables import Row, format_number, sentences, to_plain
+from erosion.output.tables import Record, sentences
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity, Scale, table_scale
+from erosion.results import Columns, Declared, Finding, Part, Value, stated
 
 _EVIDENCE = 0.5  # standard error of ln Z, from which on a factor of evidence means little
 _END, _PILED = 0.01, 0.1  # an end of a prior, and the share of draws there that shows that the prior decides
@@ -47,7 +48,7 @@ class ConvergenceWarning(UserWarning):
     """The draws of a posterior are not good enough."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Posterior(Fit):
     """The parameters of a model after the data: draws of them, and the evidence.
 
@@ -56,12 +57,14 @@ class Posterior(Fit):
         run: the draws, as the sampler left them.
         seed: of the draws.
         discrepancy: whether predictions hold what the model may lack.
+        level: of the intervals in tables and documents.
     """
 
     likelihood: Likelihood
     run: Run
     seed: int
     discrepancy: bool = True
+    level: float = LEVEL
 
     @property
     def model(self) -> CuttingModel:
@@ -172,8 +175,8 @@ class Posterior(Fit):
         return tuple(f"Not converged: {fault}. Ask for more draws." for fault in faults)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Sentences on what is doubtful; empty for a good result."""
+    def findings(self) -> tuple[Finding, ...]:
+        """What is doubtful; empty for a good result."""
         said = [*self.not_converged, *self._ridges()]
         shares = special.ndtr(self.run.points)
         below, above = (shares < _END).mean(axis=(0, 1)), (shares > 1 - _END).mean(axis=(0, 1))
@@ -191,7 +194,7 @@ class Posterior(Fit):
                 f"The uncertainties do not explain the misfit: χ² is {np.median(chi2):.4g} for {rows:,} rows. The "
                 "intervals hold only if the model were right."
             )
-        return tuple(said)
+        return tuple(map(stated, said))
 
     @functools.cached_property
     def groups(self) -> Sequence[Group]:
@@ -297,41 +300,63 @@ class Posterior(Fit):
     def _has_known_errors(self) -> bool:
         return not {*OF_ERROR} & {*self.names}
 
-    def rows(self, level: float = LEVEL) -> list[Row]:
-        """Means with deviations, or medians, intervals of `level` and priors; the evidence; the draws' quality."""
-        evidence = f"{self.log_evidence:.2f} ± {self.log_evidence_error:.2f}"
-        chains, count = self.run.points.shape[:2]
-        fewest = f"of {chains * count:,} draws, the fewest; good from {EFFECTIVE * chains}"
-        return [
-            *(self._row(name, level) for name in self.names),
-            Row("log_evidence", "ln Z", evidence, "", "of the data, under this model and these priors"),
-            Row("rhat", "R̂", format_number(max(self.rhat.values()), 5), "", f"the greatest; good to {RHAT}"),
-            Row("effective", "", f"{min(self.effective.values()):,.0f}", "", fewest),
-            Row("acceptance", "", f"{self.run.acceptance:.2f}", "", "share of the last moves"),
-        ]
+    @property
+    def subject(self) -> Record:
+        """Model and case as they were given."""
+        return impact_to_dict(self.model, self.p)
 
-    def _row(self, name: str, level: float) -> Row:
-        """A parameter in the unit in which it reads well."""
+    def declare(self) -> list[Declared]:
+        """Means with deviations, or medians, intervals and priors; the evidence; the draws' quality."""
+        chains, count = self.run.points.shape[:2]
+        rhat, effective = (np.array(list(numbers.values())) for numbers in (self.rhat, self.effective))
+        of_draws = f"of {chains * count:,} draws, the fewest; good from {EFFECTIVE * chains}"
+        return [
+            *map(self._row, self.names),
+            Value("rows", len(self.data), only="data"),
+            self.of_parameters("means", self.means),
+            self.of_parameters("deviations", self.deviations),
+            self.of_parameters("intervals", self.intervals(self.level)),
+            Value("level", self.level, only="data"),
+            Value("correlation", self.correlation, dims=("parameter", "other_parameter"), only="data"),
+            Part("priors", [Value(name, self.prior_in_words(name)) for name in self.names], only="data"),
+            Value("log_evidence", self.log_evidence, "ln Z", "of the data, under this model and these priors",
+                  error=self.log_evidence_error),
+            Value("converged", self.converged, only="data"),
+            Value("rhat", float(rhat.max()), "R̂", f"the greatest; good to {RHAT}", digits=5, only="table"),
+            Value("effective", float(np.round(effective.min())), meaning=of_draws, only="table"),
+            Columns("quality", "", [Value("parameter", self.names), Value("rhat", rhat), Value("effective", effective)],
+                    only="data"),
+            Value("acceptance", self.run.acceptance, meaning="share of the last moves"),
+            Value("draws", chains * count, only="data"),
+            Value("chains", chains, only="data"),
+            Value("seed", self.seed, only="data"),
+            Value("erosion_unit", self.erosion_unit, only="data"),
+        ]  # fmt: skip
+
+    def _row(self, name: str) -> Value:
+        """A parameter in tables, in the unit in which it reads well."""
         quantity = self.quantities[name]
         scale = table_scale(quantity.dimension, self.p.units, abs(self.means[name]))
         mean, deviation = self.means[name] / scale.size, self.deviations[name] / scale.size
-        low, high = (end / scale.size for end in self.intervals(level)[name])
+        low, high = (end / scale.size for end in self.intervals(self.level)[name])
         prior = f"prior: {self.prior_in_words(name)}"
-        width = float(stats.norm.ppf((1 + level) / 2)) * deviation
-        if all(width < _FACTOR * distance < _FACTOR**2 * width for distance in (mean - low, high - mean)):
+        width = float(stats.norm.ppf((1 + self.level) / 2)) * deviation
+        is_symmetric = all(width < _FACTOR * distance < _FACTOR**2 * width for distance in (mean - low, high - mean))
+        if is_symmetric:
             ends = f"{rounded(low, high - low, 2)} … {rounded(high, high - low, 2)}"
             value = f"{rounded(mean, deviation)} ± {rounded(deviation, deviation)}"
-            return Row(name, quantity.symbol, value, scale.unit, f"{level:.0%}: {ends}; {prior}")
-        # A mean and a deviation would say that other values are likely than the interval does.
-        middle = float(self.samples[name].median()) / scale.size
-        ends = f"{rounded(low, middle - low, 2)} … {rounded(high, high - middle, 2)}"
-        value = rounded(middle, min(middle - low, high - middle))
-        return Row(name, quantity.symbol, value, scale.unit, f"the median; {level:.0%}: {ends}; {prior}")
+        else:  # a mean and a deviation would say that other values are likely than the interval does
+            middle = float(self.samples[name].median()) / scale.size
+            ends = f"{rounded(low, middle - low, 2)} … {rounded(high, high - middle, 2)}"
+            value = rounded(middle, min(middle - low, high - middle))
+        meaning = f"{'' if is_symmetric else 'the median; '}{self.level:.0%}: {ends}; {prior}"
+        return Value(name, value, quantity.symbol, meaning, scale=scale._replace(size=1.0), only="table")
 
     def mean_in_words(self, name: str) -> str:
         """A parameter's mean and deviation, or its median: "threshold = 7.3 ± 1.0 m/s"."""
-        row = self._row(name, LEVEL)
-        return f"{name} = {Scale(1.0, row.unit).beside(row.value)}"
+        row = self._row(name)
+        assert isinstance(row.scale, Scale)
+        return f"{name} = {row.scale.beside(row.value)}"
 
     def _law_in_words(self, name: str) -> str:
         return self.priors.laws[name].in_words(self.quantities[name].dimension, self.p.units)
@@ -344,31 +369,6 @@ class Posterior(Fit):
     def title(self) -> str:
         """The model and the data."""
         return f"{model_name(self.model)}: the posterior from {len(self.data):,} rows of {self.data.source}"
-
-    def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
-        """Model and case; means, deviations, intervals of `level`; the evidence, and the quality of the draws."""
-        numbers = {
-            "rows": len(self.data),
-            "means": self.means,
-            "deviations": self.deviations,
-            "intervals": self.intervals(level),
-            "level": level,
-            "correlation": self.correlation,
-            "priors": [{"parameter": name, "law": self.prior_in_words(name)} for name in self.names],
-            "log_evidence": self.log_evidence,
-            "log_evidence_error": self.log_evidence_error,
-            "converged": self.converged,
-            "quality": [
-                {"parameter": name, "rhat": self.rhat[name], "effective": self.effective[name]} for name in self.names
-            ],
-            "acceptance": self.run.acceptance,
-            "draws": self.run.log_likelihood.size,
-            "chains": len(self.run.log_evidence),
-            "seed": self.seed,
-            "erosion_unit": self.data.erosion_unit,
-            "warnings": self.warnings,
-        }
-        return impact_to_dict(self.model, self.p) | to_plain(numbers)
 
     @property
     def described(self) -> dict[str, Any]:
@@ -416,6 +416,7 @@ def posterior(
     draws: int = 500,
     seed: int = 0,
     discrepancy: bool = True,
+    level: float = LEVEL,
     progress: Progress = no_progress,
 ) -> Posterior:
     """Draw a model's parameters as likely as measured erosion and priors leave them.
@@ -443,6 +444,7 @@ def posterior(
         seed: the same seed gives the same draws.
         discrepancy: whether predictions hold a discrepancy and an exponent of the speed; draws of parameters never do,
             they are conditional on the model.
+        level: of the intervals in tables and documents.
         progress: called with the name of the work, how much of it is done in percent, and 100.
 
     Returns:
@@ -462,7 +464,7 @@ def posterior(
     draws, seed = check_whole("draws", draws, _LEAST), check_whole("seed", seed, 0)
     shape = CHAINS, draws, likelihood.priors.dimension
     run = sample(likelihood, shape, np.random.default_rng(seed), _are_good, progress)
-    result = Posterior(likelihood, run, seed, discrepancy)
+    result = Posterior(likelihood, run, seed, discrepancy, check_share("level", level))
     for sentence in result.not_converged:
         warnings.warn(sentence, ConvergenceWarning, stacklevel=2)
     return result

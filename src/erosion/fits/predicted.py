@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,21 +13,32 @@ from erosion.fits.doubts import LEVEL
 from erosion.fits.prediction import Predictor
 from erosion.impacts import Optimum
 from erosion.models.registry import model_name
-from erosion.output import Row, largest_of, sentences, to_plain
-from erosion.parameters import QUANTITIES, RESULTS, Dimension, Scale, ascii_unit, known_scales, table_scale, unit_name
-from erosion.results import Result
+from erosion.output import largest_of, sentences, to_csv
+from erosion.parameters import (
+    QUANTITIES,
+    RESULTS,
+    Dimension,
+    Scale,
+    ascii_unit,
+    declare_result,
+    known_scales,
+    table_scale,
+    unit_name,
+)
+from erosion.results import Columns, Declared, Finding, Part, Result, Value, stated
 
 _DRAWS = 2000  # the ends of an interval are known to some percents of its width
 _TOGETHER = 60  # questions of one batch, as the time of curves grows with the third power
 _HALVINGS = 50  # of the bracket of an end
 _FURTHEST = 10.0  # standard deviations of a weighing from its mean
 _NOTHING = 1e-3  # of the greatest prediction
+_DIGITS = 4
 
 COMPUTED = ("mean", "mean_low", "mean_high", "weighing_low", "weighing_high")
 """The columns that are computed."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Predictions(Result):
     """The wear at each question, with two intervals.
 
@@ -67,21 +78,29 @@ class Predictions(Result):
         name = model_name(self.predictor.forward.model)
         return f"{name}: {data.quantity.meaning} by the fit to {len(data):,} rows of {data.source}"
 
-    @property
-    def headings(self) -> Sequence[str]:
-        """The columns, with their units."""
-        heads = [f"{QUANTITIES[name].symbol} [{self._scales[name].unit}]" for name in self.asked]
-        share = f"{100 * self.level:g} %"
-        return [*heads, f"mean [{self._scales['mean'].unit or '1'}]", f"{share} of the mean",
-                f"{share} of a new weighing"]  # fmt: skip
+    def declare(self) -> list[Declared]:
+        """A record for each question, and the numbers of the predictor."""
+        units, share, columns = self.predictor.data.units, f"{100 * self.level:g} %", self.columns
+        unit = ascii_unit(unit_name(self.dimension("mean"), units))
+        scales, largest = self._scales, max(map(largest_of, (columns[name] for name in COMPUTED)))
+        digits = max(_DIGITS, int(np.log10(largest / scales["mean"].size or 1.0)) + 1)  # no powers of ten
+        common = {"unit": unit, "scale": scales["mean"], "digits": digits}
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """The numbers to four digits."""
-        cells = {name: [_digits(value / self._scales[name].size) for value in part]
-                 for name, part in self.columns.items()}  # fmt: skip
-        intervals = ([f"{low} … {high}" for low, high in zip(cells[f"{of}_low"], cells[f"{of}_high"], strict=True)]
-                     for of in ("mean", "weighing"))  # fmt: skip
-        return [*zip(*(cells[name] for name in (*self.asked, "mean")), *intervals, strict=True)]
+        def interval(of: str, words: str) -> Value:
+            ends = zip(columns[f"{of}_low"].tolist(), columns[f"{of}_high"].tolist(), strict=True)
+            return Value(of, [*ends], f"{share} of {words}", **common, only="table")
+
+        return [
+            Value("level", self.level, only="data"),
+            Columns("predictions", self.title, [
+                *(QUANTITIES[name].declare(name, column, units, scale=scales[name], digits=_DIGITS)
+                  for name, column in self.asked.items()),
+                *(Value(name, columns[name], **common, only="" if name == "mean" else "data") for name in COMPUTED),
+                interval("mean", "the mean"),
+                interval("weighing", "a new weighing"),
+            ]),
+            Part("", self.predictor.declare(), self.predictor.title),
+        ]  # fmt: skip
 
     @property
     def conclusions(self) -> tuple[str, ...]:
@@ -93,43 +112,30 @@ class Predictions(Result):
         return (f"The interval of the mean holds {parts}; that of a new weighing also {error}.",)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """What the predictor cannot know, how far questions are outside the tests, and what is lost."""
         at = self.asked
         high, means = self.columns["mean_high"], self.columns["mean"]
         nothing = np.rad2deg(np.unique(at["alpha"][high <= _NOTHING * np.nanmax(means)]))
         listed = ", ".join(f"{angle:.4g}°" for angle in nothing)
         return (
-            *self.predictor.warnings,
+            *self.predictor.findings,
             *self.predictor.outside(at.pop("alpha"), at),
-            *sentences(
+            *map(stated, sentences(
                 (nothing.size, f"The model removes next to nothing at {listed}, and what it lacks is a share of that: "
                                "the intervals there say nothing. Take a model with deformation."),
                 (self.lost, f"{self.lost:.1%} of the impacts could not be computed and are left out."),
-            ),
+            )),
         )  # fmt: skip
 
-    def in_csv(self) -> Iterator[tuple[str, list[float]]]:
-        """Headings such as "mean [mg/kg]", and their numbers."""
-        data = self.predictor.data
+    def to_csv_as_shown(self) -> str:
+        """The columns in units that read well, which the headings name: "mean [mg/kg]"."""
+        data, columns = self.predictor.data, dict[str, list[float]]()
         for name, scale in self._scales.items():
             known = [*known_scales(self.dimension(name), data.units), data.scale][: None if data.unit else -1]
             size, unit = scale if scale in known else known[0]
-            yield f"{name} [{ascii_unit(unit).replace('°', 'deg')}]", (self.columns[name] / size).tolist()
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Of the numbers in `to_dict`."""
-        units = self.predictor.data.units
-        return {name: ascii_unit(unit_name(self.dimension(name), units)) for name in self.columns}
-
-    def to_dict(self) -> dict[str, Any]:
-        """The level, a record for each question, and the numbers of the predictor."""
-        lines = zip(*(part.tolist() for part in self.columns.values()), strict=True)
-        records = [dict(zip(self.columns, line, strict=True)) for line in lines]
-        return to_plain({"level": self.level, "predictions": records}) | self.predictor.to_dict() | {
-            "warnings": self.warnings
-        }  # fmt: skip
+            columns[f"{name} [{ascii_unit(unit).replace('°', 'deg')}]"] = (self.columns[name] / size).tolist()
+        return to_csv(columns)
 
 
 def predictions(
@@ -173,11 +179,7 @@ def _end_of_weighing(means: np.ndarray, errors: np.ndarray, share: float) -> np.
     return (low + high) / 2
 
 
-def _digits(value: float) -> str:
-    return f"{float(f'{value:.4g}'):.10g}"
-
-
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class BestAngles(Result):
     """The angle of greatest removal at each draw of a posterior.
 
@@ -212,35 +214,32 @@ class BestAngles(Result):
         """How many draws."""
         return f"the angle of greatest removal, {len(self.alpha):,} draws"
 
-    def rows(self) -> list[Row]:
-        """Median and interval of angle and volume, and the shares of the kinds."""
-        rows, alone = [], "the model alone: "
-        volume = "volume_max", alone, np.atleast_1d(self.optimum.volume)
-        angles = [("alpha_max", f"with {', '.join(self.parts)}: ", self.alpha)]
-        angles += [] if self.predicted is None else [("alpha_max", alone, self.of_model)]
-        for name, what, values in (*angles, volume):
-            quantity = RESULTS[name]
-            low, middle, high = np.nanquantile(values, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
-            scale = table_scale(quantity.dimension, self.optimum.p.units, float(middle))
-            ends = f"{LEVEL:.0%} of the draws: {low / scale.size:.4g} … {high / scale.size:.4g}"
-            rows.append(
-                Row(name, quantity.symbol, f"{middle / scale.size:.4g}", scale.unit, f"{what}the median; {ends}")
-            )
-        rows += [
-            Row(kind, "", f"{share:.1%}", "", "of the draws, the model alone") for kind, share in self.kinds.items()
-        ]
-        return rows
+    def declare(self) -> list[Declared]:
+        """Medians and intervals of angle and volume; draw by draw the angles, those of the model alone, the kinds."""
+        units, alone = self.optimum.p.units, "the model alone: "
+        draws: dict[str, Any] = {"dims": ("draw",), "only": "data"}
+        volume, angle = np.atleast_1d(self.optimum.volume), QUANTITIES["alpha"]
+        middles = [("alpha_max", "alpha_max", f"with {', '.join(self.parts)}: ", self.alpha)]
+        middles += [] if self.predicted is None else [("alpha_of_model", "alpha_max", alone, self.of_model)]
+        return [
+            *(self._median(*middle) for middle in (*middles, ("volume_max", "volume_max", alone, volume))),
+            angle.declare("alpha", self.alpha, units, **draws),
+            Value("parts", [*self.parts], only="data"),
+            angle.declare("alpha_of_model", self.of_model, units, **draws),
+            declare_result("volume", volume, units, **draws),
+            Value("kind", np.atleast_1d(self.optimum.kind), **draws),
+            Value("kinds", [*self.kinds.values()], meaning="of the draws, the model alone", labels=[*self.kinds],
+                  scale=Scale(0.01, "%")),
+        ]  # fmt: skip
 
-    def to_dict(self) -> dict[str, Any]:
-        """The angles [rad], and of the model alone the angles, the volumes and their kinds, draw by draw."""
-        return to_plain({
-            "alpha": self.alpha,
-            "parts": self.parts,
-            "alpha_of_model": self.of_model,
-            "volume": np.atleast_1d(self.optimum.volume),
-            "kind": np.atleast_1d(self.optimum.kind),
-            "kinds": self.kinds,
-        })  # fmt: skip
+    def _median(self, name: str, of: str, what: str, values: np.ndarray) -> Value:
+        """The median in tables, with the interval in words."""
+        quantity, units = RESULTS[of], self.optimum.p.units
+        low, middle, high = np.nanquantile(values, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
+        scale = table_scale(quantity.dimension, units, float(middle))
+        ends = f"{LEVEL:.0%} of the draws: {low / scale.size:.4g} … {high / scale.size:.4g}"
+        meaning = f"{what}the median; {ends}"
+        return quantity.declare(name, float(middle), units, scale=scale, digits=4, meaning=meaning, only="table")
 
 
 ANGLES = np.deg2rad(np.arange(1.0, 91.0))

@@ -26,9 +26,9 @@ from erosion.fits.outliers import chances
 from erosion.fits.tempering import sample
 from erosion.joint_laws import LawSet
 from erosion.models import own_parameters
-from erosion.output import Row, format_number, sentences, to_plain
+from erosion.output import format_number, sentences
 from erosion.parameters import conversion_factor
-from erosion.results import Result
+from erosion.results import Declared, Finding, Result, Scale, Value, stated
 
 CHAINS = 4
 _DRAWS = 600  # of a way to read the data: 500 independent ones know ends of intervals to 4 % of their width (1 σ)
@@ -62,7 +62,7 @@ class Way:
     converged: bool = True
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Predictor(Result):
     """What a fit knows of the erosion between its rows and beyond them.
 
@@ -202,14 +202,10 @@ class Predictor(Result):
         """What is asked, speed and mass among it, as arrays of one shape; arguments as of `predict`."""
         return self.forward.conditions(alpha, at, self.usual)
 
-    def outside(self, alpha: Any, at: Mapping[str, Any] | None = None) -> tuple[str, ...]:
-        """How far a question lies outside the tests, in sentences such as "120 m/s is 1.22 × the fastest test".
-
-        Arguments as of `predict`.
-        """
+    def outside(self, alpha: Any, at: Mapping[str, Any] | None = None) -> tuple[Finding, ...]:
+        """How far a question lies outside the tests; arguments as of `predict`."""
         given = {name: getattr(self.forward.p, name) for name in self.forward.tested.ranges}
-        outside = self.forward.tested.outside(given | self.question(alpha, at), self.data.units)
-        return tuple(finding.text for finding in outside)
+        return tuple(self.forward.tested.outside(given | self.question(alpha, at), self.data.units))
 
     @property
     def row_errors(self) -> np.ndarray:
@@ -225,26 +221,19 @@ class Predictor(Result):
         """What intervals of predictions hold."""
         return f"predictions hold {', '.join(self.parts)}"
 
-    def rows(self) -> list[Row]:
+    def declare(self) -> list[Declared]:
         """The probability of each way to read the data, and the exponent of the speed."""
         words = {"model": "that the model is right", "exponent": "that it is but for the speed's exponent",
                  "discrepancy": "that it misses more, by a discrepancy over angle and speed"}  # fmt: skip
-        rows = [Row(name, "", f"{weight:.1%}", "", words[name]) for name, weight in self.weights.items()]
-        if self.exponent is None:
-            return rows
-        mean, deviation = self.exponent
-        return [*rows, Row("speed_exponent", "n", f"{mean:.2f} ± {deviation:.2f}", "", "factor (v₀/v_ref)^(n-2)")]
-
-    def to_dict(self) -> dict[str, Any]:
-        """The probabilities of the ways, and the exponent of the speed with its standard deviation."""
         mean, deviation = self.exponent or (2.0, 0.0)
-        return to_plain({
-            "parts": self.parts,
-            "weights": self.weights,
-            "exponent": mean,
-            "exponent_deviation": deviation,
-            "warnings": self.warnings,
-        })  # fmt: skip
+        return [
+            Value("parts", [*self.parts], only="data"),
+            *(Value(name, weight, meaning=words[name], scale=Scale(0.01, "%"), digits=3, only="table")
+              for name, weight in self.weights.items()),
+            Value("weights", [*self.weights.values()], labels=[*self.weights], only="data"),
+            Value("exponent", mean, "n", "factor (v₀/v_ref)^(n-2)", error=deviation,
+                  only="data" if self.exponent is None else ""),
+        ]  # fmt: skip
 
     @functools.cached_property
     def _missed(self) -> str:
@@ -274,17 +263,17 @@ class Predictor(Result):
                 f"hold: {'; '.join(listed)}{more}.{remedy}")  # fmt: skip
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Sentences on what predictions cannot know; none for good ones."""
+    def findings(self) -> tuple[Finding, ...]:
+        """What predictions cannot know; none for good ones."""
         bad = [name for name, way in self.ways.items() if not way.converged and way.weight > _COUNTS]
-        return sentences(
+        return tuple(map(stated, sentences(
             (bad, f"The populations of draws disagree for predictions by {' and '.join(bad)}: their intervals may be "
                   "wrong."),
             (self._missed, self._missed),
             (self.exponent is not None and self.data.has_one_speed,
              "All rows are of one speed: at others the exponent of the speed is the prior's, "
              f"{PRIORS[EXPONENT].in_words('1', self.data.units)}."),
-        )  # fmt: skip
+        )))  # fmt: skip
 
 
 def _from_repeats(data: Measurements, residuals: np.ndarray, errors: np.ndarray) -> np.ndarray:

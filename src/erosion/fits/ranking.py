@@ -14,8 +14,9 @@ import numpy as np
 
 from erosion.arguments import Progress, no_progress
 from erosion.fits.calibration import Calibration, calibrate
-from erosion.fits.doubts import LEVEL, RARE, is_beyond_scatter, is_poor, variances_differ, worst_row
+from erosion.fits.doubts import RARE, is_beyond_scatter, is_poor, variances_differ, worst_row
 from erosion.fits.errors import ErrorModel
+from erosion.fits.fit import Fit
 from erosion.fits.forward import FRACTION, FREE, USUAL_FREE, USUAL_MODELS
 from erosion.fits.least_squares import CalibrationError, with_noise
 from erosion.fits.measurements import read_measurements
@@ -23,16 +24,16 @@ from erosion.fits.outliers import FEW_PER_CENT
 from erosion.fits.posterior import Posterior, posterior
 from erosion.fits.tempering import SamplingError
 from erosion.models import CuttingModel, load_model, model_name, own_in_words, quantities, usable_models
-from erosion.output import Record, format_number, sentences, to_plain
-from erosion.parameters import Parameters, Scale
-from erosion.results import Result
+from erosion.output import format_number, sentences
+from erosion.parameters import Parameters
+from erosion.results import Columns, Declared, Finding, Mark, Part, Result, Scale, Value, stated
 
 _Models = Sequence[CuttingModel | str | Path] | None
 _EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)
 _SAME = 1e-5  # of the typical erosion: fits that differ by less are the same curve
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Ranking(Result):
     """Fits of several models to the same data, the best first.
 
@@ -102,14 +103,14 @@ class Ranking(Result):
         return next((tuple(tied for tied in tie if tied != name) for tie in self.ties if name in tie), ())
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Sentences on models that cannot be distinguished, on what is held, on failures, and on the best fit."""
+    def findings(self) -> tuple[Finding, ...]:
+        """Models that cannot be distinguished, what is held, failures, and what is doubtful in the best fit."""
         same = [_and(tie) for tie in self.ties]
         reasons = _grouped(zip(self.reasons, self.names[len(self.ranked) :], strict=True))
         of_models = [own_in_words(fit.model, but=fit.names, units=fit.p.units) for fit in self.ranked]
         held = _grouped((own, name) for own, name in zip(of_models, self.names, strict=False) if own)
         best, listed = self.names[self.preferred], "; ".join(f"{own} ({of})" for own, of in held.items())
-        return (
+        said = (
             *self._misfit(),
             *sentences(
                 (len(same) == 1, f"{'; '.join(same)} give the same curve: these data cannot tell them apart."),
@@ -123,13 +124,13 @@ class Ranking(Result):
                 (held and len(self.ranked) > 1, f"Own parameters that are not free are held: {listed}."),
             ),
             *self.failures,
-            *self.best.warnings,
         )
+        return (*map(stated, said), *self.best.findings)
 
     @property
-    def warnings_of_best(self) -> tuple[str, ...]:
-        """Those of the warnings that concern whoever uses the best fit."""
-        return (*self._misfit(), *self._undecided(), *self.best.warnings)
+    def findings_of_best(self) -> tuple[Finding, ...]:
+        """Those of the findings that concern whoever uses the best fit."""
+        return (*map(stated, (*self._misfit(), *self._undecided())), *self.best.findings)
 
     def _misfit(self) -> list[str]:
         """A sentence where no one of several models fits."""
@@ -155,50 +156,54 @@ class Ranking(Result):
             return []
         return [f"The data do not decide between {_and(near)}: their weights are {_ratio(self.weights, near)}."]
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """A row for each model."""
-        rows, size = [], self._scale.size
-        numbers = [(f"{difference:.2f}", f"{weight:.1%}") if self.has_aicc else ("–", "–")
-                   for difference, weight in zip(self._differences, self.weights, strict=False)]  # fmt: skip
-        numbers += [("not ranked", "–")] * len(self.reasons)
-        estimates = dict(zip(self.names, map(_in_words, self.fits), strict=True))
-        # Of models of the same curve, the first one has the estimates.
-        first_of = {name: tie[0] for tie in self.ties for name in tie[1:]}
-        for name, fit, of_fit in zip(self.names, self.fits, numbers, strict=True):
-            reduced = fit.data.uncertainty is not None
-            misfit = format_number(fit.chi2 / fit.degrees_of_freedom, 3) if reduced else format_number(fit.rms, 4, size)
-            left_out = format_number(fit.leave_one_out, 4, size) if np.isfinite(fit.leave_one_out) else "–"
-            words = estimates[name]
-            if first := first_of.get(name):
-                words = f"same as {first}" if words == estimates[first] else f"{words} (curve of {first})"
-            rows.append((name, *of_fit, misfit, left_out, words))
-        return rows
+    def declare(self) -> list[Declared]:
+        """The models beside each other, and all numbers of the best fit; in data those of the others, too."""
+        best, ranked = self.best, len(self.ranked)
+        unit, scale = best.erosion_unit, best.data.scale_of(best.rms)
+        missing = [None] * len(self.reasons)
+        differences = [*self._differences, *missing] if self.has_aicc else [None] * len(self.fits)
+        left_out = [fit.leave_one_out if np.isfinite(fit.leave_one_out) else None for fit in self.fits]
+        has_errors, names = best.data.uncertainty is not None, list(self.names)
+        misfit = [fit.chi2 / fit.degrees_of_freedom for fit in self.fits]
+        rms = Value("rms", [fit.rms for fit in self.fits], unit=unit, scale=scale, digits=4)
+        columns = [
+            Value("model", names),
+            Value(
+                "delta_aicc",
+                differences,
+                "ΔAICc",
+                digits=4,
+                marks=[Mark([at >= ranked for at in range(len(names))], "not ranked")],
+            ),
+            Value(
+                "weight",
+                self.weights.tolist() if self.has_aicc else [None] * len(names),
+                scale=Scale(0.01, "%"),
+                digits=3,
+            ),
+            *([Value("chi2_over_freedom", misfit, "χ²/dof", digits=3), rms.but(only="data")] if has_errors else [rms]),
+            Value("leave_one_out", left_out, "left out", unit=unit, scale=scale, digits=4),
+            Value("estimates", self._in_words(), only="table"),
+            Value("tied_with", [", ".join(self.tied_with(name)) for name in names], only="data"),
+            Value("not_ranked", [None] * ranked + [*self.reasons], only="data"),
+        ]
+        return _beside(self, dict(zip(names, self.fits, strict=True)), columns)
 
-    @property
-    def headings(self) -> tuple[str, ...]:
-        """The columns of the table."""
-        unit = f" [{self._scale.unit}]" if self._scale.unit else ""
-        misfit = f"rms{unit}" if self.best.data.uncertainty is None else "χ²/dof"
-        return ("model", "ΔAICc", "weight", misfit, f"left out{unit}", "estimates")
-
-    @property
-    def _scale(self) -> Scale:
-        """The unit of the residuals."""
-        return self.best.data.scale_of(self.best.rms)
-
-    def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
-        """The fits, each with its weight and the models of the same curve; and the failures."""
-        fits = [{**fit.to_dict(level), **self.standing(at)} for at, fit in enumerate(self.fits)]
-        return to_plain({"fits": fits, "failures": self.failures, "warnings": self.warnings})
-
-    def standing(self, at: int) -> Record:
-        """The weight of a fit, the models of the same curve, and why it is not ranked where it is not."""
-        reasons = (None,) * len(self.ranked) + self.reasons
-        return {"weight": self.weights[at], "tied_with": self.tied_with(self.names[at]), "not_ranked": reasons[at]}
+    def _in_words(self) -> list[str]:
+        """The estimates of each model; of models of the same curve, the first one has them."""
+        of_each, first_of = dict(zip(self.names, map(_in_words, self.fits), strict=True)), {}
+        for tie in self.ties:
+            first_of |= dict.fromkeys(tie[1:], tie[0])
+        for name, first in first_of.items():
+            words = of_each[name]
+            of_each[name] = f"same as {first}" if words == of_each[first] else f"{words} (curve of {first})"
+        return [*of_each.values()]
 
     @property
     def title(self) -> str:
-        """The number of models and the data."""
+        """The number of models and the data; of one model that of its fit."""
+        if _is_alone(self):
+            return self.best.title
         return f"{len(self.fits)} models fitted to {len(self.best.data):,} rows of {self.best.data.source}"
 
 
@@ -390,10 +395,23 @@ def _curves(fits: Sequence[Calibration]) -> list[list[Calibration]]:
     return groups
 
 
+def _is_alone(ranking: "Ranking | PosteriorRanking") -> bool:
+    """Whether it is of one model, without another that failed."""
+    return len(ranking.names) + len(ranking.failures) == 1
+
+
+def _beside(ranking: "Ranking | PosteriorRanking", fits: Mapping[str, Fit], columns: Sequence[Value]) -> list[Declared]:
+    """Models beside each other, and all numbers of the best one; in data those of each of several."""
+    best, is_alone = ranking.best, _is_alone(ranking)
+    of_each = [] if is_alone else [Part("fits", [Part(name, fit.declare()) for name, fit in fits.items()], only="data")]
+    table = Columns("ranking", ranking.title, columns, only="data" if is_alone else "")
+    return [table, Part("", best.declare(), best.title), *of_each]
+
+
 _DECISIVE = 3.0  # difference of ln Z, a factor of 20, below which data do not decide (Kass and Raftery 1995)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class PosteriorRanking(Result):
     """Posteriors of several models from the same data, the likeliest model first.
 
@@ -427,40 +445,33 @@ class PosteriorRanking(Result):
         return [drawn.log_evidence - self.best.log_evidence for drawn in self.posteriors]
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Sentences on models that the data do not tell apart, on failures and doubtful draws."""
+    def findings(self) -> tuple[Finding, ...]:
+        """Models that the data do not tell apart, failures and doubtful draws."""
         pairs = zip(self.names[1:], self.posteriors[1:], strict=True)
         of_others = [f"{name}: {sentence}" for name, drawn in pairs for sentence in drawn.not_converged]
         near = [name for name, diff in zip(self.names, self._differences, strict=True) if -diff < _DECISIVE]
         equals = [
             f"Data and priors do not decide between {_and(near)}: their probabilities are {_ratio(self.weights, near)}."
         ] * (len(near) > 1)
-        return (*equals, *self.failures, *of_others, *self.best.warnings)
+        return (*map(stated, (*equals, *self.failures, *of_others)), *self.best.findings)
 
     @property
     def title(self) -> str:
-        """The number of models and the data."""
+        """The number of models and the data; of one model that of its posterior."""
+        if _is_alone(self):
+            return self.best.title
         return f"{len(self.posteriors)} posteriors from {len(self.best.data):,} rows of {self.best.data.source}"
 
-    @property
-    def headings(self) -> tuple[str, ...]:
-        """The columns of the table."""
-        return ("model", "Δ ln Z", "probability", "estimates")
-
-    def rows(self) -> list[tuple[str, ...]]:
-        """A row for each model."""
-        return [
-            (name, f"{diff:.2f} ± {drawn.log_evidence_error:.2f}", f"{weight:.1%}",
-             ", ".join(map(drawn.mean_in_words, drawn.names)))
-            for name, diff, drawn, weight in zip(self.names, self._differences, self.posteriors, self.weights,
-                                                 strict=True)
-        ]  # fmt: skip
-
-    def to_dict(self, level: float = LEVEL) -> dict[str, Any]:
-        """The posteriors, each with its probability; and the failures."""
-        pairs = zip(self.posteriors, self.weights, strict=True)
-        drawn = [{**part.to_dict(level), "probability": weight} for part, weight in pairs]
-        return to_plain({"posteriors": drawn, "failures": self.failures, "warnings": self.warnings})
+    def declare(self) -> list[Declared]:
+        """The models beside each other, and all numbers of the likeliest one; in data those of the others, too."""
+        parts = self.posteriors
+        columns = [
+            Value("model", list(self.names)),
+            Value("delta_log_evidence", self._differences, "Δ ln Z", error=[part.log_evidence_error for part in parts]),
+            Value("probability", self.weights.tolist(), scale=Scale(0.01, "%"), digits=3),
+            Value("estimates", [", ".join(map(part.mean_in_words, part.names)) for part in parts], only="table"),
+        ]
+        return _beside(self, dict(zip(self.names, parts, strict=True)), columns)
 
 
 def rank_posteriors(

@@ -6,6 +6,7 @@ from erosion.results.declaration import (
     Declare as Declare,
     Declared as Declared,
     Mark as Mark,
+    Part as Part,
     Scale as Scale,
     Value as Value,
 )

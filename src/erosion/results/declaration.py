@@ -124,4 +124,21 @@ class Columns:
         return cls(name, title, columns, **more)
 
 
-Declared = Value | Columns
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Numbers that belong together: those of each parameter, or of one of several results.
+
+    Args:
+        name: of their record in JSON, and before their names in files; without one they stand among the others.
+        values: what is declared.
+        title: above their own tables.
+        only: see `Output`.
+    """
+
+    name: str
+    values: "Sequence[Declared]"
+    title: str = ""
+    only: Output = ""
+
+
+Declared = Value | Columns | Part

@@ -3,6 +3,7 @@
 import html
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from erosion.output.tables import (
     to_plain,
     with_error,
 )
-from erosion.results.declaration import Columns, Declared, Scale, Value
+from erosion.results.declaration import Columns, Declared, Part, Scale, Value
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,8 +60,8 @@ class PrintedTable(NamedTuple):
 
 
 def tables(title: str, declared: Iterable[Declared]) -> list[PrintedTable]:
-    """The values as rows of one table, then each group of columns as a table of its own."""
-    values, groups = _apart(declared, "table")
+    """The values as rows of one table, then each group of columns as a table of its own, then those of parts."""
+    values, groups, parts = _apart(declared, "table")
     made = []
     if values:
         notes = _Notes()
@@ -69,12 +70,14 @@ def tables(title: str, declared: Iterable[Declared]) -> list[PrintedTable]:
     for group in groups:
         if group.values and len(group.values[0].value):
             made.append(_table(group, group.title if made else title))
+    for part in parts:
+        made += tables(part.title, part.values)
     return made
 
 
 def record(declared: Iterable[Declared], *, has_units: bool = False) -> Record:
     """Numbers by name in Python's own types; with `has_units` those that have one are objects of value and unit."""
-    values, groups = _apart(declared, "data")
+    values, groups, parts = _apart(declared, "data")
     made: Record = {}
     for value in values:
         for name, number in _numbers(value):
@@ -89,14 +92,20 @@ def record(declared: Iterable[Declared], *, has_units: bool = False) -> Record:
             for i in range(length)
         ]
         made[group.name] = {each.pop(columns[0][0]): each for each in records} if group.keyed else records
+    for part in parts:
+        of_part = record(part.values, has_units=has_units)
+        made |= {part.name: of_part} if part.name else of_part
     return made
 
 
 def units(declared: Iterable[Declared]) -> dict[str, str]:
-    """Unit by name of the numbers of `record`, those of columns too."""
-    values, groups = _apart(declared, "data")
+    """Unit by name of the numbers of `record`, those of columns and of parts too."""
+    values, groups, parts = _apart(declared, "data")
     listed = [*values, *(value for group in groups for value in group.values)]
-    return {name: value.unit for value in listed if value.unit for name, _ in _numbers(value)}
+    made = {name: value.unit for value in listed if value.unit for name, _ in _numbers(value)}
+    for part in parts:
+        made = units(part.values) | made
+    return made
 
 
 def csv(declared: Iterable[Declared]) -> str:
@@ -106,7 +115,7 @@ def csv(declared: Iterable[Declared]) -> str:
     result of columns alone gives the first of them.
     """
     columns: dict[str, np.ndarray] = {}
-    values, groups = _apart(declared, "data")
+    values, groups, _ = _apart(_flat(declared, "data"), "data")
     if groups and not any(np.ndim(value.value) == 0 for value in values):
         values = [value.but(value=_column(value.value)) for value in groups[0].values if value.only != "table"]
     for value in values:
@@ -122,7 +131,7 @@ def dataset(title: str, declared: Iterable[Declared], attributes: Mapping[str, s
     """The values as a labelled Dataset, which xarray writes to netCDF."""
     import xarray as xr  # half a second that a table for a terminal does without
 
-    values, groups = _apart(declared, "data", "file")
+    values, groups, _ = _apart(_flat(declared, "data", "file"), "data", "file")
     variables: dict[str, Any] = {}
     arrays = [value.value for value in values if not (value.dims or value.labels or isinstance(value.value, tuple))]
     impacts = _most_common_shape(map(_array, arrays))
@@ -150,13 +159,28 @@ def summary(declared: Iterable[Declared]) -> str:
     return ", ".join(f"{value.name}={_short(value.value)}" for value in values if not value.labels)
 
 
-def _apart(declared: Iterable[Declared], *outputs: str) -> tuple[list[Value], list[Columns]]:
-    """The values and the groups of columns that outputs have."""
+def _apart(declared: Iterable[Declared], *outputs: str) -> tuple[list[Value], list[Columns], list[Part]]:
+    """The values, the groups of columns and the parts that outputs have."""
     listed = [item for item in declared if item.only in ("", *outputs)]
     values = [item for item in listed if isinstance(item, Value)]
     if "table" in outputs:
         values = [value for value in values if value.value is not None]
-    return values, [item for item in listed if isinstance(item, Columns)]
+    columns = [item for item in listed if isinstance(item, Columns)]
+    return values, columns, [item for item in listed if isinstance(item, Part)]
+
+
+def _flat(declared: Iterable[Declared], *outputs: str, before: str = "") -> Iterator[Value | Columns]:
+    """Values and columns, those of parts with the part's name before their own names and dimensions."""
+    for item in declared:
+        if isinstance(item, Part):
+            if item.only in ("", *outputs):
+                name = f"{before}{item.name}_" if item.name else before
+                yield from _flat(item.values, *outputs, before=name)
+        elif isinstance(item, Columns):
+            yield replace(item, name=before + item.name)
+        else:
+            dims = None if item.dims is None else [before + dim for dim in item.dims]
+            yield item.but(name=before + item.name, dims=dims)
 
 
 def _numbers(value: Value) -> Iterator[tuple[str, Any]]:
