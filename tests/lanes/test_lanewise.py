@@ -3,6 +3,7 @@
 The versions of llvmlite that are taken, and the text that their LLVMs read.
 """
 
+import gc
 import subprocess
 import sys
 import textwrap
@@ -16,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
+from jax.extend.core import JaxprEqn
 
 from erosion.lanes import machine
 from erosion.lanes.flatten import NotForLanesError, flatten
@@ -447,3 +449,14 @@ def test_arrays_are_chosen_among_any_number_of_cases():
         )
 
     np.testing.assert_allclose(Lanewise(function, (number,))(X), jax.vmap(function)(X), rtol=1e-15)
+
+
+def test_a_program_keeps_no_trace() -> None:
+    def equations() -> int:
+        gc.collect()
+        return sum(isinstance(thing, JaxprEqn) for thing in gc.get_objects())
+
+    before = equations()
+    program = Lanewise(lambda x: x * (x + 17) * (x + 18) * (x + 19), (number,))
+    assert equations() == before
+    assert program(np.array([2.0])) == 2 * 19 * 20 * 21

@@ -77,7 +77,10 @@ class Lanewise:
             self.large = [is_large(aval_of(variable)) for variable in closed.jaxpr.invars]
             self.inputs = [tuple(aval.shape) for aval in closed.in_avals]
             # Where large arrays differ from lane to lane, the function is compiled once more, from this trace.
-            file = None if any(self.large) else file
+            if any(self.large):
+                file = None
+            else:
+                del self._traced  # ten thousand objects that Python's search for garbage would visit each time
             if file is not None:
                 self._keep(file, self._shared.code.made)
         else:
@@ -93,7 +96,9 @@ class Lanewise:
     @functools.cached_property
     def _traced(self) -> tuple[ClosedJaxpr, PyTree]:
         """The function as JAX sees it, and shapes and types of its results."""
-        return jax.make_jaxpr(self._function, return_shape=True)(*self._examples)
+        function = self._function
+        # JAX keeps what it traced for as long as there is the function: so it gets one of this call.
+        return jax.make_jaxpr(lambda *arguments: function(*arguments), return_shape=True)(*self._examples)
 
     @property
     def closed(self) -> ClosedJaxpr:
