@@ -5,7 +5,7 @@ Metals resist fast deformation more: σ_d = σ (1 + (ε̇/D)^(1/q)). The source'
     F_x = -σ_d b ψ · depth,   F_y = k F_x,   ε̇ = √(ẋ_tip² + ḋ²)/r,   d the tip's depth.
 
 ε̇ is **defined** as the speed of the tip over r, the distance from the centre of mass to the tip and
-so the size of the erodent. Other lengths could be meant: over the contact height ψ · depth, as in
+so the size of the particle. Other lengths could be meant: over the contact height ψ · depth, as in
 indentation, it would be infinite at first contact. Rates below a thousandth of v₀/r count as that,
 which keeps derivatives finite where the tip stands still.
 

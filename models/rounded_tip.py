@@ -43,7 +43,7 @@ class RoundedTip(erosion.models.ForceLaw):
         return 4 / 3 * jnp.sqrt(2 * radius) * depth**2 / (depth**2 + (radius / 100) ** 2) ** 0.25
 
 
-class RoundedErodent(erosion.models.RigidErodent):
+class RoundedParticle(erosion.models.RigidParticle):
     """A body that turns as `Rotating` does, and cuts with its rounded tip."""
 
     force: erosion.models.ForceLaw = RoundedTip()
@@ -56,4 +56,4 @@ class RoundedErodent(erosion.models.RigidErodent):
         return -self.force(state, tip, p)[0] / (p.sigma * p.psi) * tip.vx
 
 
-model = RoundedErodent()
+model = RoundedParticle()

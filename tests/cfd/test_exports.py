@@ -96,7 +96,7 @@ def test_fluents_constant_is_a_number_where_the_density_is_known():
 
 def test_fluents_diameter_function_is_that_of_oka():
     table, turning = erosion.to_fluent("oka", P), erosion.to_fluent("rotating", P)
-    # Oka: E grows as D^0.19; the diameter is that of the erodent's density.
+    # Oka: E grows as D^0.19; the diameter is that of the particle's density.
     growth = np.log(table.factors[-1] / table.factors[0]) / np.log(table.diameter[-1] / table.diameter[0])
     assert growth == pytest.approx(0.19, abs=1e-9)
     assert "piecewise-linear:" in table.text()

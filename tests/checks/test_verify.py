@@ -30,7 +30,7 @@ class Wrong(erosion.models.ForceLaw):
         return p.k
 
 
-class Mine(erosion.models.RigidErodent):
+class Mine(erosion.models.RigidParticle):
     force: erosion.models.ForceLaw = Wrong()
     torque: erosion.models.Torque = erosion.models.NoTorque()
     kinematics: erosion.models.TipKinematics = erosion.models.CentreOfMassTip()

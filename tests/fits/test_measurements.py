@@ -200,7 +200,7 @@ def test_a_condition_that_leaves_a_doubt_is_refused(table, name):
     ("head", "cells", "options", "message"),
     [
         *((f"angle [deg],{name}", "30,5", {}, re.escape(repr(name))) for name in DOUBTFUL_AMOUNTS),
-        ("angle [deg],mass_loss [mg],mass [kg]", "30,5,0.5", {}, r"`mass \[kg\]` must be the mass of one erodent"),
+        ("angle [deg],mass_loss [mg],mass [kg]", "30,5,0.5", {}, r"`mass \[kg\]` must be the mass of one particle"),
         ("angle [deg],mass_loss [0 mg/kg]", "30,5", {}, r"the unit must be .*'0 mg/kg'"),
         ("angle [deg],volume [mm^3]", "30,5", {"ignore": ("v_gas",)}, "has no column 'v_gas', which Argument `ignore`"),
     ],

@@ -299,7 +299,7 @@ def test_where_the_force_jumps_derivatives_are_differences():
 
 
 def test_first_derivatives_remain_where_only_the_second_fails():
-    class Rooted(erosion.models.RigidErodent):
+    class Rooted(erosion.models.RigidParticle):
         """`linearized` with an end that moves as |α - 0.2|^1.5."""
 
         kinematics: erosion.models.TipKinematics = erosion.models.CentreOfMassTip()

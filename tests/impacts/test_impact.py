@@ -136,7 +136,7 @@ def test_a_lane_of_rounding_alone_fails_soon():
 
 
 class Brittle(erosion.models.ForceRatio):
-    """K = k, but from 57° up not a number once the erodent has slowed down to 0.3 v₀."""
+    """K = k, but from 57° up not a number once the particle has slowed down to 0.3 v₀."""
 
     def ratio(self, state, p):
         return p.k + jnp.where(p.alpha > 1, 0.0 * jnp.sqrt(state.vx / p.v0 - 0.3), 0.0)
@@ -145,7 +145,7 @@ class Brittle(erosion.models.ForceRatio):
         return p.k
 
 
-class Faulty(erosion.models.RigidErodent):
+class Faulty(erosion.models.RigidParticle):
     """Ends as `linearized` does at small angles; above, it never ends, and above that it breaks."""
 
     kinematics: erosion.models.TipKinematics = erosion.models.CentreOfMassTip()
@@ -167,7 +167,7 @@ def test_a_lane_that_never_ends_or_breaks_says_so_alone():
         )
 
 
-class Blurred(erosion.models.RigidErodent):
+class Blurred(erosion.models.RigidParticle):
     """`linearized` with an end that is not a number: by spin, never, when slow, at once, in its derivative."""
 
     kinematics: erosion.models.TipKinematics = erosion.models.CentreOfMassTip()

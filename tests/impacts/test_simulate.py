@@ -196,7 +196,7 @@ def test_other_solvers_and_controllers_agree():
 
 
 def test_an_endless_cut_is_an_error():
-    class Endless(erosion.models.RigidErodent):
+    class Endless(erosion.models.RigidParticle):
         """Nothing resists, so the tip goes down for ever."""
 
         kinematics: erosion.models.TipKinematics = erosion.models.CentreOfMassTip()
@@ -217,7 +217,7 @@ def test_a_force_that_pushes_forward_is_named():
         def __call__(self, state, tip, p):
             return p.stiffness * tip.depth, p.k * p.stiffness * tip.depth
 
-    class Pushed(erosion.models.RigidErodent):
+    class Pushed(erosion.models.RigidParticle):
         kinematics: erosion.models.TipKinematics = erosion.models.CentreOfMassTip()
         force: erosion.models.ForceLaw = Pushes()
         torque: erosion.models.Torque = erosion.models.NoTorque()

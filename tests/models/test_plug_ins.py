@@ -80,7 +80,7 @@ def test_a_force_against_the_tip_cuts_straight_where_nothing_turns():
 @pytest.mark.parametrize("radius", [0.1, 2.0])
 def test_the_shape_of_the_tip_does_not_matter_where_nothing_turns(radius):
     plug_in, exact = parts("rounded_tip"), closed_form("linearized")
-    tip = plug_in.RoundedErodent(plug_in.RoundedTip(radius=radius), CentreOfMassTip(), NoTorque())
+    tip = plug_in.RoundedParticle(plug_in.RoundedTip(radius=radius), CentreOfMassTip(), NoTorque())
     cases = [p.replace(phidot0=0.0) for p in CASES]
     assert volumes(tip, cases) == pytest.approx([float(exact.volume(p)) for p in cases], rel=1e-11, abs=0)
 
@@ -113,7 +113,10 @@ BROKEN: dict[str, tuple[str | bytes | None, str]] = {
         "import erosion\nclass Half(erosion.CuttingModel):\n  def derivative(self, state, p): return state\n",
         "`initial_state`, `tip`",
     ),
-    "parts": ("import erosion\nclass M(erosion.models.RigidErodent):\n  force: erosion.models.ForceLaw\n", "TypeError"),
+    "parts": (
+        "import erosion\nclass M(erosion.models.RigidParticle):\n  force: erosion.models.ForceLaw\n",
+        "TypeError",
+    ),
     "shape": (FORCE.format(force="jnp.zeros(2), jnp.zeros(2)"), "`derivative`"),
     "raises": (FORCE.format(force="tip.height, 0.0"), "line 5 of mine.py: AttributeError"),
     "one force": (FORCE.format(force="-tip.depth"), "two numbers"),

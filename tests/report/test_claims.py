@@ -198,7 +198,7 @@ def moves_by_reach() -> np.ndarray:
 
 
 def pushed_forward() -> np.ndarray:
-    """Whether the printed equations push the erodent forward and down at contact."""
+    """Whether the printed equations push the particle forward and down at contact."""
     cuts = [path(load_model("as-printed"), TABLE_1.replace(k=k, alpha=alpha))
             for k, alpha in zip(K[::10], ALPHA[::10], strict=True)]  # fmt: skip
     return np.array([cut.vx[1] > cut.vx[0] and cut.vy[1] > cut.vy[0] for cut in cuts])
@@ -216,7 +216,7 @@ HOLD = {
         (midpoint_errors(10) > midpoint_errors(100)) & (midpoint_errors(100) > midpoint_errors(1000))
     ),
     "sensitivities are −1, 1, −½, ½, ½ and ½ times that of the size": moves_by_reach,
-    "taken to the letter they first push the erodent forward": pushed_forward,
+    "taken to the letter they first push the particle forward": pushed_forward,
     "without spin a cut removes nothing at 90°": lambda: (
         np.array([volume(model, cases(alpha=np.pi / 2)) for model in ("linearized", "finnie", *ROTATING)]) == 0
     ),

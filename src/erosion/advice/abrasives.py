@@ -100,7 +100,7 @@ class Job:
         return self.area * self.depth
 
     def abrasive(self, erosion: Sequence[float]) -> tuple[float, float]:
-        """The least and the greatest mass of abrasive [kg], by the erosion at the angle [m³/kg]."""
+        """The least and the greatest mass of particles [kg], by the erosion at the angle [m³/kg]."""
         return self.volume / max(erosion), self.volume / min(erosion)
 
     def sentence(self, erosion: Sequence[float], density: float | None) -> str:

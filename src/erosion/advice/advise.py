@@ -308,7 +308,7 @@ class _Jet:
         return Curve(name, "correlations", grains, erosion, per_mass.density if known else None, fits)
 
     def _erosion(self, name: str, model: CuttingModel, per_mass: PerMass, varied: dict[str, np.ndarray]) -> np.ndarray:
-        """Volume per mass of abrasive at each setting and angle of the nozzle, shape (settings, angles) [m³/kg]."""
+        """Volume per mass of particles at each setting and angle of the nozzle, shape (settings, angles) [m³/kg]."""
         particles = Particles(model, self._p, {"alpha": self._law})
         values = {**self._values, **{parameter: value[:, None, None] for parameter, value in varied.items()}}
         turned, hits_at, hit = particles.impacts(values, NOZZLE_ANGLES[:, None])

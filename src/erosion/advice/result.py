@@ -147,7 +147,7 @@ class Curve:
         name: of the model or correlation.
         group: "models", "k", "psi", "draws" or "correlations": what differs within the group.
         setting: what differs from the case, "k = 1" or "draw 3", the shape that a correlation counts, or "".
-        erosion: volume per mass of abrasive at `NOZZLE_ANGLES`, shape (n,) [m³/kg].
+        erosion: volume per mass of particles at `NOZZLE_ANGLES`, shape (n,) [m³/kg].
         density: of the target [kg/m³], or None.
         fits: whether the absolute numbers are made for this target.
         single: of a model as it is, the best angle of attack of one particle without the spread of the jet [rad].

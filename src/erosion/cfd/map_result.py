@@ -78,7 +78,7 @@ FACES: Mapping[str, Wear] = {
     "erosion_ratio": Wear.like("erosion_ratio", "erosion ratio [kg/kg]"),
     "injected_ratio": Wear("Δm/M₀", "mass loss per mass of sand injected", "mass per mass", "",
                            "erosion ratio of sand injected [kg/kg]", of_total=True),
-    "erodent": Wear("M", "mass of erodent that hits", "mass", "", "erodent [kg]", of_total=True),
+    "erodent": Wear("M", "mass of particles that hit", "mass", "", "erodent [kg]", of_total=True),
     "impacts": Wear("n", "rows that hit", "1", "", "impacts", of_total=True),
     "particles": Wear("N", "particles that hit", "1", "", "particles", of_total=True),
     "alpha_mean": Wear("ᾱ", "mean angle of attack of the particles", "angle", "", "mean angle [deg]", 180 / math.pi),

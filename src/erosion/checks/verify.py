@@ -29,7 +29,7 @@ from erosion.models import (
     CuttingModel,
     FullTorque,
     HorizontalTorque,
-    RigidErodent,
+    RigidParticle,
     TanAlpha,
     VelocityAligned,
     available_models,
@@ -351,7 +351,7 @@ def _identities(cut: Trajectory) -> _Errors:
     rate = jax.tree.map(jnp.asarray, model.derivative(state, p))
     tip, flow = jax.jvp(lambda state: model.tip(state, p), (state,), (rate,))
     errors = [(flow.x - tip.vx) / p.v0, (flow.depth - tip.vdepth) / p.v0]
-    if not isinstance(model, RigidErodent) or len(cut.t) < 2:
+    if not isinstance(model, RigidParticle) or len(cut.t) < 2:
         return errors
     ratio, cut_away = _constant_ratio(model, p), cut.volume - cut.removed[0]
     if isinstance(model.torque, HorizontalTorque):
@@ -373,7 +373,7 @@ def _identities(cut: Trajectory) -> _Errors:
     return errors
 
 
-def _constant_ratio(model: RigidErodent, p: Parameters) -> Broadcast | None:
+def _constant_ratio(model: RigidParticle, p: Parameters) -> Broadcast | None:
     """K, where the force is -c · depth (1, K) with the same K during the whole cut; else None."""
     if type(model.force) is ConstantRatio:
         return p.k

@@ -258,7 +258,7 @@ def draw(path: Path | None, figure: Callable[[], Any]) -> None:
 @Parameter(name="*", group=MODEL)
 @dataclasses.dataclass(frozen=True)
 class PerMassOptions:
-    """What erosion per mass of abrasive needs beside the case."""
+    """What erosion per mass of particles needs beside the case."""
 
     density: Annotated[
         str | None,
@@ -297,7 +297,7 @@ def density_option(name: str, text: str | None) -> float | None:
 
 
 def weighing(model: "lazy.CuttingModel", given: PerMassOptions | None, options: CaseOptions) -> "lazy.PerMass":
-    """How a model's volume becomes erosion per mass of abrasive.
+    """How a model's volume becomes erosion per mass of particles.
 
     Raises:
         InputError: also for the density of another metal than a correlation's.

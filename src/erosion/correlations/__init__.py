@@ -1,6 +1,6 @@
 """Erosion as engineers compute it today: fits to tests, by name, with all their factors.
 
-`dnv(alpha, v0, material)` and the others give target lost per erodent, in kg/kg, mm³/kg or mm³ per impact.
+`dnv(alpha, v0, material)` and the others give target lost per particle, in kg/kg, mm³/kg or mm³ per impact.
 Functions that end in `_angle`, `dnv_2015`, `dnv_polynomial` and `arabnejad_cutting` are the shapes F(α) alone.
 All functions are vectorized, and differentiable by JAX; α is in radians from the surface, all else in SI units.
 Outside of the range that a correlation is made for, as far as it is known, there is an `OutOfRangeWarning`.

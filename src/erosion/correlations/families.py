@@ -52,7 +52,7 @@ FINNIE_MATERIALS: Mapping[str, FinnieMaterial] = types.MappingProxyType(
 
 
 def finnie_angle(alpha: Values, force_ratio: Values = FORCE_RATIO) -> Array:
-    """Finnie's closed form as CFD codes have it, per V²/(ψ K p) and unit mass of erodent.
+    """Finnie's closed form as CFD codes have it, per V²/(ψ K p) and unit mass of particles.
 
     F = sin 2α - (6/K) sin²α for tan α < K/6, (K/6) cos²α above. It is the model `finnie` with
     β = ½ and no spin.

@@ -23,7 +23,7 @@ Values = Float[Array | np.ndarray, "..."] | Int[Array | np.ndarray, "..."] | flo
 _Material = TypeVar("_Material")
 
 UNITS = ("kg/kg", "mm3/kg", "mm3/impact")
-"""Target lost per erodent: mass per mass, volume per mass, volume per particle."""
+"""Target lost per particle: mass per mass, volume per mass, volume per particle."""
 
 _MM3 = 1e9  # mm³ in a m³
 
@@ -32,7 +32,7 @@ def in_units(ratio: Array, units: str, density: Values, mass: Values | None = No
     """The erosion in other units.
 
     Args:
-        ratio: E, mass of target per mass of erodent [kg/kg].
+        ratio: E, mass of target per mass of particles [kg/kg].
         units: one of `UNITS`; "mm³" is read as "mm3".
         density: of the target [kg/m³].
         mass: of a particle [kg], for "mm3/impact" alone.

@@ -86,7 +86,7 @@ class Correlation:
         erosion: E(alpha [rad], v0 [m/s], …) [kg/kg], with the arguments of the function of that name.
         density: of the default target [kg/m³].
         ranges: what it is made for, by argument, as far as that is known here.
-        valid_for: the erodent and target behind it.
+        valid_for: the particle and target behind it.
         source: where it is published.
         formula: E and its constants in words, those of a target as "{0.exponent}".
         materials: the targets by name, for a correlation with a table of them.

@@ -28,20 +28,20 @@ class Prompt(NamedTuple):
 _ANGLE = ("It becomes flatter.", "It stays.", "It becomes steeper.")
 PROMPTS = (
     Prompt(
-        "4. At which angle does the erodent remove most?",
+        "4. At which angle does the particle remove most?",
         ("The steeper, the more.", "At half the angle between surface and force.", "The flatter, the more."),
         1,
         "The depth grows as sin α, the mean forward speed falls as sin(θ − α), with tan θ = k for the force. Their "
         "product is greatest at α = θ/2 = ½ arctan k, here {alpha:.4g}°. Drag the angle over V(α).",
     ),
     Prompt(
-        "5. The erodent flies twice as fast. What happens to the best angle?",
+        "5. The particle flies twice as fast. What happens to the best angle?",
         _ANGLE,
         1,
         "The speed scales lengths, and no time: four times as much is removed at every angle. Change v₀ and see.",
     ),
     Prompt(
-        "6. The erodent is twice as heavy. What happens to the best angle?",
+        "6. The particle is twice as heavy. What happens to the best angle?",
         _ANGLE,
         1,
         "The mass stands before the whole curve: twice as much is removed at every angle. The size is in no equation.",

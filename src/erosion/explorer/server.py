@@ -186,7 +186,7 @@ def offer(
         p: the first case, all scalars.
         plug_ins: paths of further models; the cut of the first of them is drawn.
         tables: TOML files of further particles and targets.
-        per_mass: how volumes become erosion per mass of abrasive, at first.
+        per_mass: how volumes become erosion per mass of particles, at first.
         fitted: the model that the case file names, by name or path, with what the file sets of it; its cut is drawn.
         file: the case file, for what is doubtful in the fit that wrote it, and its tests.
 

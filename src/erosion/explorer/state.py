@@ -211,8 +211,8 @@ class PageState:
         case: the impact.
         models: names of the checked models, in the order of the list; at least one.
         shown: the checked model whose cut is drawn.
-        per_mass: how a volume becomes erosion per mass of abrasive.
-        instant: the time at which the erodent is drawn, as a share of the cut's time.
+        per_mass: how a volume becomes erosion per mass of particles.
+        instant: the time at which the particle is drawn, as a share of the cut's time.
         dark: whether the page is dark; None leaves this to the browser.
     """
 

@@ -322,7 +322,7 @@ def _warnings(findings: Iterable[Finding]) -> str:
 
 
 def _volume(computed: Computed, volume: float) -> str:
-    """V, and below it the erosion per mass of abrasive, in g/kg where the target's density is known.
+    """V, and below it the erosion per mass of particles, in g/kg where the target's density is known.
 
     An amount that is asked for and beyond all tests is none to show.
     """

@@ -60,12 +60,12 @@ class Measurements:
 
     Args:
         angle: α [rad].
-        erosion: the removal per impact or per mass of erodent, as `dimension` says.
+        erosion: the removal per impact or per mass of particles, as `dimension` says.
         dimension: "volume", "volume per mass", "mass", "mass per mass"; or "1" for units of
             its own, known up to a factor.
         uncertainty: one standard deviation of each `erosion`, or None where unknown; see `weighed`.
         speed: impact speed of each row [speed]; None for the case's.
-        mass: mass of each erodent [mass]; None for the case's.
+        mass: mass of each particle [mass]; None for the case's.
         units: the unit system of all of these.
         source: the file's name, for titles.
         unused: the headings of the columns that are not used.
@@ -153,7 +153,7 @@ class Measurements:
 
     @property
     def per_mass(self) -> bool:
-        """Whether the erosion is that of a mass of erodent, not of one impact."""
+        """Whether the erosion is that of a mass of particles, not of one impact."""
         return self.dimension in ("volume per mass", "mass per mass")
 
     @property
@@ -351,7 +351,7 @@ def read_measurements(
             [in^3]": …}, a table of pandas, a Dataset of xarray), or `Measurements`. The columns are `angle`; one of
             `volume`, `mass_loss`, `erosion`; and at will `uncertainty`, `speed`, `mass`.
             Each carries its unit; volume and mass loss may be per impact ([mm^3], [mg]) or
-            per mass of erodent ([mm^3/g], [mg/g]); `erosion [-]` is known up to a factor.
+            per mass of particles ([mm^3/g], [mg/g]); `erosion [-]` is known up to a factor.
             A column of another name that may be one of these is refused; `unused` of the result names all others.
         units: the unit system to convert to.
         ignore: columns that are left out, by their names: ("v_gas",).
@@ -423,7 +423,7 @@ def _measurements(table: Table, removal: str, system: System) -> Measurements:
         if name == "angle":
             good, must = are_angles(values), "must be above 0° and at most 90°"
         elif name == "mass":
-            good, must = good & (values > 0) & (values <= greatest), "must be the mass of one erodent, at most 20 g"
+            good, must = good & (values > 0) & (values <= greatest), "must be the mass of one particle, at most 20 g"
         elif name != removal:
             good, must = good & (values > 0), "must be positive and finite"
         if not np.all(good):

@@ -88,7 +88,7 @@ class Predictor(Result):
         return dataclasses.replace(self, forward=forward)
 
     def to_specific_volume(self, mass: float) -> float:
-        """Volume per mass of abrasive [m³/kg] over the erosion of the tests.
+        """Volume per mass of particles [m³/kg] over the erosion of the tests.
 
         Args:
             mass: of a particle [kg], where the tests are of one impact.

@@ -35,7 +35,7 @@ _PERCENT = ("%", "percent")
 
 
 class Removal(Wanted):
-    """An erosion, per impact, per mass of abrasive, or known up to a factor."""
+    """An erosion, per impact, per mass of particles, or known up to a factor."""
 
     def measure(self, unit: str, system: System, *, is_alias: bool) -> tuple[Dimension, float] | None:
         """See `Wanted`."""

@@ -162,14 +162,14 @@ _PER_MASS: Mapping[str, tuple[str, float]] = {
     "specific_volume": ("specific_volume [mm^3/kg]", 1e9),
     "erosion_ratio": ("erosion_ratio [g/kg]", 1e3),
 }
-"""Heading and factor of each column per mass of abrasive."""
+"""Heading and factor of each column per mass of particles."""
 
 
 def write_csv(dataset: xr.Dataset, path: Path, p: Parameters, weights: Mapping[str, PerMass]) -> None:
     """Write a sweep or a comparison: a line for each point of the grid, its model and axes first, then its results.
 
     Angles are in degrees, everything else in the units of the dataset, which stand in the headings: "v0 [m/s]".
-    Outcomes are words. The share of the particles that cut and the erosion per mass of abrasive, in mm³/kg and g/kg,
+    Outcomes are words. The share of the particles that cut and the erosion per mass of particles, in mm³/kg and g/kg,
     come last.
 
     Args:

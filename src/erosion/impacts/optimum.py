@@ -57,7 +57,7 @@ _HAIR = 1e-8  # of the first speed into the depth
 
 
 class VolumePerMass(SameMotion):
-    """V/m, the volume per mass of abrasive [volume/mass]."""
+    """V/m, the volume per mass of particles [volume/mass]."""
 
     motion: CuttingModel
 

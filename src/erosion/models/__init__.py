@@ -67,7 +67,7 @@ from erosion.models.rigid import (
     AsPrinted as AsPrinted,
     Finnie as Finnie,
     Linearized as Linearized,
-    RigidErodent as RigidErodent,
+    RigidParticle as RigidParticle,
     Rotating as Rotating,
     SpeedExponent as SpeedExponent,
 )

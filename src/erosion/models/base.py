@@ -141,7 +141,7 @@ class ClosedForm(eqx.Module):
 
 
 class CuttingModel(eqx.Module):
-    """How a tip cuts: initial state, motion, tip. Subclass it (or, shorter, `RigidErodent`).
+    """How a tip cuts: initial state, motion, tip. Subclass it (or, shorter, `RigidParticle`).
 
     A model is autonomous (its motion depends on the state alone) and written for **one**
     impact with `jax.numpy`; the engines batch and differentiate it. `initial_state`,

@@ -97,13 +97,13 @@ class Correlated(CuttingModel):
 
 
 class CorrelatedBySize(Correlated):
-    """The same for a correlation that depends on the size of the erodent, a sphere of the mass of the case.
+    """The same for a correlation that depends on the size of the particle, a sphere of the mass of the case.
 
     Args:
-        particle_density: of the erodent [kg/m³], whatever the units of the case; 2650 is quartz.
+        particle_density: of the particle [kg/m³], whatever the units of the case; 2650 is quartz.
     """
 
-    particle_density: float = fixed_parameter(2650.0, "ρ_p", "density of the erodent", "kg/m^3")
+    particle_density: float = fixed_parameter(2650.0, "ρ_p", "density of the particle", "kg/m^3")
 
     def _factors(self, p: Parameters) -> dict[str, object]:
         return {**super()._factors(p), "diameter": self._diameter(p)}

@@ -1,4 +1,4 @@
-"""The parts of a rigid erodent: where its tip is, which force and torque act there, and what deformation removes.
+"""The parts of a rigid particle: where its tip is, which force and torque act there, and what deformation removes.
 
 Wear by deformation is what the normal motion of an impact removes, beside the cut:
 

@@ -1,4 +1,4 @@
-"""The rigid erodent and the models made of it, with the exact solutions of those whose tip depth ignores the turn.
+"""The rigid particle and the models made of it, with the exact solutions of those whose tip depth ignores the turn.
 
     m ẍ = F_x,   m ÿ = F_y,   I φ̈ = τ        (Laverty (2), (3), (11))
 
@@ -328,7 +328,7 @@ class DeformingCut(_SameCut):
         return slope(alpha) if order else volume(alpha)
 
 
-class RigidErodent(CuttingModel):
+class RigidParticle(CuttingModel):
     """Newton's law for a rigid body driven by the force at its tip; parts are fields."""
 
     kinematics: eqx.AbstractVar[TipKinematics]
@@ -377,7 +377,7 @@ class RigidErodent(CuttingModel):
 
 
 class PrintedForce(ForceLaw):
-    """F_x = -c (y - r sin φ), F_y = k F_x: it pushes the erodent *forward* at contact."""
+    """F_x = -c (y - r sin φ), F_y = k F_x: it pushes the particle *forward* at contact."""
 
     def __call__(self, state: State, tip: Tip, p: Parameters) -> tuple[Broadcast, Broadcast]:
         horizontal = -p.stiffness * (state.y - p.r * sincos(state.phi)[0])
@@ -394,11 +394,11 @@ class PrintedTorque(Torque):
         return -p.r * p.stiffness * state.y
 
 
-class AsPrinted(RigidErodent):
+class AsPrinted(RigidParticle):
     """The literal reading of Laverty (16)-(21), to show what it does; not for use.
 
     Events and volume are on the centre of mass. With φ(0) = π/2 the force is that of a
-    depth -r at first contact, so the erodent is first thrown forward and down, and the
+    depth -r at first contact, so the particle is first thrown forward and down, and the
     volume only falls with the angle.
     """
 
@@ -407,7 +407,7 @@ class AsPrinted(RigidErodent):
     torque: Torque = PrintedTorque()
 
 
-class Linearized(RigidErodent):
+class Linearized(RigidParticle):
     """The tip moves as the centre of mass: m ẍ = -c y, m ÿ = -K c y.
 
     Args:
@@ -433,7 +433,7 @@ class Linearized(RigidErodent):
         return None
 
 
-class Finnie(RigidErodent):
+class Finnie(RigidParticle):
     """The tip is at x + r (φ - π/2) and depth y; I φ̈ = r F_x slows it as it cuts.
 
     Args:
@@ -453,7 +453,7 @@ class Finnie(RigidErodent):
         return with_deformation(FinnieCut(), self.deformation) if known else None
 
 
-class Rotating(RigidErodent):
+class Rotating(RigidParticle):
     """The tip circles the centre of mass, and the contact force turns the body.
 
     m ẍ = -c d,  m ÿ = -K c d,  I φ̈ = τ,  d = y - r (1 - sin φ).

@@ -117,7 +117,7 @@ def _in_si(values: Mapping[str, Any], units: System) -> dict[str, Any]:
 
 TEXT_KEYS = ("title", "units", "particle", "target")
 PER_MASS_KEYS = ("density", "cutting_fraction")
-"""What only erosion per mass of abrasive needs; see `CaseFile.per_mass`."""
+"""What only erosion per mass of particles needs; see `CaseFile.per_mass`."""
 MODEL_KEYS = ("model", "set")
 """The case's usual model and that model's own parameters; see `CaseFile.model`."""
 SECTIONS = ("sweep", "stream", "map", "advise")

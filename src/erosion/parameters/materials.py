@@ -60,7 +60,7 @@ _RANGED = ("density", "vickers", "flow_stress")
 
 @dataclass(frozen=True)
 class Particle:
-    """An erodent of a material and a size, taken for a sphere of that diameter.
+    """A particle of a material and a size, taken for a sphere of that diameter.
 
     `p.with_particle(…)` sets m = ρ π d³/6, r = d/2, b = r as Table 1 has it, and β = 2/5.
 

@@ -77,7 +77,7 @@ class SizeWarning(UserWarning):
 
 
 class Parameters(Result, eqx.Module):
-    """Erodent, target and impact: the symbols of the scenario's equations, as float64 leaves.
+    """Particle, target and impact: the symbols of the scenario's equations, as float64 leaves.
 
     Any consistent unit system works; `units` names the one these numbers are in. Leaves are
     scalars, or arrays that broadcast against each other. Values are not checked here (a
@@ -87,8 +87,8 @@ class Parameters(Result, eqx.Module):
         k: force ratio F_y/F_x [-], > 0.
         psi: contact height over the tip's depth ψ = l/y_tip [-], > 0.
         r: distance from the centre of mass to the tip [length], > 0.
-        b: width of the erodent out of the plane [length], > 0.
-        m: mass of the erodent [mass], > 0.
+        b: width of the particle out of the plane [length], > 0.
+        m: mass of the particle [mass], > 0.
         v0: impact speed [speed], > 0.
         sigma: flow stress of the target σ [stress], > 0.
         alpha: angle of attack from the surface [rad], in (0, π/2].

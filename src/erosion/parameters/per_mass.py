@@ -1,4 +1,4 @@
-"""From a removed volume to the erosion that engineers measure: volume, and mass, per mass of abrasive."""
+"""From a removed volume to the erosion that engineers measure: volume, and mass, per mass of particles."""
 
 import math
 import sys
@@ -20,7 +20,7 @@ from erosion.results import Finding, Value
 PER_MASS_SCALES: Mapping[str, Scale] = types.MappingProxyType(
     {"specific_volume": Scale(1e-9, "mm³/kg"), "erosion_ratio": Scale(1e-3, "g/kg")}
 )
-"""The units in which erosion per mass of abrasive reads well, whatever the units of the case."""
+"""The units in which erosion per mass of particles reads well, whatever the units of the case."""
 
 BEYOND_TESTS = "more than ten times what tests find"
 """The mark of an amount in tables; see `FarFromTests.is_beyond`."""
@@ -39,11 +39,11 @@ _LEAST_SHARE = 1e-9  # one particle in a thousand million; erosion by far fewer 
 
 @dataclass(frozen=True)
 class PerMass:
-    """How a particle's volume becomes erosion per mass of abrasive.
+    """How a particle's volume becomes erosion per mass of particles.
 
     A model's volume is that of a particle that cuts. Of a jet only some particles do: the others roll, plough or turn
     their flat side. Finnie put their share at about one half; COMSOL 6.2 takes a tenth. Volumes stay those
-    of a particle that cuts, erosion per mass of abrasive is that of all particles.
+    of a particle that cuts, erosion per mass of particles is that of all particles.
 
         erosion.PerMass(density=2700, cutting_fraction=0.5).erosion_ratio(best.volume, best.p)  # kg/kg
 
@@ -85,12 +85,12 @@ class PerMass:
         return cls(target(name).density, cutting_fraction)
 
     def specific_volume(self, volume: Any, p: Parameters) -> PerImpact:
-        """Removed volume per mass of abrasive [m³/kg], of volumes in the units of `p`; they broadcast with p.m."""
+        """Removed volume per mass of particles [m³/kg], of volumes in the units of `p`; they broadcast with p.m."""
         ratio = np.asarray(volume) / np.asarray(p.m)
         return self.cutting_fraction * ratio * conversion_factor("volume per mass", p.units, "si")
 
     def erosion_ratio(self, volume: Any, p: Parameters) -> PerImpact:
-        """Mass loss per mass of abrasive [kg/kg], of volumes in the units of `p`; they broadcast with p.m.
+        """Mass loss per mass of particles [kg/kg], of volumes in the units of `p`; they broadcast with p.m.
 
         Raises:
             ValueError: without a density.
@@ -100,7 +100,7 @@ class PerMass:
         return self.density * self.specific_volume(volume, p)
 
     def declare(self, volume: Any, p: Parameters) -> list[Value]:
-        """Volume and, where the density is known, mass per mass of abrasive; in tables in mm³/kg and g/kg."""
+        """Volume and, where the density is known, mass per mass of particles; in tables in mm³/kg and g/kg."""
         is_beyond = self.is_beyond_tests(volume, p)
         return [
             RESULTS[name].declare(
@@ -110,7 +110,7 @@ class PerMass:
         ]
 
     def meaning_of(self, name: str, *, is_beyond: bool = False) -> str:
-        """What a result per mass of abrasive is, the share of the particles that cut, and the mark beyond tests."""
+        """What a result per mass of particles is, the share of the particles that cut, and the mark beyond tests."""
         some = "" if self.cutting_fraction == 1 else f"; {self.cutting_fraction:g} of the particles cut"
         return RESULTS[name].meaning + some + (f"; {BEYOND_TESTS}" if is_beyond else "")
 
@@ -206,7 +206,7 @@ def far_from_tests(
     """The greatest erosion, where it is far from what tests find at its speed.
 
     Args:
-        specific_volume: removed volume per mass of abrasive [m³/kg]; it broadcasts with `speed`.
+        specific_volume: removed volume per mass of particles [m³/kg]; it broadcasts with `speed`.
         speed: of the impacts [m/s].
         density: of the target [kg/m³]; None where it is not known. Then the range is that of all metals tested.
         factor: by which it must be outside of the tests.

@@ -342,7 +342,7 @@ class ReportCase:
     Args:
         p: all scalars.
         name: what to call the case.
-        per_mass: how a volume becomes erosion per mass of abrasive.
+        per_mass: how a volume becomes erosion per mass of particles.
     """
 
     def __init__(self, p: Parameters, name: str, per_mass: PerMass | None = None) -> None:
@@ -383,7 +383,7 @@ class ReportCase:
         return float(self.closed.volume(self.p))
 
     def weighed(self, volume: float) -> Record:
-        """A volume per mass of abrasive, in SI units: `specific_volume`, and `erosion_ratio` with a density."""
+        """A volume per mass of particles, in SI units: `specific_volume`, and `erosion_ratio` with a density."""
         return {name: float(value) for name, value in self.per_mass.to_dict(volume, self.p).items()}
 
     @functools.cached_property
@@ -427,7 +427,7 @@ class ReportCase:
         return self._once("spins", model)
 
     def families(self, model: str) -> Families:
-        """A model with other speeds, erodents, materials and modelling parameters."""
+        """A model with other speeds, particles, materials and modelling parameters."""
         return self._once("families", model)
 
     def sensitivity(self, model: str, name: str) -> float:

@@ -148,7 +148,7 @@ class Uncertainty:
 
     @property
     def erosion(self) -> np.ndarray:
-        """Removed volume per mass of abrasive if every particle cuts, shape (draws,) [volume/mass]."""
+        """Removed volume per mass of particles if every particle cuts, shape (draws,) [volume/mass]."""
         return self.volume / self.mass
 
 
@@ -243,13 +243,13 @@ class Stream(Result):
 
     @property
     def erosion(self) -> Estimate:
-        """Removed volume per unit mass of abrasive [volume/mass]; particles that miss are abrasive too."""
+        """Removed volume per unit mass of particles [volume/mass]; particles that miss are abrasive too."""
         removed = self.per_mass.cutting_fraction * self.tally.counted * self.tally.mean
         return Estimate.of(removed / self.tally.mass, float(removed.sum() / self.tally.mass.sum()))
 
     @property
     def erosion_ratio(self) -> Estimate | None:
-        """Mass loss per mass of abrasive [kg/kg]; None where the density of the target is not known."""
+        """Mass loss per mass of particles [kg/kg]; None where the density of the target is not known."""
         if self.per_mass.density is None:
             return None
         factor = self.per_mass.density * conversion_factor("volume per mass", self.particles.p.units, "si")
@@ -352,7 +352,7 @@ class Stream(Result):
         ]  # fmt: skip
 
     def _per_mass(self) -> Iterator[Value]:
-        """Erosion per mass of abrasive; in tables in mm³/kg and, where the density is known, in g/kg."""
+        """Erosion per mass of particles; in tables in mm³/kg and, where the density is known, in g/kg."""
         units, is_beyond = self.particles.p.units, self._far is not None and self._far.is_beyond
         sizes = (conversion_factor("volume per mass", units, "si"), 1.0)
         for name, to_si, scale in zip(("erosion", "erosion_ratio"), sizes, PER_MASS_SCALES.values(), strict=True):

@@ -35,7 +35,7 @@ class SweepSummary(Result):
     Args:
         dataset: of the sweep.
         p: its case.
-        weights: by model, how a volume becomes erosion per mass of abrasive; of a single model by the key "".
+        weights: by model, how a volume becomes erosion per mass of particles; of a single model by the key "".
         store: where it is kept.
     """
 
@@ -122,7 +122,7 @@ class Comparison(Result):
     Args:
         curves: what `erosion.compare` returns; the case's angle is among its angles.
         p: the case.
-        weights: by model, how a volume becomes erosion per mass of abrasive.
+        weights: by model, how a volume becomes erosion per mass of particles.
     """
 
     curves: xr.Dataset
@@ -194,7 +194,7 @@ class Comparison(Result):
         return [Columns("models", "", columns), Value("statements", self.conclusions, only="data")]
 
     def _erosion(self, end: str, volumes: np.ndarray, marks: Sequence[Mark] = ()) -> list[Value]:
-        """Erosion per mass of abrasive; a table has the one that every model has, mass per mass where it can."""
+        """Erosion per mass of particles; a table has the one that every model has, mass per mass where it can."""
         pairs = [(self.weights[name], volume) for name, volume in zip(self.models, volumes.tolist(), strict=True)]
         numbers = [weight.to_dict(volume, self.p) for weight, volume in pairs]
         shown = "erosion_ratio" if all("erosion_ratio" in each for each in numbers) else "specific_volume"

@@ -1,4 +1,4 @@
-// The cut in motion, drawn to scale: target, removed area, path of the tip, and the turning erodent.
+// The cut in motion, drawn to scale: target, removed area, path of the tip, and the turning particle.
 // An angular grain: each corner is (angle from the tip, distance from the centre of mass divided by r).
 const GRAIN = [[0, 1], [52, 0.78], [108, 0.95], [163, 0.8], [221, 0.97], [300, 0.8]];
 const GHOSTS = [0, 0.25, 0.5, 0.75, 1];

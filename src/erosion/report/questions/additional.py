@@ -7,7 +7,7 @@ import numpy as np
 
 from erosion.correlations import CORRELATIONS
 from erosion.impacts import ASIDE, SimulationError, alpha_max, path, turned_beyond
-from erosion.models import BUILT_IN, NoDeformation, RigidErodent, load_model
+from erosion.models import BUILT_IN, NoDeformation, RigidParticle, load_model
 from erosion.models.rigid import StraightCut
 from erosion.output import Record
 from erosion.parameters import QUANTITIES
@@ -342,4 +342,4 @@ def all_models(case: ReportCase) -> Answer:
 def deforms(model: str) -> bool:
     """Whether a registered model has wear by deformation."""
     built_in = BUILT_IN[model].make()
-    return isinstance(built_in, RigidErodent) and not isinstance(built_in.deformation, NoDeformation)
+    return isinstance(built_in, RigidParticle) and not isinstance(built_in.deformation, NoDeformation)
