@@ -73,7 +73,7 @@ format: $(STAMP)
 	.venv/bin/ruff format .
 
 clean:
-	rm -rf .venv .venv-lowest .venv-newest .uv report docs/_build docs/examples
+	rm -rf .venv .venv-lowest .venv-newest .uv report docs/_build docs/api docs/examples
 
 $(STAMP): pyproject.toml uv.lock | $(UV)
 	$(UV) sync --locked --all-extras --python $(PYTHON)

@@ -20,7 +20,7 @@ project = "erosion"
 author = "The erosion developers"
 version = release = erosion.__version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.napoleon"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.mathjax", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build"]
 
 # Nothing is fetched by a reader's browser: MathJax 3.2.2, one file with its fonts, is kept here.
@@ -53,6 +53,10 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
 
 default_role = "literal"
 autodoc_member_order = "bysource"
+# A page for each object. On some file systems `erosion.impact` and `erosion.Impact` would share a file.
+autosummary_filename_map = {
+    f"erosion.{name}": f"erosion.{name}_function" for name in ("impact", "particle", "posterior", "stream", "target")
+}
 autodoc_typehints = "signature"
 # No inventories of other projects: they would be fetched. Their names, and those of parts that
 # only results hold, stay plain text.
@@ -64,7 +68,7 @@ nitpick_ignore_regex = [
     ),
     (
         "py:class",
-        r"erosion\.(advice\.(abrasives\.Job|result\.Uncertain)|fits\.(doubts\.|forward\.|least_squares\.Fit|likelihood\.|predicted\.|prediction\.Way|tempering\.)|joint_laws\.LawSet|models\.base\.(OwnParameter|OwnQuantity|_Method)|ode\.(ensemble|maximum|solution|tape)\.|output\.|results\.declaration\.|parameters\.(dimensions|per_mass|quantities)\.|streams\.tally\.).*",
+        r"erosion\.(advice\.(abrasives\.Job|result\.Uncertain)|cfd\.exports\.ExportedParticle|fits\.(doubts\.|forward\.|least_squares\.Fit|likelihood\.|predicted\.|prediction\.Way|tempering\.)|joint_laws\.LawSet|models\.base\.(OwnParameter|OwnQuantity|_Method)|ode\.(ensemble|maximum|problem|solution|tape)\.|output\.|results\.declaration\.|parameters\.(dimensions|per_mass|quantities)\.|streams\.tally\.).*",
     ),
 ]
 napoleon_numpy_docstring = False
