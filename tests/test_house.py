@@ -4,6 +4,8 @@ import ast
 import re
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -21,10 +23,25 @@ def test_no_name_of_a_test_holds_the_path_of_a_checkout(request):
     assert not [test.nodeid for test in request.session.items if str(ROOT) in test.nodeid]
 
 
-def test_a_test_holds_each_known_limit():
-    rows = [row for row in (ROOT / "docs" / "limits.md").read_text("utf-8").splitlines() if row.startswith("| ")]
-    limits = [row for row in rows if not row.startswith("| limit |")]
-    assert limits
-    for limit in limits:
-        file, test = re.findall(r"`(tests/\S+\.py)::(test_\w+)`", limit)[0]
-        assert test in functions_of(ROOT / file), limit
+@pytest.mark.parametrize("page", ["limits.md", "develop/promises.md"])
+def test_tests_hold_each_row_of_a_page(page):
+    rows = re.findall(r"^\| (?!(?:limit|promise) \|)(.*) \|$", (ROOT / "docs" / page).read_text("utf-8"), re.MULTILINE)
+    assert rows
+    for row in rows:
+        tests = re.findall(r"`(tests/\S+\.py)::(test_\w+)`", row)
+        benchmarks = re.findall(r"`(benchmarks/\S+\.py)`", row)
+        assert tests or benchmarks, row
+        assert all(test in functions_of(ROOT / file) for file, test in tests), row
+        assert all((ROOT / file).is_file() for file in benchmarks), row
+
+
+def test_the_readme_shows_what_the_commands_print(shell, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lines = re.findall(
+        r"^erosion ((?:run|optimum)\b.*?) +# (.*)$", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE
+    )
+    assert len(lines) == 2
+    for command, numbers in lines:
+        printed = shell(command).out
+        for number in re.findall(r"\d+\.\d+", numbers):
+            assert number in printed, command
