@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from erosion.explorer import computed as computing
 from erosion.explorer.computed import (
     ANGLES,
     AnswerKind,
     Answers,
     Computed,
-    Preparation,
     SingleEvent,
+    Stage,
     end_times,
 )
 from erosion.explorer.state import PageCase, PageState, own_numbers
@@ -56,37 +55,34 @@ def fake(**compute: Callable[[str, PageCase], Any]) -> Answers:
     return Answers({}, kinds)
 
 
-def test_a_model_that_never_answers_is_left_out_until_it_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(computing, "PATIENCE_AT_ONCE", 0.2)
+def test_a_model_that_never_answers_is_left_out_until_it_does() -> None:
     goes_on = threading.Event()
-    state = PageState(CASE.replace(k=3.0), ("linearized", "plug_in"), "linearized")
-    # Compiled for the first case, and without an answer for another one.
-    answers = fake(curve=lambda model, case: case == CASE or model == "linearized" or goes_on.wait())
-    preparation = Preparation(answers, CASE)
-    while not (preparation.ready("curve", "linearized") and preparation.ready("curve", "plug_in")):
-        pass
-
-    def computed_at_once() -> Computed:
-        computed = Computed(state)
-        computing.at_once(computed, ["curve"], answers, preparation)
-        return computed
-
-    assert computed_at_once().of_all("curve") == {"linearized": True}
-    assert preparation.failure("plug_in") == "plug_in: no answer in 0.2 s; left out until it comes"
-    assert not preparation.ready("curve", "plug_in")
+    state = PageState(CASE, ("linearized", "plug_in"), "linearized")
+    answers = fake(curve=lambda model, _: model == "linearized" or goes_on.wait())
+    stage = Stage(("curve",), ("volumes",))
+    work = answers.start(stage, state)
+    work["linearized"].result(timeout=60)
+    assert Computed.of(answers, state, None).of_all("curve") == {"linearized": True}
+    # It computes one case at a time: another one begins when this one is answered.
+    moved = dataclasses.replace(state, case=CASE.replace(k=3.0))
+    assert answers.start(stage, moved)["plug_in"] is work["plug_in"]
     goes_on.set()
-    while not preparation.ready("curve", "plug_in"):
-        pass
-    assert preparation.failure("plug_in") is None
-    assert computed_at_once().of_all("curve") == {"linearized": True, "plug_in": True}
+    work["plug_in"].result(timeout=60)
+    assert Computed.of(answers, state, None).of_all("curve") == {"linearized": True, "plug_in": True}
+    assert answers.start(stage, moved)["plug_in"] is not work["plug_in"]
+    assert answers.start(stage, state) == {}
 
 
 def test_an_answer_that_fails_is_a_line_on_the_page() -> None:
     answers = fake(curve=lambda model, case: 1 / int(case == CASE))
-    preparation, computed = Preparation(answers, CASE), Computed(dataclasses.replace(STATE, case=CASE.replace(k=3.0)))
-    computing.take(computed, [("curve", "linearized")], answers, preparation, 60.0)
+    state, stage = dataclasses.replace(STATE, case=CASE.replace(k=3.0)), Stage(("curve",), ("volumes",))
+    answers.start(stage, state)["linearized"].result(timeout=60)
+    computed = Computed.of(answers, state, None)
     assert computed.errors == ["linearized: division by zero"]
-    assert computed.answers == {}
+    assert computed.of_all("curve") == {}
+    # An export says so, too.
+    with pytest.raises(ZeroDivisionError):
+        answers("curve", "linearized", state.case)
 
 
 def test_answers_are_of_the_own_parameters_of_the_case() -> None:

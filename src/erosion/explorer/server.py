@@ -21,7 +21,7 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from erosion.explorer.computed import Answers, Preparation, all_ready, share_memory
+from erosion.explorer.computed import Answers
 from erosion.explorer.controls import read_materials
 from erosion.explorer.state import PageCase, PageState, own_numbers, sentence
 from erosion.explorer.tab import Service, Tab
@@ -116,7 +116,7 @@ def serve(service: Service, port: int, *, show: bool = True) -> None:
         gc.freeze()
         gc.set_threshold(_ALLOCATIONS)
         # Not earlier: compiling would slow the start of the server.
-        all_ready(service.start, service.preparation)
+        service.prepare()
 
     app.add_middleware(OnlyOwnPage)
     app.on_startup(lambda: background_tasks.create(announce()))
@@ -146,7 +146,6 @@ def serve(service: Service, port: int, *, show: bool = True) -> None:
 
 def _prepare_process() -> None:
     """Settings for all threads, and no warnings on the terminal about what the page says."""
-    share_memory()
     # A thread that returns from compiled code waits this long for the thread that holds the interpreter.
     # Python's default is 5 ms.
     sys.setswitchinterval(_SWITCH)
@@ -213,7 +212,6 @@ def offer(
     start = PageState(case, checked, shown, per_mass or PerMass())
     return Service(
         answers=answers,
-        preparation=Preparation(answers, case),
         start=start,
         summaries={name: summary for name, (_, summary) in offered.items()},
         sources={name: source for name, (source, _) in offered.items()},

@@ -5,26 +5,15 @@ import contextlib
 import dataclasses
 import json
 import math
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from nicegui import background_tasks, ui
 
-from erosion.explorer import computed as computing
-from erosion.explorer.computed import (
-    ANGLES,
-    LATER,
-    SPINS,
-    STAGES,
-    Answers,
-    Computed,
-    LatestWins,
-    Preparation,
-    Step,
-    in_thread,
-)
+from erosion.explorer.computed import ANGLES, AT_ONCE, LATER, SPINS, Answers, Computed, Stage, in_thread
 from erosion.explorer.controls import Controls, CutDrawing, Materials, Plot, Prose, at_position, warn
 from erosion.explorer.prompts import prompts
 from erosion.explorer.state import PageState, sentence
@@ -33,11 +22,8 @@ from erosion.models import State as Body, model_source
 from erosion.output import to_csv, to_json
 from erosion.parameters import QUANTITIES, RESULTS, CaseFile, Dimension, dump_case, dump_model, dump_per_mass, unit_name
 
-T = TypeVar("T")
-
 _REST = 0.2  # s; the slower answers begin after this time without a change
-_IN_PARALLEL = 2  # tabs; each computes its models in threads of their own, and the page's event loop needs its share
-_PATIENCE = 0.4  # s; after this time the page says that it computes
+_PATIENCE = 0.4  # s; a stage is drawn after this time, without the models that still compute
 _OUTLINE = "dense no-caps outline"
 
 _TITLES: Mapping[str, str] = {
@@ -178,7 +164,6 @@ class Service:
 
     Args:
         answers: the answers about all models.
-        preparation: compiles the programs of these answers.
         start: the state of a tab that is opened without a link.
         summaries: one line on each model, by name.
         sources: the argument of `erosion.load_model` for each model, by name.
@@ -187,19 +172,16 @@ class Service:
     """
 
     answers: Answers
-    preparation: Preparation
     start: PageState
     summaries: Mapping[str, str]
     sources: Mapping[str, str]
     materials: Materials
     file: CaseFile | None = None
-    _turns: asyncio.Semaphore = dataclasses.field(default_factory=lambda: asyncio.Semaphore(_IN_PARALLEL))
-    _later_turns: asyncio.Semaphore = dataclasses.field(default_factory=lambda: asyncio.Semaphore(_IN_PARALLEL))
 
-    async def in_turn(self, work: Callable[[], T], *, later: bool = False) -> T:
-        """Do the work of a tab in a thread, when it is the tab's turn; work for later keeps no other work waiting."""
-        async with self._later_turns if later else self._turns:
-            return await asyncio.wrap_future(in_thread(work))
+    def prepare(self) -> None:
+        """Compute what a tab without a link shows first; this compiles the models."""
+        for stage in AT_ONCE:
+            self.answers.start(stage, self.start)
 
 
 class Tab:
@@ -214,15 +196,13 @@ class Tab:
         self.service, self.state = service, state
         self._models = list(service.summaries)
         self._drawn: dict[str, Any] = {}
-        self._link: asyncio.TimerHandle | None = None
-        self._at_once = LatestWins(self._show_at_once, self._start)
-        self._later = LatestWins(self._show_later, self._start)
+        self._following: asyncio.Task | None = None
+        self._resting = self._changed = False
+        self._late: set[Future[None]] = set()
         self._dark = ui.dark_mode(state.dark)
         with ui.element("header").classes("bar"):
             ui.html("erosion explorer", tag="h1", sanitize=False)
-            with ui.element("div").classes("status").props("role=status"):
-                self._progress = ui.linear_progress(0, show_value=False).props("aria-label='models prepared'")
-                self._status = ui.label()
+            self._status = ui.label().classes("status").props("role=status")
             self._sharing_buttons()
             screen = ui.fullscreen()
             ui.button("Full screen", icon="fullscreen", on_click=screen.toggle).props(_OUTLINE).classes("full-screen")
@@ -235,17 +215,7 @@ class Tab:
                     prompts(lambda: self.state.case)
 
     def begin(self) -> None:
-        """Show the state, and show it again whenever a program has been compiled."""
-        loop = asyncio.get_running_loop()
-
-        def prepared() -> None:
-            # If the server was stopped meanwhile, its event loop is closed.
-            with contextlib.suppress(RuntimeError):
-                loop.call_soon_threadsafe(self._prepared)
-
-        listeners = self.service.preparation.listeners
-        listeners.add(prepared)
-        ui.context.client.on_delete(lambda: listeners.discard(prepared))
+        """Show the first state."""
         self._go(self.state)
 
     def say(self, sentence: str) -> None:
@@ -318,73 +288,63 @@ class Tab:
         self.state = state
         self._controls.show(state)
         self._dark.set_value(state.dark)
-        self._at_once.offer(state)
-        self._later.offer(state)
-        if self._link is not None:
-            self._link.cancel()
-        self._link = asyncio.get_running_loop().call_later(_REST, self._write_link)
+        self._follow_newest()
 
-    def _write_link(self) -> None:
-        if not self._main.is_deleted:
-            with self._main:
-                ui.navigate.history.replace(f"/?{self.state.query()}")
+    def _follow_newest(self) -> None:
+        """Show the state, or tell the task that shows an earlier one; slower answers give way to it."""
+        if self._main.is_deleted:
+            return
+        self._changed = True
+        if self._following is not None and self._resting:
+            self._following.cancel()
+        if self._following is None or self._following.done() or self._resting:
+            self._resting = False
+            self._following = background_tasks.create(self._follow(), context=self._main)
 
-    def _start(self, work: Awaitable[None]) -> None:
-        async def while_open() -> None:
-            try:
-                await work
-            except RuntimeError:
-                # Answers for a tab that was closed meanwhile cannot be shown.
-                if not self._main.is_deleted:
-                    raise
+    async def _follow(self) -> None:
+        """Draw the newest state until no newer one comes; at rest, write its link and compute the slower answers."""
+        late: set[str] = set()
+        try:
+            while self._changed:
+                self._changed = False
+                late = await self._show(AT_ONCE)
+                self._main.props(f"data-ready={'false' if late else 'true'}")
+            self._resting = True
+            await asyncio.sleep(_REST)
+            ui.navigate.history.replace(f"/?{self.state.query()}")
+            await self._show(LATER, late)
+        except RuntimeError:
+            # A tab that was closed meanwhile shows nothing.
+            if not self._main.is_deleted:
+                raise
 
-        background_tasks.create(while_open(), context=self._main)
+    async def _show(self, stages: Iterable[Stage], late: Iterable[str] = ()) -> set[str]:
+        """Compute and draw stages of the state without the models that are late; returns these."""
+        state, late = self.state, set(late)
+        for stage in stages:
+            in_time = dataclasses.replace(state, models=tuple(model for model in state.models if model not in late))
+            work = self.service.answers.start(stage, in_time)
+            awaited = [asyncio.wrap_future(one) for one in work.values() if one not in self._late]
+            if awaited:
+                await asyncio.wait(awaited, timeout=_PATIENCE)
+            late |= {model for model, one in work.items() if not one.done()}
+            for one in {work[model] for model in late & work.keys()} - self._late:
+                self._late.add(one)
+                one.add_done_callback(partial(self._come, asyncio.get_running_loop()))
+            computed = Computed.of(self.service.answers, state, self.service.file)
+            self._draw(await asyncio.wrap_future(in_thread(partial(self._contents, computed, stage.views))), computed)
+            computing = f"Computing {', '.join(sorted(late))} …"
+            self._status.set_text(" · ".join([*computed.errors, *([computing] if late else [])]))
+        return late
 
-    def _prepared(self) -> None:
-        if not self._main.is_deleted:
-            self._at_once.offer(self.state)
-            self._later.offer(self.state)
+    def _come(self, loop: asyncio.AbstractEventLoop, work: Future[None]) -> None:
+        """Draw the answers of a model that was late."""
+        self._late.discard(work)
+        with contextlib.suppress(RuntimeError):  # the server was stopped meanwhile
+            loop.call_soon_threadsafe(self._follow_newest)
 
     def _contents(self, computed: Computed, views: Iterable[str]) -> dict[str, Any]:
         return {name: VIEWS[name](computed, self._models) for name in views}
-
-    async def _show_at_once(self, state: PageState) -> None:
-        answers, preparation = self.service.answers, self.service.preparation
-        computed = Computed(state, file=self.service.file)
-        computed.take_remembered(answers, LATER)
-        patience = asyncio.get_running_loop().call_later(_PATIENCE, self._status.set_text, "Computing …")
-        for kinds, views in STAGES:
-
-            def work(kinds: Sequence[str] = kinds, views: Sequence[str] = views) -> dict[str, Any]:
-                computing.at_once(computed, kinds, answers, preparation)
-                return self._contents(computed, views)
-
-            self._draw(await self.service.in_turn(work), computed)
-        patience.cancel()
-        self._tell_progress(computed)
-
-    async def _show_later(self, state: PageState) -> None:
-        await asyncio.sleep(_REST)
-        if self._later.waiting:
-            return
-        answers, preparation = self.service.answers, self.service.preparation
-        computed = Computed(state, file=self.service.file)
-        missing = computed.take_remembered(answers, LATER)
-        for kinds, _ in STAGES:
-            await self.service.in_turn(partial(computing.at_once, computed, kinds, answers, preparation))
-        for step in missing:
-
-            def work(step: Step = step) -> dict[str, Any]:
-                computing.take(computed, [step], answers, preparation, computing.PATIENCE_LATER)
-                return self._contents(computed, LATER[step[0]])
-
-            if not preparation.ready(*step):
-                continue
-            contents = await self.service.in_turn(work, later=True)
-            if self._later.waiting:
-                return
-            self._draw(contents, computed)
-            self._tell_progress(computed)
 
     def _draw(self, contents: Mapping[str, Any], computed: Computed) -> None:
         if self._main.is_deleted:
@@ -399,15 +359,3 @@ class Tab:
                 self._drawn[name] = option
             else:
                 element.draw(*content, key=key)
-
-    def _tell_progress(self, computed: Computed) -> None:
-        preparation = self.service.preparation
-        done, begun, models = preparation.progress()
-        ready = computing.all_ready(computed.state, preparation)
-        failures = [failure for name in computed.state.models if (failure := preparation.failure(name))]
-        errors = list(dict.fromkeys([*failures, *computed.errors]))
-        self._progress.set_visibility(done < begun)
-        self._progress.set_value(done / max(begun, 1))
-        preparing = f"Preparing {', '.join(models)}: {done} of {begun} programs compiled"
-        self._status.set_text(" · ".join([*errors, *([preparing] if models else [])]))
-        self._main.props(f"data-ready={'true' if ready else 'false'}")
