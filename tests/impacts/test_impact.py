@@ -237,8 +237,8 @@ LAYOUTS = {
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_an_array_of_any_layout_gives_the_same_bits(signature) -> None:
-    given = LAYOUTS[signature](TWELVE)
+def test_an_array_of_any_layout_gives_the_same_bits(layout) -> None:
+    given = LAYOUTS[layout](TWELVE)
     expected = [
         erosion.impact("rotating", P.replace(alpha=alpha)).volume for alpha in np.ravel(np.asarray(given, float))
     ]
