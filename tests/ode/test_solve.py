@@ -783,6 +783,42 @@ def test_derivatives_through_a_singular_rate_at_the_event_are_right_or_nan(path)
         np.testing.assert_allclose(found[known], exact[known], rtol=1e-6)
 
 
+def test_a_body_thrown_straight_up_has_derivatives_by_the_angle() -> None:
+    """Its speed is zero at the apex, where `hypot` would choose another operand."""
+    c, v0 = 0.1, 2.0
+
+    def rates(t, y, args):
+        speed = jnp.hypot(y["vx"], y["vy"])
+        return {"vx": -c * speed * y["vx"], "vy": -1.0 - c * speed * y["vy"], "y": y["vy"]}
+
+    thrown = ode.Problem(
+        lambda args: {"vx": v0 * jnp.cos(args["angle"]), "vy": v0 * jnp.sin(args["angle"]), "y": 0.0},
+        rates,
+        {"ground": ode.Event(lambda t, y, args: y["y"], -1)},
+    )
+    end = ode.solve(thrown, {"angle": np.pi / 2}, t1=9.0, wrt="angle")
+    # The ways up and down are as long: ln(1 + c v0²)/(2 c) each.
+    assert end.along("angle").y["vx"] == pytest.approx(-v0 / (1 + c * v0**2), rel=1e-8)
+    assert end.along("angle").t == pytest.approx(0, abs=1e-8)
+
+
+def test_second_derivatives_through_a_zero_of_a_hypotenuse_are_right_or_nan() -> None:
+    c, v0 = 0.1, np.array([1.0, 2.0, 3.0])
+    thrown = ode.Problem(
+        lambda args: {"y": 0.0, "v": args["v0"]},
+        lambda t, y, args: {"y": y["v"], "v": -1.0 - c * y["v"] * jnp.abs(y["v"])},
+        {"ground": ode.Event(lambda t, y, args: y["y"], -1)},
+        {"path": lambda t, y, args: jnp.hypot(y["v"], 2 * y["v"])},
+    )
+    end = ode.solve(thrown, {"v0": v0}, t1=9.0, wrt="v0", derivatives=2)
+    root = 1 + c * v0**2
+    np.testing.assert_allclose(end.integrals["path"], np.sqrt(5) * np.log(root) / c, rtol=1e-8)
+    np.testing.assert_allclose(end.along("v0").integrals["path"], np.sqrt(5) * 2 * v0 / root, rtol=1e-7)
+    found, exact = end.along("v0", "v0").integrals["path"], np.sqrt(5) * 2 * (1 - c * v0**2) / root**2
+    known = np.isfinite(found)
+    np.testing.assert_allclose(found[known], exact[known], rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     "ratio",
     [lambda v: jnp.sin(v) / v, lambda v: jax.jit(lambda u: u**-2 * (u * jnp.expm1(u)))(v)],

@@ -14,6 +14,9 @@ of a break follow from the rules for events.
 | `floor ceil round rem`, numpy's remainder and quotient, a real number as an integer | that number | to both ends |
 | `searchsorted`, and so `interp`, in a table that does not move | the piece | the distances to its two knots |
 
+`hypot` chooses by the sizes of its operands, but is smooth except at the origin: √(x² + y²), which has no mode, takes
+its place, or |x| where y is the number 0.
+
 `eq` and `ne` of real numbers stay: they hold, or not, all the way. Equal bounds share a mode. What depends on arguments
 alone, or on modes, needs none. Roots, powers and logarithms stay as they are: the error control sees them. Loops, what
 sorts, and more than 32 modes are not located; see `unlocated`.
@@ -91,7 +94,7 @@ class Switches:
             found = rewriting.of(closed.jaxpr, closed.consts, operands)
             rates, rates_of_integrals, events = jax.tree.unflatten(structure, [value.number for value in found])
             self._switch_of_bound = [bound.switch for bound in rewriting.bounds]
-            self.others = sorted(rewriting.others)
+            self.others, self.has_replaced = sorted(rewriting.others), rewriting.has_replaced
             return {
                 "rates": [rate if moves else np.zeros(()) for rate, moves in zip(rates, self.moves, strict=True)],
                 "integrals": rates_of_integrals, "events": events, "values": rewriting.values,
@@ -102,11 +105,12 @@ class Switches:
 
         self._switch_of_bound: list[int] = []
         self.others: list[str] = []
+        self.has_replaced = False
         first, shapes = jax.make_jaxpr(functools.partial(rewritten, modes=None), return_shape=True)(*structs)
         self.count = len(shapes["values"])
         self.bounds = len(shapes["bounds"])
         self.initial = self._part(first, shapes, "values")
-        if not (of_time and 0 < self.count <= _MOST):
+        if not (of_time and self.changes_motion and self.count <= _MOST):
             return
         modes = [jax.ShapeDtypeStruct((), np.float64)] * self.count
         closed_modes, shapes = jax.make_jaxpr(rewritten, return_shape=True)(*structs, modes)
@@ -115,6 +119,11 @@ class Switches:
         self.following, self.sizes = part("following"), part("sizes")
         self.switch_of_bound = list(self._switch_of_bound)
         self.two_sided = [self.switch_of_bound.count(switch) == 1 for switch in self.switch_of_bound]
+
+    @property
+    def changes_motion(self) -> bool:
+        """Whether the motion's functions differ from those of the problem."""
+        return self.count > 0 or self.has_replaced
 
     @staticmethod
     def _part(closed: ClosedJaxpr, shapes: dict[str, Any], *names: str) -> Callable[..., list[Scalar]]:
@@ -194,7 +203,7 @@ def switches_of(signature: Signature) -> Switches | None:
     """The switches of a signature; None where it has none, or more than are located."""
     switches = _all_switches(signature)
     if switches is not None and switches.count <= _MOST:
-        return switches if switches.count else None
+        return switches if switches.changes_motion else None
     if signature.problem.breaks is None or not signature.options.arm_on_return:
         return None
     by_hand = _traced(_plain(signature), by_hand=True)
@@ -291,6 +300,7 @@ class _Rewriting:
         values: the modes that the operations themselves would choose.
         bounds: of all modes.
         others: names of operations that break and have no modes: within loops, and those that sort.
+        has_replaced: whether a function was replaced by one that needs no mode.
     """
 
     def __init__(self, modes: Sequence[Scalar] | None, *, by_hand: bool) -> None:
@@ -298,6 +308,7 @@ class _Rewriting:
         self.values: list[Scalar] = []
         self.bounds: list[Bound] = []
         self.others: set[str] = set()
+        self.has_replaced = False
         self._known: dict[Hashable, Any] = {}
         self._numbered: dict[Hashable, int] = {}
 
@@ -607,6 +618,17 @@ def _floor_quotient(rewriting: _Rewriting, operands: list[_Value]) -> _Made:
     return rewriting.whole("floor", x.number / y.number, rewriting.key_of("quotient", x.key, y.key)), False
 
 
+def _hypotenuse(rewriting: _Rewriting, operands: list[_Value]) -> _Made:
+    x, y = operands
+    zero = _zero(rewriting, x).key
+    if zero in (x.key, y.key):
+        moving = y if x.key == zero else x
+        above = rewriting.is_above(moving, _zero(rewriting, moving))
+        return jnp.where(above, moving.number, -moving.number), True
+    rewriting.has_replaced = True
+    return jnp.sqrt(x.number * x.number + y.number * y.number), True
+
+
 def _searched(side: str) -> Callable[..., _Made]:
     def searched(rewriting: _Rewriting, operands: list[_Value]) -> _Made:
         table, x = operands
@@ -666,6 +688,7 @@ _OF_TABLES = (_searched("left"), _searched("right"))
 _LIBRARY: dict[str, list[tuple[Callable[..., Any], Callable[..., _Made]]]] = {
     "remainder": [(jnp.remainder, _floor_remainder)],
     "floor_divide": [(jnp.floor_divide, _floor_quotient)],
+    "hypot": [(jnp.hypot, _hypotenuse)],
     "searchsorted": [
         (functools.partial(jnp.searchsorted, side=side), rule)
         for side, rule in zip(("left", "right"), _OF_TABLES, strict=True)
