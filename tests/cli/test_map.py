@@ -126,7 +126,7 @@ def test_the_command_is_the_function(shell: Shell) -> None:
     files = ["-o", "map.vtp", "--plot", "map.png"]
     out, err = shell(["map", str(RUNS / "serial"), *OPTIONS, "--model", "rotating", *files])
     assert err == ""
-    assert "faces hit" in out
+    assert "faces_hit" in out
     assert out.endswith("map: map.vtp\nfigure: map.png\n")
     depth = pyvista.read("map.vtp").cell_data["depth [mm]"]
     np.testing.assert_allclose(depth, wear()["depth"] * 1e3, rtol=1e-14)

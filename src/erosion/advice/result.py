@@ -15,9 +15,12 @@ from erosion.fits.prediction import Predictor
 from erosion.joint_laws import SHARE, LawSet, Member, Rows, require_units
 from erosion.models import CuttingModel, own_parameters, quantities, ranges
 from erosion.models.correlated import Correlated
-from erosion.output import Record, format_number, to_plain
+from erosion.output import format_number
 from erosion.parameters import (
+    BEYOND_TESTS,
     PER_MASS_SCALES,
+    QUANTITIES,
+    RESULTS,
     FarFromTests,
     Parameters,
     Particle,
@@ -29,7 +32,7 @@ from erosion.parameters import (
     table_scale,
     two_digits,
 )
-from erosion.results import Finding, Result
+from erosion.results import Columns, Declared, Finding, Mark, Result, Value
 from erosion.streams.tally import Points
 
 DRAWS = 64
@@ -184,7 +187,7 @@ class Curve:
         return float(np.interp(alpha, NOZZLE_ANGLES, self.erosion)) * (self.density or 1.0)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Advice(Result):
     """A nozzle's angle, and what speaks for it.
 
@@ -274,12 +277,6 @@ class Advice(Result):
         return f"{title[0].upper()}{title[1:]}"
 
     @property
-    def headings(self) -> Sequence[str]:
-        """The columns of the table."""
-        at = degrees(self.alpha)
-        return "what varies", "best nozzle angle", f"share at {at}", f"erosion at {at} [{self.unit}]"
-
-    @property
     def unit(self) -> str:
         """Of erosion in the table, "g/kg", or "mm³/kg" where the density is not known."""
         return self.scale.unit
@@ -301,38 +298,71 @@ class Advice(Result):
         factor = predictor.to_specific_volume(float(self.p.to("si").m)) * (self.per_mass.density or 1.0)
         return data.angle[here], data.erosion[here] * factor / self.scale.size
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """What varies, the range of best angles, and what the advised angle gives."""
-        models = self.group("models")
-        count = models[0].name if len(models) == 1 else f"{len(models)} models"
-        at = f", k = {float(self.p.k):.4g}, ψ = {float(self.p.psi):.4g}"
-        rows = [self._row(count + at, models)]
-        for name, symbol in (("k", "k"), ("psi", "ψ")):
-            varied = self.group(name)
-            if varied:
-                ends = list(dict.fromkeys(curve.setting.partition(" = ")[2] for curve in varied))
-                what = f"{symbol} from {ends[0]} to {ends[-1]}"
-                rows.append(self._row(what, varied))
-        draws = self.group("draws")
-        if draws:
-            what = f"{len(draws)} curves that the tests allow ({self.uncertain}), 95% of them"
-            rows.append(self._row(what, draws))
-        correlations = self.group("correlations")
-        if correlations:
-            rows.append(self._row(f"{len(correlations)} correlations of tests", correlations))
-            for curve in correlations:
-                grains = f", {curve.setting}" if curve.setting else ""
-                rows.append(self._row(f"· {curve.name}{grains}", [curve]))
-        singles = [curve.single for curve in models if curve.single is not None]
-        alone = "without the spread of the jet" if len(models) == 1 else "the models without the spread of the jet"
-        rows.append((alone, between(map(degrees, sorted(singles))), "", ""))
-        return rows
+    def declare(self) -> list[Declared]:
+        """A table of what varies; for programs the advised angle, and every curve's best angle and erosion there."""
+        angle = functools.partial(QUANTITIES["alpha"].declare, units="si", only="data")
+        named = {name: getattr(self, name) for name in ("particle", "target", "uncertain")}
+        return [
+            self._comparison(),
+            *(angle(name, getattr(self, name)) for name in ("alpha", "low", "high", "spread")),
+            Value("worst_share", self.worst, only="data"),
+            Value("speed_spread", self.speed_spread, only="data"),
+            Value("density", self.per_mass.density, unit="kg/m^3", only="data"),
+            Value("cutting_fraction", self.per_mass.cutting_fraction, only="data"),
+            *(Value(name, None if each is None else str(each), only="data") for name, each in named.items()),
+            self._of_each_curve(),
+            Value("statements", self.conclusions, only="data"),
+        ]
 
-    def _row(self, what: str, curves: Sequence[Curve]) -> tuple[str, ...]:
-        best = between(map(degrees, ends(curves, lambda curve: curve.best)))
-        share = _percent(ends(curves, lambda curve: curve.share(self.alpha))[0])
-        least = f"{share}%" if len(curves) == 1 else f"at least {share}%"
-        return what, best, least, self.span([curve for curve in curves if curve.fits])
+    def _comparison(self) -> Columns:
+        """What varies, the range of best angles, and what the advised angle gives."""
+        groups, at = list(self._compared()), degrees(self.alpha)
+        models = self.group("models")
+        alone = "without the spread of the jet" if len(models) == 1 else "the models without the spread of the jet"
+        singles = sorted(curve.single for curve in models if curve.single is not None)
+        best = [*(tuple(ends(curves, lambda curve: curve.best)) for _, curves in groups), (singles[0], singles[-1])]
+        shares = [ends(curves, lambda curve: curve.share(self.alpha))[0] for _, curves in groups]
+        fitting = [[curve for curve in curves if curve.fits] for _, curves in groups]
+        beyond = Mark([*map(self._is_beyond, fitting), False], BEYOND_TESTS)
+        columns = [
+            Value("curves", [*(words for words, _ in groups), alone], "what varies"),
+            QUANTITIES["alpha"].declare("best", best, "si", symbol="best nozzle angle", digits=2),
+            Value("share", [*shares, None], f"least share at {at}", scale=Scale(0.01, "%"), digits=3),
+            Value("erosion", [*map(self._amounts, fitting), None], f"erosion at {at}", scale=self.scale, digits=2,
+                  marks=[beyond]),
+        ]  # fmt: skip
+        return Columns("comparison", "What varies", columns, only="table")
+
+    def _compared(self) -> Iterator[tuple[str, Sequence[Curve]]]:
+        """Curves that are compared, with words for what differs among them."""
+        models, draws, correlations = map(self.group, ("models", "draws", "correlations"))
+        count = models[0].name if len(models) == 1 else f"{len(models)} models"
+        yield f"{count}, k = {float(self.p.k):.4g}, ψ = {float(self.p.psi):.4g}", models
+        for name in ("k", "psi"):
+            if varied := self.group(name):
+                least, greatest = varied[0].setting, varied[-1].setting
+                yield f"{least.replace(' =', ' from')} to {greatest.partition(' = ')[2]}", varied
+        if draws:
+            yield f"{len(draws)} curves that the tests allow ({self.uncertain}), 95% of them", draws
+        if correlations:
+            yield f"{len(correlations)} correlations of tests", correlations
+        for curve in correlations:
+            yield f"· {curve.name}{f', {curve.setting}' if curve.setting else ''}", [curve]
+
+    def _of_each_curve(self) -> Columns:
+        """Each curve's best angle, and what it gives at the advised angle."""
+        curves, angle = self.curves, functools.partial(QUANTITIES["alpha"].declare, units="si")
+        columns = [
+            *(Value(name, [getattr(curve, name) for curve in curves]) for name in ("name", "group", "setting", "fits")),
+            angle("alpha_max", [curve.best for curve in curves]),
+            angle("single_alpha_max", [curve.single for curve in curves]),
+            Value("share", [curve.share(self.alpha) for curve in curves]),
+        ]
+        for name in ("specific_volume", "erosion_ratio"):
+            has = [(curve.density is None) == (name == "specific_volume") for curve in curves]
+            amounts = [curve.at(self.alpha) if of_it else None for curve, of_it in zip(curves, has, strict=True)]
+            columns += [RESULTS[name].declare(name, amounts, "si")] if any(has) else []
+        return Columns("curves", "Curves", columns, only="data")
 
     def _far(self, curves: Sequence[Curve]) -> FarFromTests | None:
         """The greatest erosion of curves, of 95 % of draws, at the advised angle, where tests find nothing like it."""
@@ -344,14 +374,16 @@ class Advice(Result):
         far = self._far(curves)
         return far is not None and far.is_beyond
 
-    def span(self, curves: Sequence[Curve]) -> str:
-        """The least and the greatest erosion of curves at the advised angle, as text; no amount beyond all tests."""
-        if not curves:
-            return "–"
-        if self._is_beyond(curves):
-            return "beyond tests"
-        amounts = ends(curves, lambda curve: curve.at(self.alpha) / self.scale.size)
-        return between(map(two_digits, amounts))
+    def _amounts(self, curves: Sequence[Curve]) -> tuple[float, ...] | None:
+        """The least and the greatest erosion of curves at the advised angle; None without curves and beyond tests."""
+        if not curves or self._is_beyond(curves):
+            return None
+        return tuple(ends(curves, lambda curve: curve.at(self.alpha)))
+
+    def _in_words(self, curves: Sequence[Curve]) -> str:
+        """The same as text."""
+        amounts = self._amounts(curves)
+        return "–" if amounts is None else between(two_digits(amount / self.scale.size) for amount in amounts)
 
     @property
     def trusted(self) -> Sequence[Curve]:
@@ -428,7 +460,7 @@ class Advice(Result):
         models = [curve for curve in self.curves if curve.group != "correlations"]
         fitting = [curve for curve in self.group("correlations") if curve.fits]
         share = self.per_mass.cutting_fraction
-        amount, tests = f"{self.span(models)} {self.unit}", f"{self.span(fitting)} {self.unit}"
+        amount, tests = f"{self._in_words(models)} {self.unit}", f"{self._in_words(fitting)} {self.unit}"
         cutting = f"if {'all' if share == 1 else f'{share:.3g}'} of the particles cut"
         if self._is_beyond(models) and fitting:
             text = (
@@ -491,32 +523,6 @@ class Advice(Result):
             named["model"] = ",".join(curve.name for curve in self.group("models"))
         typed = (word for name, value in named.items() if value is not None for word in (f"--{name}", str(value)))
         return self.words or tuple(typed)
-
-    def to_dict(self) -> Record:
-        """The advised angle, the ranges and every curve's best angle and erosion there; angles in rad."""
-        curves = [
-            {"name": curve.name, "group": curve.group, "setting": curve.setting, "alpha_max": curve.best,
-             "single_alpha_max": curve.single, "share": curve.share(self.alpha), "fits": curve.fits,
-             ("specific_volume" if curve.density is None else "erosion_ratio"): curve.at(self.alpha)}
-            for curve in self.curves
-        ]  # fmt: skip
-        numbers: dict[str, Any] = {
-            "alpha": self.alpha, "low": self.low, "high": self.high, "worst_share": self.worst,
-            "spread": self.spread, "speed_spread": self.speed_spread,
-            "density": self.per_mass.density, "cutting_fraction": self.per_mass.cutting_fraction,
-            "particle": None if self.particle is None else str(self.particle),
-            "target": None if self.target is None else str(self.target),
-            "uncertain": None if self.uncertain is None else str(self.uncertain),
-            "curves": curves, "statements": self.conclusions,
-        }  # fmt: skip
-        return to_plain(numbers)
-
-
-UNITS = {
-    **dict.fromkeys(("alpha", "low", "high", "spread", "alpha_max", "single_alpha_max"), "rad"),
-    "erosion_ratio": "kg/kg", "specific_volume": "m^3/kg", "density": "kg/m^3",
-}  # fmt: skip
-"""The units of `Advice.to_dict`, as programs read them."""
 
 
 _LIKELY = 0.025, 0.975  # the middle 95 %

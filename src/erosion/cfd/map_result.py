@@ -1,6 +1,7 @@
 """The wear of a surface as a labelled Dataset, its summary, and its files for ParaView, spreadsheets and xarray."""
 
 import dataclasses
+import functools
 import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +19,7 @@ from erosion.cfd.table_summary import ONE_ROW
 from erosion.cfd.tally import FaceTally
 from erosion.extras import library
 from erosion.impacts import code_version, write_netcdf
-from erosion.output import Record, Row, to_csv, to_plain, with_error, write_whole
+from erosion.output import to_csv, write_whole
 from erosion.parameters import (
     BEYOND_TESTS,
     QUANTITIES,
@@ -29,17 +30,16 @@ from erosion.parameters import (
     System,
     conversion_factor,
     far_from_tests,
-    quantity_row,
     readable_scale,
     table_scale,
 )
-from erosion.results import Finding, Result, from_attribute
+from erosion.results import Columns, Declared, Finding, Mark, Result, Value, from_attribute
 
 _BY_CHANCE, _MANY = 0.05, 10  # excess of the worst face, and faces beside it, from which chance is told
 _ALONE, _SOME = 0.7, 4  # standard error of a face of some rows, from which on one of them does most of its wear
 _MANY_RECEDE = 0.1  # of the rows, more than recede at the edges of fine facets
 _ROUGH = 0.3  # of a depth: such an error is that of a few rows, and not normal
-_NO_LENGTH = 9  # decimals of a metre that a distance is told to
+_NANOMETRE = 9  # decimals of a metre: less of a distance is rounding
 
 YEAR = 365.25 * 86400.0
 """Seconds of a year (Julian)."""
@@ -92,8 +92,17 @@ FACES: Mapping[str, Wear] = {
     "mass_per_year": Wear("Δṁ", "removed mass per year", "1", "kg/year", "mass rate [kg/year]", of_total=True),
     "area": Wear("A", "area", "area", "", "area [mm^2]", 1e6),
 }  # fmt: skip
-_FLOW, _TIME = Quantity("Ṁ", "sand that comes", "mass flow"), Quantity("t", "duration", "time")
 """The variables over faces. `depth_per_year` is in mm/year in all unit systems."""
+
+_SINGLE: Mapping[str, Quantity] = {
+    "duration": Quantity("t", "duration", "time"),
+    "injected": Quantity("M₀", "mass of sand injected", "mass"),
+    "sand_rate": Quantity("Ṁ", "sand that comes", "mass flow"),
+    **dict.fromkeys(("distance_median", "distance_max"), Quantity("", "distance", "length")),
+}
+"""Numbers of a map that no face has."""
+_OF_PROGRAMS = ("particles", "v0_mean", "relative_error")  # totals that tables leave out
+_WITH_ERROR = ("volume", "mass", "mass_per_year")  # totals with their standard error
 
 _COLUMNS = sorted(FACES, key=lambda name: name != "depth")
 """The order of the columns in files: the depth first."""
@@ -200,7 +209,7 @@ def to_dataset(
         variables["injected"] = ((), whole["injected"], {"long_name": what, "units": QUANTITIES["m"].unit(units)})
     if options.sand_rate is not None:
         rate = options.sand_rate * conversion_factor("mass flow", "si", units)
-        variables["sand_rate"] = ((), rate, {"long_name": "sand that comes", "units": _FLOW.unit(units)})
+        variables["sand_rate"] = ((), rate, {"long_name": "sand that comes", "units": _SINGLE["sand_rate"].unit(units)})
     if len(parcels.known):
         variables["parcels"] = ((), len(np.unique(parcels.parcel)), {"long_name": "parcels that hit"})
     # At once: xarray looks at all variables for each one that is added.
@@ -284,16 +293,19 @@ def _rows(tally: FaceTally, units: System, *, has_range: bool) -> Variables:
     }
     if tally.unnamed:
         metres, unit = conversion_factor("length", "si", units), {"units": QUANTITIES["r"].unit(units)}
-        median = {"long_name": "their median distance, to 0.3 %", **unit}
-        variables["distance_median"] = ((), tally.median_distance * metres, median)
-        variables["distance_max"] = ((), tally.farthest * metres, {"long_name": "their greatest distance", **unit})
+        for name, distance, words in (
+            ("distance_median", tally.median_distance, "median distance, to 0.3 %"),
+            ("distance_max", tally.farthest, "greatest distance"),
+        ):
+            of_rows = {"long_name": f"{words}, of rows that name no face from the nearest", **unit}
+            variables[name] = ((), round(distance, _NANOMETRE) * metres, of_rows)
     if has_range:
         share = float(tally.counts["outside_mass"]) / lost[0] if lost[0] else math.nan
         variables["beyond_range"] = ((), share, {"long_name": "share of the mass outside the correlation's range"})
     return variables
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class MapSummary(Result):
     """The totals of a map, for people and as JSON.
 
@@ -316,60 +328,99 @@ class MapSummary(Result):
         """The unit system of the numbers."""
         return self.dataset.attrs["unit_system"]
 
-    def rows(self) -> list[Row]:
-        """The totals, the deepest face, each patch, and how impacts end."""
+    @property
+    def conclusions(self) -> Sequence[str]:
+        """How the table is read."""
+        return self.dataset.attrs["read_as"].splitlines()
+
+    def declare(self) -> list[Declared]:
+        """The totals, the deepest face, how impacts end and what is left out; a table of the patches."""
         data = self.dataset
-        by = (
-            "and by uncertain parameters" if "total_parameter_error" in data else "alone, all parameters taken as exact"
-        )
-        parcels = f", of {int(data['parcels']):,} parcels" if "parcels" in data else ""
-        meaning = f"rows that hit{parcels}; ± of totals is the standard error by sampling the impacts {by}"
-        rows = [Row("impacts", "", f"{int(data['total_impacts']):,}", "", meaning)]
-        if "face" in data.dims:
-            hit = int((data["impacts"] > 0).sum())
-            rows.append(Row("faces hit", "", f"{hit:,} of {data.sizes['face']:,}", "", "of the surface"))
-        rows += self._totals("total")
-        for name in ("sampling_error", "parameter_error"):
-            if f"total_{name}" in data:
-                share = f"{100 * float(data[f'total_{name}']):.3g}"
-                rows.append(Row(name, "", share, "%", f"of V and E: {FACES[name].meaning}"))
-        for i, patch in enumerate(data["patch"].values if data.sizes["patch"] > 1 else ()):
-            rows.append(next(self._totals("patch", f" {patch}", (i,))))
-        for name in ("depth_per_year",) if self._is_a_year else ("depth", "depth_per_year"):
+        of_ends = zip(data["end"].values, data["ends"].sum("patch").values.tolist(), strict=True)
+        ends = {end: count for end, count in of_ends if count}
+        left_out = data["left_out"].values.tolist()
+        return [
+            *(self._single(str(name)) for name, variable in data.data_vars.items() if not variable.dims),
+            *(self._of_faces() if "face" in data.dims else ()),
+            # All impacts of a correlation end without a cut.
+            Value("ends", [*ends.values()], meaning="rows that hit", labels=[*ends],
+                  only="data" if "beyond_range" in data else ""),
+            Value("left_out", left_out, labels=data["reason"].values.tolist(), only="data"),
+            Value("read_as", data.attrs["read_as"], only="data"),
+            self._patches(),
+        ]  # fmt: skip
+
+    def _single(self, name: str) -> Value:
+        """A number of the whole map."""
+        data, of = self.dataset, name.removeprefix("total_")
+        value, meaning = data[name].item(), data[name].attrs["long_name"]
+        quantity = _SINGLE.get(name) or FACES.get(of)
+        if quantity is None or of in _OF_PROGRAMS or (of in ("volume", "mass") and self._is_a_year):
+            unit = data[name].attrs.get("units", "")
+            return Value(name, value, meaning=meaning, unit="" if unit == "1" else unit, only="data")
+        more: dict[str, Any] = {"meaning": meaning}
+        if of == "impacts":
+            parcels = f", of {int(data['parcels']):,} parcels" if "parcels" in data else ""
+            by = "and by uncertain parameters" if "total_parameter_error" in data else "alone, all parameters exact"
+            more["meaning"] = f"rows that hit{parcels}; ± is the standard error by sampling the impacts {by}"
+        elif of in _WITH_ERROR:
+            more["error"] = _times(value, data["total_relative_error"].item())
+        elif of in ("sampling_error", "parameter_error"):
+            more |= {"meaning": f"of V and E: {meaning}", "scale": Scale(0.01, "%"), "digits": 3}
+        elif of in ("erosion", "erosion_ratio"):
+            more["marks"] = [Mark(self._far is not None and self._far.is_beyond, BEYOND_TESTS)]
+        elif name == "sand_rate":
+            more["scale"] = Scale(conversion_factor("mass flow", "si", self.units) / 86400, "kg/day")
+        return self._declared(name, quantity, value, **more)
+
+    def _declared(self, name: str, quantity: Quantity, value: Any, **more: Any) -> Value:
+        """A number of a quantity; counts and shares have no unit, and people read kilogrammes a year as grams."""
+        made = quantity.declare(name, value, self.units, **more)
+        if made.unit == "kg/year":
+            return made.but(scale=functools.partial(total_scale, "mass_per_year", self.units))
+        return made.but(unit="") if made.unit == "1" else made
+
+    def _of_faces(self) -> Iterator[Value]:
+        """How many faces are hit, and the greatest of their depths and rates."""
+        data = self.dataset
+        face, faces = self._worst, data.sizes["face"]
+        yield Value("faces", faces, only="data")
+        yield Value("faces_hit", int((data["impacts"] > 0).sum()), meaning=f"of {faces:,} faces of the surface")
+        yield Value("deepest_face", face, only="data")
+        shown = ("depth_per_year",) if self._is_a_year else ("depth", "depth_per_year")
+        excess, _, error = self._chance or (0.0, 0, 0.0)
+        by_chance = f"up to {100 * excess:.0f} % too large" if error < _ROUGH else "too large"
+        for name in ("depth", "depth_rate", "depth_per_year", "mass_flux"):
             if name in data:
-                face, greatest, scale = self._greatest(name)
-                error = greatest * float(data["relative_error"][face]) if greatest else 0.0
-                shown = with_error(greatest, error, scale.size)
-                deepest = f"at face {face:,}, of {int(data['impacts'][face]):,} rows"
-                if chance := self._chance:
-                    excess = f"up to {100 * chance[0]:.0f} % " if chance[2] < _ROUGH else ""
-                    deepest += f"; greatest of many, by chance {excess}too large"
-                rows.append(Row(f"greatest {name}", FACES[name].symbol, shown, scale.unit, deepest))
-        counts = data["ends"].sum("patch").values
-        for end, count in zip(data["end"].values, counts, strict=True):
-            if count and not ("beyond_range" in data and end == "no-cut"):  # all impacts of a correlation
-                rows.append(Row(f"share {end}", "", f"{100 * count / counts.sum():.3g}", "%", "of the rows that hit"))
-        for name, meaning in (("distance_median", "median distance"), ("distance_max", "greatest distance")):
-            if name in data:
-                metres = round(float(data[name]) * conversion_factor("length", self.units, "si"), _NO_LENGTH)
-                length = Scale(1.0, "m") if metres >= 1 else Scale(1e-3, "mm")
-                shown = f"{metres / length.size:.6g}"
-                rows.append(Row(meaning, "", shown, length.unit, "of rows that name no face, from the nearest"))
-        return [row._replace(name=row.name.replace("_", " ")) for row in rows]
+                greatest = data[name].max().item()
+                more: dict[str, Any] = {"only": "data"}
+                if name in shown:
+                    more = {
+                        "meaning": f"at face {face:,}, of {int(data['impacts'][face]):,} rows",
+                        "error": _times(greatest, data["relative_error"].values[face].item()),
+                        "marks": [Mark(excess > 0, f"the greatest of many, by chance {by_chance}")],
+                    }
+                yield FACES[name].declare(f"greatest_{name}", greatest, self.units, **more)
+
+    def _patches(self) -> Columns:
+        """The totals of each patch; a table has those of several patches, their volume or their mass a year."""
+        data = self.dataset
+        names, errors = data["patch"].values.tolist(), data["patch_relative_error"].values.tolist()
+        shown = "mass_per_year" if self._is_a_year else "volume"
+        columns = [Value("patch", names)]
+        for name, wear in FACES.items():
+            if f"patch_{name}" in data:
+                values = data[f"patch_{name}"].values.tolist()
+                more: dict[str, Any] = {} if name == shown else {"only": "data"}
+                if name in _WITH_ERROR:
+                    more["error"] = [*map(_times, values, errors)]
+                columns.append(self._declared(name, wear, values, **more))
+        return Columns("patches", "Patches", columns, keyed=True, only="" if len(names) > 1 else "data")
 
     @property
     def _is_a_year(self) -> bool:
         """Whether the wear of a year is told alone: the impacts then stand for some seconds of a plant's sand."""
         return "sand_rate" in self.dataset and "total_mass_per_year" in self.dataset
-
-    def _greatest(self, name: str) -> tuple[int, float, Scale]:
-        """The face with the greatest depth, this depth, and its unit, a micrometre at least."""
-        values, wear = self.dataset[name].values, FACES[name]
-        face = int(np.argmax(values))
-        if wear.fixed:
-            return face, float(values[face]), Scale(1.0, wear.fixed)
-        least = 1e-6 * conversion_factor("length", "si", self.units)
-        return face, float(values[face]), table_scale(wear.dimension, self.units, max(least, float(values[face])))
 
     @property
     def _worst(self) -> int:
@@ -397,33 +448,6 @@ class MapSummary(Result):
         # The expected greatest of so many standard normal numbers (Blom 1958).
         above = statistics.NormalDist().inv_cdf((rivals - 0.375) / (rivals + 0.25))
         return (above * error, rivals, error) if above * error > _BY_CHANCE and rivals >= _MANY else None
-
-    def _totals(self, prefix: str, suffix: str = "", index: tuple[int, ...] = ()) -> Iterator[Row]:
-        """Volume, mass, erodent and erosion of everything, or of a patch."""
-        error = float(self.dataset[f"{prefix}_relative_error"].values[index])
-        if prefix == "total" and "duration" in self.dataset:
-            row = quantity_row("duration", _TIME, float(self.dataset["duration"]), self.units)
-            yield row._replace(meaning=f"that the impacts stand for, {self.dataset.attrs['duration_from']}")
-        if prefix == "total" and "injected" in self.dataset:
-            row = quantity_row("injected", QUANTITIES["m"], float(self.dataset["injected"]), self.units)
-            yield row._replace(symbol="M₀", meaning=f"sand injected, {self.dataset.attrs['injected_from']}")
-        if prefix == "total" and "sand_rate" in self.dataset:
-            a_day = float(self.dataset["sand_rate"]) * 86400 * conversion_factor("mass flow", self.units, "si")
-            yield Row("sand_rate", _FLOW.symbol, f"{a_day:.6g}", "kg/day", _FLOW.meaning)
-        for name in ("volume", "mass", "mass_per_year", "erodent", "injected_ratio", "erosion", "erosion_ratio"):
-            if f"{prefix}_{name}" not in self.dataset or (name in ("volume", "mass") and self._is_a_year):
-                continue
-            value = float(self.dataset[f"{prefix}_{name}"].values[index])
-            row = quantity_row(f"{name}{suffix}", FACES[name], value, self.units)
-            row = row._replace(unit=FACES[name].fixed or row.unit)
-            if name in ("volume", "mass", "mass_per_year"):
-                # Patches are in the unit of the whole.
-                scale = total_scale(name, self.units, float(self.dataset[f"total_{name}"]))
-                shown = with_error(value, value * error if value else 0.0, scale.size)
-                row = row._replace(value=shown, unit=scale.unit)
-            if prefix == "total" and name in ("erosion", "erosion_ratio") and self._far and self._far.is_beyond:
-                row = row._replace(meaning=f"{row.meaning}; {BEYOND_TESTS}")
-            yield row
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -457,9 +481,9 @@ class MapSummary(Result):
             return
         excess, rivals, error = self._chance
         name = "depth_per_year" if "depth_per_year" in self.dataset else "depth"
-        _, greatest, scale = self._greatest(name)
-        truly = greatest / (1 + excess) / scale.size
-        numbers = {"excess": excess, "rivals": rivals, "error": error, "truly": truly, "unit": scale.unit}
+        truly, wear = self.dataset[name].max().item() / (1 + excess), FACES[name]
+        scale = Scale(1.0, wear.fixed) if wear.fixed else table_scale(wear.dimension, self.units, truly)
+        numbers = {"excess": excess, "rivals": rivals, "error": error, "truly": truly / scale.size, "unit": scale.unit}
         yield Finding("greatest_by_chance" if error < _ROUGH else "greatest_of_few_rows", numbers=numbers)
 
     @property
@@ -474,35 +498,10 @@ class MapSummary(Result):
         density = float(data["total_erosion_ratio"]) / specific / removed if has_density else None
         return far_from_tests(specific * removed, speed * metres, density)
 
-    def to_dict(self) -> Record:
-        """Totals, patches, how impacts end and what is left out, with the units of the numbers."""
-        data = self.dataset
-        numbers: Record = {
-            str(name): data[name].item() for name, variable in data.data_vars.items() if not variable.dims
-        }
-        units = {name: data[name].attrs.get("units", "1") for name in numbers}
-        for name in ("depth", "depth_rate", "depth_per_year", "mass_flux"):
-            if name in data:
-                numbers[f"greatest_{name}"] = data[name].max().item()
-                units[f"greatest_{name}"] = data[name].attrs["units"]
-        if "depth" in data:
-            numbers["deepest_face"] = int(np.argmax(data["depth"].values))
-            numbers["faces"], numbers["faces_hit"] = data.sizes["face"], int((data["impacts"] > 0).sum())
-        of_patches = {
-            str(name).removeprefix("patch_"): variable
-            for name, variable in data.data_vars.items()
-            if variable.dims == ("patch",)
-        }
-        units |= {name: variable.attrs["units"] for name, variable in of_patches.items()}
-        numbers["patches"] = {
-            patch: {name: variable.values[i] for name, variable in of_patches.items()}
-            for i, patch in enumerate(data["patch"].values)
-        }
-        numbers["ends"] = dict(zip(data["end"].values, data["ends"].sum("patch").values, strict=True))
-        numbers["left_out"] = dict(zip(data["reason"].values, data["left_out"].values, strict=True))
-        numbers["read_as"] = data.attrs["read_as"]
-        numbers["units"] = {name: unit for name, unit in units.items() if unit != "1"}
-        return to_plain(numbers)
+
+def _times(value: float, relative_error: float) -> float:
+    """The standard error of a number; 0 of one that is 0, whose relative error is NaN."""
+    return value * relative_error if value else 0.0
 
 
 SUFFIXES, PAGE = (".vtp", ".csv", ".nc"), ".html"

@@ -550,8 +550,7 @@ def advise(
             lazy.write_advice(advice, output, decimal)
     draw(plot, lambda: lazy.plot_advice(advice))
     printed = Output("advise", p, options, json=json)
-    printed.warn(*advice.findings, *(lazy.unused_columns(uncertain.laws) if uncertain else ()))
-    printed.document(advice.to_dict(), models, lazy.UNITS)
-    printed.table("", advice.rows(), advice.headings, (), advice.reasons, [advice.title, *advice.answers])
+    printed.warn(*(lazy.unused_columns(uncertain.laws) if uncertain else ()))
+    printed.show(advice, models)
     is_table = output is not None and output.suffix == ".csv"
     printed.wrote(figure=plot, **{"table" if is_table else "page": output})

@@ -299,16 +299,10 @@ def map_(
         printed.warn(*part.doubts(sand.model, sand.p, per_mass.cutting_fraction))
     metal = options.names().get("target", "steel, as no --target is named")
     sentences = [f"{sand.name} is the usual correlation for {metal}; --model takes others."] if usual else []
-    # What is left out is a warning.
-    summary = lazy.MapSummary(dataset)
-    printed.warn(*summary.findings)
     if grit is not None:
         printed.warn(_size_doubt(dataset, grit.size, grit.density))
-    content = summary.to_dict()
-    units = content.pop("units")
     varied = {"alpha": "each row's", "v0": "each row's", **made.laws_in_words(job.task.model)}
-    printed.document(content, {sand.name: job.task.model}, units, varied)
-    printed.table(summary.title, summary.rows(), sentences=[*dataset.attrs["read_as"].splitlines(), *sentences])
+    printed.show(lazy.MapSummary(dataset), {sand.name: job.task.model}, varied=varied, sentences=sentences)
     printed.wrote(map=output, figure=picture.plot)
 
 

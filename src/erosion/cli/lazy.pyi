@@ -10,7 +10,6 @@ from erosion.advice.abrasives import Job as Job
 from erosion.advice.page import plot_advice as plot_advice
 from erosion.advice.page import require_page_path as require_page_path
 from erosion.advice.page import write_advice as write_advice
-from erosion.advice.result import UNITS as UNITS
 from erosion.advice.result import Uncertain as Uncertain
 from erosion.arguments import Progress as Progress
 from erosion.arguments import check_share as check_share

@@ -21,8 +21,8 @@ from erosion.ode.kinks import may_have_kinks
 from erosion.ode.problem import Problem, Words
 from erosion.ode.switches import switches_of, unlocated
 from erosion.ode.tape import Recorded
-from erosion.output.tables import Record, format_number, to_plain
-from erosion.results import Result
+from erosion.output.tables import format_number
+from erosion.results import Declared, Finding, Result, Value, stated
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -479,20 +479,60 @@ class Solution(Result):
         return sentences
 
     @property
-    def headings(self) -> tuple[str, ...]:
-        """The columns of the table; a state has no units here."""
-        return ("quantity", "", "value")
+    def findings(self) -> tuple[Finding, ...]:
+        """The warnings, which have no codes of their own."""
+        return tuple(map(stated, self.warnings))
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """The results as rows of a table: values, first derivatives, second ones."""
-        rows: list[tuple[str, ...]] = [("ended_by", "", format_number(self.ended_by))]
-        rows += [(name, "", format_number(values)) for name, values in self._parts(self).items()]
+    def declare(self) -> list[Declared]:
+        """How lanes end; times, states and integrals, their derivatives, and the same at `ts`; named "dt_dangle".
+
+        Axes are `lane_0`, `lane_1`, …, and `time`. In files the numbers that differ from lane to lane stand beside.
+        """
+        lanes = tuple(f"lane_{i}" for i in range(np.ndim(self.t)))
+        made: list[Declared] = [Value("ended_by", self.ended_by, dims=lanes)]
+        taken = dict.fromkeys(("ended_by", "count", "inexact", "rtol", "events", "time", *lanes))
+        own: dict[str, tuple[str, tuple[str, ...]]] = {}
+        for path, values in self._parts(self).items():
+            name = _free(path.replace(".", "_"), taken)
+            own[path] = name, tuple(f"{name}_{i}" for i in range(np.ndim(values) - len(lanes)))
+            taken |= dict.fromkeys((name, *own[path][1]))
+
+        def put(parts: Mapping[str, Any], by: Sequence[str] = (), at: tuple[str, ...] = ()) -> None:
+            before = "d2" if len(by) == 2 else "d" * len(by)
+            after = "".join(f"_d{each.replace('.', '_')}" for each in by) + "_at" * len(at)
+            for path, values in parts.items():
+                name, axes = own[path]
+                if before or after:
+                    name = _free(f"{before}{name}{after}", taken)
+                    taken[name] = None
+                made.append(Value(name, values, digits=10, dims=(*lanes, *at, *axes), only="data" if at else ""))
+
+        put(self._parts(self))
         for path, part in sorted(self.derivatives.items(), key=lambda item: len(item[0])):
-            first, *other = map(_label, path)
-            by = f"d{first}²" if other == [first] else " d".join([f"d{first}", *other])
-            power = "²" if other else ""
-            rows += [(f"d{power}{name}/{by}", "", format_number(values)) for name, values in self._parts(part).items()]
-        return rows
+            put(self._parts(part), [*map(_label, path)])
+        if self.times is not None:
+            made.append(Value("time", self.times.ts, dims=("time",), only="data"))
+            for path, part in {(): self.times, **self.times.derivatives}.items():
+                put({**self.named(part), **self._named_integrals(part)}, [*map(_label, path)], ("time",))
+        made += [Value(name, getattr(self, name), dims=lanes, only="data") for name in ("count", "inexact")]
+        made += [Value("rtol", self.rtol, only="data"), Value("events", [*self.problem.events], only="data")]
+        return [*made, *self._numbers_of_lanes(lanes, taken)]
+
+    def _numbers_of_lanes(self, axes: tuple[str, ...], taken: dict[str, None]) -> Iterator[Value]:
+        """Arguments and times that differ from lane to lane, for files."""
+        columns = zip(self.lanes.names, self.lanes.parameters, self.lanes.signature.shapes, strict=True)
+        for place, (name, number, shape) in enumerate(columns):
+            if np.ndim(number) > len(shape):
+                is_time = place >= self.lanes.signature.arguments and name in ("t0", "t1")
+                sign = -1.0 if self.forwards is not None and is_time else 1.0
+                name = _free(_label(name).replace(".", "_"), taken)
+                taken[name] = None
+                yield Value(name, sign * np.reshape(number, self.lanes.shape), dims=axes, only="file")
+
+    def to_dataset(self) -> "xr.Dataset":
+        """The same as an xarray dataset; numbers that differ from lane to lane are coordinates."""
+        numbers = (value.name for value in self.declare() if value.only == "file")
+        return super().to_dataset().set_coords(numbers)
 
     def _parts(self, part: "Part | Solution") -> dict[str, Any]:
         """Time, states and integrals by name."""
@@ -510,69 +550,6 @@ class Solution(Result):
 
     def _named_integrals(self, part: "Part | Solution | Times") -> dict[str, Any]:
         return {f"integrals.{name}": values for name, values in part.integrals.items()}
-
-    def to_dict(self) -> Record:
-        """Outcomes, times, states, integrals, and the same of derivatives and at times."""
-        content: Record = {"ended_by": self.ended_by, "count": self.count, "inexact": self.inexact, **self._parts(self)}
-        for path, part in self.derivatives.items():
-            content["d " + " ".join(map(_label, path))] = self._parts(part)
-        if self.times is not None:
-            content["at"] = {"t": self.times.ts, **self.named(self.times), **self._named_integrals(self.times)}
-            for path, part in self.times.derivatives.items():
-                content["at d " + " ".join(map(_label, path))] = {**self.named(part), **self._named_integrals(part)}
-        return to_plain(content)
-
-    def to_dataset(self) -> "xr.Dataset":
-        """The solution as an xarray dataset: lanes along `lane_0`, `lane_1`, …; derivatives are named "dt_dangle".
-
-        Numbers that differ from lane to lane are coordinates there.
-        """
-        import xarray as xr
-
-        axes = tuple(f"lane_{i}" for i in range(np.ndim(self.t)))
-        variables: dict[str, Any] = {
-            "ended_by": (
-                axes,
-                self.outcome,
-                {
-                    "flag_values": np.arange(len(self.names), dtype=np.int8),
-                    "flag_meanings": " ".join("_".join(name.split()) for name in self.names),
-                },
-            ),
-            "t": (axes, self.t),
-            "count": (axes, self.count),
-            "inexact": (axes, self.inexact),
-        }
-
-        def put(suffix: str, part: Any, more: tuple[str, ...] = ()) -> None:
-            names = dict.fromkeys(axes)
-            for path, values in (self.named(part) | self._named_integrals(part)).items():
-                name = _free(path.replace(".", "_"), names)
-                own = tuple(f"{name}_{i}" for i in range(np.ndim(values) - len(axes) - len(more)))
-                names |= dict.fromkeys((name, *own))
-                variables[_free(suffix.replace("{}", name, 1), variables)] = ((*axes, *more, *own), values)
-
-        put("{}", self)
-        for path, part in self.derivatives.items():
-            label = "d2{}_d" if len(path) == 2 else "d{}_d"
-            suffix = label + "_d".join(_label(name).replace(".", "_") for name in path)
-            variables[_free(suffix.replace("{}", "t", 1), variables)] = (axes, part.t)
-            put(suffix, part)
-            if self.times is not None and path in self.times.derivatives:
-                put(f"{suffix}_at", self.times.derivatives[path], ("time",))
-        coordinates: dict[str, Any] = {}
-        if self.times is not None:
-            put("{}_at", self.times, ("time",))
-            coordinates["time"] = self.times.ts
-        taken = variables | coordinates | {dim: None for dims, *_ in variables.values() for dim in dims}
-        columns = zip(self.lanes.names, self.lanes.parameters, self.lanes.signature.shapes, strict=True)
-        for place, (name, number, shape) in enumerate(columns):
-            if np.ndim(number) > len(shape):
-                is_time = place >= self.lanes.signature.arguments and name in ("t0", "t1")
-                sign = -1.0 if self.forwards is not None and is_time else 1.0
-                name = _free(_label(name).replace(".", "_"), taken)
-                taken[name] = coordinates[name] = (axes, sign * np.reshape(number, self.lanes.shape))
-        return xr.Dataset(variables, coordinates, {"rtol": self.rtol, "events": ", ".join(self.problem.events)})
 
     def __repr__(self) -> str:
         return f"Solution({format_number(self.ended_by)}, t={format_number(self.t, 6)}, wrt={self.wrt!r})"

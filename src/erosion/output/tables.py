@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 HEADINGS = ("quantity", "", "value", "unit", "meaning")
 WIDTH = 120  # characters of a line of text
+_PLAIN = 6  # digits before the point that need no power of ten
 _LONG = 200  # characters of a value in a message
 
 
@@ -48,7 +49,7 @@ def format_number(value: Any, digits: int = 10, size: float = 1.0) -> str:
 
     Args:
         value: numbers, or words, which are counted.
-        digits: significant digits.
+        digits: significant digits; fewer than six give a power of ten from a million on, as six do.
         size: of the unit in which numbers are shown.
     """
     if is_traced(value):
@@ -61,7 +62,7 @@ def format_number(value: Any, digits: int = 10, size: float = 1.0) -> str:
         return ", ".join(f"{count:,} {name}" for name, count in zip(names, counts, strict=True))
     array = array / size
     if array.ndim == 0:
-        return f"{float(array):.{digits}g}"
+        return f"{float(f'{float(array):.{digits}g}'):.{max(digits, _PLAIN)}g}"
     if not array.size:
         return f"{list(array.shape)} empty"
     # NumPy's own least and greatest of nothing but NaN warn of it.

@@ -15,6 +15,7 @@ from erosion.pages.frame import inline_png, render_page
 from erosion.parameters import conversion_factor, readable_scale
 from erosion.plotting.maps import depth_of, in_scale, plot_map
 from erosion.plotting.style import render
+from erosion.results.render import tables
 from erosion.version import __version__
 
 _WORST = 10  # faces that a page lists
@@ -41,8 +42,7 @@ def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = No
     path = require_map_path(path, has_surface="face" in wear.dims, suffixes=(PAGE,))
     title = f"Wear of {Path(wear.attrs['surface']).name}"
     summary = MapSummary(wear)
-    totals = [(row.name, row.value, row.unit, row.meaning) for row in summary.rows()]
-    tables = [_worst_faces(wear), ("Totals", ["quantity", "value", "unit", "meaning"], totals)]
+    totals = [(table.title, table.headings, table.rows, table.notes) for table in tables("Totals", summary.declare())]
     options = re.sub(r"\d+\.\d{6,}", lambda number: f"{float(number[0]):.6g}", wear.attrs["options"])
     source = "; ".join(filter(None, [summary.title, options, f"erosion {__version__}"]))
     source = re.sub(r"\b(sand_rate = [^, ;]+)(?=[,;])", r"\1 kg/s", source)
@@ -50,7 +50,13 @@ def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = No
     warnings = [re.sub(r"(?:Argument )?`(\w+)`", r"“\1”", warning) for warning in summary.warnings]
     notes = [*wear.attrs["read_as"].splitlines(), _ASSUMED, f"{wear.attrs['model']}: {wear.attrs['constants']}", source]
     picture = inline_png(render(plot_map(wear, quantity, **look), "png"), "The surface, coloured by its wear.")
-    fields = {"title": title, "warnings": warnings, "picture": picture, "tables": tables, "notes": notes}
+    fields = {
+        "title": title,
+        "warnings": warnings,
+        "picture": picture,
+        "tables": [_worst_faces(wear), *totals],
+        "notes": notes,
+    }
     write_whole(path, render_page("map.html", **fields).encode())
     return path
 

@@ -66,7 +66,9 @@ def tables(title: str, declared: Iterable[Declared]) -> list[PrintedTable]:
     if values:
         notes = _Notes()
         rows = [row for value, scale in zip(values, _scales(values), strict=True) for row in _rows(value, scale, notes)]
-        made.append(PrintedTable(title, rows, notes=notes.sentences))
+        used = [at for at, cells in enumerate(zip(*rows, strict=True)) if any(cells)]
+        cells = [[row[at] for at in used] for row in rows]
+        made.append(PrintedTable(title, cells, [HEADINGS[at] for at in used], [used.index(2)], notes.sentences))
     for group in groups:
         if group.values and len(group.values[0].value):
             made.append(_table(group, group.title if made else title))
@@ -281,7 +283,7 @@ def _cell(number: Any, error: Any, value: Value, scale: Scale) -> str:
     if is_traced(number):
         return format_number(number)
     if isinstance(number, tuple):
-        return " … ".join(_cell(end, None, value, scale) for end in number)
+        return " … ".join(dict.fromkeys(_cell(end, None, value, scale) for end in number))
     array = np.asarray(number)
     if array.dtype.kind == "b":
         return f"{np.sum(array):,} of {array.size:,}" if array.ndim else "yes" if array else "no"
