@@ -328,7 +328,16 @@ def test_impacts_that_fail_among_others_are_a_warning(tmp_path, written, shell):
         "  def typical_ratio(self, p): return p.k\n"
         "model = erosion.models.Linearized(force=F())\n",
     )
-    arguments = ["sweep", "--model", str(model), "--alpha", "0.3, 0.4, 0.7", "-o", str(tmp_path / "out.nc"), "--json"]
+    arguments = [
+        "sweep",
+        "--model",
+        str(model),
+        "--alpha",
+        "0.3 rad, 0.4 rad, 0.7 rad",
+        "-o",
+        str(tmp_path / "out.nc"),
+        "--json",
+    ]
     said = shell(arguments)
     assert said.result["ended_by"] == {"rebound": 2, "failed": 1}
     assert said.err == "warning: 1 of 3 impacts could not be computed.\n"
@@ -339,12 +348,12 @@ def test_impacts_that_fail_among_others_are_a_warning(tmp_path, written, shell):
     [
         (
             "zarr",
-            ["sweep", "--alpha", "0.3, 0.4", "-o", "x.zarr"],
+            ["sweep", "--alpha", "0.3 rad, 0.4 rad", "-o", "x.zarr"],
             "The package zarr is not installed: pip install 'particle-erosion[dask]'.",
         ),
         (
             "distributed",
-            ["sweep", "--alpha", "0.3, 0.4", "-o", "x.zarr", "--workers", "2"],
+            ["sweep", "--alpha", "0.3 rad, 0.4 rad", "-o", "x.zarr", "--workers", "2"],
             "The package distributed is not installed: pip install 'particle-erosion[dask]'.",
         ),
         (

@@ -185,10 +185,10 @@ def test_a_spin_that_is_given_takes_the_place_of_the_tables(shell: Shell) -> Non
         words = (*words, "--each-row", "1 particle", "--model", "rotating", "--json")
         return shell(["map", *words]).document["result"]["total_volume"]["value"]
 
-    assert total("spins.csv", "--phidot0", "-1e4") == total("plain.csv", "--phidot0", "-1e4")
-    assert total("spins.csv", "of_map.toml") == total("plain.csv", "--phidot0", "-1e4")
-    assert total("spins.csv", "sand.toml") == total("plain.csv", "--phidot0", "2e4")
-    assert total("plain.csv", "sand.toml") == total("plain.csv", "--phidot0", "-3e4")
+    assert total("spins.csv", "--phidot0", "-1e4 rad/s") == total("plain.csv", "--phidot0", "-1e4 rad/s")
+    assert total("spins.csv", "of_map.toml") == total("plain.csv", "--phidot0", "-1e4 rad/s")
+    assert total("spins.csv", "sand.toml") == total("plain.csv", "--phidot0", "2e4 rad/s")
+    assert total("plain.csv", "sand.toml") == total("plain.csv", "--phidot0", "-3e4 rad/s")
 
 
 def positions_on(surface: Surface) -> Path:
@@ -255,9 +255,11 @@ BAD = [
     ("map {run} --particle-density 2650", "Option `--particle-density` must be a density with its unit"),
     ("map {run} --surface {run} --limit 0", "Option `--limit` must be positive and finite, but is 0.0."),
     ("map {run} --surface {run} --diameter '1 kg'", "Option `--diameter` must be a length such as"),
+    ("map {run} --surface {run} --limit 1", 'Option `--limit` must have a unit, such as --limit "1 mm"'),
+    ("map {run} --surface {run} --duration 60", "Option `--duration` must have a unit"),
     ("map {run} --surface {run} --duration soon", "Option `--duration` must be a time such as"),
     ("map {run} --surface {run} --phidot0 slow", "Option `--phidot0` must be an angular speed"),
-    ("map {run} --surface {run} --phidot0 'normal(0)'", "Option `--phidot0` must be normal(mean, deviation)"),
+    ("map {run} --surface {run} --phidot0 'normal(0 rad/s)'", "Option `--phidot0` must be normal(mean, deviation)"),
     ("map {run} --surface {run} --scaling big", "Option `--scaling` must be one of similar, none, but is 'big'."),
     (
         "map {run} --surface {run} -o map.vtk",

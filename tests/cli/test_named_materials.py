@@ -89,12 +89,12 @@ def test_a_fitted_model_keeps_its_own_parameters_among_others(shell: Shell, in_f
 
 
 IMPACTS = "count,diameter [um],speed [m/s],angle [deg]\n1,300,100,20\n1,300,100,40\n"
-JET = ["--n", "256", "--no-best-angle", "--phidot0", "normal(0, 1)"]
+JET = ["--n", "256", "--no-best-angle", "--phidot0", "normal(0 rad/s, 1 rad/s)"]
 VERBS = {
     "run": (["run"], ANGLE),
     "optimum": (["optimum"], []),
     "compare": (["compare", "--model", "linearized,finnie"], ANGLE),
-    "sweep": (["sweep", "-o", "table.csv", "--phidot0", "0,1"], ANGLE),
+    "sweep": (["sweep", "-o", "table.csv", "--phidot0", "0,1 rad/s"], ANGLE),
     "stream": (["stream", *JET], ANGLE),
     "advise": (["advise", "--model", "linearized"], []),
 }

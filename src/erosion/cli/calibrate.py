@@ -28,7 +28,6 @@ from erosion.cli.options import (
     is_same_model,
     model_and_settings,
     output_option,
-    read_option,
     refuse_same,
     settings,
     with_file,
@@ -166,7 +165,7 @@ def given_fit(
     if case.case is None and case.units is None:
         if data.is_fifo():
             raise InputError(f"{data} is no file: beside it give `--units si`, `--units inch-pound` or a case file.")
-        case = dataclasses.replace(case, units=lazy.unit_system(data, **table.arguments))
+        case = dataclasses.replace(case, usual_units=lazy.unit_system(data, **table.arguments))
     case.refuse_given("the angles are those of the data", "alpha")
     fit = fit or FitOptions()
     is_usual = model is None and not own and not fit.free and case.model()[0] is None
@@ -267,8 +266,8 @@ def calibrate(
     """Fit a model to measured erosion, or rank several models.
 
     Without --model and --free, linearized is fitted with and without deformation.
-    Without a case file and --units, bounds and what is printed are in the units
-    of the data. `erosion posterior` draws all values that data leave.
+    Without a case file and --units, what is printed is in the units of the data.
+    `erosion posterior` draws all values that data leave.
     """
     task = given_fit(data, with_file(case, file), fit, model, own, table)
     require_outputs(case_file, samples_beside(case_file), plot=plot, inputs=task.inputs)
@@ -278,7 +277,7 @@ def calibrate(
         lazy.check_share("level", level)
         measured = task.measured(output)
         names = task.fit.names(measured)
-        ends = _read_bounds(bounds or (), names, task.names, task.p.units)
+        ends = _read_bounds(bounds or (), names, task.names, task.options)
         if profile is not None and profile not in names:
             raise InputError(f"Option `--profile` must be one of {', '.join(names)}, but is {briefly(profile)}.")
         ranking = task.ranking(measured, models, progress, bounds=ends, loss=loss, level=level)
@@ -292,7 +291,7 @@ def calibrate(
 
 
 def _read_bounds(
-    texts: Sequence[str], free: Sequence[str], models: Sequence[str], units: "lazy.System"
+    texts: Sequence[str], free: Sequence[str], models: Sequence[str], case: CaseOptions
 ) -> dict[str, tuple[float, float]]:
     """Bounds such as "psi=0.01:0.3", by parameter, in the units of the case."""
     bounds: dict[str, tuple[float, float]] = {}
@@ -307,13 +306,14 @@ def _read_bounds(
             (name in bounds, f"give {name} once, but gives it several times."),
             kind=InputError,
         )  # fmt: skip
-        dimension = dimension_of(name, models, units)
+        dimension = dimension_of(name, models, case.system)
         # "1:3 GPa" is from 1 GPa. The end with the unit is read first, so that a message shows what was typed.
         shared = lazy.unit_of(least) or lazy.unit_of(greatest)
+        case.require_unit(f"--bounds {name}={least}:", greatest + shared, dimension)
         ends_read = {}
         with reading(f"Option `--bounds`, {name},"):
             for end in sorted({least, greatest}, key=lazy.unit_of, reverse=True):
-                ends_read[end] = lazy.read_quantity(end if lazy.unit_of(end) else end + shared, dimension, units)
+                ends_read[end] = lazy.read_quantity(end if lazy.unit_of(end) else end + shared, dimension, case.system)
             bounds[name] = ends_read[least], ends_read[greatest]
         if not bounds[name][0] < bounds[name][1]:
             raise InputError(f"Option `--bounds` must give {name} two ascending values, but is {briefly(text)}.")
@@ -330,11 +330,11 @@ class JobOptions:
     feed: Annotated[str | None, Parameter(help='Abrasive, for the time: "5 kg/min".')] = None
     compare: Annotated[str | None, Parameter(help='Another abrasive: "aluminium oxide 0.2 mm".')] = None
 
-    def job(self) -> "lazy.Job | None":
+    def job(self, case: CaseOptions) -> "lazy.Job | None":
         """The job, where there is one."""
-        area = read_option("area", self.area, "area", "si")
-        depth = read_option("depth", self.depth, "length", "si")
-        feed = read_option("feed", self.feed, "mass flow", "si")
+        area = case.read("area", self.area, "area", units="si")
+        depth = case.read("depth", self.depth, "length", units="si")
+        feed = case.read("feed", self.feed, "mass flow", units="si")
         if area is None and depth is None and feed is None:
             return None
         if area is None or depth is None:
@@ -386,7 +386,7 @@ class GivenFit:
         of_file = self._section if options.uncertain is None else {}
         self._counts = "uncertain" in of_file
         laws = LawOptions(uncertain=options.uncertain)
-        self._laws = laws.with_section(of_file, f"{case.case}: field `{{}}` of [advise]")
+        self._laws = laws.with_section(of_file, f"{case.case}: field `{{}}` of [advise]", case)
         self.files = self._laws.files
 
     def models(self, names: Sequence[str] | None, p: "lazy.Parameters") -> "dict[str, lazy.CuttingModel]":
@@ -455,7 +455,7 @@ class GivenFit:
             InputError: also for an option that sets what has a law: one of the two would be left aside.
         """
         where = self._laws.uncertain[0]
-        _, laws, draws = self._laws.read(next(iter(models.values())), p.units, {})
+        _, laws, draws = self._laws.read(next(iter(models.values())), {})
         for model in models.values():
             require_same_model(draws, model, where)
         if not laws:
@@ -510,10 +510,10 @@ def advise(
     options = with_file(case, file)
     options.refuse_given("all angles of the nozzle are compared", "alpha")
     p = options.parameters()
-    deviation = read_option("spread", spread, "angle", "si")
+    deviation = options.read("spread", spread, "angle", units="si")
     fit = GivenFit(fit_of_tests or TestedFitOptions(), options, model)
     shop = shop or JobOptions()
-    job = shop.job()
+    job = shop.job(options)
     with user_errors():
         other = lazy.compared_with(shop.compare, *options.materials())
     require_outputs(output, plot=plot, inputs=(options.case, *fit.files, *(model or ())))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from cyclopts import Group, Parameter
 
 from erosion.cli import lazy
-from erosion.cli.errors import InputError, as_options, reading, sentence, user_errors
+from erosion.cli.errors import InputError, as_options, sentence, user_errors
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.options import (
     IMPACTS,
@@ -19,6 +19,7 @@ from erosion.cli.options import (
     SURFACE,
     AllAngles,
     CaseArgument,
+    CaseOptions,
     EachRow,
     JsonOption,
     ModelOption,
@@ -30,7 +31,6 @@ from erosion.cli.options import (
     in_short,
     named_model,
     output_option,
-    read_option,
     with_file,
 )
 from erosion.cli.output import Output, PerMassOptions, density_option, draw, progress_bar, require_outputs, weighing
@@ -94,7 +94,7 @@ class _Rows:
         impacts: Path,
         options: TableOptions,
         of_mesh: Path | None,
-        p: "lazy.Parameters",
+        case: CaseOptions,
         named: float | None,
     ) -> "lazy.Impacts":
         """The table of impacts.
@@ -103,20 +103,21 @@ class _Rows:
             impacts: its file.
             options: how it is read.
             of_mesh: the OpenFOAM case of its faces.
-            p: the case.
+            case: the impact.
             named: density of the particle that is named [kg/m³], for a table that does not have it.
         """
         return lazy.read_impacts(
             impacts,
             of_mesh,
             particle_density=density_option("particle-density", self.particle_density),
-            duration=self.number("duration", "time", p),
+            duration=case.read("duration", self.duration, "time"),
             named_density=named,
             **options.arguments,
         )
 
     def options(
         self,
+        case: CaseOptions,
         p: "lazy.Parameters",
         laws: dict[str, Any],
         uncertain: dict[str, Any],
@@ -128,7 +129,8 @@ class _Rows:
         """The same as numbers in the units of the case.
 
         Args:
-            p: the case.
+            case: the impact.
+            p: the same as numbers.
             laws: of what varies from impact to impact.
             uncertain: laws of what is one number for all impacts.
             share: of the particles that cut, 1 where it is uncertain.
@@ -150,11 +152,11 @@ class _Rows:
             return lazy.MapOptions(
                 p,
                 self.scaling,
-                self.number("diameter", "length", p),
+                case.read("diameter", self.diameter, "length"),
                 "case" if has_spin and "phidot0" not in {**laws, **uncertain} else None,
                 None if self.restitution is None else (normal, friction),
                 per_mass.density,
-                self.number("limit", "length", p),
+                case.read("limit", self.limit, "length"),
                 self.seed or 0,
                 uncertain=uncertain,
                 draws=64 if self.draws is None else self.draws,
@@ -164,10 +166,6 @@ class _Rows:
                 laws=laws,
                 each_row=self.each_row,
             )
-
-    def number(self, name: str, dimension: "lazy.Dimension", p: "lazy.Parameters") -> float | None:
-        """The number of an option, in the units of the case."""
-        return read_option(name.replace("_", "-"), getattr(self, name), dimension, p.units)
 
 
 @Parameter(name="*", group=_OUTPUT)
@@ -239,9 +237,8 @@ def map_(
 ) -> None:
     """Compute the wear of a surface by the impacts of a CFD run."""
     target, rows, picture = target or _Surface(), rows or _Rows(), picture or _Picture()
-    options = with_file(case, file)
-    if options.case is None and options.units is None:  # Table 1 in SI, as tables and surfaces of CFD codes are
-        options = dataclasses.replace(options, units="si")
+    # Table 1 in SI, as tables and surfaces of CFD codes are.
+    options = dataclasses.replace(with_file(case, file), usual_units="si")
     section = options.section("map", ("model", "set", *LAW_FIELDS))
     own_of_rows = "each row of the table has its own"
     options.refuse_given(own_of_rows, "alpha", "v0")
@@ -270,13 +267,14 @@ def map_(
     # A share that is uncertain has its law alone, if no option gives it too.
     share = 1.0 if "cutting_fraction" in uncertain and abrasive.cutting_fraction is None else per_mass.cutting_fraction
     has_spin = "phidot0" in {**section, **options.given()}
-    made = rows.options(sand.p, laws, uncertain, share, per_mass, has_spin=has_spin)
+    made = rows.options(options, sand.p, laws, uncertain, share, per_mass, has_spin=has_spin)
     grit, _ = options.materials()
     with dask_cluster(workers, scheduler):
         job = _job(
             (impacts, table or TableOptions()),
             target,
             rows,
+            options,
             None if grit is None else grit.density,
             made,
             (sand.reference, sand.numbers),
@@ -322,19 +320,20 @@ def _job(
     impacts: tuple[Path, TableOptions],
     target: _Surface,
     rows: _Rows,
+    of_impact: CaseOptions,
     named_density: float | None,
     options: "lazy.MapOptions",
     model: "tuple[str | lazy.CuttingModel, dict[str, float]]",
 ) -> "lazy.MapJob":
     """Open the table and the surface, and check the map."""
-    name, p = target.surface, options.p
+    name = target.surface
     for option in ("patch", "surface_unit"):
         if name is None and getattr(target, option):
             raise InputError(f"Option `--{option.replace('_', '-')}` needs `--surface`, of which it is.")
     with user_errors(TypeError), progress_bar("reading"):
         surface = None if name is None else lazy.read_surface(name, target.patch, unit=target.surface_unit)
         case = name if name is not None and name.is_dir() else None
-        table = rows.table(*impacts, case, p, named_density)
+        table = rows.table(*impacts, case, of_impact, named_density)
         return lazy.prepare_map(model[0], table, surface, options, model[1])
 
 
@@ -397,9 +396,8 @@ def export(
         of_target = weighing(chosen, None, options).density
         axes: dict[str, Any] = {"alpha": angles, "v0": speeds, "d": diameters}
         for axis, text in axes.items():
-            with reading(_OPTIONS[axis]):
-                dimension = {**QUANTITIES, **RESULTS}[axis].dimension
-                axes[axis] = None if text is None else lazy.read_axis(text, dimension, p.units)
+            dimension = {**QUANTITIES, **RESULTS}[axis].dimension
+            axes[axis] = options.read(_OWN_NAMES[axis], text, dimension, lazy.read_axis)
         share = PerMassOptions(cutting_fraction=cutting_fraction).per_mass(options).cutting_fraction
         density = density_option("particle-density", particle_density)
         particles = {"particle_density": density, "cutting_fraction": share}

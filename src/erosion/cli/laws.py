@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors
-from erosion.cli.options import LAWS, CaseOptions, read_settings, settings, with_model_of_case
+from erosion.cli.options import LAWS, CaseOptions, settings, with_model_of_case
 from erosion.output import briefly
 from erosion.parameters import QUANTITIES
 
@@ -37,12 +37,13 @@ class LawOptions:
         Parameter(negative="", help='Of the normal scores of two laws: "v0,r=-0.5"; repeatable.'),
     ] = None
 
-    def with_section(self, section: Mapping[str, Any], where: str) -> "GivenLaws":
+    def with_section(self, section: Mapping[str, Any], where: str, case: CaseOptions) -> "GivenLaws":
         """The same with what a case file's table gives; options win.
 
         Args:
             section: the table.
             where: words for it: "jet.toml: field `{}` of [stream]".
+            case: of the impacts.
         """
         rows, uncertain, pairs = (section.get(name) for name in LAW_FIELDS)
         table = uncertain if isinstance(uncertain, dict) else {}
@@ -64,6 +65,7 @@ class LawOptions:
         if not all(isinstance(draws, list) for draws in table.values()):
             of_file = [f"{name}={law}" for name, law in table.items()]
         given = GivenLaws(
+            case,
             rows=(where.format("rows"), rows),
             uncertain=(where.format("uncertain"), of_file),
             correlation=(where.format("correlation"), [f"{pair}={value}" for pair, value in (pairs or {}).items()]),
@@ -76,9 +78,10 @@ class LawOptions:
 class GivenLaws:
     """What `LawOptions` and a case file give together: for each of them where it is given, and the texts.
 
-    What is uncertain may also be draws by parameter, as a fit writes them.
+    What is uncertain may also be draws by parameter, as a fit writes them. `case` is that of the impacts.
     """
 
+    case: CaseOptions
     rows: tuple[str, Any]
     uncertain: tuple[str, list[str | Mapping[str, Any]]]
     correlation: tuple[str, list[str]]
@@ -90,13 +93,12 @@ class GivenLaws:
         return of_rows + [text for text in self.uncertain[1] if isinstance(text, str) and _is_file(text)]
 
     def read(
-        self, model: "lazy.CuttingModel", units: "lazy.System", laws: Mapping[str, Any]
+        self, model: "lazy.CuttingModel", laws: Mapping[str, Any]
     ) -> "tuple[dict[str, Any], dict[str, Any], list[lazy.Draws]]":
         """All laws.
 
         Args:
             model: whose own parameters may have laws, too.
-            units: of bare numbers and of the result.
             laws: of what varies from particle to particle, read from other options.
 
         Returns:
@@ -105,12 +107,12 @@ class GivenLaws:
         Raises:
             InputError: also for uncertain laws beyond the range of their parameter, and draws of another model.
         """
-        where, path = self.rows
+        (where, path), units = self.rows, self.case.system
         with reading(where):
             rows = {} if path is None else lazy.read_rows(path, lazy.quantities(model), units)
         if both := [name for name in rows if name in laws]:
             raise InputError(f"{where} must give {both[0]} alone, but {both[0]} has another law, too.")
-        uncertain, draws = self._uncertain(model, units)
+        uncertain, draws = self._uncertain(model)
         varied, uncertain = self._tied({**laws, **rows}, uncertain)
         require_same_model(draws, model, self.uncertain[0])
         try:
@@ -120,9 +122,9 @@ class GivenLaws:
             raise InputError(f"{self.uncertain[0]}: {clause}") from error
         return varied, uncertain, draws
 
-    def _uncertain(self, model: "lazy.CuttingModel", units: "lazy.System") -> "tuple[dict[str, Any], list[lazy.Draws]]":
+    def _uncertain(self, model: "lazy.CuttingModel") -> "tuple[dict[str, Any], list[lazy.Draws]]":
         """The laws of what is uncertain, and the posteriors' files among them."""
-        where, texts = self.uncertain
+        (where, texts), units = self.uncertain, self.case.system
         laws: dict[str, Any] = {}
         draws, known = list[Any](), lazy.quantities(model)
         for text in texts:
@@ -135,7 +137,7 @@ class GivenLaws:
                 elif _is_file(text):
                     more = dict(lazy.read_rows(text.strip(), {**known, _FRACTION: lazy.FACTORS[_FRACTION]}, units))
                 else:
-                    more = _law(text, known, units)
+                    more = self._law(text, known)
             except (TypeError, ValueError) as error:
                 # A clause, or a sentence that names the file.
                 said = str(error).removeprefix("Argument `columns` ").rstrip(".")
@@ -144,6 +146,22 @@ class GivenLaws:
                 raise InputError(f"{where} must give {both[0]} once, but gives it several times.")
             laws |= more
         return laws, draws
+
+    def _law(self, text: str, known: Mapping[str, Any]) -> dict[str, Any]:
+        """A law such as "k=normal(2, 0.2)"; a ValueError where it is none."""
+        name, equals, words = (part.strip() for part in text.partition("="))
+        if not (equals and name and words):
+            raise ValueError(f'must be a file (.nc, .csv) or a law such as "k=normal(2, 0.2)", but is {briefly(text)}')
+        if name not in known and name != _FRACTION:
+            raise ValueError(f"must name one of {', '.join(known)}, but has {briefly(name)}")
+        dimension = known[name].dimension if name in known else "1"
+        self.case.require_unit(f"--uncertain {name}=", words, dimension)
+        law = lazy.read_distribution(words, name, dimension, self.case.system)
+        if law is None:
+            raise ValueError(
+                f"must give {name} a law ({', '.join((*lazy.LAWS, 'samples'))}), but gives {briefly(words)}"
+            )
+        return {name: law}
 
     def _tied(self, varied: dict[str, Any], uncertain: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """The same laws, correlated where that is asked for."""
@@ -187,20 +205,6 @@ def require_same_model(draws: "Sequence[lazy.Draws]", model: "lazy.CuttingModel"
 
 def _is_file(text: str) -> bool:
     return text.strip().endswith((".nc", ".csv"))
-
-
-def _law(text: str, known: Mapping[str, Any], units: "lazy.System") -> dict[str, Any]:
-    """A law such as "k=normal(2, 0.2)"; a ValueError where it is none."""
-    name, equals, words = (part.strip() for part in text.partition("="))
-    if not (equals and name and words):
-        raise ValueError(f'must be a file (.nc, .csv) or a law such as "k=normal(2, 0.2)", but is {briefly(text)}')
-    if name not in known and name != _FRACTION:
-        raise ValueError(f"must name one of {', '.join(known)}, but has {briefly(name)}")
-    dimension = known[name].dimension if name in known else "1"
-    law = lazy.read_distribution(words, name, dimension, units)
-    if law is None:
-        raise ValueError(f"must give {name} a law ({', '.join((*lazy.LAWS, 'samples'))}), but gives {briefly(words)}")
-    return {name: law}
 
 
 def _pair(text: str, where: str) -> tuple[tuple[str, str], float]:
@@ -248,7 +252,7 @@ class CaseAndLaws:
 
     def read_laws(self) -> "tuple[dict[str, Any], dict[str, Any], list[lazy.Draws]]":
         """See `GivenLaws.read`."""
-        return self.given.read(self.base, self.p.units, self.laws)
+        return self.given.read(self.base, self.laws)
 
 
 def case_and_laws(
@@ -283,9 +287,9 @@ def case_and_laws(
         p = p.replace(**numbers)
     name = model or section.get("model", "linearized")
     own_texts = settings(own, section, f"{options.case}: `set` of [{verb}]")
-    given = (joint or LawOptions()).with_section(section, where)
+    given = (joint or LawOptions()).with_section(section, where, options)
     base = options.load(name)
-    own_numbers, own_laws = _split(read_settings(name, base, own_texts, p.units, _number_or_law))
+    own_numbers, own_laws = _split(options.read_settings(name, base, own_texts, _number_or_law))
     inputs = (options.case, name, *given.files, *(text for _, text in {**texts, **own_texts}.values()))
     return CaseAndLaws(p, lazy.called(name, base), base, own_numbers, {**laws, **own_laws}, given, inputs)
 

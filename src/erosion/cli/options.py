@@ -16,7 +16,7 @@ from cyclopts import Group, Parameter
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors, warn
 from erosion.output import briefly, is_file
-from erosion.parameters import QUANTITIES, conversion_factor, example, has_unit, unit_name
+from erosion.parameters import QUANTITIES, example, has_unit, unit_name
 from erosion.results import Finding
 
 if TYPE_CHECKING:
@@ -87,6 +87,7 @@ def _plain(text: Any) -> str:
 
 
 _Options = TypeVar("_Options")
+_Read = Callable[[str, Any, Any], Any]
 
 
 def _with_quantities(options: type[_Options], *, show: bool = True) -> type[_Options]:
@@ -94,8 +95,7 @@ def _with_quantities(options: type[_Options], *, show: bool = True) -> type[_Opt
     fields: list[tuple[str, Any, Any]] = []
     for name, quantity in QUANTITIES.items():
         such_as = "" if quantity.dimension == "1" else f": {example(quantity.dimension, 'inch-pound')}"
-        bare = "; bare numbers are radians" if quantity.dimension == "angle" else ""
-        help_text = f"{quantity.symbol}, {quantity.meaning}{such_as}{bare}."
+        help_text = f"{quantity.symbol}, {quantity.meaning}{such_as}."
         kind = Annotated[str | None, Parameter(help=help_text, allow_leading_hyphen=True, show=show)]
         fields.append((name, kind, dataclasses.field(default=None)))
     made = dataclasses.make_dataclass(options.__name__, fields, bases=(options,), frozen=True)
@@ -110,6 +110,7 @@ class CaseOptions:
     """Which impact: a case file, and changes to it."""
 
     case: Annotated[Path | None, Parameter(parse=False)] = None
+    usual_units: Annotated[str | None, Parameter(parse=False)] = None
     units: Annotated[str | None, Parameter(help='Of bare numbers, and of the result: "inch-pound", "si".')] = None
     particle: Annotated[str | None, Parameter(help='For r, b, m: "garnet 0.3 mm" or "garnet 80 mesh".')] = None
     target: Annotated[
@@ -149,9 +150,8 @@ class CaseOptions:
         with user_errors(), warnings.catch_warnings():
             warnings.simplefilter("ignore", lazy.SizeWarning)
             p = lazy.TABLE_1 if self.file is None else self.file.parameters()
-            # Who names a particle and its size in mm means m/s by a bare 100; a case file says its own units.
-            in_si = self.units is None and self.case is None and self.particle is not None
-            units = "si" if in_si else self.units
+            usual = "si" if self.usual_units is None and self.particle is not None else self.usual_units
+            units = usual if self.units is None and self.case is None else self.units
             if units is not None:
                 p = p.to(units)
             if self.particle is not None:
@@ -159,13 +159,89 @@ class CaseOptions:
             if self.target is not None:
                 p = self._replaced(p, p.with_target(self.target), "target")
         given = self.given() if changed else {}
-        changes = {name: read_option(name, text, QUANTITIES[name].dimension, p.units) for name, text in given.items()}
+        changes = {name: self.read(name, text, QUANTITIES[name].dimension) for name, text in given.items()}
         with user_errors():
             p = dataclasses.replace(p, **changes)
             lazy.validate(p)
         if changed and {"sigma", "psi"}.isdisjoint(free):
             self.warn_of_flow_stress(changes)
         return p
+
+    @functools.cached_property
+    def system(self) -> "lazy.System":
+        """The unit system of the case and of what is computed."""
+        return self.parameters(changed=False).units
+
+    def read(
+        self,
+        option: str,
+        text: str | None,
+        dimension: "lazy.Dimension",
+        read: "_Read | None" = None,
+        units: "lazy.System | None" = None,
+    ) -> Any:
+        """The number of an option; None where it is not given.
+
+        Args:
+            option: its name.
+            text: what is typed.
+            dimension: of the number.
+            read: takes the text, the dimension and the units of the case; without it a number is read.
+            units: of the result; those of the case without it.
+
+        Raises:
+            InputError: also for a bare number whose unit neither --units nor a case file says.
+        """
+        if text is None:
+            return None
+        self.require_unit(f"--{option} ", text, dimension)
+        with reading(f"Option `--{option}`"):
+            number = (read or lazy.read_quantity)(text, dimension, self.system)
+        return number if units is None else number * lazy.conversion_factor(dimension, self.system, units)
+
+    def require_unit(self, typed: str, text: str, dimension: "lazy.Dimension") -> None:
+        """Refuse a bare number unless --units or a case file says its unit; see the function."""
+        if self.case is None and self.units is None:
+            require_unit(typed, text, dimension, ", or come with --units si or --units inch-pound")
+
+    def read_settings(
+        self,
+        name: str,
+        model: "lazy.CuttingModel",
+        given: "Settings",
+        read: "Callable[[str, Any, lazy.Dimension, lazy.System], Any] | None" = None,
+    ) -> dict[str, Any]:
+        """The values of settings.
+
+        Args:
+            name: the model's name, for messages.
+            model: the model whose own parameters are set.
+            given: see `settings`.
+            read: takes an own parameter's name, its text, its dimension and the units; gives its value, or
+                several, or its law; without it a number.
+
+        Raises:
+            InputError: one sentence naming the option or the field.
+        """
+        own, values = lazy.own_parameters(model), {}
+        for key, (source, text) in given.items():
+            if key not in own:
+                has = f"has {', '.join(own)}" if own else "has none"
+                raise InputError(f"{source} must name an own parameter of {name}, which {has}.")
+            dimension = own[key].quantity.dimension
+            self.require_unit(f"--set {key}=", str(text), dimension)
+            with reading(source):
+                of = dimension, self.system
+                values[key] = lazy.read_quantity(str(text), *of) if read is None else read(key, text, *of)
+            # Not those of a law.
+            numbers = np.asarray(values[key] if isinstance(values[key], (float, np.ndarray)) else ())
+            lazy.refuse(
+                f"{source} must be ",
+                (not np.isfinite(numbers).all(), f"finite, but is {text}."),
+                ((numbers < own[key].least).any(), f"at least {own[key].least:g}, but is {text}."),
+                kind=InputError,
+            )
+        return values
 
     def warn_once(self, finding: Finding) -> None:
         """A finding, also where several parts of a verb ask for it."""
@@ -253,7 +329,7 @@ class CaseOptions:
             given = settings((), with_model_of_case({}, self, [name]), f"{self.case}: `set`")
         if not given:
             return model
-        return model.replace(**read_settings(name, model, given, self.parameters(changed=False).units))
+        return model.replace(**self.read_settings(name, model, given))
 
     def reference(self, name: str, *, as_set: bool = False) -> "str | lazy.CuttingModel":
         """The model, with `as_set` as `load_as_set` gives it; by its name, which other processes know, where it can."""
@@ -351,9 +427,8 @@ def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:
         InputError: for a bare number whose unit neither the file nor --units says.
     """
     made = dataclasses.replace(options or CaseOptions(), case=file)
-    if made.case is None and made.units is None:
-        for name, text in made.given().items():
-            _require_unit(name, text)
+    for name, text in made.given().items():
+        made.require_unit(f"--{name} ", text, QUANTITIES[name].dimension)
     return made
 
 
@@ -361,22 +436,24 @@ _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _BARE_LAW = re.compile(r"[a-z-]+\([\d\s.,eE+-]*\)")
 
 
-def _require_unit(name: str, text: str) -> None:
-    """Refuse a bare number that the two unit systems read as different quantities; 0 is the same in both.
+def require_unit(typed: str, text: str, dimension: "lazy.Dimension", otherwise: str = "") -> None:
+    """Refuse a bare number of a quantity that has a dimension, an angle too; 0 is the same in all units.
 
     A law needs one unit, as "lognormal(110 m/s, 0.1)" has; of an axis the last part may be its count.
+
+    Args:
+        typed: what stands before the number: "--v0 ", "--set threshold=".
+        text: the number, an axis or a law.
+        dimension: of the quantity.
+        otherwise: what else can be done, for the message.
     """
-    dimension = QUANTITIES[name].dimension
-    if conversion_factor(dimension, "si", "inch-pound") == 1:
+    if dimension == "1":
         return
     parts = text.removesuffix("log").rstrip(": ").split(":")
     ends = parts[:2] if len(parts) > 1 else text.split(",")
     if _BARE_LAW.fullmatch(text.strip()) if "(" in text else any(map(_is_bare, ends)):
-        such_as = f"--{name} {example(dimension, 'si')}"
-        raise InputError(
-            f"Option `--{name}` must have a unit, such as {such_as}, or come with --units si or --units inch-pound, "
-            f"but is {briefly(text)}."
-        )
+        option, such_as = typed.partition("=")[0].strip(), f"{typed}{example(dimension, 'si')}"
+        raise InputError(f"Option `{option}` must have a unit, such as {such_as}{otherwise}, but is {briefly(text)}.")
 
 
 def _is_bare(part: str) -> bool:
@@ -422,12 +499,6 @@ def read_whole(number: Any) -> int:
 
 
 WholeOption = Annotated[int | None, Parameter(converter=lambda kind, tokens: read_whole(tokens[0].value))]
-
-
-def read_option(name: str, text: str | None, dimension: "lazy.Dimension", units: "lazy.System") -> Any:
-    """The number of an option in a unit system; None where it is not given."""
-    with reading(f"Option `--{name}`"):
-        return None if text is None else lazy.read_quantity(text, dimension, units)
 
 
 def read_list(text: str) -> list[str]:
@@ -584,44 +655,6 @@ def settings(options: Sequence[str] | None, section: Mapping[str, Any] | None = 
         )
         in_options[name] = (f"Option `--set {name}`", value)
     return in_file | in_options
-
-
-def read_settings(
-    name: str,
-    model: "lazy.CuttingModel",
-    given: Settings,
-    units: "lazy.System",
-    read: "Callable[[str, Any, lazy.Dimension, lazy.System], Any] | None" = None,
-) -> dict[str, Any]:
-    """The values of settings.
-
-    Args:
-        name: the model's name, for messages.
-        model: the model whose own parameters are set.
-        given: see `settings`.
-        units: of bare numbers and of the result.
-        read: takes an own parameter's name, its text, its dimension and the units; gives its value, or
-            several, or its law; without it a number.
-
-    Raises:
-        InputError: one sentence naming the option or the field.
-    """
-    own, values = lazy.own_parameters(model), {}
-    for key, (source, text) in given.items():
-        if key not in own:
-            has = f"has {', '.join(own)}" if own else "has none"
-            raise InputError(f"{source} must name an own parameter of {name}, which {has}.")
-        with reading(source):
-            of = own[key].quantity.dimension, units
-            values[key] = lazy.read_quantity(str(text), *of) if read is None else read(key, text, *of)
-        numbers = np.asarray(values[key] if isinstance(values[key], (float, np.ndarray)) else ())  # not those of a law
-        lazy.refuse(
-            f"{source} must be ",
-            (not np.isfinite(numbers).all(), f"finite, but is {text}."),
-            ((numbers < own[key].least).any(), f"at least {own[key].least:g}, but is {text}."),
-            kind=InputError,
-        )
-    return values
 
 
 def in_full(name: str, model: "lazy.CuttingModel", units: "lazy.System") -> str:

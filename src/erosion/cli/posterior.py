@@ -29,6 +29,7 @@ from erosion.cli.options import (
     OUTPUT,
     AllAngles,
     CaseArgument,
+    CaseOptions,
     JsonOption,
     ModelsOption,
     PlotOption,
@@ -36,6 +37,7 @@ from erosion.cli.options import (
     TableOptions,
     WholeOption,
     output_option,
+    require_unit,
     with_file,
 )
 from erosion.cli.output import Output, draw, progress_bar, require_outputs
@@ -131,14 +133,13 @@ class _NextTests:
         list[str] | None, LISTED, Parameter(help='The prediction to narrow: "30 deg,60 m/s"; or the greatest wear.')
     ] = None
 
-    def read(self, units: "lazy.System", free: Sequence[str]) -> "_Judge":
+    def read(self, case: CaseOptions, free: Sequence[str]) -> "_Judge":
         """The function that says which test narrows most; what is typed is read before anything is computed."""
-        given = None if self.next_angles is None else _axis("alpha", self.next_angles, units, "next-angles")
+        units, given = case.system, case.read("next-angles", self.next_angles, "angle", _axis)
         with reading("Option `--next-angles`"):
             if given is not None and not ((given > 0) & (given <= np.pi / 2)).all():
                 raise ValueError(f"must be above 0° and at most 90°, but is {self.next_angles}")
-        with reading("Option `--next-speeds`"):
-            speeds = [lazy.read_quantity(text, "speed", units) for text in self.next_speeds or ()]
+        speeds = [case.read("next-speeds", text, "speed") for text in self.next_speeds or ()]
         if not all(0 < speed < np.inf for speed in speeds):
             listed = ", ".join(self.next_speeds or ())
             raise InputError(f"Option `--next-speeds` must list positive speeds, but is {listed}.")
@@ -154,8 +155,7 @@ class _NextTests:
         asked = {}
         for text in self.next_for or ():
             name = "alpha" if lazy.unit_of(text) in _ANGLE_UNITS else "v0"
-            with reading("Option `--next-for`"):
-                asked[name] = lazy.read_quantity(text, QUANTITIES[name].dimension, units)
+            asked[name] = case.read("next-for", text, QUANTITIES[name].dimension)
         lazy.refuse(
             "Option `--next-for` must ",
             (len(asked) != len(self.next_for or ()), "give one angle and one speed at most."),
@@ -207,13 +207,13 @@ def posterior(
     task, files = given_fit(data, with_file(case, file), fit, model, own, table), files or _Files()
     files.require_writable(task.inputs)
     next_tests = next_tests or _NextTests()
-    judge = next_tests.read(task.p.units, task.fit.free)
+    judge = next_tests.read(task.options, task.fit.free)
     models = task.models()
     output = Output("posterior", task.p, task.options, json=json, seed=seed or 0)
     with user_errors(), progress_bar("reading") as progress:
         lazy.check_share("level", level)
         measured = task.measured(output)
-        laws = _read_priors(prior or (), task.fit.names(measured), models, measured)
+        laws = _read_priors(prior or (), task.fit.names(measured), models, measured, task.options)
         ranking = task.ranking(measured, models, progress, level=level)
         options = {"draws": 500 if draws is None else draws, "seed": seed or 0, "level": level}
         posteriors = _draw(task, ranking, measured, laws, progress, **options, discrepancy=discrepancy == "averaged")
@@ -260,7 +260,11 @@ def _draw(
 
 
 def _read_priors(
-    texts: Sequence[str], free: Sequence[str], models: Sequence[Any], measured: "lazy.Measurements"
+    texts: Sequence[str],
+    free: Sequence[str],
+    models: Sequence[Any],
+    measured: "lazy.Measurements",
+    case: CaseOptions,
 ) -> Mapping[str, Any]:
     """Laws such as "psi=uniform(0.01, 0.2)", by parameter."""
     known = (*free, *((lazy.NOISE, lazy.RELATIVE) if measured.uncertainty is None else (lazy.ERROR_FACTOR,)))
@@ -275,6 +279,7 @@ def _read_priors(
             kind=InputError,
         )  # fmt: skip
         dimension = measured.dimension if name == lazy.NOISE else dimension_of(name, models, measured.units)
+        case.require_unit(f"--prior {name}=", law, dimension)
         with reading(f"Option `--prior`, {name},"):
             read = lazy.read_distribution(law, name, dimension, measured.units)
         if read is None:
@@ -315,11 +320,11 @@ def predict(
     if unit is not None:
         with reading("Option `--unit`"):
             predictor = predictor.in_unit(unit)
-    speeds = None if v0 is None else _axis("v0", v0, predictor.data.units).tolist()
+    speeds = None if v0 is None else _asked("v0", v0, predictor.data.units).tolist()
     with user_errors():
         sizes = [] if particle is None else [lazy.particle(particle).parameters(predictor.data.units)]
     at = _conditions(predictor.forward, speeds, sizes)
-    asked = np.tile(_axis("alpha", alpha, predictor.data.units), (len(at), 1))
+    asked = np.tile(_asked("alpha", alpha, predictor.data.units), (len(at), 1))
     others: dict[str, Any] = {name: np.array([[one[name]] for one in at]) for name in at[0]}
     with user_errors(), progress_bar("predicting"):
         lazy.validate(dataclasses.replace(predictor.forward.p, alpha=asked, **others))
@@ -339,10 +344,17 @@ def predict(
     printed.wrote(table=output, figure=plot)
 
 
-def _axis(name: str, text: str, units: "lazy.System", option: str = "") -> Any:
-    """The values of an option, shape (n,)."""
-    with reading(f"Option `--{option or name}`"):
-        return np.atleast_1d(lazy.read_axis(text, QUANTITIES[name].dimension, units))
+def _axis(text: str, dimension: "lazy.Dimension", units: "lazy.System") -> Any:
+    """The values of an axis or of a single number, shape (n,)."""
+    return np.atleast_1d(lazy.read_axis(text, dimension, units))
+
+
+def _asked(name: str, text: str, units: "lazy.System") -> Any:
+    """The values of a parameter that a prediction is asked for, shape (n,); each has its unit."""
+    dimension = QUANTITIES[name].dimension
+    require_unit(f"--{name} ", text, dimension)
+    with reading(f"Option `--{name}`"):
+        return _axis(text, dimension, units)
 
 
 def _conditions(

@@ -25,7 +25,6 @@ from erosion.cli.options import (
     named_model,
     output_option,
     read_list,
-    read_option,
     refuse_same,
     with_file,
 )
@@ -113,9 +112,9 @@ def optimum(
             raise InputError(
                 f'Option `--alpha-range` must be two angles such as "20deg : 60deg", but has {len(texts)}.'
             )
-        ends = [read_option("alpha-range", text, "angle", p.units) for text in texts]
+        ends = [options.read("alpha-range", text, "angle") for text in texts]
         between = (ends[0], ends[1]) if ends else None
-        limit = None if max_turn == "any" else read_option("max-turn", max_turn, "angle", p.units)
+        limit = None if max_turn == "any" else options.read("max-turn", max_turn, "angle")
         require_outputs(plot=plot, inputs=(options.case, name))
         search = lazy.alpha_min if least else lazy.alpha_max
         with user_errors():

@@ -27,7 +27,6 @@ from erosion.cli.options import (
     output_option,
     read_list,
     read_models,
-    read_settings,
     read_whole,
     settings,
     with_file,
@@ -110,7 +109,7 @@ def sweep(
     chosen = chosen[0] if isinstance(chosen, list) and len(chosen) == 1 else chosen
     table = output if output.suffix == ".csv" else None
     require_outputs(table, plot=plot, inputs=(options.case, *(chosen if isinstance(chosen, list) else [chosen])))
-    values = _own_values(chosen, options, settings(own, section, f"{options.case}: `set` of [sweep]"), p)
+    values = _own_values(chosen, options, settings(own, section, f"{options.case}: `set` of [sweep]"))
     single = {name: float(value) for name, value in values.items() if not value.ndim}
     axes |= {name: axis for name, axis in values.items() if axis.ndim}
     if not (axes or isinstance(chosen, list)):
@@ -168,17 +167,16 @@ def _case_and_axes(options: CaseOptions, section: Mapping[str, Any]) -> "tuple[l
     return p, {name: value for name, value in values.items() if value.ndim}
 
 
-def _own_values(model: Any, options: CaseOptions, given: Settings, p: "lazy.Parameters") -> dict[str, Any]:
+def _own_values(model: Any, options: CaseOptions, given: Settings) -> dict[str, Any]:
     """The models' own parameters that are set: each a single value, shape (), or the values of an axis."""
     values: dict[str, Any] = {}
     if given:
         for name in model if isinstance(model, list) else [model]:
-            values = read_settings(
+            values = options.read_settings(
                 name,
                 options.load(name),
                 given,
-                p.units,
-                lambda _, text, dimension, system: lazy.read_axis(text, dimension, system),
+                lambda _, text, dimension, units: lazy.read_axis(text, dimension, units),
             )
     return values
 
@@ -219,9 +217,9 @@ def stream(
     """Compute the erosion by a stream of particles, and its best angle.
 
     Any parameter of the case may vary: --alpha "normal(20deg, 3deg)",
-    --v0 "lognormal(110 m/s, 0.1)", --phidot0 "uniform(-1e4, 1e4)",
-    --m "weibull(50ug, 3)", --r "rosin-rammler(1mm, 3, 0.2mm)",
-    --v0 "samples(jet.csv)". A model's own parameters may vary as well:
+    --v0 "lognormal(110 m/s, 0.1)", --m "weibull(50ug, 3)",
+    --phidot0 "uniform(-1e4 rad/s, 1e4 rad/s)", --v0 "samples(jet.csv)",
+    --r "rosin-rammler(1mm, 3, 0.2mm)". A model's own parameters may vary as well:
     --set "friction=normal(0.2, 0.02)". What is one number for all particles but
     not known is --uncertain: its error does not average out. A case file gives
     the same in a table [stream]; options win.
