@@ -10,7 +10,7 @@ from cyclopts import Group, Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, as_options, sentence, user_errors
-from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
+from erosion.cli.laws import LAW_FIELDS, CaseAndLaws, LawOptions, ReadLaws, case_and_laws
 from erosion.cli.options import (
     IMPACTS,
     LAWS,
@@ -33,11 +33,11 @@ from erosion.cli.options import (
     output_option,
     with_file,
 )
-from erosion.cli.output import Output, PerMassOptions, density_option, draw, progress_bar, require_outputs, weighing
+from erosion.cli.output import Output, PerMassOptions, density_option, progress_bar, weighing
 from erosion.cli.sweep import dask_cluster
 from erosion.output import briefly
 from erosion.parameters import QUANTITIES, RESULTS
-from erosion.results import Finding
+from erosion.results import Columns, Finding, Value
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -95,7 +95,7 @@ class _Rows:
         options: TableOptions,
         of_mesh: Path | None,
         case: CaseOptions,
-        named: float | None,
+        grit: "lazy.Particle | None",
     ) -> "lazy.Impacts":
         """The table of impacts.
 
@@ -104,37 +104,33 @@ class _Rows:
             options: how it is read.
             of_mesh: the OpenFOAM case of its faces.
             case: the impact.
-            named: density of the particle that is named [kg/m³], for a table that does not have it.
+            grit: the particle that is named, for a table without a density.
         """
         return lazy.read_impacts(
             impacts,
             of_mesh,
             particle_density=density_option("particle-density", self.particle_density),
             duration=case.read("duration", self.duration, "time"),
-            named_density=named,
+            named_density=None if grit is None else grit.density,
             **options.arguments,
         )
 
     def options(
         self,
-        case: CaseOptions,
-        p: "lazy.Parameters",
-        laws: dict[str, Any],
-        uncertain: dict[str, Any],
-        share: float,
+        sand: CaseAndLaws,
+        read: ReadLaws,
         per_mass: "lazy.PerMass",
+        abrasive: PerMassOptions,
         *,
         has_spin: bool,
     ) -> "lazy.MapOptions":
         """The same as numbers in the units of the case.
 
         Args:
-            case: the impact.
-            p: the same as numbers.
-            laws: of what varies from impact to impact.
-            uncertain: laws of what is one number for all impacts.
-            share: of the particles that cut, 1 where it is uncertain.
+            sand: case and model.
+            read: the laws.
             per_mass: with the density of the target.
+            abrasive: the options that it is made of.
             has_spin: whether --phidot0 or the case file's [map] gives the spin, which then takes the place of the
                 table's.
 
@@ -148,22 +144,24 @@ class _Rows:
             raise InputError(
                 f'Option `--restitution` must be two numbers such as "0.8,0.1", but is {briefly(self.restitution)}.'
             ) from error
+        # A share that is uncertain has its law alone, if no option gives it too.
+        has_law = lazy.FRACTION in read.uncertain and abrasive.cutting_fraction is None
         with user_errors(TypeError):
             return lazy.MapOptions(
-                p,
+                sand.p,
                 self.scaling,
-                case.read("diameter", self.diameter, "length"),
-                "case" if has_spin and "phidot0" not in {**laws, **uncertain} else None,
+                sand.case.read("diameter", self.diameter, "length"),
+                "case" if has_spin and "phidot0" not in {**read.varied, **read.uncertain} else None,
                 None if self.restitution is None else (normal, friction),
                 per_mass.density,
-                case.read("limit", self.limit, "length"),
+                sand.case.read("limit", self.limit, "length"),
                 self.seed or 0,
-                uncertain=uncertain,
+                uncertain=read.uncertain,
                 draws=64 if self.draws is None else self.draws,
-                cutting_fraction=share,
+                cutting_fraction=1.0 if has_law else per_mass.cutting_fraction,
                 sand_rate=self.sand_rate,
                 injected=self.injected,
-                laws=laws,
+                laws=read.varied,
                 each_row=self.each_row,
             )
 
@@ -237,71 +235,75 @@ def map_(
 ) -> None:
     """Compute the wear of a surface by the impacts of a CFD run."""
     target, rows, picture = target or _Surface(), rows or _Rows(), picture or _Picture()
+    abrasive = abrasive or PerMassOptions()
     # Table 1 in SI, as tables and surfaces of CFD codes are.
     options = dataclasses.replace(with_file(case, file), usual_units="si")
-    section = options.section("map", ("model", "set", *LAW_FIELDS))
-    own_of_rows = "each row of the table has its own"
-    options.refuse_given(own_of_rows, "alpha", "v0")
-    for name in ("alpha", "v0"):
-        if name in section:
-            raise InputError(f"{options.case}: field `{name}` of [map] has no meaning here: {own_of_rows}.")
+    section = _section(options)
     has_cut = bool(options.case or options.given() or own or joint or rows.diameter or rows.scaling != "similar")
-    usual = None
-    if not (model or has_cut or (abrasive and abrasive.cutting_fraction)):
-        # Without a name steel is meant; there is none where nobody has tests of the metal. A model of the cut would
-        # need a share of the particles that cut, which nobody has named, to give an amount.
-        of_metal = options.materials()[1]
-        usual = next(iter(of_metal.correlations), None) if of_metal else "dnv:carbon-steel"
+    usual = None if has_cut or model or abrasive.cutting_fraction else _usual_model(options)
     sand = case_and_laws(options, "map", section, model or usual, own, joint)
     is_page = output is not None and output.suffix == lazy.PAGE
-    if output is not None:
-        with user_errors():
-            lazy.require_no_pdf(output)
-            suffixes = (*lazy.SUFFIXES, lazy.PAGE)
-            lazy.require_map_path(output, has_surface=target.surface is not None, suffixes=suffixes)
+    _require_map_file(output, target)
     picture.check(has_surface=target.surface is not None, has_page=is_page)
-    require_outputs(output, plot=picture.plot, inputs=(impacts, target.surface, *sand.inputs))
-    laws, uncertain, draws = sand.read_laws()
-    abrasive = abrasive or PerMassOptions()
-    per_mass = weighing(sand.model, abrasive, options)
-    # A share that is uncertain has its law alone, if no option gives it too.
-    share = 1.0 if "cutting_fraction" in uncertain and abrasive.cutting_fraction is None else per_mass.cutting_fraction
-    has_spin = "phidot0" in {**section, **options.given()}
-    made = rows.options(options, sand.p, laws, uncertain, share, per_mass, has_spin=has_spin)
+    printed = Output("map", sand.p, options, json=json, plot=picture.plot, files={"map": output},
+                     inputs=(impacts, target.surface, *sand.inputs))  # fmt: skip
+    laws, per_mass = sand.read_laws(), weighing(sand.model, abrasive, options)
+    made = rows.options(sand, laws, per_mass, abrasive, has_spin="phidot0" in {**section, **options.given()})
+    printed.seed = made.seed_used
     grit, _ = options.materials()
     with dask_cluster(workers, scheduler):
-        job = _job(
-            (impacts, table or TableOptions()),
-            target,
-            rows,
-            options,
-            None if grit is None else grit.density,
-            made,
-            (sand.reference, sand.numbers),
-        )
+        job = _job((impacts, table or TableOptions()), target, rows, grit, made, sand)
         picture.check(has_surface=job.surface is not None, has_page=is_page, surface=job.surface)
         with progress_bar("map") as progress:
             try:
                 dataset = job.run(progress).assign_attrs(options.names())
             except lazy.ImpactsError as error:  # of the table, which is read meanwhile
                 raise InputError(as_options(sentence(error))) from error
-    with user_errors():
-        if is_page and output is not None:
-            lazy.write_map_page(dataset, output, **picture.look)
-        elif output is not None:
-            lazy.write_map(dataset, output, job.identity() if output.suffix == ".nc" else None)
-    draw(picture.plot, lambda: lazy.plot_map(dataset, **picture.look))
-    printed = Output("map", sand.p, options, json=json, seed=made.seed_used)
-    printed.warn(*lazy.unused_columns({**laws, **uncertain}), *lazy.columns_apart(laws))
-    for part in draws:
-        printed.warn(*part.doubts(sand.model, sand.p, per_mass.cutting_fraction))
-    metal = options.names().get("target", "steel, as no --target is named")
-    sentences = [f"{sand.name} is the usual correlation for {metal}; --model takes others."] if usual else []
+    printed.warn(*laws.findings(sand.model, sand.p, per_mass.cutting_fraction))
     if grit is not None:
         printed.warn(_size_doubt(dataset, grit.size, grit.density))
+    metal = options.names().get("target", "steel, as no --target is named")
+    sentences = [f"{sand.name} is the usual correlation for {metal}; --model takes others."] if usual else []
     varied = {"alpha": "each row's", "v0": "each row's", **made.laws_in_words(job.task.model)}
     printed.show(lazy.MapSummary(dataset), {sand.name: job.task.model}, varied=varied, sentences=sentences)
-    printed.wrote(map=output, figure=picture.plot)
+
+    def write(path: Path) -> None:
+        if is_page:
+            lazy.write_map_page(dataset, path, **picture.look)
+        else:
+            lazy.write_map(dataset, path, job.identity() if path.suffix == ".nc" else None)
+
+    printed.save(figure=lambda: lazy.plot_map(dataset, **picture.look), map=write)
+
+
+def _section(options: CaseOptions) -> Mapping[str, Any]:
+    """The table [map] of the case file."""
+    section = options.section("map", ("model", "set", *LAW_FIELDS))
+    own_of_rows = "each row of the table has its own"
+    options.refuse_given(own_of_rows, "alpha", "v0")
+    for name in ("alpha", "v0"):
+        if name in section:
+            raise InputError(f"{options.case}: field `{name}` of [map] has no meaning here: {own_of_rows}.")
+    return section
+
+
+def _usual_model(options: CaseOptions) -> str | None:
+    """The correlation for the target where no model and no cut is named; None where nobody has tests of the metal.
+
+    Without a name steel is meant. A model of the cut would need a share of the particles that cut, which nobody has
+    named, to give an amount.
+    """
+    of_metal = options.materials()[1]
+    return next(iter(of_metal.correlations), None) if of_metal else "dnv:carbon-steel"
+
+
+def _require_map_file(output: Path | None, target: _Surface) -> None:
+    """Know before computing that a file of a map has that ending."""
+    if output is not None:
+        with user_errors():
+            lazy.require_no_pdf(output)
+            suffixes = (*lazy.SUFFIXES, lazy.PAGE)
+            lazy.require_map_path(output, has_surface=target.surface is not None, suffixes=suffixes)
 
 
 _SAME_SIZE = 1.5  # ratio of the mean diameter of the table to that of the particle that is named
@@ -320,10 +322,9 @@ def _job(
     impacts: tuple[Path, TableOptions],
     target: _Surface,
     rows: _Rows,
-    of_impact: CaseOptions,
-    named_density: float | None,
+    grit: "lazy.Particle | None",
     options: "lazy.MapOptions",
-    model: "tuple[str | lazy.CuttingModel, dict[str, float]]",
+    sand: CaseAndLaws,
 ) -> "lazy.MapJob":
     """Open the table and the surface, and check the map."""
     name = target.surface
@@ -332,9 +333,9 @@ def _job(
             raise InputError(f"Option `--{option.replace('_', '-')}` needs `--surface`, of which it is.")
     with user_errors(TypeError), progress_bar("reading"):
         surface = None if name is None else lazy.read_surface(name, target.patch, unit=target.surface_unit)
-        case = name if name is not None and name.is_dir() else None
-        table = rows.table(*impacts, case, of_impact, named_density)
-        return lazy.prepare_map(model[0], table, surface, options, model[1])
+        mesh = name if name is not None and name.is_dir() else None
+        table = rows.table(*impacts, mesh, sand.case, grit)
+        return lazy.prepare_map(sand.reference, table, surface, options, sand.numbers)
 
 
 _OWN_NAMES = {"alpha": "angles", "v0": "speeds", "d": "diameters"}
@@ -401,20 +402,22 @@ def export(
         share = PerMassOptions(cutting_fraction=cutting_fraction).per_mass(options).cutting_fraction
         density = density_option("particle-density", particle_density)
         particles = {"particle_density": density, "cutting_fraction": share}
-        require_outputs(*outputs.values(), inputs=(options.case, name))
+        output = Output("export", p, options, json=json, files=given, inputs=[name])
         with user_errors(fields=_OPTIONS):
             parts = _parts(chosen, p, outputs, axes, particles, of_target)
         # What cannot be represented is refused before anything is written.
         with user_errors():
             for part in parts.values():
                 lazy.write_whole(part.path, part.text.encode())
-    output = Output("export", p, options, json=json)
     for part in parts.values():
         output.warn(*part.findings)
-    result = {form: {"file": str(part.path), **part.numbers} for form, part in parts.items()}
-    output.document(result, {name: chosen}, {"p": "Pa"})
-    rows = [(str(part.path), part.line) for part in parts.values()]
-    output.table(f"{in_full(name, chosen, p.units)}: for CFD codes", rows, ("file", "holds"), numbers=())
+    files = [
+        Value("file", [str(part.path) for part in parts.values()]),
+        Value("holds", [part.line for part in parts.values()]),
+    ]
+    numbers = [Value(form, {"file": str(part.path), **part.numbers}, only="data") for form, part in parts.items()]
+    title = f"{in_full(name, chosen, p.units)}: for CFD codes"
+    output.present(title, [*numbers, Columns("files", "", files, only="table")], {name: chosen})
 
 
 def _parts(
@@ -432,7 +435,8 @@ def _parts(
         of_mesh = lazy.case_of(outputs["openfoam"].parent)
         walls = () if of_mesh is None else lazy.open_case(of_mesh).walls
         form = lazy.to_openfoam(model, p, **reach, **particles, patches=walls)
-        numbers = {name: getattr(form, name) for name in ("p", "psi", "K", "misfit", "rms")}
+        numbers = {name: getattr(form, name) for name in ("psi", "K", "misfit", "rms")}
+        numbers["p"] = {"value": form.p, "unit": "Pa"}
         line = f"OpenFOAM: p = {form.p:.6g} Pa, psi = {form.psi:.6g}, K = {form.K:.6g}; off by {form.misfit:.2%}"
         numbers["misfit_over_speeds"] = form.losses.worst
         parts["openfoam"] = _Part(outputs["openfoam"], form.text(), line, numbers, form.findings)

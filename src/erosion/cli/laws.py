@@ -2,9 +2,9 @@
 
 import dataclasses
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from cyclopts import Parameter
 
@@ -13,6 +13,7 @@ from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.options import LAWS, CaseOptions, settings, with_model_of_case
 from erosion.output import briefly
 from erosion.parameters import QUANTITIES
+from erosion.results import Finding
 
 LAW_FIELDS = ("rows", "uncertain", "correlation")
 """The fields of a verb's table in a case file that `LawOptions` reads."""
@@ -70,8 +71,31 @@ class LawOptions:
             uncertain=(where.format("uncertain"), of_file),
             correlation=(where.format("correlation"), [f"{pair}={value}" for pair, value in (pairs or {}).items()]),
         )
-        options = {name: getattr(self, name) for name in LAW_FIELDS if getattr(self, name) is not None}
-        return dataclasses.replace(given, **{name: (f"Option `--{name}`", value) for name, value in options.items()})
+        options: dict[str, Any] = {
+            name: (f"Option `--{name}`", getattr(self, name)) for name in LAW_FIELDS if getattr(self, name) is not None
+        }
+        return dataclasses.replace(given, **options)
+
+
+class ReadLaws(NamedTuple):
+    """Laws that are read.
+
+    Args:
+        varied: of what varies from particle to particle.
+        uncertain: of what is one number for all particles.
+        draws: the posteriors' files among the latter.
+    """
+
+    varied: dict[str, Any]
+    uncertain: dict[str, Any]
+    draws: "list[lazy.Draws]"
+
+    def findings(self, model: "lazy.CuttingModel", p: "lazy.Parameters", cutting_fraction: float) -> Iterator[Finding]:
+        """Columns that are not used or apart, and what the posteriors say of the model and the case."""
+        yield from lazy.unused_columns({**self.varied, **self.uncertain})
+        yield from lazy.columns_apart(self.varied)
+        for part in self.draws:
+            yield from part.doubts(model, p, cutting_fraction)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,17 +116,12 @@ class GivenLaws:
         of_rows = [] if self.rows[1] is None else [str(self.rows[1])]
         return of_rows + [text for text in self.uncertain[1] if isinstance(text, str) and _is_file(text)]
 
-    def read(
-        self, model: "lazy.CuttingModel", laws: Mapping[str, Any]
-    ) -> "tuple[dict[str, Any], dict[str, Any], list[lazy.Draws]]":
+    def read(self, model: "lazy.CuttingModel", laws: Mapping[str, Any]) -> ReadLaws:
         """All laws.
 
         Args:
             model: whose own parameters may have laws, too.
             laws: of what varies from particle to particle, read from other options.
-
-        Returns:
-            The laws from particle to particle, those of what is uncertain, and the posteriors' files that were read.
 
         Raises:
             InputError: also for uncertain laws beyond the range of their parameter, and draws of another model.
@@ -120,7 +139,7 @@ class GivenLaws:
         except (TypeError, ValueError) as error:
             clause = re.sub(r"^Argument `(\w+)`", r"\1", str(error))
             raise InputError(f"{self.uncertain[0]}: {clause}") from error
-        return varied, uncertain, draws
+        return ReadLaws(varied, uncertain, draws)
 
     def _uncertain(self, model: "lazy.CuttingModel") -> "tuple[dict[str, Any], list[lazy.Draws]]":
         """The laws of what is uncertain, and the posteriors' files among them."""
@@ -241,6 +260,11 @@ class CaseAndLaws:
     inputs: tuple[Any, ...]
 
     @property
+    def case(self) -> CaseOptions:
+        """The options of the case."""
+        return self.given.case
+
+    @property
     def reference(self) -> "str | lazy.CuttingModel":
         """The model without its own parameters, by its name where other processes find it by that."""
         return self.base if isinstance(self.base, lazy.Correlated) else self.name
@@ -250,7 +274,7 @@ class CaseAndLaws:
         """With its own parameters."""
         return self.base.replace(**self.numbers)
 
-    def read_laws(self) -> "tuple[dict[str, Any], dict[str, Any], list[lazy.Draws]]":
+    def read_laws(self) -> ReadLaws:
         """See `GivenLaws.read`."""
         return self.given.read(self.base, self.laws)
 

@@ -82,6 +82,7 @@ from erosion.fits.likelihood import ERROR_FACTOR as ERROR_FACTOR
 from erosion.fits.likelihood import NOISE as NOISE
 from erosion.fits.likelihood import RELATIVE as RELATIVE
 from erosion.impacts.optimum import Optimum as Optimum
+from erosion.impacts.trajectory import Trajectory as Trajectory
 from erosion.impacts.optimum import alpha_max as alpha_max
 from erosion.impacts.optimum import alpha_min as alpha_min
 from erosion.impacts.cluster import local_cluster as local_cluster
@@ -165,6 +166,7 @@ from erosion.report.page import PARTS as PARTS
 from erosion.report.page import chosen_questions as chosen_questions
 from erosion.report.page import require_folder as require_folder
 from erosion.report.page import write_report as write_report
+from erosion.streams.result import Stream as Stream
 from erosion.streams.stream import StreamInterrupted as StreamInterrupted
 from erosion.streams.stream import StreamOptions as StreamOptions
 from erosion.streams.stream import prepare_stream as prepare_stream

@@ -1,5 +1,6 @@
 """The verbs that list, check and teach, such as `materials`, `models`, `verify`, `exercise`, `report`."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,7 +22,7 @@ from erosion.cli.options import (
 from erosion.cli.output import Output, PerMassOptions, progress_bar, require_apart, require_outputs
 from erosion.extras import extra
 from erosion.output import briefly
-from erosion.results import Finding
+from erosion.results import Columns, Finding, Scale, Value
 
 _NOTE = (
     "ψ of a target whose flow stress is its Vickers hardness is 2; the others leave ψ as it is. "
@@ -41,45 +42,39 @@ def materials(
         # Any size will do: it is not shown.
         particles = [lazy.particle(f"{before}{name} 1 mm") for name in lazy.known_particles(file)]
         targets = [lazy.target(f"{before}{name}") for name in lazy.known_targets(file)]
-    output = Output("materials", json=json)
-    output.document({"particles": [*map(_particle, particles)], "targets": [*map(_target, targets)]})
-    rows = [(item.name, _span(item.density, item.density_range), item.hardness, item.source) for item in particles]
-    if rows:
-        output.table("Particles", rows, ("particle", "density [kg/m³]", "hardness", "source"), (1,))
-    if targets:
-        output.table("Targets", [_row(item) for item in targets], _TARGET, (1, 2), [_NOTE])
+    described = [
+        Columns("particles", "Particles", [
+            Value("name", [item.name for item in particles], "particle"),
+            *_density(particles),
+            *(Value(name, [getattr(item, name) for item in particles]) for name in ("hardness", "source")),
+            Value("shape", [item.shape for item in particles], only="data"),
+        ]),
+        Columns("targets", "Targets", [
+            Value("name", [item.name for item in targets], "target"),
+            *_density(targets),
+            *_with_range("flow_stress", targets, "Pa", Scale(1e6, "MPa")),
+            Value("vickers", [item.vickers for item in targets], "hardness", scale=Scale(1.0, "HV")),
+            Value("source", [item.source for item in targets]),
+            Value("psi", [item.psi for item in targets], only="data"),
+            Value("correlations", [list(item.correlations) for item in targets], only="data"),
+        ]),
+    ]  # fmt: skip
+    title, notes = "Particles" if particles else "Targets", [_NOTE] if targets else []
+    Output("materials", json=json).present(title, described, sentences=notes)
 
 
-_TARGET = ("target", "density [kg/m³]", "flow stress [MPa]", "by", "source")
+def _density(items: "Sequence[lazy.Particle | lazy.Target]") -> list[Value]:
+    return _with_range("density", items, "kg/m^3", Scale(1.0, "kg/m³"))
 
 
-def _row(item: "lazy.Target") -> tuple[str, ...]:
-    density = "" if item.density is None else _span(item.density, item.density_range)
-    low, high = item.flow_stress_range
-    stress = _span(item.flow_stress / 1e6, (low / 1e6, high / 1e6))
-    return item.name, density, stress, "" if item.vickers is None else f"{item.vickers:g} HV", item.source
-
-
-def _span(value: float, ends: tuple[float, float] | None) -> str:
-    """A value, and the range where it has one."""
-    low, high = ends or (value, value)
-    return f"{value:.4g}" if low == high else f"{value:.4g} ({low:.4g} to {high:.4g})"
-
-
-def _particle(item: "lazy.Particle") -> dict[str, Any]:
-    return {"name": item.name, **_quantity("density", item.density, "kg/m^3", item.density_range),
-            "hardness": item.hardness, "shape": item.shape, "source": item.source}  # fmt: skip
-
-
-def _target(item: "lazy.Target") -> dict[str, Any]:
-    return {"name": item.name, **_quantity("density", item.density, "kg/m^3", item.density_range),
-            **_quantity("flow_stress", item.flow_stress, "Pa", item.flow_stress_range),
-            "vickers": item.vickers, "psi": item.psi, "correlations": list(item.correlations),
-            "source": item.source}  # fmt: skip
-
-
-def _quantity(name: str, value: float | None, unit: str, ends: tuple[float, float] | None) -> dict[str, Any]:
-    return {name: {"value": value, "unit": unit}, f"{name}_range": {"value": list(ends or ()), "unit": unit}}
+def _with_range(name: str, items: Sequence[Any], unit: str, scale: Scale) -> list[Value]:
+    """A number of each material, and its range where it has one."""
+    words = name.replace("_", " ")
+    return [
+        Value(name, [getattr(item, name) for item in items], words, unit=unit, scale=scale, digits=4),
+        Value(f"{name}_range", [getattr(item, f"{name}_range") for item in items], "range", unit=unit, scale=scale,
+              digits=4),
+    ]  # fmt: skip
 
 
 def models(
@@ -98,26 +93,31 @@ def models(
     """
     with user_errors():
         catalogue = lazy.available_models(path)
-    output = Output("models", json=json)
     own = {name: _own(info) for name, info in catalogue.items()}
-    described = {
-        name: {key: getattr(info, key) for key in ("summary", "equations", "error")} | {"own_parameters": own[name]}
-        for name, info in catalogue.items()
-    }
-    output.document({"models": described})
+    infos = list(catalogue.values())
+    described = [
+        Value("name", [*catalogue]),
+        *(Value(key, [getattr(info, key) for info in infos]) for key in ("summary", "equations", "error")),
+        Value("own_parameters", [*own.values()]),
+    ]
     rows: list[tuple[str, str]] = []
     for name, info in catalogue.items():
         rows.append((name, info.error or f"{info.summary}  {info.equations}"))
         for parameter, its in own[name].items():
             meaning = f"  {its['symbol']}, {its['meaning']}" if its["symbol"] != parameter else ""
             rows.append(("", f"{parameter} = {its['value']:g}{meaning}"))
+    names, texts = map(list, zip(*rows, strict=True))
+    shown = [Value("model", names), Value("text", texts, "what it says, and the source's equations")]
     correlations = (
         f"Correlations of engineers can take the place of a model: {', '.join(lazy.CORRELATIONS)}. "
         'Some have a table of targets: "dnv:duplex".'
     )
     exponent = '"-exponent" behind a name multiplies its volumes by (v₀/100 m/s)^(n - 2), n = speed_exponent.'
-    heads = ("model", "what it says, and the source's equations")
-    output.table("", rows, heads, (), [exponent, correlations])
+    listed = [
+        Columns("models", "", described, keyed=True, only="data"),
+        Columns("lines", "", shown, only="table"),
+    ]
+    Output("models", json=json).present("", listed, sentences=[exponent, correlations])
     broken = [name for name, info in catalogue.items() if info.error]
     if broken:
         raise RuntimeError(f"{len(broken)} of {len(catalogue)} models cannot be used.")

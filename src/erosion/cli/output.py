@@ -63,7 +63,7 @@ def require_apart(outputs: Sequence[Path], inputs: Sequence[Any]) -> None:
 
 
 class Output:
-    """The text or the JSON of one run of a verb.
+    """The text or the JSON of one run of a verb, and its files; made before the verb computes.
 
     `docs/json.md` describes the document, `document.schema.json` in this folder checks it.
 
@@ -73,6 +73,12 @@ class Output:
         options: of the case; where a fit wrote its file, the fit's doubts are the first findings.
         json: whether to print JSON and nothing else.
         seed: of the random numbers, where there are any.
+        plot: a figure's files, see `plot_files`; None without a figure.
+        files: other files by what they hold; None for what is not asked for.
+        inputs: what the verb reads beside the case, see `require_outputs`.
+
+    Raises:
+        InputError: for a file that cannot be written, or that the verb reads.
     """
 
     def __init__(
@@ -83,9 +89,14 @@ class Output:
         *,
         json: bool,
         seed: int | None = None,
+        plot: Path | None = None,
+        files: Mapping[str, Path | None] | None = None,
+        inputs: Sequence[Any] = (),
     ) -> None:
         self.verb, self.p, self.json, self.seed = verb, p, json, seed
         self.case = None if options is None else options.case
+        self._plot, self._files = plot, {what: path for what, path in (files or {}).items() if path is not None}
+        require_outputs(*self._files.values(), plot=plot, inputs=(self.case, *inputs))
         self.findings: list[Finding] = []
         if p is not None:
             self.warn(p.size_finding)
@@ -126,15 +137,42 @@ class Output:
             sentences: below the tables, after the conclusions.
         """
         self.warn(*result.findings)
-        own = result.declare()
+        own, below = result.declare(), [*result.conclusions, *sentences]
         declared = [*([Part(name, own, result.title)] if name else own), *also]
+        self.present(title or result.title, declared, models, varied=varied, sentences=below)
+
+    def present(
+        self,
+        title: str,
+        declared: Sequence[Declared],
+        models: "Mapping[str, lazy.CuttingModel] | None" = None,
+        *,
+        varied: Mapping[str, Any] | None = None,
+        sentences: Sequence[str] = (),
+    ) -> None:
+        """Print what is declared, as a document, or as tables with sentences below them; arguments as of `show`."""
         self.document(render.record(declared, has_units=True), models, varied=varied)
-        first, *others = render.tables(title or result.title, declared)
         before: Sequence[str] = ()
-        for table in (first, *others):
-            last = [*result.conclusions, *sentences] if table is (first, *others)[-1] else []
+        tables = render.tables(title, declared)
+        for table in tables:
+            last = sentences if table is tables[-1] else ()
             self.table(table.title, table.rows, table.headings, table.numbers, [*table.notes, *last], before)
             before = [""] if table.notes else ()  # so that notes do not look like the next title
+
+    def save(self, *sentences: str, figure: Callable[[], Any] | None = None, **writers: Callable[[Path], Any]) -> None:
+        """Write the files that are asked for, and say which.
+
+        Args:
+            sentences: to say after them.
+            figure: makes the figure.
+            writers: by what a file holds, what writes it into a path.
+        """
+        with user_errors():
+            for what, path in self._files.items():
+                writers[what](path)
+        if figure is not None:
+            draw(self._plot, figure)
+        self.wrote(*sentences, **self._files, figure=self._plot)
 
     def document(
         self,

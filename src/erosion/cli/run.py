@@ -2,8 +2,9 @@
 
 import math
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from cyclopts import Parameter
@@ -28,7 +29,7 @@ from erosion.cli.options import (
     refuse_same,
     with_file,
 )
-from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
+from erosion.cli.output import Output, PerMassOptions, progress_bar, weighing
 from erosion.results import Columns, Declared, Finding, Scale, Value
 
 
@@ -46,23 +47,37 @@ def run(
     """Follow one impact to its end: when, how, and how much is removed."""
     options = with_file(case, file)
     with progress_bar("computing"):
-        p = options.parameters()
-        name, chosen = named_model(model, own, options)
-        per_mass = weighing(chosen, abrasive, options)
-        require_outputs(plot=plot, inputs=(options.case, name))
-        trajectory = lazy.path(chosen, p)
-        draw(plot, lambda: lazy.plot_trajectory(trajectory))
-    output = Output("run", p, options, json=json)
-    output.warn(per_mass.finding(trajectory.volume, p))
+        cut = _cut(options, model, own, abrasive)
+        output = Output("run", cut.p, options, json=json, plot=plot, inputs=[cut.name])
+        trajectory = lazy.path(cut.model, cut.p)
     if trajectory.dvolume is None or not math.isfinite(trajectory.dvolume):
         output.warn(Finding("no_derivative"))
-    output.show(
-        trajectory,
-        {name: chosen},
-        [*per_mass.declare(trajectory.volume, p), *_in_si(trajectory.volume, p.units)],
-        title=f"{in_full(name, chosen, p.units)}: {trajectory.title.partition(': ')[2]}",
-    )
-    output.wrote(figure=plot)
+    cut.show(output, trajectory, _in_si(trajectory.volume, cut.p.units))
+    output.save(figure=lambda: lazy.plot_trajectory(trajectory))
+
+
+class _Cut(NamedTuple):
+    """One model and one case: what a verb of one cut computes with."""
+
+    p: "lazy.Parameters"
+    name: str
+    model: "lazy.CuttingModel"
+    per_mass: "lazy.PerMass"
+
+    def show(self, output: Output, result: "lazy.Trajectory | lazy.Optimum", also: Sequence[Declared]) -> None:
+        """Show a result with the erosion per mass of abrasive, under the model's name with its own parameters."""
+        output.warn(self.per_mass.finding(result.volume, self.p))
+        title = f"{in_full(self.name, self.model, self.p.units)}: {result.title.partition(': ')[2]}"
+        output.show(
+            result, {self.name: self.model}, [*self.per_mass.declare(result.volume, self.p), *also], title=title
+        )
+
+
+def _cut(options: CaseOptions, model: str | None, own: Sequence[str] | None, abrasive: PerMassOptions | None) -> _Cut:
+    """The cut that options ask for."""
+    p = options.parameters()
+    name, chosen = named_model(model, own, options)
+    return _Cut(p, name, chosen, weighing(chosen, abrasive, options))
 
 
 def _in_si(volume: float, units: "lazy.System") -> list[Value]:
@@ -104,32 +119,29 @@ def optimum(
     options = with_file(case, file)
     options.refuse_given("all angles are searched, or those of --alpha-range", "alpha")
     with progress_bar("searching all angles"):
-        p = options.parameters()
-        name, chosen = named_model(model, own, options)
-        per_mass = weighing(chosen, abrasive, options)
-        texts = read_list(",".join(alpha_range).replace(":", ",")) if alpha_range else []
-        if len(texts) not in (0, 2):
-            raise InputError(
-                f'Option `--alpha-range` must be two angles such as "20deg : 60deg", but has {len(texts)}.'
-            )
-        ends = [options.read("alpha-range", text, "angle") for text in texts]
-        between = (ends[0], ends[1]) if ends else None
+        cut = _cut(options, model, own, abrasive)
+        between = _between(alpha_range, options)
         limit = None if max_turn == "any" else options.read("max-turn", max_turn, "angle")
-        require_outputs(plot=plot, inputs=(options.case, name))
-        search = lazy.alpha_min if least else lazy.alpha_max
+        output = Output("optimum", cut.p, options, json=json, plot=plot, inputs=[cut.name])
         with user_errors():
-            best = search(chosen, p, alpha_range=between, objective=objective, max_turn=limit)
+            search = lazy.alpha_min if least else lazy.alpha_max
+            best = search(cut.model, cut.p, alpha_range=between, objective=objective, max_turn=limit)
         if best.ended_by == "failed":
-            raise RuntimeError(f"{name}: no impact could be computed, at any angle.")
-        draw(plot, lambda: lazy.plot_optimum(best))
-    output = Output("optimum", p, options, json=json)
-    output.warn(per_mass.finding(best.volume, p))
+            raise RuntimeError(f"{cut.name}: no impact could be computed, at any angle.")
     if sensitivities and best.without_sensitivities:
         output.warn(Finding("sensitivities_unknown", numbers={"reason": best.without_sensitivities}))
-    title = f"{in_full(name, chosen, p.units)}: {best.title.partition(': ')[2]}"
-    also = [*per_mass.declare(best.volume, p), *(_sensitivities(best) if sensitivities else ())]
-    output.show(best, {name: chosen}, also, title=title)
-    output.wrote(figure=plot)
+    cut.show(output, best, _sensitivities(best) if sensitivities else ())
+    output.save(figure=lambda: lazy.plot_optimum(best))
+
+
+def _between(alpha_range: Sequence[str] | None, options: CaseOptions) -> tuple[float, float] | None:
+    """The two angles of --alpha-range."""
+    if not alpha_range:
+        return None
+    ends = [options.read("alpha-range", text, "angle") for text in read_list(",".join(alpha_range).replace(":", ","))]
+    if len(ends) != 2:
+        raise InputError(f'Option `--alpha-range` must be two angles such as "20deg : 60deg", but has {len(ends)}.')
+    return ends[0], ends[1]
 
 
 def _sensitivities(best: "lazy.Optimum") -> list[Declared]:
@@ -180,38 +192,41 @@ def compare(
     """
     options = with_file(case, file)
     with progress_bar("comparing"):
-        p = options.parameters()
-        require_outputs(output, plot=plot, inputs=(options.case, *(model or ())))
+        p, overlay = options.parameters(), _correlations(correlations, plot)
+        said = Output("compare", p, options, json=json, plot=plot, files={"curves": output}, inputs=model or ())
         if output is not None and output.suffix == ".nc" and output.exists():
             with user_errors():  # only a comparison is replaced by a comparison: a sweep took longer
                 lazy.read_netcdf(output, _COMPARISON)
-        overlay = _correlations(correlations, plot)
-        chosen = chosen_models(["all"] if model is None else model)
-        loaded = {name: options.load_as_set(name) for name in chosen}
-        references = {name: options.reference(name, as_set=True) for name in chosen}
-        models = {lazy.called(references[name], each): each for name, each in loaded.items()}
-        refuse_same(loaded)
-        if not chosen or len(models) != len(chosen):
-            raise InputError(
-                f"Option `--model` must name one or several different models, but is {','.join(chosen)!r}."
-            )
+        models, references = _several(chosen_models(["all"] if model is None else model), options)
         weights = {name: weighing(each, abrasive, options) for name, each in models.items()}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", lazy.OutOfRangeWarning)
-            curves = lazy.compare([*references.values()], p, alpha=np.union1d(lazy.QUARTER_DEGREES, p.alpha))
-        comparison = lazy.Comparison(curves, p, weights)
-        if not curves.volume.notnull().any():
-            raise lazy.SimulationError(f"{', '.join(comparison.lost)}: no impact could be computed.")
-        draw(plot, lambda: lazy.plot_against_correlations(curves, overlay) if overlay else lazy.plot_comparison(curves))
-        if output is not None:
-            with user_errors():
-                if output.suffix == ".csv":
-                    lazy.write_csv(curves, output, p, weights)
-                else:
-                    lazy.write_netcdf(curves, output, _COMPARISON)
-    said = Output("compare", p, options, json=json)
+            curves = lazy.compare(references, p, alpha=np.union1d(lazy.QUARTER_DEGREES, p.alpha))
+    comparison = lazy.Comparison(curves, p, weights)
+    if not curves.volume.notnull().any():
+        raise lazy.SimulationError(f"{', '.join(comparison.lost)}: no impact could be computed.")
     said.show(comparison, models)
-    said.wrote(figure=plot, curves=output)
+    said.save(
+        figure=lambda: lazy.plot_against_correlations(curves, overlay) if overlay else lazy.plot_comparison(curves),
+        curves=lambda path: (
+            lazy.write_csv(curves, path, p, weights)
+            if path.suffix == ".csv"
+            else lazy.write_netcdf(curves, path, _COMPARISON)
+        ),
+    )
+
+
+def _several(
+    names: list[str], options: CaseOptions
+) -> "tuple[dict[str, lazy.CuttingModel], list[str | lazy.CuttingModel]]":
+    """Different models as the case sets them, by what output calls them, and as other processes know them."""
+    loaded = {name: options.load_as_set(name) for name in names}
+    references = [options.reference(name, as_set=True) for name in names]
+    refuse_same(loaded)
+    models = {lazy.called(each, loaded[name]): loaded[name] for name, each in zip(names, references, strict=False)}
+    if not names or len(models) != len(names):
+        raise InputError(f"Option `--model` must name one or several different models, but is {','.join(names)!r}.")
+    return models, references
 
 
 def _correlations(names: list[str] | None, plot: Path | None) -> list[str]:

@@ -32,9 +32,10 @@ from erosion.cli.options import (
     with_file,
     with_model_of_case,
 )
-from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
+from erosion.cli.output import Output, PerMassOptions, progress_bar, weighing
 from erosion.extras import extra
 from erosion.parameters import QUANTITIES
+from erosion.results import Finding
 
 
 @contextlib.contextmanager
@@ -108,9 +109,9 @@ def sweep(
     chosen = chosen_models(model or _listed(options, section, "model", read_models)) or "linearized"
     chosen = chosen[0] if isinstance(chosen, list) and len(chosen) == 1 else chosen
     table = output if output.suffix == ".csv" else None
-    require_outputs(table, plot=plot, inputs=(options.case, *(chosen if isinstance(chosen, list) else [chosen])))
+    read = chosen if isinstance(chosen, list) else [chosen]
+    printed = Output("sweep", p, options, json=json, plot=plot, files={"table": table}, inputs=read)
     values = _own_values(chosen, options, settings(own, section, f"{options.case}: `set` of [sweep]"))
-    single = {name: float(value) for name, value in values.items() if not value.ndim}
     axes |= {name: axis for name, axis in values.items() if axis.ndim}
     if not (axes or isinstance(chosen, list)):
         raise InputError('Options must include an axis, such as --alpha "1deg:90deg:90", or several models.')
@@ -125,26 +126,27 @@ def sweep(
         # Correlations are those that are made for the target; a single model's own values are the grid's.
         made: Any = options.reference(chosen) if not isinstance(chosen, list) else [
             options.reference(name, as_set=True) for name in chosen]  # fmt: skip
+        single = {name: float(value) for name, value in values.items() if not value.ndim}
         grid = lazy.make_grid(made, p, axes, outputs, paired=together, own=single)
     # By model, and of a single model by the key "".
     weights = {name if grid.compared else "": weighing(each, abrasive, options) for name, each in grid.loaded().items()}
+    printed.warn(*_sizes_apart(p, grid.axes))
     with dask_cluster(workers, scheduler), progress_bar("sweep") as progress:
         with user_errors():
             job = lazy.prepare_sweep(grid, chunks=_chunks(chunks), store=output if table is None else None)
         dataset = job.run(progress)
-    if table is not None:
-        with user_errors():
-            lazy.write_csv(dataset, table, p, weights)
-    draw(plot, lambda: lazy.plot_sweep(dataset))
-    printed = Output("sweep", p, options, json=json)
-    for name in () if "m" in grid.axes else [name for name in ("r", "b") if name in grid.axes]:
-        sizes: dict[str, Any] = {name: grid.axes[name]}
-        printed.warn(dataclasses.replace(p, **sizes).size_finding)
     summary = lazy.SweepSummary(dataset, grid.p, weights, output)
     varied = {name: f"{values.size} values" for name, values in grid.axes.items()}
     printed.show(summary, dict(grid.loaded()), varied=varied)
+    printed.save(figure=lambda: lazy.plot_sweep(dataset), table=lambda path: lazy.write_csv(dataset, path, p, weights))
     if summary.lost == dataset.ended_by.size:
         raise RuntimeError(f"of {summary.lost:,} impacts none could be computed.")
+
+
+def _sizes_apart(p: "lazy.Parameters", axes: Mapping[str, Any]) -> list[Finding | None]:
+    """The findings that radii or widths of axes do not fit the mass."""
+    names = () if "m" in axes else [name for name in ("r", "b") if name in axes]
+    return [dataclasses.replace(p, **{name: axes[name]}).size_finding for name in names]
 
 
 def _listed(options: CaseOptions, section: Mapping[str, Any], name: str, read: Callable[[str], list[str]]) -> Any:
@@ -229,26 +231,28 @@ def stream(
     jet = case_and_laws(options, "stream", section, model, own, joint)
     with reading(f"{options.case}: field `n` of [stream]"):
         count = read_whole(section.get("n", 2**20)) if n is None else n
-    require_outputs(plot=plot, inputs=jet.inputs)
     number = section.get("seed", 0) if seed is None else seed
-    printed = Output("stream", jet.p, options, json=json, seed=number)
-    varied, uncertain, draws = jet.read_laws()
-    if not (varied or uncertain):
+    printed = Output("stream", jet.p, options, json=json, seed=number, plot=plot, inputs=jet.inputs)
+    laws = jet.read_laws()
+    if not (laws.varied or laws.uncertain):
         raise InputError(_NO_LAW)
     with user_errors(TypeError, fields=options.fields("stream", section, n=n, seed=seed, points=points)):
         made = lazy.StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output)
-        job = lazy.prepare_stream(jet.model, jet.p, varied, made, uncertain)
+        job = lazy.prepare_stream(jet.model, jet.p, laws.varied, made, laws.uncertain)
     per_mass = weighing(jet.model, abrasive, options)
-    printed.warn(*lazy.unused_columns({**varied, **uncertain}), *lazy.columns_apart(varied))
-    for part in draws:
-        printed.warn(*part.doubts(jet.model, jet.p, per_mass.cutting_fraction))
+    printed.warn(*laws.findings(jet.model, jet.p, per_mass.cutting_fraction))
+
+    def show(result: "lazy.Stream") -> "lazy.Stream":
+        result = dataclasses.replace(result, per_mass=per_mass)
+        printed.show(result, {jet.name: result.model}, varied=result.laws_in_words())
+        return result
+
     try:
         with progress_bar("stream") as progress:
-            result = dataclasses.replace(job.run(progress), per_mass=per_mass)
+            computed = job.run(progress)
     except lazy.StreamInterrupted as interrupted:
         if interrupted.partial is not None:
-            partial = dataclasses.replace(interrupted.partial, per_mass=per_mass)
-            printed.show(partial, {jet.name: partial.model}, varied=partial.laws_in_words())
+            show(interrupted.partial)
         raise
-    draw(plot, lambda: lazy.plot_stream(result))
-    printed.show(result, {jet.name: result.model}, varied=result.laws_in_words())
+    result = show(computed)
+    printed.save(figure=lambda: lazy.plot_stream(result))
