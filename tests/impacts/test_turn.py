@@ -84,6 +84,15 @@ def test_what_shows_a_best_angle_beyond_the_limit_says_so():
         assert BEYOND_LABEL in [text.get_text() for text in plot_optimum(best).findobj(Text)]
 
 
+def test_a_sweep_gives_turns_if_asked():
+    angles = np.deg2rad([10.0, 30.0, 60.0])
+    found = erosion.sweep(["rotating", "ecrc"], P.to("si"), alpha=angles, turn=True)
+    turns = erosion.impact("rotating", P.to("si").replace(alpha=angles)).turn
+    np.testing.assert_allclose(found.turn.sel(model="rotating"), turns, rtol=1e-8)
+    assert np.isnan(found.turn.sel(model="ecrc")).all()
+    assert "turn" not in erosion.sweep("rotating", P, alpha=angles)
+
+
 def test_sweeps_keep_the_limit():
     found = erosion.regimes("rotating", P, phidot0=np.array([-0.5, 0.0, 0.5]) * P.v0 / P.r, alpha=[0.1, 0.2])
     assert found.turn.attrs["units"] == "rad"

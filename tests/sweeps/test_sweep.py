@@ -20,7 +20,8 @@ from erosion.impacts.dataset_files import StoreError
 from erosion.models import Linearized
 from erosion.plotting.curves import pieces, plot_against_correlations, plot_optimum
 from erosion.plotting.labels import broken
-from erosion.plotting.sweeps import plot_sweep
+from erosion.plotting.sweeps import plot_regimes, plot_sweep
+from erosion.sweeps.boundaries import boundary
 from erosion.sweeps.grid import block_shape, make_grid, regions
 from erosion.sweeps.sweep import MemoryStore, SweepInterrupted, sweep
 from tests.cli.test_set_option import FILE
@@ -113,7 +114,7 @@ def test_netcdf_holds_the_same_and_is_read_back(whole, tmp_path):
     assert len(contents) == 1
     # Identities are words.
     assert set(json.loads(xr.load_dataset(path, engine="h5netcdf").attrs["identity"])) == {
-        "version", "case", "models", "axes", "derivatives", "optimum", "tolerance",
+        "version", "case", "models", "axes", "derivatives", "turn", "optimum", "tolerance",
     }  # fmt: skip
 
 
@@ -308,12 +309,46 @@ def test_a_comparison_holds_curves_and_optima(comparison):
 
 def test_regimes_change_with_spin(map_of_rotating):
     dataset = map_of_rotating
-    assert dict(dataset.sizes) == {"phidot0": 3, "alpha": 22}
+    assert dict(dataset.volume.sizes) == {"phidot0": 3, "alpha": 22}
     names = dataset.ended_by.attrs["flag_meanings"].split()
     ends = np.array(names)[dataset.ended_by.values]
     # With s = -0.5 nothing is cut where cos α ≤ 0.5.
     assert set(ends[0][np.rad2deg(dataset.alpha) > 60]) == {"no-cut"}
     np.testing.assert_allclose(np.rad2deg(dataset.alpha_max), [47.13850880, 25.57182731, 20.39], atol=5e-3)
+
+
+def test_a_boundary_lies_on_the_change() -> None:
+    """Pieces join where three kinds meet, too."""
+    x, y = np.linspace(-1, 1, 12), np.linspace(-1, 1, 9)
+
+    def sectors(x, y):
+        return np.where(np.hypot(x, y) > 0.7, 0, np.where(x > 0.1, 1, 2))
+
+    pieces = boundary(x, y, sectors(x, y[:, None]), sectors)
+    on_a_line = np.isclose(np.hypot(*pieces.T), 0.7, atol=1e-3) | np.isclose(pieces[..., 0].T, 0.1, atol=1e-3)
+    assert on_a_line.mean() > 0.9  # all but the middles of cells
+    _, counts = np.unique(pieces.reshape(-1, 2).round(9), axis=0, return_counts=True)
+    assert counts.min() == 2  # no line is open
+    assert boundary(x, y, np.zeros((9, 12)), sectors).shape == (0, 2, 2)
+
+
+def test_regimes_have_the_lines_where_the_end_changes(map_of_rotating):
+    """Of the cusp of `linearized` the place is known: tan α = k/2."""
+    found = erosion.regimes("linearized", P, alpha=np.deg2rad([10, 30, 50, 70]), k=np.geomspace(0.5, 4, 5))
+    alpha, k = found.end_boundary.values.reshape(-1, 2).T
+    np.testing.assert_allclose(np.tan(alpha), k / 2, rtol=1e-3)
+    assert len(map_of_rotating.turn_boundary) > 0
+
+
+def test_regimes_over_other_parameters_are_of_best_angles():
+    """½ arctan k for any speed, on logarithmic axes."""
+    found = erosion.regimes("linearized", P, k=np.geomspace(0.5, 4, 7), v0=np.geomspace(1000, 9000, 8))
+    assert found.alpha_max.dims == ("v0", "k")
+    np.testing.assert_allclose(found.alpha_max, np.broadcast_to(np.arctan(found.k) / 2, (8, 7)), rtol=1e-9)
+    figure = plot_regimes(found)
+    assert [(ax.get_xscale(), ax.get_yscale()) for ax in figure.axes[:2]] == [("log", "log")] * 2
+    with pytest.raises(ValueError, match="must name two parameters, but name k"):
+        erosion.regimes("linearized", P, k=[1, 2])
 
 
 def test_curves_are_broken_where_they_jump(comparison):

@@ -170,6 +170,7 @@ from erosion.streams.result import Stream as Stream
 from erosion.streams.stream import StreamInterrupted as StreamInterrupted
 from erosion.streams.stream import StreamOptions as StreamOptions
 from erosion.streams.stream import prepare_stream as prepare_stream
+from erosion.sweeps.boundaries import with_boundaries as with_boundaries
 from erosion.sweeps.grid import Outputs as Outputs
 from erosion.sweeps.grid import make_grid as make_grid
 from erosion.sweeps.summary import Comparison as Comparison

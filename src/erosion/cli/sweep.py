@@ -61,7 +61,7 @@ def dask_cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
         yield
 
 
-_FIELDS = ("model", "paired", "derivatives", "wrt", "optimum", "set")
+_FIELDS = ("model", "paired", "derivatives", "wrt", "optimum", "turn", "set")
 """The fields of [sweep] in a case file, beside parameters."""
 
 
@@ -80,6 +80,7 @@ def sweep(
     derivatives: Annotated[WholeOption, Parameter(help="Also dV/dq (1), and d²V/dq² (2).")] = None,
     wrt: Annotated[str | None, Parameter(help="The parameter q of the derivatives; alpha without it.")] = None,
     optimum: Annotated[bool | None, Parameter(help="Also the best angle, over the other axes.")] = None,
+    turn: Annotated[bool | None, Parameter(help="Also how far the body turns.")] = None,
     chunks: Annotated[
         list[str] | None, LISTED, Parameter(help='With out.zarr, sizes of blocks: "alpha=100,v0=200".')
     ] = None,
@@ -115,12 +116,15 @@ def sweep(
     axes |= {name: axis for name, axis in values.items() if axis.ndim}
     if not (axes or isinstance(chosen, list)):
         raise InputError('Options must include an axis, such as --alpha "1deg:90deg:90", or several models.')
-    in_file = options.fields("sweep", section, paired=paired, derivatives=derivatives, wrt=wrt, optimum=optimum)
+    in_file = options.fields(
+        "sweep", section, paired=paired, derivatives=derivatives, wrt=wrt, optimum=optimum, turn=turn
+    )
     with user_errors(TypeError, fields=in_file):
         outputs = lazy.Outputs(
             derivatives=section.get("derivatives", 0) if derivatives is None else derivatives,
             wrt=wrt or section.get("wrt", "alpha"),
             optimum=section.get("optimum", False) if optimum is None else optimum,
+            turn=section.get("turn", False) if turn is None else turn,
         )
         together = paired or _listed(options, section, "paired", read_list) or ()
         # Correlations are those that are made for the target; a single model's own values are the grid's.
@@ -138,7 +142,10 @@ def sweep(
     summary = lazy.SweepSummary(dataset, grid.p, weights, output)
     varied = {name: f"{values.size} values" for name, values in grid.axes.items()}
     printed.show(summary, dict(grid.loaded()), varied=varied)
-    printed.save(figure=lambda: lazy.plot_sweep(dataset), table=lambda path: lazy.write_csv(dataset, path, p, weights))
+    printed.save(
+        figure=lambda: lazy.plot_sweep(lazy.with_boundaries(grid, dataset)),
+        table=lambda path: lazy.write_csv(dataset, path, p, weights),
+    )
     if summary.lost == dataset.ended_by.size:
         raise RuntimeError(f"of {summary.lost:,} impacts none could be computed.")
 

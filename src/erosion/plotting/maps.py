@@ -16,14 +16,13 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import LogFormatter
 
 from erosion.cfd.map_result import FACES, to_polydata, total_scale
 from erosion.extras import library
 from erosion.output import briefly, with_error
 from erosion.parameters import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
-from erosion.plotting.style import house_style, mark_turned, new_figure
+from erosion.plotting.style import PlainNumbers, house_style, mark_turned, new_figure
 from erosion.results import from_attribute
 from erosion.streams.result import NozzleAngle, Stream
 
@@ -349,13 +348,6 @@ def plot_stream(stream: Stream) -> Figure:
     return fig
 
 
-class _PlainNumbers(LogFormatter):
-    """Ticks of a logarithmic axis as 0.3 and 30, not 3e-01 and 3 × 10¹."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        return f"{x:g}" if super().__call__(x, pos) else ""
-
-
 @house_style()
 def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
     """The share of the particles over the volume that they remove; the title says how many remove nothing."""
@@ -369,7 +361,7 @@ def plot_stream_histogram(ax: Axes, stream: Stream) -> Axes:
     volume, nothing = RESULTS["volume"], stream.tally.bins[0] / stream.tally.bins.sum()
     label = f"{volume.symbol}  {volume.meaning}  [{scale.unit}]"
     ax.set(xscale="log", xlabel=label, ylabel="share of the particles", ylim=(0, None))
-    ax.xaxis.set(major_formatter=_PlainNumbers(), minor_formatter=_PlainNumbers())
+    ax.xaxis.set(major_formatter=PlainNumbers(), minor_formatter=PlainNumbers())
     ax.yaxis.set_major_formatter(lambda share, _: f"{100 * share:g} %")
     title = f"{100 * nothing:.2g} % of the particles remove nothing" if nothing else "every particle removes something"
     ax.set_title(title, fontsize="medium", wrap=True)

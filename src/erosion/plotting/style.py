@@ -18,6 +18,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
 from erosion.impacts import BEYOND_LABEL, OF_TURN
 from erosion.output import write_whole
@@ -224,6 +225,14 @@ def _suffix(path: Path) -> str:
 def typeset(symbol: str) -> str:
     """A symbol such as t_c as mathtext."""
     return re.sub(r"^(\w)_(\w+)$", r"$\1_{\2}$", symbol) if "_" in symbol else f"${symbol}$"
+
+
+class PlainNumbers(LogFormatter):
+    """Ticks of a logarithmic axis as 0.3 and 30, not 3e-01 and 3 × 10¹."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """The label of a tick; none where the axis would be too full, as of 4 beside 3."""
+        return f"{x:g}" if super().__call__(x, pos) and not f"{x:e}".startswith("4") else ""
 
 
 def angle_axis(ax: Axes, low: float = 0.0, high: float = 90.0, label: str | None = None) -> None:

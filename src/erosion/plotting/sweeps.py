@@ -1,19 +1,23 @@
 """Figures of sweeps, comparisons and regimes from their Datasets."""
 
+import dataclasses
+import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.axis import XAxis, YAxis
+from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from erosion.impacts import BEYOND_LABEL
-from erosion.parameters import QUANTITIES, System, readable_scale
+from erosion.parameters import QUANTITIES, Scale, System, readable_scale
 from erosion.plotting.curves import mark_best
 from erosion.plotting.labels import (
     AT_CONTACT,
@@ -29,6 +33,7 @@ from erosion.plotting.labels import (
     end_label,
 )
 from erosion.plotting.style import (
+    PlainNumbers,
     angle_axis,
     axes_or_new,
     house_style,
@@ -40,6 +45,7 @@ from erosion.plotting.style import (
 from erosion.results import Finding, from_attribute
 from erosion.sweeps.grid import in_words
 
+_BESIDE = 5.0  # inches; two panels of a narrower figure are below each other
 _DASH = 8.0  # and gap, in widths of a line
 _HIDDEN = 0.25  # share of a curve, from which on it is dashed
 _SHARE: Mapping[str, Any] = {"alpha": 0.2, "linewidth": 0}  # of areas below curves of several colours
@@ -86,52 +92,118 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
     return fig
 
 
+class _Axis(NamedTuple):
+    """An axis of a sweep: its values in a readable unit, the size of this, its label, and whether it is logarithmic."""
+
+    name: str
+    values: np.ndarray
+    size: float
+    label: str
+    log: bool
+
+    def apply(self, axis: XAxis | YAxis) -> None:
+        """Scale and name an axis of a panel."""
+        axis.set_label_text(self.label)
+        if self.log:
+            axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+            axis.set(major_formatter=PlainNumbers(), minor_formatter=PlainNumbers())
+
+    @property
+    def edges(self) -> np.ndarray:
+        """The middles between neighbouring values, on the scale of the axis, from the first value to the last."""
+        middles = (self.values[1:] + self.values[:-1]) / 2
+        if self.log:
+            middles = np.sqrt(self.values[1:] * self.values[:-1])
+        return np.array([self.values[0], *middles, self.values[-1]])
+
+
+@dataclasses.dataclass(frozen=True)
+class _Plane:
+    """Two parameters of a sweep, as the axes of panels."""
+
+    found: xr.Dataset
+    across: _Axis
+    up: _Axis
+
+    @classmethod
+    def of(cls, found: xr.Dataset, x: str, y: str) -> "_Plane":
+        return cls(found.transpose(y, x, ...), _axis(found, x), _axis(found, y))
+
+    def fill(self, ax: Axes, values: np.ndarray, **look: Any) -> QuadMesh:
+        """Colour each point, and name the axes."""
+        self.across.apply(ax.xaxis)
+        self.up.apply(ax.yaxis)
+        ax.grid(visible=False)
+        return ax.pcolormesh(self.across.edges, self.up.edges, values, rasterized=True, **look)
+
+    def line(self, ax: Axes, name: str, label: str, **look: Any) -> None:
+        """Draw a boundary of the sweep, if it has this one."""
+        if name in self.found and self.found[name].size:
+            pieces = self.found[name].sel(axis=[self.across.name, self.up.name]).values
+            lines = LineCollection(list(pieces / (self.across.size, self.up.size)), label=label, **look)
+            ax.add_collection(lines, autolim=False)
+
+
 @house_style()
 def plot_regimes(regimes: xr.Dataset) -> Figure:
-    """How cuts end and how much they remove, over angle and spin, with the best angle of each spin.
+    """How cuts end and how much they remove over two parameters, with the best angles.
 
-    A dotted line surrounds the cuts that turn the body by more than 90°.
+    Over the angle and another parameter dots are the best angle of each value. Over two other parameters the best angle
+    is the colour, and the ends are those of its cuts. A dotted line surrounds what turns the body by more than 90°.
     """
-    units: System = regimes.attrs["unit_system"]
+    y, x = regimes.volume.dims
+    plane, units = _Plane.of(regimes, str(x), str(y)), _sweep_units(regimes)
+    of_optima = "alpha" not in (x, y)
     fig = new_figure(7.2, 4.6)
-    left, right = fig.subplots(1, 2, sharey=True)
-    degrees = np.rad2deg(regimes.alpha.values)
-    spin = readable_scale("angular speed", units, float(np.max(np.abs(regimes.phidot0))))
-    spins = regimes.phidot0.values / spin.size
-    names = regimes.ended_by.attrs["flag_meanings"].split()
-    codes = regimes.ended_by.transpose("phidot0", "alpha").values
-    present = [int(code) for code in np.unique(codes)]
+    beside = fig.get_figwidth() > _BESIDE
+    if not beside:
+        fig.set_figheight(2 * fig.get_figwidth())
+    left, right = fig.subplots(1 if beside else 2, 2 if beside else 1, sharex=True, sharey=True)
+    ends = regimes.alpha_max_ended_by if of_optima else regimes.ended_by
+    names, present = ends.attrs["flag_meanings"].split(), np.unique(ends.values)
     colors = [ENDS.get(names[code], INK) for code in present]
-    left.pcolormesh(degrees, spins, np.searchsorted(present, codes), cmap=ListedColormap(colors), vmin=-0.5,
-                    vmax=len(present) - 0.5, alpha=0.75, rasterized=True)  # fmt: skip
-    volume = regimes.volume.transpose("phidot0", "alpha").values
-    scale = readable_scale("volume", units, float(np.nanmax(volume)))
-    mesh = right.pcolormesh(degrees, spins, volume / scale.size, cmap="cividis", rasterized=True)
-    fig.colorbar(mesh, ax=right, label=result_label("volume", scale))
-    jumps = in_words(regimes.alpha_max_kind) == "jump"
-    best = np.rad2deg(regimes.alpha_max.values)
+    look: dict[str, Any] = {"cmap": ListedColormap(colors), "vmin": -0.5, "vmax": len(present) - 0.5, "alpha": 0.75}
+    plane.fill(left, np.searchsorted(present, ends.values), **look)
+    if of_optima:
+        mesh, label = plane.fill(right, np.rad2deg(regimes.alpha_max.values), cmap="cividis"), _BEST
+    else:
+        scale = readable_scale("volume", units, float(np.nanmax(regimes.volume)))
+        mesh, label = (
+            plane.fill(right, regimes.volume.values / scale.size, cmap="cividis"),
+            result_label("volume", scale),
+        )
+    fig.colorbar(mesh, ax=right, label=label)
     for ax, ink in ((left, INK), (right, "white")):
-        ax.plot(np.where(jumps, np.nan, best), spins, ".", color=ink, markersize=3.5)
-        ax.plot(np.where(jumps, best, np.nan), spins, "D", color="none", markeredgecolor=ink, markersize=4)
-        if regimes.turned_beyond.any():
-            turned = regimes.turned_beyond.transpose("phidot0", "alpha").values
-            ax.contour(degrees, spins, turned, levels=(0.5,), colors=ink, linewidths=1.1, linestyles="dotted")
-        angle_axis(ax)
-        ax.grid(visible=False)
-        ax.set_title("how the cut ends" if ax is left else "what it removes", fontsize="medium")
-    left.set_ylabel(f"{QUANTITIES['phidot0'].symbol}  {QUANTITIES['phidot0'].meaning}  [{spin.unit}]")
-    handles: list[Any] = [
-        Patch(color=color, alpha=0.75, label=end_label(names[code]))
-        for code, color in zip(present, colors, strict=True)
-    ]
-    handles.append(Line2D([], [], marker=".", linestyle="", color=INK, label="greatest for this spin"))
-    if jumps.any():
-        handles.append(Line2D([], [], marker="D", linestyle="", color="none", markeredgecolor=INK, markersize=5,
-                              label="greatest for this spin, at a jump"))  # fmt: skip
-    if regimes.turned_beyond.any():
-        handles.append(Line2D([], [], color=INK, linestyle="dotted", linewidth=1.1, label=f"inside: {BEYOND_LABEL}"))
-    fig.legend(handles=handles, loc="outside lower center", ncols=3)
+        if of_optima:
+            plane.line(ax, "best_boundary", "the best angle is of another kind", color=ink, linewidth=1.2)
+        else:
+            plane.line(ax, "end_boundary", "the end of the cut changes", color=ink, linewidth=1.2)
+            plane.line(ax, "turn_boundary", f"inside: {BEYOND_LABEL}", color=ink, linewidth=1.2, linestyle=":")
+            _draw_best(ax, regimes, plane, x == "alpha", ink)
+    handles = left.get_legend_handles_labels()[0]
+    for drawn in right.get_legend_handles_labels()[0]:
+        drawn.set_label("")  # white on white in a legend
+    left.set_title("how the best cut ends" if of_optima else "how the cut ends", fontsize="medium")
+    right.set_title("its angle" if of_optima else "what it removes", fontsize="medium")
+    (right.yaxis if beside else left.xaxis).label.set_visible(False)
+    patches = [Patch(color=color, alpha=0.75, label=end_label(names[code]))
+               for code, color in zip(present, colors, strict=True)]  # fmt: skip
+    fig.legend(handles=[*patches, *handles], loc="outside lower center", ncols=3 if beside else 2)
     return fig
+
+
+def _draw_best(ax: Axes, regimes: xr.Dataset, plane: _Plane, flat: bool, ink: str) -> None:
+    """The best angle of each value of the other parameter; `flat` where the angle runs along x."""
+    jumps = in_words(regimes.alpha_max_kind) == "jump"
+    best, values = np.rad2deg(regimes.alpha_max.values), (plane.up if flat else plane.across).values
+    marks: tuple[tuple[np.ndarray, str, dict[str, Any]], ...] = (
+        (~jumps, "", {"marker": ".", "color": ink, "markersize": 3.5}),
+        (jumps, ", at a jump", {"marker": "D", "color": "none", "markeredgecolor": ink, "markersize": 4}),
+    )
+    for chosen, more, look in marks:
+        if chosen.any():
+            at = (best[chosen], values[chosen]) if flat else (values[chosen], best[chosen])
+            ax.plot(*at, linestyle="", label=f"greatest for this value{more}", **look)
 
 
 _FEW = 6
@@ -139,7 +211,7 @@ _FEW = 6
 
 
 def plot_sweep(sweep: xr.Dataset, *, ax: Axes | None = None) -> Figure:
-    """The volume of a sweep: curves over one axis, or a map if both axes have many values.
+    """The volume of a sweep: curves over one axis, or a map if both have many values; of best angles if it has them.
 
     Args:
         sweep: of one or two dimensions. If it has more, select from it: `sweep.isel(v0=0)`.
@@ -148,16 +220,17 @@ def plot_sweep(sweep: xr.Dataset, *, ax: Axes | None = None) -> Figure:
     Raises:
         ValueError: for a sweep of other dimensions.
     """
-    numeric = sorted((dim for dim in sweep.dims if sweep[dim].dtype.kind == "f"), key=lambda dim: -sweep.sizes[dim])
-    many = [dim for dim in numeric if sweep.sizes[dim] > _FEW]
-    if not numeric or len(sweep.dims) > 2:
-        shape = " × ".join(f"{n} {dim}" for dim, n in sweep.sizes.items())
+    sizes = sweep.volume.sizes
+    numeric = sorted((dim for dim in sizes if sweep[dim].dtype.kind == "f"), key=lambda dim: -sizes[dim])
+    many = [dim for dim in numeric if sizes[dim] > _FEW]
+    if not numeric or len(sizes) > 2:
+        shape = " × ".join(f"{n} {dim}" for dim, n in sizes.items())
         raise ValueError(
             f"A sweep must have one or two dimensions, one of them a parameter, to be drawn; this is {shape}."
         )
     fig, ax = axes_or_new(ax, 6.2, 4.4)
-    if len(sweep.dims) == len(many) == 2:
-        plot_volume_map(ax, sweep, *(str(dim) for dim in sweep.dims))
+    if len(sizes) == len(many) == 2:
+        plot_sweep_map(ax, sweep, *(str(dim) for dim in sizes))
     else:
         plot_volume_family(ax, sweep, str(numeric[0]))
     return fig
@@ -167,16 +240,17 @@ def plot_sweep(sweep: xr.Dataset, *, ax: Axes | None = None) -> Figure:
 def plot_volume_family(ax: Axes, sweep: xr.Dataset, along: str) -> Axes:
     """Removed volume along an axis, with one curve for each value of the other dimension if there is one."""
     scale = readable_scale("volume", _sweep_units(sweep), float(np.nanmax(sweep.volume)))
-    x, x_label = _axis(sweep, along)
-    other_dims = [str(dim) for dim in sweep.dims if dim != along]
-    curves = sweep.volume.transpose(..., along).values.reshape(-1, len(x)) / scale.size
+    axis = _axis(sweep, along)
+    other_dims = [str(dim) for dim in sweep.volume.dims if dim != along]
+    curves = sweep.volume.transpose(..., along).values.reshape(-1, len(axis.values)) / scale.size
     labels = _labels(sweep, other_dims[0]) if other_dims else [sweep.attrs.get("model", "")]
     colors = list(PALETTE.values())
     if len(curves) > _FEW:
         colors = [mpl.colormaps["viridis"](fraction) for fraction in np.linspace(0, 0.92, len(curves))]
     for curve, label, color in zip(curves, labels, colors, strict=False):
-        ax.plot(x, curve, color=color, label=label, marker="" if len(x) > 1 else "o")
-    ax.set(xlabel=x_label, ylabel=result_label("volume", scale), ylim=(0, None))
+        ax.plot(axis.values, curve, color=color, label=label, marker="" if len(curve) > 1 else "o")
+    axis.apply(ax.xaxis)
+    ax.set(ylabel=result_label("volume", scale), ylim=(0, None))
     ax.margins(x=0)
     shown = slice(None, None, max(1, (len(curves) - 1) // (_FEW - 1)))
     handles = [*ax.get_legend_handles_labels()[0][shown], *mark_turned(ax, _findings(sweep))]
@@ -185,24 +259,25 @@ def plot_volume_family(ax: Axes, sweep: xr.Dataset, along: str) -> Axes:
 
 
 @house_style()
-def plot_volume_map(ax: Axes, sweep: xr.Dataset, x: str, y: str) -> Axes:
-    """Removed volume over two axes, with lines where the kind of end changes."""
-    scale = readable_scale("volume", _sweep_units(sweep), float(np.nanmax(sweep.volume)))
-    (across, x_label), (up, y_label) = _axis(sweep, x), _axis(sweep, y)
-    volume = sweep.volume.transpose(y, x).values / scale.size
-    ends = sweep.ended_by.transpose(y, x).values.astype(float)
-    image = ax.pcolormesh(across, up, volume, cmap="viridis", shading="nearest", rasterized=True)
-    if np.ptp(ends) > 0:
-        codes = np.unique(ends)
-        ax.contour(across, up, ends, levels=(codes[1:] + codes[:-1]) / 2, colors="white", linewidths=1.2)
-        ax.plot([], [], color="white", label="the end of the cut changes")
-    mark_turned(ax, _findings(sweep))
-    if ax.get_legend_handles_labels()[0]:
-        ax.legend(loc="upper right", frameon=True, facecolor=INK, labelcolor="white", framealpha=0.75)
-    ax.set(xlabel=x_label, ylabel=y_label)
-    ax.grid(visible=False)
+def plot_sweep_map(ax: Axes, sweep: xr.Dataset, x: str, y: str) -> Axes:
+    """The best angle over two axes, or without it the removed volume, with the lines where its kind changes."""
+    plane = _Plane.of(sweep, x, y)
+    if "alpha_max" in sweep and sweep.alpha_max.ndim == len((x, y)):
+        image, label = plane.fill(ax, np.rad2deg(plane.found.alpha_max.values), cmap="viridis"), _BEST
+        plane.line(ax, "best_boundary", "the best angle is of another kind", color="white", linewidth=1.2)
+    else:
+        scale = readable_scale("volume", _sweep_units(sweep), float(np.nanmax(sweep.volume)))
+        image, label = (
+            plane.fill(ax, plane.found.volume.values / scale.size, cmap="viridis"),
+            result_label("volume", scale),
+        )
+        plane.line(ax, "end_boundary", "the end of the cut changes", color="white", linewidth=1.2)
+        plane.line(ax, "turn_boundary", "the body turns by 90°", color="white", linewidth=1.2, linestyle=":")
+        mark_turned(ax, _findings(sweep))
     figure: Any = ax.figure
-    figure.colorbar(image, ax=ax, label=result_label("volume", scale))
+    if ax.get_legend_handles_labels()[0]:
+        figure.legend(loc="outside lower center", facecolor=INK, frameon=True, labelcolor="white")
+    figure.colorbar(image, ax=ax, label=label)
     return ax
 
 
@@ -216,26 +291,42 @@ def _sweep_units(sweep: xr.Dataset) -> System:
     return sweep.attrs["unit_system"]
 
 
-def _axis(sweep: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
-    """Values in readable units, and the label of a parameter's axis; angles are in degrees."""
+_BEST = "best angle  [°]"
+_EQUAL = 1e-6  # relative difference of the steps of an axis
+
+
+def _axis(sweep: xr.Dataset, name: str) -> _Axis:
+    """A parameter's axis, in readable units; angles are in degrees."""
     values = sweep[name].values
+    log = _is_geometric(values)
     if name not in QUANTITIES:
         labels = sweep[name].attrs
         unit = "" if labels["units"] == "1" else f"  [{labels['units']}]"
-        return values, f"{labels['symbol']}  {labels['long_name']}{unit}"
+        return _Axis(name, values, 1.0, f"{labels['symbol']}  {labels['long_name']}{unit}", log)
     quantity = QUANTITIES[name]
-    if quantity.dimension == "angle":
-        return np.rad2deg(values), f"{quantity.symbol}  {quantity.meaning}  [°]"
-    scale = readable_scale(quantity.dimension, _sweep_units(sweep), float(np.abs(values).max()))
+    scale = Scale(math.pi / 180, "°")
+    if quantity.dimension != "angle":
+        scale = readable_scale(quantity.dimension, _sweep_units(sweep), float(np.abs(values).max()))
     unit = f"  [{scale.unit}]" if scale.unit else ""
-    return values / scale.size, f"{quantity.symbol}  {quantity.meaning}{unit}"
+    return _Axis(name, values / scale.size, scale.size, f"{quantity.symbol}  {quantity.meaning}{unit}", log)
+
+
+def _is_geometric(values: np.ndarray) -> bool:
+    """Whether the ratios of neighbours are equal, and their distances are not."""
+    if len(values) <= 2 or values[0] * values[-1] <= 0 or not (values > 0).all():
+        return False
+    steps, ratios = np.diff(values), np.diff(np.log(values))
+    return bool(
+        np.allclose(ratios, ratios[0], rtol=1e-6, atol=0) and not np.allclose(steps, steps[0], rtol=1e-6, atol=0)
+    )
 
 
 def _labels(sweep: xr.Dataset, name: str) -> list[str]:
     if sweep[name].dtype.kind != "f":
         return [str(value) for value in sweep[name].values]
-    values, label = _axis(sweep, name)
-    unit = label.partition("[")[2].rstrip("]")
+    axis = _axis(sweep, name)
+    unit = axis.label.partition("[")[2].rstrip("]")
     return [
-        f"{sweep[name].attrs['symbol']} = {value:.4g}{'' if unit == '°' else ' '}{unit}".rstrip() for value in values
+        f"{sweep[name].attrs['symbol']} = {value:.4g}{'' if unit == '°' else ' '}{unit}".rstrip()
+        for value in axis.values
     ]

@@ -26,6 +26,7 @@ from erosion.impacts import (
     impact,
     numbers_in_words,
     provenance,
+    turn_of,
     turned_in_part,
 )
 from erosion.models import (
@@ -214,6 +215,7 @@ class Outputs:
         derivatives, wrt, rtol: see `erosion.impact`; `wrt` is one parameter.
         optimum: whether the best angle is computed too, over the other dimensions than "alpha".
         max_turn: the greatest turn of the body [rad] among which the best angle is searched, see `erosion.alpha_max`.
+        turn: whether the turn of the body is computed too.
         at_contact: whether a model removes something beside the cut.
         own: quantities of the models' own by name, those that all models have.
 
@@ -226,6 +228,7 @@ class Outputs:
     rtol: float = 1e-9
     optimum: bool = False
     max_turn: float | None = QUARTER_TURN
+    turn: bool = False
     at_contact: bool = False
     own: Mapping[str, Quantity] = dataclasses.field(default_factory=dict)
 
@@ -233,12 +236,14 @@ class Outputs:
     def names(self) -> tuple[str, ...]:
         """The names of the numbers of each impact."""
         volumes = ("volume", "volume_at_contact") if self.at_contact else ("volume",)
-        return (*volumes, *self.own, "t_c", *("dvolume", "d2volume")[: self.derivatives])
+        turn = ("turn",) if self.turn else ()
+        return (*volumes, *self.own, "t_c", *turn, *("dvolume", "d2volume")[: self.derivatives])
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "derivatives", check_order(self.derivatives))
-        if not isinstance(self.optimum, bool):
-            raise TypeError(f"Argument `optimum` must be true or false, but is {briefly(self.optimum)}.")
+        for name in ("optimum", "turn"):
+            if not isinstance(getattr(self, name), bool):
+                raise TypeError(f"Argument `{name}` must be true or false, but is {briefly(getattr(self, name))}.")
         object.__setattr__(self, "rtol", check_share("rtol", self.rtol))
 
 
@@ -374,7 +379,9 @@ class Grid(AnyGrid):
         """The variables of one model."""
         outputs = self.outputs
         hits = impact(*self.impacts(model), derivatives=outputs.derivatives, wrt=outputs.wrt, rtol=outputs.rtol)
-        values = {name: hits.quantities[name] if name in outputs.own else getattr(hits, name) for name in outputs.names}
+        own = {name: hits.quantities[name] for name in outputs.own}
+        own |= {"turn": turn_of(*self.impacts(model))} if outputs.turn else {}
+        values = {name: own[name] if name in own else getattr(hits, name) for name in outputs.names}
         values["ended_by"] = _codes(hits.ended_by, self.ends)
         if outputs.optimum:
             best = alpha_max(*self.impacts(model, but="alpha"), max_turn=outputs.max_turn)
@@ -391,6 +398,7 @@ class Grid(AnyGrid):
             self.p,
             axes=numbers_in_words({"their order": self.dims, **self.axes}),
             derivatives=f"{self.outputs.derivatives} by {self.outputs.wrt}",
+            turn=repr(self.outputs.turn),
             optimum=f"{self.outputs.optimum}, to a turn of {self.outputs.max_turn}",
             tolerance=repr(self.outputs.rtol),
         )

@@ -34,15 +34,14 @@ from erosion.impacts import (
     read_netcdf,
     require_code,
     require_same,
-    turn_of,
     turned_beyond,
     write_netcdf,
 )
 from erosion.interrupts import keeping_results
-from erosion.models import load_model
 from erosion.ode.step_control import require_float64
 from erosion.output import briefly, claimed, require_writable, trace, written_whole
-from erosion.parameters import QUARTER_DEGREES, RESULTS, Parameters, require_scalars, validate
+from erosion.parameters import QUARTER_DEGREES, Parameters, require_scalars, validate
+from erosion.sweeps.boundaries import with_boundaries
 from erosion.sweeps.grid import AnyGrid, Model, Outputs, Region, block_shape, make_grid, regions
 
 # zarr's own name for a chunk that it is writing: the chunk's place and a random UUID.
@@ -307,6 +306,7 @@ def sweep(
     rtol: float = 1e-9,
     optimum: bool = False,
     max_turn: float | str | None = "90deg",
+    turn: bool = False,
     paired: Sequence[str] = (),
     chunks: Mapping[str, int] | None = None,
     store: str | Path | None = None,
@@ -327,6 +327,7 @@ def sweep(
         optimum: also keep alpha_max, volume_max, alpha_max_kind and alpha_max_ended_by, over
             the other axes than alpha; see `erosion.alpha_max`.
         max_turn: the greatest turn of the body at the best angles, see `erosion.alpha_max`.
+        turn: also how far the body turns in each cut, by a second integration.
         paired: names of two or more axes of one length that go together, along "pair".
         chunks: with a Zarr store, lengths of its blocks by dimension (those left out are not
             cut); without it, blocks of about 10⁵ impacts.
@@ -341,7 +342,7 @@ def sweep(
 
     Returns:
         volume, t_c and ended_by (codes; the attributes flag_values and flag_meanings explain
-        them), derivatives and best angles if asked for, over the axes, with units and the whole case; and
+        them), derivatives, turns and best angles if asked for, over the axes, with units and the whole case; and
         volume_at_contact, if a model removes something beside the cut.
 
     Raises:
@@ -353,7 +354,8 @@ def sweep(
         OutOfRangeWarning: where a correlation is used outside of its range, with the share of the impacts.
     """
     require_float64()
-    grid = make_grid(model, p, axes, Outputs(derivatives, wrt, rtol, optimum, check_max_turn(max_turn)), paired=paired)
+    outputs = Outputs(derivatives, wrt, rtol, optimum, check_max_turn(max_turn), turn)
+    grid = make_grid(model, p, axes, outputs, paired=paired)
     for finding in grid.outside_of_range:
         warnings.warn(finding.text, OutOfRangeWarning, stacklevel=2)
     return prepare_sweep(grid, chunks=chunks, store=store).run(progress)
@@ -476,39 +478,42 @@ def compare(models: Sequence[Model], p: Parameters, *, alpha: Any = None) -> xr.
     return _with_turned(found, ("model", "alpha"), np.stack([turned_beyond(model, at) for model in models]))
 
 
-def _with_turned(found: xr.Dataset, dims: tuple[str, str], turned: np.ndarray) -> xr.Dataset:
+def _with_turned(found: xr.Dataset, dims: tuple[str, ...], turned: np.ndarray) -> xr.Dataset:
     """The same with `turned_beyond`, whether the body turns by more than 90° in each cut."""
     said = {"long_name": "whether the body turns by more than 90°, where the model does not hold", "units": "1"}
     return found.assign(turned_beyond=(dims, turned, said))
 
 
-def regimes(
-    model: Model, p: Parameters, *, alpha: Any = None, phidot0: Any = None, max_turn: float | str | None = "90deg"
-) -> xr.Dataset:
-    """How cuts end and what they remove over angle and spin, with the best angle of each spin.
+def regimes(model: Model, p: Parameters, *, max_turn: float | str | None = "90deg", **axes: Any) -> xr.Dataset:
+    """How cuts end and what they remove over two parameters, and their best angles.
+
+        erosion.regimes("rotating", p)  # over angle and spin
+        erosion.regimes("rotating", p, k=np.geomspace(0.5, 5, 40), phidot0=spins)  # the best angles over k and spin
 
     Args:
         model: a model, its name or path.
-        p: one case; its `alpha` and `phidot0` are not used.
-        alpha: angles, shape (n,) [rad]; every half degree without it.
-        phidot0: spins, shape (k,) [rad/s]; without it s = r φ̇0/v0 from -0.9 to 0.9.
+        p: one case; the axes replace two of its values.
         max_turn: the greatest turn of the body at the best angles, see `erosion.alpha_max`.
+        **axes: two parameters, of the case or the model's own, with their values, the first along x; without them, or
+            with `alpha` or `phidot0` alone: every half degree, and spins s = r φ̇0/v0 from -0.9 to 0.9.
 
     Returns:
-        Over (phidot0, alpha): volume, dvolume, d2volume, t_c, ended_by, turn and turned_beyond; over phidot0:
-        alpha_max, volume_max, alpha_max_kind, alpha_max_ended_by.
+        Over both (y, x): volume, dvolume, d2volume, t_c, ended_by, turn and turned_beyond; over the parameters other
+        than `alpha`: alpha_max, volume_max, alpha_max_kind, alpha_max_ended_by; and the lines where these change, see
+        `with_boundaries`.
 
     Raises:
         ValueError, TypeError: as `sweep`.
     """
-    if phidot0 is None:
-        validate(p)
-        require_scalars(p)
-        phidot0 = np.linspace(-0.9, 0.9, _SPINS) * float(p.v0 / p.r)
-    angles = QUARTER_DEGREES[1::2] if alpha is None else alpha
-    found = sweep(model, p, phidot0=phidot0, alpha=angles, derivatives=2, optimum=True, max_turn=max_turn)
-    at = p.replace(alpha=found.alpha.values, phidot0=found.phidot0.values[:, None])
-    found = found.assign(
-        turn=(("phidot0", "alpha"), turn_of(load_model(model), at), RESULTS["turn"].attributes(p.units))
-    )
-    return _with_turned(found, ("phidot0", "alpha"), turned_beyond(model, at))
+    require_float64()
+    validate(p)
+    require_scalars(p)
+    usual = {"alpha": QUARTER_DEGREES[1::2], "phidot0": np.linspace(-0.9, 0.9, _SPINS) * float(p.v0 / p.r)}
+    axes = usual | axes if axes.keys() <= usual.keys() else axes
+    if len(axes) != 2:
+        raise ValueError(f"Arguments must name two parameters, but name {', '.join(axes)}.")
+    outputs = Outputs(derivatives=2, optimum=True, max_turn=check_max_turn(max_turn), turn=True)
+    grid = make_grid(model, p, dict(reversed(axes.items())), outputs)
+    found = prepare_sweep(grid).run()
+    (loaded,) = grid.loaded().values()
+    return with_boundaries(grid, _with_turned(found, grid.dims, turned_beyond(*grid.impacts(loaded))))
