@@ -2,7 +2,7 @@
 
     m ẍ = F_x,   m ÿ = F_y,   I φ̈ = τ        (Laverty (2), (3), (11))
 
-A new variant is one new part, a few lines long. With constant K = k the depth is y = (v₀ sin α/ω) sin ωt,
+A new model is one new part, a few lines long. With constant K = k the depth is y = (v₀ sin α/ω) sin ωt,
 ω² = k c/m, and the tip's horizontal velocity, whether it turns or not, is
 
     ẋ_tip = v₀ [u - (sin α/P) (1 - cos ωt)].

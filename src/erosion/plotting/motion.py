@@ -173,18 +173,18 @@ def plot_sketch(ax: Axes, alpha: float, k: float) -> Axes:
 def plot_half_angle(fig: Figure, k: float) -> list[Axes]:
     """Why the best angle halves the angle between the surface and the force, for cuts that rebound.
 
-    Left the directions of flight and force; right depth, forward speed and their product over the angle.
+    Left the directions of motion and force; right depth, forward speed and their product over the angle.
 
     Args:
         fig: an empty figure.
-        k: F_y / F_x; the force points away from the flight at arctan k above the surface.
+        k: F_y / F_x; the force points away from the motion at arctan k above the surface.
     """
     sketch, curves = fig.subplots(1, 2, width_ratios=(1.0, 1.25))
     force, best = math.atan(k), math.atan(k) / 2
     _metal(sketch, -1.45)
     for angle, color, label, inwards in (
         (force, PALETTE["vermillion"], "force", False),
-        (best, PALETTE["green"], "flight", True),
+        (best, PALETTE["green"], "motion", True),
     ):
         far = 1.15 * np.array([-math.cos(angle), math.sin(angle)])
         _arrow(sketch, *((far, (0, 0)) if inwards else ((0, 0), far)), color)
