@@ -1,5 +1,6 @@
 """The words that `docs/glossary.md` lists as not used, in its last column."""
 
+import ast
 import inspect
 import re
 from pathlib import Path
@@ -56,3 +57,25 @@ def test_public_names_and_their_docstrings_use_the_words_of_the_glossary():
         parameters = inspect.signature(value).parameters if inspect.isroutine(value) else ()
         for text in (*map(words_of_name, (name, *parameters)), first_line):
             assert not unused.search(text), name
+
+
+# Words of users' tables and of another library.
+OTHERS_WORDS = {"tables/headings.py", "fits/tables.py", "lanes/jax_versions.py"}
+
+
+def strings_of(module):
+    """Docstrings and messages."""
+    nodes = ast.walk(ast.parse(module.read_text("utf-8")))
+    return [node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+
+
+def test_docstrings_and_messages_use_the_words_of_the_glossary():
+    unused, package = unused_words(), ROOT / "src" / "erosion"
+    assert {path for path in OTHERS_WORDS if (package / path).is_file()} == OTHERS_WORDS
+    texts = {
+        module: strings_of(module)
+        for module in package.rglob("*.py")
+        if module.relative_to(package).as_posix() not in OTHERS_WORDS
+    } | {page: [page.read_text("utf-8")] for page in (*package.rglob("*.md"), package / "results" / "findings.toml")}
+    found = [(file.name, word[0]) for file in texts for text in texts[file] for word in unused.finditer(text)]
+    assert not found

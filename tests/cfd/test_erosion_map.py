@@ -50,7 +50,7 @@ def wear() -> xr.Dataset:
 
 def test_faces_patches_and_totals_are_the_sums_of_the_rows(wear: xr.Dataset) -> None:
     rows, columns = rows_of(TABLE), TABLE.columns
-    volume, erodent = by_face(rows, TABLE), by_face(columns["count"] * columns["mass"], TABLE)
+    volume, particle_mass = by_face(rows, TABLE), by_face(columns["count"] * columns["mass"], TABLE)
     of_patch = [math.fsum(rows[SURFACE.patch[columns["face"]] == i]) for i in range(2)]
     particles = by_face(columns["count"], TABLE)
     with np.errstate(invalid="ignore"):
@@ -58,12 +58,12 @@ def test_faces_patches_and_totals_are_the_sums_of_the_rows(wear: xr.Dataset) -> 
             "volume": volume,
             "total_volume": math.fsum(rows),
             "patch_volume": of_patch,
-            "erodent": erodent,
+            "particle_mass": particle_mass,
             "depth": volume / SURFACE.area,
             "mass": 2700 * volume,
             "mass_flux": 2700 * volume / SURFACE.area / 2.0,
             "depth_per_year": volume / SURFACE.area / 2.0 * 31557600e3,
-            "erosion": volume / erodent,
+            "erosion": volume / particle_mass,
             "relative_error": np.sqrt(by_face(rows**2, TABLE)) / volume,
             "alpha_mean": by_face(columns["count"] * angle_and_speed(TABLE)[0], TABLE) / particles,
         }
@@ -75,7 +75,7 @@ def test_faces_patches_and_totals_are_the_sums_of_the_rows(wear: xr.Dataset) -> 
     there = erosion_map("rotating", P.to("inch-pound"), TABLE, SURFACE)
     for name, size in (("volume", 0.0254**3), ("depth", 0.0254), ("depth_per_year", 1.0)):
         np.testing.assert_allclose(there[name] * size, wear[name], rtol=1e-8)
-    assert there["erodent"].attrs["units"] == "slinch"
+    assert there["particle_mass"].attrs["units"] == "slinch"
 
 
 def test_finnie_is_the_formula_that_openfoam_sums() -> None:

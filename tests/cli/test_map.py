@@ -226,13 +226,13 @@ def test_density_is_that_of_the_target_as_in_every_verb(shell: Shell) -> None:
 
     def totals(*words: str) -> dict[str, float]:
         result = shell(["map", "grains.csv", *one, "--model", "linearized", *words, "--json"]).document["result"]
-        return {name: result[f"total_{name}"]["value"] for name in ("volume", "mass", "erodent")}
+        return {name: result[f"total_{name}"]["value"] for name in ("volume", "mass", "particle_mass")}
 
     sand = ["--particle-density", "2650 kg/m^3"]
     steel, aluminium = (totals(*sand, "--density", density) for density in ("7.8 g/cm^3", "2.7 g/cm^3"))
     assert steel["volume"] == aluminium["volume"]
     assert steel["mass"] / aluminium["mass"] == pytest.approx(7.8 / 2.7)
-    assert steel["erodent"] == pytest.approx(2 * 2650 * np.pi / 6 * 2e-4**3)
+    assert steel["particle_mass"] == pytest.approx(2 * 2650 * np.pi / 6 * 2e-4**3)
 
 
 BAD = [

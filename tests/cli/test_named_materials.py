@@ -168,7 +168,7 @@ def test_map_takes_densities_and_the_share_from_names_and_case_files(shell: Shel
     p = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061").replace(v0=100.0)
     hits = erosion.impact("linearized", p.replace(alpha=np.deg2rad([20.0, 40.0])))
     assert whole["total_mass"]["value"] == pytest.approx(2700 * float(np.sum(hits.volume)), rel=1e-9)
-    assert whole["total_erodent"]["value"] == pytest.approx(2 * float(p.m), rel=1e-9)
+    assert whole["total_particle_mass"]["value"] == pytest.approx(2 * float(p.m), rel=1e-9)
     # A correlation is made for a metal of its own, and for all particles.
     dnv = document(["map", "hits.csv", *NAMES, *SHARE, "--units", "si", "--model", "dnv"], shell)["result"]
     alone = document(["map", "hits.csv", *NAMES[:2], "--units", "si", "--model", "dnv:aluminium"], shell)["result"]

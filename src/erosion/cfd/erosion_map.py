@@ -209,7 +209,7 @@ class MapJob:
         options, table, parcels = self.task.options, self.impacts, tally.parcels
         duration, duration_from, of_duration = summary.duration_of(table, tally.rows)
         findings = [*of_duration]
-        known, erodent = float(parcels.mass.sum()), float(tally.sums["erodent"].sum())
+        known, particle_mass = float(parcels.mass.sum()), float(tally.sums["particle_mass"].sum())
         given = options.injected_in(duration)
         rows = float(tally.counts["lost_mass"].sum()) if options.injected == ROWS else None
         sources = {"as given": given, "all rows of the table": rows, "as the case of the run says": table.injected,
@@ -220,8 +220,8 @@ class MapJob:
             findings.append(Finding("parcels_change_mass", numbers=numbers))
         if injected is not None and known > 1.001 * injected:
             findings.append(Finding("parcels_above_injected", numbers={"parcels": known, "injected": injected}))
-        elif injected is not None and not table.has_parcels and erodent > 1.001 * injected:
-            findings.append(Finding("hits_above_injected", numbers={"ratio": erodent / injected}))
+        elif injected is not None and not table.has_parcels and particle_mass > 1.001 * injected:
+            findings.append(Finding("hits_above_injected", numbers={"ratio": particle_mass / injected}))
         elif given and (come := known or float(tally.counts["lost_mass"].sum())) < _LITTLE * given:
             findings.append(Finding("hits_far_below_injected", numbers={"ratio": come / given}))
         elif rows:
@@ -408,7 +408,7 @@ def erosion_map(
         **distributions: parameter to its law from impact to impact, in the place of the case's value; see `stream`.
 
     Returns:
-        Over "face": volume, depth, impacts, particles, erodent (mass that hits), erosion, alpha_mean, v0_mean,
+        Over "face": volume, depth, impacts, particles, particle_mass (mass that hits), erosion, alpha_mean, v0_mean,
         relative_error (of the volume, √(Σ(wV)²)/ΣwV, where the bounces of a parcel, if it has a number, are one); mass,
         depth_rate, depth_per_year, mass_per_year and mass_flux where density and duration are known. Over "patch" the
         totals, injected_ratio (mass loss per sand injected) too, over "end" how impacts end. In the units of `p`.

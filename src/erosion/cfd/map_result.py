@@ -78,7 +78,7 @@ FACES: Mapping[str, Wear] = {
     "erosion_ratio": Wear.like("erosion_ratio", "erosion ratio [kg/kg]"),
     "injected_ratio": Wear("Δm/M₀", "mass loss per mass of sand injected", "mass per mass", "",
                            "erosion ratio of sand injected [kg/kg]", of_total=True),
-    "erodent": Wear("M", "mass of particles that hit", "mass", "", "erodent [kg]", of_total=True),
+    "particle_mass": Wear("M", "mass of particles that hit", "mass", "", "particle_mass [kg]", of_total=True),
     "impacts": Wear("n", "rows that hit", "1", "", "impacts", of_total=True),
     "particles": Wear("N", "particles that hit", "1", "", "particles", of_total=True),
     "alpha_mean": Wear("ᾱ", "mean angle of attack of the particles", "angle", "", "mean angle [deg]", 180 / math.pi),
@@ -161,7 +161,7 @@ def to_dataset(
     """
     units, sums, parcels = options.p.units, tally.sums, tally.parcels
     draws = tally.of_draws if options.uncertain else None
-    sums["erodent"] = sums["erodent"] * conversion_factor("mass", "si", units)
+    sums["particle_mass"] = sums["particle_mass"] * conversion_factor("mass", "si", units)
     sums["speed"] = sums["speed"] * conversion_factor("speed", "si", units)
     density = None if options.density is None else options.density * conversion_factor("density", "si", units)
     patches = ("all",) if surface is None else surface.patches
@@ -235,8 +235,8 @@ def _numbers(
     with np.errstate(invalid="ignore", divide="ignore"):
         numbers = {
             "volume": sums["volume"],
-            "erosion": sums["volume"] / sums["erodent"],
-            "erodent": sums["erodent"],
+            "erosion": sums["volume"] / sums["particle_mass"],
+            "particle_mass": sums["particle_mass"],
             "impacts": np.asarray(sums["impacts"]).astype(np.int64),
             "particles": sums["particles"],
             "alpha_mean": sums["angle"] / sums["particles"],

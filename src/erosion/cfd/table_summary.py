@@ -105,10 +105,10 @@ class TableSummary:
         own_units = table.own_units or {}
         length = own_units.get("length") or readable_scale("length", "si", size[1])
         speed, degree = own_units.get("speed") or Scale(1.0, "m/s"), Scale(math.pi / 180, "°")
-        mass = f"{total['erodent']:.4g} kg in all"
+        mass = f"{total['particle_mass']:.4g} kg in all"
         if injected is not None:
             parcels = tally.parcels
-            come = float(parcels.mass[np.isin(parcels.known, parcels.parcel)].sum()) or total["erodent"]
+            come = float(parcels.mass[np.isin(parcels.known, parcels.parcel)].sum()) or total["particle_mass"]
             mass += f" ({100 * come / injected:.3g} % of the sand injected{', each parcel once' * table.has_parcels})"
         mean = math.degrees(total["angle"] * of_particle)
         lines = [

@@ -13,7 +13,7 @@ import numpy as np
 
 from erosion.cfd.incidence import HIT, LEFT_OUT, Hits
 
-SUMS = ("particles", "erodent", "volume", "squares", "angle", "speed", "impacts")
+SUMS = ("particles", "particle_mass", "volume", "squares", "angle", "speed", "impacts")
 """Of each face: Σw, Σwm [kg], ΣwV [volume], Σ(wV)² [volume²], Σwα [rad], Σwv₀ [m/s], and the number of rows.
 
 w is a row's number of particles. V and V² are means over the draws of uncertain parameters. Rows without a volume

@@ -311,7 +311,7 @@ _SAME_SIZE = 1.5  # ratio of the mean diameter of the table to that of the parti
 
 def _size_doubt(dataset: "xr.Dataset", named: float, density: float) -> Finding | None:
     """The finding that the particles of the table are of another size than the one that is named [m], as radii are."""
-    mass = lazy.conversion_factor("mass", dataset.attrs["unit_system"], "si") * float(dataset["total_erodent"])
+    mass = lazy.conversion_factor("mass", dataset.attrs["unit_system"], "si") * float(dataset["total_particle_mass"])
     mean = (6 * mass / (math.pi * density * float(dataset["total_particles"]))) ** (1 / 3)
     if 1 / _SAME_SIZE < mean / named < _SAME_SIZE:
         return None
