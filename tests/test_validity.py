@@ -16,7 +16,7 @@ from erosion.cfd.map_result import MapSummary
 from erosion.distributions import Normal
 from erosion.impacts import BEYOND_LABEL, OF_TURN
 from erosion.plotting.curves import plot_optimum
-from erosion.plotting.maps import plot_stream
+from erosion.plotting.maps import plot_map, plot_stream
 from erosion.plotting.motion import plot_trajectory
 from erosion.plotting.sweeps import plot_comparison, plot_regimes, plot_sweep
 from tests.cfd.tables import Table, hump
@@ -70,6 +70,7 @@ FIGURES: dict[str, Callable[[], Any]] = {
     "stream": lambda: plot_stream(
         erosion.stream("rotating", SHALLOW, n=256, best_angle=False, sensitivities=False, alpha=Normal(0.5, 0.02))
     ),
+    "map": lambda: plot_map(small_map(), view="+z"),
     "advise": lambda: plot_advice(erosion.advise(P.to("si"), models=["rotating"])),
 }
 

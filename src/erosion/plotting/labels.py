@@ -15,9 +15,9 @@ PALETTE: Mapping[str, str] = {
     "purple": "#cc79a7", "sky": "#56b4e9", "orange": "#e69f00",
 }  # fmt: skip
 STYLES: Sequence[tuple[str, Any]] = tuple(
-    (color, line) for line in ("-", (0, (5, 2)), (0, (1.5, 1.5))) for color in PALETTE.values()
+    (color, line) for line in ("-", (0, (5, 2)), (0, (6, 2, 1.2, 2))) for color in PALETTE.values()
 )
-"""Colour and line style of the first, second, … curve of a figure."""
+"""Colour and line style of the first, second, … curve of a figure; dots mean that the model does not hold."""
 
 MARKS = "os^Dv<>phX*P"
 """The mark of the first, second, … group of measurements."""

@@ -46,7 +46,7 @@ from erosion.results import Finding, from_attribute
 from erosion.sweeps.grid import in_words
 
 _BESIDE = 5.0  # inches; two panels of a narrower figure are below each other
-_DASH = 8.0  # and gap, in widths of a line
+_DASH = 4.0  # in widths of a line; the gap beside it is as long for each curve below
 _HIDDEN = 0.25  # share of a curve, from which on it is dashed
 _SHARE: Mapping[str, Any] = {"alpha": 0.2, "linewidth": 0}  # of areas below curves of several colours
 
@@ -66,7 +66,7 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
     for i, (name, below) in enumerate(zip(models, coinciding(volume, _HIDDEN), strict=True)):
         color, line = STYLES[i % len(STYLES)]
         if below:  # dashes through whose gaps these are seen
-            line = (0, (_DASH / 2 ** len(below), _DASH * (1 - 1 / 2 ** len(below))))
+            line = (0, (_DASH, _DASH * len(below)))
         results = comparison.isel(model=i)
         alpha, kind = float(results.alpha_max), str(in_words(results.alpha_max_kind))
         # A comparison does not hold the side of a jump.
