@@ -25,7 +25,6 @@ import erosion
 from benchmarks.page import Table
 from erosion import ErrorModel
 from erosion.advice.result import ends
-from erosion.distributions import LogNormal, LogUniform
 from erosion.fits import Calibration, Posterior, calibrate, discrepancy, prediction
 from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
@@ -59,16 +58,22 @@ LEVEL = 0.9
 
 # The parameters that shape each model's curve; K = tan α leaves k without influence.
 FREE = {"linearized": ("k", "psi"), "rotating": ("k", "psi"), "rotating-tan-alpha": ("r", "psi")}
-PRIORS: Mapping[str, Any] = {"k": LogNormal(2.0, 0.3), "psi": LogNormal(0.04, 0.3), "r": LogNormal(0.04, 0.3)}
-NOISES = {"noise": LogUniform(1e-6, 2e-5), "relative_noise": LogUniform(0.01, 0.2)}
+PRIORS: Mapping[str, Any] = {
+    "k": stats.lognorm(0.3, scale=2.0),
+    "psi": stats.lognorm(0.3, scale=0.04),
+    "r": stats.lognorm(0.3, scale=0.04),
+}
+NOISES = {"noise": stats.loguniform(1e-6, 2e-5), "relative_noise": stats.loguniform(0.01, 0.2)}
 
 MISSING = "linearized-deformation"  # with a discrepancy
 OF_MISSING: Mapping[str, Any] = {
-    "k": LogNormal(2.0, 0.3), "psi": LogNormal(0.4, 0.3), "energy_ratio": LogNormal(2.0, 0.3)
-}  # fmt: skip
+    "k": stats.lognorm(0.3, scale=2.0),
+    "psi": stats.lognorm(0.3, scale=0.4),
+    "energy_ratio": stats.lognorm(0.3, scale=2.0),
+}
 ANGLES, SPEEDS = (10.0, 20.0, 30.0, 45.0, 65.0, 90.0), (60.0, 98.0)  # °, m/s
 SMALL = 5e-12  # m³, 2 to 10 % of a row
-OF_NOISE = {"noise": LogUniform(5e-13, 2e-11), "relative_noise": LogUniform(0.01, 0.2)}
+OF_NOISE = {"noise": stats.loguniform(5e-13, 2e-11), "relative_noise": stats.loguniform(0.01, 0.2)}
 
 
 class Ranks(NamedTuple):

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pint
 import pytest
+from scipy import stats
 
 import erosion
 from erosion import ode
 from erosion.cfd.map_result import MapSummary
-from erosion.distributions import Normal
 from erosion.fits.predicted import predictions
 from erosion.output.tables import to_json, to_plain
 from erosion.results import Columns, Declared, Part, Result, Value, from_attribute, render
@@ -94,10 +94,10 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "Ranking": lambda: erosion.rank_models(P, data(), ["psi"], models=["linearized", "finnie"]),
     "Solution": lambda: ode.solve(DROP, {"drag": 0.1}, t1=9.0, wrt="drag"),
     "Stream": lambda: erosion.stream(
-        "linearized", SI, n=64, sensitivities=True, alpha=Normal(0.3, 0.02), v0=Normal(100.0, 3.0)
+        "linearized", SI, n=64, sensitivities=True, alpha=stats.norm(0.3, 0.02), v0=stats.norm(100.0, 3.0)
     ),
     "Stream of long turns": lambda: erosion.stream(
-        "linearized", SI.replace(phidot0=1e5), n=64, best_angle=False, alpha=Normal(0.3, 0.02)
+        "linearized", SI.replace(phidot0=1e5), n=64, best_angle=False, alpha=stats.norm(0.3, 0.02)
     ),
     "SweepSummary": lambda: SweepSummary(
         erosion.sweep("linearized", SI, alpha=np.array([0.2, 0.3])), SI, {"": erosion.PerMass(2700.0)}, Path("out.nc")

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.text import Text
+from scipy import stats
 
 import erosion
 from erosion.advice.page import plot_advice
 from erosion.cfd.map_result import MapSummary
-from erosion.distributions import Normal
 from erosion.impacts import BEYOND_LABEL, OF_TURN
 from erosion.plotting.curves import plot_optimum
 from erosion.plotting.maps import plot_map, plot_stream
@@ -68,7 +68,7 @@ FIGURES: dict[str, Callable[[], Any]] = {
         erosion.regimes("rotating", P, alpha=np.linspace(0.1, 1.5, 8), phidot0=[-1000.0, 0.0])
     ),
     "stream": lambda: plot_stream(
-        erosion.stream("rotating", SHALLOW, n=256, best_angle=False, sensitivities=False, alpha=Normal(0.5, 0.02))
+        erosion.stream("rotating", SHALLOW, n=256, best_angle=False, sensitivities=False, alpha=stats.norm(0.5, 0.02))
     ),
     "map": lambda: plot_map(small_map(), view="+z"),
     "advise": lambda: plot_advice(erosion.advise(P.to("si"), models=["rotating"])),
@@ -82,7 +82,9 @@ def test_a_figure_says_so_in_its_legend(verb: str) -> None:
 
 
 def test_a_table_says_so_too() -> None:
-    stream = erosion.stream("rotating", SHALLOW, n=256, best_angle=False, sensitivities=False, alpha=Normal(0.5, 0.02))
+    stream = erosion.stream(
+        "rotating", SHALLOW, n=256, best_angle=False, sensitivities=False, alpha=stats.norm(0.5, 0.02)
+    )
     for result in (erosion.alpha_max("rotating", P, max_turn=None), stream, MapSummary(small_map())):
         (turned,) = (finding for finding in result.findings if finding.code in OF_TURN)
         assert turned.text in str(result)

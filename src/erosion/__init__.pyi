@@ -1,8 +1,7 @@
 """The public names, and where each is defined. `__init__.py` reads this list, and imports a name on its first use."""
 
 from erosion import correlations as correlations
-from erosion import distributions as distributions
-from erosion import joint_laws as joint_laws
+from erosion import laws as laws
 from erosion import models as models
 from erosion import ode as ode
 from erosion.advice.advise import advise as advise

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import erosion
 from erosion.advice.abrasives import Job
@@ -13,8 +14,7 @@ from erosion.advice.advise import MODELS
 from erosion.advice.page import plot_advice, write_advice
 from erosion.advice.result import NOZZLE_ANGLES
 from erosion.correlations import OutOfRangeWarning
-from erosion.distributions import Normal, Uniform
-from erosion.joint_laws import Rows
+from erosion.laws import JointSamples
 from erosion.parameters.per_mass import two_digits
 
 P = erosion.TABLE_1.to("si").replace(v0=100.0)
@@ -48,7 +48,7 @@ def test_the_jet_is_that_of_a_stream():
         NAMED, spread=spread, speed_spread=0.1, models=["rotating"], density=2700, cutting_fraction=0.5
     )
     curve = advice.curves[0]
-    laws = {"alpha": Normal(math.radians(25), spread), "v0": erosion.distributions.LogNormal(100.0, 0.1)}
+    laws = {"alpha": stats.norm(math.radians(25), spread), "v0": stats.lognorm(0.1, scale=100.0)}
     jet = erosion.stream("rotating", NAMED, n=2**14, best_angle=False, sensitivities=False, **laws)
     # 64 angles and 8 speeds stand for the jet.
     assert curve.at(math.radians(25)) == pytest.approx(0.5 * 2700 * jet.erosion.value, rel=3e-3)
@@ -71,7 +71,7 @@ def test_the_advised_angle_loses_least_where_most_is_lost(advice):
 def fitted() -> erosion.Advice:
     k = np.linspace(1.9, 2.1, 51)
     # k and ψ of a fit vary together: each k has its own ψ.
-    rows = Rows({"k": k, "psi": 20 / k}, "post.nc")
+    rows = JointSamples({"k": k, "psi": 20 / k}, "post.nc")
     return erosion.advise(P, target="aluminium 6061", spread=NARROW, models=["linearized"], uncertain=rows)
 
 
@@ -154,7 +154,7 @@ def test_the_model_of_draws_with_open_parameters_is_one_of_them():
     # Of draws that all remove as much, the medians remove four times it.
     psi, sigma, share = np.array([[1.0, 1, 0.1], [1, 4, 0.4], [4, 1, 0.4]]).T
     columns = {"psi": 10 * psi, "sigma": 1e9 * sigma, "cutting_fraction": share}
-    rows = Rows(columns, tested={"alpha": (math.radians(40), math.radians(60))})
+    rows = JointSamples(columns, tested={"alpha": (math.radians(40), math.radians(60))})
     advice = erosion.advise(P, target="aluminium 6061", models=["linearized"], uncertain=rows)
     amounts = [curve.at(advice.alpha) for curve in advice.curves if curve.group in ("models", "draws")]
     assert max(amounts) == pytest.approx(min(amounts))
@@ -162,7 +162,7 @@ def test_the_model_of_draws_with_open_parameters_is_one_of_them():
 
 
 def test_an_uncertain_share_of_cutting_particles_changes_amounts_alone():
-    laws = {"cutting_fraction": Uniform(0.1, 0.3)}
+    laws = {"cutting_fraction": stats.uniform(0.1, 0.2)}
     advice = erosion.advise(P, target="aluminium 6061", models=["finnie"], uncertain=laws)
     amounts = [curve.at(advice.alpha) for curve in advice.group("draws")]
     assert max(amounts) / min(amounts) == pytest.approx(3, rel=0.05)
@@ -215,7 +215,7 @@ BESIDE = {"target": "mild steel", "models": ["finnie"]}
         ({"cutting_fraction": 1e-320}, "`cutting_fraction` must be at least 1e-09, but is 1e-320"),
         ({"models": []}, "`models` must be a list of models"),
         ({"uncertain": {}}, "`uncertain` must have a law, but has none"),
-        ({"uncertain": {"r": Normal(1e-4, 1e-6)}, "models": ["finnie"]}, "parameters of the metal or of finnie"),
+        ({"uncertain": {"r": stats.norm(1e-4, 1e-6)}, "models": ["finnie"]}, "parameters of the metal or of finnie"),
         ({"target": "gold"}, "`target` must name one of"),
         ({**BESIDE, "compare": "garnet 0.1 mm"}, "`compare` needs a particle and a target"),
         (

@@ -12,9 +12,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from scipy import stats
 
 import erosion
 from erosion.fits import MeasurementError, read_measurements
+from erosion.laws import Samples
 from tests.bad_input.conftest import unchecked_types
 
 ROWS = [
@@ -183,13 +185,13 @@ ROWS = [
         "`friction` must be a parameter of every",
     ),
     (
-        "erosion.stream('rotating', P, friction=Normal(0.2, 0.1))",
+        "erosion.stream('rotating', P, friction=stats.norm(0.2, 0.1))",
         "TypeError",
         "Argument `friction` is not a parameter; they are",
     ),
-    ("erosion.stream(OWN, P, friction=0.3)", "TypeError", "Argument `friction` must be a distribution such as Normal"),
+    ("erosion.stream(OWN, P, friction=0.3)", "TypeError", "Argument `friction` must be a law such as scipy"),
     (
-        "erosion.stream(OWN.replace(friction=np.ones(2)), P, v0=Normal(1, 0.1))",
+        "erosion.stream(OWN.replace(friction=np.ones(2)), P, v0=stats.norm(1, 0.1))",
         "ValueError",
         "`friction` must be a scalar",
     ),
@@ -219,41 +221,59 @@ ROWS = [
     ),
     ("erosion.sweep('finnie', P, alpha=[0.1], store=3)", "TypeError", "Argument `store` must be a path, but is 3."),
     (
-        "erosion.stream('finnie', None, v0=Normal(4400, 1))",
+        "erosion.stream('finnie', None, v0=stats.norm(4400, 1))",
         "TypeError",
         "Argument `p` must be Parameters, but is None.",
     ),
-    ("erosion.stream('finnie', P, v0=3)", "TypeError", "Argument `v0` must be a distribution such as Normal(1, 0.1)"),
+    ("erosion.stream('finnie', P, v0=3)", "TypeError", "Argument `v0` must be a law such as scipy.stats.norm(1, 0.1)"),
     (
-        "erosion.stream('finnie', P, uncertain=Normal(2, 0.1))",
+        "erosion.stream('finnie', P, uncertain=stats.norm(2, 0.1))",
         "TypeError",
-        "Argument `uncertain` must be a mapping of parameters to laws, but is Normal(",
+        "Argument `uncertain` must be a mapping of parameters to laws, but is <scipy",
     ),
     (
         "erosion.stream('finnie', P, uncertain={'k': 3})",
         "TypeError",
-        "Argument `k` must be a distribution such as Normal(1, 0.1)",
+        "Argument `k` must be a law such as scipy.stats.norm(1, 0.1)",
     ),
-    ("erosion.stream('finnie', P, n=1e6, v0=Normal(4400, 1))", "ValueError", "Argument `n` must be a whole number"),
-    ("erosion.stream('finnie', P, n=True, v0=Normal(4400, 1))", "ValueError", "Argument `n` must be a whole number"),
+    ("erosion.stream('finnie', P, n=1e6, v0=stats.norm(4400, 1))", "ValueError", "Argument `n` must be a whole number"),
     (
-        "erosion.stream('finnie', P, seed='a', v0=Normal(4400, 1))",
+        "erosion.stream('finnie', P, n=True, v0=stats.norm(4400, 1))",
+        "ValueError",
+        "Argument `n` must be a whole number",
+    ),
+    (
+        "erosion.stream('finnie', P, seed='a', v0=stats.norm(4400, 1))",
         "ValueError",
         "Argument `seed` must be a whole number",
     ),
     (
-        "erosion.stream('finnie', P, seed=-1, v0=Normal(4400, 1))",
+        "erosion.stream('finnie', P, seed=-1, v0=stats.norm(4400, 1))",
         "ValueError",
         "`seed` must be a whole number of at least 0",
     ),
-    ("erosion.stream('finnie', P, rtol='a', v0=Normal(4400, 1))", "ValueError", "Argument `rtol` must be in (0, 1)"),
     (
-        "erosion.stream('finnie', P, store=3, v0=Normal(4400, 1))",
+        "erosion.stream('finnie', P, rtol='a', v0=stats.norm(4400, 1))",
+        "ValueError",
+        "Argument `rtol` must be in (0, 1)",
+    ),
+    (
+        "erosion.stream('finnie', P, store=3, v0=stats.norm(4400, 1))",
         "TypeError",
         "Argument `store` must be a path, but is 3.",
     ),
-    ("Normal('a', 1)", "TypeError", "Argument `mean` must be a number, but is 'a'."),
-    ("Normal([1, 2], 1)", "TypeError", "Argument `mean` must be a number, but is [1, 2]."),
+    (
+        "erosion.stream('finnie', P, v0=stats.norm([1, 2], 1))",
+        "ValueError",
+        "Argument `v0` must be a law with one finite number for each share",
+    ),
+    ("erosion.stream('finnie', P, v0=stats.norm(1, -1))", "ValueError", "one finite number for each share, but is not"),
+    (
+        "erosion.stream('finnie', P, samples=3)",
+        "TypeError",
+        "`samples` must be arrays by parameter, but is 3.",
+    ),
+    ("erosion.stream('finnie', P, correlation=3)", "TypeError", "Argument `correlation` must be a mapping of pairs"),
     ("Samples('abc')", "ValueError", "Argument `values` must hold real numbers without units"),
     ("Samples([])", "ValueError", "Argument `values` must be finite numbers, one or more, but is not."),
     ("erosion.calibrate('finnie', P, None, free=['k'])", "MeasurementError", "`data` must be the path of a table"),
@@ -323,7 +343,7 @@ ROWS = [
         "Argument `k` must be a number or an array, but is traced",
     ),
     (
-        "jax.jit(lambda k: erosion.stream('finnie', P.replace(k=k), v0=Normal(4400, 40)))(0.3)",
+        "jax.jit(lambda k: erosion.stream('finnie', P.replace(k=k), v0=stats.norm(4400, 40)))(0.3)",
         "TypeError",
         "Argument `k` must be a number or an array, but is traced",
     ),
@@ -408,7 +428,8 @@ NAMES = {
     "pd": pd,
     "xr": xr,
     "erosion": erosion,
-    **vars(erosion.distributions),
+    "stats": stats,
+    "Samples": Samples,
     "P": erosion.TABLE_1,
     "DATA": {"angle [deg]": [10.0, 20.0, 30.0], "erosion [-]": [1.0, 2.0, 3.0]},
     "OWN": erosion.load_model(Path(__file__).parents[2] / "models" / "coulomb_tip.py"),

@@ -14,8 +14,8 @@ import pytest
 
 import erosion
 import erosion.parameters.case_files
-from erosion.distributions import read_distribution
 from erosion.explorer.state import PageCase, PageState
+from erosion.laws import read_law
 from erosion.parameters.quantities import Dimension, UnitError, check_system, has_unit, read_axis, read_quantity
 from tests.bad_input.conftest import ALL_BYTES, CASE, unchecked_types
 from tests.documents import Shell, Written
@@ -241,7 +241,7 @@ def test_every_door_refuses_them(text: str, written: Written, shell: Shell) -> N
     with pytest.raises(erosion.MeasurementError):
         erosion.read_measurements({"angle [deg]": [1.0], f"volume [{text}]": [1.0]}, "si")
     with pytest.raises(ValueError, match="must be"):
-        read_distribution(f"normal({text}, 2)", "v0", "speed", "si")
+        read_law(f"normal({text}, 2)", "v0", "speed", "si")
     state = PageState(PageCase.of(erosion.TABLE_1), ("linearized",), "linearized")
     with pytest.raises(ValueError, match="Field `v0`"):
         state.reading({"v0": text}, ["linearized"])
@@ -259,7 +259,7 @@ def test_a_long_head_of_a_column_is_refused_at_once(head: str, written: Written)
     assert len(str(caught.value)) < 300
     file = written("jet.csv", f"{head}\n1\n")
     with pytest.raises(ValueError, match="must name a table with a column `v0`") as said:
-        read_distribution(f"samples({file})", "v0", "speed", "si")
+        read_law(f"samples({file})", "v0", "speed", "si")
     assert len(str(said.value)) < 400
 
 
@@ -351,7 +351,7 @@ JETS = {
 def test_a_table_of_samples_that_may_be_misread_is_refused(written: Written, text: str) -> None:
     file = written("jet.csv", text)
     with pytest.raises(ValueError, match="must ") as caught:
-        read_distribution(f"samples({file})", "v0", "speed", "si")
+        read_law(f"samples({file})", "v0", "speed", "si")
     assert JETS[text] in str(caught.value)
 
 
@@ -360,8 +360,8 @@ def test_samples_of_angles_need_a_unit(tmp_path: Path) -> None:
     for head, cell in itertools.product(("alpha", "alpha []"), ("30", "0.3")):
         file.write_text(f"{head}\n{cell}\n")
         with pytest.raises(ValueError, match=r"must have a unit, as `alpha \[deg\]`"):
-            read_distribution(f"samples({file})", "alpha", "angle", "si")
+            read_law(f"samples({file})", "alpha", "angle", "si")
     file.write_text("alpha [deg]\n180\n")
-    law = read_distribution(f"samples({file})", "alpha", "angle", "si")
+    law = read_law(f"samples({file})", "alpha", "angle", "si")
     assert law is not None
     assert law.cdf(math.pi) == 1

@@ -264,7 +264,7 @@ STREAMS = [
     ("stream --v0 normal(4400,nan)", "`deviation` must be positive and finite, but is nan."),
     (
         "stream --units si --v0 normal(-4400,1)",
-        "Option `--v0` must be positive, but 100.0% of Normal(-4400, 1) is not.",
+        "Option `--v0` must be positive, but 100.0% of normal(-4400, 1) is not.",
     ),
     ("stream --v0 normal(4400", "Option `--v0` must be a speed such as"),
     ("stream --units si --v0 'cauchy(1, 2)'", "Option `--v0` must be one of normal"),

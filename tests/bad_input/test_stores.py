@@ -15,10 +15,10 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import stats
 
 import erosion
 import erosion.streams.stream
-from erosion.distributions import Normal
 from erosion.impacts.dataset_files import StoreError
 from erosion.output.files import claimed
 from erosion.sweeps.grid import make_grid
@@ -182,7 +182,7 @@ def test_a_stream_of_a_changed_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "jet.nc"
 
     def run() -> Any:
-        return erosion.stream("linearized", P, n=64, best_angle=False, alpha=Normal(0.3, 0.02), store=path)
+        return erosion.stream("linearized", P, n=64, best_angle=False, alpha=stats.norm(0.3, 0.02), store=path)
 
     run()
     run()
@@ -249,7 +249,7 @@ def test_an_error_after_its_particles_leaves_a_streams_tally(tmp_path: Path, mon
     monkeypatch.setattr(erosion.streams.stream, "best_nozzle_angle", fails)
     path = tmp_path / "jet.nc"
     with pytest.raises(ArithmeticError, match="no angle"):
-        erosion.stream("linearized", P, n=64, alpha=Normal(0.3, 0.02), store=path)
+        erosion.stream("linearized", P, n=64, alpha=stats.norm(0.3, 0.02), store=path)
     assert int(xr.load_dataset(path, engine="h5netcdf").attrs["drawn"]) == 4
 
 
@@ -304,7 +304,7 @@ def test_a_pipe_or_a_device_is_no_store(tmp_path: Path) -> None:
         with pytest.raises(OSError, match="Too many levels of symbolic links"):
             sweep("linearized", P, store=tmp_path / f"ring.{suffix}", **AXES)
     with pytest.raises(StoreError, match="is no netCDF file"):
-        erosion.stream("linearized", P, n=64, alpha=Normal(0.3, 0.02), store=tmp_path / "pipe.nc")
+        erosion.stream("linearized", P, n=64, alpha=stats.norm(0.3, 0.02), store=tmp_path / "pipe.nc")
 
 
 def test_a_zarr_store_behind_a_link_is_written_there(tmp_path: Path) -> None:
@@ -358,7 +358,7 @@ KEPT[sys.argv[3]](Path(sys.argv[1]))
 KEPT: dict[str, Callable[[Path], xr.Dataset]] = {
     "zarr": zarr,
     "stream": lambda path: erosion.stream(
-        "linearized", P, n=256, best_angle=False, store=path, alpha=Normal(0.3, 0.1)
+        "linearized", P, n=256, best_angle=False, store=path, alpha=stats.norm(0.3, 0.1)
     ).to_dataset(),
 }
 

@@ -27,9 +27,8 @@ from matplotlib.figure import Figure
 import erosion
 from erosion import erosion_map, read_measurements
 from erosion.cfd.map_result import write_map
-from erosion.distributions import Samples
 from erosion.impacts.dataset_files import write_netcdf
-from erosion.joint_laws import Rows
+from erosion.laws import JointSamples, Samples
 from erosion.output.files import write_whole
 from erosion.plotting.style import save_plot
 from erosion.sweeps.grid import make_grid
@@ -449,7 +448,7 @@ NO_NUMBERS = [
 TAKES: dict[str, Callable[[Any], Any]] = {
     "an axis": lambda values: erosion.sweep("linearized", P, alpha=values),
     "samples": Samples,
-    "rows": lambda values: Rows({"alpha": values}),
+    "rows": lambda values: JointSamples({"alpha": values}),
     "measurements": lambda values: read_measurements({"angle [deg]": [10.0, 20.0], "volume [in^3]": values}, "si"),
 }
 
@@ -471,7 +470,7 @@ def test_the_unit_that_labels_say_counts_or_is_refused() -> None:
     np.testing.assert_array_equal(erosion.sweep("linearized", P, alpha=bare.alpha).volume, bare.volume)
     with pytest.raises(ValueError, match="`alpha` must be an angle such as"):
         erosion.sweep("linearized", P, alpha=_in_degrees(1.0).assign_attrs(units="m"))
-    for make in (Samples, lambda values: Rows({"alpha": values}), lambda values: Samples([*values])):
+    for make in (Samples, lambda values: JointSamples({"alpha": values}), lambda values: Samples([*values])):
         with pytest.raises(ValueError, match="must hold numbers without units, but is in 'deg'"):
             make(_in_degrees(1.0, 1.2))
 

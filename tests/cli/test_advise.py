@@ -92,7 +92,7 @@ REFUSED = [
     (FITTED, "--target copper", "Option `--target` cannot set the metal, of which energy_ratio, k, sigma have laws in"),
     (FITTED, "--model rotating", "Option `--model` must be linearized-deformation, whose parameters have laws in"),
     (FITTED, "--set energy_ratio=3", "Option `--set` cannot set energy_ratio, which has a law in fitted.toml."),
-    (FITTED, "--uncertain cutting_fraction=lognormal(0.99,0.2)", "must be positive and at most 1, but 48.0% of LogNor"),
+    (FITTED, "--uncertain cutting_fraction=lognormal(0.99,0.2)", "must be positive and at most 1, but 48.0% of lognor"),
     (FITTED, "--cutting-fraction 0.5 --uncertain cutting_fraction=normal(0.3,0.03)", "cannot set cutting_fraction"),
     (OF_DRAWS, "--target copper", "of which psi have laws in fitted.toml."),
     (OF_DRAWS, "--model rotating", "--model` must be linearized, whose"),
@@ -151,7 +151,7 @@ def test_the_law_of_a_parameter_near_its_least_value_is_cut(shell, tmp_path):
     case, law = tmp_path / "fitted.toml", 'energy_ratio = "normal(2, 0.2)"'
     text = FITTED.replace("set = { threshold = 5.0 }", "")
     case.write_text(text.replace(law, 'threshold = "normal(5, 2.2)"'))
-    assert "must be at least 0, but 1.2% of Normal(5, 2.2) is not" in shell(["advise", str(case)], 2).err
+    assert "must be at least 0, but 1.2% of normal(5, 2.2) is not" in shell(["advise", str(case)], 2).err
     case.write_text(text.replace(law, 'threshold = "normal(5, 2.1)"'))
     assert shell(["advise", str(case), "--json"]).document["result"]["alpha"]["value"] > 0
 

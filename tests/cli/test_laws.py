@@ -14,12 +14,12 @@ import jsonschema
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import stats
 
 import erosion
 from erosion.cli import exit_status
-from erosion.distributions import LogNormal, Normal
 from erosion.fits.fit_files import read_draws
-from erosion.joint_laws import CorrelatedLaws, Rows
+from erosion.laws import JointLaw, JointSamples
 from erosion.parameters.quantities import QUANTITIES
 from tests.cli.test_document import SCHEMA
 from tests.documents import Shell, findings
@@ -111,8 +111,9 @@ def test_laws_are_correlated_in_options_and_in_a_case_file(shell: Shell) -> None
     of_file, _ = said(f"stream jet.toml {FEW}", shell)
     assert of_file["result"] == options["result"]
     p = erosion.load_case("sand.toml")
-    joint = CorrelatedLaws({"v0": LogNormal(25.0, 0.2), "r": LogNormal(0.000125, 0.2)}, {("v0", "r"): 0.8})
-    here = erosion.stream("linearized", p, n=4096, best_angle=False, **joint)
+    speed, size = stats.lognorm(0.2, scale=25.0), stats.lognorm(0.2, scale=0.000125)
+    tie = {("v0", "r"): 0.8}
+    here = erosion.stream("linearized", p, n=4096, best_angle=False, v0=speed, r=size, correlation=tie)
     assert value(options, "mean_volume") == pytest.approx(here.mean_volume.value, rel=1e-9)
 
 
@@ -131,8 +132,8 @@ psi = "lognormal(2, 0.1)"
     line = f'map impacts.csv sand.toml --model rotating --phidot0 "normal(0, 1e4 rad/s)" {laws} --draws 16 --json'
     options, _ = said(line, shell)
     assert of_file["result"] == options["result"]
-    joint = CorrelatedLaws({"k": Normal(2.4, 0.2), "psi": LogNormal(2.0, 0.1)}, {("k", "psi"): -0.9})
-    case, spin = erosion.load_case("sand.toml"), Normal(0.0, 1e4)
+    joint = JointLaw({"k": stats.norm(2.4, 0.2), "psi": stats.lognorm(0.1, scale=2.0)}, {("k", "psi"): -0.9})
+    case, spin = erosion.load_case("sand.toml"), stats.norm(0.0, 1e4)
     table = erosion.read_impacts("impacts.csv")
     wear = erosion.erosion_map("rotating", case, table, phidot0=spin, uncertain=joint, draws=16)
     assert value(options, "total_volume") == pytest.approx(float(wear["total_volume"]), rel=1e-9)
@@ -145,7 +146,7 @@ def test_impacts_take_spin_and_force_ratio_from_one_row(shell: Shell) -> None:
         csv.writer(file).writerows([("phidot0 [rad/s]", "k"), *zip(spin, k, strict=True)])
     document, _ = said("map impacts.csv sand.toml --model rotating --rows spins.csv --seed 2 --json", shell)
     case, table = erosion.load_case("sand.toml"), erosion.read_impacts("impacts.csv")
-    wear = erosion.erosion_map("rotating", case, table, seed=2, **Rows({"phidot0": spin, "k": k}))
+    wear = erosion.erosion_map("rotating", case, table, seed=2, samples={"phidot0": spin, "k": k})
     assert value(document, "total_volume") == pytest.approx(float(wear["total_volume"]), rel=1e-9)
     assert document["case"]["varied"]["k"] == "16 values of spins.csv, row by row of phidot0, k"
     assert document["seed"] == 2
@@ -189,7 +190,7 @@ def test_draws_of_a_bad_fit_are_a_warning() -> None:
     doubts = bad.doubts(model, draws.p, 1.0)
     assert [one.code for one in doubts] == ["not_converged", "draws_without_size", "stated"]
     assert doubts[-1].numbers == {"text": "The uncertainties do not explain the misfit."}
-    assert {*bad.rows} == {"psi"}
+    assert {*bad.rows.columns} == {"psi"}
 
 
 def test_draws_in_a_csv_file_are_uncertain_together(shell: Shell) -> None:
@@ -223,8 +224,8 @@ def test_draws_are_read_in_other_units() -> None:
     drawn.save("other.nc")
     known = dict(QUANTITIES)
     rows = read_draws("other.nc", known, "si").rows
-    assert isinstance(drawn.rows_of_draws(), Rows)
-    assert {*rows} == {*drawn.rows_of_draws()} == {"sigma", "cutting_fraction"}
+    assert isinstance(drawn.rows_of_draws(), JointSamples)
+    assert {*rows.columns} == {*drawn.rows_of_draws().columns} == {"sigma", "cutting_fraction"}
     np.testing.assert_allclose(rows.columns["sigma"], drawn.samples["sigma"].values.ravel() * 6894.757293, rtol=1e-9)
     with pytest.raises(ValueError, match="`uncertain` must leave out `cutting_fraction`"):
         erosion.stream("linearized", p, n=64, uncertain=drawn.rows_of_draws())

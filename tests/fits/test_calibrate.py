@@ -395,21 +395,21 @@ def test_samples_of_a_robust_fit_explain_the_rows():
 def test_samples_hold_for_other_tests_and_know_their_angles():
     rows = {"angle [deg]": TO_60, "erosion [-]": np.array([3.0, 5.2, 5.9, 5.5, 4.4, 3.1])}
     in_own_units = erosion.calibrate("linearized", PULLED, rows, free=["k", "psi"], starts=2).rows_of_draws()
-    assert [*in_own_units] == ["k"]
+    assert [*in_own_units.columns] == ["k"]
     shape = {**rows, "erosion [-]": np.array([3.0, 5.2, 5.9, 5.5, 4.4, 3.1])}
     sized = _uncertain(erosion.calibrate("rotating", PULLED, shape, free=["k", "r"], starts=2))
     assert sized is not None
     assert sized.predictor is None
-    assert [*sized.laws] == ["k"]
+    assert sized.laws.names == ("k",)
     assert np.rad2deg(in_own_units.tested["alpha"]) == pytest.approx([10, 60])
     volume = np.asarray(erosion.impact("rotating", PULLED.replace(alpha=np.deg2rad(TO_60))).volume)
     data = {"angle [deg]": TO_60, "volume [in^3]": volume * np.array([1.01, 0.98, 1.02, 1, 0.99, 1])}
     of_jet = erosion.calibrate("rotating", PULLED, data, free=["k", "r"], starts=2)
-    assert [*of_jet.rows_of_draws()] == ["k", "r"]
+    assert [*of_jet.rows_of_draws().columns] == ["k", "r"]
     # An advice has another particle, of which predictions hold what the tests had.
     advised = _uncertain(of_jet)
     assert advised is not None
-    assert [*advised.laws] == ["k"]
+    assert advised.laws.names == ("k",)
     rows["erosion [-]"] = 2 * rows["erosion [-]"]
     of_amount = erosion.calibrate("linearized", PULLED, rows, free=["psi"], starts=2)
     with pytest.raises(SamplingError, match="decides no parameter of an impact"):

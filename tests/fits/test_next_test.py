@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from erosion import TABLE_1, calibrate, impact, next_test, posterior, rank_posteriors
-from erosion.distributions import Normal, Uniform
 from erosion.fits.next_test import NextTest, _discrimination, _Drawn, _narrowed
 from erosion.fits.prediction import Predictor
 from erosion.models.rigid import LinearizedCut
@@ -57,7 +57,7 @@ def measured(model, degrees, k, share=0.05):
 def test_a_scale_is_best_measured_at_the_greatest_volume():
     # Of one factor the gain is a function of the volume at the angle alone.
     data = measured("linearized", np.array([10.0, 60.0]), 2.0)
-    priors = {"cutting_fraction": Normal(0.5, 0.1)}
+    priors = {"cutting_fraction": stats.norm(0.5, 0.1)}
     drawn = posterior("linearized", TABLE_1, data, ["cutting_fraction"], priors=priors, draws=250, discrepancy=False)
     degrees = np.array([5.0, 20.0, 31.7, 45.0, 80.0])
     answer = next_test(drawn, {"alpha": np.deg2rad(degrees)}, for_prediction={"alpha": np.deg2rad(70.0)})
@@ -102,7 +102,7 @@ def test_a_jump_whose_place_is_not_known_is_the_place_to_test_for_the_parameters
 
 def test_two_models_are_told_apart_where_they_differ():
     data = measured("linearized", np.array([10.0, 15.0, 20.0, 25.0]), 2.0)
-    priors = {"k": Uniform(0.5, 10.0), "psi": Uniform(0.001, 0.2)}
+    priors = {"k": stats.uniform(0.5, 9.5), "psi": stats.uniform(0.001, 0.199)}
     both = rank_posteriors(TABLE_1, data, ["k", "psi"], models=["linearized", "tan-alpha"], priors=priors, draws=250)
     answer = next_test(both)
     assert answer.names == both.names

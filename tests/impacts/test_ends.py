@@ -19,12 +19,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from numpy.polynomial import Polynomial
+from scipy import stats
 
 import erosion
 from benchmarks.impacts import fast_turns
-from erosion.distributions import Distribution, read_distribution
 from erosion.impacts.batch import split
 from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
+from erosion.laws import read_law
 from erosion.models.rigid import LinearizedCut
 from erosion.ode.batch import integrate
 from erosion.parameters.parameters import QUANTITIES
@@ -366,13 +367,13 @@ def toml(value: object) -> str:
 @SAME
 @given(QUANTITY_TEXTS, DIMENSIONS, SYSTEMS)
 def test_any_text_is_a_quantity_an_axis_a_law_or_a_clause(text, dimension, system):
-    for read, kind in ((read_quantity, float), (read_axis, np.ndarray), (_law, (Distribution, type(None)))):
+    for read, kind in ((read_quantity, float), (read_axis, np.ndarray), (_law, (type(stats.norm()), type(None)))):
         found, said = tried(ValueError, read, text, dimension, system)
         assert said.startswith("must ") if said else isinstance(found, kind)
 
 
 def _law(text, dimension, system):
-    return read_distribution(f"normal({text})", "v0", dimension, system)
+    return read_law(f"normal({text})", "v0", dimension, system)
 
 
 @SAME

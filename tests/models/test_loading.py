@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import erosion
-from erosion.distributions import Normal
 from erosion.explorer.computed import Answers
 from erosion.explorer.state import PageCase
 from erosion.fits import Measurements, rank_models
@@ -145,7 +145,7 @@ def fitted(path: Path) -> list[Any]:
 VERBS: dict[str, Callable[[Path], list[Any]]] = {
     "alpha_max": lambda path: [(best := erosion.alpha_max(path, P)).volume, best.sensitivities["k"]],
     "simulate": lambda path: [erosion.simulate(path, P).volume],
-    "stream": lambda path: [erosion.stream(path, P, n=1024, alpha=Normal(0.35, 0.05)).mean_volume.value],
+    "stream": lambda path: [erosion.stream(path, P, n=1024, alpha=stats.norm(0.35, 0.05)).mean_volume.value],
     "rank_models": fitted,
     "explorer": answers,
 }
@@ -164,7 +164,7 @@ def test_an_edit_while_a_verb_runs_changes_nothing_of_it(written: Written, verb:
 def test_a_stream_of_a_model_that_was_edited_meanwhile_is_known_by_the_older_text(tmp_path: Path) -> None:
     path, store = tmp_path / "mine.py", tmp_path / "out.nc"
     path.write_text(EDITED)
-    laws: dict[str, Any] = {"alpha": Normal(0.35, 0.05), "n": 1024, "best_angle": False, "store": store}
+    laws: dict[str, Any] = {"alpha": stats.norm(0.35, 0.05), "n": 1024, "best_angle": False, "store": store}
     erosion.stream(path, P, **laws)
     assert path.read_text() == text("2.0")
     with pytest.raises(ValueError, match="another"):

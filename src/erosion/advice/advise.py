@@ -5,17 +5,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from erosion.advice.abrasives import Job
 from erosion.advice.result import DRAWS, NOZZLE_ANGLES, Advice, Curve, Uncertain
 from erosion.arguments import Progress, no_progress, refuse
 from erosion.correlations import CORRELATIONS
-from erosion.distributions import Normal, as_laws
 from erosion.fits.fit import Fit
 from erosion.fits.forward import FRACTION
 from erosion.fits.predicted import ANGLES, highest
 from erosion.fits.prediction import Predictor
 from erosion.impacts import SimulationError, alpha_max, impact, turned_beyond
+from erosion.laws import JointLaw, JointSamples, joint_law
 from erosion.models import CuttingModel, called, load_model, model_name, with_values
 from erosion.models.correlated import Correlated, CorrelatedByShape, correlated, made_for, members, per_mass_of
 from erosion.ode.step_control import require_float64
@@ -67,7 +68,7 @@ def advise(
     density: float | int | None = None,
     cutting_fraction: float | None = None,
     models: Sequence[str | CuttingModel] = MODELS,
-    uncertain: Mapping[str, Any] | Fit | None = None,
+    uncertain: JointLaw | JointSamples | Mapping[str, Any] | Fit | None = None,
     job: Job | None = None,
     compare: str | Particle | None = None,
     progress: Progress = no_progress,
@@ -129,13 +130,12 @@ def advise(
     return dataclasses.replace(advice, job=job, other=compared_with(compare, grit, metal))
 
 
-def _uncertain(uncertain: Mapping[str, Any] | Fit | None) -> Uncertain | None:
+def _uncertain(uncertain: JointLaw | JointSamples | Mapping[str, Any] | Fit | None) -> Uncertain | None:
     """The laws of what is not known, and the predictions of a fit where data tell the size of the wear."""
     if not isinstance(uncertain, Fit):
-        return None if uncertain is None else Uncertain(as_laws(uncertain, "uncertain"))
+        return None if uncertain is None else Uncertain(joint_law(uncertain, "uncertain"))
     predictor = None if uncertain.data.free_scale else uncertain.predictor
-    laws = as_laws(uncertain.rows_of_draws(), "uncertain")
-    return Uncertain(laws, predictor=predictor).of_metal({"": uncertain.forward.model})
+    return Uncertain(joint_law(uncertain.rows_of_draws()), predictor=predictor).of_metal({"": uncertain.forward.model})
 
 
 def compared_with(other: str | Particle | None, grit: Particle | None, metal: Target | None) -> Particle | None:
@@ -211,13 +211,12 @@ class _Jet:
     """The particles of a jet at every angle of the nozzle."""
 
     def __init__(self, p: Parameters, spread: float, speed_spread: float, uncertain: Uncertain | None) -> None:
-        middles = (np.arange(_DEVIATES) + 0.5) / _DEVIATES
-        angles = np.asarray(Normal(_STEEP, spread).ppf(middles))
+        law = stats.norm(_STEEP, spread)
+        angles = law.ppf((np.arange(_DEVIATES) + 0.5) / _DEVIATES)
         speeds = np.ones(1)
         if speed_spread:
-            quantiles = Normal(0.0, speed_spread).ppf((np.arange(_SPEEDS) + 0.5) / _SPEEDS)
-            speeds = np.exp(np.asarray(quantiles))
-        self._p, self._law, self._uncertain = p, Normal(_STEEP, spread), uncertain
+            speeds = stats.lognorm(speed_spread).ppf((np.arange(_SPEEDS) + 0.5) / _SPEEDS)
+        self._p, self._law, self._uncertain = p, JointLaw({"alpha": law}), uncertain
         self.p = p  # of the first model's most usual draw, where there are draws
         self._values = {"alpha": np.repeat(angles, speeds.size), "v0": float(p.v0) * np.tile(speeds, angles.size)}
 
@@ -290,7 +289,7 @@ class _Jet:
 
     def _spread(self, model: CuttingModel, single: np.ndarray, predictor: Predictor) -> np.ndarray:
         """Curves of single particles over `ANGLES`, (draws, angles), as those of the jet over `NOZZLE_ANGLES`."""
-        particles = Particles(model, self._p, {"alpha": self._law})
+        particles = Particles(model, self._p, self._law)
         _, hits_at, hit = particles.impacts(self._values, NOZZLE_ANGLES[:, None])
         held = predictor.forward.held_exponent
         power = predictor.exponent[0] if predictor.exponent is not None else 2.0 if held is None else held
@@ -309,7 +308,7 @@ class _Jet:
 
     def _erosion(self, name: str, model: CuttingModel, per_mass: PerMass, varied: dict[str, np.ndarray]) -> np.ndarray:
         """Volume per mass of particles at each setting and angle of the nozzle, shape (settings, angles) [m³/kg]."""
-        particles = Particles(model, self._p, {"alpha": self._law})
+        particles = Particles(model, self._p, self._law)
         values = {**self._values, **{parameter: value[:, None, None] for parameter, value in varied.items()}}
         turned, hits_at, hit = particles.impacts(values, NOZZLE_ANGLES[:, None])
         volume = np.where(hit, impact(turned, hits_at).volume, 0.0).mean(axis=-1)

@@ -12,7 +12,7 @@ from erosion.fits.conditions import is_same
 from erosion.fits.export import command
 from erosion.fits.forward import FACTORS, FRACTION, OF_METAL
 from erosion.fits.prediction import Predictor
-from erosion.joint_laws import SHARE, LawSet, Member, Rows, require_units
+from erosion.laws import SHARE, JointLaw
 from erosion.models import CuttingModel, own_parameters, quantities, ranges
 from erosion.models.correlated import Correlated
 from erosion.output import format_number
@@ -44,15 +44,14 @@ class Uncertain:
     """Laws of what is one number for all particles, but not known.
 
     Args:
-        laws: `Distribution` by parameter: of the metal's, of a model's own, or "cutting_fraction"; those of a joint law
-            (`Posterior.rows_of_draws`) all together.
+        laws: of parameters of the metal or of a model's own, or of "cutting_fraction".
         source: words for where they come from; without it they are made from the laws.
         values: the median of each parameter, and where 95 % of its law lies: "k = 1.29 (1.03 … 1.61)".
         predictor: of the fit that the laws are from; its curves, which also hold what the model may lack, take the
             place of the model's.
     """
 
-    laws: Mapping[str, Any]
+    laws: JointLaw
     source: str = ""
     values: tuple[str, ...] = ()
     predictor: Predictor | None = None
@@ -65,13 +64,11 @@ class Uncertain:
     @property
     def tested(self) -> Mapping[str, tuple[float, float]]:
         """The least and the greatest angle, speed and mass of the tests of a fit, in SI; empty where not known."""
-        joints = [law.joint for law in self.laws.values() if isinstance(law, Member)]
-        return next((joint.tested for joint in joints if isinstance(joint, Rows) and joint.tested), {})
+        return next((table.tested for table in self.laws.samples if table.tested), {})
 
     def __str__(self) -> str:
-        joints = [law.joint for law in self.laws.values() if isinstance(law, Member)]
-        tables = dict.fromkeys(joint.source for joint in joints if isinstance(joint, Rows))
-        return self.source or ", ".join(tables) or f"the laws of {', '.join(self.laws)}"
+        tables = dict.fromkeys(table.source for table in self.laws.samples)
+        return self.source or ", ".join(tables) or f"the laws of {', '.join(self.laws.names)}"
 
     def checked(self, models: Mapping[str, CuttingModel], units: System) -> "Uncertain":
         """The same with `values`, in units for tables.
@@ -79,35 +76,34 @@ class Uncertain:
         Raises:
             ValueError: where a model does not have one of the parameters, or the laws make no sense.
         """
-        if not self.laws:
+        if not self.laws.names:
             raise ValueError("Argument `uncertain` must have a law, but has none.")
-        require_units(self.laws, units)
+        self.laws.require_units(units)
         if all(isinstance(model, Correlated) for model in models.values()):
             raise ValueError("Argument `models` must have one that takes what is uncertain; a correlation does not.")
         self.require_of_metal(models)
         for model in models.values():
-            self._set(model)
+            self._within(model)
         return dataclasses.replace(self, values=tuple(self._values(models, units)))
 
     def require_of_metal(self, models: Mapping[str, CuttingModel], where: str = "Argument `uncertain`") -> None:
         """A `ValueError` that begins with `where` for a law of what the metal and a model do not have."""
         for name, model in models.items():
             known = (*OF_METAL, *own_parameters(model))
-            if strange := [parameter for parameter in self.laws if parameter not in known]:
+            if strange := [parameter for parameter in self.laws.names if parameter not in known]:
                 wanted = f"parameters of the metal or of {name} ({', '.join(known)})"
                 raise ValueError(f"{where} must name {wanted}, but has {strange[0]}.")
 
     def of_metal(self, models: Mapping[str, CuttingModel]) -> "Uncertain":
         """The same without the laws of particle and jet: they are of the tests of a fit, and an advice has its own."""
         known = {*OF_METAL, *(name for model in models.values() for name in own_parameters(model))}
-        kept = {name: law for name, law in self.laws.items() if name in known}
-        return dataclasses.replace(self, laws=kept)
+        return dataclasses.replace(self, laws=self.laws.only(known))
 
     def _values(self, models: Mapping[str, CuttingModel], units: System) -> Iterator[str]:
         known = dict(FACTORS)
         for model in models.values():
             known |= quantities(model)
-        for name, law in self.laws.items():
+        for name, law in self.laws.marginals.items():
             low, middle, high = (float(value) for value in law.ppf(np.array([0.025, 0.5, 0.975])))
             scale = table_scale(known[name].dimension, units, abs(middle))
             ends = [format_number(value, 3, scale.size) for value in (middle, low, high)]
@@ -116,15 +112,16 @@ class Uncertain:
     @functools.cached_property
     def fraction(self) -> float | None:
         """The median share of the particles that cut, where it is uncertain."""
-        return float(self.laws[FRACTION].ppf(np.array([0.5]))[0]) if FRACTION in self.laws else None
+        law = self.laws.marginals.get(FRACTION)
+        return None if law is None else float(law.ppf(np.array([0.5]))[0])
 
     def draws(self, model: CuttingModel) -> dict[str, np.ndarray]:
         """The parameters of the draws, shape (DRAWS,) each; always the same."""
-        laws = self._set(model)
+        laws = self._within(model)
         return laws.draw(Points("sobol", laws.dimension, 0, 1).take(DRAWS)[0])
 
-    def _set(self, model: CuttingModel) -> LawSet:
-        return LawSet(self.laws, {**ranges(model), FRACTION: SHARE})
+    def _within(self, model: CuttingModel) -> JointLaw:
+        return self.laws.within({**ranges(model), FRACTION: SHARE})
 
 
 NOZZLE_ANGLES = np.deg2rad(np.arange(1.0, 90.5, 0.5))
@@ -494,7 +491,7 @@ class Advice(Result):
                 f"yours is that {'flat' if best < self.alpha else 'steep'}."
             )
         if self.uncertain is not None:
-            words = (self.rows_file, *self._typed, "--free", ",".join(self.uncertain.laws), "--next-test")
+            words = (self.rows_file, *self._typed, "--free", ",".join(self.uncertain.laws.names), "--next-test")
             return (
                 f"What would narrow it: more tests. “{command('posterior', *words)}” says at which angle and speed one "
                 "more test narrows the prediction most (extra posterior)."

@@ -24,7 +24,6 @@ from erosion.cfd.table_summary import TableSummary
 from erosion.cfd.tally import FaceTally, Portion, portion_of
 from erosion.correlations import CORRELATIONS
 from erosion.correlations.ranges import masks_outside
-from erosion.distributions import Distribution
 from erosion.impacts import (
     SimulationError,
     code_version,
@@ -37,7 +36,7 @@ from erosion.impacts import (
     provenance,
     require_code,
 )
-from erosion.joint_laws import law_digest
+from erosion.laws import JointLaw, JointSamples, joint_law
 from erosion.models import Correlated, CuttingModel, load_model, model_name, require_loadable, require_one_impact
 from erosion.ode.step_control import require_float64
 from erosion.output import briefly, digest
@@ -127,13 +126,12 @@ class MapJob:
             arrays = (self.surface.points, self.surface.corners, self.surface.ends, self.surface.patch)
             surface = digest(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays))
         options = self.task.options
-        laws = "".join(f" {name} {law_digest(law)}" for name, law in options.all_laws.items())
         return identity(
             {"map": self.task.model},
             options.p,
             table=f"{self.impacts.title} {self.impacts.identity()}",
             surface=surface,
-            options=f"{options.in_words()}; rtol = {options.rtol}{laws}",
+            options=f"{options.in_words()}; rtol = {options.rtol} {options.laws.digest} {options.uncertain.digest}",
         )
 
     def run(self, progress: Progress = no_progress) -> xr.Dataset:
@@ -159,7 +157,7 @@ class MapJob:
         attributes = provenance(
             "a map",
             options.p,
-            **model_in_words(task.model, but=options.all_laws),
+            **model_in_words(task.model, but=options.names),
             table=table.title,
             surface="" if surface is None else surface.title,
             surface_unit="" if surface is None else surface.unit,
@@ -359,20 +357,22 @@ def erosion_map(
     *,
     scaling: str = "similar",
     diameter: float | None = None,
-    spin: str | Distribution | None = None,
+    spin: Any = None,
     restitution: tuple[float, float] | None = None,
     density: float | None = None,
     limit: float | None = None,
     seed: int = 0,
     rtol: float = 1e-9,
-    uncertain: Mapping[str, Any] | None = None,
+    correlation: Mapping[tuple[str, str], float] | None = None,
+    samples: JointSamples | Mapping[str, Any] | None = None,
+    uncertain: JointLaw | JointSamples | Mapping[str, Any] | None = None,
     draws: int = 64,
     cutting_fraction: float = 1.0,
     sand_rate: float | str | None = None,
     injected: float | str | None = None,
     each_row: str | None = None,
     progress: Progress = no_progress,
-    **distributions: Any,
+    **laws: Any,
 ) -> xr.Dataset:
     """Compute the wear of each face of a surface by the impacts of a CFD run.
 
@@ -395,8 +395,11 @@ def erosion_map(
             surface's width, the particle's diameter, and what a curved wall is off its facets; see docs/cfd.md.
         seed: of the numbers drawn from laws.
         rtol: see `impact`.
-        uncertain: laws of what is one number for all impacts but not known, {"k": Normal(2, 0.1)}, "cutting_fraction"
-            too, or `posterior.rows_of_draws()`. What it does to the wear does not average out over impacts.
+        correlation: of the normal scores of `laws`, by pairs; see `JointLaw`.
+        samples: see `stream`.
+        uncertain: laws of what is one number for all impacts but not known, {"k": scipy.stats.norm(2, 0.1)},
+            "cutting_fraction" too, or `posterior.rows_of_draws()`. What it does to the wear does not average out over
+            impacts.
         draws: of what is uncertain; for each all impacts are computed. 64 know an error to 9 %.
         cutting_fraction: the share of the particles that cut, by which volumes are multiplied.
         sand_rate: for rates of wear, the sand that comes: "100 kg/day", "50 ppm of 12 kg/s" (by mass), or [kg/s]. The
@@ -405,7 +408,7 @@ def erosion_map(
             "rows", each another parcel; else what OpenFOAM's case says, else the table's parcels, each once.
         each_row: what a row stands for in a table without weights: "1 particle", or another number of them.
         progress: called with "map", the number of rows that are done, and of all (0 if not known).
-        **distributions: parameter to its law from impact to impact, in the place of the case's value; see `stream`.
+        **laws: parameter to its law from impact to impact, in the place of the case's value; see `stream`.
 
     Returns:
         Over "face": volume, depth, impacts, particles, particle_mass (mass that hits), erosion, alpha_mean, v0_mean,
@@ -419,9 +422,10 @@ def erosion_map(
             whose surface it does not lie, as in other units.
         SimulationError: where no impact could be computed.
     """
+    together = joint_law(laws, correlation=correlation, samples=samples)
     options = MapOptions(
-        p, scaling, diameter, spin, restitution, density, limit, seed, rtol, uncertain or {}, draws, cutting_fraction,
-        sand_rate, injected, distributions, each_row,
+        p, scaling, diameter, spin, restitution, density, limit, seed, rtol, joint_law(uncertain, "uncertain"), draws,
+        cutting_fraction, sand_rate, injected, together, each_row,
     )  # fmt: skip
     return prepare_map(model, impacts, surface, options).run(progress)
 

@@ -13,8 +13,7 @@ from scipy.stats import qmc
 from erosion.arguments import check_share, check_whole
 from erosion.cfd.incidence import Hits
 from erosion.cfd.rows import ImpactsError
-from erosion.distributions import Distribution, as_law, as_laws
-from erosion.joint_laws import SHARE, LawSet, require_units
+from erosion.laws import SHARE, JointLaw, is_law
 from erosion.models import CuttingModel, own_in_words, quantities, ranges, with_values
 from erosion.models.correlated import Correlated, CorrelatedBySize
 from erosion.output import briefly
@@ -54,7 +53,7 @@ class MapOptions:
         scaling, diameter, restitution, density, limit, seed, rtol, uncertain, draws, cutting_fraction, sand_rate,
             injected, each_row: see `erosion_map`.
         spin: see `erosion_map`; a law joins `laws`.
-        laws: by parameter of the case or the model's own, its law from impact to impact.
+        laws: of parameters of the case or the model's own, from impact to impact.
 
     Raises:
         ValueError, TypeError: for an option that makes no sense.
@@ -63,29 +62,26 @@ class MapOptions:
     p: Parameters
     scaling: str = "similar"
     diameter: float | None = None
-    spin: str | Distribution | None = None
+    spin: Any = None
     restitution: tuple[float, float] | None = None
     density: float | None = None
     limit: float | None = None
     seed: int = 0
     rtol: float = 1e-9
-    uncertain: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    uncertain: JointLaw = dataclasses.field(default_factory=JointLaw)
     draws: int = 64
     cutting_fraction: float = 1.0
     sand_rate: Any = None
     injected: Any = None
-    laws: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    laws: JointLaw = dataclasses.field(default_factory=JointLaw)
     each_row: str | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "laws", as_laws(self.laws))
-        object.__setattr__(self, "uncertain", as_laws(self.uncertain, "uncertain"))
-        object.__setattr__(self, "spin", as_law(self.spin))
         if self.scaling not in SCALINGS:
             raise ValueError(
                 f"Argument `scaling` must be one of {', '.join(SCALINGS)}, but is {briefly(self.scaling)}."
             )
-        if not (self.spin is None or isinstance(self.spin, Distribution) or self.spin in SPINS):
+        if not (self.spin is None or is_law(self.spin) or self.spin in SPINS):
             known = ", ".join(SPINS)
             raise ValueError(
                 f"Argument `spin` must be {known} or a law such as normal(0, 1e4), but is {briefly(self.spin)}."
@@ -93,8 +89,9 @@ class MapOptions:
         if self.diameter is not None and self.scaling == "none":
             raise ValueError("Argument `diameter` must be left out where all particles have the case's r and b.")
         self._check_names()
-        if isinstance(self.spin, Distribution):
-            object.__setattr__(self, "laws", {**self.laws, "phidot0": self.spin})
+        if is_law(self.spin):
+            laws = {**self.laws.laws, "phidot0": self.spin}
+            object.__setattr__(self, "laws", dataclasses.replace(self.laws, laws=laws))
             object.__setattr__(self, "spin", None)
         object.__setattr__(self, "rtol", check_share("rtol", self.rtol))
         check_whole("seed", self.seed, 0)
@@ -122,16 +119,16 @@ class MapOptions:
     def _check_names(self) -> None:
         """Refuse laws of what has another value already."""
         for name in OF_ROWS:
-            if name in self.all_laws:
+            if name in self.names:
                 raise ValueError(f"Argument `{name}` must be left out: each row of the table has its own.")
-        if self.spin is not None and "phidot0" in self.all_laws:
+        if self.spin is not None and "phidot0" in self.names:
             raise ValueError("Argument `spin` must be left out where `phidot0` has a law.")
-        if both := [name for name in self.uncertain if name in self.laws]:
+        if both := [name for name in self.uncertain.names if name in self.laws.names]:
             raise ValueError(
                 f"Argument `uncertain` must name parameters without another law, but {both[0]} has one from impact to "
                 "impact."
             )
-        if FRACTION in self.uncertain and self.cutting_fraction != 1:
+        if FRACTION in self.uncertain.names and self.cutting_fraction != 1:
             raise ValueError("Argument `cutting_fraction` must be left out where it is uncertain.")
 
     def check_laws(self, model: CuttingModel) -> None:
@@ -140,25 +137,26 @@ class MapOptions:
         Raises:
             ValueError, TypeError: naming the first law that does not.
         """
-        require_units(self.all_laws, self.p.units)
-        varied, common = LawSet(self.laws, ranges(model)).middle, self.common(model)
+        self.laws.require_units(self.p.units)
+        self.uncertain.require_units(self.p.units)
+        varied, common = self.laws.within(ranges(model)).medians, self.common(model)
         # So that an own parameter that cannot be an array is refused too.
         with_values(model, self.p, {name: value for name, value in (varied | common).items() if name != FRACTION})
 
     @property
-    def all_laws(self) -> dict[str, Any]:
-        """The laws of all that varies or is uncertain, by parameter."""
-        return {**self.laws, **self.uncertain}
+    def names(self) -> tuple[str, ...]:
+        """The parameters that vary or are uncertain."""
+        return self.laws.names + self.uncertain.names
 
     @property
     def seed_used(self) -> int | None:
         """The seed, where numbers are drawn."""
-        return self.seed if self.all_laws else None
+        return self.seed if self.names else None
 
     @property
     def realisations(self) -> int:
         """How many times the map is computed: once for each draw of uncertain parameters, 1 without these."""
-        return self.draws if self.uncertain else 1
+        return self.draws if self.uncertain.names else 1
 
     def in_words(self) -> str:
         """The options that are not the default."""
@@ -166,9 +164,9 @@ class MapOptions:
             "scaling": None if self.scaling == "similar" else self.scaling,
             "diameter": self.diameter,
             "spin": self.spin,
-            **self.laws,
-            **{f"uncertain {name}": law for name, law in self.uncertain.items()},
-            "draws": self.draws if self.uncertain else None,
+            **self.laws.in_words({}, self.p.units),
+            **{f"uncertain {name}": law for name, law in self.uncertain.in_words({}, self.p.units).items()},
+            "draws": self.draws if self.uncertain.names else None,
             "seed": self.seed_used,
             FRACTION: None if self.cutting_fraction == 1 else self.cutting_fraction,
             **{
@@ -215,20 +213,15 @@ class MapOptions:
 
     def laws_in_words(self, model: CuttingModel) -> dict[str, str]:
         """By parameter, its law as a person reads it: "normal(2, 0.1)", "uncertain normal(2, 0.1)"."""
-        known = quantities(model)
-        return {
-            name: ("uncertain " if name in self.uncertain else "")
-            + law.in_words(known[name].dimension if name in known else "1", self.p.units)
-            for name, law in self.all_laws.items()
-        }
+        known, units = quantities(model), self.p.units
+        uncertain = self.uncertain.in_words(known, units)
+        return self.laws.in_words(known, units) | {name: f"uncertain {law}" for name, law in uncertain.items()}
 
     def constants_in_words(self, model: CuttingModel) -> str:
         """What the model takes as known: the formula of a correlation, else the case, and own parameters; and laws."""
         formula = model.formula if isinstance(model, Correlated) else ""
-        own = own_in_words(model, self.all_laws, self.p.units)
-        values = (
-            {} if formula else {name: float(getattr(self.p, name)) for name in OF_CASE if name not in self.all_laws}
-        )
+        own = own_in_words(model, self.names, self.p.units)
+        values = {} if formula else {name: float(getattr(self.p, name)) for name in OF_CASE if name not in self.names}
         case = [f"{QUANTITIES[name].symbol} = {QUANTITIES[name].in_words(value, self.p.units)}"
                 for name, value in values.items() if value]  # fmt: skip
         laws = [f"{name} = {law}" for name, law in self.laws_in_words(model).items()]
@@ -240,7 +233,7 @@ class MapOptions:
         Raises:
             ValueError, TypeError: for laws that make no sense.
         """
-        laws = LawSet(self.uncertain, {**ranges(model), FRACTION: SHARE})
+        laws = self.uncertain.within({**ranges(model), FRACTION: SHARE})
         if not laws.dimension:
             return {}
         sampler = qmc.Sobol(laws.dimension, rng=np.random.default_rng([self.seed, 0, 1]))
@@ -255,10 +248,10 @@ class MapOptions:
             ImpactsError: where the column of the spin is asked for but not there.
             ValueError, TypeError: for laws that make no sense.
         """
-        laws = LawSet(self.laws, ranges(model))
+        laws = self.laws.within(ranges(model))
         points = np.random.default_rng([self.seed, portion]).uniform(2.0**-53, 1.0, (hits.rows, laws.dimension))
         values = laws.draw(points)
-        if "phidot0" in self.all_laws:
+        if "phidot0" in self.names:
             return values
         lacks = np.isnan(hits.spin)
         if self.spin == "column" and lacks.any():

@@ -458,7 +458,7 @@ class GivenFit:
         _, laws, draws = self._laws.read(next(iter(models.values())), {})
         for model in models.values():
             require_same_model(draws, model, where)
-        if not laws:
+        if not laws.names:
             return None, draws
         source = str(self._case.case) if self._options.uncertain is None else ""
         with user_errors():
@@ -469,10 +469,10 @@ class GivenFit:
         options |= {text.partition("=")[0].strip(): "set" for text in self._options.own or ()}
         options |= {lazy.FRACTION: "cutting-fraction"} if has_fraction else {}
         if self._counts and self._case.target is not None:
-            names = ", ".join(sorted(laws))
+            names = ", ".join(sorted(laws.names))
             raise InputError(f"Option `--target` cannot set the metal, of which {names} have laws in {uncertain}.")
         for name, option in options.items():
-            if name in laws:
+            if name in laws.names:
                 raise InputError(f"Option `--{option}` cannot set {name}, which has a law in {uncertain}.")
         return uncertain, draws
 
@@ -550,7 +550,7 @@ def advise(
             lazy.write_advice(advice, output, decimal)
     draw(plot, lambda: lazy.plot_advice(advice))
     printed = Output("advise", p, options, json=json)
-    printed.warn(*(lazy.unused_columns(uncertain.laws) if uncertain else ()))
+    printed.warn(*(uncertain.laws.unused_columns if uncertain else ()))
     printed.show(advice, models)
     is_table = output is not None and output.suffix == ".csv"
     printed.wrote(figure=plot, **{"table" if is_table else "page": output})

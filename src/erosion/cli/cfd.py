@@ -145,13 +145,13 @@ class _Rows:
                 f'Option `--restitution` must be two numbers such as "0.8,0.1", but is {briefly(self.restitution)}.'
             ) from error
         # A share that is uncertain has its law alone, if no option gives it too.
-        has_law = lazy.FRACTION in read.uncertain and abrasive.cutting_fraction is None
+        has_law = lazy.FRACTION in read.uncertain.names and abrasive.cutting_fraction is None
         with user_errors(TypeError):
             return lazy.MapOptions(
                 sand.p,
                 self.scaling,
                 sand.case.read("diameter", self.diameter, "length"),
-                "case" if has_spin and "phidot0" not in {**read.varied, **read.uncertain} else None,
+                "case" if has_spin and "phidot0" not in read.varied.names + read.uncertain.names else None,
                 None if self.restitution is None else (normal, friction),
                 per_mass.density,
                 sand.case.read("limit", self.limit, "length"),

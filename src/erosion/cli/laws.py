@@ -86,14 +86,15 @@ class ReadLaws(NamedTuple):
         draws: the posteriors' files among the latter.
     """
 
-    varied: dict[str, Any]
-    uncertain: dict[str, Any]
+    varied: "lazy.JointLaw"
+    uncertain: "lazy.JointLaw"
     draws: "list[lazy.Draws]"
 
     def findings(self, model: "lazy.CuttingModel", p: "lazy.Parameters", cutting_fraction: float) -> Iterator[Finding]:
         """Columns that are not used or apart, and what the posteriors say of the model and the case."""
-        yield from lazy.unused_columns({**self.varied, **self.uncertain})
-        yield from lazy.columns_apart(self.varied)
+        yield from self.varied.unused_columns
+        yield from self.uncertain.unused_columns
+        yield from self.varied.columns_apart
         for part in self.draws:
             yield from part.doubts(model, p, cutting_fraction)
 
@@ -126,45 +127,53 @@ class GivenLaws:
         Raises:
             InputError: also for uncertain laws beyond the range of their parameter, and draws of another model.
         """
-        (where, path), units = self.rows, self.case.system
+        where, path = self.rows
         with reading(where):
-            rows = {} if path is None else lazy.read_rows(path, lazy.quantities(model), units)
-        if both := [name for name in rows if name in laws]:
-            raise InputError(f"{where} must give {both[0]} alone, but {both[0]} has another law, too.")
-        uncertain, draws = self._uncertain(model)
-        varied, uncertain = self._tied({**laws, **rows}, uncertain)
+            rows = () if path is None else (lazy.read_samples(path, lazy.quantities(model), self.case.system),)
+        single, samples, draws = self._uncertain(model)
+        pairs, uncertain_pairs = self._pairs(laws, single)
+        with user_errors(fields={"samples": where, "correlation": self.correlation[0]}):
+            varied = lazy.JointLaw(laws, pairs, rows)
+            uncertain = lazy.JointLaw(single, uncertain_pairs, samples)
         require_same_model(draws, model, self.uncertain[0])
         try:
-            lazy.LawSet(uncertain, {**lazy.ranges(model), _FRACTION: lazy.SHARE})
+            uncertain.within({**lazy.ranges(model), _FRACTION: lazy.SHARE})
         except (TypeError, ValueError) as error:
             clause = re.sub(r"^Argument `(\w+)`", r"\1", str(error))
             raise InputError(f"{self.uncertain[0]}: {clause}") from error
         return ReadLaws(varied, uncertain, draws)
 
-    def _uncertain(self, model: "lazy.CuttingModel") -> "tuple[dict[str, Any], list[lazy.Draws]]":
-        """The laws of what is uncertain, and the posteriors' files among them."""
+    def _uncertain(
+        self, model: "lazy.CuttingModel"
+    ) -> "tuple[dict[str, Any], tuple[lazy.JointSamples, ...], list[lazy.Draws]]":
+        """Of what is uncertain the laws and the samples, and the posteriors' files among these."""
         (where, texts), units = self.uncertain, self.case.system
         laws: dict[str, Any] = {}
-        draws, known = list[Any](), lazy.quantities(model)
+        samples, draws, known = list[Any](), list[Any](), lazy.quantities(model)
         for text in texts:
             try:
                 if not isinstance(text, str):
-                    more = dict(lazy.joint_laws.Rows(text, "draws", units))
+                    read = lazy.JointSamples(text, "draws", units)
                 elif text.strip().endswith(".nc"):
                     draws.append(lazy.read_draws(text.strip(), known, units))
-                    more = dict(draws[-1].rows)
+                    read = draws[-1].rows
                 elif _is_file(text):
-                    more = dict(lazy.read_rows(text.strip(), {**known, _FRACTION: lazy.FACTORS[_FRACTION]}, units))
+                    read = lazy.read_samples(text.strip(), {**known, _FRACTION: lazy.FACTORS[_FRACTION]}, units)
                 else:
-                    more = self._law(text, known)
+                    read = self._law(text, known)
             except (TypeError, ValueError) as error:
                 # A clause, or a sentence that names the file.
                 said = str(error).removeprefix("Argument `columns` ").rstrip(".")
                 raise InputError(f"{where}{'' if said.startswith('must ') else ':'} {said}.") from error
-            if both := [name for name in more if name in laws]:
+            is_table = isinstance(read, lazy.JointSamples)
+            before = {*laws, *(name for table in samples for name in table.columns)}
+            if both := [name for name in (read.columns if is_table else read) if name in before]:
                 raise InputError(f"{where} must give {both[0]} once, but gives it several times.")
-            laws |= more
-        return laws, draws
+            if is_table:
+                samples.append(read)
+            else:
+                laws |= read
+        return laws, tuple(samples), draws
 
     def _law(self, text: str, known: Mapping[str, Any]) -> dict[str, Any]:
         """A law such as "k=normal(2, 0.2)"; a ValueError where it is none."""
@@ -175,39 +184,29 @@ class GivenLaws:
             raise ValueError(f"must name one of {', '.join(known)}, but has {briefly(name)}")
         dimension = known[name].dimension if name in known else "1"
         self.case.require_unit(f"--uncertain {name}=", words, dimension)
-        law = lazy.read_distribution(words, name, dimension, self.case.system)
+        law = lazy.read_law(words, name, dimension, self.case.system)
         if law is None:
             raise ValueError(
                 f"must give {name} a law ({', '.join((*lazy.LAWS, 'samples'))}), but gives {briefly(words)}"
             )
         return {name: law}
 
-    def _tied(self, varied: dict[str, Any], uncertain: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-        """The same laws, correlated where that is asked for."""
+    def _pairs(self, *kinds: Mapping[str, Any]) -> list[dict[tuple[str, str], float]]:
+        """Of each kind of laws the correlations that are asked for."""
         where, texts = self.correlation
-        kinds: list[tuple[dict[str, Any], dict[tuple[str, str], float]]] = [(varied, {}), (uncertain, {})]
+        pairs: list[dict[tuple[str, str], float]] = [{} for _ in kinds]
         for text in texts:
             pair, value = _pair(text, where)
-            # Laws that are not tied to others.
-            singles = [{name for name, law in laws.items() if not isinstance(law, lazy.Member)} for laws, _ in kinds]
-            homes = [i for i, single in enumerate(singles) if single.issuperset(pair)]
+            homes = [of_kind for of_kind, laws in zip(pairs, kinds, strict=True) if {*pair} <= {*laws}]
             if not homes:
                 raise InputError(
                     f"{where} must join two parameters with laws of their own, which both vary or are both uncertain, "
                     f"but has {briefly(text)}."
                 )
-            if pair in kinds[homes[0]][1]:
+            if pair in homes[0]:
                 raise InputError(f"{where} must give {' and '.join(pair)} once, but gives them twice.")
-            kinds[homes[0]][1][pair] = value
-        tied = []
-        for laws, pairs in kinds:
-            names = {name: laws[name] for pair in pairs for name in pair}
-            try:
-                joint = lazy.joint_laws.CorrelatedLaws(names, pairs) if pairs else {}
-            except ValueError as error:
-                raise InputError(f"{where}{str(error).removeprefix('Argument `correlation`')}") from error
-            tied.append({**laws, **joint})
-        return tied[0], tied[1]
+            homes[0][pair] = value
+        return pairs
 
 
 def require_same_model(draws: "Sequence[lazy.Draws]", model: "lazy.CuttingModel", where: str) -> None:
@@ -319,7 +318,7 @@ def case_and_laws(
 
 
 def _number_or_law(name: str, text: Any, dimension: "lazy.Dimension", units: "lazy.System") -> Any:
-    law = lazy.read_distribution(str(text), name, dimension, units)
+    law = lazy.read_law(str(text), name, dimension, units)
     return lazy.read_quantity(str(text), dimension, units) if law is None else law
 
 

@@ -1,6 +1,5 @@
 """What the verbs use of the package, and where each is defined. `lazy.py` imports a name when a verb uses it."""
 
-from erosion import joint_laws as joint_laws
 from erosion.advice.advise import CUTTING_FRACTION as CUTTING_FRACTION
 from erosion.advice.advise import FRACTION_OF_A_FIT as FRACTION_OF_A_FIT
 from erosion.advice.advise import MODELS as MODELS
@@ -37,8 +36,6 @@ from erosion.cfd.surface import Surface as Surface
 from erosion.checks import verify as verify
 from erosion.correlations import CORRELATIONS as CORRELATIONS
 from erosion.correlations import OutOfRangeWarning as OutOfRangeWarning
-from erosion.distributions import LAWS as LAWS
-from erosion.distributions import read_distribution as read_distribution
 from erosion.exercises import AnswerKey as AnswerKey
 from erosion.exercises.notebook import notebook as notebook
 from erosion.exercises.students import answers_table as answers_table
@@ -91,12 +88,12 @@ from erosion.impacts.dataset_files import write_csv as write_csv
 from erosion.impacts.dataset_files import write_netcdf as write_netcdf
 from erosion.impacts.trajectory import SimulationError as SimulationError
 from erosion.impacts.trajectory import path as path
-from erosion.joint_laws import SHARE as SHARE
-from erosion.joint_laws import LawSet as LawSet
-from erosion.joint_laws import Member as Member
-from erosion.joint_laws import columns_apart as columns_apart
-from erosion.joint_laws import read_rows as read_rows
-from erosion.joint_laws import unused_columns as unused_columns
+from erosion.laws import LAWS as LAWS
+from erosion.laws import SHARE as SHARE
+from erosion.laws import JointLaw as JointLaw
+from erosion.laws import JointSamples as JointSamples
+from erosion.laws import read_law as read_law
+from erosion.laws import read_samples as read_samples
 from erosion.models import Correlated as Correlated
 from erosion.models import available_models as available_models
 from erosion.models import called as called

@@ -187,7 +187,7 @@ class Output:
             result: numbers by name, of any depth.
             models: by name, what was computed.
             units: unit by name of the numbers in `result` that have one.
-            varied: in words, the distributions or axes of what is not a single number.
+            varied: in words, the laws or axes of what is not a single number.
         """
         if not self.json:
             return

@@ -281,7 +281,7 @@ def _read_priors(
         dimension = measured.dimension if name == lazy.NOISE else dimension_of(name, models, measured.units)
         case.require_unit(f"--prior {name}=", law, dimension)
         with reading(f"Option `--prior`, {name},"):
-            read = lazy.read_distribution(law, name, dimension, measured.units)
+            read = lazy.read_law(law, name, dimension, measured.units)
         if read is None:
             listed = ", ".join((*lazy.LAWS, "samples"))
             raise InputError(f"Option `--prior`, {name}, must be a law ({listed}), but is {briefly(law)}.")

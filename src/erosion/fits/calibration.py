@@ -11,7 +11,6 @@ import xarray as xr
 from scipy import stats
 
 from erosion.arguments import check_share, check_whole
-from erosion.distributions import LogUniform, Uniform
 from erosion.fits import doubts
 from erosion.fits.doubts import (
     LEVEL,
@@ -40,7 +39,7 @@ from erosion.fits.least_squares import (
     identify,
     make_problem,
 )
-from erosion.fits.likelihood import make_likelihood
+from erosion.fits.likelihood import even_law, make_likelihood
 from erosion.fits.measurements import Measurements, conditions
 from erosion.fits.predicted import Predictions, predictions
 from erosion.fits.prediction import Predictor, make_predictor
@@ -348,7 +347,7 @@ class Calibration(Fit):
         problem, laws = self.problem, {}
         for name, logarithmic, ends in zip(self.names, problem.forward.logarithmic, self.bounds.values(), strict=True):
             if np.isfinite(ends).all():
-                laws[name] = (LogUniform if logarithmic else Uniform)(*ends)
+                laws[name] = even_law(*ends, logarithmic=logarithmic)
         forward, data = problem.forward, problem.forward.data
         if problem.loss != "linear":
             weights = problem.weights(problem.data.over_errors(self.residuals))

@@ -28,13 +28,12 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from scipy import special
+from scipy import special, stats
 
-from erosion.distributions import Distribution, LogNormal, Normal
 from erosion.fits.errors import by_common
 from erosion.fits.likelihood import LAW_OF_EXPONENT, Likelihood
 from erosion.fits.tempering import Misfit
-from erosion.joint_laws import LawSet
+from erosion.laws import JointLaw
 from erosion.models import SPEED_EXPONENT
 from erosion.ode.batch import in_threads
 
@@ -45,15 +44,15 @@ NORMAL_WEAR = "normal_wear"
 """ω, the wear at 90° that the model lacks, over the greatest wear."""
 _OF_ANGLE, _OF_BOTH = ("tau_angle", "length_angle"), ("tau", "length", "length_speed")
 
-PRIORS: Mapping[str, Distribution] = {
+PRIORS: Mapping[str, Any] = {
     EXPONENT: LAW_OF_EXPONENT,
-    _SINE: Normal(0.0, 0.5),
-    NORMAL_WEAR: LogNormal(0.4, np.log(1.8)),
-    "tau_angle": LogNormal(0.4, np.log(1.5)),
-    "length_angle": LogNormal(np.deg2rad(25.0), np.log(1.6)),
-    "tau": LogNormal(0.07, np.log(1.6)),
-    "length": LogNormal(np.deg2rad(25.0), np.log(1.6)),
-    "length_speed": LogNormal(1.0, np.log(2.0)),
+    _SINE: stats.norm(0.0, 0.5),
+    NORMAL_WEAR: stats.lognorm(np.log(1.8), scale=0.4),
+    "tau_angle": stats.lognorm(np.log(1.5), scale=0.4),
+    "length_angle": stats.lognorm(np.log(1.6), scale=np.deg2rad(25.0)),
+    "tau": stats.lognorm(np.log(1.6), scale=0.07),
+    "length": stats.lognorm(np.log(1.6), scale=np.deg2rad(25.0)),
+    "length_speed": stats.lognorm(np.log(2.0)),
 }
 """Of the exponents and the process; lengths in rad and in ln v. Others of twice the width predict alike."""
 _RANGES = {
@@ -86,11 +85,12 @@ class Discrepant(Misfit):
     has_discrepancy: bool
 
     @functools.cached_property
-    def priors(self) -> LawSet:
+    def priors(self) -> JointLaw:
         """The laws of the model's parameters, the errors, the exponents and the process."""
         added = [EXPONENT] * self.has_exponent + [_SINE, NORMAL_WEAR, *_OF_ANGLE, *_OF_BOTH] * self.has_discrepancy
-        laws, ranges = self.plain.priors.laws, self.plain.priors.ranges
-        return LawSet({**laws, **{name: PRIORS[name] for name in added}}, {**ranges, **_RANGES})
+        plain = self.plain.priors
+        laws = {**plain.laws, **{name: PRIORS[name] for name in added}}
+        return JointLaw(laws).within({**(plain.ranges or {}), **_RANGES})
 
     @functools.cached_property
     def reference(self) -> float:

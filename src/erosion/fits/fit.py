@@ -27,7 +27,7 @@ from erosion.fits.likelihood import OF_ERROR, sampled_quantities
 from erosion.fits.measurements import Measurements
 from erosion.fits.prediction import Predictor
 from erosion.fits.tempering import SamplingError
-from erosion.joint_laws import Rows
+from erosion.laws import JointSamples
 from erosion.models import model_name, model_source
 from erosion.models.equations import plug_in_digest
 from erosion.output.files import require_writable, seen_from, write_whole
@@ -93,8 +93,8 @@ class Fit(Result):
         tied = {name for group in self.groups if SCALE in group.names for name in group.names} - {SCALE}
         return tuple(name for name in self.forward.names if name in tied)
 
-    def rows_of_draws(self) -> Rows:
-        """The samples as a joint law, for `uncertain` of `erosion.stream`, `erosion.erosion_map` and `erosion.advise`.
+    def rows_of_draws(self) -> JointSamples:
+        """The samples, drawn together, for `uncertain` of `erosion.stream`, `erosion.erosion_map` and `erosion.advise`.
 
         It has the parameters of an impact, and "cutting_fraction" if that was fitted: a map takes it, a stream does
         not. "scale" and the errors belong to the measurements and are left out, and so is what is tied to the scale.
@@ -107,7 +107,8 @@ class Fit(Result):
         if not names:
             raise SamplingError("The fit has no samples: it decides no parameter of an impact.")
         columns = {name: self.samples[name].values for name in names}
-        return Rows(columns, f"the fit to {self.data.source}", self.forward.p.units, tested=self.forward.tested.ranges)
+        tested = self.forward.tested.ranges
+        return JointSamples(columns, f"the fit to {self.data.source}", self.forward.p.units, tested=tested)
 
     def dataset(self, values: Mapping[str, Any]) -> xr.Dataset:
         """Samples by name, of the shape (chains, draws), with their units."""

@@ -1,4 +1,4 @@
-"""Files of fits: what `Fit.save` writes, read as a joint law for streams and maps of the same model."""
+"""Files of fits: what `Fit.save` writes, read as samples for streams and maps of the same model."""
 
 import dataclasses
 import functools
@@ -17,7 +17,7 @@ from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
 from erosion.fits.likelihood import OF_ERROR
 from erosion.fits.measurements import Measurements
 from erosion.fits.prediction import Predictor, predictor_of
-from erosion.joint_laws import Rows
+from erosion.laws import JointSamples
 from erosion.models import CuttingModel, load_model, model_name
 from erosion.models.base import converted, own_in_words, own_parameters
 from erosion.models.equations import plug_in_digest
@@ -67,7 +67,7 @@ class Draws:
         data: the path of the tests' table.
     """
 
-    rows: Rows
+    rows: JointSamples
     path: Path
     model: str
     own: str
@@ -90,7 +90,7 @@ class Draws:
         """What the case of the fit has otherwise than `p`, as options take it; not what was sampled."""
         there = self.p.to(p.units)
         numbers = [(name, float(getattr(there, name)), float(getattr(p, name)))
-                   for name in QUANTITIES if name not in (*self.rows, "alpha")]  # fmt: skip
+                   for name in QUANTITIES if name not in (*self.rows.columns, "alpha")]  # fmt: skip
         return {name: f"{before:.9g} {QUANTITIES[name].unit(p.units)}".removesuffix(" 1")
                 for name, before, now in numbers if not np.isclose(before, now, rtol=1e-6, atol=0)}  # fmt: skip
 
@@ -100,10 +100,10 @@ class Draws:
 
     def doubts(self, model: CuttingModel, p: Parameters, cutting_fraction: float) -> list[Finding]:
         """Findings on what an impact has otherwise than the fit and its tests, and on what was doubtful in the fit."""
-        there, here = self.p.to(p.units), own_in_si(model, p, self.rows)
+        there, here = self.p.to(p.units), own_in_si(model, p, self.rows.columns)
         share = cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
         numbers = [(QUANTITIES[name], float(getattr(there, name)), float(getattr(p, name)))
-                   for name in _OF_METAL if name not in self.rows]  # fmt: skip
+                   for name in _OF_METAL if name not in self.rows.columns]  # fmt: skip
         path = str(self.path)
 
         def otherwise(quantity: Quantity, *values: float) -> Finding:
@@ -176,7 +176,7 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
     except ValueError as error:
         raise ValueError(f"{path}: must hold the draws of a posterior, but its case cannot be read.") from error
     return Draws(
-        Rows(columns, str(path), tested={name: (low, high) for name, (low, high) in _kept(attrs, TESTED, {}).items()}),
+        JointSamples(columns, str(path), tested={name: tuple(ends) for name, ends in _kept(attrs, TESTED, {}).items()}),
         path,
         model=attrs["model"],
         own=attrs.get("own_parameters", ""),

@@ -10,14 +10,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy import special
+from scipy import special, stats
 
-from erosion.distributions import Distribution, LogUniform, Normal, Uniform, as_law
 from erosion.fits.errors import by_common, of_which
 from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
 from erosion.fits.least_squares import default_width, make_problem
 from erosion.fits.tempering import Misfit
-from erosion.joint_laws import SHARE, LawSet, Member
+from erosion.laws import LAWS, SHARE, JointLaw
 from erosion.models import SPEED_EXPONENT, SpeedExponent, quantities, ranges
 from erosion.output import briefly
 from erosion.parameters import Quantity
@@ -46,21 +45,19 @@ def make_likelihood(forward: Forward, given: Mapping[str, Any]) -> "Likelihood":
     """
     of_error = (NOISE, RELATIVE) if forward.data.uncertainty is None else (ERROR_FACTOR,)
     names = (*forward.names, *of_error)
-    for name, law in given.items():
+    for name in given:
         if name not in names:
             raise ValueError(
                 f"Argument `priors` must name free parameters ({', '.join(names)}), but has {briefly(name)}."
             )
-        if isinstance(law, Member):
-            raise ValueError(f"Argument `priors` must give {name} a law of its own, but gives {law}.")
     names = tuple(name for name in names if name != ERROR_FACTOR or name in given)
-    laws = {name: as_law(given[name]) if name in given else _default(forward, name) for name in names}
+    laws = {name: given[name] if name in given else _default(forward, name) for name in names}
     positive = dict.fromkeys((SCALE, *of_error), (0.0, np.inf))
-    priors = LawSet(laws, {**ranges(forward.model), FRACTION: SHARE, **positive}, "`priors` of `{}`")
+    priors = JointLaw(laws, argument="`priors` of `{}`").within({**ranges(forward.model), FRACTION: SHARE, **positive})
     return Likelihood(forward, priors, tuple(given))
 
 
-LAW_OF_EXPONENT = Normal(2.4, 0.3)
+LAW_OF_EXPONENT = stats.norm(2.4, 0.3)
 """Of an exponent of the speed before the data, as metals have it."""
 
 
@@ -74,15 +71,15 @@ def sampled_quantities(forward: Forward) -> dict[str, Quantity]:
     return {**quantities(forward.model), **FACTORS, **of_error}
 
 
-def _default(forward: Forward, name: str) -> Distribution:
+def _default(forward: Forward, name: str) -> Any:
     if name == FRACTION:
-        return Uniform(0.0, 1.0)
+        return stats.uniform(0.0, 1.0)
     if name == SPEED_EXPONENT and isinstance(forward.model, SpeedExponent):
         return LAW_OF_EXPONENT
     typical = float(np.sqrt(np.mean(forward.data.erosion**2)))
     if name in _NOISES:
         low, high = np.array(_NOISES[name]) * (typical if name == NOISE else 1.0)
-        return LogUniform(float(low), float(high))
+        return stats.loguniform(low, high)
     at = forward.names.index(name)
     start, width = forward.start[at], default_width(forward)[at]
     if forward.logarithmic[at]:
@@ -93,8 +90,12 @@ def _default(forward: Forward, name: str) -> Distribution:
         start = np.log(typical / size if size > 0 else 1.0)
     low, high = forward.limits[at]
     low, high = (start - width if low == -np.inf else low), (start + width if high == np.inf else high)
-    law = LogUniform if forward.logarithmic[at] else Uniform
-    return law(float(forward.from_theta(name, low)), float(forward.from_theta(name, high)))
+    return even_law(forward.from_theta(name, low), forward.from_theta(name, high), logarithmic=forward.logarithmic[at])
+
+
+def even_law(low: float, high: float, *, logarithmic: bool) -> Any:
+    """All values between two alike, or all factors."""
+    return LAWS["loguniform" if logarithmic else "uniform"](low, high)
 
 
 IMPACTS = 2**20
@@ -146,7 +147,7 @@ class Likelihood(Misfit):
     """
 
     forward: Forward
-    priors: LawSet
+    priors: JointLaw
     chosen: tuple[str, ...]
 
     def values(self, points: np.ndarray) -> dict[str, np.ndarray]:

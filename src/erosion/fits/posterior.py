@@ -28,7 +28,7 @@ from erosion.fits.prediction import Noise, Predictor, make_predictor, of_model
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
 from erosion.impacts.batch import impact
 from erosion.impacts.optimum import alpha_max
-from erosion.joint_laws import LawSet
+from erosion.laws import JointLaw, law_in_words
 from erosion.models import CuttingModel, impact_to_dict, model_name, with_values
 from erosion.ode.step_control import require_float64
 from erosion.output.tables import Record, sentences
@@ -82,14 +82,14 @@ class Posterior(Fit):
         return self.likelihood.forward
 
     @property
-    def priors(self) -> LawSet:
+    def priors(self) -> JointLaw:
         """The laws before the data."""
         return self.likelihood.priors
 
     @property
     def names(self) -> tuple[str, ...]:
         """The sampled parameters; "scale" and those of the error come last."""
-        return tuple(self.priors.laws)
+        return self.priors.names
 
     @functools.cached_property
     def samples(self) -> xr.Dataset:
@@ -359,7 +359,7 @@ class Posterior(Fit):
         return f"{name} = {row.scale.beside(row.value)}"
 
     def _law_in_words(self, name: str) -> str:
-        return self.priors.laws[name].in_words(self.quantities[name].dimension, self.p.units)
+        return law_in_words(self.priors.laws[name], self.quantities[name].dimension, self.p.units)
 
     def prior_in_words(self, name: str) -> str:
         """The law of a parameter before the data, and whether it is the default."""
@@ -421,8 +421,9 @@ def posterior(
 ) -> Posterior:
     """Draw a model's parameters as likely as measured erosion and priors leave them.
 
-        from erosion.distributions import Uniform
-        erosion.posterior("rotating", p, data, free=["k", "psi"], priors={"psi": Uniform(0.01, 0.2)}).samples["psi"]
+        from scipy import stats
+        priors = {"psi": stats.loguniform(0.01, 0.2)}
+        erosion.posterior("rotating", p, data, free=["k", "psi"], priors=priors).samples["psi"]
 
     No gradient is used, as V(α) jumps: see `erosion.fits.tempering`. The evidence comes with the draws.
 
@@ -434,9 +435,8 @@ def posterior(
             an unknown factor, "scale".
         free: the parameters to draw, of the case or the model's own: ["k", "psi"]; or "cutting_fraction".
         priors: by parameter, also "noise", "relative_noise", "scale", and for uncertainties that may be too small
-            "error_factor", on all of them: a law of `erosion.distributions` or any frozen distribution of
-            scipy, in the case's units. Without one: all factors from 1/100 to 100 of the fit's first guess alike, see
-            docs/posterior.md. The result names them all.
+            "error_factor", on all of them: a law (`erosion.laws`), in the case's units. Without one: all factors from
+            1/100 to 100 of the fit's first guess alike, see docs/posterior.md. The result names them all.
         density: of the target, as for `calibrate`.
         cutting_fraction: as for `calibrate`; where it is free, its prior counts alone.
         error: as for `calibrate`; "5 % of each speed" alone leaves the rows' own errors to be sampled.

@@ -24,7 +24,7 @@ from erosion.fits.likelihood import ERROR_FACTOR, NOISE, OF_ERROR, RELATIVE, Lik
 from erosion.fits.measurements import Measurements
 from erosion.fits.outliers import chances
 from erosion.fits.tempering import sample
-from erosion.joint_laws import LawSet
+from erosion.laws import JointLaw, law_in_words
 from erosion.models import own_parameters
 from erosion.output import format_number, sentences
 from erosion.parameters import conversion_factor
@@ -272,7 +272,7 @@ class Predictor(Result):
             (self._missed, self._missed),
             (self.exponent is not None and self.data.has_one_speed,
              "All rows are of one speed: at others the exponent of the speed is the prior's, "
-             f"{PRIORS[EXPONENT].in_words('1', self.data.units)}."),
+             f"{law_in_words(PRIORS[EXPONENT])}."),
         )))  # fmt: skip
 
 
@@ -299,7 +299,7 @@ def of_model(likelihood: Likelihood, values: Mapping[str, np.ndarray], log_evide
 
 def predictor_of(forward: Forward, ways: Mapping[str, Mapping[str, Any]], seed: int) -> Predictor:
     """Predictions by draws that were kept: by way, the arguments of `Way` but for its likelihood."""
-    whole = Likelihood(forward, LawSet({}, {}), ())
+    whole = Likelihood(forward, JointLaw(), ())
     few = with_few_conditions(whole) if len(ways) > 1 else whole
     kept = {name: Way(Discrepant(few, EXPONENT in way["values"], name == "discrepancy"), **way)
             for name, way in ways.items()}  # fmt: skip

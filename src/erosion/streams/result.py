@@ -179,11 +179,11 @@ class Stream(Result):
     """The erosion of a stream of particles.
 
     Args:
-        particles: model and case, and their distributions.
+        particles: model and case, and the laws of their parameters.
         tally: counts and moments of the particles.
         ends: the outcomes of a particle, the columns of `tally.ends`.
         nozzle: the stream's own best angle, or None where it was not asked for.
-        sensitivities: by parameter, or by the parameters of a joint law ("alpha, v0"), the shares of the volume's
+        sensitivities: by parameter, or by parameters that are tied ("alpha, v0"), the shares of the volume's
             variance that it causes alone (first order) and with its interactions (total), or None for a
             single law, a joint one too, or where nothing is removed.
         per_mass: the share of the particles that cut, and the density of the target, for `erosion` and
@@ -321,12 +321,12 @@ class Stream(Result):
     @property
     def subject(self) -> Record:
         """The model, the case and the laws."""
-        return {**impact_to_dict(self.model, self.particles.p, but=self.particles.all_laws), "laws": self._laws}
+        return {**impact_to_dict(self.model, self.particles.p, but=self.particles.names), "laws": self._laws}
 
     def declare(self) -> list[Declared]:
         """The results; errors are standard errors by sampling."""
         units, mean, mass = self.particles.p.units, self.mean_volume, self.mean_mass
-        spread = ", uncertain parameters included" if self.particles.uncertain else ""
+        spread = ", uncertain parameters included" if self.particles.uncertain.names else ""
         deviation = f"{RESULTS['deviation'].meaning}{spread}"
         return [
             Value("particles", self.n, meaning=f"± is {self.error_meaning}"),
@@ -369,7 +369,7 @@ class Stream(Result):
             return
         units, symbols = (
             self.particles.p.units,
-            (quantities(self.model)[name].symbol for name in self.particles.uncertain),
+            (quantities(self.model)[name].symbol for name in self.particles.uncertain.names),
         )
         for name, error in self.parameter_errors.items():
             meaning = f"standard deviation of {name} by uncertain parameters"
@@ -426,20 +426,22 @@ class Stream(Result):
 
     @property
     def title(self) -> str:
-        """Model and distributions in one line."""
+        """Model and laws in one line."""
         laws = (f"{name} {words}" for name, words in self.laws_in_words().items())
         return f"{model_name(self.model)}: a stream, {', '.join(laws)}"
 
     def laws_in_words(self) -> dict[str, str]:
-        """By parameter, its distribution as a person reads it: "normal(20°, 3°)"."""
-        units, known = self.particles.p.units, quantities(self.model)
-        words = {name: law.in_words(known[name].dimension, units) for name, law in self.particles.all_laws.items()}
-        return words | {name: f"uncertain {words[name]}" for name in self.particles.uncertain}
+        """By parameter, its law as a person reads it: "normal(20°, 3°)", "uncertain normal(2, 0.1)"."""
+        known, units = quantities(self.model), self.particles.p.units
+        uncertain = self.particles.uncertain.in_words(known, units)
+        return self.particles.laws.in_words(known, units) | {
+            name: f"uncertain {law}" for name, law in uncertain.items()
+        }
 
     def to_dataset(self) -> xr.Dataset:
         """The results with their units, and the tally they come from, as a Dataset."""
-        model = model_in_words(self.model, but=self.particles.all_laws)
-        described = provenance("a stream", self.particles.p, **model, distributions=self._laws, particles=self.n)
+        model = model_in_words(self.model, but=self.particles.names)
+        described = provenance("a stream", self.particles.p, **model, laws=self._laws, particles=self.n)
         ends = {"end": ("end", np.array(self.ends, dtype=object))}
         numbers = super().to_dataset()
         dataset = self.tally.to_dataset().assign(numbers.variables).assign(ends)
@@ -447,5 +449,4 @@ class Stream(Result):
 
     @property
     def _laws(self) -> str:
-        kinds = dict.fromkeys(self.particles.uncertain, "uncertain ")
-        return "; ".join(f"{name}: {kinds.get(name, '')}{law}" for name, law in self.particles.all_laws.items())
+        return "; ".join(f"{name}: {law}" for name, law in self.laws_in_words().items())

@@ -1,4 +1,4 @@
-"""Streams of particles: from distributions of the parameters to the erosion of a whole jet.
+"""Streams of particles: from laws of the parameters to the erosion of a whole jet.
 
 Particles are drawn, computed and tallied block by block, so that memory does not grow with
 their number. Independent scramblings of the same sequence give the standard errors.
@@ -14,10 +14,9 @@ import numpy as np
 
 from erosion.arguments import Progress, check_path, check_share, check_whole, no_progress, refuse
 from erosion.correlations.ranges import OutOfRangeWarning
-from erosion.distributions import as_laws
 from erosion.impacts import SimulationError, end_names, identity, impact, read_netcdf, write_netcdf
 from erosion.interrupts import keeping_results
-from erosion.joint_laws import law_digest
+from erosion.laws import JointLaw, JointSamples, joint_law
 from erosion.models import CuttingModel, load_model, model_name, own_quantities, require_one_impact
 from erosion.ode.step_control import require_float64
 from erosion.output import Trace, briefly, require_writable, trace
@@ -52,19 +51,21 @@ def stream(
     sensitivities: bool = True,
     rtol: float = 1e-9,
     store: str | Path | None = None,
-    uncertain: Mapping[str, Any] | None = None,
+    correlation: Mapping[tuple[str, str], float] | None = None,
+    samples: JointSamples | Mapping[str, Any] | None = None,
+    uncertain: JointLaw | JointSamples | Mapping[str, Any] | None = None,
     progress: Progress = no_progress,
-    **distributions: Any,
+    **laws: Any,
 ) -> Stream:
     """The erosion of a stream of particles whose parameters vary.
 
-        from erosion.distributions import LogNormal, Normal
-        erosion.stream("rotating", p, alpha=Normal(0.35, 0.05), v0=LogNormal(4400, 0.1))
+        from scipy import stats
+        erosion.stream("rotating", p, alpha=stats.norm(0.35, 0.05), v0=stats.lognorm(0.1, scale=4400))
 
     Args:
         model: a model, its name or its path.
-        p: the case, all scalars: the values of parameters without a distribution, and the
-            particle that a distribution of `r` scales (see `Particles`).
+        p: the case, all scalars: the values of parameters without a law, and the particle that a law of `r` scales
+            (see `Particles`).
         n: particles, rounded up to a multiple of the 16 replicates; powers of 2 are best.
         seed: of the points; the same seed gives the same stream.
         points: "sobol" (scrambled, with errors that fall nearly as 1/n) or "random".
@@ -73,13 +74,15 @@ def stream(
         rtol: see `impact`.
         store: a netCDF file, written at the end or when interrupted. The same call goes on from
             there, also to a greater n.
+        correlation: of the normal scores of `laws`, by pairs: {("v0", "r"): -0.5}; see `JointLaw`.
+        samples: arrays of other parameters, by name, whose samples are drawn together.
         uncertain: laws of parameters that are one number for all particles, which is not known exactly, such as those
             of the metal: `uncertain=posterior.rows_of_draws()`. What they do to the means does not average out; it is
             their `parameter_errors`.
         progress: called with the name of the work, how much of it is done, and how much there is.
-        **distributions: parameter name, of the case or the model's own, to its law from particle to particle, see
-            `erosion.distributions` and `erosion.joint_laws`, or a frozen one of scipy. Laws of positive parameters of
-            the case are restricted to x > 0; the ranges of own parameters are not known.
+        **laws: parameter name, of the case or the model's own, to its law from particle to particle, see
+            `erosion.laws`. Laws of positive parameters of the case are restricted to x > 0; the ranges of own
+            parameters are not known.
 
     Returns:
         Mean and total volume, means of the quantities of the model's own, erosion per mass, shares of the outcomes,
@@ -95,7 +98,8 @@ def stream(
         OutOfRangeWarning: where a correlation is used outside of its range, with the share of the particles.
     """
     options = StreamOptions(n, seed, points, best_angle, sensitivities, rtol, store)
-    result = prepare_stream(model, p, distributions, options, uncertain).run(progress)
+    together = joint_law(laws, correlation=correlation, samples=samples)
+    result = prepare_stream(model, p, together, options, joint_law(uncertain, "uncertain")).run(progress)
     if (finding := result.outside_of_range) is not None:
         warnings.warn(finding.text, OutOfRangeWarning, stacklevel=2)
     return result
@@ -140,29 +144,25 @@ class StreamOptions:
 def prepare_stream(
     model: CuttingModel | str | Path,
     p: Parameters,
-    laws: Mapping[str, Any],
+    laws: JointLaw,
     options: StreamOptions,
-    uncertain: Mapping[str, Any] | None = None,
+    uncertain: JointLaw,
 ) -> "StreamJob":
     """Check everything of a stream that can be known before computing; arguments and errors as of `stream`."""
     require_float64()
     model = load_model(model)
     validate(p)
     require_one_impact(model, p)
-    unknown = {} if uncertain is None else as_laws(uncertain, "uncertain")
-    particles = Particles(model, p, as_laws(laws), unknown)
+    particles = Particles(model, p, laws, uncertain)
     path = options.path
     if path is None:
         return StreamJob(particles, options, {}, None, None)
-    laws_in_words = ", ".join(
-        f"{name} {'uncertain ' if name in particles.uncertain else ''}{law_digest(law)}"
-        for name, law in particles.all_laws.items()
-    )
     points = f"{options.points} {options.seed}, {options.rtol}"
     own = own_quantities(type(model))
     # A store without the means of own quantities cannot go on.
     means = {"own_quantities": ", ".join(own)} if own else {}
-    described = identity({"stream": model}, p, distributions=laws_in_words, points=points, **means)
+    of_all = f"{laws.digest}, uncertain {uncertain.digest}"
+    described = identity({"stream": model}, p, laws=of_all, points=points, **means)
     since = trace(path)
     begun = None if since is None else Tally.from_dataset(read_netcdf(path, described), own)
     require_writable(path)
@@ -268,7 +268,7 @@ def _tally(particles: Particles, points: np.ndarray, ends: tuple[str, ...], rtol
 
 
 def _sensitivities(particles: Particles, seed: int, rtol: float) -> dict[str, tuple[Estimate, Estimate]] | None:
-    """Sobol's indices (first order, total) of each input, from independent replicates; one input may be a joint law."""
+    """Sobol's indices (first order, total) of each input, from replicates; tied parameters are one input."""
     if len(particles.inputs) == 1:
         return None
 

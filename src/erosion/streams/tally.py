@@ -9,7 +9,6 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,7 +16,7 @@ from scipy.special import stdtrit
 from scipy.stats import qmc
 
 from erosion.arguments import refuse
-from erosion.joint_laws import LawSet, require_units
+from erosion.laws import JointLaw
 from erosion.models import CuttingModel, ranges, with_values
 from erosion.parameters import STEEPEST, Parameters
 
@@ -36,8 +35,7 @@ class Particles:
     Args:
         model: the model of the cut.
         p: the case, all scalars.
-        laws: parameter name, of the case or the model's own, to its `Distribution` from particle to particle; those of
-            a joint law (`erosion.joint_laws`) all together.
+        laws: of parameters of the case or the model's own, from particle to particle.
         uncertain: the same for parameters that are one number for all particles, which is not known exactly.
 
     Raises:
@@ -46,41 +44,42 @@ class Particles:
 
     model: CuttingModel
     p: Parameters
-    laws: Mapping[str, Any]
-    uncertain: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    laws: JointLaw
+    uncertain: JointLaw = dataclasses.field(default_factory=JointLaw)
 
     def __post_init__(self) -> None:
-        if not self.all_laws:
-            raise ValueError("Arguments must include a distribution, such as v0=Normal(4400, 400); there is none.")
-        both = [name for name in self.uncertain if name in self.laws]
+        if not self.names:
+            raise ValueError("Arguments must include a law, such as v0=scipy.stats.norm(4400, 400); there is none.")
+        both = [name for name in self.uncertain.names if name in self.laws.names]
         refuse(
             "Argument `uncertain` must ",
             (both,
              f"name parameters without another law, but {', '.join(both[:1])} has one from particle to particle."),
-            ("cutting_fraction" in self.all_laws,
+            ("cutting_fraction" in self.names,
              "leave out `cutting_fraction`: volumes of a stream are those of particles that cut, whose share is a "
              "number."),
         )  # fmt: skip
-        require_units(self.all_laws, self.p.units)
+        self.laws.require_units(self.p.units)
+        self.uncertain.require_units(self.p.units)
         # So that an own parameter that cannot be an array is refused before anything is computed.
-        self.impacts(self._middle)
+        self.impacts(self._medians)
 
     @property
-    def all_laws(self) -> dict[str, Any]:
-        """The laws of all that varies or is uncertain, by parameter."""
-        return {**self.laws, **self.uncertain}
+    def names(self) -> tuple[str, ...]:
+        """The parameters that vary or are uncertain."""
+        return self.laws.names + self.uncertain.names
 
     @functools.cached_property
-    def _of_particle(self) -> LawSet:
-        return LawSet(self.laws, ranges(self.model))
+    def _of_particle(self) -> JointLaw:
+        return self.laws.within(ranges(self.model))
 
     @functools.cached_property
-    def _of_all(self) -> LawSet:
-        return LawSet(self.uncertain, ranges(self.model))
+    def _of_all(self) -> JointLaw:
+        return self.uncertain.within(ranges(self.model))
 
     @functools.cached_property
     def inputs(self) -> dict[tuple[str, ...], int]:
-        """What varies independently of all else: the parameters of a law or a joint law, and its uniform numbers."""
+        """What varies independently of all else: the parameters of each input, and its uniform numbers."""
         return self._of_particle.inputs | self._of_all.inputs
 
     @property
@@ -119,18 +118,17 @@ class Particles:
     @property
     def nozzle(self) -> float:
         """The nozzle's angle [rad]: the median of the angles, or the case's."""
-        laws = self.all_laws
-        return float(laws["alpha"].ppf(np.array([0.5]))[0]) if "alpha" in laws else float(self.p.alpha)
+        return self._medians["alpha"].item() if "alpha" in self.names else float(self.p.alpha)
 
     @property
     def typical(self) -> tuple[CuttingModel, Parameters]:
         """Model and case of one particle with each law at its median."""
-        return self.impacts({name: value.reshape(()) for name, value in self._middle.items()})[:2]
+        return self.impacts({name: value.reshape(()) for name, value in self._medians.items()})[:2]
 
-    @property
-    def _middle(self) -> dict[str, np.ndarray]:
+    @functools.cached_property
+    def _medians(self) -> dict[str, np.ndarray]:
         """One particle, each law at its median; shape (1,)."""
-        return self._grown(self._of_particle.middle | self._of_all.middle)
+        return self._grown(self._of_particle.medians | self._of_all.medians)
 
     def impacts(
         self, values: Mapping[str, np.ndarray], nozzle: float | np.ndarray | None = None
@@ -388,7 +386,7 @@ def sobol_indices(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The shares of a function's variance that each input causes alone, and with its interactions.
 
-    Numbers of one input, as a joint law has, change together: the index is that of the group.
+    Numbers of one input, as tied parameters have, change together: the index is that of the group.
 
     Args:
         function: from points of the unit cube, shape (n, numbers), to values, shape (n,).
