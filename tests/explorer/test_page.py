@@ -163,6 +163,9 @@ def test_a_prediction_is_answered(page: Page, expect: Any) -> None:
     expect(asked.locator(".prompt-answer")).to_contain_text("No: It becomes steeper. k is the direction")
     asked.locator(".q-radio").nth(2).click()
     expect(asked.locator(".prompt-answer")).to_contain_text("from 31.72° to 37.98°")
+    best = page.locator(".prompt", has_text="4. At which angle")
+    best.locator(".q-radio").nth(1).click()
+    expect(best.locator(".half-angle")).to_contain_text("α = 31.72°")
 
 
 @pytest.mark.browser

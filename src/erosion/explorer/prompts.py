@@ -17,12 +17,39 @@ class Prompt(NamedTuple):
         choices: of the reader.
         right: the index of the right one.
         reason: why, with `{alpha}` and `{doubled}` for the best angles at k and at 2 k.
+        sketch: draws the reason for a force ratio k, as SVG.
     """
 
     question: str
     choices: tuple[str, ...]
     right: int
     reason: str
+    sketch: Callable[[float], str] = lambda _: ""
+
+
+def half_angle(k: float) -> str:
+    """The directions of flight and force at the best angle, and the angles between them and the surface."""
+    theta = math.atan(k)
+
+    def towards(angle: float, length: float) -> str:
+        return f"{-length * math.cos(angle):.2f} {-length * math.sin(angle):.2f}"
+
+    def arc(begin: float, end: float, radius: float) -> str:
+        return f'<path d="M{towards(begin, radius)} A{radius} {radius} 0 0 1 {towards(end, radius)}" />'
+
+    def label(text: str, angle: float) -> str:
+        x, y = towards(angle, 104).split()
+        return f'<text x="{x}" y="{y}" text-anchor="middle">{text}</text>'
+
+    return f"""<svg class="half-angle" viewBox="-140 -112 190 126" role="img" aria-label="The flight halves the angle
+      between surface and force."><defs><marker id="tip" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="5"
+      markerHeight="5" orient="auto"><path d="M0 0 L6 3 L0 6 z" fill="context-stroke" /></marker></defs>
+      <path class="target" d="M-140 0 H50 V14 H-140 z" /><path class="surface" d="M-140 0 H50" />
+      <path class="velocity" d="M{towards(theta / 2, 100)} L0 0" marker-end="url(#tip)" />
+      <path class="force" d="M0 0 L{towards(theta, 90)}" marker-end="url(#tip)" />
+      {arc(0, theta / 2, 40)}{arc(theta / 2, theta, 44)}
+      {label(f"flight, α = {math.degrees(theta / 2):.4g}°", theta / 2)}
+      {label(f"force, {math.degrees(theta):.4g}°", theta)}</svg>"""
 
 
 _ANGLE = ("It becomes flatter.", "It stays.", "It becomes steeper.")
@@ -33,6 +60,7 @@ PROMPTS = (
         1,
         "The depth grows as sin α, the mean forward speed falls as sin(θ − α), with tan θ = k for the force. Their "
         "product is greatest at α = θ/2 = ½ arctan k, here {alpha:.4g}°. Drag the angle over V(α).",
+        half_angle,
     ),
     Prompt(
         "5. The particle flies twice as fast. What happens to the best angle?",
@@ -78,11 +106,13 @@ def _ask(prompt: Prompt, case: Callable[[], PageCase]) -> None:
         ui.label(prompt.question).classes("prompt-question")
         choice = ui.radio(list(prompt.choices)).props("inline dense")
         answer = ui.label().classes("prompt-answer").props("role=status")
+        drawing = ui.html("", sanitize=False)
 
         def reveal() -> None:
             k = float(case().parameters().k)
             best, doubled = (math.degrees(math.atan(ratio) / 2) for ratio in (k, 2 * k))
             verdict = "Yes." if choice.value == prompt.choices[prompt.right] else f"No: {prompt.choices[prompt.right]}"
             answer.set_text(f"{verdict} {prompt.reason.format(alpha=best, doubled=doubled)}")
+            drawing.set_content(prompt.sketch(k))
 
         choice.on_value_change(reveal)
