@@ -144,7 +144,7 @@ def test_the_duration_is_that_of_the_times() -> None:
     # Beside rates of mass, too, where there is no surface and so no depth.
     for of_run in (data, data.drop_dims("face")):
         (row,) = [row for row in MapSummary(of_run).rows() if row[0] == "duration"]
-        assert row[2:4] == ["10", "s"]
+        assert row[2:4] == ("10", "s")
         assert "from the first impact to the last" in row[4]
     given = sand(SURFACE, 400, duration=60.0, time=times)
     assert any("60 s" in sentence and "10 s" in sentence for sentence in MapSummary(wear(given)).warnings)

@@ -18,7 +18,7 @@ import erosion
 from erosion.interrupts import between_imports
 from erosion.output.files import require_writable, uninterrupted, write_whole, written_whole
 from erosion.output.tables import to_json, to_plain, with_error
-from erosion.results import Result
+from erosion.results import Result, Value
 from tests.documents import Written
 
 
@@ -225,8 +225,12 @@ class Measured(Result):
     def warnings(self) -> tuple[str, ...]:
         return ("1 < 2.",)
 
-    def rows(self) -> list[tuple[str, ...]]:
-        return [("values", "", "3", "", "")]
+    def declare(self) -> list[Value]:
+        return [
+            Value("values", self.values),
+            Value("count", self.count),
+            Value("pairs", self.pairs, only="data"),
+        ]
 
 
 MEASURED = Measured(np.array([1.0, np.nan]), np.int64(3), (("a", np.float64(0.1)),))

@@ -12,7 +12,7 @@ from erosion.advice.abrasives import between
 from erosion.advice.result import DRAWS, NOZZLE_ANGLES, Advice, degrees, ends
 from erosion.output import briefly, require_no_pdf, require_writable, write_whole
 from erosion.pages.frame import inline_svg, render_page
-from erosion.parameters import QUANTITIES, quantity_row
+from erosion.parameters import QUANTITIES
 from erosion.plotting.labels import DIM, INK, PALETTE, STYLES
 from erosion.plotting.style import angle_axis, house_style, mark_turned, new_figure, render
 
@@ -140,9 +140,8 @@ def notes_of(advice: Advice) -> list[tuple[str, str]]:
     p = advice.p.to("si")
     case, spread = [], degrees(advice.spread)
     for name in ("k", "psi", "r", "b", "m", "v0", "sigma", "inertia", "phidot0"):
-        row = quantity_row(name, QUANTITIES[name], getattr(p, name), "si")
-        number = f"{row.symbol} = {float(row.value):.4g} {row.unit}".rstrip()
-        case.append(f"{row.meaning} {number}")
+        quantity = QUANTITIES[name]
+        case.append(f"{quantity.meaning} {quantity.symbol} = {quantity.in_words(float(getattr(p, name)), 'si')}")
     jet = f"angles deviate by {spread} (standard deviation), all speeds are equal"
     if advice.speed_spread:
         share = f"{100 * advice.speed_spread:.0f}"

@@ -113,10 +113,8 @@ from erosion.models.registry import ModelInfo as ModelInfo
 from erosion.output.files import require_no_pdf as require_no_pdf
 from erosion.output.files import require_writable as require_writable
 from erosion.output.files import write_whole as write_whole
-from erosion.output.tables import HEADINGS as HEADINGS
 from erosion.output.tables import WIDTH as WIDTH
 from erosion.output.tables import to_json as to_json
-from erosion.output.tables import to_lines as to_lines
 from erosion.pages.map import write_map_page as write_map_page
 from erosion.parameters.case_files import CaseFile as CaseFile
 from erosion.parameters.materials import Particle as Particle

@@ -6,7 +6,7 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -133,7 +133,7 @@ class Output:
             also: what the verb adds, after the result's own values.
             name: of the record in the document that the result's numbers have; without it they stand in `result`.
             title: above the first table, in place of the result's.
-            varied: see `document`.
+            varied: in words, the laws or axes of what is not a single number.
             sentences: below the tables, after the conclusions.
         """
         self.warn(*result.findings)
@@ -151,13 +151,10 @@ class Output:
         sentences: Sequence[str] = (),
     ) -> None:
         """Print what is declared, as a document, or as tables with sentences below them; arguments as of `show`."""
-        self.document(render.record(declared, has_units=True), models, varied=varied)
-        before: Sequence[str] = ()
-        tables = render.tables(title, declared)
-        for table in tables:
-            last = sentences if table is tables[-1] else ()
-            self.table(table.title, table.rows, table.headings, table.numbers, [*table.notes, *last], before)
-            before = [""] if table.notes else ()  # so that notes do not look like the next title
+        if self.json:
+            self._print_document(render.record(declared, has_units=True), models or {}, varied or {})
+        else:
+            _print_tables(render.tables(title, declared), sentences)
 
     def save(self, *sentences: str, figure: Callable[[], Any] | None = None, **writers: Callable[[Path], Any]) -> None:
         """Write the files that are asked for, and say which.
@@ -174,73 +171,21 @@ class Output:
             draw(self._plot, figure)
         self.wrote(*sentences, **self._files, figure=self._plot)
 
-    def document(
-        self,
-        result: Mapping[str, Any],
-        models: "Mapping[str, lazy.CuttingModel] | None" = None,
-        units: Mapping[str, str] | None = None,
-        varied: Mapping[str, Any] | None = None,
+    def _print_document(
+        self, result: Mapping[str, Any], models: "Mapping[str, lazy.CuttingModel]", varied: Mapping[str, Any]
     ) -> None:
-        """Print the document, where JSON is asked for.
-
-        Args:
-            result: numbers by name, of any depth.
-            models: by name, what was computed.
-            units: unit by name of the numbers in `result` that have one.
-            varied: in words, the laws or axes of what is not a single number.
-        """
-        if not self.json:
-            return
-        described = [_model(name, model, self.p, varied or {}) for name, model in (models or {}).items()]
+        described = [_model(name, model, self.p, varied) for name, model in models.items()]
         document = {
             "verb": self.verb,
             "version": __version__,
-            "case": None if self.p is None else _case(self.p, self.case, varied or {}),
+            "case": None if self.p is None else _case(self.p, self.case, varied),
             "units": None if self.p is None else self.p.units,
             "model": described[0] if len(described) == 1 else described or None,
             "seed": self.seed,
-            "result": _with_units(result, units or {}),
+            "result": result,
             "findings": [{**finding.to_dict(), "text": as_options(finding.text)} for finding in self.findings],
         }
         print(lazy.to_json(document))
-
-    def table(
-        self,
-        title: str,
-        rows: "Sequence[Sequence[str]]",
-        headings: "Sequence[str] | None" = None,
-        numbers: "Collection[int]" = (2,),
-        sentences: Sequence[str] = (),
-        before: Sequence[str] = (),
-    ) -> None:
-        """Print a table, in colour where stdout is a terminal, and sentences below it; nothing beside JSON.
-
-        Args:
-            title: above the table.
-            rows: cells.
-            headings: of the columns.
-            numbers: the columns that are flush right.
-            sentences: each wrapped between words, but not within a command, which would be lost to copy and paste.
-            before: the same, above the table.
-        """
-        if self.json:
-            return
-        from rich.console import Console
-
-        console = Console(highlight=False)
-        # Where no one says how wide it is, nothing need be shortened.
-        width = console.width if console.is_terminal or "COLUMNS" in os.environ else lazy.WIDTH
-        # rich would end the process, with status 1, where the reader of a pipe has gone.
-        with console.capture() as captured:
-            for sentence in before:
-                console.print(sentence, markup=False, width=width)
-            for line in lazy.to_lines(title, rows, headings or lazy.HEADINGS, numbers, width):
-                console.print(line, soft_wrap=True)
-            for sentence in sentences:
-                kept = re.sub("[“„]erosion [^“”]*", lambda quoted: quoted[0].replace(" ", _SPACE), sentence)
-                lines = textwrap.fill(kept, width, break_long_words=False, break_on_hyphens=False)
-                console.print(lines, markup=False, soft_wrap=True)
-        print(captured.get().replace(_SPACE, " "), end="")
 
     def wrote(self, *sentences: str, **paths: Path | None) -> None:
         """Say which files are written, those of a `figure` each, and sentences on them; nothing beside JSON."""
@@ -274,16 +219,28 @@ def _model(
     return {"name": name, "own_parameters": own}
 
 
-def _with_units(value: Any, units: Mapping[str, str]) -> Any:
-    """The same, with each number or group of numbers that `units` names beside its unit."""
-    if isinstance(value, Mapping):
-        return {
-            key: {"value": item, "unit": units[key]} if key in units else _with_units(item, units)
-            for key, item in value.items()
-        }
-    if isinstance(value, (list, tuple)):
-        return [_with_units(item, units) for item in value]
-    return value
+def _print_tables(tables: Sequence[render.PrintedTable], sentences: Sequence[str]) -> None:
+    """Print tables, in colour where stdout is a terminal, and sentences below the last.
+
+    Each sentence is wrapped between words, but not within a command, which would be lost to copy and paste.
+    """
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    # Where no one says how wide it is, nothing need be shortened.
+    width = console.width if console.is_terminal or "COLUMNS" in os.environ else lazy.WIDTH
+    # rich would end the process, with status 1, where the reader of a pipe has gone.
+    with console.capture() as captured:
+        for at, table in enumerate(tables):
+            if at and tables[at - 1].notes:
+                console.print()  # so that notes do not look like the next title
+            for line in table.lines(width):
+                console.print(line, soft_wrap=True)
+            for sentence in [*table.notes, *(sentences if table is tables[-1] else ())]:
+                kept = re.sub("[“„]erosion [^“”]*", lambda quoted: quoted[0].replace(" ", _SPACE), sentence)
+                lines = textwrap.fill(kept, width, break_long_words=False, break_on_hyphens=False)
+                console.print(lines, markup=False, soft_wrap=True)
+    print(captured.get().replace(_SPACE, " "), end="")
 
 
 def draw(path: Path | None, figure: Callable[[], Any]) -> None:

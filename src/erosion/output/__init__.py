@@ -18,9 +18,7 @@ from erosion.output.files import (
     written_whole as written_whole,
 )
 from erosion.output.tables import (
-    HEADINGS as HEADINGS,
     Record as Record,
-    Row as Row,
     abbreviate as abbreviate,
     briefly as briefly,
     format_number as format_number,

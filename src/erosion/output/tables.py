@@ -10,7 +10,7 @@ import re
 import sys
 import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 
-HEADINGS = ("quantity", "", "value", "unit", "meaning")
 WIDTH = 120  # characters of a line of text
 _PLAIN = 6  # digits before the point that need no power of ten
 _LONG = 200  # characters of a value in a message
@@ -26,16 +25,6 @@ _LONG = 200  # characters of a value in a message
 
 Record = dict[str, Any]
 """Results by name: numbers, texts, lists and dictionaries of them."""
-
-
-class Row(NamedTuple):
-    """One line of a table; all cells are text already."""
-
-    name: str
-    symbol: str
-    value: str
-    unit: str
-    meaning: str = ""
 
 
 def is_traced(value: Any) -> bool:
@@ -115,8 +104,8 @@ def sentences(*table: tuple[object, str]) -> tuple[str, ...]:
 def to_lines(
     title: str,
     rows: Sequence[Sequence[str]],
-    headings: Sequence[str] = HEADINGS,
-    numbers: Collection[int] = (2,),
+    headings: Sequence[str],
+    numbers: Collection[int],
     width: int = WIDTH,
 ) -> "list[Text]":
     """A table as lines of rich text for a terminal.
@@ -184,7 +173,7 @@ def _wrapped(text: str, width: int) -> list[str]:
     return [line.replace("\0", " ") for line in lines] or [""]
 
 
-def to_html(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str] = HEADINGS) -> str:
+def to_html(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str]) -> str:
     """The same as an HTML table."""
     head = "".join(f"<th>{html.escape(cell)}</th>" for cell in headings)
     body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)

@@ -13,7 +13,6 @@ from erosion.parameters.quantities import has_unit as has_unit
 from erosion.parameters.quantities import known_scales as known_scales
 from erosion.parameters.quantities import QUANTITIES as QUANTITIES
 from erosion.parameters.quantities import Quantity as Quantity
-from erosion.parameters.quantities import quantity_row as quantity_row
 from erosion.parameters.quantities import QUARTER_DEGREES as QUARTER_DEGREES
 from erosion.parameters.quantities import read_dimension as read_dimension
 from erosion.parameters.quantities import read_quantity as read_quantity

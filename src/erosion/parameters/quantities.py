@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from erosion.output.tables import Row, briefly, format_number, largest_of
+from erosion.output.tables import briefly
 from erosion.results import Scale as Scale, Value
 
 Named = Literal[
@@ -509,20 +509,6 @@ RESULTS = {
     "vy": Quantity("ẏ", "velocity of the centre of mass into the target", "speed"),
     "spin": Quantity("φ̇", "spin after the impact", "angular speed"),
 }
-
-
-def quantity_row(name: str, quantity: Quantity, value: object, units: System) -> Row:
-    """A number, or an array, as a table row in a unit that reads well.
-
-    Args:
-        name: the first cell.
-        quantity: what the number is.
-        value: in the units of `units`.
-        units: the unit system.
-    """
-    scale = table_scale(quantity.dimension, units, largest_of(value))
-    digits = ANGLE_DIGITS if quantity.dimension == "angle" else DIGITS
-    return Row(name, quantity.symbol, format_number(value, digits, scale.size), scale.unit, quantity.meaning)
 
 
 def declare_result(name: str, value: Any, units: System, **more: Any) -> Value:

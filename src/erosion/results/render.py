@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from erosion.output.tables import (
-    HEADINGS,
+    WIDTH,
     Record,
-    Row,
     abbreviate,
     format_number,
     is_traced,
@@ -26,7 +25,10 @@ from erosion.results.declaration import Columns, Declared, Part, Scale, Value
 
 if TYPE_CHECKING:
     import xarray as xr
+    from rich.text import Text
 
+_HEADINGS = ("quantity", "", "value", "unit", "meaning")
+_VALUE = _HEADINGS.index("value")
 _SIGNS = "*†‡§"
 _UNKNOWN = "–"
 _SHARED = (1e-3, 1e6)  # numbers within these need no power of ten: a unit that values share
@@ -45,13 +47,16 @@ class PrintedTable(NamedTuple):
 
     title: str
     rows: Sequence[Sequence[str]]
-    headings: Sequence[str] = HEADINGS
-    numbers: Sequence[int] = (2,)
+    headings: Sequence[str]
+    numbers: Sequence[int]
     notes: Sequence[str] = ()
 
     def __str__(self) -> str:
-        lines = to_lines(self.title, self.rows, self.headings, self.numbers)
-        return "\n".join(["\n".join(line.plain.rstrip() for line in lines).rstrip(), *self.notes])
+        return "\n".join(["\n".join(line.plain.rstrip() for line in self.lines()).rstrip(), *self.notes])
+
+    def lines(self, width: int = WIDTH) -> "list[Text]":
+        """The same, but for the notes, as lines of rich text for a terminal of that width in characters."""
+        return to_lines(self.title, self.rows, self.headings, self.numbers, width)
 
     def to_html(self) -> str:
         """The same as an HTML table."""
@@ -67,8 +72,8 @@ def tables(title: str, declared: Iterable[Declared]) -> list[PrintedTable]:
         notes = _Notes()
         rows = [row for value, scale in zip(values, _scales(values), strict=True) for row in _rows(value, scale, notes)]
         used = [at for at, cells in enumerate(zip(*rows, strict=True)) if any(cells)]
-        cells = [[row[at] for at in used] for row in rows]
-        made.append(PrintedTable(title, cells, [HEADINGS[at] for at in used], [used.index(2)], notes.sentences))
+        cells = [tuple(row[at] for at in used) for row in rows]
+        made.append(PrintedTable(title, cells, [_HEADINGS[at] for at in used], [used.index(_VALUE)], notes.sentences))
     for group in groups:
         if group.values and len(group.values[0].value):
             made.append(_table(group, group.title if made else title))
@@ -252,14 +257,14 @@ def _size(value: Value) -> float:
     return largest_of(numbers)
 
 
-def _rows(value: Value, scale: Scale, notes: "_Notes") -> Iterator[Row]:
+def _rows(value: Value, scale: Scale, notes: "_Notes") -> Iterator[tuple[str, ...]]:
     """A value as a row of a table, or one for each label."""
     if not value.labels:
         cell = _cell(value.value, value.error, value, scale) + notes.signs(value)
-        yield Row(value.name, value.symbol, cell, scale.unit, value.meaning)
+        yield value.name, value.symbol, cell, scale.unit, value.meaning
     for i, label in enumerate(value.labels):
         cell = _cell(value.value[i], None if value.error is None else value.error[i], value, scale)
-        yield Row(f"{value.name} {label}", value.symbol, cell + notes.signs(value, i), scale.unit, value.meaning)
+        yield f"{value.name} {label}", value.symbol, cell + notes.signs(value, i), scale.unit, value.meaning
 
 
 def _table(group: Columns, title: str) -> PrintedTable:

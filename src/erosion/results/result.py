@@ -5,7 +5,7 @@ import html
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from erosion.output.tables import HEADINGS, Record, to_plain
+from erosion.output.tables import Record
 from erosion.results import render
 from erosion.results.declaration import Declared
 from erosion.results.findings import Finding, to_attribute
@@ -22,9 +22,9 @@ class Result(abc.ABC):
     def title(self) -> str:
         """One line above the table."""
 
+    @abc.abstractmethod
     def declare(self) -> Sequence[Declared]:
         """The numbers, each with all that an output needs."""
-        return ()
 
     @property
     def subject(self) -> Record:
@@ -46,27 +46,17 @@ class Result(abc.ABC):
         """The findings as sentences."""
         return tuple(finding.text for finding in self.findings)
 
-    @property
-    def headings(self) -> Sequence[str]:
-        """The columns of the first table."""
-        return HEADINGS
-
     def rows(self) -> Sequence[Sequence[str]]:
         """The first table, all cells as text."""
-        return render.tables(self.title, self.declare())[0].rows
+        return self.tables()[0].rows
 
     def tables(self) -> list[render.PrintedTable]:
         """The tables for people."""
-        declared = self.declare()
-        return render.tables(self.title, declared) if declared else [
-            render.PrintedTable(self.title, self.rows(), self.headings)
-        ]  # fmt: skip
+        return render.tables(self.title, self.declare())
 
     def to_dict(self) -> Record:
         """The numbers by name, in Python's own types, their units and findings; NaN and infinity stay what they are."""
         declared = self.declare()
-        if not declared:
-            return to_plain(self)
         findings = [finding.to_dict() for finding in self.findings]
         return {**self.subject, **render.record(declared), "units": render.units(declared), "findings": findings}
 
