@@ -783,6 +783,18 @@ def test_derivatives_through_a_singular_rate_at_the_event_are_right_or_nan(path)
         np.testing.assert_allclose(found[known], exact[known], rtol=1e-6)
 
 
+def test_a_looser_tolerance_takes_no_more_trials() -> None:
+    """Local minima of an event function that are far from zero are no grazes, whatever the tolerance."""
+    driven = ode.Problem(
+        {"x": 0.3, "v": 0.0},
+        lambda t, y, args: {"x": y["v"], "v": -0.5 * y["v"] - jnp.sin(y["x"]) + args["a"] * jnp.cos(2 * t / 3)},
+        {"far": ode.Event(lambda t, y, args: 1.5 - y["x"], -1)},
+    )
+    amplitudes = {"a": np.linspace(0.3, 0.6, 8)}
+    trials = [ode.solve(driven, amplitudes, t1=40.0, rtol=rtol).trials.sum() for rtol in (1e-3, 1e-4, 1e-5, 1e-6)]
+    assert trials == sorted(trials)
+
+
 def test_a_body_thrown_straight_up_has_derivatives_by_the_angle() -> None:
     """Its speed is zero at the apex, where `hypot` would choose another operand."""
     c, v0 = 0.1, 2.0

@@ -14,8 +14,14 @@ from erosion.ode.methods.base import Step
 from erosion.ode.step_control import ADVANCING, Control, Limits
 
 GRAZE = 1e4  # tolerances: a local minimum this close to zero may be a fall, after many turns of a fast spin
+_GRAZE_MOST = 1e-2  # of an event function's size in a step: a local minimum that is farther from zero is no fall
 _AT_START = 1e-12  # of the time scale: a function is zero at the start of a lane that would be within so long
 _ZERO = 1e-15  # event functions of order 1 below this are zero at the start: cos(π/2) is 6e-17 in floating point
+
+
+def graze(rtol: Scalar) -> Scalar:
+    """How near zero a local minimum of an event function of order 1 may be a fall."""
+    return jnp.minimum(GRAZE * rtol, _GRAZE_MOST)
 
 
 class EventSet(abc.ABC):
@@ -85,7 +91,7 @@ class EventSet(abc.ABC):
             return crossings.decide(control, trial, scale, limits, ending=ending, reach=reach)
 
         clear = crossings.are_clear(
-            watched, control.trial_length, start, step.events, step.interior_samples, GRAZE * rtol
+            watched, control.trial_length, start, step.events, step.interior_samples, graze(rtol)
         )
         quiet = functools.reduce(jnp.logical_and, clear, control.mode == ADVANCING)
         return lax.cond(quiet, goes_on, looks)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.arguments import Flag, PerLane, Scalar
-from erosion.ode.events import GRAZE
+from erosion.ode.events import GRAZE, graze
 from erosion.ode.methods.base import LEAST, TIGHTEST
 from erosion.ode.step_control import Control
 from erosion.ode.variational import Derivatives, Signature
@@ -41,7 +41,7 @@ def plan(
         whole: whether the whole state is wanted.
     """
     factor = jnp.where(ended & (amplification > _DOUBT), _DOUBT / amplification, 1.0)
-    factor = jnp.where(control.closest_approach < GRAZE * rtol, jnp.minimum(factor, 1 / GRAZE), factor)
+    factor = jnp.where(control.closest_approach < graze(rtol), jnp.minimum(factor, 1 / GRAZE), factor)
     many = control.trials > _MANY_STEPS
     if whole:
         # Most motions forget their errors.
