@@ -52,7 +52,7 @@ _SHALLOW = 5.0  # degrees
 _APART = 0.05  # of the longest cut; neighbouring times that differ by more belong to different crossings
 Drawing = tuple[Option, list[Option], str]
 """An option of ECharts, its handles, and a description in words."""
-_NOT_YET: Drawing = ({"series": []}, [], "")
+_NOT_YET: Drawing = ({"series": []}, [], "not computed yet")
 
 
 def volumes(computed: Computed, models: Collection[str]) -> Drawing:
