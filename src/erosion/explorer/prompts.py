@@ -28,7 +28,7 @@ class Prompt(NamedTuple):
 
 
 def half_angle(k: float) -> str:
-    """The directions of flight and force at the best angle, and the angles between them and the surface."""
+    """The directions of motion and force at the best angle, and the angles between them and the surface."""
     theta = math.atan(k)
 
     def towards(angle: float, length: float) -> str:
@@ -41,14 +41,14 @@ def half_angle(k: float) -> str:
         x, y = towards(angle, 104).split()
         return f'<text x="{x}" y="{y}" text-anchor="middle">{text}</text>'
 
-    return f"""<svg class="half-angle" viewBox="-140 -112 190 126" role="img" aria-label="The flight halves the angle
+    return f"""<svg class="half-angle" viewBox="-140 -112 190 126" role="img" aria-label="The direction of motion halves the angle
       between surface and force."><defs><marker id="tip" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="5"
       markerHeight="5" orient="auto"><path d="M0 0 L6 3 L0 6 z" fill="context-stroke" /></marker></defs>
       <path class="target" d="M-140 0 H50 V14 H-140 z" /><path class="surface" d="M-140 0 H50" />
       <path class="velocity" d="M{towards(theta / 2, 100)} L0 0" marker-end="url(#tip)" />
       <path class="force" d="M0 0 L{towards(theta, 90)}" marker-end="url(#tip)" />
       {arc(0, theta / 2, 40)}{arc(theta / 2, theta, 44)}
-      {label(f"flight, α = {math.degrees(theta / 2):.4g}°", theta / 2)}
+      {label(f"motion, α = {math.degrees(theta / 2):.4g}°", theta / 2)}
       {label(f"force, {math.degrees(theta):.4g}°", theta)}</svg>"""
 
 
