@@ -41,7 +41,7 @@ def half_angle(k: float) -> str:
         x, y = towards(angle, 104).split()
         return f'<text x="{x}" y="{y}" text-anchor="middle">{text}</text>'
 
-    return f"""<svg class="half-angle" viewBox="-140 -112 190 126" role="img" aria-label="The direction of motion halves the angle
+    return f"""<svg class="half-angle" viewBox="-140 -112 190 126" role="img" aria-label="The motion halves the angle
       between surface and force."><defs><marker id="tip" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="5"
       markerHeight="5" orient="auto"><path d="M0 0 L6 3 L0 6 z" fill="context-stroke" /></marker></defs>
       <path class="target" d="M-140 0 H50 V14 H-140 z" /><path class="surface" d="M-140 0 H50" />
