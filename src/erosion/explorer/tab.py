@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import dataclasses
 import json
-import math
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
 from functools import partial
@@ -20,7 +19,7 @@ from erosion.explorer.state import PageState, sentence
 from erosion.explorer.views import VIEWS
 from erosion.models import State as Body, model_source
 from erosion.output import to_csv, to_json
-from erosion.parameters import QUANTITIES, RESULTS, CaseFile, Dimension, dump_case, dump_model, dump_per_mass, unit_name
+from erosion.parameters import RESULTS, CaseFile, Dimension, dump_case, dump_model, dump_per_mass, unit_name
 
 _REST = 0.2  # s; the slower answers begin after this time without a change
 _PATIENCE = 0.4  # s; a stage is drawn after this time, without the models that still compute
@@ -62,31 +61,19 @@ def motion_csv(answers: Answers, state: PageState) -> bytes:
 
 
 def results_json(answers: Answers, state: PageState) -> bytes:
-    """The case, and all numbers that the page shows of each checked model."""
+    """The results of each checked model as `to_dict` has them, and those of the model drawn alone."""
     models = {}
     for name in state.models:
         point, best, curve, spins = (answers(kind, name, state.case) for kind in ("point", "best", "curve", "spins"))
         models[name] = {
-            "own_parameters": state.case.own_values(name),
-            "t_c": point.t_c, "ended_by": str(point.ended_by), "volume": point.volume, "dvolume": point.dvolume,
-            **state.per_mass.to_dict(point.volume, state.case.parameters()),
-            "alpha_max": best.alpha, "volume_max": best.volume, "kind": str(best.kind), "side": str(best.side),
-            "attained": bool(best.attained), "certified": bool(best.certified),
-            "jumps": [vars(jump) for jump in best.jumps], "regimes": [vars(regime) for regime in best.regimes],
-            "curve": {"alpha": ANGLES.tolist(), "volume": curve.volume.tolist(), "dvolume": curve.dvolume.tolist(),
-                      "t_c": curve.t_c.tolist(), "ended_by": curve.ended_by.tolist()},
-            "spins": {"s": SPINS.tolist(), "alpha_max": spins.alpha.tolist()},
-        }  # fmt: skip
-    cut = answers("cut", state.shown, state.case)
-    shown = {
-        "model": state.shown,
-        "sensitivities": dict(answers("sensitivities", state.shown, state.case)),
-        **({"turn": cut.turn} if math.isfinite(cut.turn) else {}),
-        "warnings": list(cut.warnings),
-    }
-    parameters = {name: float(getattr(state.case.parameters(), name)) for name in QUANTITIES}
-    content = {"parameters": {"units": state.case.units, **parameters}, "models": models, "shown": shown}
-    return to_json(content).encode()
+            "impact": point.to_dict() | state.per_mass.to_dict(point.volume, state.case.parameters()),
+            "best": best.to_dict(),
+            "curve": curve.to_dict(),
+            "spins": {"s": SPINS, "alpha_max": spins.alpha},
+        }
+    cut, rates = (answers(kind, state.shown, state.case) for kind in ("cut", "sensitivities"))
+    shown = {"model": state.shown, "cut": cut.to_dict(), "sensitivities": dict(rates)}
+    return to_json({"models": models, "shown": shown}).encode()
 
 
 def case_toml(answers: Answers, state: PageState) -> bytes:
