@@ -516,7 +516,9 @@ def advise(
     job = shop.job(options)
     with user_errors():
         other = lazy.compared_with(shop.compare, *options.materials())
-    require_outputs(output, plot=plot, inputs=(options.case, *fit.files, *(model or ())))
+    what = "table" if output is not None and output.suffix == ".csv" else "page"
+    printed = Output("advise", p, options, json=json, plot=plot, files={what: output},
+                     inputs=(*fit.files, *(model or ())))  # fmt: skip
     if output is not None:
         with user_errors():
             lazy.require_page_path(output, decimal)
@@ -545,12 +547,8 @@ def advise(
             job=job, other=other, rows_file=draws[0].data if draws else fit.data,
             words=fit.words(abrasive, models, draws, p),
         )  # fmt: skip
-    if output is not None:
-        with user_errors():
-            lazy.write_advice(advice, output, decimal)
-    draw(plot, lambda: lazy.plot_advice(advice))
-    printed = Output("advise", p, options, json=json)
     printed.warn(*(uncertain.laws.unused_columns if uncertain else ()))
     printed.show(advice, models)
-    is_table = output is not None and output.suffix == ".csv"
-    printed.wrote(figure=plot, **{"table" if is_table else "page": output})
+    printed.save(
+        figure=lambda: lazy.plot_advice(advice), **{what: lambda path: lazy.write_advice(advice, path, decimal)}
+    )

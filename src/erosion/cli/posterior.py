@@ -312,7 +312,6 @@ def predict(
     that of a new weighing. A warning says how far a question lies outside the
     tests.
     """
-    require_outputs(output, plot=plot, inputs=(fitted,))
     with user_errors():
         lazy.check_share("level", level)
         predictor = lazy.read_predictor(fitted)
@@ -320,6 +319,9 @@ def predict(
     if unit is not None:
         with reading("Option `--unit`"):
             predictor = predictor.in_unit(unit)
+    printed = Output("predict", predictor.forward.p, json=json, seed=predictor.seed, plot=plot, files={"table": output},
+                     inputs=[fitted])  # fmt: skip
+    printed.case = fitted
     speeds = None if v0 is None else _asked("v0", v0, predictor.data.units).tolist()
     with user_errors():
         sizes = [] if particle is None else [lazy.particle(particle).parameters(predictor.data.units)]
@@ -329,19 +331,15 @@ def predict(
     with user_errors(), progress_bar("predicting"):
         lazy.validate(dataclasses.replace(predictor.forward.p, alpha=asked, **others))
         table = lazy.predictions(predictor, asked, others, level)
-        csv = table.to_csv_as_shown().encode()
-    printed = Output("predict", predictor.forward.p, json=json, seed=predictor.seed)
-    printed.case = fitted
     printed.warn(None if draws.converged else Finding("not_converged", str(fitted)))
     model = predictor.forward.model
     varied = {name: f"{len(set(column.tolist()))} values" for name, column in table.asked.items()}
     varied |= dict.fromkeys(predictor.forward.names, "drawn")
     printed.show(table, {lazy.model_name(model): model}, varied=varied)
-    if output is not None:
-        with user_errors():
-            lazy.write_whole(output, csv)
-    draw(plot, lambda: lazy.plot_means(predictor, at))
-    printed.wrote(table=output, figure=plot)
+    printed.save(
+        figure=lambda: lazy.plot_means(predictor, at),
+        table=lambda path: lazy.write_whole(path, table.to_csv_as_shown().encode()),
+    )
 
 
 def _axis(text: str, dimension: "lazy.Dimension", units: "lazy.System") -> Any:
