@@ -68,3 +68,20 @@ def table(written):
 def shell(capsys):
     """Runs a command line in this process; see `tests.documents.run`."""
     return lambda words, status=0: run(words, status, capsys)
+
+
+@pytest.fixture
+def no_computing(monkeypatch):
+    """What is wrong with the input must be known before the first impact."""
+    import erosion.impacts.batch
+    import erosion.impacts.diffrax_steps
+    import erosion.impacts.trajectory
+    import erosion.ode.maxima
+
+    def computed(*arguments, **options):
+        raise AssertionError("computed before the input was checked")
+
+    monkeypatch.setattr(erosion.impacts.batch, "integrate", computed)
+    monkeypatch.setattr(erosion.ode.maxima, "integrate", computed)
+    monkeypatch.setattr(erosion.impacts.trajectory, "integrate", computed)
+    monkeypatch.setattr(erosion.impacts.diffrax_steps, "solve", computed)

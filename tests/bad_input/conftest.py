@@ -59,23 +59,6 @@ def in_workshop(workshop, monkeypatch):
     assert _contents(workshop) == before
 
 
-@pytest.fixture
-def no_computing(monkeypatch):
-    """What is wrong with the input must be known before the first impact."""
-    import erosion.impacts.batch
-    import erosion.impacts.diffrax_steps
-    import erosion.impacts.trajectory
-    import erosion.ode.maxima
-
-    def computed(*arguments, **options):
-        raise AssertionError("computed before the input was checked")
-
-    monkeypatch.setattr(erosion.impacts.batch, "integrate", computed)
-    monkeypatch.setattr(erosion.ode.maxima, "integrate", computed)
-    monkeypatch.setattr(erosion.impacts.trajectory, "integrate", computed)
-    monkeypatch.setattr(erosion.impacts.diffrax_steps, "solve", computed)
-
-
 def _contents(folder: Path) -> dict[str, bytes | None]:
     paths = (path for path in sorted(folder.rglob("*")) if path.parent.name != "__pycache__")
     return {str(path): path.read_bytes() if path.is_file() else None for path in paths if path.name != "__pycache__"}

@@ -4,6 +4,7 @@
 """
 
 import json
+import re
 import shlex
 import urllib.request
 from pathlib import Path
@@ -103,15 +104,70 @@ def test_a_verb_describes_itself_and_names_an_unknown_option(verb: str, shell: S
     assert "--no-such-option" in shell([verb, *NEEDS.get(verb, []), "--no-such-option"], 2).err
 
 
+FILES = [
+    (line, name)
+    for command, names in COMMANDS.items()
+    for line in command.split("; ")
+    for name in names.split()
+    if name in line and not line.startswith("predict")  # whose draws another command writes
+]
+
+
+@pytest.mark.usefixtures("no_computing")
+@pytest.mark.parametrize(("line", "name"), FILES)
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell, line: str, name: str
+) -> None:
+    monkeypatch.chdir(folder)
+    words = shlex.split(line.replace(name, f"nowhere/{name}"))
+    assert f"nowhere/{name}: No such file or directory." in shell(words, 2).err
+
+
+BARE = {
+    "run": "--alpha 20",
+    "optimum": "--alpha-range 10 60",
+    "compare": "--v0 100",
+    "sweep": "--sigma 1e3:2e3:4:log -o x.nc",
+    "stream": "--v0 normal(100,5)",
+    "calibrate": "sand.csv --free k,sigma --bounds sigma=1:3",
+    "posterior": "sand.csv --free k,sigma --prior sigma=normal(1,0.1)",
+    "map": "impacts.csv --limit 1",
+    "export": "--table x.csv --speeds 30",
+    "advise": "--uncertain sigma=normal(250,10)",
+    "report": "--phidot0 1000",
+    "exercise": "--r 1",
+    "explore": "--m 1e-7",
+}
+"""By verb, a number without its unit; `predict` takes the units of its draws, the others no number with a unit."""
+
+
+@pytest.mark.usefixtures("no_computing")
+@pytest.mark.parametrize("verb", BARE)
+def test_a_bare_number_is_refused_with_what_to_type(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell, verb: str
+) -> None:
+    monkeypatch.chdir(folder)
+    said = shell([verb, *shlex.split(BARE[verb].replace("(", "'(").replace(")", ")'"))], 2).err
+    option = next(word for word in BARE[verb].split() if word.startswith("--") and word not in ("--free", "--table"))
+    assert re.search(rf"Option `{option}\b.*` must have a unit, such as {option} .*, or come with --units si", said)
+
+
 @pytest.mark.parametrize(
     ("command", "numbers"),
     [
         ("run", lambda result: [result["volume"], result["t_c"]]),
         ("optimum", lambda result: [result["volume"]]),
         ("compare --model linearized,finnie", lambda result: [one["volume"] for one in result["models"]]),
+        ("sweep --alpha 10deg,20deg -o sweep.csv", lambda result: [result["volume_greatest"]]),
+        ("stream --n 64 --no-best-angle --alpha 'normal(20deg,2deg)'", lambda result: [result["deviation"]]),
+        ("map impacts.csv --surface plate.stl --surface-unit m", lambda result: [result["total_erosion_ratio"]]),
+        (f"calibrate {FIT} --free k", lambda result: [result["chi2"]]),
     ],
 )
-def test_the_table_has_the_numbers_of_the_document(command: str, numbers: Any, shell: Shell) -> None:
+def test_the_table_has_the_numbers_of_the_document(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, command: str, numbers: Any, shell: Shell
+) -> None:
+    monkeypatch.chdir(folder)
     table = shell(command).out.replace(".", "")
     for number in numbers(shell(f"{command} --json").result):
         assert f"{number:.4e}"[:5].replace(".", "") in table
