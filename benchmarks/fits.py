@@ -26,8 +26,8 @@ from benchmarks.page import Table
 from erosion import ErrorModel
 from erosion.advice.result import ends
 from erosion.fits import Calibration, Posterior, calibrate, discrepancy, prediction
-from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
+from erosion.fits.problem import FitProblem
 
 TITLE = "Fits, predictions and posteriors"
 TEXT = """How often intervals hold the truth. Fits: synthetic sets of 50 angles with errors of 3 %, intervals of 95 %.
@@ -119,7 +119,7 @@ def calibrated(model: str, sets: int, *, known: bool, seed: int = 0) -> Ranks:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", erosion.ConvergenceWarning)  # R̂ of 125 draws passes 1.01 by chance
             samples = erosion.posterior(
-                model, erosion.TABLE_1, data, free, priors=laws, draws=DRAWS, seed=of_set
+                erosion.FitProblem(model, erosion.TABLE_1, data, free, priors=laws), draws=DRAWS, seed=of_set
             ).samples
         return {name: samples[name].values.ravel() for name in laws}
 
@@ -145,9 +145,9 @@ def calibrated_discrepancy(sets: int, *, known: bool, seed: int = 0) -> Ranks:
         volume = mean * (1 + missing) + error * rng.standard_normal(len(mean))
         data = {"angle [deg]": degrees, "speed [m/s]": speeds, "volume [m^3]": volume}
         data |= {"uncertainty [m^3]": error} if known else {}
-        forward = make_forward(MISSING, case, data, [*OF_MISSING], None, 1.0)
         priors = {name: law for name, law in laws.items() if name not in discrepancy.PRIORS}
-        misfit = discrepancy.Discrepant(make_likelihood(forward, priors), has_exponent=True, has_discrepancy=True)
+        problem = FitProblem(MISSING, case, data, [*OF_MISSING], priors=priors)
+        misfit = discrepancy.Discrepant(make_likelihood(problem), has_exponent=True, has_discrepancy=True)
         return prediction.drawn(misfit, {}, np.random.default_rng(of_set)).values
 
     return _ranks(laws, drawn, sets, seed)
@@ -280,7 +280,7 @@ def fitted(model: str, sets: int) -> dict[str, np.ndarray]:
         exact = np.asarray(erosion.impact(model, truth.replace(alpha=np.deg2rad(degrees))).volume)
         error = np.full(degrees.size, NOISE * exact.max())
         data = {"angle [deg]": degrees, "volume [in^3]": exact + error * random.standard_normal(degrees.size)}
-        intervals = calibrate(model, guess, data | {"uncertainty [in^3]": error}, FITTED[model]).intervals()
+        intervals = calibrate(FitProblem(model, guess, data | {"uncertainty [in^3]": error}, FITTED[model])).intervals()
         for name, (low, high) in intervals.items():
             held[name][seed] = low <= float(getattr(truth, name)) <= high
     return held
@@ -299,11 +299,13 @@ def to_60(law: _Law, index: int, key: int) -> tuple[dict[str, np.ndarray], Quest
 def _drawn(table: Mapping[str, np.ndarray]) -> Posterior:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", erosion.ConvergenceWarning)
-        return erosion.posterior(MISSING, CASE, table, [*OF_MISSING], density=DENSITY, error=STATED, draws=150)
+        return erosion.posterior(
+            erosion.FitProblem(MISSING, CASE, table, [*OF_MISSING], density=DENSITY, error=STATED), draws=150
+        )
 
 
 def _fitted(table: Mapping[str, np.ndarray]) -> Calibration:
-    return calibrate(MISSING, CASE, table, [*OF_MISSING], density=DENSITY, error=STATED)
+    return calibrate(FitProblem(MISSING, CASE, table, [*OF_MISSING], density=DENSITY, error=STATED))
 
 
 def predicted(
@@ -341,8 +343,16 @@ def advised(law: _Law, key: int, index: int) -> Advised:
     rng, fine = np.random.default_rng([61, key, index]), np.linspace(5.0, 90.0, 341)
     true = law(WEIGHED, np.full(WEIGHED.shape, FASTEST))
     measured = true * (1 + 0.08 * rng.standard_normal(true.size))
-    fit = calibrate(MISSING, CASE, {"angle [deg]": WEIGHED, "mass_loss [mg/kg]": measured}, [*OF_MISSING],
-                    density=DENSITY, error="8 %")  # fmt: skip
+    fit = calibrate(
+        FitProblem(
+            MISSING,
+            CASE,
+            {"angle [deg]": WEIGHED, "mass_loss [mg/kg]": measured},
+            [*OF_MISSING],
+            density=DENSITY,
+            error="8 %",
+        )
+    )
     options: dict[str, Any] = {"spread": 1e-3, "density": DENSITY, "models": [fit.model], "uncertain": fit}
     removed = law(fine, np.full(fine.shape, FASTEST)) / law(fine, np.full(fine.shape, FASTEST)).max()
     cubic = np.polynomial.Polynomial.fit(WEIGHED, measured, 3)(fine)
@@ -382,7 +392,7 @@ def _noisy(
     volume = erosion.impact(MISSING, CASE.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
     volume = volume * (speeds / 60.0) ** (exponent - 2) * (1 + 0.1 * rng.standard_normal(speeds.size))
     table = {"angle [deg]": degrees, "speed [m/s]": speeds, "volume [m^3]": volume}
-    return calibrate(MISSING, CASE, table, free, starts=4)
+    return calibrate(FitProblem(MISSING, CASE, table, free), starts=4)
 
 
 def too_few(held: np.ndarray, level: float) -> bool:

@@ -19,7 +19,6 @@ from scipy import stats
 import erosion
 from erosion import ode
 from erosion.cfd.map_result import MapSummary
-from erosion.fits.predicted import predictions
 from erosion.output.tables import to_json, to_plain
 from erosion.results import Columns, Declared, Part, Result, Value, from_attribute, render
 from erosion.sweeps.summary import Comparison, SweepSummary
@@ -47,13 +46,18 @@ def data() -> dict[str, np.ndarray]:
 @functools.cache
 def fit() -> erosion.Calibration:
     """Of two parameters."""
-    return erosion.calibrate("linearized", P, data(), ["k", "psi"])
+    return erosion.calibrate(erosion.FitProblem("linearized", P, data(), ["k", "psi"]))
 
 
 @functools.cache
 def drawn() -> erosion.Posterior:
     """Of one parameter, by few draws."""
-    return erosion.posterior("linearized", P, data(), ["psi"], draws=125, discrepancy=False)
+    return erosion.posterior(erosion.FitProblem("linearized", P, data(), ["psi"]), draws=125, discrepancy=False)
+
+
+def of_two() -> list[erosion.FitProblem]:
+    """Of two models."""
+    return erosion.FitProblem.of_models(["linearized", "finnie"], P, data(), ["psi"])
 
 
 def wear() -> MapSummary:
@@ -85,13 +89,13 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "Parameters": lambda: SI,
     "Parameters that broadcast": lambda: SI.replace(alpha=np.linspace(0.1, 0.5, 5), k=np.array([[1.5], [2.0], [2.5]])),
     "Posterior": drawn,
-    "PosteriorRanking": lambda: erosion.rank_posteriors(
-        P, data(), ["psi"], models=["linearized", "finnie"], draws=125, discrepancy=False
+    "PosteriorRanking": lambda: erosion.rank(
+        [erosion.posterior(problem, draws=125, discrepancy=False) for problem in of_two()]
     ),
-    "Predictions": lambda: predictions(drawn().predictor, np.array([0.3, 0.5])),
+    "Predictions": lambda: erosion.predict(drawn(), np.array([0.3, 0.5])),
     "Predictor": lambda: drawn().predictor,
     "Profile": lambda: fit().profile("k", 5),
-    "Ranking": lambda: erosion.rank_models(P, data(), ["psi"], models=["linearized", "finnie"]),
+    "Ranking": lambda: erosion.rank([erosion.calibrate(problem) for problem in of_two()]),
     "Solution": lambda: ode.solve(DROP, {"drag": 0.1}, t1=9.0, wrt="drag"),
     "Stream": lambda: erosion.stream(
         "linearized", SI, n=64, sensitivities=True, alpha=stats.norm(0.3, 0.02), v0=stats.norm(100.0, 3.0)

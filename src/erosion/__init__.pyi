@@ -23,6 +23,7 @@ from erosion.fits import Calibration as Calibration
 from erosion.fits import CalibrationError as CalibrationError
 from erosion.fits import ConvergenceWarning as ConvergenceWarning
 from erosion.fits import ErrorModel as ErrorModel
+from erosion.fits import FitProblem as FitProblem
 from erosion.fits import MeasurementError as MeasurementError
 from erosion.fits import Measurements as Measurements
 from erosion.fits import NextTest as NextTest
@@ -31,10 +32,11 @@ from erosion.fits import PosteriorRanking as PosteriorRanking
 from erosion.fits import Ranking as Ranking
 from erosion.fits import SamplingError as SamplingError
 from erosion.fits import calibrate as calibrate
+from erosion.fits import fit_each as fit_each
 from erosion.fits import next_test as next_test
 from erosion.fits import posterior as posterior
-from erosion.fits import rank_models as rank_models
-from erosion.fits import rank_posteriors as rank_posteriors
+from erosion.fits import predict as predict
+from erosion.fits import rank as rank
 from erosion.fits import read_measurements as read_measurements
 from erosion.fits import to_fluent as to_fluent
 from erosion.fits import to_openfoam as to_openfoam

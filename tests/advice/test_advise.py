@@ -116,7 +116,7 @@ def test_after_weighings_an_advice_holds_what_the_model_may_lack():
 
     scatter = np.array([1.06, 0.95, 1.02, 0.93, 1.07, 0.98])
     table = {"angle [deg]": degrees, "mass_loss [kg/kg]": scatter * grams(160.0, np.deg2rad(degrees))}
-    fit = erosion.calibrate(metal, fast, table, ["psi"], density=2700.0, error="8 %")
+    fit = erosion.calibrate(erosion.FitProblem(metal, fast, table, ["psi"], density=2700.0, error="8 %"))
     options: dict[str, Any] = {"target": "aluminium 6061", "spread": NARROW, "models": [metal], "uncertain": fit}
     advice = erosion.advise(fit.p.replace(v0=80.0), **options)
     low, high = np.quantile([curve.at(advice.alpha) for curve in advice.group("draws")], [0.025, 0.975])

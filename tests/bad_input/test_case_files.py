@@ -326,7 +326,7 @@ def test_unit_systems_are_understood_in_capitals(written: Written, shell: Shell)
 def test_a_bare_density_is_refused_with_the_right_spelling(density: str) -> None:
     data = {"angle [deg]": [10, 20, 30], "mass_loss [mg]": [1.0, 2.0, 3.0]}
     with pytest.raises(ValueError, match=r"`density` must carry its unit, such as \"2.7 g/cm\^3\", but is"):
-        erosion.calibrate("linearized", erosion.TABLE_1.to("si"), data, density=density, free=["k"])
+        erosion.calibrate(erosion.FitProblem("linearized", erosion.TABLE_1.to("si"), data, density=density, free=["k"]))
 
 
 def test_a_section_that_is_no_table(written: Written, shell: Shell) -> None:

@@ -428,7 +428,9 @@ IGNORES: dict[str, Callable[[], Any]] = {
     "a parameter": lambda: P.replace(alpha=MASKED),
     "an axis": lambda: erosion.sweep("linearized", P, alpha=MASKED),
     "samples": lambda: Samples(MASKED),
-    "measurements": lambda: erosion.calibrate("linearized", P, {**DATA, "angle [deg]": MASKED}, ["k"]),
+    "measurements": lambda: erosion.calibrate(
+        erosion.FitProblem("linearized", P, {**DATA, "angle [deg]": MASKED}, ["k"])
+    ),
     "an own parameter": lambda: erosion.load_model(FRICTION).replace(friction=MASKED),
     "an angle of a comparison": lambda: erosion.compare(["linearized"], P, alpha=MASKED),
 }

@@ -250,7 +250,9 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     weighed = true * (1 + 0.05 * np.random.default_rng(4).standard_normal(true.size))
     data = {"angle [deg]": angle, "speed [m/s]": speed, "mass_loss [ug/g]": weighed}
     p = erosion.TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061")
-    drawn = erosion.posterior("linearized", p, data, ["k", "psi"], density=2700.0, error="2 mg/kg + 5 %", draws=125)
+    drawn = erosion.posterior(
+        erosion.FitProblem("linearized", p, data, ["k", "psi"], density=2700.0, error="2 mg/kg + 5 %"), draws=125
+    )
     return drawn.save(tmp_path_factory.mktemp("fit") / "draws.nc")
 
 

@@ -220,7 +220,7 @@ def test_draws_are_read_in_other_units() -> None:
     p = erosion.TABLE_1
     exact = np.asarray(erosion.impact("linearized", p.replace(alpha=np.deg2rad(degrees))).volume)
     data = {"angle [deg]": degrees, "volume [in^3]": exact, "uncertainty [in^3]": np.full(3, 0.1 * exact.max())}
-    drawn = erosion.posterior("linearized", p, data, ["sigma", "cutting_fraction"], draws=125)
+    drawn = erosion.posterior(erosion.FitProblem("linearized", p, data, ["sigma", "cutting_fraction"]), draws=125)
     drawn.save("other.nc")
     known = dict(QUANTITIES)
     rows = read_draws("other.nc", known, "si").rows

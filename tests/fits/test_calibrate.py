@@ -15,11 +15,12 @@ from scipy import stats
 import erosion
 from erosion import TABLE_1, SamplingError
 from erosion.advice.advise import _uncertain
-from erosion.fits import Calibration, CalibrationError, calibrate, rank_models, to_fluent, to_openfoam
+from erosion.fits import Calibration, CalibrationError, calibrate, to_fluent, to_openfoam
 from erosion.fits.export import to_case
 from erosion.fits.least_squares import identify
 from erosion.fits.outliers import studentized
 from erosion.models.rigid import LinearizedCut
+from tests.fits.problems import calibrated, ranked
 from tests.models.test_own_parameters import P as PULLED
 
 GUESS = TABLE_1.replace(k=3.0, psi=0.06)
@@ -47,7 +48,7 @@ def without_errors(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def fitted(free=("k", "psi"), data=None, model: Any = "linearized", **options) -> Calibration:
     data = synthetic(1) if data is None else data
-    return calibrate(model, GUESS, data, list(free), **{"starts": 1, **options})
+    return calibrated(model, GUESS, data, list(free), **{"starts": 1, **options})
 
 
 @pytest.fixture(scope="module")
@@ -241,7 +242,7 @@ ANGLES = {"angle [deg]": [20, 30, 40]}
 )
 def test_bad_arguments(options, message):
     with pytest.raises(ValueError, match=message):
-        calibrate("linearized", **{"p": GUESS, "free": ["k", "psi"], "data": synthetic(0), **options})
+        calibrated("linearized", **{"p": GUESS, "free": ["k", "psi"], "data": synthetic(0), **options})
 
 
 class Unfittable(erosion.models.Linearized):
@@ -256,7 +257,9 @@ def test_a_model_that_fails_is_said_to_fail():
         fitted(["k"], model=Unfittable(), starts=2)
     told = []
     models = [Unfittable(), "linearized"]
-    ranking = rank_models(GUESS, synthetic(0), ["k"], models=models, starts=2, progress=lambda *call: told.append(call))
+    problems = erosion.FitProblem.of_models(models, GUESS, synthetic(0), ["k"])
+    fits, failures = erosion.fit_each(problems, lambda problem, _: calibrate(problem), lambda *call: told.append(call))
+    ranking = erosion.rank(fits, failures)
     assert told == [("fitting Unfittable", 0, 2), ("fitting linearized", 1, 2)]
     assert ranking.names == ("linearized",)
     assert ranking.failures[0].startswith("Unfittable: The model could not be fitted")
@@ -303,7 +306,7 @@ def test_a_curve_with_a_jump_is_found_from_afar_and_goes_to_openfoam_with_its_mi
 def test_a_ranking_has_the_right_model_first_and_says_what_is_the_same_and_what_is_open(turning):
     data = synthetic(6, turning)
     names = ["linearized", "finnie", "rotating", "tan-alpha", "velocity-aligned"]
-    ranking = rank_models(GUESS, data, ["k", "psi"], models=names, starts=4)
+    ranking = ranked(names, GUESS, data, ["k", "psi"], starts=4)
     assert ranking.names[0] == "rotating"
     assert ranking.weights.sum() == pytest.approx(1)
     assert ranking.weights[0] > 0.99
@@ -342,7 +345,7 @@ def fit_of_size(uncertainty: float | None) -> erosion.Calibration:
     rows = {"angle [deg]": TO_60, "volume [in^3]": exact + size * np.array([1, -1, 0.5, 1, -1.5, 0.3])}
     if uncertainty is not None:
         rows["uncertainty [in^3]"] = np.full(TO_60.size, uncertainty * size)
-    return erosion.calibrate("linearized", PULLED, rows, free=["psi"], starts=1)
+    return erosion.calibrate(erosion.FitProblem("linearized", PULLED, rows, free=["psi"]), starts=1)
 
 
 @pytest.mark.parametrize("uncertainty", [1.0, 3.0])
@@ -369,13 +372,15 @@ def of_steel(losses: np.ndarray, loss: str = "linear") -> erosion.Calibration:
     rows = {"angle [deg]": SIX, "mass_loss [mg/kg]": losses}
     free = ["k", "psi", "energy_ratio"]
     return erosion.calibrate(
-        "linearized-deformation", STEEL, rows, free=free, density="7850 kg/m^3", loss=loss, starts=4
+        erosion.FitProblem("linearized-deformation", STEEL, rows, free=free, density="7850 kg/m^3"), loss=loss, starts=4
     )
 
 
 def test_residuals_are_in_the_unit_of_the_table():
     rows = {"angle [deg]": SIX, "erosion [g/kg]": np.array([1.27, 1.55, 1.95, 2.08, 1.45, 1.4])}
-    fit = erosion.calibrate("linearized-deformation", STEEL, rows, ["psi"], density="7850 kg/m^3", starts=1)
+    fit = erosion.calibrate(
+        erosion.FitProblem("linearized-deformation", STEEL, rows, ["psi"], density="7850 kg/m^3"), starts=1
+    )
     units = {row[0]: row[3] for row in fit.rows()}
     assert units["rms"] == units["leave_one_out"] == "g/kg"
 
@@ -383,7 +388,7 @@ def test_residuals_are_in_the_unit_of_the_table():
 def amounts(fit: erosion.Calibration) -> np.ndarray:
     """The mean erosion of the rows by each draw, over that of the fit."""
     columns = {name: fit.samples[name].values.ravel() for name in fit.names}
-    return fit.forward.erosion(columns, fit.data.conditions).mean(axis=1) / fit.fitted.mean()
+    return fit.problem.erosion(columns, fit.data.conditions).mean(axis=1) / fit.fitted.mean()
 
 
 def test_samples_of_a_robust_fit_explain_the_rows():
@@ -394,24 +399,26 @@ def test_samples_of_a_robust_fit_explain_the_rows():
 
 def test_samples_hold_for_other_tests_and_know_their_angles():
     rows = {"angle [deg]": TO_60, "erosion [-]": np.array([3.0, 5.2, 5.9, 5.5, 4.4, 3.1])}
-    in_own_units = erosion.calibrate("linearized", PULLED, rows, free=["k", "psi"], starts=2).rows_of_draws()
+    in_own_units = erosion.calibrate(
+        erosion.FitProblem("linearized", PULLED, rows, free=["k", "psi"]), starts=2
+    ).rows_of_draws()
     assert [*in_own_units.columns] == ["k"]
     shape = {**rows, "erosion [-]": np.array([3.0, 5.2, 5.9, 5.5, 4.4, 3.1])}
-    sized = _uncertain(erosion.calibrate("rotating", PULLED, shape, free=["k", "r"], starts=2))
+    sized = _uncertain(erosion.calibrate(erosion.FitProblem("rotating", PULLED, shape, free=["k", "r"]), starts=2))
     assert sized is not None
     assert sized.predictor is None
     assert sized.laws.names == ("k",)
     assert np.rad2deg(in_own_units.tested["alpha"]) == pytest.approx([10, 60])
     volume = np.asarray(erosion.impact("rotating", PULLED.replace(alpha=np.deg2rad(TO_60))).volume)
     data = {"angle [deg]": TO_60, "volume [in^3]": volume * np.array([1.01, 0.98, 1.02, 1, 0.99, 1])}
-    of_jet = erosion.calibrate("rotating", PULLED, data, free=["k", "r"], starts=2)
+    of_jet = erosion.calibrate(erosion.FitProblem("rotating", PULLED, data, free=["k", "r"]), starts=2)
     assert [*of_jet.rows_of_draws().columns] == ["k", "r"]
     # An advice has another particle, of which predictions hold what the tests had.
     advised = _uncertain(of_jet)
     assert advised is not None
     assert advised.laws.names == ("k",)
     rows["erosion [-]"] = 2 * rows["erosion [-]"]
-    of_amount = erosion.calibrate("linearized", PULLED, rows, free=["psi"], starts=2)
+    of_amount = erosion.calibrate(erosion.FitProblem("linearized", PULLED, rows, free=["psi"]), starts=2)
     with pytest.raises(SamplingError, match="decides no parameter of an impact"):
         of_amount.rows_of_draws()
     assert "uncertain" not in to_case(of_amount)
@@ -431,9 +438,7 @@ def fit_of(table):
     def fit(factor=1.0, **options):
         rows = noisy * np.where(np.arange(len(TEN)) == WRONG, factor, 1.0)
         lines = "".join(f"{angle},{value!r}\n" for angle, value in zip(TEN, rows.tolist(), strict=True))
-        return erosion.calibrate(
-            "finnie", P, table("angle [deg],volume [mm^3]\n" + lines), ["psi"], starts=2, **options
-        )
+        return calibrated("finnie", P, table("angle [deg],volume [mm^3]\n" + lines), ["psi"], starts=2, **options)
 
     return fit
 
@@ -458,7 +463,7 @@ def test_a_sampled_error_does_not_hide_an_outlier(table):
     rows[6] *= 1.5
     lines = "".join(f"{angle},{value!r}\n" for angle, value in zip(degrees, rows.tolist(), strict=True))
     data = table("angle [deg],volume [mm^3]\n" + lines)
-    drawn = erosion.posterior("finnie", P, data, ["psi"], draws=125, discrepancy=False)
+    drawn = erosion.posterior(erosion.FitProblem("finnie", P, data, ["psi"]), draws=125, discrepancy=False)
     (said,) = (sentence for sentence in drawn.predictor.warnings if "miss" in sentence)
     assert "1 of 12 rows" in said
     assert "line 8 (45°)" in said
@@ -469,7 +474,9 @@ def test_an_outlier_is_named_with_the_fit_without_it(fit_of):
     assert not any("outlier" in sentence for sentence in clean.warnings)
     (said,) = (sentence for sentence in spoiled.warnings if "outlier" in sentence)
     assert f"line {WRONG + 2} (25°)" in said
-    without = erosion.calibrate("finnie", P, spoiled.data.of_rows(np.delete(np.arange(10), WRONG)), ["psi"], starts=2)
+    without = erosion.calibrate(
+        erosion.FitProblem("finnie", P, spoiled.data.of_rows(np.delete(np.arange(10), WRONG)), ["psi"]), starts=2
+    )
     assert without.in_words("psi", without.estimates["psi"]) in said
     assert without.estimates["psi"] == pytest.approx(P.psi, rel=0.02)
 
@@ -479,7 +486,7 @@ def test_a_correlation_predicts_masses_by_its_own_density(tmp_path, density):
     # A ratio of masses is that of the correlation, whatever steel's density is in another table.
     data = tmp_path / "tests.csv"
     data.write_text("alpha [deg],v0 [m/s],mass_loss [mg/kg]\n15,50,30\n30,50,50\n60,50,40\n")
-    fit = erosion.calibrate("dnv", erosion.TABLE_1, data, free=["k"], density=density)
+    fit = erosion.calibrate(erosion.FitProblem("dnv", erosion.TABLE_1, data, free=["k"], density=density))
     expected = 1e6 * np.asarray(erosion.correlations.dnv(np.deg2rad([15, 30, 60]), 50.0))
     rms = np.sqrt(np.mean((expected - [30, 50, 40]) ** 2))
     np.testing.assert_allclose(fit.rms * 1e6, rms, rtol=1e-9)

@@ -7,10 +7,10 @@ import pytest
 
 from erosion import TABLE_1, impact
 from erosion.fits.discrepancy import Discrepant
-from erosion.fits.forward import make_forward
 from erosion.fits.importance import sample_near
 from erosion.fits.likelihood import make_likelihood
 from erosion.fits.prediction import drawn
+from erosion.fits.problem import FitProblem
 from erosion.fits.tempering import Misfit
 from tests.fits.test_tempering import Rows
 
@@ -74,8 +74,8 @@ def test_parameters_that_only_a_product_determines_are_annealed():
     degrees = np.linspace(10.0, 80.0, 12)
     volume = np.asarray(impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees))).volume)
     table = {"angle [deg]": degrees, "volume [in^3]": volume, "uncertainty [in^3]": np.full(12, 0.003 * volume.max())}
-    forward = make_forward("linearized", TABLE_1, table, ["k", "psi", "sigma"], None, 1.0)
-    misfit = Discrepant(make_likelihood(forward, {}), has_exponent=False, has_discrepancy=False)
+    problem = FitProblem("linearized", TABLE_1, table, ["k", "psi", "sigma"])
+    misfit = Discrepant(make_likelihood(problem), has_exponent=False, has_discrepancy=False)
     start = {name: float(getattr(TABLE_1, name)) for name in misfit.priors.laws}
     assert sample_near(misfit, np.zeros(3), np.random.default_rng(0)).effective < 500
     way = drawn(misfit, start, np.random.default_rng(0))

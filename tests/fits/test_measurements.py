@@ -11,8 +11,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from erosion import TABLE_1, ErrorModel, MeasurementError, Measurements, calibrate, impact, read_measurements
-from erosion.fits.forward import make_forward
+from erosion import (
+    TABLE_1,
+    ErrorModel,
+    FitProblem,
+    MeasurementError,
+    Measurements,
+    calibrate,
+    impact,
+    read_measurements,
+)
 from erosion.fits.likelihood import make_likelihood
 from erosion.fits.measurements import unit_system
 from erosion.parameters.quantities import UnitError
@@ -311,7 +319,9 @@ def test_a_relative_error_is_of_the_fit(column):
     """Of the measured erosion, the fit would be low by 2 b²: 9 % here."""
     columns = {"angle [deg]": DEGREES, "volume [in^3]": TRUE * SHARES}
     more = {"uncertainty [%]": np.full(6, 20.0)} if column else {}
-    fit = calibrate("linearized", TABLE_1, columns | more, ["psi"], error=None if column else ErrorModel(0.0, 0.2))
+    fit = calibrate(
+        FitProblem("linearized", TABLE_1, columns | more, ["psi"], error=None if column else ErrorModel(0.0, 0.2))
+    )
     assert fit.estimates["psi"] == pytest.approx(TABLE_1.psi / SHARES.mean(), rel=1e-5)
     assert fit.chi2 == pytest.approx(np.sum((SHARES / SHARES.mean() - 1) ** 2) / 0.2**2, rel=1e-4)
     deviance = (
@@ -324,8 +334,9 @@ def test_a_relative_error_is_of_the_fit(column):
 def test_the_likelihood_has_the_error_of_what_is_expected(factor):
     error = ErrorModel(2e-6, 0.1)
     columns = {"angle [deg]": DEGREES, "volume [in^3]": TRUE * SHARES}
-    forward = make_forward("linearized", TABLE_1, columns, ["psi"], None, 1.0, error)
-    likelihood = make_likelihood(forward, {} if factor is None else {"error_factor": stats.uniform(1.0, 1.0)})
+    priors = {} if factor is None else {"error_factor": stats.uniform(1.0, 1.0)}
+    problem = FitProblem("linearized", TABLE_1, columns, ["psi"], priors=priors, error=error)
+    likelihood = make_likelihood(problem)
     points = np.array([[0.02, 0.524][: 1 if factor is None else 2]])
     values = likelihood.values(points)
     expected = TRUE * float(TABLE_1.psi / values["psi"][0])
@@ -349,7 +360,7 @@ def test_repeats_show_what_a_model_misses(known):
     degrees, random = np.repeat([10.0, 20.0, 40.0, 60.0, 80.0], 3), np.random.default_rng(5)
     volume = 1e-4 * np.sin(np.deg2rad(degrees)) + 2e-6 * random.standard_normal(15)
     data = {"angle [deg]": degrees, "volume [in^3]": volume}
-    fit = calibrate("linearized", TABLE_1, data, ["k", "psi"], error=1e-6 if known else None)
+    fit = calibrate(FitProblem("linearized", TABLE_1, data, ["k", "psi"], error=1e-6 if known else None))
     means = volume.reshape(5, 3).mean(axis=1)
     pure = np.sum((volume.reshape(5, 3) - means[:, None]) ** 2) / 10
     misses = 3 * np.sum((means - fit.fitted.reshape(5, 3)[:, 0]) ** 2) / 3
@@ -359,7 +370,9 @@ def test_repeats_show_what_a_model_misses(known):
     assert lack.probability < 1e-3
     assert lack.scatter == pytest.approx(np.sqrt(pure) / (1e-6 if known else 1.0))
     assert "lack_of_fit" in str(fit)
-    assert calibrate("linearized", TABLE_1, {n: v[::3] for n, v in data.items()}, ["psi"]).lack_of_fit is None
+    assert (
+        calibrate(FitProblem("linearized", TABLE_1, {n: v[::3] for n, v in data.items()}, ["psi"])).lack_of_fit is None
+    )
 
 
 TWO_SPEEDS = float(TABLE_1.v0) * np.array([0.5, 0.5, 0.5, 1.0, 1.0, 1.0])
@@ -372,7 +385,7 @@ def test_least_squares_know_what_rows_of_a_speed_share(column):
     table = {"angle [deg]": DEGREES, "speed [in/s]": TWO_SPEEDS, "volume [in^3]": true * SHARES}
     more = {"uncertainty [in^3]": 0.1 * true} if column else {}
     error = ErrorModel(common=0.3) if column else ErrorModel(relative=0.1, common=0.3)
-    fit = calibrate("linearized", TABLE_1, table | more, ["psi"], error=error)
+    fit = calibrate(FitProblem("linearized", TABLE_1, table | more, ["psi"], error=error))
     factor = float(TABLE_1.psi / fit.estimates["psi"])
     shared = 0.3**2 * np.equal.outer(TWO_SPEEDS, TWO_SPEEDS)
     own = np.eye(6) * 0.1**2
@@ -398,10 +411,10 @@ def test_a_common_error_needs_rows_of_one_speed_and_errors_of_their_own():
             twice | {"speed [in/s]": 3000 * 1.018 ** np.arange(12)}, "inch-pound", error=ErrorModel(0, 0.1, 0.05)
         )
     with pytest.raises(ValueError, match="`loss` must be linear"):
-        calibrate("linearized", TABLE_1, table, ["psi"], error=ErrorModel(0.0, 0.1, 0.05), loss="soft_l1")
+        calibrate(FitProblem("linearized", TABLE_1, table, ["psi"], error=ErrorModel(0.0, 0.1, 0.05)), loss="soft_l1")
     few = {name: np.asarray(values)[[0, 1, 3]] for name, values in dict(table).items()}
     with pytest.raises(ValueError, match="1 free parameter and 2 errors of speeds"):
-        calibrate("linearized", TABLE_1, few, ["psi"], error=ErrorModel(common=0.05))
+        calibrate(FitProblem("linearized", TABLE_1, few, ["psi"], error=ErrorModel(common=0.05)))
 
 
 def test_speeds_that_were_measured_row_by_row_are_groups_and_an_error_of_them_stays():
@@ -430,7 +443,7 @@ def of_two_speeds(count: int, own: float, *, factor: float = 1.0) -> dict[str, n
 @pytest.mark.parametrize("free", [["psi"], ["psi", "sigma"], ["psi", "sigma", "cutting_fraction"]])
 def test_the_error_of_speeds_is_as_stated_however_many_parameters_are_tied(free):
     fit = calibrate(
-        "linearized-deformation", TABLE_1, of_two_speeds(3, 0.04), free, error="5 % of each speed", starts=4
+        FitProblem("linearized-deformation", TABLE_1, of_two_speeds(3, 0.04), free, error="5 % of each speed"), starts=4
     )
     assert fit.data.common is not None
     share = fit.data.common * fit.data.deviation * np.sqrt(fit.variance) / fit.fitted

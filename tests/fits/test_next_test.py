@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from erosion import TABLE_1, calibrate, impact, next_test, posterior, rank_posteriors
+from erosion import TABLE_1, FitProblem, calibrate, impact, next_test, posterior, predict, rank
 from erosion.fits.next_test import NextTest, _discrimination, _Drawn, _narrowed
 from erosion.fits.prediction import Predictor
 from erosion.models.rigid import LinearizedCut
+from tests.fits import problems
 
 
 @pytest.mark.parametrize("ratio", [0.3, 1.0, 10.0])
@@ -58,7 +59,9 @@ def test_a_scale_is_best_measured_at_the_greatest_volume():
     # Of one factor the gain is a function of the volume at the angle alone.
     data = measured("linearized", np.array([10.0, 60.0]), 2.0)
     priors = {"cutting_fraction": stats.norm(0.5, 0.1)}
-    drawn = posterior("linearized", TABLE_1, data, ["cutting_fraction"], priors=priors, draws=250, discrepancy=False)
+    drawn = posterior(
+        FitProblem("linearized", TABLE_1, data, ["cutting_fraction"], priors=priors), draws=250, discrepancy=False
+    )
     degrees = np.array([5.0, 20.0, 31.7, 45.0, 80.0])
     answer = next_test(drawn, {"alpha": np.deg2rad(degrees)}, for_prediction={"alpha": np.deg2rad(70.0)})
     exact = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
@@ -74,13 +77,13 @@ def test_a_scale_is_best_measured_at_the_greatest_volume():
 def test_the_posterior_with_the_next_test_is_as_narrow_as_was_said():
     data = measured("linearized", np.array([10.0, 15.0, 20.0, 60.0]), 2.0)
     options = {"draws": 500, "discrepancy": False}
-    before = posterior("linearized", TABLE_1, data, ["k", "psi"], **options)
+    before = problems.drawn("linearized", TABLE_1, data, ["k", "psi"], **options)
     asked = {"alpha": np.deg2rad(40.0)}
     answer = next_test(before, {"alpha": np.deg2rad([30.0, 40.0, 50.0])}, for_prediction=asked)
     row = {"angle [deg]": 40.0, "volume [in^3]": before.predict(asked["alpha"]).mean(),
            "uncertainty [in^3]": data["uncertainty [in^3]"][0]}  # fmt: skip
     more = {name: np.append(column, row[name]) for name, column in data.items()}
-    after = posterior("linearized", TABLE_1, more, ["k", "psi"], **options)
+    after = problems.drawn("linearized", TABLE_1, more, ["k", "psi"], **options)
     ratio = after.predict(asked["alpha"], count=2000).std() / before.predict(asked["alpha"], count=2000).std()
     assert 1 - answer.prediction[1] == pytest.approx(ratio, rel=0.1)
     thetas = [float(np.log(fit.samples[name]).std()) for fit in (before, after) for name in ("k", "psi")]
@@ -90,7 +93,7 @@ def test_the_posterior_with_the_next_test_is_as_narrow_as_was_said():
 def test_a_jump_whose_place_is_not_known_is_the_place_to_test_for_the_parameters():
     # With k = 1 V(α) falls to half at 40°; the data leave 30° to 50° open.
     data = measured("rotating", np.array([10.0, 20.0, 30.0, 50.0, 60.0]), 1.0)
-    drawn = posterior("rotating", TABLE_1.replace(k=1.0), data, ["k", "psi"], draws=250, discrepancy=False)
+    drawn = posterior(FitProblem("rotating", TABLE_1.replace(k=1.0), data, ["k", "psi"]), draws=250, discrepancy=False)
     answer = next_test(drawn)
     assert 34 < np.rad2deg(answer.best_for_parameters["alpha"]) < 45
     assert answer.parameters.max() > 2 * np.median(answer.parameters)
@@ -103,8 +106,9 @@ def test_a_jump_whose_place_is_not_known_is_the_place_to_test_for_the_parameters
 def test_two_models_are_told_apart_where_they_differ():
     data = measured("linearized", np.array([10.0, 15.0, 20.0, 25.0]), 2.0)
     priors = {"k": stats.uniform(0.5, 9.5), "psi": stats.uniform(0.001, 0.199)}
-    both = rank_posteriors(TABLE_1, data, ["k", "psi"], models=["linearized", "tan-alpha"], priors=priors, draws=250)
-    answer = next_test(both)
+    of_both = FitProblem.of_models(["linearized", "tan-alpha"], TABLE_1, data, ["k", "psi"], priors=priors)
+    both = rank([posterior(problem, draws=250) for problem in of_both])
+    answer = next_test(both.fits)
     assert answer.names == both.names
     assert answer.discrimination.max() <= -(both.weights @ np.log2(both.weights)) + 1e-6
     assert answer.tables()[0].headings[-1] == "about the model [bit]"
@@ -114,7 +118,9 @@ def test_two_models_are_told_apart_where_they_differ():
 
 
 def test_a_fit_by_least_squares_has_a_next_test():
-    fit = calibrate("linearized", TABLE_1, measured("linearized", np.array([10.0, 30.0, 60.0]), 2.0), ["k", "psi"])
+    fit = calibrate(
+        FitProblem("linearized", TABLE_1, measured("linearized", np.array([10.0, 30.0, 60.0]), 2.0), ["k", "psi"])
+    )
     answer = next_test(fit)
     assert 0 < answer.prediction.max() < 1
     assert np.rad2deg(answer.asked["alpha"]) == pytest.approx(31.7, abs=8)
@@ -122,7 +128,9 @@ def test_a_fit_by_least_squares_has_a_next_test():
 
 @pytest.fixture(scope="module")
 def drawn():
-    return posterior("linearized", TABLE_1, measured("linearized", np.array([10.0, 60.0]), 2.0), ["psi"], draws=125)
+    return posterior(
+        FitProblem("linearized", TABLE_1, measured("linearized", np.array([10.0, 60.0]), 2.0), ["psi"]), draws=125
+    )
 
 
 @pytest.mark.parametrize(
@@ -161,12 +169,12 @@ def test_what_makes_no_sense_is_refused(drawn, options, message):
 )
 def test_a_condition_that_makes_no_sense_is_refused_wherever_it_is_asked_for(drawn, alpha, at, message):
     """A sampled parameter among the conditions would take the place of its draws, without a word."""
-    fit = calibrate("linearized", TABLE_1, drawn.data, ["psi"])
+    fit = calibrate(FitProblem("linearized", TABLE_1, drawn.data, ["psi"]))
     for ask in (
         lambda: next_test(drawn, {"alpha": alpha, **at}),
         lambda: drawn.predict(alpha, at),
         lambda: drawn.ends(alpha, at),
-        lambda: fit.predict(alpha, at),
+        lambda: predict(fit, alpha, at),
         lambda: fit.curve(alpha, at),
     ):
         with pytest.raises((ValueError, TypeError), match=message):

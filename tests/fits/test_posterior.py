@@ -14,11 +14,12 @@ from scipy import stats
 import erosion
 from erosion.fits import Posterior
 from erosion.fits.fit_files import read_draws
-from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
+from erosion.fits.problem import FitProblem
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from erosion.parameters.quantities import QUANTITIES
+from tests.fits.problems import drawn
 
 
 def volumes(degrees: np.ndarray) -> np.ndarray:
@@ -35,7 +36,7 @@ def measured(rows: int, *, known: bool = True) -> dict[str, Any]:
 
 
 def posterior(*free: str, p=TABLE_1, data=None, draws: int = 200, **options) -> Posterior:
-    return erosion.posterior("linearized", p, measured(8) if data is None else data, [*free], draws=draws, **options)
+    return drawn("linearized", p, measured(8) if data is None else data, [*free], draws=draws, **options)
 
 
 @pytest.fixture(scope="module")
@@ -178,10 +179,10 @@ def test_rows_of_the_same_conditions_count_each():
     random = np.random.default_rng(3)
     degrees, error = random.choice([20.0, 35.0, 60.0], 40), random.uniform(1e-6, 5e-6, 40)
     data = {"angle [deg]": degrees, "volume [in^3]": volumes(degrees) + error * random.standard_normal(40)}
-    forward = make_forward("linearized", TABLE_1, {**data, "uncertainty [in^3]": error}, ["k", "psi"], None, 1.0)
-    likelihood, points = make_likelihood(forward, {}), random.standard_normal((7, 2))
-    predicted = forward.erosion(likelihood.values(points), forward.data.conditions)
-    direct = np.sum(((predicted - forward.data.erosion) / error) ** 2, axis=1)
+    problem = FitProblem("linearized", TABLE_1, {**data, "uncertainty [in^3]": error}, ["k", "psi"])
+    likelihood, points = make_likelihood(problem), random.standard_normal((7, 2))
+    predicted = problem.erosion(likelihood.values(points), problem.data.conditions)
+    direct = np.sum(((predicted - problem.data.erosion) / error) ** 2, axis=1)
     assert likelihood.sizes == [40]
     assert len(likelihood.parts[0].mean) == 3
     assert likelihood.squares(points, 0)[0] == pytest.approx(direct, rel=1e-5)

@@ -1,6 +1,6 @@
 """Discrepancy and exponent: the likelihood against dense matrices, curves against the closed posterior, what holds."""
 
-import functools
+import dataclasses
 
 import h5py
 import numpy as np
@@ -12,10 +12,9 @@ from erosion.fits import Posterior
 from erosion.fits.discrepancy import Discrepant, with_few_conditions
 from erosion.fits.errors import ErrorModel
 from erosion.fits.fit_files import read_draws, read_predictor
-from erosion.fits.forward import make_forward
 from erosion.fits.likelihood import make_likelihood
-from erosion.fits.predicted import predictions
 from erosion.fits.prediction import predictor_of
+from erosion.fits.problem import FitProblem
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 
 ERROR = ErrorModel(1e-6, 0.05)
@@ -28,12 +27,12 @@ def rows(*, error: ErrorModel | None = ERROR, degrees=(15.0, 30.0, 50.0)):
     true = 8e-5 * np.sin(np.deg2rad(2 * angle)) ** 0.6 * (speed / V0) ** 2.5
     volume = true + ERROR.deviation(true) * np.random.default_rng(4).standard_normal(true.size)
     table = {"angle [deg]": angle, "speed [in/s]": speed, "volume [in^3]": volume}
-    return make_forward("linearized", TABLE_1, table, ["k", "psi"], None, 1.0, error)
+    return FitProblem("linearized", TABLE_1, table, ["k", "psi"], error=error)
 
 
 def dense(misfit: Discrepant, values: dict, i: int, asked=None):
     """Mean and covariance of all rows, and of `asked` (α, v) if given, typed once more; rows without pooling."""
-    data, p = misfit.plain.forward.data, misfit.plain.forward.p
+    data, p = misfit.plain.problem.data, misfit.plain.problem.p
     angle, speed = data.angle, data.conditions["v0"]
     if asked is not None:
         angle, speed = np.append(angle, asked[0]), np.append(speed, asked[1])
@@ -58,10 +57,10 @@ def dense(misfit: Discrepant, values: dict, i: int, asked=None):
 @pytest.mark.parametrize("discrepancy", [True, False])
 @pytest.mark.parametrize("error", [ERROR, None, ErrorModel(1e-6, 0.05, 0.04), ErrorModel(common=0.04)], ids=str)
 def test_the_likelihood_is_that_of_all_rows(error, discrepancy):
-    misfit = Discrepant(make_likelihood(rows(error=error), {}), True, discrepancy)
+    misfit = Discrepant(make_likelihood(rows(error=error)), True, discrepancy)
     points = np.random.default_rng(1).standard_normal((5, misfit.priors.dimension)) / 2
     squares, variance = misfit.squares(points, 0)
-    values, data = misfit.values(points), misfit.plain.forward.data
+    values, data = misfit.values(points), misfit.plain.problem.data
     logs = misfit.plain.constant - 0.5 * (squares / variance + len(data) * np.log(variance))
     for i, log in enumerate(logs):
         mean, kernel = dense(misfit, values, i)
@@ -90,10 +89,10 @@ def common(data, mean: np.ndarray) -> np.ndarray:
 def test_the_parameters_are_drawn_with_what_rows_of_a_speed_share(factor):
     error = ErrorModel(1e-6, 0.05, 0.1)
     laws = {} if factor is None else {"error_factor": stats.uniform(1.0, 1.0)}
-    likelihood = make_likelihood(rows(error=error), laws)
+    likelihood = make_likelihood(dataclasses.replace(rows(error=error), priors=laws))
     points = np.array([[0.02, 0.1, 0.524][: 2 if factor is None else 3]])
     squares, variance = likelihood.squares(points, 0)
-    values, data = likelihood.values(points), likelihood.forward.data
+    values, data = likelihood.values(points), likelihood.problem.data
     mean = likelihood.predict({name: values[name] for name in ("k", "psi")}, data.conditions)[0]
     covariance = np.diag(data.weighed(mean).deviation ** 2) + common(data, mean)
     covariance = covariance * values.get("error_factor", np.ones(1)) ** 2
@@ -105,14 +104,14 @@ def test_the_parameters_are_drawn_with_what_rows_of_a_speed_share(factor):
 
 @pytest.mark.parametrize("error", [ERROR, ErrorModel(1e-6, 0.05, 0.1)], ids=str)
 def test_curves_are_those_of_the_closed_posterior(error):
-    misfit = Discrepant(make_likelihood(rows(error=error), {}), True, True)
+    misfit = Discrepant(make_likelihood(rows(error=error)), True, True)
     one = misfit.values(np.full((1, misfit.priors.dimension), 0.2))
     values = {name: np.repeat(value, 4000) for name, value in one.items()}
     asked = np.deg2rad(70.0), 1.3 * V0
     there = {"alpha": np.array([asked[0]]), "v0": np.array([asked[1]])}
     drawn = misfit.draw(values, there, np.random.default_rng(0))[:, 0]
     mean, kernel = dense(misfit, one, 0, asked)
-    data = misfit.plain.forward.data
+    data = misfit.plain.problem.data
     joint = np.outer(mean, mean) * kernel
     own = np.diag(data.weighed(mean[:-1]).deviation ** 2)
     gain = np.linalg.solve(joint[:-1, :-1] + own + common(data, mean[:-1]), joint[:-1, -1])
@@ -124,14 +123,14 @@ def test_curves_are_those_of_the_closed_posterior(error):
 
 
 def test_beyond_the_tested_angles_the_discrepancy_counts_alone():
-    forward = rows()
-    misfit = Discrepant(make_likelihood(forward, {}), True, True)
+    problem = rows()
+    misfit = Discrepant(make_likelihood(problem), True, True)
     lacking = misfit.values(np.random.default_rng(2).standard_normal((50, misfit.priors.dimension)) / 3)
     alone = {name: lacking[name][:1].repeat(50) for name in ("k", "psi")}
     ways = {"model": (alone, 0.9), "discrepancy": (lacking, 0.1)}
     kept = {name: {"values": part, "log_evidence": 0.0, "weight": weight}
             for name, (part, weight) in ways.items()}  # fmt: skip
-    alpha, predictor = np.deg2rad([15.0, 50.0, 10.0, 55.0]), predictor_of(forward, kept, 0)
+    alpha, predictor = np.deg2rad([15.0, 50.0, 10.0, 55.0]), predictor_of(problem, kept, 0)
     curves = predictor.predict(alpha, {"v0": V0}, 200)
     of_model = erosion.impact(
         "linearized", TABLE_1.replace(alpha=alpha, **{name: part[0] for name, part in alone.items()})
@@ -144,9 +143,9 @@ def test_beyond_the_tested_angles_the_discrepancy_counts_alone():
 
 
 def test_many_conditions_are_put_together_and_no_row_is_lost():
-    likelihood = make_likelihood(rows(degrees=np.linspace(10, 80, 300)), {})
+    likelihood = make_likelihood(rows(degrees=np.linspace(10, 80, 300)))
     few = with_few_conditions(likelihood, 60)
-    before, after = likelihood.forward.data, few.forward.data
+    before, after = likelihood.problem.data, few.problem.data
     assert len(few.parts[0].mean) <= 60
     np.testing.assert_array_equal(before.erosion, after.erosion)
     assert np.abs(after.angle - before.angle).max() < np.deg2rad(3)
@@ -158,18 +157,16 @@ def test_conditions_that_are_put_together_are_of_one_speed():
     volume = erosion.impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
     table = {"angle [deg]": degrees, "speed [in/s]": speeds, "volume [in^3]": volume}
     error = ErrorModel(1e-6, 0.05, 0.05)
-    few = with_few_conditions(
-        make_likelihood(make_forward("linearized", TABLE_1, table, ["psi"], None, 1.0, error), {}), 60
-    )
+    few = with_few_conditions(make_likelihood(FitProblem("linearized", TABLE_1, table, ["psi"], error=error)), 60)
     assert len(few.parts[0].mean) <= 60
-    assert few.forward.data.speed is not None
-    np.testing.assert_allclose(few.forward.data.speed, speeds)
+    assert few.problem.data.speed is not None
+    np.testing.assert_allclose(few.problem.data.speed, speeds)
 
 
 @pytest.fixture(scope="module")
 def missed() -> Posterior:
-    forward = rows(degrees=(10.0, 20.0, 30.0, 45.0, 65.0, 85.0))
-    return erosion.posterior("linearized", TABLE_1, forward.data, ["k", "psi"], draws=125, seed=3)
+    problem = rows(degrees=(10.0, 20.0, 30.0, 45.0, 65.0, 85.0))
+    return erosion.posterior(erosion.FitProblem("linearized", TABLE_1, problem.data, ["k", "psi"]), draws=125, seed=3)
 
 
 def test_a_model_that_misses_predicts_with_wide_intervals(missed):
@@ -214,7 +211,9 @@ def test_predictions_are_kept_in_the_file_of_draws(missed, tmp_path):
 def test_what_rows_of_a_speed_share_is_kept_and_is_in_a_new_weighing(tmp_path):
     """A new weighing is of another day: its speed is off by an error of its own."""
     error = ErrorModel(1e-6, 0.05, 0.1)
-    drawn = erosion.posterior("linearized", TABLE_1, rows(error=error).data, ["psi"], draws=125, discrepancy=False)
+    drawn = erosion.posterior(
+        erosion.FitProblem("linearized", TABLE_1, rows(error=error).data, ["psi"]), draws=125, discrepancy=False
+    )
     asked = np.deg2rad([20.0, 70.0]), {"v0": V0}
     mean, weighing = drawn.predictor.with_errors(*asked)
     np.testing.assert_allclose(weighing, np.hypot(error.deviation(mean), 0.1 * mean), rtol=1e-9)
@@ -227,7 +226,7 @@ def test_what_rows_of_a_speed_share_is_kept_and_is_in_a_new_weighing(tmp_path):
     # Alone it leaves a row's own error to the data.
     alone = drawn.predictor.with_errors(*asked, noise=ErrorModel(common=0.1))
     np.testing.assert_allclose(alone[1], weighing, rtol=1e-9)
-    assert "5 % + 10 % of each speed" in predictions(again, *asked).conclusions[0]
+    assert "5 % + 10 % of each speed" in erosion.predict(again, *asked).conclusions[0]
 
 
 class Springs(erosion.models.ForceLaw):
@@ -247,30 +246,30 @@ class Springs(erosion.models.ForceLaw):
 def test_a_fit_of_a_model_that_was_edited_since_predicts_nothing(monkeypatch):
     """Its numbers belong to the code that was fitted: the curve of another one would be that of no fit."""
     table = {"angle [deg]": [15.0, 25.0, 35.0, 45.0], "volume [in^3]": [1e-4, 2e-4, 2e-4, 1e-4]}
-    fit = erosion.calibrate(erosion.models.Rotating(force=Springs()), TABLE_1, table, ["psi"])
-    before = fit.predict(0.5).columns["mean"]
+    fit = erosion.calibrate(erosion.FitProblem(erosion.models.Rotating(force=Springs()), TABLE_1, table, ["psi"]))
+    before = erosion.predict(fit, 0.5).columns["mean"]
     with monkeypatch.context() as edited:
         edited.setattr(Springs, "count", 2.0)
-        for read in (fit.predict, fit.curve):
+        for read in (lambda alpha: erosion.predict(fit, alpha), fit.curve):
             with pytest.raises(ValueError, match="fit it again"):
                 read(0.5)
-    np.testing.assert_array_equal(fit.predict(0.5).columns["mean"], before)
+    np.testing.assert_array_equal(erosion.predict(fit, 0.5).columns["mean"], before)
 
 
 def test_a_fit_predicts_as_the_posterior_of_its_rows(missed):
     """The parameters' errors alone would not hold the law, which the model misses."""
-    fit = erosion.calibrate("linearized", TABLE_1, missed.data, ["k", "psi"])
+    fit = erosion.calibrate(erosion.FitProblem("linearized", TABLE_1, missed.data, ["k", "psi"]))
     degrees = np.array([15.0, 35.0, 75.0])
-    tables = [
-        made(np.deg2rad(degrees)).columns for made in (fit.predict, functools.partial(predictions, missed.predictor))
-    ]
+    tables = [erosion.predict(each, np.deg2rad(degrees)).columns for each in (fit, missed)]
     ends = [(table["mean_low"], table["mean_high"]) for table in tables]
     (low, high), (below, above) = ends
     np.testing.assert_allclose((high + low) / (above + below), 1.0, atol=0.1)
     np.testing.assert_allclose((high - low) / (above - below), 1.0, atol=0.3)
     true = 8e-5 * np.sin(np.deg2rad(2 * degrees)) ** 0.6
     assert ((low < true) & (true < high)).all()
-    held = erosion.calibrate("linearized", TABLE_1, missed.data, ["k", "psi"], bounds={"k": (1.9, 2.1)}).predictor
+    held = erosion.calibrate(
+        erosion.FitProblem("linearized", TABLE_1, missed.data, ["k", "psi"], bounds={"k": (1.9, 2.1)})
+    ).predictor
     drawn = np.concatenate([way.values["k"] for way in held.ways.values()])
     assert 1.9 <= drawn.min() <= drawn.max() <= 2.1
 
@@ -282,7 +281,7 @@ def test_a_predictor_of_tests_at_shallow_angles_expects_wear_at_90_degrees():
         np.sin(np.deg2rad(angle)) * np.cos(np.deg2rad(angle)) ** 2 / 0.4 + 0.4 * np.sin(np.deg2rad(angle)) ** 2
     )
     table = {"angle [deg]": angle, "volume [in^3]": loss * np.tile([0.96, 1.04], 5)}
-    fit = erosion.calibrate("linearized", TABLE_1, table, ["k", "psi"], error="5 %")
-    columns = fit.predict(np.deg2rad([90.0])).columns
+    fit = erosion.calibrate(erosion.FitProblem("linearized", TABLE_1, table, ["k", "psi"], error="5 %"))
+    columns = erosion.predict(fit, np.deg2rad([90.0])).columns
     assert columns["mean_low"] < 4e-5 < columns["mean_high"]
     assert columns["mean_low"] > 1e-6

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from erosion import TABLE_1, calibrate, impact, rank_models
+from erosion import TABLE_1, FitProblem, calibrate, impact
 from erosion.fits.doubts import is_beyond_scatter
+from erosion.fits.problem import USUAL_FREE, USUAL_MODELS
 from erosion.models import model_name
+from tests.fits.problems import ranked
 
 P = TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061").replace(v0=100.0)
 # Six weighings with the maximum at 30° and wear at 90°, as a shop has them.
@@ -15,19 +17,19 @@ FREE = ["k", "psi", "energy_ratio"]
 DENSITY = 2700.0
 
 
-def ranked(models, free=FREE, data=WEIGHED, **options):
-    return rank_models(P, data, free, models=models, density=DENSITY, **{"starts": 4, **options})
+def of_shop(models, free=FREE, data=WEIGHED, **options):
+    return ranked(models, P, data, free, density=DENSITY, **{"starts": 4, **options})
 
 
 @pytest.fixture(scope="module")
 def ranking():
-    return ranked(MODELS, starts=8)
+    return of_shop(MODELS, starts=8)
 
 
 @pytest.fixture(scope="module")
 def straight():
     """Finnie's shape, which has no wear at 90°."""
-    return calibrate("tan-alpha", P, WEIGHED, ["psi"], density=DENSITY, starts=2)
+    return calibrate(FitProblem("tan-alpha", P, WEIGHED, ["psi"], density=DENSITY), starts=2)
 
 
 def test_models_that_miss_the_data_are_not_ranked_and_named(ranking):
@@ -57,12 +59,12 @@ def test_a_gross_outlier_refuses_no_model_and_does_not_put_a_wrong_one_first(see
     volume = exact + 0.02 * exact.max() * rng.standard_normal(12)
     volume[rng.integers(8)] *= [3, 10][seed % 2]
     rows = {"angle [deg]": degrees, "volume [m^3]": volume}
-    ranking = rank_models(case, rows, ["k", "psi"], models=["tan-alpha", "linearized"], starts=2, loss="soft_l1")
+    ranking = ranked(["tan-alpha", "linearized"], case, rows, ["k", "psi"], starts=2, loss="soft_l1")
     assert ranking.names == ("linearized", "tan-alpha")
     assert ranking.reasons == ()
     assert not any(is_beyond_scatter(fit) for fit in ranking.fits)
-    assert len({fit.problem.noise for fit in ranking.fits}) == 1
-    assert ranking.best.problem.noise * np.sqrt(np.mean(volume**2)) < 0.06 * exact.max()
+    assert len({fit.squares.noise for fit in ranking.fits}) == 1
+    assert ranking.best.squares.noise * np.sqrt(np.mean(volume**2)) < 0.06 * exact.max()
     assert ranking.best.estimates == pytest.approx({"k": 1.4, "psi": 0.08}, rel=0.1)
 
 
@@ -70,13 +72,13 @@ def test_a_right_model_stays_where_another_fits_six_rows_too_well_by_chance():
     # linearized with k = 1.7 and 2 % of noise: rotating, by chance, is 4.6 times nearer to these rows.
     volume = [1.1907293e-9, 1.5413789e-9, 1.1949240e-9, 5.4798221e-10, 1.4470152e-10, -1.2051985e-11]
     rows = {"angle [deg]": WEIGHED["angle [deg]"], "volume [m^3]": volume}
-    ranking = rank_models(TABLE_1.to("si"), rows, ["k", "psi"], models=["linearized", "rotating"], starts=4)
+    ranking = ranked(["linearized", "rotating"], TABLE_1.to("si"), rows, ["k", "psi"], starts=4)
     assert ranking.reasons == ()
     assert {*ranking.names} == {"linearized", "rotating"}
 
 
 def test_with_uncertainties_the_misfit_decides():
-    ranking = ranked(MODELS[::2], FREE[1:], WEIGHED | {"uncertainty [mg/kg]": [10.0] * 6})
+    ranking = of_shop(MODELS[::2], FREE[1:], WEIGHED | {"uncertainty [mg/kg]": [10.0] * 6})
     assert ranking.names == ("linearized-deformation", "tan-alpha")
     assert len(ranking.ranked) == 1
 
@@ -84,7 +86,7 @@ def test_with_uncertainties_the_misfit_decides():
 @pytest.mark.parametrize("rows", [range(5), [0, 1, 2, 5]])
 def test_too_few_rows_for_the_criterion_print_no_nan(rows):
     few = {name: [column[row] for row in rows] for name, column in WEIGHED.items()}
-    ranking = ranked(["linearized-deformation", "rotating-deformation"], data=few)
+    ranking = of_shop(["linearized-deformation", "rotating-deformation"], data=few)
     text = f"{ranking} {ranking.best} {ranking.warnings}"
     assert not any(word in text.lower().split() for word in ("nan", "nan%", "inf", "-inf"))
     assert any("AICc needs at least 6 rows" in said for said in map(str, ranking.findings_of_best))
@@ -92,11 +94,11 @@ def test_too_few_rows_for_the_criterion_print_no_nan(rows):
     assert ranking.fits[0].variance <= ranking.fits[1].variance
 
 
-def test_without_models_and_parameters_python_fits_what_the_command_line_does(shell, tmp_path):
+def test_python_fits_what_the_command_line_does_without_models_and_parameters(shell, tmp_path):
     rows = "\n".join(f"{angle},{loss}" for angle, loss in zip(*WEIGHED.values(), strict=True))
     (tmp_path / "weighed.csv").write_text(f"{','.join(WEIGHED)}\n{rows}\n")
     of_shell = shell(["calibrate", str(tmp_path / "weighed.csv"), "--density", "2700 kg/m^3", "--json"])
-    fits = rank_models(TABLE_1.to("si"), WEIGHED, density=DENSITY).fits
+    fits = ranked(USUAL_MODELS, TABLE_1.to("si"), WEIGHED, USUAL_FREE, density=DENSITY).fits
     said = of_shell.result["fits"]
     assert [(name, fit["estimates"]) for name, fit in said.items()] == [
         (model_name(fit.model), pytest.approx(fit.estimates, rel=1e-4)) for fit in fits

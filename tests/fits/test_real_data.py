@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion import TABLE_1, Calibration, Measurements, calibrate, to_fluent, to_openfoam
+from erosion import TABLE_1, Calibration, Measurements, to_fluent, to_openfoam
 from erosion.fits.conditions import group_numbers
 from erosion.fits.doubts import find_patterns
 from erosion.fits.export import exported_case
-from erosion.fits.forward import Forward
 from erosion.fits.measurements import conditions
+from erosion.fits.problem import FitProblem
 from erosion.models import DeformationWear, Linearized
 from erosion.models.rigid import LinearizedCut
+from tests.fits.problems import calibrated, ranked
 from tests.models.test_own_parameters import FRICTION, MODEL, P
 
 # Grains of sand of 0.3 mm, of density 2650 kg/m³; the target's flow stress is that of steel at high strain rates.
@@ -48,7 +49,7 @@ def measured(noise: float = 0.03, power: float = 0.0) -> dict[str, np.ndarray]:
 
 def fitted(*free: str, model: str = "linearized", p=SAND, data=None, **options) -> Calibration:
     data = measured() if data is None else data
-    return calibrate(model, p, data, list(free), **{"density": DENSITY, "starts": 4, **options})
+    return calibrated(model, p, data, list(free), **{"density": DENSITY, "starts": 4, **options})
 
 
 @pytest.fixture(scope="module")
@@ -93,19 +94,19 @@ def test_a_share_out_of_range_is_refused(options, message):
         fitted("cutting_fraction", **options)
 
 
-def assert_derivatives(forward: Forward) -> None:
+def assert_derivatives(problem: FitProblem) -> None:
     """The derivatives of a prediction are those by differences, which err by step²/6 of the third derivative."""
-    theta, steps, rows = forward.start, 1e-4 * np.eye(len(forward.names)), forward.data.conditions
-    rates = forward.predict(theta, rows)[1]
+    theta, steps, rows = problem.start, 1e-4 * np.eye(len(problem.names)), problem.data.conditions
+    rates = problem.predict(theta, rows)[1]
     for step, rate in zip(steps, rates.T, strict=True):
-        differences = (forward.predict(theta + step, rows)[0] - forward.predict(theta - step, rows)[0]) / 2e-4
+        differences = (problem.predict(theta + step, rows)[0] - problem.predict(theta - step, rows)[0]) / 2e-4
         assert differences == pytest.approx(rate, rel=1e-6, abs=1e-8 * np.abs(rates).max())
 
 
 @pytest.mark.parametrize("free", [("k", "cutting_fraction", "m"), ("cutting_fraction",)])
 def test_derivatives_by_the_cutting_fraction(free):
     data = erosion.read_measurements(measured(), "si")
-    assert_derivatives(Forward(erosion.load_model("linearized"), SAND.replace(k=1.9), free, data, DENSITY, 0.4))
+    assert_derivatives(FitProblem("linearized", SAND.replace(k=1.9), data, free, density=DENSITY, cutting_fraction=0.4))
 
 
 def test_a_good_fit_has_no_pattern_and_no_warning(share):
@@ -155,7 +156,7 @@ def noisy(degrees: np.ndarray, speeds: np.ndarray, exponent: float, seed: int) -
     volume = erosion.impact("linearized", SAND.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
     volume = with_errors(volume * (speeds / 60.0) ** (exponent - 2), seed, 0.1)
     table = {"angle [deg]": degrees, "speed [m/s]": speeds, "volume [m^3]": volume}
-    return erosion.calibrate("linearized", SAND, table, ["psi"], starts=2)
+    return erosion.calibrate(erosion.FitProblem("linearized", SAND, table, ["psi"]), starts=2)
 
 
 def test_noise_at_speeds_that_a_rig_repeats_has_no_pattern():
@@ -213,7 +214,7 @@ def data() -> erosion.Measurements:
 
 
 def test_a_fit_finds_friction_and_gives_the_model_back(data):
-    fit = erosion.calibrate(MODEL, P, data, free=FREE)
+    fit = erosion.calibrate(erosion.FitProblem(MODEL, P, data, free=FREE))
     assert_is_near(fit, TRUTH, 0.4)
     assert getattr(fit.model, "force") == FRICTION(fit.estimates["friction"])  # noqa: B009
     assert fit.p == P.replace(psi=fit.estimates["psi"])
@@ -224,25 +225,25 @@ def test_a_fit_finds_friction_and_gives_the_model_back(data):
 
 def test_what_starts_at_zero_may_have_either_sign(data):
     smooth, bounds = MODEL.replace(friction=0.0), {"friction": (-1.0, 0.1)}
-    fit = erosion.calibrate(smooth, P, data, free=FREE)
+    fit = erosion.calibrate(erosion.FitProblem(smooth, P, data, free=FREE))
     assert_is_near(fit, TRUTH, 0.4)
     assert sum(fit.intervals()["friction"]) == pytest.approx(2 * fit.estimates["friction"], rel=0.2)
-    bound = erosion.calibrate(smooth, P, data, free=FREE, bounds=bounds)
+    bound = erosion.calibrate(erosion.FitProblem(smooth, P, data, free=FREE, bounds=bounds))
     assert bound.estimates["friction"] == pytest.approx(0.1, abs=1e-6)
     assert any(said.startswith("friction is at its upper bound, 0.1") for said in bound.warnings)
     with pytest.raises(ValueError, match="`bounds` must give friction two ascending values in its range, but has"):
-        erosion.calibrate(MODEL, P, data, free=FREE, bounds=bounds)
+        erosion.calibrate(erosion.FitProblem(MODEL, P, data, free=FREE, bounds=bounds))
 
 
 @pytest.mark.parametrize("friction", [0.2, -0.1])
 def test_derivatives_are_those_of_the_prediction_and_many_points_are_one_call(data, friction, monkeypatch):
-    forward = Forward(MODEL.replace(friction=friction), P, ("friction", "psi"), data, None)
-    assert forward.values(forward.start) == pytest.approx({"friction": friction, "psi": 0.04})
-    assert_derivatives(forward)
-    calls, thetas = [], forward.start + np.linspace(-0.3, 0.3, 7)[:, None]
-    one_by_one = [forward.predict(theta, data.conditions)[0] for theta in thetas]
-    monkeypatch.setattr("erosion.fits.forward.impact", lambda *a, **o: calls.append(a) or erosion.impact(*a, **o))
-    np.testing.assert_array_equal(forward.predict_many(thetas, data.conditions), one_by_one)
+    problem = FitProblem(MODEL.replace(friction=friction), P, data, ("friction", "psi"))
+    assert problem.values(problem.start) == pytest.approx({"friction": friction, "psi": 0.04})
+    assert_derivatives(problem)
+    calls, thetas = [], problem.start + np.linspace(-0.3, 0.3, 7)[:, None]
+    one_by_one = [problem.predict(theta, data.conditions)[0] for theta in thetas]
+    monkeypatch.setattr("erosion.fits.problem.impact", lambda *a, **o: calls.append(a) or erosion.impact(*a, **o))
+    np.testing.assert_array_equal(problem.predict_many(thetas, data.conditions), one_by_one)
     assert len(calls) == 1
 
 
@@ -251,7 +252,7 @@ def test_the_name_of_the_scale_is_taken(data):
         scale: float = 1.0
 
     with pytest.raises(ValueError, match="Argument `free` must not name `scale`"):
-        erosion.calibrate(Linearized(force=Scaled()), P, data, free=["scale"])
+        erosion.calibrate(erosion.FitProblem(Linearized(force=Scaled()), P, data, free=["scale"]))
 
 
 STEPS = np.arange(5.0, 91.0, 5.0)
@@ -277,7 +278,9 @@ TURNING = "rotating-deformation"
 def test_with_deformation_cuts_follow_angle_functions_of_tests(guess, correlation, rms):
     free = ["k", "specific_energy" if "specific" in guess else "energy_ratio", "threshold", *["r"] * (guess == TURNING)]
     curve = erosion.CORRELATIONS[correlation].normalised(np.deg2rad(STEPS))
-    fit = erosion.calibrate(WORN.get(guess, guess), P, {"angle [deg]": STEPS, "erosion [-]": curve}, free=free)
+    fit = erosion.calibrate(
+        erosion.FitProblem(WORN.get(guess, guess), P, {"angle [deg]": STEPS, "erosion [-]": curve}, free=free)
+    )
     assert fit.rms < rms
     assert guess == TURNING or (fit.estimates["threshold"] == 0) == (correlation != "ecrc")
 
@@ -292,10 +295,12 @@ def test_numbers_of_deformation_that_all_speeds_share_are_found_from_any_guess(e
     columns = {"angle [deg]": degrees, "speed [m/s]": speeds, "uncertainty [mm^3/kg]": 0.02 * loss}
     columns["volume [mm^3/kg]"] = with_errors(loss, 0, 0.02)
     model = Linearized(deformation=DeformationWear(energy, threshold))
-    fit = erosion.calibrate(model, p, columns, list(truth))
+    fit = erosion.calibrate(erosion.FitProblem(model, p, columns, list(truth)))
     assert fit.bounds["threshold"] == pytest.approx((0.0, 120.0))
     assert_is_near(fit, truth, 0.27)
-    held = erosion.calibrate(model.replace(threshold=0.0), p, columns, ["k", "psi", "specific_energy"], starts=1)
+    held = erosion.calibrate(
+        erosion.FitProblem(model.replace(threshold=0.0), p, columns, ["k", "psi", "specific_energy"]), starts=1
+    )
     assert held.warnings[-1].startswith("Free threshold or fit each speed alone: the model removes as v₀^2, ")
 
 
@@ -317,22 +322,24 @@ def test_a_threshold_is_looked_for_among_the_normal_speeds_of_the_data(worn, sta
         erosion.load_model("linearized-deformation").replace(threshold=start),
         ["k", "energy_ratio", "threshold"],
     )
-    fit = erosion.calibrate(model, SAND, worn, free, density=DENSITY, starts=2)
+    fit = erosion.calibrate(erosion.FitProblem(model, SAND, worn, free, density=DENSITY), starts=2)
     assert fit.bounds["threshold"] == pytest.approx((0.0, 80.0))
-    assert fit.problem.lower[2] < fit.problem.start[2] < fit.problem.upper[2]
+    assert fit.squares.lower[2] < fit.squares.start[2] < fit.squares.upper[2]
     assert_is_near(fit, {"threshold": 8.0}, 0.5)
     bounds = {"threshold": (0.0, 40.0)}
-    again = erosion.calibrate(model, SAND, worn, free, density=DENSITY, starts=2, bounds=bounds)
+    again = erosion.calibrate(erosion.FitProblem(model, SAND, worn, free, density=DENSITY, bounds=bounds), starts=2)
     assert again.bounds["threshold"] == pytest.approx(bounds["threshold"])
     assert again.estimates == pytest.approx(fit.estimates, rel=1e-4)
     with pytest.raises(ValueError, match="`bounds` must give threshold two ascending values in its range, but has"):
-        erosion.calibrate(model, SAND, worn, free, density=DENSITY, bounds={"threshold": (-1.0, 40.0)})
+        erosion.calibrate(
+            erosion.FitProblem(model, SAND, worn, free, density=DENSITY, bounds={"threshold": (-1.0, 40.0)})
+        )
 
 
 def test_a_ranking_frees_in_each_model_what_it_has(worn):
-    options = {"density": DENSITY, "starts": 1, "models": ["linearized", "linearized-deformation"]}
+    models, options = ["linearized", "linearized-deformation"], {"density": DENSITY, "starts": 1}
     free, bounds = ["k", "psi", "energy_ratio"], {"energy_ratio": (0.5, 5.0), "k": (0.5, 9.0)}
-    ranking = erosion.rank_models(SAND, worn, free, bounds=bounds, **options)
+    ranking = ranked(models, SAND, worn, free, bounds=bounds, **options)
     assert [fit.names for fit in ranking.fits] == [("k", "psi", "energy_ratio"), ("k", "psi")]
     assert {name: ranking.best.bounds[name] for name in bounds} == {
         name: pytest.approx(of) for name, of in bounds.items()
@@ -343,4 +350,4 @@ def test_a_ranking_frees_in_each_model_what_it_has(worn):
         (free, {"r": (1.0, 2.0)}, "`bounds` must name free parameters, but has 'r'"),
     ):
         with pytest.raises(ValueError, match=message):
-            erosion.rank_models(SAND, worn, others, bounds=strange, **options)
+            ranked(models, SAND, worn, others, bounds=strange, **options)

@@ -13,11 +13,12 @@ from scipy import stats
 import erosion
 from erosion.explorer.computed import Answers
 from erosion.explorer.state import PageCase
-from erosion.fits import Measurements, rank_models
+from erosion.fits import Measurements
 from erosion.models import load_model, model_digest, model_source
 from erosion.sweeps.grid import make_grid
 from erosion.sweeps.sweep import compute_block, prepare_sweep
 from tests.documents import Shell, Written
+from tests.fits.problems import ranked
 
 P = erosion.TABLE_1
 TEXT = """
@@ -139,14 +140,14 @@ def answers(path: Path) -> list[Any]:
 
 def fitted(path: Path) -> list[Any]:
     """ψ of both models that are fitted, the older text's being the better one."""
-    return [fit.p.psi for fit in rank_models(P, MEASURED, ["psi"], models=["finnie", path], starts=2).fits]
+    return [fit.p.psi for fit in ranked(["finnie", path], P, MEASURED, ["psi"], starts=2).fits]
 
 
 VERBS: dict[str, Callable[[Path], list[Any]]] = {
     "alpha_max": lambda path: [(best := erosion.alpha_max(path, P)).volume, best.sensitivities["k"]],
     "simulate": lambda path: [erosion.simulate(path, P).volume],
     "stream": lambda path: [erosion.stream(path, P, n=1024, alpha=stats.norm(0.35, 0.05)).mean_volume.value],
-    "rank_models": fitted,
+    "rank": fitted,
     "explorer": answers,
 }
 

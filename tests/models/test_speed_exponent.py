@@ -63,32 +63,36 @@ def tests():
 
 def test_the_exponent_is_fitted_and_named_where_a_model_lacks_it(tests):
     free = ["k", "psi", "energy_ratio"]
-    fit = erosion.calibrate("linearized-deformation-exponent", P, tests, [*free, "speed_exponent"])
+    fit = erosion.calibrate(erosion.FitProblem("linearized-deformation-exponent", P, tests, [*free, "speed_exponent"]))
     errors = fit.standard_errors["speed_exponent"]
     assert abs(fit.estimates["speed_exponent"] - 2.7) < 3 * errors < 0.2
     assert not fit.warnings
-    without = erosion.calibrate("linearized-deformation", P, tests, free).warnings
+    without = erosion.calibrate(erosion.FitProblem("linearized-deformation", P, tests, free)).warnings
     assert "The model with an exponent of its own is linearized-deformation-exponent; free speed_exponent." in without
 
 
 def test_an_exponent_that_is_held_is_not_known(tests):
     """At one speed the data say nothing of it."""
     rows = {name: column[SPEEDS == 60.0] for name, column in tests.items()}
-    drawn = erosion.posterior("linearized-deformation-exponent", P, rows, ["k", "psi", "energy_ratio"], draws=125)
+    drawn = erosion.posterior(
+        erosion.FitProblem("linearized-deformation-exponent", P, rows, ["k", "psi", "energy_ratio"]), draws=125
+    )
     assert drawn.predictor.exponent == pytest.approx((2.4, 0.25), abs=0.06)  # in one way of three it is as held
     far = drawn.predict(np.deg2rad([30]), {"v0": 196.0})
     assert far.std() / far.mean() > 0.3
     way = drawn.predictor.ways["exponent"]
     near, far = way.misfit.mean(way.values, {"alpha": np.full(2, 0.5), "v0": np.array([60.0, 196.0])}).T
     np.testing.assert_allclose(np.log(far / near) / np.log(196 / 60), way.values["exponent"], rtol=1e-9)
-    fit = erosion.calibrate("linearized-deformation-exponent", P, tests, ["k", "psi", "energy_ratio"])
+    fit = erosion.calibrate(
+        erosion.FitProblem("linearized-deformation-exponent", P, tests, ["k", "psi", "energy_ratio"])
+    )
     assert any(said.startswith("Free threshold, speed_exponent or fit each speed alone") for said in fit.warnings)
     assert pickle.loads(pickle.dumps(drawn)).predictor.weights == drawn.predictor.weights
 
 
 def test_predictions_have_one_exponent(tests):
     names = ["k", "psi", "energy_ratio", "speed_exponent"]
-    drawn = erosion.posterior("linearized-deformation-exponent", P, tests, names, draws=125)
+    drawn = erosion.posterior(erosion.FitProblem("linearized-deformation-exponent", P, tests, names), draws=125)
     assert drawn.prior_in_words("speed_exponent").startswith("normal(2.4, 0.3)")
     assert [*drawn.predictor.ways] == ["model", "discrepancy"]
     assert drawn.predictor.exponent is None

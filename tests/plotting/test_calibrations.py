@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.container import ErrorbarContainer
 
-from erosion import TABLE_1, calibrate, next_test, posterior
+from erosion import TABLE_1, FitProblem, calibrate, next_test, posterior
 from erosion.models.rigid import LinearizedCut
 from erosion.plotting.fits import (
     plot_best_angles,
@@ -32,7 +32,7 @@ def fit():
     volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(DEGREES))))
     noisy = volume + 6e-6 * np.random.default_rng(1).standard_normal(50)
     table = {"angle [deg]": DEGREES, "volume [in^3]": noisy, "uncertainty [in^3]": np.full(50, 6e-6)}
-    return calibrate("linearized", TABLE_1, table, ["k", "psi"], starts=1)
+    return calibrate(FitProblem("linearized", TABLE_1, table, ["k", "psi"]), starts=1)
 
 
 def drawn(ax: Axes, label: str, which: int = 0) -> np.ndarray:
@@ -76,7 +76,7 @@ def at_two_speeds():
     p = TABLE_1.replace(alpha=np.deg2rad(DEGREES), v0=speed)
     loss = np.asarray(LinearizedCut().volume(p)) / float(TABLE_1.m) * 1e-7 * np.exp(0.6 * np.sin(DEGREES / 12))
     table = {"angle [deg]": DEGREES, "mass_loss [mg/kg]": loss * 1e6, "speed [in/s]": speed}
-    return calibrate("linearized", TABLE_1, table, ["k", "psi"], density=1e-7, starts=1)
+    return calibrate(FitProblem("linearized", TABLE_1, table, ["k", "psi"], density=1e-7), starts=1)
 
 
 def test_each_speed_has_a_curve_and_a_colour(at_two_speeds):
@@ -100,7 +100,7 @@ def result():
     degrees = np.linspace(8.0, 80.0, 8)
     volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
     data = {"angle [deg]": degrees, "volume [in^3]": volume, "uncertainty [in^3]": np.full(8, 5e-6)}
-    return posterior("linearized", TABLE_1, data, ["sigma", "psi", "k"], draws=125)
+    return posterior(FitProblem("linearized", TABLE_1, data, ["sigma", "psi", "k"]), draws=125)
 
 
 def test_pairs_show_each_draw_and_a_ridge_on_logarithmic_axes(result):

@@ -233,7 +233,7 @@ ONE_NUMBER = r"`factor` must be one number, .*`erosion\.own_parameter`, or as `f
 CANNOT_VARY = [
     (lambda: stream(BARE, PULLED, factor=stats.norm(1.0, 0.1)), TypeError, ONE_NUMBER),
     (lambda: erosion.sweep(BARE, PULLED, factor=[1.0, 2.0]), TypeError, ONE_NUMBER),
-    (lambda: erosion.calibrate(BARE, PULLED, DATA, free=["factor"]), TypeError, ONE_NUMBER),
+    (lambda: erosion.calibrate(erosion.FitProblem(BARE, PULLED, DATA, free=["factor"])), TypeError, ONE_NUMBER),
     (
         lambda: stream(MODEL, PULLED, fricton=stats.norm(0.2, 0.1)),
         TypeError,

@@ -12,9 +12,9 @@ from erosion.advice.result import DRAWS, NOZZLE_ANGLES, Advice, Curve, Uncertain
 from erosion.arguments import Progress, no_progress, refuse
 from erosion.correlations import CORRELATIONS
 from erosion.fits.fit import Fit
-from erosion.fits.forward import FRACTION
 from erosion.fits.predicted import ANGLES, highest
 from erosion.fits.prediction import Predictor
+from erosion.fits.problem import FRACTION
 from erosion.impacts import SimulationError, alpha_max, impact, turned_beyond
 from erosion.laws import JointLaw, JointSamples, joint_law
 from erosion.models import CuttingModel, called, load_model, model_name, with_values
@@ -122,7 +122,7 @@ def advise(
         raise ValueError(f"Argument `models` must be a list of models, but is {briefly(models)}.")
     chosen = [made_for(load_model(model), metal, grit) for model in models]
     if unknown is not None and unknown.predictor is not None:
-        fitted = model_name(unknown.predictor.forward.model)
+        fitted = model_name(unknown.predictor.problem.model)
         if [model_name(model) for model in chosen] != [fitted]:
             raise ValueError(f"Argument `models` must be the model of the fit, {fitted}, but is {briefly(models)}.")
     loaded = {called(given, model): model for given, model in zip(models, chosen, strict=True)}
@@ -135,7 +135,7 @@ def _uncertain(uncertain: JointLaw | JointSamples | Mapping[str, Any] | Fit | No
     if not isinstance(uncertain, Fit):
         return None if uncertain is None else Uncertain(joint_law(uncertain, "uncertain"))
     predictor = None if uncertain.data.free_scale else uncertain.predictor
-    return Uncertain(joint_law(uncertain.rows_of_draws()), predictor=predictor).of_metal({"": uncertain.forward.model})
+    return Uncertain(joint_law(uncertain.rows_of_draws()), predictor=predictor).of_metal({"": uncertain.problem.model})
 
 
 def compared_with(other: str | Particle | None, grit: Particle | None, metal: Target | None) -> Particle | None:
@@ -266,15 +266,15 @@ class _Jet:
         """The curves of a fit with what the model may lack, and first the one that is nearest to their middle."""
         predictor = uncertain.predictor
         assert predictor is not None
-        forward = predictor.forward
-        changed = {key: float(value) for key, value in dataclasses.asdict(self._p.to(forward.p.units)).items()
-                   if key in QUANTITIES and key not in (*forward.names, "alpha")
-                   and not np.isclose(value, getattr(forward.p, key), rtol=_ROUNDING)}  # fmt: skip
-        asked = {key: float(getattr(self._p.to(forward.p.units), key)) for key in ("v0", "m")} | changed
-        asked = {key: value for key, value in asked.items() if key not in forward.names}
+        problem = predictor.problem
+        changed = {key: float(value) for key, value in dataclasses.asdict(self._p.to(problem.p.units)).items()
+                   if key in QUANTITIES and key not in (*problem.names, "alpha")
+                   and not np.isclose(value, getattr(problem.p, key), rtol=_ROUNDING)}  # fmt: skip
+        asked = {key: float(getattr(self._p.to(problem.p.units), key)) for key in ("v0", "m")} | changed
+        asked = {key: value for key, value in asked.items() if key not in problem.names}
         single = predictor.predict(ANGLES, asked, _CURVES) * predictor.to_specific_volume(float(self._p.to("si").m))
-        if FRACTION not in forward.names:
-            single = single * per_mass.cutting_fraction / forward.cutting_fraction
+        if FRACTION not in problem.names:
+            single = single * per_mass.cutting_fraction / problem.cutting_fraction
         erosion = self._spread(model, single, predictor)
         draws = uncertain.draws(model)
         draws.pop(FRACTION, None)
@@ -291,7 +291,7 @@ class _Jet:
         """Curves of single particles over `ANGLES`, (draws, angles), as those of the jet over `NOZZLE_ANGLES`."""
         particles = Particles(model, self._p, self._law)
         _, hits_at, hit = particles.impacts(self._values, NOZZLE_ANGLES[:, None])
-        held = predictor.forward.held_exponent
+        held = predictor.problem.held_exponent
         power = predictor.exponent[0] if predictor.exponent is not None else 2.0 if held is None else held
         faster = (self._values["v0"] / float(self._p.v0)) ** power
         grid = np.concatenate([[0.0], ANGLES])

@@ -10,8 +10,8 @@ import numpy as np
 from erosion.advice.abrasives import Job, between, comparison, hardness_sentence
 from erosion.fits.conditions import is_same
 from erosion.fits.export import command
-from erosion.fits.forward import FACTORS, FRACTION, OF_METAL
 from erosion.fits.prediction import Predictor
+from erosion.fits.problem import FACTORS, FRACTION, OF_METAL
 from erosion.laws import SHARE, JointLaw
 from erosion.models import CuttingModel, own_parameters, quantities, ranges
 from erosion.models.correlated import Correlated
@@ -290,7 +290,7 @@ class Advice(Result):
         if predictor is None:
             return np.empty(0), np.empty(0)
         data, p = predictor.data, self.p.to(predictor.data.units)
-        speed = predictor.forward.p.v0 if data.speed is None else data.speed
+        speed = predictor.problem.p.v0 if data.speed is None else data.speed
         here = np.broadcast_to(is_same(speed, float(p.v0)), data.angle.shape)
         factor = predictor.to_specific_volume(float(self.p.to("si").m)) * (self.per_mass.density or 1.0)
         return data.angle[here], data.erosion[here] * factor / self.scale.size

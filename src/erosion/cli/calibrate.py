@@ -108,23 +108,33 @@ class FitTask:
         output.warn(*map(stated, measured.notes))
         return measured
 
-    @property
-    def per_mass(self) -> dict[str, Any]:
-        """The arguments of a fit and of a posterior on erosion per mass."""
-        return {"density": self.fit.density, "cutting_fraction": self.fit.cutting_fraction}
-
     def ranking(
         self,
-        measured: "lazy.Measurements",
         models: "Sequence[lazy.CuttingModel]",
+        measured: "lazy.Measurements",
+        limits: Mapping[str, Any],
         progress: "lazy.Progress",
         **options: Any,
     ) -> "lazy.Ranking":
-        """The fits of the models; `options` are those of `rank_models`."""
+        """The fits of the models.
+
+        Args:
+            models: with what is set.
+            measured: the tests.
+            limits: the bounds or the priors of the problems.
+            progress: of `progress_bar`.
+            **options: of `calibrate`.
+        """
+        problems = lazy.FitProblem.of_models(
+            models, self.p, measured, self.fit.free, density=self.fit.density,
+            cutting_fraction=self.fit.cutting_fraction, **limits,
+        )  # fmt: skip
         starts = 32 if self.fit.starts is None else self.fit.starts
-        return lazy.rank_models(
-            self.p, measured, self.fit.free, models=models, progress=progress, starts=starts, **self.per_mass, **options
-        )
+
+        def fit(problem: "lazy.FitProblem", _: "lazy.Progress") -> "lazy.Calibration":
+            return lazy.calibrate(problem, starts=starts, **options)
+
+        return lazy.rank(*lazy.fit_each(problems, fit, progress))
 
     def next_steps(self, ranking: "lazy.Ranking", case_file: Path | None, draws: Path | None = None) -> list[str]:
         """The commands for the best angle, the advice and CFD codes, by the files that are written."""
@@ -280,7 +290,7 @@ def calibrate(
         ends = _read_bounds(bounds or (), names, task.names, task.options)
         if profile is not None and profile not in names:
             raise InputError(f"Option `--profile` must be one of {', '.join(names)}, but is {briefly(profile)}.")
-        ranking = task.ranking(measured, models, progress, bounds=ends, loss=loss, level=level)
+        ranking = task.ranking(models, measured, {"bounds": ends}, progress, loss=loss, level=level)
         along = None if profile is None else ranking.best.profile(profile)
     # A fit takes longer than any file: it is shown first.
     also = [] if along is None else [Part("profile", along.declare())]

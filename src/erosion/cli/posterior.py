@@ -168,10 +168,10 @@ class _NextTests:
         def judge(posteriors: "lazy.PosteriorRanking") -> "lazy.NextTest":
             """Of all models together; without angles, speeds and sizes, among those of the data."""
             angles = np.deg2rad(lazy.tested_degrees(posteriors.best.data)) if given is None else given
-            at = _conditions(posteriors.best.likelihood.forward, speeds or None, sizes)
+            at = _conditions(posteriors.best.likelihood.problem, speeds or None, sizes)
             others: dict[str, Any] = {name: np.array([one[name] for one in at]) for name in at[0]}
             candidates = {"alpha": angles[:, None], **others}
-            return lazy.next_test(posteriors, candidates, for_prediction=asked)
+            return lazy.next_test(posteriors.fits, candidates, for_prediction=asked)
 
         return judge
 
@@ -214,9 +214,16 @@ def posterior(
         lazy.check_share("level", level)
         measured = task.measured(output)
         laws = _read_priors(prior or (), task.fit.names(measured), models, measured, task.options)
-        ranking = task.ranking(measured, models, progress, level=level)
+        ranking = task.ranking(models, measured, {"priors": laws}, progress, level=level)
         options = {"draws": 500 if draws is None else draws, "seed": seed or 0, "level": level}
-        posteriors = _draw(task, ranking, measured, laws, progress, **options, discrepancy=discrepancy == "averaged")
+
+        def drawn(problem: "lazy.FitProblem", of_all: "lazy.Progress") -> "lazy.Posterior":
+            return lazy.posterior(problem, **options, discrepancy=discrepancy == "averaged", progress=of_all)
+
+        with warnings.catch_warnings():
+            # The result says it in its own sentences.
+            warnings.simplefilter("ignore", lazy.ConvergenceWarning)
+            posteriors = lazy.rank(*lazy.fit_each([fit.problem for fit in ranking.ranked], drawn, progress))
         predictor = posteriors.best.prepared(progress)
         ranking = ranking.preferring(posteriors.names[0])
         is_asked = next_tests != _NextTests() or files.plot_next_test
@@ -232,31 +239,6 @@ def posterior(
                for file in lazy.plot_files(path)]  # fmt: skip
     steps = [*task.next_steps(ranking, files.case_file, files.samples), *([following.sentence] if following else [])]
     output.wrote(*figures, *steps, draws=files.samples, case=files.case_file)
-
-
-def _draw(
-    task: FitTask,
-    ranking: "lazy.Ranking",
-    measured: "lazy.Measurements",
-    laws: Mapping[str, Any],
-    progress: "lazy.Progress",
-    **options: Any,
-) -> "lazy.PosteriorRanking":
-    """The posteriors of the models that are ranked."""
-    free = [name for name in task.fit.free if any(name in ranked.names for ranked in ranking.ranked)]
-    with warnings.catch_warnings():
-        # The result says it in its own sentences.
-        warnings.simplefilter("ignore", lazy.ConvergenceWarning)
-        return lazy.rank_posteriors(
-            task.p,
-            measured,
-            free,
-            models=[ranked.problem.forward.model for ranked in ranking.ranked],
-            priors={name: law for name, law in laws.items() if name in free or name not in task.fit.free},
-            progress=progress,
-            **task.per_mass,
-            **options,
-        )
 
 
 def _read_priors(
@@ -315,26 +297,26 @@ def predict(
     with user_errors():
         lazy.check_share("level", level)
         predictor = lazy.read_predictor(fitted)
-        draws = lazy.read_draws(fitted, lazy.quantities(predictor.forward.model), predictor.data.units)
+        draws = lazy.read_draws(fitted, lazy.quantities(predictor.problem.model), predictor.data.units)
     if unit is not None:
         with reading("Option `--unit`"):
             predictor = predictor.in_unit(unit)
-    printed = Output("predict", predictor.forward.p, json=json, seed=predictor.seed, plot=plot, files={"table": output},
+    printed = Output("predict", predictor.problem.p, json=json, seed=predictor.seed, plot=plot, files={"table": output},
                      inputs=[fitted])  # fmt: skip
     printed.case = fitted
     speeds = None if v0 is None else _asked("v0", v0, predictor.data.units).tolist()
     with user_errors():
         sizes = [] if particle is None else [lazy.particle(particle).parameters(predictor.data.units)]
-    at = _conditions(predictor.forward, speeds, sizes)
+    at = _conditions(predictor.problem, speeds, sizes)
     asked = np.tile(_asked("alpha", alpha, predictor.data.units), (len(at), 1))
     others: dict[str, Any] = {name: np.array([[one[name]] for one in at]) for name in at[0]}
     with user_errors(), progress_bar("predicting"):
-        lazy.validate(dataclasses.replace(predictor.forward.p, alpha=asked, **others))
-        table = lazy.predictions(predictor, asked, others, level)
+        lazy.validate(dataclasses.replace(predictor.problem.p, alpha=asked, **others))
+        table = lazy.predict(predictor, asked, others, level=level)
     printed.warn(None if draws.converged else Finding("not_converged", str(fitted)))
-    model = predictor.forward.model
+    model = predictor.problem.model
     varied = {name: f"{len(set(column.tolist()))} values" for name, column in table.asked.items()}
-    varied |= dict.fromkeys(predictor.forward.names, "drawn")
+    varied |= dict.fromkeys(predictor.problem.names, "drawn")
     printed.show(table, {lazy.model_name(model): model}, varied=varied)
     printed.save(
         figure=lambda: lazy.plot_means(predictor, at),
@@ -356,12 +338,12 @@ def _asked(name: str, text: str, units: "lazy.System") -> Any:
 
 
 def _conditions(
-    forward: "lazy.Forward", speeds: Sequence[float] | None, sizes: Sequence[Mapping[str, float]]
+    problem: "lazy.FitProblem", speeds: Sequence[float] | None, sizes: Sequence[Mapping[str, float]]
 ) -> list[dict[str, float]]:
     """What is asked beside the angle, each once: the speeds and masses of the tests, or those of the options."""
-    usual = {} if "v0" in forward.names else {"v0": float(forward.p.v0)}
+    usual = {} if "v0" in problem.names else {"v0": float(problem.p.v0)}
     groups = [{**usual, **group.values, **size}
-              for group in lazy.conditions(forward.data, lazy.MOST) for size in sizes or [{}]]  # fmt: skip
+              for group in lazy.conditions(problem.data, lazy.MOST) for size in sizes or [{}]]  # fmt: skip
     if speeds is not None:
         groups = [{**group, "v0": speed} for group in groups for speed in speeds]
     return [dict(each) for each in dict.fromkeys(tuple(group.items()) for group in groups)]

@@ -17,10 +17,12 @@ from erosion.fits.posterior import (
     Posterior as Posterior,
     posterior as posterior,
 )
+from erosion.fits.predicted import Predictions as Predictions, predict as predict
+from erosion.fits.problem import FitProblem as FitProblem
 from erosion.fits.ranking import (
     PosteriorRanking as PosteriorRanking,
     Ranking as Ranking,
-    rank_models as rank_models,
-    rank_posteriors as rank_posteriors,
+    fit_each as fit_each,
+    rank as rank,
 )
 from erosion.fits.tempering import SamplingError as SamplingError

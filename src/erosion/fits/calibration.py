@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,25 +23,23 @@ from erosion.fits.doubts import (
     find_patterns,
     growth,
 )
-from erosion.fits.errors import ErrorModel
 from erosion.fits.fit import Fit
-from erosion.fits.forward import FACTORS, FRACTION, FREE, Forward, make_forward
 from erosion.fits.least_squares import (
     FINEST,
     LOSSES,
     CalibrationError,
-    FitProblem,
     FitSolution,
     Group,
     Identifiability,
+    LeastSquares,
     fit,
     identify,
-    make_problem,
+    make_squares,
 )
-from erosion.fits.likelihood import even_law, make_likelihood
+from erosion.fits.likelihood import flat_laws, make_likelihood
 from erosion.fits.measurements import Measurements, conditions
-from erosion.fits.predicted import Predictions, predictions
 from erosion.fits.prediction import Predictor, make_predictor
+from erosion.fits.problem import FACTORS, FRACTION, FitProblem
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_parameters, quantities
 from erosion.output.tables import Record, briefly
 from erosion.parameters.parameters import Parameters
@@ -58,49 +55,49 @@ class Calibration(Fit):
     """A model fitted to measurements.
 
     Args:
-        problem: the model, data and weights.
+        squares: the model, data and weights.
         solution: the minimum.
         level: of the intervals in tables and documents.
     """
 
-    problem: FitProblem
+    squares: LeastSquares
     solution: FitSolution
     level: float = LEVEL
 
     @property
     def model(self) -> CuttingModel:
         """The fitted model, with the estimates of its own parameters in place."""
-        return self.problem.forward.at(self.solution.theta)[0]
+        return self.problem.at(self.solution.theta)[0]
 
     @property
-    def forward(self) -> Forward:
+    def problem(self) -> FitProblem:
         """The model and the case of the first guess, and the data."""
-        return self.problem.forward
+        return self.squares.problem
 
     @property
     def data(self) -> Measurements:
         """The measurements, whose relative errors are of the fit."""
-        return self.problem.data
+        return self.squares.data
 
     @property
     def names(self) -> tuple[str, ...]:
         """The free parameters; "scale" is the last where the data has units of its own."""
-        return self.problem.forward.names
+        return self.problem.names
 
     @property
     def p(self) -> Parameters:
         """The case with the estimates in place."""
-        return self.problem.forward.at(self.solution.theta)[1]
+        return self.problem.at(self.solution.theta)[1]
 
     @property
     def cutting_fraction(self) -> float:
         """The share of the particles that cut, estimated or given."""
-        return self.estimates.get(FRACTION, self.problem.forward.cutting_fraction)
+        return self.estimates.get(FRACTION, self.problem.cutting_fraction)
 
     @property
     def estimates(self) -> dict[str, float]:
         """The best value of each free parameter, in the case's units."""
-        return self.problem.forward.values(self.solution.theta)
+        return self.problem.values(self.solution.theta)
 
     @property
     def quantities(self) -> dict[str, Quantity]:
@@ -122,7 +119,7 @@ class Calibration(Fit):
     @functools.cached_property
     def covariance(self) -> np.ndarray:
         """Covariance of the estimates, shape (names, names); infinite and NaN where not determined."""
-        slopes = self.problem.forward.slopes(self.solution.theta)
+        slopes = self.problem.slopes(self.solution.theta)
         return self.covariance_of_theta * np.outer(slopes, slopes)
 
     @property
@@ -141,7 +138,7 @@ class Calibration(Fit):
         data does not determine, and NaN where the model fails on the way. The ends are accurate
         to 2 % of their distance from the estimate, and take as long as some fits.
         """
-        values = self.problem.forward.from_theta
+        values = self.problem.from_theta
         with np.errstate(over="ignore"):
             ends = {
                 name: (float(values(name, theta + low)), float(values(name, theta + high)))
@@ -163,7 +160,7 @@ class Calibration(Fit):
     @functools.cached_property
     def fitted(self) -> np.ndarray:
         """The fitted erosion of each row, in the data's dimension, shape (rows,)."""
-        return self.problem.forward.predict(self.solution.theta, self.data.conditions)[0]
+        return self.problem.predict(self.solution.theta, self.data.conditions)[0]
 
     @property
     def residuals(self) -> np.ndarray:
@@ -178,7 +175,7 @@ class Calibration(Fit):
     @property
     def noise(self) -> float:
         """The typical standard deviation of a row over the greatest fitted erosion."""
-        own = self.problem.data.deviation * np.sqrt(self.variance)
+        own = self.squares.data.deviation * np.sqrt(self.variance)
         deviation = float(np.median(np.hypot(own, self.data.share_of_speeds * self.fitted)))
         return deviation / float(np.abs(self.fitted).max())
 
@@ -197,11 +194,11 @@ class Calibration(Fit):
         """Akaike's criterion, corrected for few rows; smaller is better, among fits of the same data.
 
         A robust loss is the likelihood of errors of a given size, the noise. So fits are compared at the same noise, as
-        `rank_models` does (Ronchetti 1985, robust model selection in regression). Infinite for fewer rows than
+        `rank` does (Ronchetti 1985, robust model selection in regression). Infinite for fewer rows than
         `rows_for_aicc`.
         """
-        rows, free, noise = len(self.data), self._counted, self.problem.noise
-        if self.data.uncertainty is None and self.problem.loss == "linear":
+        rows, free, noise = len(self.data), self._counted, self.squares.noise
+        if self.data.uncertainty is None and self.squares.loss == "linear":
             with np.errstate(divide="ignore"):
                 misfit = rows * float(np.log(2 * self.solution.cost / rows))
         else:
@@ -209,7 +206,7 @@ class Calibration(Fit):
         if rows < self.rows_for_aicc:
             return np.inf
         # Relative errors are of the fit: those of a larger fit are less likely to be this small.
-        misfit += self.problem.data.log_determinant - self.problem.forward.data.log_determinant
+        misfit += self.squares.data.log_determinant - self.problem.data.log_determinant
         return misfit + 2 * free + 2 * free * (free + 1) / (rows - free - 1)
 
     @property
@@ -246,7 +243,7 @@ class Calibration(Fit):
     @functools.cached_property
     def identifiability(self) -> Identifiability:
         """The parameters and combinations that the data determines."""
-        return self._identify(self.solution.theta, self.solution.jacobian, self.problem.data.over_errors(self.fitted))
+        return self._identify(self.solution.theta, self.solution.jacobian, self.squares.data.over_errors(self.fitted))
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -265,7 +262,7 @@ class Calibration(Fit):
         return tuple(
             name
             for name, logarithmic, (low, high) in zip(
-                self.names, self.problem.forward.logarithmic, self.ends(LEVEL), strict=True
+                self.names, self.problem.logarithmic, self.ends(LEVEL), strict=True
             )
             if name not in self.undetermined
             and (high - low > OPEN if logarithmic else both <= {*touched.get(name, ())})
@@ -277,14 +274,14 @@ class Calibration(Fit):
         if not are_noise(self.residuals, self.data.erosion):
             return ()
         groups = conditions(self.data)
-        weighted = self.problem.data.over_errors(self.residuals)
-        root = np.sqrt(self.problem.weights(weighted))
+        weighted = self.squares.data.over_errors(self.residuals)
+        root = np.sqrt(self.squares.weights(weighted))
         slopes = self.solution.jacobian @ self.identifiability.modes
-        powers = [growth(self.problem.data, root * weighted, root * self.fitted, slopes, name)
+        powers = [growth(self.squares.data, root * weighted, root * self.fitted, slopes, name)
                   for name in self.data.varied]  # fmt: skip
         tests = (*find_patterns(self.data, weighted, groups), *(power for power in powers if power is not None))
         # A robust loss lets rows be far off, which a test of variances takes for a miss.
-        if self.data.uncertainty is not None or self.problem.loss != "linear":
+        if self.data.uncertainty is not None or self.squares.loss != "linear":
             return tests
         scatter = beyond_scatter(self.data, self.fitted, self.degrees_of_freedom, groups)
         return tests if scatter is None else (scatter, *tests)
@@ -292,27 +289,27 @@ class Calibration(Fit):
     @property
     def lack_of_fit(self) -> doubts.LackOfFit | None:
         """The test of the fit against the scatter of repeats; None without repeats, and for a robust loss."""
-        if self.problem.loss != "linear":
+        if self.squares.loss != "linear":
             return None
         return doubts.lack_of_fit(self.data, self.fitted, self.identifiability.rank)
 
     @property
     def bounds(self) -> dict[str, tuple[float, float]]:
         """The least and the greatest value that each parameter may take."""
-        problem, value = self.problem, self.problem.forward.from_theta
+        squares, value = self.squares, self.problem.from_theta
         return {
             name: (float(value(name, low)), float(value(name, high)))
-            for name, low, high in zip(self.names, problem.lower, problem.upper, strict=True)
+            for name, low, high in zip(self.names, squares.lower, squares.upper, strict=True)
         }
 
     def bounds_touched(self, level: float = LEVEL) -> dict[str, tuple[str, ...]]:
         """By parameter, what lies at a bound: "estimate at lower", "interval at upper"; only those that touch one."""
-        theta, problem, touched = self.solution.theta, self.problem, {}
+        theta, squares, touched = self.solution.theta, self.squares, {}
         for at, name in enumerate(self.names):
             if name in self.undetermined:  # whose interval has no ends
                 continue
             low, high = self.ends(level)[at]
-            sides = (("lower", problem.lower[at], low), ("upper", problem.upper[at], high))
+            sides = (("lower", squares.lower[at], low), ("upper", squares.upper[at], high))
             marks = [f"estimate at {side}" for side, bound, _ in sides if abs(theta[at] - bound) < TOUCH]
             marks += [f"interval at {side}" for side, bound, end in sides if abs(theta[at] + end - bound) < TOUCH]
             if marks:
@@ -330,9 +327,9 @@ class Calibration(Fit):
             Erosion and one standard deviation of it (of the fit, without the noise of a
             measurement), each of the shape of `alpha`.
         """
-        asked = self.problem.forward.conditions(alpha, at)
+        asked = self.problem.conditions(alpha, at)
         flat = {name: column.ravel() for name, column in asked.items()}
-        erosion, rates = self.problem.forward.predict(self.solution.theta, flat)
+        erosion, rates = self.problem.predict(self.solution.theta, flat)
         # Directions without influence on any row have no influence on the curve either.
         spread = np.sum((rates @ self.identifiability.modes) ** 2, axis=1)
         errors = np.sqrt(spread * self.variance)
@@ -344,27 +341,14 @@ class Calibration(Fit):
 
         A robust loss counts as errors that are greater where it holds rows back.
         """
-        problem, laws = self.problem, {}
-        for name, logarithmic, ends in zip(self.names, problem.forward.logarithmic, self.bounds.values(), strict=True):
-            if np.isfinite(ends).all():
-                laws[name] = even_law(*ends, logarithmic=logarithmic)
-        forward, data = problem.forward, problem.forward.data
-        if problem.loss != "linear":
-            weights = problem.weights(problem.data.over_errors(self.residuals))
-            spread = problem.data.deviation * np.sqrt(self.variance / weights)
+        squares, problem, data = self.squares, self.problem, self.data
+        if squares.loss != "linear":
+            weights = squares.weights(squares.data.over_errors(self.residuals))
+            spread = squares.data.deviation * np.sqrt(self.variance / weights)
             data = dataclasses.replace(data, uncertainty=spread, parts=None, error=None)
-            forward = dataclasses.replace(forward, data=data)
-        return make_predictor(make_likelihood(forward, laws), self.estimates, seed=0)
-
-    def predict(self, alpha: Any, at: Mapping[str, Any] | None = None, level: float = LEVEL) -> Predictions:
-        """The mean at angles with its interval, and that of a new weighing: see `erosion.fits.prediction`.
-
-        Args:
-            alpha: α [rad], of any shape.
-            at: other parameters of the case, numbers or arrays; speed and mass without it are those of most rows.
-            level: of the intervals, which also hold what the model may lack.
-        """
-        return predictions(self.predictor, alpha, at, level)
+        laws = flat_laws(problem, {name: ends for name, ends in self.bounds.items() if np.isfinite(ends).all()})
+        within = dataclasses.replace(problem, data=data, bounds={}, priors=laws)
+        return make_predictor(make_likelihood(within), self.estimates, seed=0)
 
     @functools.cached_property
     def samples(self) -> xr.Dataset:
@@ -389,13 +373,13 @@ class Calibration(Fit):
         """
         if name not in self.names:
             raise ValueError(f"Argument `name` must be one of {', '.join(self.names)}, but is {briefly(name)}.")
-        at, forward = self.names.index(name), self.problem.forward
-        best, low, high = self.solution.theta[at], self.problem.lower[at], self.problem.upper[at]
+        at, problem = self.names.index(name), self.problem
+        best, low, high = self.solution.theta[at], self.squares.lower[at], self.squares.upper[at]
         reach = [_PROFILED * end if abs(end) < np.inf else np.sign(end) for end in self.ends(LEVEL)[at]]
         offsets = np.outer(reach, np.linspace(0.0, 1.0, points // 2 + 1))
         offsets = np.unique(np.clip(offsets, low - best, high - best))
         rise = self._ridge(at).rises(offsets, self.variance / 2)
-        values = forward.from_theta(name, best + offsets)
+        values = problem.from_theta(name, best + offsets)
         if np.isnan(rise + offsets).any():
             where = self.in_words(name, self.estimates[name])
             raise CalibrationError(f"The profile of {name} cannot be made: the model fails near {where}.")
@@ -484,17 +468,17 @@ class Calibration(Fit):
 
     def _identify(self, theta: np.ndarray, jacobian: np.ndarray, weighted: np.ndarray) -> Identifiability:
         """The parameters and combinations that the data determines about θ, from the Jacobian and prediction there."""
-        exponent = np.where(self.problem.forward.logarithmic | (theta == 0), 1.0, theta)
+        exponent = np.where(self.problem.logarithmic | (theta == 0), 1.0, theta)
         return identify(self.names, jacobian, exponent, float(np.linalg.norm(weighted)))
 
     @functools.cached_property
     def _rank_at_first(self) -> int:
         """Number of determined combinations of parameters at the first guess; 0 where impacts fail there."""
-        start = self.problem.start
-        residuals, jacobian = self.problem.residuals(start)
+        start = self.squares.start
+        residuals, jacobian = self.squares.residuals(start)
         if not np.all(np.isfinite(jacobian)):
             return 0
-        return self._identify(start, jacobian, residuals + self.problem.data.over_errors(self.data.erosion)).rank
+        return self._identify(start, jacobian, residuals + self.squares.data.over_errors(self.data.erosion)).rank
 
     def ends(self, level: float) -> list[tuple[float, float]]:
         """The intervals as distances of θ from the estimates."""
@@ -528,7 +512,7 @@ class Calibration(Fit):
         together = modes @ modes[at]
         straight = np.eye(len(self.names))[at]
         path = straight if self.names[at] in self.undetermined else together / together[at]
-        return Ridge(self.problem, self.solution, at, path)
+        return Ridge(self.squares, self.solution, at, path)
 
 
 def _known(value: Value) -> list[Value]:
@@ -541,60 +525,32 @@ def _known(value: Value) -> list[Value]:
 _GREATEST = 1e100  # m³ or m³/kg
 
 
-def calibrate(
-    model: CuttingModel | str | Path,
-    p: Parameters,
-    data: Any,
-    free: Sequence[str] = FREE,
-    *,
-    bounds: Mapping[str, Sequence[float]] | None = None,
-    density: float | str | None = None,
-    cutting_fraction: float = 1.0,
-    loss: str = "linear",
-    starts: int = 32,
-    error: ErrorModel | float | str | None = None,
-    level: float = LEVEL,
-) -> Calibration:
+def calibrate(problem: FitProblem, *, loss: str = "linear", starts: int = 32, level: float = LEVEL) -> Calibration:
     """Fit parameters of a model to measured erosion, by least squares.
 
+    By default a parameter lies within a factor of 100 about the first guess, a spin within ±2 v₀/r about it, an own
+    parameter that starts at zero or below it within ±2 times its size (of zero: 1), but not below its least value, and
+    an own speed with a least value goes up to the data's greatest normal speed. The first guess is the case, but ψ, σ
+    or the cutting fraction, the first of these that is free, is guessed from the size of the data; and an own stress is
+    σψ at first, if that fits better.
+
     Args:
-        model: a model, its name, or the path of its file; the first guess of its own parameters.
-        p: the case: the first guess of the free parameters, and the values of all others.
-        data: a CSV file, columns by header, or `Measurements`; see `read_measurements`.
-        free: the parameters to fit, of the case or the model's own: ["k", "psi"]; or
-            "cutting_fraction".
-        bounds: (least, greatest) of free parameters, in the case's units; by default a factor
-            of 100 about the first guess, and of the spin ±2 v₀/r about it; of an own parameter
-            that starts at zero or below it, ±2 times its size (of zero: 1), but not below its least
-            value; of an own speed with a least value, up to the data's greatest normal speed. The first guess is
-            the case, but ψ, σ or the cutting fraction, the first of these that is free, is
-            guessed from the size of the data; and an own stress is σψ at first, if that fits better.
-        density: of the target [density], a number in the case's units or "2.7 g/cm^3"; needed
-            for data of mass loss, but not by a correlation, whose own density counts.
-        cutting_fraction: the share of the particles that cut as the model says, in (0, 1]:
-            volumes are multiplied by it. The first guess where it is free.
+        problem: the model, the case, the tests, and what is free.
         loss: "linear" for least squares; "soft_l1" where some rows may be far off (`scipy.optimize.least_squares`).
         starts: number of points to begin from. V(α) of a turning body jumps, so the misfit
             has several valleys. The best fits with one parameter at its least value are further starts.
-        error: of a row, where the data have no column of it: "0.3 mg/kg + 8 %", and of each speed, "5 % of each
-            speed", beside the rows' own; see `read_measurements`.
         level: of the intervals in tables and documents.
 
     Returns:
-        Estimates, their errors, and sentences on parameters that the data does not determine.
+        Estimates, their errors, and findings on parameters that the data does not determine.
 
     Raises:
-        ValueError: for arguments or data that cannot be used (data: `MeasurementError`).
+        ValueError: for arguments or data that cannot be used.
         CalibrationError: where the model's impacts fail.
-
-    References:
-        The cutting fraction: I. Finnie, Erosion of surfaces by solid particles, Wear 3 (1960)
-        87-103: about half of the particles cut in the idealized manner.
     """
-    forward = make_forward(model, p, data, free, density, cutting_fraction, error)
     if loss not in LOSSES:
         raise ValueError(f"Argument `loss` must be one of {', '.join(LOSSES)}, but is {briefly(loss)}.")
-    starts, data, free_count = check_whole("starts", starts, 1), forward.data, len(forward.names)
+    starts, data, free_count = check_whole("starts", starts, 1), problem.data, len(problem.names)
     if data.speeds is not None and loss != "linear":  # what its speed shares would spread a far row over the others
         raise ValueError(f"Argument `loss` must be linear beside an error of each speed, but is {loss}.")
     speeds = int(data.speeds.max()) + 1 if data.speeds is not None and data.uncertainty is None else 0
@@ -606,5 +562,4 @@ def calibrate(
     greatest = float(np.max(np.abs(data.erosion)))
     if not 1 / _GREATEST <= greatest <= _GREATEST:  # squares are summed
         raise ValueError(f"Argument `data` must have erosion that a metal can have, but has {greatest:g} (SI) at most.")
-    problem = make_problem(forward, data, bounds or {})
-    return Calibration(*fit(problem, loss, starts), check_share("level", level))
+    return Calibration(*fit(make_squares(problem), loss, starts), check_share("level", level))

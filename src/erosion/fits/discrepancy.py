@@ -95,13 +95,13 @@ class Discrepant(Misfit):
     @functools.cached_property
     def reference(self) -> float:
         """v_ref, the fastest speed of the data or the case's [speed]."""
-        forward = self.plain.forward
-        return float(np.max(forward.data.conditions.get("v0", np.asarray(forward.p.v0))))
+        problem = self.plain.problem
+        return float(np.max(problem.data.conditions.get("v0", np.asarray(problem.p.v0))))
 
     @property
     def sizes(self) -> list[int]:
         """All rows at once."""
-        return [len(self.plain.forward.data)]
+        return [len(self.plain.problem.data)]
 
     def values(self, points: np.ndarray) -> dict[str, np.ndarray]:
         """All parameters at standard normal numbers, by name."""
@@ -112,7 +112,7 @@ class Discrepant(Misfit):
         model = self.plain.predict(values, conditions)
         mean = model
         if self.has_exponent:
-            held = self.plain.forward.held_exponent
+            held = self.plain.problem.held_exponent
             assert held is not None
             mean = mean * np.exp(np.multiply.outer(values[EXPONENT] - held, self._log_speed(conditions)))
         if self.has_discrepancy:
@@ -126,22 +126,22 @@ class Discrepant(Misfit):
 
     def _exponents(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """The exponent of the speed, shape (n,)."""
-        held = self.plain.forward.held_exponent
+        held = self.plain.problem.held_exponent
         own = values.get(SPEED_EXPONENT, np.full(len(values[NORMAL_WEAR]), 2.0 if held is None else held))
         return values.get(EXPONENT, own)
 
     def _greatest(self, values: Mapping[str, np.ndarray], model: np.ndarray) -> np.ndarray:
         """E_ref, shape (n,), of what the model removes at the conditions of the data, shape (n, conditions)."""
         known = self.plain.parts[0].conditions
-        held = self.plain.forward.held_exponent
+        held = self.plain.problem.held_exponent
         powers = values[SPEED_EXPONENT] if held is None else np.full(len(model), held)
         at_reference = model * np.exp(np.multiply.outer(-powers, self._log_speed(known))) / self._mass(known)
         return at_reference.max(axis=1)
 
     def _mass(self, conditions: Mapping[str, np.ndarray]) -> np.ndarray | float:
         """The mass of each condition over that of the case, where the erosion is that of one impact; else 1."""
-        forward = self.plain.forward
-        return 1.0 if forward.data.per_mass or "m" not in conditions else conditions["m"] / float(np.max(forward.p.m))
+        problem = self.plain.problem
+        return 1.0 if problem.data.per_mass or "m" not in conditions else conditions["m"] / float(np.max(problem.p.m))
 
     def squares(self, points: np.ndarray, part: int) -> tuple[np.ndarray, np.ndarray]:
         """See `Misfit`; the unit of squares is that of `deviation`."""
@@ -276,7 +276,7 @@ class Discrepant(Misfit):
         """ln(v/v_ref), shape (conditions,)."""
         if "log_speed" in conditions:
             return conditions["log_speed"]
-        speed = conditions.get("v0", np.asarray(float(np.max(self.plain.forward.p.v0))))
+        speed = conditions.get("v0", np.asarray(float(np.max(self.plain.problem.p.v0))))
         return np.broadcast_to(np.log(speed / self.reference), np.shape(conditions["alpha"]))
 
     def _between(
@@ -312,7 +312,7 @@ def _batch(conditions: int) -> int:
 
 def with_few_conditions(likelihood: Likelihood, most: int = MOST) -> Likelihood:
     """The same rows, where there are more than `most` conditions with near ones put at their mean."""
-    data, log_steps = likelihood.forward.data, {"alpha": _STEP, "v0": _STEP * _SPEED_STEP, "m": 3 * _STEP * _SPEED_STEP}
+    data, log_steps = likelihood.problem.data, {"alpha": _STEP, "v0": _STEP * _SPEED_STEP, "m": 3 * _STEP * _SPEED_STEP}
     columns, places = data.conditions, data.at_conditions()[1]
     while places.max() >= most:
         cells = [np.floor((column if name == "alpha" else np.log(column)) / log_steps[name])
@@ -325,4 +325,4 @@ def with_few_conditions(likelihood: Likelihood, most: int = MOST) -> Likelihood:
     counts = np.bincount(places)
     middle = {name: (np.bincount(places, column) / counts)[places] for name, column in columns.items()}
     rows = dataclasses.replace(data, angle=middle["alpha"], speed=middle.get("v0"), mass=middle.get("m")).weighed()
-    return dataclasses.replace(likelihood, forward=dataclasses.replace(likelihood.forward, data=rows))
+    return dataclasses.replace(likelihood, problem=dataclasses.replace(likelihood.problem, data=rows))

@@ -19,7 +19,7 @@ import numpy as np
 from scipy import special, stats
 
 from erosion.fits.conditions import Condition, describe, group_numbers, is_same
-from erosion.fits.least_squares import FitProblem, FitSolution, settle
+from erosion.fits.least_squares import FitSolution, LeastSquares, settle
 from erosion.fits.measurements import Measurements, conditions
 from erosion.fits.outliers import error_sizes, far_rows
 from erosion.models import BUILT_IN, SPEED_EXPONENT, SpeedExponent, model_name
@@ -89,12 +89,12 @@ class Ridge:
     """The best fits along one parameter, whose θ is held at offsets from the estimate.
 
     Args:
-        problem, solution: the fit.
+        squares, solution: the fit.
         at: index of the parameter.
         path: change of θ per unit of offset where residuals are linear, shape (names,).
     """
 
-    problem: FitProblem
+    squares: LeastSquares
     solution: FitSolution
     at: int
     path: np.ndarray
@@ -129,7 +129,7 @@ class Ridge:
             height: positive.
         """
         sign = np.sign(first)
-        bound = self.problem.upper[self.at] if sign > 0 else self.problem.lower[self.at]
+        bound = self.squares.upper[self.at] if sign > 0 else self.squares.lower[self.at]
         limit = abs(bound - self.solution.theta[self.at])
         inside, outside, near = 0.0, np.inf, self.solution.theta
         trial = min(abs(first), limit)
@@ -158,12 +158,12 @@ class Ridge:
 
     def refit(self, offset: float, near: np.ndarray, height: float) -> FitSolution | None:
         """The best fit at an offset, from the better of two points: on the straight path, or near the last fit."""
-        problem, at = self.problem, self.at
+        squares, at = self.squares, self.at
         place = self.solution.theta[at] + offset
         begins = np.array([self.solution.theta + offset * self.path, near + (place - near[at]) * self.path])
-        begins = np.clip(begins, problem.lower, problem.upper)
-        begin = begins[int(np.argmin(problem.thinned().costs(begins)))]
-        return settle(problem, begin, at, _CLOSE * min(1.0, height / max(self.solution.cost, height)))
+        begins = np.clip(begins, squares.lower, squares.upper)
+        begin = begins[int(np.argmin(squares.thinned().costs(begins)))]
+        return settle(squares, begin, at, _CLOSE * min(1.0, height / max(self.solution.cost, height)))
 
 
 _ANGLES = np.deg2rad(np.arange(5.0, 90.0, 5.0))
@@ -172,44 +172,44 @@ _SAME_ANGLE = np.deg2rad(1.0)  # of a row that is measured already
 _SEEN = 2.0  # standard deviations of a row, by which the two fits must differ there
 
 
-def advise(problem: FitProblem, names: Sequence[str], allowed: np.ndarray, noise: float) -> str:
+def advise(squares: LeastSquares, names: Sequence[str], allowed: np.ndarray, noise: float) -> str:
     """What to do about parameters that are left open, as "Fix one of them, or measure at 10°." says it.
 
     Args:
-        problem: the model and the data.
+        squares: the model and the data.
         names: of these parameters.
         allowed: two θ, far from each other, that fit the data as well; shape (2, names).
         noise: standard deviation of a row over the greatest erosion.
     """
     fixed = "Fix it" if len(names) == 1 else "Fix one of them"
-    for speed in _speeds(problem):
+    for speed in _speeds(squares):
         at = {"alpha": _ANGLES} if speed is None else {"alpha": _ANGLES, "v0": np.full(_ANGLES.shape, speed)}
-        first, second = problem.forward.predict_many(allowed, at)
+        first, second = squares.problem.predict_many(allowed, at)
         greatest = max(np.abs(first).max(), np.abs(second).max())
         if not greatest > 0:  # impacts failed, or there is no erosion
             continue
-        differs = np.where(_measured(problem, speed), 0.0, np.abs(first - second) / (noise * greatest))
+        differs = np.where(_measured(squares, speed), 0.0, np.abs(first - second) / (noise * greatest))
         if differs.max() >= _SEEN:
-            where = "" if speed is None else f", {describe({'v0': speed}, problem.data.units)}"
+            where = "" if speed is None else f", {describe({'v0': speed}, squares.data.units)}"
             return f"{fixed}, or measure at {np.rad2deg(_ANGLES[np.argmax(differs)]):.0f}°{where}."
     return f"{fixed}."
 
 
-def _measured(problem: FitProblem, speed: float | None) -> np.ndarray:
+def _measured(squares: LeastSquares, speed: float | None) -> np.ndarray:
     """Whether the data has a row at each of `_ANGLES` and this speed, of the shape of `_ANGLES`."""
-    rows = problem.data.conditions
+    rows = squares.data.conditions
     near = np.abs(_ANGLES[:, None] - rows["alpha"]) < _SAME_ANGLE
     if speed is not None and "v0" in rows:
         near &= is_same(rows["v0"], speed)
     return near.any(axis=1)
 
 
-def _speeds(problem: FitProblem) -> list[float | None]:
+def _speeds(squares: LeastSquares) -> list[float | None]:
     """The speeds to think of: first those of the data, or of the case (None); then a lower and a greater one."""
-    if "v0" in problem.forward.free:
+    if "v0" in squares.problem.free:
         return [None]
-    measured = [group.values["v0"] for group in conditions(problem.data, most=3) if "v0" in group.values]
-    known = measured or [float(problem.forward.p.v0)]
+    measured = [group.values["v0"] for group in conditions(squares.data, most=3) if "v0" in group.values]
+    known = measured or [float(squares.problem.p.v0)]
     return [*(measured or [None]), _FACTORS[0] * min(known), _FACTORS[1] * max(known)]
 
 
@@ -504,7 +504,7 @@ def doubts(fit: "Calibration") -> tuple[str, ...]:
 
 def _far_from_tests(fit: "Calibration") -> list[str]:
     """A sentence on rows of another order than all tests, where the density is known: those of a whole test often."""
-    data, p, density = fit.data, fit.p.to("si"), fit.problem.forward.density
+    data, p, density = fit.data, fit.p.to("si"), fit.problem.density
     if density is None or data.free_scale:
         return []
     density *= conversion_factor("density", data.units, "si")
@@ -526,30 +526,30 @@ def _of_speed(fit: "Calibration", lacking: float) -> list[str]:
         fit: the fit.
         lacking: the exponent that the fit lacks.
     """
-    data, forward, groups = fit.data, fit.problem.forward, conditions(fit.data)
+    data, problem, groups = fit.data, fit.problem, conditions(fit.data)
     speeds = data.varied["v0"]
     sums = [float(fit.curve(data.angle, {"v0": speed})[0].sum()) for speed in (speeds.min(), speeds.max())]
     of_model = np.log(sums[1] / sums[0]) / np.log(speeds.max() / speeds.min())
     # With a threshold, which all speeds share, the erosion grows faster than as v₀².
-    held = [name for name in forward.own_thresholds if lacking > 0 and name not in fit.names]
-    held += [SPEED_EXPONENT] * (isinstance(forward.model, SpeedExponent) and SPEED_EXPONENT not in fit.names)
+    held = [name for name in problem.own_thresholds if lacking > 0 and name not in fit.names]
+    held += [SPEED_EXPONENT] * (isinstance(problem.model, SpeedExponent) and SPEED_EXPONENT not in fit.names)
     alone = min(len(group.rows) for group in groups) > len(fit.names)
     ways = " or ".join(sentences((held, f"free {', '.join(held)}"), (alone, "fit each speed alone")))
     said = (
         f"{ways}{': ' * bool(ways)}the model removes as v₀^{of_model:.3g}, these data as v₀^{of_model + lacking:.3g}."
     )
-    name = model_name(forward.model)
+    name = model_name(problem.model)
     free = f"The model with an exponent of its own is {name}-exponent; free speed_exponent."
     return [f"{said[0].upper()}{said[1:]}", *sentences((name in BUILT_IN, free))]
 
 
 def _undetermined(fit: "Calibration") -> list[str]:
     """What the data does not determine at all, with advice."""
-    said, problem, theta = [], fit.problem, fit.solution.theta
+    said, squares, theta = [], fit.squares, fit.solution.theta
     for group in fit.identifiability.groups:
         step = group.direction / np.abs(group.direction).max()
-        allowed = np.array([_moved(theta, sign * step, problem.lower, problem.upper) for sign in (-1.0, 1.0)])
-        said.append(f"{group.statement} {advise(problem, group.names, allowed, fit.noise)}")
+        allowed = np.array([_moved(theta, sign * step, squares.lower, squares.upper) for sign in (-1.0, 1.0)])
+        said.append(f"{group.statement} {advise(squares, group.names, allowed, fit.noise)}")
     return said
 
 
@@ -571,7 +571,7 @@ def _undecided(fit: "Calibration") -> list[str]:
         together = [name for name in open_names if abs(correlation[fit.names.index(name)]) > _TOGETHER]
         group = [open_names[0], *(name for name in together if name != open_names[0])]
         open_names = [name for name in open_names if name not in group]
-        advice = advise(fit.problem, group, fit.allowed(at), fit.noise)
+        advice = advise(fit.squares, group, fit.allowed(at), fit.noise)
         which = f"between {', '.join(group[:-1])} and {group[-1]}" if len(group) > 1 else group[0]
         said.append(f"The data do not decide {which}: {advice[0].lower()}{advice[1:]}")
     return said

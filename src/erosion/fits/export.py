@@ -160,7 +160,7 @@ def to_case(
     case = dump_case(exported_case(calibration), calibration.title)
     named = "".join(f"{name} = {toml_string(_in_file(value, path))}\n"
                     for name, value in (("particle", particle), ("target", target)) if value is not None)  # fmt: skip
-    density = calibration.problem.forward.density
+    density = calibration.problem.density
     if density is not None:
         density *= conversion_factor("density", calibration.p.units, "si")
     weighed = dump_per_mass(PerMass(density, calibration.cutting_fraction))
@@ -197,7 +197,7 @@ def _for_advice(calibration: Calibration, warnings: Sequence[str], path: str, sa
         (bool(said), f"warning = {toml_string(' '.join(said))}"),
         (rows, f"data = {toml_string(rows)}"),
         (kept, f"uncertain = {toml_string(kept)}"),
-        (True, f"tested = {calibration.problem.forward.tested.dump()}"),
+        (True, f"tested = {calibration.problem.tested.dump()}"),
         (equations, f'equations = "{equations}"  # of {model_name(calibration.model)}, as it was'),
     )
     return "\n".join(["", "[advise]", *lines, ""])

@@ -21,11 +21,11 @@ from erosion.fits.fit_files import (
     own_in_si,
     prediction_groups,
 )
-from erosion.fits.forward import FRACTION, SCALE, Forward
 from erosion.fits.least_squares import Group
 from erosion.fits.likelihood import OF_ERROR, sampled_quantities
 from erosion.fits.measurements import Measurements
 from erosion.fits.prediction import Predictor
+from erosion.fits.problem import FRACTION, SCALE, FitProblem
 from erosion.fits.tempering import SamplingError
 from erosion.laws import JointSamples
 from erosion.models import model_name, model_source
@@ -42,7 +42,7 @@ class Fit(Result):
 
     @property
     @abc.abstractmethod
-    def forward(self) -> Forward:
+    def problem(self) -> FitProblem:
         """The model and the case as they were given, the free parameters, and the data."""
 
     @functools.cached_property
@@ -63,7 +63,7 @@ class Fit(Result):
     @property
     def data(self) -> Measurements:
         """The measurements."""
-        return self.forward.data
+        return self.problem.data
 
     @property
     @abc.abstractmethod
@@ -72,7 +72,7 @@ class Fit(Result):
 
     def of_parameters(self, name: str, numbers: Mapping[str, Any]) -> Part:
         """Numbers of parameters, such as estimates or intervals, which JSON and files have by name."""
-        units = self.forward.p.units
+        units = self.problem.p.units
         return Part(
             name, [self.quantities[of].declare(of, number, units) for of, number in numbers.items()], only="data"
         )
@@ -91,7 +91,7 @@ class Fit(Result):
     def tied_to_scale(self) -> tuple[str, ...]:
         """The parameters that data in units of their own leave open, as the scale has their influence."""
         tied = {name for group in self.groups if SCALE in group.names for name in group.names} - {SCALE}
-        return tuple(name for name in self.forward.names if name in tied)
+        return tuple(name for name in self.problem.names if name in tied)
 
     def rows_of_draws(self) -> JointSamples:
         """The samples, drawn together, for `uncertain` of `erosion.stream`, `erosion.erosion_map` and `erosion.advise`.
@@ -103,39 +103,39 @@ class Fit(Result):
         Raises:
             SamplingError: where no such parameter is left, or impacts fail all over the bounds.
         """
-        names = [name for name in self.forward.names if name not in (SCALE, *OF_ERROR, *self.tied_to_scale)]
+        names = [name for name in self.problem.names if name not in (SCALE, *OF_ERROR, *self.tied_to_scale)]
         if not names:
             raise SamplingError("The fit has no samples: it decides no parameter of an impact.")
         columns = {name: self.samples[name].values for name in names}
-        tested = self.forward.tested.ranges
-        return JointSamples(columns, f"the fit to {self.data.source}", self.forward.p.units, tested=tested)
+        tested = self.problem.tested.ranges
+        return JointSamples(columns, f"the fit to {self.data.source}", self.problem.p.units, tested=tested)
 
     def dataset(self, values: Mapping[str, Any]) -> xr.Dataset:
         """Samples by name, of the shape (chains, draws), with their units."""
-        known, (chains, draws) = sampled_quantities(self.forward), next(iter(values.values())).shape
-        columns = {name: (("chain", "draw"), column, known[name].attributes(self.forward.p.units))
+        known, (chains, draws) = sampled_quantities(self.problem), next(iter(values.values())).shape
+        columns = {name: (("chain", "draw"), column, known[name].attributes(self.problem.p.units))
                    for name, column in values.items()}  # fmt: skip
         return xr.Dataset(columns, {"chain": range(chains), "draw": range(draws)})
 
     @property
     def described(self) -> dict[str, Any]:
         """Attributes of the samples in a file."""
-        forward = self.forward
-        fraction = {} if FRACTION in forward.names else {FRACTION: forward.cutting_fraction}
+        problem = self.problem
+        fraction = {} if FRACTION in problem.names else {FRACTION: problem.cutting_fraction}
         return {
             "inference_library": "erosion",
             "inference_library_version": __version__,
-            "model": model_name(forward.model),
-            SOURCE: model_source(forward.model) or "",
-            EQUATIONS: plug_in_digest(forward.model, forward.p),
-            "case": dump_case(forward.p),
-            "unit_system": forward.p.units,
-            "own_parameters": own_in_si(forward.model, forward.p, forward.names),
+            "model": model_name(problem.model),
+            SOURCE: model_source(problem.model) or "",
+            EQUATIONS: plug_in_digest(problem.model, problem.p),
+            "case": dump_case(problem.p),
+            "unit_system": problem.p.units,
+            "own_parameters": own_in_si(problem.model, problem.p, problem.names),
             **fraction,
             "data": self.data.source,
             "seed": self.predictor.seed,
             "converged": int(self.converged),
-            TESTED: json.dumps(forward.tested.ranges),
+            TESTED: json.dumps(problem.tested.ranges),
             TIED: json.dumps(self.tied_to_scale),
         }
 
@@ -147,7 +147,7 @@ class Fit(Result):
     def to_datatree(self) -> xr.DataTree:
         """Everything in ArviZ's layout: the groups posterior, sample_stats, observed_data and constant_data."""
         # The rows as predictions read them: a robust loss has errors of its own.
-        data, known, units = self.predictor.data, sampled_quantities(self.forward), self.forward.p.units
+        data, known, units = self.predictor.data, sampled_quantities(self.problem), self.problem.p.units
         observed: dict[str, Any] = {"erosion": ("row", data.erosion, data.quantity.attributes(units))}
         if data.uncertainty is not None:
             observed["uncertainty"] = ("row", data.uncertainty, {"units": data.erosion_unit})

@@ -13,10 +13,10 @@ import xarray as xr
 
 from erosion.arguments import check_path
 from erosion.fits.errors import ErrorModel
-from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
 from erosion.fits.likelihood import OF_ERROR
 from erosion.fits.measurements import Measurements
 from erosion.fits.prediction import Predictor, predictor_of
+from erosion.fits.problem import FACTORS, FRACTION, SCALE, FitProblem
 from erosion.laws import JointSamples
 from erosion.models import CuttingModel, load_model, model_name
 from erosion.models.base import converted, own_in_words, own_parameters
@@ -197,17 +197,17 @@ def _kept(attrs: Mapping[str, Any], name: str, without: Any) -> Any:
 
 def prediction_groups(predictor: Predictor) -> dict[str, xr.Dataset]:
     """What `read_predictor` needs beside the draws' file itself, by group: the draws of each way to read the data."""
-    forward = predictor.forward
-    own = {name: float(parameter.value) for name, parameter in own_parameters(forward.model).items()}
-    error = forward.data.error
+    problem = predictor.problem
+    own = {name: float(parameter.value) for name, parameter in own_parameters(problem.model).items()}
+    error = problem.data.error
     described = {
-        "free": list(forward.free),
+        "free": list(problem.free),
         "seed": predictor.seed,
         "own": json.dumps(own),
-        "dimension": forward.data.dimension,
-        "unit": forward.data.unit,
-        "cutting_fraction": forward.cutting_fraction,
-        **({} if forward.density is None else {"density": forward.density}),
+        "dimension": problem.data.dimension,
+        "unit": problem.data.unit,
+        "cutting_fraction": problem.cutting_fraction,
+        **({} if problem.density is None else {"density": problem.density}),
         **({} if error is None else {"error": [*dataclasses.astuple(error)]}),
     }
     groups = {_PREDICTION: xr.Dataset(attrs=described)}
@@ -246,8 +246,8 @@ def read_predictor(path: str | Path) -> Predictor:
         )  # fmt: skip
         density = None if "density" not in about else float(about["density"])
         names = tuple(np.atleast_1d(about["free"]).tolist())
-        forward = Forward(model.replace(**json.loads(about["own"])), p, names, data, density,
-                          float(about["cutting_fraction"]))  # fmt: skip
+        problem = FitProblem(model.replace(**json.loads(about["own"])), p, data, names, density=density,
+                             cutting_fraction=float(about["cutting_fraction"]))  # fmt: skip
         if any(np.ndim(way.attrs["log_evidence"]) for way in ways.values()):
             raise ValueError(f"{path}: was written by an older version, whose predictions cannot be read; fit again.")
         read = {
@@ -259,7 +259,7 @@ def read_predictor(path: str | Path) -> Predictor:
             }
             for name, way in ways.items()
         }
-    return predictor_of(forward, read, int(about["seed"]))
+    return predictor_of(problem, read, int(about["seed"]))
 
 
 def model_of_draws(path: str | Path) -> str:

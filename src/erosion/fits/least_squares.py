@@ -21,11 +21,8 @@ from scipy.linalg import null_space
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import qmc
 
-from erosion.arguments import as_pair
-from erosion.fits.forward import FRACTION, SCALE, Forward
 from erosion.fits.measurements import Measurements
-from erosion.models import own_parameters
-from erosion.output.tables import briefly
+from erosion.fits.problem import FRACTION, SCALE, FitProblem
 
 # The engine's derivatives hold nine digits, so a direction without influence has 1e-9 or less.
 _NOTHING = 1e-7  # of the prediction: influence of a parameter
@@ -201,19 +198,19 @@ class CalibrationError(RuntimeError):
 
 
 @dataclasses.dataclass(frozen=True)
-class FitProblem:
+class LeastSquares:
     """Weighted residuals of a model against data, as a function of θ.
 
     Args:
-        forward: the model.
-        data: the measurements.
+        problem: what is fitted.
+        data: its rows, or some of them; with errors of their own where these follow from the fit.
         lower, upper: bounds of θ, shape (names,).
         start: θ of the first guess, of the data's size, shape (names,).
         loss: scipy's robust loss, "linear" for plain least squares.
         noise: residuals beyond so many standard deviations count less in a robust loss.
     """
 
-    forward: Forward
+    problem: FitProblem
     data: Measurements
     lower: np.ndarray
     upper: np.ndarray
@@ -223,7 +220,7 @@ class FitProblem:
 
     def residuals(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Prediction less measurement over the rows' errors, shape (rows,), and its Jacobian, shape (rows, names)."""
-        predicted, rates = self.forward.predict(theta, self.data.conditions)
+        predicted, rates = self.problem.predict(theta, self.data.conditions)
         return self.data.over_errors(predicted - self.data.erosion), self.data.over_errors(rates.T).T
 
     def cost(self, residuals: np.ndarray) -> np.ndarray:
@@ -238,11 +235,11 @@ class FitProblem:
 
     def costs(self, thetas: np.ndarray) -> np.ndarray:
         """The cost at several θ, shape (points, names) -> (points,); infinite where impacts fail."""
-        predicted = self.forward.predict_many(thetas, self.data.conditions)
+        predicted = self.problem.predict_many(thetas, self.data.conditions)
         return self.cost(self.data.over_errors(predicted - self.data.erosion))
 
-    def thinned(self) -> "FitProblem":
-        """The same problem with at most as many rows as are needed to choose among valleys."""
+    def thinned(self) -> "LeastSquares":
+        """The same with at most as many rows as are needed to choose among valleys."""
         data = self.data.thinned(THINNED)
         return self if data is self.data else dataclasses.replace(self, data=data)
 
@@ -263,68 +260,48 @@ class FitSolution:
     jacobian: np.ndarray
 
 
-def make_problem(forward: Forward, data: Measurements, bounds: Mapping[str, Sequence[float]]) -> FitProblem:
-    """The first guess and the bounds, as θ.
-
-    Raises:
-        ValueError: for bounds of no free parameter, or that make no sense.
-        TypeError: for bounds that name no parameters.
-    """
-    if not isinstance(bounds, Mapping):
-        raise TypeError(
-            f"Argument `bounds` must be a dictionary, such as {{'psi': (0.01, 10)}}, but is {briefly(bounds)}."
-        )
-    signed = [name for name, log in zip(forward.names, forward.logarithmic, strict=True) if not log]
-    least = {name: parameter.least for name, parameter in own_parameters(forward.model).items()}
-    for name, pair in bounds.items():
-        if name not in forward.names:
-            raise ValueError(f"Argument `bounds` must name free parameters, but has {briefly(name)}.")
-        low, high = as_pair(pair)
-        below = low >= least.get(name, -np.inf) if name in signed else low > 0
-        if not (low < high and below and (name != FRACTION or high <= 1)):
-            raise ValueError(
-                f"Argument `bounds` must give {name} two ascending values in its range, but has {briefly(pair)}."
-            )
-    lower, upper = forward.limits.T
-    for i, name in enumerate(forward.names):
-        if name in bounds:
-            lower[i], upper[i] = (forward.to_theta(name, float(value)) for value in bounds[name])
-    unbounded = FitProblem(forward, data, lower, upper, np.clip(forward.start, lower, upper))
+def make_squares(problem: FitProblem) -> LeastSquares:
+    """The residuals of all rows, with the first guess and the bounds, as θ."""
+    lower, upper = problem.limits.T
+    for i, name in enumerate(problem.names):
+        if name in problem.bounds:
+            lower[i], upper[i] = (problem.to_theta(name, value) for value in problem.bounds[name])
+    unbounded = LeastSquares(problem, problem.data, lower, upper, np.clip(problem.start, lower, upper))
     start = _first_guess(unbounded.thinned())
-    width = default_width(forward)
-    width[len(forward.free) :] = np.inf  # the scale has no bounds
+    width = default_width(problem)
+    width[len(problem.free) :] = np.inf  # the scale has no bounds
     lower = np.where(lower == -np.inf, start - width, lower)
     upper = np.where(upper == np.inf, start + width, upper)
     # A threshold of zero is at the end of its range: the fit begins inside.
-    at_least = ~forward.logarithmic & (start <= lower)
+    at_least = ~problem.logarithmic & (start <= lower)
     start[at_least] = (1 - _INSIDE) * lower[at_least] + _INSIDE * upper[at_least]
     return dataclasses.replace(unbounded, lower=lower, upper=upper, start=start)
 
 
-def default_width(forward: Forward) -> np.ndarray:
+def default_width(problem: FitProblem) -> np.ndarray:
     """How far from a first guess each θ is looked for, shape (names,), where nothing else limits it."""
-    return np.array([_WIDTH[bool(logarithmic)] for logarithmic in forward.logarithmic])
+    return np.array([_WIDTH[bool(logarithmic)] for logarithmic in problem.logarithmic])
 
 
-def _first_guess(problem: FitProblem) -> np.ndarray:
+def _first_guess(squares: LeastSquares) -> np.ndarray:
     """θ of the case, of the data's size; or with the model's stresses at σψ, where the data are nearer to that."""
-    of_case, stresses = _of_data_size(problem, problem.start[None])[0], problem.forward.own_stresses
+    of_case, stresses = _of_data_size(squares, squares.start[None])[0], squares.problem.own_stresses
     if not stresses.any():
         return of_case
-    similar = problem.start.copy()
-    similar[stresses] = np.log(problem.forward.contact_stress)
-    similar = _of_data_size(problem, np.clip(similar, problem.lower, problem.upper)[None], together=stresses)[0]
-    guesses = np.stack([of_case, np.clip(similar, problem.lower, problem.upper)])
-    return guesses[np.argmin(problem.costs(guesses))]
+    similar = squares.start.copy()
+    similar[stresses] = np.log(squares.problem.contact_stress)
+    similar = _of_data_size(squares, np.clip(similar, squares.lower, squares.upper)[None], together=stresses)[0]
+    guesses = np.stack([of_case, np.clip(similar, squares.lower, squares.upper)])
+    return guesses[np.argmin(squares.costs(guesses))]
 
 
-def fit(problem: FitProblem, loss: Loss, starts: int) -> tuple[FitProblem, FitSolution]:
-    """The best minimum found; the problem returned has the robust loss and its noise.
+def fit(squares: LeastSquares, loss: Loss, starts: int) -> tuple[LeastSquares, FitSolution]:
+    """The best minimum found; the squares returned has the robust loss and its noise.
 
     Raises:
         CalibrationError: if the model fails for all starts.
     """
-    few = problem.thinned()
+    few = squares.thinned()
     rough = _ROUGH / len(few.data)
     begins = [*_starts(few, starts), *_at_least_values(few, rough)]
     solutions = [solution for theta in begins if (solution := descend(few, theta, ftol=rough)) is not None]
@@ -333,38 +310,38 @@ def fit(problem: FitProblem, loss: Loss, starts: int) -> tuple[FitProblem, FitSo
     # Valleys whose depths differ by rounding are the same; the first start is the first guess.
     least = min(solution.cost for solution in solutions)
     best = next(solution for solution in solutions if solution.cost <= least * (1 + rough) + 1e-20)
-    problem = dataclasses.replace(problem, loss=loss)
-    if loss == "linear" or problem.data.uncertainty is not None:
-        return _reweighted(*with_noise(problem, best.theta, problem.noise))
+    squares = dataclasses.replace(squares, loss=loss)
+    if loss == "linear" or squares.data.uncertainty is not None:
+        return _reweighted(*with_noise(squares, best.theta, squares.noise))
     # What plain least squares finds, far rows may have moved to another valley, or to where most residuals are great.
     begins = [*begins, *(solution.theta for solution in solutions)]
     few = dataclasses.replace(few, loss=loss, noise=float(np.nanmin([_noise(few, theta) for theta in begins])))
     robust = [solution for theta in begins if (solution := descend(few, theta, ftol=rough)) is not None]
     best = min(robust, key=lambda solution: solution.cost)
-    problem, whole = with_noise(problem, best.theta, _noise(problem, best.theta))
+    squares, whole = with_noise(squares, best.theta, _noise(squares, best.theta))
     for _ in range(_NOISES):
-        noise = _noise(problem, whole.theta)
-        if abs(noise - problem.noise) < _SAME_NOISE * problem.noise:
+        noise = _noise(squares, whole.theta)
+        if abs(noise - squares.noise) < _SAME_NOISE * squares.noise:
             break
-        problem, whole = with_noise(problem, whole.theta, noise)
-    return problem, whole
+        squares, whole = with_noise(squares, whole.theta, noise)
+    return squares, whole
 
 
-def with_noise(problem: FitProblem, theta: np.ndarray, noise: float) -> tuple[FitProblem, FitSolution]:
-    """The problem with another noise of its robust loss, and the deepest of the valleys about θ."""
-    problem = dataclasses.replace(problem, noise=noise)
-    solution = settle(problem, theta)
+def with_noise(squares: LeastSquares, theta: np.ndarray, noise: float) -> tuple[LeastSquares, FitSolution]:
+    """The squares with another noise of its robust loss, and the deepest of the valleys about θ."""
+    squares = dataclasses.replace(squares, noise=noise)
+    solution = settle(squares, theta)
     if solution is None:
         raise CalibrationError("The model could not be fitted: impacts failed at the best start.")
-    return problem, solution
+    return squares, solution
 
 
-def _reweighted(problem: FitProblem, solution: FitSolution) -> tuple[FitProblem, FitSolution]:
+def _reweighted(squares: LeastSquares, solution: FitSolution) -> tuple[LeastSquares, FitSolution]:
     """The fit whose relative errors are of its own erosion, by fits with the errors of the one before."""
-    has_shares, names = problem.data.parts is not None or problem.data.share_of_speeds, problem.forward.names
+    has_shares, names = squares.data.parts is not None or squares.data.share_of_speeds, squares.problem.names
     for _ in range(_REWEIGHTED if has_shares else 0):
-        before, scatter = problem.data, None
-        fitted = problem.forward.predict(solution.theta, before.conditions)[0]
+        before, scatter = squares.data, None
+        fitted = squares.problem.predict(solution.theta, before.conditions)[0]
         if before.uncertainty is None:
             size = float(np.linalg.norm(before.over_errors(fitted)))
             rank = identify(names, solution.jacobian, np.ones(len(names)), size).rank
@@ -375,18 +352,20 @@ def _reweighted(problem: FitProblem, solution: FitSolution) -> tuple[FitProblem,
                for now, then in ((data.deviation, before.deviation), (data.common, before.common))
                if now is not None):  # fmt: skip
             break
-        problem, solution = with_noise(dataclasses.replace(problem, data=data), solution.theta, problem.noise)
-    return problem, solution
+        squares, solution = with_noise(dataclasses.replace(squares, data=data), solution.theta, squares.noise)
+    return squares, solution
 
 
-def _noise(problem: FitProblem, theta: np.ndarray) -> float:
+def _noise(squares: LeastSquares, theta: np.ndarray) -> float:
     """The standard deviation of most residuals; the least of them may be zero, as many as there are parameters."""
-    residuals = np.sort(np.abs(problem.residuals(theta)[0]))
+    residuals = np.sort(np.abs(squares.residuals(theta)[0]))
     free = min(len(theta), len(residuals) - 1)
     return max(_MAD * float(np.median(residuals[free:])), 1e-12)
 
 
-def settle(problem: FitProblem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT) -> FitSolution | None:
+def settle(
+    squares: LeastSquares, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT
+) -> FitSolution | None:
     """The deepest of the valleys about θ; arguments as for `descend`.
 
     When a parameter moves, a jump of V(α) passes rows one after the other, and the misfit steps
@@ -394,38 +373,38 @@ def settle(problem: FitProblem, theta: np.ndarray, held: int | None = None, ftol
     nearer than its errors and farther. A point below the minimum lies in a deeper valley. For
     very many rows this takes too long; there the search uses some of the rows.
     """
-    few, rough = problem.thinned(), max(ftol, _ROUGH / len(problem.data))
-    if held is None and few is not problem:
+    few, rough = squares.thinned(), max(ftol, _ROUGH / len(squares.data))
+    if held is None and few is not squares:
         of_few = settle(few, theta, ftol=rough)
         theta = theta if of_few is None else of_few.theta
-    best = descend(problem, theta, held, rough)
+    best = descend(squares, theta, held, rough)
     if best is None:
         return None
     rng = np.random.default_rng(0)
-    drawn = min(_DRAWN if held is None else _DRAWN_HELD, _SEARCHED // len(problem.data))
+    drawn = min(_DRAWN if held is None else _DRAWN_HELD, _SEARCHED // len(squares.data))
     reach = np.geomspace(*_REACH, drawn)[:, None]
-    names, size = problem.forward.names, float(np.linalg.norm(problem.data.over_errors(problem.data.erosion)))
+    names, size = squares.problem.names, float(np.linalg.norm(squares.data.over_errors(squares.data.erosion)))
     for _ in range(_HOPS if drawn else 0):
         modes = identify(names, best.jacobian, np.ones(len(names)), size).modes
-        spread = np.sqrt(2 * best.cost / max(len(problem.data) - modes.shape[1], 1))
+        spread = np.sqrt(2 * best.cost / max(len(squares.data) - modes.shape[1], 1))
         draws = best.theta + spread * reach * rng.standard_normal((drawn, modes.shape[1])) @ modes.T
-        draws = np.clip(draws, problem.lower, problem.upper)
-        costs = problem.costs(draws)
+        draws = np.clip(draws, squares.lower, squares.upper)
+        costs = squares.costs(draws)
         lowest = int(np.argmin(costs))
         if costs[lowest] >= best.cost:
             break
-        deeper = descend(problem, draws[lowest], held, rough)
+        deeper = descend(squares, draws[lowest], held, rough)
         best = best if deeper is None else deeper
-    return best if rough == ftol else descend(problem, best.theta, held, ftol)
+    return best if rough == ftol else descend(squares, best.theta, held, ftol)
 
 
 def descend(
-    problem: FitProblem, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT
+    squares: LeastSquares, theta: np.ndarray, held: int | None = None, ftol: float = _EXACT
 ) -> FitSolution | None:
     """The minimum down from θ.
 
     Args:
-        problem: the residuals.
+        squares: the residuals.
         theta: shape (names,).
         held: index of a parameter that keeps its value.
         ftol: relative tolerance of the cost.
@@ -439,25 +418,25 @@ def descend(
     def evaluate(part: bytes) -> tuple[np.ndarray, np.ndarray]:
         whole = theta.copy()
         whole[moving] = np.frombuffer(part)
-        return problem.residuals(whole)
+        return squares.residuals(whole)
 
     part = theta[moving]
     residuals, jacobian = evaluate(part.tobytes())
     if not (np.all(np.isfinite(residuals)) and np.all(np.isfinite(jacobian))):
         return None
     if not moving.any():
-        return FitSolution(theta, float(problem.cost(residuals)), np.zeros_like(jacobian))
+        return FitSolution(theta, float(squares.cost(residuals)), np.zeros_like(jacobian))
     # At a jump of the misfit the steps shrink; they end at a length that would change the cost too little on a slope.
     steepness = float(np.linalg.norm(jacobian[:, moving])) or np.inf
-    length = 0.1 * np.sqrt(ftol * float(problem.cost(residuals))) / steepness
+    length = 0.1 * np.sqrt(ftol * float(squares.cost(residuals))) / steepness
     with np.errstate(over="ignore"):
         result = optimize.least_squares(
             lambda part: evaluate(part.tobytes())[0],
             part,
             jac=lambda part: evaluate(part.tobytes())[1][:, moving],  # pyrefly: ignore
-            bounds=(problem.lower[moving], problem.upper[moving]),
-            loss=problem.loss,
-            f_scale=problem.noise,
+            bounds=(squares.lower[moving], squares.upper[moving]),
+            loss=squares.loss,
+            f_scale=squares.noise,
             xtol=max(_EXACT, length / max(float(np.linalg.norm(part)), 1.0)),
             ftol=ftol,
             gtol=1e-12,
@@ -465,61 +444,61 @@ def descend(
         )
     theta, jacobian = theta.copy(), np.zeros_like(jacobian)
     # scipy's steps never reach a bound: no threshold is 0, and not 1e-33.
-    at_least = result.x - problem.lower[moving] < _EXACT
-    theta[moving], jacobian[:, moving] = np.where(at_least, problem.lower[moving], result.x), result.jac
+    at_least = result.x - squares.lower[moving] < _EXACT
+    theta[moving], jacobian[:, moving] = np.where(at_least, squares.lower[moving], result.x), result.jac
     return FitSolution(theta, float(result.cost), jacobian)
 
 
-def _starts(problem: FitProblem, count: int) -> np.ndarray:
+def _starts(squares: LeastSquares, count: int) -> np.ndarray:
     """The first guess, and the best of `count` points about it, shape (points, names)."""
-    forward, start = problem.forward, problem.start
-    free = len(forward.free)
-    near = np.array([_NEAR[bool(logarithmic)] for logarithmic in forward.logarithmic[:free]])
+    problem, start = squares.problem, squares.start
+    free = len(problem.free)
+    near = np.array([_NEAR[bool(logarithmic)] for logarithmic in problem.logarithmic[:free]])
     low, high = (
-        np.maximum(start[:free] - near, problem.lower[:free]),
-        np.minimum(start[:free] + near, problem.upper[:free]),
+        np.maximum(start[:free] - near, squares.lower[:free]),
+        np.minimum(start[:free] + near, squares.upper[:free]),
     )
     spread = low + (high - low) * qmc.LatinHypercube(free, rng=0).random(max(count - 1, 0))
     begins = np.tile(start, (count, 1))
     begins[1:, :free] = spread
-    begins = _of_data_size(problem, begins)
-    costs = problem.costs(begins)
+    begins = _of_data_size(squares, begins)
+    costs = squares.costs(begins)
     ranked = [i for i in np.argsort(costs[1:]) + 1 if np.isfinite(costs[i])]
     return begins[[0, *ranked[: _FOLLOWED - 1]]]
 
 
-def _at_least_values(problem: FitProblem, ftol: float) -> list[np.ndarray]:
+def _at_least_values(squares: LeastSquares, ftol: float) -> list[np.ndarray]:
     """θ of the fits that hold one parameter at its least value: no threshold.
 
     There the misfit often has a valley of its own, whose floor is the bound. Points inside of the range miss it.
     """
     thetas = []
-    for i in np.flatnonzero(np.isfinite(problem.forward.limits[:, 0])):
-        theta = np.where(np.arange(len(problem.start)) == i, problem.lower, problem.start)
-        held = descend(problem, _of_data_size(problem, theta[None])[0], int(i), ftol)
+    for i in np.flatnonzero(np.isfinite(squares.problem.limits[:, 0])):
+        theta = np.where(np.arange(len(squares.start)) == i, squares.lower, squares.start)
+        held = descend(squares, _of_data_size(squares, theta[None])[0], int(i), ftol)
         thetas += [] if held is None else [held.theta]
     return thetas
 
 
-def _of_data_size(problem: FitProblem, thetas: np.ndarray, together: np.ndarray | None = None) -> np.ndarray:
+def _of_data_size(squares: LeastSquares, thetas: np.ndarray, together: np.ndarray | None = None) -> np.ndarray:
     """Several θ, shape (points, names), each with erosion of the data's size if a parameter that sets it is free.
 
     Args:
-        problem: the residuals.
+        squares: the residuals.
         thetas: shape (points, names).
         together: which stresses keep their ratio to σψ, shape (names,); none by default.
     """
-    names = problem.forward.names
+    names = squares.problem.names
     name = next((name for name in _SIZES if name in names), None)
     if name is None:
         return thetas
     thetas, at = thetas.copy(), names.index(name)
     for _ in range(_SIZED):
-        predicted = problem.forward.predict_many(thetas, problem.data.conditions)
-        weight = predicted / problem.data.deviation**2
+        predicted = squares.problem.predict_many(thetas, squares.data.conditions)
+        weight = predicted / squares.data.deviation**2
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            step = np.log((weight @ problem.data.erosion) / np.sum(weight * predicted, axis=1)) / _SIZES[name]
-        moved = np.clip(thetas[:, at] + np.where(np.isfinite(step), step, 0.0), problem.lower[at], problem.upper[at])
+            step = np.log((weight @ squares.data.erosion) / np.sum(weight * predicted, axis=1)) / _SIZES[name]
+        moved = np.clip(thetas[:, at] + np.where(np.isfinite(step), step, 0.0), squares.lower[at], squares.upper[at])
         if np.array_equal(moved, thetas[:, at]):
             break
         if together is not None and _SIZES[name] < 0:

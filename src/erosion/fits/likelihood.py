@@ -13,8 +13,8 @@ import numpy as np
 from scipy import special, stats
 
 from erosion.fits.errors import by_common, of_which
-from erosion.fits.forward import FACTORS, FRACTION, SCALE, Forward
-from erosion.fits.least_squares import default_width, make_problem
+from erosion.fits.least_squares import default_width, make_squares
+from erosion.fits.problem import FACTORS, FRACTION, SCALE, FitProblem
 from erosion.fits.tempering import Misfit
 from erosion.laws import LAWS, SHARE, JointLaw
 from erosion.models import SPEED_EXPONENT, SpeedExponent, quantities, ranges
@@ -31,8 +31,14 @@ _NOISES = {NOISE: (1e-4, 10.0), RELATIVE: (1e-4, 1.0)}
 """Of the typical erosion, and of each: from the digits of a balance to a model that explains nothing."""
 
 
-def make_likelihood(forward: Forward, given: Mapping[str, Any]) -> "Likelihood":
-    """The data's likelihood under the laws that are given, and for all other parameters under default ones.
+def flat_laws(problem: FitProblem, bounds: Mapping[str, tuple[float, float]]) -> dict[str, Any]:
+    """Laws by which all θ between bounds are alike."""
+    are_logs = dict(zip(problem.names, problem.logarithmic, strict=True))
+    return {name: LAWS["loguniform" if are_logs[name] else "uniform"](*ends) for name, ends in bounds.items()}
+
+
+def make_likelihood(problem: FitProblem) -> "Likelihood":
+    """The data's likelihood under the problem's priors and bounds, and for all other parameters under default laws.
 
     The default is as wide as a fit looks for a parameter: all factors from 1/100 to 100 of the fit's first guess are
     alike: of the case's value, but of ψ or σ of the value that gives the data's size. A spin may differ from the case's
@@ -43,59 +49,56 @@ def make_likelihood(forward: Forward, given: Mapping[str, Any]) -> "Likelihood":
     Raises:
         ValueError, TypeError: for laws of parameters that are not free, or that do not fit the parameter.
     """
-    of_error = (NOISE, RELATIVE) if forward.data.uncertainty is None else (ERROR_FACTOR,)
-    names = (*forward.names, *of_error)
+    given = {**flat_laws(problem, problem.bounds), **problem.priors}
+    of_error = (NOISE, RELATIVE) if problem.data.uncertainty is None else (ERROR_FACTOR,)
+    names = (*problem.names, *of_error)
     for name in given:
         if name not in names:
             raise ValueError(
                 f"Argument `priors` must name free parameters ({', '.join(names)}), but has {briefly(name)}."
             )
     names = tuple(name for name in names if name != ERROR_FACTOR or name in given)
-    laws = {name: given[name] if name in given else _default(forward, name) for name in names}
+    laws = {name: given[name] if name in given else _default(problem, name) for name in names}
     positive = dict.fromkeys((SCALE, *of_error), (0.0, np.inf))
-    priors = JointLaw(laws, argument="`priors` of `{}`").within({**ranges(forward.model), FRACTION: SHARE, **positive})
-    return Likelihood(forward, priors, tuple(given))
+    priors = JointLaw(laws, argument="`priors` of `{}`").within({**ranges(problem.model), FRACTION: SHARE, **positive})
+    return Likelihood(problem, priors, tuple(given))
 
 
 LAW_OF_EXPONENT = stats.norm(2.4, 0.3)
 """Of an exponent of the speed before the data, as metals have it."""
 
 
-def sampled_quantities(forward: Forward) -> dict[str, Quantity]:
+def sampled_quantities(problem: FitProblem) -> dict[str, Quantity]:
     """Symbol, meaning and dimension of all parameters that may be sampled."""
     of_error = {
-        NOISE: Quantity("s_n", "absolute part of a row's standard deviation", forward.data.dimension),
+        NOISE: Quantity("s_n", "absolute part of a row's standard deviation", problem.data.dimension),
         RELATIVE: Quantity("s_r", "part of a row's standard deviation that grows with the erosion", "1"),
         ERROR_FACTOR: Quantity("f", "true over stated errors", "1"),
     }
-    return {**quantities(forward.model), **FACTORS, **of_error}
+    return {**quantities(problem.model), **FACTORS, **of_error}
 
 
-def _default(forward: Forward, name: str) -> Any:
+def _default(problem: FitProblem, name: str) -> Any:
     if name == FRACTION:
         return stats.uniform(0.0, 1.0)
-    if name == SPEED_EXPONENT and isinstance(forward.model, SpeedExponent):
+    if name == SPEED_EXPONENT and isinstance(problem.model, SpeedExponent):
         return LAW_OF_EXPONENT
-    typical = float(np.sqrt(np.mean(forward.data.erosion**2)))
+    typical = float(np.sqrt(np.mean(problem.data.erosion**2)))
     if name in _NOISES:
         low, high = np.array(_NOISES[name]) * (typical if name == NOISE else 1.0)
         return stats.loguniform(low, high)
-    at = forward.names.index(name)
-    start, width = forward.start[at], default_width(forward)[at]
-    if forward.logarithmic[at]:
-        start = make_problem(forward, forward.data, {}).start[at]
+    at = problem.names.index(name)
+    start, width = problem.start[at], default_width(problem)[at]
+    if problem.logarithmic[at]:
+        start = make_squares(dataclasses.replace(problem, bounds={})).start[at]
     if name == SCALE:
-        computed = np.nan_to_num(forward.predict_many(forward.start[None], forward.data.conditions)[0])
+        computed = np.nan_to_num(problem.predict_many(problem.start[None], problem.data.conditions)[0])
         size = float(np.sqrt(np.mean(computed**2)))
         start = np.log(typical / size if size > 0 else 1.0)
-    low, high = forward.limits[at]
+    low, high = problem.limits[at]
     low, high = (start - width if low == -np.inf else low), (start + width if high == np.inf else high)
-    return even_law(forward.from_theta(name, low), forward.from_theta(name, high), logarithmic=forward.logarithmic[at])
-
-
-def even_law(low: float, high: float, *, logarithmic: bool) -> Any:
-    """All values between two alike, or all factors."""
-    return LAWS["loguniform" if logarithmic else "uniform"](low, high)
+    ends = float(problem.from_theta(name, low)), float(problem.from_theta(name, high))
+    return flat_laws(problem, {name: ends})[name]
 
 
 IMPACTS = 2**20
@@ -141,12 +144,12 @@ class Likelihood(Misfit):
     Many conditions are added in parts: while the sampler is far from the answer, few of them say where to go.
 
     Args:
-        forward: the model, and the data.
+        problem: the model, and the data.
         priors: the laws of the sampled parameters; those of the error come last.
         chosen: the parameters whose laws the user gave; the others are defaults.
     """
 
-    forward: Forward
+    problem: FitProblem
     priors: JointLaw
     chosen: tuple[str, ...]
 
@@ -157,12 +160,12 @@ class Likelihood(Misfit):
     @property
     def constant(self) -> float:
         """What squares over the data's `deviation` leave out of the log-likelihood."""
-        return -float(np.sum(np.log(self.forward.data.deviation) + 0.5 * np.log(2 * np.pi)))
+        return -float(np.sum(np.log(self.problem.data.deviation) + 0.5 * np.log(2 * np.pi)))
 
     @functools.cached_property
     def parts(self) -> list["_RowPart"]:
         """The rows of each part, by conditions, in an order of chance that is always the same."""
-        data = self.forward.data
+        data = self.problem.data
         values, places = data.at_conditions()
         count = values.shape[1]
         weights = data.deviation**-2
@@ -226,7 +229,7 @@ class Likelihood(Misfit):
             predicted: the erosion that is expected, shape (n, conditions).
             pooled: the rows.
         """
-        data = self.forward.data
+        data = self.problem.data
         if data.uncertainty is None:
             absolute, relative = (values[name][:, None] for name in (NOISE, RELATIVE))
             return (absolute**2 + (relative * predicted) ** 2) / data.deviation[0] ** 2
@@ -241,7 +244,7 @@ class Likelihood(Misfit):
 
         Arguments as of `variances`.
         """
-        share = self.forward.data.share_of_speeds
+        share = self.problem.data.share_of_speeds
         if not share:
             return None
         factor = values[ERROR_FACTOR][:, None] if ERROR_FACTOR in values else 1.0
@@ -261,6 +264,6 @@ class Likelihood(Misfit):
         """
         count, rows = len(next(iter(values.values()))), len(conditions["alpha"])
         size = max(IMPACTS // rows, 1)
-        of_model = {name: values[name] for name in self.forward.names}
+        of_model = {name: values[name] for name in self.problem.names}
         parts = [{name: column[i : i + size] for name, column in of_model.items()} for i in range(0, count, size)]
-        return np.concatenate([self.forward.erosion(part, conditions, _RTOL) for part in parts])
+        return np.concatenate([self.problem.erosion(part, conditions, _RTOL) for part in parts])

@@ -13,7 +13,7 @@ from erosion.fits.doubts import LEVEL
 from erosion.fits.errors import ErrorModel
 from erosion.fits.fit import Fit
 from erosion.fits.measurements import Measurements
-from erosion.fits.ranking import PosteriorRanking
+from erosion.fits.ranking import rank
 from erosion.models import model_name
 from erosion.output import briefly, sentences
 from erosion.parameters import QUANTITIES, array_of
@@ -167,7 +167,7 @@ class NextTest(Result):
 
 
 def next_test(
-    source: Fit | PosteriorRanking,
+    source: Fit | Sequence[Fit],
     candidates: Mapping[str, Any] | None = None,
     *,
     for_prediction: Mapping[str, float] | None = None,
@@ -183,7 +183,7 @@ def next_test(
     is right: the expected drop of entropy (Lindley 1956).
 
     Args:
-        source: a fit, or several models' posteriors (`rank_posteriors`), with their probabilities.
+        source: a fit, or fits of several models, which count by their weights (see `rank`).
         candidates: values of α [rad] and other conditions of the case, such as {"alpha": …, "v0": …}, arrays that
             broadcast; without it angles from the least to the greatest of the data, at the condition of most rows.
         for_prediction: the condition that is asked for, such as {"alpha": 0.5, "v0": 60.0}; without an angle that of
@@ -198,8 +198,13 @@ def next_test(
     References:
         D. V. Lindley, On a measure of the information provided by an experiment, Ann. Math. Stat. 27 (1956) 986-1005.
     """
-    fits: Sequence[Fit] = source.posteriors if isinstance(source, PosteriorRanking) else (source,)
-    weights = source.weights if isinstance(source, PosteriorRanking) else np.ones(1)
+    fits: Sequence[Fit] = (source,) if isinstance(source, Fit) else source
+    weights = np.ones(1)
+    if len(fits) != 1:
+        ranking = rank(fits)  # pyrefly: ignore
+        fits, weights = ranking.fits, ranking.weights
+    if np.isnan(weights).any():
+        raise ValueError("Argument `source` must have fits whose AICc is known, but the tests are too few for it.")
     if not isinstance(noise, ErrorModel | None):
         check_unmasked("noise", noise)
         given = array_of(noise)
@@ -229,8 +234,8 @@ def next_test(
         np.nanmean([np.nanmean(drawn.errors, axis=0) for drawn in of_fits], axis=0),
         {name: float(values) for name, values in target.items()},
         _WIDTHS * deviation / abs(middle) if middle else np.nan,
-        tuple(model_name(fit.forward.model) for fit in fits),
-        next(fit.forward.p.units for fit in fits),
+        tuple(model_name(fit.problem.model) for fit in fits),
+        next(fit.problem.p.units for fit in fits),
     )
 
 
@@ -263,9 +268,9 @@ class _Drawn:
         means, errors = predictor.with_errors(both["alpha"], at, draws, noise=True if noise is None else noise)
         chosen = [values for _, values in predictor.chosen(draws) if len(next(iter(values.values())))]
         thetas = np.stack([
-            np.concatenate([values[name] for values in chosen]) for name in fit.forward.names
+            np.concatenate([values[name] for values in chosen]) for name in fit.problem.names
         ], axis=1)  # fmt: skip
-        thetas = np.where(fit.forward.logarithmic, np.log(np.where(fit.forward.logarithmic, thetas, 1.0)), thetas)
+        thetas = np.where(fit.problem.logarithmic, np.log(np.where(fit.problem.logarithmic, thetas, 1.0)), thetas)
         known = np.isfinite(means[:, -1])
         return cls(means[known, :-1], errors[known, :-1], means[known, -1], thetas[known])
 
@@ -335,10 +340,10 @@ def _conditions(
         others["alpha"] = np.deg2rad(tested_degrees(fit.data))
     if "alpha" not in others:
         raise ValueError("Argument `candidates` must give angles, `alpha`, but gives none.")
-    named = {*others, *asked} & {*QUANTITIES} - {"alpha", *fit.forward.free}
-    usual = {**{name: getattr(fit.forward.p, name) for name in sorted(named)}, **fit.data.usual}
+    named = {*others, *asked} & {*QUANTITIES} - {"alpha", *fit.problem.free}
+    usual = {**{name: getattr(fit.problem.p, name) for name in sorted(named)}, **fit.data.usual}
     alpha = others.pop("alpha")
-    checked, *_ = [each.forward.conditions(alpha, others, usual) for each in fits]
+    checked, *_ = [each.problem.conditions(alpha, others, usual) for each in fits]
     given = dict(asked)
     at = given.pop("alpha", None)
     if at is None:
@@ -348,7 +353,7 @@ def _conditions(
         if not works.any():
             raise ValueError("Argument `for_prediction` must give an angle, because no tested one has a prediction.")
         at = float(tested[works][int(np.argmax(np.nanmean(curves[:, works], axis=0)))])
-    target = fit.forward.conditions(at, given, usual)
+    target = fit.problem.conditions(at, given, usual)
     if any(values.size != 1 for values in target.values()):
         raise ValueError(f"Argument `for_prediction` must have one number each, but is {briefly(asked)}.")
     return {name: values.reshape(-1) for name, values in checked.items()}, {

@@ -71,10 +71,10 @@ def chances(residuals: np.ndarray, slopes: np.ndarray, fitted: np.ndarray, freed
 
 def far_rows(fit: "Calibration") -> list[str]:
     """A sentence on the row that is furthest off, or on those that a robust loss holds back."""
-    data, problem = fit.data, fit.problem
-    residuals = problem.data.over_errors(fit.residuals)
-    if problem.loss != "linear":
-        return _held_back(fit, problem.weights(residuals))
+    data, squares = fit.data, fit.squares
+    residuals = squares.data.over_errors(fit.residuals)
+    if squares.loss != "linear":
+        return _held_back(fit, squares.weights(residuals))
     freedom = fit.degrees_of_freedom
     if freedom < 2 or not residuals.any():
         return []
@@ -83,19 +83,19 @@ def far_rows(fit: "Calibration") -> list[str]:
     row = int(np.argmin(odds))
     # A few other rows may be fitted too well by chance.
     usual = FEW_PER_CENT * np.abs(data.erosion).max() if data.uncertainty is None else _USUAL * data.uncertainty[row]
-    if abs(residuals[row] * problem.data.deviation[row]) <= usual:
+    if abs(residuals[row] * squares.data.deviation[row]) <= usual:
         return []
     probability = min(1.0, len(data) * float(odds[row]))
     return [_outlier(fit, row, probability)] if probability < _UNLIKELY else []
 
 
 def _outlier(fit: "Calibration", row: int, probability: float) -> str:
-    data, problem = fit.data, fit.problem
-    others = dataclasses.replace(problem, data=problem.data.of_rows(np.flatnonzero(np.arange(len(data)) != row)))
+    data, squares = fit.data, fit.squares
+    others = dataclasses.replace(squares, data=squares.data.of_rows(np.flatnonzero(np.arange(len(data)) != row)))
     without, changes = settle(others, fit.solution.theta), ""
     if without is not None:
         values = [
-            float(problem.forward.from_theta(name, theta)) for name, theta in zip(fit.names, without.theta, strict=True)
+            float(squares.problem.from_theta(name, theta)) for name, theta in zip(fit.names, without.theta, strict=True)
         ]
         parts = [
             f"{name} = {fit.in_words(name, value)} (with it {fit.in_words(name, fit.estimates[name])})"
@@ -120,4 +120,4 @@ def _held_back(fit: "Calibration", weights: np.ndarray) -> list[str]:
     data = fit.data
     listed = ", ".join(f"{data.where(row)} (to {weights[row]:.0%})" for row in rows[:_LISTED])
     more = f" and {len(rows) - _LISTED:,} more" if len(rows) > _LISTED else ""
-    return [f"{data.source}: the loss {fit.problem.loss} weighs down {listed}{more}."]
+    return [f"{data.source}: the loss {fit.squares.loss} weighs down {listed}{more}."]

@@ -4,7 +4,6 @@ import dataclasses
 import functools
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +12,7 @@ from scipy import special, stats
 
 from erosion.arguments import Progress, check_share, check_whole, no_progress
 from erosion.fits.doubts import LEVEL, POOR, rounded
-from erosion.fits.errors import ErrorModel
 from erosion.fits.fit import Fit
-from erosion.fits.forward import FREE, Forward, make_forward
 from erosion.fits.least_squares import Group, identify
 from erosion.fits.likelihood import (
     OF_ERROR,
@@ -25,6 +22,7 @@ from erosion.fits.likelihood import (
 )
 from erosion.fits.predicted import ANGLES, BestAngles, highest
 from erosion.fits.prediction import Noise, Predictor, make_predictor, of_model
+from erosion.fits.problem import FitProblem
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
 from erosion.impacts.batch import impact
 from erosion.impacts.optimum import alpha_max
@@ -69,17 +67,17 @@ class Posterior(Fit):
     @property
     def model(self) -> CuttingModel:
         """The model, its own parameters as they were given."""
-        return self.likelihood.forward.model
+        return self.likelihood.problem.model
 
     @property
     def p(self) -> Parameters:
         """The case, its parameters as they were given."""
-        return self.likelihood.forward.p
+        return self.likelihood.problem.p
 
     @property
-    def forward(self) -> Forward:
+    def problem(self) -> FitProblem:
         """The model, the case and the data."""
-        return self.likelihood.forward
+        return self.likelihood.problem
 
     @property
     def priors(self) -> JointLaw:
@@ -102,7 +100,7 @@ class Posterior(Fit):
     @property
     def quantities(self) -> dict[str, Quantity]:
         """Symbol, meaning and dimension of each parameter."""
-        known = sampled_quantities(self.likelihood.forward)
+        known = sampled_quantities(self.likelihood.problem)
         return {name: known[name] for name in self.names}
 
     @property
@@ -199,13 +197,13 @@ class Posterior(Fit):
     @functools.cached_property
     def groups(self) -> Sequence[Group]:
         """The parameters that the data cannot tell apart, at the likeliest draw."""
-        theta, deviation = self.forward.theta(self.likeliest), self.data.deviation
-        predicted, rates = self.forward.predict(theta, self.data.conditions)
+        theta, deviation = self.problem.theta(self.likeliest), self.data.deviation
+        predicted, rates = self.problem.predict(theta, self.data.conditions)
         jacobian = rates / deviation[:, None]
-        if len(self.data) < len(self.forward.names) or not np.isfinite(jacobian).all():
+        if len(self.data) < len(self.problem.names) or not np.isfinite(jacobian).all():
             return ()
-        exponent = np.where(self.forward.logarithmic | (theta == 0), 1.0, theta)
-        return identify(self.forward.names, jacobian, exponent, float(np.linalg.norm(predicted / deviation))).groups
+        exponent = np.where(self.problem.logarithmic | (theta == 0), 1.0, theta)
+        return identify(self.problem.names, jacobian, exponent, float(np.linalg.norm(predicted / deviation))).groups
 
     def _ridges(self) -> list[str]:
         """Parameters that the data cannot tell apart, in the words of a fit."""
@@ -220,7 +218,7 @@ class Posterior(Fit):
 
     def cases(self, count: int = _SOME) -> tuple[CuttingModel, Parameters]:
         """Model and case at draws, as arrays of shape (count,), for `erosion.impact` and all that takes arrays."""
-        of_impact = self.likelihood.forward.of_impact
+        of_impact = self.likelihood.problem.of_impact
         return with_values(self.model, self.p, {name: self.some(count)[name] for name in of_impact})
 
     def derive(self, function: Callable[[CuttingModel, Parameters], Any], count: int = _SOME) -> Any:
@@ -289,7 +287,7 @@ class Posterior(Fit):
     def ends(self, alpha: Any, at: Mapping[str, Any] | None = None, count: int = _SOME) -> np.ndarray:
         """How the cuts end at angles, for draws of the parameters; arguments and shape as of `predict`."""
         asked = self._of_model.question(alpha, at)
-        draws, of_impact = self.some(count), self.likelihood.forward.of_impact
+        draws, of_impact = self.some(count), self.likelihood.problem.of_impact
         model, p = with_values(self.model, self.p, {name: draws[name][:, None] for name in of_impact})
         shape, flat = asked["alpha"].shape, {name: column.ravel() for name, column in asked.items()}
         ends = impact(model, dataclasses.replace(p, **flat)).ended_by  # pyrefly: ignore
@@ -404,15 +402,8 @@ _LEAST = 125  # draws of a population, of which 100 can be effective
 
 
 def posterior(
-    model: CuttingModel | str | Path,
-    p: Parameters,
-    data: Any,
-    free: Sequence[str] = FREE,
+    problem: FitProblem,
     *,
-    priors: Mapping[str, Any] | None = None,
-    density: float | str | None = None,
-    cutting_fraction: float = 1.0,
-    error: ErrorModel | float | str | None = None,
     draws: int = 500,
     seed: int = 0,
     discrepancy: bool = True,
@@ -423,23 +414,18 @@ def posterior(
 
         from scipy import stats
         priors = {"psi": stats.loguniform(0.01, 0.2)}
-        erosion.posterior("rotating", p, data, free=["k", "psi"], priors=priors).samples["psi"]
+        problem = erosion.FitProblem("rotating", p, data, ["k", "psi"], priors=priors)
+        erosion.posterior(problem).samples["psi"]
 
     No gradient is used, as V(α) jumps: see `erosion.fits.tempering`. The evidence comes with the draws.
 
+    Rows without uncertainties have normal errors of unknown size, √(a² + (b E)²) of their erosion E: the parameters
+    "noise", a [of the data], and "relative_noise", b. Erosion in units of its own has an unknown factor, "scale". A
+    parameter without a prior or bounds has all factors from 1/100 to 100 of the fit's first guess alike, see
+    docs/posterior.md. The result names all priors.
+
     Args:
-        model: a model, its name, or the path of its file.
-        p: the case: the values of all parameters that are not free, and the middle of default priors.
-        data: as for `calibrate`. Rows without uncertainties have normal errors of unknown size, √(a² + (b E)²) of their
-            erosion E: the parameters "noise", a [of the data], and "relative_noise", b. Erosion in units of its own has
-            an unknown factor, "scale".
-        free: the parameters to draw, of the case or the model's own: ["k", "psi"]; or "cutting_fraction".
-        priors: by parameter, also "noise", "relative_noise", "scale", and for uncertainties that may be too small
-            "error_factor", on all of them: a law (`erosion.laws`), in the case's units. Without one: all factors from
-            1/100 to 100 of the fit's first guess alike, see docs/posterior.md. The result names them all.
-        density: of the target, as for `calibrate`.
-        cutting_fraction: as for `calibrate`; where it is free, its prior counts alone.
-        error: as for `calibrate`; "5 % of each speed" alone leaves the rows' own errors to be sampled.
+        problem: the model, the case, the tests, and what is free with its priors.
         draws: of each of the 4 populations, 125 or more.
         seed: the same seed gives the same draws.
         discrepancy: whether predictions hold a discrepancy and an exponent of the speed; draws of parameters never do,
@@ -448,10 +434,10 @@ def posterior(
         progress: called with the name of the work, how much of it is done in percent, and 100.
 
     Returns:
-        Draws, evidence, and sentences on all that is doubtful.
+        Draws, evidence, and findings on all that is doubtful.
 
     Raises:
-        ValueError, TypeError: for arguments or data that cannot be used (data: `MeasurementError`).
+        ValueError, TypeError: for arguments that cannot be used.
         SamplingError: where all impacts fail.
         MissingExtraError: without the extra `posterior`.
 
@@ -459,8 +445,7 @@ def posterior(
         ConvergenceWarning: where the draws are not good enough; the result says so, too.
     """
     require_float64()
-    forward = make_forward(model, p, data, free, density, cutting_fraction, error)
-    likelihood = make_likelihood(forward, priors or {})
+    likelihood = make_likelihood(problem)
     draws, seed = check_whole("draws", draws, _LEAST), check_whole("seed", seed, 0)
     shape = CHAINS, draws, likelihood.priors.dimension
     run = sample(likelihood, shape, np.random.default_rng(seed), _are_good, progress)

@@ -10,6 +10,7 @@ from scipy import special
 
 from erosion.arguments import check_share
 from erosion.fits.doubts import LEVEL
+from erosion.fits.fit import Fit
 from erosion.fits.prediction import Predictor
 from erosion.impacts import Optimum
 from erosion.models.registry import model_name
@@ -75,7 +76,7 @@ class Predictions(Result):
     def title(self) -> str:
         """The model, what it predicts, and the tests."""
         data = self.predictor.data
-        name = model_name(self.predictor.forward.model)
+        name = model_name(self.predictor.problem.model)
         return f"{name}: {data.quantity.meaning} by the fit to {len(data):,} rows of {data.source}"
 
     def declare(self) -> list[Declared]:
@@ -138,18 +139,23 @@ class Predictions(Result):
         return to_csv(columns)
 
 
-def predictions(
-    predictor: Predictor, alpha: Any, at: Mapping[str, Any] | None = None, level: float = 0.95
+def predict(
+    source: Fit | Predictor, alpha: Any, at: Mapping[str, Any] | None = None, *, level: float = LEVEL
 ) -> Predictions:
     """The mean of the erosion at questions, with an interval of the mean and one of a new weighing.
 
+        erosion.predict(fit, np.deg2rad([20.0, 40.0]), {"v0": 60.0})
+
+    The intervals also hold what the model may lack, see `erosion.fits.prediction`.
+
     Args:
-        predictor: of a fit.
+        source: a fit, or its predictor.
         alpha: α [rad], of any shape.
         at: other parameters of the case, numbers or arrays that broadcast with `alpha`; a speed or a mass that is not
             given and differs from row to row is that of `Predictor.usual`, and the table has it.
         level: of the intervals.
     """
+    predictor = source.predictor if isinstance(source, Fit) else source
     asked = {name: column.ravel() for name, column in predictor.question(alpha, at).items()}
     shares = (1 - check_share("level", level)) / 2, (1 + level) / 2
     parts, lost = [], []

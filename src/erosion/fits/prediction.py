@@ -18,11 +18,11 @@ from scipy import special, stats
 from erosion.arguments import Progress, check_whole, no_progress
 from erosion.fits.discrepancy import EXPONENT, PRIORS, Discrepant, with_few_conditions
 from erosion.fits.errors import ErrorModel
-from erosion.fits.forward import Forward
 from erosion.fits.importance import SETTINGS, sample_near
 from erosion.fits.likelihood import ERROR_FACTOR, NOISE, OF_ERROR, RELATIVE, Likelihood
 from erosion.fits.measurements import Measurements
 from erosion.fits.outliers import chances
+from erosion.fits.problem import FitProblem
 from erosion.fits.tempering import sample
 from erosion.laws import JointLaw, law_in_words
 from erosion.models import own_parameters
@@ -67,25 +67,25 @@ class Predictor(Result):
     """What a fit knows of the erosion between its rows and beyond them.
 
     Args:
-        forward: the model, the case and the data.
+        problem: the model, the case and the data.
         ways: the ways to read the data, by name: "discrepancy", "exponent" and "model", those that can be; rows of many
             conditions are put together there.
         seed: of what is drawn for a prediction.
     """
 
-    forward: Forward
+    problem: FitProblem
     ways: Mapping[str, Way]
     seed: int
 
     @property
     def data(self) -> Measurements:
         """The measurements."""
-        return self.forward.data
+        return self.problem.data
 
     def in_unit(self, unit: str) -> "Predictor":
         """The same, whose tables and figures show erosion in a unit; see `Measurements.in_unit`."""
-        forward = dataclasses.replace(self.forward, data=self.data.in_unit(unit))
-        return dataclasses.replace(self, forward=forward)
+        problem = dataclasses.replace(self.problem, data=self.data.in_unit(unit))
+        return dataclasses.replace(self, problem=problem)
 
     def to_specific_volume(self, mass: float) -> float:
         """Volume per mass of particles [m³/kg] over the erosion of the tests.
@@ -93,7 +93,7 @@ class Predictor(Result):
         Args:
             mass: of a particle [kg], where the tests are of one impact.
         """
-        data, density = self.data, self.forward.density
+        data, density = self.data, self.problem.density
         factor = conversion_factor(data.dimension, data.units, "si")
         if data.needs_density:
             assert density is not None
@@ -132,7 +132,7 @@ class Predictor(Result):
     @property
     def exponent(self) -> tuple[float, float] | None:
         """Mean and standard deviation of the speed's exponent over the model's v², in the average; None without."""
-        held = self.forward.held_exponent
+        held = self.problem.held_exponent
         if held is None or not any(way.misfit.has_exponent for way in self.ways.values()):
             return None
         draws = [values.get(EXPONENT, np.full(_size(values), held)) for _, values in self.chosen(_MIXED)]
@@ -200,12 +200,12 @@ class Predictor(Result):
 
     def question(self, alpha: Any, at: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
         """What is asked, speed and mass among it, as arrays of one shape; arguments as of `predict`."""
-        return self.forward.conditions(alpha, at, self.usual)
+        return self.problem.conditions(alpha, at, self.usual)
 
     def outside(self, alpha: Any, at: Mapping[str, Any] | None = None) -> tuple[Finding, ...]:
         """How far a question lies outside the tests; arguments as of `predict`."""
-        given = {name: getattr(self.forward.p, name) for name in self.forward.tested.ranges}
-        return tuple(self.forward.tested.outside(given | self.question(alpha, at), self.data.units))
+        given = {name: getattr(self.problem.p, name) for name in self.problem.tested.ranges}
+        return tuple(self.problem.tested.outside(given | self.question(alpha, at), self.data.units))
 
     @property
     def row_errors(self) -> np.ndarray:
@@ -238,7 +238,7 @@ class Predictor(Result):
     @functools.cached_property
     def _missed(self) -> str:
         """A sentence on the rows that a new weighing would not give; empty where it would give all."""
-        data, few = self.data, self.ways["model"].misfit.plain.forward.data
+        data, few = self.data, self.ways["model"].misfit.plain.problem.data
         at = dict(few.conditions)
         means, ways = self._means(at.pop("alpha"), at, _SOME)
         own, common = (np.mean(errors**2, axis=0) for errors in self._errors(means, ways))
@@ -294,16 +294,16 @@ def of_model(likelihood: Likelihood, values: Mapping[str, np.ndarray], log_evide
         seed: see `Predictor`.
     """
     misfit = Discrepant(likelihood, has_exponent=False, has_discrepancy=False)
-    return Predictor(likelihood.forward, {"model": Way(misfit, values, log_evidence)}, seed)
+    return Predictor(likelihood.problem, {"model": Way(misfit, values, log_evidence)}, seed)
 
 
-def predictor_of(forward: Forward, ways: Mapping[str, Mapping[str, Any]], seed: int) -> Predictor:
+def predictor_of(problem: FitProblem, ways: Mapping[str, Mapping[str, Any]], seed: int) -> Predictor:
     """Predictions by draws that were kept: by way, the arguments of `Way` but for its likelihood."""
-    whole = Likelihood(forward, JointLaw(), ())
+    whole = Likelihood(problem, JointLaw(), ())
     few = with_few_conditions(whole) if len(ways) > 1 else whole
     kept = {name: Way(Discrepant(few, EXPONENT in way["values"], name == "discrepancy"), **way)
             for name, way in ways.items()}  # fmt: skip
-    return Predictor(forward, kept, seed)
+    return Predictor(problem, kept, seed)
 
 
 def make_predictor(
@@ -322,13 +322,13 @@ def make_predictor(
         progress: as of `posterior`.
         model: the model alone, where it is drawn already.
     """
-    few, rng, forward = with_few_conditions(whole), np.random.default_rng([seed, 2]), whole.forward
+    few, rng, problem = with_few_conditions(whole), np.random.default_rng([seed, 2]), whole.problem
     if model is None or few is not whole:
         model = drawn(Discrepant(few, False, False), estimates, rng, progress)
     ways = {"model": model}
-    exponent = "v0" not in forward.free and EXPONENT not in own_parameters(forward.model)
-    exponent = exponent and forward.held_exponent is not None
-    if exponent and forward.data.has_one_speed:  # n has no influence on these data
+    exponent = "v0" not in problem.free and EXPONENT not in own_parameters(problem.model)
+    exponent = exponent and problem.held_exponent is not None
+    if exponent and problem.data.has_one_speed:  # n has no influence on these data
         count = _size(model.values)
         law = {**model.values, EXPONENT: PRIORS[EXPONENT].ppf((rng.permutation(count) + 0.5) / count)}
         misfit = dataclasses.replace(model.misfit, has_exponent=True)
@@ -339,7 +339,7 @@ def make_predictor(
     weights = special.softmax([way.log_evidence for way in ways.values()]).tolist()
     weighed = {name: dataclasses.replace(way, weight=weight)
                for (name, way), weight in zip(ways.items(), weights, strict=True)}  # fmt: skip
-    return Predictor(forward, weighed, seed)
+    return Predictor(problem, weighed, seed)
 
 
 def _some_of(values: Mapping[str, np.ndarray], count: int) -> dict[str, np.ndarray]:

@@ -1,4 +1,4 @@
-"""`rank_models` and `rank_posteriors`: several models and the same data, ordered by Akaike's criterion or by evidence.
+"""`rank`: fits of several models to the same data, ordered by Akaike's criterion or by evidence.
 
 The criterion counts parameters so dearly where rows are few that it may put a model first which misses the data by far.
 So a model whose misfit is no noise, by the uncertainties, by the rows' own scatter or by the misfit of another model,
@@ -7,28 +7,24 @@ is not ranked. Nor is one with too many parameters for the criterion.
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from typing import TypeVar, overload
 
 import numpy as np
 
-from erosion.arguments import Progress, no_progress
-from erosion.fits.calibration import Calibration, calibrate
+from erosion.arguments import Progress, no_progress, refuse
+from erosion.fits.calibration import Calibration
 from erosion.fits.doubts import RARE, is_beyond_scatter, is_poor, variances_differ, worst_row
-from erosion.fits.errors import ErrorModel
 from erosion.fits.fit import Fit
-from erosion.fits.forward import FRACTION, FREE, USUAL_FREE, USUAL_MODELS
 from erosion.fits.least_squares import CalibrationError, with_noise
-from erosion.fits.measurements import read_measurements
 from erosion.fits.outliers import FEW_PER_CENT
-from erosion.fits.posterior import Posterior, posterior
+from erosion.fits.posterior import Posterior
+from erosion.fits.problem import FitProblem
 from erosion.fits.tempering import SamplingError
-from erosion.models import CuttingModel, load_model, model_name, own_in_words, quantities, usable_models
+from erosion.models import model_name, own_in_words
 from erosion.output import format_number, sentences
-from erosion.parameters import Parameters
 from erosion.results import Columns, Declared, Finding, Mark, Part, Result, Scale, Value, stated
 
-_Models = Sequence[CuttingModel | str | Path] | None
+_Fit = TypeVar("_Fit", bound=Fit)
 _EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)
 _SAME = 1e-5  # of the typical erosion: fits that differ by less are the same curve
 
@@ -207,89 +203,87 @@ class Ranking(Result):
         return f"{len(self.fits)} models fitted to {len(self.best.data):,} rows of {self.best.data.source}"
 
 
-def rank_models(
-    p: Parameters,
-    data: Any,
-    free: Sequence[str] | None = None,
-    *,
-    models: Sequence[CuttingModel | str | Path] | None = None,
-    progress: Progress = no_progress,
-    bounds: Mapping[str, Sequence[float]] | None = None,
-    error: ErrorModel | float | str | None = None,
-    **options: Any,
-) -> Ranking:
-    """Fit several models to the same data and order them by AICc; those whose misfit is no noise are not ranked.
+def fit_each(
+    problems: Sequence[FitProblem], fit: Callable[[FitProblem, Progress], _Fit], progress: Progress = no_progress
+) -> tuple[list[_Fit], tuple[str, ...]]:
+    """The fits of several problems, and a sentence for each that fails.
+
+        fits, failures = fit_each(problems, lambda problem, progress: erosion.calibrate(problem, starts=8))
 
     Args:
-        p: the case: the first guess of the free parameters, and the values of all others.
-        data: as for `calibrate`.
-        free: the parameters to fit; in each model those that it has. Without it and models `linearized` with and
-            without deformation is fitted, k, ψ and the energy ratio are free; without it k and ψ.
-        models: models, names or paths; every registered model without it.
-        progress: called before each fit with "fitting" and the model's name, how many models are done, and how
-            many there are.
-        bounds: as for `calibrate`; in each model those of its free parameters.
-        error: as for `calibrate`.
-        options: `density`, `cutting_fraction`, `loss` and `starts` of `calibrate`. A robust loss has the
-            same noise for all models, the least of their fits: what is far off is the same for all.
+        problems: such as those of `FitProblem.of_models`.
+        fit: the fit of a problem, which tells how much of it is done.
+        progress: called with what is done to which model, how many parts of the whole are done, and how many there are.
 
     Raises:
-        ValueError: for arguments or data that cannot be used.
-        CalibrationError: if no model could be fitted.
+        CalibrationError, SamplingError: if no model could be fitted.
     """
-    measured, (models, free) = read_measurements(data, p.units, error=error), _usual(models, free)
+    fits, failures = [], dict[str, type[RuntimeError]]()
+    for at, problem in enumerate(problems):
+        name = model_name(problem.model)
+        progress(f"fitting {name}", at, len(problems))
 
-    def fitted(model: CuttingModel, own_free: Sequence[str], own_bounds: dict[str, Any], at: tuple[int, int]) -> Any:
-        progress(f"fitting {model_name(model)}", *at)
-        return calibrate(model, p, measured, own_free, bounds=own_bounds, **options)
+        def of_all(work: str, done: int, total: int, at: int = at, name: str = name) -> None:
+            progress(f"{work} {name}", total * at + done, total * len(problems))
 
-    fits, failures = _of_each(models, free, bounds or {}, fitted, CalibrationError)
-    # Robust losses of several noises are not comparable, so the least is taken.
-    noise = min(fit.problem.noise for fit in fits)
-    fits = [fit if fit.problem.noise == noise else Calibration(*with_noise(fit.problem, fit.solution.theta, noise))
-            for fit in fits]  # fmt: skip
-    reasons = _reasons(fits)
-    # Models of the same curve differ by rounding: they keep their order.
-    order = sorted(range(len(fits)), key=lambda at: (reasons[at] != "", round(fits[at].aicc, 3), fits[at].variance))
-    fits = [fits[at] for at in order]
-    ties = tuple(tuple(model_name(fit.model) for fit in group) for group in _curves(fits) if len(group) > 1)
-    return Ranking(tuple(fits), ties, failures, tuple(reasons[at] for at in order if reasons[at]))
+        try:
+            fits.append(fit(problem, of_all))
+        except (CalibrationError, SamplingError) as error:
+            failures[f"{name}: {error}"] = type(error)
+    if not fits:
+        raise next(iter(failures.values()))(" ".join(failures))
+    return fits, tuple(failures)
 
 
-def _usual(models: _Models, free: Sequence[str] | None) -> tuple[_Models, Sequence[str]]:
-    """The models and the free parameters, also where they are not named."""
-    if free is not None:
-        return models, free
-    return (USUAL_MODELS, USUAL_FREE) if models is None else (models, FREE)
+@overload
+def rank(fits: Sequence[Calibration], failures: Sequence[str] = ()) -> Ranking: ...
+@overload
+def rank(fits: Sequence[Posterior], failures: Sequence[str] = ()) -> "PosteriorRanking": ...
+def rank(fits: Sequence[Fit], failures: Sequence[str] = ()) -> "Ranking | PosteriorRanking":
+    """Order fits of several models to the same tests: by AICc, or posteriors by their evidence.
 
+        problems = erosion.FitProblem.of_models(["linearized", "rotating"], p, data, ["k", "psi"])
+        erosion.rank([erosion.calibrate(problem) for problem in problems])
 
-def _of_each(
-    models: Sequence[CuttingModel | str | Path] | None,
-    free: Sequence[str],
-    limits: Mapping[str, Any],
-    fit: Callable[[CuttingModel, Sequence[str], dict[str, Any], tuple[int, int]], Any],
-    failure: type[Exception],
-) -> tuple[list[Any], tuple[str, ...]]:
-    """The results of all models, and a sentence for each that fails.
+    Calibrations whose misfit is no noise are not ranked. A robust loss gets the same noise for all models, the least of
+    their fits: what is far off is the same for all.
+
+    The evidence judges a model together with its priors: a prior ten times as wide as it need be takes ln 10 = 2.3 from
+    ln Z of a parameter that the data determine. Give priors that mean something before its verdict is trusted.
 
     Args:
-        models: as for `rank_models`.
-        free: as for `rank_models`.
-        limits: of parameters, bounds or laws.
-        fit: takes a model, those of the free parameters and limits that it has, its number, and how many there are.
-        failure: the error of a model that fails, and of all.
+        fits: all calibrations, or all posteriors.
+        failures: a sentence for each model that could not be fitted, see `fit_each`.
+
+    Raises:
+        ValueError: for no fits, fits of both kinds, and fits to other tests.
+
+    References:
+        R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90 (1995) 773-795.
     """
-    results, failures, ranked = [], [], models_with_free(models, free)
-    for done, (model, own_free) in enumerate(ranked):
-        # Limits of what no model has are refused by `fit`.
-        own_limits = {name: limit for name, limit in limits.items() if name in own_free or name not in free}
-        try:
-            results.append(fit(model, own_free, own_limits, (done, len(ranked))))
-        except failure as error:
-            failures.append(f"{model_name(model)}: {error}")
-    if not results:
-        raise failure(" ".join(failures))
-    return results, tuple(failures)
+    calibrations = [fit for fit in fits if isinstance(fit, Calibration)]
+    posteriors = [fit for fit in fits if isinstance(fit, Posterior)]
+    refuse(
+        "Argument `fits` must ",
+        (not fits, "have one fit or more, but has none."),
+        (len(fits) not in (len(calibrations), len(posteriors)), "have calibrations or posteriors, but has both."),
+        (any(not np.array_equal(fit.data.erosion, fits[0].data.erosion) for fit in fits), "be of the same tests."),
+    )
+    if posteriors:
+        return PosteriorRanking(tuple(sorted(posteriors, key=lambda drawn: -drawn.log_evidence)), tuple(failures))
+    # Robust losses of several noises are not comparable, so the least is taken.
+    noise = min(fit.squares.noise for fit in calibrations)
+    ranked = [fit if fit.squares.noise == noise
+              else Calibration(*with_noise(fit.squares, fit.solution.theta, noise), fit.level)
+              for fit in calibrations]  # fmt: skip
+    reasons = _reasons(ranked)
+    # Models of the same curve differ by rounding: they keep their order.
+    order = sorted(
+        range(len(ranked)), key=lambda at: (reasons[at] != "", round(ranked[at].aicc, 3), ranked[at].variance)
+    )
+    ranked = [ranked[at] for at in order]
+    ties = tuple(tuple(model_name(fit.model) for fit in group) for group in _curves(ranked) if len(group) > 1)
+    return Ranking(tuple(ranked), ties, tuple(failures), tuple(reasons[at] for at in order if reasons[at]))
 
 
 def _reasons(fits: Sequence[Calibration]) -> list[str]:
@@ -314,7 +308,7 @@ def _beside_others(fit: Calibration, fits: Sequence[Calibration]) -> str:
     Another model may fit a few rows too well by chance, so residuals of usual noise are no reason. A robust loss lets
     rows be far off: then variances say nothing.
     """
-    linear = fit.data.uncertainty is None and fit.problem.loss == "linear"
+    linear = fit.data.uncertainty is None and fit.squares.loss == "linear"
     if not linear or fit.rms <= FEW_PER_CENT * float(np.abs(fit.data.erosion).max()):
         return ""
     own, erosion = (fit.variance, fit.degrees_of_freedom), fit.data.erosion / fit.data.deviation
@@ -324,34 +318,6 @@ def _beside_others(fit: Calibration, fits: Sequence[Calibration]) -> str:
     if probability * max(len(_curves(fits)) - 1, 1) >= RARE:
         return ""
     return f"its residuals are {format_number(np.sqrt(ratio), 2)} times those of {model_name(other.model)}"
-
-
-def models_with_free(
-    models: Sequence[CuttingModel | str | Path] | None, free: Sequence[str]
-) -> list[tuple[CuttingModel, Sequence[str]]]:
-    """Models, all registered ones without names, each with those of the free parameters that it has.
-
-    Raises:
-        ValueError: for no model, one that is named twice, a parameter that none has, and a model that has none of them.
-    """
-    wanted = usable_models() if models is None else list(models)
-    named = [str(model) for model in wanted if isinstance(model, (str, Path))]
-    if not wanted or len(set(named)) != len(named):
-        raise ValueError(f"Argument `models` must name one or several different models, but is {wanted}.")
-    loaded = [load_model(source) for source in wanted]
-    if len(loaded) == 1 or isinstance(free, str) or not isinstance(free, Sequence):
-        return [(model, free) for model in loaded]
-    known = [{*quantities(model), FRACTION} for model in loaded]
-    for name in free:
-        if not any(name in has for has in known):
-            listed = ", ".join(map(model_name, loaded))
-            raise ValueError(f"Argument `free` must name parameters of the models, but {name!r} is none of {listed}.")
-    of_each = [(model, [name for name in free if name in has]) for model, has in zip(loaded, known, strict=True)]
-    for model, own_free in of_each:
-        if free and not own_free:
-            none = f"{model_name(model)} has no {free[0]!r}"
-            raise ValueError(f"Argument `free` must name a parameter of each model, but {none}.")
-    return [*of_each]
 
 
 def _grouped(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
@@ -416,38 +382,38 @@ class PosteriorRanking(Result):
     """Posteriors of several models from the same data, the likeliest model first.
 
     Args:
-        posteriors: by descending evidence.
+        fits: by descending evidence.
         failures: a sentence for each model that could not be sampled.
     """
 
-    posteriors: tuple[Posterior, ...]
+    fits: tuple[Posterior, ...]
     failures: tuple[str, ...] = ()
 
     @property
     def best(self) -> Posterior:
         """The posterior of the greatest evidence."""
-        return self.posteriors[0]
+        return self.fits[0]
 
     @property
     def names(self) -> tuple[str, ...]:
         """The models, the likeliest first."""
-        return tuple(model_name(drawn.model) for drawn in self.posteriors)
+        return tuple(model_name(drawn.model) for drawn in self.fits)
 
     @property
     def weights(self) -> np.ndarray:
-        """The probability of each model, if one of them is right and all were alike before; shape (posteriors,)."""
+        """The probability of each model, if one of them is right and all were alike before; shape (fits,)."""
         likely = np.exp(self._differences)
         return likely / likely.sum()
 
     @property
     def _differences(self) -> list[float]:
         """The logarithm of each evidence less the greatest."""
-        return [drawn.log_evidence - self.best.log_evidence for drawn in self.posteriors]
+        return [drawn.log_evidence - self.best.log_evidence for drawn in self.fits]
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Models that the data do not tell apart, failures and doubtful draws."""
-        pairs = zip(self.names[1:], self.posteriors[1:], strict=True)
+        pairs = zip(self.names[1:], self.fits[1:], strict=True)
         of_others = [f"{name}: {sentence}" for name, drawn in pairs for sentence in drawn.not_converged]
         near = [name for name, diff in zip(self.names, self._differences, strict=True) if -diff < _DECISIVE]
         equals = [
@@ -460,11 +426,11 @@ class PosteriorRanking(Result):
         """The number of models and the data; of one model that of its posterior."""
         if _is_alone(self):
             return self.best.title
-        return f"{len(self.posteriors)} posteriors from {len(self.best.data):,} rows of {self.best.data.source}"
+        return f"{len(self.fits)} posteriors from {len(self.best.data):,} rows of {self.best.data.source}"
 
     def declare(self) -> list[Declared]:
         """The models beside each other, and all numbers of the likeliest one; in data those of the others, too."""
-        parts = self.posteriors
+        parts = self.fits
         columns = [
             Value("model", list(self.names)),
             Value("delta_log_evidence", self._differences, "Δ ln Z", error=[part.log_evidence_error for part in parts]),
@@ -472,48 +438,3 @@ class PosteriorRanking(Result):
             Value("estimates", [", ".join(map(part.mean_in_words, part.names)) for part in parts], only="table"),
         ]
         return _beside(self, dict(zip(self.names, parts, strict=True)), columns)
-
-
-def rank_posteriors(
-    p: Parameters,
-    data: Any,
-    free: Sequence[str] | None = None,
-    *,
-    models: Sequence[CuttingModel | str | Path] | None = None,
-    priors: Mapping[str, Any] | None = None,
-    progress: Progress = no_progress,
-    error: ErrorModel | float | str | None = None,
-    **options: Any,
-) -> PosteriorRanking:
-    """Draw the posteriors of several models from the same data, and order the models by their evidence.
-
-    The evidence judges a model together with its priors: a prior ten times as wide as it need be takes ln 10 = 2.3 from
-    ln Z of a parameter that the data determine. Give priors that mean something before its verdict is trusted.
-
-    Args:
-        p: the case, as for `posterior`.
-        data: as for `calibrate`.
-        free: the parameters to draw, in each model those that it has; without it as for `rank_models`.
-        models: as for `rank_models`.
-        priors: as for `posterior`; in each model those of its free parameters.
-        progress: as for `posterior`.
-        error: as for `calibrate`.
-        options: `density`, `cutting_fraction`, `draws` and `seed` of `posterior`.
-
-    Raises:
-        ValueError, TypeError: for arguments or data that cannot be used.
-        SamplingError: if no model could be sampled.
-
-    References:
-        R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90 (1995) 773-795.
-    """
-    measured, (models, free) = read_measurements(data, p.units, error=error), _usual(models, free)
-
-    def drawn(model: CuttingModel, own_free: Sequence[str], laws: dict[str, Any], at: tuple[int, int]) -> Any:
-        def of_all(work: str, percent: int, total: int) -> None:
-            progress(f"{work} {model_name(model)}", 100 * at[0] + percent, total * at[1])
-
-        return posterior(model, p, measured, own_free, priors=laws, progress=of_all, **options)
-
-    posteriors, failures = _of_each(models, free, priors or {}, drawn, SamplingError)
-    return PosteriorRanking(tuple(sorted(posteriors, key=lambda part: -part.log_evidence)), failures)

@@ -271,7 +271,7 @@ def _draw_means(axes: Sequence[Axes], predictor: Predictor, groups: Sequence[Con
     angle_axis(axes[-1])
     axes[-1].set_xlim(0, _RIGHT)
     what = groups[0].label if is_alone else data.source
-    upper.set_title(f"{model_name(predictor.forward.model)}  {what}", fontsize="small", loc="left", wrap=True)
+    upper.set_title(f"{model_name(predictor.problem.model)}  {what}", fontsize="small", loc="left", wrap=True)
     upper.set_ylim(bottom=0)
     _legend(fig, (upper, *lower), 4, f"bands: of the mean, by {', '.join(predictor.parts)}")
     _label_whole(upper, f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}", _unit(scale).strip())

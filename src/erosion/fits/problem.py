@@ -1,4 +1,4 @@
-"""From free parameters to predicted erosion, with exact derivatives.
+"""The problem of a fit: model, case, tests, what is free; and the erosion at values of that, with exact derivatives.
 
 Positive parameters q are fitted as θ = log q, the spin φ̇₀ as θ = φ̇₀ r/v₀ (of the case): then
 steps are of order 1 whatever the units, and nothing leaves its range. A model's own parameter that starts above
@@ -15,11 +15,19 @@ from typing import Any
 
 import numpy as np
 
-from erosion.arguments import refuse
+from erosion.arguments import as_pair, refuse
 from erosion.fits.errors import ErrorModel
 from erosion.fits.measurements import Measurements, read_measurements
 from erosion.impacts import Impact, impact
-from erosion.models import SPEED_EXPONENT, CuttingModel, SpeedExponent, equations_of, load_model
+from erosion.models import (
+    SPEED_EXPONENT,
+    CuttingModel,
+    SpeedExponent,
+    equations_of,
+    load_model,
+    model_name,
+    usable_models,
+)
 from erosion.models.base import own_parameters, quantities, replaced, require_one_impact, sizes, values, with_values
 from erosion.models.correlated import Correlated, per_mass_of
 from erosion.output import briefly
@@ -55,30 +63,143 @@ FACTORS: Mapping[str, Quantity] = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Forward:
-    """A model's prediction of the kind of erosion that was measured.
+class FitProblem:
+    """A model, tests, and what of the model they are to tell: `calibrate` and `posterior` answer it.
+
+        problem = erosion.FitProblem("rotating", p, "tests.csv", ["k", "psi"], error="5 %")
+        fit, drawn = erosion.calibrate(problem), erosion.posterior(problem)
 
     Args:
-        model: any model.
-        p: the case, with the values of all parameters that are neither free nor in the data.
-        free: the free parameters.
-        data: the measurements; a prediction depends on their kind of erosion alone.
-        density: of the target [density]; needed where mass losses were measured.
-        cutting_fraction: the share of the particles that cut, or its first guess where it is free.
+        model: a model, its name, or the path of its file; the first guess of its own parameters.
+        p: the case: the first guess of the free parameters, and the values of all others.
+        data: a CSV file, columns by header, or `Measurements`; see `read_measurements`.
+        free: the parameters to fit, of the case or the model's own: ["k", "psi"]; or "cutting_fraction".
+        bounds: (least, greatest) of free parameters, in the case's units; `posterior` takes all values between them for
+            alike. See `calibrate` for the others.
+        priors: for `posterior`, by parameter, also "noise", "relative_noise", "scale", and for uncertainties that may
+            be too small "error_factor", on all of them: a law (`erosion.laws`), in the case's units.
+            `calibrate`, whose likelihood they do not change, leaves them aside.
+        density: of the target [density], a number in the case's units or "2.7 g/cm^3"; needed
+            for data of mass loss, but not by a correlation, whose own density counts.
+        cutting_fraction: the share of the particles that cut as the model says, in (0, 1]:
+            volumes are multiplied by it. The first guess where it is free.
+        error: of a row, where the data have no column of it: "0.3 mg/kg + 8 %", and of each speed, "5 % of each
+            speed", beside the rows' own; see `read_measurements`.
         digest: of what the model computes; as its code is now, where it is not given.
+
+    Raises:
+        ValueError, TypeError: for arguments or data that cannot be used (data: `MeasurementError`).
+
+    References:
+        The cutting fraction: I. Finnie, Erosion of surfaces by solid particles, Wear 3 (1960)
+        87-103: about half of the particles cut in the idealized manner.
     """
 
     model: CuttingModel
     p: Parameters
-    free: tuple[str, ...]
     data: Measurements
+    free: tuple[str, ...]
+    bounds: Mapping[str, tuple[float, float]]
+    priors: Mapping[str, Any]
     density: float | None
-    cutting_fraction: float = 1.0
-    digest: str = ""
+    cutting_fraction: float
+    digest: str
 
-    def __post_init__(self) -> None:
-        if not self.digest:
-            object.__setattr__(self, "digest", equations_of(self.model, self.p.units).digest)
+    def __init__(
+        self,
+        model: CuttingModel | str | Path,
+        p: Parameters,
+        data: Any,
+        free: Sequence[str] = FREE,
+        *,
+        bounds: Mapping[str, Sequence[float]] | None = None,
+        priors: Mapping[str, Any] | None = None,
+        density: float | str | None = None,
+        cutting_fraction: float = 1.0,
+        error: ErrorModel | float | str | None = None,
+        digest: str = "",
+    ) -> None:
+        model = load_model(model)
+        validate(p)
+        require_one_impact(model, p)
+        measured = read_measurements(data, p.units, error=error)
+        if not np.any(measured.erosion):
+            raise ValueError("Argument `data` must have erosion other than zero.")
+        share = PerMass(cutting_fraction=cutting_fraction).cutting_fraction
+        names = check_free(free, measured, model)
+        fields = {
+            "model": model,
+            "p": p,
+            "data": dataclasses.replace(measured, common=None),  # that of another fit
+            "free": names,
+            "bounds": {},
+            "priors": dict(priors or {}),
+            "density": _density(model, density, measured, p),
+            "cutting_fraction": share,
+            "digest": digest or equations_of(model, p.units).digest,
+        }
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "bounds", self._checked(bounds))
+
+    def _checked(self, bounds: Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
+        """Bounds of free parameters within their ranges."""
+        if not isinstance(bounds, Mapping | None):
+            raise TypeError(
+                f"Argument `bounds` must be a dictionary, such as {{'psi': (0.01, 10)}}, but is {briefly(bounds)}."
+            )
+        signed = [name for name, log in zip(self.names, self.logarithmic, strict=True) if not log]
+        least = {name: parameter.least for name, parameter in own_parameters(self.model).items()}
+        checked = {}
+        for name, pair in (bounds or {}).items():
+            if name not in self.names:
+                raise ValueError(f"Argument `bounds` must name free parameters, but has {briefly(name)}.")
+            low, high = as_pair(pair)
+            below = low >= least.get(name, -np.inf) if name in signed else low > 0
+            refuse(
+                "Argument `bounds` must ",
+                (name in self.priors, f"not name {name}, which has a prior."),
+                (not (low < high and below and (name != FRACTION or high <= 1)),
+                 f"give {name} two ascending values in its range, but has {briefly(pair)}."),
+            )  # fmt: skip
+            checked[name] = (low, high)
+        return checked
+
+    @classmethod
+    def of_models(
+        cls,
+        models: Sequence[CuttingModel | str | Path] | None,
+        p: Parameters,
+        data: Any,
+        free: Sequence[str] = FREE,
+        *,
+        bounds: Mapping[str, Sequence[float]] | None = None,
+        priors: Mapping[str, Any] | None = None,
+        error: ErrorModel | float | str | None = None,
+        **options: Any,
+    ) -> "list[FitProblem]":
+        """The same tests for several models, each with those of the free parameters, bounds and priors that it has.
+
+        Args:
+            models: models, names or paths; None for every registered model.
+            p: the case.
+            data: the tests.
+            free: in each model those that it has.
+            bounds: the same.
+            priors: the same.
+            error: of rows.
+            **options: `density` and `cutting_fraction`; see the class for all.
+
+        Raises:
+            ValueError: for no model, one that is named twice, a parameter that none has, and a model that has none.
+        """
+        measured, problems = read_measurements(data, p.units, error=error), []
+        for model, own in _with_free(models, free):
+            # Limits of what no model has are refused.
+            limits = [{name: limit for name, limit in (given or {}).items() if name in own or name not in free}
+                      for given in (bounds, priors)]  # fmt: skip
+            problems.append(cls(model, p, measured, own, bounds=limits[0], priors=limits[1], **options))
+        return problems
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -309,26 +430,32 @@ def check_free(free: Sequence[str], data: Measurements, model: CuttingModel) -> 
     return names
 
 
-def make_forward(
-    model: CuttingModel | str | Path,
-    p: Parameters,
-    data: Any,
-    free: Sequence[str],
-    density: float | str | None,
-    cutting_fraction: float,
-    error: ErrorModel | float | str | None = None,
-) -> Forward:
-    """The model's prediction of what was measured; arguments and errors as of `calibrate`."""
-    model = load_model(model)
-    validate(p)
-    require_one_impact(model, p)
-    measured = read_measurements(data, p.units, error=error)
-    if not np.any(measured.erosion):
-        raise ValueError("Argument `data` must have erosion other than zero.")
-    share = PerMass(cutting_fraction=cutting_fraction).cutting_fraction
-    names = check_free(free, measured, model)
-    measured = dataclasses.replace(measured, common=None)  # that of another fit
-    return Forward(model, p, names, measured, _density(model, density, measured, p), share)
+def _with_free(
+    models: Sequence[CuttingModel | str | Path] | None, free: Sequence[str]
+) -> list[tuple[CuttingModel, Sequence[str]]]:
+    """Models, all registered ones without names, each with those of the free parameters that it has.
+
+    Raises:
+        ValueError: for no model, one that is named twice, a parameter that none has, and a model that has none of them.
+    """
+    wanted = usable_models() if models is None else list(models)
+    named = [str(model) for model in wanted if isinstance(model, (str, Path))]
+    if not wanted or len(set(named)) != len(named):
+        raise ValueError(f"Argument `models` must name one or several different models, but is {wanted}.")
+    loaded = [load_model(source) for source in wanted]
+    if len(loaded) == 1 or isinstance(free, str) or not isinstance(free, Sequence):
+        return [(model, free) for model in loaded]
+    known = [{*quantities(model), FRACTION} for model in loaded]
+    for name in free:
+        if not any(name in has for has in known):
+            listed = ", ".join(map(model_name, loaded))
+            raise ValueError(f"Argument `free` must name parameters of the models, but {name!r} is none of {listed}.")
+    of_each = [(model, [name for name in free if name in has]) for model, has in zip(loaded, known, strict=True)]
+    for model, own_free in of_each:
+        if free and not own_free:
+            none = f"{model_name(model)} has no {free[0]!r}"
+            raise ValueError(f"Argument `free` must name a parameter of each model, but {none}.")
+    return [*of_each]
 
 
 def _density(model: CuttingModel, density: float | str | None, data: Measurements, p: Parameters) -> float | None:
