@@ -4,6 +4,7 @@
 """
 
 import csv
+import dataclasses
 import json
 import shlex
 import sys
@@ -21,6 +22,7 @@ from erosion.cli import exit_status
 from erosion.fits.fit_files import read_draws
 from erosion.laws import JointLaw, JointSamples
 from erosion.parameters.quantities import QUANTITIES
+from erosion.results import Finding, to_attribute
 from tests.cli.test_document import SCHEMA
 from tests.documents import Shell, findings
 
@@ -174,6 +176,9 @@ def test_a_case_that_is_not_the_fits_is_a_warning(shell: Shell) -> None:
     assert err.count("warning: ") == 2
 
 
+MISFIT = Finding("misfit_of_draws_beyond_errors", "", {"chi2": 40.0, "rows": 12})
+
+
 def test_draws_of_a_bad_fit_are_a_warning() -> None:
     known = {"psi": QUANTITIES["psi"]}
     draws = read_draws("post.nc", known, "si")
@@ -183,13 +188,12 @@ def test_draws_of_a_bad_fit_are_a_warning() -> None:
     assert (slow.code, slow.about, slow.numbers["ratio"]) == ("outside_of_tests", "post.nc", pytest.approx(2.0))
     assert draws.rows.tested["alpha"] == pytest.approx(np.deg2rad((10.0, 70.0)))
     with xr.open_datatree("post.nc") as tree:
-        tree["posterior"].attrs |= {"converged": 0, "warnings": '["The uncertainties do not explain the misfit."]'}
+        tree["posterior"].attrs |= {"converged": 0, "findings": to_attribute([MISFIT])}
         tree["posterior"]["scale"] = tree["posterior"]["psi"]
         tree.to_netcdf("bad.nc", engine="h5netcdf")
     bad = read_draws("bad.nc", known, "si")
-    doubts = bad.doubts(model, draws.p, 1.0)
-    assert [one.code for one in doubts] == ["not_converged", "draws_without_size", "stated"]
-    assert doubts[-1].numbers == {"text": "The uncertainties do not explain the misfit."}
+    assert [one.code for one in bad.doubts(model, draws.p, 1.0)] == ["not_converged", "draws_without_size"]
+    assert bad.of_fit() == [dataclasses.replace(MISFIT, about="bad.nc")]
     assert {*bad.rows.columns} == {"psi"}
 
 

@@ -1,6 +1,5 @@
 """`erosion posterior` as a user types it."""
 
-import json
 from pathlib import Path
 
 import h5py
@@ -14,6 +13,7 @@ from erosion.fits.fit_files import model_of_draws
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.case_files import CaseFile
 from erosion.parameters.parameters import TABLE_1
+from erosion.results import Finding, from_attribute, to_attribute
 from tests.documents import findings
 
 
@@ -132,9 +132,8 @@ def test_all_files_of_a_ranking_are_of_one_model(shell):
     assert ranked == ["rotating-deformation", "linearized-deformation"]
     # What misses the data is drawn no posterior of.
     assert [*printed["result"]["posterior"]["fits"]] == ranked[::-1]
-    assert any(
-        "AICc prefers rotating-deformation, the evidence linearized-d" in one["text"] for one in findings(printed)
-    )
+    (prefers,) = findings(printed, "evidence_prefers")
+    assert (prefers["numbers"], prefers["about"]) == ({"before": ranked[0]}, ranked[1])
     assert CaseFile.read("fitted.toml").model()[0] == model_of_draws("post.nc") == "linearized-deformation"
     assert (
         exit_status(["stream", "fitted.toml", "--uncertain", "post.nc", "--n", "128", "--alpha", "normal(30deg, 3deg)"])
@@ -156,8 +155,9 @@ def test_an_advice_tells_what_only_the_samples_say(shell):
     Path("rows.csv").write_text("angle [deg], erosion [-]\n15,1.9\n30,2.4\n45,2.05\n60,1.5\n75,1.1\n90,0.95\n")
     words = ["--particle", "garnet 0.3 mm", "--target", "aluminium 6061", "--v0", "100 m/s", "--starts", "2"]
     shell(["calibrate", "rows.csv", *words, "--free", "k", "--model", "linearized", "--write-case", "f.toml"])
-    both, alone = CaseFile.read("f.toml").section("advise")["warning"], "The populations of draws disagree."
+    alone = Finding("prior_decides", "k", {"share": 0.2, "end": "lowest", "law": "uniform(1, 2)"})
     with h5py.File("f.nc", "r+") as file:
-        file["posterior"].attrs["warnings"] = json.dumps([both, alone])
+        both = from_attribute(file["posterior"].attrs["findings"])
+        file["posterior"].attrs["findings"] = to_attribute([*both, alone])
     told = [one["text"] for one in findings(shell(["advise", "f.toml", "--json"]).document)]
-    assert sum(alone in text for text in told) == sum(both in text for text in told) == 1
+    assert all(sum(one.text in text for text in told) == 1 for one in (*both, alone))

@@ -129,10 +129,13 @@ def test_noise_is_estimated_where_none_is_given(fit):
 
 def test_what_cannot_be_told_apart_and_what_has_no_influence_is_said(fit):
     result = fitted(["k", "psi", "sigma", "r"])
-    assert result.warnings == (
-        "r has no influence on these data and cannot be determined. Fix it.",
-        "psi and sigma cannot be told apart: only psi·sigma is determined. Fix one of them.",
-    )
+    told = [(finding.code, finding.about, dict(finding.numbers)) for finding in result.findings]
+    assert told == [
+        ("parameter_has_no_influence", "r", {}),
+        ("fix_parameter", "", {"parameters": ["r"]}),
+        ("parameters_are_tied", "", {"parameters": ["psi", "sigma"], "determined": ["psi·sigma"]}),
+        ("fix_parameter", "", {"parameters": ["psi", "sigma"]}),
+    ]
     assert result.undetermined == ("psi", "sigma", "r")
     assert {result.standard_errors[name] for name in result.undetermined} == {np.inf}
     assert result.intervals()["psi"] == (0.0, np.inf)
@@ -151,16 +154,15 @@ def test_combinations_are_named_as_products_of_powers():
     columns = np.array([shape, height, -height, 2 * height, 0.3 * spin, 0.3 * spin])
     result = identify(names, columns.T, np.ones(6), 1.0)
     assert result.rank == 3
-    assert result.warnings == (
-        "m, sigma and v0 cannot be told apart: only m·v0^2/sigma is determined.",
-        "phidot0 and r cannot be told apart: only phidot0·r is determined.",
-    )
+    ties = [(group.names, group.determined) for group in result.groups]
+    assert ties == [(("m", "sigma", "v0"), ("m·v0^2/sigma",)), (("phidot0", "r"), ("phidot0·r",))]
     assert result.undetermined == ("m", "sigma", "v0", "phidot0", "r")
     # θ = φ̇₀ r₀/v₀ is not a logarithm: at half the size, its column is twice as strong.
     columns[4] *= 2
-    assert identify(names, columns.T, np.array([1, 1, 1, 1, 0.5, 1]), 1.0).warnings == result.warnings
+    again = identify(names, columns.T, np.array([1, 1, 1, 1, 0.5, 1]), 1.0)
+    assert [(group.names, group.determined) for group in again.groups] == ties
     root = identify(["m", "b"], np.stack([shape, -shape / 2], axis=1), np.ones(2), 1.0)
-    assert root.warnings == ("m and b cannot be told apart: only m/b^(1/2) is determined.",)
+    assert [group.determined for group in root.groups] == [("m/b^(1/2)",)]
 
 
 def test_bounds_are_kept_and_said(fit):
@@ -170,9 +172,11 @@ def test_bounds_are_kept_and_said(fit):
     assert np.ptp(result.intervals()["psi"]) < 0.9 * np.ptp(fit.intervals()["psi"])
     off = fitted(bounds={"k": (2.5, 4.0)})
     assert off.estimates["k"] == pytest.approx(2.5, rel=1e-6)
-    assert off.warnings[0] == "k is at its lower bound, 2.5: its error means nothing."
-    assert off.warnings[1].startswith("psi is known better than its standard error says")
-    assert off.warnings[2].startswith("The model does not fit within the uncertainties: χ² is")
+    at_bound, narrow, misfit = off.findings[:3]
+    assert (at_bound.code, at_bound.about) == ("estimate_at_bound", "k")
+    assert at_bound.numbers == {"side": "lower", "bound": "2.5"}
+    assert (narrow.code, narrow.about) == ("error_too_great", "psi")
+    assert (misfit.code, misfit.numbers["chi2"]) == ("misfit_beyond_errors", off.chi2)
 
 
 @pytest.mark.parametrize(
@@ -200,7 +204,8 @@ def test_a_free_scale_leaves_the_shape(fit):
     expected = {"k": fit.estimates["k"], "scale": 1e5 * 0.06 / fit.estimates["psi"]}
     assert result.estimates == pytest.approx(expected, rel=1e-5)
     tied = fitted(["k", "psi"], table)
-    assert tied.warnings == ("psi and scale cannot be told apart: only psi/scale is determined. Fix one of them.",)
+    assert [finding.code for finding in tied.findings] == ["parameters_are_tied", "fix_parameter"]
+    assert tied.findings[0].numbers == {"parameters": ["psi", "scale"], "determined": ["psi/scale"]}
 
 
 def test_speed_and_mass_by_row():
@@ -262,7 +267,7 @@ def test_a_model_that_fails_is_said_to_fail():
     ranking = erosion.rank(fits, failures)
     assert told == [("fitting Unfittable", 0, 2), ("fitting linearized", 1, 2)]
     assert ranking.names == ("linearized",)
-    assert ranking.failures[0].startswith("Unfittable: The model could not be fitted")
+    assert (ranking.failures[0].code, ranking.failures[0].about) == ("model_failed", "Unfittable")
 
 
 @pytest.fixture(scope="module")
@@ -295,8 +300,8 @@ def test_a_curve_with_a_jump_is_found_from_afar_and_goes_to_openfoam_with_its_mi
     for name, truth in (("k", 2.0), ("psi", 0.04)):
         assert abs(result.estimates[name] - truth) < 3 * result.standard_errors[name]
     # Here the jump comes upon a row 0.6 standard errors below k.
-    (sentence,) = result.warnings
-    assert sentence.startswith("k is known better than its standard error says (V(α) jumps, or a bound)")
+    (finding,) = result.findings
+    assert (finding.code, finding.about) == ("error_too_great", "k")
     coefficients = to_openfoam(result)
     # The turning body's curve is broader than Finnie's and jumps.
     assert 0.05 < coefficients.misfit < 0.12
@@ -315,10 +320,8 @@ def test_a_ranking_has_the_right_model_first_and_says_what_is_the_same_and_what_
     fits = dict(zip(ranking.names, ranking.fits, strict=True))
     other = fits["linearized"].estimates
     assert fits["finnie"].estimates == pytest.approx({"k": 3 * other["k"], "psi": other["psi"] / 3}, rel=1e-4)
-    tied = (
-        "These data cannot tell models of the same curve apart: linearized and finnie; tan-alpha and velocity-aligned."
-    )
-    assert tied in ranking.warnings
+    tied = [finding.numbers["models"] for finding in ranking.findings if finding.code == "same_curve"]
+    assert tied == [["linearized", "finnie"], ["tan-alpha", "velocity-aligned"]]
     estimates = {row[0]: row[-1] for row in ranking.rows()}
     assert estimates["finnie"].endswith("(curve of linearized)")
     assert re.fullmatch(r"psi = [\d.]+, k not determined", estimates["tan-alpha"])
@@ -464,20 +467,21 @@ def test_a_sampled_error_does_not_hide_an_outlier(table):
     lines = "".join(f"{angle},{value!r}\n" for angle, value in zip(degrees, rows.tolist(), strict=True))
     data = table("angle [deg],volume [mm^3]\n" + lines)
     drawn = erosion.posterior(erosion.FitProblem("finnie", P, data, ["psi"]), draws=125, discrepancy=False)
-    (said,) = (sentence for sentence in drawn.predictor.warnings if "miss" in sentence)
-    assert "1 of 12 rows" in said
-    assert "line 8 (45°)" in said
+    (missed,) = (finding for finding in drawn.predictor.findings if finding.code == "rows_missed")
+    assert (missed.numbers["missed"], missed.numbers["rows"]) == (1, 12)
+    assert missed.numbers["listed"][0].startswith("line 8 (45°)")
 
 
 def test_an_outlier_is_named_with_the_fit_without_it(fit_of):
     clean, spoiled = fit_of(), fit_of(2.0)
-    assert not any("outlier" in sentence for sentence in clean.warnings)
-    (said,) = (sentence for sentence in spoiled.warnings if "outlier" in sentence)
-    assert f"line {WRONG + 2} (25°)" in said
+    assert not any("outlier" in finding.code for finding in clean.findings)
+    outlier, of_others = (finding for finding in spoiled.findings if "outlier" in finding.code)
+    assert (outlier.code, outlier.numbers["row"]) == ("outlier", f"line {WRONG + 2} (25°)")
     without = erosion.calibrate(
         erosion.FitProblem("finnie", P, spoiled.data.of_rows(np.delete(np.arange(10), WRONG)), ["psi"]), starts=2
     )
-    assert without.in_words("psi", without.estimates["psi"]) in said
+    (estimate,) = of_others.numbers["estimates"]
+    assert f"psi = {without.in_words('psi', without.estimates['psi'])} " in estimate
     assert without.estimates["psi"] == pytest.approx(P.psi, rel=0.02)
 
 

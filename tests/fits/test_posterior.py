@@ -70,7 +70,7 @@ def test_draws_are_labelled_arrays_and_numbers_for_programs(result):
     psi, numbers = result.samples["psi"], dataclasses.replace(result, level=0.9).to_dict()
     assert dict(psi.sizes) == {"chain": 4, "draw": 200}
     assert result.samples["k"].attrs["long_name"] == "force ratio"
-    assert (result.warnings, numbers["converged"], numbers["draws"]) == ((), True, 800)
+    assert (result.findings, numbers["converged"], numbers["draws"]) == ((), True, 800)
     low, high = numbers["intervals"]["k"]
     assert low < 2.0 < high
     assert numbers["correlation"][0][1] == pytest.approx(
@@ -194,4 +194,4 @@ def test_a_default_prior_reaches_what_the_amounts_ask_for():
     data |= {name: data[name] / 300 for name in ("volume [in^3]", "uncertainty [in^3]")}
     drawn = posterior("k", "psi", data=data)
     assert drawn.means["psi"] == pytest.approx(300 * TABLE_1.psi, rel=0.1)
-    assert not any("psi" in sentence for sentence in drawn.warnings)
+    assert not any(finding.about == "psi" for finding in drawn.findings)

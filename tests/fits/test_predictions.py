@@ -200,7 +200,7 @@ def test_predictions_are_kept_in_the_file_of_draws(missed, tmp_path):
     assert draws.rows.tested == missed.rows_of_draws().tested == {name: pytest.approx(ends) for name, ends in {
         "alpha": np.deg2rad((10.0, 85.0)), "v0": (0.6 * V0 * 0.0254, V0 * 0.0254), "m": 2 * (float(TABLE_1.to("si").m),)
     }.items()}  # fmt: skip
-    assert draws.warnings == missed.warnings[len(missed.not_converged) :] != ()
+    assert draws.findings == missed.doubts != ()
     # An older version kept the evidence of each population.
     with h5py.File(path, "r+") as file:
         file["prediction/model"].attrs["log_evidence"] = np.zeros(4)

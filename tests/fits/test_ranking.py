@@ -38,14 +38,15 @@ def test_models_that_miss_the_data_are_not_ranked_and_named(ranking):
     assert ranking.names[0] == "linearized-deformation"
     assert len(ranking.ranked) == 1
     assert ranking.weights.tolist() == [1.0, 0.0, 0.0]
-    (said,) = [sentence for sentence in ranking.warnings if sentence.startswith("Not ranked: ")]
-    assert all(name in said for name in ("tan-alpha", "linearized", "at 90°", "0 mg/kg", "95 mg/kg"))
+    reasons = {reason.about: reason for reason in ranking.reasons}
+    assert reasons["tan-alpha"].code == "not_ranked"
+    assert reasons["tan-alpha"].numbers == {"row": "90°", "fitted": "0 mg/kg", "measured": "95 mg/kg"}
     # The straight fit is within the scatter of six rows: the reason is the other fit, not a row.
-    assert "linearized (its residuals are 12 times those of linearized-deformation)" in said
+    assert reasons["linearized"].code == "not_ranked_beside"
+    assert reasons["linearized"].numbers == {"ratio": pytest.approx(12, abs=0.5), "other": "linearized-deformation"}
     assert {row[0]: row[1:4] for row in ranking.rows()}["tan-alpha"] == ("– *", "0", "75.09")
-    reasons = {fit["model"]: fit["not_ranked"] for fit in ranking.to_dict()["ranking"]}
-    assert "at 90°" in reasons["tan-alpha"]
-    assert reasons["linearized-deformation"] is None
+    codes = {fit["model"]: fit["not_ranked"] for fit in ranking.to_dict()["ranking"]}
+    assert codes == {"linearized-deformation": None, **{name: reason.code for name, reason in reasons.items()}}
     # The maximum of the best fit is where the data have it.
     degrees = np.linspace(10, 80, 141)
     assert degrees[np.argmax(ranking.best.curve(np.deg2rad(degrees))[0])] == pytest.approx(30, abs=2)
@@ -89,7 +90,8 @@ def test_too_few_rows_for_the_criterion_print_no_nan(rows):
     ranking = of_shop(["linearized-deformation", "rotating-deformation"], data=few)
     text = f"{ranking} {ranking.best} {ranking.warnings}"
     assert not any(word in text.lower().split() for word in ("nan", "nan%", "inf", "-inf"))
-    assert any("AICc needs at least 6 rows" in said for said in map(str, ranking.findings_of_best))
+    (few,) = (finding for finding in ranking.findings_of_best if finding.code == "criterion_of_few_rows")
+    assert few.numbers["needed"] == 6
     assert {fit["weight"] for fit in ranking.to_dict()["ranking"]} == {None}
     assert ranking.fits[0].variance <= ranking.fits[1].variance
 

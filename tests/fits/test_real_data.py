@@ -134,7 +134,7 @@ def test_runs_are_counted_as_in_the_textbook():
     # All above: a fair coin makes 1 + 19/2 runs, with the variance 19/4.
     (above,) = find_patterns(data, np.ones(20), groups)
     assert above.statistic == pytest.approx(-9.5 / np.sqrt(19 / 4))
-    assert "1 run of one sign" in above.sentence
+    assert above.finding.numbers["runs"] == 1
     assert find_patterns(data, np.zeros(20), groups) == ()
 
 
@@ -230,7 +230,8 @@ def test_what_starts_at_zero_may_have_either_sign(data):
     assert sum(fit.intervals()["friction"]) == pytest.approx(2 * fit.estimates["friction"], rel=0.2)
     bound = erosion.calibrate(erosion.FitProblem(smooth, P, data, free=FREE, bounds=bounds))
     assert bound.estimates["friction"] == pytest.approx(0.1, abs=1e-6)
-    assert any(said.startswith("friction is at its upper bound, 0.1") for said in bound.warnings)
+    (at_bound,) = (finding for finding in bound.findings if finding.code == "estimate_at_bound")
+    assert (at_bound.about, at_bound.numbers) == ("friction", {"side": "upper", "bound": "0.1"})
     with pytest.raises(ValueError, match="`bounds` must give friction two ascending values in its range, but has"):
         erosion.calibrate(erosion.FitProblem(MODEL, P, data, free=FREE, bounds=bounds))
 
@@ -301,7 +302,9 @@ def test_numbers_of_deformation_that_all_speeds_share_are_found_from_any_guess(e
     held = erosion.calibrate(
         erosion.FitProblem(model.replace(threshold=0.0), p, columns, ["k", "psi", "specific_energy"]), starts=1
     )
-    assert held.warnings[-1].startswith("Free threshold or fit each speed alone: the model removes as v₀^2, ")
+    power, free, alone = held.findings[-3:]
+    assert (power.code, power.numbers["of_model"]) == ("power_of_speed", pytest.approx(2))
+    assert (free.code, free.numbers, alone.code) == ("free_for_speed", {"parameters": ["threshold"]}, "fit_each_speed")
 
 
 @pytest.fixture(scope="module")

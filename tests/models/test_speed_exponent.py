@@ -8,6 +8,7 @@ import pytest
 import erosion
 from erosion.models import Rotating, load_model, model_name, model_source
 from erosion.models.rigid import SpeedExponent
+from erosion.results import Finding
 
 P = erosion.TABLE_1.to("si")
 DEGREES, SPEEDS = (part.ravel() for part in np.meshgrid([10, 20, 30, 45, 60, 80], [60.0, 98.0]))
@@ -66,9 +67,9 @@ def test_the_exponent_is_fitted_and_named_where_a_model_lacks_it(tests):
     fit = erosion.calibrate(erosion.FitProblem("linearized-deformation-exponent", P, tests, [*free, "speed_exponent"]))
     errors = fit.standard_errors["speed_exponent"]
     assert abs(fit.estimates["speed_exponent"] - 2.7) < 3 * errors < 0.2
-    assert not fit.warnings
-    without = erosion.calibrate(erosion.FitProblem("linearized-deformation", P, tests, free)).warnings
-    assert "The model with an exponent of its own is linearized-deformation-exponent; free speed_exponent." in without
+    assert not fit.findings
+    without = erosion.calibrate(erosion.FitProblem("linearized-deformation", P, tests, free))
+    assert without.findings[-1] == Finding("model_with_exponent", "linearized-deformation")
 
 
 def test_an_exponent_that_is_held_is_not_known(tests):
@@ -86,7 +87,8 @@ def test_an_exponent_that_is_held_is_not_known(tests):
     fit = erosion.calibrate(
         erosion.FitProblem("linearized-deformation-exponent", P, tests, ["k", "psi", "energy_ratio"])
     )
-    assert any(said.startswith("Free threshold, speed_exponent or fit each speed alone") for said in fit.warnings)
+    (free,) = (finding.numbers for finding in fit.findings if finding.code == "free_for_speed")
+    assert free == {"parameters": ["threshold", "speed_exponent"]}
     assert pickle.loads(pickle.dumps(drawn)).predictor.weights == drawn.predictor.weights
 
 

@@ -36,7 +36,6 @@ from erosion.cli.options import (
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 from erosion.output import briefly
 from erosion.results import Finding, Part, stated, unique
-from erosion.results.findings import STATED
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or "angle [deg], speed [m/s], '
@@ -238,16 +237,16 @@ def write_case(
         The file of samples to which the case file refers; None, with a finding, where there is no parameter of an
         impact to sample.
     """
-    warnings = [finding.text for finding in ranking.findings_of_best]
+    findings = ranking.findings_of_best
     with user_errors(lazy.CalibrationError):
         try:
             (ranking.best if drawn is None else drawn[0].best).rows_of_draws()
-            samples = ranking.best.save(path.with_suffix(".nc"), warnings) if drawn is None else drawn[1]
+            samples = ranking.best.save(path.with_suffix(".nc"), findings) if drawn is None else drawn[1]
         except lazy.SamplingError:
             samples = None
             output.warn(Finding("case_without_draws", str(path)))
         options = task.options.names()
-        text = lazy.to_case(ranking.best, str(path), **options, warnings=warnings, samples=samples)
+        text = lazy.to_case(ranking.best, str(path), **options, findings=findings, samples=samples)
         lazy.write_whole(path, text.encode())
     return samples
 
@@ -392,6 +391,7 @@ class GivenFit:
             raise InputError(f"{case.case}: field `data` of [advise] must be a path, but is {briefly(self.data)}.")
         # That the tests were in units of their own, for example.
         self.doubts = () if doubt is None else (doubt,)
+        self.said = "" if doubt is None else doubt.text
         # Without laws in the options those of the case file, with their correlation.
         of_file = self._section if options.uncertain is None else {}
         self._counts = "uncertain" in of_file
@@ -419,10 +419,6 @@ class GivenFit:
             raise InputError(f"{next(iter(own.values()))[0]} needs one model, but there are {', '.join(chosen)}.")
         loaded = {name: self._case.load_as_set(name, own) for name in chosen}
         return {lazy.called(name, model): model for name, model in loaded.items()}
-
-    def is_said(self, doubt: Finding) -> bool:
-        """Whether the case file says what its samples say of the fit, too."""
-        return doubt.code == STATED and any(doubt.numbers["text"] in said.numbers["text"] for said in self.doubts)
 
     def words(
         self,
@@ -549,8 +545,9 @@ def advise(
             (doubt.code, doubt.numbers) for doubt in outside
         ]  # of the file's tests, which may be those of the draws
         of_draws = [doubt for part in draws for chosen in models.values()
-                    for doubt in part.doubts(chosen, advice.p, advice.per_mass.cutting_fraction)
-                    if (doubt.code, doubt.numbers) not in told and not fit.is_said(doubt)]  # fmt: skip
+                    for doubt in (*part.doubts(chosen, advice.p, advice.per_mass.cutting_fraction),
+                                  *part.of_fit(fit.said))
+                    if (doubt.code, doubt.numbers) not in told]  # fmt: skip
         weighed = advice.weighed or fit.weighed if uncertain else None
         advice = dataclasses.replace(
             advice, doubts=unique((*fit.doubts, *outside, *of_draws)), weighed=weighed,

@@ -96,7 +96,7 @@ class ReadLaws(NamedTuple):
         yield from self.uncertain.unused_columns
         yield from self.varied.columns_apart
         for part in self.draws:
-            yield from part.doubts(model, p, cutting_fraction)
+            yield from (*part.doubts(model, p, cutting_fraction), *part.of_fit())
 
 
 @dataclasses.dataclass(frozen=True)

@@ -44,9 +44,10 @@ from erosion.models import CuttingModel, impact_to_dict, model_name, own_paramet
 from erosion.output.tables import Record, briefly
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity, Scale, table_scale, unit_name
-from erosion.results import Columns, Declared, Finding, Part, Value, stated
+from erosion.results import Columns, Declared, Finding, Part, Value
 
 _ROUNDING = 1e-9  # of leverages
+_STARTS_WITHOUT = 4  # of a fit without one row, of which the fit with it is the first
 _PROFILED = 1.8  # intervals of that level, to either side of an estimate
 
 
@@ -167,6 +168,16 @@ class Calibration(Fit):
         """Measured less fitted, shape (rows,)."""
         return self.data.erosion - self.fitted
 
+    def without(self, row: int) -> "Calibration | None":
+        """The fit to the other rows, from this one's estimates on; None where it fails."""
+        rows = np.flatnonzero(np.arange(len(self.data)) != row)
+        others = dataclasses.replace(self.problem, data=self.problem.data.of_rows(rows))
+        squares = dataclasses.replace(self.squares, problem=others, data=others.data, start=self.solution.theta)
+        try:
+            return Calibration(*fit(squares, self.squares.loss, _STARTS_WITHOUT), self.level)
+        except CalibrationError:
+            return None
+
     @property
     def rms(self) -> float:
         """Root mean square of the residuals, in the data's dimension."""
@@ -253,7 +264,7 @@ class Calibration(Fit):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is doubtful in this fit; empty for a good one."""
-        return tuple(map(stated, doubts.doubts(self)))
+        return doubts.doubts(self)
 
     @property
     def undecided(self) -> tuple[str, ...]:

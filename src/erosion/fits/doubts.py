@@ -26,7 +26,7 @@ from erosion.models import BUILT_IN, SPEED_EXPONENT, SpeedExponent, model_name
 from erosion.output.tables import format_number, sentences
 from erosion.parameters.per_mass import far_from_tests
 from erosion.parameters.quantities import ascii_unit, conversion_factor, table_scale
-from erosion.results import Columns, Declared, Finding, Result, Scale, Value
+from erosion.results import Columns, Declared, Finding, Result, Scale, Value, found
 
 if TYPE_CHECKING:
     from erosion.fits.calibration import Calibration
@@ -172,8 +172,8 @@ _SAME_ANGLE = np.deg2rad(1.0)  # of a row that is measured already
 _SEEN = 2.0  # standard deviations of a row, by which the two fits must differ there
 
 
-def advise(squares: LeastSquares, names: Sequence[str], allowed: np.ndarray, noise: float) -> str:
-    """What to do about parameters that are left open, as "Fix one of them, or measure at 10°." says it.
+def remedy(squares: LeastSquares, names: Sequence[str], allowed: np.ndarray, noise: float) -> Finding:
+    """What to do about parameters that are left open: fix one of them, or measure where they differ.
 
     Args:
         squares: the model and the data.
@@ -181,7 +181,6 @@ def advise(squares: LeastSquares, names: Sequence[str], allowed: np.ndarray, noi
         allowed: two θ, far from each other, that fit the data as well; shape (2, names).
         noise: standard deviation of a row over the greatest erosion.
     """
-    fixed = "Fix it" if len(names) == 1 else "Fix one of them"
     for speed in _speeds(squares):
         at = {"alpha": _ANGLES} if speed is None else {"alpha": _ANGLES, "v0": np.full(_ANGLES.shape, speed)}
         first, second = squares.problem.predict_many(allowed, at)
@@ -190,9 +189,12 @@ def advise(squares: LeastSquares, names: Sequence[str], allowed: np.ndarray, noi
             continue
         differs = np.where(_measured(squares, speed), 0.0, np.abs(first - second) / (noise * greatest))
         if differs.max() >= _SEEN:
-            where = "" if speed is None else f", {describe({'v0': speed}, squares.data.units)}"
-            return f"{fixed}, or measure at {np.rad2deg(_ANGLES[np.argmax(differs)]):.0f}°{where}."
-    return f"{fixed}."
+            numbers = {"parameters": names, "alpha": _ANGLES[np.argmax(differs)]}
+            if speed is None:
+                return Finding("fix_parameter_or_measure", "", numbers)
+            numbers["condition"] = describe({"v0": speed}, squares.data.units)
+            return Finding("fix_parameter_or_measure_at", "", numbers)
+    return Finding("fix_parameter", "", {"parameters": names})
 
 
 def _measured(squares: LeastSquares, speed: float | None) -> np.ndarray:
@@ -230,14 +232,14 @@ class Pattern:
         statistic: runs of one sign less those expected of noise, over their standard deviation;
             over speed and mass the exponent that the fit lacks; of the size the ratio of the variances.
         probability: that noise has such a pattern or a clearer one.
-        sentence: on what is seen.
-        level: probability below which the pattern is said.
+        finding: what is said of it where it is seen.
+        level: probability below which that is.
     """
 
     over: str
     statistic: float
     probability: float
-    sentence: str
+    finding: Finding
     level: float = RARE
 
     @property
@@ -281,11 +283,11 @@ def beyond_scatter(data: Measurements, fitted: np.ndarray, freedom: int, groups:
     variance, of_scatter = float(np.sum(residuals**2)) / freedom, squares / scatter_freedom
     ratio, probability = variances_differ((variance, freedom), (of_scatter, scatter_freedom), data.erosion)
     scale = table_scale(data.dimension, data.units, float(np.sqrt(variance)))
-    sizes = [format_number(np.sqrt(square), 3, scale.size) for square in (variance, of_scatter)]
-    return Pattern("scatter", ratio, probability, (
-        f"The residuals are {scale.beside(sizes[0])}, the rows scatter about a smooth curve by "
-        f"{scale.beside(sizes[1])} (probability {probability:.1g}): {worst_row(data, fitted)}."
-    ))  # fmt: skip
+    residual, scatter = (
+        scale.beside(format_number(np.sqrt(square), 3, scale.size)) for square in (variance, of_scatter)
+    )
+    numbers = {"residual": residual, "scatter": scatter, "probability": probability, **worst_row(data, fitted)}
+    return Pattern("scatter", ratio, probability, Finding("misfit_beyond_scatter", "", numbers))
 
 
 def variances_differ(first: tuple[float, int], second: tuple[float, int], erosion: np.ndarray) -> tuple[float, float]:
@@ -298,15 +300,13 @@ def variances_differ(first: tuple[float, int], second: tuple[float, int], erosio
     return ratio, float(stats.f.sf(ratio, first[1], second[1]))
 
 
-def worst_row(data: Measurements, fitted: np.ndarray) -> str:
-    """The row that is furthest from the fit: "at 90° the fit has 0 mg/kg, the data have 95 mg/kg"."""
+def worst_row(data: Measurements, fitted: np.ndarray) -> dict[str, str]:
+    """The row that is furthest from the fit, and what fit and data have there, for findings."""
     deviation = 1.0 if data.uncertainty is None else data.whole_error
     row = int(np.argmax(np.abs((data.erosion - fitted) / deviation)))
-    of_fit, of_data = (data.scale.beside(format_number(value, 3, data.scale.size))
-                       for value in (fitted[row], data.erosion[row]))  # fmt: skip
     label = data.condition_of(row)
     where = f"{np.rad2deg(data.angle[row]):.3g}°{f', {label}' if label else ''}"
-    return f"at {where} the fit has {of_fit}, the data have {of_data}"
+    return {"row": where, "fitted": data.in_words(fitted[row]), "measured": data.in_words(data.erosion[row])}
 
 
 class LackOfFit(NamedTuple):
@@ -374,13 +374,10 @@ def _over_angle(data: Measurements, residuals: np.ndarray, groups: Sequence[Cond
     statistic = (len(runs) - expected) / np.sqrt(variance)
     probability = float(stats.norm.cdf(statistic + 0.5 / np.sqrt(variance)))  # a count is half a step wide
     longest, label = max(runs, key=lambda run: len(run[0]))
-    first, last = np.rad2deg(data.angle[longest[[0, -1]]])
-    side = "above" if residuals[longest[0]] > 0 else "below"
-    return Pattern("angle", float(statistic), probability, (
-        f"The residuals show a pattern over the angle: {len(runs)} run{'s' if len(runs) > 1 else ''} of one sign, "
-        f"where noise makes {expected:.0f} ± {np.sqrt(variance):.0f} (probability {probability:.1g}). From "
-        f"{first:.3g}° to {last:.3g}°{f' at {label}' if label else ''} the data lie {side} the fit."
-    ))  # fmt: skip
+    first, last = data.angle[longest[[0, -1]]]
+    numbers = {"runs": len(runs), "expected": expected, "deviation": np.sqrt(variance), "probability": probability,
+               "first": first, "last": last, "side": "above" if residuals[longest[0]] > 0 else "below"}  # fmt: skip
+    return Pattern("angle", float(statistic), probability, Finding("pattern_over_angle", label, numbers))
 
 
 def growth(
@@ -424,11 +421,8 @@ def growth(
         found.append((log_likelihood, exponent, deviation, 2 * float(law.sf(abs(exponent) / deviation))))
     logs, *numbers = np.array(found).T
     exponent, deviation, probability = (float(special.softmax(logs) @ column) for column in numbers)
-    word = _WORDS[name]
-    return Pattern(word, exponent, probability, (
-        f"The data grow with the {word} by another power than the fit, higher by {exponent:.2g} ± {deviation:.1g} "
-        f"(probability {probability:.1g})."
-    ), _UNUSUAL)  # fmt: skip
+    numbers = {"quantity": _WORDS[name], "exponent": exponent, "error": deviation, "probability": probability}
+    return Pattern(_WORDS[name], exponent, probability, Finding("other_power", "", numbers), _UNUSUAL)
 
 
 LEVEL = 0.95  # of the intervals that standard errors are compared with
@@ -489,21 +483,18 @@ def is_beyond_scatter(fit: "Calibration") -> bool:
     return any(pattern.over == "scatter" and pattern.seen for pattern in fit.patterns)
 
 
-def doubts(fit: "Calibration") -> tuple[str, ...]:
-    """All sentences on what is doubtful; none for a good fit."""
+def doubts(fit: "Calibration") -> tuple[Finding, ...]:
+    """All that is doubtful; nothing for a good fit."""
     patterns = [pattern for pattern in fit.patterns if pattern.seen]
     of_speed = [said for pattern in patterns if pattern.over == "speed" for said in _of_speed(fit, pattern.statistic)]
-    poor = (
-        f"The model does not fit within the uncertainties: χ² is {fit.chi2:.4g} for {fit.degrees_of_freedom} degrees "
-        "of freedom. The errors and intervals hold only if the model were right."
-    )
+    misfit = Finding("misfit_beyond_errors", "", {"chi2": fit.chi2, "freedom": fit.degrees_of_freedom})
     open_ones = (*_undetermined(fit), *_undecided(fit), *_at_bounds(fit))
-    return (*_far_from_tests(fit), *open_ones, *sentences((is_poor(fit), poor)), *far_rows(fit),
-            *(pattern.sentence for pattern in patterns), *of_speed)  # fmt: skip
+    return (*_far_from_tests(fit), *open_ones, *found((is_poor(fit), misfit)), *far_rows(fit),
+            *(pattern.finding for pattern in patterns), *of_speed)  # fmt: skip
 
 
-def _far_from_tests(fit: "Calibration") -> list[str]:
-    """A sentence on rows of another order than all tests, where the density is known: those of a whole test often."""
+def _far_from_tests(fit: "Calibration") -> list[Finding]:
+    """Rows of another order than all tests, where the density is known: those of a whole test often."""
     data, p, density = fit.data, fit.p.to("si"), fit.problem.density
     if density is None or data.free_scale:
         return []
@@ -516,10 +507,10 @@ def _far_from_tests(fit: "Calibration") -> list[str]:
     if far is None:
         return []
     code = "other_order" if data.per_mass else "other_order_of_one"
-    return [Finding(code, data.source, dataclasses.asdict(far)).text]
+    return [Finding(code, data.source, dataclasses.asdict(far))]
 
 
-def _of_speed(fit: "Calibration", lacking: float) -> list[str]:
+def _of_speed(fit: "Calibration", lacking: float) -> tuple[Finding, ...]:
     """The exponents of the speed in the model and in the data, with advice.
 
     Args:
@@ -533,23 +524,22 @@ def _of_speed(fit: "Calibration", lacking: float) -> list[str]:
     # With a threshold, which all speeds share, the erosion grows faster than as v₀².
     held = [name for name in problem.own_thresholds if lacking > 0 and name not in fit.names]
     held += [SPEED_EXPONENT] * (isinstance(problem.model, SpeedExponent) and SPEED_EXPONENT not in fit.names)
-    alone = min(len(group.rows) for group in groups) > len(fit.names)
-    ways = " or ".join(sentences((held, f"free {', '.join(held)}"), (alone, "fit each speed alone")))
-    said = (
-        f"{ways}{': ' * bool(ways)}the model removes as v₀^{of_model:.3g}, these data as v₀^{of_model + lacking:.3g}."
+    name, is_alone = model_name(problem.model), min(len(group.rows) for group in groups) > len(fit.names)
+    return found(
+        (True, Finding("power_of_speed", name, {"of_model": of_model, "of_data": of_model + lacking})),
+        (held, Finding("free_for_speed", name, {"parameters": held})),
+        (is_alone, Finding("fit_each_speed")),
+        (name in BUILT_IN, Finding("model_with_exponent", name)),
     )
-    name = model_name(problem.model)
-    free = f"The model with an exponent of its own is {name}-exponent; free speed_exponent."
-    return [f"{said[0].upper()}{said[1:]}", *sentences((name in BUILT_IN, free))]
 
 
-def _undetermined(fit: "Calibration") -> list[str]:
+def _undetermined(fit: "Calibration") -> list[Finding]:
     """What the data does not determine at all, with advice."""
     said, squares, theta = [], fit.squares, fit.solution.theta
     for group in fit.identifiability.groups:
         step = group.direction / np.abs(group.direction).max()
         allowed = np.array([_moved(theta, sign * step, squares.lower, squares.upper) for sign in (-1.0, 1.0)])
-        said.append(f"{group.statement} {advise(squares, group.names, allowed, fit.noise)}")
+        said += [group.finding, remedy(squares, group.names, allowed, fit.noise)]
     return said
 
 
@@ -559,8 +549,8 @@ def _moved(theta: np.ndarray, step: np.ndarray, lower: np.ndarray, upper: np.nda
     return theta + min(1.0, float(room.min())) * step
 
 
-def _undecided(fit: "Calibration") -> list[str]:
-    """What the data hardly determines, with advice: parameters that are left open together share a sentence."""
+def _undecided(fit: "Calibration") -> list[Finding]:
+    """What the data hardly determines, with advice: parameters that are left open together share a finding."""
     open_names = list(fit.undecided)
     said = []
     while open_names:
@@ -571,35 +561,31 @@ def _undecided(fit: "Calibration") -> list[str]:
         together = [name for name in open_names if abs(correlation[fit.names.index(name)]) > _TOGETHER]
         group = [open_names[0], *(name for name in together if name != open_names[0])]
         open_names = [name for name in open_names if name not in group]
-        advice = advise(fit.squares, group, fit.allowed(at), fit.noise)
-        which = f"between {', '.join(group[:-1])} and {group[-1]}" if len(group) > 1 else group[0]
-        said.append(f"The data do not decide {which}: {advice[0].lower()}{advice[1:]}")
+        advice = remedy(fit.squares, group, fit.allowed(at), fit.noise)
+        said += [Finding("parameters_not_decided", "", {"parameters": group}), advice]
     return said
 
 
-def _at_bounds(fit: "Calibration") -> list[str]:
+def _at_bounds(fit: "Calibration") -> list[Finding]:
     """Bounds that are touched, and standard errors that mislead: the first of these of each parameter."""
-    said, touched = [], fit.bounds_touched()
+    said, touched = list[Finding](), fit.bounds_touched()
     for at, name in enumerate(fit.names):
         if name in fit.undetermined:
             continue
         low, high = fit.ends(LEVEL)[at]
         width, marks = 2 * np.sqrt(fit.rise(LEVEL) * fit.covariance_of_theta[at, at]), touched.get(name, ())
-        bounds = {side: f"its {side} bound, {fit.in_words(name, bound, 6)}"
-                  for side, bound in zip(("lower", "upper"), fit.bounds[name], strict=True)}  # fmt: skip
-        estimate, interval = (
-            [bound for side, bound in bounds.items() if f"{what} at {side}" in marks]
-            for what in ("estimate", "interval")
-        )
-        said += sentences(
-            *((True, f"{name} is at {bound}: its error means nothing.") for bound in estimate),
-            (interval, f"The interval of {name} ends at {' and '.join(interval)}: the data do not end it there."),
-            (name in fit.undecided, ""),  # is said already
-            (np.isnan(high - low),
-             f"The interval of {name} has an end that is not known: the model fails on the way to it."),
-            (_FACTOR * (high - low) < width,
-             f"{name} is known better than its standard error says (V(α) jumps, or a bound): see its interval."),
-            (high - low > _FACTOR * width,
-             f"{name} is known less well than its standard error says: see its interval."),
-        )[:1]  # fmt: skip
-    return [sentence for sentence in said if sentence]
+        sides = dict(zip(("lower", "upper"), fit.bounds[name], strict=True))
+        at_bounds = {of: [{"side": side, "bound": fit.in_words(name, bound, 6)}
+                          for side, bound in sides.items() if f"{of} at {side}" in marks]
+                     for of in ("estimate", "interval")}  # fmt: skip
+        if at_bounds["estimate"]:
+            said += [Finding("estimate_at_bound", name, numbers) for numbers in at_bounds["estimate"]]
+        elif at_bounds["interval"]:
+            said += [Finding("interval_at_bound", name, numbers) for numbers in at_bounds["interval"]]
+        elif name not in fit.undecided:  # of which more is said
+            said += found(
+                (np.isnan(high - low), Finding("interval_without_end", name)),
+                (_FACTOR * (high - low) < width, Finding("error_too_great", name)),
+                (high - low > _FACTOR * width, Finding("error_too_small", name)),
+            )[:1]
+    return said

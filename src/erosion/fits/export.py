@@ -30,6 +30,7 @@ from erosion.parameters import (
     toml_string,
     with_paths,
 )
+from erosion.results import Finding
 from erosion.version import __version__
 
 _POINTS = 20
@@ -135,7 +136,7 @@ def to_case(
     *,
     particle: str | None = None,
     target: str | None = None,
-    warnings: Sequence[str] | None = None,
+    findings: Sequence[Finding] | None = None,
     samples: str | Path | None = None,
 ) -> str:
     """The text of a case file, which `load_case` reads: the estimates in place, at a speed of the data.
@@ -148,7 +149,7 @@ def to_case(
         path: the file's, for the command in its comment, and where the paths in it begin.
         particle: its name and size, where the case has it by name.
         target: its name, where the case has it by name.
-        warnings: sentences for whoever uses the file; those of the fit without them.
+        findings: for whoever uses the file; those of the fit without them.
         samples: the file that `Fit.save` writes, for advice by predictions of the fit.
 
     Raises:
@@ -164,7 +165,7 @@ def to_case(
     if density is not None:
         density *= conversion_factor("density", calibration.p.units, "si")
     weighed = dump_per_mass(PerMass(density, calibration.cutting_fraction))
-    said = calibration.warnings if warnings is None else warnings
+    said = calibration.findings if findings is None else findings
     advice = _for_advice(calibration, said, path, samples)
     return commented(text, "#") + case + named + weighed + _model(calibration, path) + advice
 
@@ -186,11 +187,11 @@ def _model(calibration: Calibration, path: str) -> str:
     return dump_model(_in_file(source, path), own)
 
 
-def _for_advice(calibration: Calibration, warnings: Sequence[str], path: str, samples: str | Path | None) -> str:
+def _for_advice(calibration: Calibration, findings: Sequence[Finding], path: str, samples: str | Path | None) -> str:
     """The table [advise] of a case file."""
     of_scale = "The tests had units of their own, so the size of the wear is that of the case."
     rows = "" if calibration.data.path is None else seen_from(Path(path), str(calibration.data.path))
-    said = [of_scale] * calibration.data.free_scale + [*warnings]
+    said = [of_scale] * calibration.data.free_scale + [finding.text for finding in findings]
     kept = "" if samples is None else seen_from(Path(path), str(samples))
     equations = plug_in_digest(calibration.model, calibration.p)
     lines = sentences(

@@ -13,11 +13,11 @@ from erosion.arguments import check_path
 from erosion.fits.fit_files import (
     DATA_FILE,
     EQUATIONS,
+    FINDINGS,
     LINE,
     SOURCE,
     TESTED,
     TIED,
-    WARNINGS,
     own_in_si,
     prediction_groups,
 )
@@ -33,7 +33,7 @@ from erosion.models.equations import plug_in_digest
 from erosion.output.files import require_writable, seen_from, write_whole
 from erosion.parameters.case_files import dump_case, with_paths
 from erosion.parameters.quantities import Quantity
-from erosion.results import Part, Result
+from erosion.results import Finding, Part, Result, to_attribute
 from erosion.version import __version__
 
 
@@ -168,12 +168,12 @@ class Fit(Result):
             groups if self.sample_stats is None else groups | {"sample_stats": self.sample_stats}
         )
 
-    def save(self, path: str | Path, warnings: Sequence[str] | None = None) -> Path:
+    def save(self, path: str | Path, findings: Sequence[Finding] | None = None) -> Path:
         """Write `to_datatree` to a netCDF file, whole or not at all.
 
         Args:
             path: ends in .nc.
-            warnings: sentences for whoever uses the file; those of the fit without them.
+            findings: for whoever uses the file; those of the fit without them.
 
         Raises:
             ValueError: for a suffix other than .nc.
@@ -185,7 +185,7 @@ class Fit(Result):
         require_writable(path)
         tree = self.to_datatree()
         samples = tree["posterior"].attrs
-        samples[WARNINGS] = json.dumps([*(self.doubts if warnings is None else warnings)])
+        samples[FINDINGS] = to_attribute(self.doubts if findings is None else findings)
         samples[SOURCE] = with_paths(samples[SOURCE], functools.partial(seen_from, path))
         if self.data.path is not None:
             samples[DATA_FILE] = seen_from(path, str(self.data.path))
@@ -199,6 +199,6 @@ class Fit(Result):
         return path
 
     @property
-    def doubts(self) -> Sequence[str]:
-        """The warnings but for those on the samples, which whoever reads a file is told."""
-        return self.warnings
+    def doubts(self) -> Sequence[Finding]:
+        """The findings but for those on the samples, which whoever reads a file is told."""
+        return self.findings

@@ -33,7 +33,7 @@ from erosion.parameters import (
     parse_case,
     with_paths,
 )
-from erosion.results import Finding, found, stated
+from erosion.results import Finding, found, from_attribute
 
 _PREDICTION = "prediction"
 EQUATIONS = "equations"
@@ -42,7 +42,7 @@ LINE = "line"
 """The variable with each row's line of the file of data."""
 SOURCE, DATA_FILE = "model_source", "data_file"
 """The attributes with what loads the model again, its name or its file, and with the tests' table; paths begin here."""
-TESTED, WARNINGS = "tested", "warnings"
+TESTED, FINDINGS = "tested", "findings"
 """The attributes with the ranges of the tests, as `Tested` has them, and what is doubtful in the fit; in JSON."""
 TIED = "tied_to_scale"
 """The attribute with the parameters whose samples mean nothing, as the tests had units of their own; in JSON."""
@@ -63,7 +63,7 @@ class Draws:
         cutting_fraction: the share of the particles that cut that the fit assumed, or None where it was sampled.
         has_scale: whether the measurements were in units of their own.
         converged: whether the draws are good.
-        warnings: what else was doubtful in the fit.
+        findings: what else was doubtful in the fit.
         data: the path of the tests' table.
     """
 
@@ -76,7 +76,7 @@ class Draws:
     cutting_fraction: float | None
     has_scale: bool
     converged: bool
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     data: str = "rows.csv"
 
     @functools.cached_property
@@ -98,8 +98,13 @@ class Draws:
         """A `ValueError` where a plug-in computes something else than when the draws were made."""
         _require_same_equations(self.path, self.equations, model, self.p)
 
+    def of_fit(self, but: str = "") -> list[Finding]:
+        """What was doubtful in the fit, without what a text has already."""
+        left = [finding for finding in self.findings if finding.text not in but]
+        return [dataclasses.replace(finding, about=finding.about or str(self.path)) for finding in left]
+
     def doubts(self, model: CuttingModel, p: Parameters, cutting_fraction: float) -> list[Finding]:
-        """Findings on what an impact has otherwise than the fit and its tests, and on what was doubtful in the fit."""
+        """Findings on what an impact has otherwise than the fit and its tests."""
         there, here = self.p.to(p.units), own_in_si(model, p, self.rows.columns)
         share = cutting_fraction if self.cutting_fraction is None else self.cutting_fraction
         numbers = [(QUANTITIES[name], float(getattr(there, name)), float(getattr(p, name)))
@@ -119,9 +124,8 @@ class Draws:
             (not np.isclose(share, cutting_fraction),
              Finding("draws_of_other_fraction", path, {"before": share, "now": cutting_fraction})),
         )  # fmt: skip
-        of_file = [stated(sentence, path) for sentence in self.warnings]
         outside = Tested(self.rows.tested).outside({name: getattr(p, name) for name in ("v0", "m")}, p.units, path)
-        return [*doubts, *of_file, *outside]
+        return [*doubts, *outside]
 
 
 def _require_same_equations(path: Path, equations: str, model: CuttingModel, p: Parameters) -> None:
@@ -185,7 +189,7 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         cutting_fraction=None if FRACTION in columns else float(attrs.get(FRACTION, 1.0)),
         has_scale=SCALE in dataset,
         converged=bool(attrs.get("converged", 1)),
-        warnings=tuple(_kept(attrs, WARNINGS, [])),
+        findings=from_attribute(attrs.get(FINDINGS, "")),
         **({"data": beside(path, attrs[DATA_FILE])} if DATA_FILE in attrs else {}),
     )
 

@@ -23,6 +23,7 @@ from scipy.stats import qmc
 
 from erosion.fits.measurements import Measurements
 from erosion.fits.problem import FRACTION, SCALE, FitProblem
+from erosion.results import Finding
 
 # The engine's derivatives hold nine digits, so a direction without influence has 1e-9 or less.
 _NOTHING = 1e-7  # of the prediction: influence of a parameter
@@ -35,13 +36,21 @@ class Group(NamedTuple):
 
     Args:
         names: of these parameters.
-        statement: a sentence on what is determined.
+        determined: the products of powers of them that are determined: ("m/b^(1/2)",).
         direction: a change of θ that leaves the prediction as it is, shape (n,).
     """
 
     names: tuple[str, ...]
-    statement: str
+    determined: tuple[str, ...]
     direction: np.ndarray
+
+    @property
+    def finding(self) -> Finding:
+        """What the data leave open."""
+        if len(self.names) == 1:
+            return Finding("parameter_has_no_influence", self.names[0])
+        numbers = {"parameters": self.names, "determined": self.determined}
+        return Finding("parameters_are_tied" if self.determined else "parameters_are_tied_completely", "", numbers)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,11 +72,6 @@ class Identifiability:
     groups: tuple[Group, ...]
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """A sentence for each group of undetermined parameters."""
-        return tuple(group.statement for group in self.groups)
-
-    @property
     def rank(self) -> int:
         """How many combinations of the parameters are determined."""
         return self.modes.shape[1]
@@ -86,7 +90,7 @@ def identify(names: Sequence[str], jacobian: np.ndarray, exponent: np.ndarray, s
     norms = np.linalg.norm(jacobian, axis=0)
     active = norms > _NOTHING * size
     groups = [
-        Group((name,), f"{name} has no influence on these data and cannot be determined.", direction)
+        Group((name,), (), direction)
         for name, counts, direction in zip(names, active, np.eye(n), strict=True)
         if not counts
     ]
@@ -121,13 +125,11 @@ def _ties(all_names: Sequence[str], involved: np.ndarray, thetas: np.ndarray, ex
         members = np.flatnonzero(together == label)
         products = [_product(names, row) for row in determined if (np.abs(row[members]) > _INVOLVED).any()]
         of_group = [names[i] for i in members]
-        only = f"only {' and '.join(products)} {'is' if len(products) == 1 else 'are'} determined"
         direction = np.zeros(len(all_names))
         # A null direction of the members alone, which no direction ties to others.
         strongest = np.linalg.svd(null[members], full_matrices=False)[0][:, 0]
         direction[involved[members]] = strongest * exponent[involved[members]]
-        tied = f"{', '.join(of_group[:-1])} and {of_group[-1]} cannot be told apart: {only}."
-        groups.append(Group(tuple(of_group), tied, direction))
+        groups.append(Group(tuple(of_group), tuple(products), direction))
     return groups
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from erosion.fits.conditions import Condition, are_apart, describe, group_numbers
 from erosion.fits.errors import ErrorModel, of_which, without_common
 from erosion.fits.tables import KNOWN, REFUSED, REMOVALS, MeasurementError, are_shares, removal_of
-from erosion.output.tables import briefly, largest_of
+from erosion.output.tables import briefly, format_number, largest_of
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import (
     RESULTS,
@@ -120,6 +120,10 @@ class Measurements:
         if self.unit:
             return scale_of(self.unit, self.dimension, self.units)
         return table_scale(self.dimension, self.units, largest_of(self.erosion))
+
+    def in_words(self, erosion: float) -> str:
+        """An erosion in the unit of the table: "240 mg/kg"."""
+        return self.scale.beside(format_number(erosion, 3, self.scale.size))
 
     def scale_of(self, size: float) -> Scale:
         """The table's own unit where it is one of the case's system, else one in which a size reads well."""

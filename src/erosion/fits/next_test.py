@@ -198,13 +198,6 @@ def next_test(
     References:
         D. V. Lindley, On a measure of the information provided by an experiment, Ann. Math. Stat. 27 (1956) 986-1005.
     """
-    fits: Sequence[Fit] = (source,) if isinstance(source, Fit) else source
-    weights = np.ones(1)
-    if len(fits) != 1:
-        ranking = rank(fits)  # pyrefly: ignore
-        fits, weights = ranking.fits, ranking.weights
-    if np.isnan(weights).any():
-        raise ValueError("Argument `source` must have fits whose AICc is known, but the tests are too few for it.")
     if not isinstance(noise, ErrorModel | None):
         check_unmasked("noise", noise)
         given = array_of(noise)
@@ -213,6 +206,13 @@ def next_test(
     for name, asked in (("candidates", candidates), ("for_prediction", for_prediction)):
         if asked is not None and not isinstance(asked, Mapping):
             raise ValueError(f"Argument `{name}` must be such as {{'alpha': …, 'v0': …}}, but is {briefly(asked)}.")
+    fits: Sequence[Fit] = (source,) if isinstance(source, Fit) else source
+    weights = np.ones(1)
+    if len(fits) != 1:
+        ranking = rank(fits)  # pyrefly: ignore
+        fits, weights = ranking.fits, ranking.weights
+    if np.isnan(weights).any():
+        raise ValueError("Argument `source` must have fits whose AICc is known, but the tests are too few for it.")
     conditions, target = _conditions(fits, candidates, for_prediction or {})
     of_fits = [_Drawn.of(fit, conditions, target, draws, noise) for fit in fits]
     prediction, parameters, discrimination = np.zeros((3, len(conditions["alpha"])))

@@ -1,13 +1,11 @@
 """Rows that are far from a fit: which one it is, what it does to the fit, and which ones a robust loss holds back."""
 
-import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import special, stats
 
-from erosion.fits.least_squares import settle
-from erosion.output import format_number
+from erosion.results import Finding
 
 if TYPE_CHECKING:
     from erosion.fits.calibration import Calibration
@@ -18,7 +16,6 @@ FEW_PER_CENT = 0.05  # of the greatest erosion: residuals that erosion tests sel
 _USUAL = 2.0  # stated errors that a row may be off
 _RATIOS = 0.0, *np.geomspace(0.3, 300.0, 10).tolist()  # of a relative error of the greatest erosion to the absolute one
 _HELD_BACK = 0.5  # of a row's weight
-_LISTED = 8  # rows that a sentence lists
 
 
 def studentized(residuals: np.ndarray, leverage: np.ndarray, freedom: int) -> tuple[np.ndarray, np.ndarray]:
@@ -69,8 +66,8 @@ def chances(residuals: np.ndarray, slopes: np.ndarray, fitted: np.ndarray, freed
     return np.sum(special.softmax(logs, axis=0) * odds, axis=0)
 
 
-def far_rows(fit: "Calibration") -> list[str]:
-    """A sentence on the row that is furthest off, or on those that a robust loss holds back."""
+def far_rows(fit: "Calibration") -> list[Finding]:
+    """The row that is furthest off, or those that a robust loss holds back."""
     data, squares = fit.data, fit.squares
     residuals = squares.data.over_errors(fit.residuals)
     if squares.loss != "linear":
@@ -86,38 +83,25 @@ def far_rows(fit: "Calibration") -> list[str]:
     if abs(residuals[row] * squares.data.deviation[row]) <= usual:
         return []
     probability = min(1.0, len(data) * float(odds[row]))
-    return [_outlier(fit, row, probability)] if probability < _UNLIKELY else []
+    return _outlier(fit, row, probability) if probability < _UNLIKELY else []
 
 
-def _outlier(fit: "Calibration", row: int, probability: float) -> str:
-    data, squares = fit.data, fit.squares
-    others = dataclasses.replace(squares, data=squares.data.of_rows(np.flatnonzero(np.arange(len(data)) != row)))
-    without, changes = settle(others, fit.solution.theta), ""
-    if without is not None:
-        values = [
-            float(squares.problem.from_theta(name, theta)) for name, theta in zip(fit.names, without.theta, strict=True)
-        ]
-        parts = [
-            f"{name} = {fit.in_words(name, value)} (with it {fit.in_words(name, fit.estimates[name])})"
-            for name, value in zip(fit.names, values, strict=True)
-            if name not in fit.undetermined
-        ]
-        changes = f" Without it the fit is {', '.join(parts)}." if parts else ""
-    measured, fitted = (data.scale.beside(format_number(of[row], 3, data.scale.size))
-                        for of in (data.erosion, fit.fitted))  # fmt: skip
-    remedy = "; the loss soft_l1 holds it back" if data.speeds is None else ""
-    return (
-        f"{data.source}, {data.where(row)}, is an outlier: it has {measured}, the fit has {fitted} "
-        f"(probability {probability:.1g}).{changes} See that it is written down right{remedy}."
-    )
-
-
-def _held_back(fit: "Calibration", weights: np.ndarray) -> list[str]:
-    """A sentence on the rows that a robust loss counts for less than half."""
-    rows = [int(row) for row in np.argsort(weights) if weights[row] < _HELD_BACK]
-    if not rows:
-        return []
+def _outlier(fit: "Calibration", row: int, probability: float) -> list[Finding]:
     data = fit.data
-    listed = ", ".join(f"{data.where(row)} (to {weights[row]:.0%})" for row in rows[:_LISTED])
-    more = f" and {len(rows) - _LISTED:,} more" if len(rows) > _LISTED else ""
-    return [f"{data.source}: the loss {fit.squares.loss} weighs down {listed}{more}."]
+    without, place = fit.without(row), f"{data.source}, {data.where(row)}"
+    measured, fitted = (data.in_words(of[row]) for of in (data.erosion, fit.fitted))
+    numbers = {"row": data.where(row), "measured": measured, "fitted": fitted, "probability": probability}
+    said = [Finding("outlier" if data.speeds is None else "outlier_of_speeds", place, numbers)]
+    if without is not None:
+        known = [name for name in fit.names if name not in (*fit.undetermined, *without.undetermined)]
+        parts = [f"{name} = {fit.in_words(name, without.estimates[name])} (with it "
+                 f"{fit.in_words(name, fit.estimates[name])})" for name in known]  # fmt: skip
+        said += [Finding("fit_without_outlier", data.where(row), {"estimates": parts})] if parts else []
+    return said
+
+
+def _held_back(fit: "Calibration", weights: np.ndarray) -> list[Finding]:
+    """The rows that a robust loss counts for less than half."""
+    rows, least = int(np.sum(weights < _HELD_BACK)), int(np.argmin(weights))
+    numbers = {"loss": fit.squares.loss, "rows": rows, "row": fit.data.where(least), "share": weights[least]}
+    return [Finding("rows_held_back", fit.data.source, numbers)] if rows else []

@@ -29,10 +29,10 @@ from erosion.impacts.optimum import alpha_max
 from erosion.laws import JointLaw, law_in_words
 from erosion.models import CuttingModel, impact_to_dict, model_name, with_values
 from erosion.ode.step_control import require_float64
-from erosion.output.tables import Record, sentences
+from erosion.output.tables import Record
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity, Scale, table_scale
-from erosion.results import Columns, Declared, Finding, Part, Value, stated
+from erosion.results import Columns, Declared, Finding, Part, Value, found
 
 _EVIDENCE = 0.5  # standard error of ln Z, from which on a factor of evidence means little
 _END, _PILED = 0.01, 0.1  # an end of a prior, and the share of draws there that shows that the prior decides
@@ -155,44 +155,43 @@ class Posterior(Fit):
         return not self.not_converged
 
     @property
-    def not_converged(self) -> tuple[str, ...]:
-        """Sentences on draws that are not good, with advice; none for good ones."""
+    def not_converged(self) -> tuple[Finding, ...]:
+        """Why draws are not good, with advice; empty for good ones."""
         least = EFFECTIVE * len(self.run.log_evidence)
         bad = {name: rhat for name, rhat in self.rhat.items() if not rhat <= RHAT}
         few = {name: count for name, count in self.effective.items() if not count >= least}
-        greatest = max(bad or self.rhat, key=self.rhat.__getitem__)
-        fewest = min(few or self.effective, key=self.effective.__getitem__)
-        faults = sentences(
-            (bad, f"the populations of draws disagree about {', '.join(bad)} (R̂ of {greatest} is "
-                  f"{self.rhat[greatest]:.3f}, good to {RHAT})"),
-            (few, f"there are too few effective draws of {', '.join(few)} ({self.effective[fewest]:.0f} of {fewest}, "
-                  f"good from {least})"),
+        of_bad = {"parameters": [*bad], "rhat": max(bad.values(), default=1.0), "good": RHAT}
+        of_few = {"parameters": [*few], "effective": min(few.values(), default=np.inf), "good": least}
+        return found(
+            (bad, Finding("draws_disagree", "", of_bad)),
+            (few, Finding("draws_too_few", "", of_few)),
             (not self.log_evidence_error <= _EVIDENCE,
-             f"the populations disagree about the evidence (ln Z to {self.log_evidence_error:.2g})"),
+             Finding("evidence_disagrees", "", {"error": self.log_evidence_error})),
         )  # fmt: skip
-        return tuple(f"Not converged: {fault}. Ask for more draws." for fault in faults)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is doubtful; empty for a good result."""
-        said = [*self.not_converged, *self._ridges()]
+        return (*self.not_converged, *self.doubts)
+
+    @property
+    def doubts(self) -> tuple[Finding, ...]:
+        """The findings but for those on the draws."""
+        said = [one for group in self.groups
+                for one in (group.finding, Finding("draws_of_prior", "", {"parameters": group.names}))]  # fmt: skip
         shares = special.ndtr(self.run.points)
         below, above = (shares < _END).mean(axis=(0, 1)), (shares > 1 - _END).mean(axis=(0, 1))
         for name, low, high in zip(self.names, below, above, strict=True):
             share, end = max((low, "lowest"), (high, "highest"))
-            if share > _PILED:
-                said.append(
-                    f"{100 * share:.0f}% of the draws of {name} lie in the {end} hundredth of its prior, "
-                    f"{self._law_in_words(name)}: prior and data disagree, or the prior is too narrow."
-                )
+            numbers = {"share": share, "end": end, "law": self._law_in_words(name)}
+            said += found((share > _PILED, Finding("prior_decides", name, numbers)))
+        if not self._has_known_errors:
+            return tuple(said)
         points, rows = self.run.points.reshape(-1, len(self.names)), len(self.data)
-        chi2 = self.likelihood.chi2(points[:: max(len(points) // _SOME, 1)]) if self._has_known_errors else np.zeros(1)
-        if self._has_known_errors and float(stats.chi2.sf(chi2, rows).mean()) < POOR:
-            said.append(
-                f"The uncertainties do not explain the misfit: χ² is {np.median(chi2):.4g} for {rows:,} rows. The "
-                "intervals hold only if the model were right."
-            )
-        return tuple(map(stated, said))
+        chi2 = self.likelihood.chi2(points[:: max(len(points) // _SOME, 1)])
+        is_poor = float(stats.chi2.sf(chi2, rows).mean()) < POOR
+        misfit = Finding("misfit_of_draws_beyond_errors", "", {"chi2": np.median(chi2), "rows": rows})
+        return (*said, *found((is_poor, misfit)))
 
     @functools.cached_property
     def groups(self) -> Sequence[Group]:
@@ -204,11 +203,6 @@ class Posterior(Fit):
             return ()
         exponent = np.where(self.problem.logarithmic | (theta == 0), 1.0, theta)
         return identify(self.problem.names, jacobian, exponent, float(np.linalg.norm(predicted / deviation))).groups
-
-    def _ridges(self) -> list[str]:
-        """Parameters that the data cannot tell apart, in the words of a fit."""
-        alone, ridge = "Its draws are those of the prior.", "How far the ridge goes, the priors say."
-        return [f"{group.statement} {alone if len(group.names) == 1 else ridge}" for group in self.groups]
 
     def some(self, count: int) -> dict[str, np.ndarray]:
         """Draws of all parameters, from all populations alike, each of shape (count,) or, of fewer draws, of all."""
@@ -384,11 +378,6 @@ class Posterior(Fit):
         return xr.Dataset({"log_likelihood": (("chain", "draw"), logs)}, self.samples.coords)
 
     @property
-    def doubts(self) -> Sequence[str]:
-        """The warnings but for those on the draws."""
-        return self.warnings[len(self.not_converged) :]
-
-    @property
     def likeliest(self) -> dict[str, float]:
         """The parameters of the likeliest draw."""
         at = np.unravel_index(int(np.argmax(self.run.log_likelihood)), self.run.log_likelihood.shape)
@@ -450,8 +439,8 @@ def posterior(
     shape = CHAINS, draws, likelihood.priors.dimension
     run = sample(likelihood, shape, np.random.default_rng(seed), _are_good, progress)
     result = Posterior(likelihood, run, seed, discrepancy, check_share("level", level))
-    for sentence in result.not_converged:
-        warnings.warn(sentence, ConvergenceWarning, stacklevel=2)
+    for finding in result.not_converged:
+        warnings.warn(finding.text, ConvergenceWarning, stacklevel=2)
     return result
 
 

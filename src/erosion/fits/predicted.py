@@ -14,7 +14,7 @@ from erosion.fits.fit import Fit
 from erosion.fits.prediction import Predictor
 from erosion.impacts import Optimum
 from erosion.models.registry import model_name
-from erosion.output import largest_of, sentences, to_csv
+from erosion.output import largest_of, to_csv
 from erosion.parameters import (
     QUANTITIES,
     RESULTS,
@@ -26,7 +26,7 @@ from erosion.parameters import (
     table_scale,
     unit_name,
 )
-from erosion.results import Columns, Declared, Finding, Part, Result, Value, stated
+from erosion.results import Columns, Declared, Finding, Part, Result, Value, found
 
 _DRAWS = 2000  # the ends of an interval are known to some percents of its width
 _TOGETHER = 60  # questions of one batch, as the time of curves grows with the third power
@@ -117,17 +117,15 @@ class Predictions(Result):
         """What the predictor cannot know, how far questions are outside the tests, and what is lost."""
         at = self.asked
         high, means = self.columns["mean_high"], self.columns["mean"]
-        nothing = np.rad2deg(np.unique(at["alpha"][high <= _NOTHING * np.nanmax(means)]))
-        listed = ", ".join(f"{angle:.4g}°" for angle in nothing)
+        nothing = np.unique(at["alpha"][high <= _NOTHING * np.nanmax(means)])
         return (
             *self.predictor.findings,
             *self.predictor.outside(at.pop("alpha"), at),
-            *map(stated, sentences(
-                (nothing.size, f"The model removes next to nothing at {listed}, and what it lacks is a share of that: "
-                               "the intervals there say nothing. Take a model with deformation."),
-                (self.lost, f"{self.lost:.1%} of the impacts could not be computed and are left out."),
-            )),
-        )  # fmt: skip
+            *found(
+                (nothing.size, Finding("removes_nothing", "", {"alphas": nothing})),
+                (self.lost, Finding("predictions_lost", "", {"share": self.lost})),
+            ),
+        )
 
     def to_csv_as_shown(self) -> str:
         """The columns in units that read well, which the headings name: "mean [mg/kg]"."""

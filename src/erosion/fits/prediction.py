@@ -26,9 +26,9 @@ from erosion.fits.problem import FitProblem
 from erosion.fits.tempering import sample
 from erosion.laws import JointLaw, law_in_words
 from erosion.models import own_parameters
-from erosion.output import format_number, sentences
+from erosion.output import sentences
 from erosion.parameters import conversion_factor
-from erosion.results import Declared, Finding, Result, Scale, Value, stated
+from erosion.results import Declared, Finding, Result, Scale, Value, found
 
 CHAINS = 4
 _DRAWS = 600  # of a way to read the data: 500 independent ones know ends of intervals to 4 % of their width (1 σ)
@@ -236,8 +236,8 @@ class Predictor(Result):
         ]  # fmt: skip
 
     @functools.cached_property
-    def _missed(self) -> str:
-        """A sentence on the rows that a new weighing would not give; empty where it would give all."""
+    def _missed(self) -> tuple[Finding, ...]:
+        """The rows that a new weighing would not give; empty where it would give all."""
         data, few = self.data, self.ways["model"].misfit.plain.problem.data
         at = dict(few.conditions)
         means, ways = self._means(at.pop("alpha"), at, _SOME)
@@ -251,29 +251,26 @@ class Predictor(Result):
             odds = np.minimum(odds, chances(apart, np.zeros((len(data), 0)), middle, freedom))
         rows = np.flatnonzero(len(data) * odds < _UNLIKELY)
         if not len(rows):
-            return ""
-        measured, predicted = ([data.scale.beside(format_number(value, 3, data.scale.size)) for value in values]
-                               for values in (data.erosion, middle))  # fmt: skip
-        listed = [f"{data.where(row)}: {measured[row]}, predicted {predicted[row]}"
+            return ()
+        listed = [f"{data.where(row)}: {data.in_words(data.erosion[row])}, predicted {data.in_words(middle[row])}"
                   for row in rows[np.argsort(odds[rows])][:_LISTED].tolist()]  # fmt: skip
-        more = f" and {len(rows) - _LISTED:,} more" if len(rows) > _LISTED else ""
-        nothing = (middle[rows] < _NOTHING * data.erosion[rows]).any()
-        remedy = " The model removes next to nothing there: take one with deformation." if nothing else ""
-        return (f"Predictions miss {len(rows):,} of {len(data):,} rows of {data.source}, near which intervals do not "
-                f"hold: {'; '.join(listed)}{more}.{remedy}")  # fmt: skip
+        is_nothing = (middle[rows] < _NOTHING * data.erosion[rows]).any()
+        return found(
+            (True, Finding("rows_missed", data.source, {"missed": len(rows), "rows": len(data), "listed": listed})),
+            (is_nothing, Finding("removes_nothing_at_rows", data.source)),
+        )
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What predictions cannot know; none for good ones."""
         bad = [name for name, way in self.ways.items() if not way.converged and way.weight > _COUNTS]
-        return tuple(map(stated, sentences(
-            (bad, f"The populations of draws disagree for predictions by {' and '.join(bad)}: their intervals may be "
-                  "wrong."),
-            (self._missed, self._missed),
-            (self.exponent is not None and self.data.has_one_speed,
-             "All rows are of one speed: at others the exponent of the speed is the prior's, "
-             f"{law_in_words(PRIORS[EXPONENT])}."),
-        )))  # fmt: skip
+        law = {"law": law_in_words(PRIORS[EXPONENT])}
+        of_prior = self.exponent is not None and self.data.has_one_speed
+        return (
+            *found((bad, Finding("ways_disagree", "", {"ways": bad}))),
+            *self._missed,
+            *found((of_prior, Finding("exponent_of_prior", "", law))),
+        )
 
 
 def _from_repeats(data: Measurements, residuals: np.ndarray, errors: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ is not ranked. Nor is one with too many parameters for the criterion.
 """
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar, overload
 
 import numpy as np
@@ -21,8 +21,7 @@ from erosion.fits.posterior import Posterior
 from erosion.fits.problem import FitProblem
 from erosion.fits.tempering import SamplingError
 from erosion.models import model_name, own_in_words
-from erosion.output import format_number, sentences
-from erosion.results import Columns, Declared, Finding, Mark, Part, Result, Scale, Value, stated
+from erosion.results import Columns, Declared, Finding, Mark, Part, Result, Scale, Value, found
 
 _Fit = TypeVar("_Fit", bound=Fit)
 _EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)
@@ -37,15 +36,15 @@ class Ranking(Result):
         fits: those that are ranked by ascending AICc, then those that are not.
         ties: groups of models, by name, whose fits are the same curve: no data of this kind
             distinguishes them.
-        failures: a sentence for each model that could not be fitted.
-        reasons: why the last of `fits` are not ranked, a clause for each of them.
+        failures: of each model that could not be fitted.
+        reasons: why the last of `fits` are not ranked.
         preferred: the place in `fits` of the model that something else than AICc chose, the evidence for example.
     """
 
     fits: tuple[Calibration, ...]
     ties: tuple[tuple[str, ...], ...]
-    failures: tuple[str, ...]
-    reasons: tuple[str, ...] = ()
+    failures: tuple[Finding, ...] = ()
+    reasons: tuple[Finding, ...] = ()
     preferred: int = 0
 
     @property
@@ -101,56 +100,46 @@ class Ranking(Result):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Models that cannot be distinguished, what is held, failures, and what is doubtful in the best fit."""
-        same = [_and(tie) for tie in self.ties]
-        reasons = _grouped(zip(self.reasons, self.names[len(self.ranked) :], strict=True))
         of_models = [own_in_words(fit.model, but=fit.names, units=fit.p.units) for fit in self.ranked]
-        held = _grouped((own, name) for own, name in zip(of_models, self.names, strict=False) if own)
-        best, listed = self.names[self.preferred], "; ".join(f"{own} ({of})" for own, of in held.items())
-        said = (
+        held = [Finding("parameters_held", name, {"held": own})
+                for own, name in zip(of_models, self.names, strict=False) if own]  # fmt: skip
+        prefers = Finding("evidence_prefers", self.names[self.preferred], {"before": self.names[0]})
+        return (
             *self._misfit(),
-            *sentences(
-                (len(same) == 1, f"{'; '.join(same)} give the same curve: these data cannot tell them apart."),
-                (len(same) > 1, f"These data cannot tell models of the same curve apart: {'; '.join(same)}."),
-                (reasons, f"Not ranked: {'; '.join(f'{names} ({reason})' for reason, names in reasons.items())}."),
-                *((True, sentence) for sentence in self._undecided()),
-                (
-                    self.preferred,
-                    f"AICc prefers {self.names[0]}, the evidence {best}: all that is written is of {best}.",
-                ),
-                (held and len(self.ranked) > 1, f"Own parameters that are not free are held: {listed}."),
-            ),
+            *(Finding("same_curve", "", {"models": tie}) for tie in self.ties),
+            *self.reasons,
+            *self._undecided(),
+            *found((self.preferred, prefers)),
+            *(held if len(self.ranked) > 1 else []),
             *self.failures,
+            *self.best.findings,
         )
-        return (*map(stated, said), *self.best.findings)
 
     @property
     def findings_of_best(self) -> tuple[Finding, ...]:
         """Those of the findings that concern whoever uses the best fit."""
-        return (*map(stated, (*self._misfit(), *self._undecided())), *self.best.findings)
+        return (*self._misfit(), *self._undecided(), *self.best.findings)
 
-    def _misfit(self) -> list[str]:
-        """A sentence where no one of several models fits."""
+    def _misfit(self) -> list[Finding]:
+        """Whether no one of several models fits."""
         if len(self.fits) > 1 and all(is_beyond_scatter(fit) for fit in self.fits):
-            return ["None of the models fits: the residuals of each are greater than the scatter of the rows."]
+            return [Finding("no_model_fits_scatter")]
         if len(self.fits) > 1 and all(is_poor(fit) for fit in self.fits):
             least = min(fit.chi2 / fit.degrees_of_freedom for fit in self.fits)
-            return [f"None of the models fits within the uncertainties: χ²/dof is {least:.3g} or more."]
+            return [Finding("no_model_fits_errors", "", {"least": least})]
         return []
 
-    def _undecided(self) -> list[str]:
-        """A sentence where AICc says nothing of any model, or where models of other curves fit as well as the best."""
+    def _undecided(self) -> list[Finding]:
+        """Whether AICc says nothing of any model, or models of other curves fit as well as the best."""
         if len(self.ranked) < 2:
             return []
         if not self.has_aicc:
             needed = min(fit.rows_for_aicc for fit in self.ranked)
-            return [
-                f"AICc needs at least {needed} rows for so many parameters, but there are {len(self.best.data)}: the "
-                "models are in the order of their residuals' variance. Measure more, or free fewer parameters."
-            ]
+            return [Finding("criterion_of_few_rows", "", {"needed": needed, "rows": len(self.best.data)})]
         near = [name for name, diff in zip(self.names, self._differences, strict=False) if diff < _EQUAL]
         if {*near} <= {self.names[0], *self.tied_with(self.names[0])}:
             return []
-        return [f"The data do not decide between {_and(near)}: their weights are {_ratio(self.weights, near)}."]
+        return [Finding("models_not_decided", "", {"models": near, "weights": self.weights[: len(near)]})]
 
     def declare(self) -> list[Declared]:
         """The models beside each other, and all numbers of the best fit; in data those of the others, too."""
@@ -181,7 +170,7 @@ class Ranking(Result):
             Value("leave_one_out", left_out, "left out", unit=unit, scale=scale, digits=4),
             Value("estimates", self._in_words(), only="table"),
             Value("tied_with", [", ".join(self.tied_with(name)) for name in names], only="data"),
-            Value("not_ranked", [None] * ranked + [*self.reasons], only="data"),
+            Value("not_ranked", [None] * ranked + [reason.code for reason in self.reasons], only="data"),
         ]
         return _beside(self, dict(zip(names, self.fits, strict=True)), columns)
 
@@ -205,8 +194,8 @@ class Ranking(Result):
 
 def fit_each(
     problems: Sequence[FitProblem], fit: Callable[[FitProblem, Progress], _Fit], progress: Progress = no_progress
-) -> tuple[list[_Fit], tuple[str, ...]]:
-    """The fits of several problems, and a sentence for each that fails.
+) -> tuple[list[_Fit], tuple[Finding, ...]]:
+    """The fits of several problems, and a finding for each that fails.
 
         fits, failures = fit_each(problems, lambda problem, progress: erosion.calibrate(problem, starts=8))
 
@@ -218,7 +207,7 @@ def fit_each(
     Raises:
         CalibrationError, SamplingError: if no model could be fitted.
     """
-    fits, failures = [], dict[str, type[RuntimeError]]()
+    fits, failures, kinds = [], list[Finding](), list[type[RuntimeError]]()
     for at, problem in enumerate(problems):
         name = model_name(problem.model)
         progress(f"fitting {name}", at, len(problems))
@@ -229,17 +218,18 @@ def fit_each(
         try:
             fits.append(fit(problem, of_all))
         except (CalibrationError, SamplingError) as error:
-            failures[f"{name}: {error}"] = type(error)
+            failures.append(Finding("model_failed", name, {"text": str(error)}))
+            kinds.append(type(error))
     if not fits:
-        raise next(iter(failures.values()))(" ".join(failures))
+        raise kinds[0](" ".join(map(str, failures)))
     return fits, tuple(failures)
 
 
 @overload
-def rank(fits: Sequence[Calibration], failures: Sequence[str] = ()) -> Ranking: ...
+def rank(fits: Sequence[Calibration], failures: Sequence[Finding] = ()) -> Ranking: ...
 @overload
-def rank(fits: Sequence[Posterior], failures: Sequence[str] = ()) -> "PosteriorRanking": ...
-def rank(fits: Sequence[Fit], failures: Sequence[str] = ()) -> "Ranking | PosteriorRanking":
+def rank(fits: Sequence[Posterior], failures: Sequence[Finding] = ()) -> "PosteriorRanking": ...
+def rank(fits: Sequence[Fit], failures: Sequence[Finding] = ()) -> "Ranking | PosteriorRanking":
     """Order fits of several models to the same tests: by AICc, or posteriors by their evidence.
 
         problems = erosion.FitProblem.of_models(["linearized", "rotating"], p, data, ["k", "psi"])
@@ -253,7 +243,7 @@ def rank(fits: Sequence[Fit], failures: Sequence[str] = ()) -> "Ranking | Poster
 
     Args:
         fits: all calibrations, or all posteriors.
-        failures: a sentence for each model that could not be fitted, see `fit_each`.
+        failures: of the models that could not be fitted, see `fit_each`.
 
     Raises:
         ValueError: for no fits, fits of both kinds, and fits to other tests.
@@ -279,18 +269,18 @@ def rank(fits: Sequence[Fit], failures: Sequence[str] = ()) -> "Ranking | Poster
     reasons = _reasons(ranked)
     # Models of the same curve differ by rounding: they keep their order.
     order = sorted(
-        range(len(ranked)), key=lambda at: (reasons[at] != "", round(ranked[at].aicc, 3), ranked[at].variance)
+        range(len(ranked)), key=lambda at: (reasons[at] is not None, round(ranked[at].aicc, 3), ranked[at].variance)
     )
     ranked = [ranked[at] for at in order]
     ties = tuple(tuple(model_name(fit.model) for fit in group) for group in _curves(ranked) if len(group) > 1)
-    return Ranking(tuple(ranked), ties, tuple(failures), tuple(reasons[at] for at in order if reasons[at]))
+    return Ranking(tuple(ranked), ties, tuple(failures), tuple(reason for at in order if (reason := reasons[at])))
 
 
-def _reasons(fits: Sequence[Calibration]) -> list[str]:
-    """Why fits are not ranked, a clause for each; "" for those that are."""
+def _reasons(fits: Sequence[Calibration]) -> list[Finding | None]:
+    """Why fits are not ranked; None for those that are."""
     misses = [is_poor(fit) or is_beyond_scatter(fit) for fit in fits]
     reasons = [
-        f"misses the data: {worst_row(fit.data, fit.fitted)}"
+        Finding("not_ranked", model_name(fit.model), worst_row(fit.data, fit.fitted))
         if is_miss and not all(misses)
         else _beside_others(fit, fits)
         for fit, is_miss in zip(fits, misses, strict=True)
@@ -298,43 +288,28 @@ def _reasons(fits: Sequence[Calibration]) -> list[str]:
     if any(fit.aicc < np.inf and not reason for fit, reason in zip(fits, reasons, strict=True)):
         for at, fit in enumerate(fits):
             if not reasons[at] and fit.aicc == np.inf:
-                reasons[at] = f"AICc needs at least {fit.rows_for_aicc} rows for its parameters"
+                needed = {"needed": fit.rows_for_aicc}
+                reasons[at] = Finding("not_ranked_of_few_rows", model_name(fit.model), needed)
     return reasons
 
 
-def _beside_others(fit: Calibration, fits: Sequence[Calibration]) -> str:
-    """A clause on the fit whose residuals are so much less that this one's are no noise; "" without one.
+def _beside_others(fit: Calibration, fits: Sequence[Calibration]) -> Finding | None:
+    """The fit whose residuals are so much less that this one's are no noise; None without one.
 
     Another model may fit a few rows too well by chance, so residuals of usual noise are no reason. A robust loss lets
     rows be far off: then variances say nothing.
     """
     linear = fit.data.uncertainty is None and fit.squares.loss == "linear"
     if not linear or fit.rms <= FEW_PER_CENT * float(np.abs(fit.data.erosion).max()):
-        return ""
+        return None
     own, erosion = (fit.variance, fit.degrees_of_freedom), fit.data.erosion / fit.data.deviation
     tests = [(*variances_differ(own, (other.variance, other.degrees_of_freedom), erosion), other) for other in fits]
     ratio, probability, other = min(tests, key=lambda test: test[1])
     # The more curves a fit is compared with, the better the best of them is by chance (Bonferroni).
     if probability * max(len(_curves(fits)) - 1, 1) >= RARE:
-        return ""
-    return f"its residuals are {format_number(np.sqrt(ratio), 2)} times those of {model_name(other.model)}"
-
-
-def _grouped(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """The names that share a text, listed, by this text."""
-    groups: dict[str, str] = {}
-    for text, name in pairs:
-        groups[text] = f"{groups[text]}, {name}" if text in groups else name
-    return groups
-
-
-def _and(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _ratio(weights: np.ndarray, names: Sequence[str]) -> str:
-    """The weights of the first models, one for each name: "60 : 40"."""
-    return " : ".join(f"{100 * weight:.0f}" for weight in weights[: len(names)])
+        return None
+    numbers = {"ratio": np.sqrt(ratio), "other": model_name(other.model)}
+    return Finding("not_ranked_beside", model_name(fit.model), numbers)
 
 
 def _in_words(fit: Calibration) -> str:
@@ -383,11 +358,11 @@ class PosteriorRanking(Result):
 
     Args:
         fits: by descending evidence.
-        failures: a sentence for each model that could not be sampled.
+        failures: of each model that could not be sampled.
     """
 
     fits: tuple[Posterior, ...]
-    failures: tuple[str, ...] = ()
+    failures: tuple[Finding, ...] = ()
 
     @property
     def best(self) -> Posterior:
@@ -414,12 +389,11 @@ class PosteriorRanking(Result):
     def findings(self) -> tuple[Finding, ...]:
         """Models that the data do not tell apart, failures and doubtful draws."""
         pairs = zip(self.names[1:], self.fits[1:], strict=True)
-        of_others = [f"{name}: {sentence}" for name, drawn in pairs for sentence in drawn.not_converged]
+        of_others = [dataclasses.replace(doubt, about=name) for name, drawn in pairs for doubt in drawn.not_converged]
         near = [name for name, diff in zip(self.names, self._differences, strict=True) if -diff < _DECISIVE]
-        equals = [
-            f"Data and priors do not decide between {_and(near)}: their probabilities are {_ratio(self.weights, near)}."
-        ] * (len(near) > 1)
-        return (*map(stated, (*equals, *self.failures, *of_others)), *self.best.findings)
+        numbers = {"models": near, "weights": self.weights[: len(near)]}
+        equals = found((len(near) > 1, Finding("posteriors_not_decided", "", numbers)))
+        return (*equals, *self.failures, *of_others, *self.best.findings)
 
     @property
     def title(self) -> str:
