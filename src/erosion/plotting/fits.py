@@ -9,7 +9,6 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy import stats
 
 from erosion.fits import Calibration, NextTest, Posterior
 from erosion.fits.conditions import MOST, Condition, describe
@@ -33,12 +32,10 @@ _DASHES: Sequence[Any] = (
 _ALIKE = 0.9  # share of the angles at which fits that are called the same are
 _RIGHT = 92  # degrees, so that a mark at 90° is whole
 
-_BY = {True: "by the rows' scatter alone", False: "by the rows' uncertainties alone"}
-
 
 @house_style()
 def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure:
-    """The data, the fitted curves with the bands of their uncertainty, and the first fit's residuals.
+    """The data, the fitted curves, the band of the first fit's predictions, and its residuals.
 
     Data of several speeds or masses has a colour for each, and a curve of each fit; a model is then
     known by its dashes.
@@ -46,13 +43,13 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     Args:
         fits: fits to the same data, the best first; only the first six are drawn, because a reader
             cannot distinguish more.
-        level: the confidence level of the bands.
+        level: of the bands, which also hold what the model may lack.
     """
     best, data = fits[0], fits[0].data
     groups = conditions(data, MOST)
     fig = new_figure(6.2, 5.8)
     upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(0.72, 0.28))
-    _draw_curves(upper, fits[: len(PALETTE)], groups, scale := data.scale, float(stats.norm.ppf((1 + level) / 2)))
+    _draw_curves(upper, fits[: len(PALETTE)], groups, scale := data.scale, level)
     for i, group in enumerate(groups):
         look = {"color": INK if len(groups) == 1 else _color(i, len(groups)), "fmt": MARKS[i]}
         angle, erosion, residuals = (values[group.rows] for values in (data.angle, data.erosion, best.residuals))
@@ -64,7 +61,7 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     upper.set_ylim(bottom=min(0.0, 1.1 * float(lowest.min()) / scale.size))
     angle_axis(lower)
     lower.set_xlim(0, _RIGHT)
-    _legend(fig, [upper], 3, f"bands: {level:.0%} of the curve, {_BY[best.data.uncertainty is None]}")
+    _legend(fig, [upper], 3, f"bands: {level:.0%} of the mean, by {', '.join(best.predictor.parts)}")
     _label_whole(lower, "residuals", _unit(scale).strip())
     _label_whole(upper, f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}", _unit(scale).strip())
     return fig
@@ -86,21 +83,22 @@ def _legend(fig: Figure, axes: Sequence[Axes], ncols: int, title: str | None = N
 
 
 def _draw_curves(
-    ax: Axes, fits: Sequence[Calibration], groups: Sequence[Condition], scale: Scale, width: float
+    ax: Axes, fits: Sequence[Calibration], groups: Sequence[Condition], scale: Scale, level: float
 ) -> None:
-    """Each fit's curve for each group, with its band."""
+    """Each fit's curve for each group, with the band of the first one's mean."""
     degrees, names = np.rad2deg(_FIT_ANGLES), [model_name(fit.model) for fit in fits]
     drawn = [np.stack([fit.curve(_FIT_ANGLES, group.values)[0] for group in groups]) for fit in fits]
     for rank, (fit, same) in enumerate(zip(fits, coinciding(drawn, _ALIKE), strict=True)):
         name = f"{names[rank]}, as {names[same[0]]}" if same else names[rank]
         for i, group in enumerate(groups):
-            erosion, error = (values / scale.size for values in fit.curve(_FIT_ANGLES, group.values))
             color = _color(rank) if len(groups) == 1 else _color(i, len(groups))
-            if len(groups) == 1 or rank == 0:
-                ax.fill_between(degrees, erosion - width * error, erosion + width * error, color=color, linewidth=0,
-                                alpha=0.12 if rank else 0.3, zorder=3)  # fmt: skip
-            ax.plot(degrees, erosion, color=color, linestyle=_DASHES[rank], linewidth=1.4 if rank else 2.0,
-                    zorder=4 + 0.1 * rank, label=name if len(groups) == 1 else "")  # fmt: skip
+            if rank == 0:
+                curves = fit.predictor.predict(_BAND_ANGLES, group.values, _DRAWS) / scale.size
+                ends = np.nanquantile(curves, [(1 - level) / 2, (1 + level) / 2], axis=0)
+                ax.fill_between(np.rad2deg(_BAND_ANGLES), *ends, color=color, linewidth=0, alpha=0.3, zorder=3)
+            label, width = name if len(groups) == 1 else "", 1.4 if rank else 2.0
+            ax.plot(degrees, drawn[rank][i] / scale.size, color=color, linestyle=_DASHES[rank], linewidth=width,
+                    zorder=4 + 0.1 * rank, label=label)  # fmt: skip
         if len(groups) > 1:
             # One entry for a model, whatever the colour.
             ax.plot([], [], color=INK, linestyle=_DASHES[rank], linewidth=1.4 if rank else 2.0, label=name)
