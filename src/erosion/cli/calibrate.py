@@ -35,7 +35,7 @@ from erosion.cli.options import (
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 from erosion.output import briefly
-from erosion.results import Finding, Part, stated, unique
+from erosion.results import Finding, Part, found, stated, unique
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or "angle [deg], speed [m/s], '
@@ -549,8 +549,10 @@ def advise(
                                   *part.of_fit(fit.said))
                     if (doubt.code, doubt.numbers) not in told]  # fmt: skip
         weighed = advice.weighed or fit.weighed if uncertain else None
+        speed = {"speed": lazy.QUANTITIES["v0"].in_words(float(p.v0), p.units)}
+        of_table = found((options.case is None and "v0" not in options.given(), Finding("speed_of_table_1", "", speed)))
         advice = dataclasses.replace(
-            advice, doubts=unique((*fit.doubts, *outside, *of_draws)), weighed=weighed,
+            advice, doubts=unique((*of_table, *fit.doubts, *outside, *of_draws)), weighed=weighed,
             job=job, other=other, rows_file=draws[0].data if draws else fit.data,
             words=fit.words(abrasive, models, draws, p),
         )  # fmt: skip
