@@ -18,6 +18,7 @@ from erosion.models.rigid import LinearizedCut
 from erosion.plotting.fits import (
     plot_best_angles,
     plot_calibration,
+    plot_means,
     plot_next_test,
     plot_pairs,
     plot_prediction,
@@ -60,6 +61,13 @@ def test_data_fit_band_and_residuals(fit):
     predicted = erosion.predict(fit, np.deg2rad(np.arange(5.0, 90.0))).columns["mean_high"].max()
     assert highest == pytest.approx(predicted * 1e4, rel=0.02)
     np.testing.assert_allclose(measured(lower)[1], fit.residuals * 1e4)
+
+
+def test_predictions_at_the_speed_of_the_tests_have_the_rows(fit):
+    (ax,) = plot_means(fit.predictor, [{"v0": float(TABLE_1.v0)}]).axes
+    np.testing.assert_allclose(measured(ax), [DEGREES, fit.data.erosion * 1e4])
+    (faster,) = plot_means(fit.predictor, [{"v0": 2 * float(TABLE_1.v0)}]).axes
+    assert not [one for one in faster.containers if isinstance(one, ErrorbarContainer)]
 
 
 def test_a_fit_is_called_the_same_where_it_is_in_each_group():

@@ -11,10 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from erosion.fits import Calibration, NextTest, Posterior
-from erosion.fits.conditions import MOST, Condition, describe
+from erosion.fits.conditions import MOST, Condition, describe, is_same
 from erosion.fits.measurements import Measurements, conditions
 from erosion.fits.predicted import BestAngles
 from erosion.fits.prediction import Predictor
+from erosion.fits.problem import FitProblem
 from erosion.models import model_name
 from erosion.parameters import RESULTS, Scale, readable_scale, unit_name
 from erosion.plotting.labels import ENDS, INK, MARKS, PALETTE, STYLES, coinciding
@@ -213,7 +214,7 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
             a colour of its own, and its rows; of more than six, those of similar energy share one. They have a panel on
             their ends together where these are the same, as without rotation, else one each.
     """
-    groups = _drawn_groups(posterior.data, None if at is None else [at])
+    groups = _drawn_groups(posterior.problem, None if at is None else [at])
     ends = [posterior.ends(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
     are_same = all(np.array_equal(ends[0], other) for other in ends)
     panels = (1.15,) if are_same else (0.72,) * len(groups)
@@ -231,18 +232,25 @@ def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None)
 def plot_means(predictor: Predictor, at: Sequence[Mapping[str, float]]) -> Figure:
     """The bands of the mean over all angles, at other parameters of the case, in a colour for each."""
     fig = new_figure(6.2, 4.2)
-    _draw_means([fig.subplots()], predictor, _drawn_groups(predictor.data, at))
+    _draw_means([fig.subplots()], predictor, _drawn_groups(predictor.problem, at))
     return fig
 
 
-def _drawn_groups(data: Measurements, asked: Sequence[Mapping[str, float]] | None) -> list[Condition]:
+def _drawn_groups(problem: FitProblem, asked: Sequence[Mapping[str, float]] | None) -> list[Condition]:
     """The rows of each speed and mass; or what is asked for, with its rows if it was measured."""
+    data = problem.data
     groups = conditions(data, len(PALETTE))
     if asked is None:
         return groups
-    of_rows = {tuple(sorted(group.values.items())): group.rows for group in groups}
-    return [Condition(of_rows.get(tuple(sorted(at.items())), np.zeros(0, int)), at, describe(at, data.units))
-            for at in asked]  # fmt: skip
+
+    def rows(at: Mapping[str, float]) -> np.ndarray:
+        for group in groups:
+            tested = {**{name: float(getattr(problem.p, name)) for name in at}, **group.values}
+            if all(is_same(at.get(name, data.usual.get(name, value)), value) for name, value in tested.items()):
+                return group.rows
+        return np.zeros(0, int)
+
+    return [Condition(rows(at), at, describe(at, data.units)) for at in asked]
 
 
 def _draw_means(axes: Sequence[Axes], predictor: Predictor, groups: Sequence[Condition]) -> None:
