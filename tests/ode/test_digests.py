@@ -31,9 +31,9 @@ PAIRS: dict[str, list[tuple[ode.Problem, float, int, dict[str, float]]]] = {
         (problem(integrals=WORK, integrals0=lambda args: {"w": args}), 6.0, 0, {"w": 20.0}),
         (problem(integrals=WORK, time_scale=lambda args: args), 6.0, 0, {"w": 18.0}),
     ],
-    "time_scale, typical": [
+    "time_scale, parameter_scale": [
         (problem(time_scale=lambda args: args), 6.0, 0, {}),
-        (problem(typical=lambda args: args), 6.0, 0, {}),
+        (problem(parameter_scale=lambda args: args), 6.0, 0, {}),
     ],
     "a reset, the next event": [
         (problem({"e": passes(3.0, less(1.0)), "f": passes(2.0)}), 2.0, 1, {}),

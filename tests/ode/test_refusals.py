@@ -115,7 +115,7 @@ PROBLEMS: dict[str, tuple[ode.Problem, list[str]]] = {
     },
     "integrals0": (ode.Problem(START, field, **OF_OTHER), ["`integrals0`", "work"]),
     "time scale": (ode.Problem(START, field, time_scale=lambda args: jnp.zeros(2)), ["`time_scale`"]),
-    "typical": (ode.Problem(START, field, typical=lambda args: 1.0), ["`typical`"]),
+    "parameter_scale": (ode.Problem(START, field, parameter_scale=lambda args: 1.0), ["`parameter_scale`"]),
 }
 
 
@@ -176,7 +176,7 @@ OPTIONS: list[tuple[Any, list[str], dict[str, Any]]] = [
         for labelled in (pd.Series([1.0, 2.0]), xr.DataArray([1.0, 2.0], dims="k"), pd.DataFrame({"k": [1.0, 2.0]}))
     ),
     *(
-        (ValueError, ["`sizes`"], {"sizes": sizes})
+        (ValueError, ["`state_scale`"], {"state_scale": sizes})
         for sizes in (
             {"x": 1.0},
             -1.0,
@@ -186,7 +186,7 @@ OPTIONS: list[tuple[Any, list[str], dict[str, Any]]] = [
             {"x": np.ma.array(1.0, mask=True), "v": 1.0},
         )
     ),
-    (EITHER, ["`sizes`"], {"sizes": "large"}),
+    (EITHER, ["`state_scale`"], {"state_scale": "large"}),
     *(
         (TypeError, [f"`{name}`"], {name: value})
         for name in ("t1", "t0", "max_step", "max_events")
@@ -206,7 +206,7 @@ OPTIONS: list[tuple[Any, list[str], dict[str, Any]]] = [
     *((EITHER, ["`max_steps`"], {"max_steps": most}) for most in (0, 1.5)),
     (TypeError, ["`problem`"], {"problem": field}),
     # Words of other packages.
-    (TypeError, ["`atol`", "`sizes`"], {"atol": 1e-9}),
+    (TypeError, ["`atol`", "`state_scale`"], {"atol": 1e-9}),
     (TypeError, ["`t_eval`", "`ts`"], {"t_eval": 1e-9}),
     (TypeError, ["`rtoll`", "rtol"], {"rtoll": 1e-9}),
 ]

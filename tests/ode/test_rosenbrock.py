@@ -184,7 +184,7 @@ def test_an_event_of_a_number_far_below_its_size_needs_sizes() -> None:
         events={"tiny": ode.Event(lambda t, y, args: jnp.log(y["y"]) + 100)},
     )
     assert ode.solve(decay, t1=1e4, **STIFF).ended_by == "failed"
-    np.testing.assert_allclose(ode.solve(decay, t1=1e4, sizes=1e-50, **STIFF).t, 100, rtol=1e-8)
+    np.testing.assert_allclose(ode.solve(decay, t1=1e4, state_scale=1e-50, **STIFF).t, 100, rtol=1e-8)
 
 
 def test_the_program_finds_the_stiff_lanes() -> None:

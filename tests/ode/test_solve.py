@@ -292,8 +292,8 @@ def test_sizes_spare_steps_where_a_state_starts_at_zero():
     start = {"x": np.eye(8)[0], "v": np.zeros(8)}
     problem = ode.Problem(start, chain)
     exact = ode.solve(problem, t1=5.0)
-    spared = ode.solve(problem, t1=5.0, sizes=1.0)
-    each = ode.solve(problem, t1=5.0, sizes={"x": np.ones(8), "v": 1.0})
+    spared = ode.solve(problem, t1=5.0, state_scale=1.0)
+    each = ode.solve(problem, t1=5.0, state_scale={"x": np.ones(8), "v": 1.0})
     assert spared.trials < exact.trials
     assert each.trials == spared.trials
     matrix = np.diag(np.full(8, 2.0)) - np.diag(np.ones(7), 1) - np.diag(np.ones(7), -1)
@@ -565,7 +565,7 @@ def test_sizes_belong_to_the_state_and_not_to_what_is_left_of_it() -> None:
         {"x": 1e-3, "z": 1.0}, lambda t, y, args: {"x": -y["x"] * y["z"] + 1e-3 * jnp.cos(20 * t), "z": 0.0}
     )
     exact = ode.solve(problem, t1=5.0).y["x"]
-    assert ode.solve(problem, t1=5.0, sizes={"x": 1e-3, "z": 1e6}).y["x"] == pytest.approx(exact, rel=1e-8)
+    assert ode.solve(problem, t1=5.0, state_scale={"x": 1e-3, "z": 1e6}).y["x"] == pytest.approx(exact, rel=1e-8)
 
 
 def test_a_start_at_rounding_below_the_event_is_at_it() -> None:

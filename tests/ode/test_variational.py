@@ -190,7 +190,9 @@ def test_a_step_is_as_large_as_its_number(size: float, unit: float) -> None:
 
 
 def test_a_problem_may_say_what_change_is_typical() -> None:
-    start = Problem(lambda args: args, lambda t, y, args: y, typical=lambda args: {"a": 1.0, "b": args["a"] / 2})
+    start = Problem(
+        lambda args: args, lambda t, y, args: y, parameter_scale=lambda args: {"a": 1.0, "b": args["a"] / 2}
+    )
     signature, parameters = lanes_of(start, {"a": 7.0, "b": 0.0})
     for place, unit in enumerate([1.0, 3.5]):
         _, first = Variational(signature, parameters, 1, (place,), functools.partial(WholeMotion, signature)).initial()

@@ -129,6 +129,6 @@ def test_what_makes_no_sweep_is_refused(args, axes, options, named: str) -> None
 def test_options_count_to_their_last_digit(tmp_path) -> None:
     axes, still = {"angle": np.linspace(0.1, 1.4, 3)}, {"x": 1.0, "y": 1.0}
     given: dict[str, Any] = {"problem": BALL, "args": ARGS, "axes": axes, "store": tmp_path / "ball.nc", **OPTIONS}
-    erosion.sweep_problem(**given, sizes={**still, "v": np.array([1.0, 1.0])})
+    erosion.sweep_problem(**given, state_scale={**still, "v": np.array([1.0, 1.0])})
     with pytest.raises(StoreError, match="options"):
-        erosion.sweep_problem(**given, sizes={**still, "v": np.array([1.0, 1.0 + 1e-12])})
+        erosion.sweep_problem(**given, state_scale={**still, "v": np.array([1.0, 1.0 + 1e-12])})

@@ -236,7 +236,7 @@ class CuttingModel(eqx.Module):
             integrals={"volume": of("removal_rate"), **{name: of(name) for name in own}},
             integrals0=lambda p: {"volume": self.removed_at_contact(p), **dict.fromkeys(own, 0.0)},
             time_scale=lambda p: self.scales(p).time,
-            typical=typical_parameters,
+            parameter_scale=typical_parameters,
         )
 
     @property

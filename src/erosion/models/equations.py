@@ -276,7 +276,7 @@ class Cut(Problem):
             integrals={"volume": rate_of("removal_rate"), **{name: rate_of(name) for name in own}},
             integrals0=lambda case: {"volume": case.model.removed_at_contact(case.p), **zeros},
             time_scale=lambda case: case.model.scales(case.p).time,
-            typical=lambda case: case._replace(p=typical_parameters(case.p)),
+            parameter_scale=lambda case: case._replace(p=typical_parameters(case.p)),
         )
 
     def event_names(self, args: Case) -> tuple[str, ...]:

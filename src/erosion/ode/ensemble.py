@@ -105,7 +105,7 @@ def checked_lanes(
     start: str,
     max_step: Any,
     max_events: Any,
-    sizes: PyTree,
+    state_scale: PyTree,
     smooth: bool | None,
     max_steps: int,
     method: str,
@@ -136,7 +136,7 @@ def checked_lanes(
     clock = Clock(t0, t_end, max_step, most)
     if t1 is None and problem.time_scale is None:
         raise ValueError("Argument `t1` must say where a lane without an event ends, but is not given.")
-    return lanes_of(problem, args, clock, options, shared, sizes), rtol
+    return lanes_of(problem, args, clock, options, shared, state_scale), rtol
 
 
 def lanes_of(
@@ -145,7 +145,7 @@ def lanes_of(
     clock: Clock,
     options: Options,
     shared: str | Sequence[str] = (),
-    sizes: PyTree = None,
+    state_scale: PyTree = None,
 ) -> Lanes:
     """Signature, parameters and shape of lanes.
 
@@ -207,8 +207,8 @@ def lanes_of(
     rest = tuple(None if is_number(leaf) else leaf for leaf in leaves)
     own_shapes, dtypes = tuple(s.shape for s in structs), tuple(np.dtype(s.dtype).name for s in structs)
     signature = Signature(problem, structure, rest, own_shapes, dtypes, options, equations)
-    if sizes is not None:
-        signature = signature.wanting(sizes=_sizes(signature, sizes))
+    if state_scale is not None:
+        signature = signature.wanting(state_scale=_state_scale(signature, state_scale))
     flat = parameters
     if not any(isinstance(number, Tracer) for number in parameters):
         flat = [_flat(number, own_shape, shape) for number, own_shape in zip(parameters, shapes, strict=True)]
@@ -254,23 +254,27 @@ def _check_clock(clock: Clock, *, endless: bool) -> bool:
     return is_back
 
 
-def _sizes(signature: Signature, sizes: PyTree) -> tuple[float, ...]:
+def _state_scale(signature: Signature, state_scale: PyTree) -> tuple[float, ...]:
     """A size for each element of the state."""
-    for size in jax.tree.leaves(sizes):
-        check_unmasked("sizes", size)
+    for size in jax.tree.leaves(state_scale):
+        check_unmasked("state_scale", size)
     leaves, structure = jax.tree.flatten(signature.state)
-    if is_number(sizes) and np.ndim(sizes) == 0:
-        sizes = jax.tree.unflatten(structure, [sizes] * len(leaves))
-    if jax.tree.structure(sizes) != structure:
-        raise ValueError(f"Argument `sizes` must be one number, or a pytree like y, but is {briefly(sizes)}.")
+    if is_number(state_scale) and np.ndim(state_scale) == 0:
+        state_scale = jax.tree.unflatten(structure, [state_scale] * len(leaves))
+    if jax.tree.structure(state_scale) != structure:
+        raise ValueError(
+            f"Argument `state_scale` must be one number, or a pytree like y, but is {briefly(state_scale)}."
+        )
     try:
-        pairs = zip(jax.tree.leaves(sizes), leaves, strict=True)
+        pairs = zip(jax.tree.leaves(state_scale), leaves, strict=True)
         flat = [np.broadcast_to(np.asarray(size, float), leaf.shape).ravel() for size, leaf in pairs]
     except (TypeError, ValueError):
-        raise ValueError(f"Argument `sizes` must hold numbers of the shapes of y, but is {briefly(sizes)}.") from None
+        raise ValueError(
+            f"Argument `state_scale` must hold numbers of the shapes of y, but is {briefly(state_scale)}."
+        ) from None
     values = tuple(float(size) for size in np.concatenate(flat))
     if not all(0 < size < math.inf for size in values):
-        raise ValueError(f"Argument `sizes` must hold positive numbers, but is {briefly(sizes)}.")
+        raise ValueError(f"Argument `state_scale` must hold positive numbers, but is {briefly(state_scale)}.")
     return values
 
 

@@ -55,7 +55,7 @@ class LaneEquations:
         state, integrals = jax.eval_shape(here.initial)
         self._member = jax.tree.structure(Augmented(state, integrals))
         self.width, self.integrals = self._member.num_leaves, len(integrals)
-        given = self.options.sizes or ()
+        given = self.options.state_scale or ()
         self.sizes = [_TINY] * (len(state) - len(given)) + list(given) + [_TINY] * self.integrals
 
         # Each is traced once for all the places where it is called.

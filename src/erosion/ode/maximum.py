@@ -160,7 +160,7 @@ def maximum(
     start: str = "wait",
     max_step: Any = math.inf,
     max_events: Any = math.inf,
-    sizes: PyTree = None,
+    state_scale: PyTree = None,
     smooth: bool | None = None,
     max_steps: int = 20_000,
     method: str = "auto",
@@ -189,7 +189,7 @@ def maximum(
         start: "wait", "end" or "fire", as in `solve`; so are all options below.
         max_step: no step is longer.
         max_events: a chain of events ends with this one.
-        sizes: typical sizes of y.
+        state_scale: typical sizes of y.
         smooth: whether the equations have no kinks.
         max_steps: trials of steps after which a lane is "unfinished", which counts as failed.
         method: "auto" or "explicit".
@@ -221,8 +221,8 @@ def maximum(
     # All times of the range must fit: the clock is checked with the worst of them.
     t0, t1 = high if over == "t0" else t0, low if over == "t1" else t1
     lanes, rtol = checked_lanes(
-        problem, args, t1=t1, t0=t0, rtol=rtol, start=start, max_step=max_step, max_events=max_events, sizes=sizes,
-        smooth=smooth, max_steps=max_steps, method=method, shared=shared,
+        problem, args, t1=t1, t0=t0, rtol=rtol, start=start, max_step=max_step, max_events=max_events,
+        state_scale=state_scale, smooth=smooth, max_steps=max_steps, method=method, shared=shared,
     )  # fmt: skip
     if lanes.original is not None:
         raise ValueError("Argument `t1` must not be before `t0` in `maximum`.")

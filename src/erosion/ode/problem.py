@@ -288,7 +288,8 @@ def _where(error: BaseException) -> str:
 
 
 _MEANT = {
-    "atol": "`sizes`", "abstol": "`sizes`", "reltol": "`rtol`", "stepsize_controller": "`rtol`", "solver": "`method`",
+    "atol": "`state_scale`", "abstol": "`state_scale`", "reltol": "`rtol`", "stepsize_controller": "`rtol`",
+    "solver": "`method`",
     "t_span": "`t0` and `t1` of `ode.solve`", "tspan": "`t0` and `t1` of `ode.solve`", "t_eval": "`ts` of `ode.solve`",
     "dense_output": "`ts`", "saveat": "`ts`", "y0": "`Problem.y0`", "u0": "`Problem.y0`", "events": "`Problem.events`",
     "event": "`Problem.events`", "callback": "`Problem.events`", "fun": "`Problem.vector_field`",
@@ -367,7 +368,7 @@ class Event:
                 )
 
 
-_OF_ARGS = ("y0", "integrals0", "time_scale", "typical", "breaks")
+_OF_ARGS = ("y0", "integrals0", "time_scale", "parameter_scale", "breaks")
 """What a problem says of the arguments alone; all else is of (t, y, args)."""
 
 OTHER_ENDS = ("start", "failed", "unfinished", "t1")
@@ -388,8 +389,8 @@ class Problem:
         integrals0: a function of args, by name where the integrals begin; zero without it.
         time_scale: a function of args, a typical time of the motion, such as a tenth of a period, for the first step;
             3 % of t1 - t0 without it.
-        typical: a function of args, a pytree like args of typical changes, by which derivatives are scaled; their
-            own sizes without it.
+        parameter_scale: a function of args, a pytree like args of typical changes, by which derivatives are scaled;
+            their own sizes without it.
         breaks: times at which rates or integrals break by time alone and which `solve` cannot see, as within a `scan`:
             numbers, or a function of args that gives them. A step ends at each of them; derivatives by them follow.
     """
@@ -401,7 +402,7 @@ class Problem:
     _: dataclasses.KW_ONLY
     integrals0: Callable[[Any], Mapping[str, Any]] | None = None
     time_scale: Callable[[Any], Any] | None = None
-    typical: Callable[[Any], Any] | None = None
+    parameter_scale: Callable[[Any], Any] | None = None
     breaks: PyTree = None
 
     def __post_init__(self) -> None:
@@ -419,7 +420,7 @@ class Problem:
                 if not isinstance(key, str) or not (isinstance(part, kind) if kind else callable(part)):
                     what = "an `ode.Event`" if kind else "a function of (t, y, args)"
                     raise TypeError(f"Argument `{name}` must hold by name {what}, but {key!r} is {briefly(part)}.")
-        for name in ("integrals0", "time_scale", "typical"):
+        for name in ("integrals0", "time_scale", "parameter_scale"):
             if (given := getattr(self, name)) is not None and not callable(given):
                 raise TypeError(f"Argument `{name}` must be a function of args, but is {briefly(given)}.")
         for name, event in self.events.items():
@@ -551,10 +552,10 @@ class _ProblemKind(TreeKind):
             require_numbers("time_scale", trace.given("time_scale", problem.time_scale))
         if problem.breaks is not None:
             require_numbers("breaks", trace.given("breaks", problem.break_times), scalars=False)
-        if problem.typical is not None:
-            given = trace.given("typical", problem.typical)
+        if problem.parameter_scale is not None:
+            given = trace.given("parameter_scale", problem.parameter_scale)
             if jax.tree.structure(given) != self.structure:
-                raise FunctionError("`typical` must give a pytree like the arguments, but gives another")
+                raise FunctionError("`parameter_scale` must give a pytree like the arguments, but gives another")
 
         def everything(time: Any, parameters: Sequence[Number], y: PyTree, integrals: PyTree) -> list[PyTree]:
             args = self.joined(parameters)

@@ -132,12 +132,12 @@ def elements_of(parts: Sequence[Any]) -> list[Scalar]:
 def reduced_motion_of(signature: Signature) -> Callable[[Sequence[Number]], Motion]:
     """The motion of one lane's numbers: a tuple of integrals, as few as the arithmetic shows.
 
-    A chain goes on from a whole state, and so keeps it; so do sizes, which are given for it, and the method for stiff
-    motions, whose Jacobian is sparse in the state as it is written.
+    A chain goes on from a whole state, and so keeps it; so does a state scale, which is given for it, and the method
+    for stiff motions, whose Jacobian is sparse in the state as it is written.
     """
     if (
         any(signature.problem.resets())
-        or signature.options.sizes is not None
+        or signature.options.state_scale is not None
         or signature.options.method == "rosenbrock"
     ):
         return functools.partial(WholeMotion, signature)

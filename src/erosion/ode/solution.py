@@ -415,7 +415,7 @@ class Solution(Result):
                 )
             yield (
                 f"{self._in_lanes(many, said)}: raise `max_steps`, or `rtol`; where a state is almost zero for "
-                f"long, give `sizes`.{hint}"
+                f"long, give `state_scale`.{hint}"
             )
         if np.any(late):
             yield f"{self._in_lanes(late, 'unfinished')}: no event came within 10⁴ time scales; give `t1`."
@@ -474,7 +474,7 @@ class Solution(Result):
             sentences.append(
                 f"{_failing(left, self.title)}{where}: no step from there succeeds. The motion grows without bound "
                 "there, a rate or event function is NaN beyond (guard roots, powers and logarithms by `jnp.maximum`), "
-                "a rate jumps back and forth, or rounding hides the event (give `sizes`)."
+                "a rate jumps back and forth, or rounding hides the event (give `state_scale`)."
             )
         return sentences
 

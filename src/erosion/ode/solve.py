@@ -39,7 +39,7 @@ def solve(
     ts: Any = None,
     max_step: Any = math.inf,
     max_events: Any = math.inf,
-    sizes: PyTree = None,
+    state_scale: PyTree = None,
     smooth: bool | None = None,
     max_steps: int = 20_000,
     method: str = "auto",
@@ -69,7 +69,7 @@ def solve(
             `t0` lanes go back as well, up to their last event there; where JAX traces `t0` or them they are NaN.
         max_step: no step is longer; a pulse of an event function shorter than a step may go unseen.
         max_events: a chain of events that the motion survives ends with this one; None for no bound.
-        sizes: typical sizes of y, a pytree like it or one number: a state need not be known to better than
+        state_scale: typical sizes of y, a pytree like it or one number: a state need not be known to better than
             `rtol` times its size.
         smooth: True says that the equations have no kinks although `sqrt` or `where` occurs; by default the
             arithmetic is looked at.
@@ -107,8 +107,8 @@ def solve(
     if (names and not order) or len(set(names)) != len(names):
         raise ValueError(f"Argument `wrt` must name different numbers, and needs derivatives, but is {briefly(wrt)}.")
     lanes, rtol = checked_lanes(
-        problem, args, t1=t1, t0=t0, rtol=rtol, start=start, max_step=max_step, max_events=max_events, sizes=sizes,
-        smooth=smooth, max_steps=max_steps, method=method, shared=shared,
+        problem, args, t1=t1, t0=t0, rtol=rtol, start=start, max_step=max_step, max_events=max_events,
+        state_scale=state_scale, smooth=smooth, max_steps=max_steps, method=method, shared=shared,
     )  # fmt: skip
     times = None
     if ts is not None:

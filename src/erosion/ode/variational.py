@@ -51,7 +51,7 @@ class Options(NamedTuple):
         smooth: the motion has no kinks, whatever its arithmetic looks like; None looks.
         switches: breaks of the rates are located, see `switches`.
         max_steps: trials after which a lane is unfinished.
-        sizes: of each number of the state: below a size times the tolerance it need not be known.
+        state_scale: of each number of the state: below a size times the tolerance it need not be known.
         method: "explicit", "rosenbrock", or "auto": an explicit lane that turns out to be stiff is given up, and
             `batch` integrates it by the other.
         saves: the state is wanted at times as well, see `tape`.
@@ -66,7 +66,7 @@ class Options(NamedTuple):
     smooth: bool | None = None
     switches: bool = False
     max_steps: int = 20_000
-    sizes: tuple[float, ...] | None = None
+    state_scale: tuple[float, ...] | None = None
     method: str = "explicit"
     saves: bool = False
     records: bool = False
@@ -207,12 +207,12 @@ class Signature:
         """The numbers of the clock."""
         return Clock(*parameters[len(parameters) - len(Clock._fields) :])
 
-    def sizes(self, parameters: Sequence[Number]) -> list[Number]:
+    def parameter_scale(self, parameters: Sequence[Number]) -> list[Number]:
         """The size of a significant change of each number."""
-        if self.problem.typical is None:
+        if self.problem.parameter_scale is None:
             sizes = list(parameters)
         else:
-            typical = jax.tree.leaves(self.problem.typical(self.args(parameters)))
+            typical = jax.tree.leaves(self.problem.parameter_scale(self.args(parameters)))
             sizes = [size for size, leaf in zip(typical, self.leaves, strict=True) if leaf is None]
         if self.options.reports_state:
             clock = self.clock(parameters)
@@ -442,7 +442,7 @@ class Variational:
 
         Derivatives by such units compare with the value itself, so that one tolerance fits all.
         """
-        sizes = self.signature.sizes(self.parameters)
+        sizes = self.signature.parameter_scale(self.parameters)
         size: Scalar = 0.0
         for number, shape, offset in zip(sizes, self.signature.shapes, self.signature.offsets, strict=False):
             if isinstance(direction, int) and shape == ():

@@ -147,7 +147,7 @@ class AccuracyCheck:
 
     def _units(self, parameters: Sequence[PerLane], direction: int | PerLane, lanes: int) -> np.ndarray:
         """The size of the number that a direction changes; 1 where it is zero. Shape (lanes,)."""
-        sizes = zip(self.signature.sizes(parameters), self.signature.shapes, strict=True)
+        sizes = zip(self.signature.parameter_scale(parameters), self.signature.shapes, strict=True)
         columns = [np.broadcast_to(np.asarray(size), (lanes, *shape)).reshape(lanes, -1) for size, shape in sizes]
         unit = np.concatenate(columns, axis=1)[np.arange(lanes), np.asarray(direction, int)]
         return np.where(unit == 0, 1.0, unit)

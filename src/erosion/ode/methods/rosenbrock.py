@@ -154,7 +154,7 @@ class Rodas5P(Method):
         h, before = lane.control.trial_length, lane.state
         state, found = self.rodas.step(before, lane.slope, h)
         slope, events = self.problem.rate_and_events(state)
-        apart = jnp.maximum(APART, NOISE / rtol) if self.problem.signature.problem.typical is None else 1.0
+        apart = jnp.maximum(APART, NOISE / rtol) if self.problem.signature.problem.parameter_scale is None else 1.0
         error = self.error_of(lane.greatest, apart, (before, state), (lane.slope, slope), found, h, rtol)
         return Step(state, slope, found, events, self.rodas.interior_samples(before, state, found), error)
 
@@ -200,7 +200,7 @@ class Rodas5P(Method):
 
     def least_sizes(self, greatest: FlatState) -> list[Scalar]:
         """Sizes of the rows of the motion itself below which these need not be known: as given, or by the greatest."""
-        given = self.problem.options.sizes is not None
+        given = self.problem.options.state_scale is not None
         return [np.float64(least) if given and least > _TINY else jnp.maximum(LEAST * size, _TINY)
                 for least, size in zip(self.problem.sizes, greatest, strict=True)]  # fmt: skip
 

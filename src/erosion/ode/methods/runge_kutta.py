@@ -197,7 +197,7 @@ class RungeKutta(Method):
         of_motion = sizes
         for first in range(0, len(state), self.problem.width):
             member = range(first, first + self.problem.width)
-            if first and self.problem.options.reports_state and self.problem.signature.problem.typical is None:
+            if first and self.problem.options.reports_state and self.problem.signature.problem.parameter_scale is None:
                 # A number may matter far less than by its own size, and its derivatives are wanted all the same.
                 sizes = [jnp.maximum(APART, NOISE / rtol) * size for size in of_motion]
             for i, row in enumerate(member):
