@@ -136,6 +136,7 @@ def _notebooks(app: Sphinx) -> Path:
 
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
+    shutil.rmtree(HERE / "api", ignore_errors=True)  # pages of objects that are no more
     copy_examples()
     app.connect("source-read", point_to_examples)
     app.connect("html-page-context", offer_notebook)

@@ -429,7 +429,7 @@ class JointLaw:
 
     @functools.cached_property
     def inputs(self) -> dict[tuple[str, ...], int]:
-        """What varies independently of all else: the parameters of each input, and its uniform numbers."""
+        """The parameters of each independent input, and how many uniform numbers it takes."""
         tied = {*itertools.chain(*self._groups)}
         return {
             **{(name,): 1 for name in self.laws if name not in tied},
