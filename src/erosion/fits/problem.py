@@ -208,7 +208,7 @@ class FitProblem:
 
     @property
     def of_impact(self) -> tuple[str, ...]:
-        """The free parameters of an impact: all but factors on its volume."""
+        """The free parameters of an impact, which are all but factors on its volume."""
         return tuple(name for name in self.free if name != FRACTION)
 
     @property
@@ -376,7 +376,7 @@ class FitProblem:
 
     @property
     def held_exponent(self) -> float | None:
-        """The exponent of the speed over which volumes grow in the model: 2, or its own; None where it is free."""
+        """The exponent of the speed over which volumes grow in the model; 2 without one, None if it is free."""
         if not isinstance(self.model, SpeedExponent):
             return 2.0
         return None if SPEED_EXPONENT in self.free else float(self.model.speed_exponent)
