@@ -557,7 +557,7 @@ def advise(
             words=fit.words(abrasive, models, draws, p),
         )  # fmt: skip
     printed.warn(*(uncertain.laws.unused_columns if uncertain else ()))
-    printed.show(advice, models)
     printed.save(
         figure=lambda: lazy.plot_advice(advice), **{what: lambda path: lazy.write_advice(advice, path, decimal)}
     )
+    printed.show(advice, models)

@@ -265,7 +265,6 @@ def map_(
     metal = options.names().get("target", "steel, as no --target is named")
     sentences = [f"{sand.name} is the usual correlation for {metal}; --model takes others."] if usual else []
     varied = {"alpha": "each row's", "v0": "each row's", **made.laws_in_words(job.task.model)}
-    printed.show(lazy.MapSummary(dataset), {sand.name: job.task.model}, varied=varied, sentences=sentences)
 
     def write(path: Path) -> None:
         if is_page:
@@ -274,6 +273,7 @@ def map_(
             lazy.write_map(dataset, path, job.identity() if path.suffix == ".nc" else None)
 
     printed.save(figure=lambda: lazy.plot_map(dataset, **picture.look), map=write)
+    printed.show(lazy.MapSummary(dataset), {sand.name: job.task.model}, varied=varied, sentences=sentences)
 
 
 def _section(options: CaseOptions) -> Mapping[str, Any]:

@@ -96,6 +96,7 @@ class Output:
         self.verb, self.p, self.json, self.seed = verb, p, json, seed
         self.case = None if options is None else options.case
         self._plot, self._files = plot, {what: path for what, path in (files or {}).items() if path is not None}
+        self._saved: dict[str, Path | None] = {}
         require_outputs(*self._files.values(), plot=plot, inputs=(self.case, *inputs))
         self.findings: list[Finding] = []
         if p is not None:
@@ -155,12 +156,12 @@ class Output:
             self._print_document(render.record(declared, has_units=True), models or {}, varied or {})
         else:
             _print_tables(render.tables(title, declared), sentences)
+            self.wrote(**self._saved)
 
-    def save(self, *sentences: str, figure: Callable[[], Any] | None = None, **writers: Callable[[Path], Any]) -> None:
-        """Write the files that are asked for, and say which.
+    def save(self, *, figure: Callable[[], Any] | None = None, **writers: Callable[[Path], Any]) -> None:
+        """Write the files that are asked for, before anything is printed; `show` names them below its tables.
 
         Args:
-            sentences: to say after them.
             figure: makes the figure.
             writers: by what a file holds, what writes it into a path.
         """
@@ -169,7 +170,7 @@ class Output:
                 writers[what](path)
         if figure is not None:
             draw(self._plot, figure)
-        self.wrote(*sentences, **self._files, figure=self._plot)
+        self._saved = {**self._files, "figure": self._plot}
 
     def _print_document(
         self, result: Mapping[str, Any], models: "Mapping[str, lazy.CuttingModel]", varied: Mapping[str, Any]

@@ -317,11 +317,11 @@ def predict(
     model = predictor.problem.model
     varied = {name: f"{len(set(column.tolist()))} values" for name, column in table.asked.items()}
     varied |= dict.fromkeys(predictor.problem.names, "drawn")
-    printed.show(table, {lazy.model_name(model): model}, varied=varied)
     printed.save(
         figure=lambda: lazy.plot_means(predictor, at),
         table=lambda path: lazy.write_whole(path, table.to_csv_as_shown().encode()),
     )
+    printed.show(table, {lazy.model_name(model): model}, varied=varied)
 
 
 def _axis(text: str, dimension: "lazy.Dimension", units: "lazy.System") -> Any:

@@ -52,8 +52,8 @@ def run(
         trajectory = lazy.path(cut.model, cut.p)
     if trajectory.dvolume is None or not math.isfinite(trajectory.dvolume):
         output.warn(Finding("no_derivative"))
-    cut.show(output, trajectory, _in_si(trajectory.volume, cut.p.units))
     output.save(figure=lambda: lazy.plot_trajectory(trajectory))
+    cut.show(output, trajectory, _in_si(trajectory.volume, cut.p.units))
 
 
 class _Cut(NamedTuple):
@@ -130,8 +130,8 @@ def optimum(
             raise RuntimeError(f"{cut.name}: no impact could be computed, at any angle.")
     if sensitivities and best.without_sensitivities:
         output.warn(Finding("sensitivities_unknown", numbers={"reason": best.without_sensitivities}))
-    cut.show(output, best, _sensitivities(best) if sensitivities else ())
     output.save(figure=lambda: lazy.plot_optimum(best))
+    cut.show(output, best, _sensitivities(best) if sensitivities else ())
 
 
 def _between(alpha_range: Sequence[str] | None, options: CaseOptions) -> tuple[float, float] | None:
@@ -205,7 +205,6 @@ def compare(
     comparison = lazy.Comparison(curves, p, weights)
     if not curves.volume.notnull().any():
         raise lazy.SimulationError(f"{', '.join(comparison.lost)}: no impact could be computed.")
-    said.show(comparison, models)
     said.save(
         figure=lambda: lazy.plot_against_correlations(curves, overlay) if overlay else lazy.plot_comparison(curves),
         curves=lambda path: (
@@ -214,6 +213,7 @@ def compare(
             else lazy.write_netcdf(curves, path, _COMPARISON)
         ),
     )
+    said.show(comparison, models)
 
 
 def _several(

@@ -141,11 +141,11 @@ def sweep(
         dataset = job.run(progress)
     summary = lazy.SweepSummary(dataset, grid.p, weights, output)
     varied = {name: f"{values.size} values" for name, values in grid.axes.items()}
-    printed.show(summary, dict(grid.loaded()), varied=varied)
     printed.save(
         figure=lambda: lazy.plot_sweep(lazy.with_boundaries(grid, dataset)),
         table=lambda path: lazy.write_csv(dataset, path, p, weights),
     )
+    printed.show(summary, dict(grid.loaded()), varied=varied)
     if summary.lost == dataset.ended_by.size:
         raise RuntimeError(f"of {summary.lost:,} impacts none could be computed.")
 
@@ -249,17 +249,17 @@ def stream(
     per_mass = weighing(jet.model, abrasive, options)
     printed.warn(*laws.findings(jet.model, jet.p, per_mass.cutting_fraction))
 
-    def show(result: "lazy.Stream") -> "lazy.Stream":
+    def show(result: "lazy.Stream", *, is_complete: bool) -> None:
         result = dataclasses.replace(result, per_mass=per_mass)
+        if is_complete:
+            printed.save(figure=lambda: lazy.plot_stream(result))
         printed.show(result, {jet.name: result.model}, varied=result.laws_in_words())
-        return result
 
     try:
         with progress_bar("stream") as progress:
             computed = job.run(progress)
     except lazy.StreamInterrupted as interrupted:
         if interrupted.partial is not None:
-            show(interrupted.partial)
+            show(interrupted.partial, is_complete=False)
         raise
-    result = show(computed)
-    printed.save(figure=lambda: lazy.plot_stream(result))
+    show(computed, is_complete=True)
