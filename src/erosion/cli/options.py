@@ -131,9 +131,9 @@ class CaseOptions:
 
     def words(self, without: Collection[str]) -> list[str]:
         """The case as it is typed, but for the parameters `without`."""
-        options = {name: getattr(self, name) for name in ("units", "particle", "target")} | self.given()
+        named = {"units": self.units or self.usual_units, "particle": self.particle, "target": self.target}
         words = [] if self.case is None else [str(self.case)]
-        for name, text in options.items():
+        for name, text in (named | self.given()).items():
             words += [] if text is None or name in without else [f"--{name}", text]
         return words
 
