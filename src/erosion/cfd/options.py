@@ -36,7 +36,6 @@ ROWS = "rows"
 OF_ROWS = ("alpha", "v0", "m")
 """The parameters that each row has of its own."""
 OF_CASE = ("k", "psi", "sigma", "r", "b", "inertia", "phidot0")
-_AS_GIVEN = ("restitution", "density", "limit", "sand_rate", "injected", "each_row")
 FRACTION = "cutting_fraction"
 """The share of the particles that cut, a factor of the volume; it may be uncertain as parameters of an impact may."""
 
