@@ -565,6 +565,16 @@ def joint_law(
 _CALL = re.compile(r"\s*(?P<name>[a-z-]+)\s*\((?P<arguments>.*)\)\s*", re.DOTALL)
 
 
+def numbers_with_unit(text: str) -> list[str]:
+    """The numbers of a law as text that are in the parameter's unit: all but spreads and shapes; none of samples."""
+    call = _CALL.fullmatch(text)
+    named = None if call is None else LAWS.get(call["name"])
+    if call is None or named is None:
+        return []
+    return [number for number, keyword in zip(call["arguments"].split(","), named.keywords, strict=False)
+            if keyword not in _PURE]  # fmt: skip
+
+
 def read_law(text: str, name: str, dimension: Dimension, system: System) -> Any:
     """A law from text such as "normal(20deg, 3deg)"; None where the text is no such call.
 

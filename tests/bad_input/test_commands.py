@@ -186,7 +186,7 @@ QUESTIONS = [
     ("optimum -5deg", "Option `-5deg` is unknown."),
     ("optimum --alpha-range nan 1deg", "must be two ascending angles"),
     ("optimum --alpha-range '1 kg' 30deg", "Option `--alpha-range` must be an angle"),
-    ("optimum --alpha-range 1deg", 'Option `--alpha-range` must be two angles such as "20deg : 60deg", but has 1.'),
+    ("optimum --alpha-range 1deg", 'Option `--alpha-range` must be two angles such as "20:60 deg", but has 1.'),
     ("optimum --alpha-range 60deg:30deg", "must be two ascending angles within [0, 90°]"),
     ("optimum --objective beauty", "Option `--objective` must be one of volume"),
     ("compare --correlations dnv", "Option `--correlations` needs `--plot`: it lays them over the models"),

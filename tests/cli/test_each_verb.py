@@ -152,6 +152,27 @@ def test_a_bare_number_is_refused_with_what_to_type(
     assert re.search(rf"Option `{option}\b.*` must have a unit, such as {option} .*, or come with --units si", said)
 
 
+@pytest.mark.usefixtures("no_computing")
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["stream", "--v0", "normal(110 m/s, 10)"], "but has 10 in 'normal(110 m/s, 10)'."),
+        (["stream", "--v0", "uniform(50, 100 m/s)"], "but has 50 in 'uniform(50, 100 m/s)'."),
+        (["stream", "--v0", "lognormal(100, 0.1)"], "but has 100 in 'lognormal(100, 0.1)'."),
+        (["stream", "--uncertain", "sigma=normal(1 GPa, 0.1)"], "but has 0.1 in 'normal(1 GPa, 0.1)'."),
+        (
+            ["posterior", "sand.csv", "--free", "k,sigma", "--prior", "sigma=uniform(1, 2 GPa)"],
+            "but has 1 in 'uniform(",
+        ),
+    ],
+)
+def test_each_number_of_a_law_needs_a_unit(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, shell: Shell, words: list[str], said: str
+) -> None:
+    monkeypatch.chdir(folder)
+    assert said in shell(words, 2).err
+
+
 @pytest.mark.parametrize(
     ("command", "numbers"),
     [

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from cyclopts import Group, Parameter
 
 from erosion.cli import lazy
-from erosion.cli.errors import InputError, reading, user_errors
+from erosion.cli.errors import InputError, user_errors
 from erosion.cli.laws import LawOptions, require_same_model
 from erosion.cli.options import (
     FIT,
@@ -316,14 +316,8 @@ def _read_bounds(
             kind=InputError,
         )  # fmt: skip
         dimension = dimension_of(name, models, case.system)
-        # "1:3 GPa" is from 1 GPa. The end with the unit is read first, so that a message shows what was typed.
-        shared = lazy.unit_of(least) or lazy.unit_of(greatest)
-        case.require_unit(f"--bounds {name}={least}:", greatest + shared, dimension)
-        ends_read = {}
-        with reading(f"Option `--bounds`, {name},"):
-            for end in sorted({least, greatest}, key=lazy.unit_of, reverse=True):
-                ends_read[end] = lazy.read_quantity(end if lazy.unit_of(end) else end + shared, dimension, case.system)
-            bounds[name] = ends_read[least], ends_read[greatest]
+        source, typed = f"Option `--bounds`, {name},", f"--bounds {name}={least}:"
+        bounds[name] = case.read_ends(source, typed, (least, greatest), dimension)
         if not bounds[name][0] < bounds[name][1]:
             raise InputError(f"Option `--bounds` must give {name} two ascending values, but is {briefly(text)}.")
     return bounds

@@ -96,6 +96,7 @@ from erosion.laws import LAWS as LAWS
 from erosion.laws import SHARE as SHARE
 from erosion.laws import JointLaw as JointLaw
 from erosion.laws import JointSamples as JointSamples
+from erosion.laws import numbers_with_unit as numbers_with_unit
 from erosion.laws import read_law as read_law
 from erosion.laws import read_samples as read_samples
 from erosion.models import Correlated as Correlated

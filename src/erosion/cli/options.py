@@ -199,6 +199,30 @@ class CaseOptions:
             number = (read or lazy.read_quantity)(text, dimension, self.system)
         return number if units is None else number * lazy.conversion_factor(dimension, self.system, units)
 
+    def read_ends(
+        self, source: str, typed: str, ends: tuple[str, str], dimension: "lazy.Dimension"
+    ) -> tuple[float, float]:
+        """The numbers of the two ends of a range; "1:3 GPa" is from 1 GPa.
+
+        Args:
+            source: words for the option.
+            typed: see the function `require_unit`.
+            ends: what is typed.
+            dimension: of the numbers.
+
+        Raises:
+            InputError: also for bare numbers, see `read`.
+        """
+        shared = lazy.unit_of(ends[0]) or lazy.unit_of(ends[1])
+        numbers = {}
+        # The end with the unit is read first, so that a message shows what was typed.
+        for end in sorted(ends, key=lazy.unit_of, reverse=True):
+            text = end if lazy.unit_of(end) else end + shared
+            self.require_unit(typed, text, dimension)
+            with reading(source):
+                numbers[end] = lazy.read_quantity(text, dimension, self.system)
+        return numbers[ends[0]], numbers[ends[1]]
+
     def require_unit(self, typed: str, text: str, dimension: "lazy.Dimension") -> None:
         """Refuse a bare number unless --units or a case file says its unit; see the function."""
         if self.case is None and self.units is None:
@@ -433,13 +457,13 @@ def with_file(options: CaseOptions | None, file: Path | None) -> CaseOptions:
 
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
-_BARE_LAW = re.compile(r"[a-z-]+\([\d\s.,eE+-]*\)")
 
 
 def require_unit(typed: str, text: str, dimension: "lazy.Dimension", otherwise: str = "") -> None:
     """Refuse a bare number of a quantity that has a dimension, an angle too; 0 is the same in all units.
 
-    A law needs one unit, as "lognormal(110 m/s, 0.1)" has; of an axis the last part may be its count.
+    A law needs a unit in each number but for spreads and shapes: "normal(110 m/s, 5 m/s)", "lognormal(110 m/s, 0.1)";
+    of an axis the last part may be its count.
 
     Args:
         typed: what stands before the number: "--v0 ", "--set threshold=".
@@ -450,10 +474,11 @@ def require_unit(typed: str, text: str, dimension: "lazy.Dimension", otherwise: 
     if dimension == "1":
         return
     parts = text.removesuffix("log").rstrip(": ").split(":")
-    ends = parts[:2] if len(parts) > 1 else text.split(",")
-    if _BARE_LAW.fullmatch(text.strip()) if "(" in text else any(map(_is_bare, ends)):
+    numbers = lazy.numbers_with_unit(text) if "(" in text else parts[:2] if len(parts) > 1 else text.split(",")
+    if bare := [number.strip() for number in numbers if _is_bare(number)]:
         option, such_as = typed.partition("=")[0].strip(), f"{typed}{example(dimension, 'si')}"
-        raise InputError(f"Option `{option}` must have a unit, such as {such_as}{otherwise}, but is {briefly(text)}.")
+        has = f"is {briefly(text)}" if bare == [text] else f"has {bare[0]} in {briefly(text)}"
+        raise InputError(f"Option `{option}` must have a unit, such as {such_as}{otherwise}, but {has}.")
 
 
 def _is_bare(part: str) -> bool:

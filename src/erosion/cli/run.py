@@ -97,7 +97,7 @@ def optimum(
     abrasive: PerMassOptions | None = None,
     alpha_range: Annotated[
         list[str] | None,
-        Parameter(negative="", consume_multiple=True, help='Only angles between these two: "20deg : 60deg".'),
+        Parameter(negative="", consume_multiple=True, help='Only angles between these two: "20:60 deg".'),
     ] = None,
     objective: Annotated[str, Parameter(help='"volume", "volume per mass", "t_c" or "depth".')] = "volume",
     least: Annotated[
@@ -138,10 +138,10 @@ def _between(alpha_range: Sequence[str] | None, options: CaseOptions) -> tuple[f
     """The two angles of --alpha-range."""
     if not alpha_range:
         return None
-    ends = [options.read("alpha-range", text, "angle") for text in read_list(",".join(alpha_range).replace(":", ","))]
+    ends = read_list(",".join(alpha_range).replace(":", ","))
     if len(ends) != 2:
-        raise InputError(f'Option `--alpha-range` must be two angles such as "20deg : 60deg", but has {len(ends)}.')
-    return ends[0], ends[1]
+        raise InputError(f'Option `--alpha-range` must be two angles such as "20:60 deg", but has {len(ends)}.')
+    return options.read_ends("Option `--alpha-range`", "--alpha-range ", (ends[0], ends[1]), "angle")
 
 
 def _sensitivities(best: "lazy.Optimum") -> list[Declared]:
