@@ -61,13 +61,13 @@ def test_a_model_that_never_answers_is_left_out_until_it_does() -> None:
     answers = fake(curve=lambda model, _: model == "linearized" or goes_on.wait())
     stage = Stage(("curve",), ("volumes",))
     work = answers.start(stage, state)
-    work["linearized"].result(timeout=60)
+    work["linearized"].future.result(timeout=60)
     assert Computed.of(answers, state, None).of_all("curve") == {"linearized": True}
     # It computes one case at a time: another one begins when this one is answered.
     moved = dataclasses.replace(state, case=CASE.replace(k=3.0))
     assert answers.start(stage, moved)["plug_in"] is work["plug_in"]
     goes_on.set()
-    work["plug_in"].result(timeout=60)
+    work["plug_in"].future.result(timeout=60)
     assert Computed.of(answers, state, None).of_all("curve") == {"linearized": True, "plug_in": True}
     assert answers.start(stage, moved)["plug_in"] is not work["plug_in"]
     assert answers.start(stage, state) == {}
@@ -76,7 +76,7 @@ def test_a_model_that_never_answers_is_left_out_until_it_does() -> None:
 def test_an_answer_that_fails_is_a_line_on_the_page() -> None:
     answers = fake(curve=lambda model, case: 1 / int(case == CASE))
     state, stage = dataclasses.replace(STATE, case=CASE.replace(k=3.0)), Stage(("curve",), ("volumes",))
-    answers.start(stage, state)["linearized"].result(timeout=60)
+    answers.start(stage, state)["linearized"].future.result(timeout=60)
     computed = Computed.of(answers, state, None)
     assert computed.errors == ["linearized: division by zero"]
     assert computed.of_all("curve") == {}

@@ -1,4 +1,8 @@
-"""The answers that the page needs: computed once, each in a thread of its model, the latest case first."""
+"""The answers that the page needs: computed once, in threads.
+
+A thread computes one stage for one model. While it runs, no other case of this stage and model begins; the page asks
+again when it is done, for the case that is the newest then.
+"""
 
 import contextlib
 import dataclasses
@@ -41,7 +45,7 @@ def in_thread(work: Callable[[], T]) -> Future[T]:
     return future
 
 
-_PATIENCE = 12.0  # time scales; the page says that a later event never happens
+_LATEST_EVENT = 12.0  # time scales; the page says that a later event never happens
 _NEVER = "never"
 
 
@@ -68,7 +72,7 @@ class SingleEvent(CuttingModel):
 
     def events(self, state: Any, p: Parameters) -> dict[str, Any]:
         """The one event, and the end of the clock."""
-        return {self.event: self.model.events(state[0], p)[self.event], _NEVER: 1 - state[1] / _PATIENCE}
+        return {self.event: self.model.events(state[0], p)[self.event], _NEVER: 1 - state[1] / _LATEST_EVENT}
 
     def scales(self, p: Parameters) -> Scales:
         """The model's own scales."""
@@ -155,6 +159,13 @@ class Stage(NamedTuple):
     views: tuple[str, ...]
 
 
+class Work(NamedTuple):
+    """The computation of a stage for one model and this case; the future is done when all answers are remembered."""
+
+    case: PageCase
+    future: Future[None]
+
+
 AT_ONCE = (
     Stage(("curve", "point"), ("volumes", "end_times")),
     Stage(("cut",), ("cut", "histories", "numbers", "spins", "sensitivities")),
@@ -184,7 +195,7 @@ class Answers:
         self.models, self.kinds = models, kinds
         self._kept: dict[str, dict[tuple[str, PageCase], Any]] = {kind: {} for kind in kinds}
         self._lock = threading.Lock()
-        self._work: dict[tuple[Stage, str], Future[None]] = {}
+        self._work: dict[tuple[Stage, str], Work] = {}
 
     def __call__(self, kind: str, model: str, case: PageCase) -> Any:
         """The answer; it is computed if it is not remembered."""
@@ -212,19 +223,21 @@ class Answers:
         """The model with the own parameters of the case."""
         return self.models[name].replace(**case.own_values(name))
 
-    def start(self, stage: Stage, state: PageState) -> dict[str, Future[None]]:
+    def start(self, stage: Stage, state: PageState) -> dict[str, Work]:
         """Compute a stage of a state, each model in a thread of its own.
 
         Returns:
-            By model, the work in hand: also that of a model which still computes the same stage of an earlier state.
+            By model, the running work; that of another case if a model still computes the same stage of it. Then
+            nothing begins for this state.
         """
         work = {}
         for model in state.models:
             kinds = [kind for kind in stage.kinds if model == state.shown or kind not in _OF_MODEL_SHOWN]
             if all(self.remembered(kind, model, state.case) is not None for kind in kinds):
                 continue
-            if (stage, model) not in self._work or self._work[stage, model].done():
-                self._work[stage, model] = in_thread(functools.partial(self._compute, kinds, model, state.case))
+            if (stage, model) not in self._work or self._work[stage, model].future.done():
+                future = in_thread(functools.partial(self._compute, kinds, model, state.case))
+                self._work[stage, model] = Work(state.case, future)
             work[model] = self._work[stage, model]
         return work
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from nicegui import background_tasks, ui
 
-from erosion.explorer.computed import ANGLES, AT_ONCE, LATER, SPINS, Answers, Computed, Stage, in_thread
+from erosion.explorer.computed import ANGLES, AT_ONCE, LATER, SPINS, Answers, Computed, Stage, Work, in_thread
 from erosion.explorer.controls import Controls, CutDrawing, Materials, Plot, Prose, at_position, warn
 from erosion.explorer.prompts import prompts
 from erosion.explorer.state import PageState, sentence
@@ -185,7 +185,7 @@ class Tab:
         self._drawn: dict[str, Any] = {}
         self._following: asyncio.Task | None = None
         self._resting = self._changed = False
-        self._late: set[Future[None]] = set()
+        self._late: set[Work] = set()
         self._dark = ui.dark_mode(state.dark)
         with ui.element("header").classes("bar"):
             ui.html("erosion explorer", tag="h1", sanitize=False)
@@ -311,21 +311,21 @@ class Tab:
         for stage in stages:
             in_time = dataclasses.replace(state, models=tuple(model for model in state.models if model not in late))
             work = self.service.answers.start(stage, in_time)
-            awaited = [asyncio.wrap_future(one) for one in work.values() if one not in self._late]
+            awaited = [asyncio.wrap_future(one.future) for one in work.values() if one not in self._late]
             if awaited:
                 await asyncio.wait(awaited, timeout=_PATIENCE)
-            late |= {model for model, one in work.items() if not one.done()}
+            late |= {model for model, one in work.items() if one.case != state.case or not one.future.done()}
             for one in {work[model] for model in late & work.keys()} - self._late:
                 self._late.add(one)
-                one.add_done_callback(partial(self._come, asyncio.get_running_loop()))
+                one.future.add_done_callback(partial(self._come, asyncio.get_running_loop(), one))
             computed = Computed.of(self.service.answers, state, self.service.file)
             self._draw(await asyncio.wrap_future(in_thread(partial(self._contents, computed, stage.views))), computed)
             computing = f"Computing {', '.join(sorted(late))} …"
             self._status.set_text(" · ".join([*computed.errors, *([computing] if late else [])]))
         return late
 
-    def _come(self, loop: asyncio.AbstractEventLoop, work: Future[None]) -> None:
-        """Draw the answers of a model that was late."""
+    def _come(self, loop: asyncio.AbstractEventLoop, work: Work, _: Future[None]) -> None:
+        """Draw the answers of a model that was late, or compute the newest case now."""
         self._late.discard(work)
         with contextlib.suppress(RuntimeError):  # the server was stopped meanwhile
             loop.call_soon_threadsafe(self._follow_newest)
