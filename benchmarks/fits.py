@@ -371,7 +371,8 @@ def patterns(sets: int, jitter: float) -> np.ndarray:
     for seed in range(sets):
         rng = np.random.default_rng([62, seed])
         speeds = 60.0 * (1 + jitter * rng.uniform(-1, 1, degrees.size))
-        seen[seed] = any(pattern.seen for pattern in _noisy(degrees, speeds, 2.0, [*OF_MISSING], rng).patterns)
+        fit = _noisy(degrees, speeds, 2.0, [*OF_MISSING], rng)
+        seen[seed] = any(pattern.seen for pattern in erosion.check(fit).patterns)
     return seen
 
 
@@ -381,7 +382,7 @@ def exponents(sets: int, exponent: float) -> np.ndarray:
     for seed in range(sets):
         rng, speeds = np.random.default_rng([63, seed]), np.geomspace(40.0, 160.0, 6 + seed % 5)
         fit = _noisy(np.full(speeds.shape, 30.0), speeds, exponent, ["psi"], rng)
-        seen[seed] = any(pattern.seen and pattern.over == "speed" for pattern in fit.patterns)
+        seen[seed] = any(pattern.seen and pattern.over == "speed" for pattern in erosion.check(fit).patterns)
     return seen
 
 

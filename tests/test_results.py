@@ -96,6 +96,7 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "Predictor": lambda: drawn().predictor,
     "Profile": lambda: fit().profile("k", 5),
     "Ranking": lambda: erosion.rank([erosion.calibrate(problem) for problem in of_two()]),
+    "ResidualChecks": lambda: erosion.check(fit()),
     "Solution": lambda: ode.solve(DROP, {"drag": 0.1}, t1=9.0, wrt="drag"),
     "Stream": lambda: erosion.stream(
         "linearized", SI, n=64, sensitivities=True, alpha=stats.norm(0.3, 0.02), v0=stats.norm(100.0, 3.0)

@@ -32,6 +32,7 @@ from erosion.fits import PosteriorRanking as PosteriorRanking
 from erosion.fits import Ranking as Ranking
 from erosion.fits import SamplingError as SamplingError
 from erosion.fits import calibrate as calibrate
+from erosion.fits import check as check
 from erosion.fits import fit_each as fit_each
 from erosion.fits import next_test as next_test
 from erosion.fits import posterior as posterior

@@ -18,6 +18,7 @@ from erosion import (
     MeasurementError,
     Measurements,
     calibrate,
+    check,
     impact,
     read_measurements,
 )
@@ -364,15 +365,14 @@ def test_repeats_show_what_a_model_misses(known):
     means = volume.reshape(5, 3).mean(axis=1)
     pure = np.sum((volume.reshape(5, 3) - means[:, None]) ** 2) / 10
     misses = 3 * np.sum((means - fit.fitted.reshape(5, 3)[:, 0]) ** 2) / 3
-    lack = fit.lack_of_fit
+    lack = check(fit).lack_of_fit
     assert lack is not None
     assert lack.ratio == pytest.approx(misses / pure, rel=1e-9)
     assert lack.probability < 1e-3
     assert lack.scatter == pytest.approx(np.sqrt(pure) / (1e-6 if known else 1.0))
     assert "lack_of_fit" in str(fit)
-    assert (
-        calibrate(FitProblem("linearized", TABLE_1, {n: v[::3] for n, v in data.items()}, ["psi"])).lack_of_fit is None
-    )
+    once = calibrate(FitProblem("linearized", TABLE_1, {n: v[::3] for n, v in data.items()}, ["psi"]))
+    assert check(once).lack_of_fit is None
 
 
 TWO_SPEEDS = float(TABLE_1.v0) * np.array([0.5, 0.5, 0.5, 1.0, 1.0, 1.0])

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from erosion import TABLE_1, FitProblem, calibrate, impact
-from erosion.fits.doubts import is_beyond_scatter
 from erosion.fits.problem import USUAL_FREE, USUAL_MODELS
+from erosion.fits.residual_checks import is_beyond_scatter
 from erosion.models import model_name
 from tests.fits.problems import ranked
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion import TABLE_1, Calibration, Measurements, to_fluent, to_openfoam
+from erosion import TABLE_1, Calibration, Measurements, check, to_fluent, to_openfoam
 from erosion.fits.conditions import group_numbers
-from erosion.fits.doubts import find_patterns
 from erosion.fits.export import exported_case
 from erosion.fits.measurements import conditions
 from erosion.fits.problem import FitProblem
+from erosion.fits.residual_checks import Pattern, over_angle
 from erosion.models import DeformationWear, Linearized
 from erosion.models.rigid import LinearizedCut
 from tests.fits.problems import calibrated, ranked
@@ -126,16 +126,21 @@ def test_runs_are_counted_as_in_the_textbook():
     # Mood, Graybill and Boes: n₁ = n₂ = 10 has the mean 11 and the variance 90/19 of the number of runs.
     data = rows_of(20)
     groups = conditions(data)
-    (pattern,) = find_patterns(data, np.where(np.arange(20) < 10, 1.0, -1.0), groups)
+
+    def pattern_of(residuals: np.ndarray) -> Pattern:
+        pattern = over_angle(data, residuals, groups)
+        assert pattern is not None
+        return pattern
+
+    pattern = pattern_of(np.where(np.arange(20) < 10, 1.0, -1.0))
     assert pattern.statistic == pytest.approx((2 - 11) / np.sqrt(90 / 19))
     assert pattern.seen
-    (noise,) = find_patterns(data, np.tile([1.0, 1, -1, -1], 5), groups)
-    assert not noise.seen
+    assert not pattern_of(np.tile([1.0, 1, -1, -1], 5)).seen
     # All above: a fair coin makes 1 + 19/2 runs, with the variance 19/4.
-    (above,) = find_patterns(data, np.ones(20), groups)
+    above = pattern_of(np.ones(20))
     assert above.statistic == pytest.approx(-9.5 / np.sqrt(19 / 4))
     assert above.finding.numbers["runs"] == 1
-    assert find_patterns(data, np.zeros(20), groups) == ()
+    assert over_angle(data, np.zeros(20), groups) is None
 
 
 def test_speeds_of_one_rig_are_one_condition():
@@ -162,14 +167,15 @@ def noisy(degrees: np.ndarray, speeds: np.ndarray, exponent: float, seed: int) -
 def test_noise_at_speeds_that_a_rig_repeats_has_no_pattern():
     degrees = np.repeat([15.0, 25.0, 35.0, 45.0, 55.0], 2)
     speeds = 60.0 * (1 + 0.01 * np.random.default_rng(5).uniform(-1, 1, (20, 10)))
-    assert sum(test.seen for seed in range(20) for test in noisy(degrees, speeds[seed], 2.0, seed).patterns) <= 1
+    fits = [noisy(degrees, speeds[seed], 2.0, seed) for seed in range(20)]
+    assert sum(test.seen for fit in fits for test in check(fit).patterns) <= 1
 
 
 def test_a_wrong_exponent_of_the_speed_is_seen_at_one_angle():
     speeds = np.geomspace(40.0, 160.0, 8)
     angle = np.full(8, 30.0)
-    assert sum(noisy(angle, speeds, 2.0, seed).patterns[-1].seen for seed in range(20)) <= 3
-    wrong = [noisy(angle, speeds, 2.9, seed).patterns[-1] for seed in range(10)]
+    assert sum(check(noisy(angle, speeds, 2.0, seed)).patterns[-1].seen for seed in range(20)) <= 3
+    wrong = [check(noisy(angle, speeds, 2.9, seed)).patterns[-1] for seed in range(10)]
     assert all(test.seen and test.over == "speed" for test in wrong)
     assert np.mean([test.statistic for test in wrong]) == pytest.approx(0.9, abs=0.1)
 

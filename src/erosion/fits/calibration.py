@@ -11,18 +11,7 @@ from scipy import stats
 
 from erosion.arguments import check_share, check_whole
 from erosion.fits import doubts
-from erosion.fits.doubts import (
-    LEVEL,
-    OPEN,
-    TOUCH,
-    Pattern,
-    Profile,
-    Ridge,
-    are_noise,
-    beyond_scatter,
-    find_patterns,
-    growth,
-)
+from erosion.fits.doubts import LEVEL, OPEN, TOUCH
 from erosion.fits.fit import Fit
 from erosion.fits.least_squares import (
     FINEST,
@@ -37,14 +26,16 @@ from erosion.fits.least_squares import (
     make_squares,
 )
 from erosion.fits.likelihood import flat_laws, make_likelihood
-from erosion.fits.measurements import Measurements, conditions
+from erosion.fits.measurements import Measurements
 from erosion.fits.prediction import Predictor, make_predictor
 from erosion.fits.problem import FACTORS, FRACTION, FitProblem
+from erosion.fits.profiles import Profile, Ridge
+from erosion.fits.residual_checks import check
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_parameters, quantities
 from erosion.output.tables import Record, briefly
 from erosion.parameters.parameters import Parameters
-from erosion.parameters.quantities import Quantity, Scale, table_scale, unit_name
-from erosion.results import Columns, Declared, Finding, Part, Value
+from erosion.parameters.quantities import Quantity, table_scale, unit_name
+from erosion.results import Declared, Finding, Part, Value
 
 _ROUNDING = 1e-9  # of leverages
 _STARTS_WITHOUT = 4  # of a fit without one row, of which the fit with it is the first
@@ -279,31 +270,6 @@ class Calibration(Fit):
             and (high - low > OPEN if logarithmic else both <= {*touched.get(name, ())})
         )
 
-    @functools.cached_property
-    def patterns(self) -> tuple[Pattern, ...]:
-        """Tests of the residuals for patterns; none where they are rounding errors."""
-        if not are_noise(self.residuals, self.data.erosion):
-            return ()
-        groups = conditions(self.data)
-        weighted = self.squares.data.over_errors(self.residuals)
-        root = np.sqrt(self.squares.weights(weighted))
-        slopes = self.solution.jacobian @ self.identifiability.modes
-        powers = [growth(self.squares.data, root * weighted, root * self.fitted, slopes, name)
-                  for name in self.data.varied]  # fmt: skip
-        tests = (*find_patterns(self.data, weighted, groups), *(power for power in powers if power is not None))
-        # A robust loss lets rows be far off, which a test of variances takes for a miss.
-        if self.data.uncertainty is not None or self.squares.loss != "linear":
-            return tests
-        scatter = beyond_scatter(self.data, self.fitted, self.degrees_of_freedom, groups)
-        return tests if scatter is None else (scatter, *tests)
-
-    @property
-    def lack_of_fit(self) -> doubts.LackOfFit | None:
-        """The test of the fit against the scatter of repeats; None without repeats, and for a robust loss."""
-        if self.squares.loss != "linear":
-            return None
-        return doubts.lack_of_fit(self.data, self.fitted, self.identifiability.rank)
-
     @property
     def bounds(self) -> dict[str, tuple[float, float]]:
         """The least and the greatest value that each parameter may take."""
@@ -411,6 +377,7 @@ class Calibration(Fit):
     def declare(self) -> list[Declared]:
         """Estimates, their errors and intervals, and the quality of the fit."""
         has_errors, unit, scale = self.data.uncertainty is not None, self.erosion_unit, self.data.scale_of(self.rms)
+        checks = check(self)
         needs = f": needs at least {self.rows_for_aicc} rows for these parameters" if self.aicc == np.inf else ""
         without = ": there is a row without which a parameter is open" if self.leave_one_out == np.inf else ""
         return [
@@ -436,11 +403,10 @@ class Calibration(Fit):
             Value("chi2", self.chi2, "χ²", f"{self.degrees_of_freedom} degrees of freedom", digits=5,
                   only="" if has_errors else "data"),
             Value("degrees_of_freedom", self.degrees_of_freedom, only="data"),
-            *self._of_repeats(scale),
+            *checks.of_repeats,
             *_known(Value("aicc", self.aicc, meaning=f"Akaike's criterion, for few data{needs}")),
             Value("residuals", self.residuals, unit=unit, dims=("row",), only="data"),
-            Columns("patterns", "", [Value(name, [getattr(pattern, name) for pattern in self.patterns])
-                                     for name in ("over", "statistic", "probability", "level", "seen")], only="data"),
+            dataclasses.replace(checks.of_patterns, only="data"),
             Value("erosion_unit", unit, only="data"),
         ]  # fmt: skip
 
@@ -450,15 +416,6 @@ class Calibration(Fit):
         scale = table_scale(quantity.dimension, self.p.units, abs(self.estimates[name]))
         value, meaning = doubts.in_words(self, name, self.level, scale.size)
         return Value(name, value, quantity.symbol, meaning, scale=scale._replace(size=1.0), only="table")
-
-    def _of_repeats(self, scale: Scale) -> list[Value]:
-        lack = self.lack_of_fit
-        if lack is None:
-            return []
-        known = self.data.uncertainty is not None
-        size = f"{lack.scatter:.2g} stated errors" if known else scale.beside(f"{lack.scatter / scale.size:.3g}")
-        words = f"of lack of fit, probability {lack.probability:.2g}; repeats scatter by {size}"
-        return [Value("lack_of_fit", lack.ratio, "F", words, digits=5)]
 
     @property
     def title(self) -> str:

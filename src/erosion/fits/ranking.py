@@ -13,12 +13,13 @@ import numpy as np
 
 from erosion.arguments import Progress, no_progress, refuse
 from erosion.fits.calibration import Calibration
-from erosion.fits.doubts import RARE, is_beyond_scatter, is_poor, variances_differ, worst_row
+from erosion.fits.doubts import is_poor
 from erosion.fits.fit import Fit
 from erosion.fits.least_squares import CalibrationError, with_noise
 from erosion.fits.outliers import FEW_PER_CENT
 from erosion.fits.posterior import Posterior
 from erosion.fits.problem import FitProblem
+from erosion.fits.residual_checks import RARE, is_beyond_scatter, variances_differ, worst_row
 from erosion.fits.tempering import SamplingError
 from erosion.models import model_name, own_in_words
 from erosion.results import Columns, Declared, Finding, Mark, Part, Result, Scale, Value, found
