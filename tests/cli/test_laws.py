@@ -317,6 +317,8 @@ def test_options_overrule_the_case_file(case, tmp_path, shell):
         "alpha,k",
     ]
     assert "to be drawn" in shell([*arguments, "-o", str(out), "--plot", str(tmp_path / "curve.svg")], 2).err
+    assert not out.exists()  # refused before anything is computed
+    shell([*arguments, "-o", str(out)])
     stored = xr.load_dataset(out, engine="h5netcdf")
     assert dict(stored.sizes) == {"pair": 2}
     assert "v0 = 3937.0078740157483" in stored.attrs["case"]

@@ -162,6 +162,7 @@ from erosion.plotting.style import plot_files as plot_files
 from erosion.plotting.style import save_plots as save_plots
 from erosion.plotting.sweeps import plot_comparison as plot_comparison
 from erosion.plotting.sweeps import plot_sweep as plot_sweep
+from erosion.plotting.sweeps import require_drawable as require_drawable
 from erosion.report.page import PARTS as PARTS
 from erosion.report.page import chosen_questions as chosen_questions
 from erosion.report.page import require_folder as require_folder

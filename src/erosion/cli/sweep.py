@@ -132,6 +132,8 @@ def sweep(
             options.reference(name, as_set=True) for name in chosen]  # fmt: skip
         single = {name: float(value) for name, value in values.items() if not value.ndim}
         grid = lazy.make_grid(made, p, axes, outputs, paired=together, own=single)
+        if plot is not None:
+            lazy.require_drawable(grid.lengths, list(grid.axes))
     # By model, and of a single model by the key "".
     weights = {name if grid.compared else "": weighing(each, abrasive, options) for name, each in grid.loaded().items()}
     printed.warn(*_sizes_apart(p, grid.axes))

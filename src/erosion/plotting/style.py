@@ -231,7 +231,7 @@ class PlainNumbers(LogFormatter):
     """Ticks of a logarithmic axis as 0.3 and 30, not 3e-01 and 3 × 10¹."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
-        """The label of a tick; none where the axis would be too full, as of 4 beside 3."""
+        """The label of a tick; none for 4, 40, …, whose labels would touch those of 3, 30, …."""
         return f"{x:g}" if super().__call__(x, pos) and not f"{x:e}".startswith("4") else ""
 
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from erosion.impacts import BEYOND_LABEL
+from erosion.models import NO_CUT
 from erosion.parameters import QUANTITIES, Scale, System, readable_scale
 from erosion.plotting.curves import mark_best
 from erosion.plotting.labels import (
@@ -36,6 +37,7 @@ from erosion.plotting.style import (
     PlainNumbers,
     angle_axis,
     axes_or_new,
+    fit_legends,
     house_style,
     legend_of_panel,
     mark_turned,
@@ -127,6 +129,9 @@ class _Plane:
 
     @classmethod
     def of(cls, found: xr.Dataset, x: str, y: str) -> "_Plane":
+        for name in (x, y):
+            if found.sizes[name] < 2:
+                raise ValueError(f"A map must have two or more values of each parameter, but has one of `{name}`.")
         return cls(found.transpose(y, x, ...), _axis(found, x), _axis(found, y))
 
     def fill(self, ax: Axes, values: np.ndarray, **look: Any) -> QuadMesh:
@@ -135,6 +140,14 @@ class _Plane:
         self.up.apply(ax.yaxis)
         ax.grid(visible=False)
         return ax.pcolormesh(self.across.edges, self.up.edges, values, rasterized=True, **look)
+
+    def hatch(self, ax: Axes, flags: np.ndarray, ink: str) -> None:
+        """Hatch the region of the points with a flag."""
+        if flags.any():
+            region = ax.contourf(
+                self.across.values, self.up.values, flags, levels=[0.5, 1.5], colors="none", hatches=["////"]
+            )
+            region.set(edgecolor=ink, linewidth=0)
 
     def line(self, ax: Axes, name: str, label: str, **look: Any) -> None:
         """Draw a boundary of the sweep, if it has this one."""
@@ -149,7 +162,7 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     """How cuts end and how much they remove over two parameters, with the best angles.
 
     Over the angle and another parameter dots are the best angle of each value. Over two other parameters the best angle
-    is the colour, and the ends are those of its cuts. A dotted line surrounds what turns the body by more than 90°.
+    is the colour, and the ends are those of its cuts. Hatched cuts turn the body by more than 90°.
     """
     y, x = regimes.volume.dims
     plane, units = _Plane.of(regimes, str(x), str(y)), _sweep_units(regimes)
@@ -175,10 +188,10 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     fig.colorbar(mesh, ax=right, label=label)
     for ax, ink in ((left, INK), (right, "white")):
         if of_optima:
-            plane.line(ax, "best_boundary", "the best angle is of another kind", color=ink, linewidth=1.2)
+            plane.line(ax, "best_boundary", _optima_label(regimes), color=ink, linewidth=1.2)
         else:
-            plane.line(ax, "end_boundary", "the end of the cut changes", color=ink, linewidth=1.2)
-            plane.line(ax, "turn_boundary", f"inside: {BEYOND_LABEL}", color=ink, linewidth=1.2, linestyle=":")
+            plane.line(ax, "end_boundary", _ends_label(regimes), color=ink, linewidth=1.2)
+            plane.hatch(ax, regimes.turned_beyond.values, ink)
             _draw_best(ax, regimes, plane, x == "alpha", ink)
     handles = left.get_legend_handles_labels()[0]
     for drawn in right.get_legend_handles_labels()[0]:
@@ -188,8 +201,32 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     (right.yaxis if beside else left.xaxis).label.set_visible(False)
     patches = [Patch(color=color, alpha=0.75, label=end_label(names[code]))
                for code, color in zip(present, colors, strict=True)]  # fmt: skip
-    fig.legend(handles=[*patches, *handles], loc="outside lower center", ncols=3 if beside else 2)
+    if not of_optima and regimes.turned_beyond.any():
+        patches.append(Patch(facecolor="none", edgecolor=INK, linewidth=0, hatch="////", label=BEYOND_LABEL))
+    fig.legend(handles=[*patches, *handles], loc="outside lower center", ncols=3)
+    fit_legends(fig)
     return fig
+
+
+_IN_WORDS: Mapping[str, str] = {
+    "interior": "smooth maximum", "boundary": "end of the range", "limit": "limit of the turn", "none": "no cut",
+    NO_CUT: "no cut",
+}  # fmt: skip
+
+
+def _sides(codes: xr.DataArray) -> str:
+    """The words for the codes of a map: "between rebound and stop"; empty if all are the same."""
+    *others, last = (_IN_WORDS.get(word, word) for word in np.unique(in_words(codes)))
+    return f"between {', '.join(others)} and {last}" if others else ""
+
+
+def _ends_label(sweep: xr.Dataset) -> str:
+    return f"boundary {_sides(sweep.ended_by)}"
+
+
+def _optima_label(sweep: xr.Dataset) -> str:
+    sides = filter(None, (_sides(sweep.alpha_max_kind), _sides(sweep.alpha_max_ended_by)))
+    return "boundary " + ",\nor ".join(sides)
 
 
 def _draw_best(ax: Axes, regimes: xr.Dataset, plane: _Plane, flat: bool, ink: str) -> None:
@@ -220,20 +257,32 @@ def plot_sweep(sweep: xr.Dataset, *, ax: Axes | None = None) -> Figure:
     Raises:
         ValueError: for a sweep of other dimensions.
     """
-    sizes = sweep.volume.sizes
-    numeric = sorted((dim for dim in sizes if sweep[dim].dtype.kind == "f"), key=lambda dim: -sizes[dim])
-    many = [dim for dim in numeric if sizes[dim] > _FEW]
-    if not numeric or len(sizes) > 2:
+    sizes = {str(dim): length for dim, length in sweep.volume.sizes.items()}
+    numeric = [dim for dim in sizes if sweep[dim].dtype.kind == "f"]
+    require_drawable(sizes, numeric)
+    fig, ax = axes_or_new(ax, 6.2, 4.4)
+    if len(numeric) == 2 and min(sizes.values()) > _FEW:
+        plot_sweep_map(ax, sweep, *sizes)
+    else:
+        plot_volume_family(ax, sweep, max(numeric, key=sizes.__getitem__))
+    return fig
+
+
+def require_drawable(sizes: Mapping[str, int], parameters: Collection[str]) -> None:
+    """Refuse a sweep that `plot_sweep` cannot draw.
+
+    Args:
+        sizes: the lengths of its dimensions.
+        parameters: those of its axes; other dimensions are "model" and "pair".
+
+    Raises:
+        ValueError: for more than two dimensions, and where none is a parameter.
+    """
+    if len(sizes) > 2 or not sizes.keys() & parameters:
         shape = " × ".join(f"{n} {dim}" for dim, n in sizes.items())
         raise ValueError(
             f"A sweep must have one or two dimensions, one of them a parameter, to be drawn; this is {shape}."
         )
-    fig, ax = axes_or_new(ax, 6.2, 4.4)
-    if len(sizes) == len(many) == 2:
-        plot_sweep_map(ax, sweep, *(str(dim) for dim in sizes))
-    else:
-        plot_volume_family(ax, sweep, str(numeric[0]))
-    return fig
 
 
 @house_style()
@@ -264,14 +313,14 @@ def plot_sweep_map(ax: Axes, sweep: xr.Dataset, x: str, y: str) -> Axes:
     plane = _Plane.of(sweep, x, y)
     if "alpha_max" in sweep and sweep.alpha_max.ndim == len((x, y)):
         image, label = plane.fill(ax, np.rad2deg(plane.found.alpha_max.values), cmap="viridis"), _BEST
-        plane.line(ax, "best_boundary", "the best angle is of another kind", color="white", linewidth=1.2)
+        plane.line(ax, "best_boundary", _optima_label(sweep), color="white", linewidth=1.2)
     else:
         scale = readable_scale("volume", _sweep_units(sweep), float(np.nanmax(sweep.volume)))
         image, label = (
             plane.fill(ax, plane.found.volume.values / scale.size, cmap="viridis"),
             result_label("volume", scale),
         )
-        plane.line(ax, "end_boundary", "the end of the cut changes", color="white", linewidth=1.2)
+        plane.line(ax, "end_boundary", _ends_label(sweep), color="white", linewidth=1.2)
         plane.line(ax, "turn_boundary", "the body turns by 90°", color="white", linewidth=1.2, linestyle=":")
         mark_turned(ax, _findings(sweep))
     figure: Any = ax.figure
@@ -317,7 +366,7 @@ def _is_geometric(values: np.ndarray) -> bool:
         return False
     steps, ratios = np.diff(values), np.diff(np.log(values))
     return bool(
-        np.allclose(ratios, ratios[0], rtol=1e-6, atol=0) and not np.allclose(steps, steps[0], rtol=1e-6, atol=0)
+        np.allclose(ratios, ratios[0], rtol=_EQUAL, atol=0) and not np.allclose(steps, steps[0], rtol=_EQUAL, atol=0)
     )
 
 

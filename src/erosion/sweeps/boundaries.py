@@ -1,4 +1,4 @@
-"""Lines over two parameters across which a result is of another kind, bisected where they cross the lines of a grid."""
+"""Lines over two parameters across which the kind of a result changes, bisected where they cross a grid's lines."""
 
 from collections.abc import Callable
 
@@ -77,7 +77,7 @@ def _best(model: CuttingModel, p: Parameters, outputs: Outputs) -> np.ndarray:
 _KINDS = {
     "end_boundary": (_ends, "where the end of the cut changes"),
     "turn_boundary": (_turned, "where the body turns by 90°"),
-    "best_boundary": (_best, "where the best angle becomes of another kind, or its cut ends otherwise"),
+    "best_boundary": (_best, "where the kind of the optimum or the end of its cut changes"),
 }
 
 
