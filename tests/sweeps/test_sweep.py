@@ -14,8 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.contour import ContourSet
+from matplotlib.patches import Patch
 
 import erosion
+from erosion.impacts import BEYOND_LABEL
 from erosion.impacts.dataset_files import StoreError
 from erosion.models import Linearized
 from erosion.plotting.curves import pieces, plot_against_correlations, plot_optimum
@@ -349,6 +352,33 @@ def test_regimes_over_other_parameters_are_of_best_angles():
     assert [(ax.get_xscale(), ax.get_yscale()) for ax in figure.axes[:2]] == [("log", "log")] * 2
     with pytest.raises(ValueError, match="must name two parameters, but name k"):
         erosion.regimes("linearized", P, k=[1, 2])
+    with pytest.raises(TypeError, match="`model` must be one model"):
+        inspect.unwrap(erosion.regimes)(["linearized", "rotating"], P)
+    with pytest.raises(ValueError, match="two or more values of each parameter, but has one of `k`"):
+        plot_regimes(erosion.regimes("linearized", P, k=[2], v0=[2200.0, 4400.0]))
+
+
+def test_an_axis_of_none_is_none():
+    usual = erosion.regimes("linearized", P, alpha=[0.2, 0.3], phidot0=None)
+    xr.testing.assert_identical(usual, erosion.regimes("linearized", P, alpha=[0.2, 0.3]))
+
+
+def test_cuts_that_turn_the_body_too_far_are_hatched(map_of_rotating):
+    figure = plot_regimes(map_of_rotating)
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    hatched = [text.get_text() for text, handle in zip(legend.get_texts(), legend.legend_handles, strict=True)
+               if isinstance(handle, Patch) and handle.get_hatch()]  # fmt: skip
+    assert hatched == [BEYOND_LABEL]
+    assert "boundary between no cut, rebound and stop" in [text.get_text() for text in legend.get_texts()]
+    assert legend.get_window_extent().width <= figure.bbox.width
+    for ax in figure.axes[:2]:
+        (region,) = [drawn for drawn in ax.collections if isinstance(drawn, ContourSet)]
+        assert region.hatches == ["////"]
+        (path,) = region.get_paths()
+        turned = map_of_rotating.turned_beyond.values
+        points = np.stack(np.meshgrid(np.rad2deg(map_of_rotating.alpha), map_of_rotating.phidot0), axis=-1)
+        assert path.contains_points(points[turned], radius=1e-9).mean() > 0.9
 
 
 def test_curves_are_broken_where_they_jump(comparison):

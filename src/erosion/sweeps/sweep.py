@@ -494,8 +494,9 @@ def regimes(model: Model, p: Parameters, *, max_turn: float | str | None = "90de
         model: a model, its name or path.
         p: one case; the axes replace two of its values.
         max_turn: the greatest turn of the body at the best angles, see `erosion.alpha_max`.
-        **axes: two parameters, of the case or the model's own, with their values, the first along x; without them, or
-            with `alpha` or `phidot0` alone: every half degree, and spins s = r φ̇0/v0 from -0.9 to 0.9.
+        **axes: two parameters, of the case or the model's own, with their values, the first along x; None is no
+            axis. Without them, or with `alpha` or `phidot0` alone: every half degree, and spins s = r φ̇0/v0 from -0.9
+            to 0.9.
 
     Returns:
         Over both (y, x): volume, dvolume, d2volume, t_c, ended_by, turn and turned_beyond; over the parameters other
@@ -509,7 +510,10 @@ def regimes(model: Model, p: Parameters, *, max_turn: float | str | None = "90de
     validate(p)
     require_scalars(p)
     usual = {"alpha": QUARTER_DEGREES[1::2], "phidot0": np.linspace(-0.9, 0.9, _SPINS) * float(p.v0 / p.r)}
+    axes = {name: values for name, values in axes.items() if values is not None}
     axes = usual | axes if axes.keys() <= usual.keys() else axes
+    if isinstance(model, Sequence) and not isinstance(model, str):
+        raise TypeError(f"Argument `model` must be one model, but is {briefly(model)}.")
     if len(axes) != 2:
         raise ValueError(f"Arguments must name two parameters, but name {', '.join(axes)}.")
     outputs = Outputs(derivatives=2, optimum=True, max_turn=check_max_turn(max_turn), turn=True)
