@@ -626,7 +626,12 @@ def _hypotenuse(rewriting: _Rewriting, operands: list[_Value]) -> _Made:
         above = rewriting.is_above(moving, _zero(rewriting, moving))
         return jnp.where(above, moving.number, -moving.number), True
     rewriting.has_replaced = True
-    return jnp.sqrt(x.number * x.number + y.number * y.number), True
+    size = lax.stop_gradient(jnp.maximum(jnp.abs(x.number), jnp.abs(y.number)))
+    # Neither squares nor the root's second derivative leave the floats.
+    is_extreme = (size > 0) & ((size < 1e-100) | (size > 1e100))
+    scale = jnp.where(is_extreme, size, 1.0)
+    a, b = x.number / scale, y.number / scale
+    return scale * jnp.sqrt(a * a + b * b), True
 
 
 def _searched(side: str) -> Callable[..., _Made]:
