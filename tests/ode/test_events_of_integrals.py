@@ -99,6 +99,12 @@ def test_integrals_that_do_not_begin_at_zero_and_back_in_time() -> None:
     np.testing.assert_allclose(end.along("k").t, jax.vmap(jax.grad(time_of), (0, None))(ARGS["k"], -1.2), rtol=1e-7)
 
 
+@pytest.mark.parametrize("name", ["function", "reset"])
+def test_a_fourth_argument_of_another_name_is_refused(name: str) -> None:
+    with pytest.raises(TypeError, match=rf"`{name}`.*`integrals`.*`known`"):
+        ode.Event(**{"function": lambda t, y, args: y, name: lambda t, y, args, known: y})
+
+
 def test_functions_that_take_integrals_that_are_not_there() -> None:
     with pytest.raises(ValueError, match=r"`integrals`.*'full'"):
         ode.Problem(DECAY.y0, DECAY.vector_field, DECAY.events)

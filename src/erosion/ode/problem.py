@@ -323,12 +323,20 @@ Rate = Callable[[Scalar, PyTree, Any], PyTree]
 """A function of time, state and arguments."""
 
 
+_POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+
+
 def sees_integrals(function: Callable[..., Any]) -> bool:
-    """Whether a function of (t, y, args) also takes `integrals`, the running integrals by name."""
+    """Whether a function of (t, y, args) also has an argument named `integrals`, the running integrals by name."""
+    return "integrals" in _parameters(function)
+
+
+def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
+    """The arguments of a function by name; none where Python cannot tell."""
     try:
-        return "integrals" in inspect.signature(function).parameters
+        return inspect.signature(function).parameters
     except (TypeError, ValueError):
-        return False
+        return {}
 
 
 def evaluated(function: Callable[..., PyTree], t: Scalar, y: PyTree, args: Any, integrals: Mapping[str, Any]) -> PyTree:
@@ -341,8 +349,8 @@ class Event:
     """Something that happens where a function passes through zero.
 
     Args:
-        function: of (t, y, args); a number, smooth near its zeros. It may have a fourth argument `integrals`, the
-            running integrals by name; so may `reset`.
+        function: of (t, y, args); a number, smooth near its zeros. It may also have an argument named `integrals`,
+            the running integrals by name; so may `reset`.
         direction: +1 where only a rise through zero counts, -1 a fall, 0 either.
         reset: of (t, y, args), the state after the event, from which the motion goes on; without it the
             event ends the motion.
@@ -357,6 +365,13 @@ class Event:
             given = getattr(self, name)
             if not callable(given) and not (name == "reset" and given is None):
                 raise TypeError(f"Argument `{name}` must be a function of (t, y, args), but is {briefly(given)}.")
+        for name, given in (("function", self.function), ("reset", self.reset or self.function)):
+            others = [each for each in _parameters(given).values() if each.default is each.empty][3:]
+            if others and not sees_integrals(given) and others[0].kind in _POSITIONAL:
+                raise TypeError(
+                    f"Argument `{name}` must take the running integrals by an argument named `integrals`, but its "
+                    f"fourth argument is `{others[0].name}`."
+                )
         is_one = isinstance(self.direction, (int, float, np.number)) and not isinstance(self.direction, bool)
         if not is_one or self.direction not in (-1, 0, 1):
             raise ValueError(f"Argument `direction` must be -1, 0 or 1, but is {briefly(self.direction)}.")
