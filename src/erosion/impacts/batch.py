@@ -61,19 +61,19 @@ from erosion.results import Result, Value
 _NAMES = tuple(QUANTITIES)
 
 
-def signature_of(model: CuttingModel, p: Parameters, *, whole: bool = False) -> Signature:
+def signature_of(model: CuttingModel, p: Parameters, *, reports_state: bool = False) -> Signature:
     """The signature of model and case, which are made of the ten parameters and the model's own numbers.
 
     Args:
         model: the model.
         p: the case.
-        whole: with a clock, the whole state at the end, and the quantities of the model's own.
+        reports_state: with a clock, the whole state at the end, and the quantities of the model's own.
     """
     case = Case(_of_units(units_within(model, p)), model)
     equations = CUT.equations(case, ())
     leaves, structure = jax.tree.flatten(case)
     rest = tuple(None if is_number(leaf) else leaf for leaf in leaves)
-    problem, options = (whole_cut(model), Options(reports_state=True)) if whole else (CUT, Options())
+    problem, options = (whole_cut(model), Options(reports_state=True)) if reports_state else (CUT, Options())
     signature = Signature(problem, structure, rest, *_shapes(equations), options, equations)
     located = signature.wanting(switches=True, arm_on_return=True)
     what = unlocated(located)
@@ -276,7 +276,7 @@ class Impact(Result):
         """
         order = 2 if self.d2volume is not None else 1 if self.dvolume is not None else 0
         _, parameters, shape = lanes_of(self.model, self.p)
-        wide = signature_of(self.model, self.p, whole=True)
+        wide = signature_of(self.model, self.p, reports_state=True)
         clock = Clock(0.0, np.inf, np.inf, np.inf)
         lanes = Lanes(wide, [*parameters, *map(np.asarray, clock)], shape, (*names_of(self.model), *Clock._fields))
         wrt = (self.wrt,) if isinstance(self.wrt, str) else self.wrt

@@ -449,7 +449,7 @@ def path(model: CuttingModel, p: Parameters, points: int = 201) -> Trajectory:
 
 def _end_and_states(model: CuttingModel, p: Parameters, t: np.ndarray) -> tuple[tuple[int, float, float], np.ndarray]:
     """How and when one cut ends, and dV/dα; the vectors `y` of its motion at times up to there."""
-    signature, (_, parameters) = signature_of(model, p, whole=True), split(model, p)
+    signature, (_, parameters) = signature_of(model, p, reports_state=True), split(model, p)
     clock = Clock(t0=0.0, t1=np.inf, max_step=np.inf, max_events=np.inf)
     rising, places = np.unique(t, return_inverse=True)
     alpha = element_of(model, "alpha")

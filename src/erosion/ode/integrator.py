@@ -137,7 +137,9 @@ def _finish(
     least = [LEAST * size for size in problem.sizes_of_state(motion.greatest)]
     return LaneEnd(
         outcome=_outcome(problem, finite, control.mode, event),
-        rtol_next=plan(control, ended & begun, end.amplification, finite, rtol, whole=problem.options.reports_state),
+        rtol_next=plan(
+            control, ended & begun, end.amplification, finite, rtol, reports_state=problem.options.reports_state
+        ),
         time=time,
         outputs=outputs,
         trials=lax.convert_element_type(control.trials, np.int32),

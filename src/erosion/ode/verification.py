@@ -26,7 +26,7 @@ _DERIVED = 3e-2  # of its error, relative as that of a value, counts in a deriva
 
 
 def plan(
-    control: Control, ended: Flag, amplification: Scalar, finite: Flag, rtol: Scalar, *, whole: bool
+    control: Control, ended: Flag, amplification: Scalar, finite: Flag, rtol: Scalar, *, reports_state: bool
 ) -> Scalar:  # fmt: skip
     """The tolerance of a second integration of a lane; that of this one where none is needed.
 
@@ -38,12 +38,12 @@ def plan(
         amplification: how many times larger the errors of the end may be than those of the state.
         finite: whether its results are.
         rtol: the tolerance of this integration.
-        whole: whether the whole state is wanted.
+        reports_state: whether the whole state is wanted.
     """
     factor = jnp.where(ended & (amplification > _DOUBT), _DOUBT / amplification, 1.0)
     factor = jnp.where(control.closest_approach < graze(rtol), jnp.minimum(factor, 1 / GRAZE), factor)
     many = control.trials > _MANY_STEPS
-    if whole:
+    if reports_state:
         # Most motions forget their errors.
         cheaper = jnp.clip(_CHEAPEST / rtol, 1.0, _CHEAPER)
         factor = jnp.where(many, jnp.where(factor < 1, jnp.minimum(factor, _MANY_FACTOR), cheaper), factor)
