@@ -192,6 +192,12 @@ def test_joint_samples_stay_together():
     np.testing.assert_allclose(np.bincount(values["alpha"].astype(int)) / len(POINTS), 0.2, atol=0.006)
 
 
+def test_a_joint_law_is_true_where_it_has_a_law():
+    assert not JointLaw()
+    assert JointLaw({"k": stats.norm(2, 0.1)})
+    assert JointLaw(samples=(JointSamples({"k": [1.9, 2.1]}, "tests"),))
+
+
 def test_a_joint_law_in_words():
     table = JointSamples({"alpha": [0.1, 0.3, 0.2], "k": [1.0, 3.0, 2.0]}, "jet.csv")
     assert JointLaw(TWO, {("v0", "r"): 0.5}, (table,)).in_words(QUANTITIES, "si") == {

@@ -408,6 +408,9 @@ class JointLaw:
         """The parameters."""
         return tuple(self.marginals)
 
+    def __bool__(self) -> bool:
+        return bool(self.names)
+
     @functools.cached_property
     def _groups(self) -> list[tuple[str, ...]]:
         """The parameters that are correlated, those of one group with each other."""

@@ -76,7 +76,7 @@ class Uncertain:
         Raises:
             ValueError: where a model does not have one of the parameters, or the laws make no sense.
         """
-        if not self.laws.names:
+        if not self.laws:
             raise ValueError("Argument `uncertain` must have a law, but has none.")
         self.laws.require_units(units)
         if all(isinstance(model, Correlated) for model in models.values()):

@@ -160,7 +160,7 @@ def to_dataset(
         has_range: whether the model is a correlation, which is made for a range of impacts.
     """
     units, sums, parcels = options.p.units, tally.sums, tally.parcels
-    draws = tally.of_draws if options.uncertain.names else None
+    draws = tally.of_draws if options.uncertain else None
     sums["particle_mass"] = sums["particle_mass"] * conversion_factor("mass", "si", units)
     sums["speed"] = sums["speed"] * conversion_factor("speed", "si", units)
     density = None if options.density is None else options.density * conversion_factor("density", "si", units)

@@ -155,7 +155,7 @@ class MapOptions:
     @property
     def realisations(self) -> int:
         """How many times the map is computed: once for each draw of uncertain parameters, 1 without these."""
-        return self.draws if self.uncertain.names else 1
+        return self.draws if self.uncertain else 1
 
     def in_words(self) -> str:
         """The options that are not the default."""
@@ -165,7 +165,7 @@ class MapOptions:
             "spin": self.spin,
             **self.laws.in_words({}, self.p.units),
             **{f"uncertain {name}": law for name, law in self.uncertain.in_words({}, self.p.units).items()},
-            "draws": self.draws if self.uncertain.names else None,
+            "draws": self.draws if self.uncertain else None,
             "seed": self.seed_used,
             FRACTION: None if self.cutting_fraction == 1 else self.cutting_fraction,
             **{

@@ -458,7 +458,7 @@ class GivenFit:
         _, laws, draws = self._laws.read(next(iter(models.values())), {})
         for model in models.values():
             require_same_model(draws, model, where)
-        if not laws.names:
+        if not laws:
             return None, draws
         source = str(self._case.case) if self._options.uncertain is None else ""
         with user_errors():

@@ -243,7 +243,7 @@ def stream(
     number = section.get("seed", 0) if seed is None else seed
     printed = Output("stream", jet.p, options, json=json, seed=number, plot=plot, inputs=jet.inputs)
     laws = jet.read_laws()
-    if not (laws.varied.names or laws.uncertain.names):
+    if not (laws.varied or laws.uncertain):
         raise InputError(_NO_LAW)
     with user_errors(TypeError, fields=options.fields("stream", section, n=n, seed=seed, points=points)):
         made = lazy.StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output)

@@ -326,7 +326,7 @@ class Stream(Result):
     def declare(self) -> list[Declared]:
         """The results; errors are standard errors by sampling."""
         units, mean, mass = self.particles.p.units, self.mean_volume, self.mean_mass
-        spread = ", uncertain parameters included" if self.particles.uncertain.names else ""
+        spread = ", uncertain parameters included" if self.particles.uncertain else ""
         deviation = f"{RESULTS['deviation'].meaning}{spread}"
         return [
             Value("particles", self.n, meaning=f"± is {self.error_meaning}"),
