@@ -485,6 +485,12 @@ def test_an_outlier_is_named_with_the_fit_without_it(fit_of):
     assert without.estimates["psi"] == pytest.approx(P.psi, rel=0.02)
 
 
+def test_the_only_row_with_erosion_is_an_outlier_without_another_fit():
+    volume = np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 0.0])
+    only = calibrated("finnie", P, {"angle [deg]": np.arange(10.0, 80.0, 10.0), "volume [in^3]": volume}, ["psi"])
+    assert [finding.code for finding in only.findings if "outlier" in finding.code] == ["outlier"]
+
+
 @pytest.mark.parametrize("density", [None, "7870 kg/m^3"])
 def test_a_correlation_predicts_masses_by_its_own_density(tmp_path, density):
     # A ratio of masses is that of the correlation, whatever steel's density is in another table.

@@ -162,11 +162,11 @@ class Calibration(Fit):
     def without(self, row: int) -> "Calibration | None":
         """The fit to the other rows, from this one's estimates on; None where it fails."""
         rows = np.flatnonzero(np.arange(len(self.data)) != row)
-        others = dataclasses.replace(self.problem, data=self.problem.data.of_rows(rows))
-        squares = dataclasses.replace(self.squares, problem=others, data=others.data, start=self.solution.theta)
         try:
+            others = dataclasses.replace(self.problem, data=self.problem.data.of_rows(rows))
+            squares = dataclasses.replace(self.squares, problem=others, data=others.data, start=self.solution.theta)
             return Calibration(*fit(squares, self.squares.loss, _STARTS_WITHOUT), self.level)
-        except CalibrationError:
+        except (CalibrationError, ValueError):  # without erosion in the other rows they are no problem of a fit
             return None
 
     @property
