@@ -177,6 +177,7 @@ def test_a_case_that_is_not_the_fits_is_a_warning(shell: Shell) -> None:
 
 
 MISFIT = Finding("misfit_of_draws_beyond_errors", "", {"chi2": 40.0, "rows": 12})
+PRIOR = Finding("prior_decides", "psi", {"share": 0.94, "end": "lowest", "law": "uniform"})
 
 
 def test_draws_of_a_bad_fit_are_a_warning() -> None:
@@ -188,12 +189,13 @@ def test_draws_of_a_bad_fit_are_a_warning() -> None:
     assert (slow.code, slow.about, slow.numbers["ratio"]) == ("outside_of_tests", "post.nc", pytest.approx(2.0))
     assert draws.rows.tested["alpha"] == pytest.approx(np.deg2rad((10.0, 70.0)))
     with xr.open_datatree("post.nc") as tree:
-        tree["posterior"].attrs |= {"converged": 0, "findings": to_attribute([MISFIT])}
+        tree["posterior"].attrs |= {"converged": 0, "findings": to_attribute([MISFIT, PRIOR])}
         tree["posterior"]["scale"] = tree["posterior"]["psi"]
         tree.to_netcdf("bad.nc", engine="h5netcdf")
     bad = read_draws("bad.nc", known, "si")
     assert [one.code for one in bad.doubts(model, draws.p, 1.0)] == ["not_converged", "draws_without_size"]
-    assert bad.of_fit() == [dataclasses.replace(MISFIT, about="bad.nc")]
+    named = [dataclasses.replace(MISFIT, about="bad.nc"), dataclasses.replace(PRIOR, about="psi (bad.nc)")]
+    assert bad.of_fit() == named
     assert {*bad.rows.columns} == {"psi"}
 
 

@@ -99,9 +99,10 @@ class Draws:
         _require_same_equations(self.path, self.equations, model, self.p)
 
     def of_fit(self, but: str = "") -> list[Finding]:
-        """What was doubtful in the fit, without what a text has already."""
+        """What was doubtful in the fit, with this file named, without what a text has already."""
         left = [finding for finding in self.findings if finding.text not in but]
-        return [dataclasses.replace(finding, about=finding.about or str(self.path)) for finding in left]
+        abouts = [f"{finding.about} ({self.path})" if finding.about else str(self.path) for finding in left]
+        return [dataclasses.replace(finding, about=about) for finding, about in zip(left, abouts, strict=True)]
 
     def doubts(self, model: CuttingModel, p: Parameters, cutting_fraction: float) -> list[Finding]:
         """Findings on what an impact has otherwise than the fit and its tests."""
