@@ -79,6 +79,11 @@ def test_draws_are_labelled_arrays_and_numbers_for_programs(result):
     assert numbers["priors"]["k"] == "loguniform(0.03, 300), the default"
 
 
+def test_draws_have_no_residuals_to_check(result):
+    with pytest.raises(TypeError, match="`fit` must be a fit of `calibrate`, but is a Posterior"):
+        erosion.check(result)
+
+
 def test_the_same_seed_gives_the_same_draws(result):
     again, other = (posterior("k", "psi", p=TABLE_1.replace(k=3.0), data=measured(12), seed=seed) for seed in (1, 2))
     np.testing.assert_array_equal(again.run.points, result.run.points)

@@ -287,7 +287,12 @@ def check(fit: "Calibration") -> ResidualChecks:
     """Test the residuals of a calibration for patterns over angle, speed and mass, and against the rows' scatter.
 
     Rounding errors have no patterns.
+
+    Raises:
+        TypeError: for what has no residuals, such as a posterior.
     """
+    if not hasattr(fit, "residuals"):
+        raise TypeError(f"Argument `fit` must be a fit of `calibrate`, but is a {type(fit).__name__}.")
     data, squares, tests = fit.data, fit.squares, [_scatter(fit)]
     if _are_noise(fit):
         weighted = data.over_errors(fit.residuals)
