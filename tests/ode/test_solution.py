@@ -1,5 +1,6 @@
 """What a solution prints, tells and gives to others."""
 
+import csv
 import json
 import pickle
 from typing import Any
@@ -105,7 +106,11 @@ def test_a_dataset_says_which_numbers_its_lanes_have(tmp_path):
     assert dataset["v"].dims == ("lane_0", "lane_1")
     np.testing.assert_array_equal(dataset["v"], [[0.4, 0.4], [0.6, 0.6], [3.0, 3.0]])
     assert float(dataset["rtol"]) == 1e-9
+    assert dataset["events"].dims == ("event",)
     assert list(dataset["events"].values) == ["low", "at the wall"]
+    lines = list(csv.DictReader(MANY.to_csv().splitlines()))
+    ends = zip(dataset["v"].values.flat, MANY.ended_by.flat, strict=True)
+    assert [(float(line["v"]), line["ended_by"]) for line in lines] == list(ends)
     decay = ode.Problem({"k": 1.0}, lambda t, y, args: {"k": -args["y"]["k"] * args["y_k"] * y["k"]})
     many = np.array([1.0, 2.0])
     end = ode.solve(decay, {"y": {"k": many}, "y_k": 2 * many, "lane_0": many, "time": many}, t1=many, ts=[0.0])

@@ -22,7 +22,7 @@ from erosion.ode.problem import Problem, Words
 from erosion.ode.switches import switches_of, unlocated
 from erosion.ode.tape import Recorded
 from erosion.output.tables import format_number
-from erosion.results import Declared, Finding, Result, Value, stated
+from erosion.results import Declared, Finding, Result, Value, render, stated
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -486,11 +486,11 @@ class Solution(Result):
     def declare(self) -> list[Declared]:
         """How lanes end; times, states and integrals, their derivatives, and the same at `ts`; named "dt_dangle".
 
-        Axes are `lane_0`, `lane_1`, …, and `time`. In files the numbers that differ from lane to lane stand beside.
+        Axes are `lane_0`, `lane_1`, …, and `time`. In CSV and files the numbers of each lane stand beside.
         """
         lanes = tuple(f"lane_{i}" for i in range(np.ndim(self.t)))
         made: list[Declared] = [Value("ended_by", self.ended_by, dims=lanes)]
-        taken = dict.fromkeys(("ended_by", "count", "inexact", "rtol", "events", "time", *lanes))
+        taken = dict.fromkeys(("ended_by", "count", "inexact", "rtol", "events", "event", "time", *lanes))
         own: dict[str, tuple[str, tuple[str, ...]]] = {}
         for path, values in self._parts(self).items():
             name = _free(path.replace(".", "_"), taken)
@@ -515,11 +515,12 @@ class Solution(Result):
             for path, part in {(): self.times, **self.times.derivatives}.items():
                 put({**self.named(part), **self._named_integrals(part)}, [*map(_label, path)], ("time",))
         made += [Value(name, getattr(self, name), dims=lanes, only="data") for name in ("count", "inexact")]
-        made += [Value("rtol", self.rtol, only="data"), Value("events", [*self.problem.events], only="data")]
+        made.append(Value("rtol", self.rtol, only="data"))
+        made.append(Value("events", np.array([*self.problem.events], object), dims=("event",), only="data"))
         return [*made, *self._numbers_of_lanes(lanes, taken)]
 
     def _numbers_of_lanes(self, axes: tuple[str, ...], taken: dict[str, None]) -> Iterator[Value]:
-        """Arguments and times that differ from lane to lane, for files."""
+        """Arguments and times that differ from lane to lane, for CSV and files."""
         columns = zip(self.lanes.names, self.lanes.parameters, self.lanes.signature.shapes, strict=True)
         for place, (name, number, shape) in enumerate(columns):
             if np.ndim(number) > len(shape):
@@ -528,6 +529,11 @@ class Solution(Result):
                 name = _free(_label(name).replace(".", "_"), taken)
                 taken[name] = None
                 yield Value(name, sign * np.reshape(number, self.lanes.shape), dims=axes, only="file")
+
+    def to_csv(self) -> str:
+        """A line for each lane, with the arguments and times that are its own."""
+        of_lanes = (value for value in self.declare() if isinstance(value, Value))
+        return render.csv([value.but(only="data") if value.only == "file" else value for value in of_lanes])
 
     def to_dataset(self) -> "xr.Dataset":
         """The same as an xarray dataset; numbers that differ from lane to lane are coordinates."""
