@@ -147,6 +147,15 @@ def parts(declared: Sequence[Declared]) -> list[Part]:
     return [item for item in declared if isinstance(item, Part) and item.name and item.only in ("", "data")]
 
 
+def flat(declared: Sequence[Declared]) -> Iterator[Value]:
+    """The values that data have, those of parts too."""
+    for item in declared:
+        if isinstance(item, Part):
+            yield from flat(item.values)
+        elif isinstance(item, Value) and item.only in ("", "data"):
+            yield item
+
+
 def is_numeric(plain: Any) -> bool:
     """Whether it is a number or numbers, of the same count in each row."""
     numbers = np.ravel(np.array(plain, dtype=object))
@@ -204,11 +213,43 @@ def test_all_outputs_have_the_numbers_that_it_declares(kind: str) -> None:
         if value.labels and value.name in dataset:
             (dim,) = dataset[value.name].dims
             np.testing.assert_equal([dataset[value.name].sel({dim: label}).item() for label in value.labels], plain)
-        elif (
-            is_numeric(plain) and np.shape(value.value) in ((), (len(columns),)) and not isinstance(value.value, tuple)
-        ):
+        elif is_numeric(plain) and heading in columns[0] and not follows_columns(result):
             in_lines = [float(line[heading]) for line in columns]
-            np.testing.assert_equal(in_lines, [*np.broadcast_to(plain, len(columns))])
+            np.testing.assert_equal(in_lines, np.broadcast_to(plain, shape_of_lines(result)).ravel().tolist())
+
+
+def follows_columns(result: Result) -> bool:
+    """Whether CSV is a table of the result, which stands alone."""
+    return any(isinstance(item, Columns) and [item.name] == [*result.lines] for item in result.declare())
+
+
+def shape_of_lines(result: Result) -> tuple[int, ...]:
+    """Of the arrays that CSV has."""
+    if result.lines:
+        sizes = result.to_dataset().sizes
+        return tuple(sizes[dim] for dim in result.lines)
+    arrays = [value.value for value in values(result) if isinstance(value.value, np.ndarray) and value.dims is None]
+    return np.broadcast_shapes(*map(np.shape, arrays))
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_csv_has_all_numbers_of_its_lines(kind: str) -> None:
+    result = made(kind)
+    dataset, lines = result.to_dataset(), list(csv.DictReader(result.to_csv().splitlines()))
+    headings = {heading.partition(" [")[0] for heading in lines[0]}
+    before = f"{result.lines[0]}_" if follows_columns(result) else ""
+    assert "correlation" not in headings
+    assert len(lines) == np.prod(shape_of_lines(result))
+    if result.lines:
+        along = [name for name, number in dataset.data_vars.items() if number.dims == tuple(result.lines)]
+        assert {str(name).removeprefix(before) for name in along} <= headings
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_files_name_each_dimension(kind: str) -> None:
+    result = made(kind)
+    lists = [item for item in flat(result.declare()) if isinstance(item.value, list)]
+    assert [value.name for value in lists if not (value.dims or value.labels)] == []
 
 
 @pytest.mark.parametrize("kind", MAKERS)
@@ -225,7 +266,10 @@ def test_files_have_the_columns_that_it_declares(kind: str) -> None:
 def test_a_word_or_number_that_is_not_known_is_a_gap_in_files() -> None:
     words, numbers = ["stop", None], [None, 2.0]
     declared = [Columns("models", "Models", [Value("end", words), Value("volume", numbers, unit="m^3")])]
-    dataset, lines = render.dataset("", declared, {}), list(csv.DictReader(render.csv(declared).splitlines()))
+    dataset, lines = (
+        render.dataset("", declared, {}),
+        list(csv.DictReader(render.csv(declared, ["models"]).splitlines())),
+    )
     assert_known_alike(dataset.models_end.values.tolist(), words)
     assert_known_alike(dataset.models_volume.values.tolist(), numbers)
     assert [line["end"] for line in lines] == ["stop", ""]

@@ -1,5 +1,7 @@
 """Models that cannot have the data's pattern are not ranked, and nothing is ranked by a number that is not known."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from erosion import TABLE_1, FitProblem, calibrate, impact
 from erosion.fits.problem import USUAL_FREE, USUAL_MODELS
 from erosion.fits.residual_checks import is_beyond_scatter
 from erosion.models import model_name
+from erosion.results import Finding
 from tests.fits.problems import ranked
 
 P = TABLE_1.to("si").with_particle("garnet 0.3 mm").with_target("aluminium 6061").replace(v0=100.0)
@@ -38,13 +41,14 @@ def test_models_that_miss_the_data_are_not_ranked_and_named(ranking):
     assert ranking.names[0] == "linearized-deformation"
     assert len(ranking.ranked) == 1
     assert ranking.weights.tolist() == [1.0, 0.0, 0.0]
+    assert [fit["weight"] for fit in ranking.to_dict()["ranking"]] == [1.0, None, None]
     reasons = {reason.about: reason for reason in ranking.reasons}
     assert reasons["tan-alpha"].code == "not_ranked"
     assert reasons["tan-alpha"].numbers == {"row": "90°", "fitted": "0 mg/kg", "measured": "95 mg/kg"}
     # The straight fit is within the scatter of six rows: the reason is the other fit, not a row.
     assert reasons["linearized"].code == "not_ranked_beside"
     assert reasons["linearized"].numbers == {"ratio": pytest.approx(12, abs=0.5), "other": "linearized-deformation"}
-    assert {row[0]: row[1:4] for row in ranking.rows()}["tan-alpha"] == ("– *", "0", "75.09")
+    assert {row[0]: row[1:4] for row in ranking.rows()}["tan-alpha"] == ("– *", "–", "75.09")
     codes = {fit["model"]: fit["not_ranked"] for fit in ranking.to_dict()["ranking"]}
     assert codes == {"linearized-deformation": None, **{name: reason.code for name, reason in reasons.items()}}
     # The maximum of the best fit is where the data have it.
@@ -67,6 +71,12 @@ def test_a_gross_outlier_refuses_no_model_and_does_not_put_a_wrong_one_first(see
     assert len({fit.squares.noise for fit in ranking.fits}) == 1
     assert ranking.best.squares.noise * np.sqrt(np.mean(volume**2)) < 0.06 * exact.max()
     assert ranking.best.estimates == pytest.approx({"k": 1.4, "psi": 0.08}, rel=0.1)
+
+
+def test_data_have_the_models_that_failed(ranking):
+    failure = Finding("model_failed", "finnie", {"text": "no fit."})
+    failed = dataclasses.replace(ranking, failures=(failure,))
+    assert failed.to_dict()["failures"] == [{"model": "finnie", "text": failure.text}]
 
 
 def test_a_right_model_stays_where_another_fits_six_rows_too_well_by_chance():

@@ -308,7 +308,7 @@ class Advice(Result):
             Value("cutting_fraction", self.per_mass.cutting_fraction, only="data"),
             *(Value(name, None if each is None else str(each), only="data") for name, each in named.items()),
             self._of_each_curve(),
-            Value("statements", self.conclusions, only="data"),
+            Value("statements", [*self.conclusions], dims=("statement",), only="data"),
         ]
 
     def _comparison(self) -> Columns:

@@ -111,6 +111,8 @@ class Verification(Result):
         absent: solvers of reference solutions that are not installed.
     """
 
+    lines = ("checks",)
+
     checks: tuple[Check, ...]
     absent: tuple[str, ...] = ()
 
@@ -147,7 +149,7 @@ class Verification(Result):
         every = [Value(name, [getattr(check, name) for check in self.checks]) for name in names]
         return [
             Value("passed", self.passed, only="data"),
-            Value("absent", [*self.absent], only="data"),
+            Value("absent", [*self.absent], dims=("absent",), only="data"),
             Columns("worst", "", columns),
             Columns("checks", "", every, only="data"),
         ]

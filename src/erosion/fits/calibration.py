@@ -52,6 +52,8 @@ class Calibration(Fit):
         level: of the intervals in tables and documents.
     """
 
+    lines = ("row",)
+
     squares: LeastSquares
     solution: FitSolution
     level: float = LEVEL
@@ -391,11 +393,12 @@ class Calibration(Fit):
             self.of_parameters("intervals", self.intervals(self.level)),
             Value("level", self.level, only="data"),
             Value("correlation", self.correlation, dims=("parameter", "other_parameter"), only="data"),
-            Value("undetermined", [*self.undetermined], only="data"),
-            Value("undecided", [*self.undecided], only="data"),
+            Value("undetermined", [*self.undetermined], dims=("undetermined",), only="data"),
+            Value("undecided", [*self.undecided], dims=("undecided",), only="data"),
             self.of_parameters("bounds", self.bounds),
             Part("bounds_touched",
-                 [Value(name, [*marks]) for name, marks in self.bounds_touched(self.level).items()], only="data"),
+                 [Value(name, [*marks], dims=(name,)) for name, marks in self.bounds_touched(self.level).items()],
+                 only="data"),
             Value("rms", self.rms, meaning=f"of the residuals; {self.error_meaning}", unit=unit, scale=scale, digits=5),
             *_known(Value("leave_one_out", self.leave_one_out, meaning=f"rms at rows left out{without}", unit=unit,
                           scale=scale, digits=5)),

@@ -44,6 +44,8 @@ class NextTest(Result):
         units: of the case.
     """
 
+    lines = ("candidates",)
+
     candidates: Mapping[str, np.ndarray]
     prediction: np.ndarray
     parameters: np.ndarray
@@ -149,7 +151,7 @@ class NextTest(Result):
         tested = [column.but(value=np.asarray(column.value)[best]) for column in columns if column.only != "data"]
         chosen = {"asked": self.asked, "best": self.best, "best_for_parameters": self.best_for_parameters}
         return [
-            Value("models", [*self.names], only="data"),
+            Value("models", [*self.names], dims=("model",), only="data"),
             Columns("best_tests", self.title, tested, only="table"),
             Columns("candidates", "", columns, only="data"),
             Value("half_width", self.half_width, only="data"),

@@ -50,6 +50,8 @@ class Predictions(Result):
         lost: share of the impacts that could not be computed and are left out.
     """
 
+    lines = ("predictions",)
+
     predictor: Predictor
     columns: Mapping[str, np.ndarray]
     level: float
@@ -193,6 +195,8 @@ class BestAngles(Result):
         parts: what the curves hold, in words.
     """
 
+    lines = ("draw",)
+
     optimum: Optimum
     predicted: np.ndarray | None = None
     parts: tuple[str, ...] = ("parameters",)
@@ -228,7 +232,7 @@ class BestAngles(Result):
         return [
             *(self._median(*middle) for middle in (*middles, ("volume_max", "volume_max", alone, volume))),
             angle.declare("alpha", self.alpha, units, **draws),
-            Value("parts", [*self.parts], only="data"),
+            Value("parts", [*self.parts], dims=("part",), only="data"),
             angle.declare("alpha_of_model", self.of_model, units, **draws),
             declare_result("volume", volume, units, **draws),
             Value("kind", np.atleast_1d(self.optimum.kind), **draws),

@@ -227,7 +227,7 @@ class Predictor(Result):
                  "discrepancy": "that it misses more, by a discrepancy over angle and speed"}  # fmt: skip
         mean, deviation = self.exponent or (2.0, 0.0)
         return [
-            Value("parts", [*self.parts], only="data"),
+            Value("parts", [*self.parts], dims=("part",), only="data"),
             *(Value(name, weight, meaning=words[name], scale=Scale(0.01, "%"), digits=3, only="table")
               for name, weight in self.weights.items()),
             Value("weights", [*self.weights.values()], labels=[*self.weights], only="data"),

@@ -30,6 +30,8 @@ class Profile(Result):
         unit: of the values, empty for pure numbers.
     """
 
+    lines = ("points",)
+
     name: str
     values: np.ndarray
     rise: np.ndarray

@@ -42,6 +42,8 @@ class Ranking(Result):
         preferred: the place in `fits` of the model that something else than AICc chose, the evidence for example.
     """
 
+    lines = ("ranking",)
+
     fits: tuple[Calibration, ...]
     ties: tuple[tuple[str, ...], ...]
     failures: tuple[Finding, ...] = ()
@@ -163,7 +165,7 @@ class Ranking(Result):
             ),
             Value(
                 "weight",
-                self.weights.tolist() if self.has_aicc else [None] * len(names),
+                [*self.weights[:ranked].tolist(), *missing] if self.has_aicc else [None] * len(names),
                 scale=Scale(0.01, "%"),
                 digits=3,
             ),
@@ -345,9 +347,12 @@ def _is_alone(ranking: "Ranking | PosteriorRanking") -> bool:
 def _beside(ranking: "Ranking | PosteriorRanking", fits: Mapping[str, Fit], columns: Sequence[Value]) -> list[Declared]:
     """Models beside each other, and all numbers of the best one; in data those of each of several."""
     best, is_alone = ranking.best, _is_alone(ranking)
-    of_each = [] if is_alone else [Part("fits", [Part(name, fit.declare()) for name, fit in fits.items()], only="data")]
+    of_each = Part("fits", [Part(name, fit.declare()) for name, fit in fits.items()], only="data")
+    failures = [Value("model", [failure.about for failure in ranking.failures]),
+                Value("text", [failure.text for failure in ranking.failures])]  # fmt: skip
+    of_several = [] if is_alone else [of_each, Columns("failures", "", failures, only="data")]
     table = Columns("ranking", ranking.title, columns, only="data" if is_alone else "")
-    return [table, Part("", best.declare(), best.title), *of_each]
+    return [table, Part("", best.declare(), best.title), *of_several]
 
 
 _DECISIVE = 3.0  # difference of ln Z, a factor of 20, below which data do not decide (Kass and Raftery 1995)
@@ -361,6 +366,8 @@ class PosteriorRanking(Result):
         fits: by descending evidence.
         failures: of each model that could not be sampled.
     """
+
+    lines = ("ranking",)
 
     fits: tuple[Posterior, ...]
     failures: tuple[Finding, ...] = ()

@@ -248,6 +248,8 @@ class ResidualChecks(Result):
         source: the model and the data.
     """
 
+    lines = ("patterns",)
+
     patterns: tuple[Pattern, ...]
     lack_of_fit: LackOfFit | None
     source: str

@@ -483,12 +483,17 @@ class Solution(Result):
         """The warnings, which have no codes of their own."""
         return tuple(map(stated, self.warnings))
 
+    @functools.cached_property
+    def lines(self) -> Sequence[str]:
+        """The axes of lanes."""
+        return tuple(f"lane_{i}" for i in range(np.ndim(self.t)))
+
     def declare(self) -> list[Declared]:
         """How lanes end; times, states and integrals, their derivatives, and the same at `ts`; named "dt_dangle".
 
         Axes are `lane_0`, `lane_1`, …, and `time`. In CSV and files the numbers of each lane stand beside.
         """
-        lanes = tuple(f"lane_{i}" for i in range(np.ndim(self.t)))
+        lanes = self.lines
         made: list[Declared] = [Value("ended_by", self.ended_by, dims=lanes)]
         taken = dict.fromkeys(("ended_by", "count", "inexact", "rtol", "events", "event", "time", *lanes))
         own: dict[str, tuple[str, tuple[str, ...]]] = {}
@@ -516,10 +521,10 @@ class Solution(Result):
                 put({**self.named(part), **self._named_integrals(part)}, [*map(_label, path)], ("time",))
         made += [Value(name, getattr(self, name), dims=lanes, only="data") for name in ("count", "inexact")]
         made.append(Value("rtol", self.rtol, only="data"))
-        made.append(Value("events", np.array([*self.problem.events], object), dims=("event",), only="data"))
+        made.append(Value("events", [*self.problem.events], dims=("event",), only="data"))
         return [*made, *self._numbers_of_lanes(lanes, taken)]
 
-    def _numbers_of_lanes(self, axes: tuple[str, ...], taken: dict[str, None]) -> Iterator[Value]:
+    def _numbers_of_lanes(self, axes: Sequence[str], taken: dict[str, None]) -> Iterator[Value]:
         """Arguments and times that differ from lane to lane, for CSV and files."""
         columns = zip(self.lanes.names, self.lanes.parameters, self.lanes.signature.shapes, strict=True)
         for place, (name, number, shape) in enumerate(columns):
@@ -533,7 +538,8 @@ class Solution(Result):
     def to_csv(self) -> str:
         """A line for each lane, with the arguments and times that are its own."""
         of_lanes = (value for value in self.declare() if isinstance(value, Value))
-        return render.csv([value.but(only="data") if value.only == "file" else value for value in of_lanes])
+        declared = [value.but(only="data") if value.only == "file" else value for value in of_lanes]
+        return render.csv(declared, self.lines)
 
     def to_dataset(self) -> "xr.Dataset":
         """The same as an xarray dataset; numbers that differ from lane to lane are coordinates."""

@@ -1,7 +1,6 @@
 """All outputs of a declaration: tables for people, records for programs, CSV, labelled Datasets, `repr`."""
 
 import html
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -115,23 +114,28 @@ def units(declared: Iterable[Declared]) -> dict[str, str]:
     return made
 
 
-def csv(declared: Iterable[Declared]) -> str:
-    """Comma-separated values with units in the headings: a line for each element of the arrays.
+def csv(declared: Iterable[Declared], lines: Sequence[str] = ()) -> str:
+    """Comma-separated values with units in the headings.
 
-    Single numbers stand in each line; columns of a dimension of their own, and arrays of other shapes, are left out. A
-    result of columns alone gives the first of them.
+    Args:
+        declared: the numbers.
+        lines: the dimensions whose elements have a line each, in which single numbers stand too; those of impacts
+            without it. Columns of that name stand alone.
     """
     columns: dict[str, np.ndarray] = {}
     values, groups, _ = _apart(_flat(declared, "data"), "data")
-    if groups and not any(np.ndim(value.value) == 0 for value in values):
-        values = [value.but(value=_column(value.value)) for value in groups[0].values if value.only != "table"]
+    for group in groups:
+        if [group.name] == [*lines]:
+            values = [value.but(value=_column(value.value), dims=lines) for value in group.values
+                      if value.only != "table"]  # fmt: skip
     for value in values:
         for name, number in _numbers(value):
-            if not (value.labels or isinstance(number, (list, tuple, type(None)))) and _is_storable(_array(number)):
-                columns[f"{name} [{value.unit}]" if value.unit not in ("", "1") else name] = np.asarray(number)
-    shape = _most_common_shape(columns.values())
-    fitting = {name: array for name, array in columns.items() if array.shape in ((), shape)}
-    return to_csv({name: np.broadcast_to(array, shape).ravel().tolist() for name, array in fitting.items()})
+            array, dims = _array(number), value.dims or ()
+            is_of_line = not array.ndim or (tuple(dims) == tuple(lines) and not isinstance(number, tuple))
+            if is_of_line and not value.labels and _is_storable(array):
+                columns[f"{name} [{value.unit}]" if value.unit not in ("", "1") else name] = array
+    shape = np.broadcast_shapes(*(array.shape for array in columns.values()))
+    return to_csv({name: np.broadcast_to(array, shape).ravel().tolist() for name, array in columns.items()})
 
 
 def dataset(title: str, declared: Iterable[Declared], attributes: Mapping[str, str]) -> "xr.Dataset":
@@ -141,7 +145,7 @@ def dataset(title: str, declared: Iterable[Declared], attributes: Mapping[str, s
     values, groups, _ = _apart(_flat(declared, "data", "file"), "data", "file")
     variables: dict[str, Any] = {}
     arrays = [value.value for value in values if not (value.dims or value.labels or isinstance(value.value, tuple))]
-    impacts = _most_common_shape(map(_array, arrays))
+    impacts = np.broadcast_shapes(*map(np.shape, arrays))
     for value in values:
         dims = value.dims or ([f"{value.name}_of"] if value.labels else None)
         for name, number in _numbers(value):
@@ -214,13 +218,9 @@ def _column(values: Sequence[Any]) -> np.ndarray:
 
 def _array(value: Any) -> np.ndarray:
     array = np.asarray(value)
-    return array.astype(object) if array.dtype.kind in "US" else array
-
-
-def _most_common_shape(arrays: Iterable[np.ndarray]) -> tuple[int, ...]:
-    """The shape of the arrays of impacts; () where all are single numbers."""
-    shapes = Counter(array.shape for array in arrays if array.ndim)
-    return shapes.most_common(1)[0][0] if shapes else ()
+    # A list without elements is one of words: numbers are arrays.
+    is_of_words = array.dtype.kind in "US" or (isinstance(value, list) and not value)
+    return array.astype(object) if is_of_words else array
 
 
 def _is_storable(array: np.ndarray) -> bool:

@@ -15,7 +15,13 @@ if TYPE_CHECKING:
 
 
 class Result(abc.ABC):
-    """A result declares its numbers; tables, HTML, JSON, CSV, a Dataset and `repr` follow from that."""
+    """A result declares its numbers; tables, HTML, JSON, CSV, a Dataset and `repr` follow from that.
+
+    Attributes:
+        lines: the dimensions whose elements are the lines of CSV, or the name of columns; those of impacts without it.
+    """
+
+    lines: Sequence[str] = ()
 
     @property
     @abc.abstractmethod
@@ -61,8 +67,8 @@ class Result(abc.ABC):
         return {**self.subject, **render.record(declared), "units": render.units(declared), "findings": findings}
 
     def to_csv(self) -> str:
-        """The numbers as comma-separated values; a line for each impact."""
-        return render.csv(self.declare())
+        """The numbers as comma-separated values; a line for each impact, row of data or model, as `lines` says."""
+        return render.csv(self.declare(), self.lines)
 
     def to_dataset(self) -> "xr.Dataset":
         """The numbers with their units as a Dataset, for netCDF."""

@@ -125,6 +125,8 @@ class Comparison(Result):
         weights: by model, how a volume becomes erosion per mass of particles.
     """
 
+    lines = ("models",)
+
     curves: xr.Dataset
     p: Parameters
     weights: Mapping[str, PerMass]
@@ -191,7 +193,10 @@ class Comparison(Result):
             Value("kind", self._words("alpha_max_kind")),
             Value("alpha_max_ended_by", self._words("alpha_max_ended_by"), "ends by"),
         ]
-        return [Columns("models", "", columns), Value("statements", self.conclusions, only="data")]
+        return [
+            Columns("models", "", columns),
+            Value("statements", [*self.conclusions], dims=("statement",), only="data"),
+        ]
 
     def _erosion(self, end: str, volumes: np.ndarray, marks: Sequence[Mark] = ()) -> list[Value]:
         """Erosion per mass of particles; a table has the one that every model has, mass per mass where it can."""
