@@ -221,6 +221,8 @@ def law_in_words(law: Any, dimension: Dimension = "1", system: System = "si") ->
 
     Args:
         law: of one parameter.
+    Other laws have the name of their type and their digest.
+
         dimension: of the parameter.
         system: the units of the law's numbers.
     """
@@ -235,7 +237,8 @@ def law_in_words(law: Any, dimension: Dimension = "1", system: System = "si") ->
             return f"{name}({', '.join(texts)})"
     described = _described(law)
     if described is None:
-        return str(law)
+        # Words that are the same in each process; a frozen distribution is that which it freezes.
+        return f"{type(getattr(law, 'dist', law)).__name__} {law_digest(law)}"
     usual = {("loc", 0.0), ("scale", 1.0)}
     numbers = [f"{keyword}={number:.5g}" for keyword, number in described[1].items() if (keyword, number) not in usual]
     return f"{described[0]}({', '.join(numbers)})"
