@@ -21,6 +21,7 @@ from erosion.laws import (
     JointSamples,
     RosinRammler,
     Samples,
+    joint_law,
     law_digest,
     law_in_words,
     read_law,
@@ -257,6 +258,14 @@ REFUSED = [
     ),
     (lambda: JointLaw({"e": stats.norm(1, 1)}).within({"e": FROM_0}), "`e` must be at least 0, but 15.9%"),
     (lambda: Samples([1.0, np.nan]), "`values` must be finite numbers"),
+    *(
+        (
+            lambda laws=laws, option=option: joint_law(laws, "uncertain", **option),
+            f"`{next(iter(option))}` must be left out where `uncertain` is a {type(laws).__name__}",
+        )
+        for laws in (JointLaw(TWO), JointSamples({"v0": [1.0]}))
+        for option in ({"correlation": {("v0", "r"): 0.9}}, {"samples": {"b": [1.0]}})
+    ),
     (lambda: RosinRammler(1, 3, 99), "`least` must be"),
     (
         lambda: stream("linearized", TABLE_1, k=stats.norm(2, 0.01), n=64, best_angle=False, uncertain=OTHER_UNITS),

@@ -550,10 +550,12 @@ def joint_law(
     Raises:
         TypeError, ValueError: for what is none of these.
     """
-    if isinstance(laws, JointLaw):
-        return laws
-    if isinstance(laws, JointSamples):
-        return JointLaw(samples=(laws,))
+    if isinstance(laws, JointLaw | JointSamples):
+        for name, value in (("correlation", correlation), ("samples", samples)):
+            if value is not None:
+                kind = type(laws).__name__
+                raise ValueError(f"Argument `{name}` must be left out where `{argument}` is a {kind}.")
+        return laws if isinstance(laws, JointLaw) else JointLaw(samples=(laws,))
     refuse(
         "Argument ",
         (not isinstance(laws, Mapping | None),
