@@ -29,7 +29,7 @@ import numpy as np
 from scipy import special, stats
 
 from erosion import tables
-from erosion.arguments import real_numbers, refuse
+from erosion.arguments import NUMBERS, real_numbers, refuse
 from erosion.output import briefly, digest
 from erosion.parameters import Dimension, Quantity, System, has_unit, read_quantity, table_scale
 from erosion.results import Finding
@@ -184,9 +184,11 @@ LAWS: Mapping[str, NamedLaw] = {
 _PURE = ("spread", "shape")  # numbers of `LAWS` without the parameter's unit
 
 
-def _require_numbers(numbers: Mapping[str, float], signed: Collection[str] = ()) -> None:
+def _require_numbers(numbers: Mapping[str, Any], signed: Collection[str] = ()) -> None:
     """Refuse numbers that are not finite, or, but for `signed` ones, not positive."""
     for name, value in numbers.items():
+        if not isinstance(value, NUMBERS):
+            raise TypeError(f"Argument `{name}` must be a number, but is {briefly(value)}.")
         if not math.isfinite(value) or (value <= 0 and name not in signed):
             wish = "finite" if name in signed else "positive and finite"
             raise ValueError(f"Argument `{name}` must be {wish}, but is {value:g}.")
@@ -219,10 +221,10 @@ def is_law(thing: Any) -> bool:
 def law_in_words(law: Any, dimension: Dimension = "1", system: System = "si") -> str:
     """A law as a person reads it: "normal(20°, 3°)"; laws that text does not name have scipy's name and numbers.
 
-    Args:
-        law: of one parameter.
     Other laws have the name of their type and their digest.
 
+    Args:
+        law: of one parameter.
         dimension: of the parameter.
         system: the units of the law's numbers.
     """
@@ -279,6 +281,7 @@ class JointSamples:
         tested: of a fit's draws, the least and the greatest "alpha" [rad] of its rows, and so on; see `Tested`.
 
     Raises:
+        TypeError: for columns that are no mapping.
         ValueError: for columns that differ in length, or values that are not finite.
     """
 
@@ -289,6 +292,8 @@ class JointSamples:
     tested: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict[str, tuple[float, float]])
 
     def __post_init__(self) -> None:
+        if not isinstance(self.columns, Mapping):
+            raise TypeError(f"Argument `columns` must be arrays by parameter, but is {briefly(self.columns)}.")
         columns = {}
         for name, values in self.columns.items():
             columns[name] = real_numbers(name, values).reshape(-1)
@@ -350,13 +355,16 @@ class JointLaw:
             if both := [name for name in table.columns if name in given]:
                 raise ValueError(f"Argument `samples` must give {both[0]} alone, but {both[0]} has another law, too.")
             given += table.columns
+        pairs = {*itertools.permutations(self.laws, 2)}
+        if strange := [pair for pair in self.correlation if pair not in pairs]:
+            names = ", ".join(self.laws)
+            raise ValueError(f"Argument `correlation` must name pairs of {names}, but has {briefly(strange[0])}.")
         for pair, value in self.correlation.items():
             refuse(
                 "Argument `correlation` must ",
-                (len(pair) != 2 or pair[0] == pair[1] or not {*pair} <= {*self.laws},
-                 f"name pairs of {', '.join(self.laws)}, but has {briefly(pair)}."),
                 (pair[::-1] in self.correlation, f"give {' and '.join(pair)} once, but gives them twice."),
-                (not -1 < value < 1, f"be in (-1, 1), but is {briefly(value)} for {' and '.join(pair)}."),
+                (not isinstance(value, NUMBERS) or not -1 < value < 1,
+                 f"be in (-1, 1), but is {briefly(value)} for {' and '.join(pair)}."),
             )  # fmt: skip
         if any(np.linalg.eigvalsh(self._matrix(group)).min() < 1e-9 for group in self._groups):
             raise ValueError("Argument `correlation` must be possible: these pairs contradict each other.")

@@ -16,7 +16,7 @@ from scipy import stats
 
 import erosion
 from erosion.fits import MeasurementError, read_measurements
-from erosion.laws import Samples
+from erosion.laws import JointLaw, JointSamples, RosinRammler, Samples
 from tests.bad_input.conftest import unchecked_types
 
 ROWS = [
@@ -276,6 +276,18 @@ ROWS = [
     ("erosion.stream('finnie', P, correlation=3)", "TypeError", "Argument `correlation` must be a mapping of pairs"),
     ("Samples('abc')", "ValueError", "Argument `values` must hold real numbers without units"),
     ("Samples([])", "ValueError", "Argument `values` must be finite numbers, one or more, but is not."),
+    ("JointSamples([1, 2])", "TypeError", "Argument `columns` must be arrays by parameter, but is [1, 2]."),
+    ("RosinRammler(1, '3', 0.1)", "TypeError", "Argument `spread` must be a number, but is '3'."),
+    (
+        "JointLaw({'k': stats.norm(2, 1), 'r': stats.norm(1, 1)}, {('k', 'r'): '0.9'})",
+        "ValueError",
+        "Argument `correlation` must be in (-1, 1), but is '0.9' for k and r.",
+    ),
+    (
+        "JointLaw({'k': stats.norm(2, 1), 'r': stats.norm(1, 1)}, {3: 0.9})",
+        "ValueError",
+        "Argument `correlation` must name pairs of k, r, but has 3.",
+    ),
     (
         "erosion.calibrate(erosion.FitProblem('finnie', P, None, free=['k']))",
         "MeasurementError",
@@ -445,6 +457,9 @@ NAMES = {
     "xr": xr,
     "erosion": erosion,
     "stats": stats,
+    "JointLaw": JointLaw,
+    "JointSamples": JointSamples,
+    "RosinRammler": RosinRammler,
     "Samples": Samples,
     "P": erosion.TABLE_1,
     "DATA": {"angle [deg]": [10.0, 20.0, 30.0], "erosion [-]": [1.0, 2.0, 3.0]},
