@@ -33,6 +33,12 @@ def test_advise_reads_a_case_file_and_prints_a_document(shell, written):
     assert result["low"]["value"] < result["alpha"]["value"] < result["high"]["value"]
 
 
+def test_the_speed_of_table_1_is_told_in_the_units_of_the_title(shell):
+    printed = shell(["advise", "--model", "finnie"])
+    assert " at 111.8 m/s: " in printed.out.splitlines()[0]
+    assert "111.8 m/s of Table 1" in printed.err
+
+
 ROWS = """angle [deg], speed [m/s], erosion [g/kg]
 15,100,0.33
 30,100,0.47

@@ -543,7 +543,7 @@ def advise(
                                   *part.of_fit(fit.said))
                     if (doubt.code, doubt.numbers) not in told]  # fmt: skip
         weighed = advice.weighed or fit.weighed if uncertain else None
-        speed = {"speed": lazy.QUANTITIES["v0"].in_words(float(p.v0), p.units)}
+        speed = {"speed": lazy.QUANTITIES["v0"].in_words(float(p.to("si").v0), "si")}
         of_table = found((options.case is None and "v0" not in options.given(), Finding("speed_of_table_1", "", speed)))
         advice = dataclasses.replace(
             advice, doubts=unique((*of_table, *fit.doubts, *outside, *of_draws)), weighed=weighed,
