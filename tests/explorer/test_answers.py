@@ -24,7 +24,7 @@ from erosion.explorer.tab import case_toml, curves_csv, python_lines, results_js
 from erosion.explorer.views import numbers, sensitivities, volumes
 from erosion.impacts.batch import impact
 from erosion.impacts.optimum import alpha_max
-from erosion.models import Linearized, load_model
+from erosion.models import Linearized, load_model, model_name
 from erosion.parameters.case_files import CaseFile, load_case
 from erosion.parameters.parameters import QUANTITIES, TABLE_1
 from erosion.parameters.per_mass import PerMass
@@ -118,9 +118,12 @@ def test_what_is_handed_out_has_the_own_parameters() -> None:
     assert scope["p"] == TABLE_1
     content = json.loads(results_json(Answers(MODELS), SLID))
     impacts = {name: results["impact"] for name, results in content["models"].items()}
-    assert impacts["tip"]["own_parameters"] == {"friction": 0.35}
-    assert impacts["linearized"]["own_parameters"] == {}
-    assert impacts["tip"]["parameters"].keys() == {"units", *QUANTITIES}
+    names = {"linearized": "linearized", "tip": model_name(MODELS["tip"])}
+    numbers = {name: float(getattr(TABLE_1, name)) for name in QUANTITIES}
+    for name, result in (*impacts.items(), ("tip", content["shown"]["cut"])):
+        assert result["model"] == names[name]
+        assert result["own_parameters"] == ({"friction": 0.35} if name == "tip" else {})
+        assert result["parameters"] == {**numbers, "units": "inch-pound"}
     assert impacts["tip"]["volume"] == scope["hit"].volume
 
 

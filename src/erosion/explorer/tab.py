@@ -61,7 +61,7 @@ def motion_csv(answers: Answers, state: PageState) -> bytes:
 
 
 def results_json(answers: Answers, state: PageState) -> bytes:
-    """The results of each checked model as `to_dict` has them, and those of the model drawn alone."""
+    """The results of each checked model as `to_dict` has them, with its case, and those of the model drawn alone."""
     models = {}
     for name in state.models:
         point, best, curve, spins = (answers(kind, name, state.case) for kind in ("point", "best", "curve", "spins"))
