@@ -203,7 +203,8 @@ class Subject:
             checks["scipy"] = lambda: self._against([scipy_solution(self.name, p) for p in self.cases])
             if has_heyoka():
                 checks["heyoka"] = lambda: self._against(heyoka_solutions(self.name, self.cases))
-            checks["scaling"] = self._scaling
+            if not self.model.needs_units:
+                checks["scaling"] = self._scaling
         else:
             checks["scipy"] = lambda: self._against(self._by_scipy)
         if own_quantities(type(self.model)):

@@ -11,6 +11,7 @@ from erosion.arguments import PerImpact
 from erosion.lanes.lanewise import WIDTH
 from erosion.ode.batch import in_threads, integrator_of
 from erosion.ode.ensemble import Lanes, named_events, shaped
+from erosion.ode.gradient import first_method
 from erosion.ode.tape import EventLog
 from erosion.output.tables import format_number
 
@@ -50,7 +51,7 @@ def events_passed(lanes: Lanes, count: PerImpact, tolerance: PerImpact, stiff: P
     count, tolerance, stiff = (np.reshape(np.asarray(each), -1) for each in (count, tolerance, stiff))
     most = int(count.max(initial=0))
     rows = np.full((lanes.size, most, EventLog.BESIDE + lanes.signature.rows), np.nan)
-    for method, those in (("explicit", ~stiff), ("rosenbrock", stiff)):
+    for method, those in ((first_method(lanes.signature), ~stiff), ("rosenbrock", stiff)):
         which = np.flatnonzero(those & (count > 0))
         own = lanes.signature.renewed().wanting(method=method, logs=True, records=False, saves=False)
         by_count = which[np.argsort(count[which], kind="stable")]

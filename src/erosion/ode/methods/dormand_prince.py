@@ -83,11 +83,6 @@ class DormandPrince(RungeKutta):
     interior_stages = (5, 9)  # stages at 0.15 and 0.92 of a step: a cubic that errs between them errs at one of them
     more_interior_stages = (5, 7, 9)  # with one at 0.56, where event functions may move faster than the state
 
-    def after_stage(self, stage: int, flat_state: FlatState) -> list[tuple[float, list[Scalar]]]:
-        """See `RungeKutta`."""
-        interior_stages = self.interior_stages if self.problem.events_are_slow else self.more_interior_stages
-        return [(float(A[stage].sum()), self.problem.events(flat_state))] if stage in interior_stages else []
-
     def check(self, check: Scalar, h: Scalar, slopes: Sequence[Scalar], size: Scalar) -> Scalar:
         """See `RungeKutta`."""
         return jnp.maximum(check, estimate(tuple(B_CHECK), h, slopes, size))

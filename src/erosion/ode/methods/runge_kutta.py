@@ -102,16 +102,24 @@ class RungeKutta(Method):
         tableau: its weights.
         slack: tolerances that the embedded estimate may be: where a quantity alone is wanted, and by order of
             derivatives where the whole state is.
+        interior_stages: stages within a step at which the events are asked for; at least one, for a function that is
+            not affine in the state may rise and fall within a step.
+        more_interior_stages: the same where event functions may move faster than the state.
     """
 
     foresees = True
     tableau: ClassVar[Tableau]
     slack: ClassVar[tuple[float, tuple[float, float, float]]]
     back_steps: "ClassVar[type[BackSteps]]"
+    interior_stages: ClassVar[tuple[int, ...]]
+    more_interior_stages: ClassVar[tuple[int, ...]]
 
     def after_stage(self, stage: int, flat_state: FlatState) -> list[tuple[float, list[Scalar]]]:
         """The events there, if the stage is one at which they are asked for."""
-        return []
+        interior_stages = self.interior_stages if self.problem.events_are_slow else self.more_interior_stages
+        if stage not in interior_stages:
+            return []
+        return [(float(self.tableau.a[stage].sum()), self.problem.events(flat_state))]
 
     def at_end(self, state: FlatState, stages: list[FlatState], h: Scalar) -> list[tuple[float, list[Scalar]]]:
         """The events within a step, from all its slopes."""
