@@ -179,6 +179,20 @@ def test_bad_arguments(options, message):
         posterior("psi", **options)
 
 
+@pytest.mark.parametrize(
+    ("name", "law", "message"),
+    [
+        ("k", stats.uniform(1, 2), "must name free parameters"),
+        ("psi", stats.norm(0.0, 0.1), "of `psi` must be positive"),
+        ("noise", stats.norm(0.0, 0.1), "must name free parameters"),
+        ("error_factor", stats.norm(0.0, 0.1), "of `error_factor` must be positive"),
+    ],
+)
+def test_a_problem_refuses_priors_that_no_posterior_takes(name, law, message):
+    with pytest.raises(ValueError, match=message):
+        FitProblem("linearized", TABLE_1, measured(8), ["psi"], priors={name: law})
+
+
 def test_rows_of_the_same_conditions_count_each():
     """They are one impact; the squares are those of all rows."""
     random = np.random.default_rng(3)

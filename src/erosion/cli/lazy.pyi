@@ -79,9 +79,9 @@ from erosion.fits.fit_files import Draws as Draws
 from erosion.fits.fit_files import model_of_draws as model_of_draws
 from erosion.fits.fit_files import read_draws as read_draws
 from erosion.fits.fit_files import read_predictor as read_predictor
-from erosion.fits.likelihood import ERROR_FACTOR as ERROR_FACTOR
-from erosion.fits.likelihood import NOISE as NOISE
-from erosion.fits.likelihood import RELATIVE as RELATIVE
+from erosion.fits.problem import ERROR_FACTOR as ERROR_FACTOR
+from erosion.fits.problem import NOISE as NOISE
+from erosion.fits.problem import RELATIVE as RELATIVE
 from erosion.impacts.optimum import Optimum as Optimum
 from erosion.impacts.trajectory import Trajectory as Trajectory
 from erosion.impacts.optimum import alpha_max as alpha_max

@@ -22,10 +22,10 @@ from erosion.fits.fit_files import (
     prediction_groups,
 )
 from erosion.fits.least_squares import Group
-from erosion.fits.likelihood import OF_ERROR, sampled_quantities
+from erosion.fits.likelihood import sampled_quantities
 from erosion.fits.measurements import Measurements
 from erosion.fits.prediction import Predictor
-from erosion.fits.problem import FRACTION, SCALE, FitProblem
+from erosion.fits.problem import FRACTION, OF_ERROR, SCALE, FitProblem
 from erosion.fits.tempering import SamplingError
 from erosion.laws import JointSamples
 from erosion.models import model_name, model_source
@@ -202,3 +202,17 @@ class Fit(Result):
     def doubts(self) -> Sequence[Finding]:
         """The findings but for those on the samples, which whoever reads a file is told."""
         return self.findings
+
+
+def require_fits(argument: str, fits: Any) -> Sequence[Fit]:
+    """A list of one fit or more.
+
+    Raises:
+        TypeError: for anything else, such as a ranking.
+    """
+    if not isinstance(fits, Sequence) or not fits or not all(isinstance(fit, Fit) for fit in fits):
+        raise TypeError(
+            f"Argument `{argument}` must be a fit, or where several count a list of fits; of a ranking `ranking.best` "
+            f"or `ranking.fits`."
+        )
+    return fits

@@ -13,10 +13,9 @@ import xarray as xr
 
 from erosion.arguments import check_path
 from erosion.fits.errors import ErrorModel
-from erosion.fits.likelihood import OF_ERROR
 from erosion.fits.measurements import Measurements
 from erosion.fits.prediction import Predictor, predictor_of
-from erosion.fits.problem import FACTORS, FRACTION, SCALE, FitProblem
+from erosion.fits.problem import FACTORS, FRACTION, OF_ERROR, SCALE, FitProblem
 from erosion.laws import JointSamples
 from erosion.models import CuttingModel, load_model, model_name
 from erosion.models.base import converted, own_in_words, own_parameters

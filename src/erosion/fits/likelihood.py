@@ -14,18 +14,11 @@ from scipy import special, stats
 
 from erosion.fits.errors import by_common, of_which
 from erosion.fits.least_squares import default_width, make_squares
-from erosion.fits.problem import FACTORS, FRACTION, SCALE, FitProblem
+from erosion.fits.problem import ERROR_FACTOR, FACTORS, FRACTION, NOISE, RELATIVE, SCALE, FitProblem
 from erosion.fits.tempering import Misfit
-from erosion.laws import LAWS, SHARE, JointLaw
-from erosion.models import SPEED_EXPONENT, SpeedExponent, quantities, ranges
-from erosion.output import briefly
+from erosion.laws import LAWS, JointLaw
+from erosion.models import SPEED_EXPONENT, SpeedExponent, quantities
 from erosion.parameters import Quantity
-
-NOISE, RELATIVE = "noise", "relative_noise"
-"""The absolute and the relative part of a row's standard deviation, parameters where the data give no uncertainties."""
-ERROR_FACTOR = "error_factor"
-"""By which all uncertainties are multiplied, a parameter if it has a prior."""
-OF_ERROR = (NOISE, RELATIVE, ERROR_FACTOR)
 
 _NOISES = {NOISE: (1e-4, 10.0), RELATIVE: (1e-4, 1.0)}
 """Of the typical erosion, and of each: from the digits of a balance to a model that explains nothing."""
@@ -45,23 +38,11 @@ def make_likelihood(problem: FitProblem) -> "Likelihood":
     by 2 v₀/r; a share of particles is anything up to 1. The scale of data in units of its own, and the noise, have a
     size that only the data know: their defaults are wide laws about it. A factor on the uncertainties is sampled if a
     law is given for it.
-
-    Raises:
-        ValueError, TypeError: for laws of parameters that are not free, or that do not fit the parameter.
     """
     given = {**flat_laws(problem, problem.bounds), **problem.priors}
-    of_error = (NOISE, RELATIVE) if problem.data.uncertainty is None else (ERROR_FACTOR,)
-    names = (*problem.names, *of_error)
-    for name in given:
-        if name not in names:
-            raise ValueError(
-                f"Argument `priors` must name free parameters ({', '.join(names)}), but has {briefly(name)}."
-            )
-    names = tuple(name for name in names if name != ERROR_FACTOR or name in given)
+    names = tuple(name for name in (*problem.names, *problem.of_error) if name != ERROR_FACTOR or name in given)
     laws = {name: given[name] if name in given else _default(problem, name) for name in names}
-    positive = dict.fromkeys((SCALE, *of_error), (0.0, np.inf))
-    priors = JointLaw(laws, argument="`priors` of `{}`").within({**ranges(problem.model), FRACTION: SHARE, **positive})
-    return Likelihood(problem, priors, tuple(given))
+    return Likelihood(problem, problem.joint_law(laws), tuple(given))
 
 
 LAW_OF_EXPONENT = stats.norm(2.4, 0.3)

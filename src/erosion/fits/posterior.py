@@ -15,14 +15,13 @@ from erosion.fits.doubts import LEVEL, POOR, rounded
 from erosion.fits.fit import Fit
 from erosion.fits.least_squares import Group, identify
 from erosion.fits.likelihood import (
-    OF_ERROR,
     Likelihood,
     make_likelihood,
     sampled_quantities,
 )
 from erosion.fits.predicted import ANGLES, BestAngles, highest
 from erosion.fits.prediction import Noise, Predictor, make_predictor, of_model
-from erosion.fits.problem import FitProblem
+from erosion.fits.problem import OF_ERROR, FitProblem
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
 from erosion.impacts.batch import impact
 from erosion.impacts.optimum import alpha_max

@@ -19,10 +19,10 @@ from erosion.arguments import Progress, check_whole, no_progress
 from erosion.fits.discrepancy import EXPONENT, PRIORS, Discrepant, with_few_conditions
 from erosion.fits.errors import ErrorModel
 from erosion.fits.importance import SETTINGS, sample_near
-from erosion.fits.likelihood import ERROR_FACTOR, NOISE, OF_ERROR, RELATIVE, Likelihood
+from erosion.fits.likelihood import Likelihood
 from erosion.fits.measurements import Measurements
 from erosion.fits.outliers import chances
-from erosion.fits.problem import FitProblem
+from erosion.fits.problem import ERROR_FACTOR, NOISE, OF_ERROR, RELATIVE, FitProblem
 from erosion.fits.tempering import sample
 from erosion.laws import JointLaw, law_in_words
 from erosion.models import own_parameters

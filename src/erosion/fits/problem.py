@@ -19,6 +19,7 @@ from erosion.arguments import as_pair, refuse
 from erosion.fits.errors import ErrorModel
 from erosion.fits.measurements import Measurements, read_measurements
 from erosion.impacts import Impact, impact
+from erosion.laws import SHARE, JointLaw
 from erosion.models import (
     SPEED_EXPONENT,
     CuttingModel,
@@ -28,7 +29,16 @@ from erosion.models import (
     model_name,
     usable_models,
 )
-from erosion.models.base import own_parameters, quantities, replaced, require_one_impact, sizes, values, with_values
+from erosion.models.base import (
+    own_parameters,
+    quantities,
+    ranges,
+    replaced,
+    require_one_impact,
+    sizes,
+    values,
+    with_values,
+)
 from erosion.models.correlated import Correlated, per_mass_of
 from erosion.output import briefly
 from erosion.parameters import (
@@ -53,6 +63,11 @@ SCALE = "scale"
 """The free parameter of data in units of its own: measured erosion over the model's volume."""
 FRACTION = "cutting_fraction"
 """The share of the particles that cut as the model says, by which its volume is multiplied (Finnie 1960)."""
+NOISE, RELATIVE = "noise", "relative_noise"
+"""The absolute and the relative part of a row's standard deviation, parameters where the data give no uncertainties."""
+ERROR_FACTOR = "error_factor"
+"""By which all uncertainties are multiplied, a parameter if it has a prior."""
+OF_ERROR = (NOISE, RELATIVE, ERROR_FACTOR)
 OF_METAL = ("k", "psi", "sigma", "phidot0", "inertia", FRACTION)
 """The parameters of tests that hold for other tests, too: the particle and the jet are given."""
 FACTORS: Mapping[str, Quantity] = {
@@ -74,8 +89,9 @@ class FitProblem:
         p: the case: the first guess of the free parameters, and the values of all others.
         data: a CSV file, columns by header, or `Measurements`; see `read_measurements`.
         free: the parameters to fit, of the case or the model's own: ["k", "psi"]; or "cutting_fraction".
-        bounds: (least, greatest) of free parameters, in the case's units; `posterior` takes all values between them for
-            alike. See `calibrate` for the others.
+        bounds: (least, greatest) of free parameters, in the case's units. Between them `posterior` takes all factors of
+            a parameter for alike that is fitted as its logarithm, such as k and ψ (`loguniform`), and all values of any
+            other (`uniform`). See `calibrate` for parameters without bounds.
         priors: for `posterior`, by parameter, also "noise", "relative_noise", "scale", and for uncertainties that may
             be too small "error_factor", on all of them: a law (`erosion.laws`), in the case's units.
             `calibrate`, whose likelihood they do not change, leaves them aside.
@@ -140,6 +156,12 @@ class FitProblem:
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
+        for name in self.priors:
+            if name not in (sampled := (*self.names, *self.of_error)):
+                raise ValueError(
+                    f"Argument `priors` must name free parameters ({', '.join(sampled)}), but has {briefly(name)}."
+                )
+        self.joint_law(self.priors)  # refuses laws beyond the ranges
         object.__setattr__(self, "bounds", self._checked(bounds))
 
     def _checked(self, bounds: Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
@@ -205,6 +227,17 @@ class FitProblem:
     def names(self) -> tuple[str, ...]:
         """The free parameters, and the scale where that is free too."""
         return (*self.free, SCALE) if self.data.free_scale else self.free
+
+    @property
+    def of_error(self) -> tuple[str, ...]:
+        """The parameters of the rows' error, which `posterior` may sample."""
+        return (NOISE, RELATIVE) if self.data.uncertainty is None else (ERROR_FACTOR,)
+
+    def joint_law(self, laws: Mapping[str, Any]) -> JointLaw:
+        """The laws of parameters before the data, within the ranges of these."""
+        positive = dict.fromkeys((SCALE, *self.of_error), (0.0, np.inf))
+        within = {**ranges(self.model), FRACTION: SHARE, **positive}
+        return JointLaw(laws, argument="`priors` of `{}`").within(within)
 
     @property
     def of_impact(self) -> tuple[str, ...]:
