@@ -117,6 +117,28 @@ def test_two_models_are_told_apart_where_they_differ():
     assert answer.discrimination.max() == answer.discrimination[answer.candidates["alpha"] == where]
 
 
+def test_models_that_are_not_ranked_have_no_part_in_the_next_test():
+    data = measured("linearized", np.linspace(10.0, 80.0, 8), 2.0)
+    of_both = FitProblem.of_models(["linearized", "tan-alpha"], TABLE_1, data, ["psi"])
+    both = rank([calibrate(problem, starts=2) for problem in of_both])
+    assert both.weights.tolist() == [1.0, 0.0]
+    answer, alone = next_test(both.fits, draws=200), next_test(both.best, draws=200)
+    assert answer.names == ("linearized",)
+    np.testing.assert_array_equal(answer.noise, alone.noise)
+    np.testing.assert_array_equal(answer.discrimination, 0.0)
+
+
+def test_the_noise_of_a_row_is_that_of_the_models_by_their_weights():
+    data = measured("linearized", np.array([10.0, 15.0, 20.0, 25.0]), 2.0)
+    del data["uncertainty [in^3]"]
+    of_both = FitProblem.of_models(["linearized", "tan-alpha"], TABLE_1, data, ["psi"])
+    both = rank([posterior(problem, draws=125) for problem in of_both])
+    at = {"candidates": {"alpha": [0.3]}, "for_prediction": {"alpha": 0.3}}
+    of_each = [next_test(fit, **at).noise[0] for fit in both.fits]
+    assert of_each[0] != pytest.approx(of_each[1], rel=0.05)
+    assert next_test(both.fits, **at).noise[0] == pytest.approx(both.weights @ of_each, rel=1e-6)
+
+
 def test_a_fit_by_least_squares_has_a_next_test():
     fit = calibrate(
         FitProblem("linearized", TABLE_1, measured("linearized", np.array([10.0, 30.0, 60.0]), 2.0), ["k", "psi"])
@@ -178,6 +200,17 @@ def test_a_condition_that_makes_no_sense_is_refused_wherever_it_is_asked_for(dra
         lambda: fit.curve(alpha, at),
     ):
         with pytest.raises((ValueError, TypeError), match=message):
+            ask()
+
+
+def test_a_ranking_is_refused_where_fits_are_asked_for(drawn):
+    ranking = rank([drawn])
+    assert rank(drawn).names == ranking.names
+    for ask in (lambda: next_test(ranking), lambda: predict(ranking, 0.3), lambda: rank(ranking)):  # pyrefly: ignore
+        with pytest.raises(TypeError, match=r"of a ranking `ranking\.best` or `ranking\.fits`"):
+            ask()
+    for ask in (lambda: next_test([]), lambda: rank([])):
+        with pytest.raises(TypeError, match="must be a fit"):
             ask()
 
 

@@ -331,6 +331,12 @@ class Measurements:
             return np.arange(len(self))
         return np.sort(np.random.default_rng(0).choice(len(self), most, replace=False))
 
+    def has_tests_of(self, other: "Measurements") -> bool:
+        """Whether both have the same erosion at the same conditions, whatever its errors are."""
+        of_each = [{"erosion": data.erosion, **data.conditions} for data in (self, other)]
+        is_alike = (self.dimension, self.units) == (other.dimension, other.units) and len({*map(tuple, of_each)}) == 1
+        return is_alike and all(np.array_equal(column, of_each[1][name]) for name, column in of_each[0].items())
+
     def of_rows(self, rows: np.ndarray) -> "Measurements":
         """Some rows, by their indexes."""
         columns = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}

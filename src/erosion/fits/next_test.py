@@ -11,7 +11,7 @@ from scipy import ndimage, stats
 from erosion.arguments import check_unmasked
 from erosion.fits.doubts import LEVEL
 from erosion.fits.errors import ErrorModel
-from erosion.fits.fit import Fit
+from erosion.fits.fit import Fit, require_fits
 from erosion.fits.measurements import Measurements
 from erosion.fits.ranking import rank
 from erosion.models import model_name
@@ -37,7 +37,7 @@ class NextTest(Result):
         prediction: the share by which the interval of the prediction becomes narrower; NaN where it is not known.
         parameters: the same of the parameters' intervals, the mean over parameters and models.
         discrimination: about which model is right [bit]; zeros for one model.
-        noise: standard deviation of the row that was assumed, the mean over draws [of the data].
+        noise: standard deviation of the row that was assumed, the mean over draws by their weights [of the data].
         asked: the prediction's condition, by parameter.
         half_width: of the prediction's 95 % interval before the row, over its mean.
         names: the models.
@@ -185,7 +185,7 @@ def next_test(
     is right: the expected drop of entropy (Lindley 1956).
 
     Args:
-        source: a fit, or fits of several models, which count by their weights (see `rank`).
+        source: a fit, or fits of several models, of which those that are ranked count by their weights (see `rank`).
         candidates: values of α [rad] and other conditions of the case, such as {"alpha": …, "v0": …}, arrays that
             broadcast; without it angles from the least to the greatest of the data, at the condition of most rows.
         for_prediction: the condition that is asked for, such as {"alpha": 0.5, "v0": 60.0}; without an angle that of
@@ -208,18 +208,21 @@ def next_test(
     for name, asked in (("candidates", candidates), ("for_prediction", for_prediction)):
         if asked is not None and not isinstance(asked, Mapping):
             raise ValueError(f"Argument `{name}` must be such as {{'alpha': …, 'v0': …}}, but is {briefly(asked)}.")
-    fits: Sequence[Fit] = (source,) if isinstance(source, Fit) else source
+    fits = require_fits("source", [source] if isinstance(source, Fit) else source)
     weights = np.ones(1)
     if len(fits) != 1:
         ranking = rank(fits)  # pyrefly: ignore
         fits, weights = ranking.fits, ranking.weights
     if np.isnan(weights).any():
         raise ValueError("Argument `source` must have fits whose AICc is known, but the tests are too few for it.")
+    # Models that are not ranked have no weight.
+    fits, weights = [fit for fit, weight in zip(fits, weights, strict=True) if weight > 0], weights[weights > 0]
     conditions, target = _conditions(fits, candidates, for_prediction or {})
     of_fits = [_Drawn.of(fit, conditions, target, draws, noise) for fit in fits]
-    prediction, parameters, discrimination = np.zeros((3, len(conditions["alpha"])))
+    prediction, parameters, discrimination, errors = np.zeros((4, len(conditions["alpha"])))
     for i in range(len(prediction)):
-        prediction[i] = _narrowed(*_pooled(of_fits, weights, i))
+        pooled = _pooled(of_fits, weights, i)
+        prediction[i], errors[i] = _narrowed(*pooled), _mean(pooled[1], pooled[3])
         parameters[i] = weights @ [drawn.parameters_narrowed(i) for drawn in of_fits]
         if len(fits) > 1:
             discrimination[i] = _discrimination([drawn.known(i) for drawn in of_fits], weights)
@@ -233,7 +236,7 @@ def next_test(
         prediction,
         parameters,
         discrimination,
-        np.nanmean([np.nanmean(drawn.errors, axis=0) for drawn in of_fits], axis=0),
+        errors,
         {name: float(values) for name, values in target.items()},
         _WIDTHS * deviation / abs(middle) if middle else np.nan,
         tuple(model_name(fit.problem.model) for fit in fits),
@@ -304,6 +307,11 @@ def _pooled(
         parts.append((drawn.candidates[works, candidate], drawn.errors[works, candidate], drawn.asked[works], share))
     means, errors, asked, shares = (np.concatenate(part) for part in zip(*parts, strict=True))
     return means, errors, asked, shares
+
+
+def _mean(values: np.ndarray, shares: np.ndarray) -> float:
+    """The mean of draws by their weights; NaN without any."""
+    return float(np.average(values, weights=shares)) if shares.sum() > 0 else np.nan
 
 
 def _narrowed(means: np.ndarray, errors: np.ndarray, asked: np.ndarray, shares: np.ndarray) -> float:

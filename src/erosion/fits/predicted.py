@@ -10,7 +10,7 @@ from scipy import special
 
 from erosion.arguments import check_share
 from erosion.fits.doubts import LEVEL
-from erosion.fits.fit import Fit
+from erosion.fits.fit import Fit, require_fits
 from erosion.fits.prediction import Predictor
 from erosion.impacts import Optimum
 from erosion.models.registry import model_name
@@ -155,7 +155,7 @@ def predict(
             given and differs from row to row is that of `Predictor.usual`, and the table has it.
         level: of the intervals.
     """
-    predictor = source.predictor if isinstance(source, Fit) else source
+    predictor = source if isinstance(source, Predictor) else require_fits("source", [source])[0].predictor
     asked = {name: column.ravel() for name, column in predictor.question(alpha, at).items()}
     shares = (1 - check_share("level", level)) / 2, (1 + level) / 2
     parts, lost = [], []

@@ -14,7 +14,7 @@ import numpy as np
 from erosion.arguments import Progress, no_progress, refuse
 from erosion.fits.calibration import Calibration
 from erosion.fits.doubts import is_poor
-from erosion.fits.fit import Fit
+from erosion.fits.fit import Fit, require_fits
 from erosion.fits.least_squares import CalibrationError, with_noise
 from erosion.fits.outliers import FEW_PER_CENT
 from erosion.fits.posterior import Posterior
@@ -229,10 +229,10 @@ def fit_each(
 
 
 @overload
-def rank(fits: Sequence[Calibration], failures: Sequence[Finding] = ()) -> Ranking: ...
+def rank(fits: Calibration | Sequence[Calibration], failures: Sequence[Finding] = ()) -> Ranking: ...
 @overload
-def rank(fits: Sequence[Posterior], failures: Sequence[Finding] = ()) -> "PosteriorRanking": ...
-def rank(fits: Sequence[Fit], failures: Sequence[Finding] = ()) -> "Ranking | PosteriorRanking":
+def rank(fits: Posterior | Sequence[Posterior], failures: Sequence[Finding] = ()) -> "PosteriorRanking": ...
+def rank(fits: Fit | Sequence[Fit], failures: Sequence[Finding] = ()) -> "Ranking | PosteriorRanking":
     """Order fits of several models to the same tests: by AICc, or posteriors by their evidence.
 
         problems = erosion.FitProblem.of_models(["linearized", "rotating"], p, data, ["k", "psi"])
@@ -254,13 +254,13 @@ def rank(fits: Sequence[Fit], failures: Sequence[Finding] = ()) -> "Ranking | Po
     References:
         R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90 (1995) 773-795.
     """
+    fits = require_fits("fits", [fits] if isinstance(fits, Fit) else fits)
     calibrations = [fit for fit in fits if isinstance(fit, Calibration)]
     posteriors = [fit for fit in fits if isinstance(fit, Posterior)]
     refuse(
         "Argument `fits` must ",
-        (not fits, "have one fit or more, but has none."),
         (len(fits) not in (len(calibrations), len(posteriors)), "have calibrations or posteriors, but has both."),
-        (any(not np.array_equal(fit.data.erosion, fits[0].data.erosion) for fit in fits), "be of the same tests."),
+        (not all(fit.data.has_tests_of(fits[0].data) for fit in fits), "be of the same tests."),
     )
     if posteriors:
         return PosteriorRanking(tuple(sorted(posteriors, key=lambda drawn: -drawn.log_evidence)), tuple(failures))
@@ -283,7 +283,7 @@ def _reasons(fits: Sequence[Calibration]) -> list[Finding | None]:
     """Why fits are not ranked; None for those that are."""
     misses = [is_poor(fit) or is_beyond_scatter(fit) for fit in fits]
     reasons = [
-        Finding("not_ranked", model_name(fit.model), worst_row(fit.data, fit.fitted))
+        Finding("misses_data", model_name(fit.model), worst_row(fit.data, fit.fitted))
         if is_miss and not all(misses)
         else _beside_others(fit, fits)
         for fit, is_miss in zip(fits, misses, strict=True)
