@@ -1,5 +1,6 @@
 """The names that `erosion` offers."""
 
+import pkgutil
 import re
 import subprocess
 import sys
@@ -10,6 +11,8 @@ import pytest
 import erosion
 from erosion import impacts, parameters
 from erosion.cli import lazy
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.mark.parametrize("name", dir(erosion))
@@ -32,9 +35,20 @@ def test_importing_the_package_loads_neither_jax_nor_numpy():
 
 
 def test_every_name_is_documented():
-    text = (Path(__file__).parents[1] / "docs" / "api.md").read_text()
+    text = (ROOT / "docs" / "api.md").read_text()
     missing = [name for name in dir(erosion) if not re.search(rf"\b{name}\b", text)]
     assert missing == ["__version__"]
+
+
+def names_in_docs():
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    text = "".join(page.read_text("utf-8") for page in pages)
+    return sorted({*re.findall(r"\berosion\.[a-z]\w*\.\w+(?:\.\w+)*", text)})
+
+
+@pytest.mark.parametrize("name", names_in_docs())
+def test_a_name_in_the_docs_exists(name):
+    assert pkgutil.resolve_name(name) is not None
 
 
 def listed(module):

@@ -298,7 +298,7 @@ def _first_guess(squares: LeastSquares) -> np.ndarray:
 
 
 def fit(squares: LeastSquares, loss: Loss, starts: int) -> tuple[LeastSquares, FitSolution]:
-    """The best minimum found; the squares returned has the robust loss and its noise.
+    """The squares with the robust loss and its noise, and the deepest minimum.
 
     Raises:
         CalibrationError: if the model fails for all starts.
@@ -330,7 +330,7 @@ def fit(squares: LeastSquares, loss: Loss, starts: int) -> tuple[LeastSquares, F
 
 
 def with_noise(squares: LeastSquares, theta: np.ndarray, noise: float) -> tuple[LeastSquares, FitSolution]:
-    """The squares with another noise of its robust loss, and the deepest of the valleys about θ."""
+    """The squares with another noise of their robust loss, and the deepest minimum about θ."""
     squares = dataclasses.replace(squares, noise=noise)
     solution = settle(squares, theta)
     if solution is None:
