@@ -34,6 +34,11 @@ def test_a_text_is_its_template_with_the_numbers() -> None:
     assert str(part) == part.text
 
 
+def test_entries_that_hold_commas_are_joined_by_semicolons() -> None:
+    without = Finding("fit_without_outlier", "line 5", {"estimates": ["k = 2, psi = 1", "v = 3"]})
+    assert without.text == "Without line 5 the fit is k = 2, psi = 1; v = 3."
+
+
 def test_findings_come_back_from_a_file() -> None:
     findings = (Finding("not_certified"), Finding("unused_columns", "rows.csv", {"columns": ["ä", "b"]}))
     assert from_attribute(to_attribute(findings)) == findings

@@ -104,7 +104,8 @@ class _Words(string.Formatter):
         if isinstance(value, str):
             return repr(value) if format_spec == "q" else super().format_field(value, format_spec)
         if isinstance(value, Sequence):
-            return ", ".join(self.format_field(part, format_spec) for part in value)
+            parts = [self.format_field(part, format_spec) for part in value]
+            return ("; " if any("," in part for part in parts) else ", ").join(parts)
         if format_spec.endswith("°"):
             return f"{math.degrees(value):{format_spec[:-1]}}°"
         if format_spec.endswith(("g%", "f%")):
