@@ -243,7 +243,7 @@ STREAMS = [
     ),
     ("stream --units si --v0 normal(4400)", "Option `--v0` must be normal(mean, deviation), but is 'normal(4400)'."),
     ("stream --units si --v0 normal(4400,-1)", "`deviation` must be positive and finite, but is -1."),
-    ("stream --v0 normal(4400,nan)", "`deviation` must be positive and finite, but is nan."),
+    ("stream --units inch-pound --v0 normal(4400,nan)", "`deviation` must be positive and finite, but is nan."),
     (
         "stream --units si --v0 normal(-4400,1)",
         "Option `--v0` must be positive, but 100.0% of normal(-4400, 1) is not.",

@@ -99,7 +99,8 @@ def test_a_mass_that_fits_no_body_of_the_size_is_a_warning(shell):
     assert "does not fit" not in shell("run --particle 'garnet 0.3 mm'").err
 
 
-def test_materials_lists_names_ranges_and_sources(shell, tmp_path, written):
+def test_materials_lists_names_ranges_and_sources(shell, tmp_path, written, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "140")
     out = shell("materials").out
     assert re.search(r"4190 +4090 … 4310", out)
     assert re.search(r"hardness \[HV\].*\n.*\n.* 107 ", out)
