@@ -91,6 +91,19 @@ def test_a_table_says_so_too() -> None:
         assert turned.text in result._repr_html_()
 
 
+def test_the_share_that_turns_too_far_is_a_number_of_streams_and_maps() -> None:
+    of_angle = {"n": 256, "best_angle": False, "sensitivities": False, "alpha": stats.uniform(0.1, 0.4)}
+    stream = erosion.stream("rotating", P, **of_angle)
+    angles = np.linspace(0.1, 0.5, 2001)
+    turned = np.abs(erosion.impact("rotating", P.replace(alpha=angles)).turn) > np.pi / 2
+    assert stream.to_dict()["turned_share"] == stream.to_dataset()["turned_share"].item()
+    assert stream.to_dict()["turned_share"] == pytest.approx(np.mean(turned), abs=2e-3)
+    assert 0.1 < np.mean(turned) < 0.9
+    assert small_map()["turned_share"] == 0.5  # of 0.1 and 0.5 rad
+    assert erosion.stream("linearized", P, **of_angle).to_dict()["turned_share"] == 0.0
+    assert "turned_share" not in erosion.stream("ecrc", P.to("si"), **of_angle).to_dict()
+
+
 def test_the_turn_is_a_number_of_an_impact_and_of_an_optimum() -> None:
     best = erosion.alpha_max("rotating", P, max_turn=None)
     with pytest.warns(erosion.TurnWarning):

@@ -210,6 +210,10 @@ def to_dataset(
     if options.sand_rate is not None:
         rate = options.sand_rate * conversion_factor("mass flow", "si", units)
         variables["sand_rate"] = ((), rate, {"long_name": "sand that comes", "units": _SINGLE["sand_rate"].unit(units)})
+    turned, sampled = tally.counts["turned"].tolist()
+    if sampled:
+        what = "share of the impacts in which the body turns by more than 90°"
+        variables["turned_share"] = ((), turned / sampled, {"long_name": what, "units": "1"})
     if len(parcels.known):
         variables["parcels"] = ((), len(np.unique(parcels.parcel)), {"long_name": "parcels that hit"})
     # At once: xarray looks at all variables for each one that is added.

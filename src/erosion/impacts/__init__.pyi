@@ -25,7 +25,6 @@ from erosion.impacts.turn import turn_of as turn_of
 from erosion.impacts.turn import turned_beyond as turned_beyond
 from erosion.impacts.turn import count_turned as count_turned
 from erosion.impacts.turn import finding_of_turned as finding_of_turned
-from erosion.impacts.turn import turned_in_part as turned_in_part
 from erosion.impacts.dataset_files import code_version as code_version
 from erosion.impacts.dataset_files import IDENTITY as IDENTITY
 from erosion.impacts.dataset_files import identity as identity

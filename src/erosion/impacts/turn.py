@@ -118,18 +118,13 @@ def turned_beyond(model: CuttingModel | str | Path, p: Parameters) -> np.ndarray
 _SAMPLED = 2**12  # impacts from which the share that turns too far is known well enough
 
 
-def turned_in_part(
-    model: CuttingModel, p: Parameters, name: str = "", counted: np.ndarray | None = None
-) -> Finding | None:
-    """The finding that bodies turn by more than 90° in some impacts; `name` is what it is about, None where none does.
-
-    Other arguments as of `count_turned`.
-    """
-    return finding_of_turned(count_turned(model, p, counted), name)
-
-
 def finding_of_turned(counts: np.ndarray, name: str = "") -> Finding | None:
-    """The finding of `count_turned`."""
+    """The finding that bodies turn by more than 90° in some impacts, None where none does.
+
+    Args:
+        counts: of `count_turned`.
+        name: what the finding is about.
+    """
     turned, impacts = counts.tolist()
     return Finding("turned_beyond_in_part", name, {"turned": turned, "impacts": impacts}) if turned else None
 

@@ -6,6 +6,7 @@ maximum is at another angle than that of a single particle.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -15,7 +16,7 @@ import xarray as xr
 from scipy.optimize import minimize_scalar
 
 from erosion.arguments import Progress, no_progress
-from erosion.impacts import alpha_max, impact, model_in_words, provenance, turned_in_part
+from erosion.impacts import alpha_max, count_turned, finding_of_turned, impact, model_in_words, provenance
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_quantities, quantities
 from erosion.output import Record
 from erosion.parameters import (
@@ -302,9 +303,8 @@ class Stream(Result):
     def findings(self) -> tuple[Finding, ...]:
         """Particles out of the model's range or turned too far, and erosion far from what tests find at this speed."""
         far = self._far if self.per_mass.is_given else None
-        model, p, hits = self.particles.impacts(self._sample)
         too_far = far.finding() if far else None
-        found = (model.outside_of_range(p, hits), turned_in_part(model, p, counted=hits), too_far)
+        found = (self.outside_of_range, finding_of_turned(self._turned), too_far)
         return tuple(finding for finding in found if finding is not None)
 
     @property
@@ -312,6 +312,12 @@ class Stream(Result):
         """The finding on particles outside of the range that the model is made for, from 4096 of them."""
         model, p, hits = self.particles.impacts(self._sample)
         return model.outside_of_range(p, hits)
+
+    @functools.cached_property
+    def _turned(self) -> np.ndarray:
+        """In how many impacts the body turns by more than 90°, and of how many; see `count_turned`."""
+        model, p, hits = self.particles.impacts(self._sample)
+        return count_turned(model, p, hits)
 
     @property
     def _sample(self) -> Mapping[str, np.ndarray]:
@@ -346,6 +352,7 @@ class Stream(Result):
                 scale=Scale(0.01, "%"), error=[share.error for share in self.shares.values()], dims=("outcome",),
                 labels=[*self.shares],
             ),
+            *self._turned_share(),
             *self._distribution(),
             *self._sensitivities(),
             *self._best_angle(),
@@ -383,6 +390,13 @@ class Stream(Result):
         yield declare_result(
             "erosion", (float(low), float(high)), units, scale=Scale(scale.size / size, scale.unit)
         ).but(name="erosion_interval", symbol="", meaning="the 95 % interval of E by them", digits=4)
+
+    def _turned_share(self) -> Iterator[Value]:
+        """The share of the impacts beyond the model's turn, where a model turns the body."""
+        turned, impacts = self._turned.tolist()
+        if impacts:
+            meaning = f"of {impacts:,} impacts; the body turns by more than 90°"
+            yield Value("turned_share", turned / impacts, meaning=meaning, only="data")
 
     def _distribution(self) -> Iterator[Value]:
         """The histogram of the particles' volumes."""

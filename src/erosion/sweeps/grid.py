@@ -21,13 +21,14 @@ from erosion.impacts import (
     QUARTER_TURN,
     TURNED,
     alpha_max,
+    count_turned,
     end_names,
+    finding_of_turned,
     identity,
     impact,
     numbers_in_words,
     provenance,
     turn_of,
-    turned_in_part,
 )
 from erosion.models import (
     BUILT_IN,
@@ -349,7 +350,7 @@ class Grid(AnyGrid):
     def findings(self) -> tuple[Finding, ...]:
         """Impacts outside of a model's range, and those that turn the body too far."""
         names = {name if self.compared else "": model for name, model in self.loaded().items()}
-        turned = (turned_in_part(*self.impacts(model), name) for name, model in names.items())
+        turned = (finding_of_turned(count_turned(*self.impacts(model)), name) for name, model in names.items())
         return (*self.outside_of_range, *(finding for finding in turned if finding is not None))
 
     def variables(self) -> dict[str, Variable]:
