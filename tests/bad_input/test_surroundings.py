@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 
 import erosion
 from erosion import erosion_map, read_measurements
-from erosion.cfd.map_result import write_map
+from erosion.cfd.map_files import FORMATS, write_map
 from erosion.impacts.dataset_files import write_netcdf
 from erosion.laws import JointSamples, Samples
 from erosion.output.files import write_whole
@@ -37,7 +37,7 @@ from tests.cfd.tables import hump, sand
 from tests.documents import Shell
 
 
-def write_vtp(path):
+def write_a_map(path):
     pytest.importorskip("pyvista")
     surface = hump()
     write_map(erosion_map("linearized", erosion.TABLE_1.to("si"), sand(surface, 20), surface), path)
@@ -65,7 +65,7 @@ WRITERS = {
     "fit.svg": lambda path: save_plot(Figure(), path),
     "fit.png": lambda path: save_plot(Figure(), path),
     "fit.pdf": lambda path: save_plot(Figure(), path),
-    "map.vtp": write_vtp,
+    **{f"map{ending}": write_a_map for ending in FORMATS},
     "out.nc": lambda path: write_netcdf(xr.Dataset({"v": ("n", CONTENT)}), path, {}),
 }
 

@@ -1,6 +1,7 @@
 """Maps in files, read back by the libraries that others read them with."""
 
 import csv
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,8 @@ import xarray as xr
 import erosion
 import erosion.cfd.surface
 from erosion.cfd.erosion_map import erosion_map
-from erosion.cfd.map_result import write_map
-from tests.cfd.tables import hump, sand
+from erosion.cfd.map_files import FORMATS, write_map
+from tests.cfd.tables import Table, hump, sand
 
 pyvista = pytest.importorskip("pyvista")
 
@@ -75,9 +76,24 @@ def test_netcdf_holds_it_all(wear: xr.Dataset, tmp_path: Path) -> None:
 
 
 def test_other_files_are_refused(wear: xr.Dataset, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"must end in \.vtp, \.csv, \.nc\.$"):
+    with pytest.raises(ValueError, match=rf"must end in {re.escape(', '.join(FORMATS))}\.$"):
         write_map(wear, tmp_path / "map.vtk")
-    (tmp_path / "full.vtp").mkdir()
-    with pytest.raises(OSError, match=r"full\.vtp"):
-        write_map(wear, tmp_path / "full.vtp")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["full.vtp"]
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+def test_a_map_that_cannot_be_written_leaves_nothing(wear: xr.Dataset, tmp_path: Path, ending: str) -> None:
+    (tmp_path / f"full{ending}").mkdir()
+    with pytest.raises(OSError, match=rf"full\{ending}"):
+        write_map(wear, tmp_path / f"full{ending}")
+    assert [path.name for path in tmp_path.iterdir()] == [f"full{ending}"]
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+def test_a_format_without_a_place_for_totals_needs_a_surface(tmp_path: Path, ending: str) -> None:
+    two = Table(count=[1.0, 2.0], mass=[1e-7] * 2, diameter=[4e-4] * 2, speed=[50.0] * 2, alpha=[0.4] * 2)
+    totals = erosion_map("linearized", P, two)
+    if FORMATS[ending].holds_surface:
+        with pytest.raises(ValueError, match=f"a {ending} file holds a surface"):
+            write_map(totals, tmp_path / f"map{ending}")
+    else:
+        assert write_map(totals, tmp_path / f"map{ending}").stat().st_size

@@ -17,6 +17,7 @@ import xarray as xr
 from scipy import stats
 
 import erosion
+from erosion.cfd.map_files import FORMATS
 from erosion.cfd.surface import Surface
 from erosion.cli import exit_status
 from tests.cfd.parts import PARTS, rows_on, write
@@ -139,7 +140,7 @@ def test_a_page_is_one_of_the_files(shell: Shell, monkeypatch: pytest.MonkeyPatc
     assert shell(given).out.endswith("map: page.html\n")
     assert "The worst 10 faces" in Path("page.html").read_text()
     assert "a .html file holds a surface" in shell(["map", "none.csv", "-o", "page.html"], 2).err
-    assert "must end in .vtp, .csv, .nc, .html." in shell(["map", "none.csv", "-o", "page.doc"], 2).err
+    assert f"must end in {', '.join(FORMATS)}, .html." in shell(["map", "none.csv", "-o", "page.doc"], 2).err
     # A page needs what draws pictures, which is known before anything is computed.
     monkeypatch.setattr("erosion.cli.lazy.require_renderer", lambda: (_ for _ in ()).throw(RuntimeError("No screen.")))
     assert "No screen." in shell(["map", "none.csv", "--surface", "none.stl", "-o", "page.html"], 1).err
@@ -262,10 +263,7 @@ BAD = [
     ("map {run} --surface {run} --phidot0 slow", "Option `--phidot0` must be an angular speed"),
     ("map {run} --surface {run} --phidot0 'normal(0 rad/s)'", "Option `--phidot0` must be normal(mean, deviation)"),
     ("map {run} --surface {run} --scaling big", "Option `--scaling` must be one of similar, none, but is 'big'."),
-    (
-        "map {run} --surface {run} -o map.vtk",
-        "map.vtk: the name of a map's file must end in .vtp, .csv, .nc, .html.",
-    ),
+    ("map {run} --surface {run} -o map.vtk", "map.vtk: the name of a map's file must end in .vtp, "),
     ("map {run} -o map.vtp", "map.vtp: a .vtp file holds a surface, but there is none"),
     ("map {run} --plot map.png", "Option `--plot` needs `--surface`"),
     ("map {run} --surface {run} --plot map.png --view top", "Option `--view` must be one of iso, +x, "),

@@ -1,6 +1,7 @@
 """One table in every format that is read: the same numbers, or a refusal that names what decides."""
 
 import gzip
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import xarray as xr
 from pyarrow import feather, parquet
 
 from erosion.tables import TableError, Wanted, open_table
+from erosion.tables.frames import FORMATS
 
 WANTED = {
     "angle": Wanted(("angle",), ("alpha",)),
@@ -97,28 +99,45 @@ def excel(path: Path, rows: list[list[Any]], sheets: int = 1) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    "name", ["a.parquet", "a.feather", "a.arrow", "a.dat", "a.xlsx", "units.xlsx", "units.parquet"]
-)
-def test_a_file_of_numbers_is_read(tmp_path: Path, name: str) -> None:
-    path, kind = tmp_path / name, Path(name).suffix
+def write_excel(path: Path, units: bool = False) -> None:
     bare = [str(heading).partition(" ")[0] for heading in FRAME]
-    if kind == ".xlsx":
-        rows = [[None if np.isnan(cell) else cell for cell in row] for row in FRAME.to_numpy().tolist()]
-        excel(path, [bare, ["deg", "m/s", "um"], *rows] if "units" in name else [list(FRAME), *rows])
-    elif "units" in name:
-        units = zip(bare, ("deg", "m/s", "um"), strict=True)
-        schema = pa.schema([pa.field(head, pa.float64(), metadata={"units": unit}) for head, unit in units])
-        arrays = [pa.array(FRAME[heading].to_numpy()) for heading in FRAME]
-        parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), path)
-    elif kind in (".parquet", ".dat"):
-        FRAME.to_parquet(path)
-    else:
-        feather.write_feather(pa.Table.from_pandas(FRAME), path)
+    rows = [[None if np.isnan(cell) else cell for cell in row] for row in FRAME.to_numpy().tolist()]
+    excel(path, [bare, ["deg", "m/s", "um"], *rows] if units else [list(FRAME), *rows])
+
+
+def write_feather(path: Path) -> None:
+    feather.write_feather(pa.Table.from_pandas(FRAME), path)
+
+
+WRITERS: dict[str, Callable[[Path], Any]] = {
+    ".parquet": FRAME.to_parquet,
+    ".feather": write_feather,
+    ".arrow": write_feather,
+    ".xlsx": write_excel,
+    ".xlsm": write_excel,
+}
+"""By the ending of a name, what writes `FRAME` so."""
+
+
+@pytest.mark.parametrize("ending", [ending for each in FORMATS for ending in each.endings])
+def test_each_format_is_read_by_the_name_of_its_file_and_by_what_it_begins_with(tmp_path: Path, ending: str) -> None:
+    WRITERS[ending](tmp_path / f"a{ending}")
+    check(open_table(tmp_path / f"a{ending}", WANTED))
+    path = (tmp_path / f"a{ending}").rename(tmp_path / "a.dat")
     check(open_table(path, WANTED))
-    if kind == ".dat":
-        with pytest.raises(TableError, match="no table of text, so Argument `decimal`"):
-            open_table(path, WANTED, decimal=",")
+    with pytest.raises(TableError, match="no table of text, so Argument `decimal`"):
+        open_table(path, WANTED, decimal=",")
+
+
+def test_units_of_a_file_of_numbers_stand_beside_the_headings(tmp_path: Path) -> None:
+    write_excel(tmp_path / "units.xlsx", units=True)
+    check(open_table(tmp_path / "units.xlsx", WANTED))
+    bare = [str(heading).partition(" ")[0] for heading in FRAME]
+    units = zip(bare, ("deg", "m/s", "um"), strict=True)
+    schema = pa.schema([pa.field(head, pa.float64(), metadata={"units": unit}) for head, unit in units])
+    arrays = [pa.array(FRAME[heading].to_numpy()) for heading in FRAME]
+    parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), tmp_path / "units.parquet")
+    check(open_table(tmp_path / "units.parquet", WANTED))
 
 
 def test_objects_are_read() -> None:

@@ -1,25 +1,20 @@
-"""The wear of a surface as a labelled Dataset, its summary, and its files for ParaView, spreadsheets and xarray."""
+"""The wear of a surface as a labelled Dataset, and its summary."""
 
 import dataclasses
 import functools
 import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from erosion.arguments import check_path
 from erosion.cfd.incidence import LEFT_OUT
 from erosion.cfd.options import MapOptions
 from erosion.cfd.surface import Surface
 from erosion.cfd.table_summary import ONE_ROW
 from erosion.cfd.tally import FaceTally
-from erosion.extras import library
-from erosion.impacts import code_version, write_netcdf
-from erosion.output import to_csv, write_whole
 from erosion.parameters import (
     BEYOND_TESTS,
     QUANTITIES,
@@ -103,9 +98,6 @@ _SINGLE: Mapping[str, Quantity] = {
 """Numbers of a map that no face has."""
 _OF_PROGRAMS = ("particles", "v0_mean", "relative_error")  # totals that tables leave out
 _WITH_ERROR = ("volume", "mass", "mass_per_year")  # totals with their standard error
-
-_COLUMNS = sorted(FACES, key=lambda name: name != "depth")
-"""The order of the columns in files: the depth first."""
 
 
 def total_scale(name: str, units: System, total: float) -> Scale:
@@ -506,90 +498,3 @@ class MapSummary(Result):
 def _times(value: float, relative_error: float) -> float:
     """The standard error of a number; 0 of one that is 0, whose relative error is NaN."""
     return value * relative_error if value else 0.0
-
-
-SUFFIXES, PAGE = (".vtp", ".csv", ".nc"), ".html"
-
-
-def write_map(dataset: xr.Dataset, path: str | Path, identity: Mapping[str, str] | None = None) -> Path:
-    """Write a map into a file; an existing one is replaced.
-
-    Args:
-        dataset: what `erosion_map` returns.
-        path: `….vtp`, which ParaView opens: the surface in metres, with the wear of each face. `….csv`: a line for
-            each face, or for all if there is no surface. `….nc`: the Dataset, with its identity.
-        identity: of a netCDF file; without it the version and what the Dataset says of its origin.
-
-    Raises:
-        ValueError: for another suffix, and for a VTP file of a map without a surface.
-        OSError: where the file cannot be written.
-    """
-    path = require_map_path(path, has_surface="face" in dataset.dims)
-    if path.suffix == ".vtp":
-        writer = library("vtkmodules.vtkIOXML", "cfd").vtkXMLPolyDataWriter()
-        # VTK has words of its own for a full disk.
-        writer.WriteToOutputStringOn()
-        writer.SetInputData(to_polydata(dataset))
-        writer.Write()
-        write_whole(path, writer.GetOutputString().encode())
-    elif path.suffix == ".csv":
-        write_whole(path, _as_csv(dataset).encode())
-    else:
-        told = {str(name): str(value) for name, value in dataset.attrs.items()}
-        write_netcdf(dataset, path, identity or {"version": code_version(), **told})
-    return path
-
-
-def require_map_path(path: str | Path, *, has_surface: bool = True, suffixes: Sequence[str] = SUFFIXES) -> Path:
-    """The path of a map's file; errors as of `write_map`."""
-    path = check_path("path", path)
-    if path.suffix not in suffixes:
-        raise ValueError(f"{path}: the name of a map's file must end in {', '.join(suffixes)}.")
-    if path.suffix in (".vtp", PAGE) and not has_surface:
-        raise ValueError(f"{path}: a {path.suffix} file holds a surface, but there is none; a .csv file holds totals.")
-    return path
-
-
-def to_polydata(dataset: xr.Dataset) -> Any:
-    """The surface of a map as pyvista's `PolyData`, with names and units in the names of the arrays.
-
-    Raises:
-        MissingExtraError: where pyvista is not installed.
-    """
-    points, corners, ends = (dataset[name].values for name in ("point", "corner", "corner_end"))
-    sizes = np.diff(ends, prepend=0)
-    # VTK's list of faces has the number of corners before each face's corners.
-    cells = np.insert(corners, ends - sizes, sizes)
-    surface = library("pyvista", "cfd").PolyData(points, faces=cells)
-    for name, values in _columns(dataset, "").items():
-        surface.cell_data[name] = values
-    surface.cell_data["patch"] = dataset["face_patch"].values
-    if "mesh_face" in dataset:
-        surface.cell_data["mesh face"] = dataset["mesh_face"].values
-    told = {str(name): [str(value)] for name, value in dataset.attrs.items() if value}
-    told["patches"] = [str(name) for name in dataset["patch"].values]
-    for name, texts in told.items():
-        surface.field_data[name] = [text.encode("ascii", "backslashreplace").decode() for text in texts]
-    return surface
-
-
-def _columns(dataset: xr.Dataset, prefix: str) -> dict[str, np.ndarray]:
-    """The columns of the variables that the map has."""
-    columns = {}
-    for name in _COLUMNS:
-        if prefix + name in dataset:
-            wear, values = FACES[name], dataset[prefix + name].values
-            factor = conversion_factor(wear.dimension, dataset.attrs["unit_system"], "si") * wear.size
-            columns[wear.heading] = values if factor == 1 else values * factor
-    return columns
-
-
-def _as_csv(dataset: xr.Dataset) -> str:
-    """A line for each face, or for each patch if there are no faces."""
-    patches = dataset["patch"].values
-    if "face" not in dataset.dims:
-        columns, prefix = {"patch": list(patches)}, "patch_"
-    else:
-        columns, prefix = {"face": range(dataset.sizes["face"]), "patch": patches[dataset["face_patch"].values]}, ""
-        columns |= {f"{axis} [m]": dataset["centre"].values[:, i].tolist() for i, axis in enumerate("xyz")}
-    return to_csv(columns | {name: values.tolist() for name, values in _columns(dataset, prefix).items()})

@@ -1,7 +1,7 @@
 """Open tables of impacts and surfaces (VTK, STL, OpenFOAM) by the kind of their files."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,11 @@ from erosion.extras import library
 from erosion.output import briefly, require_finite
 from erosion.parameters import about, read_quantity
 from erosion.tables import read_meanings
+from erosion.tables.frames import format_of
 from erosion.tables.text import beginning
+
+_SURFACES: Mapping[str, Callable[[Path], dict[str, Any]]] = {**dict.fromkeys(ENDINGS, vtk_blocks), ".stl": read_solids}
+"""By the ending of a file's name, what reads its blocks of polygons, as data sets of pyvista by name."""
 
 _POLYGONS = (5, 7, 9)  # VTK's numbers of triangle, polygon and quadrilateral
 _OTHER_FACES = (6, 8, 22, 23, 28, 30, 34, 36, 61, 62, 69, 70, 76, 77)  # of strip and pixel, and of curved faces
@@ -31,7 +35,7 @@ def open_surface(path: Path, patch: str | Sequence[str] | None = None, unit: str
         ImpactsError: for a file that cannot be read, or that holds no polygons, a patch that is not there, and a file
             whose unit nobody says.
     """
-    blocks = read_solids(path) if path.suffix.lower() == ".stl" else vtk_blocks(path)
+    blocks = _SURFACES[path.suffix.lower()](path)
     if patch is not None and len(blocks) < 2 and path.suffix.lower() != ".vtm":
         raise ImpactsError(f"{path}: has no patches, so Argument `patch` must be left out.")
     grids = dict[str, tuple[Any, np.ndarray]]()
@@ -82,7 +86,6 @@ def open_surface(path: Path, patch: str | Sequence[str] | None = None, unit: str
     return surface
 
 
-_SURFACES = ".vtp", ".stl", ".vtu", ".vtm"
 _CONVERTIBLE = ".vtk", ".pvtp", ".ply", ".obj"  # VTK reads those that were cut off without an error, or it crashes
 
 
@@ -162,20 +165,18 @@ def read_impacts(
 
 
 _BEGINS = {"openfoam": rb"^#\s*Time\b", "fluent": rb"^\s*\(+\s*x\s+y\s+z\b.*\bdiameter\b"}
-_KINDS = {".post": "openfoam", ".dpm": "fluent"}
-_NUMBERS = b"PAR1", b"ARROW1", b"PK\3\4"  # the beginnings of files that are no text
+_KINDS = {".post": "openfoam", ".dpm": "fluent", ".csv": "named", **dict.fromkeys(ENDINGS, "named")}
 
 
 def _kind_of(path: Path) -> str:
     """Which table it is, "openfoam", "fluent" or "named": by its name, or by what it begins with."""
-    name = path.name.removesuffix(".gz").lower()
-    kind = "openfoam" if path.is_dir() else _KINDS.get(Path(name).suffix, "")
-    if kind or name.endswith((*ENDINGS, ".csv", ".parquet", ".feather", ".xlsx")):
-        return kind or "named"
-    with path.open("rb") as file:
-        if file.read(8).startswith(_NUMBERS):
-            return "named"
+    if path.is_dir():
+        return "openfoam"
+    if kind := _KINDS.get(Path(path.name.removesuffix(".gz").lower()).suffix):
+        return kind
     with reading_impacts():
+        if format_of(path) is not None:
+            return "named"
         start = beginning(path)
     return next((kind for kind, line in _BEGINS.items() if re.search(line, start, re.MULTILINE)), "named")
 

@@ -53,7 +53,7 @@ _CASE = "Case file; without it, --target's correlation, or steel's."
 class _Surface:
     """What the particles hit."""
 
-    surface: Annotated[Path | None, Parameter(help="OpenFOAM case, .vtp, .vtu, .vtm, .stl; else totals alone.")] = None
+    surface: Annotated[Path | None, Parameter(help="OpenFOAM case, .vtp, .stl …; else totals alone.")] = None
     patch: Annotated[
         list[str] | None, LISTED, Parameter(help='Of the OpenFOAM case: "wall", or several; or all walls.')
     ] = None
@@ -192,9 +192,9 @@ class _Picture:
                 f'Option `--view` must be such as iso, +x or "1,-1,0.5", but is {briefly(self.view)}.'
             ) from error
 
-    def check(self, *, has_surface: bool, has_page: bool = False, surface: "lazy.Surface | None" = None) -> None:
+    def check(self, *, has_surface: bool, is_drawn: bool = False, surface: "lazy.Surface | None" = None) -> None:
         """Know before computing that it can be drawn, and where the surface is known that something can be seen."""
-        if self.plot is None and not has_page:
+        if self.plot is None and not is_drawn:
             return
         if not has_surface:
             raise InputError("Option `--plot` needs `--surface`: without it there is nothing to draw.")
@@ -226,7 +226,7 @@ def map_(
     rows: _Rows | None = None,
     abrasive: Annotated[PerMassOptions | None, Parameter(show=False)] = None,
     output: Annotated[
-        Path | None, output_option("map.vtp (ParaView), .csv, .nc; a page .html"), Parameter(group=_OUTPUT)
+        Path | None, output_option("map.vtp (ParaView), .csv …; a page .html"), Parameter(group=_OUTPUT)
     ] = None,
     picture: _Picture | None = None,
     workers: Annotated[WholeOption, Parameter(show=False)] = None,
@@ -242,9 +242,9 @@ def map_(
     has_cut = bool(options.case or options.given() or own or joint or rows.diameter or rows.scaling != "similar")
     usual = None if has_cut or model or abrasive.cutting_fraction else _usual_model(options)
     sand = case_and_laws(options, "map", section, model or usual, own, joint)
-    is_page = output is not None and output.suffix == lazy.PAGE
-    _require_map_file(output, target)
-    picture.check(has_surface=target.surface is not None, has_page=is_page)
+    form = _format(output, target, picture)
+    is_drawn = form is not None and form.is_drawn
+    picture.check(has_surface=target.surface is not None, is_drawn=is_drawn)
     printed = Output("map", sand.p, options, json=json, plot=picture.plot, files={"map": output},
                      inputs=(impacts, target.surface, *sand.inputs))  # fmt: skip
     laws, per_mass = sand.read_laws(), weighing(sand.model, abrasive, options)
@@ -253,7 +253,7 @@ def map_(
     grit, _ = options.materials()
     with dask_cluster(workers, scheduler):
         job = _job((impacts, table or TableOptions()), target, rows, grit, made, sand)
-        picture.check(has_surface=job.surface is not None, has_page=is_page, surface=job.surface)
+        picture.check(has_surface=job.surface is not None, is_drawn=is_drawn, surface=job.surface)
         with progress_bar("map") as progress:
             try:
                 dataset = job.run(progress).assign_attrs(options.names())
@@ -266,13 +266,10 @@ def map_(
     sentences = [f"{sand.name} is the usual correlation for {metal}; --model takes others."] if usual else []
     varied = {"alpha": "each row's", "v0": "each row's", **made.laws_in_words(job.task.model)}
 
-    def write(path: Path) -> None:
-        if is_page:
-            lazy.write_map_page(dataset, path, **picture.look)
-        else:
-            lazy.write_map(dataset, path, job.identity() if path.suffix == ".nc" else None)
-
-    printed.save(figure=lambda: lazy.plot_map(dataset, **picture.look), map=write)
+    printed.save(
+        figure=lambda: lazy.plot_map(dataset, **picture.look),
+        map=lambda path: form and form.write(dataset, path, job.identity),
+    )
     printed.show(lazy.MapSummary(dataset), {sand.name: job.task.model}, varied=varied, sentences=sentences)
 
 
@@ -297,13 +294,15 @@ def _usual_model(options: CaseOptions) -> str | None:
     return next(iter(of_metal.correlations), None) if of_metal else "dnv:carbon-steel"
 
 
-def _require_map_file(output: Path | None, target: _Surface) -> None:
-    """Know before computing that a file of a map has that ending."""
-    if output is not None:
-        with user_errors():
-            lazy.require_no_pdf(output)
-            suffixes = (*lazy.SUFFIXES, lazy.PAGE)
-            lazy.require_map_path(output, has_surface=target.surface is not None, suffixes=suffixes)
+def _format(output: Path | None, target: _Surface, picture: _Picture) -> "lazy.MapFormat | None":
+    """The format of the map's file, where one is asked for."""
+    if output is None:
+        return None
+    formats = {**lazy.FORMATS, **lazy.page_format(**picture.look)}
+    with user_errors():
+        lazy.require_no_pdf(output)
+        lazy.require_map_path(output, has_surface=target.surface is not None, formats=formats)
+    return formats[output.suffix]
 
 
 _SAME_SIZE = 1.5  # ratio of the mean diameter of the table to that of the particle that is named

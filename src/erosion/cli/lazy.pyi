@@ -19,12 +19,11 @@ from erosion.cfd.exports import restitution as restitution
 from erosion.cfd.exports import to_comsol as to_comsol
 from erosion.cfd.exports import to_csv as to_csv
 from erosion.cfd.exports import volume_table as volume_table
+from erosion.cfd.map_files import FORMATS as FORMATS
+from erosion.cfd.map_files import MapFormat as MapFormat
+from erosion.cfd.map_files import require_map_path as require_map_path
 from erosion.cfd.map_result import FACES as FACES
-from erosion.cfd.map_result import PAGE as PAGE
-from erosion.cfd.map_result import SUFFIXES as SUFFIXES
 from erosion.cfd.map_result import MapSummary as MapSummary
-from erosion.cfd.map_result import require_map_path as require_map_path
-from erosion.cfd.map_result import write_map as write_map
 from erosion.cfd.openfoam import case_of as case_of
 from erosion.cfd.openfoam import open_case as open_case
 from erosion.cfd.options import MapOptions as MapOptions
@@ -120,7 +119,7 @@ from erosion.output.files import require_writable as require_writable
 from erosion.output.files import write_whole as write_whole
 from erosion.output.tables import WIDTH as WIDTH
 from erosion.output.tables import to_json as to_json
-from erosion.pages.map import write_map_page as write_map_page
+from erosion.pages.map import page_format as page_format
 from erosion.parameters.case_files import CaseFile as CaseFile
 from erosion.parameters.materials import Particle as Particle
 from erosion.parameters.materials import Target as Target

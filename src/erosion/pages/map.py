@@ -2,14 +2,15 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from erosion.cfd.map_result import FACES, PAGE, MapSummary, require_map_path
+from erosion.cfd.map_files import Identity, MapFormat, require_map_path
+from erosion.cfd.map_result import FACES, MapSummary
 from erosion.output import require_no_pdf, with_error, write_whole
 from erosion.pages.frame import inline_png, render_page
 from erosion.parameters import conversion_factor, readable_scale
@@ -39,7 +40,7 @@ def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = No
         OSError: where the file cannot be written.
     """
     require_no_pdf(Path(path))
-    path = require_map_path(path, has_surface="face" in wear.dims, suffixes=(PAGE,))
+    path = require_map_path(path, has_surface="face" in wear.dims, formats=page_format())
     title = f"Wear of {Path(wear.attrs['surface']).name}"
     summary = MapSummary(wear)
     totals = [(table.title, table.headings, table.rows, table.notes) for table in tables("Totals", summary.declare())]
@@ -59,6 +60,15 @@ def write_map_page(wear: xr.Dataset, path: str | Path, quantity: str | None = No
     }
     write_whole(path, render_page("map.html", **fields).encode())
     return path
+
+
+def page_format(quantity: str | None = None, **look: Any) -> Mapping[str, MapFormat]:
+    """The page as a format of maps, by the ending of its file; arguments as of `write_map_page`."""
+
+    def write(wear: xr.Dataset, path: Path, _: Identity) -> None:
+        write_map_page(wear, path, quantity, **look)
+
+    return {".html": MapFormat(write, holds_surface=True, is_drawn=True)}
 
 
 _Table = tuple[str, Sequence[str], Sequence[Sequence[str]]]

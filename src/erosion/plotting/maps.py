@@ -17,7 +17,8 @@ from matplotlib.colors import LogNorm, Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from erosion.cfd.map_result import FACES, to_polydata, total_scale
+from erosion.cfd.map_files import to_polydata
+from erosion.cfd.map_result import FACES, total_scale
 from erosion.extras import library
 from erosion.output import briefly, with_error
 from erosion.parameters import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale

@@ -4,7 +4,7 @@ import contextlib
 import datetime as dt
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -176,12 +176,39 @@ def _of_object(data: Any) -> ListedTable:
     return ListedTable("Argument `data`", columns, units)
 
 
-_FORMATS: Mapping[str, tuple[tuple[str, ...], bytes, Callable[[Path], Source]]] = {
-    "Parquet": ((".parquet",), b"PAR1", lambda path: ArrowTable(path, "Parquet", _parquet)),
-    "Feather": ((".feather", ".arrow"), b"ARROW1", lambda path: ArrowTable(path, "Feather", _feather)),
-    "Excel": ((".xlsx", ".xlsm"), b"PK\3\4", ExcelTable),
-}
-"""Formats beside text: endings of names, what a file begins with, and how it is opened."""
+class TableFormat(NamedTuple):
+    """A format of tables beside text.
+
+    Args:
+        endings: of the names of its files.
+        begins: the bytes that its files begin with.
+        opened: opens a file.
+    """
+
+    endings: tuple[str, ...]
+    begins: bytes
+    opened: Callable[[Path], Source]
+
+
+FORMATS = (
+    TableFormat((".parquet",), b"PAR1", lambda path: ArrowTable(path, "Parquet", _parquet)),
+    TableFormat((".feather", ".arrow"), b"ARROW1", lambda path: ArrowTable(path, "Feather", _feather)),
+    TableFormat((".xlsx", ".xlsm"), b"PK\3\4", ExcelTable),
+)
+
+
+def format_of(path: Path) -> TableFormat | None:
+    """The format of a file by its name, or by what it begins with; None for text.
+
+    Raises:
+        TableError: for a file that cannot be read.
+    """
+    with open_text(path) as file:
+        begins = file.read(8)
+    for each in FORMATS:
+        if path.name.lower().endswith(each.endings) or (begins.startswith(each.begins) and path.suffix != ".gz"):
+            return each
+    return None
 
 
 def open_source(source: Any, separator: str | None = None, decimal: str | None = None) -> Source:
@@ -205,12 +232,10 @@ def open_source(source: Any, separator: str | None = None, decimal: str | None =
         return _of_object(source)
     path = Path(source)
     require_finite(path, TableError)
-    with open_text(path) as file:
-        begins = file.read(8)
-    for endings, start, opened in _FORMATS.values():
-        if path.name.lower().endswith(endings) or (begins.startswith(start) and path.suffix != ".gz"):
-            if separator or decimal:
-                given = "sep" if separator else "decimal"
-                raise TableError(f"{path}: is no table of text, so Argument `{given}` must be left out.")
-            return opened(path)
-    return TextTable(path, separator, decimal)
+    form = format_of(path)
+    if form is None:
+        return TextTable(path, separator, decimal)
+    if separator or decimal:
+        given = "sep" if separator else "decimal"
+        raise TableError(f"{path}: is no table of text, so Argument `{given}` must be left out.")
+    return form.opened(path)
