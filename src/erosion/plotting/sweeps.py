@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 import xarray as xr
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
 from matplotlib.collections import LineCollection, QuadMesh
@@ -50,6 +51,8 @@ from erosion.sweeps.grid import in_words
 _BESIDE = 5.0  # inches; two panels of a narrower figure are below each other
 _DASH = 4.0  # in widths of a line; the gap beside it is as long for each curve below
 _HIDDEN = 0.25  # share of a curve, from which on it is dashed
+_HATCH = "////"
+_BOUNDARY = 1.2  # width of a line
 _SHARE: Mapping[str, Any] = {"alpha": 0.2, "linewidth": 0}  # of areas below curves of several colours
 
 
@@ -141,20 +144,49 @@ class _Plane:
         ax.grid(visible=False)
         return ax.pcolormesh(self.across.edges, self.up.edges, values, rasterized=True, **look)
 
-    def hatch(self, ax: Axes, flags: np.ndarray, ink: str) -> None:
-        """Hatch the region of the points with a flag."""
-        if flags.any():
-            region = ax.contourf(
-                self.across.values, self.up.values, flags, levels=[0.5, 1.5], colors="none", hatches=["////"]
-            )
-            region.set(edgecolor=ink, linewidth=0)
+    @property
+    def is_of_optima(self) -> bool:
+        """Whether there is a best angle for each point."""
+        return "alpha_max" in self.found and self.found.alpha_max.ndim == len((self.across, self.up))
 
-    def line(self, ax: Axes, name: str, label: str, **look: Any) -> None:
+    def draw_results(self, ax: Axes) -> None:
+        """Colour each point by its best angle, or else by its volume, with a colour bar."""
+        if self.is_of_optima:
+            values, label = np.rad2deg(self.found.alpha_max), _BEST
+        else:
+            scale = readable_scale("volume", _sweep_units(self.found), float(np.nanmax(self.found.volume)))
+            values, label = self.found.volume / scale.size, result_label("volume", scale)
+        figure: Any = ax.figure
+        figure.colorbar(self.fill(ax, values.values, cmap="cividis"), ax=ax, label=label)
+
+    def draw_regions(self, ax: Axes, ink: str) -> list[Artist]:
+        """Draw where results change their kind, and where a model does not hold; returns entries of a legend."""
+        if self.is_of_optima:
+            return self._line(ax, "best_boundary", _optima_label(self.found), ink)
+        line = self._line(ax, "end_boundary", _ends_label(self.found), ink)
+        return [*line, *self._hatch(ax, ink)]
+
+    def _hatch(self, ax: Axes, ink: str) -> list[Artist]:
+        """Hatch the region of the cuts that turn the body too far."""
+        if "turned_beyond" not in self.found:
+            return mark_turned(ax, _findings(self.found))
+        flags = self.found.turned_beyond.values
+        if not flags.any():
+            return []
+        region = ax.contourf(
+            self.across.values, self.up.values, flags, levels=[0.5, 1.5], colors="none", hatches=[_HATCH]
+        )
+        region.set(edgecolor=ink, linewidth=0)
+        return [Patch(facecolor="none", edgecolor=INK, linewidth=0, hatch=_HATCH, label=BEYOND_LABEL)]
+
+    def _line(self, ax: Axes, name: str, label: str, ink: str) -> list[Artist]:
         """Draw a boundary of the sweep, if it has this one."""
-        if name in self.found and self.found[name].size:
-            pieces = self.found[name].sel(axis=[self.across.name, self.up.name]).values
-            lines = LineCollection(list(pieces / (self.across.size, self.up.size)), label=label, **look)
-            ax.add_collection(lines, autolim=False)
+        if name not in self.found or not self.found[name].size:
+            return []
+        pieces = self.found[name].sel(axis=[self.across.name, self.up.name]).values
+        lines = LineCollection(list(pieces / (self.across.size, self.up.size)), color=ink, linewidth=_BOUNDARY)
+        ax.add_collection(lines, autolim=False)
+        return [Line2D([], [], color=INK, linewidth=_BOUNDARY, label=label)]
 
 
 @house_style()
@@ -165,8 +197,7 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     is the colour, and the ends are those of its cuts. Hatched cuts turn the body by more than 90°.
     """
     y, x = regimes.volume.dims
-    plane, units = _Plane.of(regimes, str(x), str(y)), _sweep_units(regimes)
-    of_optima = "alpha" not in (x, y)
+    plane, of_optima = _Plane.of(regimes, str(x), str(y)), "alpha" not in (x, y)
     fig = new_figure(7.2, 4.6)
     beside = fig.get_figwidth() > _BESIDE
     if not beside:
@@ -177,32 +208,17 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     colors = [ENDS.get(names[code], INK) for code in present]
     look: dict[str, Any] = {"cmap": ListedColormap(colors), "vmin": -0.5, "vmax": len(present) - 0.5, "alpha": 0.75}
     plane.fill(left, np.searchsorted(present, ends.values), **look)
-    if of_optima:
-        mesh, label = plane.fill(right, np.rad2deg(regimes.alpha_max.values), cmap="cividis"), _BEST
-    else:
-        scale = readable_scale("volume", units, float(np.nanmax(regimes.volume)))
-        mesh, label = (
-            plane.fill(right, regimes.volume.values / scale.size, cmap="cividis"),
-            result_label("volume", scale),
-        )
-    fig.colorbar(mesh, ax=right, label=label)
-    for ax, ink in ((left, INK), (right, "white")):
-        if of_optima:
-            plane.line(ax, "best_boundary", _optima_label(regimes), color=ink, linewidth=1.2)
-        else:
-            plane.line(ax, "end_boundary", _ends_label(regimes), color=ink, linewidth=1.2)
-            plane.hatch(ax, regimes.turned_beyond.values, ink)
-            _draw_best(ax, regimes, plane, x == "alpha", ink)
-    handles = left.get_legend_handles_labels()[0]
-    for drawn in right.get_legend_handles_labels()[0]:
-        drawn.set_label("")  # white on white in a legend
+    plane.draw_results(right)
+    handles = plane.draw_regions(left, INK)
+    plane.draw_regions(right, "white")
+    if not of_optima:
+        handles += _draw_best(left, regimes, plane, x == "alpha", INK)
+        _draw_best(right, regimes, plane, x == "alpha", "white")
     left.set_title("how the best cut ends" if of_optima else "how the cut ends", fontsize="medium")
     right.set_title("its angle" if of_optima else "what it removes", fontsize="medium")
     (right.yaxis if beside else left.xaxis).label.set_visible(False)
     patches = [Patch(color=color, alpha=0.75, label=end_label(names[code]))
                for code, color in zip(present, colors, strict=True)]  # fmt: skip
-    if not of_optima and regimes.turned_beyond.any():
-        patches.append(Patch(facecolor="none", edgecolor=INK, linewidth=0, hatch="////", label=BEYOND_LABEL))
     fig.legend(handles=[*patches, *handles], loc="outside lower center", ncols=3)
     fit_legends(fig)
     return fig
@@ -229,18 +245,20 @@ def _optima_label(sweep: xr.Dataset) -> str:
     return "boundary " + ",\nor ".join(sides)
 
 
-def _draw_best(ax: Axes, regimes: xr.Dataset, plane: _Plane, flat: bool, ink: str) -> None:
-    """The best angle of each value of the other parameter; `flat` where the angle runs along x."""
+def _draw_best(ax: Axes, regimes: xr.Dataset, plane: _Plane, flat: bool, ink: str) -> list[Line2D]:
+    """Draw the best angle of each value of the other parameter; `flat` where the angle runs along x."""
     jumps = in_words(regimes.alpha_max_kind) == "jump"
     best, values = np.rad2deg(regimes.alpha_max.values), (plane.up if flat else plane.across).values
     marks: tuple[tuple[np.ndarray, str, dict[str, Any]], ...] = (
         (~jumps, "", {"marker": ".", "color": ink, "markersize": 3.5}),
         (jumps, ", at a jump", {"marker": "D", "color": "none", "markeredgecolor": ink, "markersize": 4}),
     )
+    drawn: list[Line2D] = []
     for chosen, more, look in marks:
         if chosen.any():
             at = (best[chosen], values[chosen]) if flat else (values[chosen], best[chosen])
-            ax.plot(*at, linestyle="", label=f"greatest for this value{more}", **look)
+            drawn += ax.plot(*at, linestyle="", label=f"greatest for this value{more}", **look)
+    return drawn
 
 
 _FEW = 6
@@ -311,22 +329,10 @@ def plot_volume_family(ax: Axes, sweep: xr.Dataset, along: str) -> Axes:
 def plot_sweep_map(ax: Axes, sweep: xr.Dataset, x: str, y: str) -> Axes:
     """The best angle over two axes, or without it the removed volume, with the lines where its kind changes."""
     plane = _Plane.of(sweep, x, y)
-    if "alpha_max" in sweep and sweep.alpha_max.ndim == len((x, y)):
-        image, label = plane.fill(ax, np.rad2deg(plane.found.alpha_max.values), cmap="viridis"), _BEST
-        plane.line(ax, "best_boundary", _optima_label(sweep), color="white", linewidth=1.2)
-    else:
-        scale = readable_scale("volume", _sweep_units(sweep), float(np.nanmax(sweep.volume)))
-        image, label = (
-            plane.fill(ax, plane.found.volume.values / scale.size, cmap="viridis"),
-            result_label("volume", scale),
-        )
-        plane.line(ax, "end_boundary", _ends_label(sweep), color="white", linewidth=1.2)
-        plane.line(ax, "turn_boundary", "the body turns by 90°", color="white", linewidth=1.2, linestyle=":")
-        mark_turned(ax, _findings(sweep))
+    plane.draw_results(ax)
     figure: Any = ax.figure
-    if ax.get_legend_handles_labels()[0]:
-        figure.legend(loc="outside lower center", facecolor=INK, frameon=True, labelcolor="white")
-    figure.colorbar(image, ax=ax, label=label)
+    if handles := plane.draw_regions(ax, "white"):
+        figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return ax
 
 

@@ -81,6 +81,12 @@ _KINDS = {
 }
 
 
+def with_turned(found: xr.Dataset, dims: tuple[str, ...], turned: np.ndarray) -> xr.Dataset:
+    """The same with `turned_beyond`, whether the body turns by more than 90° in each cut."""
+    said = {"long_name": "whether the body turns by more than 90°, where the model does not hold", "units": "1"}
+    return found.assign(turned_beyond=(dims, turned, said))
+
+
 def with_boundaries(grid: Grid, found: xr.Dataset) -> xr.Dataset:
     """A sweep of one model over two parameters, with the lines across which its results change.
 
@@ -89,9 +95,9 @@ def with_boundaries(grid: Grid, found: xr.Dataset) -> xr.Dataset:
         found: its results.
 
     Returns:
-        The same with `end_boundary` and `turn_boundary`, and with `best_boundary` if it has a best angle at each
-        point. Each holds pieces of lines: their two ends, in the units of the parameters, whose names are along "axis".
-        A sweep over other axes is returned as it is.
+        The same with `turned_beyond`, `end_boundary` and `turn_boundary`, and with `best_boundary` if it has a best
+        angle at each point. A boundary holds pieces of lines: their two ends, in the units of the parameters, whose
+        names are along "axis". A sweep over other axes is returned as it is.
     """
     if len(grid.dims) != 2 or grid.dims != tuple(grid.axes):
         return found
@@ -105,6 +111,8 @@ def with_boundaries(grid: Grid, found: xr.Dataset) -> xr.Dataset:
         def kind_at(across: np.ndarray, up: np.ndarray, kinds_of: _KindsOf = kinds_of) -> np.ndarray:
             return kinds_of(*with_values(model, grid.p, {x: across, y: up}), grid.outputs)
 
+        if kinds_of is _turned:
+            found = with_turned(found, grid.dims, kinds)
         pieces = boundary(grid.axes[x], grid.axes[y], kinds, kind_at)
         found = found.assign_coords(axis=[x, y]).assign(
             {name: ((f"{name}_piece", "end", "axis"), pieces, {"long_name": meaning})}

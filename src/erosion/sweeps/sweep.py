@@ -41,7 +41,7 @@ from erosion.interrupts import keeping_results
 from erosion.ode.step_control import require_float64
 from erosion.output import briefly, claimed, require_writable, trace, written_whole
 from erosion.parameters import QUARTER_DEGREES, Parameters, require_scalars, validate
-from erosion.sweeps.boundaries import with_boundaries
+from erosion.sweeps.boundaries import with_boundaries, with_turned
 from erosion.sweeps.grid import AnyGrid, Model, Outputs, Region, block_shape, make_grid, regions
 
 # zarr's own name for a chunk that it is writing: the chunk's place and a random UUID.
@@ -475,13 +475,7 @@ def compare(models: Sequence[Model], p: Parameters, *, alpha: Any = None) -> xr.
         raise TypeError(f"Argument `models` must be a list of models, but is {briefly(models)}.")
     found = sweep(models, p, alpha=QUARTER_DEGREES if alpha is None else alpha, derivatives=2, optimum=True)
     at = p.replace(alpha=found.alpha.values)
-    return _with_turned(found, ("model", "alpha"), np.stack([turned_beyond(model, at) for model in models]))
-
-
-def _with_turned(found: xr.Dataset, dims: tuple[str, ...], turned: np.ndarray) -> xr.Dataset:
-    """The same with `turned_beyond`, whether the body turns by more than 90° in each cut."""
-    said = {"long_name": "whether the body turns by more than 90°, where the model does not hold", "units": "1"}
-    return found.assign(turned_beyond=(dims, turned, said))
+    return with_turned(found, ("model", "alpha"), np.stack([turned_beyond(model, at) for model in models]))
 
 
 def regimes(model: Model, p: Parameters, *, max_turn: float | str | None = "90deg", **axes: Any) -> xr.Dataset:
@@ -518,6 +512,4 @@ def regimes(model: Model, p: Parameters, *, max_turn: float | str | None = "90de
         raise ValueError(f"Arguments must name two parameters, but name {', '.join(axes)}.")
     outputs = Outputs(derivatives=2, optimum=True, max_turn=check_max_turn(max_turn), turn=True)
     grid = make_grid(model, p, dict(reversed(axes.items())), outputs)
-    found = prepare_sweep(grid).run()
-    (loaded,) = grid.loaded().values()
-    return with_boundaries(grid, _with_turned(found, grid.dims, turned_beyond(*grid.impacts(loaded))))
+    return with_boundaries(grid, prepare_sweep(grid).run())
