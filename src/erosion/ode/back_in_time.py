@@ -1,7 +1,7 @@
 """Motions back in time: those of another problem, in -t, that go forwards."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from erosion.arguments import Scalar
-from erosion.ode.problem import Event, Problem, sees_integrals
+from erosion.ode.problem import Event, Problem
 
 
 # Not functions within a function: they are alike where what they hold is.
@@ -18,20 +18,19 @@ from erosion.ode.problem import Event, Problem, sees_integrals
 class _OfMinusT:
     fun: Callable[..., PyTree]
 
-    def __call__(self, t: Scalar, y: PyTree, args: Any) -> PyTree:
-        return self.fun(-t, y, args)
+    @property
+    def __wrapped__(self) -> Callable[..., PyTree]:
+        """Of which Python reads the names of the arguments."""
+        return self.fun
+
+    def __call__(self, t: Scalar, y: PyTree, args: Any, **beside: Any) -> PyTree:
+        return self.fun(-t, y, args, **beside)
 
 
 @dataclasses.dataclass(frozen=True)
 class _MinusOfMinusT(_OfMinusT):
-    def __call__(self, t: Scalar, y: PyTree, args: Any) -> PyTree:
-        return jax.tree.map(lambda rate: -jnp.asarray(rate), self.fun(-t, y, args))
-
-
-@dataclasses.dataclass(frozen=True)
-class _OfMinusTAndIntegrals(_OfMinusT):
-    def __call__(self, t: Scalar, y: PyTree, args: Any, integrals: Mapping[str, Any]) -> PyTree:
-        return self.fun(-t, y, args, integrals=integrals)
+    def __call__(self, t: Scalar, y: PyTree, args: Any, **beside: Any) -> PyTree:
+        return jax.tree.map(lambda rate: -jnp.asarray(rate), super().__call__(t, y, args, **beside))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,13 +44,12 @@ class _Minus:
 def reflected(problem: Problem) -> Problem:
     """The problem of -t. An event's direction is that in which its function passes zero on the way, as in scipy."""
 
-    def of_minus_t(function: Callable[..., PyTree]) -> Callable[..., PyTree]:
-        return (_OfMinusTAndIntegrals if sees_integrals(function) else _OfMinusT)(function)
+    def turned(event: Event) -> Event:
+        function, reset = (each and _OfMinusT(each) for each in (event.function, event.reset))
+        times = None if event.times is None else _Minus(event.times_of)
+        return dataclasses.replace(event, function=function, reset=reset, times=times)
 
-    events = {
-        name: Event(of_minus_t(event.function), event.direction, event.reset and of_minus_t(event.reset))
-        for name, event in problem.events.items()
-    }
+    events = {name: turned(event) for name, event in problem.events.items()}
     rates = {name: _MinusOfMinusT(rate) for name, rate in problem.integrals.items()}
     breaks = None if problem.breaks is None else _Minus(problem.break_times)
     return dataclasses.replace(

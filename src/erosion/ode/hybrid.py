@@ -127,7 +127,7 @@ class Transitions:
     def __init__(self, problem: LaneEquations, loop: SegmentLoop) -> None:
         self.problem, self.loop, self.here = problem, loop, problem.equations.at(problem.parameters)
         self.most = problem.clock.max_events
-        self.own = range(problem.own_events)
+        self.own, self.scheduled = range(problem.own_events), problem.signature.problem.scheduled()
         self.bounds = range(problem.own_events, len(problem.directions))
 
     def rates(self, at: Augmented) -> list[Scalar]:
@@ -149,8 +149,9 @@ class Transitions:
         value_and_tangents, elapsed = instant.value_and_tangents, instant.elapsed
         at_once = [flag | fires if i == event else flag for i, flag in enumerate(instant.at_once)]
         written = self.loop.after_event(instant.written, event, fires, at_once, value_and_tangents, elapsed)
-        after, survives = value_and_tangents, event in self.problem.chains
-        if survives:
+        after, survives = value_and_tangents, jnp.asarray(event in self.problem.chains)
+        if event in self.problem.chains:
+            survives = ~self.here.ends(event, value_and_tangents[0])
             after = equations.pack(equations.of(lambda at, motion: motion.after(event, at), value_and_tangents))
         return instant._replace(
             value_and_tangents=chosen(fires, after, value_and_tangents),
@@ -420,13 +421,16 @@ class Transitions:
         return value_and_tangents[0], *others
 
     def settled(
-        self, instant: Instant, before: Sequence[Scalar], flat: Sequence[Flag] | None = None
+        self, instant: Instant, before: Sequence[Scalar], typical: Scalar | None, flat: Sequence[Flag] | None = None
     ) -> tuple[Instant, Flag]:
         """With the events whose functions a reset takes through zero, and whether they are without end.
+
+        Also with those at times that have come again.
 
         Args:
             instant: after the events that happened by themselves.
             before: the event functions before their resets; 0 of those that happened. Without bounds.
+            typical: a typical time; None where a lane begins.
             flat: of each whether it has rested at zero before that, as max(x, 0) does; None where no mode may end it.
         """
 
@@ -438,6 +442,11 @@ class Transitions:
         def values(instant: Instant) -> list[Scalar]:
             return self.here.events(instant.value_and_tangents[0])
 
+        def again(i: int, instant: Instant, value: Scalar) -> Flag:
+            if i not in self.scheduled:
+                return jnp.asarray(False)
+            return instant.at_once[i] & (value <= (0.0 if typical is None else _ACCUMULATED * typical))
+
         def leaves(i: int, rested: Sequence[Flag], instant: Instant) -> Flag:
             if flat is None:
                 return jnp.asarray(False)
@@ -447,7 +456,7 @@ class Transitions:
         def goes_on(state: tuple[Instant, list[Scalar], list[Flag], Scalar]) -> Flag:
             instant, old, rested, rounds = state
             pairs = enumerate(zip(old, values(instant), strict=False))
-            crossed = [crosses(i, *pair) | leaves(i, rested, instant) for i, pair in pairs]
+            crossed = [crosses(i, *pair) | leaves(i, rested, instant) | again(i, instant, pair[1]) for i, pair in pairs]
             any_crosses = functools.reduce(jnp.logical_or, crossed, jnp.asarray(False))
             return any_crosses & instant.survives & (instant.count < self.most) & (rounds < _ENDLESS)
 
@@ -458,10 +467,10 @@ class Transitions:
             old = list(old)
             for i in range(len(old)):
                 new = values(instant)[i]
-                crossed = crosses(i, old[i], new) | leaves(i, rested, instant)
-                fires = crossed & instant.survives & (instant.count < self.most)
-                instant = self.fired(self._edged(instant, i, fires & (new == 0)), i, fires)
-                instant = self._followed(instant, i)
+                comes = again(i, instant, new)
+                crossed = crosses(i, old[i], new) | leaves(i, rested, instant) | comes
+                at_zero = new == 0 if typical is None else jnp.logical_and(new == 0, ~comes)
+                instant = self._also(instant, i, crossed, at_zero=at_zero, own_time=comes)
                 old[i] = values(instant)[i]
             return instant, old, [jnp.asarray(False) for _ in rested], rounds + 1
 
@@ -472,13 +481,25 @@ class Transitions:
         """With the events at whose functions a lane begins, or past them, and whether they are without end."""
         before, past = self.here.events(instant.value_and_tangents[0])[: len(self.own)], self._past(instant)
         for i, is_past in enumerate(past):
-            fires = is_past & self._past(instant)[i] & instant.survives & (instant.count < self.most)
-            instant = self.fired(self._edged(instant, i, fires & (before[i] == 0)), i, fires)
-            instant = self._followed(instant, i)
-        return self.settled(instant, [jnp.where(*each) for each in zip(past, [0.0] * len(past), before, strict=True)])
+            instant = self._also(instant, i, is_past & self._past(instant)[i], at_zero=before[i] == 0)
+        before = [jnp.where(*each) for each in zip(past, [0.0] * len(past), before, strict=True)]
+        return self.settled(instant, before, None)
 
     def _past(self, instant: Instant) -> list[Flag]:
-        return self.loop.past_at_start(jax.tree.leaves(instant.value_and_tangents))[: len(self.own)]
+        """Of each event whether it happens where a lane begins."""
+        if self.problem.options.fires:
+            return self.loop.past_at_start(jax.tree.leaves(instant.value_and_tangents))[: len(self.own)]
+        values = self.here.events(instant.value_and_tangents[0])
+        return [(values[i] == 0) if i in self.scheduled else jnp.asarray(False) for i in self.own]
+
+    def _also(
+        self, instant: Instant, event: int, happens: Flag, *, at_zero: Flag, own_time: Flag | None = None
+    ) -> Instant:
+        """With an event for which no segment ends, if it `happens`; the way back does not know it."""
+        fires = happens & instant.survives & (instant.count < self.most)
+        instant = instant._replace(written=self.loop.after_switch(instant.written, fires))
+        instant = self.fired(self._edged(instant, event, fires & at_zero), event, fires, own_time)
+        return self._followed(instant, event)
 
     def _followed(self, instant: Instant, event: int) -> Instant:
         """With the switches that the reset of an event makes."""
@@ -604,10 +625,10 @@ def trajectory(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEv
         if transitions.bounds:
             own = zip(transitions.own, functions, falling, strict=False)
             flat = [~segment.at_once[i] & (value == 0) & (rate == 0) for i, value, rate in own]
-        instant, endless = transitions.settled(instant, functions[: problem.own_events], flat)
+        typical = jnp.minimum(problem.time_scale, elapsed[0])
+        instant, endless = transitions.settled(instant, functions[: problem.own_events], typical, flat)
         both = zip(segment.at_once, transitions.here.events(instant.value_and_tangents[0]), rounding, strict=True)
         still_zero = [near & (jnp.abs(after) <= _RESIDUAL * jnp.abs(met)) for near, after, met in both]
-        typical = jnp.minimum(problem.time_scale, elapsed[0])
         stands, hops = transitions.stands(instant, falling, still_zero, typical)
         soon = jnp.where(instant.last == before.event, _ACCUMULATED * typical, _ROUNDING * elapsed[0])
         # An event so soon after another that its function does not fall any more, as of a body that comes to rest.
@@ -640,7 +661,7 @@ def trajectory(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEv
     else:
         begun = _Trajectory(jnp.asarray(True), start, elapsed, zero + 1.0, no, written)
     at_begin = begun.goes_on
-    if problem.options.fires:
+    if problem.options.fires or transitions.scheduled:
         instant, endless = transitions.at_start(at_start)
         here = at_start.value_and_tangents[0]
         falling, at_zero = transitions.rates(here), [value == 0 for value in transitions.here.events(here)]

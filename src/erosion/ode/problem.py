@@ -294,7 +294,7 @@ _MEANT = {
     "dense_output": "`ts`", "saveat": "`ts`", "y0": "`Problem.y0`", "u0": "`Problem.y0`", "events": "`Problem.events`",
     "event": "`Problem.events`", "callback": "`Problem.events`", "fun": "`Problem.vector_field`",
     "f": "`Problem.vector_field`", "terms": "`Problem.vector_field`", "condition": "`function`", "affect": "`reset`",
-    "terminal": "`reset`; without it an event ends the lane", "first_step": "`Problem.time_scale`",
+    "first_step": "`Problem.time_scale`",
     "dt0": "`Problem.time_scale`", "adjoint": "`Solution.gradient` or `jax.grad`",
 }  # fmt: skip
 """Words of scipy, diffrax and DifferentialEquations.jl, and what to use here."""
@@ -326,6 +326,10 @@ Rate = Callable[[Scalar, PyTree, Any], PyTree]
 _POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
 
 
+_BESIDE = ("integrals", "index")
+"""Arguments that functions of events may have beside (t, y, args)."""
+
+
 def sees_integrals(function: Callable[..., Any]) -> bool:
     """Whether a function of (t, y, args) also has an argument named `integrals`, the running integrals by name."""
     return "integrals" in _parameters(function)
@@ -339,52 +343,95 @@ def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]
         return {}
 
 
-def evaluated(function: Callable[..., PyTree], t: Scalar, y: PyTree, args: Any, integrals: Mapping[str, Any]) -> PyTree:
-    """The value of an event's function or reset, which may take the running integrals."""
-    return function(t, y, args, integrals=integrals) if sees_integrals(function) else function(t, y, args)
+def evaluated(function: Callable[..., PyTree], t: Scalar, y: PyTree, args: Any, **beside: Any) -> PyTree:
+    """The value of an event's function or reset, with those of the others that it has as arguments."""
+    own = _parameters(function)
+    return function(t, y, args, **{name: value for name, value in beside.items() if name in own})
+
+
+def _unchanged(t: Scalar, y: PyTree, args: Any) -> PyTree:
+    return y
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Event:
-    """Something that happens where a function passes through zero.
+    """Something that happens where a function passes through zero, or at times.
 
     Args:
         function: of (t, y, args); a number, smooth near its zeros. It may also have an argument named `integrals`,
             the running integrals by name; so may `reset`.
         direction: +1 where only a rise through zero counts, -1 a fall, 0 either.
-        reset: of (t, y, args), the state after the event, from which the motion goes on; without it the
-            event ends the motion.
+        reset: of (t, y, args), the state after the event, from which the motion goes on.
+        times: in place of a function the times of the event, in any order: numbers, or a function of args that gives
+            them. Those before `t0` are left out, and one at `t0` counts. Of equal times the first counts first;
+            derivatives are those of this order. A reset may also have an argument named `index`, the place among them.
+        terminal: whether the event ends the motion; a whole number n says that the n-th does, before its reset. By
+            default an event ends it unless it has a reset. With False and no reset it is recorded, see
+            `Solution.events`, and the motion goes on.
     """
 
-    function: Callable[..., PyTree]
+    function: Callable[..., PyTree] | None = None
     direction: int = 0
     reset: Callable[..., PyTree] | None = None
+    _: dataclasses.KW_ONLY
+    times: PyTree = None
+    terminal: int | None = None
 
     def __post_init__(self) -> None:
+        if (self.function is None) == (self.times is None):
+            raise TypeError(
+                f"Argument `function` or `times` must be given, and not both, but they are {briefly(self.function)} "
+                f"and {briefly(self.times)}."
+            )
         for name in ("function", "reset"):
             given = getattr(self, name)
-            if not callable(given) and not (name == "reset" and given is None):
+            if given is None:
+                continue
+            if not callable(given):
                 raise TypeError(f"Argument `{name}` must be a function of (t, y, args), but is {briefly(given)}.")
-        for name, given in (("function", self.function), ("reset", self.reset or self.function)):
+            known = _BESIDE if name == "reset" and self.times is not None else _BESIDE[:1]
             others = [each for each in _parameters(given).values() if each.default is each.empty][3:]
-            if others and not sees_integrals(given) and others[0].kind in _POSITIONAL:
+            if unknown := [each.name for each in others if each.kind in _POSITIONAL and each.name not in known]:
                 raise TypeError(
-                    f"Argument `{name}` must take the running integrals by an argument named `integrals`, but its "
-                    f"fourth argument is `{others[0].name}`."
+                    f"Argument `{name}` must take (t, y, args), the running integrals by an argument named "
+                    f"`integrals`, and a reset at `times` their place by `index`, but it has `{unknown[0]}`."
                 )
         is_one = isinstance(self.direction, (int, float, np.number)) and not isinstance(self.direction, bool)
         if not is_one or self.direction not in (-1, 0, 1):
             raise ValueError(f"Argument `direction` must be -1, 0 or 1, but is {briefly(self.direction)}.")
-        for name, own in (("direction", self.direction), ("terminal", 1)):
+        if self.direction and self.times is not None:
+            raise ValueError(f"Argument `direction` must be left out with `times`, but is {briefly(self.direction)}.")
+        is_whole = self.terminal is None or isinstance(self.terminal, (bool, int, np.integer))
+        if not is_whole or self.last < 0 or (self.last == 1 and self.reset is not None):
+            raise ValueError(
+                "Argument `terminal` must be True, False or a whole number, and with a reset False or at least 2, as "
+                f"the event that ends the motion has none, but is {briefly(self.terminal)}."
+            )
+        for name, own in (("direction", self.direction), ("terminal", self.last)):
             if isinstance(self.function, types.FunctionType) and getattr(self.function, name, own) != own:
                 raise ValueError(
                     f"Argument `function` must have no other `{name}` than the event, as scipy alone reads it: say "
-                    "`ode.Event(function, direction)`; an event without `reset` ends the motion."
+                    "`ode.Event(function, direction, terminal=…)`; without a reset an event ends the motion."
                 )
+
+    @property
+    def last(self) -> int:
+        """Which of them ends the motion; 0 where none does."""
+        return int(self.reset is None if self.terminal is None else self.terminal)
+
+    def after(self) -> Callable[..., PyTree] | None:
+        """The state after the event, a function; None where the motion ends with the first."""
+        return None if self.last == 1 else self.reset or _unchanged
+
+    def times_of(self, args: Any) -> PyTree:
+        """The times of the event."""
+        return self.times(args) if callable(self.times) else self.times
 
 
 _OF_ARGS = ("y0", "integrals0", "time_scale", "parameter_scale", "breaks")
 """What a problem says of the arguments alone; all else is of (t, y, args)."""
+
+_TIMES = ".times"  # ends the words for the times of an event
 
 OTHER_ENDS = ("start", "failed", "unfinished", "t1")
 """What `ended_by` may say beside the names of events; a code is an index of events and then these."""
@@ -468,15 +515,20 @@ class Problem:
 
     def directions(self, args: Any) -> tuple[int, ...]:
         """The direction of each event."""
-        return tuple(event.direction for event in self.events.values())
+        return tuple(event.direction if event.times is None else 1 for event in self.events.values())
 
     def event_values(self, t: Scalar, y: PyTree, args: Any, integrals: Mapping[str, Any]) -> Sequence[Scalar]:
-        """The functions of all events."""
-        return [evaluated(event.function, t, y, args, integrals) for event in self.events.values()]
+        """The functions of all events; the time for those at times."""
+        functions = [event.function for event in self.events.values()]
+        return [t if each is None else evaluated(each, t, y, args, integrals=integrals) for each in functions]
 
     def resets(self) -> Sequence[Callable[..., PyTree] | None]:
-        """The state after each event; None where it ends the motion."""
-        return [event.reset for event in self.events.values()]
+        """The state after each event; None where the motion ends with the first."""
+        return [event.after() for event in self.events.values()]
+
+    def scheduled(self) -> Sequence[int]:
+        """The events at times."""
+        return [i for i, event in enumerate(self.events.values()) if event.times is not None]
 
     def equations(self, args: PyTree, parameters: Sequence[jax.ShapeDtypeStruct]) -> TracedProblem:
         """What the problem computes from such arguments.
@@ -491,9 +543,8 @@ class Problem:
         """What the problem computes with, by the words that a message about it uses."""
         parts: dict[str, Any] = {"vector_field": self.vector_field}
         for name, event in self.events.items():
-            parts[f"events[{name!r}]"] = event.function
-            if event.reset is not None:
-                parts[f"events[{name!r}].reset"] = event.reset
+            own = {"": event.function, ".reset": event.reset, _TIMES: event.times}
+            parts |= {f"events[{name!r}]{of}": part for of, part in own.items() if part is not None}
         parts |= {f"integrals[{name!r}]": rate for name, rate in self.integrals.items()}
         others = {name: getattr(self, name) for name in _OF_ARGS}
         return parts | {name: part for name, part in others.items() if part is not None}
@@ -516,7 +567,12 @@ class _ProblemKind(TreeKind):
 
     def __init__(self, problem: Problem, args: PyTree, parameters: Sequence[jax.ShapeDtypeStruct]) -> None:
         self.problem, self._functions = problem, problem.functions()
-        super().__init__(args, parameters, self._functions, problem.directions(args))
+        super().__init__(args, parameters, self._functions, self._described(args))
+
+    def _described(self, args: Any) -> Sequence[object]:
+        problem = self.problem
+        last = [event.last for event in problem.events.values()]
+        return problem.event_names(args), problem.directions(args), last, list(problem.integrals)
 
     def traced(self) -> TracedProblem:
         """The equations, as the code is now."""
@@ -531,7 +587,7 @@ class _ProblemKind(TreeKind):
         # After the trace, which may change what it reads, such as a counter.
         snapshot = CodeSnapshot(things)
         args = self.joined(self.parameters)
-        described = repr((self.problem.event_names(args), self.problem.directions(args), list(self.problem.integrals)))
+        described = repr(self._described(args))
         digest = digits(*trace.pieces, trace.process_local, described, str(jax.tree.structure(state)), str(timed))
         return TracedProblem(None, digest, trace.process_local, snapshot, self.parameters, state, timed)
 
@@ -541,14 +597,14 @@ class _ProblemKind(TreeKind):
         y = trace.given("y0", problem.start)
         require_numbers("y0", y, scalars=False)
         y = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, np.float64), y)
-        integrals = dict.fromkeys(problem.integrals, time)
+        beside = {"integrals": dict.fromkeys(problem.integrals, time), "index": jax.ShapeDtypeStruct((), np.int32)}
         of_state = {
             name: _of_args_and_state(name, function)
             for name, function in self._functions.items()
-            if name not in _OF_ARGS
+            if name not in _OF_ARGS and not name.endswith(_TIMES)
         }
         for name, function in of_state.items():
-            given = trace.given(name, function, time, y, integrals)
+            given = trace.given(name, function, time, y, beside)
             if name == "vector_field" or name.endswith(".reset"):
                 _require_like_state(name, given, y)
             else:
@@ -565,25 +621,30 @@ class _ProblemKind(TreeKind):
                 raise FunctionError(f"`integrals0` must give a number for each of {', '.join(problem.integrals)}")
         if problem.time_scale is not None:
             require_numbers("time_scale", trace.given("time_scale", problem.time_scale))
-        if problem.breaks is not None:
-            require_numbers("breaks", trace.given("breaks", problem.break_times), scalars=False)
+        of_time = {
+            f"events[{name!r}]{_TIMES}": event.times_of
+            for name, event in problem.events.items()
+            if event.times is not None
+        }
+        for name, times in (of_time | ({} if problem.breaks is None else {"breaks": problem.break_times})).items():
+            require_numbers(name, trace.given(name, times), scalars=False)
         if problem.parameter_scale is not None:
             given = trace.given("parameter_scale", problem.parameter_scale)
             if jax.tree.structure(given) != self.structure:
                 raise FunctionError("`parameter_scale` must give a pytree like the arguments, but gives another")
 
-        def everything(time: Any, parameters: Sequence[Number], y: PyTree, integrals: PyTree) -> list[PyTree]:
+        def everything(time: Any, parameters: Sequence[Number], y: PyTree, beside: PyTree) -> list[PyTree]:
             args = self.joined(parameters)
-            return [function(args, time, y, integrals) for function in of_state.values()]
+            return [function(args, time, y, beside) for function in of_state.values()]
 
-        return y, _depends_on_first(everything, time, list(self.parameters), y, integrals)
+        return y, bool(of_time) or _depends_on_first(everything, time, list(self.parameters), y, beside)
 
 
 def _of_args_and_state(name: str, function: Callable[..., PyTree]) -> Callable[..., PyTree]:
-    """A function of a problem as one of (args, t, y, integrals), of which only events see the last."""
+    """A function of a problem as one of (args, t, y, beside), of which only events see the last."""
     if name.startswith("events["):
-        return lambda args, t, y, integrals: evaluated(function, t, y, args, integrals)
-    return lambda args, t, y, integrals: function(t, y, args)
+        return lambda args, t, y, beside: evaluated(function, t, y, args, **beside)
+    return lambda args, t, y, beside: function(t, y, args)
 
 
 class Words(str):

@@ -14,11 +14,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var, jaxpr_as_fun
 from jaxtyping import PyTree
 
-from erosion.arguments import Number, Scalar, Structure
+from erosion.arguments import Flag, Number, Scalar, Structure
 from erosion.lanes.scalars import Atom
+from erosion.ode.memories import Count, Memory, Schedule, finite_times, memories_of
 from erosion.ode.problem import evaluated
 from erosion.ode.variational import Augmented, Clock, Motion, Signature
 
@@ -26,11 +28,10 @@ FlatState = list[Scalar]
 """The state with its derivatives, as plain numbers, the value first and then each tangent."""
 
 
-NEVER = 1e300  # instead of an infinite time
-
-
 class WholeMotion(Motion):
     """A problem's motion with the state itself, as a tuple of numbers; first, if it counts, the time since the start.
+
+    After it are the memories of events, which change with these alone.
 
     Args:
         signature: of problem and arguments.
@@ -50,14 +51,30 @@ class WholeMotion(Motion):
         return jax.tree.flatten(self.problem.start(self.args))
 
     @functools.cached_property
+    def _memories(self) -> list[Memory]:
+        return memories_of(self.problem, self.args)
+
+    @functools.cached_property
+    def _remembered(self) -> list[list[Scalar]]:
+        """The numbers of each memory at the start."""
+        return [memory.first(self.clock.t0) for memory in self._memories]
+
+    def _memory(self, state: Sequence[Scalar]) -> list[list[Scalar]]:
+        """The numbers of each memory."""
+        first, numbers = int(self._timed) + sum(math.prod(np.shape(part)) for part in self._y0[0]), []
+        for each in self._remembered:
+            numbers.append(list(state[first : first + len(each)]))
+            first += len(each)
+        return numbers
+
+    @functools.cached_property
     def _breaks(self) -> Any:
-        times = elements_of(jax.tree.leaves(self.problem.break_times(self.args)))
-        # One that never comes is finite, or its distance would be no number.
-        return jnp.sort(jnp.nan_to_num(jnp.stack(times), nan=jnp.nan, posinf=NEVER, neginf=-NEVER))
+        return jnp.sort(finite_times(self.problem.break_times(self.args)))
 
     def start(self) -> list[Scalar]:
         """The state at the start."""
-        return [0.0 * self.clock.t0] * self._timed + elements_of(self._y0[0])
+        remembered = [number for numbers in self._remembered for number in numbers]
+        return [0.0 * self.clock.t0] * self._timed + elements_of(self._y0[0]) + remembered
 
     def initial(self) -> Augmented:
         """State and integrals at the start."""
@@ -86,13 +103,17 @@ class WholeMotion(Motion):
         t, y = self.whole(at.state)
         rates = elements_of(jax.tree.leaves(self.problem.vector_field(t, y, self.args)))
         integrals = tuple(rate(t, y, self.args) for rate in self.problem.integrals.values())
-        return Augmented((*([1.0] * self._timed), *rates), integrals)
+        still = (np.zeros(()) for numbers in self._remembered for _ in numbers)
+        return Augmented((*([1.0] * self._timed), *rates, *still), integrals)
 
     def events(self, at: Augmented) -> list[Scalar]:
         """The event functions."""
         t, y = self.whole(at.state)
         directions = self.problem.directions(self.args)
-        values = self.problem.event_values(t, y, self.args, self.running(at))
+        values = list(self.problem.event_values(t, y, self.args, self.running(at)))
+        for memory, numbers in zip(self._memories, self._memory(at.state), strict=True):
+            if isinstance(memory, Schedule):
+                values[memory.event] = at.state[0] - (numbers[0] - self.clock.t0)
         return [-value if up == 1 else value for value, up in zip(values, directions, strict=True)]
 
     def running(self, at: Augmented) -> dict[str, Scalar]:
@@ -109,9 +130,20 @@ class WholeMotion(Motion):
         reset = self.problem.resets()[event]
         if reset is None:
             return at
-        t, y = self.whole(at.state)
-        elements = elements_of(jax.tree.leaves(evaluated(reset, t, y, self.args, self.running(at))))
-        return Augmented((*at.state[: int(self._timed)], *elements), at.integrals)
+        (t, y), index, after = self.whole(at.state), None, []
+        for memory, numbers in zip(self._memories, self._memory(at.state), strict=True):
+            if memory.event == event and isinstance(memory, Schedule):
+                index = lax.convert_element_type(numbers[1], np.int32)
+            after += memory.following(numbers) if memory.event == event else numbers
+        given = evaluated(reset, t, y, self.args, integrals=self.running(at), index=index)
+        return Augmented((*at.state[: int(self._timed)], *elements_of(jax.tree.leaves(given)), *after), at.integrals)
+
+    def ends(self, event: int, at: Augmented) -> Flag:
+        """Whether the motion does not survive an event."""
+        for memory, numbers in zip(self._memories, self._memory(at.state), strict=True):
+            if memory.event == event and isinstance(memory, Count):
+                return memory.ends(numbers)
+        return super().ends(event, at)
 
 
 @jax.jit

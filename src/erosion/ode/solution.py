@@ -601,6 +601,10 @@ def _undefined_at_start(lanes: Lanes, which: np.ndarray) -> dict[str, np.ndarray
         parts |= {f"integrals[{name!r}]": rate(t, y, args) for name, rate in problem.integrals.items()}
         names, values = problem.event_names(args), problem.event_values(t, y, args, integrals)
         parts |= {f"events[{name!r}]": value for name, value in zip(names, values, strict=True)}
+        times = {name: event.times_of(args) for name, event in problem.events.items() if event.times is not None}
+        parts |= {
+            f"events[{name!r}].times": jax.tree.map(lambda t: jnp.isnan(t) * t, row) for name, row in times.items()
+        }
         order.update(dict.fromkeys(parts))
         return {name: [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(part)] for name, part in parts.items()}
 

@@ -36,7 +36,8 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, Var, jaxpr_as_fun
 
 from erosion.arguments import Flag, Number, Scalar
 from erosion.lanes.scalars import Equation, aval_of
-from erosion.ode.reduction import NEVER, WholeMotion, beside_breaks, evaluate, reduced_motion_of
+from erosion.ode.memories import NEVER
+from erosion.ode.reduction import WholeMotion, beside_breaks, evaluate, reduced_motion_of
 from erosion.ode.variational import Augmented, Motion, Signature
 
 _ULPS, _TINY = 4e-16, 1e-300  # before a break is a time that is earlier by as little

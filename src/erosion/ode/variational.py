@@ -20,7 +20,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import PyTree
 
-from erosion.arguments import Indices, Number, PerLane, Scalar, Structure
+from erosion.arguments import Flag, Indices, Number, PerLane, Scalar, Structure
 from erosion.ode.problem import OTHER_ENDS, Problem, TracedProblem
 from erosion.ode.step_control import ARRIVED
 
@@ -297,6 +297,10 @@ class Motion(abc.ABC):
     def after(self, event: int, at: Augmented) -> Augmented:
         """State and integrals after an event, which the motion may survive."""
         return at
+
+    def ends(self, event: int, at: Augmented) -> Flag:
+        """Whether it does not."""
+        return jnp.asarray(False)
 
 
 OfMotion = Callable[[Augmented, Motion], PyTree]

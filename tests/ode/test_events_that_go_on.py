@@ -1,0 +1,172 @@
+"""Events at times, events that are recorded, and those of which the n-th ends the motion, against closed forms."""
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from erosion import ode
+
+
+def decay(t: Any, y: Any, args: Any) -> Any:
+    return {"c": -args["k"] * y["c"]}
+
+
+def give(t: Any, y: Any, args: Any, index: Any) -> Any:
+    return {"c": y["c"] + args["amounts"][index]}
+
+
+TABLE = ode.Problem(
+    lambda args: {"c": args["c0"]}, decay, {"dose": ode.Event(times=lambda args: args["times"], reset=give)}
+)
+DOSES: dict[str, Any] = {
+    "k": 0.3, "c0": 1.0, "times": np.array([4.0, -1.0, 1.0, 2.5, 1e9]), "amounts": np.array([3.0, 5.0, 1.0, 2.0, 9.0]),
+}  # fmt: skip
+COUNTS = (0, 2, 3)
+solved = functools.partial(ode.solve, TABLE, t1=6.0, shared=("times", "amounts"))
+
+
+def amount(args: Any, t: float = 6.0, counts: Any = COUNTS) -> Any:
+    """What is left at t of the start and of the doses that count."""
+    given = [(0.0, args["c0"]), *((args["times"][i], args["amounts"][i]) for i in counts)]
+    return sum(dose * jnp.exp(-args["k"] * (t - at)) for at, dose in given)
+
+
+def alike(found: Any, exact: Any, rtol: float = 1e-9) -> None:
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(exact), strict=True):
+        np.testing.assert_allclose(one, other, rtol=rtol, atol=1e-11)
+
+
+@pytest.mark.parametrize("method", ["explicit", "rosenbrock"])
+def test_doses_from_a_table(method):
+    end = solved(DOSES, wrt="k", method=method)
+    alike(end.y["c"], amount(DOSES))
+    alike(end.along("k").y["c"], jax.grad(amount)(DOSES)["k"], 1e-7)
+    alike(end.gradient(y={"c": 1.0}), jax.grad(amount)(DOSES), 1e-7)
+    np.testing.assert_allclose(end.events.t, [1.0, 2.5, 4.0], rtol=1e-12)
+    assert list(end.events.name) == ["dose"] * 3
+
+
+def test_doses_have_derivatives_by_times_in_jax():
+    args = jax.tree.map(jnp.asarray, DOSES)
+    end = lambda args: solved(args).y["c"]  # noqa: E731
+    alike(jax.jacfwd(end)(args), jax.grad(amount)(args))
+    alike(jax.grad(end)(args), jax.grad(amount)(args))
+    both = lambda at: args | {"times": args["times"].at[2].set(at), "k": 0.1 + 0.2 * at}  # noqa: E731
+    alike(jax.hessian(lambda at: end(both(at)))(1.0), jax.hessian(lambda at: amount(both(at)))(1.0), 1e-7)
+
+
+def test_equal_times_count_in_their_order_and_one_at_the_start_counts():
+    """Assignments in place of additions: the last of equal times is what remains."""
+    args = DOSES | {"times": np.array([2.0, 0.0, 2.0, 0.0, 2.0])}
+    every = functools.partial(amount, counts=range(5))
+    end = solved(args, wrt=("k", "t0"))
+    alike(end.y["c"], every(args))
+    assert end.count == 5
+    np.testing.assert_allclose(end.events.t, [0, 0, 2, 2, 2], atol=1e-15)
+    alike(end.along("k").y["c"], jax.grad(every)(args)["k"])
+    assert np.isnan(end.along("t0").y["c"])  # a moment later two doses are left out
+    slopes = end.gradient(y={"c": 1.0})
+    np.testing.assert_array_equal(np.isnan(slopes["times"]), args["times"] == 0)
+    alike(slopes["times"][::2], jax.grad(every)(args)["times"][::2])
+    last = ode.Problem(
+        {"c": 0.0}, decay, {"set": ode.Event(times=[2.0, 1.0, 2.0], reset=lambda t, y, args, index: {"c": 1.0 + index})}
+    )
+    assert ode.solve(last, {"k": 0.0}, t1=3.0).y["c"] == 3.0
+
+
+def test_doses_are_taken_back_in_time():
+    taken = ode.Event(times=[1.0, 4.0], reset=lambda t, y, args, index: {"c": y["c"] - 10.0 * t - index})
+    end = ode.solve(ode.Problem({"c": 200.0}, decay, {"dose": taken}), {"k": 0.3}, t0=5.0, t1=0.0, wrt="k")
+    exact = lambda k: (200.0 * jnp.exp(k) - 41.0) * jnp.exp(4 * k) - 10 * jnp.exp(k)  # noqa: E731
+    alike([end.y["c"], end.along("k").y["c"]], [exact(0.3), jax.grad(exact)(0.3)])
+    np.testing.assert_allclose(end.events.t, [4.0, 1.0], rtol=1e-12)
+
+
+def test_times_may_differ_from_lane_to_lane_and_the_third_may_end_the_motion():
+    at = lambda args: [args["a"] + 2 * args["d"], args["a"], args["a"] + args["d"], jnp.inf]  # noqa: E731
+    driven = ode.Problem(
+        {"c": 1.0},
+        lambda t, y, args: {"c": -args["k"] * y["c"] + jnp.where(t > args["on"], 1.0, 0.0)},
+        {"dose": ode.Event(times=at, reset=lambda t, y, args: {"c": y["c"] + 1.0}, terminal=3)},
+    )
+    args = {"k": 0.3, "on": 1.7, "a": np.array([1.0, 1.5, 3.0]), "d": 2.0}
+    end = ode.solve(driven, args, t1=99.0, wrt=("on", "a", "d"), derivatives=2)
+
+    def exact(args):
+        t = args["a"] + 2 * args["d"]
+        given = [1.0 * jnp.exp(-args["k"] * (t - since)) for since in (0.0, args["a"], args["a"] + args["d"])]
+        return sum(given) + (1 - jnp.exp(-args["k"] * (t - args["on"]))) / args["k"]
+
+    assert list(end.ended_by) == ["dose"] * 3
+    alike(end.t, args["a"] + 4.0)
+    for i, a in enumerate(args["a"]):
+        own = args | {"a": a}
+        slopes, curves = jax.grad(exact)(own), jax.hessian(exact)(own)
+        alike(end.y["c"][i], exact(own))
+        for one in end.wrt:
+            alike(end.along(one).y["c"][i], slopes[one])
+            for other in end.wrt:
+                alike(end.along(one, other).y["c"][i], curves[one][other], 1e-7)
+    np.testing.assert_allclose(end.along("d").t, 2.0)
+
+
+def test_a_time_that_is_no_number_fails_and_one_that_never_comes_does_not():
+    late = ode.Problem({"c": 1.0}, decay, {"dose": ode.Event(times=lambda args: [jnp.log(args["a"]), jnp.inf])})
+    end = ode.solve(late, {"k": 0.3, "a": np.array([-1.0, 0.5, 2.0])}, t1=2.0)
+    assert list(end.ended_by) == ["failed", "t1", "dose"]
+    assert any("events['dose'].times" in warning for warning in end.warnings)
+
+
+@pytest.mark.parametrize("times", ["noon", [], lambda args: "noon", lambda args: None, lambda args: args["no"]])
+def test_times_must_be_numbers(times):
+    with pytest.raises((TypeError, ValueError), match="times"):
+        ode.solve(ode.Problem({"c": 1.0}, decay, {"dose": ode.Event(times=times)}), {"k": 1.0}, t1=1.0)
+
+
+def oscillator(**events: ode.Event) -> ode.Problem:
+    """x = sin(ω t)."""
+    field = lambda t, y, args: {"x": y["v"], "v": -(args["w"] ** 2) * y["x"]}  # noqa: E731
+    return ode.Problem(lambda args: {"x": 0.0, "v": args["w"]}, field, events)
+
+
+def place(t: Any, y: Any, args: Any) -> Any:
+    return y["x"]
+
+
+@pytest.mark.parametrize(("direction", "zeros"), [(0, [1, 2, 3, 4]), (-1, [1, 3]), (1, [2, 4])])
+def test_events_that_do_not_end_the_motion_are_recorded(direction, zeros):
+    w = np.array([1.0, 2.0])
+    end = ode.solve(oscillator(zero=ode.Event(place, direction, terminal=False)), {"w": w}, t1=4.5 * np.pi / w, wrt="w")
+    np.testing.assert_array_equal(end.count, len(zeros))
+    assert list(end.ended_by) == ["t1", "t1"]
+    np.testing.assert_allclose(end.events.t, np.pi * np.array(zeros) / w[:, None], rtol=1e-9)
+    np.testing.assert_allclose(end.y["x"], 1.0, rtol=1e-9)
+    np.testing.assert_allclose(end.along("w").y["v"], -end.t * w, rtol=1e-8)
+    slopes = end.gradient(y={"x": 0.0, "v": 1.0})
+    np.testing.assert_allclose(slopes["w"], -end.t * w, rtol=1e-7)
+
+
+@pytest.mark.parametrize("n", [1, 2, np.int64(3)])
+@pytest.mark.parametrize("t1", [99.0, -99.0])
+def test_the_nth_of_an_event_may_end_the_motion(n, t1):
+    both = oscillator(zero=ode.Event(place, terminal=n), all=ode.Event(place, terminal=False))
+    end = ode.solve(both, {"w": 2.0}, t1=t1, wrt="w", derivatives=2)
+    exact = np.sign(t1) * n * np.pi / 2.0
+    assert end.ended_by == "zero"
+    alike([end.t, end.along("w").t, end.along("w", "w").t], [exact, -exact / 2, exact / 2], 1e-8)
+    assert end.count == 2 * n - 1  # at the last the first of the dictionary ends the motion
+    assert end.at_once["all"]
+    alike(end.gradient(t=1.0)["w"], -exact / 2, 1e-7)
+
+
+def test_the_last_of_an_event_has_no_reset():
+    """Of bounces with half the speed the third ends the motion as it comes."""
+    bounce = ode.Event(lambda t, y, args: y["y"], -1, lambda t, y, args: {"y": 0.0, "v": -y["v"] / 2}, terminal=3)
+    ball = ode.Problem({"y": 1.0, "v": 0.0}, lambda t, y, args: {"y": y["v"], "v": -2.0}, {"bounce": bounce})
+    end = ode.solve(ball, t1=99.0)
+    alike([end.t, end.y["v"], end.count], [1.0 + 1.0 + 0.5, -0.5, 3])
+    assert ode.solve(ball, t1=99.0, max_events=2).t == pytest.approx(2.0)
