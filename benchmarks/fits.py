@@ -317,7 +317,7 @@ def predicted(
         table, asked = make(law, index, key)
         predictor = fit(table).predictor
         for place, (degrees, speeds) in asked.items():
-            draws = 1e6 * predictor.predict(np.deg2rad(degrees), {"v0": speeds}, 2000)
+            draws = 1e6 * predictor.draw(np.deg2rad(degrees), {"v0": speeds}, 2000)
             low, high = np.quantile(draws, [0.025, 0.975], axis=0)
             true = law(degrees, speeds)
             held.setdefault(place, []).append(np.stack([(low <= true) & (true <= high), (high - low) / true]))

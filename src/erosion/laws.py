@@ -274,7 +274,7 @@ class JointSamples:
 
     Args:
         columns: by parameter, its values, all of the same shape (samples,) or with the same number of values: measured
-            impacts, or draws of a posterior (`Posterior.rows_of_draws`).
+            impacts, or draws of a posterior (`Posterior.joint_samples`).
         source: words for the table.
         units: the unit system of the values; a case in another one refuses them. Without it they are the case's.
         unused: the heads of other columns of the table.

@@ -132,7 +132,7 @@ def test_after_weighings_an_advice_holds_what_the_model_may_lack():
     (points,) = [line for line in plot_advice(fast_advice).axes[1].get_lines() if line.get_marker() == "o"]
     np.testing.assert_allclose(np.asarray(points.get_ydata()), weighed[1])
     assert len(plot_advice(advice).axes) == 1  # no test is of half the speed
-    drawn = fit.predictor.predict(np.deg2rad([30.0]), {"v0": 160.0}, 200)[:, 0]
+    drawn = fit.predictor.draw(np.deg2rad([30.0]), {"v0": 160.0}, 200)[:, 0]
     curves = [np.interp(np.deg2rad(30.0), NOZZLE_ANGLES, curve.erosion) * 2700 for curve in fast_advice.group("draws")]
     np.testing.assert_allclose(np.median(curves), np.median(drawn), rtol=0.05)
 

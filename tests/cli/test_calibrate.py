@@ -262,7 +262,7 @@ def test_the_numbers_are_those_of_the_predictor(fitted, shell, tmp_path):
     printed = shell([*words, "-o", str(table), "--json"])
     asked, at = np.deg2rad([[35.0, 50.0]] * 2), {"v0": np.array([[60.0], [120.0]])}
     predictor = read_predictor(fitted)
-    of_mean, of_weighing = (predictor.predict(asked, at, 2000, noise=noise) for noise in (False, True))
+    of_mean, of_weighing = (predictor.draw(asked, at, 2000, noise=noise) for noise in (False, True))
     result = printed.result
     lines = result["predictions"]
     assert [line["v0"] for line in lines] == [60, 60, 120, 120]

@@ -230,11 +230,11 @@ def test_draws_are_read_in_other_units() -> None:
     drawn.save("other.nc")
     known = dict(QUANTITIES)
     rows = read_draws("other.nc", known, "si").rows
-    assert isinstance(drawn.rows_of_draws(), JointSamples)
-    assert {*rows.columns} == {*drawn.rows_of_draws().columns} == {"sigma", "cutting_fraction"}
+    assert isinstance(drawn.joint_samples(), JointSamples)
+    assert {*rows.columns} == {*drawn.joint_samples().columns} == {"sigma", "cutting_fraction"}
     np.testing.assert_allclose(rows.columns["sigma"], drawn.samples["sigma"].values.ravel() * 6894.757293, rtol=1e-9)
     with pytest.raises(ValueError, match="`uncertain` must leave out `cutting_fraction`"):
-        erosion.stream("linearized", p, n=64, uncertain=drawn.rows_of_draws())
+        erosion.stream("linearized", p, n=64, uncertain=drawn.joint_samples())
 
 
 MAP, STREAM = "map impacts.csv sand.toml", "stream sand.toml --v0 'normal(25, 1)' --r 'normal(0.1 mm, 0.01 mm)'"

@@ -132,9 +132,9 @@ def test_what_cannot_be_told_apart_and_what_has_no_influence_is_said(fit):
     told = [(finding.code, finding.about, dict(finding.numbers)) for finding in result.findings]
     assert told == [
         ("parameter_has_no_influence", "r", {}),
-        ("fix_parameter", "", {"parameters": ["r"]}),
-        ("parameters_are_tied", "", {"parameters": ["psi", "sigma"], "determined": ["psi·sigma"]}),
-        ("fix_parameter", "", {"parameters": ["psi", "sigma"]}),
+        ("fix_parameter", "r", {}),
+        ("parameters_are_tied", "psi, sigma", {"determined": ["psi·sigma"]}),
+        ("fix_parameter", "psi, sigma", {}),
     ]
     assert result.undetermined == ("psi", "sigma", "r")
     assert {result.standard_errors[name] for name in result.undetermined} == {np.inf}
@@ -205,7 +205,7 @@ def test_a_free_scale_leaves_the_shape(fit):
     assert result.estimates == pytest.approx(expected, rel=1e-5)
     tied = fitted(["k", "psi"], table)
     assert [finding.code for finding in tied.findings] == ["parameters_are_tied", "fix_parameter"]
-    assert tied.findings[0].numbers == {"parameters": ["psi", "scale"], "determined": ["psi/scale"]}
+    assert (tied.findings[0].about, tied.findings[0].numbers) == ("psi, scale", {"determined": ["psi/scale"]})
 
 
 def test_speed_and_mass_by_row():
@@ -404,7 +404,7 @@ def test_samples_hold_for_other_tests_and_know_their_angles():
     rows = {"angle [deg]": TO_60, "erosion [-]": np.array([3.0, 5.2, 5.9, 5.5, 4.4, 3.1])}
     in_own_units = erosion.calibrate(
         erosion.FitProblem("linearized", PULLED, rows, free=["k", "psi"]), starts=2
-    ).rows_of_draws()
+    ).joint_samples()
     assert [*in_own_units.columns] == ["k"]
     shape = {**rows, "erosion [-]": np.array([3.0, 5.2, 5.9, 5.5, 4.4, 3.1])}
     sized = _uncertain(erosion.calibrate(erosion.FitProblem("rotating", PULLED, shape, free=["k", "r"]), starts=2))
@@ -415,7 +415,7 @@ def test_samples_hold_for_other_tests_and_know_their_angles():
     volume = np.asarray(erosion.impact("rotating", PULLED.replace(alpha=np.deg2rad(TO_60))).volume)
     data = {"angle [deg]": TO_60, "volume [in^3]": volume * np.array([1.01, 0.98, 1.02, 1, 0.99, 1])}
     of_jet = erosion.calibrate(erosion.FitProblem("rotating", PULLED, data, free=["k", "r"]), starts=2)
-    assert [*of_jet.rows_of_draws().columns] == ["k", "r"]
+    assert [*of_jet.joint_samples().columns] == ["k", "r"]
     # An advice has another particle, of which predictions hold what the tests had.
     advised = _uncertain(of_jet)
     assert advised is not None
@@ -423,7 +423,7 @@ def test_samples_hold_for_other_tests_and_know_their_angles():
     rows["erosion [-]"] = 2 * rows["erosion [-]"]
     of_amount = erosion.calibrate(erosion.FitProblem("linearized", PULLED, rows, free=["psi"]), starts=2)
     with pytest.raises(SamplingError, match="decides no parameter of an impact"):
-        of_amount.rows_of_draws()
+        of_amount.joint_samples()
     assert "uncertain" not in to_case(of_amount)
 
 

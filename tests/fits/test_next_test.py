@@ -80,11 +80,13 @@ def test_the_posterior_with_the_next_test_is_as_narrow_as_was_said():
     before = problems.drawn("linearized", TABLE_1, data, ["k", "psi"], **options)
     asked = {"alpha": np.deg2rad(40.0)}
     answer = next_test(before, {"alpha": np.deg2rad([30.0, 40.0, 50.0])}, for_prediction=asked)
-    row = {"angle [deg]": 40.0, "volume [in^3]": before.predict(asked["alpha"]).mean(),
+    row = {"angle [deg]": 40.0, "volume [in^3]": before.predictor.draw(asked["alpha"]).mean(),
            "uncertainty [in^3]": data["uncertainty [in^3]"][0]}  # fmt: skip
     more = {name: np.append(column, row[name]) for name, column in data.items()}
     after = problems.drawn("linearized", TABLE_1, more, ["k", "psi"], **options)
-    ratio = after.predict(asked["alpha"], count=2000).std() / before.predict(asked["alpha"], count=2000).std()
+    ratio = (
+        after.predictor.draw(asked["alpha"], count=2000).std() / before.predictor.draw(asked["alpha"], count=2000).std()
+    )
     assert 1 - answer.prediction[1] == pytest.approx(ratio, rel=0.1)
     thetas = [float(np.log(fit.samples[name]).std()) for fit in (before, after) for name in ("k", "psi")]
     assert 1 - answer.parameters[1] == pytest.approx((thetas[2] / thetas[0] + thetas[3] / thetas[1]) / 2, rel=0.1)
@@ -194,7 +196,7 @@ def test_a_condition_that_makes_no_sense_is_refused_wherever_it_is_asked_for(dra
     fit = calibrate(FitProblem("linearized", TABLE_1, drawn.data, ["psi"]))
     for ask in (
         lambda: next_test(drawn, {"alpha": alpha, **at}),
-        lambda: drawn.predict(alpha, at),
+        lambda: drawn.predictor.draw(alpha, at),
         lambda: drawn.ends(alpha, at),
         lambda: predict(fit, alpha, at),
         lambda: fit.curve(alpha, at),
@@ -215,26 +217,24 @@ def test_a_ranking_is_refused_where_fits_are_asked_for(drawn):
 
 
 def test_conditions_broadcast_with_angles(drawn):
-    both = drawn.predict([[0.3], [0.5]], {"v0": [3000.0, 4000.0]}, 5)
+    both = drawn.predictor.draw([[0.3], [0.5]], {"v0": [3000.0, 4000.0]}, 5)
     assert both.shape == (5, 2, 2)
-    alone = drawn.predict(0.5, {"v0": 3000.0}, 5, discrepancy=False)
-    np.testing.assert_array_equal(
-        drawn.predict([[0.3], [0.5]], {"v0": [3000.0, 4000.0]}, 5, discrepancy=False)[:, 1, 0], alone
-    )
+    alone = drawn.of_model.draw(0.5, {"v0": 3000.0}, 5)
+    np.testing.assert_array_equal(drawn.of_model.draw([[0.3], [0.5]], {"v0": [3000.0, 4000.0]}, 5)[:, 1, 0], alone)
 
 
 def test_an_angle_without_a_prediction_is_not_that_of_the_greatest_erosion(drawn, monkeypatch):
-    predict = Predictor.predict
+    draw = Predictor.draw
 
     def fails_first(self, alpha, *options, **named):
-        curves = predict(self, alpha, *options, **named)
+        curves = draw(self, alpha, *options, **named)
         curves[:, 0] = np.nan
         return curves
 
     expected = next_test(drawn).asked["alpha"]
-    monkeypatch.setattr(Predictor, "predict", fails_first)
+    monkeypatch.setattr(Predictor, "draw", fails_first)
     assert next_test(drawn).asked["alpha"] == expected > np.deg2rad(10.0)
-    monkeypatch.setattr(Predictor, "predict", lambda self, alpha, *options: np.full((3, len(alpha)), np.nan))
+    monkeypatch.setattr(Predictor, "draw", lambda self, alpha, *options: np.full((3, len(alpha)), np.nan))
     with pytest.raises(ValueError, match="`for_prediction` must give an angle"):
         next_test(drawn)
 

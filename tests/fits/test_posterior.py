@@ -115,7 +115,7 @@ def test_a_file_has_arvizs_layout(result, tmp_path):
         np.testing.assert_array_equal(tree["constant_data"]["alpha"], data.angle)
         assert tree["posterior"].attrs["log_evidence"] == pytest.approx(result.log_evidence)
         assert tree["observed_data"]["erosion"].attrs["units"] == "in^3"
-        squares = ((data.erosion - result.predict(data.angle, count=800, discrepancy=False)) / data.uncertainty) ** 2
+        squares = ((data.erosion - result.of_model.draw(data.angle, count=800)) / data.uncertainty) ** 2
         logs = -0.5 * squares.sum(axis=1) - np.log(data.uncertainty * np.sqrt(2 * np.pi)).sum()
         np.testing.assert_allclose(np.ravel(tree["sample_stats"]["log_likelihood"]), logs, rtol=1e-9)
     with pytest.raises(ValueError, match=r"must end in \.nc"):
@@ -128,15 +128,14 @@ def erosion_at(model, p, alpha):
 
 def test_curves_and_best_angles_are_those_of_the_draws(result):
     angles = np.deg2rad([[10.0, 30.0]])
-    curves = result.predict(angles, count=50, discrepancy=False)
+    curves = result.of_model.draw(angles, count=50)
     assert curves.shape == (50, 1, 2)
     model, p = result.cases(50)
     np.testing.assert_allclose(curves[:, 0, 1], erosion_at(model, p, angles[0, 1]), rtol=1e-5)
-    noisy = result.predict(angles, count=800, noise=True, discrepancy=False)
-    noisy = noisy - result.predict(angles, count=800, discrepancy=False)
+    noisy = result.of_model.draw(angles, count=800, noise=True)
+    noisy = noisy - result.of_model.draw(angles, count=800)
     assert noisy.std() == pytest.approx(result.data.uncertainty[0], rel=0.1)
-    assert result.derive(lambda model, p: erosion_at(model, p, 0.3), count=50).shape == (50,)
-    twice = result.predict(angles, {"v0": 2 * float(TABLE_1.v0)}, count=50, discrepancy=False)
+    twice = result.of_model.draw(angles, {"v0": 2 * float(TABLE_1.v0)}, count=50)
     np.testing.assert_allclose(twice, 4 * curves, rtol=1e-5)
     best = result.alpha_max(100, discrepancy=False)
     np.testing.assert_allclose(best.to_dict()["alpha"], np.arctan(result.some(100)["k"]) / 2, rtol=1e-6)

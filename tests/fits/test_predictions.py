@@ -131,14 +131,14 @@ def test_beyond_the_tested_angles_the_discrepancy_counts_alone():
     kept = {name: {"values": part, "log_evidence": 0.0, "weight": weight}
             for name, (part, weight) in ways.items()}  # fmt: skip
     alpha, predictor = np.deg2rad([15.0, 50.0, 10.0, 55.0]), predictor_of(problem, kept, 0)
-    curves = predictor.predict(alpha, {"v0": V0}, 200)
+    curves = predictor.draw(alpha, {"v0": V0}, 200)
     of_model = erosion.impact(
         "linearized", TABLE_1.replace(alpha=alpha, **{name: part[0] for name, part in alone.items()})
     )
     is_of_model = np.isclose(curves, of_model.volume, rtol=1e-5).mean(axis=0)
     np.testing.assert_allclose(is_of_model, [0.9, 0.9, 0.0, 0.0], atol=0.01)
     # No curve jumps at the last tested angle.
-    inside, beside = predictor.predict(np.deg2rad([50.0, 50.0 + 1e-7]), {"v0": V0}, 200).T
+    inside, beside = predictor.draw(np.deg2rad([50.0, 50.0 + 1e-7]), {"v0": V0}, 200).T
     np.testing.assert_allclose(beside, inside, rtol=2e-3)
 
 
@@ -172,7 +172,7 @@ def missed() -> Posterior:
 def test_a_model_that_misses_predicts_with_wide_intervals(missed):
     degrees = np.array([15.0, 35.0, 55.0, 75.0])
     true = 8e-5 * np.sin(np.deg2rad(2 * degrees)) ** 0.6
-    curves, alone = (missed.predict(np.deg2rad(degrees), {"v0": V0}, discrepancy=way) for way in (True, False))
+    curves, alone = (each.draw(np.deg2rad(degrees), {"v0": V0}) for each in (missed.predictor, missed.of_model))
     low, high = np.quantile(curves, [0.025, 0.975], axis=0)
     assert ((low < true) & (true < high)).all()
     low, high = np.quantile(alone, [0.025, 0.975], axis=0)
@@ -184,9 +184,9 @@ def test_a_model_that_misses_predicts_with_wide_intervals(missed):
     assert low < np.deg2rad(45.0) < high  # of the law
     assert np.ptp(np.quantile(best.of_model, [0.025, 0.975])) < (high - low) / 2
     assert "discrepancy" in str(best)
-    faster = missed.predict(np.deg2rad(degrees), {"v0": 2 * V0}) / (4 * true)
+    faster = missed.predictor.draw(np.deg2rad(degrees), {"v0": 2 * V0}) / (4 * true)
     assert (faster.std(axis=0) > curves.std(axis=0) / true).all()
-    noisy = missed.predict(np.deg2rad(degrees), {"v0": V0}, 2000, noise=ErrorModel(2e-5))
+    noisy = missed.predictor.draw(np.deg2rad(degrees), {"v0": V0}, 2000, noise=ErrorModel(2e-5))
     assert noisy.std() > 2e-5
 
 
@@ -194,10 +194,10 @@ def test_predictions_are_kept_in_the_file_of_draws(missed, tmp_path):
     path = missed.save(tmp_path / "draws.nc")
     again = read_predictor(path)
     asked = np.deg2rad([20.0, 70.0]), {"v0": np.array([V0, 1.5 * V0])}
-    np.testing.assert_allclose(again.predict(*asked, noise=True), missed.predict(*asked, noise=True), rtol=1e-9)
+    np.testing.assert_allclose(again.draw(*asked, noise=True), missed.predictor.draw(*asked, noise=True), rtol=1e-9)
     assert again.weights == missed.predictor.weights
     draws = read_draws(path, QUANTITIES, TABLE_1.units)
-    assert draws.rows.tested == missed.rows_of_draws().tested == {name: pytest.approx(ends) for name, ends in {
+    assert draws.rows.tested == missed.joint_samples().tested == {name: pytest.approx(ends) for name, ends in {
         "alpha": np.deg2rad((10.0, 85.0)), "v0": (0.6 * V0 * 0.0254, V0 * 0.0254), "m": 2 * (float(TABLE_1.to("si").m),)
     }.items()}  # fmt: skip
     assert draws.findings == missed.doubts != ()
@@ -220,7 +220,7 @@ def test_what_rows_of_a_speed_share_is_kept_and_is_in_a_new_weighing(tmp_path):
     again = read_predictor(drawn.save(tmp_path / "draws.nc"))
     np.testing.assert_array_equal(again.data.speeds, drawn.data.speeds)
     assert again.data.error == error
-    np.testing.assert_allclose(again.predict(*asked, noise=True), drawn.predict(*asked, noise=True), rtol=1e-9)
+    np.testing.assert_allclose(again.draw(*asked, noise=True), drawn.predictor.draw(*asked, noise=True), rtol=1e-9)
     data = drawn.data
     np.testing.assert_allclose(again.row_errors, np.hypot(data.deviation, 0.1 * data.erosion))
     # Alone it leaves a row's own error to the data.

@@ -79,7 +79,7 @@ def test_an_exponent_that_is_held_is_not_known(tests):
         erosion.FitProblem("linearized-deformation-exponent", P, rows, ["k", "psi", "energy_ratio"]), draws=125
     )
     assert drawn.predictor.exponent == pytest.approx((2.4, 0.25), abs=0.06)  # in one way of three it is as held
-    far = drawn.predict(np.deg2rad([30]), {"v0": 196.0})
+    far = drawn.predictor.draw(np.deg2rad([30]), {"v0": 196.0})
     assert far.std() / far.mean() > 0.3
     way = drawn.predictor.ways["exponent"]
     near, far = way.misfit.mean(way.values, {"alpha": np.full(2, 0.5), "v0": np.array([60.0, 196.0])}).T
@@ -98,5 +98,5 @@ def test_predictions_have_one_exponent(tests):
     assert drawn.prior_in_words("speed_exponent").startswith("normal(2.4, 0.3)")
     assert [*drawn.predictor.ways] == ["model", "discrepancy"]
     assert drawn.predictor.exponent is None
-    far = drawn.predict(np.deg2rad(30), {"v0": [98.0, 196.0]}, discrepancy=False)
+    far = drawn.of_model.draw(np.deg2rad(30), {"v0": [98.0, 196.0]})
     assert np.log2(far[:, 1] / far[:, 0]).mean() == pytest.approx(drawn.means["speed_exponent"], abs=0.02)

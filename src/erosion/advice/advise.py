@@ -135,7 +135,7 @@ def _uncertain(uncertain: JointLaw | JointSamples | Mapping[str, Any] | Fit | No
     if not isinstance(uncertain, Fit):
         return None if uncertain is None else Uncertain(joint_law(uncertain, "uncertain"))
     predictor = None if uncertain.data.free_scale else uncertain.predictor
-    return Uncertain(joint_law(uncertain.rows_of_draws()), predictor=predictor).of_metal({"": uncertain.problem.model})
+    return Uncertain(joint_law(uncertain.joint_samples()), predictor=predictor).of_metal({"": uncertain.problem.model})
 
 
 def compared_with(other: str | Particle | None, grit: Particle | None, metal: Target | None) -> Particle | None:
@@ -272,7 +272,7 @@ class _Jet:
                    and not np.isclose(value, getattr(problem.p, key), rtol=_ROUNDING)}  # fmt: skip
         asked = {key: float(getattr(self._p.to(problem.p.units), key)) for key in ("v0", "m")} | changed
         asked = {key: value for key, value in asked.items() if key not in problem.names}
-        single = predictor.predict(ANGLES, asked, _CURVES) * predictor.to_specific_volume(float(self._p.to("si").m))
+        single = predictor.draw(ANGLES, asked, _CURVES) * predictor.to_specific_volume(float(self._p.to("si").m))
         if FRACTION not in problem.names:
             single = single * per_mass.cutting_fraction / problem.cutting_fraction
         erosion = self._spread(model, single, predictor)

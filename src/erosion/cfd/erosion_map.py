@@ -398,7 +398,7 @@ def erosion_map(
         correlation: of the normal scores of `laws`, by pairs; see `JointLaw`.
         samples: see `stream`.
         uncertain: laws of what is one number for all impacts but not known, {"k": scipy.stats.norm(2, 0.1)},
-            "cutting_fraction" too, or `posterior.rows_of_draws()`. What it does to the wear does not average out over
+            "cutting_fraction" too, or `posterior.joint_samples()`. What it does to the wear does not average out over
             impacts.
         draws: of what is uncertain; for each all impacts are computed. 64 know an error to 9 %.
         cutting_fraction: the share of the particles that cut, by which volumes are multiplied.

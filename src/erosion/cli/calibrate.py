@@ -240,7 +240,7 @@ def write_case(
     findings = ranking.findings_of_best
     with user_errors(lazy.CalibrationError):
         try:
-            (ranking.best if drawn is None else drawn[0].best).rows_of_draws()
+            (ranking.best if drawn is None else drawn[0].best).joint_samples()
             samples = ranking.best.save(path.with_suffix(".nc"), findings) if drawn is None else drawn[1]
         except lazy.SamplingError:
             samples = None
@@ -383,12 +383,11 @@ class GivenFit:
         self.data = section.get("data", "rows.csv")
         if not isinstance(self.data, str):
             raise InputError(f"{case.case}: field `data` of [advise] must be a path, but is {briefly(self.data)}.")
-        # That the tests were in units of their own, for example.
-        self.doubts = () if doubt is None else (doubt,)
-        self.said = "" if doubt is None else doubt.text
         # Without laws in the options those of the case file, with their correlation.
         of_file = self._section if options.uncertain is None else {}
         self._counts = "uncertain" in of_file
+        # The file of samples has what is doubtful in the fit, too.
+        self.doubts = () if doubt is None or self._counts else (doubt,)
         laws = LawOptions(uncertain=options.uncertain)
         self._laws = laws.with_section(of_file, f"{case.case}: field `{{}}` of [advise]", case)
         self.files = self._laws.files
@@ -540,7 +539,7 @@ def advise(
         ]  # of the file's tests, which may be those of the draws
         of_draws = [doubt for part in draws for chosen in models.values()
                     for doubt in (*part.doubts(chosen, advice.p, advice.per_mass.cutting_fraction),
-                                  *part.of_fit(fit.said))
+                                  *part.of_fit())
                     if (doubt.code, doubt.numbers) not in told]  # fmt: skip
         weighed = advice.weighed or fit.weighed if uncertain else None
         speed = {"speed": lazy.QUANTITIES["v0"].in_words(float(p.to("si").v0), "si")}

@@ -93,7 +93,7 @@ class Fit(Result):
         tied = {name for group in self.groups if SCALE in group.names for name in group.names} - {SCALE}
         return tuple(name for name in self.problem.names if name in tied)
 
-    def rows_of_draws(self) -> JointSamples:
+    def joint_samples(self) -> JointSamples:
         """The samples, drawn together, for `uncertain` of `erosion.stream`, `erosion.erosion_map` and `erosion.advise`.
 
         It has the parameters of an impact, and "cutting_fraction" if that was fitted: a map takes it, a stream does

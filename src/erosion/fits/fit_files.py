@@ -97,11 +97,11 @@ class Draws:
         """A `ValueError` where a plug-in computes something else than when the draws were made."""
         _require_same_equations(self.path, self.equations, model, self.p)
 
-    def of_fit(self, but: str = "") -> list[Finding]:
-        """What was doubtful in the fit, with this file named, without what a text has already."""
-        left = [finding for finding in self.findings if finding.text not in but]
-        abouts = [f"{finding.about} ({self.path})" if finding.about else str(self.path) for finding in left]
-        return [dataclasses.replace(finding, about=about) for finding, about in zip(left, abouts, strict=True)]
+    def of_fit(self) -> list[Finding]:
+        """What was doubtful in the fit, with this file named."""
+        abouts = [f"{finding.about} ({self.path})" if finding.about else str(self.path) for finding in self.findings]
+        return [dataclasses.replace(finding, about=about)
+                for finding, about in zip(self.findings, abouts, strict=True)]  # fmt: skip
 
     def doubts(self, model: CuttingModel, p: Parameters, cutting_fraction: float) -> list[Finding]:
         """Findings on what an impact has otherwise than the fit and its tests."""

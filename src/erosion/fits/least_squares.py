@@ -47,10 +47,12 @@ class Group(NamedTuple):
     @property
     def finding(self) -> Finding:
         """What the data leave open."""
+        about = ", ".join(self.names)
         if len(self.names) == 1:
-            return Finding("parameter_has_no_influence", self.names[0])
-        numbers = {"parameters": self.names, "determined": self.determined}
-        return Finding("parameters_are_tied" if self.determined else "parameters_are_tied_completely", "", numbers)
+            return Finding("parameter_has_no_influence", about)
+        if not self.determined:
+            return Finding("parameters_are_tied_completely", about)
+        return Finding("parameters_are_tied", about, {"determined": self.determined})
 
 
 @dataclasses.dataclass(frozen=True)

@@ -358,7 +358,7 @@ def _conditions(
     at = given.pop("alpha", None)
     if at is None:
         tested = np.deg2rad(tested_degrees(fit.data))
-        curves = fit.predictor.predict(tested, {**usual, **given})
+        curves = fit.predictor.draw(tested, {**usual, **given})
         works = np.isfinite(curves).any(axis=0)
         if not works.any():
             raise ValueError("Argument `for_prediction` must give an angle, because no tested one has a prediction.")

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from erosion.fits.likelihood import (
     sampled_quantities,
 )
 from erosion.fits.predicted import ANGLES, BestAngles, highest
-from erosion.fits.prediction import Noise, Predictor, make_predictor, of_model
+from erosion.fits.prediction import Predictor, by_parameters, make_predictor
 from erosion.fits.problem import OF_ERROR, FitProblem
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
 from erosion.impacts.batch import impact
@@ -177,7 +177,7 @@ class Posterior(Fit):
     def doubts(self) -> tuple[Finding, ...]:
         """The findings but for those on the draws."""
         said = [one for group in self.groups
-                for one in (group.finding, Finding("draws_of_prior", "", {"parameters": group.names}))]  # fmt: skip
+                for one in (group.finding, Finding("draws_of_prior", ", ".join(group.names)))]  # fmt: skip
         shares = special.ndtr(self.run.points)
         below, above = (shares < _END).mean(axis=(0, 1)), (shares > 1 - _END).mean(axis=(0, 1))
         for name, low, high in zip(self.names, below, above, strict=True):
@@ -214,47 +214,18 @@ class Posterior(Fit):
         of_impact = self.likelihood.problem.of_impact
         return with_values(self.model, self.p, {name: self.some(count)[name] for name in of_impact})
 
-    def derive(self, function: Callable[[CuttingModel, Parameters], Any], count: int = _SOME) -> Any:
-        """A function of model and case at draws; it gets arrays of shape (count,): see `cases`."""
-        return function(*self.cases(count))
-
     def alpha_max(self, count: int = _SOME, *, discrepancy: bool = True) -> BestAngles:
-        """The angle of greatest removal at draws, at the speed and the mass of most rows; arguments as of `predict`."""
-        model, p = self.cases(count)
-        optimum = alpha_max(model, dataclasses.replace(p, **self._of_model.usual))  # pyrefly: ignore
-        if not (discrepancy and self.discrepancy):
-            return BestAngles(optimum)
-        return BestAngles(optimum, highest(self.predict(ANGLES, count=count)), self.predictor.parts)
-
-    def predict(
-        self,
-        alpha: Any,
-        at: Mapping[str, Any] | None = None,
-        count: int = _SOME,
-        *,
-        noise: Noise = False,
-        discrepancy: bool = True,
-    ) -> np.ndarray:
-        """The erosion at angles, also where the model misses: see `erosion.fits.prediction`.
+        """The angle of greatest removal at draws, at the speed and the mass of most rows.
 
         Args:
-            alpha: α [rad], of any shape.
-            at: other parameters of the case than the sampled ones, such as {"v0": 60.0}, or arrays. Speed and mass
-                without it are those of most rows, or the case's where the data have none.
             count: number of draws.
-            noise: True for a new measurement, with the data's error or the sampled noise; or another error, a standard
-                deviation [of the data], one for each angle, or an `ErrorModel`. Else the mean of measurements.
-            discrepancy: with what the model may lack, a discrepancy and an exponent of the speed; False for the
-                parameters alone.
-
-        Returns:
-            In `erosion_unit`, draws first and then the shape of `alpha`; over `data.scale.size` in the table's unit.
+            discrepancy: also with what the model may lack.
         """
-        return self.predictor_with(discrepancy).predict(alpha, at, count, noise=noise)
-
-    def predictor_with(self, discrepancy: bool) -> Predictor:
-        """What `predict` asks: `predictor`, or that of the parameters alone."""
-        return self.predictor if discrepancy else self._of_model
+        model, p = self.cases(count)
+        optimum = alpha_max(model, dataclasses.replace(p, **self.of_model.usual))  # pyrefly: ignore
+        if not (discrepancy and self.discrepancy):
+            return BestAngles(optimum)
+        return BestAngles(optimum, highest(self.predictor.draw(ANGLES, count=count)), self.predictor.parts)
 
     @functools.cached_property
     def predictor(self) -> Predictor:
@@ -264,7 +235,7 @@ class Posterior(Fit):
     def prepared(self, progress: Progress) -> Predictor:
         """The same, with the progress told."""
         if "predictor" not in vars(self):
-            alone = self._of_model
+            alone = self.of_model
             vars(self)["predictor"] = (
                 make_predictor(self.likelihood, self.likeliest, self.seed, progress, alone.ways["model"])
                 if self.discrepancy
@@ -273,13 +244,14 @@ class Posterior(Fit):
         return vars(self)["predictor"]
 
     @functools.cached_property
-    def _of_model(self) -> Predictor:
+    def of_model(self) -> Predictor:
+        """Predictions by the parameters alone, as if the model lacked nothing."""
         values = {name: self.samples[name].values.reshape(-1) for name in self.names}
-        return of_model(self.likelihood, values, self.run.mean_log_evidence, self.seed)
+        return by_parameters(self.likelihood, values, self.run.mean_log_evidence, self.seed)
 
     def ends(self, alpha: Any, at: Mapping[str, Any] | None = None, count: int = _SOME) -> np.ndarray:
-        """How the cuts end at angles, for draws of the parameters; arguments and shape as of `predict`."""
-        asked = self._of_model.question(alpha, at)
+        """How the cuts end at angles, for draws of the parameters; arguments and shape as of `Predictor.draw`."""
+        asked = self.of_model.question(alpha, at)
         draws, of_impact = self.some(count), self.likelihood.problem.of_impact
         model, p = with_values(self.model, self.p, {name: draws[name][:, None] for name in of_impact})
         shape, flat = asked["alpha"].shape, {name: column.ravel() for name, column in asked.items()}

@@ -139,10 +139,22 @@ class Predictor(Result):
         draws = np.concatenate(draws)
         return float(draws.mean()), float(draws.std())
 
-    def predict(
+    def draw(
         self, alpha: Any, at: Mapping[str, Any] | None = None, count: int = _SOME, *, noise: Noise = False
     ) -> np.ndarray:
-        """Draws of the erosion; see `Posterior.predict`."""
+        """Draws of the erosion at angles.
+
+        Args:
+            alpha: α [rad], of any shape.
+            at: other parameters of the case than the sampled ones, such as {"v0": 60.0}, or arrays. Speed and mass
+                without it are those of most rows, or the case's where the data have none.
+            count: number of draws.
+            noise: True for a new measurement, with the data's error or the sampled noise; or another error, a standard
+                deviation [of the data], one for each angle, or an `ErrorModel`. Else the mean of measurements.
+
+        Returns:
+            In the unit of the data, draws first and then the shape of `alpha`.
+        """
         if noise is False:
             return self._means(alpha, at, count)[0]
         means, deviation = self.with_errors(alpha, at, count, noise=noise)
@@ -151,7 +163,7 @@ class Predictor(Result):
     def with_errors(
         self, alpha: Any, at: Mapping[str, Any] | None = None, count: int = _SOME, *, noise: Noise = True
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Draws of the mean, and the standard deviation of a new weighing about each; arguments as of `predict`."""
+        """Draws of the mean, and the standard deviation of a new weighing about each; arguments as of `draw`."""
         means, ways = self._means(alpha, at, count)
         own, common = self._errors(means.reshape(len(means), -1), ways, noise)
         return means, np.hypot(own, common).reshape(means.shape)
@@ -199,11 +211,11 @@ class Predictor(Result):
         return last, _some_of(last.values, len(others)), there, np.ix_(others, beyond), share[beyond]
 
     def question(self, alpha: Any, at: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
-        """What is asked, speed and mass among it, as arrays of one shape; arguments as of `predict`."""
+        """What is asked, speed and mass among it, as arrays of one shape; arguments as of `draw`."""
         return self.problem.conditions(alpha, at, self.usual)
 
     def outside(self, alpha: Any, at: Mapping[str, Any] | None = None) -> tuple[Finding, ...]:
-        """How far a question lies outside the tests; arguments as of `predict`."""
+        """How far a question lies outside the tests; arguments as of `draw`."""
         given = {name: getattr(self.problem.p, name) for name in self.problem.tested.ranges}
         return tuple(self.problem.tested.outside(given | self.question(alpha, at), self.data.units))
 
@@ -281,7 +293,9 @@ def _from_repeats(data: Measurements, residuals: np.ndarray, errors: np.ndarray)
     return np.where(others > 0, apart, 0.0)
 
 
-def of_model(likelihood: Likelihood, values: Mapping[str, np.ndarray], log_evidence: float, seed: int) -> Predictor:
+def by_parameters(
+    likelihood: Likelihood, values: Mapping[str, np.ndarray], log_evidence: float, seed: int
+) -> Predictor:
     """Predictions by the parameters alone.
 
     Args:

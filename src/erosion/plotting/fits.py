@@ -94,7 +94,7 @@ def _draw_curves(
         for i, group in enumerate(groups):
             color = _color(rank) if len(groups) == 1 else _color(i, len(groups))
             if rank == 0:
-                curves = fit.predictor.predict(_BAND_ANGLES, group.values, _DRAWS) / scale.size
+                curves = fit.predictor.draw(_BAND_ANGLES, group.values, _DRAWS) / scale.size
                 ends = np.nanquantile(curves, [(1 - level) / 2, (1 + level) / 2], axis=0)
                 ax.fill_between(np.rad2deg(_BAND_ANGLES), *ends, color=color, linewidth=0, alpha=0.3, zorder=3)
             label, width = name if len(groups) == 1 else "", 1.4 if rank else 2.0
@@ -257,7 +257,7 @@ def _draw_means(axes: Sequence[Axes], predictor: Predictor, groups: Sequence[Con
     """The bands and the rows of each group on the first of the axes, the angles below the last, and the legend."""
     fig: Any = axes[0].figure
     (upper, *lower), data = axes, predictor.data
-    curves = [predictor.predict(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
+    curves = [predictor.draw(_BAND_ANGLES, group.values, _DRAWS) for group in groups]
     is_alone, errors, scale = len(groups) == 1, predictor.row_errors, data.scale
     for i, (group, curve, mark) in enumerate(zip(groups, curves, cycle(MARKS), strict=False)):
         look = {"color": _color(i, len(groups)), "fmt": mark, "label": group.label}

@@ -77,7 +77,7 @@ def stream(
         correlation: of the normal scores of `laws`, by pairs: {("v0", "r"): -0.5}; see `JointLaw`.
         samples: arrays of other parameters, by name, whose samples are drawn together.
         uncertain: laws of parameters that are one number for all particles, which is not known exactly, such as those
-            of the metal: `uncertain=posterior.rows_of_draws()`. What they do to the means does not average out; it is
+            of the metal: `uncertain=posterior.joint_samples()`. What they do to the means does not average out; it is
             their `parameter_errors`.
         progress: called with the name of the work, how much of it is done, and how much there is.
         **laws: parameter name, of the case or the model's own, to its law from particle to particle, see
