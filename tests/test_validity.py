@@ -91,6 +91,15 @@ def test_a_table_says_so_too() -> None:
         assert turned.text in result._repr_html_()
 
 
+def test_no_angle_is_the_best_where_the_body_turns_too_far_at_each() -> None:
+    """Between 20° and 30° of k = 1 every cut turns the body by more than 90°."""
+    best = erosion.alpha_max("rotating", P, alpha_range=(np.deg2rad(20), np.deg2rad(30)))
+    (always,) = best.findings
+    assert (str(best.kind), always.code) == ("none", "turned_at_each_angle")
+    assert always.numbers["max_turn"] == pytest.approx(np.pi / 2)
+    assert always.text in str(best)
+
+
 def test_the_share_that_turns_too_far_is_a_number_of_streams_and_maps() -> None:
     of_angle = {"n": 256, "best_angle": False, "sensitivities": False, "alpha": stats.uniform(0.1, 0.4)}
     stream = erosion.stream("rotating", P, **of_angle)

@@ -23,7 +23,7 @@ import numpy as np
 from erosion.arguments import Broadcast, ModelState, PerImpact, as_pair
 from erosion.impacts.batch import PairDerivatives, impact, lanes_of, pair_derivatives
 from erosion.impacts.maxima import in_words, limit_at_zero, over_angles, shallowest
-from erosion.impacts.turn import BEYOND, TurnLimited, check_max_turn, turn_of, turned_beyond, turns
+from erosion.impacts.turn import BEYOND, TURNED, TurnLimited, check_max_turn, turn_of, turned_beyond, turns
 from erosion.models import (
     CuttingModel,
     Events,
@@ -221,12 +221,18 @@ class Optimum(Result):
         return _NO_RATES.get(str(self.kind), "there are no derivatives there")
 
     @property
+    def _turns_always(self) -> np.ndarray:
+        """Whether the body turns further than is allowed at each angle, so that none is the best."""
+        return (np.asarray(self.kind) == "none") & (np.asarray(self.ended_by) == TURNED)
+
+    @property
     def findings(self) -> tuple[Finding, ...]:
-        """Angles that may have been missed, and a body that turns too far."""
+        """Angles that may have been missed, and a body that turns too far: at the best angle, or at each one."""
         turned, many = int(np.sum(self.turned_beyond)), np.ndim(self.turned_beyond) > 0
         numbers = {"turned": turned, "impacts": np.size(self.turned_beyond)}
         return found(
             (not np.all(self.certified), Finding("not_certified")),
+            (np.any(self._turns_always), Finding("turned_at_each_angle", numbers={"max_turn": self.max_turn})),
             (turned, Finding("turned_beyond_in_part", numbers=numbers) if many else Finding("turned_beyond_at_best")),
         )
 
@@ -308,6 +314,8 @@ class Optimum(Result):
         if self.kind == "plateau":
             low, high = (f"{math.degrees(end):.5g}°" for end in (self.low, self.high))
             return f"the same from {low} to {high}"
+        if self.kind == "none":
+            return "the body turns too far at each angle" if self._turns_always else "nothing is removed"
         return {"interior": "dV/dα = 0", "unresolved": "the greatest value that was computed"}.get(str(self.kind), "")
 
 
