@@ -143,7 +143,7 @@ def test_a_page_is_one_of_the_files(shell: Shell, monkeypatch: pytest.MonkeyPatc
     assert f"must end in {', '.join(FORMATS)}, .html." in shell(["map", "none.csv", "-o", "page.doc"], 2).err
     # A page needs what draws pictures, which is known before anything is computed.
     monkeypatch.setattr("erosion.cli.lazy.require_renderer", lambda: (_ for _ in ()).throw(RuntimeError("No screen.")))
-    assert "No screen." in shell(["map", "none.csv", "--surface", "none.stl", "-o", "page.html"], 1).err
+    assert "No screen." in shell(given, 1).err
 
 
 def test_options_are_those_of_the_function() -> None:

@@ -15,9 +15,10 @@ from typing import Any
 import cyclopts
 
 from erosion.cli.calibrate import advise, calibrate
-from erosion.cli.cfd import export, map_
 from erosion.cli.errors import InputError, explain, printable, sentence, spell_out
+from erosion.cli.export import export
 from erosion.cli.lists import exercise, explore, materials, models, report, verify
+from erosion.cli.map import map_
 from erosion.cli.options import OPTIONS, Help
 from erosion.cli.posterior import posterior, predict
 from erosion.cli.run import compare, optimum, run

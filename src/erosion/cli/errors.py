@@ -69,12 +69,19 @@ class InputError(ValueError):
 
 
 @contextlib.contextmanager
-def user_errors(*also: type[Exception], fields: Mapping[str, str] = _NO_FIELDS) -> Iterator[None]:
-    """Errors of what the user gave become `InputError`; Python's arguments are options here, or fields of a file."""
+def input_errors(*kinds: type[Exception], fields: Mapping[str, str] = _NO_FIELDS) -> Iterator[None]:
+    """Errors of these kinds become `InputError`; Python's arguments are options here, or fields of a file."""
     try:
         yield
-    except (ValueError, OSError, *also) as error:
+    except kinds as error:
         raise InputError(as_options(sentence(error), fields)) from error
+
+
+def user_errors(
+    *also: type[Exception], fields: Mapping[str, str] = _NO_FIELDS
+) -> contextlib.AbstractContextManager[None]:
+    """See `input_errors`, of the kinds that what the user gave causes, and others."""
+    return input_errors(ValueError, OSError, *also, fields=fields)
 
 
 def as_options(text: str, fields: Mapping[str, str] = _NO_FIELDS) -> str:

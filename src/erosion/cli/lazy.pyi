@@ -171,9 +171,11 @@ from erosion.streams.stream import StreamInterrupted as StreamInterrupted
 from erosion.streams.stream import StreamOptions as StreamOptions
 from erosion.streams.stream import prepare_stream as prepare_stream
 from erosion.sweeps.boundaries import with_boundaries as with_boundaries
+from erosion.sweeps.grid import Grid as Grid
 from erosion.sweeps.grid import Outputs as Outputs
 from erosion.sweeps.grid import make_grid as make_grid
 from erosion.sweeps.summary import Comparison as Comparison
 from erosion.sweeps.summary import SweepSummary as SweepSummary
+from erosion.sweeps.sweep import SweepJob as SweepJob
 from erosion.sweeps.sweep import compare as compare
 from erosion.sweeps.sweep import prepare_sweep as prepare_sweep

@@ -1,8 +1,8 @@
 """The verbs that list, check and teach, such as `materials`, `models`, `verify`, `exercise`, `report`."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from cyclopts import Parameter
 
@@ -22,7 +22,7 @@ from erosion.cli.options import (
 from erosion.cli.output import Output, PerMassOptions, progress_bar, require_apart, require_outputs
 from erosion.extras import extra
 from erosion.output import briefly
-from erosion.results import Columns, Finding, Scale, Value
+from erosion.results import Columns, Declared, Finding, Scale, Value
 
 _NOTE = (
     "ψ of a target whose flow stress is its Vickers hardness is 2; the others leave ψ as it is. "
@@ -93,8 +93,20 @@ def models(
     """
     with user_errors():
         catalogue = lazy.available_models(path)
-    own = {name: _own(info) for name, info in catalogue.items()}
-    infos = list(catalogue.values())
+    correlations = (
+        f"Correlations of engineers can take the place of a model: {', '.join(lazy.CORRELATIONS)}. "
+        'Some have a table of targets: "dnv:duplex".'
+    )
+    exponent = '"-exponent" behind a name multiplies its volumes by (v₀/100 m/s)^(n - 2), n = speed_exponent.'
+    Output("models", json=json).present("", _listed(catalogue), sentences=[exponent, correlations])
+    broken = [name for name, info in catalogue.items() if info.error]
+    if broken:
+        raise RuntimeError(f"{len(broken)} of {len(catalogue)} models cannot be used.")
+
+
+def _listed(catalogue: "Mapping[str, lazy.ModelInfo]") -> list[Declared]:
+    """A record of each model, and its lines in a table: what it says, and its own parameters."""
+    own, infos = {name: _own(info) for name, info in catalogue.items()}, list(catalogue.values())
     described = [
         Value("name", [*catalogue]),
         *(Value(key, [getattr(info, key) for info in infos]) for key in ("summary", "equations", "error")),
@@ -108,19 +120,10 @@ def models(
             rows.append(("", f"{parameter} = {its['value']:g}{meaning}"))
     names, texts = map(list, zip(*rows, strict=True))
     shown = [Value("model", names), Value("text", texts, "what it says, and the source's equations")]
-    correlations = (
-        f"Correlations of engineers can take the place of a model: {', '.join(lazy.CORRELATIONS)}. "
-        'Some have a table of targets: "dnv:duplex".'
-    )
-    exponent = '"-exponent" behind a name multiplies its volumes by (v₀/100 m/s)^(n - 2), n = speed_exponent.'
-    listed = [
+    return [
         Columns("models", "", described, keyed=True, only="data"),
         Columns("lines", "", shown, only="table"),
     ]
-    Output("models", json=json).present("", listed, sentences=[exponent, correlations])
-    broken = [name for name, info in catalogue.items() if info.error]
-    if broken:
-        raise RuntimeError(f"{len(broken)} of {len(catalogue)} models cannot be used.")
 
 
 def _own(info: "lazy.ModelInfo") -> dict[str, dict[str, Any]]:
@@ -201,38 +204,62 @@ def exercise(
     best angle by Newton's method, and where that method fails.
     """
     options = with_file(case, file)
+    keys = _answer_keys(options, course, students, seed)
+    title = options.title(options.system)
+    notebooks = [
+        *_notebooks(output, keys, title),
+        *([] if solved is None else _notebooks(solved, keys, title, is_solved=True)),
+    ]
+    require_outputs(*(each.path for each in notebooks), answers, inputs=(options.case, students))
+    with user_errors():
+        for each in notebooks:
+            each.write()
+        if answers is not None:
+            with progress_bar("solving the tasks") as progress:
+                lazy.write_whole(answers, lazy.answers_table(keys, progress=progress).encode())
+    for each in notebooks:
+        print(each)
+    if answers is not None:
+        print(f"{answers.resolve()}: the answers")
+
+
+class _Notebook(NamedTuple):
+    """A notebook of tasks, of one student, or for the teacher with the solutions."""
+
+    path: Path
+    key: "lazy.AnswerKey"
+    title: str
+    is_solved: bool
+
+    def write(self) -> None:
+        """Write it."""
+        lazy.write_whole(self.path, lazy.notebook(self.key, title=self.title, solved=self.is_solved).encode())
+
+    def __str__(self) -> str:
+        holds = "the same with solutions" if self.is_solved else f"{len(self.key.tasks)} tasks about {self.title}"
+        return f"{self.path.resolve()}: {holds}"
+
+
+def _answer_keys(
+    options: CaseOptions, course: str, students: Path | None, seed: int | None
+) -> "dict[str, lazy.AnswerKey]":
+    """The tasks and answers of each student; those of "" where there are no students."""
     p = options.parameters()
-    title = options.title(p.units)
     with user_errors():
         names = [""] if students is None else lazy.read_students(students)
         cases = dict.fromkeys(names, p)
         if students is not None or seed is not None:
             cases = {name: lazy.drawn_case(p, name, seed=seed or 0, kept=options.given()) for name in names}
-        keys = {name: lazy.AnswerKey(drawn, course) for name, drawn in cases.items()}
-    handed_out, for_teacher = _each(output, names), {} if solved is None else _each(solved, names)
-    require_outputs(*handed_out.values(), *for_teacher.values(), answers, inputs=(options.case, students))
-
-    with user_errors():
-        for name, key in keys.items():
-            called = ", ".join(filter(None, (title, name)))
-            lazy.write_whole(handed_out[name], lazy.notebook(key, title=called).encode())
-            if solved is not None:
-                lazy.write_whole(for_teacher[name], lazy.notebook(key, title=called, solved=True).encode())
-        if answers is not None:
-            with progress_bar("solving the tasks") as progress:
-                lazy.write_whole(answers, lazy.answers_table(keys, progress=progress).encode())
-    count = len(keys[names[0]].tasks)
-    for name, path in handed_out.items():
-        print(f"{path.resolve()}: {count} tasks about {', '.join(filter(None, (title, name)))}")
-    for path in for_teacher.values():
-        print(f"{path.resolve()}: the same with solutions")
-    if answers is not None:
-        print(f"{answers.resolve()}: the answers")
+        return {name: lazy.AnswerKey(drawn, course) for name, drawn in cases.items()}
 
 
-def _each(path: Path, students: list[str]) -> dict[str, Path]:
-    """A file for each student: "tasks-ada.ipynb"; the path itself for one without a name."""
-    return {name: path.with_stem(f"{path.stem}-{name}") if name else path for name in students}
+def _notebooks(
+    path: Path, keys: "Mapping[str, lazy.AnswerKey]", title: str, *, is_solved: bool = False
+) -> Iterator[_Notebook]:
+    """A notebook of each student: "tasks-ada.ipynb"; of the path itself for one without a name."""
+    for name, key in keys.items():
+        of_student = path.with_stem(f"{path.stem}-{name}") if name else path
+        yield _Notebook(of_student, key, ", ".join(filter(None, (title, name))), is_solved)
 
 
 _PORT = 8080

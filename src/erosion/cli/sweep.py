@@ -2,13 +2,14 @@
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from erosion.cli import lazy
+from erosion.cli.cluster import ClusterOptions
 from erosion.cli.errors import InputError, reading, user_errors
 from erosion.cli.laws import LAW_FIELDS, LawOptions, case_and_laws
 from erosion.cli.options import (
@@ -33,36 +34,95 @@ from erosion.cli.options import (
     with_model_of_case,
 )
 from erosion.cli.output import Output, PerMassOptions, progress_bar, weighing
-from erosion.extras import extra
 from erosion.parameters import QUANTITIES
 from erosion.results import Finding
 
-
-@contextlib.contextmanager
-def dask_cluster(workers: int | None, scheduler: str | None) -> Iterator[None]:
-    """Work within on the cluster; in this process without either option."""
-    if workers is None and scheduler is None:
-        yield
-        return
-    if workers is not None and scheduler is not None:
-        raise InputError("Give `--workers` or `--scheduler`, but not both.")
-    with extra("dask"):
-        from distributed import Client
-
-    if workers is not None and workers < 1:
-        raise InputError(f"Option `--workers` must be 1 or more, but is {workers}.")
-    with contextlib.ExitStack() as stack:
-        target = scheduler if workers is None else stack.enter_context(lazy.local_cluster(workers))
-        try:
-            client = Client(target)
-        except (OSError, ValueError) as error:
-            raise InputError(f"Option `--scheduler` must be a cluster that answers, not {target} ({error}).") from error
-        stack.enter_context(client)
-        yield
-
-
 _FIELDS = ("model", "paired", "derivatives", "wrt", "optimum", "turn", "set")
 """The fields of [sweep] in a case file, beside parameters."""
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class GridOptions:
+    """Which axes go together, and what is computed of each impact."""
+
+    paired: Annotated[list[str] | None, LISTED, Parameter(help='Axes that go together: "alpha,v0".')] = None
+    derivatives: Annotated[WholeOption, Parameter(help="Also dV/dq (1), and d²V/dq² (2).")] = None
+    wrt: Annotated[str | None, Parameter(help="The parameter q of the derivatives; alpha without it.")] = None
+    optimum: Annotated[bool | None, Parameter(help="Also the best angle, over the other axes.")] = None
+    turn: Annotated[bool | None, Parameter(help="Also how far the body turns.")] = None
+
+    def grid(
+        self, options: CaseOptions, section: Mapping[str, Any], models: Any, own: Sequence[str] | None
+    ) -> "lazy.Grid":
+        """The grid of the options and of the case file; options win.
+
+        Args:
+            options: the case.
+            section: the table [sweep] of its file.
+            models: the name of one model, or those of several.
+            own: the options --set.
+
+        Raises:
+            InputError: one sentence naming the option or the field.
+        """
+        p, axes = _case_and_axes(options, section)
+        values = _own_values(models, options, settings(own, section, f"{options.case}: `set` of [sweep]"))
+        axes |= {name: axis for name, axis in values.items() if axis.ndim}
+        single = {name: float(value) for name, value in values.items() if not value.ndim}
+        several = isinstance(models, list)
+        if not (axes or several):
+            raise InputError('Options must include an axis, such as --alpha "1deg:90deg:90", or several models.')
+        given = {name: value for name, value in dataclasses.asdict(self).items() if value is not None}
+        asked = {name: section[name] for name in _FIELDS[1:-1] if name in section} | given
+        with user_errors(TypeError, fields=options.fields("sweep", section, **dataclasses.asdict(self))):
+            together = given.get("paired") or _listed(options, section, "paired", read_list) or ()
+            outputs = lazy.Outputs(**{name: value for name, value in asked.items() if name != "paired"})
+            # Correlations are those that are made for the target; a single model's own values are the grid's.
+            made = [options.reference(name, as_set=True) for name in models] if several else options.reference(models)
+            return lazy.make_grid(made, p, axes, outputs, paired=together, own=single)
+
+
+@Parameter(name="*")
+@dataclasses.dataclass(frozen=True)
+class StoreOptions:
+    """How a Zarr store is filled."""
+
+    chunks: Annotated[
+        list[str] | None, LISTED, Parameter(help='With out.zarr, sizes of blocks: "alpha=100,v0=200".')
+    ] = None
+    cluster: ClusterOptions | None = None
+
+    def check(self, output: Path) -> None:
+        """Refuse these options without a Zarr store."""
+        is_given = self.chunks is not None or (self.cluster or ClusterOptions()).is_given
+        if is_given and output.suffix != ".zarr":
+            raise InputError(
+                f"Options `--chunks`, `--workers` and `--scheduler` need `--output` to end in .zarr, not {output}."
+            )
+
+    @contextlib.contextmanager
+    def computing(self, grid: "lazy.Grid", path: Path | None) -> Iterator["lazy.SweepJob"]:
+        """A grid to compute within, on the cluster that is asked for.
+
+        Args:
+            grid: what is computed.
+            path: of the store; None for none.
+        """
+        with (self.cluster or ClusterOptions()).connected():
+            with user_errors():
+                job = lazy.prepare_sweep(grid, chunks=self._lengths, store=path)
+            yield job
+
+    @property
+    def _lengths(self) -> dict[str, int] | None:
+        """Lengths by dimension, of "alpha=100"."""
+        if self.chunks is None:
+            return None
+        parts = [item.replace(" ", "").partition("=") for item in self.chunks]
+        if not all(length.isdecimal() for _, _, length in parts):
+            raise ValueError(f'Option `--chunks` must be such as "alpha=100,v0=200", but is {",".join(self.chunks)!r}.')
+        return {dim: int(length) for dim, _, length in parts}
 
 
 def sweep(
@@ -76,18 +136,8 @@ def sweep(
     model: ModelsOption = None,
     own: SetOption = None,
     abrasive: PerMassOptions | None = None,
-    paired: Annotated[list[str] | None, LISTED, Parameter(help='Axes that go together: "alpha,v0".')] = None,
-    derivatives: Annotated[WholeOption, Parameter(help="Also dV/dq (1), and d²V/dq² (2).")] = None,
-    wrt: Annotated[str | None, Parameter(help="The parameter q of the derivatives; alpha without it.")] = None,
-    optimum: Annotated[bool | None, Parameter(help="Also the best angle, over the other axes.")] = None,
-    turn: Annotated[bool | None, Parameter(help="Also how far the body turns.")] = None,
-    chunks: Annotated[
-        list[str] | None, LISTED, Parameter(help='With out.zarr, sizes of blocks: "alpha=100,v0=200".')
-    ] = None,
-    workers: Annotated[WholeOption, Parameter(help="With out.zarr, work in this many processes.")] = None,
-    scheduler: Annotated[
-        str | None, Parameter(help="With out.zarr, work on this Dask cluster: tcp://host:8786.")
-    ] = None,
+    asked: GridOptions | None = None,
+    store: StoreOptions | None = None,
     plot: PlotOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -100,56 +150,36 @@ def sweep(
     A model's own parameters may be axes as well: --set "friction=0:0.4:5".
     A case file gives the same in a table [sweep]; options overrule it.
     """
-    options = with_file(case, file)
+    options, store = with_file(case, file), store or StoreOptions()
+    store.check(output)
     section = with_model_of_case(options.section("sweep", _FIELDS), options, model)
-    if output.suffix != ".zarr" and not (workers is scheduler is chunks is None):
-        raise InputError(
-            f"Options `--chunks`, `--workers` and `--scheduler` need `--output` to end in .zarr, not {output}."
-        )
-    p, axes = _case_and_axes(options, section)
-    chosen = chosen_models(model or _listed(options, section, "model", read_models)) or "linearized"
-    chosen = chosen[0] if isinstance(chosen, list) and len(chosen) == 1 else chosen
+    models = _models(options, section, model)
+    grid = (asked or GridOptions()).grid(options, section, models if len(models) > 1 else models[0], own)
     table = output if output.suffix == ".csv" else None
-    read = chosen if isinstance(chosen, list) else [chosen]
-    printed = Output("sweep", p, options, json=json, plot=plot, files={"table": table}, inputs=read)
-    values = _own_values(chosen, options, settings(own, section, f"{options.case}: `set` of [sweep]"))
-    axes |= {name: axis for name, axis in values.items() if axis.ndim}
-    if not (axes or isinstance(chosen, list)):
-        raise InputError('Options must include an axis, such as --alpha "1deg:90deg:90", or several models.')
-    in_file = options.fields(
-        "sweep", section, paired=paired, derivatives=derivatives, wrt=wrt, optimum=optimum, turn=turn
-    )
-    with user_errors(TypeError, fields=in_file):
-        outputs = lazy.Outputs(
-            derivatives=section.get("derivatives", 0) if derivatives is None else derivatives,
-            wrt=wrt or section.get("wrt", "alpha"),
-            optimum=section.get("optimum", False) if optimum is None else optimum,
-            turn=section.get("turn", False) if turn is None else turn,
-        )
-        together = paired or _listed(options, section, "paired", read_list) or ()
-        # Correlations are those that are made for the target; a single model's own values are the grid's.
-        made: Any = options.reference(chosen) if not isinstance(chosen, list) else [
-            options.reference(name, as_set=True) for name in chosen]  # fmt: skip
-        single = {name: float(value) for name, value in values.items() if not value.ndim}
-        grid = lazy.make_grid(made, p, axes, outputs, paired=together, own=single)
-        if plot is not None:
+    printed = Output("sweep", grid.p, options, json=json, plot=plot, files={"table": table}, inputs=models)
+    if plot is not None:
+        with user_errors():
             lazy.require_drawable(grid.lengths, list(grid.axes))
     # By model, and of a single model by the key "".
     weights = {name if grid.compared else "": weighing(each, abrasive, options) for name, each in grid.loaded().items()}
-    printed.warn(*_sizes_apart(p, grid.axes))
-    with dask_cluster(workers, scheduler), progress_bar("sweep") as progress:
-        with user_errors():
-            job = lazy.prepare_sweep(grid, chunks=_chunks(chunks), store=output if table is None else None)
+    printed.warn(*_sizes_apart(grid.p, grid.axes))
+    with store.computing(grid, output if table is None else None) as job, progress_bar("sweep") as progress:
         dataset = job.run(progress)
     summary = lazy.SweepSummary(dataset, grid.p, weights, output)
-    varied = {name: f"{values.size} values" for name, values in grid.axes.items()}
     printed.save(
         figure=lambda: lazy.plot_sweep(lazy.with_boundaries(grid, dataset)),
-        table=lambda path: lazy.write_csv(dataset, path, p, weights),
+        table=lambda path: lazy.write_csv(dataset, path, grid.p, weights),
     )
+    varied = {name: f"{values.size} values" for name, values in grid.axes.items()}
     printed.show(summary, dict(grid.loaded()), varied=varied)
     if summary.lost == dataset.ended_by.size:
         raise RuntimeError(f"of {summary.lost:,} impacts none could be computed.")
+
+
+def _models(options: CaseOptions, section: Mapping[str, Any], given: list[str] | None) -> list[Any]:
+    """The models of the option, or of the case file."""
+    named = given or _listed(options, section, "model", read_models) or "linearized"
+    return chosen_models(named if isinstance(named, list) else [named])
 
 
 def _sizes_apart(p: "lazy.Parameters", axes: Mapping[str, Any]) -> list[Finding | None]:
@@ -192,20 +222,30 @@ def _own_values(model: Any, options: CaseOptions, given: Settings) -> dict[str, 
     return values
 
 
-def _chunks(items: list[str] | None) -> dict[str, int] | None:
-    """Lengths by dimension, of "alpha=100"."""
-    if items is None:
-        return None
-    parts = [item.replace(" ", "").partition("=") for item in items]
-    if not all(length.isdecimal() for _, _, length in parts):
-        raise ValueError(f'Option `--chunks` must be such as "alpha=100,v0=200", but is {",".join(items)!r}.')
-    return {dim: int(length) for dim, _, length in parts}
-
-
 _NO_LAW = (
     'A stream must have a law of a parameter, an option such as --v0 "normal(110 m/s, 10 m/s)" or the same in the '
     "case's table [stream], but has none."
 )
+
+
+@Parameter(name="*", group=LAWS)
+@dataclasses.dataclass(frozen=True)
+class SampleOptions:
+    """How many particles of a stream are drawn, and how."""
+
+    n: Annotated[WholeOption, Parameter(name="--n", help="Particles: 1e6; a million without it.")] = None
+    seed: Annotated[WholeOption, Parameter(help="The same seed gives the same stream.")] = None
+    points: Annotated[str | None, Parameter(help='"sobol" (scrambled) or "random".')] = None
+
+    def read(self, options: CaseOptions, section: Mapping[str, Any], **more: Any) -> "lazy.StreamOptions":
+        """What the options and the table [stream] of the case file give; options win; `more` is not in the table."""
+        given = {name: value for name, value in dataclasses.asdict(self).items() if value is not None}
+        asked = {name: section[name] for name in ("n", "seed", "points") if name in section} | given
+        if "n" in asked:
+            with reading(f"{options.case}: field `n` of [stream]"):
+                asked["n"] = read_whole(asked["n"])
+        with user_errors(TypeError, fields=options.fields("stream", section, **dataclasses.asdict(self))):
+            return lazy.StreamOptions(**asked, **more)
 
 
 def stream(
@@ -217,9 +257,7 @@ def stream(
     own: SetOption = None,
     joint: LawOptions | None = None,
     abrasive: PerMassOptions | None = None,
-    n: Annotated[WholeOption, Parameter(name="--n", group=LAWS, help="Particles: 1e6; a million without it.")] = None,
-    seed: Annotated[WholeOption, Parameter(group=LAWS, help="The same seed gives the same stream.")] = None,
-    points: Annotated[str | None, Parameter(group=LAWS, help='"sobol" (scrambled) or "random".')] = None,
+    sample: SampleOptions | None = None,
     best_angle: Annotated[bool, Parameter(help="Look for the nozzle's angle that removes most.")] = True,
     output: Annotated[Path | None, output_option("Keep it in this file (.nc), to go on from.", ".nc")] = None,
     plot: PlotOption = None,
@@ -237,24 +275,18 @@ def stream(
     """
     options = with_file(case, file)
     section = options.section("stream", ("model", "n", "seed", "points", "set", *LAW_FIELDS))
+    made = (sample or SampleOptions()).read(options, section, best_angle=best_angle, store=output)
     jet = case_and_laws(options, "stream", section, model, own, joint)
-    with reading(f"{options.case}: field `n` of [stream]"):
-        count = read_whole(section.get("n", 2**20)) if n is None else n
-    number = section.get("seed", 0) if seed is None else seed
-    printed = Output("stream", jet.p, options, json=json, seed=number, plot=plot, inputs=jet.inputs)
-    laws = jet.read_laws()
+    printed = Output("stream", jet.p, options, json=json, seed=made.seed, plot=plot, inputs=jet.inputs)
+    laws, per_mass = jet.read_laws(), weighing(jet.model, abrasive, options)
     if not (laws.varied or laws.uncertain):
         raise InputError(_NO_LAW)
-    with user_errors(TypeError, fields=options.fields("stream", section, n=n, seed=seed, points=points)):
-        made = lazy.StreamOptions(count, number, points or section.get("points", "sobol"), best_angle, store=output)
+    with user_errors(TypeError):
         job = lazy.prepare_stream(jet.model, jet.p, laws.varied, made, laws.uncertain)
-    per_mass = weighing(jet.model, abrasive, options)
     printed.warn(*laws.findings(jet.model, jet.p, per_mass.cutting_fraction))
 
-    def show(result: "lazy.Stream", *, is_complete: bool) -> None:
+    def show(result: "lazy.Stream") -> None:
         result = dataclasses.replace(result, per_mass=per_mass)
-        if is_complete:
-            printed.save(figure=lambda: lazy.plot_stream(result))
         printed.show(result, {jet.name: result.model}, varied=result.laws_in_words())
 
     try:
@@ -262,6 +294,7 @@ def stream(
             computed = job.run(progress)
     except lazy.StreamInterrupted as interrupted:
         if interrupted.partial is not None:
-            show(interrupted.partial, is_complete=False)
+            show(interrupted.partial)
         raise
-    show(computed, is_complete=True)
+    printed.save(figure=lambda: lazy.plot_stream(computed))
+    show(computed)
