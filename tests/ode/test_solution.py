@@ -22,13 +22,21 @@ PROBLEM = ode.Problem(
     {"work": lambda t, y, args: y["v"]},
 )
 ARGS: dict[str, Any] = {"x": 0.0, "v": 1.0, "drag": {"k": 1.0}}
-ONE = ode.solve(PROBLEM, ARGS, t1=9.0, wrt=("v", "drag.k"), derivatives=2, ts=np.array([0.0, 0.1, 5.0]))
-MANY = ode.solve(PROBLEM, ARGS | {"v": np.array([[0.4], [0.6], [3.0]]), "x": np.zeros(2)}, t1=9.0)
 
 
-def test_one_lane_prints_its_numbers():
-    text = str(ONE)
-    cells = {row[0]: row[-1] for row in ONE.rows()}
+@pytest.fixture(scope="module")
+def lane() -> ode.Solution:
+    return ode.solve(PROBLEM, ARGS, t1=9.0, wrt=("v", "drag.k"), derivatives=2, ts=np.array([0.0, 0.1, 5.0]))
+
+
+@pytest.fixture(scope="module")
+def lanes() -> ode.Solution:
+    return ode.solve(PROBLEM, ARGS | {"v": np.array([[0.4], [0.6], [3.0]]), "x": np.zeros(2)}, t1=9.0)
+
+
+def test_one_lane_prints_its_numbers(lane):
+    text = str(lane)
+    cells = {row[0]: row[-1] for row in lane.rows()}
     assert text.startswith("1 lane\n")
     assert cells["ended_by"] == "low"
     assert float(cells["t"]) == pytest.approx(np.log(2))
@@ -43,17 +51,17 @@ def test_one_lane_prints_its_numbers():
     assert orders == sorted(orders)
 
 
-def test_tables_are_narrow_and_have_no_empty_columns():
-    for end in (ONE, MANY):
+def test_tables_are_narrow_and_have_no_empty_columns(lane, lanes):
+    for end in (lane, lanes):
         lines = str(end).splitlines()
         assert max(map(len, lines)) <= 80
         assert "unit" not in lines[2]
         assert all(row[-1] for row in end.rows())
 
 
-def test_many_lanes_print_their_ranges_and_counts():
-    assert str(MANY).startswith("6 lanes\n")
-    cells = {row[0]: row[-1] for row in MANY.rows()}
+def test_many_lanes_print_their_ranges_and_counts(lanes):
+    assert str(lanes).startswith("6 lanes\n")
+    cells = {row[0]: row[-1] for row in lanes.rows()}
     assert cells["ended_by"] == "2 at the wall, 2 low, 2 t1"
     assert cells["t"].startswith("[3, 2]")
     crowd = ode.solve(PROBLEM, ARGS | {"x": np.linspace(0, 2, 20_000)}, t1=9.0)
@@ -63,13 +71,13 @@ def test_many_lanes_print_their_ranges_and_counts():
     assert len(repr(crowd)) < 200
 
 
-def test_repr_and_html():
-    assert repr(ONE).startswith("Solution(low, t=0.693147")
-    assert "<td>d2t_dv_dv</td>" in ONE._repr_html_()
+def test_repr_and_html(lane):
+    assert repr(lane).startswith("Solution(low, t=0.693147")
+    assert "<td>d2t_dv_dv</td>" in lane._repr_html_()
 
 
-def test_to_dict_is_json():
-    content = json.loads(json.dumps(ONE.to_dict()))
+def test_to_dict_is_json(lane, lanes):
+    content = json.loads(json.dumps(lane.to_dict()))
     assert content["ended_by"] == "low"
     assert content["count"] == 1
     assert content["t"] == pytest.approx(np.log(2))
@@ -78,38 +86,38 @@ def test_to_dict_is_json():
     assert content["d2t_dv_dv"] == pytest.approx(-1)
     assert content["time"] == [0.0, 0.1, 5.0]
     assert content["y_v_at"][1] == pytest.approx(np.exp(-0.1))
-    many = json.loads(json.dumps(MANY.to_dict()))
+    many = json.loads(json.dumps(lanes.to_dict()))
     assert np.shape(many["y_place"]) == (3, 2, 3)
     assert many["ended_by"][0] == ["t1", "t1"]
     assert "time" not in many
 
 
-def test_to_dataset_has_all():
-    dataset = ONE.to_dataset()
+def test_to_dataset_has_all(lane, lanes):
+    dataset = lane.to_dataset()
     assert float(dataset["t"]) == pytest.approx(np.log(2))
     assert dataset["ended_by"] == "low"
     assert list(dataset["time"].values) == [0.0, 0.1, 5.0]
     assert dataset["y_place_at"].dims == ("time", "y_place_0")
     assert float(dataset["dt_dv"]) == pytest.approx(1)
     assert float(dataset["d2t_dv_ddrag_k"]) == pytest.approx(-1)
-    many = MANY.to_dataset()
+    many = lanes.to_dataset()
     assert many["y_place"].dims == ("lane_0", "lane_1", "y_place_0")
-    np.testing.assert_array_equal(many["ended_by"], MANY.ended_by)
+    np.testing.assert_array_equal(many["ended_by"], lanes.ended_by)
     assert many["count"].dtype == np.int32
 
 
-def test_a_dataset_says_which_numbers_its_lanes_have(tmp_path):
+def test_a_dataset_says_which_numbers_its_lanes_have(tmp_path, lanes):
     import xarray as xr
 
-    dataset = MANY.to_dataset()
+    dataset = lanes.to_dataset()
     assert set(dataset.coords) == {"x", "v"}
     assert dataset["v"].dims == ("lane_0", "lane_1")
     np.testing.assert_array_equal(dataset["v"], [[0.4, 0.4], [0.6, 0.6], [3.0, 3.0]])
     assert float(dataset["rtol"]) == 1e-9
     assert dataset["events"].dims == ("event",)
     assert list(dataset["events"].values) == ["low", "at the wall"]
-    lines = list(csv.DictReader(MANY.to_csv().splitlines()))
-    ends = zip(dataset["v"].values.flat, MANY.ended_by.flat, strict=True)
+    lines = list(csv.DictReader(lanes.to_csv().splitlines()))
+    ends = zip(dataset["v"].values.flat, lanes.ended_by.flat, strict=True)
     assert [(float(line["v"]), line["ended_by"]) for line in lines] == list(ends)
     decay = ode.Problem({"k": 1.0}, lambda t, y, args: {"k": -args["y"]["k"] * args["y_k"] * y["k"]})
     many = np.array([1.0, 2.0])
@@ -121,13 +129,13 @@ def test_a_dataset_says_which_numbers_its_lanes_have(tmp_path):
         np.testing.assert_array_equal(back["time_"], back["t1"])
 
 
-def test_along_takes_names_in_any_order_and_refuses_others():
-    assert ONE.along("v", "drag.k") is ONE.along("drag.k", "v")
+def test_along_takes_names_in_any_order_and_refuses_others(lane, lanes):
+    assert lane.along("v", "drag.k") is lane.along("drag.k", "v")
     for names in (("x",), ("v", "x"), (), ("v", "v", "v")):
         with pytest.raises(ValueError, match=r"along.*drag\.k"):
-            ONE.along(*names)
+            lane.along(*names)
     with pytest.raises(ValueError, match="none"):
-        MANY.along("v")
+        lanes.along("v")
 
 
 def test_arguments_that_are_a_number_have_a_name_in_print():
@@ -138,20 +146,20 @@ def test_arguments_that_are_a_number_have_a_name_in_print():
     assert "d2y_dargs_dt1" in end.to_dataset()
 
 
-def test_events_are_read_once():
-    assert MANY.events is MANY.events
-    assert MANY.events.name.shape == (3, 2, 1)
-    assert list(MANY.events.name[:, 0, 0]) == ["", "low", "at the wall"]
-    assert MANY.events.y["place"].shape == (3, 2, 1, 3)
-    np.testing.assert_array_equal(MANY.events.t[1:, :, 0], MANY.t[1:])
+def test_events_are_read_once(lanes):
+    assert lanes.events is lanes.events
+    assert lanes.events.name.shape == (3, 2, 1)
+    assert list(lanes.events.name[:, 0, 0]) == ["", "low", "at the wall"]
+    assert lanes.events.y["place"].shape == (3, 2, 1, 3)
+    np.testing.assert_array_equal(lanes.events.t[1:, :, 0], lanes.t[1:])
 
 
-def test_events_and_times_print_in_a_line() -> None:
-    assert repr(MANY.events) == "Passed(2 at the wall, 2 low, t=[3, 2, 1] 0.182322 … 0.405465)"
+def test_events_and_times_print_in_a_line(lane, lanes) -> None:
+    assert repr(lanes.events) == "Passed(2 at the wall, 2 low, t=[3, 2, 1] 0.182322 … 0.405465)"
     assert repr(ode.solve(PROBLEM, ARGS | {"v": 0.1}, t1=1.0).events) == "Passed(no events, t=[0] empty)"
     times = ode.solve(ode.Problem({"x": 1.0}, _growing), {"k": -1.0}, t1=1.0, ts=[0.0, 1.0]).times
     assert repr(times) == "Times(ts=[2] 0 … 1, ys={'x': [2] 0.367879 … 1})"
-    assert "integrals={'work': [3] " in repr(ONE.times)
+    assert "integrals={'work': [3] " in repr(lane.times)
 
 
 def test_derivatives_that_a_root_loses_are_told() -> None:
