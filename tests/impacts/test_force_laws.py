@@ -210,12 +210,11 @@ def _case(p: erosion.Parameters, i: int) -> erosion.Parameters:
 @pytest.mark.parametrize("law", [KinkedTable, Where, Cond, Breaking], ids=lambda law: law.__name__)
 def test_volumes_are_scipys_started_anew_at_the_kinks(law):
     p = random_impacts(3, seed=3)
-    hits = [erosion.impact(model_of(law), p, derivatives=order) for order in (0, 1, 2)]
+    hit = erosion.impact(model_of(law), p)
     for i in range(3):
         volume, ended_by, _ = scipy_cut(model_of(law), _case(p, i), KNOTS_OF[law])
-        for hit in hits:
-            assert hit.ended_by[i] == ended_by
-            assert hit.volume[i] == pytest.approx(volume, rel=2e-8)
+        assert hit.ended_by[i] == ended_by
+        assert hit.volume[i] == pytest.approx(volume, rel=2e-8)
 
 
 @pytest.mark.parametrize("law", [*CONTINUOUS, Breaking], ids=lambda law: law.__name__)
