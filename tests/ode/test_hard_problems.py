@@ -151,6 +151,71 @@ def test_events_at_once_whose_order_matters_have_no_derivative():
     assert end.warnings
 
 
+def beside_a_break(reset: Any) -> ode.Problem:
+    """The rate of z breaks at b; x = t reaches c."""
+    return ode.Problem(
+        {"x": 0.0, "z": 0.0},
+        lambda t, y, args: {"x": 1.0, "z": jnp.where(t < args["b"], 1.0, 2.0)},
+        {"c": ode.Event(lambda t, y, args: y["x"] - args["c"], 1, reset)},
+    )
+
+
+def test_a_break_and_a_reset_at_once_keep_their_own_times():
+    """z = b + 2 (5 - b) + 3 c."""
+    problem = beside_a_break(lambda t, y, args: y | {"z": y["z"] + 3 * args["c"]})
+    end = ode.solve(problem, {"b": 1.0, "c": 1.0}, t1=5.0, wrt=("b", "c"), derivatives=2)
+    assert end.y["z"] == pytest.approx(12.0)
+    assert (end.along("b").y["z"], end.along("c").y["z"]) == pytest.approx((-1.0, 3.0))
+    seconds = [end.along(*pair).y["z"] for pair in (("b", "b"), ("b", "c"), ("c", "c"))]
+    assert seconds == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_break_by_chance_at_the_event_that_ends_a_lane_leaves_no_derivatives(order):
+    """∂z/∂c is 1 before the break, and 2 after it."""
+    args = {"b": 1.0, "c": 1.0 + np.array([-1e-9, 0.0, 1e-9])}
+    end = ode.solve(beside_a_break(None), args, t1=5.0, wrt=("b", "c"), derivatives=order)
+    np.testing.assert_allclose(end.t, args["c"])
+    np.testing.assert_allclose(end.along("c").y["z"], [1.0, np.nan, 2.0])
+    np.testing.assert_allclose(end.along("b").y["z"], [0.0, np.nan, -1.0], atol=1e-12)
+
+
+def test_a_break_of_the_function_that_ends_a_lane_counts_on_its_side():
+    """v′ = -b sign(v) ends at v = 0, t = v₀/b, x = v₀²/2b."""
+    stop = ode.Problem(
+        lambda args: {"x": 0.0, "v": args["v"]},
+        lambda t, y, args: {"x": y["v"], "v": -args["b"] * jnp.sign(y["v"])},
+        {"stop": ode.Event(lambda t, y, args: y["v"], -1)},
+    )
+    end = ode.solve(stop, {"v": 3.0, "b": 2.0}, t1=5.0, wrt=("v", "b"), derivatives=2)
+    found = [end.along(*names).y["x"] for names in (("v",), ("b",), ("v", "v"), ("v", "b"), ("b", "b"))]
+    assert found == pytest.approx([1.5, -1.125, 0.5, -0.75, 1.125], rel=1e-7)
+
+
+@pytest.mark.parametrize("power", [1.5, 2.5])
+def test_a_power_that_is_guarded_at_its_event_has_derivatives(power):
+    def fall(guarded: Any) -> ode.Problem:
+        return ode.Problem(
+            lambda args: {"y": 0.3, "v": args["v"]},
+            lambda t, y, args: {"y": y["v"], "v": -args["g"] - guarded(y["y"])},
+            {"ground": ode.Event(lambda t, y, args: y["y"], -1)},
+        )
+
+    args = {"v": np.linspace(0.3, 2.0, 40), "g": np.linspace(2.0, 0.5, 40)}
+    plain, *others = (
+        ode.solve(fall(each), args, t1=50.0, wrt="v", derivatives=2)
+        for each in (
+            lambda y: y**power,
+            lambda y: jnp.maximum(y, 0.0) ** power,
+            lambda y: jnp.where(y > 0, y**power, 0.0),
+        )
+    )
+    for other in others:
+        for names in ((), ("v",), ("v", "v")):
+            one, two = (end.along(*names).t if names else end.t for end in (plain, other))
+            np.testing.assert_allclose(two, one, rtol=1e-6)
+
+
 # Resets that make other events happen.
 NEVER = 1e9
 

@@ -33,6 +33,7 @@ from erosion.ode.variational import (
     EndTimeDependence,
     Motion,
     at_event,
+    event_function,
     outputs_of,
 )
 
@@ -134,12 +135,26 @@ class Transitions:
         """The rates of the event functions."""
         return jax.jvp(self.here.events, (at,), (self.here.rate(at),))[1]
 
+    @property
+    def shares(self) -> list[float]:
+        """Of their sizes: by so much the parts of two equal states with their tangents may differ."""
+        tangents = len(self.problem.initial) // self.problem.width - 1
+        first = [_ALIKE[1]] * (tangents - 1 if self.problem.order == 2 else tangents)
+        return [_ALIKE[0], *first, *[_ALIKE[2]] * (self.problem.order == 2)]
+
     def at_event(self, instant: Instant, event: Scalar, later: Flag) -> Instant:
-        """At an event's own time, if that is `later` in its derivatives than the time of the event before it."""
+        """At an event's own time, if that may be `later` in its derivatives than the time of the event before it.
+
+        Where both times move alike nothing changes: there the rates of the mode before need not be defined.
+        """
         equations = self.problem.equations
         along = AlongFlow(equations, instant.value_and_tangents)
         at_it = at_event(along, event, 0.0 * instant.elapsed[0], _itself, _NO_TIME)
-        return instant.at_own_time(later, equations.pack(at_it.outputs), equations.pack(at_it.time))
+        _, *moved = equations.pack(along.here(event_function(event)))
+        size = jnp.abs(along.rate(event_function(event)).value * instant.elapsed[0])
+        both = zip(moved, self.shares[1:], strict=True)
+        alike = functools.reduce(jnp.logical_and, [jnp.abs(part) <= share * size for part, share in both])
+        return instant.at_own_time(later & ~alike, equations.pack(at_it.outputs), equations.pack(at_it.time))
 
     def fired(self, instant: Instant, event: int, fires: Flag, own_time: Flag | None = None) -> Instant:
         """With an event, if it `fires`; where it has its own time the state comes to it from that of the one before."""
@@ -176,7 +191,7 @@ class Transitions:
         for i in self.own if forwards else reversed(self.own):
             still = (first == i) | (self.rates(instant.value_and_tangents[0])[i] * falling[i] > 0)
             fires = segment.at_once[i] & still & instant.survives & (instant.count < self.most)
-            instant = self.fired(instant, i, fires, first != i)
+            instant = self.fired(instant, i, fires, (first != i) | instant.happened)
         if not self.bounds:
             return instant
         if not forwards:
@@ -209,7 +224,7 @@ class Transitions:
                 jnp.logical_or, [(index == i) & flag for i, flag in zip(self.bounds, still, strict=True)]
             )
             fires = fires & instant.survives & (instant.count < self.most)
-            after = self.switched(instant, index, fires, own_time=index != first)
+            after = self.switched(instant, index, fires, own_time=(index != first) | instant.happened)
             return after, following(index + (1 if forwards else -1))
 
         begin = following(0 * first + start)
@@ -309,39 +324,45 @@ class Transitions:
         if not self.problem.order or len(self.problem.directions) < 2:
             return instant
 
-        def fixed(instant: Instant) -> tuple[Augmented, ...]:
+        def ends(instant: Instant) -> Flag:
+            return jnp.logical_not(instant.survives & (instant.count < self.most))
+
+        def compared(instant: Instant, at_end: Flag) -> list[tuple[Augmented, Scalar]]:
+            """The state at a fixed time; where the lane ends, the state there and the time."""
             since = equations.unpack(tuple(-part for part in instant.elapsed))
             along = AlongFlow(equations, instant.value_and_tangents)
-            return equations.pack(at_event(along, jnp.full((), ARRIVED), instant.elapsed[0], _itself, since).outputs)
+            fixed = at_event(along, jnp.full((), ARRIVED), instant.elapsed[0], _itself, since).outputs
+            states = chosen(at_end, instant.met, equations.pack(fixed))
+            return [(state, jnp.where(at_end, time, 0.0)) for state, time in zip(states, instant.elapsed, strict=True)]
 
-        def checked() -> tuple[Augmented, ...]:
+        def checked() -> Instant:
             last = functools.reduce(jnp.maximum, [jnp.where(near, i, -1) for i, near in enumerate(segment.at_once)])
             end = at_event(along, last, segment.time, _itself, _NO_TIME)
             gone = tuple(map(jnp.add, before.elapsed, equations.pack(end.time)))
             value_and_tangents = equations.pack(end.outputs)
             start = before._replace(value_and_tangents=value_and_tangents, elapsed=gone, soonest=gone, latest=gone)
             other = self.in_turn(start, segment, last, forwards=False)
-            one, two = fixed(instant), fixed(other)
+            at_end = ends(instant) & ends(other) & (instant.last == other.last)
+            one, two = compared(instant, at_end), compared(other, at_end)
             soonest = map(jnp.minimum, instant.soonest, other.soonest)
             times = zip(soonest, map(jnp.maximum, instant.latest, other.latest), strict=True)
-            orders = [0, *[1] * (len(one) - 1)] if equations.order < 2 else [0, *[1] * (len(one) - 2), 2]
-            apart = [_differ(*each, share=_ALIKE[k], size=0.0) for each, k in zip(times, orders, strict=True)]
+            apart = [_differ(*each, share=share, size=0.0) for each, share in zip(times, self.shares, strict=True)]
+            if equations.order == 2:
+                apart[-1] = functools.reduce(jnp.logical_or, apart[1:])
             unlike = jax.tree.map(functools.partial(_differ, share=_ALIKE[0], size=0.0), one[0], two[0])
-            value_and_tangents = [instant.value_and_tangents[0]]
+            parts = list(zip(instant.value_and_tangents, instant.met, instant.elapsed, strict=True))
             for k in range(1, len(one)):
-                moves = functools.reduce(jnp.logical_or, apart[1:]) if orders[k] == 2 else apart[k]
-                lost = jax.tree.map(
-                    lambda a, b, u, jump, moves=moves, share=_ALIKE[orders[k]]: moves
+                lost, is_late = jax.tree.map(
+                    lambda a, b, u, jump, moves=apart[k], share=self.shares[k]: moves
                     & (jump | _differ(a, b, share=share, size=u)),
                     one[k], two[k], one[0], unlike,
                 )  # fmt: skip
-                value_and_tangents.append(
-                    jax.tree.map(lambda u, gone: jnp.where(gone, jnp.nan, u), instant.value_and_tangents[k], lost)
-                )
-            return tuple(value_and_tangents)
+                parts[k] = jax.tree.map(lambda u, gone: jnp.where(gone, jnp.nan, u), parts[k], (lost, lost, is_late))
+            value_and_tangents, met, elapsed = zip(*parts, strict=True)
+            return instant._replace(value_and_tangents=value_and_tangents, met=met, elapsed=elapsed)
 
         several = sum(jnp.where(near, 1, 0) for near in segment.at_once) > 1
-        return instant._replace(value_and_tangents=lax.cond(several, checked, lambda: instant.value_and_tangents))
+        return lax.cond(several, checked, lambda: instant)
 
     def two_sided_at_end(
         self, instant: Instant, met: Instant, at_once: Sequence[Flag], time_to_end: Derivatives
@@ -372,9 +393,8 @@ class Transitions:
             sizes = jax.tree.map(lambda a, b: rounding * (jnp.abs(a) + jnp.abs(b)), curve, other)
             value_and_tangents = [instant.value_and_tangents[0]]
             for k in range(1, len(one)):
-                share = _ALIKE[2 if equations.order == 2 and k == len(one) - 1 else 1]
                 lost = jax.tree.map(
-                    lambda a, b, u, least, share=share: _differ(a, b, share=share, size=u)
+                    lambda a, b, u, least, share=self.shares[k]: _differ(a, b, share=share, size=u)
                     & (jnp.abs(a - b) > least),
                     one[k], two[k], one[0], sizes,
                 )  # fmt: skip

@@ -312,6 +312,18 @@ def outputs_of(at: Augmented, motion: Motion) -> list[Scalar]:
     return motion.outputs(at)
 
 
+def event_function(event: Scalar) -> OfMotion:
+    """The function of an event, by its index; 0 for one below 0."""
+
+    def function(at: Augmented, motion: Motion) -> Scalar:
+        chosen = jnp.zeros(())
+        for i, value in enumerate(motion.events(at)):
+            chosen = jnp.where(event == i, value, chosen)
+        return chosen
+
+    return function
+
+
 class Derivatives(NamedTuple):
     """A quantity with its first and mixed second derivative along two directions."""
 
@@ -552,21 +564,14 @@ def at_event(
         outputs: what is wanted there, numbers.
         time_to_end: the time at which a lane without an event ends, with its derivatives.
     """
-
-    def event_function(at: Augmented, motion: Motion) -> Scalar:
-        chosen = jnp.zeros(())
-        for i, value in enumerate(motion.events(at)):
-            chosen = jnp.where(event == i, value, chosen)
-        return chosen
-
-    each, order = jax.tree.map, along.equations.order
-    wanted, g_rate = along.here(outputs), along.rate(event_function)
+    each, order, function = jax.tree.map, along.equations.order, event_function(event)
+    wanted, g_rate = along.here(outputs), along.rate(function)
     # Where no event ended the motion its time is given.
     g_rate = g_rate._replace(value=jnp.where(event < 0, 1.0, g_rate.value))
-    amplification = along.amplification(event_function, g_rate.value, time)
+    amplification = along.amplification(function, g_rate.value, time)
     if order == 0:
         return AtEvent(Derivatives(time, None, None, None), wanted, amplification)
-    g, r = along.here(event_function), along.rate(outputs)
+    g, r = along.here(function), along.rate(outputs)
 
     def or_given(of_event: Scalar, given: Scalar | None) -> Scalar:
         return of_event if given is None else jnp.where(event == ARRIVED, given, of_event)
@@ -582,7 +587,7 @@ def at_event(
             Derivatives(time, t_first, t_other, None), Derivatives(wanted.value, v_first, v_other, None), amplification
         )
     assert isinstance(along, AlongFlow)
-    g_curve, r_rate = along.curve(event_function), along.curve(outputs)
+    g_curve, r_rate = along.curve(function), along.curve(outputs)
 
     def chain(mixed: Scalar, first: Scalar, other: Scalar, curve: Scalar) -> list[Scalar]:
         return [mixed, first * t_other, other * t_first, curve * t_first * t_other]
