@@ -4,7 +4,8 @@ SIGTERM and SIGHUP, by which batch systems and closed terminals end a process, a
 
 While a verb works, Ctrl-C is Python's KeyboardInterrupt, so that drafts go and partial results are kept. It is never
 raised in the middle of an import: a C++ library that is being imported then aborts or crashes, and a class that is
-being made turns it into a RuntimeError. Before and after the verb there is nothing to lose, and the process ends.
+being made turns it into a RuntimeError. An import that takes long, as on a busy machine, ends with the process.
+Before and after the verb there is nothing to lose, and the process ends.
 
 Python runs a signal's handler between two of its own operations. XLA compiles for seconds without any, and a program
 of XLA's may run for ever; a thread sees that, and ends the process.
@@ -64,7 +65,9 @@ class _Patient:
             return
         now = time.monotonic()
         since = self._since = now if self._since is None else self._since
-        if _imports(frame) and now - since < _LONGEST:
+        if _imports(frame):
+            if now - since > _LONGEST and not _Patient.keeping:
+                stop_at_once()
             self._start(threading.Timer(_AGAIN, _press, (number,)))
             return
         self._since = None

@@ -162,12 +162,6 @@ def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path, name):
             stack.callback(process.kill)
         for verb, process in running.items():
             _, said = process.communicate(timeout=240)
-            if process.returncode == -signal.SIGABRT and "nanobind::python_error" in said:
-                # The signal came while jaxlib's C++ called Python, which ends the process: once more.
-                again = subprocess.run(
-                    process.args, cwd=tmp_path / verb, stderr=subprocess.PIPE, text=True, timeout=240
-                )
-                process.returncode, said = again.returncode, again.stderr
             assert process.returncode == 130, (verb, said)
             assert said.startswith("erosion: interrupted"), (verb, said)
             assert said.count("\n") == 1, (verb, said)
