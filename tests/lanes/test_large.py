@@ -78,7 +78,7 @@ def test_a_product_of_matrices_stays_a_loop():
     def size_of(n):
         shapes = jax.ShapeDtypeStruct((n, n), np.float64), jax.ShapeDtypeStruct((n,), np.float64), number
         closed = jax.make_jaxpr(jax.grad(lambda m, v, x: jnp.sum(jnp.tanh(m @ (v * x)))))(*shapes)
-        return flatten(closed)._made
+        return flatten(closed).made
 
     assert size_of(72) == size_of(24) < 1000
 

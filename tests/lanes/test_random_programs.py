@@ -33,12 +33,15 @@ def test_random_functions(block, monkeypatch):
     """Without the rule that may change a bit: one rounding of a product and a sum."""
     monkeypatch.setattr(passes, "_contract", lambda region: None)
     for seed in range(1000 + 25 * block, 1025 + 25 * block):
-        _compare(RandomFunction(seed, size=_SIZE), _numbers(seed), seed)
+        compare_with_numpy(RandomFunction(seed, size=_SIZE), random_numbers(seed), seed)
 
 
-def _numbers(seed):
+def random_numbers(seed, *, exact=False):
+    """Numbers of some lanes; whole ones where functions are to be exact."""
     random = np.random.default_rng(seed + 10**6)
     lanes = int(random.integers(1, 12))
+    if exact:
+        return [random.integers(-6, 7, lanes).astype(float) for _ in range(3)]
     return [
         np.where(
             random.random(lanes) < 0.5,
@@ -53,13 +56,11 @@ def _numbers(seed):
 def test_random_functions_of_whole_numbers(block):
     """As the compiler is: one rounding or two give the same."""
     for seed in range(25 * block, 25 + 25 * block):
-        random = np.random.default_rng(seed + 10**6)
-        lanes = int(random.integers(1, 12))
-        numbers = [random.integers(-6, 7, lanes).astype(float) for _ in range(3)]
-        _compare(RandomFunction(seed, exact=True, size=_SIZE), numbers, seed)
+        compare_with_numpy(RandomFunction(seed, exact=True, size=_SIZE), random_numbers(seed, exact=True), seed)
 
 
-def _compare(function, numbers, seed):
+def compare_with_numpy(function, numbers, seed):
+    """Compare each lane's bits; the seed chooses the vectors' width and the processor."""
     closed = jax.make_jaxpr(function)(number, number, number)
     width, target = (8, 8, 8, 4, 2, 16)[seed % 6], _TARGETS[seed % len(_TARGETS)]
     results = Lanewise(function, (number,) * 3, width=width, target=target)(*numbers)

@@ -5,7 +5,7 @@ import importlib.util
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -16,7 +16,20 @@ from jax.typing import ArrayLike
 from erosion.lanes import tapes
 from erosion.lanes.arrays import ARRAYS, Elements, Part, Work, constant, elementwise, of_each, part, whole
 from erosion.lanes.functions import FUNCTIONS
-from erosion.lanes.graph import ARRAY, BOOL, DOUBLE, LONG, NUMBERS, CannotCompileError, Graph, GraphValue, Loop, Region
+from erosion.lanes.graph import (
+    ARRAY,
+    BOOL,
+    DOUBLE,
+    LONG,
+    NUMBERS,
+    CannotCompileError,
+    Function,
+    Graph,
+    GraphValue,
+    Loop,
+    Region,
+    TooLongError,
+)
 from erosion.lanes.jax_versions import CALLS, called, carried_by_scan, expansion
 from erosion.lanes.large import LARGE, Large, array_of, as_memory, begin_carrying, carry_on, memory, parted
 from erosion.lanes.loops import of_arrays
@@ -25,6 +38,8 @@ from erosion.lanes.scalars import SCALARS, Atom, Equation, Kind, aval_of, conver
 
 _DOUBLE = np.dtype(np.float64)
 _Result = TypeVar("_Result")
+_WHOLE = 50_000  # operations of a program, above which functions that are called again become subroutines
+_WORTH_A_CALL = 40  # operations of a function, at least, that becomes a subroutine
 _UNROLLED = 64  # rounds of a loop of known length, at most; longer ones run as loops
 
 LIBRARIES = tuple(
@@ -43,12 +58,18 @@ class NotForLanesError(ValueError):
 
 
 class Flattener:
-    """Adds functions to a graph."""
+    """Adds functions to a graph.
 
-    def __init__(self, graph: Graph) -> None:
-        self.graph = graph
+    Args:
+        graph: to add to.
+        subroutines: whether functions that are called again become subroutines.
+    """
+
+    def __init__(self, graph: Graph, *, subroutines: bool) -> None:
+        self.graph, self._subroutines = graph, subroutines
         # A function that is called a dozen times is read once. The jaxprs are kept, so that their ids stay theirs.
         self._read: dict[int, tuple[Jaxpr, _Steps]] = {}
+        self._called: dict[int, _Called] = {}
 
     def call(self, jaxpr: Jaxpr, constants: Sequence[ArrayLike], arguments: Sequence[Part]) -> list[Part]:
         """A function's results."""
@@ -67,6 +88,51 @@ class Flattener:
             for slot, value in zip(outputs, work(graph, [values[i] for i in inputs]), strict=True):
                 values[slot] = value
         return [values[slot] for slot in steps.results]
+
+    def called(self, jaxpr: Jaxpr, constants: Sequence[ArrayLike], arguments: Sequence[Part]) -> list[Part]:
+        """The results of a function that may be called elsewhere: of a subroutine, where the program is large."""
+        graph, so_far = self.graph, self._called.setdefault(id(jaxpr), _Called(jaxpr))
+        given = [value for argument in arguments for value in _values(argument)]
+        # A subroutine takes numbers; a large array it reads where that is.
+        same = all(
+            isinstance(value, GraphValue) or value is had for value, had in zip(given, so_far.given, strict=False)
+        )
+        if not self._subroutines or so_far.size < _WORTH_A_CALL or given == so_far.given or not same:
+            before = graph.made
+            results = self.call(jaxpr, constants, arguments)
+            so_far.size, so_far.given = max(so_far.size, graph.made - before), given
+            return results
+        subroutine = next((each for each in so_far.subroutines if each.takes(given)), None)
+        if subroutine is None:
+            subroutine = self._subroutine(so_far, constants, arguments, given)
+        function, results = subroutine.function, subroutine.results
+        passed = [value for own, value in zip(subroutine.own, given, strict=True) if own is None]
+        made = dict(zip(function.outputs, graph.call(function, passed), strict=True))
+        return _gathered([made.get(value, value) for value in _scalars(results)], results)
+
+    def _subroutine(
+        self, called: "_Called", constants: Sequence[ArrayLike], arguments: Sequence[Part], given: Sequence[Any]
+    ) -> "_Subroutine":
+        """A new one. Arguments that are the same as in the call before, and known to the whole lane, are its own."""
+        graph, function = self.graph, Function(self.graph.root)
+        own = [
+            value if value is before and (isinstance(value, Large) or value.region is graph.root) else None
+            for value, before in zip(given, called.given, strict=True)
+        ]
+        values = iter(
+            function.argument(value.type) if here is None else here for value, here in zip(given, own, strict=True)
+        )
+        inside = [
+            next(values) if isinstance(each, Large) else part(array_of(whole(each).shape, lambda _: next(values)))
+            for each in arguments
+        ]
+        with graph.within(function.body):
+            results = self.call(called.jaxpr, constants, inside)
+            scalars = _scalars(results)
+        function.outputs = list(dict.fromkeys(value for value in scalars if value.region is function.body))
+        graph.functions.append(function)
+        called.subroutines.append(_Subroutine(function, own, _gathered(scalars, results)))
+        return called.subroutines[-1]
 
     def closed(self, closed: ClosedJaxpr, arguments: Sequence[Part]) -> list[Part]:
         """The results of a function that has its constants with it."""
@@ -110,7 +176,7 @@ class Flattener:
         """What computes an equation of a call, of control flow, of a function or of arrays."""
         if name in CALLS:
             body, constants = called(equation)
-            return lambda _, inputs: self.call(body, constants, inputs)
+            return lambda _, inputs: self.called(body, constants, inputs)
         control = {"while": self._while, "cond": self._cond, "scan": self._scan}.get(name)
         if control is not None:
             return functools.partial(control, equation)
@@ -140,7 +206,7 @@ class Flattener:
         def rule(graph: Graph, kind: Kind, *given: GraphValue) -> GraphValue:
             # In double precision, also for integers (as in `pow`) and single precision.
             exact = [converted(graph, value, dtype, _DOUBLE) for value, dtype in zip(given, kind.inputs, strict=True)]
-            (result,) = self.closed(closed, exact)
+            (result,) = self.called(closed.jaxpr, closed.consts, exact)
             assert isinstance(result, GraphValue)
             return converted(graph, result, _DOUBLE, kind.output)
 
@@ -263,6 +329,27 @@ class Flattener:
         return self._loop(condition, body, [zero, *carried], unchanged)[1:]
 
 
+class _Called:
+    """A function that is called: how many operations it took, the last arguments, and what was made of it."""
+
+    def __init__(self, jaxpr: Jaxpr) -> None:
+        self.jaxpr, self.size = jaxpr, 0
+        self.given: list[Any] = []
+        self.subroutines: list[_Subroutine] = []
+
+
+class _Subroutine(NamedTuple):
+    """A function of the graph, the arguments that are its own (None for the others), and its results in it."""
+
+    function: Function
+    own: list[Any]
+    results: list[Part]
+
+    def takes(self, given: Sequence[Any]) -> bool:
+        """Whether it is a function of such arguments."""
+        return all(own is None or own is value for own, value in zip(self.own, given, strict=True))
+
+
 class _Steps:
     """A function's equations, read once: what computes each, and the slots of its inputs and outputs."""
 
@@ -295,7 +382,22 @@ def flatten(closed: ClosedJaxpr, *, shared: bool = True) -> Graph:
     Raises:
         NotForLanesError: naming what lanes cannot do, and where it is.
     """
-    graph = Graph()
+    try:
+        return flatten_whole(closed, shared=shared, most=_WHOLE)
+    except TooLongError:
+        return _flatten(closed, Graph(), shared=shared, subroutines=True)
+
+
+def flatten_whole(closed: ClosedJaxpr, *, shared: bool = True, most: float = math.inf) -> Graph:
+    """The graph without subroutines, as `flatten`, if it has no more than `most` operations.
+
+    Raises:
+        TooLongError: if it has more.
+    """
+    return _flatten(closed, Graph(most), shared=shared, subroutines=False)
+
+
+def _flatten(closed: ClosedJaxpr, graph: Graph, *, shared: bool, subroutines: bool) -> Graph:
     arguments: list[Part] = []
     place, large = 0, [is_large(aval_of(variable)) for variable in closed.jaxpr.invars]
     graph.rows = graph.places = sum(math.prod(aval_of(variable).shape) for variable in closed.jaxpr.invars)
@@ -313,7 +415,7 @@ def flatten(closed: ClosedJaxpr, *, shared: bool = True) -> Graph:
             part(of_each(lambda at, dtype=dtype: converted(graph, graph.input(at), _DOUBLE, dtype), places))
         )
     try:
-        results = Flattener(graph).closed(closed, arguments)
+        results = Flattener(graph, subroutines=subroutines).closed(closed, arguments)
     except CannotCompileError as error:
         raise NotForLanesError.at("The function", error) from None
     outputs: list[GraphValue] = []
@@ -332,7 +434,7 @@ def dependencies(closed: ClosedJaxpr) -> np.ndarray:
     Raises:
         NotForLanesError: as `flatten`.
     """
-    graph = flatten(closed)
+    graph = flatten_whole(closed)
     found = np.zeros((len(graph.outputs), sum(math.prod(aval.shape) for aval in closed.in_avals)), bool)
     for row, output in zip(found, graph.outputs, strict=True):
         row[[value.extra for value in live([output]) if value.op == "input"]] = True
@@ -343,6 +445,11 @@ def dependencies(closed: ClosedJaxpr) -> np.ndarray:
 def _traced(name: str, inputs: int) -> ClosedJaxpr:
     number = jax.ShapeDtypeStruct((), np.float64)
     return jax.make_jaxpr(FUNCTIONS[name])(*[number] * inputs)
+
+
+def _values(argument: Part) -> list[Any]:
+    """The numbers of an argument; a large array is one thing."""
+    return [argument] if isinstance(argument, Large) else list(whole(argument).ravel())
 
 
 def _scalars(parts: Sequence[Part]) -> list[GraphValue]:

@@ -18,7 +18,7 @@ import llvmlite.binding as llvm
 import numpy as np
 from jaxtyping import PyTree
 
-from erosion.lanes.flatten import flatten
+from erosion.lanes.flatten import flatten_whole
 from erosion.lanes.graph import Graph
 from erosion.lanes.lanewise import Lanewise
 from erosion.lanes.machine import without_garbage_collection
@@ -304,7 +304,7 @@ class GpuLanes(Lanewise):
         self._gpu.enter()
         with self._compiling, without_garbage_collection():
             if shared not in self._programs:
-                self._programs[shared] = self._gpu.program(flatten(self.closed, shared=shared), self._of_tapes)
+                self._programs[shared] = self._gpu.program(flatten_whole(self.closed, shared=shared), self._of_tapes)
             return self._programs[shared]
 
 

@@ -18,7 +18,7 @@ DOUBLE, BOOL, LONG = "double", "i1", "i64"
 PLACE = "place"  # a whole number that is the same in all lanes
 ARRAY, NUMBERS = "array", "numbers"  # numbers in memory, of each lane or of all lanes together
 
-_MOST = 100_000  # operations of a function; the code generator takes a minute for them, and longer than in proportion
+_MOST = 100_000  # operations of a program; the code generator takes a minute for them, and longer than in proportion
 _MOST_ASKED = 2_000_000  # operations asked for, of which many may be known already: some ten seconds
 
 
@@ -33,6 +33,10 @@ class CannotCompileError(Exception):
     def __init__(self, what: str, instead: str = "write it by other functions of `jax.numpy`") -> None:
         super().__init__(what)
         self.instead = instead
+
+
+class TooLongError(Exception):
+    """A program that is too long without subroutines."""
 
 
 class GraphValue:
@@ -147,7 +151,41 @@ class Counted:
         return *self.initial, *self.updates
 
 
-Step = GraphValue | Loop | Branch | Counted
+class Function:
+    """A part of the program that is written once, and called at several places.
+
+    Beside its arguments it may read values of the outermost region, which are computed before its first call.
+    """
+
+    __slots__ = ("arguments", "body", "calls", "outputs", "reads", "room")
+
+    def __init__(self, root: Region) -> None:
+        self.body = Region(root, is_loop=True)  # so that what no argument changes is computed outside
+        self.arguments: list[GraphValue] = []
+        self.outputs: list[GraphValue] = []
+        self.calls: list[Call] = []
+        self.reads: dict[GraphValue, None] = {}  # values of the outermost region, once the graph is complete
+        self.room = 0  # the first row of its memory: one for each argument, then one for each output
+
+    def argument(self, type_: str) -> GraphValue:
+        """One more argument."""
+        self.arguments.append(GraphValue("argument", (), type_, self.body, self))
+        return self.arguments[-1]
+
+
+class Call:
+    """A call of a function."""
+
+    __slots__ = ("function", "inputs", "results")
+
+    regions = ()
+
+    def __init__(self, function: Function, inputs: Sequence[GraphValue], region: Region) -> None:
+        self.function, self.inputs = function, tuple(inputs)
+        self.results = [GraphValue("result", (), output.type, region, self) for output in function.outputs]
+
+
+Step = GraphValue | Loop | Branch | Counted | Call
 
 
 class Graph:
@@ -156,17 +194,29 @@ class Graph:
     `op` adds an operation and returns its value. Constants are folded; what changes no bit is left out:
     x·1, x - 0, a choice between equal values, a sign that is changed twice.
 
+    Args:
+        whole: how many operations there may be, while functions are written out wherever they are called.
+
     Raises:
+        TooLongError: for more than `whole`.
         CannotCompileError: for too many operations.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, whole: float = math.inf) -> None:
+        self._whole = whole
         self.root = self.region = Region(None)
         self.outputs: list[GraphValue] = []
+        self.functions: list[Function] = []
+        self.kept: dict[GraphValue, int] = {}  # the rows of numbers that functions read beside their arguments
         self.places = 0  # of the arguments
         self.rows = 0  # of memory, each with a number of every lane; the first are the arguments
         self.numbers = 0  # in memory after them, of arguments that all lanes share
-        self._made = self._asked = 0  # operations
+        self.made = self._asked = 0  # operations
+
+    @property
+    def regions(self) -> list[Region]:
+        """The outermost ones: of the lane, and of each function."""
+        return [self.root, *(function.body for function in self.functions)]
 
     def constant(self, number: float, type_: str) -> GraphValue:
         """A number."""
@@ -189,8 +239,13 @@ class Graph:
     def op(self, name: str, type_: str, *inputs: GraphValue, extra: Any = None) -> GraphValue:
         """The value of an operation."""
         self._asked += 1
-        if self._made > _MOST or self._asked > _MOST_ASKED:
-            raise CannotCompileError(f"more than {_MOST:,} operations")
+        if self.made > self._whole:
+            raise TooLongError
+        if self.made > _MOST or self._asked > _MOST_ASKED:
+            raise CannotCompileError(
+                f"more than {_MOST:,} operations",
+                "put what repeats into a function under `jax.jit`, which is compiled once, or a long sum into a loop",
+            )
         simpler = self._simplified(name, type_, inputs)
         if simpler is not None:
             return simpler
@@ -207,7 +262,7 @@ class Graph:
             if value is not None:
                 return value
             region = region.parent
-        self._made += 1
+        self.made += 1
         value = target.known[key] = GraphValue(name, inputs, type_, target, extra)
         target.steps.append(value)
         return value
@@ -296,7 +351,7 @@ class Graph:
 
     def store(self, array: GraphValue, place: GraphValue, value: GraphValue, *, masked: bool = False) -> GraphValue:
         """Write a number of each lane; of active lanes alone if `masked`."""
-        self._made += 1
+        self.made += 1
         store = GraphValue("store", (array, place, value), "", self.region, masked)
         self.region.steps.append(store)
         return store
@@ -304,6 +359,19 @@ class Graph:
     def branch(self, selector: GraphValue, cases: list[Region], outputs: list[list[GraphValue]]) -> list[GraphValue]:
         """The outputs of the case that each lane takes."""
         return self.ended(Branch(selector, cases, outputs), outputs[0])
+
+    def call(self, function: Function, inputs: Sequence[GraphValue]) -> list[GraphValue]:
+        """The results of a function."""
+        key = ("call", function, *inputs)
+        region: Region | None = self.region
+        while region is not None and key not in region.known:
+            region = region.parent
+        if region is None:
+            region, call = self.region, Call(function, inputs, self.region)
+            region.steps.append(call)
+            function.calls.append(call)
+            region.known[key] = GraphValue("call", (), "", region, call)
+        return region.known[key].extra.results
 
     def ended(self, step: Loop | Branch | Counted, values: Sequence[GraphValue]) -> list[GraphValue]:
         """The results of a step that is complete, of the types of some values."""

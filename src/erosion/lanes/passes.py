@@ -1,7 +1,7 @@
 """Passes over a complete graph of scalars, and elements of small arrays at places that lanes compute."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from jax.extend.core import Jaxpr
@@ -9,12 +9,15 @@ from jax.typing import ArrayLike
 
 from erosion.lanes.arrays import ArrayRule, Elements, Part, kind_of, part, whole
 from erosion.lanes.graph import (
+    ARRAY,
     BOOL,
     DOUBLE,
     LONG,
     Branch,
+    Call,
     CannotCompileError,
     Counted,
+    Function,
     Graph,
     GraphValue,
     Loop,
@@ -28,11 +31,28 @@ from erosion.lanes.scalars import SCALARS, Equation, Kind, aval_of, converted, t
 def finish(graph: Graph, outputs: Sequence[GraphValue]) -> None:
     """Set a graph's outputs: drop what they do not need, count uses, and contract products and sums."""
     graph.outputs = list(outputs)
-    _prune(graph.root, live(graph.outputs))
-    _count_uses(graph.root)
-    for value in graph.outputs:
+    needed = live(graph.outputs)
+    for function in graph.functions:
+        _prune_calls(function, needed)
+    graph.functions = [function for function in graph.functions if function.outputs]
+    for region in graph.regions:
+        _prune(region, needed)
+    for region in graph.regions:
+        _count_uses(region)
+    for value in (*graph.outputs, *(value for function in graph.functions for value in function.outputs)):
         value.uses += 1
-    _contract(graph.root)
+    for region in graph.regions:
+        _contract(region)
+    for function in graph.functions:
+        function.room = graph.rows
+        graph.rows += len(function.arguments) + len(function.outputs)
+        for value in (*_read_in(function.body), *function.outputs):
+            if value.region is graph.root:
+                function.reads |= dict.fromkeys(_sources(value))
+        for value in function.reads:
+            if value.op not in _FOUND_AGAIN and value.type != ARRAY and value not in graph.kept:
+                graph.kept[value] = graph.rows
+                graph.rows += 1
 
 
 def live(outputs: Iterable[GraphValue]) -> set[GraphValue]:
@@ -54,7 +74,49 @@ def live(outputs: Iterable[GraphValue]) -> set[GraphValue]:
             branch = value.extra
             i = branch.results.index(value)
             waiting += (branch.selector, *(outputs[i] for outputs in branch.outputs))
+        elif isinstance(value.extra, Call):
+            call = value.extra
+            waiting.append(call.function.outputs[call.results.index(value)])
+        elif isinstance(value.extra, Function):
+            # At each call: a function has its arguments wherever it is called.
+            i = value.extra.arguments.index(value)
+            waiting += [call.inputs[i] for call in value.extra.calls]
     return found
+
+
+def _prune_calls(function: Function, live: set[GraphValue]) -> None:
+    """Leave out calls without a live result, and what no call needs of the others."""
+    calls = function.calls = [call for call in function.calls if not live.isdisjoint(call.results)]
+    arguments = [i for i, argument in enumerate(function.arguments) if argument in live]
+    outputs = [i for i in range(len(function.outputs)) if any(call.results[i] in live for call in calls)]
+    function.arguments = [function.arguments[i] for i in arguments]
+    function.outputs = [function.outputs[i] for i in outputs]
+    for call in calls:
+        call.inputs = tuple(call.inputs[i] for i in arguments)
+        call.results = [call.results[i] for i in outputs]
+
+
+_FOUND_AGAIN = ("input", "room", "filled", "table")  # operations on memory, which a function may repeat
+
+
+def _sources(value: GraphValue) -> Iterator[GraphValue]:
+    """A value of the outermost region, after what it is found by where it is an operation on memory."""
+    if value.is_constant:
+        return
+    before = value.inputs[:1] if value.op == "filled" else value.inputs if value.op == "table" else ()
+    if value.type == ARRAY and isinstance(value.extra, Loop):
+        before = (value.extra.initial[value.extra.results.index(value)],)
+    for each in before:
+        yield from _sources(each)
+    yield value
+
+
+def _read_in(region: Region) -> Iterator[GraphValue]:
+    """What the steps of a region read, and of those within it."""
+    for step in region.steps:
+        yield from step.inputs
+        for inner in step.regions:
+            yield from _read_in(inner)
 
 
 def _prune(region: Region, live: set[GraphValue]) -> None:
@@ -62,6 +124,10 @@ def _prune(region: Region, live: set[GraphValue]) -> None:
     for step in region.steps:
         if isinstance(step, GraphValue):
             if step in live:
+                kept.append(step)
+            continue
+        if isinstance(step, Call):
+            if not live.isdisjoint(step.results):
                 kept.append(step)
             continue
         if isinstance(step, Branch):

@@ -9,7 +9,7 @@ A thread takes the next lane when its lane ends. After many rounds of a loop it 
 from typing import NamedTuple
 
 from erosion.lanes import tapes
-from erosion.lanes.graph import ARRAY, NUMBERS, Branch, Graph, GraphValue, Loop, Step
+from erosion.lanes.graph import ARRAY, NUMBERS, Branch, Call, Graph, GraphValue, Loop, Step
 from erosion.lanes.writer import BITS, ENTRY, Writer, is_short
 
 LOCAL = 256
@@ -328,6 +328,10 @@ class _ThreadWriter(Writer):
         return rest if type_ == "double" else self.get(f"fptrunc double {rest} to {type_}")
 
     # Control flow.
+
+    def call_function(self, call: Call, mask: str) -> None:
+        """A program for a GPU has none."""
+        raise NotImplementedError
 
     def step(self, step: Step, mask: str) -> None:
         """A step of a region; where memory begins is known before."""

@@ -8,7 +8,7 @@ The code counts the rounds of its loops, and after many of them it looks at a wo
 """
 
 from erosion.lanes import tapes
-from erosion.lanes.graph import ARRAY, BOOL, NUMBERS, Branch, Graph, GraphValue, Loop, Region
+from erosion.lanes.graph import ARRAY, BOOL, NUMBERS, Branch, Call, Function, Graph, GraphValue, Loop, Region, Step
 from erosion.lanes.writer import BITS, ENTRY, Writer, is_short
 
 _ALL = "splat (i1 true)"
@@ -20,7 +20,7 @@ STOPPED = 2
 
 
 def vector_ir(graph: Graph, width: int, of_tapes: int = 0) -> str:
-    """The text of a module with one function.
+    """The text of a module with one function, and those that it calls.
 
         void run(double* inputs, Varying* varying, i64 count, i64* order, i64 lanes, Place* outputs, i64* stop)
 
@@ -71,6 +71,8 @@ class _VectorWriter(Writer):
     def module(self) -> str:
         """The whole text."""
         longs, all_lanes = self.of("i64"), _ALL
+        functions = [self.function(function) for function in self.graph.functions]
+        self.lines, self.memory = [], []
         self.start("entry")
         self.do("store i64 0, ptr %rounds")
         self.do("%last = sub i64 %lanes, 1")
@@ -116,6 +118,7 @@ class _VectorWriter(Writer):
         return "\n".join([
             *self.declared.values(),
             *self.tables,
+            *functions,
             # Vectors that do not fit the registers go onto the stack, where they must not straddle cache lines.
             f'define void @{ENTRY}({parameters}) nounwind "stackrealign" {{',
             self.lines[0],
@@ -124,6 +127,86 @@ class _VectorWriter(Writer):
             *self.lines[1:],
             "}",
         ])  # fmt: skip
+
+    # Functions. Their arguments and results are in memory, and so is what they read of the lane's other numbers.
+
+    def function(self, function: Function) -> str:
+        """The text of a function; it gives whether the code is to stop."""
+        self.lines, self.memory, self.tapes = [], [], [f"%tape{i}" for i in range(self.of_tapes)]
+        self.start("entry")
+        for value in function.reads:
+            self.read(value)
+        for row, argument in enumerate(function.arguments, function.room):
+            self.load(argument, row)
+        self.region(function.body, "%mask")
+        for row, output in enumerate(function.outputs, function.room + len(function.arguments)):
+            self.keep(output, row)
+        self.do("ret i1 false")
+        self.start("stopped")
+        self.do("ret i1 true")
+        tapes, self.tapes = self.tapes, []
+        parameters = ["ptr align 64 %inputs", "ptr %rounds", "ptr %stop", f"{self.of(BOOL)} %mask"]
+        parameters += [f"{self.of('ptr')} {tape}" for tape in tapes]
+        return "\n".join([
+            f'define internal i1 @{self.name_of(function)}({", ".join(parameters)}) nounwind "stackrealign" {{',
+            self.lines[0],
+            *self.memory,
+            *self.lines[1:],
+            "}",
+        ])  # fmt: skip
+
+    def name_of(self, function: Function) -> str:
+        """Its name in the module."""
+        return f"function{function.room}"
+
+    def call_function(self, call: Call, mask: str) -> None:
+        """A call, between what is written into the function's memory and read from there."""
+        function = call.function
+        for row, value in enumerate(call.inputs, function.room):
+            self.keep(value, row)
+        operands = ["ptr %inputs", "ptr %rounds", "ptr %stop", f"{self.of(BOOL)} {mask}"]
+        operands += [f"{self.of('ptr')} {tape}" for tape in self.tapes]
+        stops = self.get(f"call i1 @{self.name_of(function)}({', '.join(operands)})")
+        if _may_stop(function.body):
+            called = self.new("called")
+            self.do(f"br i1 {stops}, label %stopped, label %{called}")
+            self.start(called)
+        for row, result in enumerate(call.results, function.room + len(function.arguments)):
+            self.load(result, row)
+
+    def step(self, step: Step, mask: str) -> None:
+        """A step of a region; what functions read of it goes to memory as well."""
+        super().step(step, mask)
+        if self.graph.kept:
+            for value in (step,) if isinstance(step, GraphValue) else step.results:
+                if value in self.graph.kept:
+                    self.keep(value, self.graph.kept[value])
+
+    def read(self, value: GraphValue) -> None:
+        """A number of the outermost region, within a function."""
+        if value in self.graph.kept:
+            self.load(value, self.graph.kept[value])
+        elif isinstance(value.extra, Loop):
+            # An array is changed where it is.
+            value.name = self.text(value.extra.initial[value.extra.results.index(value)])
+        else:
+            super().step(value, _ALL)
+
+    def row(self, number: int) -> str:
+        """The address of a row of memory."""
+        return self.get(f"getelementptr {self.of('double')}, ptr %inputs, i64 {number}")
+
+    def keep(self, value: GraphValue, row: int) -> None:
+        """Write a number of each lane into a row."""
+        type_, name = self.stored(value)
+        self.do(f"store {self.of(type_)} {name}, ptr {self.row(row)}")
+
+    def load(self, value: GraphValue, row: int) -> None:
+        """Read it."""
+        type_ = "i8" if value.type == BOOL else value.type
+        value.name = self.get(f"load {self.of(type_)}, ptr {self.row(row)}")
+        if value.type == BOOL:
+            value.name = self.get(f"trunc {self.of(type_)} {value.name} to {self.of(BOOL)}")
 
     def place_of_output(self, number: str) -> tuple[str, str]:
         """The address of an output, and the bytes from lane to lane as a vector."""
@@ -347,3 +430,13 @@ class _VectorWriter(Writer):
             self.get(f"phi {self.of(value.type)} [ {self.text(value)}, %{end} ], [ zeroinitializer, %{before} ]")
             for value in outputs
         ]
+
+
+def _may_stop(region: Region) -> bool:
+    """Whether a region of a function has a loop, which may stop the code."""
+    return any(
+        isinstance(step, Loop)
+        or (isinstance(step, Call) and _may_stop(step.function.body))
+        or any(map(_may_stop, step.regions))
+        for step in region.steps
+    )

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterator
 
 from erosion.lanes import tapes
-from erosion.lanes.graph import BOOL, PLACE, Branch, Counted, Graph, GraphValue, Loop, Region
+from erosion.lanes.graph import BOOL, PLACE, Branch, Call, Counted, Graph, GraphValue, Loop, Region, Step
 
 ENTRY = "run"
 FEW = 8  # operations of a case that are no longer than the jump around them
@@ -143,6 +143,10 @@ class Writer(abc.ABC):
         """A lane's element of a table."""
 
     @abc.abstractmethod
+    def call_function(self, call: Call, mask: str) -> None:
+        """A call of a function of the program."""
+
+    @abc.abstractmethod
     def loop(self, loop: Loop, mask: str) -> None:
         """A loop: the condition, and what is done where it holds."""
 
@@ -178,7 +182,7 @@ class Writer(abc.ABC):
         for step in region.steps:
             self.step(step, mask)
 
-    def step(self, step: GraphValue | Loop | Branch | Counted, mask: str) -> None:
+    def step(self, step: Step, mask: str) -> None:
         """A step of a region."""
         if isinstance(step, Loop):
             self.loop(step, mask)
@@ -186,6 +190,8 @@ class Writer(abc.ABC):
             self.counted(step, mask)
         elif isinstance(step, Branch):
             self.branch(step, mask)
+        elif isinstance(step, Call):
+            self.call_function(step, mask)
         elif step.op in (tapes.WRITE, tapes.READ):
             self.on_tape(step, mask)
         elif step.op == "output":
@@ -355,5 +361,6 @@ def tapes_with(op: str, graph: Graph) -> set[int]:
             for inner in step.regions:
                 note(inner)
 
-    note(graph.root)
+    for region in graph.regions:
+        note(region)
     return found
