@@ -22,6 +22,10 @@ BALL = ode.Problem(
 )
 
 
+def place(t: Any, y: Any, args: Any) -> Any:
+    return y["y"]
+
+
 def impact(args: dict[str, Any], n: int) -> tuple[Any, Any, Any]:
     """Time and speed of the n-th impact of a ball that starts at rest, and ∫ v² dt up to it."""
     h, g, e = args["h"], args["g"], args["e"]
@@ -61,6 +65,46 @@ def test_the_events_of_a_chain_are_listed():
     # At the very time of an event the state is that before its reset.
     there = ode.solve(BALL, {"h": 2.0, "g": 9.81, "e": 0.8}, t1=2.3, t0=0.5, ts=end.events.t[0, :2])
     np.testing.assert_allclose(there.ys["v"], end.events.y["v"][0, :2], rtol=1e-9)
+
+
+def test_the_events_of_a_chain_have_derivatives():
+    args = {"h": np.array([2.0, 0.5]), "g": 9.81, "e": 0.8}
+    end = ode.solve(BALL, args, t0=1.0, t1=3.3, wrt=("h", "e", "t0"), derivatives=2)
+    np.testing.assert_array_equal(end.count, [2, 7])
+
+    def given(part: Any, i: int, n: int) -> np.ndarray:
+        return np.array([part.t[i, n], part.y["v"][i, n], part.integrals["path"][i, n]])
+
+    for i, n in [(0, 0), (0, 1), (1, 3), (1, 6)]:
+        exact = lambda args, n=n: jnp.stack([args["t0"], 0.0, 0.0]) + jnp.stack(impact(args, n + 1))  # noqa: E731
+        own = args | {"h": args["h"][i], "t0": 1.0}
+        slopes, curves = jax.jacfwd(exact)(own), jax.hessian(exact)(own)
+        np.testing.assert_allclose(given(end.events, i, n), exact(own), rtol=1e-9)
+        for one in end.wrt:
+            np.testing.assert_allclose(given(end.events.along(one), i, n), slopes[one], rtol=1e-8, atol=1e-9)
+            for other in end.wrt:
+                found = given(end.events.along(one, other), i, n)
+                np.testing.assert_allclose(found, curves[one][other], rtol=1e-6, atol=1e-7)
+    assert np.isnan(end.events.along("h").t[0, 2:]).all()
+    first = ode.solve(ode.Problem(BALL.y0, BALL.vector_field, {"floor": ode.Event(place)}), args, t1=9.0, wrt="h")
+    np.testing.assert_array_equal(first.events.along("h").y["v"][:, 0], first.along("h").y["v"])
+    with pytest.raises(ValueError, match="derivatives"):
+        end.events.along("g")
+
+
+def test_the_events_of_a_stiff_chain_have_derivatives():
+    """y follows cos t within 1e-4; a switch of the state counts the zeros."""
+    follows = ode.Problem(
+        {"y": 1.0, "n": 0.0},
+        lambda t, y, args: {"y": 1e4 * (args["a"] * jnp.cos(args["w"] * t) - y["y"]), "n": 0.0},
+        {"zero": ode.Event(place, reset=lambda t, y, args: y | {"n": y["n"] + 1.0})},
+    )
+    end = ode.solve(follows, {"a": 1.0, "w": np.array([1.0, 2.0])}, t1=9.0, wrt="w")
+    assert np.all(end.stiff)
+    zeros = ((np.arange(3) + 0.5) * np.pi + np.arctan([[1e-4], [2e-4]])) / np.array([[1.0], [2.0]])
+    np.testing.assert_allclose(end.events.t[:, :3], zeros, rtol=1e-8)
+    w = np.array([[1.0], [2.0]])
+    np.testing.assert_allclose(end.events.along("w").t[:, :3], (1e-4 / (1 + (w / 1e4) ** 2) - zeros) / w, rtol=1e-6)
 
 
 def test_the_longest_chain_may_differ_from_lane_to_lane():

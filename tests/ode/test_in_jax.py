@@ -129,6 +129,38 @@ def test_the_longest_chain_may_be_traced():
     np.testing.assert_array_equal(count, [1, 3, 4])
 
 
+def test_the_events_on_the_way_can_be_traced():
+    """NaN after the last one, which has no derivatives."""
+    args = ARGS | {"e": 0.8}
+
+    def events(args: Any) -> Any:
+        passed = ode.solve(BOUNCES, args, t1=3.0, max_events=5).events
+        return passed.t, passed.y["v"], passed.event, passed.at_once["floor"]
+
+    def exact(args: Any) -> Any:
+        """The times of three impacts."""
+        speed = jnp.sqrt(args["v"] ** 2 + 2 * args["g"] * args["h"])
+        times = [lands(args), *(2 * speed * args["e"] ** n / args["g"] for n in (1, 2))]
+        return jnp.cumsum(jnp.stack(times))
+
+    t, v, event, at_once = jax.jit(events)(args)
+    close(t[:3], exact(args))
+    np.testing.assert_array_equal(np.isnan([t, v]), [[False] * 3 + [True] * 2] * 2)
+    np.testing.assert_array_equal(event, [0] * 3 + [-1] * 2)
+    np.testing.assert_array_equal(at_once, event == 0)
+    of_two = jax.vmap(lambda g: events(args | {"g": g})[0])(jnp.array([9.81, 12.0]))
+    np.testing.assert_array_equal(of_two[0], t)
+    slopes = jax.jit(jax.jacfwd(lambda args: events(args)[0]))(args)
+    close(jax.tree.map(lambda slope: slope[:3], slopes), jax.jacfwd(exact)(args))
+    loss = lambda args, times: jnp.nansum(times(args) ** 2)  # noqa: E731
+    of_e = lambda times: jax.grad(jax.grad(lambda e: loss(args | {"e": e}, times)))(0.8)  # noqa: E731
+    close(of_e(lambda args: events(args)[0]), of_e(exact), 1e-7)
+    slopes = jax.grad(functools.partial(loss, times=lambda args: events(args)[0]))(args)
+    close(slopes, jax.grad(functools.partial(loss, times=exact))(args))
+    first = jax.jit(jax.value_and_grad(lambda g: ode.solve(BALL, ARGS | {"g": g}, t1=9.0).events.t[0]))
+    close(first(9.81), jax.value_and_grad(lambda g: lands(ARGS | {"g": g}))(9.81))
+
+
 def test_shared_arrays_and_functions_in_jax():
     problem = ode.Problem(
         1.0,
@@ -212,6 +244,7 @@ TRACED: dict[str, tuple[Any, type[Exception]]] = {
     "outcome": (lambda g: 1.0 * (ode.solve(BALL, ARGS | {"g": g}, t1=1.0).ended_by == "t1"), ValueError),
     "wrt": (lambda g: ode.solve(BALL, ARGS | {"g": g}, t1=1.0, wrt="g").t, ValueError),
     "max_events": (lambda g: ode.solve(BOUNCES, ARGS | {"g": g, "e": 0.9}, t1=3.0).events.t[0], ValueError),
+    "name": (lambda g: ode.solve(BALL, ARGS | {"g": g}, t1=1.0).events.name[0] == "", ValueError),
     "third": (lambda g: jax.hessian(lambda g: end_of(ARGS | {"g": g}))(g), NotImplementedError),
 }
 

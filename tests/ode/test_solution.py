@@ -189,7 +189,26 @@ def test_a_solution_is_pickled_with_all_that_it_can_tell() -> None:
     np.testing.assert_array_equal(read.events.t, kept.events.t)
 
 
-@pytest.mark.parametrize("read", [lambda end: end.events.t, lambda end: end.gradient(t=1.0)])
+@pytest.mark.parametrize("clock", [{"t1": 2.0}, {"t0": 2.0, "t1": 0.0}, {"t0": 1.0, "t1": 2.0}])
+def test_states_at_any_times_are_those_at_ts(clock) -> None:
+    """Times before the start, after the end and no times at all are among them."""
+    ts = [0.5, np.nan, 1.5, 0.1, 9.0]
+    options = clock | {"wrt": ("v", "x"), "derivatives": 2}
+    end, whole = ode.solve(PROBLEM, ARGS, **options), ode.solve(PROBLEM, ARGS, ts=ts, **options)
+    found = end(ts)
+    assert whole.times is not None
+    assert set(found.derivatives) == set(whole.times.derivatives)
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(whole.times), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_the_state_at_a_traced_time_has_a_derivative() -> None:
+    decay = ode.Problem(1.0, lambda t, y, args: -args * y)
+    at = lambda t: ode.solve(decay, 2.0, t1=9.0)(t[None]).ys[0]  # noqa: E731
+    assert jax.grad(at)(jnp.array(0.5)) == pytest.approx(-2 * np.exp(-1.0), rel=1e-8)
+
+
+@pytest.mark.parametrize("read", [lambda end: end.events.t, lambda end: end.gradient(t=1.0), lambda end: end([0.1])])
 def test_what_is_computed_later_belongs_to_what_was_solved(read) -> None:
     """Elsewhere the newest code counts; here it would give another motion's numbers beside those of the solution."""
     rate = {"k": 1.0}

@@ -32,7 +32,7 @@ class _Batch(NamedTuple):
     """A program, its arguments, and the arrays that it fills.
 
     Where states at times are wanted there are two tapes, see `tape`: the times, and what is wanted there. Where the
-    steps are recorded there is one for them.
+    steps are recorded, or events, there is one for them.
     """
 
     signature: Signature
@@ -93,7 +93,7 @@ class _Batch(NamedTuple):
         for name in ("outcome", "time", "outputs", "trials", "count", "at_once", "least", "slides"):
             part = jax.tree.map(lambda each: each[better], getattr(found, name))
             _put(getattr(results, name), part, those)
-        if self.timed:
+        if found.saved is not None:
             self.saved[those] = np.asarray(found.saved)[better]
         if results.recorded is not None:
             results.recorded.rows[those] = 0
@@ -110,8 +110,8 @@ class _Batch(NamedTuple):
 
     @property
     def saved(self) -> np.ndarray:
-        """Outputs at times and their derivatives, shape (lanes, times, value and tangents, outputs)."""
-        return self.tapes[1]
+        """Numbers at times, or of events, and their derivatives, see `LaneEnd`."""
+        return self.tapes[-1]
 
     def check(self, lanes: np.ndarray, rtol: float) -> None:
         """Integrate lanes with a greater tolerance, to know which of them need a smaller one; the results stay."""
@@ -170,6 +170,7 @@ def integrate(
     *,
     refines: bool = True,
     times: np.ndarray | None = None,
+    events: int = 0,
 ) -> LaneEnd:
     """Integrate lanes to their ends, and lanes of doubtful accuracy again.
 
@@ -186,19 +187,20 @@ def integrate(
         rtol: relative tolerance of outputs, end time and derivatives.
         refines: False leaves doubtful lanes as they are.
         times: at which the outputs are wanted as well; rising, shape (n,), or (lanes, n) of each lane's own.
+        events: how many events of lanes with resets are wanted as well, in place of `times`.
 
     Returns:
         The lanes' results, arrays of shape (lanes,).
     """
-    records = signature.options.records and order == 0 and times is None and lanes <= _RECORDED
+    records = signature.options.records and order == 0 and times is None and not events and lanes <= _RECORDED
     signature = signature.renewed().wanting(records=records)
     if times is not None:
         times = np.broadcast_to(times, (lanes, times.shape[-1]))
     if order > METHODS[signature.options.method].derivatives:
         return _by_fewer_derivatives(
-            signature, parameters, lanes, order, directions, rtol, refines=refines, times=times
+            signature, parameters, lanes, order, directions, rtol, refines=refines, times=times, events=events
         )
-    signature = signature.wanting(saves=times is not None)
+    signature = signature.wanting(saves=times is not None, logs=events > 0)
     fixed = tuple(direction for direction in directions if isinstance(direction, int))
     program, results = integrator_of(signature, order, fixed, 0 if fixed else len(directions))
     places = () if fixed else tuple(np.asarray(direction, float) for direction in directions)
@@ -207,8 +209,12 @@ def integrate(
     tapes: list[np.ndarray] = []
     if signature.options.records:
         leaves, tapes = [*leaves, np.asarray(float(ROWS))], [np.empty((lanes, ROWS * row_width(signature)))]
+    tangents = 4 if len(directions) == 2 else order + 1
+    if events:
+        leaves.append(np.asarray(float(events + 1)))
+        numbers = 1 + len(signature.event_names) + 1 + len(empty.outputs.value)
+        tapes = [np.full((lanes, events + 1, tangents, numbers), np.nan)]
     if times is not None:
-        tangents = 4 if len(directions) == 2 else order + 1
         rising = np.full((lanes, times.shape[1] + 1), np.inf)
         rising[:, :-1] = times
         tapes = [rising, np.full((*times.shape, tangents, len(empty.outputs.value)), np.nan)]
@@ -216,20 +222,20 @@ def integrate(
     batch = _Batch(signature, program, leaves, empty, np.empty(lanes), np.zeros(lanes), accuracy, tapes)
     batch.run(np.arange(lanes), np.asarray(rtol))
     if signature.options.method == "auto":
-        _by_other_methods(batch, order, directions, rtol, refines=refines)
+        _by_other_methods(batch, order, directions, rtol, refines=refines, events=events)
     if refines:
         batch.check(np.flatnonzero(batch.results.rtol_next > rtol), rtol)
         batch.refine_until_two_agree(np.flatnonzero(batch.results.rtol_next < rtol), rtol)
     if order:
-        _with_fewer_derivatives(batch, order, directions, rtol, refines=refines)
+        _with_fewer_derivatives(batch, order, directions, rtol, refines=refines, events=events)
     results = batch.results._replace(rtol_used=batch.used, error=batch.errors)
     if results.recorded is not None:
         return results._replace(recorded=results.recorded._replace(tapes=batch.tapes[0]))
-    return results if times is None else results._replace(saved=batch.saved)
+    return results._replace(saved=batch.saved) if times is not None or events else results
 
 
 def _by_other_methods(
-    batch: _Batch, order: int, directions: tuple[int | PerLane, ...], rtol: float, *, refines: bool
+    batch: _Batch, order: int, directions: tuple[int | PerLane, ...], rtol: float, *, refines: bool, events: int
 ) -> None:
     """Integrate lanes that turned out to be stiff, or took too many steps, by the method for stiff motions.
 
@@ -249,7 +255,7 @@ def _by_other_methods(
             found = integrate(
                 signature.wanting(method=method, records=False),
                 parameters, lanes.size, order, of_lanes(directions, lanes), rtol, refines=refines,
-                times=batch.times(lanes),
+                times=batch.times(lanes), events=events,
             )  # fmt: skip
         except NotForLanesError:
             lanes = lanes[given_up[lanes]]
@@ -264,7 +270,7 @@ def _by_other_methods(
 
 
 def _with_fewer_derivatives(
-    batch: _Batch, order: int, directions: tuple[int | PerLane, ...], rtol: float, *, refines: bool
+    batch: _Batch, order: int, directions: tuple[int | PerLane, ...], rtol: float, *, refines: bool, events: int
 ) -> None:
     """Integrate lanes that failed with derivatives again with fewer: their outputs may exist although these do not."""
     lost = np.flatnonzero(batch.signature.has_no_result(batch.results.outcome) & batch.is_known)
@@ -276,7 +282,15 @@ def _with_fewer_derivatives(
     )
     batch.adopt(
         _by_fewer_derivatives(
-            batch.signature, parameters, lost.size, order, along, rtol, refines=refines, times=batch.times(lost)
+            batch.signature,
+            parameters,
+            lost.size,
+            order,
+            along,
+            rtol,
+            refines=refines,
+            times=batch.times(lost),
+            events=events,
         ),
         lost,
     )
@@ -292,11 +306,12 @@ def _by_fewer_derivatives(
     *,
     refines: bool,
     times: np.ndarray | None,
+    events: int,
 ) -> LaneEnd:
     """Results of a program with one derivative less; those of the order are NaN. See `integrate`."""
     # Along two directions the first derivatives are two integrations.
     lower = [
-        integrate(signature, parameters, lanes, order - 1, each, rtol, refines=refines, times=times)
+        integrate(signature, parameters, lanes, order - 1, each, rtol, refines=refines, times=times, events=events)
         for each in ([(direction,) for direction in directions] if order == 2 else [()])
     ]
     one, other = lower[0], lower[-1]
@@ -309,7 +324,7 @@ def _by_fewer_derivatives(
 
     time, outputs = (derivatives(getattr(one, name), getattr(other, name)) for name in ("time", "outputs"))
     saved = None
-    if times is not None:
+    if one.saved is not None:
         # A value and its first derivatives, one or two; the last is of the order.
         parts = [np.asarray(one.saved), *(np.asarray(each.saved)[:, :, 1:] for each in lower[1:])]
         saved = np.concatenate([*parts, np.full_like(parts[0][:, :, :1], np.nan)], axis=2)
@@ -331,6 +346,7 @@ def integrate_along(
     rtol: float,
     *,
     times: np.ndarray | None = None,
+    events: int = 0,
 ) -> LaneEnd:
     """Derivatives along several directions.
 
@@ -342,6 +358,7 @@ def integrate_along(
         places: places of elements, see `Variational`; shape (1 or 2, n).
         rtol: relative tolerance.
         times: as in `integrate`.
+        events: as in `integrate`.
 
     Returns:
         Arrays of shape (lanes, n).
@@ -351,7 +368,7 @@ def integrate_along(
     directions = tuple(np.tile(row.astype(float), lanes) for row in places)
     if times is not None and times.ndim == 2:
         times = np.repeat(times, count, axis=0)
-    results = integrate(signature, repeated, lanes * count, order, directions, rtol, times=times)
+    results = integrate(signature, repeated, lanes * count, order, directions, rtol, times=times, events=events)
     return jax.tree.map(lambda part: part.reshape(lanes, count, *part.shape[1:]), results)
 
 
@@ -403,14 +420,17 @@ def integrator_of(
         return _compiled(signature, order, fixed, directions)
 
 
-def compile_ahead(signature: Signature, order: int, directions: int, *, timed: bool = False) -> None:
-    """Compile what `integrate` will need; `timed` where states at times are wanted.
+def compile_ahead(
+    signature: Signature, order: int, directions: int, *, timed: bool = False, logs: bool = False
+) -> None:
+    """Compile what `integrate` will need; `timed` where states at times are wanted, `logs` where events are.
 
     Raises:
         NotForLanesError: for a problem that cannot be compiled; a callback would bury it under JAX's own words.
     """
     order = min(order, METHODS[signature.options.method].derivatives)
-    signature = signature.renewed().wanting(saves=timed, records=signature.options.records and not timed)
+    records = signature.options.records and not (timed or logs)
+    signature = signature.renewed().wanting(saves=timed, logs=logs, records=records)
     integrator_of(signature, order, (), directions)
 
 

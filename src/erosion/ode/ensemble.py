@@ -1,8 +1,9 @@
 """Problem and arguments as lanes, and the parts of their results: what every way to solve needs."""
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -11,7 +12,7 @@ from jaxtyping import PyTree
 
 from erosion.arguments import Number, PerImpact, PerLane, as_names, check_share, check_unmasked, check_whole
 from erosion.ode.back_in_time import reflected
-from erosion.ode.batch import integrate
+from erosion.ode.batch import integrate, integrate_along
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.methods import METHODS
 from erosion.ode.problem import Problem, flattened, is_number
@@ -22,6 +23,8 @@ _TINY = 1e-14  # no tolerance is tighter: rounding is near
 _STARTS = ("wait", "fire", "end")
 _CLOCK = ("t0", "t1")  # by which there are derivatives
 _METHODS = tuple(METHODS)
+
+_Of = TypeVar("_Of")
 
 
 def path_of(keys: Sequence[Any]) -> tuple[str, ...]:
@@ -278,6 +281,60 @@ def _state_scale(signature: Signature, state_scale: PyTree) -> tuple[float, ...]
     return values
 
 
+def ends(
+    lanes: Lanes, names: Sequence[str], order: int, rtol: float, times: np.ndarray | None = None, events: int = 0
+) -> tuple[LaneEnd, list[tuple[str, ...]]]:
+    """The ends of lanes, and along which names the last axis of their derivatives is, where there are several.
+
+    See `integrate` for `times` and `events`; what is saved has an axis for the names after that of the lanes.
+    """
+    signature, parameters, count = lanes.signature, lanes.parameters, lanes.size
+    if order == 0 or len(names) == 1:
+        places = (lanes.element_of(names[0]),) if order else ()
+        results = integrate(signature, parameters, count, order, places, rtol, times=times, events=events)
+        saved = None if results.saved is None else np.asarray(results.saved)[:, None]
+        return results._replace(saved=saved), [(*names, *names)[:order]]
+    along: list[tuple[str, ...]] = (
+        [(name,) for name in names] if order == 1 else list(itertools.combinations_with_replacement(names, 2))
+    )
+    places = np.array([[lanes.element_of(name) for name in each] for each in along], float).T
+    results = integrate_along(signature, parameters, count, order, places, rtol, times=times, events=events)
+    # A lane that fails along one direction fails in all.
+    failed = np.any(signature.has_no_result(results.outcome), axis=1)
+    outcome = np.where(failed, results.outcome.max(axis=1), results.outcome[:, 0])
+    results = results._replace(
+        outcome=outcome,
+        trials=results.trials.sum(axis=1),
+        count=results.count[:, 0],
+        stiff=None if results.stiff is None else results.stiff.max(axis=1),
+        slides=None if results.slides is None else results.slides.max(axis=1),
+        error=np.max(np.asarray(results.error), axis=1),
+        at_once=[each[:, 0] for each in results.at_once],
+    )
+    return results, along
+
+
+def by_names(
+    saved: np.ndarray, along: Sequence[tuple[str, ...]], part: Callable[[np.ndarray], _Of]
+) -> tuple[_Of, dict[tuple[str, ...], _Of]]:
+    """What is saved of lanes on their way, and its derivatives by names.
+
+    Args:
+        saved: see `ends`, and so is `along`.
+        along: the names.
+        part: makes it of numbers of shape (lanes, times, outputs).
+    """
+    tangents = saved.shape[-2]
+    found: dict[tuple[str, ...], _Of] = {}
+    for column, names in enumerate(along if tangents > 1 else []):
+        for name, tangent in zip(names, (1, 2 if tangents == 4 else 1), strict=False):
+            if (name,) not in found:
+                found[(name,)] = part(saved[:, column, :, tangent])
+        if len(names) == 2:
+            found[names] = part(saved[:, column, :, tangents - 1])
+    return part(saved[:, 0, :, 0]), found
+
+
 class Part(NamedTuple):
     """Times, states and integrals of lanes at their ends, or derivatives of these.
 
@@ -336,3 +393,15 @@ def checked_times(ts: Any) -> np.ndarray:
     if times.ndim != 1:
         raise ValueError(f"Argument `ts` must be one row of times, but has shape {times.shape}.")
     return times
+
+
+def among(derivatives: Mapping[tuple[str, ...], _Of], names: tuple[str, ...]) -> _Of:
+    """The derivatives by some numbers."""
+    found = derivatives.get(names) or derivatives.get(names[::-1])
+    if found is None:
+        known = ", ".join(" and ".join(key) for key in derivatives) or "none"
+        raise ValueError(
+            f"Arguments of `along` must be among the derivatives ({known}), but are {names}; "
+            "`wrt` and `derivatives=2` of `solve` ask for more."
+        )
+    return found

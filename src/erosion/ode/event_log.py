@@ -1,94 +1,106 @@
 """All events on the way of lanes: recorded while the lanes are integrated once more."""
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import PyTree
 
 from erosion.arguments import PerImpact
-from erosion.lanes.lanewise import WIDTH
-from erosion.ode.batch import in_threads, integrator_of
-from erosion.ode.ensemble import Lanes, named_events, shaped
-from erosion.ode.gradient import first_method
-from erosion.ode.tape import EventLog
+from erosion.ode.ensemble import Lanes, Part, among, by_names, ends, named_events, shaped
 from erosion.output.tables import format_number
-
-_CHUNK, _FEW = 2**12, 64  # lanes that are recorded at once, and that one thread computes sooner
-_MEMORY = 2**24  # bytes of a log, at once
 
 
 class Passed(NamedTuple):
-    """The events on the way of lanes, arrays (…, n); n is the greatest number of them.
+    """The events on the way of lanes, arrays (…, n); n is the greatest number of them, or `max_events` in JAX.
 
     Args:
-        name: of the event; "" after the last.
+        names: of all events.
+        event: the index in `names` of each; -1 after the last.
         t: when; NaN after the last.
         y: the state just before a reset, a pytree of arrays; NaN after the last.
+        integrals: by name, in the same way.
         at_once: by name whether an event happens there, as others may at the same time.
+        derivatives: of t, y and integrals by names of one or two numbers; see `along`.
     """
 
-    name: np.ndarray
-    t: np.ndarray
+    names: tuple[str, ...]
+    event: PerImpact
+    t: PerImpact
     y: PyTree
-    at_once: Mapping[str, np.ndarray]
+    integrals: Mapping[str, PerImpact]
+    at_once: Mapping[str, PerImpact]
+    derivatives: Mapping[tuple[str, ...], Part] = {}
+
+    @property
+    def name(self) -> np.ndarray:
+        """The name of each event; "" after the last.
+
+        Raises:
+            ValueError: where JAX traces the events.
+        """
+        if isinstance(self.event, Tracer):
+            raise ValueError(
+                "`name` holds words, and there are none where JAX traces; `event` is the index in `names`."
+            )
+        return np.array([*self.names, ""])[np.asarray(self.event)]
+
+    def along(self, *names: str) -> Part:
+        """Derivatives of t, y and integrals, as `Solution.along`."""
+        return among(self.derivatives, names)
 
     def __repr__(self) -> str:
         happened = self.name[self.name != ""]
         return f"Passed({format_number(happened) or 'no events'}, t={format_number(self.t, 6)})"
 
 
-def events_passed(lanes: Lanes, count: PerImpact, tolerance: PerImpact, stiff: PerImpact) -> Passed:
-    """The events on the way of lanes.
+def events_passed(lanes: Lanes, count: PerImpact, names: Sequence[str], order: int, rtol: float) -> Passed:
+    """The events on the way of lanes with resets.
 
     Args:
         lanes: the lanes.
         count: how many events each has.
-        tolerance: of each lane's results.
-        stiff: whether the method for stiff motions integrated it.
+        names: of the derivatives.
+        order: of these.
+        rtol: relative tolerance.
     """
-    count, tolerance, stiff = (np.reshape(np.asarray(each), -1) for each in (count, tolerance, stiff))
-    most = int(count.max(initial=0))
-    rows = np.full((lanes.size, most, EventLog.BESIDE + lanes.signature.rows), np.nan)
-    for method, those in ((first_method(lanes.signature), ~stiff), ("rosenbrock", stiff)):
-        which = np.flatnonzero(those & (count > 0))
-        own = lanes.signature.renewed().wanting(method=method, logs=True, records=False, saves=False)
-        by_count = which[np.argsort(count[which], kind="stable")]
-        in_threads(
-            lambda block, stop, own=own: _record(lanes._replace(signature=own), block, count, tolerance, rows, stop),
-            by_count, _CHUNK, _FEW,
-        )  # fmt: skip
-    wide = lanes._replace(shape=(*lanes.shape, most))
-    codes, happening, time, *outputs = (part.reshape(wide.shape) for part in np.moveaxis(rows, -1, 0))
-    there = np.isfinite(codes)
-    codes, happening = (np.where(there, part, 0.0).astype(int) for part in (codes, happening))
+    most = int(np.max(count, initial=0))
+    results, along = ends(lanes, names, order, rtol, events=max(most, 1))
+    assert results.saved is not None
+    wide, codes = lanes._replace(shape=(*lanes.shape, most)), 1 + len(lanes.signature.event_names)
+    there = np.arange(most) < np.expand_dims(count, -1)
+
+    def part(rows: np.ndarray) -> Part:
+        time, *outputs = (np.where(there, row.reshape(wide.shape), np.nan) for row in np.moveaxis(rows, -1, 0))
+        return shaped(wide, time, outputs)
+
+    saved = results.saved[..., :most, :, :]
+    value, derivatives = by_names(saved[..., codes:], along, part)
     t0 = np.reshape(np.broadcast_to(lanes.signature.clock(lanes.parameters).t0, lanes.size), (*lanes.shape, 1))
-    part = shaped(wide, time + t0, outputs)
-    at_once = [there & (happening >> i & 1 > 0) for i in range(len(lanes.signature.event_names))]
+    for name in names if order else ():
+        if lanes.begins_with(name):
+            derivatives[(name,)] = derivatives[(name,)]._replace(t=derivatives[(name,)].t + 1.0)
+    happening = [row.reshape(wide.shape) for row in np.moveaxis(saved[:, 0, :, 0, :codes], -1, 0)]
+    return passed(lanes, there, happening, value._replace(t=value.t + t0), derivatives)
+
+
+def passed(
+    lanes: Lanes, there: Any, codes: Sequence[Any], part: Part, derivatives: Mapping[tuple[str, ...], Part]
+) -> Passed:
+    """Events from their numbers.
+
+    Args:
+        lanes: the lanes.
+        there: whether there is an event, shape (…, n).
+        codes: the index of each, and whether each of the events happens there.
+        part: times, states and integrals.
+        derivatives: of these.
+    """
+    event, *flags = codes
+    library = jax.numpy if isinstance(part.t, jax.Array) else np
     return Passed(
-        np.where(there, np.array(lanes.signature.end_names)[codes], ""), part.t, part.y, named_events(lanes, at_once)
-    )
-
-
-def _record(
-    lanes: Lanes, which: np.ndarray, count: np.ndarray, tolerance: np.ndarray, rows: np.ndarray, stop: np.ndarray | None
-) -> None:
-    """Integrate some lanes, and write their events into rows, shape (lanes, events, numbers)."""
-    most = int(count[which].max())
-    capacity, width = most + 1, rows.shape[-1]
-    some = max(WIDTH, _MEMORY // (8 * capacity * width))
-    for first in range(0, which.size, some):
-        each = which[first : first + some]
-        program, results = integrator_of(lanes.signature, 0, (), 0)
-        found = jax.tree.map(lambda leaf, size=each.size: np.empty(size, leaf.dtype), results)
-        log = np.empty((each.size, capacity * width))
-        inputs = [
-            *(np.asarray(number, float) for number in lanes.signature.of_lanes(lanes.parameters, each)),
-            np.asarray(float(capacity)), tolerance[each],
-        ]  # fmt: skip
-        program.run(inputs, np.arange(each.size), jax.tree.leaves(found), stop, [log])
-        if stop is not None and stop[0]:
-            return
-        written = np.minimum(found.logged.rows, count[each])[:, None, None] > np.arange(most)[:, None]
-        rows[each, :most] = np.where(written, log.reshape(each.size, capacity, width)[:, :most], np.nan)
+        lanes.signature.event_names, library.where(there, event, -1).astype(int), *part,
+        named_events(lanes, [there & (flag > 0) for flag in flags]), derivatives,
+    )  # fmt: skip

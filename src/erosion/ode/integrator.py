@@ -48,10 +48,10 @@ class LaneEnd(NamedTuple):
         slides: whether the lane was given up as its rates point to a switch from both sides; where it has switches.
         rtol_used: after the batch, the tolerance of the results.
         error: after the batch, what the values err by as two integrations tell; 0 where there was one.
-        saved: the token of what is written at times; after the batch outputs there and their derivatives, in the
-            order of `Variational.pack`, shape (lanes, times, value and tangents, outputs).
+        saved: the token of what is written at times, or of events; after the batch numbers there and their derivatives,
+            in the order of `Variational.pack`, shape (lanes, times, value and tangents, outputs), see
+            `recorders.Events` for those of events, of which one row more than are wanted has any numbers.
         recorded: the steps, where they are recorded.
-        logged: the events, where they are logged.
     """
 
     outcome: PerImpact
@@ -68,7 +68,6 @@ class LaneEnd(NamedTuple):
     error: PerImpact | None = None
     saved: PerImpact | None = None
     recorded: Recorded | None = None
-    logged: Recorded | None = None
 
     @property
     def quantities(self) -> Derivatives:

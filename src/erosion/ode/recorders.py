@@ -140,7 +140,7 @@ class SaveAt(Recorder):
 
 
 class Events(Recorder):
-    """Each event that happens, with the outputs before its own reset.
+    """Each event that happens: its index, those that happen at once, its time, and the outputs before its own reset.
 
     Args:
         problem: the equations.
@@ -164,15 +164,18 @@ class Events(Recorder):
         self, written: EventLog, event: int, fires: Flag, at_once: Sequence[Flag], at: tuple[Augmented, ...]
     ) -> EventLog:
         """See `Recorder`."""
-        equations = self.problem.equations
+        equations, happening = self.problem.equations, at_once[: self.problem.own_events]
         pairs = zip(equations.unpack(self.elapsed), equations.of(outputs_of, at), strict=True)
         there = Derivatives(*(None if outputs is None else [time, *outputs] for time, outputs in pairs))
-        numbers = jax.tree.leaves(equations.pack(equations.unscale(there)))
-        return written.with_event(event, fires, at_once[: self.problem.own_events], numbers)
+        numbers = []
+        for i, part in enumerate(equations.pack(equations.unscale(there))):
+            codes = [float(event), *(lax.convert_element_type(flag, float) for flag in happening)]
+            numbers += [*(jnp.zeros(()) + (0.0 if i else code) for code in codes), *part]
+        return written.with_event(fires, numbers)
 
     def results(self, written: EventLog) -> Mapping[str, Any]:
         """See `Recorder`."""
-        return {"logged": Recorded(written.rows, written.token)}
+        return {"saved": written.token}
 
 
 def recorders_of(problem: LaneEquations, rtol: Scalar, rows: Scalar) -> list[Recorder]:

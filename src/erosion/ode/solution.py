@@ -1,9 +1,10 @@
 """What came out of lanes: `erosion.ode.Solution`."""
 
+import abc
 import dataclasses
 import functools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,9 +14,8 @@ from jaxtyping import PyTree
 
 from erosion.arguments import PerImpact
 from erosion.ode.back_in_time import chosen
-from erosion.ode.batch import integrate
-from erosion.ode.ensemble import Lanes, Part, path_of, repeated
-from erosion.ode.event_log import Passed, events_passed
+from erosion.ode.ensemble import Lanes, Part, among, path_of, repeated
+from erosion.ode.event_log import Passed
 from erosion.ode.gradient import Ended, going_forwards, gradient_of
 from erosion.ode.kinks import may_have_kinks
 from erosion.ode.problem import Problem, Words
@@ -29,6 +29,18 @@ if TYPE_CHECKING:
 
 INEXACT = 100.0  # tolerances: results that err by more are told
 _SEARCHED = 16  # failed lanes whose time is looked for
+
+
+class Integration(abc.ABC):
+    """What a solution asks for later: its lanes are integrated once more, with the same derivatives."""
+
+    @abc.abstractmethod
+    def at(self, times: Any) -> "Solution":
+        """The solution with states at times."""
+
+    @abc.abstractmethod
+    def events(self, count: PerImpact) -> Passed:
+        """The events on the way of lanes with resets, of which each has so many."""
 
 
 class Times(NamedTuple):
@@ -48,7 +60,7 @@ class Times(NamedTuple):
 
     def along(self, *names: str) -> "Times":
         """Derivatives of states and integrals, as `Solution.along`."""
-        return _among(self.derivatives, names)
+        return among(self.derivatives, names)
 
     def __repr__(self) -> str:
         ys, integrals = jax.tree.map(lambda part: Words(format_number(part, 6)), (self.ys, dict(self.integrals)))
@@ -80,6 +92,7 @@ class Solution(Result):
             motion do in the end.
         recorded: the steps of lanes, for `gradient`; None where they were not recorded.
         has_gradient: whether a gradient follows, as `ode.solve` was told.
+        integration: for states at other times, and for events.
     """
 
     problem: Problem
@@ -103,6 +116,7 @@ class Solution(Result):
     inexact: PerImpact = False
     recorded: Recorded | None = dataclasses.field(default=None, repr=False)
     has_gradient: bool = dataclasses.field(default=False, repr=False)
+    integration: Integration | None = dataclasses.field(default=None, repr=False)
     forwards: "Solution | None" = dataclasses.field(default=None, repr=False)
     """Of a motion back in time, that of the reflected problem."""
     earlier: "tuple[Solution, np.ndarray] | None" = dataclasses.field(default=None, repr=False)
@@ -122,8 +136,7 @@ class Solution(Result):
         if any(isinstance(each, Tracer) for each in (self.outcome, self.t, *self.lanes.parameters)):
             raise ValueError(
                 f"`{name}` needs numbers, or holds words, and there are none where JAX traces; `outcome` is the index "
-                "in `names` of what ended a lane. For the time of the n-th event let it be the end, by `max_events=n`; "
-                "for a gradient use `jax.grad`."
+                "in `names` of what ended a lane; for a gradient use `jax.grad`."
             )
 
     def _require_problem(self, name: str) -> None:
@@ -139,7 +152,7 @@ class Solution(Result):
         Raises:
             ValueError: where they were not asked for by `wrt` and `derivatives`.
         """
-        return _among(self.derivatives, names)
+        return among(self.derivatives, names)
 
     def gradient(
         self, *, t: Any = 0.0, y: PyTree = None, integrals: Mapping[str, Any] | None = None, ys: PyTree = None
@@ -202,6 +215,35 @@ class Solution(Result):
             ended = Ended(outcome, end, trials, tolerance, stiff, self.rtol, self.recorded)
         return gradient_of(self.lanes, self.rtol, ended, self.ts, t, y, integrals or {}, ys)
 
+    def __call__(self, t: Any) -> Times:
+        """The states at times, as exact as those at `ts`, and their derivatives by the numbers in `wrt`.
+
+        The lanes are integrated once more, so a few calls with many times cost least.
+
+        Args:
+            t: shape (n,).
+
+        Returns:
+            What `times` would be, had `ode.solve` had these `ts`, to the bit.
+
+        Raises:
+            ValueError: where the problem computes something else since.
+
+        Example:
+            >>> import numpy as np
+            >>> from erosion import ode
+            >>> decay = ode.Problem({"x": 1.0}, lambda t, y, args: {"x": -args["k"] * y["x"]})
+            >>> end = ode.solve(decay, {"k": 2.0}, t1=9.0, wrt="k")
+            >>> at = end([0.5, 1.0])
+            >>> at.ys["x"], at.along("k").ys["x"]  # exp(-2 t), -t exp(-2 t)
+            (array([0.3678..., 0.1353...]), array([-0.1839..., -0.1353...]))
+        """
+        self._require_problem("solution(t)")
+        assert self.integration is not None
+        times = self.integration.at(t).times
+        assert times is not None
+        return times
+
     @property
     def ts(self) -> PerImpact:
         """The times of `ys`."""
@@ -219,14 +261,10 @@ class Solution(Result):
     def mirrored(self) -> "Solution":
         """That of the problem of -t."""
 
-        def of_part(part: Any, names: tuple[str, ...]) -> Any:
-            # Numbers of the clock have the other sign there.
-            sign = (-1.0) ** sum(self.lanes.is_of_clock(name) for name in names)
-            y, integrals = jax.tree.map(lambda number: sign * number, tuple(part[1:3]))
-            if isinstance(part, Part):
-                return Part(-sign * part.t, y, integrals)
-            derivatives = {path: of_part(each, path) for path, each in part.derivatives.items()}
-            return Times(-1.0 * part.ts, y, integrals, derivatives)
+        def of_times(times: Times, names: tuple[str, ...] = ()) -> Times:
+            y, integrals = self._mirrored(Part(0.0, times.ys, times.integrals), names)[1:]
+            derivatives = {path: of_times(each, path) for path, each in times.derivatives.items()}
+            return Times(-1.0 * times.ts, y, integrals, derivatives)
 
         original = self.lanes.original
         assert original is not None
@@ -234,10 +272,16 @@ class Solution(Result):
             self,
             problem=original,
             t=-1.0 * self.t,
-            derivatives={path: of_part(part, path) for path, part in self.derivatives.items()},
-            times=self.times and of_part(self.times, ()),
+            derivatives={path: self._mirrored(part, path) for path, part in self.derivatives.items()},
+            times=self.times and of_times(self.times),
             forwards=self,
         )
+
+    def _mirrored(self, part: Part, names: tuple[str, ...] = ()) -> Part:
+        """A part of the problem of -t, where numbers of the clock have the other sign."""
+        sign = (-1.0) ** sum(self.lanes.is_of_clock(name) for name in names)
+        y, integrals = jax.tree.map(lambda number: sign * number, (part.y, part.integrals))
+        return Part(-sign * part.t, y, integrals)
 
     def with_earlier(self, before: "Solution", flags: np.ndarray) -> "Solution":
         """With states at times before the start, which the flags, shape (…, times), are, from a motion back."""
@@ -258,41 +302,44 @@ class Solution(Result):
     def events(self) -> Passed:
         """Each event on the way, that at the end included; lanes are integrated once more when it is first read.
 
-        `name`, `t`, `y` (before the event's reset) and `at_once` have one axis more, for the events. They have no
-        derivatives: for those of the n-th event let it be the end, by `max_events=n`.
+        `name`, `t`, `y` (before the event's reset), `integrals` and `at_once` have one axis more, for the events, and
+        so have the derivatives by the numbers in `wrt`, `events.along(…)`. Where JAX traces the solution the axis has
+        the length `max_events`, or 1 without resets; `event` is the index in `names`, and derivatives go forwards.
 
         Raises:
-            ValueError: where JAX traces the solution, and where the problem computes something else since.
+            ValueError: where the problem computes something else since, or JAX traces the solution and `max_events` is
+                no number.
         """
-        self._require_numbers("events")
         self._require_problem("events")
-
         if self.forwards is not None:
-            passed = self.forwards.events
-            return passed._replace(t=-1.0 * passed.t)
+            passed, turned = self.forwards.events, self.forwards._mirrored
+            derivatives = {path: turned(part, path) for path, part in passed.derivatives.items()}
+            return passed._replace(t=-1.0 * passed.t, derivatives=derivatives)
         if not any(self.problem.resets()):
             return self._end_alone
-        tolerance = self.tolerance
-        if tolerance is None:  # of an integration with derivatives
-            tolerance = integrate(
-                self.lanes.signature, self.lanes.parameters, self.lanes.size, 0, (), self.rtol
-            ).rtol_used
-        return events_passed(self.lanes, self.count, tolerance, self.stiff)
+        assert self.integration is not None
+        return self.integration.events(self.count)
 
     @property
     def _end_alone(self) -> Passed:
         """The events of lanes that end with the first."""
-        axis, there = np.ndim(self.t), np.expand_dims(np.asarray(self.count) > 0, -1)
-        most = int(np.max(self.count, initial=0))
+        is_traced, axis = isinstance(self.count, Tracer), np.ndim(self.t)
+        library: Any = jnp if is_traced else np
+        there = library.expand_dims(library.asarray(self.count) > 0, -1)
+        most = 1 if is_traced else int(np.max(self.count, initial=0))
 
-        def of(found: Any, nothing: Any) -> np.ndarray:
-            wide = np.expand_dims(found, axis)
+        def of(found: Any, nothing: Any) -> Any:
+            wide = library.expand_dims(found, axis)
             flags = there.reshape(*there.shape, *[1] * (wide.ndim - there.ndim))
-            return np.where(flags, wide, nothing).take(range(most), axis)
+            return library.where(flags, wide, nothing).take(np.arange(most), axis)
 
-        y = jax.tree.map(lambda part: of(part, np.nan), self.y)
+        def of_part(part: Part) -> Part:
+            return jax.tree.map(lambda number: of(number, np.nan), part)
+
+        part = of_part(Part(self.t, self.y, self.integrals))
         at_once = {name: of(flags, False) for name, flags in self.at_once.items()}
-        return Passed(of(self.ended_by, ""), of(self.t, np.nan), y, at_once)
+        derivatives = {names: of_part(each) for names, each in self.derivatives.items()}
+        return Passed(self.lanes.signature.event_names, of(self.outcome, -1), *part, at_once, derivatives)
 
     @property
     def title(self) -> str:
@@ -646,18 +693,3 @@ def _free(name: str, taken: Mapping[str, Any]) -> str:
     while name in taken:
         name += "_"
     return name
-
-
-_Of = TypeVar("_Of")
-
-
-def _among(derivatives: Mapping[tuple[str, ...], _Of], names: tuple[str, ...]) -> _Of:
-    """The derivatives by some numbers."""
-    found = derivatives.get(names) or derivatives.get(names[::-1])
-    if found is None:
-        known = ", ".join(" and ".join(key) for key in derivatives) or "none"
-        raise ValueError(
-            f"Arguments of `along` must be among the derivatives ({known}), but are {names}; "
-            "`wrt` and `derivatives=2` of `solve` ask for more."
-        )
-    return found

@@ -1,9 +1,8 @@
 """Lanes to their first events, with derivatives: `erosion.ode.solve`."""
 
 import dataclasses
-import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -12,16 +11,15 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import PyTree
 
-from erosion.arguments import as_names, check_order
+from erosion.arguments import PerImpact, as_names, check_order
 from erosion.ode.back_in_time import early
-from erosion.ode.batch import integrate, integrate_along
-from erosion.ode.ensemble import Lanes, Part, checked_lanes, checked_times, named_events, shaped
+from erosion.ode.ensemble import Lanes, Part, by_names, checked_lanes, checked_times, ends, named_events, shaped
+from erosion.ode.event_log import Passed, events_passed
 from erosion.ode.gradient import goes_back
-from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Problem, in_these_words
-from erosion.ode.solution import INEXACT, Solution, Times
+from erosion.ode.solution import INEXACT, Integration, Solution, Times
 from erosion.ode.step_control import require_float64
-from erosion.ode.traced import traced_solution
+from erosion.ode.traced import traced_events, traced_solution
 from erosion.output.tables import briefly
 
 
@@ -110,68 +108,66 @@ def solve(
         problem, args, t1=t1, t0=t0, rtol=rtol, start=start, max_step=max_step, max_events=max_events,
         state_scale=state_scale, smooth=smooth, max_steps=max_steps, method=method, shared=shared,
     )  # fmt: skip
-    times = None
-    if ts is not None:
-        times = jnp.asarray(ts, float) if _is_traced(jax.tree.leaves(ts)) else checked_times(ts)
     if gradient:
         lanes = lanes._replace(signature=lanes.signature.wanting(records=goes_back(lanes.signature)))
-    found = traced_solution if _is_traced([*lanes.parameters, times]) else solution
-    if lanes.original is not None:
-        end = _both_ways(found, lanes, names, order, rtol, None if times is None else -1.0 * times).mirrored()
-    else:
-        end = _both_ways(found, lanes, names, order, rtol, times)
+    end = _Integration(lanes, names, order, rtol).at(ts)
     return dataclasses.replace(end, has_gradient=True) if gradient else end
 
 
-def _both_ways(
-    found: Callable[..., Solution], lanes: Lanes, names: Sequence[str], order: int, rtol: float, times: Any
-) -> Solution:
-    """The solution of lanes, with states at times before their start as well."""
-    end, t0 = found(lanes, names, order, rtol, times), lanes.signature.clock(lanes.parameters).t0
-    if times is None or _is_traced([t0, times]):
-        return end
-    flags = early(t0, lanes.shape, times)
-    if not np.any(flags):
-        return end
-    if any(lanes.signature.problem.resets()):
-        raise ValueError(
-            "Argument `ts` must hold no times before `t0` where events have resets, as these know no way back."
-        )
-    first = np.min(times, where=np.isfinite(times), initial=np.inf)
-    before = found(lanes.turned(first), names, order, rtol, -1.0 * times)
-    return end.with_earlier(before.mirrored(), flags)
+@dataclasses.dataclass(frozen=True)
+class _Integration(Integration):
+    """See `Integration`.
+
+    Args:
+        lanes: the lanes.
+        names, order: of the derivatives.
+        rtol: relative tolerance.
+    """
+
+    lanes: Lanes
+    names: Sequence[str]
+    order: int
+    rtol: float
+
+    def at(self, times: Any) -> Solution:
+        """See `Integration`; times may be None."""
+        if times is not None:
+            times = jnp.asarray(times, float) if _is_traced(jax.tree.leaves(times)) else checked_times(times)
+        is_back = self.lanes.original is not None
+        end = self._both_ways(-1.0 * times if is_back and times is not None else times)
+        end = dataclasses.replace(end, integration=self)
+        return end.mirrored() if is_back else end
+
+    def events(self, count: PerImpact) -> Passed:
+        """See `Integration`."""
+        if _is_traced(self.lanes.parameters):
+            return traced_events(self.lanes, self.rtol)
+        return events_passed(self.lanes, count, self.names, self.order, self.rtol)
+
+    def _both_ways(self, times: Any) -> Solution:
+        """The solution, with states at times before the start as well."""
+        lanes, t0 = self.lanes, self.lanes.signature.clock(self.lanes.parameters).t0
+        end = self._found(lanes, times)
+        if times is None or _is_traced([t0, times]):
+            return end
+        flags = early(t0, lanes.shape, times)
+        if not np.any(flags):
+            return end
+        if any(lanes.signature.problem.resets()):
+            raise ValueError(
+                "Argument `ts` must hold no times before `t0` where events have resets, as these know no way back."
+            )
+        first = np.min(times, where=np.isfinite(times), initial=np.inf)
+        before = self._found(lanes.turned(first), -1.0 * times)
+        return end.with_earlier(before.mirrored(), flags)
+
+    def _found(self, lanes: Lanes, times: Any) -> Solution:
+        found = traced_solution if _is_traced([*lanes.parameters, times]) else solution
+        return found(lanes, self.names, self.order, self.rtol, times)
 
 
 def _is_traced(numbers: Sequence[Any]) -> bool:
     return any(isinstance(number, Tracer) for number in numbers)
-
-
-def ends(
-    lanes: Lanes, names: Sequence[str], order: int, rtol: float, times: np.ndarray | None = None
-) -> tuple[LaneEnd, list[tuple[str, ...]]]:
-    """The ends of lanes, and along which names the last axis of their derivatives is, where there are several."""
-    signature, parameters, count = lanes.signature, lanes.parameters, lanes.size
-    if order == 0 or len(names) == 1:
-        places = (lanes.element_of(names[0]),) if order else ()
-        return integrate(signature, parameters, count, order, places, rtol, times=times), [(*names, *names)[:order]]
-    along: list[tuple[str, ...]] = (
-        [(name,) for name in names] if order == 1 else list(itertools.combinations_with_replacement(names, 2))
-    )
-    places = np.array([[lanes.element_of(name) for name in each] for each in along], float).T
-    results = integrate_along(signature, parameters, count, order, places, rtol, times=times)
-    # A lane that fails along one direction fails in all.
-    failed = np.any(signature.has_no_result(results.outcome), axis=1)
-    outcome = np.where(failed, results.outcome.max(axis=1), results.outcome[:, 0])
-    results = results._replace(
-        outcome=outcome,
-        trials=results.trials.sum(axis=1),
-        count=results.count[:, 0],
-        stiff=None if results.stiff is None else results.stiff.max(axis=1),
-        slides=None if results.slides is None else results.slides.max(axis=1),
-        error=np.max(np.asarray(results.error), axis=1),
-        at_once=[each[:, 0] for each in results.at_once],
-    )
-    return results, along
 
 
 def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np.ndarray | None = None) -> Solution:
@@ -236,28 +232,22 @@ def _at_times(lanes: Lanes, ts: np.ndarray, t: Any, saved: np.ndarray, along: Se
         lanes: the lanes.
         ts: the times in the order asked for.
         t: the end of each lane.
-        saved: at each finite time once, in rising order; see `LaneEnd`.
+        saved: at each finite time once, in rising order; see `ends`.
         along: the names of the derivatives.
     """
     known, wide = np.isfinite(ts), lanes._replace(shape=(*lanes.shape, ts.size))
     places = np.unique(ts[known], return_inverse=True)[1]
     in_order, late = np.array_equal(places, np.arange(ts.size)), ts > np.reshape(t, (-1, 1))
 
-    def part(column: int, tangent: int) -> Times:
-        of_along = saved if saved.ndim == 4 else saved[:, column]
-        rows = of_along[:, :, tangent]
+    def part(given: np.ndarray) -> Times:
+        rows = given
         if not in_order:
             rows = np.full((lanes.size, ts.size, saved.shape[-1]), np.nan)
-            rows[:, known] = of_along[:, places, tangent]
+            rows[:, known] = given[:, places]
         rows[late] = np.nan
         outputs = [row.reshape(wide.shape) for row in np.moveaxis(rows, -1, 0)]
         y, integrals = shaped(wide, np.broadcast_to(ts, wide.shape), outputs)[1:]
         return Times(ts, y, integrals)
 
-    tangents, found = saved.shape[-2], {}
-    for column, names in enumerate(along if tangents > 1 else []):
-        for name, tangent in zip(names, (1, 2 if tangents == 4 else 1), strict=False):
-            found.setdefault((name,), part(column, tangent))
-        if len(names) == 2:
-            found[names] = part(column, tangents - 1)
-    return part(0, 0)._replace(derivatives=found)
+    value, found = by_names(saved, along, part)
+    return value._replace(derivatives=found)

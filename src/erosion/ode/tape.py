@@ -12,7 +12,7 @@ is stiff: no polynomial is as exact. What is left between the last step and the 
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -108,8 +108,7 @@ _EVENTS = 0
 class EventLog(NamedTuple):
     """The events that are written so far.
 
-    A row has the index of an event, a number whose binary digits say which happen at once, and time and outputs there
-    with their derivatives.
+    A row has the numbers of an event, and then those of their tangents.
 
     Args:
         rows: how many.
@@ -121,13 +120,10 @@ class EventLog(NamedTuple):
     capacity: Scalar
     token: Scalar
 
-    BESIDE = 2  # numbers of a row before time and outputs
-
-    def with_event(self, event: int, happens: Flag, at_once: Sequence[Flag], numbers: FlatState) -> "EventLog":
+    def with_event(self, happens: Flag, numbers: FlatState) -> "EventLog":
         """With an event, which the next one replaces unless it happens."""
-        digits = sum((2.0**i * flag for i, flag in enumerate(at_once)), jnp.zeros(()))
-        place = jnp.minimum(self.rows, self.capacity - 1) * (self.BESIDE + len(numbers))
-        token = tapes.write(_EVENTS, self.token, place, jnp.full((), float(event)), digits, *numbers)
+        place = jnp.minimum(self.rows, self.capacity - 1) * len(numbers)
+        token = tapes.write(_EVENTS, self.token, place, *numbers)
         return self._replace(rows=self.rows + jnp.where(happens, 1, 0), token=token)
 
 

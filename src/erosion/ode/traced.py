@@ -15,13 +15,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
-from jax.core import ShapedArray
+from jax.core import ShapedArray, Tracer
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 from erosion.arguments import Number
 from erosion.ode.batch import compile_ahead, integrate, integrate_along
 from erosion.ode.ensemble import Lanes, named_events, shaped
+from erosion.ode.event_log import Passed, passed
 from erosion.ode.gradient import AtTimes, ends_of, gradient, is_worth, keep, summed
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import TracedProblem
@@ -40,6 +41,7 @@ class WantedOutputs(NamedTuple):
         equations: of the problem; equal signatures of two problems differ by them, as each follows its own code.
         rtol: relative tolerance.
         times: at how many times outputs are wanted as well; these follow the numbers of a lane, rising.
+        events: how many events of a lane with resets are wanted as well.
         moving: which numbers have tangents, where derivatives go back.
     """
 
@@ -47,12 +49,19 @@ class WantedOutputs(NamedTuple):
     equations: TracedProblem
     rtol: float
     times: int = 0
+    events: int = 0
     moving: tuple[int, ...] = ()
 
     @property
     def rows(self) -> int:
-        """The time at the end, the outputs there, and those at times."""
-        return self.signature.rows + self.times * (self.signature.rows - 1)
+        """The time at the end, the outputs there, and those at times, or both of events."""
+        return self.signature.rows + self.times * (self.signature.rows - 1) + self.events * self.signature.rows
+
+    @property
+    def codes(self) -> int:
+        """Those of the end, and of each event its index and whether each of all happens there."""
+        events = len(self.signature.event_names) if self.signature.options.reports_state else 0
+        return _BESIDE + events + self.events * (1 + events)
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:
@@ -77,19 +86,7 @@ def traced_solution(lanes: Lanes, wrt: Sequence[str], order: int, rtol: float, t
         if ts.ndim != 1:
             raise ValueError(f"Argument `ts` must be one row of times, but has shape {ts.shape}.")
     wanted = WantedOutputs(signature, signature.equations, rtol, 0 if ts is None else ts.size)
-    # Where `ts` alone is traced the numbers have one axis of lanes already.
-    parameters = [
-        jnp.reshape(number, shape) if np.shape(number) == (lanes.size,) and own == () else number
-        for number, own in zip(lanes.parameters, signature.shapes, strict=True)
-    ]
-    lanes = lanes._replace(parameters=parameters)  # pyrefly: ignore
-    rising = [] if ts is None or not wanted.times else [ts[jnp.argsort(ts)]]
-    given = []
-    for number, own, dtype in zip([*parameters, *rising], wanted.shapes, (*signature.dtypes, "float64"), strict=False):
-        array = jnp.asarray(number, dtype)
-        given.append(array[None] if array.shape == own else jnp.ravel(jnp.broadcast_to(array, shape)))
-    vector, codes = (jnp.broadcast_to(made, (lanes.size, made.shape[-1])) for made in _ends(wanted, 1, (), given))
-    vector, codes = (made.reshape(*shape, made.shape[-1]) for made in (vector, codes))
+    lanes, vector, codes = _computed(lanes, wanted, [] if ts is None or not wanted.times else [ts[jnp.argsort(ts)]])
     clock = signature.clock(lanes.parameters)
     t0 = jnp.broadcast_to(jnp.asarray(clock.t0), shape)
     vector, at_times = vector[..., : signature.rows], vector[..., signature.rows :]
@@ -110,6 +107,45 @@ def traced_solution(lanes: Lanes, wrt: Sequence[str], order: int, rtol: float, t
     return solution.with_times(_times_of(lanes, ts, vectors))
 
 
+def _computed(lanes: Lanes, wanted: WantedOutputs, rising: Sequence[Array]) -> tuple[Lanes, Array, Array]:
+    """The lanes with numbers of their shape, and the row of each and its codes; of times where they are `rising`."""
+    signature, shape = lanes.signature, lanes.shape
+    # Where `ts` alone is traced the numbers have one axis of lanes already.
+    parameters = [
+        jnp.reshape(number, shape) if np.shape(number) == (lanes.size,) and own == () else number
+        for number, own in zip(lanes.parameters, signature.shapes, strict=True)
+    ]
+    lanes = lanes._replace(parameters=parameters)  # pyrefly: ignore
+    given = []
+    for number, own, dtype in zip([*parameters, *rising], wanted.shapes, (*signature.dtypes, "float64"), strict=False):
+        array = jnp.asarray(number, dtype)
+        given.append(array[None] if array.shape == own else jnp.ravel(jnp.broadcast_to(array, shape)))
+    vector, codes = (jnp.broadcast_to(made, (lanes.size, made.shape[-1])) for made in _ends(wanted, 1, (), given))
+    vector, codes = (made.reshape(*shape, made.shape[-1]) for made in (vector, codes))
+    return lanes, vector, codes
+
+
+def traced_events(lanes: Lanes, rtol: float) -> Passed:
+    """The events on the way of lanes with resets of which some number is traced.
+
+    Raises:
+        ValueError: where `max_events` does not say how many rows there are.
+    """
+    signature, most = lanes.signature, lanes.signature.clock(lanes.parameters).max_events
+    if isinstance(most, Tracer) or not np.all(np.isfinite(most)):
+        raise ValueError("`events` needs the argument `max_events` where JAX traces, a number: there are as many rows.")
+    count = int(np.max(most, initial=1))
+    wanted = WantedOutputs(signature, signature.equations, rtol, events=count)
+    lanes, vector, codes = _computed(lanes, wanted, [])
+    wide = lanes._replace(shape=(*lanes.shape, count))
+    there = np.arange(count) < codes[..., 1:2]
+    rows = jnp.where(there[..., None], vector[..., signature.rows :].reshape(*wide.shape, signature.rows), jnp.nan)
+    t0 = jnp.broadcast_to(jnp.asarray(signature.clock(lanes.parameters).t0), lanes.shape)
+    part = shaped(wide, rows[..., 0] + t0[..., None], [rows[..., i] for i in range(1, signature.rows)])
+    own = codes[..., WantedOutputs(signature, signature.equations, rtol).codes :].reshape(*wide.shape, -1)
+    return passed(lanes, there, [own[..., i] for i in range(own.shape[-1])], part, {})
+
+
 def _times_of(lanes: Lanes, times: Any, vectors: Array) -> Times:
     """States at times from the outputs there, shape (…, times, outputs)."""
     wide = lanes._replace(shape=(*lanes.shape, len(times)))
@@ -126,10 +162,6 @@ def _codes(end: LaneEnd, rtol: float) -> list[Any]:
     return [end.outcome, count, end.trials, np.asarray(end.error) > INEXACT * rtol, *end.at_once]
 
 
-def _numbers_of_codes(signature: Signature) -> int:
-    return _BESIDE + (len(signature.event_names) if signature.options.reports_state else 0)
-
-
 def traced_end(signature: Signature, rtol: float, parameters: Sequence[Number]) -> Array:
     """Time since the start and outputs of one lane, of whose numbers some may be traced."""
     given = [jnp.asarray(number, dtype) for number, dtype in zip(parameters, signature.dtypes, strict=True)]
@@ -139,7 +171,7 @@ def traced_end(signature: Signature, rtol: float, parameters: Sequence[Number]) 
 def _ends(wanted: WantedOutputs, axes: int, along: _Along, parameters: Sequence[Any]) -> list[Array]:
     """The row of each lane and its codes; or its derivatives, shape (…, rows) and one axis for each of `along`."""
     directions = len(_places(along)[0]) if along else 0
-    compile_ahead(wanted.signature, len(along), directions, timed=wanted.times > 0)
+    compile_ahead(wanted.signature, len(along), directions, timed=wanted.times > 0, logs=wanted.events > 0)
     return _end.bind(*parameters, wanted=wanted, axes=axes, along=along)
 
 
@@ -160,8 +192,8 @@ def _shapes_of_ends(*parameters: Any, wanted: WantedOutputs, axes: int, along: _
     leading = _leading(axes, parameters)
     if along:
         return [ShapedArray((*leading, wanted.rows, *map(len, along)), np.dtype(np.float64))]
-    codes = (*leading, _numbers_of_codes(wanted.signature))
-    return [ShapedArray((*leading, wanted.rows), np.dtype(np.float64)), ShapedArray(codes, np.dtype(np.int32))]
+    codes = ShapedArray((*leading, wanted.codes), np.dtype(np.int32))
+    return [ShapedArray((*leading, wanted.rows), np.dtype(np.float64)), codes]
 
 
 def _ends_on_host(*given: np.ndarray, wanted: WantedOutputs, axes: int, along: _Along) -> list[np.ndarray]:
@@ -176,25 +208,38 @@ def _ends_on_host(*given: np.ndarray, wanted: WantedOutputs, axes: int, along: _
     ]
     times = parameters.pop() if wanted.times else None
     if not along:
-        end = integrate(signature, parameters, lanes, 0, (), rtol, times=times)
+        end = integrate(signature, parameters, lanes, 0, (), rtol, times=times, events=wanted.events)
         keep(signature, parameters, end, rtol)
         vector = np.array(end.quantities.value).T
-        if end.saved is not None:
-            vector = np.concatenate([vector, end.saved[:, :, 0].reshape(lanes, -1)], -1)
-        codes = np.empty((lanes, _numbers_of_codes(signature)), np.int32)
+        codes = np.zeros((lanes, wanted.codes), np.int32)
         for i, code in enumerate(_codes(end, rtol)):
             codes[:, i] = code
+        if end.saved is not None:
+            of_events, saved = _parted(wanted, end.saved[:, :, 0])
+            vector = np.concatenate([vector, saved.reshape(lanes, -1)], -1)
+            codes[:, wanted.codes - of_events[0].size :] = np.nan_to_num(of_events).reshape(lanes, -1)
         return [vector.reshape(*batch, -1), codes.reshape(*batch, -1)]
     places = np.array(_places(along), float).T
-    end = integrate_along(signature, parameters, lanes, len(along), places, rtol, times=times)
+    end = integrate_along(signature, parameters, lanes, len(along), places, rtol, times=times, events=wanted.events)
     slopes = np.stack(getattr(end.quantities, _KINDS[len(along)]), 1)
-    if times is not None and end.saved is not None:
-        # What comes before a lane's start or after its end is no number, and has no cotangents.
-        t0 = np.reshape(signature.clock(parameters).t0, (-1, 1, 1))
-        outside = (times.reshape(-1, 1, wanted.times) < t0) | ~np.isfinite(end.saved[:, :, :, 0]).all(-1)
-        saved = np.where(outside[..., None], 0.0, end.saved[:, :, :, -1])
+    if end.saved is not None:
+        # What comes before a lane's start, after its end or last event is no number, and has no cotangents.
+        outside = ~np.isfinite(_parted(wanted, end.saved[:, :, :, 0])[1]).all(-1)
+        if times is not None:
+            t0 = np.reshape(signature.clock(parameters).t0, (-1, 1, 1))
+            outside |= times.reshape(-1, 1, wanted.times) < t0
+        else:
+            outside |= np.arange(wanted.events) >= end.count[..., None]
+        saved = np.where(outside[..., None], 0.0, _parted(wanted, end.saved[:, :, :, -1])[1])
         slopes = np.concatenate([slopes, np.moveaxis(saved, 1, -1).reshape(lanes, -1, places.shape[1])], 1)
     return [slopes.reshape(*batch, -1, *map(len, along))]
+
+
+def _parted(wanted: WantedOutputs, saved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What is saved as codes and numbers; of events without the last row, which is none of those wanted."""
+    codes = 1 + len(wanted.signature.event_names) if wanted.events else 0
+    rows = saved[..., : wanted.events, :] if wanted.events else saved
+    return rows[..., :codes], rows[..., codes:]
 
 
 def _ends_jvp(
@@ -206,7 +251,7 @@ def _ends_jvp(
     pairs = enumerate(zip(rates, wanted.signature.dtypes, strict=False))
     moving = tuple(i for i, (rate, dtype) in pairs if dtype == "float64" and type(rate) is not ad.Zero)
     elements, moved = _elements(wanted.signature, moving), [rates[i] for i in moving]
-    back = not along and is_worth(wanted.signature, len(elements))
+    back = not along and not wanted.events and is_worth(wanted.signature, len(elements))
     made = _ends(
         wanted._replace(signature=wanted.signature.wanting(records=True)) if back else wanted, axes, along, parameters
     )
