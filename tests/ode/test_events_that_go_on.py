@@ -170,3 +170,17 @@ def test_the_last_of_an_event_has_no_reset():
     end = ode.solve(ball, t1=99.0)
     alike([end.t, end.y["v"], end.count], [1.0 + 1.0 + 0.5, -0.5, 3])
     assert ode.solve(ball, t1=99.0, max_events=2).t == pytest.approx(2.0)
+
+
+def test_a_scale_is_that_of_the_states_own_numbers():
+    """What events and switches add to the state has no size; u oscillates at a millionth, and need not be known."""
+    field = lambda t, y, args: {"u": 1e-6 * 50 * jnp.cos(50 * t) + 0 * y["w"], "w": -y["w"]}  # noqa: E731
+    push = lambda t, y, args: field(t, y, args) | {"w": jnp.where(t > 50.0, 1.0, -y["w"])}  # noqa: E731
+    never = {"a": ode.Event(lambda t, y, args: t - 99.0, terminal=False)}
+    at_times = {"a": ode.Event(times=[99.0], terminal=False), "b": ode.Event(lambda t, y, args: t - 99.0, terminal=2)}
+    trials = [
+        ode.solve(ode.Problem({"u": 0.0, "w": 1.0}, rates, events), t1=9.0, state_scale={"u": 1e3, "w": 1e-3}).trials
+        for rates, events in ((field, never), (field, at_times), (push, never))
+    ]
+    assert trials[0] < 60
+    assert max(trials) <= 1.1 * min(trials)

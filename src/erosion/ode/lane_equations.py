@@ -56,7 +56,9 @@ class LaneEquations:
         self._member = jax.tree.structure(Augmented(state, integrals))
         self.width, self.integrals = self._member.num_leaves, len(integrals)
         given = self.options.state_scale or ()
-        self.sizes = [_TINY] * (len(state) - len(given)) + list(given) + [_TINY] * self.integrals
+        first = int(signature.equations.timed)
+        self.sizes = [_TINY] * self.width
+        self.sizes[first : first + len(given)] = given
 
         # Each is traced once for all the places where it is called.
         @jax.jit
