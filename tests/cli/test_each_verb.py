@@ -199,6 +199,9 @@ def test_the_explorer_answers() -> None:
         assert page.status == 200
 
 
-def test_every_verb_is_here() -> None:
+def test_every_verb_is_here_and_on_the_page_of_documents() -> None:
     verbs = {name for name in app if not name.startswith("-")}
     assert {line.split()[0] for command in COMMANDS for line in command.split("; ")} | {"explore"} == verbs
+    page = (ROOT / "docs" / "json.md").read_text("utf-8")
+    rows = {verb for row in re.findall(r"^\| (`.*?) \|", page, re.M) for verb in re.findall(r"`([\w-]+)`", row)}
+    assert verbs - {"explore", *WITHOUT_DOCUMENT} <= rows
