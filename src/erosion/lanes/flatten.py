@@ -138,6 +138,10 @@ class Flattener:
         """The results of a function that has its constants with it."""
         return self.call(closed.jaxpr, closed.consts, arguments)
 
+    def forget(self) -> None:
+        """Drop what was read: its steps refer to this object, so Python would have to search for them."""
+        self._read.clear()
+
     def _steps(self, jaxpr: Jaxpr) -> "_Steps":
         steps = _Steps()
         slots: dict[Var, int] = {}
@@ -414,10 +418,12 @@ def _flatten(closed: ClosedJaxpr, graph: Graph, *, shared: bool, subroutines: bo
         arguments.append(
             part(of_each(lambda at, dtype=dtype: converted(graph, graph.input(at), _DOUBLE, dtype), places))
         )
+    flattener = Flattener(graph, subroutines=subroutines)
     try:
-        results = Flattener(graph, subroutines=subroutines).closed(closed, arguments)
+        results = flattener.closed(closed, arguments)
     except CannotCompileError as error:
         raise NotForLanesError.at("The function", error) from None
+    flattener.forget()
     outputs: list[GraphValue] = []
     for result in results:
         if isinstance(result, Large) and result.type == DOUBLE:

@@ -91,6 +91,17 @@ class Region:
             self.targets.append(parent.targets[depth] if parent is not None and out_of_loop else self)
         self.targets.append(self)
 
+    def clear(self) -> None:
+        """Drop the steps: they refer to this region, so Python would have to search for them."""
+        for step in self.steps:
+            if isinstance(step, GraphValue):
+                step.inputs = ()
+            for region in step.regions:
+                region.clear()
+        self.steps.clear()
+        self.known.clear()
+        self.targets.clear()
+
 
 class Loop:
     """Runs until the condition fails in every lane; a lane whose condition failed keeps its values."""

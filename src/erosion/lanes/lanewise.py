@@ -109,6 +109,7 @@ class Lanewise:
         graph = flatten(self.closed, shared=shared)
         is_repeatable = not tapes_with(READ, graph) & tapes_with(WRITE, graph)
         code = MachineCode(vector_ir(graph, self._width, self._tapes), self._target)
+        graph.root.clear()
         return _Code(code, graph.rows, graph.numbers, is_repeatable)
 
     def _keep(self, file: ProgramFile, made: ObjectCode) -> None:
