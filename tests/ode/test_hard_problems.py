@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 from erosion import ode
 from erosion.lanes.lanewise import Lanewise, number
@@ -1144,6 +1145,22 @@ def test_second_derivatives_across_a_double_zero_of_a_root_are_nan_or_right(powe
     assert np.isnan(found[0])
     np.testing.assert_allclose(found[1:], sum(second), rtol=1e-6)
     assert any("root" in warning for warning in end.warnings)
+
+
+@pytest.mark.parametrize("norm", [jnp.hypot, lambda u, v: jnp.linalg.norm(jnp.stack([u, v]))])
+def test_a_norm_through_zero_has_no_second_derivative(norm):
+    """∫ √(a² s² + b² (s - c)²) ds from -1 to 1: its second derivative by c is infinite at c = 0."""
+    path = ode.Problem(
+        lambda args: {"x": -args["a"], "z": -args["b"] * (1 + args["c"]), "path": 0.0},
+        lambda t, y, args: {"x": args["a"], "z": args["b"], "path": norm(y["x"], y["z"])},
+    )
+    a, b = np.random.default_rng(1).uniform(0.5, 2.0, (2, 7))
+    end = ode.solve(path, {"a": a, "b": b, "c": np.array([[0.0], [1e-2]])}, t1=2.0, wrt=("a", "c"), derivatives=2)
+    found = end.along("c", "c").y["path"]
+    assert np.isnan(found[0]).all()
+    bent = lambda s, a, b: (a * b * s) ** 2 / np.hypot(a * s, b * (s - 1e-2)) ** 3  # noqa: E731
+    exact = [quad(bent, -1, 1, each, epsabs=0.0, limit=200, points=[0.0, 1e-2])[0] for each in zip(a, b, strict=True)]
+    np.testing.assert_allclose(found[1], exact, rtol=1e-6)
 
 
 def test_a_softmax_of_many_has_derivatives():

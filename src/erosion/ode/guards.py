@@ -23,6 +23,7 @@ ULPS = 1e-15  # of a number, at least: then it is another one
 _MANY_STIFF = 12  # steps, more than others, that are short although the motion is smooth: it is stiff
 _BEYOND = 1e-9  # of the time scale: a bound below zero that would take so long is no rounding
 _TOUCHES = 0.1  # of the square of a rate: a parabola's least value as near zero is not resolved by a step
+_AT_KINK = 1e-9  # of the time scale: so near a double zero of a radicand its rounding begins to show
 _FAR = 200  # steps: a nearer end is reached all the same
 
 
@@ -118,7 +119,7 @@ class Roots(Guard):
     def decided(self, memory: Any, lane: Lane, step: Step, moved: Flag, control: Control, end: Horizon) -> Decided:
         """See `Guard`."""
         problem, length, lost = self.problem, lane.control.trial_length, jnp.asarray(False)
-        width = problem.width
+        width, near = problem.width, _AT_KINK * problem.time_scale
         before, after = (
             jax.jvp(problem.under_square_roots, (rows[:width],), (slope[:width],))
             for rows, slope in ((lane.state, lane.slope), (step.state, step.slope))
@@ -127,8 +128,11 @@ class Roots(Guard):
             # The parabola of both rates: its least value is zero where the square of a rate is 2 value · bend.
             greater = value > other
             farther, slope = jnp.where(greater, value, other), jnp.where(greater, rate, later)
-            touching = 2.0 * farther * (later - rate) / length
-            lost = lost | ((rate < 0) & (later > 0) & (jnp.abs(slope * slope - touching) < _TOUCHES * touching))
+            bend = (later - rate) / length
+            touching = 2.0 * farther * bend
+            # Steps that get shorter towards the kink come as near as rounding lets them, and never across it.
+            reaches = (later > 0) | (farther < near * near * bend)
+            lost = lost | ((rate < 0) & reaches & (jnp.abs(slope * slope - touching) < _TOUCHES * touching))
         return Decided(memory, step, control._replace(mode=jnp.where(moved & lost, FAILED, control.mode)))
 
 
