@@ -682,6 +682,18 @@ def settings(options: Sequence[str] | None, section: Mapping[str, Any] | None = 
     return in_file | in_options
 
 
+def asked(options: Any, section: Mapping[str, Any]) -> dict[str, Any]:
+    """By name, the options of a group that are given, and the fields of a verb's section that give the others.
+
+    Args:
+        options: a dataclass of options, None where one is not given.
+        section: the verb's table in the case file.
+    """
+    given = {field.name: getattr(options, field.name) for field in dataclasses.fields(options)}
+    in_file = {name: section[name] for name in given if name in section}
+    return in_file | {name: value for name, value in given.items() if value is not None}
+
+
 def in_full(name: str, model: "lazy.CuttingModel", units: "lazy.System") -> str:
     """A model's name with its own parameters: "linearized-deformation (energy_ratio = 1.6, threshold = 12 m/s)"."""
     own = lazy.own_in_words(model, units=units)

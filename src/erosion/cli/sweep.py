@@ -24,6 +24,7 @@ from erosion.cli.options import (
     SetOption,
     Settings,
     WholeOption,
+    asked,
     chosen_models,
     output_option,
     read_list,
@@ -73,11 +74,10 @@ class GridOptions:
         several = isinstance(models, list)
         if not (axes or several):
             raise InputError('Options must include an axis, such as --alpha "1deg:90deg:90", or several models.')
-        given = {name: value for name, value in dataclasses.asdict(self).items() if value is not None}
-        asked = {name: section[name] for name in _FIELDS[1:-1] if name in section} | given
+        chosen = {name: value for name, value in asked(self, section).items() if name != "paired"}
         with user_errors(TypeError, fields=options.fields("sweep", section, **dataclasses.asdict(self))):
-            together = given.get("paired") or _listed(options, section, "paired", read_list) or ()
-            outputs = lazy.Outputs(**{name: value for name, value in asked.items() if name != "paired"})
+            together = self.paired or _listed(options, section, "paired", read_list) or ()
+            outputs = lazy.Outputs(**chosen)
             # Correlations are those that are made for the target; a single model's own values are the grid's.
             made = [options.reference(name, as_set=True) for name in models] if several else options.reference(models)
             return lazy.make_grid(made, p, axes, outputs, paired=together, own=single)
@@ -136,7 +136,7 @@ def sweep(
     model: ModelsOption = None,
     own: SetOption = None,
     abrasive: PerMassOptions | None = None,
-    asked: GridOptions | None = None,
+    wanted: GridOptions | None = None,
     store: StoreOptions | None = None,
     plot: PlotOption = None,
     json: JsonOption = False,
@@ -154,7 +154,7 @@ def sweep(
     store.check(output)
     section = with_model_of_case(options.section("sweep", _FIELDS), options, model)
     models = _models(options, section, model)
-    grid = (asked or GridOptions()).grid(options, section, models if len(models) > 1 else models[0], own)
+    grid = (wanted or GridOptions()).grid(options, section, models if len(models) > 1 else models[0], own)
     table = output if output.suffix == ".csv" else None
     printed = Output("sweep", grid.p, options, json=json, plot=plot, files={"table": table}, inputs=models)
     if plot is not None:
@@ -239,13 +239,12 @@ class SampleOptions:
 
     def read(self, options: CaseOptions, section: Mapping[str, Any], **more: Any) -> "lazy.StreamOptions":
         """What the options and the table [stream] of the case file give; options win; `more` is not in the table."""
-        given = {name: value for name, value in dataclasses.asdict(self).items() if value is not None}
-        asked = {name: section[name] for name in ("n", "seed", "points") if name in section} | given
-        if "n" in asked:
+        chosen = asked(self, section)
+        if "n" in chosen:
             with reading(f"{options.case}: field `n` of [stream]"):
-                asked["n"] = read_whole(asked["n"])
+                chosen["n"] = read_whole(chosen["n"])
         with user_errors(TypeError, fields=options.fields("stream", section, **dataclasses.asdict(self))):
-            return lazy.StreamOptions(**asked, **more)
+            return lazy.StreamOptions(**chosen, **more)
 
 
 def stream(
