@@ -172,9 +172,9 @@ def test_there_is_none_where_all_lanes_fail() -> None:
     assert (best.at[2], best.value[2]) == pytest.approx((0.0, np.sqrt(0.5)))
 
 
-def test_two_hundred_problems_are_never_below_a_scan() -> None:
+def test_no_value_of_a_scan_is_above_the_maximum() -> None:
     rng = np.random.default_rng(5)
-    n = 200
+    n = 80
     args = SHOT | {
         "v": rng.uniform(30, 60, n),
         "drag": rng.uniform(0, 0.02, n),
@@ -184,7 +184,7 @@ def test_two_hundred_problems_are_never_below_a_scan() -> None:
     best = farthest(WALLED, args)
     assert {"interior", "jump"} <= set(best.kind)
     assert best.certified.mean() > 0.98
-    scan = scanned(WALLED, args, BETWEEN, 3001)
+    scan = scanned(WALLED, args, BETWEEN, 2001)
     assert np.all(best.value >= scan * (1 - 1e-9))
     assert np.median(best.value / scan - 1) < 1e-6
     one = int(np.flatnonzero(best.kind == "jump")[0])
