@@ -121,6 +121,16 @@ def test_a_time_that_is_no_number_fails_and_one_that_never_comes_does_not():
     assert any("events['dose'].times" in warning for warning in end.warnings)
 
 
+def test_a_time_may_end_the_motion_also_at_its_start():
+    stop = ode.Problem({"c": 1.0}, decay, {"stop": ode.Event(times=lambda args: args["t"])})
+    end = ode.solve(stop, {"k": 0.3, "t": np.array([0.0, 1.0, 9.0])}, t1=2.0, wrt=("t", "k"))
+    assert list(end.ended_by) == ["stop", "stop", "t1"]
+    alike([end.t, end.y["c"]], [np.array([0, 1, 2]), np.exp(-0.3 * np.array([0, 1, 2]))])
+    alike(end.along("t").t, np.array([np.nan, 1, 0]))
+    alike(end.gradient(t=1.0)["t"], np.array([np.nan, 1, 0]))
+    alike(end.along("k").y["c"], -end.t * end.y["c"])
+
+
 @pytest.mark.parametrize("times", ["noon", [], lambda args: "noon", lambda args: None, lambda args: args["no"]])
 def test_times_must_be_numbers(times):
     with pytest.raises((TypeError, ValueError), match="times"):

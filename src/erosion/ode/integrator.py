@@ -97,7 +97,7 @@ def integrate_lane(
     """
     problem = LaneEquations(signature, parameters, order, directions)
     loop = SegmentLoop(problem, rtol, rows)
-    goes_on = problem.chains or problem.options.fires
+    goes_on = problem.chains or problem.options.fires or signature.problem.scheduled()
     segment, end, written = (trajectory if goes_on else _single)(problem, loop)
     return _finish(problem, segment, end, rtol, loop.recorded(written))
 
