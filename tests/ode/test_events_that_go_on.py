@@ -160,8 +160,7 @@ def test_events_that_do_not_end_the_motion_are_recorded(direction, zeros):
     np.testing.assert_allclose(slopes["w"], -end.t * w, rtol=1e-7)
 
 
-@pytest.mark.parametrize("n", [1, 2, np.int64(3)])
-@pytest.mark.parametrize("t1", [99.0, -99.0])
+@pytest.mark.parametrize(("n", "t1"), [(1, 99.0), (np.int64(3), 99.0), (2, -99.0)])
 def test_the_nth_of_an_event_may_end_the_motion(n, t1):
     both = oscillator(zero=ode.Event(place, terminal=n), all=ode.Event(place, terminal=False))
     end = ode.solve(both, {"w": 2.0}, t1=t1, wrt="w", derivatives=2)
