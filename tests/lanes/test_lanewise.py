@@ -226,6 +226,22 @@ def test_leaves_may_be_shared_or_each_lanes_own():
             assert total == pytest.approx(np.broadcast_to(np.sum(r, axis=-1), Y.shape))
 
 
+def test_one_lane_has_the_results_of_many():
+    """Their types are of one to eight bytes; a lane alone has its results in another memory."""
+    mixed = Lanewise(
+        lambda x, w: (x * w, x > 1, jnp.int8(x), jnp.int32(-x), jnp.outer(w, w) + x),
+        (number, jax.ShapeDtypeStruct((2,), np.float64)),
+    )
+    x, w = np.array([0.5, 2.5, 7.0]), np.arange(6.0).reshape(3, 2)
+    many = mixed(x, w)
+    for lane in range(3):
+        alone = [np.zeros_like(part) for part in many]
+        mixed.run([x, w], np.array([lane]), alone)
+        for part, own in zip(many, alone, strict=True):
+            np.testing.assert_array_equal(own[lane], part[lane])
+            assert not np.delete(own, lane, axis=0).any()
+
+
 def test_results_are_written_for_the_lanes_that_are_asked_for_alone():
     root = Lanewise(_root, (number, number))
     steps, value = np.full(X.size, -1), np.full(X.size, -1.0)

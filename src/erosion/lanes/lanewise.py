@@ -4,11 +4,11 @@ add = Lanewise(lambda x, y: x + y, (number, number))
 add((np.arange(5.0), 2.0))  # -> an array of 5
 """
 
-import ctypes
 import functools
+import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -33,13 +33,50 @@ number = jax.ShapeDtypeStruct((), np.float64)
 """Shape and type of a lane's plain number."""
 
 
+class _Memory:
+    """Memory of a call: for one vector of lanes, for numbers that all lanes share, and for the results of one lane.
+
+    Args:
+        rows: of the vectors.
+        width: lanes of a vector.
+        numbers: that all lanes share.
+        outputs: shape and type of each result.
+        tapes: of the function.
+
+    Attributes:
+        inputs: shape (rows, width).
+        numbers: that all lanes share.
+        results: of one lane.
+        places: of these numbers, as `vector_ir` has it; below them rows for the tapes.
+    """
+
+    def __init__(
+        self, rows: int, width: int, numbers: int, outputs: Sequence[tuple[tuple[int, ...], np.dtype]], tapes: int
+    ) -> None:
+        line, size = 64, rows * width
+        memory = np.empty(size + numbers + line // 8)
+        begin = -memory.ctypes.data % line // 8
+        self.inputs = memory[begin : begin + size].reshape(-1, width)
+        self.numbers = memory[begin + size : begin + size + numbers]
+        # A word for each number, whichever lane it is.
+        count = sum(math.prod(shape) for shape, _ in outputs)
+        self._words = np.empty(count)
+        self.places = np.zeros((count + tapes, 2), np.int64)
+        self.places[:count, 0] = self._words.ctypes.data + 8 * np.arange(count)
+        self.results, rest = [], self._words
+        for shape, dtype in outputs:
+            own, rest = rest[: math.prod(shape)], rest[math.prod(shape) :]
+            self.results.append(own.view(dtype)[:: 8 // dtype.itemsize].reshape(shape))
+
+
 class _Code(NamedTuple):
-    """Code of a function, the rows of memory and shared numbers that it needs, and whether it may begin again."""
+    """Code of a function, what memory it needs, whether it may begin again, and memory that no call uses now."""
 
     code: MachineCode
     rows: int
     numbers: int
     is_repeatable: bool  # not where it reads a tape that it writes
+    unused: list[_Memory]
 
 
 class Lanewise:
@@ -86,12 +123,12 @@ class Lanewise:
         else:
             self.inputs, self.large, self.results = program.inputs, [False] * len(program.inputs), program.results
             code = MachineCode(program.text, target, program.made)
-            self._shared = _Code(code, program.rows, program.numbers, program.is_repeatable)
+            self._shared = _Code(code, program.rows, program.numbers, program.is_repeatable, [])
         if file is not None:
             self._shared.code.keep = functools.partial(self._keep, file)
         leaves, self.structure = jax.tree.flatten(self.results)
         self.outputs = [(tuple(leaf.shape), np.dtype(leaf.dtype)) for leaf in leaves]
-        self._places = np.cumsum([0, *(int(np.prod(shape, dtype=int)) for shape in self.inputs)])
+        self._places = [0, *itertools.accumulate(map(math.prod, self.inputs))][:-1]
 
     @functools.cached_property
     def _traced(self) -> tuple[ClosedJaxpr, PyTree]:
@@ -110,10 +147,10 @@ class Lanewise:
         is_repeatable = not tapes_with(READ, graph) & tapes_with(WRITE, graph)
         code = MachineCode(vector_ir(graph, self._width, self._tapes), self._target)
         graph.root.clear()
-        return _Code(code, graph.rows, graph.numbers, is_repeatable)
+        return _Code(code, graph.rows, graph.numbers, is_repeatable, [])
 
     def _keep(self, file: ProgramFile, made: ObjectCode) -> None:
-        code, rows, numbers, is_repeatable = self._shared
+        code, rows, numbers, is_repeatable, _ = self._shared
         file.write(KeptProgram(self.inputs, self.results, rows, numbers, is_repeatable, made, code.text))
 
     def __call__(self, *arguments: PyTree) -> PyTree:
@@ -152,53 +189,72 @@ class Lanewise:
         if not is_shared and self._own is None:
             with without_garbage_collection():
                 self._own = self._compiled(shared=False)
-        code, rows, count, is_repeatable = self._shared if is_shared or self._own is None else self._own
-        inputs, numbers = self._memory(rows, count)
-        varying: list[int] = []
-        for leaf, shape, place, same, large in zip(
-            leaves, self.inputs, self._places[:-1], together, self.large, strict=True
-        ):
-            if same:
-                shared = leaf if leaf.ndim == len(shape) else leaf[0]
-                if large and is_shared:
-                    numbers[: shared.size], numbers = shared.ravel(), numbers[shared.size :]
-                    continue
-                inputs[place : place + shared.size] = shared.reshape(-1, 1) if shape else shared
-                continue
-            address, stride = leaf.ctypes.data, leaf.strides[0]
-            within = np.zeros(1, int)
-            for length, step in zip(leaf.shape[1:], leaf.strides[1:], strict=True):
-                within = (within[:, None] + step * np.arange(length)).ravel()
-            for i, offset in enumerate(within.tolist()):
-                varying += (address + offset, stride, int(place) + i)
-        outputs: list[int] = []
-        for result, (shape, _) in zip(results, self.outputs, strict=True):
-            # Half of the time of `result.ctypes.data`, of which there are many in a call of one lane.
-            address, stride = ctypes.addressof(ctypes.c_char.from_buffer(cast("Any", result))), result.strides[0]
-            for i in range(math.prod(shape)):
-                outputs += (address + i * result.itemsize, stride)
-        for tape in tapes:
+        chosen = self._shared if is_shared or self._own is None else self._own
+        # Each call has its own: a signal's handler may call the function while it runs, in the same thread.
+        try:
+            memory = chosen.unused.pop()
+        except IndexError:
+            memory = _Memory(chosen.rows, self._width, chosen.numbers, self.outputs, self._tapes)
+        of_inputs = self._with_inputs(memory, leaves, together, are_large_shared=is_shared)
+        of_results = memory.places if len(order) == 1 else self._places_of(results, len(tapes))
+        for place, tape in zip(of_results[len(of_results) - len(tapes) :], tapes, strict=True):
             assert tape[:1].flags.c_contiguous, "the numbers of a tape follow each other"
-            outputs += (tape.ctypes.data, tape.strides[0])
-        of_inputs, of_outputs = np.array(varying, np.int64), np.array(outputs, np.int64)
-        interruptible = Interruptible(is_long=not is_repeatable)
+            place[:] = tape.ctypes.data, tape.strides[0]
+        interruptible = Interruptible(is_long=not chosen.is_repeatable)
         # In portions: better code may take over between two of them.
         for begin in range(0, len(order), _PORTION):
             if stop is not None and stop[0]:
                 return
             portion = functools.partial(
-                code.run,
-                inputs.ctypes.data,
+                chosen.code.run,
+                memory.inputs.ctypes.data,
                 of_inputs.ctypes.data,
-                len(varying) // 3,
+                len(of_inputs),
                 order[begin:].ctypes.data,
                 min(len(order) - begin, _PORTION),
-                of_outputs.ctypes.data,
+                of_results.ctypes.data,
             )
             if stop is None:
-                interruptible.run(portion, inputs, of_inputs, order, of_outputs, *leaves, *results, *tapes)
+                interruptible.run(portion, memory, of_inputs, order, of_results, *leaves, *results, *tapes)
             else:
                 portion(stop.ctypes.data)
+        if of_results is memory.places:
+            for result, own in zip(results, memory.results, strict=True):
+                result[order[0]] = own
+        chosen.unused.append(memory)
+
+    def _with_inputs(
+        self, memory: _Memory, leaves: Sequence[np.ndarray], together: Sequence[bool], *, are_large_shared: bool
+    ) -> np.ndarray:
+        """Write what all lanes share; of the other numbers, the address of each, the bytes between lanes, its place."""
+        inputs, numbers = memory.inputs, memory.numbers
+        varying: list[tuple[int, int, int]] = []
+        for leaf, shape, place, same, large in zip(
+            leaves, self.inputs, self._places, together, self.large, strict=True
+        ):
+            if same:
+                shared = leaf if leaf.ndim == len(shape) else leaf[0]
+                if large and are_large_shared:
+                    numbers[: shared.size], numbers = shared.ravel(), numbers[shared.size :]
+                elif shape:
+                    inputs[place : place + shared.size] = shared.reshape(-1, 1)
+                else:
+                    inputs[place] = shared
+                continue
+            address, stride = leaf.ctypes.data, leaf.strides[0]
+            within = np.zeros(1, int)
+            for length, step in zip(leaf.shape[1:], leaf.strides[1:], strict=True):
+                within = (within[:, None] + step * np.arange(length)).ravel()
+            varying += [(address + offset, stride, place + i) for i, offset in enumerate(within.tolist())]
+        return np.array(varying, np.int64)
+
+    def _places_of(self, results: Sequence[np.ndarray], tapes: int) -> np.ndarray:
+        """The address of each result, and the bytes between lanes; below them rows for the tapes."""
+        places: list[tuple[int, int]] = []
+        for result, (shape, _) in zip(results, self.outputs, strict=True):
+            address, stride = result.ctypes.data, result.strides[0]
+            places += [(address + i * result.itemsize, stride) for i in range(math.prod(shape))]
+        return np.array(places + [(0, 0)] * tapes, np.int64)
 
     def sharing(self, leaves: Sequence[np.ndarray]) -> tuple[list[bool], bool]:
         """Which arguments all lanes share, and whether they share all large ones."""
@@ -206,16 +262,6 @@ class Lanewise:
             leaf.ndim == len(shape) or leaf.strides[0] == 0 for leaf, shape in zip(leaves, self.inputs, strict=True)
         ]
         return together, all(same for same, large in zip(together, self.large, strict=True) if large)
-
-    def _memory(self, rows: int, numbers: int) -> tuple[np.ndarray, np.ndarray]:
-        """Memory for one vector of lanes, shape (rows, width), and for numbers that all lanes share.
-
-        Each call has its own: a signal's handler may call the function while it runs, in the same thread.
-        """
-        line, size = 64, rows * self._width
-        memory = np.empty(size + numbers + line // 8)
-        begin = -memory.ctypes.data % line // 8
-        return memory[begin : begin + size].reshape(-1, self._width), memory[begin + size : begin + size + numbers]
 
 
 _KEYS = 2**16 - 1  # whole numbers of two bytes

@@ -1,12 +1,11 @@
 """Machine code in a thread of its own, while the main thread waits for it and runs the handlers of signals."""
 
 import concurrent.futures
+import ctypes
 import functools
 import os
 import threading
 from collections.abc import Callable
-
-import numpy as np
 
 from erosion.lanes.vector_ir import STOPPED
 
@@ -25,37 +24,37 @@ class Interruptible:
     def __init__(self, *, is_long: bool) -> None:
         self._is_long = is_long
 
-    def run(self, code: Callable[[int], None], *arrays: np.ndarray) -> None:
+    def run(self, code: Callable[[int], None], *memory: object) -> None:
         """Run some code, which takes the address of the word; other threads than the main one have no handlers.
 
         Args:
             code: knows the other memory by addresses, too.
-            arrays: own this memory. The worker keeps them until it ends, also where an exception leaves this call.
+            memory: owns it. The worker keeps it until it ends, also where an exception leaves this call.
         """
-        word = np.zeros(1, np.int64)
+        word = ctypes.c_int64(0)
         if threading.current_thread() is not threading.main_thread():
-            code(word.ctypes.data)
+            code(ctypes.addressof(word))
             return
         if not self._is_long:
-            word[0] = 1
-            code(word.ctypes.data)
-            self._is_long = word[0] == STOPPED
+            word.value = 1
+            code(ctypes.addressof(word))
+            self._is_long = word.value == STOPPED
             if not self._is_long:
                 return
-            word[0] = 0
+            word.value = 0
         begun: list[concurrent.futures.Future[None]] = []
         try:
-            begun.append(_workers().submit(_kept, code, word, *arrays))
+            begun.append(_workers().submit(_kept, code, word, *memory))
             begun[0].result()
         except BaseException:
-            word[0] = 1
+            word.value = 1
             concurrent.futures.wait(begun)
             raise
 
 
-def _kept(code: Callable[[int], None], word: np.ndarray, *_: np.ndarray) -> None:
-    """Run some code in a frame that holds its arrays."""
-    code(word.ctypes.data)
+def _kept(code: Callable[[int], None], word: ctypes.c_int64, *_: object) -> None:
+    """Run some code in a frame that holds its memory."""
+    code(ctypes.addressof(word))
 
 
 @functools.cache

@@ -223,7 +223,7 @@ def integrate(
     batch.run(np.arange(lanes), np.asarray(rtol))
     if signature.options.method == "auto":
         _by_other_methods(batch, order, directions, rtol, refines=refines, events=events)
-    if refines:
+    if refines and (np.asarray(batch.results.rtol_next) != rtol).any():
         batch.check(np.flatnonzero(batch.results.rtol_next > rtol), rtol)
         batch.refine_until_two_agree(np.flatnonzero(batch.results.rtol_next < rtol), rtol)
     if order:
@@ -381,8 +381,7 @@ def in_threads(each: Callable[[np.ndarray, np.ndarray | None], None], lanes: np.
         block: lanes of a block at most.
         few: lanes that one thread computes sooner.
     """
-    count = threads()
-    if lanes.size <= few or count == 1:
+    if lanes.size <= few or (count := threads()) == 1:
         for begin in range(0, lanes.size, block):
             each(lanes[begin : begin + block], None)
         return
@@ -400,8 +399,9 @@ def in_threads(each: Callable[[np.ndarray, np.ndarray | None], None], lanes: np.
 
 def _empty(results: LaneEnd, lanes: int, directions: int) -> LaneEnd:
     """Arrays to fill, as small as possible: memory that is new to a process is slow to get."""
-    empty = jax.tree.map(lambda leaf: np.empty(lanes, leaf.dtype), results)
-    if directions == 2:
+    leaves, structure = jax.tree.flatten(results)
+    empty = jax.tree.unflatten(structure, [np.empty(lanes, leaf.dtype) for leaf in leaves])
+    if directions != 1:
         return empty
     # Along one direction both first derivatives are the same, in the same place.
     time, outputs = (part._replace(by_second=part.by_first) for part in (empty.time, empty.outputs))
