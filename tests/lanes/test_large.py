@@ -50,6 +50,7 @@ def exchanged(w, x):
 def moved(w, x):
     m = w["m"] * x
     parts = [m.T[3:, ::2].sum(0), m.reshape(-1)[5:40], (m + m.T).reshape(H * H), jnp.outer(w["a"], w["b"] * x).T]
+    parts += [w["a"][:, None] * m, m / jnp.abs(m).sum(0, keepdims=True), np.arange(9.0)[:, None] * m[:9, :1]]
     return [*parts, jnp.einsum("ij,kj->ik", m, m), jnp.where(m > 0, m, x).sum(), jnp.linalg.norm(m, axis=1)]
 
 

@@ -60,7 +60,8 @@ def elementwise(rule: Rule, equation: Equation, *, stored: bool = False) -> Work
         arrays = [large(graph, given) for given in inputs]
         if any(array is None for array in arrays):
             return None
-        known = [array for array in arrays if array is not None]
+        # An axis of length one goes with any other.
+        known = [_spread(array, shape) for array in arrays if array is not None]
 
         def at(index: Sequence[GraphValue]) -> GraphValue:
             return rule(graph, kind, *(array.at(index if array.shape else ()) for array in known))
@@ -78,6 +79,14 @@ def elementwise(rule: Rule, equation: Equation, *, stored: bool = False) -> Work
         return [of_each(functools.partial(rule, graph, kind), *map(whole, inputs))]
 
     return work
+
+
+def _spread(array: Large, shape: Sequence[int]) -> Large:
+    """The array as one of this shape, or a number as it is."""
+    if array.shape in ((), tuple(shape)):
+        return array
+    axes = [axis if length > 1 else None for axis, length in enumerate(array.shape)]
+    return array.moved(shape, axes, [0] * len(axes), [1] * len(axes))
 
 
 def kind_of(equation: Equation) -> Kind:
