@@ -188,6 +188,9 @@ class Flattener:
             raise CannotCompileError(f"`{name}` for what it does beside computing")
         if name in FUNCTIONS:
             return elementwise(self._function(name, len(equation.invars)), equation, stored=True)
+        if name in ("concatenate", "stack") and self._subroutines and is_large(aval_of(equation.outvars[0])):
+            # What a large program puts together, such as the state, it computes with in loops.
+            return lambda graph, inputs: [as_memory(graph, ARRAYS[name](equation, graph, inputs)[0])]
         if name in ARRAYS:
             return functools.partial(of_arrays, equation)
         if name in PLACES:
