@@ -27,18 +27,35 @@ def test_what_is_kept_stays() -> None:
     assert float(case.v0) != float(P.v0)
 
 
-@pytest.mark.parametrize(("p", "count"), [(P, 200), (P.to("si"), 20)], ids=["inch-pound", "si"])
-def test_each_task_of_each_drawn_case_has_an_answer(p: erosion.Parameters, count: int) -> None:
-    cases = [drawn_case(p, str(i)) for i in range(count)]
+@pytest.mark.parametrize(
+    ("p", "kept"),
+    [(P, ()), (P, ("v0",)), (P, ("v0", "sigma")), (P.replace(v0=9000.0, inertia=0.4).to("si"), ())],
+    ids=["inch-pound", "v0 kept", "v0 and sigma kept", "a fast sphere, si"],
+)
+def test_each_drawn_case_holds_where_the_course_needs_it(p: erosion.Parameters, kept: tuple[str, ...]) -> None:
+    cases = [drawn_case(p, f"s{i:02}", kept=kept) for i in range(60)]
     together = erosion.Parameters(**{q: [float(getattr(case, q)) for case in cases] for q in ("k", "psi", "r", "b", "m",
                                   "v0", "sigma", "alpha", "phidot0", "inertia")}, units=p.units)  # fmt: skip
-    half = together.replace(k=np.asarray(together.k) / 2)
+    k = np.asarray(together.k)
+    # Question 2 sees a rebound and a stop, at angles that are not the best one.
+    assert np.all(together.alpha < np.arctan(k / 2) - 0.2)
+    assert np.all(together.alpha < np.arctan(k) / 2 - 0.1)
+    cut, best = erosion.impact("rotating", together), erosion.alpha_max("rotating", together)
+    assert np.all(np.abs(cut.turn) < np.pi / 2)
+    assert set(best.kind) == {"interior"}
+    assert np.all(best.alpha > np.asarray(together.alpha) + 0.03)
+    assert np.allclose(best.alpha, erosion.alpha_max("rotating", together, max_turn=None).alpha)
+    half = together.replace(k=k / 2)
     limited, free = (erosion.alpha_max("rotating", half, max_turn=turn) for turn in ("90deg", None))
-    assert np.all(np.isfinite(limited.alpha) & (limited.alpha > 0.05) & free.turned_beyond & ~limited.turned_beyond)
-    assert np.all(free.alpha > 1.2 * limited.alpha)
-    for case in cases[:20]:
-        key = AnswerKey(case)
-        slow = ("turning_alpha_max", "turning_half_k", "any_turn_half_k")
+    assert np.all((limited.alpha > 0.05) & free.turned_beyond & ~limited.turned_beyond)
+    assert np.all(free.alpha > 1.1 * limited.alpha)
+
+
+@pytest.mark.parametrize("p", [P, P.to("si")], ids=["inch-pound", "si"])
+def test_each_task_of_a_drawn_case_has_an_answer(p: erosion.Parameters) -> None:
+    slow = ("turning_alpha_max", "turning_half_k", "any_turn_half_k")
+    for i in range(20):
+        key = AnswerKey(drawn_case(p, str(i)))
         assert all(np.isfinite(key.answer(task)) and key.answer(task) > 0 for task in key.tasks if task not in slow)
 
 

@@ -14,35 +14,49 @@ import numpy as np
 from erosion.arguments import Progress
 from erosion.exercises.answer_key import AnswerKey
 from erosion.exercises.course import best_angle
-from erosion.exercises.scenario import cusp
 from erosion.output import briefly, readable
 from erosion.parameters import QUANTITIES, Dimension, Parameters, unit_name
 
-# Around Table 1 at half of these k the grain turns by more than 90° at the best angle, unless that is limited.
-_K = (1.2, 1.8)
-_SHARES = {"psi": (0.7, 1.3), "v0": (0.95, 1.4), "sigma": (0.6, 1.15)}  # of the case's
-_DEGREES = range(15, 41)
-_APART = math.radians(2)  # from the best angle, and from the cusp where both events coincide
+# With β from 0.4 to 0.5 the turning grain's best angle is a maximum within 90° of turn; at half the k the limit binds.
+_K = (1.9, 2.4)
+_RATIO = (0.31, 0.325)  # r √(c/m) / v₀; Table 1 has 0.304
+_SHARES = {"psi": (0.7, 1.3), "sigma": (0.6, 1.15)}  # of the case's
+_POWERS = {"v0": -1, "sigma": 2, "psi": 2}  # with which each of them follows the ratio
+# Of the linearized model's best angle: it is below the cusp for any k, and the turning grain's is at 74 to 82 % of it.
+_ALPHA = (0.45, 0.68)
 _NOT_IN_A_FILES_NAME = set('/\\:*?"<>|')
 
 
 def drawn_case(p: Parameters, name: str, *, seed: int = 0, kept: Collection[str] = ()) -> Parameters:
-    """A case within ranges in which every task has an answer: other k, ψ, v₀, σ and α, rounded to two digits.
+    """A case with other k, ψ, σ, v₀ and α, in which every task has an answer and each kind of cut occurs.
+
+    α is below the angle from which on the tip can stop. The turning grain turns by less than 90° there and at its best
+    angle, and by more than 90° at the best one for half the k.
 
     Args:
-        p: the case around which it is drawn.
+        p: the case around which it is drawn, with an inertia of 0.4 to 0.5.
         name: of the student.
         seed: another one gives another case to each name.
-        kept: parameters that stay as they are.
+        kept: parameters that stay as they are; the turns are sure only if k, α and one of v₀, σ and ψ are not kept.
     """
     digest = hashlib.sha256(f"{seed} {name}".encode()).digest()
     rng = np.random.default_rng(int.from_bytes(digest))
+    ratio, part = rng.uniform(*_RATIO), rng.uniform(*_ALPHA)
     drawn = {"k": rng.uniform(*_K)}
     drawn |= {q: float(getattr(p, q)) * rng.uniform(*share) for q, share in _SHARES.items()}
-    rounded: dict[str, Any] = {q: float(f"{value:.2g}") for q, value in drawn.items() if q not in kept}
+    rounded: dict[str, Any] = {q: _rounded(value, 2) for q, value in drawn.items() if q not in kept}
     p = dataclasses.replace(p, **rounded)
-    angles = [angle for angle in np.deg2rad(_DEGREES) if min(abs(angle - best_angle(p)), abs(angle - cusp(p))) > _APART]
-    return p if "alpha" in kept else dataclasses.replace(p, alpha=rng.choice(angles))
+    change = ratio * float(p.v0) / (float(p.r) * math.sqrt(float(p.stiffness / p.m)))
+    follows = next((q for q in _POWERS if q not in kept), None)
+    if follows:
+        rounded[follows] = _rounded(float(getattr(p, follows)) * change ** _POWERS[follows], 3)
+    if "alpha" not in kept:
+        rounded["alpha"] = math.radians(_rounded(part * math.degrees(best_angle(p)), 2))
+    return dataclasses.replace(p, **rounded)
+
+
+def _rounded(value: float, digits: int) -> float:
+    return float(f"{value:.{digits}g}")
 
 
 def read_students(path: Path) -> list[str]:
