@@ -200,6 +200,18 @@ def test_the_sentence_says_how_far_off_an_answer_is(task: str, ratio: float, sen
     assert str(KEY.check(task, ...)) == f"{task}: still to do."
 
 
+@pytest.mark.parametrize(("task", "k"), [("turning_alpha_max", 2.0), ("turning_half_k", 1.0)])
+def test_a_best_angle_beyond_the_limit_of_the_turn_is_recognized(task: str, k: float) -> None:
+    key = AnswerKey(P.replace(v0=5500.0))
+    free = erosion.alpha_max("rotating", key.p.replace(k=k), max_turn=None)
+    turn = math.degrees(Cut(key.p, alpha=float(free.alpha), turns=True, k=k).turn)
+    assert turn > 91
+    verdict = key.check(task, free.alpha)
+    assert not verdict.right
+    assert f"turns by {turn:.3g}°; " in str(verdict)
+    assert "turns by" not in str(key.check(task, 0.9 * key.answer(task)))
+
+
 def test_the_score_counts_the_last_answer_to_each_task() -> None:
     key = AnswerKey(P)
     assert key.score() == (0, 49)

@@ -143,18 +143,19 @@ class AnswerKey:
         right, asked = self.answer(task), self.tasks[task]
         is_right = given is not None and abs(given / right - 1) <= asked.tolerance
         self._points[task] = asked.points if is_right else 0
-        said = "still to do." if given is None else self._said(given / right, right, asked)
+        said = "still to do." if given is None else self._said(given, right, asked)
         return Verdict(is_right, f"{task}: {said}", self._points[task])
 
     def score(self) -> Score:
         """The points of the answers that were checked, of the points of all tasks; without the interpretations."""
         return Score(sum(self._points.values()), sum(task.points for task in self.tasks.values()))
 
-    def _said(self, ratio: float, right: float, asked: Task) -> str:
-        """What is said of an answer, by its ratio to the right one."""
+    def _said(self, given: float, right: float, asked: Task) -> str:
+        """What is said of an answer."""
+        ratio = given / right
         if abs(ratio - 1) <= asked.tolerance:
             return f"right. It is {asked.asks}: {self._in_words(right, asked.dimension)}."
-        if slip := self._slip(ratio, asked):
+        if slip := asked.slip(self.p, given) or self._slip(ratio, asked):
             return slip
         hint = asked.hint if abs(ratio - 1) <= _NEAR else f"It is to be {asked.asks}."
         return f"{self._how_far(ratio)} {hint}"

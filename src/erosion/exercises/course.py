@@ -21,6 +21,7 @@ class Task:
         points: for the right answer.
         hint: what to do where an answer is near, but not near enough.
         answer: the number for a case without spin, in the case's units, angles in radians.
+        slip: what to say of a wrong number that comes from a mistake of this task; empty for any other.
     """
 
     asks: str
@@ -29,6 +30,7 @@ class Task:
     points: int
     hint: str
     answer: Callable[[Parameters], float]
+    slip: Callable[[Parameters, float], str] = lambda p, given: ""
 
 
 @dataclasses.dataclass(frozen=True)

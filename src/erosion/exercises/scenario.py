@@ -42,6 +42,14 @@ def _turning_best(p: Parameters, *, max_turn: str | None = "90deg") -> float:
     return float(alpha_max("rotating", p, max_turn=max_turn).alpha)
 
 
+def _turns_too_far(p: Parameters, alpha: float) -> str:
+    """What to say of an angle at which the grain turns by more than 90°; empty for any other."""
+    if not 0 < alpha <= math.pi / 2:
+        return ""
+    turn = abs(math.degrees(float(impact("rotating", _at(p, alpha=alpha)).turn)))
+    return f"This cut turns by {turn:.3g}°; count only cuts within 90°." if turn > 90 else ""
+
+
 def _with_friction(p: Parameters) -> float:
     # F_x = -c d (1 + μ k) and F_y = -k c d are the forces of this σ and k.
     more = 1 + _FRICTION * float(p.k)
@@ -111,11 +119,12 @@ SCENARIO = Course(
         ),
         "turning_alpha_max": Task(
             "the angle of greatest removal of the turning grain, where the model holds", "angle", 1e-3, 2, _ANGLES,
-            _turning_best,
+            _turning_best, _turns_too_far,
         ),
         "turning_half_k": Task(
             "the angle of greatest removal of the turning grain at half the k, where the model holds", "angle", 1e-3, 2,
             _ANGLES, lambda p: _turning_best(_at(p, k=float(p.k) / 2)),
+            lambda p, alpha: _turns_too_far(_at(p, k=float(p.k) / 2), alpha),
         ),
         "any_turn_half_k": Task(
             "the angle of greatest removal of the turning grain at half the k, with any turn", "angle", 1e-3, 2,
