@@ -100,6 +100,38 @@ def test_no_angle_is_the_best_where_the_body_turns_too_far_at_each() -> None:
     assert always.text in str(best)
 
 
+@pytest.mark.parametrize("model", ["linearized", "linearized-deformation", "tan-alpha", "velocity-aligned"])
+def test_a_model_without_rotation_leaves_out_the_spin(model: str) -> None:
+    spinning = P.replace(phidot0=55_000.0)
+    best, still = (erosion.alpha_max(model, p) for p in (spinning, P))
+    np.testing.assert_array_equal([best.alpha, best.volume, best.turn], [still.alpha, still.volume, still.turn])
+    cut = erosion.simulate(model, spinning.replace(alpha=0.3))
+    assert (cut.turn, cut.turned_beyond, erosion.impact(model, spinning).turn) == (0.0, False, 0.0)
+    closed = erosion.models.load_model(model).closed_form()
+    assert closed is not None
+    assert closed.state(cut.t_c, spinning).omega == 0.0
+
+
+class Pushes(erosion.models.ForceLaw):
+    """The force of the metal with the wrong sign, F_x = c depth."""
+
+    def __call__(self, state: Any, tip: Any, p: erosion.Parameters) -> Any:
+        return p.stiffness * tip.depth, -p.k * p.stiffness * tip.depth
+
+    def typical_ratio(self, p: erosion.Parameters) -> Any:
+        return p.k
+
+
+def test_a_force_of_the_wrong_sign_is_said_wherever_it_is_used() -> None:
+    model = erosion.models.Rotating(force=Pushes())
+    with pytest.warns(UserWarning, match="F_x is positive"):
+        cut = erosion.simulate(model, P)
+    for result in (cut, erosion.alpha_max(model, P, max_turn=None), erosion.verify(model)):
+        assert "pushed_forward" in [finding.code for finding in result.findings]
+    right = erosion.models.Rotating(force=erosion.models.ConstantRatio(), torque=erosion.models.FullTorque())
+    assert "pushed_forward" not in [finding.code for finding in erosion.simulate(right, SHALLOW).findings]
+
+
 def test_the_share_that_turns_too_far_is_a_number_of_streams_and_maps() -> None:
     of_angle = {"n": 256, "best_angle": False, "sensitivities": False, "alpha": stats.uniform(0.1, 0.4)}
     stream = erosion.stream("rotating", P, **of_angle)

@@ -21,7 +21,7 @@ from erosion.checks.reference_solutions import (
     scipy_solution,
     scipy_solution_of_model,
 )
-from erosion.impacts import Impact, Trajectory, TurnWarning, impact, pair_derivatives, simulate
+from erosion.impacts import Impact, Trajectory, TurnWarning, impact, pair_derivatives, pushed_forward, simulate
 from erosion.interrupts import unawaited_threads
 from erosion.models import (
     CentreOfMassTip,
@@ -109,12 +109,14 @@ class Verification(Result):
     Args:
         checks: model by model.
         absent: solvers of reference solutions that are not installed.
+        pushed: models of a user's whose force pushes a body forward.
     """
 
     lines = ("checks",)
 
     checks: tuple[Check, ...]
     absent: tuple[str, ...] = ()
+    pushed: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -156,9 +158,10 @@ class Verification(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """One for each failure and each absent solver."""
+        """One for each failure, each force of the wrong sign and each absent solver."""
         absent = (Finding("solver_absent", name) for name in self.absent)
-        return (*(check.finding for check in self.failures), *absent)
+        pushed = (Finding("pushed_forward", name) for name in self.pushed)
+        return (*(check.finding for check in self.failures), *pushed, *absent)
 
 
 _RTOL = 1e-12
@@ -455,4 +458,5 @@ def verify(
         warnings.simplefilter("ignore", TurnWarning)  # only numbers count here
         for of_model in pool.map(examined, subjects):
             checks += of_model
-    return Verification(tuple(checks), () if has_heyoka() else ("heyoka",))
+    pushed = [name for name, model in zip(names, loaded, strict=True) if pushed_forward(model, TABLE_1)]
+    return Verification(tuple(checks), () if has_heyoka() else ("heyoka",), tuple(pushed))

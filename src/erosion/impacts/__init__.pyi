@@ -22,6 +22,7 @@ from erosion.impacts.turn import QUARTER_TURN as QUARTER_TURN
 from erosion.impacts.turn import TURNED as TURNED
 from erosion.impacts.turn import OF_TURN as OF_TURN
 from erosion.impacts.turn import turn_of as turn_of
+from erosion.impacts.turn import pushed_forward as pushed_forward
 from erosion.impacts.turn import turned_beyond as turned_beyond
 from erosion.impacts.turn import count_turned as count_turned
 from erosion.impacts.turn import finding_of_turned as finding_of_turned

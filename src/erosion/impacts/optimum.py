@@ -23,7 +23,16 @@ import numpy as np
 from erosion.arguments import Broadcast, ModelState, PerImpact, as_pair
 from erosion.impacts.batch import PairDerivatives, impact, lanes_of, pair_derivatives
 from erosion.impacts.maxima import in_words, limit_at_zero, over_angles, shallowest
-from erosion.impacts.turn import BEYOND, TURNED, TurnLimited, check_max_turn, turn_of, turned_beyond, turns
+from erosion.impacts.turn import (
+    BEYOND,
+    TURNED,
+    TurnLimited,
+    check_max_turn,
+    pushed_forward,
+    turn_of,
+    turned_beyond,
+    turns,
+)
 from erosion.models import (
     CuttingModel,
     Events,
@@ -232,6 +241,7 @@ class Optimum(Result):
         numbers = {"turned": turned, "impacts": np.size(self.turned_beyond)}
         return found(
             (not np.all(self.certified), Finding("not_certified")),
+            (pushed_forward(self.model, self.p), Finding("pushed_forward")),
             (np.any(self._turns_always), Finding("turned_at_each_angle", numbers={"max_turn": self.max_turn})),
             (turned, Finding("turned_beyond_in_part", numbers=numbers) if many else Finding("turned_beyond_at_best")),
         )

@@ -9,11 +9,10 @@ import dataclasses
 import functools
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,7 +24,9 @@ from erosion.arguments import ModelState, Structure, check_share, check_whole, r
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.impacts.batch import OTHER_ENDS, element_of, end_names, signature_of, split, tip_at
 from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
+from erosion.impacts.turn import pushed_forward
 from erosion.models import (
+    BUILT_IN,
     NO_CUT,
     CuttingModel,
     State,
@@ -53,6 +54,9 @@ class SimulationError(RuntimeError):
 
 class TurnWarning(UserWarning):
     """The body turned so far that "the tip" is no longer one."""
+
+
+_WARNINGS: Mapping[str, type[Warning]] = {TURNED_BEYOND: TurnWarning, "pushed_forward": UserWarning}
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -169,9 +173,15 @@ class Trajectory(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """A body that turned too far, and a case out of the model's range."""
-        found = (self._turned_beyond, self.model.outside_of_range(self.p))
+        """A force of the wrong sign, a body that turned too far, and a case out of the model's range."""
+        found = (self._pushed_forward, self._turned_beyond, self.model.outside_of_range(self.p))
         return tuple(finding for finding in found if finding is not None)
+
+    @property
+    def _pushed_forward(self) -> Finding | None:
+        """A user's force of the wrong sign: the centre of mass gets faster at once."""
+        is_faster = isinstance(self.states, State) and len(self.t) > 1 and self.vx[1] > self.vx[0]
+        return Finding("pushed_forward") if is_faster and model_name(self.model) not in BUILT_IN else None
 
     @property
     def turned_beyond(self) -> bool:
@@ -273,8 +283,7 @@ def simulate(
             raise TypeError(f"Argument `{name}` must be a diffrax.{kind.__name__}, but is {briefly(given)}.")
     trajectory = _follow(model, p, diffrax.Dopri8() if solver is None else solver, stepsize_controller, rtol, points)
     for finding in trajectory.findings:
-        category = TurnWarning if finding.code == TURNED_BEYOND else OutOfRangeWarning
-        warnings.warn(finding.text, category, stacklevel=2)
+        warnings.warn(finding.text, _WARNINGS.get(finding.code, OutOfRangeWarning), stacklevel=2)
     return trajectory
 
 
@@ -356,26 +365,16 @@ def _first_event(
         f"{model_name(model)}: no ",
         (len(ends) == 1, "first step could be taken: the motion is not finite at contact."),
         (fall is None, f"event ended the cut within {ends[-1]:.3g} s ({ends[-1] / time:.3g} time scales, "
-                       f"{len(ends) - 1} of at most {flow.MAX_STEPS} steps){_pushed(model, p)}."),
+                       f"{len(ends) - 1} of at most {flow.MAX_STEPS} steps).{_pushed(model, p)}"),
         kind=SimulationError,
     )  # fmt: skip
     assert fall is not None
     return fall
 
 
-_SHALLOW = 1e-3  # of the greatest depth without rotation
-
-
 def _pushed(model: CuttingModel, p: Parameters) -> str:
-    """A clause on a force that pushes a body forward as it begins to cut; empty for any other."""
-    state = model.initial_state(p)
-    if not isinstance(state, State):
-        return ""
-    depth = _SHALLOW * p.v0 * np.sin(p.alpha) / p.rate
-    inside = eqx.tree_at(lambda state: state.y, state, state.y + depth)
-    if not float(model.derivative(inside, p).vx) > 0:
-        return ""
-    return "; F_x is positive at contact: the force pushes the body forward, where a cut must slow it down"
+    """A sentence on a force that pushes a body forward; empty for any other."""
+    return f" {Finding('pushed_forward').text}" if pushed_forward(model, p) else ""
 
 
 def _looks(
@@ -440,7 +439,7 @@ def path(model: CuttingModel, p: Parameters, points: int = 201) -> Trajectory:
     (outcome, t_c, dvolume), _ = _end_and_states(model, p, np.zeros(0))
     name = end_names(model)[outcome]
     if name in OTHER_ENDS and name != NO_CUT:
-        raise SimulationError(f"{model_name(model)}: {OTHER_ENDS[name]}{_pushed(model, p)}.")
+        raise SimulationError(f"{model_name(model)}: {OTHER_ENDS[name]}.{_pushed(model, p)}")
     dense = functools.partial(_integrated, model, p)
     t = np.linspace(0.0, t_c, points) if name != NO_CUT else np.zeros(1)
     trajectory = _trajectory(model, p, flow.layout(model, p), t, dense(t), name, dense)

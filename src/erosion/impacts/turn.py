@@ -1,15 +1,27 @@
-"""How far a body turns in a cut, and the turn beyond which a model of a single tip does not hold."""
+"""Where a model of a body with a single tip does not hold: it turns too far, or its force pushes it forward."""
 
 import math
 from pathlib import Path
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from erosion.arguments import Broadcast, ModelState, PerImpact
 from erosion.impacts.batch import impact
-from erosion.models import NO_CUT, CuttingModel, Events, SameMotion, State, load_model, values, with_values
+from erosion.models import (
+    BUILT_IN,
+    NO_CUT,
+    CuttingModel,
+    Events,
+    SameMotion,
+    State,
+    load_model,
+    model_name,
+    values,
+    with_values,
+)
 from erosion.output import briefly
 from erosion.parameters import QUANTITIES, STEEPEST, Parameters, about, read_quantity
 from erosion.results import Finding
@@ -72,6 +84,19 @@ def turns(model: CuttingModel, p: Parameters) -> bool:
     """Whether the model's state holds the orientation of a rigid body."""
     one = jax.tree.map(lambda leaf: float(np.ravel(leaf)[0]), p)
     return isinstance(jax.eval_shape(model.initial_state, one), State)
+
+
+_SHALLOW = 1e-3  # of the greatest depth without rotation
+
+
+def pushed_forward(model: CuttingModel, p: Parameters) -> bool:
+    """Whether the force of a user's model pushes the body forward as it begins to cut, F_x > 0, in any of the cases."""
+    if model_name(model) in BUILT_IN or not turns(model, p):
+        return False
+    state = model.initial_state(p)
+    depth = _SHALLOW * p.v0 * jnp.sin(p.alpha) / p.rate
+    inside = eqx.tree_at(lambda state: state.y, state, state.y + depth)
+    return bool(np.any(np.asarray(model.derivative(inside, p).vx) > 0))
 
 
 def check_max_turn(max_turn: float | str | None) -> float | None:

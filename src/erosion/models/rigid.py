@@ -12,6 +12,7 @@ P = k/(1 + 1/β), because the torque slows the tip as well.
 """
 
 import abc
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
@@ -184,10 +185,10 @@ class LinearizedCut(SineCut):
         return jnp.cos(p.alpha)
 
     def omega(self, vx: Broadcast, p: Parameters) -> Broadcast:
-        return p.phidot0 + 0 * vx
+        return 0 * vx
 
     def turn(self, t: Broadcast, x: Broadcast, p: Parameters) -> Broadcast:
-        return p.phidot0 * t + 0 * x
+        return 0 * x
 
 
 class FinnieCut(SineCut):
@@ -218,8 +219,7 @@ class StraightCut(ClosedForm):
         rate = self._rate(p)
         along, speed = p.v0 * jnp.sin(rate * t) / rate, p.v0 * jnp.cos(rate * t)
         sine, cosine = jnp.sin(p.alpha), jnp.cos(p.alpha)
-        phi = UPRIGHT + p.phidot0 * t
-        return State(along * cosine, along * sine, phi, speed * cosine, speed * sine, p.phidot0 + 0 * speed)
+        return State(along * cosine, along * sine, UPRIGHT + 0 * along, speed * cosine, speed * sine, 0 * speed)
 
     @_traced_once
     def end_times(self, p: Parameters) -> Events:
@@ -408,7 +408,7 @@ class AsPrinted(RigidParticle):
 
 
 class Linearized(RigidParticle):
-    """The tip moves as the centre of mass: m ẍ = -c y, m ÿ = -K c y.
+    """The tip moves as the centre of mass: m ẍ = -c y, m ÿ = -K c y. The body does not turn; its spin is left out.
 
     Args:
         force: K, by default constant; `TanAlpha()` or `VelocityAligned()` for the additional
@@ -423,8 +423,17 @@ class Linearized(RigidParticle):
     torque: Torque = NoTorque()
     kinematics: TipKinematics = CentreOfMassTip()
 
+    @property
+    def _is_upright(self) -> bool:
+        """Whether the body does not turn; with another torque, or another tip, it does."""
+        return bool(self.torque == NoTorque() and self.kinematics == CentreOfMassTip())
+
+    def initial_state(self, p: Parameters) -> State:
+        state = super().initial_state(p)
+        return dataclasses.replace(state, omega=0 * state.omega) if self._is_upright else state
+
     def closed_form(self) -> ClosedForm | None:
-        if self.torque != NoTorque() or self.kinematics != CentreOfMassTip():
+        if not self._is_upright:
             return None
         if type(self.force) is ConstantRatio:  # a class of a user's that derives from it may add a drag
             return with_deformation(LinearizedCut(), self.deformation)
