@@ -122,6 +122,7 @@ class Pushes(erosion.models.ForceLaw):
         return p.k
 
 
+@pytest.mark.filterwarnings("ignore::erosion.impacts.trajectory.TurnWarning")
 def test_a_force_of_the_wrong_sign_is_said_wherever_it_is_used() -> None:
     model = erosion.models.Rotating(force=Pushes())
     with pytest.warns(UserWarning, match="F_x is positive"):
