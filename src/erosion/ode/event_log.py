@@ -41,7 +41,7 @@ class Passed(NamedTuple):
         Raises:
             ValueError: where JAX traces the events.
         """
-        if isinstance(self.event, Tracer):
+        if isinstance(self.event, Tracer) or isinstance(self.t, Tracer):
             raise ValueError(
                 "`name` holds words, and there are none where JAX traces; `event` is the index in `names`."
             )

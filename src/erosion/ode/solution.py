@@ -323,7 +323,7 @@ class Solution(Result):
     @property
     def _end_alone(self) -> Passed:
         """The events of lanes that end with the first."""
-        is_traced, axis = isinstance(self.count, Tracer), np.ndim(self.t)
+        is_traced, axis = any(isinstance(part, Tracer) for part in (self.t, self.count)), np.ndim(self.t)
         library: Any = jnp if is_traced else np
         there = library.expand_dims(library.asarray(self.count) > 0, -1)
         most = 1 if is_traced else int(np.max(self.count, initial=0))
