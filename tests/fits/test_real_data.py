@@ -186,9 +186,6 @@ def test_exports_are_at_a_speed_of_the_data():
     form = to_fluent(fit)
     for text in (to_openfoam(fit).text(), form.text()):
         assert ", at v0 = 60 m/s\n" in text
-        assert "This speed is one of the data's.\n" in text
-        # Without rotation V grows as v₀².
-        assert "At v₀ = 30 m/s the volume over m V^2 differs from it by up to 0.00% of its maximum." in text
         assert f"The cutting fraction {fit.cutting_fraction:.4g} is part of what is written here." in text
     greatest = fit.curve(np.arctan(fit.estimates["k"]) / 2, {"v0": 60.0})[0] / DENSITY / 60.0**2
     assert form.factor == pytest.approx(float(greatest), rel=1e-4)

@@ -7,15 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from erosion.arguments import refuse
 from erosion.cfd.export_files import AngleTable, ParticleErosion, angle_table, coefficients
-from erosion.cfd.exports import ANGLES, ExportedParticle, Reach, commented, particle_of, share_in_words
+from erosion.cfd.exports import ExportedParticle, Reach, commented, particle_of, share_in_words
 from erosion.fits.calibration import Calibration
-from erosion.fits.conditions import MOST
-from erosion.fits.measurements import conditions
-from erosion.impacts import impact
 from erosion.models import CuttingModel, model_name, model_source, own_parameters
 from erosion.models.correlated import per_mass_of
 from erosion.models.equations import plug_in_digest
@@ -236,24 +231,4 @@ def _origin(calibration: Calibration) -> list[str]:
             for name, quantity in calibration.quantities.items()
         )
         + f", at v0 = {float(p.to('si').v0):.6g} m/s",
-        *_other_speeds(calibration, p),
     ]
-
-
-def _other_speeds(calibration: Calibration, p: Parameters) -> list[str]:
-    """A sentence on the speed, where the data has speeds, and one on the other speeds or masses that it has."""
-    groups = [group for group in conditions(calibration.data, MOST) if group.values]
-    if not groups:
-        return []
-    lines = ["This speed is one of the data's." if "v0" in groups[0].values else "This mass is one of the data's."]
-
-    def over_energy(case: Parameters) -> np.ndarray:
-        return impact(calibration.model, case.replace(alpha=ANGLES)).volume / float(case.m * case.v0**2)
-
-    here = over_energy(p)
-    differs = {group.label: np.abs(over_energy(dataclasses.replace(p, **group.values)) - here).max() / here.max()  # pyrefly: ignore
-               for group in groups}  # fmt: skip
-    label = max(differs, key=lambda key: differs[key])
-    if len(groups) > 1:
-        lines.append(f"At {label} the volume over m V^2 differs from it by up to {differs[label]:.2%} of its maximum.")
-    return lines
