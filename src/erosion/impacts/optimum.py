@@ -236,7 +236,7 @@ class Optimum(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Angles that may have been missed, and a body that turns too far: at the best angle, or at each one."""
+        """Angles that may have been missed, and a body that turns too far at the best angle or at each one."""
         turned, many = int(np.sum(self.turned_beyond)), np.ndim(self.turned_beyond) > 0
         numbers = {"turned": turned, "impacts": np.size(self.turned_beyond)}
         return found(

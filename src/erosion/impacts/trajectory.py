@@ -179,7 +179,7 @@ class Trajectory(Result):
 
     @property
     def _pushed_forward(self) -> Finding | None:
-        """A user's force of the wrong sign: the centre of mass gets faster at once."""
+        """A user's force of the wrong sign, by which the centre of mass gets faster at once."""
         is_faster = isinstance(self.states, State) and len(self.t) > 1 and self.vx[1] > self.vx[0]
         return Finding("pushed_forward") if is_faster and model_name(self.model) not in BUILT_IN else None
 
