@@ -72,14 +72,16 @@ def test_the_density_sets_the_diameter(tmp_path):
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "v.txt", comments="%"), [float(text) for text in row.values()])
 
 
-def test_nothing_is_written_where_one_form_is_refused(tmp_path, shell):
-    table, dictionary = tmp_path / "f.csv", tmp_path / "p.txt"
-    assert (
-        "dnv is not of that shape"
-        in shell(["export", "--model", "dnv", "--fluent", str(table), "--openfoam", str(dictionary)], 2).err
-    )
-    assert not table.exists()
+def test_a_form_that_is_refused_leaves_the_others(tmp_path, shell):
+    table, dictionary, rebounds = tmp_path / "f.csv", tmp_path / "p.txt", tmp_path / "r.csv"
+    words = ["export", "--model", "dnv", "--fluent", str(table), "--openfoam", str(dictionary), "--json"]
+    said = shell([*words, "--restitution", str(rebounds)], 1)
+    assert "dnv is not of that shape" in said.err
+    assert "dnv has no motion of a rigid body" in said.err
+    assert "angle [deg],f [-]" in table.read_text()
+    assert [*json.loads(said.out)["result"]] == ["fluent"]
     assert not dictionary.exists()
+    assert not rebounds.exists()
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from cyclopts import Parameter
 
 from erosion.cli import lazy
-from erosion.cli.errors import InputError, user_errors
+from erosion.cli.errors import InputError, as_options, user_errors
 from erosion.cli.options import (
     AllAngles,
     CaseArgument,
@@ -123,7 +123,8 @@ def export(
     """Write a model and a case for OpenFOAM, Fluent, or as tables.
 
     Each file says how far its form is off the model. Forms are made at the
-    case's speed; with --speeds they must hold over all of these.
+    case's speed; with --speeds they must hold over all of these. Where the
+    model does not have a form, the others are written, with exit code 1.
     """
     options, given = with_file(case, file), (files or _Files()).given
     options.refuse_given("the forms hold all angles; --angles are those of the tables", "alpha")
@@ -132,13 +133,28 @@ def export(
         asked = (impacts or _Impacts()).read(chosen, options)
         output = Output("export", asked.p, options, json=json, files=given, inputs=[name])
         with user_errors(fields=_OPTIONS):
-            parts = {form: _FORMS[form](asked, path) for form, path in given.items()}
-        # What cannot be represented is refused before anything is written.
+            parts, refusals = _made(asked, given)
+        if not parts:
+            raise InputError(" ".join(refusals))
         with user_errors():
             for part in parts.values():
                 lazy.write_whole(part.path, part.text.encode())
     output.warn(*(finding for part in parts.values() for finding in part.findings))
     output.present(f"{in_full(name, chosen, asked.p.units)}: for CFD codes", _declared(parts), {name: chosen})
+    if refusals:
+        raise RuntimeError(" ".join(refusals))
+
+
+def _made(asked: _Asked, given: Mapping[str, Path]) -> tuple[dict[str, _Part], list[str]]:
+    """The forms that the model has, and why it does not have the others, each reason once."""
+    parts: dict[str, _Part] = {}
+    refusals: list[str] = []
+    for form, path in given.items():
+        try:
+            parts[form] = _FORMS[form](asked, path)
+        except lazy.ExportError as error:
+            refusals.append(as_options(str(error), _OPTIONS))
+    return parts, [*dict.fromkeys(refusals)]
 
 
 def _declared(parts: Mapping[str, _Part]) -> list[Declared]:

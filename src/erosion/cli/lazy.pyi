@@ -15,6 +15,7 @@ from erosion.arguments import check_share as check_share
 from erosion.arguments import refuse as refuse
 from erosion.cfd.erosion_map import MapJob as MapJob
 from erosion.cfd.erosion_map import prepare_map as prepare_map
+from erosion.cfd.exports import ExportError as ExportError
 from erosion.cfd.exports import restitution as restitution
 from erosion.cfd.exports import to_comsol as to_comsol
 from erosion.cfd.exports import to_csv as to_csv
