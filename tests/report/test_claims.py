@@ -134,7 +134,7 @@ def test_the_midpoint_rule_errs_by_the_square_of_its_panels() -> None:
 def test_every_cut_that_turns_by_more_than_90_degrees_is_counted() -> None:
     p = TABLE_1.replace(k=K, alpha=ALPHA, phidot0=S * TABLE_1.v0 / TABLE_1.r)
     few = range(0, N, 10)
-    for model in ("linearized", "rotating", "as-printed"):
+    for model in ("finnie", "rotating", "as-printed"):
         beyond = turned_beyond(model, p)
         for i in few:
             cut = path(load_model(model), TABLE_1.replace(k=K[i], alpha=ALPHA[i], phidot0=p.phidot0[i]))

@@ -16,7 +16,8 @@ from matplotlib.figure import Figure
 from erosion.impacts.trajectory import SimulationError
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1, Parameters
-from erosion.report.case import BEST, Answer, Cut, Drawing, ReportCase
+from erosion.plotting.curves import ShapeCurve
+from erosion.report.case import Answer, Drawing, ReportCase
 from erosion.report.page import Text, TextError, validity, write_text
 from erosion.report.questions.linearized import Jet, greatest
 from erosion.report.text import degrees, formula, math, number, quantity, to_html
@@ -90,16 +91,13 @@ def test_newton_refuses_what_it_cannot_answer(function, message) -> None:
 CASE = ReportCase(TABLE_1, "Table 1")
 
 
-NONE = np.zeros(9, bool)
-
-
 def text_of(folder: Path, derivation: str, *, figures: str = "", **fields: Any) -> Text:
     """A text with this derivation, filled in."""
     path = folder / "q2.md"
     path.write_text(
         f"# Title\n\nIdea: Why.\n\nThe answer.\n\n{figures}\n\n## Derivation\n\n{derivation}\n", encoding="utf-8"
     )
-    return write_text(path, CASE, Answer(fields, {"shape": Drawing(Figure(), NONE)}))
+    return write_text(path, CASE, Answer(fields, {"shape": Drawing(Figure())}))
 
 
 def test_a_text_has_a_title_a_sentence_figures_and_a_derivation(tmp_path: Path) -> None:
@@ -129,12 +127,13 @@ def test_a_mistake_in_a_text_is_named_with_its_file(
         text_of(tmp_path, derivation, **fields)
 
 
-def test_cuts_that_turn_by_more_than_90_degrees_are_named_in_one_sentence() -> None:
-    drawing = Drawing(Figure(), np.arange(9) > 6)
-    cuts = [Cut("at 20°", "`one`", beyond=True), Cut("at 20°", "`other`", beyond=False), Cut(BEST, "", beyond=True)]
-    sentence = validity(Answer({}, {"shape": drawing}, cuts=cuts))
-    assert "at 20° (`one`); at the best angle; at 2 of the 9 points of the figures" in sentence
-    assert validity(Answer({}, {"shape": Drawing(Figure(), NONE)}, cuts=cuts[1:2])) == ""
+def test_angles_that_turn_by_more_than_90_degrees_are_named_in_one_sentence() -> None:
+    degrees, n = np.array([1, 2, 3, np.nan, 4, 5, 6]), np.arange(7)
+    where = {"one": n > 4, "other": n > 4, "steep": n < 2, "two": (n == 1) | (n == 4), "all": n != 3, "none": n < 0}
+    curves = [ShapeCurve(name, np.deg2rad(degrees), degrees, beyond=beyond) for name, beyond in where.items()]
+    sentence = validity(Answer({}, {}, curves=curves))
+    assert sentence.endswith(": one, other from 5° on; steep up to 2°; two at 2° and at 4°; all at every angle.")
+    assert validity(Answer({}, {}, curves=curves[-1:])) == ""
 
 
 def test_fields_are_text_not_html(tmp_path: Path) -> None:

@@ -36,33 +36,16 @@ _CONTACTS = (0.01, 0.1, 0.5, 2.0, 4.9)  # of (0, 5), as the source recommends
 _RATIOS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)  # of (0.1, 10), as it recommends too
 
 
-class Cut(NamedTuple):
-    """A cut that numbers of an answer are of.
-
-    Args:
-        at: its angle in words, "at 20°".
-        name: what it is a cut of, in Markdown, "`rotating`"; empty where there is only one.
-        beyond: whether it turns the body by more than 90°.
-    """
-
-    at: str
-    name: str
-    beyond: bool
-
-
-BEST = "at the best angle"
-
-
 class Drawing(NamedTuple):
     """A figure, and in which of its cuts the body turns by more than 90°; its legend says how it shows them.
 
     Args:
         figure: the figure.
-        beyond: for each cut, any shape.
+        beyond: for each cut, any shape; without it no body turns.
     """
 
     figure: Figure
-    beyond: np.ndarray
+    beyond: np.ndarray = np.zeros(0, bool)
 
     @property
     def counts(self) -> tuple[int, int]:
@@ -162,11 +145,6 @@ class Family(BestOverValues):
         scaled = self.volume / self.values**power
         return float(np.ptp(scaled) / scaled.mean())
 
-    @property
-    def cuts(self) -> list[Cut]:
-        """The cuts at the best angles."""
-        return [Cut(BEST, label.strip(), bool(beyond)) for label, beyond in zip(self.labels, self.beyond, strict=True)]
-
     def drawing(self, units: System) -> Drawing:
         """V(α) for every value that is shown, with a line that joins the maxima."""
         return draw_curves(self.curves, height=4.2, units=units, joined=True)
@@ -234,6 +212,23 @@ def draw_curves(curves: Iterable[ShapeCurve], **options: Any) -> Drawing:
 def beyond_of(curves: Iterable[ShapeCurve]) -> np.ndarray:
     """Whether the body turns by more than 90°, at each point of the curves."""
     return np.concatenate([curve.beyond[np.isfinite(curve.angles)] for curve in curves if curve.beyond is not None])
+
+
+def turned_angles(curve: ShapeCurve) -> str:
+    """The angles at which the body turns by more than 90°, in words: "from 29° on"; empty where there are none."""
+    drawn = np.isfinite(curve.angles)
+    angles, beyond = curve.angles[drawn], np.zeros(drawn.sum(), bool) if curve.beyond is None else curve.beyond[drawn]
+    ends = np.flatnonzero(np.diff(beyond, prepend=False, append=False)).reshape(-1, 2)
+    return " and ".join(_between(angles, first, after - 1) for first, after in ends)
+
+
+def _between(angles: np.ndarray, first: int, last: int) -> str:
+    low, high = degrees(angles[first], 3), degrees(angles[last], 3)
+    if last == angles.size - 1:
+        return f"from {low} on" if first else "at every angle"
+    if not first:
+        return f"up to {high}"
+    return f"at {low}" if first == last else f"from {low} to {high}"
 
 
 def _with_unit(name: str, p: Parameters, values: tuple[float, ...]) -> dict[float, str]:
@@ -317,13 +312,13 @@ class Answer:
         numbers: by name, for numbers.json and as fields of the text: every number that the text prints.
         figures: by the names of their files, without suffix.
         fields: further values that the text uses, by name, such as labels.
-        cuts: that the numbers are of.
+        curves: of the models that the numbers are of, by their names in Markdown.
     """
 
     numbers: Record
     figures: Mapping[str, Drawing]
     fields: Mapping[str, Any] = field(default_factory=dict)
-    cuts: Sequence[Cut] = ()
+    curves: Sequence[ShapeCurve] = ()
 
 
 def question(key: str) -> str:
@@ -366,11 +361,6 @@ class ReportCase:
     def trajectory(self) -> Trajectory:
         """The numerical solution of the linearized model."""
         return path(self.model, self.p)
-
-    @functools.cached_property
-    def cut(self) -> Cut:
-        """The cut of the case: its spin may turn the linearized body, too."""
-        return Cut(f"at {degrees(self.alpha)}", "", bool(turned_beyond(LINEARIZED, self.p)))
 
     @functools.cached_property
     def t_c(self) -> float:

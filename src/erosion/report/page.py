@@ -36,7 +36,7 @@ from erosion.parameters import (
     validate,
 )
 from erosion.plotting.style import fit_legends, save_figure
-from erosion.report.case import Answer, Drawing, ReportCase, question
+from erosion.report.case import Answer, Drawing, ReportCase, question, turned_angles
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.text import blocks, degrees, inline, number, quantity, to_html
 from erosion.version import __version__
@@ -173,17 +173,17 @@ def _filters(units: System, printed: list[float]) -> dict[str, Callable[..., Any
 
 
 def validity(answer: Answer) -> str:
-    """The cuts of an answer in which the body turns by more than 90°, in one sentence of Markdown; or nothing."""
-    clauses = []
-    for at in dict.fromkeys(cut.at for cut in answer.cuts if cut.beyond):
-        names = ", ".join(cut.name for cut in answer.cuts if cut.beyond and cut.at == at)
-        clauses.append(f"{at}{names and f' ({names})'}")
-    drawn, of = map(sum, zip((0, 0), *(drawing.counts for drawing in answer.figures.values()), strict=True))
-    clauses += [f"at {drawn:,} of the {of:,} points of the figures"] * bool(drawn)
+    """The angles at which the body turns by more than 90°, in one sentence of Markdown; or nothing."""
+    where = {curve.label: angles for curve in answer.curves if (angles := turned_angles(curve))}
+    clauses = [
+        f"{', '.join(label for label in where if where[label] == angles)} {angles}"
+        for angles in dict.fromkeys(where.values())
+    ]
     if not clauses:
         return ""
-    where = "; ".join(clauses)
-    return f"**Limit of validity.** The model does not hold where the body turns by more than 90°: {where}."
+    return (
+        f"**Limit of validity.** The model does not hold where the body turns by more than 90°: {'; '.join(clauses)}."
+    )
 
 
 def _parts(text: str, figures: Mapping[str, Drawing]) -> tuple[str, Markup, Markup, tuple[Illustration, ...], Markup]:

@@ -1,24 +1,23 @@
 """The additional questions: bodies that turn, other force ratios; slips of the source, and all models side by side."""
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from erosion.correlations import CORRELATIONS
-from erosion.impacts import ASIDE, SimulationError, alpha_max, path, turned_beyond
+from erosion.impacts import ASIDE, SimulationError, alpha_max, path, turn_of, turned_beyond
 from erosion.models import BUILT_IN, NoDeformation, RigidParticle, load_model
 from erosion.models.rigid import StraightCut
 from erosion.output import Record
 from erosion.parameters import QUANTITIES
-from erosion.plotting.curves import plot_best_angles, plot_differences, plot_shapes, plot_turn
+from erosion.plotting.curves import ShapeCurve, plot_best_angles, plot_differences, plot_shapes, plot_turn
 from erosion.plotting.sweeps import plot_regimes
 from erosion.report.case import (
-    BEST,
     LINEARIZED,
     TORQUES,
     Answer,
-    Cut,
     Drawing,
     Need,
     ReportCase,
@@ -28,7 +27,6 @@ from erosion.report.case import (
     family_numbers,
     panel,
 )
-from erosion.report.text import degrees
 
 MODEL = "rotating"
 
@@ -61,6 +59,7 @@ def body_may_turn(case: ReportCase) -> Answer:
         torques.append(
             {
                 **row,
+                "valid_turn": _turn(case, model, row["valid_alpha_max"]),
                 "over_no_rotation": row["valid_volume_max"] / without["volume_max"],
                 "jumps": jumps(case, model),
                 "over_spin": {"s": spin.values.tolist(), **spin.numbers()},
@@ -128,8 +127,12 @@ def body_may_turn(case: ReportCase) -> Answer:
         "best_angles": {name: [row["alpha"] for row in family.rows if row["kind"] != "none"]
                         for name, family in families.items()},
     }  # fmt: skip
-    cuts = [Cut(BEST, label, row["turned_beyond_at_max"]) for label, row in zip(TORQUES.values(), torques, strict=True)]
-    return Answer(numbers, figures, fields, cuts)
+    return Answer(numbers, figures, fields, [case.curve(model, label) for model, label in TORQUES.items()])
+
+
+def _turn(case: ReportCase, model: str, alpha: float) -> float | None:
+    """How far the body turns in a cut [rad]; None without an angle of greatest removal."""
+    return float(np.abs(turn_of(load_model(model), case.p.replace(alpha=alpha)))) if alpha > 0 else None
 
 
 def jumps(case: ReportCase, model: str) -> list[Record]:
@@ -229,15 +232,9 @@ NEEDS_OF_READINGS = _needs(*_READINGS)
 NEEDS_OF_MODELS = _needs(*BUILT_IN)
 
 
-def _cuts(case: ReportCase, *models: str) -> list[Cut]:
-    """The cuts of models at the case's angle and at their best angles."""
-    here = f"at {degrees(case.alpha)}"
-    rows = {model: case.impact_and_optimum(model) for model in models}
-    return [
-        Cut(at, f"`{model}`", row[name])
-        for at, name in ((here, "turned_beyond"), (BEST, "turned_beyond_at_max"))
-        for model, row in rows.items()
-    ]
+def _curves(case: ReportCase, models: Iterable[str]) -> list[ShapeCurve]:
+    """V(α) of models by their names in Markdown."""
+    return [case.curve(model, f"`{model}`") for model in models]
 
 
 def ratio_is_tan_alpha(case: ReportCase) -> Answer:
@@ -256,7 +253,9 @@ def ratio_is_tan_alpha(case: ReportCase) -> Answer:
         "rotating": case.impact_and_optimum(_TURNING),
     }
     curves = [case.curve(model, label) for model, label in _RATIOS.items()]
-    return Answer(numbers, {"tan-alpha": draw_curves(curves, units=case.units, columns=2)}, cuts=_cuts(case, _TURNING))
+    return Answer(
+        numbers, {"tan-alpha": draw_curves(curves, units=case.units, columns=2)}, curves=_curves(case, [_TURNING])
+    )
 
 
 def force_opposes_motion(case: ReportCase) -> Answer:
@@ -287,7 +286,7 @@ def force_opposes_motion(case: ReportCase) -> Answer:
         "greatest_volume": max(pair["volume_max"] for pair in pairs.values()),
     }
     aligned = [model for pair in _PAIRS.values() for model in pair]
-    return Answer({"pairs": pairs}, figures, fields, _cuts(case, *aligned))
+    return Answer({"pairs": pairs}, figures, fields, _curves(case, aligned))
 
 
 def slips(case: ReportCase) -> Answer:
@@ -303,7 +302,7 @@ def slips(case: ReportCase) -> Answer:
     }
     figure = draw_curves([case.curve(model, label) for model, label in _READINGS.items()], height=4.0, units=case.units)
     numbers = {"force_at_contact": float(case.p.stiffness * case.p.r), **readings}
-    return Answer(numbers, {"as-printed": figure}, fields, _cuts(case, *_READINGS))
+    return Answer(numbers, {"as-printed": figure}, fields, _curves(case, _READINGS))
 
 
 def all_models(case: ReportCase) -> Answer:
@@ -318,11 +317,13 @@ def all_models(case: ReportCase) -> Answer:
         }
         if deforms(model):
             numbers[model]["left_at_90_degrees"] = float(case.hits(model).volume[-2] / optimum.volume)
+    # With `as-printed` most is removed as α → 0; its best angle is where the turn falls to 90°.
+    corrected = [row for model, row in numbers.items() if model != "as-printed"]
     fields = {
         "models": BUILT_IN,
         # At 90°, too; not the limit as α → 0, and not the NaN where nothing is removed.
-        "best_angles": [row["valid_alpha_max"] for row in numbers.values() if row["valid_alpha_max"] > 0],
-        "any_turn": [row["alpha_max"] for row in numbers.values() if row["alpha_max"] > 0],
+        "best_angles": [row["valid_alpha_max"] for row in corrected if row["valid_alpha_max"] > 0],
+        "any_turn": [row["alpha_max"] for row in corrected if row["alpha_max"] > 0],
         "shallowest": [model for model, row in numbers.items() if row["alpha_max"] == 0],
         "idle": [model for model, row in numbers.items() if row["kind"] == "none"],
         "deforming": {model: row for model, row in numbers.items() if "left_at_90_degrees" in row},
@@ -336,7 +337,7 @@ def all_models(case: ReportCase) -> Answer:
             panel(plot_shapes, beside, tuple(CORRELATIONS), width=5.8, height=5.0), beyond_of(beside)
         ),
     }
-    return Answer(numbers, figures, fields, _cuts(case, *BUILT_IN))
+    return Answer(numbers, figures, fields, _curves(case, BUILT_IN))
 
 
 def deforms(model: str) -> bool:

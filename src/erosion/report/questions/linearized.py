@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from erosion.impacts import SimulationError, impact, path, turned_beyond
+from erosion.impacts import SimulationError, impact, path
 from erosion.models import CuttingModel, load_model
 from erosion.parameters import (
     PER_MASS_SCALES,
@@ -21,11 +21,9 @@ from erosion.plotting.curves import plot_end_times, plot_volume
 from erosion.plotting.motion import plot_half_angle, plot_histories, plot_path, plot_removal_rate, plot_sketch
 from erosion.plotting.style import new_axes, new_figure
 from erosion.report.case import (
-    BEST,
     LINEARIZED,
     RTOL,
     Answer,
-    Cut,
     Drawing,
     ReportCase,
     best_angle_over_k,
@@ -77,14 +75,13 @@ def solutions(case: ReportCase) -> Answer:
         "turn_if_free": turn_if_free(p),
     }
     sketch = panel(plot_sketch, case.alpha, float(p.k), height=3.2)
-    figures = {"sketch": Drawing(sketch, np.zeros(0, bool))}
+    figures = {"sketch": Drawing(sketch)}
     if case.ended_by != "no-cut":
         histories, (tip_path, ax) = new_figure(5.6, 4.5), new_axes(5.6, 3.4)
         plot_histories(histories, motion, case.closed)
         plot_path(motion, ax=ax)
-        beyond = np.array([case.cut.beyond])
-        figures |= {"figure-7-histories": Drawing(histories, beyond), "figure-8-path": Drawing(tip_path, beyond)}
-    return Answer(numbers, figures, {"checks": _STATE, "shown_length": _shown_length(case)}, [case.cut])
+        figures |= {"figure-7-histories": Drawing(histories), "figure-8-path": Drawing(tip_path)}
+    return Answer(numbers, figures, {"checks": _STATE, "shown_length": _shown_length(case)})
 
 
 def _shown_length(case: ReportCase) -> float | None:
@@ -119,8 +116,7 @@ def end_of_cut(case: ReportCase) -> Answer:
         real_part=np.where(case.angles <= case.cusp, np.pi / case.omega, np.nan),
         marks={"cusp": (case.cusp, np.pi / case.omega), "case": (case.alpha, case.t_c)},
     )
-    drawing = Drawing(figure, turned_beyond(LINEARIZED, over_angles))
-    return Answer(numbers, {"figure-9-end-of-cut": drawing}, cuts=[case.cut])
+    return Answer(numbers, {"figure-9-end-of-cut": Drawing(figure)})
 
 
 _COINCIDE = 1e-7  # of v₀: at the cusp the stop is known to the root of the rounding
@@ -158,19 +154,18 @@ def removed_volume(case: ReportCase) -> Answer:
     figures = {}
     if case.ended_by != "no-cut":
         figure = panel(plot_removal_rate, motion, height=3.5, bars=_PANELS[0])
-        figures = {"rate-of-removal": Drawing(figure, np.array([case.cut.beyond]))}
+        figures = {"rate-of-removal": Drawing(figure)}
     fields = {
         "disagreement": max(errors["volume_numerical"], errors["volume_from_speeds"]),
         "si": Scale(scale.size / to_si, scale.unit),
     }
-    return Answer(numbers, figures, fields, [case.cut])
+    return Answer(numbers, figures, fields)
 
 
 def best_angle(case: ReportCase) -> Answer:
     """α_max by Newton's method on the derivative of the solver, checked against ½ arctan k."""
     steps = greatest(volume_jet(case.model, case.p))
     last, exact = steps[-1], float(case.closed.alpha_max(case.p))
-    best = Cut(BEST, "", bool(turned_beyond(LINEARIZED, case.p.replace(alpha=last.alpha))))
     volume_exact = float(case.closed.volume(case.p.replace(alpha=exact)))
     far = case.per_mass.far_from_tests(last.volume, case.p, of_any=True)
     numbers = {
@@ -187,7 +182,7 @@ def best_angle(case: ReportCase) -> Answer:
         **case.weighed(case.volume),
         **{f"{name}_max": value for name, value in case.weighed(last.volume).items()},
         "cutting_fraction": case.per_mass.cutting_fraction,
-        "turn_if_free": turn_if_free(case.p.replace(alpha=last.alpha)),
+        "turns_if_free": {"here": turn_if_free(case.p), "best": turn_if_free(case.p.replace(alpha=last.alpha))},
         "far_from_tests": far and {**dataclasses.asdict(far), "over_greatest": far.amount / far.greatest},
         "iterates": [{"n": n, **step._asdict()} for n, step in enumerate(steps)],
     }
@@ -202,17 +197,17 @@ def best_angle(case: ReportCase) -> Answer:
     half_angle = new_figure(6.4, 3.2)
     plot_half_angle(half_angle, float(case.p.k))
     figures = {
-        "half-angle": Drawing(half_angle, np.zeros(0, bool)),
-        "volume-over-angle": Drawing(figure, turned_beyond(LINEARIZED, over_angles)),
+        "half-angle": Drawing(half_angle),
+        "volume-over-angle": Drawing(figure),
     }
-    return Answer(numbers, figures, {"far": far, "per_kilogramme": PER_MASS_SCALES}, [case.cut, best])
+    return Answer(numbers, figures, {"far": far, "per_kilogramme": PER_MASS_SCALES})
 
 
 def speeds(case: ReportCase) -> Answer:
     """V(α) for several speeds: α_max is constant and V ∝ v₀². The reason holds for questions 5 to 8."""
     family = case.families(LINEARIZED)["v0"]
     numbers = family_numbers(case, family, LINEARIZED) | {"departure_from_square": family.departure(2)}
-    return Answer(numbers, {"speeds": family.drawing(case.units)}, {"family": family}, family.cuts)
+    return Answer(numbers, {"speeds": family.drawing(case.units)}, {"family": family})
 
 
 def sizes_and_masses(case: ReportCase) -> Answer:
@@ -223,14 +218,14 @@ def sizes_and_masses(case: ReportCase) -> Answer:
         "m": family_numbers(case, masses, LINEARIZED) | {"departure_from_proportion": masses.departure(1)},
         "r": family_numbers(case, sizes, LINEARIZED) | {"largest_difference": difference},
     }
-    return Answer(numbers, {"masses": masses.drawing(case.units)}, {"masses": masses}, masses.cuts)
+    return Answer(numbers, {"masses": masses.drawing(case.units)}, {"masses": masses})
 
 
 def materials(case: ReportCase) -> Answer:
     """All metals of Table 2 and the case's own σ; V ∝ 1/σ."""
     family = case.families(LINEARIZED)["sigma"]
     numbers = family_numbers(case, family, LINEARIZED) | {"departure_from_inverse": family.departure(-1)}
-    return Answer(numbers, {"materials": family.drawing(case.units)}, {"family": family}, family.cuts)
+    return Answer(numbers, {"materials": family.drawing(case.units)}, {"family": family})
 
 
 def guesses(case: ReportCase) -> Answer:
@@ -253,7 +248,7 @@ def guesses(case: ReportCase) -> Answer:
         "force-ratios": ratios.drawing(case.units),
         "best-angle-over-k": best_angle_over_k(ratios, case.units, "computed", "½ arctan k", 3.7),
     }
-    return Answer(numbers, figures, {"contacts": contacts, "ratios": ratios}, contacts.cuts + ratios.cuts)
+    return Answer(numbers, figures, {"contacts": contacts, "ratios": ratios})
 
 
 _CLOSE = 1e-11  # [rad]: what V′ of a numerical volume can resolve near its root
