@@ -472,6 +472,19 @@ def test_a_sampled_error_does_not_hide_an_outlier(table):
     assert missed.numbers["listed"][0].startswith("line 8 (45°)")
 
 
+def test_missed_rows_that_are_not_listed_are_counted(table):
+    degrees = np.linspace(10, 70, 7)
+    exact = erosion.impact("finnie", P.replace(alpha=np.deg2rad(degrees))).volume * 1e9
+    rows = exact * np.where(np.arange(7) % 2, 1.5, 0.5)
+    lines = "".join(f"{angle},{row!r},{row / 50!r}\n" for angle, row in zip(degrees, rows.tolist(), strict=True))
+    data = table("angle [deg],volume [mm^3],uncertainty [mm^3]\n" + lines)
+    drawn = erosion.posterior(erosion.FitProblem("finnie", P, data, ["psi"]), draws=125, discrepancy=False)
+    (missed,) = (finding for finding in drawn.predictor.findings if finding.code == "rows_missed")
+    assert missed.numbers["missed"] > 4
+    assert missed.numbers["listed"][4:] == [f"and {missed.numbers['missed'] - 4} more"]
+    assert missed.text.endswith(f"; and {missed.numbers['missed'] - 4} more.")
+
+
 def test_an_outlier_is_named_with_the_fit_without_it(fit_of):
     clean, spoiled = fit_of(), fit_of(2.0)
     assert not any("outlier" in finding.code for finding in clean.findings)

@@ -10,7 +10,7 @@ from scipy import sparse
 from erosion.arguments import Indices, Numbers, Vectors
 from erosion.cfd.rows import GREATEST, ImpactsError
 from erosion.extras import library
-from erosion.output.tables import briefly
+from erosion.output.tables import briefly, first_of
 from erosion.parameters.quantities import about, read_quantity
 
 _SHARP = np.pi / 3
@@ -127,8 +127,8 @@ class Surface:
         _, label = sparse.csgraph.connected_components(graph, directed=False)
         upright, turned = label[: self.faces], label[self.faces :]
         if (upright == turned).any():
-            faces = ", ".join(map(str, np.flatnonzero(upright == turned)[:3]))
-            raise ImpactsError(f"{self.title}: has one side only, as a Möbius strip: faces {faces}, …; mend them.")
+            faces = ", ".join(first_of([*map(str, np.flatnonzero(upright == turned))], 3))
+            raise ImpactsError(f"{self.title}: has one side only, as a Möbius strip: faces {faces}; mend them.")
         _, part = np.unique(np.minimum(upright, turned), return_inverse=True)
         is_turned = upright > turned
         areas = np.bincount(part, np.where(is_turned, self.area, -self.area))

@@ -31,6 +31,7 @@ from erosion.cfd.rows import (
     require_rows,
     weigh,
 )
+from erosion.output import first_of
 from erosion.tables.text import Layout, TextTable, beginning, cut_off
 
 _OF_OPENFOAM = {"nParticle": "count", "d": "diameter", "rho": "density", "facei": "mesh_face", "celli": "cell",
@@ -240,7 +241,7 @@ def open_openfoam(path: Path, case: Path | None, density: float | None, duration
     there = {(table.window, table.patch): table for table in every}  # in the order of time
     windows, patches = dict.fromkeys(window for window, _ in there), sorted({patch for _, patch in there})
     if lacking := ["/".join(pair) for pair in itertools.product(windows, patches) if pair not in there]:
-        listed = ", ".join(lacking[:3]) + (f" and {len(lacking) - 3:,} more" if len(lacking) > 3 else "")
+        listed = ", ".join(first_of(lacking, 3))
         warnings_of_weights += (f"{path.name} has no table {listed}, but those of others; is it lost?",)
     is_whole = path.is_dir() and not _WINDOW.fullmatch(path.name)
     return TextImpacts(
@@ -301,7 +302,7 @@ def _files(folder: Path) -> list[Path]:
     files = [file for file in tables if _in_window(file)] or [file for file in tables if file.parent == root]
     if not files:
         names = sorted(file.name + "/" * file.is_dir() for file in folder.iterdir())
-        listed = f"{', '.join(names[:10])}{', …' if len(names) > 10 else ''}" if names else "nothing"
+        listed = ", ".join(first_of(names, 10)) or "nothing"
         raise ImpactsError(f"{folder}: has no tables of impacts (.post, .dat), but {listed}.")
     objects = {_function_object(file) for file in files}
     if len(objects) > 1:

@@ -22,7 +22,7 @@ import numpy as np
 from erosion.fits.conditions import Condition, are_apart, describe, group_numbers
 from erosion.fits.errors import ErrorModel, of_which, without_common
 from erosion.fits.tables import KNOWN, REFUSED, REMOVALS, MeasurementError, are_shares, removal_of
-from erosion.output.tables import briefly, format_number, largest_of
+from erosion.output.tables import briefly, first_of, format_number, largest_of
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import (
     RESULTS,
@@ -474,12 +474,9 @@ def _left_out(missing: np.ndarray, table: Table) -> list[str]:
     if not len(rows):
         return []
     headings = [column.heading.strip() for column in table.columns.values()]
-    words = [
-        f"{table.source.place(row)} ({headings[int(np.argmax(missing[:, row]))]})" for row in rows[:_NAMED].tolist()
-    ]
-    more = f" and {len(rows) - _NAMED:,} more" if len(rows) > _NAMED else ""
+    words = [f"{table.source.place(row)} ({headings[int(np.argmax(missing[:, row]))]})" for row in rows.tolist()]
     which = "a row is" if len(rows) == 1 else f"{len(rows):,} rows are"
-    return [f"{table.title}: {which} left out, where a number is missing: {', '.join(words)}{more}."]
+    return [f"{table.title}: {which} left out, where a number is missing: {', '.join(first_of(words, _NAMED))}."]
 
 
 def conditions(data: Measurements, most: int | None = None) -> list[Condition]:

@@ -26,7 +26,7 @@ from erosion.fits.problem import ERROR_FACTOR, NOISE, OF_ERROR, RELATIVE, FitPro
 from erosion.fits.tempering import sample
 from erosion.laws import JointLaw, law_in_words
 from erosion.models import own_parameters
-from erosion.output import sentences
+from erosion.output import first_of, sentences
 from erosion.parameters import conversion_factor
 from erosion.results import Declared, Finding, Result, Scale, Value, found
 
@@ -265,10 +265,11 @@ class Predictor(Result):
         if not len(rows):
             return ()
         listed = [f"{data.where(row)}: {data.in_words(data.erosion[row])}, predicted {data.in_words(middle[row])}"
-                  for row in rows[np.argsort(odds[rows])][:_LISTED].tolist()]  # fmt: skip
+                  for row in rows[np.argsort(odds[rows])].tolist()]  # fmt: skip
         is_nothing = (middle[rows] < _NOTHING * data.erosion[rows]).any()
+        numbers = {"missed": len(rows), "rows": len(data), "listed": first_of(listed, _LISTED)}
         return found(
-            (True, Finding("rows_missed", data.source, {"missed": len(rows), "rows": len(data), "listed": listed})),
+            (True, Finding("rows_missed", data.source, numbers)),
             (is_nothing, Finding("removes_nothing_at_rows", data.source)),
         )
 

@@ -21,6 +21,7 @@ from erosion.output.tables import (
     Record as Record,
     abbreviate as abbreviate,
     briefly as briefly,
+    first_of as first_of,
     format_number as format_number,
     largest_of as largest_of,
     sentences as sentences,

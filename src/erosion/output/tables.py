@@ -96,6 +96,11 @@ def briefly(value: Any) -> str:
     return text if len(text) <= _LONG else f"{text[:40]}… ({len(text):,} characters)"
 
 
+def first_of(words: Sequence[str], most: int) -> list[str]:
+    """The first words of a list, and how many more it has: "a", "b", "and 3 more"."""
+    return [*words[:most], f"and {len(words) - most:,} more"] if len(words) > most else [*words]
+
+
 def sentences(*table: tuple[object, str]) -> tuple[str, ...]:
     """The sentences of a table of conditions, each with its sentence, whose condition is true."""
     return tuple(sentence for condition, sentence in table if condition)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from erosion.arguments import PerImpact
-from erosion.output.tables import briefly
+from erosion.output.tables import briefly, first_of
 from erosion.parameters.materials import target
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import RESULTS, Scale, conversion_factor, has_unit, read_quantity
@@ -194,9 +194,8 @@ def models_far_from_tests(weights: Mapping[str, PerMass], volumes: Mapping[str, 
         groups.setdefault(replace(said, amount=math.copysign(math.inf, said.is_above - 0.5)), []).append(name)
     findings = []
     for names in groups.values():
-        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         greatest = max((far[name] for name in names), key=lambda said: said.amount)
-        findings.append(greatest.finding(", ".join(names[:_NAMED]) + more))
+        findings.append(greatest.finding(", ".join(first_of(names, _NAMED))))
     return findings
 
 
