@@ -22,6 +22,7 @@ from erosion.explorer.computed import (
 from erosion.explorer.state import PageCase, PageState, own_numbers
 from erosion.explorer.tab import case_toml, curves_csv, python_lines, results_json
 from erosion.explorer.views import numbers, sensitivities, volumes
+from erosion.impacts import path
 from erosion.impacts.batch import impact
 from erosion.impacts.optimum import alpha_max
 from erosion.models import Linearized, load_model, model_name
@@ -127,12 +128,23 @@ def test_what_is_handed_out_has_the_own_parameters() -> None:
     assert impacts["tip"]["volume"] == scope["hit"].volume
 
 
+def test_what_is_handed_out_says_how_far_the_body_turns() -> None:
+    state = dataclasses.replace(
+        STATE, models=("rotating",), shown="rotating", case=STATE.case.replace(alpha=np.deg2rad(35))
+    )
+    content = json.loads(results_json(Answers({"rotating": load_model("rotating")}), state))["models"]["rotating"]
+    cut = path(load_model("rotating"), TABLE_1.replace(alpha=np.deg2rad(35)))
+    assert content["impact"]["turn"] == pytest.approx(cut.turn, rel=1e-7)
+    assert content["impact"]["turned_beyond"] is cut.turned_beyond is True
+    assert [content["curve"]["turned_beyond"][i] for i in (0, 92, 200)] == [False, True, False]
+
+
 def test_curves_and_case_are_exact(tmp_path) -> None:
     answers = Answers({"linearized": Linearized()})
     rows = [line.split(",") for line in curves_csv(answers, STATE).decode().splitlines()]
     hits = impact(Linearized(), TABLE_1.replace(alpha=ANGLES), derivatives=2)
     assert [float(row[1]) for row in rows[1:]] == hits.volume.tolist()
-    results = ("volume [in³]", "dvolume [in³/rad]", "t_c [s]", "ended_by")
+    results = ("volume [in³]", "dvolume [in³/rad]", "t_c [s]", "ended_by", "turn", "turned_beyond")
     assert rows[0] == ["alpha [deg]", *(f"linearized {name}" for name in results)]
     assert b"alpha = 0.3490658503988659" in case_toml(answers, STATE)
     weighed = dataclasses.replace(STATE, per_mass=PerMass(2700, 0.5))

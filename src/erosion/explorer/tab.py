@@ -17,6 +17,7 @@ from erosion.explorer.controls import Controls, CutDrawing, Materials, Plot, Pro
 from erosion.explorer.prompts import prompts
 from erosion.explorer.state import PageState, sentence
 from erosion.explorer.views import VIEWS
+from erosion.impacts import turn_of, turned_beyond
 from erosion.models import State as Body, model_source
 from erosion.output import to_csv, to_json
 from erosion.parameters import RESULTS, CaseFile, Dimension, dump_case, dump_model, dump_per_mass, unit_name
@@ -38,14 +39,21 @@ _NOTES = {"cut": "Only the tip cuts: what else of the grain would be in the meta
 
 
 def curves_csv(answers: Answers, state: PageState) -> bytes:
-    """A table over all angles: α [°], and for each checked model V, dV/dα, t_c and how the cut ends."""
+    """A table over all angles: α [°], and for each checked model V, dV/dα, t_c, how the cut ends and the turn [rad]."""
     columns: dict[str, Any] = {"alpha [deg]": np.rad2deg(ANGLES)}
     for name in state.models:
         curve = answers("curve", name, state.case)
         for result in ("volume", "dvolume", "t_c"):
             columns[_heading(f"{name} {result}", RESULTS[result].dimension, state)] = getattr(curve, result)
         columns[f"{name} ended_by"] = curve.ended_by
+        columns |= {f"{name} {column}": values for column, values in _turned(answers, name, state, ANGLES).items()}
     return _csv(columns)
+
+
+def _turned(answers: Answers, name: str, state: PageState, alpha: Any) -> dict[str, Any]:
+    """How far the body of a model turns in each cut [rad], and whether by more than 90°, where the model fails."""
+    model, p = answers.model(name, state.case), state.case.parameters().replace(alpha=alpha)
+    return {"turn": turn_of(model, p), "turned_beyond": turned_beyond(model, p)[()]}
 
 
 def motion_csv(answers: Answers, state: PageState) -> bytes:
@@ -66,9 +74,11 @@ def results_json(answers: Answers, state: PageState) -> bytes:
     for name in state.models:
         point, best, curve, spins = (answers(kind, name, state.case) for kind in ("point", "best", "curve", "spins"))
         models[name] = {
-            "impact": point.to_dict() | state.per_mass.to_dict(point.volume, state.case.parameters()),
+            "impact": point.to_dict()
+            | state.per_mass.to_dict(point.volume, state.case.parameters())
+            | _turned(answers, name, state, state.case.parameters().alpha),
             "best": best.to_dict(),
-            "curve": curve.to_dict(),
+            "curve": curve.to_dict() | _turned(answers, name, state, ANGLES),
             "spins": {"s": SPINS, "alpha_max": spins.alpha},
         }
     cut, rates = (answers(kind, state.shown, state.case) for kind in ("cut", "sensitivities"))

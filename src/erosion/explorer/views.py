@@ -158,7 +158,7 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
         after = f"{motion.t_c / time.size:.4g} {time.unit}"
         end = f"{motion.ended_by} after {after}"
     if motion.t_c and np.isfinite(motion.turn) and motion.turn:
-        end += f", the body turned by {np.rad2deg(motion.turn):.0f}°"
+        end += f", the body turned by {np.rad2deg(motion.turn):.4g}°".replace("-", "−")
     content = {
         "t": motion.t.tolist(),
         "x": (motion.x_tip / length.size).tolist(),
@@ -271,7 +271,7 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
         at_best = ["…"] * 2
         if best is not None:
             kind = str(best.kind) + ("" if best.certified else ", not certified")
-            where = f"{describe(best)} <small>{html.escape(kind)}</small>"
+            where = describe(best) if best.kind == "limit" else f"{describe(best)} <small>{html.escape(kind)}</small>"
             at_best = [where, _volume(computed, float(best.volume))]
         mark = "shown" if model == computed.state.shown else ""
         swatch = f"<i style='background:{styles(models)[model][0]}'></i>"
