@@ -117,6 +117,23 @@ def test_large_arrays_and_tapes_stay_where_they_are(with_subroutines):
     np.testing.assert_allclose(results[0], x, rtol=1e-13)
 
 
+def test_calls_with_an_array_in_memory_and_with_its_numbers(with_subroutines):
+    @jax.jit
+    def weighted(array, x):
+        return jnp.sum(array * jnp.sin(x * array))
+
+    def lane(array, x):
+        apart = jnp.cumsum(array)
+        return [weighted(each, x + i) for i in range(3) for each in (array, apart)]
+
+    array, x = np.linspace(-1.0, 1.0, 16), np.linspace(-3.0, 3.0, 19)
+    results = Lanewise(lane, (jax.ShapeDtypeStruct(array.shape, float), number))(array, x)
+    for i, (of_array, of_sums) in enumerate(zip(results[::2], results[1::2], strict=True)):
+        for one, each in ((of_array, array), (of_sums, np.cumsum(array))):
+            expected = np.sum(each * np.sin((x[:, None] + i) * each), axis=1)
+            np.testing.assert_allclose(one, expected, rtol=1e-12, atol=1e-13)
+
+
 def test_the_word_that_stops_the_code_reaches_a_loop_in_a_function(with_subroutines):
     @jax.jit
     def endless(x):

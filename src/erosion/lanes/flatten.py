@@ -69,7 +69,7 @@ class Flattener:
         self.graph, self._subroutines = graph, subroutines
         # A function that is called a dozen times is read once. The jaxprs are kept, so that their ids stay theirs.
         self._read: dict[int, tuple[Jaxpr, _Steps]] = {}
-        self._called: dict[int, _Called] = {}
+        self._called: dict[tuple[int, ...], _Called] = {}
 
     def call(self, jaxpr: Jaxpr, constants: Sequence[ArrayLike], arguments: Sequence[Part]) -> list[Part]:
         """A function's results."""
@@ -91,13 +91,11 @@ class Flattener:
 
     def called(self, jaxpr: Jaxpr, constants: Sequence[ArrayLike], arguments: Sequence[Part]) -> list[Part]:
         """The results of a function that may be called elsewhere: of a subroutine, where the program is large."""
-        graph, so_far = self.graph, self._called.setdefault(id(jaxpr), _Called(jaxpr))
+        # Calls with an array in memory and with the same one taken apart have different numbers of arguments.
+        key = id(jaxpr), *(isinstance(argument, Large) for argument in arguments)
+        graph, so_far = self.graph, self._called.setdefault(key, _Called(jaxpr))
         given = [value for argument in arguments for value in _values(argument)]
-        # A subroutine takes numbers; a large array it reads where that is.
-        same = all(
-            isinstance(value, GraphValue) or value is had for value, had in zip(given, so_far.given, strict=False)
-        )
-        if not self._subroutines or so_far.size < _WORTH_A_CALL or given == so_far.given or not same:
+        if not self._subroutines or so_far.size < _WORTH_A_CALL or given == so_far.given or not so_far.shares(given):
             before = graph.made
             results = self.call(jaxpr, constants, arguments)
             so_far.size, so_far.given = max(so_far.size, graph.made - before), given
@@ -337,12 +335,19 @@ class Flattener:
 
 
 class _Called:
-    """A function that is called: how many operations it took, the last arguments, and what was made of it."""
+    """A function that is called: how many operations it took, the last arguments, and what was made of it.
+
+    Each of its arguments is in memory in all of these calls, or in none.
+    """
 
     def __init__(self, jaxpr: Jaxpr) -> None:
         self.jaxpr, self.size = jaxpr, 0
         self.given: list[Any] = []
         self.subroutines: list[_Subroutine] = []
+
+    def shares(self, given: Sequence[Any]) -> bool:
+        """Whether the arrays in memory are those of the last call: a subroutine takes numbers alone."""
+        return all(isinstance(value, GraphValue) or value is had for value, had in zip(given, self.given, strict=True))
 
 
 class _Subroutine(NamedTuple):
