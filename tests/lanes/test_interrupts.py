@@ -9,13 +9,17 @@ import subprocess
 import sys
 import sysconfig
 import textwrap
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from jax import lax
 
+from erosion.lanes import tapes
 from erosion.lanes.lanewise import Lanewise, number
+from erosion.lanes.vector_ir import STOPPED
 
 _ENDLESS = '''
 """A lip whose force is found by a search that never ends."""
@@ -155,9 +159,37 @@ def test_a_signals_handler_may_compute():
     assert results == [6_000_000.0]
 
 
+def assert_stops(function, argument):
+    """Assert that a function that writes its tape, and then never ends, is stopped and writes no result.
+
+    Args:
+        function: takes a number and a token of tape 0; gives a number and a token.
+        argument: with which it never ends.
+    """
+    compiled, tape = Lanewise(function, (number, number), tapes=1), np.zeros((1, 1))
+    stop, results = np.zeros(1, np.int64), [np.full(1, np.nan), np.full(1, np.nan)]
+    leaves = [np.array([argument]), np.zeros(())]
+    # A daemon: should the code never end, the tests do.
+    running = threading.Thread(target=compiled.run, args=(leaves, np.arange(1), results, stop, [tape]), daemon=True)
+    running.start()
+    end = time.monotonic() + 10.0
+    while not tape[0, 0] and time.monotonic() < end:
+        time.sleep(1e-3)
+    assert tape[0, 0]
+    assert running.is_alive()
+    stop[0] = 1
+    running.join(10.0)
+    assert stop[0] == STOPPED
+    assert not running.is_alive()
+    assert np.all(np.isnan(results))
+
+
 def test_a_stop_ends_a_loop_that_never_ends():
-    endless = Lanewise(lambda x: lax.while_loop(lambda s: s >= 0, lambda s: s + x, 0.0 * x), (number,))
-    endless.run([np.array(0.0)], np.arange(1), [np.empty(1)], np.ones(1, np.int64))
+    def endless(x, token):
+        token = tapes.write(0, token, 0, 1.0)
+        return lax.while_loop(lambda s: s >= 0, lambda s: s + x, 0.0 * x), token
+
+    assert_stops(endless, 1.0)
 
 
 _ASK = """

@@ -7,8 +7,10 @@ import pytest
 from jax import lax
 
 from erosion.lanes import flatten, passes, tapes
+from erosion.lanes.graph import Loop
 from erosion.lanes.lanewise import Lanewise, number
 from tests.lanes.random_programs import RandomFunction
+from tests.lanes.test_interrupts import assert_stops
 from tests.lanes.test_random_programs import compare_with_numpy, random_numbers
 
 
@@ -136,9 +138,13 @@ def test_calls_with_an_array_in_memory_and_with_its_numbers(with_subroutines):
 
 def test_the_word_that_stops_the_code_reaches_a_loop_in_a_function(with_subroutines):
     @jax.jit
-    def endless(x):
-        return lax.while_loop(lambda x: x < jnp.inf, lambda x: -x, x)
+    def power_above_8(x):
+        return lax.while_loop(lambda power: power < 8.0, lambda power: power * x, x)
 
-    compiled, result = Lanewise(lambda x: endless(x) + endless(x + 1.0), (number,)), np.zeros(1)
-    compiled.run([np.ones(1)], np.arange(1), [result], stop=np.ones(1, np.int64))
-    assert result[0] == 0.0  # it ended before it wrote
+    def lane(x, token):
+        token = tapes.write(0, token, 0, power_above_8(x + 1.0))  # written out
+        return power_above_8(x), token
+
+    (function,) = flatten.flatten(jax.make_jaxpr(lane)(number, number)).functions
+    assert any(isinstance(step, Loop) for step in function.body.steps)
+    assert_stops(lane, 1.0)

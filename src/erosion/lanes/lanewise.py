@@ -218,7 +218,7 @@ class Lanewise:
                 interruptible.run(portion, memory, of_inputs, order, of_results, *leaves, *results, *tapes)
             else:
                 portion(stop.ctypes.data)
-        if of_results is memory.places:
+        if of_results is memory.places and (stop is None or not stop[0]):
             for result, own in zip(results, memory.results, strict=True):
                 result[order[0]] = own
         chosen.unused.append(memory)
