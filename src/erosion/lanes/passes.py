@@ -50,7 +50,7 @@ def finish(graph: Graph, outputs: Sequence[GraphValue]) -> None:
             if value.region is graph.root:
                 function.reads |= dict.fromkeys(_sources(value))
         for value in function.reads:
-            if value.op not in _FOUND_AGAIN and value.type != ARRAY and value not in graph.kept:
+            if value.op not in _REPEATABLE_OPS and value.type != ARRAY and value not in graph.kept:
                 graph.kept[value] = graph.rows
                 graph.rows += 1
 
@@ -96,7 +96,7 @@ def _prune_calls(function: Function, live: set[GraphValue]) -> None:
         call.results = [call.results[i] for i in outputs]
 
 
-_FOUND_AGAIN = ("input", "room", "filled", "table")  # operations on memory, which a function may repeat
+_REPEATABLE_OPS = ("input", "room", "filled", "table")  # operations on memory, which a function may repeat
 
 
 def _sources(value: GraphValue) -> Iterator[GraphValue]:

@@ -25,7 +25,7 @@ def graze(rtol: Scalar) -> Scalar:
 
 
 class EventSet(abc.ABC):
-    """See above.
+    """All events of a program: which count where a motion begins, and what a trial finds of them.
 
     Args:
         directions: of the events.

@@ -16,7 +16,7 @@ NEVER = 1e300  # instead of an infinite time
 
 
 class Memory(abc.ABC):
-    """See above.
+    """Numbers of the state that change only where an event happens.
 
     Args:
         event: whose memory it is.

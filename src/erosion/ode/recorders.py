@@ -17,7 +17,7 @@ from erosion.ode.variational import Augmented, Derivatives, outputs_of
 
 
 class Recorder(abc.ABC):
-    """See above."""
+    """Writes a lane's results to its tapes, after each step, motion and segment."""
 
     @abc.abstractmethod
     def begin(self) -> Any:
