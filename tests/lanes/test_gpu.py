@@ -191,8 +191,9 @@ def test_few_lanes_are_computed_by_the_processor():
     assert processor.driver.texts == []
 
 
-def test_a_program_that_is_too_long_is_computed_by_the_processor(monkeypatch):
-    monkeypatch.setattr(gpu, "_LONGEST", 10)
+@pytest.mark.parametrize("limit", ["_LONGEST", "WHOLE"])
+def test_a_program_that_is_too_long_is_computed_by_the_processor(limit, monkeypatch):
+    monkeypatch.setattr(gpu, limit, -1)
     lanes = _by_gpu(lambda x: 2 * x, (number,))
     assert np.array_equal(lanes(np.arange(3.0)), [0.0, 2.0, 4.0])
     assert lanes._gpu.driver.texts == []

@@ -17,7 +17,7 @@ from tests.lanes.test_random_programs import compare_with_numpy, random_numbers
 @pytest.fixture
 def with_subroutines(monkeypatch):
     """As if every program were large, and every function worth a call."""
-    monkeypatch.setattr(flatten, "_WHOLE", -1)
+    monkeypatch.setattr(flatten, "WHOLE", -1)
     monkeypatch.setattr(flatten, "_WORTH_A_CALL", 1)
 
 

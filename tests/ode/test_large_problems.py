@@ -113,7 +113,7 @@ _SMALL = {
 def test_large_problems(name, monkeypatch):
     """A small one is compiled as if it were large."""
     if name in _SMALL:
-        monkeypatch.setattr(flatten, "_WHOLE", -1)
+        monkeypatch.setattr(flatten, "WHOLE", -1)
     make, count, order = (_SMALL | _LARGE)[name]
     problem, args, t1 = make(count)
     (wrt,) = args

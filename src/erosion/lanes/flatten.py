@@ -38,9 +38,11 @@ from erosion.lanes.scalars import SCALARS, Atom, Equation, Kind, aval_of, conver
 
 _DOUBLE = np.dtype(np.float64)
 _Result = TypeVar("_Result")
-_WHOLE = 50_000  # operations of a program, above which functions that are called again become subroutines
 _WORTH_A_CALL = 40  # operations of a function, at least, that becomes a subroutine
 _UNROLLED = 64  # rounds of a loop of known length, at most; longer ones run as loops
+
+WHOLE = 50_000
+"""Operations of a program, above which functions that are called again become subroutines."""
 
 LIBRARIES = tuple(
     str(Path(spec.origin or "").parent) for spec in map(importlib.util.find_spec, ("jax", "equinox", "numpy")) if spec
@@ -395,7 +397,7 @@ def flatten(closed: ClosedJaxpr, *, shared: bool = True) -> Graph:
         NotForLanesError: naming what lanes cannot do, and where it is.
     """
     try:
-        return flatten_whole(closed, shared=shared, most=_WHOLE)
+        return flatten_whole(closed, shared=shared, most=WHOLE)
     except TooLongError:
         return _flatten(closed, Graph(), shared=shared, subroutines=True)
 

@@ -18,8 +18,8 @@ import llvmlite.binding as llvm
 import numpy as np
 from jaxtyping import PyTree
 
-from erosion.lanes.flatten import flatten_whole
-from erosion.lanes.graph import Graph
+from erosion.lanes.flatten import WHOLE, flatten_whole
+from erosion.lanes.graph import Graph, TooLongError
 from erosion.lanes.lanewise import Lanewise
 from erosion.lanes.machine import without_garbage_collection
 from erosion.lanes.tapes import WRITE
@@ -245,7 +245,7 @@ class _Stream:
 
 
 class GpuLanes(Lanewise):
-    """A function of one lane's numbers, compiled for a GPU, and for the processor where lanes are few.
+    """A function of one lane's numbers, compiled for a GPU; the processor computes few lanes, and long programs.
 
     Args:
         function, examples, tapes: as of `Lanewise`.
@@ -304,7 +304,11 @@ class GpuLanes(Lanewise):
         self._gpu.enter()
         with self._compiling, without_garbage_collection():
             if shared not in self._programs:
-                self._programs[shared] = self._gpu.program(flatten_whole(self.closed, shared=shared), self._of_tapes)
+                try:
+                    graph = flatten_whole(self.closed, shared=shared, most=WHOLE)
+                    self._programs[shared] = self._gpu.program(graph, self._of_tapes)
+                except TooLongError:
+                    self._programs[shared] = None
             return self._programs[shared]
 
 

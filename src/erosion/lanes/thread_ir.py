@@ -9,7 +9,7 @@ A thread takes the next lane when its lane ends. After many rounds of a loop it 
 from typing import NamedTuple
 
 from erosion.lanes import tapes
-from erosion.lanes.graph import ARRAY, NUMBERS, Branch, Call, Graph, GraphValue, Loop, Step
+from erosion.lanes.graph import ARRAY, NUMBERS, Branch, Graph, GraphValue, Loop, Step
 from erosion.lanes.writer import BITS, ENTRY, Writer, is_short
 
 LOCAL = 256
@@ -101,7 +101,7 @@ def thread_ir(graph: Graph, of_tapes: int = 0, target: KernelTarget = GPU) -> st
     taken, 0 at first. Truths are written as bytes. Threads end early where *stop is not 0.
 
     Args:
-        graph: finished.
+        graph: finished, without subroutines.
         of_tapes: how many tapes there are.
         target: the machine that runs it.
     """
@@ -328,10 +328,6 @@ class _ThreadWriter(Writer):
         return rest if type_ == "double" else self.get(f"fptrunc double {rest} to {type_}")
 
     # Control flow.
-
-    def call_function(self, call: Call, mask: str) -> None:
-        """A program for a GPU has none."""
-        raise NotImplementedError
 
     def step(self, step: Step, mask: str) -> None:
         """A step of a region; where memory begins is known before."""

@@ -176,7 +176,10 @@ class _VectorWriter(Writer):
 
     def step(self, step: Step, mask: str) -> None:
         """A step of a region; what functions read of it goes to memory as well."""
-        super().step(step, mask)
+        if isinstance(step, Call):
+            self.call_function(step, mask)
+        else:
+            super().step(step, mask)
         if self.graph.kept:
             for value in (step,) if isinstance(step, GraphValue) else step.results:
                 if value in self.graph.kept:

@@ -143,10 +143,6 @@ class Writer(abc.ABC):
         """A lane's element of a table."""
 
     @abc.abstractmethod
-    def call_function(self, call: Call, mask: str) -> None:
-        """A call of a function of the program."""
-
-    @abc.abstractmethod
     def loop(self, loop: Loop, mask: str) -> None:
         """A loop: the condition, and what is done where it holds."""
 
@@ -183,15 +179,14 @@ class Writer(abc.ABC):
             self.step(step, mask)
 
     def step(self, step: Step, mask: str) -> None:
-        """A step of a region."""
+        """A step of a region; `vector_ir` alone writes calls."""
+        assert not isinstance(step, Call)
         if isinstance(step, Loop):
             self.loop(step, mask)
         elif isinstance(step, Counted):
             self.counted(step, mask)
         elif isinstance(step, Branch):
             self.branch(step, mask)
-        elif isinstance(step, Call):
-            self.call_function(step, mask)
         elif step.op in (tapes.WRITE, tapes.READ):
             self.on_tape(step, mask)
         elif step.op == "output":
