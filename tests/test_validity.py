@@ -127,7 +127,10 @@ def test_a_force_of_the_wrong_sign_is_said_wherever_it_is_used() -> None:
     model = erosion.models.Rotating(force=Pushes())
     with pytest.warns(UserWarning, match="F_x is positive"):
         cut = erosion.simulate(model, P)
-    for result in (cut, erosion.alpha_max(model, P, max_turn=None), erosion.verify(model)):
+    swept = erosion.sweep(model, P, alpha=np.linspace(0.2, 0.4, 3))
+    assert "pushed_forward" in swept.attrs["findings"]
+    jet = erosion.stream(model, P, n=64, best_angle=False, sensitivities=False, alpha=stats.norm(0.3, 0.01))
+    for result in (cut, jet, erosion.alpha_max(model, P, max_turn=None), erosion.verify(model)):
         assert "pushed_forward" in [finding.code for finding in result.findings]
     right = erosion.models.Rotating(force=erosion.models.ConstantRatio(), torque=erosion.models.FullTorque())
     assert "pushed_forward" not in [finding.code for finding in erosion.simulate(right, SHALLOW).findings]

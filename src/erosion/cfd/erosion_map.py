@@ -34,6 +34,7 @@ from erosion.impacts import (
     impact,
     model_in_words,
     provenance,
+    pushed_forward,
     require_code,
 )
 from erosion.laws import JointLaw, JointSamples, joint_law
@@ -173,6 +174,7 @@ class MapJob:
                     *summary.findings(tally),
                     *sand.findings,
                     *filter(None, [finding_of_turned(tally.counts["turned"])]),
+                    *([Finding("pushed_forward")] if pushed_forward(task.model, options.p) else ()),
                 )
             ),
         )

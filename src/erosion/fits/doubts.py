@@ -65,12 +65,12 @@ def remedy(squares: LeastSquares, names: Sequence[str], allowed: np.ndarray, noi
             continue
         differs = np.where(_measured(squares, speed), 0.0, np.abs(first - second) / (noise * greatest))
         if differs.max() >= _SEEN:
-            numbers = {"alpha": _ANGLES[np.argmax(differs)]}
+            numbers = {"parameters": names, "alpha": _ANGLES[np.argmax(differs)]}
             if speed is None:
                 return Finding("fix_parameter_or_measure", about, numbers)
             numbers["condition"] = describe({"v0": speed}, squares.data.units)
             return Finding("fix_parameter_or_measure_at", about, numbers)
-    return Finding("fix_parameter", about)
+    return Finding("fix_parameter", about, {"parameters": names})
 
 
 def _measured(squares: LeastSquares, speed: float | None) -> np.ndarray:
@@ -224,7 +224,7 @@ def _undecided(fit: "Calibration") -> list[Finding]:
         group = [open_names[0], *(name for name in together if name != open_names[0])]
         open_names = [name for name in open_names if name not in group]
         advice = remedy(fit.squares, group, fit.allowed(at), fit.noise)
-        said += [Finding("parameters_not_decided", ", ".join(group)), advice]
+        said += [Finding("parameters_not_decided", ", ".join(group), {"parameters": group}), advice]
     return said
 
 

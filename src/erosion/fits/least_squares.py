@@ -50,9 +50,8 @@ class Group(NamedTuple):
         about = ", ".join(self.names)
         if len(self.names) == 1:
             return Finding("parameter_has_no_influence", about)
-        if not self.determined:
-            return Finding("parameters_are_tied_completely", about)
-        return Finding("parameters_are_tied", about, {"determined": self.determined})
+        numbers = {"parameters": self.names, "determined": self.determined}
+        return Finding("parameters_are_tied" if self.determined else "parameters_are_tied_completely", about, numbers)
 
 
 @dataclasses.dataclass(frozen=True)

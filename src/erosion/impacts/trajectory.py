@@ -26,7 +26,6 @@ from erosion.impacts.batch import OTHER_ENDS, element_of, end_names, signature_o
 from erosion.impacts.diffrax_steps import Fall, find_root, first_fall
 from erosion.impacts.turn import pushed_forward
 from erosion.models import (
-    BUILT_IN,
     NO_CUT,
     CuttingModel,
     State,
@@ -174,14 +173,9 @@ class Trajectory(Result):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """A force of the wrong sign, a body that turned too far, and a case out of the model's range."""
-        found = (self._pushed_forward, self._turned_beyond, self.model.outside_of_range(self.p))
+        pushed = Finding("pushed_forward") if pushed_forward(self.model, self.p) else None
+        found = (pushed, self._turned_beyond, self.model.outside_of_range(self.p))
         return tuple(finding for finding in found if finding is not None)
-
-    @property
-    def _pushed_forward(self) -> Finding | None:
-        """A user's force of the wrong sign, by which the centre of mass gets faster at once."""
-        is_faster = isinstance(self.states, State) and len(self.t) > 1 and self.vx[1] > self.vx[0]
-        return Finding("pushed_forward") if is_faster and model_name(self.model) not in BUILT_IN else None
 
     @property
     def turned_beyond(self) -> bool:

@@ -164,6 +164,7 @@ class _Plane:
         if self.is_of_optima:
             return self._line(ax, "best_boundary", _optima_label(self.found), ink)
         line = self._line(ax, "end_boundary", _ends_label(self.found), ink)
+        self._line(ax, "turn_boundary", "", ink, linestyle=":")
         return [*line, *self._hatch(ax, ink)]
 
     def _hatch(self, ax: Axes, ink: str) -> list[Artist]:
@@ -179,12 +180,14 @@ class _Plane:
         region.set(edgecolor=ink, linewidth=0)
         return [Patch(facecolor="none", edgecolor=INK, linewidth=0, hatch=_HATCH, label=BEYOND_LABEL)]
 
-    def _line(self, ax: Axes, name: str, label: str, ink: str) -> list[Artist]:
+    def _line(self, ax: Axes, name: str, label: str, ink: str, linestyle: str = "-") -> list[Artist]:
         """Draw a boundary of the sweep, if it has this one."""
         if name not in self.found or not self.found[name].size:
             return []
         pieces = self.found[name].sel(axis=[self.across.name, self.up.name]).values
-        lines = LineCollection(list(pieces / (self.across.size, self.up.size)), color=ink, linewidth=_BOUNDARY)
+        lines = LineCollection(
+            list(pieces / (self.across.size, self.up.size)), color=ink, linewidth=_BOUNDARY, linestyle=linestyle
+        )
         ax.add_collection(lines, autolim=False)
         return [Line2D([], [], color=INK, linewidth=_BOUNDARY, label=label)]
 

@@ -16,7 +16,15 @@ import xarray as xr
 from scipy.optimize import minimize_scalar
 
 from erosion.arguments import Progress, no_progress
-from erosion.impacts import alpha_max, count_turned, finding_of_turned, impact, model_in_words, provenance
+from erosion.impacts import (
+    alpha_max,
+    count_turned,
+    finding_of_turned,
+    impact,
+    model_in_words,
+    provenance,
+    pushed_forward,
+)
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_quantities, quantities
 from erosion.output import Record
 from erosion.parameters import (
@@ -301,10 +309,11 @@ class Stream(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Particles out of the model's range or turned too far, and erosion far from what tests find at this speed."""
+        """A force of the wrong sign, particles out of range or turned too far, and erosion far from that of tests."""
         far = self._far if self.per_mass.is_given else None
         too_far = far.finding() if far else None
-        found = (self.outside_of_range, finding_of_turned(self._turned), too_far)
+        pushed = Finding("pushed_forward") if pushed_forward(*self.particles.typical) else None
+        found = (pushed, self.outside_of_range, finding_of_turned(self._turned), too_far)
         return tuple(finding for finding in found if finding is not None)
 
     @property

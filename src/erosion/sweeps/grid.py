@@ -28,6 +28,7 @@ from erosion.impacts import (
     impact,
     numbers_in_words,
     provenance,
+    pushed_forward,
     turn_of,
 )
 from erosion.models import (
@@ -348,10 +349,12 @@ class Grid(AnyGrid):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Impacts outside of a model's range, and those that turn the body too far."""
+        """Forces of the wrong sign, impacts outside of a model's range, and those that turn the body too far."""
         names = {name if self.compared else "": model for name, model in self.loaded().items()}
+        pushed = (Finding("pushed_forward", name) for name, model in names.items()
+                  if pushed_forward(*self.impacts(model)))  # fmt: skip
         turned = (finding_of_turned(count_turned(*self.impacts(model)), name) for name, model in names.items())
-        return (*self.outside_of_range, *(finding for finding in turned if finding is not None))
+        return (*pushed, *self.outside_of_range, *(finding for finding in turned if finding is not None))
 
     def variables(self) -> dict[str, Variable]:
         """The arrays of impacts, and of best angles; `ended_by` comes last."""
