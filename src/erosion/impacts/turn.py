@@ -70,7 +70,7 @@ class Turn(SameMotion):
     motion: CuttingModel
 
     def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
-        return state.omega
+        return self.motion.derivative(state, p).phi
 
 
 def turn_of(model: CuttingModel, p: Parameters) -> PerImpact:

@@ -185,7 +185,7 @@ class LinearizedCut(SineCut):
         return jnp.cos(p.alpha)
 
     def omega(self, vx: Broadcast, p: Parameters) -> Broadcast:
-        return 0 * vx
+        return p.phidot0 + 0 * vx
 
     def turn(self, t: Broadcast, x: Broadcast, p: Parameters) -> Broadcast:
         return 0 * x
@@ -219,7 +219,8 @@ class StraightCut(ClosedForm):
         rate = self._rate(p)
         along, speed = p.v0 * jnp.sin(rate * t) / rate, p.v0 * jnp.cos(rate * t)
         sine, cosine = jnp.sin(p.alpha), jnp.cos(p.alpha)
-        return State(along * cosine, along * sine, UPRIGHT + 0 * along, speed * cosine, speed * sine, 0 * speed)
+        spin = p.phidot0 + 0 * speed
+        return State(along * cosine, along * sine, UPRIGHT + 0 * along, speed * cosine, speed * sine, spin)
 
     @_traced_once
     def end_times(self, p: Parameters) -> Events:
@@ -408,7 +409,7 @@ class AsPrinted(RigidParticle):
 
 
 class Linearized(RigidParticle):
-    """The tip moves as the centre of mass: m ẍ = -c y, m ÿ = -K c y. The body does not turn; its spin is left out.
+    """The tip moves as the centre of mass: m ẍ = -c y, m ÿ = -K c y. The body does not turn, whatever its spin.
 
     Args:
         force: K, by default constant; `TanAlpha()` or `VelocityAligned()` for the additional
@@ -425,12 +426,12 @@ class Linearized(RigidParticle):
 
     @property
     def _is_upright(self) -> bool:
-        """Whether the body does not turn; with another torque, or another tip, it does."""
+        """Whether the body does not turn; with another torque or another tip it does."""
         return bool(self.torque == NoTorque() and self.kinematics == CentreOfMassTip())
 
-    def initial_state(self, p: Parameters) -> State:
-        state = super().initial_state(p)
-        return dataclasses.replace(state, omega=0 * state.omega) if self._is_upright else state
+    def derivative(self, state: State, p: Parameters) -> State:
+        rates = super().derivative(state, p)
+        return dataclasses.replace(rates, phi=0 * rates.phi) if self._is_upright else rates
 
     def closed_form(self) -> ClosedForm | None:
         if not self._is_upright:
