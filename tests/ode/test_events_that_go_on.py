@@ -193,3 +193,70 @@ def test_a_scale_is_that_of_the_states_own_numbers():
     ]
     assert trials[0] < 60
     assert max(trials) <= 1.1 * min(trials)
+
+
+COUNTED = ode.Problem(
+    {"x": 0.0},
+    lambda t, y, args: {"x": 0.0},
+    {"dose": ode.Event(times=lambda args: args["times"], reset=lambda t, y, args: {"x": y["x"] + 1.0})},
+)
+GAPS = [0.0, *10.0 ** np.arange(-16, -5.5, 0.5)]
+
+
+def doses(times: Any, t0: float, t1: float) -> None:
+    """All doses that are due, and no other."""
+    ahead = np.sign(t1 - t0)
+    due = np.sum((ahead * (times - t0) >= 0) & (ahead * (t1 - times) >= 0), axis=-1)
+    args = {"times": list(np.moveaxis(times, -1, 0)) if times.ndim > 1 else times}
+    end = ode.solve(COUNTED, args, t0=t0, t1=t1, max_events=1000, shared=("times",) * (times.ndim == 1))
+    np.testing.assert_array_equal(end.count, due)
+    np.testing.assert_array_equal(end.y["x"], due)
+    assert np.all(np.asarray(end.ended_by) == "t1")
+
+
+@pytest.mark.parametrize("t0", [0.3, 0.6, 0.7, 1.2, 1.4])
+def test_the_first_dose_may_be_an_ulp_behind_the_start(t0):
+    doses(np.arange(100) * 0.1, t0, 20.0)
+    doses(np.array([0.1 * 3, 1.0, 2.0]), t0, 20.0)
+
+
+@pytest.mark.parametrize(("t0", "t1"), [(0.0, 5.0), (0.0, 1e6), (1.0, 5.0), (1000.0, 1001.0), (0.0, -5.0), (4.0, -1.0)])
+def test_the_first_dose_may_be_close_behind_the_start(t0, t1):
+    ahead = np.sign(t1 - t0)
+    rows = [[t0 + ahead * gap, t0 + ahead * 0.4, t0 + ahead * 0.7] for gap in GAPS]
+    doses(np.array(rows), t0, t1)
+
+
+@pytest.mark.parametrize("b", [1.0, 3.0, 100.0, 1000.0])
+@pytest.mark.parametrize("ahead", [1, -1])
+def test_a_dose_may_be_close_behind_another(b, ahead):
+    rows = ahead * b * np.array([[1.0, 1.0 + gap, 1.0 + 2 * gap, 1.2, 1.3, 1.4] for gap in GAPS])
+    doses(rows, 0.0, ahead * 1.5 * b)
+    doses(rows, ahead * 0.9 * b, ahead * 1e4 * b)
+
+
+@pytest.mark.parametrize("t1", [3.0, -3.0])
+def test_a_dose_may_be_close_to_the_end(t1):
+    """One later than the end counts if rounding may hide it."""
+    doses(t1 * np.array([[0.5, 0.7, 1.0 - gap] for gap in GAPS]), 0.0, t1)
+    doses(t1 * np.array([[0.5, 0.7, 1.0 + gap] for gap in GAPS if gap > 1e-13]), 0.0, t1)
+
+
+def test_doses_of_two_schedules_that_round_differently():
+    doses(np.concatenate([np.arange(1.0, 101.0), np.cumsum(np.full(100001, 0.001))[999::1000]]), 0.0, 100.5)
+    third = ode.Problem({"c": 1.0}, decay, {"dose": ode.Event(times=[1, 1 + 1e-11, 2, 3], terminal=3)})
+    assert ode.solve(third, {"k": 1.0}, t1=9.0).t == 2.0
+
+
+@pytest.mark.parametrize("at", [0.0, 1.0])
+def test_many_doses_may_have_one_time(at):
+    doses(np.full(250, at), 0.0, 2.0)
+
+
+@pytest.mark.parametrize("gap", [1e-13, 1e-9])
+def test_doses_close_together_have_derivatives_of_their_own(gap):
+    args = DOSES | {"times": np.array([gap, -1.0, 1.0, 1.0 + gap, 1e9])}
+    end = solved(args, wrt=("k", "t0"))
+    alike([end.y["c"], end.along("k").y["c"]], [amount(args), jax.grad(amount)(args)["k"]])
+    alike(end.along("t0").y["c"], 0.3 * np.exp(-0.3 * 6.0))
+    alike(end.gradient(y={"c": 1.0}), jax.grad(amount)(args), 1e-7)

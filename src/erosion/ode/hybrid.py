@@ -131,6 +131,19 @@ class Transitions:
         self.own, self.scheduled = range(problem.own_events), problem.signature.problem.scheduled()
         self.bounds = range(problem.own_events, len(problem.directions))
 
+    def moment(self, instant: Instant) -> Scalar:
+        """How long before its time an event at times happens: a later one does not accumulate."""
+        return jnp.maximum(_ACCUMULATED * self.problem.time_scale, _ROUNDING * instant.elapsed[0])
+
+    def due(self, event: int, value: Scalar, instant: Instant) -> Flag:
+        """Whether an event at times happens now, from the value of its function."""
+        return value <= self.moment(instant) if event in self.scheduled else jnp.asarray(False)
+
+    def passed(self, values: Sequence[Scalar], instant: Instant) -> Flag:
+        """Whether a lane has passed the time of an event, from the values of their functions."""
+        flags = [values[i] < -self.moment(instant) for i in self.scheduled]
+        return functools.reduce(jnp.logical_or, flags, jnp.asarray(False))
+
     def rates(self, at: Augmented) -> list[Scalar]:
         """The rates of the event functions."""
         return jax.jvp(self.here.events, (at,), (self.here.rate(at),))[1]
@@ -441,20 +454,22 @@ class Transitions:
         return value_and_tangents[0], *others
 
     def settled(
-        self, instant: Instant, before: Sequence[Scalar], typical: Scalar | None, flat: Sequence[Flag] | None = None
+        self, instant: Instant, before: Sequence[Scalar], flat: Sequence[Flag] | None = None, *, begins: bool
     ) -> tuple[Instant, Flag]:
         """With the events whose functions a reset takes through zero, and whether they are without end.
 
-        Also with those at times that have come again.
+        Also with those at times that have come, which have an end.
 
         Args:
             instant: after the events that happened by themselves.
             before: the event functions before their resets; 0 of those that happened. Without bounds.
-            typical: a typical time; None where a lane begins.
             flat: of each whether it has rested at zero before that, as max(x, 0) does; None where no mode may end it.
+            begins: whether a lane begins there.
         """
 
         def crosses(i: int, old: Scalar, new: Scalar) -> Flag:
+            if i in self.scheduled:
+                return jnp.asarray(False)
             if self.problem.directions[i]:
                 return (old > 0) & (new <= 0)
             return (old * new < 0) | ((old != 0) & (new == 0))
@@ -462,10 +477,8 @@ class Transitions:
         def values(instant: Instant) -> list[Scalar]:
             return self.here.events(instant.value_and_tangents[0])
 
-        def again(i: int, instant: Instant, value: Scalar) -> Flag:
-            if i not in self.scheduled:
-                return jnp.asarray(False)
-            return instant.at_once[i] & (value <= (0.0 if typical is None else _ACCUMULATED * typical))
+        def comes(i: int, instant: Instant, value: Scalar) -> Flag:
+            return self.due(i, value, instant) & (instant.happened | begins)
 
         def leaves(i: int, rested: Sequence[Flag], instant: Instant) -> Flag:
             if flat is None:
@@ -476,7 +489,7 @@ class Transitions:
         def goes_on(state: tuple[Instant, list[Scalar], list[Flag], Scalar]) -> Flag:
             instant, old, rested, rounds = state
             pairs = enumerate(zip(old, values(instant), strict=False))
-            crossed = [crosses(i, *pair) | leaves(i, rested, instant) | again(i, instant, pair[1]) for i, pair in pairs]
+            crossed = [crosses(i, *pair) | leaves(i, rested, instant) | comes(i, instant, pair[1]) for i, pair in pairs]
             any_crosses = functools.reduce(jnp.logical_or, crossed, jnp.asarray(False))
             return any_crosses & instant.survives & (instant.count < self.most) & (rounds < _ENDLESS)
 
@@ -484,15 +497,15 @@ class Transitions:
             state: tuple[Instant, list[Scalar], list[Flag], Scalar],
         ) -> tuple[Instant, list[Scalar], list[Flag], Scalar]:
             instant, old, rested, rounds = state
-            old = list(old)
+            old, by_resets = list(old), jnp.asarray(False)
             for i in range(len(old)):
                 new = values(instant)[i]
-                comes = again(i, instant, new)
-                crossed = crosses(i, old[i], new) | leaves(i, rested, instant) | comes
-                at_zero = new == 0 if typical is None else jnp.logical_and(new == 0, ~comes)
-                instant = self._also(instant, i, crossed, at_zero=at_zero, own_time=comes)
-                old[i] = values(instant)[i]
-            return instant, old, [jnp.asarray(False) for _ in rested], rounds + 1
+                at_time = comes(i, instant, new)
+                crossed = crosses(i, old[i], new) | leaves(i, rested, instant)
+                at_zero = new == 0 if begins else jnp.logical_and(new == 0, ~at_time)
+                instant = self._also(instant, i, crossed | at_time, at_zero=at_zero, own_time=at_time)
+                old[i], by_resets = values(instant)[i], by_resets | crossed
+            return instant, old, [jnp.asarray(False) for _ in rested], rounds + jnp.where(by_resets, 1, 0)
 
         state = lax.while_loop(goes_on, asked, (instant, list(before), list(flat or ()), 0 * instant.count))
         return state[0], state[3] >= _ENDLESS
@@ -501,16 +514,20 @@ class Transitions:
         """With the events at whose functions a lane begins, or past them, and whether they are without end."""
         before, past = self.here.events(instant.value_and_tangents[0])[: len(self.own)], self._past(instant)
         for i, is_past in enumerate(past):
-            instant = self._also(instant, i, is_past & self._past(instant)[i], at_zero=before[i] == 0)
+            own_time = before[i] != 0 if i in self.scheduled else None
+            happens = is_past & self._past(instant)[i]
+            instant = self._also(instant, i, happens, at_zero=before[i] == 0, own_time=own_time)
         before = [jnp.where(*each) for each in zip(past, [0.0] * len(past), before, strict=True)]
-        return self.settled(instant, before, None)
+        return self.settled(instant, before, begins=True)
 
     def _past(self, instant: Instant) -> list[Flag]:
         """Of each event whether it happens where a lane begins."""
-        if self.problem.options.fires:
-            return self.loop.past_at_start(jax.tree.leaves(instant.value_and_tangents))[: len(self.own)]
         values = self.here.events(instant.value_and_tangents[0])
-        return [(values[i] == 0) if i in self.scheduled else jnp.asarray(False) for i in self.own]
+        due = [self.due(i, values[i], instant) for i in self.own]
+        if not self.problem.options.fires:
+            return due
+        past = self.loop.past_at_start(jax.tree.leaves(instant.value_and_tangents))
+        return [due[i] if i in self.scheduled else past[i] for i in self.own]
 
     def _also(
         self, instant: Instant, event: int, happens: Flag, *, at_zero: Flag, own_time: Flag | None = None
@@ -646,7 +663,7 @@ def trajectory(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEv
             own = zip(transitions.own, functions, falling, strict=False)
             flat = [~segment.at_once[i] & (value == 0) & (rate == 0) for i, value, rate in own]
         typical = jnp.minimum(problem.time_scale, elapsed[0])
-        instant, endless = transitions.settled(instant, functions[: problem.own_events], typical, flat)
+        instant, endless = transitions.settled(instant, functions[: problem.own_events], flat, begins=False)
         both = zip(segment.at_once, transitions.here.events(instant.value_and_tangents[0]), rounding, strict=True)
         still_zero = [near & (jnp.abs(after) <= _RESIDUAL * jnp.abs(met)) for near, after, met in both]
         stands, hops = transitions.stands(instant, falling, still_zero, typical)
@@ -657,6 +674,11 @@ def trajectory(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEv
         directed = (each for each, direction in zip(rests, own, strict=False) if direction)
         rests = functools.reduce(jnp.logical_or, directed, jnp.asarray(False)) & (segment.time < _RESTS * typical)
         amplification = jnp.maximum(so_far.amplification, end.amplification)
+        # A lane that has passed the time of an event has not done all that is due.
+        mode = jnp.where(
+            transitions.passed(rounding, met) & (segment.control.mode == ENDED), UNFINISHED, segment.control.mode
+        )
+        segment = segment._replace(control=segment.control._replace(mode=mode))
         # No motion goes on from a segment that failed or was given up, whatever its state there.
         instant = instant._replace(happened=instant.happened & (segment.control.mode == ENDED))
         segment = segment._replace(count=before.count, still_zero=still_zero)

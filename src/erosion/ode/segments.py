@@ -39,6 +39,7 @@ class SegmentLoop:
 
     def __init__(self, problem: LaneEquations, rtol: Scalar, rows: Scalar) -> None:
         self.problem, self.rtol, self.method = problem, rtol, problem.method
+        self.scheduled = problem.signature.problem.scheduled()
         self.guards: list[Guard] = guards_of(problem, rtol)
         self.recorders: list[Recorder] = recorders_of(problem, rtol, rows)
         self.events: EventSet = Falling(problem.directions)
@@ -130,8 +131,9 @@ class SegmentLoop:
         events = self.events.begun(events)
         if before is not None:
             # The functions of events that have just happened are zero, but for rounding.
-            flags = zip(events, before.at_once, before.still_zero, strict=True)
-            events = [crossings.after_event(*each, scale) for each in flags]
+            for i, near in enumerate(zip(before.at_once, before.still_zero, strict=True)):
+                if i not in self.scheduled:  # these know their next time
+                    events[i] = crossings.after_event(events[i], *near, scale)
             past, trial = before.control, jnp.minimum(control.trial_length, before.control.step)
             control = control._replace(
                 trial_length=trial,
