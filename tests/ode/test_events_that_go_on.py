@@ -160,6 +160,17 @@ def test_events_that_do_not_end_the_motion_are_recorded(direction, zeros):
     np.testing.assert_allclose(slopes["w"], -end.t * w, rtol=1e-7)
 
 
+@pytest.mark.parametrize("terminal", [False, 2])
+def test_states_before_the_start_go_through_events_that_go_on(terminal):
+    """At ω = 2 the second zero before the start, at -π, ends the motion back, if it is to end it."""
+    ts = np.array([-4.0, -3.0, -1.0, 0.5])
+    end = ode.solve(oscillator(zero=ode.Event(place, terminal=terminal)), {"w": 2.0}, t1=1.0, ts=ts, wrt="w")
+    there = ts > (-np.pi if terminal else -np.inf)
+    alike(end.ys["x"], np.where(there, np.sin(2 * ts), np.nan))
+    assert end.times is not None
+    alike(end.times.along("w").ys["x"], np.where(there, ts * np.cos(2 * ts), np.nan))
+
+
 @pytest.mark.parametrize(("n", "t1"), [(1, 99.0), (np.int64(3), 99.0), (2, -99.0)])
 def test_the_nth_of_an_event_may_end_the_motion(n, t1):
     both = oscillator(zero=ode.Event(place, terminal=n), all=ode.Event(place, terminal=False))

@@ -64,7 +64,7 @@ def solve(
         start: "wait": an event function that is zero or beyond its event at the start counts once it has returned;
             "end": such a lane ends at its start; "fire": such an event happens there, with its reset.
         ts: times at which the state is wanted as well, shape (n,); at an event that before its reset. For those before
-            `t0` lanes go back as well, up to their last event there; where JAX traces `t0` or them they are NaN.
+            `t0` lanes go back as well, up to the event that ends them; where JAX traces `t0` or them they are NaN.
         max_step: no step is longer; a pulse of an event function shorter than a step may go unseen.
         max_events: a chain of events that the motion survives ends with this one; None for no bound.
         state_scale: typical sizes of y, a pytree like it or one number: a state need not be known to better than
@@ -153,7 +153,7 @@ class _Integration(Integration):
         flags = early(t0, lanes.shape, times)
         if not np.any(flags):
             return end
-        if any(lanes.signature.problem.resets()):
+        if any(event.reset for event in lanes.signature.problem.events.values()):
             raise ValueError(
                 "Argument `ts` must hold no times before `t0` where events have resets, as these know no way back."
             )
