@@ -22,7 +22,7 @@ class Passed(NamedTuple):
         t: when; NaN after the last.
         y: the state just before a reset, a pytree of arrays; NaN after the last.
         integrals: by name, in the same way.
-        at_once: by name whether an event happens there, as others may at the same time.
+        at_once: by name whether an event has happened so far at that time, as others may at the same time.
         derivatives: of t, y and integrals by names of one or two numbers; see `along`.
     """
 
