@@ -132,9 +132,9 @@ def test_what_cannot_be_told_apart_and_what_has_no_influence_is_said(fit):
     told = [(finding.code, finding.about, dict(finding.numbers)) for finding in result.findings]
     assert told == [
         ("parameter_has_no_influence", "r", {}),
-        ("fix_parameter", "r", {}),
-        ("parameters_are_tied", "psi, sigma", {"determined": ["psi·sigma"]}),
-        ("fix_parameter", "psi, sigma", {}),
+        ("fix_parameter", "r", {"parameters": ["r"]}),
+        ("parameters_are_tied", "psi, sigma", {"parameters": ["psi", "sigma"], "determined": ["psi·sigma"]}),
+        ("fix_parameter", "psi, sigma", {"parameters": ["psi", "sigma"]}),
     ]
     assert result.undetermined == ("psi", "sigma", "r")
     assert {result.standard_errors[name] for name in result.undetermined} == {np.inf}
@@ -205,7 +205,8 @@ def test_a_free_scale_leaves_the_shape(fit):
     assert result.estimates == pytest.approx(expected, rel=1e-5)
     tied = fitted(["k", "psi"], table)
     assert [finding.code for finding in tied.findings] == ["parameters_are_tied", "fix_parameter"]
-    assert (tied.findings[0].about, tied.findings[0].numbers) == ("psi, scale", {"determined": ["psi/scale"]})
+    assert tied.findings[0].about == "psi, scale"
+    assert tied.findings[0].numbers == {"parameters": ["psi", "scale"], "determined": ["psi/scale"]}
 
 
 def test_speed_and_mass_by_row():
