@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from jax import lax
 from matplotlib.text import Text
 from scipy import stats
 
@@ -134,6 +135,21 @@ def test_a_force_of_the_wrong_sign_is_said_wherever_it_is_used() -> None:
         assert "pushed_forward" in [finding.code for finding in result.findings]
     right = erosion.models.Rotating(force=erosion.models.ConstantRatio(), torque=erosion.models.FullTorque())
     assert "pushed_forward" not in [finding.code for finding in erosion.simulate(right, SHALLOW).findings]
+
+
+class OfOneImpact(erosion.models.ConstantRatio):
+    """A right law that takes no arrays, as `cond` does not."""
+
+    def __call__(self, state: Any, tip: Any, p: erosion.Parameters) -> Any:
+        forward = lax.cond(tip.depth > 0.1 * p.r, lambda: -1.5 * tip.depth, lambda: -tip.depth) * p.stiffness
+        return forward, p.k * forward
+
+
+def test_a_law_of_one_impact_is_asked_for_one() -> None:
+    model = erosion.models.Rotating(force=OfOneImpact())
+    assert "pushed_forward" not in erosion.sweep(model, P, alpha=np.linspace(0.05, 0.1, 3)).attrs.get("findings", "")
+    assert erosion.alpha_max(model, P.replace(k=np.array([2.0, 3.0]))).certified.all()
+    assert erosion.alpha_max(model, P.replace(k=np.array([2.0, 3.0]))).findings == ()
 
 
 def test_the_share_that_turns_too_far_is_a_number_of_streams_and_maps() -> None:

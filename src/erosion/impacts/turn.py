@@ -90,13 +90,16 @@ _SHALLOW = 1e-3  # of the greatest depth without rotation
 
 
 def pushed_forward(model: CuttingModel, p: Parameters) -> bool:
-    """Whether the force of a user's model pushes the body forward as it begins to cut, F_x > 0, in any of the cases."""
+    """Whether the force of a user's model pushes the body forward as it begins to cut, F_x > 0, in the first case."""
     if model_name(model) in BUILT_IN or not turns(model, p):
         return False
+    # A law is written for one impact: it need not take arrays.
+    first = {name: float(np.ravel(value)[0]) for name, value in values(model, p).items() if np.ndim(value)}
+    model, p = with_values(model, p, first)
     state = model.initial_state(p)
     depth = _SHALLOW * p.v0 * jnp.sin(p.alpha) / p.rate
     inside = eqx.tree_at(lambda state: state.y, state, state.y + depth)
-    return bool(np.any(np.asarray(model.derivative(inside, p).vx) > 0))
+    return bool(model.derivative(inside, p).vx > 0)
 
 
 def check_max_turn(max_turn: float | str | None) -> float | None:
