@@ -20,11 +20,11 @@ report: | $(UV)
 
 # All but what tests/slow.txt lists.
 test: $(STAMP)
-	.venv/bin/pytest --numprocesses 2 --dist worksteal -m "not slow"
+	.venv/bin/pytest --numprocesses 2 --dist loadfile -m "not slow"
 
 # What CI runs.
 test-all: $(STAMP)
-	.venv/bin/pytest --numprocesses 2 --dist worksteal
+	.venv/bin/pytest --numprocesses 2 --dist loadfile
 
 # Lists in tests/slow.txt the tests that take more than half a second: on an otherwise idle machine.
 durations: $(STAMP)
