@@ -2,14 +2,12 @@
 
 import signal
 
-from erosion.interrupts import stop_at_once
-
 
 def main() -> None:
     """Run the command line and exit."""
-    # A shell's background jobs ignore it.
+    # See `erosion.interrupts`. A shell's background jobs ignore it.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, stop_at_once)
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     from erosion.cli import main as command_line  # half a second
 
     command_line()

@@ -13,7 +13,6 @@ import signal
 import subprocess
 import sys
 import textwrap
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -122,7 +121,8 @@ def test_streams_that_a_shell_connects(tmp_path, line, status, errors):
     assert (done.returncode, done.stderr) == (status, errors)
 
 
-# Ctrl-C, or a batch system's signal, comes in whatever the command is doing then; the work would take hours.
+# Ctrl-C, or a batch system's signal, comes in whatever the command is doing then; the work would take hours. Sweeps and
+# streams keep what they have.
 INTERRUPTED = {
     "sweep": ["--alpha", "1deg:90deg:10000", "--v0", "10 m/s:900 m/s:3000", "-o", "out.nc"],
     "stream": ["--v0", "normal(110 m/s, 1 m/s)", "--n", "1e11", "-o", "out.nc"],
@@ -131,11 +131,12 @@ INTERRUPTED = {
 }
 PRESS = """
 import os, signal, sys, threading
-from erosion.cli import main
+from erosion.__main__ import main
 timer = threading.Timer(3, os.kill, (os.getpid(), getattr(signal, sys.argv[1])))
 timer.daemon = True
 timer.start()
-main(sys.argv[2:])
+sys.argv[1:] = sys.argv[2:]
+main()
 """
 
 
@@ -149,7 +150,7 @@ def heeds_ctrl_c():
 
 @pytest.mark.usefixtures("heeds_ctrl_c")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
-def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path, name):
+def test_ctrl_c_leaves_nothing_half_written(tmp_path, name):
     with contextlib.ExitStack() as stack:
         running = {}
         for verb, arguments in INTERRUPTED.items():
@@ -162,55 +163,13 @@ def test_ctrl_c_is_one_line_and_leaves_nothing_half_written(tmp_path, name):
             stack.callback(process.kill)
         for verb, process in running.items():
             _, said = process.communicate(timeout=240)
-            assert process.returncode == 130, (verb, said)
-            assert said.startswith("erosion: interrupted"), (verb, said)
-            assert said.count("\n") == 1, (verb, said)
+            goes_on = process.returncode == 130 and "out.nc" in INTERRUPTED[verb]
+            assert goes_on or process.returncode == -getattr(signal, name), (verb, said)
+            assert said.count("erosion: stops after this block") == said.count("erosion: interrupted") == goes_on, said
             assert not list((tmp_path / verb).rglob("*.part"))
             assert not (tmp_path / verb / "page" / "index.html").exists()
             if (tmp_path / verb / "out.nc").exists():
                 xr.load_dataset(tmp_path / verb / "out.nc", engine="h5netcdf")
-
-
-def in_a_destructor():
-    """JAX collects garbage in a callback of Python's, which swallows what is raised in it."""
-
-    class Swallows:
-        def __del__(self):
-            signal.raise_signal(signal.SIGINT)
-
-    thing = Swallows()
-    del thing
-
-
-@pytest.mark.usefixtures("heeds_ctrl_c")
-def test_an_interrupt_that_a_library_swallows_comes_again(monkeypatch, shell):
-    def path(*_):
-        in_a_destructor()
-        for _ in range(100):  # an interrupt of Python's own does not end a sleep
-            time.sleep(0.1)
-        return "never comes here"
-
-    monkeypatch.setattr("erosion.impacts.trajectory.path", path)
-    assert shell("run", 130).err == "erosion: interrupted\n"
-
-
-@pytest.mark.usefixtures("heeds_ctrl_c")
-def test_one_ctrl_c_does_not_interrupt_what_it_ends(monkeypatch, shell):
-    cleaned = []
-
-    def path(*_):
-        try:
-            signal.raise_signal(signal.SIGINT)
-        finally:
-            with contextlib.suppress(ValueError):
-                for _ in range(10):
-                    time.sleep(0.05)
-                raise ValueError
-            cleaned.append(True)
-
-    monkeypatch.setattr("erosion.impacts.trajectory.path", path)
-    assert shell("run", 130).err == "erosion: interrupted\n"
-    assert cleaned
 
 
 def test_bad_settings_of_libraries_are_named(tmp_path, shell, monkeypatch):

@@ -1,27 +1,16 @@
-"""One protocol of progress for every verb, and the bar that shows it.
+"""One protocol of progress for every verb, and the bar that shows it."""
 
-Ctrl-C while modules are imported: it waits until they are.
-"""
-
-import contextlib
-import hashlib
 import io
-import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
-import textwrap
-import threading
-import time
 from pathlib import Path
 
 import pytest
 
 from erosion.cli import exit_status
 from erosion.cli.output import progress_bar
-from erosion.interrupts import _LONGEST, INTERRUPTED, between_imports, keeping_results, unawaited_threads
 from erosion.parameters.quantities import QUANTITIES
 
 ROOT = Path(__file__).parents[2]
@@ -143,160 +132,3 @@ def test_a_bar_shows_the_work_and_how_much_of_it_is_done_on_a_terminal(monkeypat
     for text in ("fitting finnie", "25%"):
         assert (text in shown.getvalue()) == is_terminal
     assert is_terminal or shown.getvalue() == ""
-
-
-SLOW = """
-import os, signal, time
-os.kill(os.getpid(), signal.SIGINT)
-time.sleep(0.1)
-COMPLETE = True
-"""
-
-
-@pytest.fixture
-def usual():
-    """Ctrl-C as Python leaves it; a shell's background jobs ignore it."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield signal.default_int_handler
-    signal.signal(signal.SIGINT, before)
-
-
-def test_an_import_is_not_interrupted(tmp_path, monkeypatch, usual):
-    (tmp_path / "slow_module.py").write_text(SLOW)
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(KeyboardInterrupt):
-        _import_slow_module()
-    assert sys.modules.pop("slow_module").COMPLETE
-    assert signal.getsignal(signal.SIGINT) is usual
-
-
-def _import_slow_module():
-    with between_imports():
-        import slow_module  # noqa: F401  # pyrefly: ignore
-
-        time.sleep(1)
-
-
-@pytest.mark.usefixtures("usual")
-def test_an_import_that_never_ends_ends_with_the_process(tmp_path, monkeypatch):
-    """A library in C++ that is being imported may not survive KeyboardInterrupt."""
-
-    class EndedError(Exception):
-        pass
-
-    def end():
-        raise EndedError
-
-    (tmp_path / "endless_module.py").write_text(SLOW.replace("0.1", "30"))
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("erosion.interrupts.stop_at_once", end)
-    began = time.monotonic()
-    with pytest.raises(EndedError), between_imports():
-        import endless_module  # noqa: F401  # pyrefly: ignore
-    assert time.monotonic() - began < _LONGEST + 2
-
-
-def test_another_handler_and_another_thread_are_left_alone(usual):
-    handlers = []
-
-    def look():
-        with between_imports():
-            handlers.append(signal.getsignal(signal.SIGINT))
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    look()
-    signal.signal(signal.SIGINT, usual)
-    thread = threading.Thread(target=look)
-    thread.start()
-    thread.join()
-    assert handlers == [signal.SIG_IGN, usual]
-
-
-def test_ctrl_c_while_the_program_starts():
-    """It comes while the first module of the command line is imported."""
-    program = """
-        import os, signal, sys
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        class Once:
-            def find_spec(self, name, path=None, target=None):
-                if name == "cyclopts.core":
-                    os.kill(os.getpid(), signal.SIGINT)
-        sys.meta_path.insert(0, Once())
-        sys.argv[1:] = ["run"]
-        import runpy
-        runpy.run_module("erosion", run_name="__main__")
-    """
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.stderr == "erosion: interrupted\n"
-    assert done.returncode == INTERRUPTED
-
-
-PLUG_IN = """
-import atexit, ctypes, os, signal, threading
-from erosion.models.rigid import Rotating
-{}
-"""
-# What a plug-in does when it is loaded, in place of XLA and of the user.
-MOMENTS = {
-    "at the end": """
-class Ends(threading.Thread):
-    def run(self):
-        threading.main_thread().join()
-        os.kill(os.getpid(), signal.SIGINT)
-Ends().start()
-model = Rotating()
-""",
-    "while a thread computes": """
-threading.Thread(target=threading.Event().wait).start()
-raise KeyboardInterrupt
-""",
-}
-
-
-@pytest.mark.usefixtures("usual")
-@pytest.mark.parametrize("moment", MOMENTS)
-def test_ctrl_c_is_one_line_and_status_130(written, moment):
-    plug_in = written("interrupted.py", PLUG_IN.format(MOMENTS[moment]))
-    command = [sys.executable, "-m", "erosion", "run", "--model", str(plug_in)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert done.stderr == "erosion: interrupted\n"
-    assert done.returncode == INTERRUPTED
-
-
-@pytest.mark.usefixtures("usual")
-@pytest.mark.parametrize("keeps", [False, True])
-def test_a_library_that_heeds_no_ctrl_c_is_ended_unless_results_are_kept(monkeypatch, keeps):
-    ended = threading.Event()
-    monkeypatch.setattr("erosion.interrupts.stop_at_once", ended.set)
-
-    def compute():
-        with between_imports(), keeping_results() if keeps else contextlib.nullcontext():
-            threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
-            began = time.monotonic()
-            while time.monotonic() - began < 2 * _LONGEST:
-                # Some seconds without Python's lock, as XLA compiles.
-                hashlib.pbkdf2_hmac("sha256", b"", b"", 10_000_000)
-
-    with pytest.raises(KeyboardInterrupt):
-        compute()
-    assert ended.is_set() is not keeps
-
-
-def test_nobody_waits_for_threads_after_an_error():
-    goes_on = threading.Event()
-    later = []
-
-    def compute():
-        with unawaited_threads(1) as pool:
-            pool.submit(goes_on.wait, 20)
-            later.append(pool.submit(int))
-            raise KeyboardInterrupt
-
-    began = time.monotonic()
-    with pytest.raises(KeyboardInterrupt):
-        compute()
-    assert time.monotonic() - began < 10
-    assert later[0].cancelled()
-    goes_on.set()

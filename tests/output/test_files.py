@@ -7,7 +7,6 @@ import dataclasses
 import json
 import math
 import os
-import signal
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -15,8 +14,7 @@ import numpy as np
 import pytest
 
 import erosion
-from erosion.interrupts import between_imports
-from erosion.output.files import require_writable, uninterrupted, write_whole, written_whole
+from erosion.output.files import require_writable, write_whole, written_whole
 from erosion.output.tables import to_json, to_plain, with_error
 from erosion.results import Result, Value
 from tests.documents import Written
@@ -138,46 +136,6 @@ def test_a_file_that_may_not_be_written_is_not_replaced(written: Written, monkey
             check(path)
         assert caught.value.filename == str(path)
     assert path.read_bytes() == b"kept"
-
-
-@pytest.fixture
-def heeds_ctrl_c():
-    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    signal.signal(signal.SIGINT, usual)
-
-
-@pytest.mark.usefixtures("heeds_ctrl_c")
-def test_a_batch_systems_signal_waits_for_what_is_written() -> None:
-    reached = []
-
-    def write() -> None:
-        with between_imports(), uninterrupted():
-            os.kill(os.getpid(), signal.SIGTERM)
-            reached.append("the end")
-
-    with pytest.raises(KeyboardInterrupt):
-        write()
-    assert reached == ["the end"]
-    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-
-
-@pytest.mark.usefixtures("heeds_ctrl_c")
-def test_a_second_interrupt_does_not_wait() -> None:
-    reached = []
-
-    def press(*names: str) -> None:
-        with uninterrupted():
-            for name in names:
-                os.kill(os.getpid(), signal.SIGINT)
-                reached.append(name)
-
-    with pytest.raises(KeyboardInterrupt):
-        press("first")
-    with pytest.raises(KeyboardInterrupt):
-        press("first", "second")
-    assert reached == ["first", "first"]
 
 
 def test_what_a_killed_writer_left_is_in_nobodys_way(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from erosion.cli.posterior import posterior, predict
 from erosion.cli.run import compare, optimum, run
 from erosion.cli.sweep import stream, sweep
 from erosion.extras import MissingExtraError
-from erosion.interrupts import INTERRUPTED, between_imports
+from erosion.interrupts import INTERRUPTED
 from erosion.output import briefly
 from erosion.version import __version__
 
@@ -91,7 +91,6 @@ def exit_status(arguments: Sequence[str]) -> int:
     # Read when equinox is imported. With its error checks (host callbacks) in a program, JAX
     # would not keep the compiled program for the next start; every verb checks outcomes itself.
     os.environ.setdefault("EQX_ON_ERROR", "nan")
-    usual, sys.unraisablehook = sys.unraisablehook, _unless_interrupted
     try:
         words = [_text(argument) for argument in arguments]
         moment = os.environ.get("SOURCE_DATE_EPOCH", "")  # numpy reads it, and matplotlib
@@ -99,8 +98,7 @@ def exit_status(arguments: Sequence[str]) -> int:
             raise InputError(
                 f"The environment variable SOURCE_DATE_EPOCH must be whole seconds, but is {briefly(moment)}."
             )
-        with between_imports():
-            app(words, exit_on_error=False, print_error=False, result_action="return_value")
+        app(words, exit_on_error=False, print_error=False, result_action="return_value")
         if sys.stdout is not None:  # closed by the shell: `erosion run >&-`
             sys.stdout.flush()
     except cyclopts.CycloptsError as error:
@@ -128,8 +126,6 @@ def exit_status(arguments: Sequence[str]) -> int:
     # A plug-in's own code may raise anything, anywhere in a computation.
     except Exception as error:  # noqa: BLE001
         return _say(1, f"{type(error).__name__}: {error}")
-    finally:
-        sys.unraisablehook = usual
     return 0
 
 
@@ -158,12 +154,6 @@ def _let_go(stream: Any) -> None:
     except OSError:
         # What is left of it goes nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
-def _unless_interrupted(unraisable: Any) -> None:
-    """Say nothing of a Ctrl-C that is lost in a callback: it comes again."""
-    if not issubclass(unraisable.exc_type, KeyboardInterrupt):
-        sys.__unraisablehook__(unraisable)
 
 
 def _say(status: int, message: str) -> int:

@@ -336,6 +336,7 @@ def progress_bar(title: str) -> Iterator["lazy.Progress"]:
     console = Console(stderr=True, highlight=False)
     is_shown = sys.stderr is not None and sys.stderr.isatty()
     with Bar(*columns, console=console, transient=True, disable=not is_shown) as bar:
+        console.show_cursor()  # which a signal that ends the process would leave hidden
         task = bar.add_task(title, total=None, rate="")
 
         def show(work: str, done: int, total: int) -> None:

@@ -124,6 +124,7 @@ def serve(service: Service, port: int, *, show: bool = True) -> None:
     for number in ENDING:
         if number not in (signal.SIGINT, signal.SIGTERM) and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda *_: signal.raise_signal(signal.SIGINT))
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # so that it may end in order
     try:
         ui.run(
             host=_HOST,

@@ -20,9 +20,10 @@ import h5py
 import numpy as np
 import xarray as xr
 
+from erosion.interrupts import held_off
 from erosion.models import CuttingModel, model_digest, model_name, own_in_words
 from erosion.ode.step_control import require_float64
-from erosion.output import Trace, digest, to_csv, trace, uninterrupted, write_whole
+from erosion.output import Trace, digest, to_csv, trace, write_whole
 from erosion.parameters import Parameters, PerMass, dump_case
 from erosion.version import __version__
 
@@ -265,7 +266,7 @@ def write_netcdf(
         if array.size and array.ndim and array.dtype.kind in "iufb"
     }
     # Its memory is given back at once: a view that a traceback keeps is an error of Python when it is collected.
-    with uninterrupted(), memoryview(marked.to_netcdf(None, engine="h5netcdf", encoding=summed)) as content:
+    with held_off(), memoryview(marked.to_netcdf(None, engine="h5netcdf", encoding=summed)) as content:
         moved = since != "any" and trace(path) not in (None, since)
         numbered = (path.with_stem(f"{path.stem}-{number}") for number in itertools.count(2))
         target = next(other for other in numbered if not other.exists()) if moved else path

@@ -13,7 +13,6 @@ from erosion.output.files import (
     require_writable as require_writable,
     seen_from as seen_from,
     trace as trace,
-    uninterrupted as uninterrupted,
     write_whole as write_whole,
     written_whole as written_whole,
 )

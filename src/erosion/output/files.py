@@ -5,16 +5,14 @@ import errno
 import hashlib
 import os
 import shutil
-import signal
 import stat
 import tempfile
-import threading
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from erosion.interrupts import ENDING
+from erosion.interrupts import held_off
 
 
 def digest(content: bytes) -> str:
@@ -66,35 +64,6 @@ def require_writable(path: Path) -> None:
     _require_replaceable(path)
     with _draft(path) as draft:
         draft.touch()
-
-
-@contextlib.contextmanager
-def uninterrupted() -> Iterator[None]:
-    """What is written within is finished before Ctrl-C counts; a second Ctrl-C counts at once.
-
-    Raises:
-        KeyboardInterrupt: at the end, after a Ctrl-C.
-    """
-    # Python gives signals to the main thread alone. What the system does, and handlers of other languages, stay.
-    usual = {number: handler for number in ENDING if callable(handler := signal.getsignal(number))}
-    if threading.current_thread() is not threading.main_thread():
-        usual = {}
-    pressed = False
-
-    def note(number: int, _: object) -> None:
-        nonlocal pressed
-        pressed = True
-        signal.signal(number, usual[number])
-
-    for number in usual:
-        signal.signal(number, note)
-    try:
-        yield
-    finally:
-        for number, handler in usual.items():
-            signal.signal(number, handler)
-    if pressed:
-        raise KeyboardInterrupt
 
 
 def require_finite(path: Path, kind: type[ValueError] = ValueError) -> None:
@@ -215,13 +184,16 @@ def _require_replaceable(path: Path) -> None:
 def _draft(path: Path) -> Iterator[Path]:
     """A path in a hidden folder beside the file, of its own for each writer, which goes afterwards; errors name `path`.
 
-    A program that is killed while it writes leaves the folder, `.NAME.RANDOM.part`.
+    A signal waits until it has gone. A program that is killed while it writes leaves the folder, `.NAME.RANDOM.part`.
     """
     target = Path(os.path.realpath(path))  # where links end
     try:
-        with tempfile.TemporaryDirectory(
-            prefix=f".{target.name[:40]}.", suffix=".part", dir=target.parent, ignore_cleanup_errors=True
-        ) as folder:
+        with (
+            held_off(),
+            tempfile.TemporaryDirectory(
+                prefix=f".{target.name[:40]}.", suffix=".part", dir=target.parent, ignore_cleanup_errors=True
+            ) as folder,
+        ):
             yield Path(folder) / target.name
     except OSError as error:
         # Libraries put long texts of their own into `strerror`.

@@ -15,7 +15,7 @@ import numpy as np
 from erosion.arguments import Progress, check_path, check_share, check_whole, no_progress, refuse
 from erosion.correlations.ranges import OutOfRangeWarning
 from erosion.impacts import SimulationError, end_names, identity, impact, read_netcdf, write_netcdf
-from erosion.interrupts import keeping_results
+from erosion.interrupts import held_off
 from erosion.laws import JointLaw, JointSamples, joint_law
 from erosion.models import CuttingModel, load_model, model_name, own_quantities, require_one_impact
 from erosion.ode.step_control import require_float64
@@ -190,22 +190,25 @@ class StreamJob:
     def run(self, progress: Progress = no_progress) -> Stream:
         """Compute the stream; progress and errors as of `stream`."""
         tally, ends = self.begun, (MISS, *end_names(self.particles.model))
-        try:
-            with keeping_results():
+        with held_off("erosion: stops after this block; a second signal ends at once") as stop:
+
+            def advance(work: str, done: int, total: int) -> None:
+                progress(work, done, total)
+                stop()
+
+            try:
                 for tally in self._tallies(ends):
-                    progress("stream", tally.drawn * REPLICATES, self._total)
-                result = self._evaluated(tally, ends, progress)
-        except KeyboardInterrupt:
-            raise self._interrupted(tally, ends) from None
-        except Exception:
-            # The particles took longer to compute than to write.
-            if tally is not None and tally is not self.begun:
-                self._save(Stream(self.particles, tally, ends))
-            raise
-        try:
+                    advance("stream", tally.drawn * REPLICATES, self._total)
+                result = self._evaluated(tally, ends, advance)
+                stop()
+            except KeyboardInterrupt:
+                raise self._interrupted(tally, ends) from None
+            except Exception:
+                # The particles took longer to compute than to write.
+                if tally is not None and tally is not self.begun:
+                    self._save(Stream(self.particles, tally, ends))
+                raise
             self._save(result)
-        except KeyboardInterrupt:
-            raise StreamInterrupted(f"interrupted after all of {result.n:,} particles", result) from None
         return result
 
     @property

@@ -37,7 +37,7 @@ from erosion.impacts import (
     turned_beyond,
     write_netcdf,
 )
-from erosion.interrupts import keeping_results
+from erosion.interrupts import held_off
 from erosion.ode.step_control import require_float64
 from erosion.output import briefly, claimed, require_writable, trace, written_whole
 from erosion.parameters import QUARTER_DEGREES, Parameters, require_scalars, validate
@@ -400,16 +400,17 @@ class SweepJob:
             nonlocal count
             count += impacts
             progress("sweep", count, total)
+            stop()
 
         try:
-            advance(0)
-            try:
-                with keeping_results():
+            with held_off("erosion: stops after this block; a second signal ends at once") as stop:
+                try:
+                    advance(0)
                     self._compute(self.missing, advance)
-            finally:
-                # Also after an error, and a Ctrl-C meanwhile waits: to compute took longer than to write.
-                if count > begun:
-                    self.store.save()
+                finally:
+                    # Also after an error: to compute took longer than to write.
+                    if count > begun:
+                        self.store.save()
         except KeyboardInterrupt:
             if self.path is None:
                 raise
