@@ -25,7 +25,8 @@ def test_no_name_of_a_test_holds_the_path_of_a_checkout(request):
 
 @pytest.mark.parametrize("page", ["limits.md", "develop/promises.md"])
 def test_tests_hold_each_row_of_a_page(page):
-    rows = re.findall(r"^\| (?!(?:limit|promise) \|)(.*) \|$", (ROOT / "docs" / page).read_text("utf-8"), re.MULTILINE)
+    text = (ROOT / "docs" / page).read_text("utf-8").partition("## Known, and held by no test")[0]
+    rows = re.findall(r"^- .*$", text, re.MULTILINE)
     assert rows
     for row in rows:
         tests = re.findall(r"`(tests/\S+\.py)::(test_\w+)`", row)
