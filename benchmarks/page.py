@@ -69,6 +69,7 @@ def write(sections: Mapping[str, ModuleType]) -> None:
     """Make the page of what benchmarks/results.json has of the sections."""
     results = json.loads(RESULTS.read_text(encoding="utf-8"))
     parts = ["# Speed and accuracy", HEAD]
+    runs: dict[str, list[str]] = {}
     for name, section in sections.items():
         if name not in results:
             continue
@@ -78,9 +79,12 @@ def write(sections: Mapping[str, ModuleType]) -> None:
         if name == "speed":
             figure(table)
             parts.append(f"![Time of a lane over erosion's, by problem and contender]({FIGURE})")
-        parts += [markdown(table), f"{measured['date']}, {measured['seconds'] / 60:.0f} min; {measured['machine']}."]
+        machine, versions = measured["machine"].split("; ")
+        runs.setdefault(versions, []).append(section.TITLE)
+        parts += [markdown(table), f"{measured['date']}, {measured['seconds'] / 60:.0f} min; {machine}."]
+    parts += ["## Versions", *(f"{', '.join(titles)}: {versions}." for versions, titles in runs.items())]
     (DOCS / "performance.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 
-HEAD = """This page is made by `make bench` from `benchmarks/results.json`; do not edit it. Each section names its run
-and how busy the machine was: above a load of 1 for each core only ratios mean something."""
+HEAD = """How long answers take, and how exact they are, beside other packages. `make bench` makes this page from
+`benchmarks/results.json`. Above a load of 1 for each core only ratios mean something."""
