@@ -10,9 +10,9 @@ from benchmarks.timing import by_turns, warm
 from erosion import ode
 
 TITLE = "Stiff problems"
-TEXT = """Lanes that end at an event, at a tolerance of 1e-7: time of a lane by the Rosenbrock method, and the times of others
-over it; `method="auto"` has to find out that lanes are stiff. Errors are the medians of those of the event's time
-against Radau at 1e-12."""
+TEXT = """Lanes that end at an event, at a tolerance of 1e-7: time of a lane by the Rosenbrock method, and the times of
+others over it; `method="auto"` has to find out that lanes are stiff. Errors are the medians of those of the event's
+time against Radau at 1e-12."""
 
 RTOL, WARM = 1e-7, 4.0
 CASES = (Robertson(), VanDerPol(), Oregonator(), Ignition())

@@ -23,9 +23,9 @@ def test_no_name_of_a_test_holds_the_path_of_a_checkout(request):
     assert not [test.nodeid for test in request.session.items if str(ROOT) in test.nodeid]
 
 
-@pytest.mark.parametrize("page", ["limits.md", "develop/promises.md"])
+@pytest.mark.parametrize("page", ["docs/limits.md", "tests/promises.md"])
 def test_tests_hold_each_row_of_a_page(page):
-    text = (ROOT / "docs" / page).read_text("utf-8").partition("## Known, and held by no test")[0]
+    text = (ROOT / page).read_text("utf-8").partition("## Known, and held by no test")[0]
     rows = re.findall(r"^- .*$", text, re.MULTILINE)
     assert rows
     for row in rows:
