@@ -11,6 +11,7 @@ from typing import Any
 
 import platformdirs
 from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
 
 import erosion
 
@@ -73,6 +74,11 @@ nitpick_ignore_regex = [
 ]
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False
+
+
+def deal_out(app: Sphinx, env: BuildEnvironment, docnames: list[str]) -> None:
+    """Give each process that reads pages as many with cells, which are neighbours in the order of names."""
+    docnames[:] = [name for first in range(8) for name in docnames[first::8]]
 
 
 def point_to_examples(app: Sphinx, docname: str, source: list[str]) -> None:
@@ -138,6 +144,7 @@ def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
     shutil.rmtree(HERE / "api", ignore_errors=True)  # pages of objects that are no more
     copy_examples()
+    app.connect("env-before-read-docs", deal_out)
     app.connect("source-read", point_to_examples)
     app.connect("html-page-context", offer_notebook)
     app.connect("html-page-context", show_thumbnails)
