@@ -87,7 +87,7 @@ def context(browser: Browser) -> Iterator[BrowserContext]:
 
 @pytest.fixture
 def page(context: BrowserContext, address: str) -> Iterator[Page]:
-    """A page with everything compiled that a slider moves."""
-    yield opened(context, address)
+    """A page with the best angles, and with everything compiled that a slider moves."""
+    yield opened(context, f"{address}?predict=false")
     for page in context.pages:
         page.close()

@@ -1,6 +1,7 @@
 """What the page asks, and how it asks: remembered answers, single events, the latest first."""
 
 import dataclasses
+import html
 import json
 import threading
 from collections.abc import Callable
@@ -22,7 +23,7 @@ from erosion.explorer.computed import (
 from erosion.explorer.state import PageCase, PageState, own_numbers
 from erosion.explorer.tab import case_toml, curves_csv, python_lines, results_json
 from erosion.explorer.views import numbers, sensitivities, volumes
-from erosion.impacts import path
+from erosion.impacts import BEYOND_LABEL, path
 from erosion.impacts.batch import impact
 from erosion.impacts.optimum import alpha_max
 from erosion.models import Linearized, load_model, model_name
@@ -137,6 +138,20 @@ def test_what_is_handed_out_says_how_far_the_body_turns() -> None:
     assert content["impact"]["turn"] == pytest.approx(cut.turn, rel=1e-7)
     assert content["impact"]["turned_beyond"] is cut.turned_beyond is True
     assert [content["curve"]["turned_beyond"][i] for i in (0, 92, 200)] == [False, True, False]
+
+
+def test_a_curve_is_dotted_where_the_body_of_its_model_turns_too_far() -> None:
+    """Of a model that is not the one drawn, too; its row says so at the angle of the case."""
+    models = {"linearized": Linearized(), "rotating": load_model("rotating")}
+    answers, case = Answers(models), CASE.replace(alpha=np.deg2rad(35))
+    known = {(kind, name): answers(kind, name, case) for kind in ("curve", "turned", "point") for name in models}
+    computed = Computed(PageState(case, tuple(models), "linearized"), known)
+    dotted = [line for line in volumes(computed, models)[0]["series"] if line.get("legend") == BEYOND_LABEL]
+    assert [line["name"] for line in dotted] == [f"rotating, {BEYOND_LABEL}"]
+    drawn = [degrees for degrees, volume in dotted[0]["data"] if volume is not None]
+    assert (min(drawn), max(drawn)) == (pytest.approx(29.1, abs=0.4), pytest.approx(42.9, abs=0.4))
+    _, still, turns = numbers(computed, models)[0].split("<tr class=")[-3:]
+    assert (BEYOND_LABEL in html.unescape(still), BEYOND_LABEL in html.unescape(turns)) == (False, True)
 
 
 def test_curves_and_case_are_exact(tmp_path) -> None:

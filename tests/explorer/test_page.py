@@ -14,6 +14,7 @@ import pytest
 
 import erosion
 from erosion.cli import exit_status
+from erosion.explorer.prompts import PROMPTS
 from erosion.models.rigid import LinearizedCut
 from erosion.parameters.parameters import TABLE_1
 from tests.explorer.conftest import free_of_pytest, served
@@ -111,9 +112,8 @@ def test_a_link_carries_the_whole_state(page: Page, expect: Any) -> None:
     page.get_by_role("checkbox", name="finnie", exact=True).click()
     page.get_by_role("button", name="si", exact=True).click()
     enter(page, "v0", "0.12345678901234567 km/s")
-    page.get_by_role("button", name="Dark").click()
     page.get_by_label("Time in the cut").fill("0.5")
-    page.wait_for_url("**&instant=0.5&dark=true")
+    page.wait_for_url("**&instant=0.5&predict=false")
     settle(page, "v0", "123.457")
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.get_by_role("button", name="Copy link").click()
@@ -123,7 +123,6 @@ def test_a_link_carries_the_whole_state(page: Page, expect: Any) -> None:
     other = opened(page.context, link)
     settle(other, "v0", "123.457")
     assert other.url == page.url
-    expect(other.locator("body.body--dark")).to_have_count(1)
     for control in ("output", ".numbers tr.shown th", ".models input", ".models [aria-checked]", ".cut .grain"):
         said = "all => all.map(one => one.ariaChecked ?? one.value ?? one.getAttribute('points') ?? one.innerText)"
         assert other.locator(control).evaluate_all(said) == page.locator(control).evaluate_all(said)
@@ -155,17 +154,27 @@ def test_the_energy_of_the_cut_is_shared_out(page: Page, expect: Any) -> None:
 
 
 @pytest.mark.browser
-def test_a_prediction_is_answered(page: Page, expect: Any) -> None:
-    page.locator(".prompts .q-expansion-item__container > .q-item").click()
-    asked = page.locator(".prompt", has_text="8. The force ratio")
-    expect(asked.locator(".prompt-answer")).to_have_text("")
-    asked.locator(".q-radio").nth(1).click()
-    expect(asked.locator(".prompt-answer")).to_contain_text("No: It becomes steeper. k is the direction")
-    asked.locator(".q-radio").nth(2).click()
-    expect(asked.locator(".prompt-answer")).to_contain_text("from 31.72° to 37.98°")
-    best = page.locator(".prompt", has_text="4. At which angle")
-    best.locator(".q-radio").nth(1).click()
-    expect(best.locator(".half-angle")).to_contain_text("α = 31.72°")
+def test_the_best_angles_are_shown_when_all_are_predicted(context: BrowserContext, address: str, expect: Any) -> None:
+    page = opened(context, address)
+    best = page.locator(".numbers tr.shown td").nth(5)
+    expect(best).to_contain_text("?")
+    asked = [page.locator(".prompt", has_text=prompt.question) for prompt in PROMPTS]
+    for prompt, element in zip(PROMPTS, asked, strict=True):
+        expect(page.locator(".view-sensitivities")).to_be_hidden()
+        page.get_by_role("tab", name=f"Question {prompt.number}").click()
+        expect(element.locator(".prompt-answer")).to_have_text("")
+        element.locator(".q-radio").nth(1).click()
+        expect(element.locator(".prompt-answer")).to_contain_text(
+            "Yes." if prompt.right == 1 else f"No: {prompt.choices[prompt.right]}"
+        )
+    asked[-1].locator(".q-radio").nth(2).click()
+    expect(asked[-1].locator(".prompt-answer")).to_contain_text("from 31.72° to 37.98°")
+    page.get_by_role("tab", name="Question 4").click()
+    expect(asked[0].locator(".half-angle")).to_contain_text("α = 31.72°")
+    expect(best).to_contain_text("at 31.72°")
+    expect(page.locator(".view-sensitivities")).to_be_visible()
+    assert star(page, "linearized")[0] == pytest.approx(31.717474411, abs=1e-6)
+    page.wait_for_url("**predict=false")
 
 
 @pytest.mark.browser
@@ -215,10 +224,6 @@ def test_presets_and_reset(page: Page, expect: Any) -> None:
     page.get_by_role("button", name="Spin").click()
     page.get_by_text("s = −0.25").click()
     settle(page, "phidot0", "-27500")
-    before = curve(page, "volumes", "rotating")
-    page.get_by_role("button", name="Dark").click()
-    expect(page.locator("body.body--dark")).to_have_count(1)
-    np.testing.assert_array_equal(curve(page, "volumes", "rotating"), before)
     page.get_by_role("button", name="Reset").click()
     settle(page, "sigma", "200000")
     # r, b, m and β follow from a named particle's size; a decimal comma is understood.

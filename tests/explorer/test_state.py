@@ -43,9 +43,9 @@ def read(query: str, state: PageState = STATE) -> PageState:
 @pytest.mark.parametrize("units", ["inch-pound", "si"])
 def test_a_link_is_exact(units: str) -> None:
     case = CASE.to(units).replace(alpha=1 / 3, v0=np.pi)
-    state = PageState(case, ("finnie",), "finnie", instant=1 / 3, dark=True)
+    state = PageState(case, ("finnie",), "finnie", instant=1 / 3, predict=True)
     assert read(state.query()) == state
-    assert read(PageState(case, ("finnie",), "finnie", dark=False).query(), state).dark is False
+    assert read(PageState(case, ("finnie",), "finnie").query(), state).predict is False
 
 
 def test_a_link_holds_what_erosion_per_mass_needs() -> None:
@@ -87,7 +87,7 @@ def test_a_link_may_say_little_and_use_units() -> None:
         ("cutting_fraction=2", "Argument `cutting_fraction` must be above 0 and at most 1"),
         ("instant=2", r"Field `instant` must be in \[0, 1\]"),
         ("instant=soon", r"Field `instant` must be in \[0, 1\]"),
-        ("dark=yes", "Field `dark` must be 'true' or 'false'"),
+        ("predict=yes", "Field `predict` must be 'true' or 'false'"),
         ("models=finnie&shown=rotating", "Field `shown` must be one of the models"),
     ],
 )

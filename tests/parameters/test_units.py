@@ -125,7 +125,7 @@ def test_a_unit_is_seen(text: str, has: bool) -> None:
     [
         ("time", "inch-pound", 6.6e-5, 1e-6, "µs"),
         ("time", "si", 0.0, 1.0, "s"),
-        ("length", "inch-pound", 0.032, 1e-3, "mil"),
+        ("length", "inch-pound", 0.032, 1.0, "in"),
         ("length", "inch-pound", 2e-4, 1e-6, "µin"),
         ("length", "inch-pound", 2e-9, 1e-9, "10⁻³ µin"),
         ("length", "si", 8e-4, 1e-3, "mm"),
@@ -159,7 +159,7 @@ def test_units_make_numbers_readable(dimension, units, largest, size, unit) -> N
 @pytest.mark.parametrize(
     ("dimension", "units", "largest", "number", "words"),
     [
-        ("length", "inch-pound", 0.032, "32", "32 in"),  # a figure's axis has mil
+        ("length", "inch-pound", 0.032, "32", "32 in"),
         ("stress", "inch-pound", 2e5, "2", "2 lbf/in²"),
         ("volume", "si", 2e-11, "0.02", "0.02 mm³"),
         ("volume", "inch-pound", 3.1e-7, "3.1 ± 2.5", "(3.1 ± 2.5)·10⁻⁷ in³"),

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.explorer.state import PageCase, PageState, sentence
-from erosion.impacts import OTHER_ENDS, Impact, alpha_max, end_names, impact, path
+from erosion.impacts import OTHER_ENDS, Impact, alpha_max, end_names, impact, path, turn_of, turned_beyond
 from erosion.models import CuttingModel, Scales, Tip
 from erosion.parameters import QUANTITIES, CaseFile, Parameters
 
@@ -113,6 +113,18 @@ class SpinCurves(NamedTuple):
     kind: np.ndarray
 
 
+class Turned(NamedTuple):
+    """How far the body turns in the cuts at all `ANGLES`, and after them at the case's own; shape (angles + 1,).
+
+    Args:
+        turn: [rad], NaN of a model without an orientation.
+        beyond: whether it is more than 90°, where the model does not hold.
+    """
+
+    turn: np.ndarray
+    beyond: np.ndarray
+
+
 class AnswerKind(NamedTuple):
     """One kind of answer.
 
@@ -130,6 +142,12 @@ def _curve(answers: "Answers", name: str, case: PageCase) -> Impact:
     return impact(answers.model(name, case), case.parameters().replace(alpha=ANGLES), derivatives=2)
 
 
+def _turned(answers: "Answers", name: str, case: PageCase) -> Turned:
+    p = case.parameters()
+    p = p.replace(alpha=np.append(ANGLES, p.alpha))
+    return Turned(turn_of(answers.model(name, case), p), turned_beyond(answers.model(name, case), p))
+
+
 def _spins(answers: "Answers", name: str, case: PageCase) -> SpinCurves:
     p = case.parameters()
     best = alpha_max(answers.model(name, case), p.replace(phidot0=SPINS * float(p.v0 / p.r)))
@@ -142,14 +160,16 @@ KINDS: Mapping[str, AnswerKind] = {
     "point": AnswerKind(lambda answers, name, case: impact(answers.model(name, case), case.parameters(),
                                                            derivatives=2)),
     "curve": AnswerKind(_curve, _ANY_ANGLE),
+    "turned": AnswerKind(_turned),
     "best": AnswerKind(lambda answers, name, case: alpha_max(answers.model(name, case), case.parameters()), _ANY_ANGLE),
     "ends": AnswerKind(lambda answers, name, case: end_times(answers.model(name, case),
                                                        case.parameters().replace(alpha=ANGLES)), _ANY_ANGLE),
     "sensitivities": AnswerKind(lambda answers, name, case: answers("best", name, case).sensitivities, _ANY_ANGLE),
     "spins": AnswerKind(_spins, _ANY_ANGLE | {"phidot0": 0.0}),
 }  # fmt: skip
-"""The motion of one impact; its end, volume and derivatives; impacts at all `ANGLES`; the angle of greatest removal;
-when each event alone would end the cut, at all `ANGLES`; dα_max/dq for each q; the best angle at all `SPINS`."""
+"""The motion of one impact; its end, volume and derivatives; impacts at all `ANGLES`; how far the body turns; the angle
+of greatest removal; when each event alone would end the cut, at all `ANGLES`; dα_max/dq for each q; the best angle at
+all `SPINS`."""
 
 
 class Stage(NamedTuple):
@@ -167,7 +187,7 @@ class Work(NamedTuple):
 
 
 AT_ONCE = (
-    Stage(("curve", "point"), ("volumes", "end_times")),
+    Stage(("curve", "point", "turned"), ("volumes", "end_times")),
     Stage(("cut",), ("cut", "histories", "numbers", "spins", "sensitivities")),
 )
 """What takes milliseconds: the browser draws one stage while the next is computed."""
@@ -269,8 +289,9 @@ class Computed:
 
     @classmethod
     def of(cls, answers: Answers, state: PageState, file: CaseFile | None) -> "Computed":
-        """What is remembered about a state."""
-        asked = [(kind, model) for kind in answers.kinds for model in state.models]
+        """What is remembered about a state; while the reader predicts the best angles, they are left out."""
+        kinds = [kind for kind in answers.kinds if not (state.predict and kind == "best")]
+        asked = [(kind, model) for kind in kinds for model in state.models]
         known = {step: answers.remembered(*step, state.case) for step in asked}
         return cls(state, {step: answer for step, answer in known.items() if answer is not None}, file)
 

@@ -457,7 +457,7 @@ class Controls:
             self.change(lambda case: case.to(event.value))
 
     def _reset(self) -> None:
-        self._go(dataclasses.replace(self._start, instant=self._state.instant, dark=self._state.dark))
+        self._go(dataclasses.replace(self._start, instant=self._state.instant, predict=self._state.predict))
 
     def _table_1(self) -> None:
         state = self._state

@@ -13,6 +13,7 @@ class Prompt(NamedTuple):
     """A question about the linearized model.
 
     Args:
+        number: of the scenario's question.
         question: in one sentence.
         choices: of the reader.
         right: the index of the right one.
@@ -20,6 +21,7 @@ class Prompt(NamedTuple):
         sketch: draws the reason for a force ratio k, as SVG.
     """
 
+    number: str
     question: str
     choices: tuple[str, ...]
     right: int
@@ -55,7 +57,8 @@ def half_angle(k: float) -> str:
 _ANGLE = ("It becomes flatter.", "It stays.", "It becomes steeper.")
 PROMPTS = (
     Prompt(
-        "4. At which angle does the particle remove most?",
+        "4",
+        "At which angle does the particle remove most?",
         ("The steeper, the more.", "At half the angle between surface and force.", "The flatter, the more."),
         1,
         "The depth grows as sin α, the mean forward speed falls as sin(θ − α), with tan θ = k for the force. Their "
@@ -63,25 +66,29 @@ PROMPTS = (
         half_angle,
     ),
     Prompt(
-        "5. The particle flies twice as fast. What happens to the best angle?",
+        "5",
+        "The particle flies twice as fast. What happens to the best angle?",
         _ANGLE,
         1,
         "The speed scales lengths, and no time: four times as much is removed at every angle. Change v₀ and see.",
     ),
     Prompt(
-        "6. The particle is twice as heavy. What happens to the best angle?",
+        "6",
+        "The particle is twice as heavy. What happens to the best angle?",
         _ANGLE,
         1,
         "The mass stands before the whole curve: twice as much is removed at every angle. The size is in no equation.",
     ),
     Prompt(
-        "7. The metal is half as strong. What happens to the best angle?",
+        "7",
+        "The metal is half as strong. What happens to the best angle?",
         _ANGLE,
         1,
         "The flow stress divides the volume: twice as much is removed at every angle. Choose other targets.",
     ),
     Prompt(
-        "8. The force ratio k is twice as large. What happens to the best angle?",
+        "8",
+        "The force ratio k is twice as large. What happens to the best angle?",
         _ANGLE,
         2,
         "k is the direction of the force. The best angle goes from {alpha:.4g}° to {doubled:.4g}°, and less is removed "
@@ -90,29 +97,45 @@ PROMPTS = (
 )
 
 
-def prompts(case: Callable[[], PageCase]) -> None:
-    """The elements of all questions.
+def prompts(case: Callable[[], PageCase], reveal: Callable[[], None], *, opened: bool) -> None:
+    """The elements of all questions, one of which is seen.
 
     Args:
         case: the case that the page shows.
+        reveal: shows the best angles; it is called when all questions are answered, or when the reader asks for them.
+        opened: whether the questions are seen at first.
     """
-    with ui.expansion("Predict first: questions 4 to 8 for the linearized model").classes("prompts"):
-        for prompt in PROMPTS:
-            _ask(prompt, case)
+    left = set(PROMPTS)
+
+    def answered(prompt: Prompt) -> None:
+        left.discard(prompt)
+        if not left:
+            reveal()
+
+    with ui.expansion("Predict first: questions 4 to 8 for the linearized model", value=opened).classes("prompts"):
+        with ui.element("div").classes("prompts-bar"):
+            with ui.tabs().props("dense no-caps") as tabs:
+                for prompt in PROMPTS:
+                    ui.tab(prompt.number, f"Question {prompt.number}")
+            ui.button("Show the best angles", on_click=reveal).props("dense no-caps outline").classes("reveal")
+        with ui.tab_panels(tabs, value=PROMPTS[0].number).props("keep-alive"):
+            for prompt in PROMPTS:
+                with ui.tab_panel(prompt.number).classes("prompt"):
+                    _ask(prompt, case, answered)
 
 
-def _ask(prompt: Prompt, case: Callable[[], PageCase]) -> None:
-    with ui.element("div").classes("prompt"):
-        ui.label(prompt.question).classes("prompt-question")
-        choice = ui.radio(list(prompt.choices)).props("inline dense")
-        answer = ui.label().classes("prompt-answer").props("role=status")
-        drawing = ui.html("", sanitize=False)
+def _ask(prompt: Prompt, case: Callable[[], PageCase], answered: Callable[[Prompt], None]) -> None:
+    ui.label(prompt.question).classes("prompt-question")
+    choice = ui.radio(list(prompt.choices)).props("inline dense")
+    answer = ui.label().classes("prompt-answer").props("role=status")
+    drawing = ui.html("", sanitize=False)
 
-        def reveal() -> None:
-            k = float(case().parameters().k)
-            best, doubled = (math.degrees(math.atan(ratio) / 2) for ratio in (k, 2 * k))
-            verdict = "Yes." if choice.value == prompt.choices[prompt.right] else f"No: {prompt.choices[prompt.right]}"
-            answer.set_text(f"{verdict} {prompt.reason.format(alpha=best, doubled=doubled)}")
-            drawing.set_content(prompt.sketch(k))
+    def reveal() -> None:
+        k = float(case().parameters().k)
+        best, doubled = (math.degrees(math.atan(ratio) / 2) for ratio in (k, 2 * k))
+        verdict = "Yes." if choice.value == prompt.choices[prompt.right] else f"No: {prompt.choices[prompt.right]}"
+        answer.set_text(f"{verdict} {prompt.reason.format(alpha=best, doubled=doubled)}")
+        drawing.set_content(prompt.sketch(k))
+        answered(prompt)
 
-        choice.on_value_change(reveal)
+    choice.on_value_change(reveal)

@@ -210,7 +210,7 @@ def offer(
     answers = Answers(models)
     case = PageCase.of(p, own_numbers(models))
     checked = tuple(name for name in offered if name in (*_CHECKED, *plugged, shown))
-    start = PageState(case, checked, shown, per_mass or PerMass())
+    start = PageState(case, checked, shown, per_mass or PerMass(), predict=file is None and not plug_ins)
     return Service(
         answers=answers,
         start=start,

@@ -40,7 +40,8 @@ def sentence(error: BaseException) -> str:
 
 _NAMES = tuple(QUANTITIES)
 _TEXTS = {True: "true", False: "false"}
-_FIELDS = ("units", "density", "cutting_fraction", "models", "shown", "instant", "dark")  # of a link, beside parameters
+# Of a link, beside parameters.
+_FIELDS = ("units", "density", "cutting_fraction", "models", "shown", "instant", "predict")
 
 
 class OwnNumber(NamedTuple):
@@ -213,7 +214,7 @@ class PageState:
         shown: the checked model whose cut is drawn.
         per_mass: how a volume becomes erosion per mass of particles.
         instant: the time at which the particle is drawn, as a share of the cut's time.
-        dark: whether the page is dark; None leaves this to the browser.
+        predict: whether the page hides the best angles until the reader has predicted them.
     """
 
     case: PageCase
@@ -221,7 +222,7 @@ class PageState:
     shown: str
     per_mass: PerMass = dataclasses.field(default_factory=PerMass)
     instant: float = 1.0
-    dark: bool | None = None
+    predict: bool = False
 
     def checking(self, models: tuple[str, ...]) -> "PageState":
         """Check other models. The same model's cut stays drawn if this model is still checked."""
@@ -256,7 +257,7 @@ class PageState:
             "models": ",".join(models),
             "shown": self.shown,
             "instant": None if self.instant == 1 else repr(self.instant),
-            "dark": None if self.dark is None else _TEXTS[self.dark],
+            "predict": _TEXTS[self.predict],
         }
         return urlencode({name: text for name, text in fields.items() if text is not None}, safe=",")
 
@@ -289,16 +290,16 @@ class PageState:
                 density = read_density(query["density"])
         if not _is_number(fraction):
             raise ValueError(f"Field `cutting_fraction` must be a number, but is {briefly(fraction)}.")
-        instant, dark = query.get("instant", repr(self.instant)), query.get("dark")
+        instant, predict = query.get("instant", repr(self.instant)), query.get("predict", _TEXTS[self.predict])
         if not _is_number(instant) or not 0 <= float(instant) <= 1:
             raise ValueError(
                 f"Field `instant` must be in [0, 1], a share of the cut's time, but is {briefly(instant)}."
             )
-        if dark not in (None, *_TEXTS.values()):
-            raise ValueError(f"Field `dark` must be 'true' or 'false', but is {briefly(dark)}.")
+        if predict not in _TEXTS.values():
+            raise ValueError(f"Field `predict` must be 'true' or 'false', but is {briefly(predict)}.")
         models = tuple(name for name in known if name in checked)
-        is_dark = self.dark if dark is None else dark == _TEXTS[True]
-        return PageState(case, models, shown, PerMass(density, float(fraction)), float(instant), is_dark)
+        per_mass = PerMass(density, float(fraction))
+        return PageState(case, models, shown, per_mass, float(instant), predict == _TEXTS[True])
 
 
 _COMMA = re.compile(r"\s*[+-]?(?P<whole>\d*),(?P<part>\d+)(?![\d.,])")

@@ -17,7 +17,6 @@ from erosion.explorer.controls import Controls, CutDrawing, Materials, Plot, Pro
 from erosion.explorer.prompts import prompts
 from erosion.explorer.state import PageState, sentence
 from erosion.explorer.views import VIEWS
-from erosion.impacts import turn_of, turned_beyond
 from erosion.models import State as Body, model_source
 from erosion.output import to_csv, to_json
 from erosion.parameters import RESULTS, CaseFile, Dimension, dump_case, dump_model, dump_per_mass, unit_name
@@ -46,14 +45,9 @@ def curves_csv(answers: Answers, state: PageState) -> bytes:
         for result in ("volume", "dvolume", "t_c"):
             columns[_heading(f"{name} {result}", RESULTS[result].dimension, state)] = getattr(curve, result)
         columns[f"{name} ended_by"] = curve.ended_by
-        columns |= {f"{name} {column}": values for column, values in _turned(answers, name, state, ANGLES).items()}
+        turned = answers("turned", name, state.case)
+        columns |= {f"{name} turn": turned.turn[:-1], f"{name} turned_beyond": turned.beyond[:-1]}
     return _csv(columns)
-
-
-def _turned(answers: Answers, name: str, state: PageState, alpha: Any) -> dict[str, Any]:
-    """How far the body of a model turns in each cut [rad], and whether by more than 90°, where the model fails."""
-    model, p = answers.model(name, state.case), state.case.parameters().replace(alpha=alpha)
-    return {"turn": turn_of(model, p), "turned_beyond": turned_beyond(model, p)[()]}
 
 
 def motion_csv(answers: Answers, state: PageState) -> bytes:
@@ -72,13 +66,15 @@ def results_json(answers: Answers, state: PageState) -> bytes:
     """The results of each checked model as `to_dict` has them, with its case, and those of the model drawn alone."""
     models = {}
     for name in state.models:
-        point, best, curve, spins = (answers(kind, name, state.case) for kind in ("point", "best", "curve", "spins"))
+        point, best, curve, spins, turned = (
+            answers(kind, name, state.case) for kind in ("point", "best", "curve", "spins", "turned")
+        )
         models[name] = {
             "impact": point.to_dict()
             | state.per_mass.to_dict(point.volume, state.case.parameters())
-            | _turned(answers, name, state, state.case.parameters().alpha),
+            | {"turn": turned.turn[-1], "turned_beyond": turned.beyond[-1]},
             "best": best.to_dict(),
-            "curve": curve.to_dict() | _turned(answers, name, state, ANGLES),
+            "curve": curve.to_dict() | {"turn": turned.turn[:-1], "turned_beyond": turned.beyond[:-1]},
             "spins": {"s": SPINS, "alpha_max": spins.alpha},
         }
     cut, rates = (answers(kind, state.shown, state.case) for kind in ("cut", "sensitivities"))
@@ -196,20 +192,17 @@ class Tab:
         self._following: asyncio.Task | None = None
         self._resting = self._changed = False
         self._late: set[Work] = set()
-        self._dark = ui.dark_mode(state.dark)
         with ui.element("header").classes("bar"):
             ui.html("erosion explorer", tag="h1", sanitize=False)
             self._status = ui.label().classes("status").props("role=status")
             self._sharing_buttons()
-            screen = ui.fullscreen()
-            ui.button("Full screen", icon="fullscreen", on_click=screen.toggle).props(_OUTLINE).classes("full-screen")
         with ui.element("main").classes("explorer") as self._main:
             with ui.element("section").classes("panel controls").props('aria-label="Parameters and models"'):
                 self._controls = Controls(service.start, service.summaries, service.materials, self._go)
             with ui.element("div").classes("views"):
-                self._elements = {name: self._view(name) for name in VIEWS}
                 with ui.element("section").classes("panel view-prompts").props('aria-label="Predictions"'):
-                    prompts(lambda: self.state.case)
+                    prompts(lambda: self.state.case, self._reveal, opened=state.predict)
+                self._elements = {name: self._view(name) for name in VIEWS}
 
     def begin(self) -> None:
         """Show the first state."""
@@ -221,13 +214,12 @@ class Tab:
             warn(sentence)
 
     def _sharing_buttons(self) -> None:
-        """The buttons for the link, for exports, and for the dark page."""
+        """The buttons for the link and for exports."""
         ui.button("Copy link", icon="link", on_click=self._copy_link).props(_OUTLINE)
         with ui.button("Export", icon="download").props(_OUTLINE), ui.menu().props("max-height=95vh"):
             for file, (title, make) in {**TABLES, **FILES}.items():
                 ui.menu_item(title, partial(self._download, file, make))
             ui.menu_item("Python lines…", self._show_python)
-        ui.button("Dark", icon="contrast", on_click=self._toggle_dark).props(_OUTLINE)
         with ui.dialog() as self._python, ui.card().classes("panel"):
             self._lines = ui.code("", language="python").classes("w-full")
             with ui.row():
@@ -252,14 +244,13 @@ class Tab:
             return
         ui.notify("Link copied.")
 
-    async def _toggle_dark(self) -> None:
-        # Only the browser knows whether it prefers a dark page.
-        dark = bool(await ui.run_javascript("Quasar.Dark.isActive"))
-        self._go(dataclasses.replace(self.state, dark=not dark))
-
     def _show_python(self) -> None:
         self._lines.set_content(python_lines(self.state, self.service.sources))
         self._python.open()
+
+    def _reveal(self) -> None:
+        """Show the best angles."""
+        self._go(dataclasses.replace(self.state, predict=False))
 
     def _view(self, name: str) -> Any:
         title = _TITLES[name]
@@ -284,7 +275,7 @@ class Tab:
         """Change to another state and show it."""
         self.state = state
         self._controls.show(state)
-        self._dark.set_value(state.dark)
+        self._main.props(f"data-predict={'true' if state.predict else 'false'}")
         self._follow_newest()
 
     def _follow_newest(self) -> None:

@@ -4,10 +4,9 @@ import html
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
-import jax
 import numpy as np
 
-from erosion.explorer.computed import SPINS, Computed
+from erosion.explorer.computed import SPINS, Computed, Turned
 from erosion.explorer.controls import (
     DEGREES,
     STAR,
@@ -21,7 +20,7 @@ from erosion.explorer.controls import (
     points,
     styles,
 )
-from erosion.impacts import Impact, Optimum, Trajectory
+from erosion.impacts import BEYOND_LABEL, Optimum
 from erosion.models import State as Body
 from erosion.parameters import (
     BEYOND_TESTS,
@@ -34,6 +33,7 @@ from erosion.parameters import (
     readable_scale,
     unit_name,
 )
+from erosion.plotting.dynamics import SHARES, Dynamics, dynamics
 from erosion.plotting.labels import (
     AT_CONTACT,
     DIM,
@@ -44,11 +44,13 @@ from erosion.plotting.labels import (
     PALETTE,
     describe,
     leaps,
+    parted,
     with_gaps,
 )
 from erosion.results import Finding
 
 _SHALLOW = 5.0  # degrees
+_DOTS = [2, 3]
 _APART = 0.05  # of the longest cut; neighbouring times that differ by more belong to different crossings
 Drawing = tuple[Option, list[Option], str]
 """An option of ECharts, its handles, and a description in words."""
@@ -64,7 +66,7 @@ def volumes(computed: Computed, models: Collection[str]) -> Drawing:
     for model, curve in curves.items():
         color = styles(models)[model][0]
         marks = _marks(best[model], scale.size, color, shown=model == shown) if model in best else {}
-        series.append(_over_angle(model, curve, "volume", scale, models, **marks))
+        series += _over_angle(computed, model, "volume", scale, models, **marks)
         if model == shown and np.any(curve.t_c > 0) and curve.volume_at_contact.any():
             at_contact, area = curve.volume_at_contact / scale.size, {"opacity": 0.2, "color": color}
             thin = {"color": color, "width": 0}
@@ -80,7 +82,7 @@ def end_times(computed: Computed, models: Collection[str]) -> Drawing:
     longest = [float(np.nanmax(curve.t_c[DEGREES > _SHALLOW], initial=0.0)) for curve in curves.values()]
     largest = max(longest, default=0.0)
     scale = readable_scale("time", computed.state.case.units, largest)
-    series = [_over_angle(model, curve, "t_c", scale, models) for model, curve in curves.items()]
+    series = [one for model in curves for one in _over_angle(computed, model, "t_c", scale, models)]
     for event, times in (computed.of_shown("ends") or {}).items():
         color = ENDS.get(event, DIM)
         thin = {"color": color, "type": [4, 4], "width": 1.8}
@@ -93,10 +95,19 @@ def end_times(computed: Computed, models: Collection[str]) -> Drawing:
     return _over_angles(computed, "t_c", scale, series, more, **top)
 
 
-def _over_angle(model: str, curve: Impact, result: str, scale: Scale, models: Collection[str], **marks: Any) -> Option:
-    """A result of a model, with gaps where V(α) jumps."""
-    degrees, values = with_gaps(gaps(curve), DEGREES, getattr(curve, result) / scale.size)
-    return line(model, degrees, values, *styles(models)[model], **marks)
+def _over_angle(
+    computed: Computed, model: str, result: str, scale: Scale, models: Collection[str], **marks: Any
+) -> list[Option]:
+    """A result of a model, with gaps where V(α) jumps, and dotted where its body turns by more than 90°."""
+    curve, turned = computed.of_all("curve")[model], computed.of_all("turned").get(model)
+    beyond = np.zeros(DEGREES.size, bool) if turned is None else turned.beyond[:-1]
+    parts = parted(getattr(curve, result) / scale.size, beyond)
+    degrees, valid, dotted = with_gaps(gaps(curve), DEGREES, *parts)
+    color, dashes = styles(models)[model]
+    drawn = [line(model, degrees, valid, color, dashes, **marks)]
+    if beyond.any():
+        drawn.append(line(f"{model}, {BEYOND_LABEL}", degrees, dotted, color, _DOTS, legend=BEYOND_LABEL))
+    return drawn
 
 
 def _over_angles(
@@ -136,8 +147,7 @@ def _marks(best: Optimum, size: float, color: str, *, shown: bool) -> Mapping[st
 
 
 _PANELS = ((0, 0), (1, 0), (0, 1), (1, 1))
-_NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "label": "",
-                    "velocity": None, "force": None, "energy": None}  # fmt: skip
+_NOTHING: Option = {"t": [], "x": [], "depth": [], "phi": [], "bar": None, "label": "", **Dynamics()._asdict()}
 
 
 def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
@@ -167,51 +177,12 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
         "size": longest,
         "unit": time.size,
         "units": time.unit,
-        # In the base unit if the unit is a power of ten of it.
-        "bar": {
-            "size": bar,
-            "text": (
-                f"{bar * length.size:.6g} {unit_name('length', p.units)}"
-                if length.unit.startswith("10")
-                else f"{bar:g} {length.unit}"
-            ),
-        },
+        "bar": {"size": bar, "text": f"{bar:g} {length.unit}"},
         "label": f"{computed.state.shown}: {end}",
-        **_arrows_and_energy(motion),
+        **dynamics(motion)._asdict(),
+        "names": SHARES,
     }
     return (content,)
-
-
-_ROUNDING = 1e-9  # of the energy
-
-
-def _arrows_and_energy(motion: Trajectory) -> Option:
-    """Velocity and force over time, over the greatest of each; shares of the kinetic energy at contact.
-
-    The energy that the body has lost is what the cut has used, and what the lifting force gives back in a rebound.
-
-    Only for bodies whose state is `State`: of another model the centre of mass is not known.
-    """
-    if not isinstance(motion.states, Body):
-        return {"velocity": None, "force": None, "energy": None}
-    p, states = motion.p, motion.states
-    velocity = np.stack([np.asarray(states.vx), np.asarray(states.vy)])
-    rate = jax.vmap(lambda state: motion.model.derivative(state, p))(states)
-    force = np.stack([np.broadcast_to(np.asarray(part), motion.t.shape) for part in (rate.vx, rate.vy)])
-    translation = float(p.m) / 2 * (velocity**2).sum(axis=0)
-    rotation = float(p.moment_of_inertia) / 2 * np.asarray(states.omega) ** 2
-    whole = translation[0] + rotation[0]
-
-    def over_greatest(vectors: np.ndarray) -> list[list[float]]:
-        return (vectors / (float(np.max(np.hypot(*vectors))) or 1.0)).tolist()
-
-    shares = np.stack([translation, rotation, whole - translation - rotation]) / whole
-    loses = shares[2].min() > -_ROUNDING  # in `as-printed` the force drives the body at first
-    return {
-        "velocity": over_greatest(velocity),
-        "force": over_greatest(force),
-        "energy": shares.tolist() if loses else None,
-    }
 
 
 def histories(computed: Computed, models: Collection[str]) -> Drawing:
@@ -247,11 +218,11 @@ def histories(computed: Computed, models: Collection[str]) -> Drawing:
     )
 
 
-_HEADINGS = ("t_c", "ended_by", "volume", "dvolume", "alpha_max", "volume_max")
+_HEADINGS = ("t_c", "ended_by", "volume", "dvolume", "turn", "alpha_max", "volume_max")
 
 
 def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
-    """For each checked model t_c, how the cut ended, V, dV/dα, and α_max with its kind."""
+    """For each checked model t_c, how the cut ended, V, dV/dα, the turn, and α_max with its kind."""
     heads, symbols = ["<th scope='col'>model</th>"], []
     for name in _HEADINGS:
         meaning, symbol = "how the cut ends", "ends by"
@@ -260,7 +231,8 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
             symbol += f"<sub>{below}</sub>" if below else ""
         heads.append(f"<th scope='col' title='{html.escape(meaning)}'>{symbol}</th>")
         symbols.append(symbol)
-    points, optima = computed.of_all("point"), computed.of_all("best")
+    points, turned, optima = (computed.of_all(kind) for kind in ("point", "turned", "best"))
+    unknown = "?" if computed.state.predict else "…"
     rows = []
     for model in computed.state.models:
         point, best = points.get(model), optima.get(model)
@@ -268,7 +240,8 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
             _read("time", float(point.t_c), computed), html.escape(str(point.ended_by)),
             _volume(computed, float(point.volume)), _read("volume per angle", float(point.dvolume), computed),
         ]  # fmt: skip
-        at_best = ["…"] * 2
+        turn = _turn(turned[model]) if model in turned else "…"
+        at_best = [unknown] * 2
         if best is not None:
             kind = str(best.kind) + ("" if best.certified else ", not certified")
             where = describe(best) if best.kind == "limit" else f"{describe(best)} <small>{html.escape(kind)}</small>"
@@ -276,13 +249,21 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
         mark = "shown" if model == computed.state.shown else ""
         swatch = f"<i style='background:{styles(models)[model][0]}'></i>"
         # On a narrow screen each number has its heading beside it.
-        named = zip(symbols, (*at_angle, *at_best), strict=True)
+        named = zip(symbols, (*at_angle, turn, *at_best), strict=True)
         cells = "".join(f"<td><span class='head'>{symbol}</span>{cell}</td>" for symbol, cell in named)
         rows.append(f"<tr class='{mark}'><th scope='row'>{swatch}{html.escape(model)}</th>{cells}</tr>")
     table = f"<thead><tr>{''.join(heads)}</tr></thead><tbody>{''.join(rows)}</tbody>"
     caption = "<caption>Numbers of the checked models</caption>"
     below = _of_the_cut(computed) + _far_from_tests(computed) + _of_the_fit(computed)
     return (f"<div class='scroll'><table class='numbers'>{caption}{table}</table></div>{below}",)
+
+
+def _turn(turned: Turned) -> str:
+    """How far the body of a model turns at the angle of the case, with the finding."""
+    if not np.isfinite(turned.turn[-1]):
+        return "–"
+    finding = f"<br><small class='beyond'>{html.escape(BEYOND_LABEL)}</small>" if turned.beyond[-1] else ""
+    return f"{np.rad2deg(turned.turn[-1]):.4g}°".replace("-", "−") + finding
 
 
 def _of_the_cut(computed: Computed) -> str:
@@ -294,9 +275,6 @@ def _of_the_cut(computed: Computed) -> str:
     if cut.volume_at_contact:
         at_contact = _read("volume", cut.volume_at_contact, computed)
         facts.append(f"{RESULTS['volume_at_contact'].meaning}: {at_contact}")
-    if np.isfinite(cut.turn):
-        turn = f"{np.rad2deg(cut.turn):.4g}°".replace("-", "−")
-        facts.append(f"{RESULTS['turn'].meaning}: {turn}")
     return f"<p>{html.escape(computed.state.shown)}, {'; '.join(facts)}.</p>{_warnings(cut.findings)}"
 
 

@@ -373,7 +373,7 @@ def superscript(exponent: int) -> str:
 
 
 def readable_scale(dimension: Dimension, units: System, largest: float) -> Scale:
-    """The unit in which numbers up to `largest` read well: "µs", "mm", "°", "mil", "10⁻⁴ in³/°".
+    """The unit in which numbers up to `largest` read well: "µs", "mm", "°", "10⁻⁴ in³/°".
 
     Args:
         dimension: the dimension of the numbers.
@@ -381,7 +381,7 @@ def readable_scale(dimension: Dimension, units: System, largest: float) -> Scale
         largest: the greatest magnitude to show; 0 or a number that is not finite gives the
             base unit.
     """
-    return _scale(dimension, units, largest, (0.5, 1e3))
+    return _scale(dimension, units, largest, (1e-3 if (dimension, units) == ("length", "inch-pound") else 0.5, 1e3))
 
 
 def table_scale(dimension: Dimension, units: System, largest: float) -> Scale:

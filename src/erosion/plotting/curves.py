@@ -29,6 +29,7 @@ from erosion.plotting.labels import (
     describe,
     end_label,
     leaps,
+    parted,
     with_gaps,
 )
 from erosion.plotting.style import (
@@ -216,11 +217,10 @@ def _draw_shape(ax: Axes, curve: ShapeCurve, size: float, label: str, **style: A
     """V(α) divided by `size`, dotted where the body turns by more than 90°."""
     degrees, volume = np.rad2deg(curve.angles), curve.volume / size
     beyond = np.zeros(degrees.size, bool) if curve.beyond is None else curve.beyond
-    beside = beyond | np.append(beyond[1:], False) | np.insert(beyond[:-1], 0, False)
-    ax.plot(degrees, np.where(beyond, np.nan, volume), label=label, **style)
-    if beside.any():
-        style["linestyle"] = ":"
-        ax.plot(degrees, np.where(beside, volume, np.nan), **style)
+    valid, dotted = parted(volume, beyond)
+    ax.plot(degrees, valid, label=label, **style)
+    if beyond.any():
+        ax.plot(degrees, dotted, **style | {"linestyle": ":"})
         ax.plot([], [], color=DIM, linestyle=":", linewidth=1.9, label=BEYOND_LABEL)
 
 

@@ -117,6 +117,19 @@ def leaps(degrees: np.ndarray) -> np.ndarray:
     return np.flatnonzero((steps > _LONG_STEP) & (steps > _STEEPER * smaller)) + 1
 
 
+def parted(values: np.ndarray, beyond: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The part of a curve where the model holds, and that where the body turns by more than 90°, to be dotted.
+
+    The dotted part begins at the last valid point.
+
+    Args:
+        values: along the curve, shape (n,).
+        beyond: where the body turns by more than 90°, shape (n,).
+    """
+    beside = beyond | np.append(beyond[1:], False) | np.insert(beyond[:-1], 0, False)
+    return np.where(beyond, np.nan, values), np.where(beside, values, np.nan)
+
+
 def broken_at(jumps: Sequence[Jump], angles: np.ndarray, volume: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Insert both sides of each jump into a curve, and NaN between them."""
     for jump in jumps:

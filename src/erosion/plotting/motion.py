@@ -10,14 +10,17 @@ import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 
 from erosion.impacts import BEYOND_LABEL, Trajectory
 from erosion.models import NO_CUT, ClosedForm, State, model_name
 from erosion.ode.solution import Solution
 from erosion.output import briefly
-from erosion.parameters import RESULTS, Dimension, Scale, System, readable_scale, unit_name
-from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, HISTORIES, INK, NOTHING, PALETTE
+from erosion.parameters import RESULTS, System, readable_scale
+from erosion.plotting.dynamics import SHARES, dynamics
+from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, HISTORIES, INK, NOTHING, PALETTE, parted
 from erosion.plotting.style import (
     angle_axis,
     axes_or_new,
@@ -49,7 +52,7 @@ def plot_histories(fig: Figure | SubFigure, trajectory: Trajectory, closed: Clos
     turns = body is not None and not np.allclose(body.x, trajectory.x_tip, rtol=1e-9, atol=0)
     for panel, (of_body, of_tip, quantity) in zip(panels, HISTORIES, strict=True):
         tip = getattr(trajectory, of_tip)
-        scale = _plain_scale(quantity.dimension, p.units, _largest(tip))
+        scale = readable_scale(quantity.dimension, p.units, _largest(tip))
         if exact is not None:
             panel.plot(t / time.size, np.asarray(getattr(exact, of_body)) / scale.size,
                        color=PALETTE["sky"], linewidth=6, alpha=0.5, label="closed form")  # fmt: skip
@@ -73,18 +76,18 @@ def plot_path(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
     """The tip's path with the depth downward; the removed area is filled (Laverty, Figure 8)."""
     _, ax = axes_or_new(ax, 5.6, 3.4)
     p, x, depth = trajectory.p, trajectory.x_tip, trajectory.depth
-    along = _plain_scale("length", p.units, _largest(x))
-    down = _plain_scale("length", p.units, max(_largest(depth), trajectory.max_depth))
+    along = readable_scale("length", p.units, _largest(x))
+    down = readable_scale("length", p.units, max(_largest(depth), trajectory.max_depth))
     x, depth = x / along.size, depth / down.size
     deepest = float(depth.max()) or 1.0
     ax.axhspan(0, 1.22 * deepest, color=DIM, alpha=0.13, linewidth=0)
     ax.axhline(0, color=INK, linewidth=1)
     ax.fill_between(x, 0, depth, color=PALETTE["orange"], alpha=0.55, linewidth=0, label="cut away")
-    turned = np.zeros(len(x), bool)
+    valid = depth
     if trajectory.turned_beyond:
-        turned = np.abs(trajectory.phi - trajectory.phi[0]) > math.pi / 2
-        ax.plot(x[turned], depth[turned], ":", color=PALETTE["blue"], label=BEYOND_LABEL)
-    ax.plot(x[~turned], depth[~turned], color=PALETTE["blue"], label="path of the tip")
+        valid, dotted = parted(depth, np.abs(trajectory.phi - trajectory.phi[0]) > math.pi / 2)
+        ax.plot(x, dotted, ":", color=PALETTE["blue"], label=BEYOND_LABEL)
+    ax.plot(x, valid, color=PALETTE["blue"], label="path of the tip")
     ax.plot(x[:1], depth[:1], ">", color=PALETTE["green"], markersize=9, label="start", clip_on=False, zorder=5)
     ax.plot(x[-1:], depth[-1:], "s", color=ENDS.get(trajectory.ended_by, INK), markersize=7, clip_on=False, zorder=5,
             label=NOTHING if trajectory.ended_by == NO_CUT else f"end: {trajectory.ended_by}")  # fmt: skip
@@ -216,43 +219,71 @@ def plot_half_angle(fig: Figure, k: float) -> list[Axes]:
 
 
 _FRAMES, _A_SECOND = 40, 13
+_ARROW = 1.1  # r
+_COLORS = {"velocity of the centre of mass": PALETTE["green"], "force on the tip": PALETTE["vermillion"]}
+_OF_SHARES = dict(zip(SHARES.values(), (PALETTE["green"], PALETTE["purple"], PALETTE["orange"]), strict=True))
 
 
 @house_style()
 def animate_cut(trajectory: Trajectory) -> bytes:
     """The bytes of a GIF of three seconds: the body moves along the tip's path and turns.
 
+    Arrows show the velocity and the force, a bar the shares of the energy, where the centre of mass is known.
+
     Args:
         trajectory: of any model; the body is drawn where its state holds the orientation.
     """
-    fig = Figure(figsize=(6.4, 3.6), dpi=80, layout="constrained")
-    ax = plot_path(trajectory, ax=fig.subplots())
-    p = trajectory.p
-    along = _plain_scale("length", p.units, _largest(trajectory.x_tip)).size
-    down = _plain_scale("length", p.units, max(_largest(trajectory.depth), trajectory.max_depth)).size
-    x, depth = trajectory.x_tip, trajectory.depth
-    turned = trajectory.phi - np.pi / 2 if isinstance(trajectory.states, State) else None
-    r = float(p.r)
-    ax.set(ylim=(ax.get_ylim()[0], -2.1 * r / down), xlim=((min(x) - r) / along, (max(x) + 2 * r) / along))
-    ax.set_aspect(down / along)
+    p, vectors = trajectory.p, dynamics(trajectory)
+    scale = readable_scale("length", p.units, _largest(trajectory.x_tip))
+    x, depth, r = trajectory.x_tip / scale.size, trajectory.depth / scale.size, float(p.r) / scale.size
+    fig = Figure(figsize=(6.4, 4.2), dpi=100, layout="constrained")
+    ax, below = fig.subplots(2, 1, height_ratios=(12, 1))
+    lowest = max(1.3 * depth.max(), 0.4 * r)
+    ax.axhspan(0, lowest, color=DIM, alpha=0.13, linewidth=0)
+    ax.axhline(0, color=INK, linewidth=1)
+    ax.plot(x, depth, color=PALETTE["blue"], linewidth=1)
+    (removed,) = ax.fill([0], [0], color=PALETTE["orange"], alpha=0.75, linewidth=0)
     (body,) = ax.fill([0], [0], color=PALETTE["sky"], alpha=0.6, zorder=6)
-    (tip,) = ax.plot([], [], "o", color=INK, markersize=5, zorder=7)
-    shape = (_BODY - _CENTRE) / _CENTRE[1]  # about the centre of mass, in r
+    (tip,) = ax.plot([], [], "o", color=INK, markersize=4, zorder=7)
+    arrows = [ax.quiver([0], [0], [0], [0], color=color, angles="xy", scale_units="xy", scale=1, width=0.007, zorder=8)
+              for color in _COLORS.values()]  # fmt: skip
+    ax.set(xlim=(x.min() - 1.3 * r, x.max() + 2.3 * r), ylim=(lowest, -2.2 * r), aspect="equal",
+           xlabel=f"x of the tip  [{scale.unit}]", ylabel=f"depth  [{scale.unit}]")  # fmt: skip
+    ax.xaxis.set_major_locator(MaxNLocator(4))
+    ax.set_yticks([0, float(f"{depth.max():.1g}")])
+    below.set(xlim=(0, 1), ylim=(-0.5, 0.5))
+    below.axis("off")
+    below.set_title("kinetic energy at contact" if vectors.energy else "", loc="left", fontsize="x-small")
+    bars = below.barh([0] * len(SHARES), 0, height=1, color=list(_OF_SHARES.values()))
+    shown = [*(_COLORS if vectors.velocity else ()), *(_OF_SHARES if vectors.energy else ())]
+    handles = [Patch(color=(_COLORS | _OF_SHARES)[label], label=label) for label in shown]
+    fig.legend(handles=handles, loc="outside lower center", ncols=3, fontsize="x-small")
+    shape = r * (_BODY - _CENTRE) / _CENTRE[1]  # about the centre of mass
+    turned = trajectory.phi - np.pi / 2 if isinstance(trajectory.states, State) else None
+    pushed = [vector for vector in (vectors.velocity, vectors.force) if vector]
 
     def show(frame: int) -> None:
         at = round(frame / (_FRAMES - 1) * (len(x) - 1))
-        tip.set_data([x[at] / along], [depth[at] / down])
+        tip.set_data([x[at]], [depth[at]])
+        removed.set_xy([*zip(x[: at + 1], depth[: at + 1], strict=True), (x[at], 0), (x[0], 0)])
         if turned is not None:
             sine, cosine = math.sin(turned[at]), math.cos(turned[at])
-            corners = r * shape @ np.array([[cosine, sine], [-sine, cosine]])
-            corners -= r * np.array([sine, -cosine])  # from the tip to the centre of mass
-            body.set_xy(np.column_stack([(x[at] + corners[:, 0]) / along, (depth[at] - corners[:, 1]) / down]))
+            centre = np.array([x[at] - r * sine, depth[at] - r * cosine])
+            corners = shape @ np.array([[cosine, sine], [-sine, cosine]])
+            body.set_xy(centre + corners * [1, -1])
+            for arrow, foot, vector in zip(arrows, (centre, (x[at], depth[at])), pushed, strict=True):
+                arrow.set_offsets([foot])
+                arrow.set_UVC(*([_ARROW * r * part[at]] for part in vector))
+        begin = 0.0
+        for bar, share in zip(bars, vectors.energy or (), strict=bool(vectors.energy)):
+            bar.set(x=begin, width=max(share[at], 0.0))
+            begin += bar.get_width()
 
     fig.draw_without_rendering()
     fig.set_layout_engine("none")  # frames do not move, and are drawn much faster
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "cut.gif"
-        FuncAnimation(fig, show, _FRAMES).save(file, PillowWriter(fps=_A_SECOND))
+        FuncAnimation(fig, show, _FRAMES).save(file, PillowWriter(fps=_A_SECOND), dpi=fig.dpi)
         return file.read_bytes()
 
 
@@ -275,16 +306,6 @@ def plot_removal_rate(ax: Axes, trajectory: Trajectory, bars: int = 10) -> Axes:
     ax.set(xlabel=f"t  time since contact  [{time.unit}]", ylabel=f"$dV/dt$  [{volume.unit}/{time.unit}]")
     legend_below(ax, columns=2)
     return ax
-
-
-def _plain_scale(dimension: Dimension, units: System, largest: float) -> Scale:
-    """A readable unit; lengths of inch-pound cases in inches, as in the scenario's figures, down to a hundredth."""
-    if (dimension, units) == ("length", "inch-pound") and largest >= _SHORTEST:
-        return Scale(1.0, unit_name(dimension, units))
-    return readable_scale(dimension, units, largest)
-
-
-_SHORTEST = 0.01  # in
 
 
 def _largest(values: Any) -> float:

@@ -33,6 +33,7 @@ from erosion.plotting.labels import (
     coinciding,
     describe,
     end_label,
+    parted,
 )
 from erosion.plotting.style import (
     PlainNumbers,
@@ -77,9 +78,10 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
         # A comparison does not hold the side of a jump.
         best = Best(alpha, float(results.volume_max), kind, attained=kind != "jump" and alpha != 0)
         turned, slope = results.turned_beyond.values, np.deg2rad(1) * results.dvolume.values
-        for flags, style, label in ((~turned, line, f"{name}: {describe(best)}"), (turned, ":", "")):
-            if flags.any():
-                x, y = broken(degrees, np.where(flags, volume[i], np.nan), slope)
+        looks = (line, f"{name}: {describe(best)}"), (":", "")
+        for part, (style, label) in zip(parted(volume[i], turned), looks, strict=True):
+            if np.isfinite(part).any():
+                x, y = broken(degrees, part, slope)
                 ax.plot(x, y / scale.size, color=color, linestyle=style, linewidth=1.8, label=label)
         at_contact = results.get("volume_at_contact", 0 * results.volume).values
         # Of a model that never cuts nothing is beside a cut.

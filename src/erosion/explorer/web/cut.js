@@ -34,7 +34,7 @@ export default {
   props: { instant: Number },
   data: (own) => ({
     t: [], x: [], depth: [], phi: [], size: 1, unit: 1, units: "", label: "", bar: null, velocity: null, force: null,
-    energy: null, box: [0, 0, 1, 1],
+    energy: null, names: {}, box: [0, 0, 1, 1],
     fraction: own.instant, playing: false, letters: 0.1,
   }),
   computed: {
@@ -129,7 +129,7 @@ export default {
         });
     },
     shares() {
-      return [["motion", "motion of the centre"], ["turning", "turning"], ["lost", "lost by the body"]].map(([name, words], i) => {
+      return Object.entries(this.names).map(([name, words], i) => {
         const part = Math.max(0, this.mix(this.energy[i], this.fraction));
         return { name, part, text: `${words} ${(100 * part).toFixed(0)} %` };
       });

@@ -99,9 +99,11 @@ export default {
       };
       this.names = { x: taken(option.xAxis), y: taken(option.yAxis) };
       // Four panels have curves of the same names.
-      const drawn = [...new Map(option.series.map((one) => [one.name, one])).values()].filter((one) => one.type !== "bar");
-      this.legend = drawn.map(({ name, type, itemStyle, lineStyle, areaStyle }) => ({
-        name, area: areaStyle?.opacity, hollow: type === "scatter", color: itemStyle.borderColor ?? itemStyle.color,
+      const drawn = [...new Map(option.series.map((one) => [one.legend ?? one.name, one])).values()]
+        .filter((one) => one.type !== "bar").sort((one, other) => Boolean(one.legend) - Boolean(other.legend));
+      this.legend = drawn.map(({ name, legend, type, itemStyle, lineStyle, areaStyle }) => ({
+        name: legend ?? name, area: areaStyle?.opacity, hollow: type === "scatter",
+        color: legend ? "currentColor" : itemStyle.borderColor ?? itemStyle.color,
         dashes: lineStyle?.type === "dashed" ? "6 4" : Array.isArray(lineStyle?.type) ? lineStyle.type.join(" ") : null,
       }));
     },
