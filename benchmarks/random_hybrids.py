@@ -1,12 +1,16 @@
 """Random problems with random events against DOP853: `python -m benchmarks.random_hybrids --structures 60 --lanes 50`.
 
 A structure is one program: a system, a forcing, a switch of the state, one to three events with directions and resets.
-Its lanes differ in their numbers. The reference integrates each lane by scipy's DOP853 (rtol 1e-12, a new start at each
-break in t), samples every event function 20,000 times, and refines zeros by Brent's method. A lane has no sure answer
-where an event function comes near zero without crossing it, or where two events nearly coincide: it is left out.
+Some have doses at given times, two of them at once, a second event that happens together with the first, events that
+go on, a start on an event, or a start at rest. Its lanes differ in their numbers. The reference integrates each lane by
+scipy's DOP853 (rtol 1e-12, a new start at each break in t), samples every event function 20,000 times, and refines
+zeros by Brent's method. A lane has no sure answer where an event function comes near zero without crossing it, or where
+two events nearly coincide by chance: it is left out.
 
 A lane is wrong if `ode.solve` ends it by another event, or at a time or state that differs by more than `--limit`, and
-neither its outcome nor `inexact` says so.
+neither its outcome nor `inexact` says so. `--derivatives` also compares first derivatives with central differences of
+fourth order of values at rtol 1e-12. A lane whose outcome or count of events changes within 2e-3 of its numbers is left
+out there.
 """
 
 import argparse
@@ -38,12 +42,24 @@ SURE = 1e-5
 
 @dataclass
 class Happening:
-    """An event of a structure."""
+    """An event of a structure: its function, or the number that is its time."""
 
-    function: Function
+    function: Function | None
     direction: int
     reset: Reset | None
     kind: str
+    time: str = ""
+    ends: bool = True
+    """Without a reset; else it is recorded, and the motion goes on."""
+
+    def event(self) -> ode.Event:
+        """It, for `ode.solve`."""
+        reset, function = self.reset, self.function
+        after = None if reset is None else lambda t, y, args: reset(y)
+        terminal = None if self.ends else False
+        if function is None:
+            return ode.Event(times=lambda args: args[self.time], reset=after, terminal=terminal)
+        return ode.Event(lambda t, y, args: function(jnp, t, y, args), self.direction, reset=after, terminal=terminal)
 
 
 @dataclass
@@ -60,26 +76,24 @@ class Structure:
     t1: float
     max_events: int | None
     breaks: tuple[str, ...] = ()
+    starts: str = "wait"
+    together: bool = False
+    """Whether the second event happens wherever the first does."""
 
     @property
     def label(self) -> str:
         """What makes it hard."""
         kinds = "+".join(sorted({("reset " if e.reset else "") + e.kind for e in self.events.values()}))
-        return f"{self.system}, {self.forcing}, {self.switch}, {kinds}"
+        more = ", together" * self.together + f", {self.starts}" * (self.starts != "wait")
+        return f"{self.system}, {self.forcing}, {self.switch}, {kinds}{more}"
 
     def problem(self) -> ode.Problem:
         """The structure for `ode.solve`; the start is a function of the numbers."""
         size = len(self.start)
-
-        def event(of: Happening) -> ode.Event:
-            reset = of.reset
-            after = None if reset is None else lambda t, y, args: reset(y)
-            return ode.Event(lambda t, y, args: of.function(jnp, t, y, args), of.direction, reset=after)
-
         return ode.Problem(
             y0=lambda args: [args[f"s{i}"] for i in range(size)],
             vector_field=lambda t, y, args: self.rates(jnp, t, y, args),
-            events={name: event(each) for name, each in self.events.items()},
+            events={name: each.event() for name, each in self.events.items()},
         )
 
 
@@ -182,6 +196,8 @@ def drawn(seed: int) -> Structure:
         return all_rates
 
     ranges = ranges | force_ranges | {"q": (-0.5, 0.5)}
+    if forcing in ("step", "pulse", "ramp") and system in ("oscillator", "pendulum", "duffing") and dice.random() < 0.3:
+        start, switch = ((0.0, 0.0),) * 2, switch + " at rest"  # until the forcing begins, unless the switch moves it
     events: dict[str, Happening] = {}
     chained = bool(dice.random() < 0.4)
     for index in range(int(dice.integers(1, 4))):
@@ -192,10 +208,37 @@ def drawn(seed: int) -> Structure:
         reset = (turned(velocity), lifted(position))[dice.integers(2)] if chained and index == 0 else None
         direction = int(dice.choice([-1, 0, 1]))
         events[f"e{index}"] = Happening(make(i, j, index, speed), direction, reset, make.__name__.replace("_", " "))
-    return Structure(
+    structure = Structure(
         system, forcing, switch, total, start, ranges, events, float(dice.uniform(6.0, 20.0)),
         int(dice.integers(2, 6)) if chained else None, breaks,
     )  # fmt: skip
+    if chained:
+        _add_events(structure, dice, position, velocity)
+    return structure
+
+
+def _add_events(structure: Structure, dice: np.random.Generator, position: int, velocity: int) -> None:
+    """Some of: a second event that happens with the first, one that goes on, doses, a start on the first event."""
+    events, ranges = structure.events, structure.ranges
+    first = events["e0"]
+    if dice.random() < 0.3:
+        # Its reset must leave the first event's function at zero, or it would not happen as well.
+        index, other = (position, velocity) if dice.random() < 0.5 else (velocity, position)
+        factor, direction = float(dice.uniform(0.5, 3.0)), first.direction or -1
+        once = Happening(lambda xp, t, y, p: y[index] - p["l0"], direction, lifted(other), "level")
+        reset = (lifted(other), turned(other))[dice.integers(2)]
+        again = Happening(lambda xp, t, y, p: factor * (y[index] - p["l0"]), direction, reset, "level")
+        rest = {name: each for name, each in events.items() if name != "e0"}
+        structure.together = True
+        events.clear()
+        events.update({"e0": once, "twin": again} | rest)
+    if dice.random() < 0.3 and "e1" in events:
+        events["e1"].ends = False
+    for index in range(int(dice.choice(3, p=[0.5, 0.25, 0.25]))):
+        ranges["d0"] = (0.5, structure.t1 - 0.5)
+        events[f"dose{index}"] = Happening(None, 0, lifted((position, velocity)[index]), "dose", time="d0", ends=False)
+    if dice.random() < 0.25 and events["e0"].direction and not structure.together:
+        structure.starts = "fire"
 
 
 def numbers_of(structure: Structure, count: int, seed: int) -> dict[str, np.ndarray]:
@@ -245,19 +288,46 @@ def grazes(row: np.ndarray, until: int) -> bool:
 def reference(structure: Structure, p: Mapping[str, float]) -> Truth:
     """A lane by DOP853."""
     names, events = list(structure.events), list(structure.events.values())
-    t, y, count = 0.0, np.array([p[f"s{i}"] for i in range(len(structure.start))]), 0
+    most = structure.max_events or math.inf
+    t, y, count, sure = 0.0, np.array([p[f"s{i}"] for i in range(len(structure.start))]), 0, True
     breaks = sorted({p["b1"] if each == "b1" else p["b1"] + p["d"] for each in structure.breaks})
-    sure = True
+    at_start = [
+        index for index, each in enumerate(events)
+        if each.function is not None and each.direction and each.direction * each.function(np, t, y, p) >= 0.0
+    ]  # fmt: skip
+    happens = at_start if structure.starts == "fire" else []
     while True:
+        before = y
+        for index in happens:
+            count += 1
+            # At the start the reset of one event may take another back.
+            sure &= t > 0.0 or events[index].direction * events[index].function(np, t, y, p) >= 0.0
+            reset = events[index].reset
+            if (reset is None and events[index].ends) or count == most:
+                return Truth(names[index], t, y, sure)
+            y = y if reset is None else np.array([float(each) for each in reset(y)])
+        # A reset that takes another function across zero may fire that event at once.
+        sides = [
+            [each.function(np, t, state, p) for state in (before, y)]
+            for index, each in enumerate(events)
+            if each.function is not None and index not in happens
+        ]
+        sure &= not happens or all(one * other > 0 or one == other for one, other in sides)
         times, values, pieces, begin, state = [], [], [], t, y
-        for end in [*(each for each in breaks if t < each < structure.t1), structure.t1]:
+        doses = sorted(p[each.time] for each in events if each.time and p[each.time] > t)
+        until = doses[0] if doses else structure.t1
+        for end in [*(each for each in breaks if t < each < until), until]:
             made = piece(structure, p, begin, end, state)
             if not made.success or not np.abs(made.y).max() < 1e6:
                 return Truth("none", math.nan, y, sure=False)
             samples = np.linspace(begin, end, max(int(SAMPLES * (end - begin) / structure.t1), 200))
             rows = made.sol(samples)
             times.append(samples)
-            values.append([np.broadcast_to(each.function(np, samples, rows, p), samples.shape) for each in events])
+            values.append([
+                np.ones(samples.shape) if each.function is None
+                else np.broadcast_to(each.function(np, samples, rows, p), samples.shape)
+                for each in events
+            ])  # fmt: skip
             pieces.append((end, made.sol))
             begin, state = end, made.y[:, -1]
         time, sampled = np.concatenate(times), np.concatenate(values, 1)
@@ -265,8 +335,10 @@ def reference(structure: Structure, p: Mapping[str, float]) -> Truth:
         def at(now: float, pieces: Any = pieces) -> np.ndarray:
             return next(sol for end, sol in pieces if now <= end)(now)
 
-        found: list[tuple[float, int]] = []
+        found = [(until, index) for index, each in enumerate(events) if each.time and p[each.time] == until]
         for index, event in enumerate(events):
+            if event.function is None:
+                continue
             crossing = falls(sampled[index], event.direction)
             sure &= not grazes(sampled[index], int(crossing[0]) if crossing.size else time.size)
             if crossing.size:
@@ -277,17 +349,52 @@ def reference(structure: Structure, p: Mapping[str, float]) -> Truth:
                 found.append((zero, index))
         if not found:
             return Truth("t1", structure.t1, state, sure)
-        (t, which), *others = sorted(found)
-        sure &= all(abs(t - each) > 1e-6 for each in [*(other for other, _ in others), structure.t1, *breaks])
-        y, count = at(t), count + 1
-        reset = events[which].reset
-        if reset is None or count == structure.max_events:
-            return Truth(names[which], t, y, sure)
-        after = np.array([float(each) for each in reset(y)])
-        # A reset that takes another function across zero may fire that event at once.
-        sides = [[each.function(np, t, state, p) for state in (y, after)] for each in events]
-        sure &= all(one * other > 0 for n, (one, other) in enumerate(sides) if n != which)
-        y = after
+        t = min(found)[0]
+        happens = sorted(index for each, index in found if each - t <= 1e-11)
+        pair = [n for n in happens if names[n] in ("e0", "twin")] if structure.together else []
+        allowed = pair if len(pair) == 2 else [n for n in happens if events[n].time]
+        sure &= happens == allowed or len(happens) == 1
+        sure &= all(
+            abs(t - each) > 1e-6 for each in [*(other for other, n in found if n not in happens), structure.t1, *breaks]
+        )
+        y = at(t)
+
+
+def checked_derivatives(
+    structure: Structure, numbers: dict[str, np.ndarray], options: dict[str, Any], end: ode.Solution
+) -> collections.Counter[str]:
+    """How many first derivatives of time and state agree with differences of values."""
+    totals: collections.Counter[str] = collections.Counter()
+    lanes, problem = next(iter(numbers.values())).size, structure.problem()
+    names = ["s0", *(each for each in ("d0", "b1", "l0", "A", "w", "c") if each in numbers)][:4]
+    along = ode.solve(problem, numbers, wrt=tuple(names), **options)
+    said = np.broadcast_to(along.inexact, lanes)
+    # Where two steps give unlike differences the lane has a kink nearby, or bends too much for them.
+    steps = np.array([1e-3, 2e-4])[:, None, None]
+    for name in names:
+        places = np.array([-2.0, -1.0, 1.0, 2.0])[:, None] * steps
+        shape = (2, 4, lanes)
+        moved = {key: np.broadcast_to(each, shape) for key, each in numbers.items()} | {name: numbers[name] + places}
+        stencil = ode.solve(problem, moved, rtol=1e-12, **options)
+        outcomes = np.asarray(end.ended_by, str)
+        same = (np.asarray(stencil.ended_by, str) == outcomes).all((0, 1))
+        same &= (np.broadcast_to(stencil.count, shape) == end.count).all((0, 1))
+        same &= ~np.isin(outcomes, ("failed", "unfinished", "start"))
+        given = along.along(name)
+        for got, value in zip([given.t, *given.y], [stencil.t, *stencil.y], strict=True):
+            values = np.broadcast_to(value, shape)
+            wide, near = (np.array([1.0, -8.0, 8.0, -1.0])[:, None] * values / (12 * steps)).sum(1)
+            size = 1.0 + np.abs(near)
+            known = same & np.isfinite(near) & (np.abs(wide - near) < 1e-6 * size)
+            missing = known & np.isnan(got)
+            wrong = known & (np.abs(got - near) > 1e-5 * size)
+            totals["derivatives right"] += int((known & ~missing & ~wrong).sum())
+            totals["derivatives NaN"] += int(missing.sum())
+            totals["derivatives inexact"] += int((wrong & said).sum())
+            totals["derivatives wrong"] += int((wrong & ~said).sum())
+            for lane in np.flatnonzero(wrong & ~said):
+                print(f"lane {lane}, by {name}: {np.broadcast_to(got, lanes)[lane]} for {near[lane]}", flush=True)
+    return totals
 
 
 def main() -> None:
@@ -298,19 +405,25 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--limit", type=float, default=1e-6)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--derivatives", action="store_true")
     asked = parser.parse_args()
     totals: collections.Counter[str] = collections.Counter()
     rows = []
     for seed in range(asked.seed, asked.seed + asked.structures):
         structure = drawn(seed)
         numbers = numbers_of(structure, asked.lanes, seed)
-        more = {} if structure.max_events is None else {"max_events": structure.max_events}
+        options = {"t1": structure.t1, "max_events": structure.max_events, "start": structure.starts}
         try:
-            end = ode.solve(structure.problem(), numbers, t1=structure.t1, **more)
+            end = ode.solve(structure.problem(), numbers, **options)
         except ValueError as error:
             totals["refused"] += asked.lanes
             print(f"{seed:5} {structure.label}: refused: {error}", flush=True)
             continue
+        if asked.derivatives:
+            derivatives = checked_derivatives(structure, numbers, options, end)
+            totals += derivatives
+            if derivatives["derivatives wrong"]:
+                print(f"{seed:5} {structure.label}: {dict(derivatives)}", flush=True)
         outcomes = np.broadcast_to(np.asarray(end.ended_by, str), asked.lanes)
         states = np.stack([np.broadcast_to(np.asarray(each), asked.lanes) for each in end.y])
         wrong = []
