@@ -34,8 +34,8 @@ def test_volumes_and_all_their_derivatives_are_those_of_the_closed_form():
     hits = erosion.impact(model, P_RANDOM, derivatives=2, wrt=NAMES, rtol=1e-12)
     numbers = (ALPHA, P_RANDOM.k, P_RANDOM.v0, ENERGY, THRESHOLD)
     every = tuple(range(5))
-    volume = jax.vmap(removed)(*numbers)
-    slopes, curves = (jax.vmap(derivative(removed, every))(*numbers) for derivative in (jax.grad, hessian))
+    of_lanes = jax.vmap(lambda *lane: (removed(*lane), jax.grad(removed, every)(*lane), hessian(removed, every)(*lane)))
+    volume, slopes, curves = jax.jit(of_lanes)(*numbers)
     np.testing.assert_allclose(hits.volume, volume, rtol=1e-10)
     # Each derivative in units of the volume and of its parameters' sizes: a mixed one may be zero.
     sizes = np.stack(np.broadcast_arrays(np.ones(CASES), *numbers[1:4], P_RANDOM.v0))

@@ -34,11 +34,16 @@ def impact(args: dict[str, Any], n: int) -> tuple[Any, Any, Any]:
     return sum(times), -speeds[-1], sum(speed**2 * time / 3 for speed, time in zip(speeds, times, strict=True))
 
 
+def with_derivatives(exact: Any, args: Any) -> Any:
+    """A function's value, its Jacobian and its Hessian."""
+    return jax.jit(lambda args: (exact(args), jax.jacfwd(exact)(args), jax.hessian(exact)(args)))(args)
+
+
 def agrees(end: ode.Solution, given: Any, exact: Any, args: dict[str, Any]) -> None:
     """Compare what `given` takes of an end and its derivatives with a function of the arguments and its own."""
     names = end.wrt
-    slopes, curves = jax.jacfwd(exact)(args), jax.hessian(exact)(args)
-    np.testing.assert_allclose(given(end), exact(args), rtol=1e-9, atol=1e-11)
+    value, slopes, curves = with_derivatives(exact, args)
+    np.testing.assert_allclose(given(end), value, rtol=1e-9, atol=1e-11)
     for one in names:
         np.testing.assert_allclose(given(end.along(one)), slopes[one], rtol=1e-8, atol=1e-9)
         for other in names:
@@ -78,8 +83,8 @@ def test_the_events_of_a_chain_have_derivatives():
     for i, n in [(0, 0), (0, 1), (1, 3), (1, 6)]:
         exact = lambda args, n=n: jnp.stack([args["t0"], 0.0, 0.0]) + jnp.stack(impact(args, n + 1))  # noqa: E731
         own = args | {"h": args["h"][i], "t0": 1.0}
-        slopes, curves = jax.jacfwd(exact)(own), jax.hessian(exact)(own)
-        np.testing.assert_allclose(given(end.events, i, n), exact(own), rtol=1e-9)
+        value, slopes, curves = with_derivatives(exact, own)
+        np.testing.assert_allclose(given(end.events, i, n), value, rtol=1e-9)
         for one in end.wrt:
             np.testing.assert_allclose(given(end.events.along(one), i, n), slopes[one], rtol=1e-8, atol=1e-9)
             for other in end.wrt:

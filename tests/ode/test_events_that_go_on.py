@@ -35,6 +35,9 @@ def amount(args: Any, t: float = 6.0, counts: Any = COUNTS) -> Any:
     return sum(dose * jnp.exp(-args["k"] * (t - at)) for at, dose in given)
 
 
+slopes_of_amount = jax.jit(jax.grad(amount), static_argnames="counts")
+
+
 def alike(found: Any, exact: Any, rtol: float = 1e-9) -> None:
     for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(exact), strict=True):
         np.testing.assert_allclose(one, other, rtol=rtol, atol=1e-11)
@@ -44,34 +47,37 @@ def alike(found: Any, exact: Any, rtol: float = 1e-9) -> None:
 def test_doses_from_a_table(method):
     end = solved(DOSES, wrt="k", method=method)
     alike(end.y["c"], amount(DOSES))
-    alike(end.along("k").y["c"], jax.grad(amount)(DOSES)["k"], 1e-7)
-    alike(end.gradient(y={"c": 1.0}), jax.grad(amount)(DOSES), 1e-7)
+    slopes = slopes_of_amount(DOSES)
+    alike(end.along("k").y["c"], slopes["k"], 1e-7)
+    alike(end.gradient(y={"c": 1.0}), slopes, 1e-7)
     np.testing.assert_allclose(end.events.t, [1.0, 2.5, 4.0], rtol=1e-12)
     assert list(end.events.name) == ["dose"] * 3
 
 
 def test_doses_have_derivatives_by_times_in_jax():
-    args = jax.tree.map(jnp.asarray, DOSES)
     end = lambda args: solved(args).y["c"]  # noqa: E731
-    alike(jax.jacfwd(end)(args), jax.grad(amount)(args))
-    alike(jax.grad(end)(args), jax.grad(amount)(args))
-    both = lambda at: args | {"times": args["times"].at[2].set(at), "k": 0.1 + 0.2 * at}  # noqa: E731
-    alike(jax.hessian(lambda at: end(both(at)))(1.0), jax.hessian(lambda at: amount(both(at)))(1.0), 1e-7)
+    forwards, backwards = jax.jit(lambda args: (jax.jacfwd(end)(args), jax.grad(end)(args)))(DOSES)
+    alike([forwards, backwards], [slopes_of_amount(DOSES)] * 2)
+
+    def both(at):
+        return DOSES | {"times": jnp.asarray(DOSES["times"]).at[2].set(at), "k": 0.1 + 0.2 * at}
+
+    found, exact = jax.jit(lambda at: [jax.hessian(lambda at, of=of: of(both(at)))(at) for of in (end, amount)])(1.0)
+    alike(found, exact, 1e-7)
 
 
 def test_equal_times_count_in_their_order_and_one_at_the_start_counts():
     """Assignments in place of additions: the last of equal times is what remains."""
     args = DOSES | {"times": np.array([2.0, 0.0, 2.0, 0.0, 2.0])}
-    every = functools.partial(amount, counts=range(5))
-    end = solved(args, wrt=("k", "t0"))
-    alike(end.y["c"], every(args))
+    end, exact = solved(args, wrt=("k", "t0")), slopes_of_amount(args, counts=tuple(range(5)))
+    alike(end.y["c"], amount(args, counts=range(5)))
     assert end.count == 5
     np.testing.assert_allclose(end.events.t, [0, 0, 2, 2, 2], atol=1e-15)
-    alike(end.along("k").y["c"], jax.grad(every)(args)["k"])
+    alike(end.along("k").y["c"], exact["k"])
     assert np.isnan(end.along("t0").y["c"])  # a moment later two doses are left out
     slopes = end.gradient(y={"c": 1.0})
     np.testing.assert_array_equal(np.isnan(slopes["times"]), args["times"] == 0)
-    alike(slopes["times"][::2], jax.grad(every)(args)["times"][::2])
+    alike(slopes["times"][::2], exact["times"][::2])
     last = ode.Problem(
         {"c": 0.0}, decay, {"set": ode.Event(times=[2.0, 1.0, 2.0], reset=lambda t, y, args, index: {"c": 1.0 + index})}
     )
@@ -82,7 +88,7 @@ def test_doses_are_taken_back_in_time():
     taken = ode.Event(times=[1.0, 4.0], reset=lambda t, y, args, index: {"c": y["c"] - 10.0 * t - index})
     end = ode.solve(ode.Problem({"c": 200.0}, decay, {"dose": taken}), {"k": 0.3}, t0=5.0, t1=0.0, wrt="k")
     exact = lambda k: (200.0 * jnp.exp(k) - 41.0) * jnp.exp(4 * k) - 10 * jnp.exp(k)  # noqa: E731
-    alike([end.y["c"], end.along("k").y["c"]], [exact(0.3), jax.grad(exact)(0.3)])
+    alike([end.y["c"], end.along("k").y["c"]], jax.jit(jax.value_and_grad(exact))(0.3))
     np.testing.assert_allclose(end.events.t, [4.0, 1.0], rtol=1e-12)
 
 
@@ -103,10 +109,10 @@ def test_times_may_differ_from_lane_to_lane_and_the_third_may_end_the_motion():
 
     assert list(end.ended_by) == ["dose"] * 3
     alike(end.t, args["a"] + 4.0)
+    every = jax.jit(lambda own: (exact(own), jax.grad(exact)(own), jax.hessian(exact)(own)))
     for i, a in enumerate(args["a"]):
-        own = args | {"a": a}
-        slopes, curves = jax.grad(exact)(own), jax.hessian(exact)(own)
-        alike(end.y["c"][i], exact(own))
+        value, slopes, curves = every(args | {"a": a})
+        alike(end.y["c"][i], value)
         for one in end.wrt:
             alike(end.along(one).y["c"][i], slopes[one])
             for other in end.wrt:
@@ -227,7 +233,7 @@ def doses(times: Any, t0: float, t1: float) -> None:
 
 @pytest.mark.parametrize("t0", [0.3, 0.6, 0.7, 1.2, 1.4])
 def test_the_first_dose_may_be_an_ulp_behind_the_start(t0):
-    doses(np.arange(100) * 0.1, t0, 20.0)
+    doses(np.arange(201) * 0.1, t0, 30.0)
     doses(np.array([0.1 * 3, 1.0, 2.0]), t0, 20.0)
 
 
@@ -261,13 +267,14 @@ def test_doses_of_two_schedules_that_round_differently():
 
 @pytest.mark.parametrize("at", [0.0, 1.0])
 def test_many_doses_may_have_one_time(at):
-    doses(np.full(250, at), 0.0, 2.0)
+    doses(np.full(201, at), 0.0, 2.0)
 
 
 @pytest.mark.parametrize("gap", [1e-13, 1e-9])
 def test_doses_close_together_have_derivatives_of_their_own(gap):
     args = DOSES | {"times": np.array([gap, -1.0, 1.0, 1.0 + gap, 1e9])}
     end = solved(args, wrt=("k", "t0"))
-    alike([end.y["c"], end.along("k").y["c"]], [amount(args), jax.grad(amount)(args)["k"]])
+    slopes = slopes_of_amount(args)
+    alike([end.y["c"], end.along("k").y["c"]], [amount(args), slopes["k"]])
     alike(end.along("t0").y["c"], 0.3 * np.exp(-0.3 * 6.0))
-    alike(end.gradient(y={"c": 1.0}), jax.grad(amount)(args), 1e-7)
+    alike(end.gradient(y={"c": 1.0}), slopes, 1e-7)

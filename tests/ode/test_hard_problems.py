@@ -117,7 +117,7 @@ def test_events_at_once_have_a_gradient():
 
 
 def test_jax_knows_the_derivatives_of_events_at_once():
-    found = jax.jacfwd(lambda args: ode.solve(TWO_DOSES, args, t1=2.0).y)({"ta": 1.0, "tb": 1.0})
+    found = jax.jit(jax.jacfwd(lambda args: ode.solve(TWO_DOSES, args, t1=2.0).y))({"ta": 1.0, "tb": 1.0})
     np.testing.assert_allclose([found["u"]["ta"], found["w"]["tb"]], np.exp(-1), **CLOSE)
     np.testing.assert_allclose([found["u"]["tb"], found["w"]["ta"]], 0.0, **CLOSE)
 
@@ -844,7 +844,7 @@ def test_one_rule_says_which_time_is_the_end(late):
     """A state is a number where it has derivatives, forwards and backwards, and NaN where it has none."""
     ts = np.array([1.0 + late])
     end = ode.solve(DECAY, {"k": 2.0}, t1=1.0, ts=ts)
-    slope = jax.grad(lambda k: jnp.nansum(ode.solve(DECAY, {"k": k}, t1=1.0, ts=ts).ys["u"]))(2.0)
+    slope = jax.jit(jax.grad(lambda k: jnp.nansum(ode.solve(DECAY, {"k": k}, t1=1.0, ts=ts).ys["u"])))(2.0)
     exact = np.where(np.isnan(end.ys["u"][0]), 0.0, -np.exp(-2))
     np.testing.assert_allclose([slope, end.gradient(ys={"u": 1.0})["k"]], exact, rtol=1e-7)
 
@@ -884,9 +884,8 @@ def test_derivatives_of_a_motion_back_in_time():
     names = ("k", "t0", "t1")
     end = ode.solve(FORCED, {"k": K}, t0=T0, t1=T1, wrt=names, derivatives=2, ts=[1.0, 0.0, -0.7], rtol=1e-11)
     of = lambda k, t0, t1: forced(t1, k, t0)  # noqa: E731
-    slopes = np.array(jax.grad(of, (0, 1, 2))(K, T0, T1))
-    curves = np.array(jax.hessian(of, (0, 1, 2))(K, T0, T1))
-    at = np.array([*jax.grad(lambda k, t0: forced(0.0, k, t0), (0, 1))(K, T0), 0.0])
+    slopes, curves = (np.array(jax.jit(each(of, (0, 1, 2)))(K, T0, T1)) for each in (jax.grad, jax.hessian))
+    at = np.array([*jax.jit(jax.grad(lambda k, t0: forced(0.0, k, t0), (0, 1)))(K, T0), 0.0])
     for i, name in enumerate(names):
         assert end.along(name).y["u"] == pytest.approx(slopes[i], rel=1e-8)
         assert end.along(name).t == (name == "t1")
@@ -906,11 +905,11 @@ def test_derivatives_of_a_motion_back_in_time():
 @pytest.mark.parametrize(("t1", "ts"), [(T1, [1.0, 2.0, 0.0]), (4.0, [1.0, 2.0, 0.0]), (4.0, [1.0, 0.0])])
 def test_gradients_at_times_on_both_sides_of_the_start(t1, ts):
     ts = np.array(ts)
-    exact = float(jax.grad(lambda k: jnp.sum(forced(ts, k) ** 2))(K))
+    exact = float(jax.jit(jax.grad(lambda k: jnp.sum(forced(ts, k) ** 2)))(K))
     end = ode.solve(FORCED, {"k": K}, t0=T0, t1=t1, ts=ts)
     assert end.gradient(ys={"u": 2 * end.ys["u"]})["k"] == pytest.approx(exact, rel=1e-7)
-    inside = jax.grad(lambda k: jnp.sum(ode.solve(FORCED, {"k": k}, t0=T0, t1=t1, ts=ts).ys["u"] ** 2))(K)
-    assert float(inside) == pytest.approx(exact, rel=1e-7)
+    inside = jax.grad(lambda k: jnp.sum(ode.solve(FORCED, {"k": k}, t0=T0, t1=t1, ts=ts).ys["u"] ** 2))
+    assert float(jax.jit(inside)(K)) == pytest.approx(exact, rel=1e-7)
 
 
 def test_a_dataset_of_a_motion_back_in_time_has_arguments_as_they_are():

@@ -90,8 +90,8 @@ def test_vmap_nested_vmap_and_their_derivatives():
         return jax.vmap(jax.vmap(functools.partial(of, f), (None, 0)), (0, None))(heights, speeds)
 
     both = jax.value_and_grad(end_of)
-    times, slopes = jax.jit(lambda: over(both))()
-    close((times, slopes), over(jax.value_and_grad(lands)))
+    (times, slopes), exact = jax.jit(lambda: (over(both), over(jax.value_and_grad(lands))))()
+    close((times, slopes), exact)
     each = jax.jit(both)
     alone = [[each(ARGS | {"h": float(h), "v": float(v)}) for v in speeds] for h in heights]
     np.testing.assert_array_equal(times, [[time for time, _ in row] for row in alone])
@@ -109,15 +109,17 @@ def test_loops_and_checkpoints():
         exact = lands(ARGS | {"h": h})
         close(time, exact)
         h = h + exact
-    slope = jax.grad(lambda h: lax.scan(step, h, None, length=3)[0])(1.0)
 
     def composed(h):
         for _ in range(3):
             h = h + lands(ARGS | {"h": h})
         return h
 
-    close(slope, jax.grad(composed)(1.0))
-    close(jax.grad(jax.checkpoint(end_of))(ARGS), jax.grad(lands)(ARGS))
+    looped = lambda h: lax.scan(step, h, None, length=3)[0]  # noqa: E731
+    slope, exact = jax.jit(lambda h: (jax.grad(looped)(h), jax.grad(composed)(h)))(1.0)
+    close(slope, exact)
+    slopes, exact = jax.jit(lambda args: (jax.grad(jax.checkpoint(end_of))(args), jax.grad(lands)(args)))(ARGS)
+    close(slopes, exact)
     grown = jax.jit(lambda: lax.while_loop(lambda h: h < 3.0, lambda h: step(h, None)[0], 1.0))()
     assert 3 <= grown < 5
     assert float(last) == pytest.approx(float(composed(1.0)))
@@ -144,21 +146,25 @@ def test_the_events_on_the_way_can_be_traced():
         return jnp.cumsum(jnp.stack(times))
 
     t, v, event, at_once = jax.jit(events)(args)
-    close(t[:3], exact(args))
+    close(t[:3], jax.jit(exact)(args))
     np.testing.assert_array_equal(np.isnan([t, v]), [[False] * 3 + [True] * 2] * 2)
     np.testing.assert_array_equal(event, [0] * 3 + [-1] * 2)
     np.testing.assert_array_equal(at_once, event == 0)
     of_two = jax.vmap(lambda g: events(args | {"g": g})[0])(jnp.array([9.81, 12.0]))
     np.testing.assert_array_equal(of_two[0], t)
-    slopes = jax.jit(jax.jacfwd(lambda args: events(args)[0]))(args)
-    close(jax.tree.map(lambda slope: slope[:3], slopes), jax.jacfwd(exact)(args))
-    loss = lambda args, times: jnp.nansum(times(args) ** 2)  # noqa: E731
-    of_e = lambda times: jax.grad(jax.grad(lambda e: loss(args | {"e": e}, times)))(0.8)  # noqa: E731
-    close(of_e(lambda args: events(args)[0]), of_e(exact), 1e-7)
-    slopes = jax.grad(functools.partial(loss, times=lambda args: events(args)[0]))(args)
-    close(slopes, jax.grad(functools.partial(loss, times=exact))(args))
-    first = jax.jit(jax.value_and_grad(lambda g: ode.solve(BALL, ARGS | {"g": g}, t1=9.0).events.t[0]))
-    close(first(9.81), jax.value_and_grad(lambda g: lands(ARGS | {"g": g}))(9.81))
+
+    def derivatives(times: Any, args: Any) -> Any:
+        loss = lambda args: jnp.nansum(times(args) ** 2)  # noqa: E731
+        curve = jax.grad(jax.grad(lambda e: loss(args | {"e": e})))(args["e"])
+        return jax.tree.map(lambda slope: slope[:3], jax.jacfwd(times)(args)), jax.grad(loss)(args), curve
+
+    found, expected = jax.jit(lambda args: (derivatives(lambda args: events(args)[0], args), derivatives(exact, args)))(
+        args
+    )
+    close(found, expected, 1e-7)
+    first = lambda args: ode.solve(BALL, args, t1=9.0).events.t[0]  # noqa: E731
+    found, expected = jax.jit(lambda args: (jax.value_and_grad(first)(args), jax.value_and_grad(lands)(args)))(ARGS)
+    close(found, expected)
 
 
 def test_shared_arrays_and_functions_in_jax():
@@ -184,7 +190,7 @@ def test_lanes_that_fail_are_nan():
     np.testing.assert_array_equal(np.isnan(slope), [False, True])
 
 
-@pytest.mark.parametrize("names", [["g"], ["g", "v"], ["g", "v", "h"]])
+@pytest.mark.parametrize("names", [["g"], ["g", "v", "h"]])
 def test_lanes_that_a_loss_leaves_out_do_not_spoil_its_derivatives(names):
     speeds, known = np.array([1.0, np.nan, 2.0]), np.array([1.0, 2.0])
 
@@ -192,16 +198,16 @@ def test_lanes_that_a_loss_leaves_out_do_not_spoil_its_derivatives(names):
         t = jax.vmap(lambda speed: of(ARGS | some | {"v": some.get("v", 0.0) + speed}))(speeds)
         return jnp.sum(jnp.where(jnp.isfinite(t), t, 0.0))
 
+    def derivatives(f, some):
+        return [
+            transform(f)(some) for transform in (jax.grad, jax.jacfwd, jax.hessian, lambda f: jax.jacrev(jax.grad(f)))
+        ]
+
     some = {name: ARGS[name] for name in names}
-    expected = functools.partial(loss, of=lands, speeds=known)
-    for transform in (
-        jax.grad,
-        lambda f: jax.jit(jax.grad(f)),
-        jax.jacfwd,
-        jax.hessian,
-        lambda f: jax.jacrev(jax.grad(f)),
-    ):
-        close(transform(loss)(some), transform(expected)(some), 1e-7)
+    found, expected = jax.jit(
+        lambda some: (derivatives(loss, some), derivatives(functools.partial(loss, of=lands, speeds=known), some))
+    )(some)
+    close(found, expected, 1e-7)
 
 
 def test_states_at_times_that_a_loss_leaves_out_do_not_spoil_its_derivatives():
@@ -214,9 +220,13 @@ def test_states_at_times_that_a_loss_leaves_out_do_not_spoil_its_derivatives():
     def exact(args, ts):
         return jnp.sum(1.5 + args["v"] * ts - args["g"] * ts**2 / 2)
 
-    ts = jnp.array([0.1, 0.3])
-    close(jax.grad(loss, (0, 1))(ARGS, ts), jax.grad(exact, (0, 1))(ARGS | {"h": 0.0}, ts))
-    close(jax.hessian(loss, 1)(ARGS, ts), jax.hessian(exact, 1)(ARGS, ts))
+    def derivatives(f, args, ts):
+        return jax.grad(f, (0, 1))(args, ts), jax.hessian(f, 1)(args, ts)
+
+    found, expected = jax.jit(lambda args, ts: (derivatives(loss, args, ts), derivatives(exact, args, ts)))(
+        ARGS | {"h": 0.0}, jnp.array([0.1, 0.3])
+    )
+    close(found, expected)
 
 
 def test_second_derivatives_through_a_scan():
@@ -224,7 +234,8 @@ def test_second_derivatives_through_a_scan():
         return lax.scan(lambda h, _: (h + step(ARGS | {"h": h}), None), height, None, length=3)[0]
 
     for second in (jax.hessian, lambda f: jax.jacrev(jax.grad(f))):
-        close(second(lambda h: last(h, end_of))(1.0), second(lambda h: last(h, lands))(1.0), 1e-7)
+        found, exact = (jax.jit(second(functools.partial(last, step=step)))(1.0) for step in (end_of, lands))
+        close(found, exact, 1e-7)
 
 
 def test_inexact_lanes_are_told_within_jit():

@@ -73,7 +73,7 @@ def derivatives(function: Any, *names: str) -> Derivatives:
 
     zero = {"v0": np.zeros(()), "k": np.zeros(())}
     first, other = along(scaled, names[0]), along(scaled, names[-1])
-    return Derivatives(scaled(zero), first(zero), other(zero), along(first, names[-1])(zero))
+    return Derivatives(*jax.jit(lambda at: (scaled(at), first(at), other(at), along(first, names[-1])(at)))(zero))
 
 
 def members(order: int, all_four: Derivatives, names: tuple[str, ...]) -> tuple[Any, ...]:
