@@ -114,7 +114,7 @@ def calibrated(model: str, sets: int, *, known: bool, seed: int = 0) -> Ranks:
         p = dataclasses.replace(erosion.TABLE_1, alpha=np.deg2rad(degrees), **{name: truth[name] for name in free})
         volume = erosion.impact(model, p).volume
         error = np.full(ROWS, ERROR) if known else np.hypot(truth["noise"], truth["relative_noise"] * volume)
-        data = {"angle [deg]": degrees, "volume [in^3]": volume + error * rng.standard_normal(ROWS)}
+        data = {"angle [deg]": degrees, "volume [in^3/impact]": volume + error * rng.standard_normal(ROWS)}
         data |= {"uncertainty [in^3]": error} if known else {}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", erosion.ConvergenceWarning)  # R̂ of 125 draws passes 1.01 by chance
@@ -143,7 +143,7 @@ def calibrated_discrepancy(sets: int, *, known: bool, seed: int = 0) -> Ranks:
         missing = np.linalg.cholesky(covariance(truth, np.deg2rad(degrees), speeds)) @ rng.standard_normal(len(mean))
         error = np.full(len(mean), SMALL) if known else np.hypot(truth["noise"], truth["relative_noise"] * mean)
         volume = mean * (1 + missing) + error * rng.standard_normal(len(mean))
-        data = {"angle [deg]": degrees, "speed [m/s]": speeds, "volume [m^3]": volume}
+        data = {"angle [deg]": degrees, "speed [m/s]": speeds, "volume [m^3/impact]": volume}
         data |= {"uncertainty [m^3]": error} if known else {}
         priors = {name: law for name, law in laws.items() if name not in discrepancy.PRIORS}
         problem = FitProblem(MISSING, case, data, [*OF_MISSING], priors=priors)
@@ -279,7 +279,7 @@ def fitted(model: str, sets: int) -> dict[str, np.ndarray]:
         degrees = DEGREES + random.uniform(-STEP / 2, STEP / 2, DEGREES.size)
         exact = np.asarray(erosion.impact(model, truth.replace(alpha=np.deg2rad(degrees))).volume)
         error = np.full(degrees.size, NOISE * exact.max())
-        data = {"angle [deg]": degrees, "volume [in^3]": exact + error * random.standard_normal(degrees.size)}
+        data = {"angle [deg]": degrees, "volume [in^3/impact]": exact + error * random.standard_normal(degrees.size)}
         intervals = calibrate(FitProblem(model, guess, data | {"uncertainty [in^3]": error}, FITTED[model])).intervals()
         for name, (low, high) in intervals.items():
             held[name][seed] = low <= float(getattr(truth, name)) <= high
@@ -392,7 +392,7 @@ def _noisy(
     """A fit to what its model removes, as another power of the speed, with a scatter of 10 %."""
     volume = erosion.impact(MISSING, CASE.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
     volume = volume * (speeds / 60.0) ** (exponent - 2) * (1 + 0.1 * rng.standard_normal(speeds.size))
-    table = {"angle [deg]": degrees, "speed [m/s]": speeds, "volume [m^3]": volume}
+    table = {"angle [deg]": degrees, "speed [m/s]": speeds, "volume [m^3/impact]": volume}
     return calibrate(FitProblem(MISSING, CASE, table, free), starts=4)
 
 

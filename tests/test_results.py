@@ -40,7 +40,7 @@ def data() -> dict[str, np.ndarray]:
     volume = np.asarray(erosion.impact("linearized", P.replace(alpha=np.deg2rad(degrees))).volume)
     error = 0.05 * volume.max()
     measured = volume + error * np.random.default_rng(1).standard_normal(6)
-    return {"angle [deg]": degrees, "volume [in^3]": measured, "uncertainty [in^3]": np.full(6, error)}
+    return {"angle [deg]": degrees, "volume [in^3/impact]": measured, "uncertainty [in^3]": np.full(6, error)}
 
 
 @functools.cache

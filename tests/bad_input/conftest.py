@@ -10,7 +10,8 @@ import pytest
 import erosion
 
 CASE = erosion.dump_case(erosion.TABLE_1)
-TABLE = "angle [deg], volume [in^3], uncertainty [in^3]\n10,1e-4,1e-6\n20,1.8e-4,1e-6\n30,2.1e-4,1e-6\n60,1.1e-4,1e-6\n"
+TABLE = "angle [deg], volume [in^3/impact], uncertainty [in^3]\n"
+TABLE += "10,1e-4,1e-6\n20,1.8e-4,1e-6\n30,2.1e-4,1e-6\n60,1.1e-4,1e-6\n"
 ALL_BYTES = bytes(range(256))
 
 
@@ -41,7 +42,7 @@ def workshop(tmp_path_factory) -> Path:
     (folder / "jet.svg.toml").write_text(CASE + '[stream]\nv0 = "samples(jet.svg)"\n')
     (folder / "sand.csv").write_text(TABLE)
     (folder / "bad.csv").write_text("angle [deg], erosion [-]\n20,1\n95,2\n")
-    (folder / "weights.csv").write_text("angle [deg], mass_loss [mg]\n20,1\n30,2\n40,3\n")
+    (folder / "weights.csv").write_text("angle [deg], mass_loss [mg/impact]\n20,1\n30,2\n40,3\n")
     (folder / "mute.py").write_text('"""A file without a model."""\n')
     shutil.copy(Path(__file__).parents[2] / "models" / "coulomb_tip.py", folder / "friction.py")
     (folder / "raises.py").write_text("raise SystemExit(3)\n")

@@ -255,7 +255,7 @@ def test_every_door_refuses_them(text: str, written: Written, shell: Shell) -> N
 @pytest.mark.parametrize("head", [" " * 20_000 + "[", "angle" + " " * 20_000 + "]", "[" * 20_000])
 def test_a_long_head_of_a_column_is_refused_at_once(head: str, written: Written) -> None:
     with pytest.raises(erosion.MeasurementError, match="has no column `angle") as caught:
-        erosion.read_measurements({head: [1.0], "volume [mm^3]": [1.0]}, "si")
+        erosion.read_measurements({head: [1.0], "volume [mm^3/impact]": [1.0]}, "si")
     assert len(str(caught.value)) < 300
     file = written("jet.csv", f"{head}\n1\n")
     with pytest.raises(ValueError, match="must name a table with a column `v0`") as said:
@@ -324,7 +324,7 @@ def test_unit_systems_are_understood_in_capitals(written: Written, shell: Shell)
 
 @pytest.mark.parametrize("density", ["2700", "2.7", " 2700 ", "1e3"])
 def test_a_bare_density_is_refused_with_the_right_spelling(density: str) -> None:
-    data = {"angle [deg]": [10, 20, 30], "mass_loss [mg]": [1.0, 2.0, 3.0]}
+    data = {"angle [deg]": [10, 20, 30], "mass_loss [mg/impact]": [1.0, 2.0, 3.0]}
     with pytest.raises(ValueError, match=r"`density` must carry its unit, such as \"2.7 g/cm\^3\", but is"):
         erosion.calibrate(erosion.FitProblem("linearized", erosion.TABLE_1.to("si"), data, density=density, free=["k"]))
 

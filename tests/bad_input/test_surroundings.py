@@ -381,7 +381,7 @@ def test_any_width_of_a_terminal_shows_every_word(columns: str) -> None:
 
 
 MASKED = np.ma.masked_array([0.1, 0.2, 0.3], mask=[False, True, False])
-DATA = {"angle [deg]": [10.0, 20.0, 30.0], "volume [in^3]": [1e-4, 2e-4, 2e-4]}
+DATA = {"angle [deg]": [10.0, 20.0, 30.0], "volume [in^3/impact]": [1e-4, 2e-4, 2e-4]}
 FRICTION = Path(__file__).parents[2] / "models" / "coulomb_tip.py"
 IGNORES: dict[str, Callable[[], Any]] = {
     "a parameter": lambda: P.replace(alpha=MASKED),
@@ -410,7 +410,9 @@ TAKES: dict[str, Callable[[Any], Any]] = {
     "an axis": lambda values: erosion.sweep("linearized", P, alpha=values),
     "samples": Samples,
     "rows": lambda values: JointSamples({"alpha": values}),
-    "measurements": lambda values: read_measurements({"angle [deg]": [10.0, 20.0], "volume [in^3]": values}, "si"),
+    "measurements": lambda values: read_measurements(
+        {"angle [deg]": [10.0, 20.0], "volume [in^3/impact]": values}, "si"
+    ),
 }
 
 
@@ -437,10 +439,10 @@ def test_the_unit_that_labels_say_counts_or_is_refused() -> None:
 
 
 def test_the_unit_of_labelled_measurements_is_that_of_their_head() -> None:
-    rows = {"angle": _in_degrees(10.0, 20.0), "volume [in^3]": [1e-5, 2e-5]}
+    rows = {"angle": _in_degrees(10.0, 20.0), "volume [in^3/impact]": [1e-5, 2e-5]}
     np.testing.assert_array_equal(read_measurements(rows, "si").angle, np.deg2rad([10.0, 20.0]))
-    rows = {"angle [deg]": rows["angle"], "volume [in^3]": rows["angle"]}
-    with pytest.raises(ValueError, match=r"'volume \[in\^3\]': the unit must be .*'deg'"):
+    rows = {"angle [deg]": rows["angle"], "volume [in^3/impact]": rows["angle"]}
+    with pytest.raises(ValueError, match=r"'volume \[in\^3/impact\]': the unit must be .*'deg'"):
         read_measurements(rows, "si")
 
 

@@ -34,7 +34,7 @@ def table(tmp_path_factory):
     noisy = volume + 6e-6 * np.random.default_rng(1).standard_normal(50)
     path = tmp_path_factory.mktemp("data") / "sand.csv"
     lines = [f"{angle},{one:.6e},6e-6" for angle, one in zip(degrees, noisy, strict=True)]
-    path.write_text("angle [deg], volume [in^3], uncertainty [in^3]\n" + "\n".join(lines))
+    path.write_text("angle [deg], volume [in^3/impact], uncertainty [in^3]\n" + "\n".join(lines))
     return path
 
 
@@ -206,7 +206,7 @@ def test_the_example_of_the_docs_is_what_is_printed(aluminium, monkeypatch, shel
 
 
 def test_without_a_case_the_units_are_those_of_the_data(written, shell):
-    lines = ["angle [deg], speed [m/s], volume [mm^3]", *(f"{angle}, {speed}, {1e-3 * angle * speed}"
+    lines = ["angle [deg], speed [m/s], volume [mm^3/impact]", *(f"{angle}, {speed}, {1e-3 * angle * speed}"
              for angle in (10, 20, 30, 40) for speed in (50, 100))]  # fmt: skip
     path = written("sand.csv", "\n".join(lines))
     out = shell(["calibrate", str(path), "--starts", "1"]).out
@@ -235,7 +235,7 @@ def test_without_model_and_parameters_wear_at_steep_angles_is_tried(tmp_path, sh
     volume = impact("linearized", p.replace(alpha=np.deg2rad(degrees))).volume
     volume = volume * (1 + 0.02 * random.standard_normal(7)) + deforms * np.sin(np.deg2rad(degrees)) ** 2
     rows = "\n".join(f"{angle}, {removed}, 3e-11" for angle, removed in zip(degrees, volume, strict=True))
-    (path := tmp_path / "steel.csv").write_text(f"angle [deg], volume [m^3], uncertainty [m^3]\n{rows}\n")
+    (path := tmp_path / "steel.csv").write_text(f"angle [deg], volume [m^3/impact], uncertainty [m^3]\n{rows}\n")
     printed = shell(["calibrate", str(path), "--starts", "4", "--json"])
     assert printed.result["ranking"][0]["model"] == best
     assert ("energy_ratio" in printed.result["estimates"]) == (best == "linearized-deformation")

@@ -19,7 +19,7 @@ VERBS = {
     "advise": ["advise", *SI],
 }
 IMPACTS = "count,diameter [um],density [kg/m^3],speed [m/s],angle [deg]\n1,200,2650,30,20\n1,200,2650,30,40\n"
-TESTS = "angle [deg],volume [mm^3]\n10,2e-5\n30,3e-5\n60,2.5e-5\n"
+TESTS = "angle [deg],volume [mm^3/impact]\n10,2e-5\n30,3e-5\n60,2.5e-5\n"
 
 
 @pytest.fixture(autouse=True)

@@ -225,7 +225,7 @@ def test_draws_are_read_in_other_units() -> None:
     degrees = np.array([10.0, 30.0, 60.0])
     p = erosion.TABLE_1
     exact = np.asarray(erosion.impact("linearized", p.replace(alpha=np.deg2rad(degrees))).volume)
-    data = {"angle [deg]": degrees, "volume [in^3]": exact, "uncertainty [in^3]": np.full(3, 0.1 * exact.max())}
+    data = {"angle [deg]": degrees, "volume [in^3/impact]": exact, "uncertainty [in^3]": np.full(3, 0.1 * exact.max())}
     drawn = erosion.posterior(erosion.FitProblem("linearized", p, data, ["sigma", "cutting_fraction"]), draws=125)
     drawn.save("other.nc")
     known = dict(QUANTITIES)

@@ -109,7 +109,7 @@ def test_many_models_are_no_path_that_is_too_long(shell):
     )
 
 
-ROWS = "angle [deg], volume [mm^3], uncertainty [mm^3]\n10,2e-2,1e-3\n20,3e-2,1e-3\n30,2e-2,1e-3\n"
+ROWS = "angle [deg], volume [mm^3/impact], uncertainty [mm^3]\n10,2e-2,1e-3\n20,3e-2,1e-3\n30,2e-2,1e-3\n"
 
 
 def test_the_case_of_a_plug_ins_fit_names_its_file(two_folders, capsys):
@@ -172,10 +172,10 @@ def test_a_fit_has_the_speeds_of_its_rows_or_is_refused(shell: Shell) -> None:
     rows = "".join(f"{a:g},{v * 1e9:.9g},{s:g}\n" for a, v, s in zip(degrees, volumes, speeds, strict=True))
     free = ["--free", "psi", "--units", "si", "--json", "--starts", "2"]
     for name in ("speed [m/s]", "v [m/s]", "velocity [m/s]", "speed (m/s)"):
-        Path("a.csv").write_text(f"angle [deg],volume [mm^3],{name}\n{rows}")
+        Path("a.csv").write_text(f"angle [deg],volume [mm^3/impact],{name}\n{rows}")
         out, _ = shell(["calibrate", "a.csv", *free])
         assert json.loads(out)["result"]["estimates"]["psi"]["value"] == pytest.approx(0.04, rel=1e-3)
-    Path("a.csv").write_text(f"angle [deg],volume [mm^3],jet velocity [m/s]\n{rows}")
+    Path("a.csv").write_text(f"angle [deg],volume [mm^3/impact],jet velocity [m/s]\n{rows}")
     _, err = shell(["calibrate", "a.csv", *free], 2)
     assert "column 'jet velocity [m/s]'" in err
     assert "`speed`" in err

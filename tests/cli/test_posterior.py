@@ -25,7 +25,7 @@ def table(tmp_path_factory):
     noisy = volume + 6e-6 * np.random.default_rng(1).standard_normal(10)
     path = tmp_path_factory.mktemp("data") / "sand.csv"
     lines = [f"{angle},{part:.6e},6e-6" for angle, part in zip(degrees, noisy, strict=True)]
-    path.write_text("angle [deg], volume [in^3], uncertainty [in^3]\n" + "\n".join(lines))
+    path.write_text("angle [deg], volume [in^3/impact], uncertainty [in^3]\n" + "\n".join(lines))
     return path
 
 

@@ -39,7 +39,7 @@ def synthetic(seed: int, volume: np.ndarray = EXACT) -> dict[str, np.ndarray]:
     """Table 1 measured with errors of 3 % of the greatest volume."""
     error = np.full(volume.size, 0.03 * volume.max())
     noisy = volume + error * np.random.default_rng(seed).standard_normal(volume.size)
-    return {"angle [deg]": DEGREES, "volume [in^3]": noisy, "uncertainty [in^3]": error}
+    return {"angle [deg]": DEGREES, "volume [in^3/impact]": noisy, "uncertainty [in^3]": error}
 
 
 def without_errors(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -57,7 +57,7 @@ def fit():
 
 
 def test_exact_data_give_the_truth_back():
-    result = fitted(data=synthetic(0) | {"volume [in^3]": EXACT}, starts=4)
+    result = fitted(data=synthetic(0) | {"volume [in^3/impact]": EXACT}, starts=4)
     # The kernel keeps nine digits.
     assert result.estimates == pytest.approx({"k": 2.0, "psi": 0.04}, rel=1e-7)
     assert result.chi2 < 1e-9
@@ -77,13 +77,13 @@ def test_errors_are_those_of_the_normal_equations(fit):
     np.testing.assert_allclose(fit.covariance, covariance, rtol=1e-3)
     np.testing.assert_allclose(list(fit.standard_errors.values()), errors, rtol=1e-3)
     np.testing.assert_allclose(fit.correlation, covariance / np.outer(errors, errors), rtol=1e-3)
-    np.testing.assert_allclose(fit.residuals, synthetic(1)["volume [in^3]"] - exact(**best), atol=1e-12)
+    np.testing.assert_allclose(fit.residuals, synthetic(1)["volume [in^3/impact]"] - exact(**best), atol=1e-12)
     assert fit.chi2 == pytest.approx(np.sum((fit.residuals / NOISE) ** 2))
     assert (fit.degrees_of_freedom, fit.aicc) == (48, pytest.approx(fit.chi2 + 4 + 12 / 47))
 
 
 def test_an_interval_ends_where_the_misfit_has_risen(fit):
-    measured = synthetic(1)["volume [in^3]"]
+    measured = synthetic(1)["volume [in^3/impact]"]
 
     def rise(k: float) -> float:
         # V is proportional to 1/ψ, whose best value for this k is a quotient.
@@ -107,7 +107,7 @@ def test_left_out_errors_are_those_of_fits_without_the_row(fit):
     data, alone = synthetic(1), []
     for row in range(0, 50, 14):
         other = fitted(data={name: np.delete(values, row) for name, values in data.items()})
-        alone.append(data["volume [in^3]"][row] - other.curve(np.deg2rad(DEGREES[row]))[0])
+        alone.append(data["volume [in^3/impact]"][row] - other.curve(np.deg2rad(DEGREES[row]))[0])
     leverage = np.sum((fit.solution.jacobian @ fit.identifiability.modes) ** 2, axis=1)
     # To first order in the noise of 3 %.
     np.testing.assert_allclose(alone, (fit.residuals / (1 - leverage))[::14], atol=0.02 * NOISE)
@@ -183,13 +183,13 @@ def test_bounds_are_kept_and_said(fit):
     ("unit", "name", "factor", "density"),
     [
         ("[in^3/slinch]", "volume", 1 / float(GUESS.m), None),
-        ("[slinch]", "mass_loss", 2.5e-4, 2.5e-4),
+        ("[slinch/impact]", "mass_loss", 2.5e-4, 2.5e-4),
         ("[slinch/slinch]", "mass_loss", 2.5e-4 / float(GUESS.m), "2.5e-4 slinch/in^3"),
     ],
 )
 def test_other_kinds_of_erosion_give_the_same_answer(fit, unit, name, factor, density):
     columns = {
-        f"{name} {unit}": synthetic(1)["volume [in^3]"] * factor,
+        f"{name} {unit}": synthetic(1)["volume [in^3/impact]"] * factor,
         f"uncertainty {unit}": np.full(50, NOISE * factor),
     }
     result = fitted(data={"angle [deg]": DEGREES, **columns}, density=density)
@@ -198,7 +198,7 @@ def test_other_kinds_of_erosion_give_the_same_answer(fit, unit, name, factor, de
 
 
 def test_a_free_scale_leaves_the_shape(fit):
-    table = {"angle [deg]": DEGREES, "erosion [-]": synthetic(1)["volume [in^3]"] * 1e5}
+    table = {"angle [deg]": DEGREES, "erosion [-]": synthetic(1)["volume [in^3/impact]"] * 1e5}
     result = fitted(["k"], table, starts=2)
     # The scale takes up the guess's wrong ψ.
     expected = {"k": fit.estimates["k"], "scale": 1e5 * 0.06 / fit.estimates["psi"]}
@@ -211,7 +211,7 @@ def test_a_free_scale_leaves_the_shape(fit):
 
 def test_speed_and_mass_by_row():
     speed, mass = np.linspace(3000, 6000, 50), np.geomspace(1e-7, 1e-6, 50)
-    table = {"angle [deg]": DEGREES, "volume [in^3]": exact(v0=speed, m=mass),
+    table = {"angle [deg]": DEGREES, "volume [in^3/impact]": exact(v0=speed, m=mass),
              "speed [in/s]": speed, "mass [slinch]": mass}  # fmt: skip
     assert fitted(data=table).estimates == pytest.approx({"k": 2.0, "psi": 0.04}, rel=1e-7)
     with pytest.raises(ValueError, match="must not name `v0`: the data has a column of it"):
@@ -236,14 +236,14 @@ ANGLES = {"angle [deg]": [20, 30, 40]}
         ({"p": GUESS.replace(k=[1.0, 2.0])}, r"`k` must be a scalar here, but has shape \(2,\)"),
         ({"density": -1.0}, "`density` must be positive and finite, but is -1"),
         ({"density": "3 kg"}, "`density` must be a density such as"),
-        ({"data": {**ANGLES, "mass_loss [mg]": [1, 2, 3]}}, "`density` of the target must be given"),
+        ({"data": {**ANGLES, "mass_loss [mg/impact]": [1, 2, 3]}}, "`density` of the target must be given"),
         (
-            {"data": {"angle [deg]": [20, 30], "volume [mm^3]": [1, 2]}},
+            {"data": {"angle [deg]": [20, 30], "volume [mm^3/impact]": [1, 2]}},
             "must have at least 3 rows for 2 free parameters",
         ),
-        ({"data": {**ANGLES, "volume [mm^3]": [0, 0, 0]}}, "must have erosion other than zero"),
-        ({"data": {**ANGLES, "volume [mm^3]": [1e300] * 3}}, "must have erosion that a metal can have"),
-        ({"data": {**ANGLES, "volume [mm^3]": [1e-300] * 3}}, "must have erosion that a metal can"),
+        ({"data": {**ANGLES, "volume [mm^3/impact]": [0, 0, 0]}}, "must have erosion other than zero"),
+        ({"data": {**ANGLES, "volume [mm^3/impact]": [1e300] * 3}}, "must have erosion that a metal can have"),
+        ({"data": {**ANGLES, "volume [mm^3/impact]": [1e-300] * 3}}, "must have erosion that a metal can"),
     ],
 )
 def test_bad_arguments(options, message):
@@ -287,7 +287,7 @@ def test_intervals_end_at_cliffs(turning):
     for seed in (0, 1):
         data = synthetic(seed, turning)
         result = fitted(data=data, model="rotating", starts=32)
-        misfit = np.sum(((volume - data["volume [in^3]"]) / data["uncertainty [in^3]"]) ** 2, axis=1)
+        misfit = np.sum(((volume - data["volume [in^3/impact]"]) / data["uncertainty [in^3]"]) ** 2, axis=1)
         assert result.chi2 < misfit.min() + 0.05
         inside = k[misfit - result.chi2 < 1.959964**2]
         # As near as the grid is.
@@ -346,7 +346,7 @@ def fit_of_size(uncertainty: float | None) -> erosion.Calibration:
     """A fit of ψ alone: the curve is proportional to 1/ψ, so that for small errors θ = ln ψ is a linear parameter."""
     exact = np.asarray(erosion.impact("linearized", PULLED.replace(alpha=np.deg2rad(TO_60))).volume)
     size = 0.01 * exact.mean()
-    rows = {"angle [deg]": TO_60, "volume [in^3]": exact + size * np.array([1, -1, 0.5, 1, -1.5, 0.3])}
+    rows = {"angle [deg]": TO_60, "volume [in^3/impact]": exact + size * np.array([1, -1, 0.5, 1, -1.5, 0.3])}
     if uncertainty is not None:
         rows["uncertainty [in^3]"] = np.full(TO_60.size, uncertainty * size)
     return erosion.calibrate(erosion.FitProblem("linearized", PULLED, rows, free=["psi"]), starts=1)
@@ -414,7 +414,7 @@ def test_samples_hold_for_other_tests_and_know_their_angles():
     assert sized.laws.names == ("k",)
     assert np.rad2deg(in_own_units.tested["alpha"]) == pytest.approx([10, 60])
     volume = np.asarray(erosion.impact("rotating", PULLED.replace(alpha=np.deg2rad(TO_60))).volume)
-    data = {"angle [deg]": TO_60, "volume [in^3]": volume * np.array([1.01, 0.98, 1.02, 1, 0.99, 1])}
+    data = {"angle [deg]": TO_60, "volume [in^3/impact]": volume * np.array([1.01, 0.98, 1.02, 1, 0.99, 1])}
     of_jet = erosion.calibrate(erosion.FitProblem("rotating", PULLED, data, free=["k", "r"]), starts=2)
     assert [*of_jet.joint_samples().columns] == ["k", "r"]
     # An advice has another particle, of which predictions hold what the tests had.
@@ -442,7 +442,9 @@ def fit_of(table):
     def fit(factor=1.0, **options):
         rows = noisy * np.where(np.arange(len(TEN)) == WRONG, factor, 1.0)
         lines = "".join(f"{angle},{value!r}\n" for angle, value in zip(TEN, rows.tolist(), strict=True))
-        return calibrated("finnie", P, table("angle [deg],volume [mm^3]\n" + lines), ["psi"], starts=2, **options)
+        return calibrated(
+            "finnie", P, table("angle [deg],volume [mm^3/impact]\n" + lines), ["psi"], starts=2, **options
+        )
 
     return fit
 
@@ -466,7 +468,7 @@ def test_a_sampled_error_does_not_hide_an_outlier(table):
     rows = exact * (1 + 0.05 * rng.standard_normal(12))
     rows[6] *= 1.5
     lines = "".join(f"{angle},{value!r}\n" for angle, value in zip(degrees, rows.tolist(), strict=True))
-    data = table("angle [deg],volume [mm^3]\n" + lines)
+    data = table("angle [deg],volume [mm^3/impact]\n" + lines)
     drawn = erosion.posterior(erosion.FitProblem("finnie", P, data, ["psi"]), draws=125, discrepancy=False)
     (missed,) = (finding for finding in drawn.predictor.findings if finding.code == "rows_missed")
     assert (missed.numbers["missed"], missed.numbers["rows"]) == (1, 12)
@@ -478,7 +480,7 @@ def test_missed_rows_that_are_not_listed_are_counted(table):
     exact = erosion.impact("finnie", P.replace(alpha=np.deg2rad(degrees))).volume * 1e9
     rows = exact * np.where(np.arange(7) % 2, 1.5, 0.5)
     lines = "".join(f"{angle},{row!r},{row / 50!r}\n" for angle, row in zip(degrees, rows.tolist(), strict=True))
-    data = table("angle [deg],volume [mm^3],uncertainty [mm^3]\n" + lines)
+    data = table("angle [deg],volume [mm^3/impact],uncertainty [mm^3]\n" + lines)
     drawn = erosion.posterior(erosion.FitProblem("finnie", P, data, ["psi"]), draws=125, discrepancy=False)
     (missed,) = (finding for finding in drawn.predictor.findings if finding.code == "rows_missed")
     assert missed.numbers["missed"] > 4
@@ -501,7 +503,9 @@ def test_an_outlier_is_named_with_the_fit_without_it(fit_of):
 
 def test_the_only_row_with_erosion_is_an_outlier_without_another_fit():
     volume = np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 0.0])
-    only = calibrated("finnie", P, {"angle [deg]": np.arange(10.0, 80.0, 10.0), "volume [in^3]": volume}, ["psi"])
+    only = calibrated(
+        "finnie", P, {"angle [deg]": np.arange(10.0, 80.0, 10.0), "volume [in^3/impact]": volume}, ["psi"]
+    )
     assert [finding.code for finding in only.findings if "outlier" in finding.code] == ["outlier"]
 
 

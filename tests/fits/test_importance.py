@@ -73,7 +73,11 @@ def test_points_at_which_the_model_fails_get_no_weight():
 def test_parameters_that_only_a_product_determines_are_annealed():
     degrees = np.linspace(10.0, 80.0, 12)
     volume = np.asarray(impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees))).volume)
-    table = {"angle [deg]": degrees, "volume [in^3]": volume, "uncertainty [in^3]": np.full(12, 0.003 * volume.max())}
+    table = {
+        "angle [deg]": degrees,
+        "volume [in^3/impact]": volume,
+        "uncertainty [in^3]": np.full(12, 0.003 * volume.max()),
+    }
     problem = FitProblem("linearized", TABLE_1, table, ["k", "psi", "sigma"])
     misfit = Discrepant(make_likelihood(problem), has_exponent=False, has_discrepancy=False)
     start = {name: float(getattr(TABLE_1, name)) for name in misfit.priors.laws}

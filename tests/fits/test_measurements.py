@@ -26,7 +26,7 @@ from erosion.fits.likelihood import make_likelihood
 from erosion.fits.measurements import unit_system
 from erosion.parameters.quantities import UnitError
 
-HEAD = "angle [deg], volume [in^3], uncertainty [in^3]\n"
+HEAD = "angle [deg], volume [in^3/impact], uncertainty [in^3]\n"
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ HEAD = "angle [deg], volume [in^3], uncertainty [in^3]\n"
         ("# from the lab\n\n" + HEAD + "\n20,1.5,1\n# later\n30,2,1\n,,\n", "utf-8"),
         (HEAD.replace(",", ";") + "20,0;1,5;1\n30;2;1,0\n", "utf-8"),
         (HEAD.replace(", ", "\t") + "20\t1,5\t1\n30\t2,0\t1\n", "utf-8"),
-        ('"angle [deg]","Volume [in^3]","UNCERTAINTY [in^3]"\n"20","1.5","1"\n30,2,1', "utf-8"),
+        ('"angle [deg]","Volume [in^3/impact]","UNCERTAINTY [in^3]"\n"20","1.5","1"\n30,2,1', "utf-8"),
         ('"# sand, 60 m/s",,\n' + HEAD + '20,1.5,1\n  # a spare, not used\n"# nor, this",,\n30,2,1\n', "utf-8"),
     ],
     ids=["plain", "byte order mark", "CRLF", "comments", "decimal commas", "tabs", "quotes", "quoted comments"],
@@ -56,13 +56,13 @@ SLINCH = 175.126835246  # kg
 @pytest.mark.parametrize(
     ("column", "dimension", "factor"),
     [
-        ("volume [mm^3]", "volume", 1 / 25.4**3),
-        ("volume [1e-4 in^3]", "volume", 1e-4),
+        ("volume [mm^3/impact]", "volume", 1 / 25.4**3),
+        ("volume [1e-4 in^3/impact]", "volume", 1e-4),
         ("volume [mm^3/g]", "volume per mass", 1 / 25.4**3 * 1e3 * SLINCH),
-        ("mass_loss [mg]", "mass", 1e-6 / SLINCH),
+        ("mass_loss [mg/impact]", "mass", 1e-6 / SLINCH),
         ("mass_loss [-]", "mass per mass", 1.0),
         ("erosion [mg/g]", "mass per mass", 1e-3),
-        ("erosion [in^3]", "volume", 1.0),
+        ("erosion [in^3/impact]", "volume", 1.0),
     ],
 )
 def test_units_say_what_was_measured(table, column, dimension, factor):
@@ -72,10 +72,43 @@ def test_units_say_what_was_measured(table, column, dimension, factor):
     assert conditions == pytest.approx({"alpha": 0.5, "v0": 100 / 0.0254, "m": 2e-3 / SLINCH})
 
 
+def test_an_amount_needs_to_be_told_what_removes_it(table):
+    head, cells = "angle [deg],mass loss [mg],uncertainty [mg]", "30,5,1"
+    with pytest.raises(MeasurementError, match=r"Argument `per` must be \"impact\" or .* as \[mg/impact\]"):
+        read(table, head, cells)
+    measured = read(table, head, cells, per="100 g")
+    assert (measured.dimension, measured.in_words(5e-5)) == ("mass per mass", "50 mg/kg")
+    assert measured.erosion == pytest.approx(5e-5)
+    assert measured.uncertainty == pytest.approx(1e-5)
+    volume = read_measurements(table("angle [deg],volume [mm^3]\n30,5\n"), "inch-pound", per="100 g")
+    assert volume.erosion == pytest.approx(5e-9 / 0.1 / 0.0254**3 * SLINCH, rel=1e-9)
+    assert read(table, head, cells, per="impact").erosion == pytest.approx(5e-6)
+    below = read(table, "angle,mass loss,speed\ndeg,mg/impact,m/s", "30,5,80")
+    assert (below.dimension, below.unit, below.erosion) == ("mass", "mg", pytest.approx(5e-6))
+
+
+@pytest.mark.parametrize(
+    ("column", "per", "said"),
+    [
+        ("mass_loss [mg/kg]", "100 g", "says what removes it, so Argument `per` must be left out"),
+        ("mass_loss [mg/impact]", "100 g", "says what removes it"),
+        ("mass_loss [mg]", "100", 'must be "impact" or a mass of abrasive such as "100 g", but is \'100\''),
+        ("mass_loss [mg]", "100 m", "Argument `per` must be a mass"),
+        ("mass_loss [mg]", "0 g", "must be positive and finite"),
+    ],
+)
+def test_what_removes_an_amount_is_said_once_and_well(table, column, per, said):
+    with pytest.raises(MeasurementError) as caught:
+        read(table, f"angle [deg],{column}", "30,5", per=per)
+    assert said in str(caught.value)
+
+
 def test_columns_of_other_names_are_not_read(table):
-    text = "run,angle [deg],volume [in^3],time [s]\nA1,20,1.5,\nA2,30,2,7\n"
+    text = "run,angle [deg],volume [in^3/impact],time [s]\nA1,20,1.5,\nA2,30,2,7\n"
     np.testing.assert_allclose(read_measurements(table(text), "inch-pound").erosion, [1.5, 2])
-    with pytest.raises(MeasurementError, match=r"line 2: column `volume \[in\^3\]` must be a number, but is 'x'"):
+    with pytest.raises(
+        MeasurementError, match=r"line 2: column `volume \[in\^3/impact\]` must be a number, but is 'x'"
+    ):
         read_measurements(table(text.replace("1.5", "x")), "inch-pound")
 
 
@@ -104,7 +137,7 @@ def test_thinning_draws_rows():
     [
         (HEAD + "20,1,1\n", "inch-pound"),
         ("# a laboratory\nangle [deg]; volume [1e-4 in3]\n20;1\n", "inch-pound"),
-        ("angle [deg], volume [mm^3], speed [ft/s]\n20,1,1\n", "si"),
+        ("angle [deg], volume [mm^3/impact], speed [ft/s]\n20,1,1\n", "si"),
         ("angle [deg], mass_loss [mg/kg]\n20,1\n", "si"),
         ("angle [deg], mass_loss [oz/lb]\n20,1\n", "inch-pound"),
         ("angle [deg], erosion [-], speed [ft/s]\n20,1,1\n", "inch-pound"),
@@ -184,7 +217,8 @@ ERRORS = ["uncertainty [mg/g]", "std [mg/g]", "Standard deviation (mg/g)", "std_
     ],
 )
 def test_columns_are_understood_or_left_out_and_named(table, head, cells, field, value):
-    measured = read(table, head, cells)
+    kind = AMOUNTS.get(head.removeprefix("angle [deg],"), ("",))[0]
+    measured = read(table, head, cells, per="impact" if kind in ("volume", "mass") else None)
     assert getattr(measured, field) == (value if isinstance(value, (str, tuple)) else pytest.approx(value))
     assert field == "unused" or measured.unused == ()
 
@@ -208,9 +242,19 @@ def test_a_condition_that_leaves_a_doubt_is_refused(table, name):
     ("head", "cells", "options", "message"),
     [
         *((f"angle [deg],{name}", "30,5", {}, re.escape(repr(name))) for name in DOUBTFUL_AMOUNTS),
-        ("angle [deg],mass_loss [mg],mass [kg]", "30,5,0.5", {}, r"`mass \[kg\]` must be the mass of one particle"),
+        (
+            "angle [deg],mass_loss [mg/impact],mass [kg]",
+            "30,5,0.5",
+            {},
+            r"`mass \[kg\]` must be the mass of one particle",
+        ),
         ("angle [deg],mass_loss [0 mg/kg]", "30,5", {}, r"the unit must be .*'0 mg/kg'"),
-        ("angle [deg],volume [mm^3]", "30,5", {"ignore": ("v_gas",)}, "has no column 'v_gas', which Argument `ignore`"),
+        (
+            "angle [deg],volume [mm^3/impact]",
+            "30,5",
+            {"ignore": ("v_gas",)},
+            "has no column 'v_gas', which Argument `ignore`",
+        ),
     ],
 )
 def test_what_leaves_a_doubt_is_refused(table, head, cells, options, message):
@@ -318,7 +362,7 @@ SHARES = 1 + 0.2 * np.array([1.5, -0.5, -1.2, 0.3, 1.0, -1.6])
 @pytest.mark.parametrize("column", [True, False])
 def test_a_relative_error_is_of_the_fit(column):
     """Of the measured erosion, the fit would be low by 2 b²: 9 % here."""
-    columns = {"angle [deg]": DEGREES, "volume [in^3]": TRUE * SHARES}
+    columns = {"angle [deg]": DEGREES, "volume [in^3/impact]": TRUE * SHARES}
     more = {"uncertainty [%]": np.full(6, 20.0)} if column else {}
     fit = calibrate(
         FitProblem("linearized", TABLE_1, columns | more, ["psi"], error=None if column else ErrorModel(0.0, 0.2))
@@ -334,7 +378,7 @@ def test_a_relative_error_is_of_the_fit(column):
 @pytest.mark.parametrize("factor", [None, 1.7])
 def test_the_likelihood_has_the_error_of_what_is_expected(factor):
     error = ErrorModel(2e-6, 0.1)
-    columns = {"angle [deg]": DEGREES, "volume [in^3]": TRUE * SHARES}
+    columns = {"angle [deg]": DEGREES, "volume [in^3/impact]": TRUE * SHARES}
     priors = {} if factor is None else {"error_factor": stats.uniform(1.0, 1.0)}
     problem = FitProblem("linearized", TABLE_1, columns, ["psi"], priors=priors, error=error)
     likelihood = make_likelihood(problem)
@@ -350,7 +394,9 @@ def test_the_likelihood_has_the_error_of_what_is_expected(factor):
 
 def test_a_model_without_erosion_at_a_row_has_an_error_there():
     parts = np.array([[0.0, 0.1], [3e-6, 0.1]])
-    rows = read_measurements({"angle [deg]": [20, 40], "volume [m^3]": [8e-5, 8e-5]}, "si", error=ErrorModel(0, 0.1))
+    rows = read_measurements(
+        {"angle [deg]": [20, 40], "volume [m^3/impact]": [8e-5, 8e-5]}, "si", error=ErrorModel(0, 0.1)
+    )
     rows = dataclasses.replace(rows, parts=parts).weighed(np.zeros(2))
     np.testing.assert_allclose(rows.deviation, [4e-6, 5e-6])
 
@@ -360,7 +406,7 @@ def test_repeats_show_what_a_model_misses(known):
     """The ratio is that of the analysis of variance, typed once more."""
     degrees, random = np.repeat([10.0, 20.0, 40.0, 60.0, 80.0], 3), np.random.default_rng(5)
     volume = 1e-4 * np.sin(np.deg2rad(degrees)) + 2e-6 * random.standard_normal(15)
-    data = {"angle [deg]": degrees, "volume [in^3]": volume}
+    data = {"angle [deg]": degrees, "volume [in^3/impact]": volume}
     fit = calibrate(FitProblem("linearized", TABLE_1, data, ["k", "psi"], error=1e-6 if known else None))
     means = volume.reshape(5, 3).mean(axis=1)
     pure = np.sum((volume.reshape(5, 3) - means[:, None]) ** 2) / 10
@@ -382,7 +428,7 @@ TWO_SPEEDS = float(TABLE_1.v0) * np.array([0.5, 0.5, 0.5, 1.0, 1.0, 1.0])
 def test_least_squares_know_what_rows_of_a_speed_share(column):
     """With ψ free alone the fit is generalized least squares of measured over true erosion, typed once more."""
     true = impact("linearized", TABLE_1.replace(alpha=np.deg2rad(DEGREES), v0=TWO_SPEEDS)).volume
-    table = {"angle [deg]": DEGREES, "speed [in/s]": TWO_SPEEDS, "volume [in^3]": true * SHARES}
+    table = {"angle [deg]": DEGREES, "speed [in/s]": TWO_SPEEDS, "volume [in^3/impact]": true * SHARES}
     more = {"uncertainty [in^3]": 0.1 * true} if column else {}
     error = ErrorModel(common=0.3) if column else ErrorModel(relative=0.1, common=0.3)
     fit = calibrate(FitProblem("linearized", TABLE_1, table | more, ["psi"], error=error))
@@ -399,7 +445,7 @@ def test_least_squares_know_what_rows_of_a_speed_share(column):
 
 
 def test_a_common_error_needs_rows_of_one_speed_and_errors_of_their_own():
-    table = {"angle [deg]": DEGREES, "speed [in/s]": TWO_SPEEDS, "volume [in^3]": TRUE}
+    table = {"angle [deg]": DEGREES, "speed [in/s]": TWO_SPEEDS, "volume [in^3/impact]": TRUE}
     apart = table | {"speed [in/s]": TWO_SPEEDS + 100 * np.arange(6)}
     with pytest.raises(MeasurementError, match="no two rows are of one speed"):
         read_measurements(apart, "inch-pound", error=ErrorModel(relative=0.1, common=0.05))
@@ -421,7 +467,7 @@ def test_speeds_that_were_measured_row_by_row_are_groups_and_an_error_of_them_st
     table = {
         "angle [deg]": DEGREES,
         "speed [in/s]": TWO_SPEEDS * [1, 1.01, 0.99, 1.005, 1, 0.99],
-        "volume [in^3]": TRUE,
+        "volume [in^3/impact]": TRUE,
     }
     rows = read_measurements(table, "inch-pound", error="5 % of each speed")
     assert rows.speeds is not None
@@ -437,7 +483,7 @@ def of_two_speeds(count: int, own: float, *, factor: float = 1.0) -> dict[str, n
     true = impact("linearized-deformation", TABLE_1.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
     volume = true * (1 + own * random.standard_normal(2 * count))
     volume[3] *= factor
-    return {"angle [deg]": degrees, "speed [in/s]": speeds, "volume [in^3]": volume}
+    return {"angle [deg]": degrees, "speed [in/s]": speeds, "volume [in^3/impact]": volume}
 
 
 @pytest.mark.parametrize("free", [["psi"], ["psi", "sigma"], ["psi", "sigma", "cutting_fraction"]])

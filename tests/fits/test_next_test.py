@@ -52,7 +52,7 @@ def measured(model, degrees, k, share=0.05):
     exact = impact(model, TABLE_1.replace(alpha=np.deg2rad(degrees), k=k)).volume
     error = share * exact.max()
     noisy = exact + error * np.random.default_rng(2).standard_normal(len(degrees))
-    return {"angle [deg]": degrees, "volume [in^3]": noisy, "uncertainty [in^3]": np.full(len(degrees), error)}
+    return {"angle [deg]": degrees, "volume [in^3/impact]": noisy, "uncertainty [in^3]": np.full(len(degrees), error)}
 
 
 def test_a_scale_is_best_measured_at_the_greatest_volume():
@@ -80,7 +80,7 @@ def test_the_posterior_with_the_next_test_is_as_narrow_as_was_said():
     before = problems.drawn("linearized", TABLE_1, data, ["k", "psi"], **options)
     asked = {"alpha": np.deg2rad(40.0)}
     answer = next_test(before, {"alpha": np.deg2rad([30.0, 40.0, 50.0])}, for_prediction=asked)
-    row = {"angle [deg]": 40.0, "volume [in^3]": before.predictor.draw(asked["alpha"]).mean(),
+    row = {"angle [deg]": 40.0, "volume [in^3/impact]": before.predictor.draw(asked["alpha"]).mean(),
            "uncertainty [in^3]": data["uncertainty [in^3]"][0]}  # fmt: skip
     more = {name: np.append(column, row[name]) for name, column in data.items()}
     after = problems.drawn("linearized", TABLE_1, more, ["k", "psi"], **options)

@@ -31,7 +31,10 @@ def measured(rows: int, *, known: bool = True) -> dict[str, Any]:
     degrees = np.linspace(8.0, 80.0, rows)
     exact = volumes(degrees)
     error = 0.03 * exact.max()
-    data = {"angle [deg]": degrees, "volume [in^3]": exact + error * np.random.default_rng(0).standard_normal(rows)}
+    data = {
+        "angle [deg]": degrees,
+        "volume [in^3/impact]": exact + error * np.random.default_rng(0).standard_normal(rows),
+    }
     return {**data, "uncertainty [in^3]": np.full(rows, error)} if known else data
 
 
@@ -50,7 +53,7 @@ def test_with_k_fixed_the_posterior_is_the_closed_one():
     # Volumes are proportional to the fraction: a normal prior gives a normal posterior, cut off at 0 and 1.
     shape, error = volumes(data["angle [deg]"]), data["uncertainty [in^3]"]
     variance = 1 / (1 / law.var() + np.sum((shape / error) ** 2))
-    mean = variance * (law.mean() / law.var() + np.sum(shape * data["volume [in^3]"] / error**2))
+    mean = variance * (law.mean() / law.var() + np.sum(shape * data["volume [in^3/impact]"] / error**2))
     whole = stats.norm(mean, variance**0.5)
     closed = stats.truncnorm((0 - mean) / variance**0.5, (1 - mean) / variance**0.5, mean, variance**0.5)
     # Of 40 000 draws the mean is known to half a percent of the deviation, and the deviation to 0.4 %.
@@ -60,7 +63,7 @@ def test_with_k_fixed_the_posterior_is_the_closed_one():
     np.testing.assert_allclose(ends, closed.ppf([0.05, 0.95]), atol=0.03 * closed.std())
     # The marginal density of the data, of which the truncation keeps a part.
     joint: Any = np.diag(error**2) + law.var() * np.outer(shape, shape)
-    evidence = stats.multivariate_normal(law.mean() * shape, joint).logpdf(data["volume [in^3]"])
+    evidence = stats.multivariate_normal(law.mean() * shape, joint).logpdf(data["volume [in^3/impact]"])
     evidence += np.log(whole.cdf(1) - whole.cdf(0)) - np.log(law.cdf(1.0) - law.cdf(0.0))
     assert drawn.log_evidence == pytest.approx(evidence, abs=0.05)
     assert drawn.log_evidence_error < 0.05
@@ -151,7 +154,7 @@ def test_scipys_laws_are_priors():
 
 def test_a_scale_and_a_noise_are_sampled_where_data_leave_them_open():
     data = measured(10, known=False)
-    data["erosion [-]"] = data.pop("volume [in^3]") * 1e7
+    data["erosion [-]"] = data.pop("volume [in^3/impact]") * 1e7
     drawn = posterior("k", data=data)
     assert drawn.names == ("k", "scale", "noise", "relative_noise")
     assert drawn.means["scale"] == pytest.approx(1e7, rel=0.1)
@@ -170,7 +173,7 @@ def test_a_scale_and_a_noise_are_sampled_where_data_leave_them_open():
         ({"draws": 10}, "`draws` must be a whole number of at least 125, but is 10"),
         ({"seed": -1}, "`seed` must be a whole number of at least 0"),
         ({"cutting_fraction": 2.0}, "`cutting_fraction` must be above 0 and at most 1"),
-        ({"data": {"angle [deg]": [10, 20], "volume [in^3]": [0, 0]}}, "must have erosion other than zero"),
+        ({"data": {"angle [deg]": [10, 20], "volume [in^3/impact]": [0, 0]}}, "must have erosion other than zero"),
     ],
 )
 def test_bad_arguments(options, message):
@@ -196,7 +199,7 @@ def test_rows_of_the_same_conditions_count_each():
     """They are one impact; the squares are those of all rows."""
     random = np.random.default_rng(3)
     degrees, error = random.choice([20.0, 35.0, 60.0], 40), random.uniform(1e-6, 5e-6, 40)
-    data = {"angle [deg]": degrees, "volume [in^3]": volumes(degrees) + error * random.standard_normal(40)}
+    data = {"angle [deg]": degrees, "volume [in^3/impact]": volumes(degrees) + error * random.standard_normal(40)}
     problem = FitProblem("linearized", TABLE_1, {**data, "uncertainty [in^3]": error}, ["k", "psi"])
     likelihood, points = make_likelihood(problem), random.standard_normal((7, 2))
     predicted = problem.erosion(likelihood.values(points), problem.data.conditions)
@@ -209,7 +212,7 @@ def test_rows_of_the_same_conditions_count_each():
 def test_a_default_prior_reaches_what_the_amounts_ask_for():
     """Weighings of a whole jet are often far below the cuts of the case: ψ is then hundreds of times the case's."""
     data = measured(8)
-    data |= {name: data[name] / 300 for name in ("volume [in^3]", "uncertainty [in^3]")}
+    data |= {name: data[name] / 300 for name in ("volume [in^3/impact]", "uncertainty [in^3]")}
     drawn = posterior("k", "psi", data=data)
     assert drawn.means["psi"] == pytest.approx(300 * TABLE_1.psi, rel=0.1)
     assert not any(finding.about == "psi" for finding in drawn.findings)

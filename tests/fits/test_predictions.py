@@ -26,7 +26,7 @@ def rows(*, error: ErrorModel | None = ERROR, degrees=(15.0, 30.0, 50.0)):
     angle, speed = (part.ravel() for part in np.meshgrid(np.repeat(degrees, 2), (0.6 * V0, V0)))
     true = 8e-5 * np.sin(np.deg2rad(2 * angle)) ** 0.6 * (speed / V0) ** 2.5
     volume = true + ERROR.deviation(true) * np.random.default_rng(4).standard_normal(true.size)
-    table = {"angle [deg]": angle, "speed [in/s]": speed, "volume [in^3]": volume}
+    table = {"angle [deg]": angle, "speed [in/s]": speed, "volume [in^3/impact]": volume}
     return FitProblem("linearized", TABLE_1, table, ["k", "psi"], error=error)
 
 
@@ -155,7 +155,7 @@ def test_many_conditions_are_put_together_and_no_row_is_lost():
 def test_conditions_that_are_put_together_are_of_one_speed():
     degrees, speeds = np.tile(np.linspace(10, 80, 150), 2), V0 * np.repeat([0.97, 1.0], 150)
     volume = erosion.impact("linearized", TABLE_1.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
-    table = {"angle [deg]": degrees, "speed [in/s]": speeds, "volume [in^3]": volume}
+    table = {"angle [deg]": degrees, "speed [in/s]": speeds, "volume [in^3/impact]": volume}
     error = ErrorModel(1e-6, 0.05, 0.05)
     few = with_few_conditions(make_likelihood(FitProblem("linearized", TABLE_1, table, ["psi"], error=error)), 60)
     assert len(few.parts[0].mean) <= 60
@@ -245,7 +245,7 @@ class Springs(erosion.models.ForceLaw):
 
 def test_a_fit_of_a_model_that_was_edited_since_predicts_nothing(monkeypatch):
     """Its numbers belong to the code that was fitted: the curve of another one would be that of no fit."""
-    table = {"angle [deg]": [15.0, 25.0, 35.0, 45.0], "volume [in^3]": [1e-4, 2e-4, 2e-4, 1e-4]}
+    table = {"angle [deg]": [15.0, 25.0, 35.0, 45.0], "volume [in^3/impact]": [1e-4, 2e-4, 2e-4, 1e-4]}
     fit = erosion.calibrate(erosion.FitProblem(erosion.models.Rotating(force=Springs()), TABLE_1, table, ["psi"]))
     before = erosion.predict(fit, 0.5).columns["mean"]
     with monkeypatch.context() as edited:
@@ -280,7 +280,7 @@ def test_a_predictor_of_tests_at_shallow_angles_expects_wear_at_90_degrees():
     loss = 1e-4 * (
         np.sin(np.deg2rad(angle)) * np.cos(np.deg2rad(angle)) ** 2 / 0.4 + 0.4 * np.sin(np.deg2rad(angle)) ** 2
     )
-    table = {"angle [deg]": angle, "volume [in^3]": loss * np.tile([0.96, 1.04], 5)}
+    table = {"angle [deg]": angle, "volume [in^3/impact]": loss * np.tile([0.96, 1.04], 5)}
     fit = erosion.calibrate(erosion.FitProblem("linearized", TABLE_1, table, ["k", "psi"], error="5 %"))
     columns = erosion.predict(fit, np.deg2rad([90.0])).columns
     assert columns["mean_low"] < 4e-5 < columns["mean_high"]

@@ -79,7 +79,7 @@ def test_a_gross_outlier_refuses_no_model_and_does_not_put_a_wrong_one_first(see
     exact = np.asarray(impact("linearized", case.replace(alpha=np.deg2rad(degrees))).volume)
     volume = exact + 0.02 * exact.max() * rng.standard_normal(12)
     volume[rng.integers(8)] *= [3, 10][seed % 2]
-    rows = {"angle [deg]": degrees, "volume [m^3]": volume}
+    rows = {"angle [deg]": degrees, "volume [m^3/impact]": volume}
     ranking = ranked(["tan-alpha", "linearized"], case, rows, ["k", "psi"], starts=2, loss="soft_l1")
     assert ranking.names == ("linearized", "tan-alpha")
     assert ranking.reasons == ()
@@ -98,7 +98,7 @@ def test_data_have_the_models_that_failed(ranking):
 def test_a_right_model_stays_where_another_fits_six_rows_too_well_by_chance():
     # linearized with k = 1.7 and 2 % of noise: rotating, by chance, is 4.6 times nearer to these rows.
     volume = [1.1907293e-9, 1.5413789e-9, 1.1949240e-9, 5.4798221e-10, 1.4470152e-10, -1.2051985e-11]
-    rows = {"angle [deg]": WEIGHED["angle [deg]"], "volume [m^3]": volume}
+    rows = {"angle [deg]": WEIGHED["angle [deg]"], "volume [m^3/impact]": volume}
     ranking = ranked(["linearized", "rotating"], TABLE_1.to("si"), rows, ["k", "psi"], starts=4)
     assert ranking.reasons == ()
     assert {*ranking.names} == {"linearized", "rotating"}

@@ -160,7 +160,7 @@ def noisy(degrees: np.ndarray, speeds: np.ndarray, exponent: float, seed: int) -
     """A fit to erosion that grows with a power of the speed, and scatters by 10 %."""
     volume = erosion.impact("linearized", SAND.replace(alpha=np.deg2rad(degrees), v0=speeds)).volume
     volume = with_errors(volume * (speeds / 60.0) ** (exponent - 2), seed, 0.1)
-    table = {"angle [deg]": degrees, "speed [m/s]": speeds, "volume [m^3]": volume}
+    table = {"angle [deg]": degrees, "speed [m/s]": speeds, "volume [m^3/impact]": volume}
     return erosion.calibrate(erosion.FitProblem("linearized", SAND, table, ["psi"]), starts=2)
 
 
@@ -212,7 +212,7 @@ def data() -> erosion.Measurements:
     """What `TRUTH` gives, with errors of 1 %."""
     model, p = MODEL.replace(friction=TRUTH["friction"]), P.replace(psi=TRUTH["psi"], alpha=np.deg2rad(TO_53))
     volume = erosion.impact(model, p, derivatives=1, wrt=FREE).volume
-    columns = {"volume [in^3]": with_errors(volume, 3), "uncertainty [in^3]": 0.01 * volume}
+    columns = {"volume [in^3/impact]": with_errors(volume, 3), "uncertainty [in^3]": 0.01 * volume}
     return erosion.read_measurements({"angle [deg]": TO_53, **columns}, "inch-pound")
 
 

@@ -164,7 +164,7 @@ def test_a_broken_plug_in_is_refused_in_one_sentence(tmp_path, written, name):
 def test_every_verb_says_it_in_one_line(tmp_path, written, monkeypatch, shell, verb):
     monkeypatch.chdir(tmp_path)
     written("mine.py", BROKEN["shape"][0])
-    written("sand.csv", "angle [deg], volume [in^3]\n10,1e-4\n20,1.8e-4\n30,2e-4\n")
+    written("sand.csv", "angle [deg], volume [in^3/impact]\n10,1e-4\n20,1.8e-4\n30,2e-4\n")
     said = shell([verb, *(word.format("mine.py") for word in VERBS[verb])], 2).err
     assert "mine.py: `derivative`" in said
     assert said.count("\n") == 1

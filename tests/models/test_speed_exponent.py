@@ -59,7 +59,12 @@ def tests():
     p = P.replace(alpha=np.deg2rad(DEGREES), v0=SPEEDS, psi=0.4, k=2.0)
     truth = load_model("linearized-deformation-exponent").replace(speed_exponent=2.7)
     volume = erosion.impact(truth, p).volume * (1 + 0.03 * np.random.default_rng(4).standard_normal(len(DEGREES)))
-    return {"angle [deg]": DEGREES, "speed [m/s]": SPEEDS, "volume [m^3]": volume, "uncertainty [m^3]": 0.03 * volume}
+    return {
+        "angle [deg]": DEGREES,
+        "speed [m/s]": SPEEDS,
+        "volume [m^3/impact]": volume,
+        "uncertainty [m^3]": 0.03 * volume,
+    }
 
 
 def test_the_exponent_is_fitted_and_named_where_a_model_lacks_it(tests):

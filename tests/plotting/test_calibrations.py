@@ -33,7 +33,7 @@ DEGREES = np.linspace(5.0, 88.0, 50)
 def fit():
     volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(DEGREES))))
     noisy = volume + 6e-6 * np.random.default_rng(1).standard_normal(50)
-    table = {"angle [deg]": DEGREES, "volume [in^3]": noisy, "uncertainty [in^3]": np.full(50, 6e-6)}
+    table = {"angle [deg]": DEGREES, "volume [in^3/impact]": noisy, "uncertainty [in^3]": np.full(50, 6e-6)}
     return calibrate(FitProblem("linearized", TABLE_1, table, ["k", "psi"]), starts=1)
 
 
@@ -107,7 +107,7 @@ def test_each_speed_has_a_curve_and_a_colour(at_two_speeds):
 def result():
     degrees = np.linspace(8.0, 80.0, 8)
     volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(degrees))))
-    data = {"angle [deg]": degrees, "volume [in^3]": volume, "uncertainty [in^3]": np.full(8, 5e-6)}
+    data = {"angle [deg]": degrees, "volume [in^3/impact]": volume, "uncertainty [in^3]": np.full(8, 5e-6)}
     return posterior(FitProblem("linearized", TABLE_1, data, ["sigma", "psi", "k"]), draws=125)
 
 

@@ -228,7 +228,7 @@ class Undeclared(ForceLaw):
 
 
 BARE = Linearized(force=Undeclared())
-DATA = {"angle [deg]": [20.0, 30.0, 40.0], "volume [in^3]": [1e-4] * 3}
+DATA = {"angle [deg]": [20.0, 30.0, 40.0], "volume [in^3/impact]": [1e-4] * 3}
 ONE_NUMBER = r"`factor` must be one number, .*`erosion\.own_parameter`, or as `float`"
 CANNOT_VARY = [
     (lambda: stream(BARE, PULLED, factor=stats.norm(1.0, 0.1)), TypeError, ONE_NUMBER),

@@ -38,7 +38,7 @@ from erosion.output import briefly
 from erosion.results import Finding, Part, found, stated, unique
 
 _DATA = (
-    'CSV file, headed "angle [deg], volume [mm^3], uncertainty [mm^3]", or "angle [deg], speed [m/s], '
+    'CSV file, headed "angle [deg], volume [mm^3/impact], uncertainty [mm^3]", or "angle [deg], speed [m/s], '
     'mass_loss [mg/kg]" with --target or --density.'
 )
 DataFile = Annotated[Path, Parameter(help=_DATA)]
@@ -55,6 +55,9 @@ class FitOptions(PerMassOptions):
     )
     error: Annotated[
         str | None, Parameter(help='Without a column: "0.3 mg/kg + 8 %"; with "+ 5 % of each speed" in common.')
+    ] = None
+    per: Annotated[
+        str | None, Parameter(help='What removes amounts such as [mg]: "impact", or abrasive of each row: "100 g".')
     ] = None
     starts: Annotated[WholeOption, Parameter(help="Points to begin from; 32 without it.")] = None
 
@@ -101,7 +104,8 @@ class FitTask:
 
     def measured(self, output: Output) -> "lazy.Measurements":
         """The measurements; columns that are not used are a warning."""
-        measured = lazy.read_measurements(self.data, self.p.units, error=self.fit.error, **self.table.arguments)
+        fit = self.fit
+        measured = lazy.read_measurements(self.data, self.p.units, error=fit.error, per=fit.per, **self.table.arguments)
         if measured.unused:
             output.warn(Finding("unused_columns", str(self.data), {"columns": measured.unused}))
         output.warn(*map(stated, measured.notes))

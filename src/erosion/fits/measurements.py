@@ -1,7 +1,7 @@
 """Measured erosion over angles: tables in memory and CSV files, with columns of many names and units.
 
-    angle [deg], volume [in^3], uncertainty [in^3]
-    20,          1.8e-4,        2e-6
+    angle [deg], volume [in^3/impact], uncertainty [in^3]
+    20,          1.8e-4,               2e-6
 
 Cells are separated by commas, or by semicolons or tabs, and then a comma in a number is a
 decimal comma. Lines that start with # are comments. Columns of other names are not used, unless they may be one of
@@ -34,11 +34,13 @@ from erosion.parameters.quantities import (
     ascii_unit,
     check_system,
     conversion_factor,
+    has_unit,
     known_scales,
+    read_quantity,
     table_scale,
     unit_name,
 )
-from erosion.tables import Table, TableError, open_table, read_meanings
+from erosion.tables import Column, Table, TableError, open_table, read_meanings
 from erosion.tables.headings import NO_UNIT, scale_of
 
 _QUANTITY_OF: dict[Dimension, str] = {
@@ -350,6 +352,7 @@ def read_measurements(
     *,
     ignore: Sequence[str] = (),
     error: ErrorModel | float | str | None = None,
+    per: str | None = None,
     columns: str | Mapping[str, str] | None = None,
     sep: str | None = None,
     decimal: str | None = None,
@@ -358,15 +361,17 @@ def read_measurements(
 
     Args:
         data: the path of a table (text, Parquet, Feather, Excel), or columns by header ({"angle [deg]": …, "volume
-            [in^3]": …}, a table of pandas, a Dataset of xarray), or `Measurements`. The columns are `angle`; one of
-            `volume`, `mass_loss`, `erosion`; and at will `uncertainty`, `speed`, `mass`.
-            Each carries its unit; volume and mass loss may be per impact ([mm^3], [mg]) or
-            per mass of particles ([mm^3/g], [mg/g]); `erosion [-]` is known up to a factor.
+            [in^3/impact]": …}, a table of pandas, a Dataset of xarray), or `Measurements`. The columns are `angle`; one
+            of `volume`, `mass_loss`, `erosion`; and at will `uncertainty`, `speed`, `mass`.
+            Each carries its unit; volume and mass loss may be per impact ([mm^3/impact], [mg/impact]), per
+            mass of particles ([mm^3/g], [mg/g]), or amounts ([mm^3], [mg]) with `per`; `erosion [-]` is known up to a
+            factor.
             A column of another name that may be one of these is refused; `unused` of the result names all others.
         units: the unit system to convert to.
         ignore: columns that are left out, by their names: ("v_gas",).
         error: of rows without uncertainties: "0.3 mg/kg + 8 %", an `ErrorModel`, or a number in the unit system; and of
             any "5 % of each speed", by which all rows of a speed are off together.
+        per: what removes an amount such as [mg]: "impact", or the mass of abrasive of each row, such as "100 g".
         columns: units of columns that carry none, and meanings of those whose names are not understood: "v=m/s,
             Abtrag=mass_loss [mg/g]", the same as a mapping, or a TOML file.
         sep: what separates the cells of a text; its header shows it otherwise.
@@ -385,7 +390,7 @@ def read_measurements(
             data, KNOWN, columns=read_meanings(columns), ignore=ignore, sep=sep, decimal=decimal, units=system,
             refused=REFUSED,
         )  # fmt: skip
-        measured = _measurements(table, removal_of(table), system)
+        measured = _measurements(table, removal_of(table), system, per)
     except TableError as problem:
         raise MeasurementError(str(problem)) from problem
     path = Path(data) if isinstance(data, (str, Path)) else None
@@ -409,15 +414,17 @@ def unit_system(path: Path, columns: str | Mapping[str, str] | None = None, **op
     return None
 
 
-def _measurements(table: Table, removal: str, system: System) -> Measurements:
+def _measurements(table: Table, removal: str, system: System, per: str | None) -> Measurements:
     """The measurements of a table, every number in its range.
 
     Args:
         table: that is understood.
         removal: its column of erosion.
         system: the unit system of its numbers.
+        per: see `read_measurements`.
     """
     columns, numbers = table.columns, table.numbers
+    dimension, unit, abrasive = _removed_by(table, columns[removal], system, per)
     if not numbers["angle"].size:
         raise TableError(f"{table.title} has no rows of data.")
     missing = np.isnan(np.stack([*numbers.values()]))
@@ -447,21 +454,51 @@ def _measurements(table: Table, removal: str, system: System) -> Measurements:
         if not arrays["uncertainty"].all():
             row = int(np.argmin(np.abs(arrays[removal])))
             raise TableError(f"{table.place(int(rows[row]))} must have an absolute uncertainty, as it has no erosion.")
+    reads_well = _LEAST_SHOWN <= largest_of(arrays[removal]) / columns[removal].factor < _MOST_SHOWN
+    arrays |= {name: arrays[name] / abrasive for name in (removal, "uncertainty") if name in arrays}
     conditions = {name: arrays.get(name) for name in ("uncertainty", "speed", "mass", "parts")}
-    of_removal = columns[removal]
-    reads_well = _LEAST_SHOWN <= largest_of(arrays[removal]) / of_removal.factor < _MOST_SHOWN
     return Measurements(
         angle=arrays["angle"],
         erosion=arrays[removal],
-        dimension=of_removal.dimension,
+        dimension=dimension,
         **conditions,
         units=system,
         source=table.title,
         unused=table.unused,
         lines=table.lines(rows),
         notes=notes,
-        unit="" if of_removal.unit in NO_UNIT or of_removal.unit[0].isdigit() or not reads_well else of_removal.unit,
+        unit="" if unit in NO_UNIT or unit[0].isdigit() or not reads_well else unit,
     ).weighed()
+
+
+_PER_MASS: Mapping[Dimension, Dimension] = {"volume": "volume per mass", "mass": "mass per mass"}
+
+
+def _removed_by(table: Table, column: Column, system: System, per: str | None) -> tuple[Dimension, str, float]:
+    """Dimension and unit of the erosion of a column, and the mass of abrasive [mass] that it is divided by; 1 without.
+
+    Raises:
+        TableError: for an amount of which neither the heading nor `per` says what removes it.
+    """
+    unit, place = re.sub(r"\s*/\s*impacts?$", "", column.unit), f"{table.title}: column {column.heading.strip()!r}"
+    if column.dimension not in _PER_MASS or unit != column.unit:
+        if per not in (None, "impact" if unit != column.unit else None):
+            raise TableError(f"{place} says what removes it, so Argument `per` must be left out.")
+        return column.dimension, unit, 1.0
+    if per is None:
+        raise TableError(
+            f'{place} is an amount: Argument `per` must be "impact" or the mass of abrasive of each row, such as '
+            f'"100 g"; or the unit says it, as [{unit}/impact].'
+        )
+    if per.strip() == "impact":
+        return column.dimension, unit, 1.0
+    with about("Argument `per`", TableError):
+        if not has_unit(per):
+            raise ValueError(f'must be "impact" or a mass of abrasive such as "100 g", but is {briefly(per)}')
+        abrasive = read_quantity(per, "mass", system)
+        if not 0 < abrasive < np.inf:
+            raise ValueError(f"must be positive and finite, but is {briefly(per)}")
+    return _PER_MASS[column.dimension], "", abrasive
 
 
 _LEAST_SHOWN, _MOST_SHOWN = 1e-3, 1e6  # of numbers that read well

@@ -327,6 +327,7 @@ def _registry() -> "pint.UnitRegistry":
     # Of oil fields; pint's barrel is that of dry goods.
     registry.define("@alias metric_ton = te")
     registry.define("pptb = pound / (1000 * oil_bbl)")
+    registry.define("impact = count")
     return registry
 
 
