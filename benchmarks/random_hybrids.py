@@ -298,14 +298,21 @@ def reference(structure: Structure, p: Mapping[str, float]) -> Truth:
     happens = at_start if structure.starts == "fire" else []
     while True:
         before = y
-        for index in happens:
+        for place, index in enumerate(happens):
+            event = events[index]
+            if event.function is not None and t == 0.0:
+                # At the start the reset of one event may take another back.
+                sure &= event.direction * event.function(np, t, y, p) >= 0.0
+            elif event.function is not None and place:
+                # Of events at once those happen whose functions pass zero still after the resets before them.
+                later = y + 1e-6 * np.array(structure.rates(np, t, y, p))
+                passed = event.function(np, t + 1e-6, later, p) - event.function(np, t, y, p)
+                if event.direction * passed <= 0.0:
+                    continue
             count += 1
-            # At the start the reset of one event may take another back.
-            sure &= t > 0.0 or events[index].direction * events[index].function(np, t, y, p) >= 0.0
-            reset = events[index].reset
-            if (reset is None and events[index].ends) or count == most:
+            if (event.reset is None and event.ends) or count == most:
                 return Truth(names[index], t, y, sure)
-            y = y if reset is None else np.array([float(each) for each in reset(y)])
+            y = y if event.reset is None else np.array([float(each) for each in event.reset(y)])
         # A reset that takes another function across zero may fire that event at once.
         sides = [
             [each.function(np, t, state, p) for state in (before, y)]
