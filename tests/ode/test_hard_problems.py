@@ -122,6 +122,17 @@ def test_jax_knows_the_derivatives_of_events_at_once():
     np.testing.assert_allclose([found["u"]["tb"], found["w"]["ta"]], 0.0, **CLOSE)
 
 
+def test_an_event_at_once_happens_if_its_function_still_passes_zero():
+    """A floor that is written twice is one bounce: after the first the ball rises."""
+    bounce = ode.Event(lambda t, y, args: y["x"], -1, lambda t, y, args: y | {"v": -y["v"]})
+    again = ode.Event(lambda t, y, args: 2.0 * y["x"], -1, lambda t, y, args: y | {"v": -y["v"]})
+    ball = ode.Problem(
+        {"x": 1.0, "v": -1.0}, lambda t, y, args: {"x": y["v"], "v": 0.0}, {"floor": bounce, "same": again}
+    )
+    end = ode.solve(ball, t1=3.0)
+    assert (end.count, end.y["x"]) == (1, pytest.approx(2.0))
+
+
 def test_a_billiard_ball_in_a_corner_has_derivatives():
     """Both walls are hit at t = 1: x = p until 1 - x0, then back."""
     away = lambda name: lambda t, y, args: y | {name: -y[name]}  # noqa: E731
