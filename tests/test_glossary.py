@@ -36,6 +36,17 @@ def public_objects():
                         yield f"{name}.{member}", method
 
 
+def names_of(module):
+    """Of classes, functions, arguments, variables and attributes, private ones too."""
+    for node in ast.walk(ast.parse(module.read_text("utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.id if isinstance(node, ast.Name) else node.attr
+
+
 def test_words_are_found():
     found = unused_words().search("The optimal angles")
     assert found
@@ -79,3 +90,25 @@ def test_docstrings_and_messages_use_the_words_of_the_glossary():
     } | {page: [page.read_text("utf-8")] for page in (*package.rglob("*.md"), package / "results" / "findings.toml")}
     found = [(file.name, word[0]) for file in texts for text in texts[file] for word in unused.finditer(text)]
     assert not found
+
+
+def test_names_use_the_words_of_the_glossary():
+    unused, package = unused_words(), ROOT / "src" / "erosion"
+    found = {
+        (module.name, name)
+        for module in package.rglob("*.py")
+        for name in names_of(module)
+        if unused.search(words_of_name(name))
+    }
+    assert not found
+
+
+def test_each_class_has_a_name_of_its_own():
+    package = ROOT / "src" / "erosion"
+    classes = [
+        node.name
+        for module in package.rglob("*.py")
+        for node in ast.walk(ast.parse(module.read_text("utf-8")))
+        if isinstance(node, ast.ClassDef)
+    ]
+    assert not {name for name in classes if classes.count(name) > 1}

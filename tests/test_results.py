@@ -20,7 +20,7 @@ import erosion
 from erosion import ode
 from erosion.cfd.map_result import MapSummary
 from erosion.output.tables import to_json, to_plain
-from erosion.results import Columns, Declared, Part, Result, Value, from_attribute, render
+from erosion.results import Columns, Declared, Result, Value, ValueGroup, from_attribute, render
 from erosion.sweeps.summary import Comparison, SweepSummary
 from tests.cfd.tables import Table, hump
 
@@ -142,15 +142,15 @@ def values(result: Any) -> list[Value]:
     return [item for item in result.declare() if isinstance(item, Value) and item.only in ("", "data")]
 
 
-def parts(declared: Sequence[Declared]) -> list[Part]:
+def parts(declared: Sequence[Declared]) -> list[ValueGroup]:
     """The parts of a result that have a record of their own."""
-    return [item for item in declared if isinstance(item, Part) and item.name and item.only in ("", "data")]
+    return [item for item in declared if isinstance(item, ValueGroup) and item.name and item.only in ("", "data")]
 
 
 def flat(declared: Sequence[Declared]) -> Iterator[Value]:
     """The values that data have, those of parts too."""
     for item in declared:
-        if isinstance(item, Part):
+        if isinstance(item, ValueGroup):
             yield from flat(item.values)
         elif isinstance(item, Value) and item.only in ("", "data"):
             yield item

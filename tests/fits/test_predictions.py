@@ -127,9 +127,9 @@ def test_beyond_the_tested_angles_the_discrepancy_counts_alone():
     misfit = Discrepant(make_likelihood(problem), True, True)
     lacking = misfit.values(np.random.default_rng(2).standard_normal((50, misfit.priors.dimension)) / 3)
     alone = {name: lacking[name][:1].repeat(50) for name in ("k", "psi")}
-    ways = {"model": (alone, 0.9), "discrepancy": (lacking, 0.1)}
+    hypotheses = {"model": (alone, 0.9), "discrepancy": (lacking, 0.1)}
     kept = {name: {"values": part, "log_evidence": 0.0, "weight": weight}
-            for name, (part, weight) in ways.items()}  # fmt: skip
+            for name, (part, weight) in hypotheses.items()}  # fmt: skip
     alpha, predictor = np.deg2rad([15.0, 50.0, 10.0, 55.0]), predictor_of(problem, kept, 0)
     curves = predictor.draw(alpha, {"v0": V0}, 200)
     of_model = erosion.impact(
@@ -270,7 +270,7 @@ def test_a_fit_predicts_as_the_posterior_of_its_rows(missed):
     held = erosion.calibrate(
         erosion.FitProblem("linearized", TABLE_1, missed.data, ["k", "psi"], bounds={"k": (1.9, 2.1)})
     ).predictor
-    drawn = np.concatenate([way.values["k"] for way in held.ways.values()])
+    drawn = np.concatenate([hypothesis.values["k"] for hypothesis in held.hypotheses.values()])
     assert 1.9 <= drawn.min() <= drawn.max() <= 2.1
 
 

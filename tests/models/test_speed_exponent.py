@@ -86,9 +86,9 @@ def test_an_exponent_that_is_held_is_not_known(tests):
     assert drawn.predictor.exponent == pytest.approx((2.4, 0.25), abs=0.06)  # in one way of three it is as held
     far = drawn.predictor.draw(np.deg2rad([30]), {"v0": 196.0})
     assert far.std() / far.mean() > 0.3
-    way = drawn.predictor.ways["exponent"]
-    near, far = way.misfit.mean(way.values, {"alpha": np.full(2, 0.5), "v0": np.array([60.0, 196.0])}).T
-    np.testing.assert_allclose(np.log(far / near) / np.log(196 / 60), way.values["exponent"], rtol=1e-9)
+    hypothesis = drawn.predictor.hypotheses["exponent"]
+    near, far = hypothesis.misfit.mean(hypothesis.values, {"alpha": np.full(2, 0.5), "v0": np.array([60.0, 196.0])}).T
+    np.testing.assert_allclose(np.log(far / near) / np.log(196 / 60), hypothesis.values["exponent"], rtol=1e-9)
     fit = erosion.calibrate(
         erosion.FitProblem("linearized-deformation-exponent", P, tests, ["k", "psi", "energy_ratio"])
     )
@@ -101,7 +101,7 @@ def test_predictions_have_one_exponent(tests):
     names = ["k", "psi", "energy_ratio", "speed_exponent"]
     drawn = erosion.posterior(erosion.FitProblem("linearized-deformation-exponent", P, tests, names), draws=125)
     assert drawn.prior_in_words("speed_exponent").startswith("normal(2.4, 0.3)")
-    assert [*drawn.predictor.ways] == ["model", "discrepancy"]
+    assert [*drawn.predictor.hypotheses] == ["model", "discrepancy"]
     assert drawn.predictor.exponent is None
     far = drawn.of_model.draw(np.deg2rad(30), {"v0": [98.0, 196.0]})
     assert np.log2(far[:, 1] / far[:, 0]).mean() == pytest.approx(drawn.means["speed_exponent"], abs=0.02)

@@ -164,7 +164,7 @@ class MapJob:
             surface_unit="" if surface is None else surface.unit,
             options=options.in_words(),
             constants=options.constants_in_words(task.model),
-            far_rows=nearness.far_in_words(),
+            rows_beyond_limit=nearness.far_in_words(),
             duration_from=sand.duration_from,
             injected_from=sand.injected_from,
             read_as="\n".join(read_as),

@@ -458,7 +458,7 @@ class MapSummary(Result):
                     code = "rows_receding_often"
                 numbers = {"left_out": count, "rows": total}
                 if name == "too-far":
-                    numbers |= {"where": data.attrs["far_rows"]}
+                    numbers |= {"where": data.attrs["rows_beyond_limit"]}
                 findings.append(Finding(code, numbers=numbers))
         if failed := round(float(data["ends"].sum() - data["total_impacts"])):
             findings.append(Finding("impacts_not_counted", numbers={"failed": failed}))

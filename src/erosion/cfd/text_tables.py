@@ -47,7 +47,7 @@ _OF_FLUENT = {
 }  # fmt: skip
 
 
-class Table(NamedTuple):
+class FileTable(NamedTuple):
     """One file; of OpenFOAM, that of one patch in one window of time.
 
     Args:
@@ -85,7 +85,7 @@ class TextImpacts(Impacts):
     In a steady run of Fluent a row is a stream of particles, and its `mass-flow` [kg/s] hits for the whole duration.
     """
 
-    tables: tuple[Table, ...]
+    tables: tuple[FileTable, ...]
     mesh: Mesh | None = None
     most_stored: int | None = None
 
@@ -120,7 +120,7 @@ class TextImpacts(Impacts):
             if first:
                 last[table.patch] = (table.path, latest)
 
-    def _is_parallel(self, table: Table, columns: Mapping[str, np.ndarray]) -> bool:
+    def _is_parallel(self, table: FileTable, columns: Mapping[str, np.ndarray]) -> bool:
         """Whether faces are counted in each processor's part of the mesh."""
         if "mesh_face" not in columns or "processor" not in columns:
             return False
@@ -142,7 +142,9 @@ class TextImpacts(Impacts):
             )
         return False
 
-    def _mesh_faces(self, table: Table, first: int, columns: Mapping[str, np.ndarray], is_parallel: bool) -> np.ndarray:
+    def _mesh_faces(
+        self, table: FileTable, first: int, columns: Mapping[str, np.ndarray], is_parallel: bool
+    ) -> np.ndarray:
         """The faces' numbers in the whole mesh, checked against the patch's."""
         faces = columns["mesh_face"]
         if is_parallel or ("processor" in columns and columns["processor"].any()):
@@ -168,7 +170,9 @@ class TextImpacts(Impacts):
         self._require_cells(table, first, columns, is_parallel)
         return faces
 
-    def _require_cells(self, table: Table, first: int, columns: Mapping[str, np.ndarray], is_parallel: bool) -> None:
+    def _require_cells(
+        self, table: FileTable, first: int, columns: Mapping[str, np.ndarray], is_parallel: bool
+    ) -> None:
         """Refuse faces of another cell than the row's: the mesh has other numbers than during the run."""
         if "cell" not in columns or self.mesh is None:
             return
@@ -180,7 +184,7 @@ class TextImpacts(Impacts):
             of = f", but this face is of another cell in {self.mesh.case}. Was the mesh renumbered after the run?"
             require_rows(str(table.path), first, fits, lambda row, of=of: f" is of cell {cells[row]:.0f}{of}")
 
-    def _undecomposed(self, table: Table, first: int, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    def _undecomposed(self, table: FileTable, first: int, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Faces of the whole mesh from those of the processors' parts."""
         processors = {} if self.mesh is None else self.mesh.processors
         faces = columns["mesh_face"].copy()
@@ -198,7 +202,7 @@ class TextImpacts(Impacts):
             faces[own] = addressing[faces[own].astype(np.int64)]
         return faces
 
-    def _require_complete(self, table: Table, stored: np.ndarray, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    def _require_complete(self, table: FileTable, stored: np.ndarray, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """Count rows by processor, and refuse a table that is full: what came later is lost."""
         length = len(columns["diameter"])
         processors = columns.get("processor", np.zeros(length)).astype(np.int64)
@@ -280,7 +284,7 @@ def open_fluent(path: Path, density: float | None, duration: float | None) -> Te
         del columns[weight]
     duration, warnings = weigh(str(path), columns.keys() - {"time"}, duration)
     require_columns(str(path), columns)
-    table = Table(path, numbers[0] + 1, names, columns)
+    table = FileTable(path, numbers[0] + 1, names, columns)
     read_as = _READ_AS.format("Fluent")
     warnings += cut_off(path)
     return TextImpacts(
@@ -321,7 +325,7 @@ def _is_table(file: Path, root: Path) -> bool:
     return file.name.removesuffix(".gz").endswith((".post", ".dat")) and file.is_file() and not is_hidden
 
 
-def _openfoam_table(path: Path) -> Table:
+def _openfoam_table(path: Path) -> FileTable:
     lines = _head(path)
     comments = [*itertools.takewhile(lambda line: line.startswith("#"), lines)]  # another header below them is no row
     names = _names(path, comments[-1]) if comments else ()
@@ -333,7 +337,7 @@ def _openfoam_table(path: Path) -> Table:
             if all(vector + axis in names for axis in axes):
                 columns |= {name: vector + axis for name, axis in zip(ours, axes, strict=True)}
     window = path.parent.name if _in_window(path) else ""
-    return Table(path, len(comments), names, columns, Path(path.name.removesuffix(".gz")).stem, window)
+    return FileTable(path, len(comments), names, columns, Path(path.name.removesuffix(".gz")).stem, window)
 
 
 def _head(path: Path) -> list[str]:
@@ -376,7 +380,7 @@ def _most_stored(case: Path, table: Path) -> int | None:
     return int(value) if isinstance(value, (int, float)) else None
 
 
-def _covered(path: Path, tables: Sequence[Table], mesh: Mesh | None) -> float | None:
+def _covered(path: Path, tables: Sequence[FileTable], mesh: Mesh | None) -> float | None:
     """The time that windows cover [s]: from the one before them, or the start of the run, to their ends."""
     windows = [float(table.window) for table in tables if table.window]
     if not windows:
@@ -419,7 +423,7 @@ def _start(case: Path) -> float | None:
     return float(start) if isinstance(start, (int, float)) else None
 
 
-def _injected(case: Path, tables: Sequence[Table]) -> float | None:
+def _injected(case: Path, tables: Sequence[FileTable]) -> float | None:
     """The mass that was injected until the end of the tables [kg]; None where the case does not say it."""
     if _start(case) != 0:  # what an earlier run injected counts in OpenFOAM's sum
         return None

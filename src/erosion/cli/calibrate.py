@@ -35,7 +35,7 @@ from erosion.cli.options import (
 )
 from erosion.cli.output import Output, PerMassOptions, draw, progress_bar, require_outputs, weighing
 from erosion.output import briefly
-from erosion.results import Finding, Part, found, stated, unique
+from erosion.results import Finding, ValueGroup, found, stated, unique
 
 _DATA = (
     'CSV file, headed "angle [deg], volume [mm^3/impact], uncertainty [mm^3]", or "angle [deg], speed [m/s], '
@@ -296,7 +296,7 @@ def calibrate(
         ranking = task.ranking(models, measured, {"bounds": ends}, progress, loss=loss, level=level)
         along = None if profile is None else ranking.best.profile(profile)
     # A fit takes longer than any file: it is shown first.
-    also = [] if along is None else [Part("profile", along.declare())]
+    also = [] if along is None else [ValueGroup("profile", along.declare())]
     output.show(ranking, dict(zip(ranking.names, (fit.model for fit in ranking.fits), strict=True)), also)
     samples = None if case_file is None else write_case(case_file, ranking, task, output)
     draw(plot, lambda: lazy.plot_calibration(ranking.best_first, level))

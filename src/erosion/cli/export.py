@@ -34,7 +34,7 @@ _OPTIONS = {name: f"Option `--{option}`" for name, option in _OWN_NAMES.items()}
 
 @Parameter(name="*")
 @dataclasses.dataclass(frozen=True)
-class _Files:
+class _ExportFiles:
     """Which forms are written, and where."""
 
     openfoam: Annotated[Path | None, Parameter(help="Write OpenFOAM ParticleErosion coefficients.")] = None
@@ -116,7 +116,7 @@ def export(
     case: AllAngles | None = None,
     model: ModelOption | None = None,
     own: SetOption = None,
-    files: _Files | None = None,
+    files: _ExportFiles | None = None,
     impacts: _Impacts | None = None,
     json: JsonOption = False,
 ) -> None:
@@ -126,7 +126,7 @@ def export(
     case's speed; with --speeds they must hold over all of these. Where the
     model does not have a form, the others are written, with exit code 1.
     """
-    options, given = with_file(case, file), (files or _Files()).given
+    options, given = with_file(case, file), (files or _ExportFiles()).given
     options.refuse_given("the forms hold all angles; --angles are those of the tables", "alpha")
     with progress_bar("computing"):
         name, chosen = named_model(model, own, options)

@@ -58,7 +58,7 @@ class _Surface:
 
 @Parameter(name="*", group=IMPACTS)
 @dataclasses.dataclass(frozen=True)
-class _Rows:
+class _RowOptions:
     """How rows of the table become impacts; texts as they are typed."""
 
     scaling: Annotated[str, Parameter(help='r and b follow the size of a particle; or "none".')] = "similar"
@@ -221,7 +221,7 @@ def map_(
     own: Annotated[SetOption, Parameter(show=False)] = None,
     joint: Annotated[LawOptions | None, Parameter(show=False, group=_LAWS)] = None,
     table: Annotated[TableOptions | None, Parameter(group=IMPACTS)] = None,
-    rows: _Rows | None = None,
+    rows: _RowOptions | None = None,
     abrasive: Annotated[PerMassOptions | None, Parameter(show=False)] = None,
     output: Annotated[
         Path | None, output_option("map.vtp (ParaView), .csv …; a page .html"), Parameter(group=_OUTPUT)
@@ -231,7 +231,7 @@ def map_(
     json: Annotated[JsonOption, Parameter(show=False, group=_OUTPUT)] = False,
 ) -> None:
     """Compute the wear of a surface by the impacts of a CFD run."""
-    target, rows, picture = target or _Surface(), rows or _Rows(), picture or _Picture()
+    target, rows, picture = target or _Surface(), rows or _RowOptions(), picture or _Picture()
     # Table 1 in SI, as tables and surfaces of CFD codes are.
     options, abrasive = dataclasses.replace(with_file(case, file), usual_units="si"), abrasive or PerMassOptions()
     section = _section(options)
@@ -316,7 +316,7 @@ def _size_doubt(dataset: "xr.Dataset", options: CaseOptions) -> Finding | None:
 def _job(
     impacts: tuple[Path, TableOptions],
     target: _Surface,
-    rows: _Rows,
+    rows: _RowOptions,
     options: "lazy.MapOptions",
     sand: CaseAndLaws,
 ) -> "lazy.MapJob":

@@ -16,7 +16,7 @@ from erosion.cli import lazy
 from erosion.cli.errors import InputError, as_options, reading, user_errors, warn
 from erosion.cli.options import MODEL, CaseOptions
 from erosion.parameters import QUANTITIES
-from erosion.results import Declared, Finding, Part, Result, render
+from erosion.results import Declared, Finding, Result, ValueGroup, render
 from erosion.version import __version__
 
 _SPACE = "\ue000"  # within a command; of private use, so that no text has it
@@ -139,7 +139,7 @@ class Output:
         """
         self.warn(*result.findings)
         own, below = result.declare(), [*result.conclusions, *sentences]
-        declared = [*([Part(name, own, result.title)] if name else own), *also]
+        declared = [*([ValueGroup(name, own, result.title)] if name else own), *also]
         self.present(title or result.title, declared, models, varied=varied, sentences=below)
 
     def present(

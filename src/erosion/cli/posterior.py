@@ -43,7 +43,7 @@ from erosion.cli.options import (
 from erosion.cli.output import Output, draw, progress_bar, require_outputs
 from erosion.output import briefly
 from erosion.parameters import QUANTITIES
-from erosion.results import Finding, Part
+from erosion.results import Finding, ValueGroup
 
 _PRIOR = (
     'Law before the data, of a parameter, "noise", "relative_noise" or "error_factor" (on stated errors): '
@@ -53,7 +53,7 @@ _PRIOR = (
 
 @Parameter(name="*", group=OUTPUT)
 @dataclasses.dataclass(frozen=True)
-class _Files:
+class _PosteriorFiles:
     """The files that are asked for, all of the likeliest model."""
 
     output: Annotated[
@@ -195,7 +195,7 @@ def posterior(
         Parameter(group=DRAWS, help="What the model may lack, for predictions; averaged by evidence."),
     ] = "averaged",
     next_tests: _NextTests | None = None,
-    files: _Files | None = None,
+    files: _PosteriorFiles | None = None,
     json: JsonOption = False,
 ) -> None:
     """Draw all values of a model's parameters that data and priors leave.
@@ -204,7 +204,7 @@ def posterior(
     a model that misses the data is not drawn. Several models are ordered by their
     evidence; all files are of the likeliest one.
     """
-    task, files = given_fit(data, with_file(case, file), fit, model, own, table), files or _Files()
+    task, files = given_fit(data, with_file(case, file), fit, model, own, table), files or _PosteriorFiles()
     files.require_writable(task.inputs)
     next_tests = next_tests or _NextTests()
     judge = next_tests.read(task.options, task.fit.free)
@@ -231,9 +231,9 @@ def posterior(
     # Draws take longer than any file: they are shown first.
     output.warn(*ranking.findings, *posteriors.findings, *predictor.findings)
     others = {"prediction": predictor, "next_test": following}
-    also = [Part(name, other.declare(), other.title) for name, other in others.items() if other is not None]
+    also = [ValueGroup(name, other.declare(), other.title) for name, other in others.items() if other is not None]
     of_models = dict(zip(ranking.names, (fit.model for fit in ranking.fits), strict=True))
-    output.show(posteriors, of_models, [Part("", ranking.declare(), only="data"), *also], name="posterior")
+    output.show(posteriors, of_models, [ValueGroup("", ranking.declare(), only="data"), *also], name="posterior")
     files.write(task, ranking, posteriors, following, output)
     figures = [f"{name.removeprefix('plot_')}: {file}" for name, path in files.figures.items()
                for file in lazy.plot_files(path)]  # fmt: skip

@@ -35,7 +35,7 @@ from erosion.models import CuttingModel, impact_to_dict, model_name, own_paramet
 from erosion.output.tables import Record, briefly
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity, table_scale, unit_name
-from erosion.results import Declared, Finding, Part, Value
+from erosion.results import Declared, Finding, Value, ValueGroup
 
 _ROUNDING = 1e-9  # of leverages
 _STARTS_WITHOUT = 4  # of a fit without one row, of which the fit with it is the first
@@ -332,7 +332,7 @@ class Calibration(Fit):
     @functools.cached_property
     def samples(self) -> xr.Dataset:
         """Samples of what the rows leave within the bounds if the model is right, over the dimensions (chain, draw)."""
-        return self.dataset({name: values[None] for name, values in self.predictor.ways["model"].values.items()})
+        return self.dataset({name: values[None] for name, values in self.predictor.hypotheses["model"].values.items()})
 
     @functools.cached_property
     def groups(self) -> Sequence[Group]:
@@ -396,7 +396,7 @@ class Calibration(Fit):
             Value("undetermined", [*self.undetermined], dims=("undetermined",), only="data"),
             Value("undecided", [*self.undecided], dims=("undecided",), only="data"),
             self.of_parameters("bounds", self.bounds),
-            Part("bounds_touched",
+            ValueGroup("bounds_touched",
                  [Value(name, [*marks], dims=(name,)) for name, marks in self.bounds_touched(self.level).items()],
                  only="data"),
             Value("rms", self.rms, meaning=f"of the residuals; {self.error_meaning}", unit=unit, scale=scale, digits=5),

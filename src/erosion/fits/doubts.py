@@ -10,7 +10,7 @@ from scipy import stats
 from erosion.fits.conditions import describe, is_same
 from erosion.fits.least_squares import LeastSquares
 from erosion.fits.measurements import conditions
-from erosion.fits.outliers import far_rows
+from erosion.fits.outliers import findings_of_outliers
 from erosion.fits.residual_checks import check
 from erosion.models import BUILT_IN, SPEED_EXPONENT, SpeedExponent, model_name
 from erosion.output.tables import sentences
@@ -151,7 +151,7 @@ def doubts(fit: "Calibration") -> tuple[Finding, ...]:
                 for said in _of_speed(fit, pattern.statistic)]  # fmt: skip
     misfit = Finding("misfit_beyond_errors", "", {"chi2": fit.chi2, "freedom": fit.degrees_of_freedom})
     open_ones = (*_undetermined(fit), *_undecided(fit), *_at_bounds(fit))
-    return (*_far_from_tests(fit), *open_ones, *found((is_poor(fit), misfit)), *far_rows(fit),
+    return (*_far_from_tests(fit), *open_ones, *found((is_poor(fit), misfit)), *findings_of_outliers(fit),
             *checks.findings, *of_speed)  # fmt: skip
 
 

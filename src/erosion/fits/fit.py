@@ -33,7 +33,7 @@ from erosion.models.equations import plug_in_digest
 from erosion.output.files import require_writable, seen_from, write_whole
 from erosion.parameters.case_files import dump_case, with_paths
 from erosion.parameters.quantities import Quantity
-from erosion.results import Finding, Part, Result, to_attribute
+from erosion.results import Finding, Result, ValueGroup, to_attribute
 from erosion.version import __version__
 
 
@@ -48,7 +48,7 @@ class Fit(Result):
     @functools.cached_property
     @abc.abstractmethod
     def predictor(self) -> Predictor:
-        """The average of the ways to read the data, which predictions ask."""
+        """The average of the hypotheses, which predictions ask."""
 
     @functools.cached_property
     @abc.abstractmethod
@@ -70,10 +70,10 @@ class Fit(Result):
     def quantities(self) -> Mapping[str, Quantity]:
         """Symbol, meaning and dimension of each parameter."""
 
-    def of_parameters(self, name: str, numbers: Mapping[str, Any]) -> Part:
+    def of_parameters(self, name: str, numbers: Mapping[str, Any]) -> ValueGroup:
         """Numbers of parameters, such as estimates or intervals, which JSON and files have by name."""
         units = self.problem.p.units
-        return Part(
+        return ValueGroup(
             name, [self.quantities[of].declare(of, number, units) for of, number in numbers.items()], only="data"
         )
 
@@ -85,7 +85,7 @@ class Fit(Result):
     @property
     def converged(self) -> bool:
         """Whether the samples are good."""
-        return all(way.converged for way in self.predictor.ways.values())
+        return all(hypothesis.converged for hypothesis in self.predictor.hypotheses.values())
 
     @property
     def tied_to_scale(self) -> tuple[str, ...]:

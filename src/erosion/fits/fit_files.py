@@ -200,7 +200,7 @@ def _kept(attrs: Mapping[str, Any], name: str, without: Any) -> Any:
 
 
 def prediction_groups(predictor: Predictor) -> dict[str, xr.Dataset]:
-    """What `read_predictor` needs beside the draws' file itself, by group: the draws of each way to read the data."""
+    """What `read_predictor` needs beside the draws' file itself, by group: the draws of each hypothesis."""
     problem = predictor.problem
     own = {name: float(parameter.value) for name, parameter in own_parameters(problem.model).items()}
     error = problem.data.error
@@ -215,9 +215,13 @@ def prediction_groups(predictor: Predictor) -> dict[str, xr.Dataset]:
         **({} if error is None else {"error": [*dataclasses.astuple(error)]}),
     }
     groups = {_PREDICTION: xr.Dataset(attrs=described)}
-    for name, way in predictor.ways.items():
-        values = {of: ("draw", column) for of, column in way.values.items()}
-        about = {"weight": way.weight, "converged": int(way.converged), "log_evidence": way.log_evidence}
+    for name, hypothesis in predictor.hypotheses.items():
+        values = {of: ("draw", column) for of, column in hypothesis.values.items()}
+        about = {
+            "weight": hypothesis.weight,
+            "converged": int(hypothesis.converged),
+            "log_evidence": hypothesis.log_evidence,
+        }
         groups[f"{_PREDICTION}/{name}"] = xr.Dataset(values, attrs=about)
     return groups
 
@@ -238,7 +242,7 @@ def read_predictor(path: str | Path) -> Predictor:
     with xr.open_datatree(path, engine="h5netcdf") as tree:
         if _PREDICTION not in tree.children:
             raise ValueError(f"{path}: has draws without predictions.")
-        about, ways = tree[_PREDICTION].attrs, tree[_PREDICTION].children
+        about, hypotheses = tree[_PREDICTION].attrs, tree[_PREDICTION].children
         rows = {**tree["observed_data"].data_vars, **tree["constant_data"].data_vars}
         columns = {name: values.values for name, values in rows.items()}
         error = about.get("error")
@@ -252,16 +256,16 @@ def read_predictor(path: str | Path) -> Predictor:
         names = tuple(np.atleast_1d(about["free"]).tolist())
         problem = FitProblem(model.replace(**json.loads(about["own"])), p, data, names, density=density,
                              cutting_fraction=float(about["cutting_fraction"]))  # fmt: skip
-        if any(np.ndim(way.attrs["log_evidence"]) for way in ways.values()):
+        if any(np.ndim(hypothesis.attrs["log_evidence"]) for hypothesis in hypotheses.values()):
             raise ValueError(f"{path}: was written by an older version, whose predictions cannot be read; fit again.")
         read = {
             str(name): {
-                "values": {str(of): column.values for of, column in way.data_vars.items()},
-                "log_evidence": float(way.attrs["log_evidence"]),
-                "weight": float(way.attrs["weight"]),
-                "converged": bool(way.attrs.get("converged", 1)),
+                "values": {str(of): column.values for of, column in hypothesis.data_vars.items()},
+                "log_evidence": float(hypothesis.attrs["log_evidence"]),
+                "weight": float(hypothesis.attrs["weight"]),
+                "converged": bool(hypothesis.attrs.get("converged", 1)),
             }
-            for name, way in ways.items()
+            for name, hypothesis in hypotheses.items()
         }
     return predictor_of(problem, read, int(about["seed"]))
 

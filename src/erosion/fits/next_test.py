@@ -17,7 +17,7 @@ from erosion.fits.ranking import rank
 from erosion.models import model_name
 from erosion.output import briefly, sentences
 from erosion.parameters import QUANTITIES, array_of
-from erosion.results import Columns, Declared, Part, Result, Scale, Value
+from erosion.results import Columns, Declared, Result, Scale, Value, ValueGroup
 
 _DRAWS = 2000
 _PLACES = np.linspace(-4.0, 4.0, 33)  # of a row about its mean, in standard deviations, by which cells are chosen
@@ -154,7 +154,7 @@ class NextTest(Result):
             Columns("best_tests", self.title, tested, only="table"),
             Columns("candidates", "", columns, only="data"),
             Value("half_width", self.half_width, only="data"),
-            *(Part(part, [self._declared(name, value) for name, value in values.items()], only="data")
+            *(ValueGroup(part, [self._declared(name, value) for name, value in values.items()], only="data")
               for part, values in chosen.items()),
         ]  # fmt: skip
 

@@ -66,7 +66,7 @@ def chances(residuals: np.ndarray, slopes: np.ndarray, fitted: np.ndarray, freed
     return np.sum(special.softmax(logs, axis=0) * odds, axis=0)
 
 
-def far_rows(fit: "Calibration") -> list[Finding]:
+def findings_of_outliers(fit: "Calibration") -> list[Finding]:
     """The row that is furthest off, or those that a robust loss holds back."""
     data, squares = fit.data, fit.squares
     residuals = squares.data.over_errors(fit.residuals)

@@ -31,7 +31,7 @@ from erosion.ode.step_control import require_float64
 from erosion.output.tables import Record
 from erosion.parameters.parameters import Parameters
 from erosion.parameters.quantities import Quantity, Scale, table_scale
-from erosion.results import Columns, Declared, Finding, Part, Value, found
+from erosion.results import Columns, Declared, Finding, Value, ValueGroup, found
 
 _EVIDENCE = 0.5  # standard error of ln Z, from which on a factor of evidence means little
 _END, _PILED = 0.01, 0.1  # an end of a prior, and the share of draws there that shows that the prior decides
@@ -237,7 +237,7 @@ class Posterior(Fit):
         if "predictor" not in vars(self):
             alone = self.of_model
             vars(self)["predictor"] = (
-                make_predictor(self.likelihood, self.likeliest, self.seed, progress, alone.ways["model"])
+                make_predictor(self.likelihood, self.likeliest, self.seed, progress, alone.hypotheses["model"])
                 if self.discrepancy
                 else alone
             )
@@ -281,7 +281,7 @@ class Posterior(Fit):
             self.of_parameters("intervals", self.intervals(self.level)),
             Value("level", self.level, only="data"),
             Value("correlation", self.correlation, dims=("parameter", "other_parameter"), only="data"),
-            Part("priors", [Value(name, self.prior_in_words(name)) for name in self.names], only="data"),
+            ValueGroup("priors", [Value(name, self.prior_in_words(name)) for name in self.names], only="data"),
             Value("log_evidence", self.log_evidence, "ln Z", "of the data, under this model and these priors",
                   error=self.log_evidence_error),
             Value("converged", self.converged, only="data"),

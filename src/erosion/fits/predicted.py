@@ -26,7 +26,7 @@ from erosion.parameters import (
     table_scale,
     unit_name,
 )
-from erosion.results import Columns, Declared, Finding, Part, Result, Value, found
+from erosion.results import Columns, Declared, Finding, Result, Value, ValueGroup, found
 
 _DRAWS = 2000  # the ends of an interval are known to some percents of its width
 _TOGETHER = 60  # questions of one batch, as the time of curves grows with the third power
@@ -102,7 +102,7 @@ class Predictions(Result):
                 interval("mean", "the mean"),
                 interval("weighing", "a new weighing"),
             ]),
-            Part("", self.predictor.declare(), self.predictor.title),
+            ValueGroup("", self.predictor.declare(), self.predictor.title),
         ]  # fmt: skip
 
     @property

@@ -1,10 +1,10 @@
 """Predictions whose intervals hold where the model misses the data: averaged over what a model may lack.
 
-Three ways to read the data are drawn: the model, the model with a free exponent of the speed, and that with a
+Three hypotheses are drawn: the model, the model with a free exponent of the speed, and that with a
 discrepancy too (`erosion.fits.discrepancy`). Each counts by its evidence. So a model that is right predicts almost as
 closely as by its parameters alone, and a model that misses does not hide it. A choice by χ² would.
 
-Evidence is of the rows. Beyond their angles nothing says that a model is right: there the last way counts alone.
+Evidence is of the rows. Beyond their angles nothing says that a model is right: there the last hypothesis counts alone.
 """
 
 import dataclasses
@@ -31,21 +31,21 @@ from erosion.parameters import conversion_factor
 from erosion.results import Declared, Finding, Result, Scale, Value, found
 
 CHAINS = 4
-_DRAWS = 600  # of a way to read the data: 500 independent ones know ends of intervals to 4 % of their width (1 σ)
+_DRAWS = 600  # of a hypothesis: 500 independent ones know ends of intervals to 4 % of their width (1 σ)
 _MIXED = 2000  # draws of the average
 _SOME = 400
 _APART = 0.3  # deviation of populations' means over that of their draws; R̂ is about 1.05
 _UNLIKELY = 0.01  # probability that any of the rows is so far off by its error
 _NOTHING = 0.05  # of a row's erosion, which the model does not have
 _LISTED = 4  # rows that a sentence lists
-_COUNTS = 0.01  # probability of a way whose draws matter
+_COUNTS = 0.01  # probability of a hypothesis whose draws matter
 _FADE = np.deg2rad(5.0)  # beyond the tested angles, over which the discrepancy comes to count alone
 Noise = bool | float | np.ndarray | ErrorModel
 
 
 @dataclasses.dataclass(frozen=True)
-class Way:
-    """One way to read the data.
+class Hypothesis:
+    """One hypothesis about the data.
 
     Args:
         misfit: the likelihood.
@@ -68,13 +68,13 @@ class Predictor(Result):
 
     Args:
         problem: the model, the case and the data.
-        ways: the ways to read the data, by name: "discrepancy", "exponent" and "model", those that can be; rows of many
+        hypotheses: the hypotheses, by name: "discrepancy", "exponent" and "model", those that can be; rows of many
             conditions are put together there.
         seed: of what is drawn for a prediction.
     """
 
     problem: FitProblem
-    ways: Mapping[str, Way]
+    hypotheses: Mapping[str, Hypothesis]
     seed: int
 
     @property
@@ -107,33 +107,33 @@ class Predictor(Result):
 
     @property
     def weights(self) -> dict[str, float]:
-        """The probability of each way to read the data, if all were alike before."""
-        return {name: way.weight for name, way in self.ways.items()}
+        """The probability of each hypothesis, if all were alike before."""
+        return {name: hypothesis.weight for name, hypothesis in self.hypotheses.items()}
 
     @property
     def parts(self) -> tuple[str, ...]:
         """What the intervals hold, in words."""
-        has = [way.misfit for way in self.ways.values()]
+        has = [hypothesis.misfit for hypothesis in self.hypotheses.values()]
         return ("parameters", *sentences(
-            (any(way.has_discrepancy for way in has), "discrepancy"),
-            (any(way.has_exponent for way in has), "speed exponent"),
+            (any(hypothesis.has_discrepancy for hypothesis in has), "discrepancy"),
+            (any(hypothesis.has_exponent for hypothesis in has), "speed exponent"),
         ))  # fmt: skip
 
-    def chosen(self, count: int) -> list[tuple[Way, dict[str, np.ndarray]]]:
-        """Draws of all parameters, from each way as many as it counts for; of a single way at most those it has."""
+    def chosen(self, count: int) -> list[tuple[Hypothesis, dict[str, np.ndarray]]]:
+        """Draws of all parameters, of each hypothesis by its weight; of a single one at most those it has."""
         ends = np.round(np.cumsum([0.0, *self.weights.values()]) * count).astype(int)
-        ways = []
-        for way, wanted in zip(self.ways.values(), np.diff(ends), strict=True):
-            total = _size(way.values)
-            wanted = min(wanted, total) if len(self.ways) == 1 else wanted
-            ways.append((way, _some_of(way.values, wanted)))
-        return ways
+        hypotheses = []
+        for hypothesis, wanted in zip(self.hypotheses.values(), np.diff(ends), strict=True):
+            total = _size(hypothesis.values)
+            wanted = min(wanted, total) if len(self.hypotheses) == 1 else wanted
+            hypotheses.append((hypothesis, _some_of(hypothesis.values, wanted)))
+        return hypotheses
 
     @property
     def exponent(self) -> tuple[float, float] | None:
         """Mean and standard deviation of the speed's exponent over the model's v², in the average; None without."""
         held = self.problem.held_exponent
-        if held is None or not any(way.misfit.has_exponent for way in self.ways.values()):
+        if held is None or not any(hypothesis.misfit.has_exponent for hypothesis in self.hypotheses.values()):
             return None
         draws = [values.get(EXPONENT, np.full(_size(values), held)) for _, values in self.chosen(_MIXED)]
         draws = np.concatenate(draws)
@@ -164,45 +164,47 @@ class Predictor(Result):
         self, alpha: Any, at: Mapping[str, Any] | None = None, count: int = _SOME, *, noise: Noise = True
     ) -> tuple[np.ndarray, np.ndarray]:
         """Draws of the mean, and the standard deviation of a new weighing about each; arguments as of `draw`."""
-        means, ways = self._means(alpha, at, count)
-        own, common = self._errors(means.reshape(len(means), -1), ways, noise)
+        means, hypotheses = self._means(alpha, at, count)
+        own, common = self._errors(means.reshape(len(means), -1), hypotheses, noise)
         return means, np.hypot(own, common).reshape(means.shape)
 
     def _errors(
-        self, means: np.ndarray, ways: Sequence[Mapping[str, np.ndarray]], noise: Noise = True
+        self, means: np.ndarray, hypotheses: Sequence[Mapping[str, np.ndarray]], noise: Noise = True
     ) -> tuple[np.ndarray, np.ndarray]:
-        """`deviations` about means, shape (draws, n), of draws of the parameters by each way in turn."""
-        parts = np.split(means, np.cumsum([_size(values) for values in ways])[:-1])
+        """`deviations` about means, shape (draws, n), of draws of the parameters by each hypothesis in turn."""
+        parts = np.split(means, np.cumsum([_size(values) for values in hypotheses])[:-1])
         about = [deviations(self.data, values, part, None if noise is True else noise)
-                 for values, part in zip(ways, parts, strict=True)]  # fmt: skip
+                 for values, part in zip(hypotheses, parts, strict=True)]  # fmt: skip
         own, common = (np.concatenate(part) for part in zip(*about, strict=True))
         return own, common
 
     def _means(
         self, alpha: Any, at: Mapping[str, Any] | None, count: int
     ) -> tuple[np.ndarray, list[dict[str, np.ndarray]]]:
-        """Draws of the mean, and the parameters of those of each way."""
+        """Draws of the mean, and the parameters of those of each hypothesis."""
         asked = self.question(alpha, at)
         conditions = {name: column.ravel() for name, column in asked.items()}
         rng, chosen = np.random.default_rng([self.seed, 1]), self.chosen(check_whole("count", count, 1))
-        chosen = [(way, values) for way, values in chosen if _size(values)]
-        curves = np.concatenate([way.misfit.draw(values, conditions, rng) for way, values in chosen])
+        chosen = [(hypothesis, values) for hypothesis, values in chosen if _size(values)]
+        curves = np.concatenate([hypothesis.misfit.draw(values, conditions, rng) for hypothesis, values in chosen])
         if alone := self._alone(conditions, chosen):
             last, values, there, place, share = alone
             curves[place] += share * (last.misfit.draw(values, there, rng) - curves[place])
         return curves.reshape((-1, *asked["alpha"].shape)), [values for _, values in chosen]
 
     def _alone(
-        self, conditions: Mapping[str, np.ndarray], chosen: Sequence[tuple[Way, Mapping[str, np.ndarray]]]
-    ) -> tuple[Way, dict[str, np.ndarray], dict[str, np.ndarray], tuple[np.ndarray, ...], np.ndarray] | None:
-        """The way that counts alone beyond the tested angles, for draws of others; None where it has no place.
+        self, conditions: Mapping[str, np.ndarray], chosen: Sequence[tuple[Hypothesis, Mapping[str, np.ndarray]]]
+    ) -> tuple[Hypothesis, dict[str, np.ndarray], dict[str, np.ndarray], tuple[np.ndarray, ...], np.ndarray] | None:
+        """The hypothesis that counts alone beyond the tested angles, for draws of others; None where it has no place.
 
         Returns:
-            The way, its draws, the conditions beyond the angles, the place of both among all draws and conditions, and
+            It, its draws, the conditions beyond the angles, the place of both among all draws and conditions, and
             how much it counts there: up to 1, from `_FADE` beyond the angles.
         """
-        angle, last, alpha = self.data.angle, self.ways.get("discrepancy"), conditions["alpha"]
-        others = np.flatnonzero(np.concatenate([np.full(_size(values), way is not last) for way, values in chosen]))
+        angle, last, alpha = self.data.angle, self.hypotheses.get("discrepancy"), conditions["alpha"]
+        others = np.flatnonzero(
+            np.concatenate([np.full(_size(values), hypothesis is not last) for hypothesis, values in chosen])
+        )
         share = np.clip(np.maximum(angle.min() - alpha, alpha - angle.max()) / _FADE, 0.0, 1.0)
         beyond = share > 0
         if last is None or not others.size or not beyond.any():
@@ -222,11 +224,11 @@ class Predictor(Result):
     @property
     def row_errors(self) -> np.ndarray:
         """Standard deviations of the rows, given or the mean of the sampled ones; shape (n,)."""
-        if not {*OF_ERROR} & {*self.ways["model"].values}:
+        if not {*OF_ERROR} & {*self.hypotheses["model"].values}:
             return self.data.whole_error
-        ways = [values for _, values in self.chosen(_SOME)]
-        erosion = np.tile(self.data.erosion, (sum(map(_size, ways)), 1))
-        return np.hypot(*self._errors(erosion, ways)).mean(axis=0)
+        hypotheses = [values for _, values in self.chosen(_SOME)]
+        erosion = np.tile(self.data.erosion, (sum(map(_size, hypotheses)), 1))
+        return np.hypot(*self._errors(erosion, hypotheses)).mean(axis=0)
 
     @property
     def title(self) -> str:
@@ -234,7 +236,7 @@ class Predictor(Result):
         return f"predictions hold {', '.join(self.parts)}"
 
     def declare(self) -> list[Declared]:
-        """The probability of each way to read the data, and the exponent of the speed."""
+        """The probability of each hypothesis, and the exponent of the speed."""
         words = {"model": "that the model is right", "exponent": "that it is but for the speed's exponent",
                  "discrepancy": "that it misses more, by a discrepancy over angle and speed"}  # fmt: skip
         mean, deviation = self.exponent or (2.0, 0.0)
@@ -250,14 +252,14 @@ class Predictor(Result):
     @functools.cached_property
     def _missed(self) -> tuple[Finding, ...]:
         """The rows that a new weighing would not give; empty where it would give all."""
-        data, few = self.data, self.ways["model"].misfit.plain.problem.data
+        data, few = self.data, self.hypotheses["model"].misfit.plain.problem.data
         at = dict(few.conditions)
-        means, ways = self._means(at.pop("alpha"), at, _SOME)
-        own, common = (np.mean(errors**2, axis=0) for errors in self._errors(means, ways))
+        means, hypotheses = self._means(at.pop("alpha"), at, _SOME)
+        own, common = (np.mean(errors**2, axis=0) for errors in self._errors(means, hypotheses))
         middle = means.mean(axis=0)
         distance = np.abs(data.erosion - middle) / np.sqrt(means.var(axis=0) + own + common)
         distance = np.maximum(distance, _from_repeats(data, data.erosion - middle, np.sqrt(own)))
-        odds, freedom = 2 * stats.norm.sf(distance), len(data) - len(self.ways["model"].values)
+        odds, freedom = 2 * stats.norm.sf(distance), len(data) - len(self.hypotheses["model"].values)
         if data.uncertainty is None and freedom > 1:  # a row far off makes a sampled error large, which hides the row
             apart = data.weighed(middle, np.sqrt(own)).over_errors(data.erosion - middle) * data.deviation
             odds = np.minimum(odds, chances(apart, np.zeros((len(data), 0)), middle, freedom))
@@ -276,11 +278,15 @@ class Predictor(Result):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What predictions cannot know; none for good ones."""
-        bad = [name for name, way in self.ways.items() if not way.converged and way.weight > _COUNTS]
+        bad = [
+            name
+            for name, hypothesis in self.hypotheses.items()
+            if not hypothesis.converged and hypothesis.weight > _COUNTS
+        ]
         law = {"law": law_in_words(PRIORS[EXPONENT])}
         of_prior = self.exponent is not None and self.data.has_one_speed
         return (
-            *found((bad, Finding("ways_disagree", "", {"ways": bad}))),
+            *found((bad, Finding("hypotheses_disagree", "", {"hypotheses": bad}))),
             *self._missed,
             *found((of_prior, Finding("exponent_of_prior", "", law))),
         )
@@ -306,15 +312,15 @@ def by_parameters(
         seed: see `Predictor`.
     """
     misfit = Discrepant(likelihood, has_exponent=False, has_discrepancy=False)
-    return Predictor(likelihood.problem, {"model": Way(misfit, values, log_evidence)}, seed)
+    return Predictor(likelihood.problem, {"model": Hypothesis(misfit, values, log_evidence)}, seed)
 
 
-def predictor_of(problem: FitProblem, ways: Mapping[str, Mapping[str, Any]], seed: int) -> Predictor:
-    """Predictions by draws that were kept: by way, the arguments of `Way` but for its likelihood."""
+def predictor_of(problem: FitProblem, hypotheses: Mapping[str, Mapping[str, Any]], seed: int) -> Predictor:
+    """Predictions by draws that were kept: by hypothesis, the arguments of `Hypothesis` but for its likelihood."""
     whole = Likelihood(problem, JointLaw(), ())
-    few = with_few_conditions(whole) if len(ways) > 1 else whole
-    kept = {name: Way(Discrepant(few, EXPONENT in way["values"], name == "discrepancy"), **way)
-            for name, way in ways.items()}  # fmt: skip
+    few = with_few_conditions(whole) if len(hypotheses) > 1 else whole
+    kept = {name: Hypothesis(Discrepant(few, EXPONENT in hypothesis["values"], name == "discrepancy"), **hypothesis)
+            for name, hypothesis in hypotheses.items()}  # fmt: skip
     return Predictor(problem, kept, seed)
 
 
@@ -323,9 +329,9 @@ def make_predictor(
     estimates: Mapping[str, float],
     seed: int,
     progress: Progress = no_progress,
-    model: Way | None = None,
+    model: Hypothesis | None = None,
 ) -> Predictor:
-    """The average of the ways to read the data.
+    """The average of the hypotheses.
 
     Args:
         whole: the likelihood of the model.
@@ -337,20 +343,20 @@ def make_predictor(
     few, rng, problem = with_few_conditions(whole), np.random.default_rng([seed, 2]), whole.problem
     if model is None or few is not whole:
         model = drawn(Discrepant(few, False, False), estimates, rng, progress)
-    ways = {"model": model}
+    hypotheses = {"model": model}
     exponent = "v0" not in problem.free and EXPONENT not in own_parameters(problem.model)
     exponent = exponent and problem.held_exponent is not None
     if exponent and problem.data.has_one_speed:  # n has no influence on these data
         count = _size(model.values)
         law = {**model.values, EXPONENT: PRIORS[EXPONENT].ppf((rng.permutation(count) + 0.5) / count)}
         misfit = dataclasses.replace(model.misfit, has_exponent=True)
-        ways["exponent"] = dataclasses.replace(model, misfit=misfit, values=law)
+        hypotheses["exponent"] = dataclasses.replace(model, misfit=misfit, values=law)
     elif exponent:
-        ways["exponent"] = drawn(Discrepant(few, True, False), estimates, rng, progress)
-    ways["discrepancy"] = drawn(Discrepant(few, exponent, True), estimates, rng, progress)
-    weights = special.softmax([way.log_evidence for way in ways.values()]).tolist()
-    weighed = {name: dataclasses.replace(way, weight=weight)
-               for (name, way), weight in zip(ways.items(), weights, strict=True)}  # fmt: skip
+        hypotheses["exponent"] = drawn(Discrepant(few, True, False), estimates, rng, progress)
+    hypotheses["discrepancy"] = drawn(Discrepant(few, exponent, True), estimates, rng, progress)
+    weights = special.softmax([hypothesis.log_evidence for hypothesis in hypotheses.values()]).tolist()
+    weighed = {name: dataclasses.replace(hypothesis, weight=weight)
+               for (name, hypothesis), weight in zip(hypotheses.items(), weights, strict=True)}  # fmt: skip
     return Predictor(problem, weighed, seed)
 
 
@@ -367,8 +373,8 @@ def _size(values: Mapping[str, np.ndarray]) -> int:
 
 def drawn(
     misfit: Discrepant, estimates: Mapping[str, float], rng: np.random.Generator, progress: Progress = no_progress
-) -> Way:
-    """One way to read the data, of weight 1.
+) -> Hypothesis:
+    """One hypothesis, of weight 1.
 
     Importance sampling takes a tenth of the time of annealing; where its effective draws are too few, as along ridges,
     beside jumps of V(α), and where its laws miss a mode that draws of the prior hit, populations are annealed from the
@@ -384,10 +390,10 @@ def drawn(
     near = sample_near(misfit, special.ndtri(shares), rng)
     if near.effective >= SETTINGS.enough:
         points = near.chosen(_DRAWS, rng)
-        return Way(misfit, misfit.values(points), near.log_evidence)
+        return Hypothesis(misfit, misfit.values(points), near.log_evidence)
     run = sample(misfit, (CHAINS, _DRAWS // CHAINS, misfit.priors.dimension), rng, _agree, progress)
     values = {name: column.reshape(-1) for name, column in misfit.values(run.points).items()}
-    return Way(misfit, values, run.mean_log_evidence, converged=_agree(run.points))
+    return Hypothesis(misfit, values, run.mean_log_evidence, converged=_agree(run.points))
 
 
 def _agree(points: np.ndarray) -> bool:

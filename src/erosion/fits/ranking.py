@@ -22,7 +22,7 @@ from erosion.fits.problem import FitProblem
 from erosion.fits.residual_checks import RARE, is_beyond_scatter, variances_differ, worst_row
 from erosion.fits.tempering import SamplingError
 from erosion.models import model_name, own_in_words
-from erosion.results import Columns, Declared, Finding, Mark, Part, Result, Scale, Value, found
+from erosion.results import Columns, Declared, Finding, Mark, Result, Scale, Value, ValueGroup, found
 
 _Fit = TypeVar("_Fit", bound=Fit)
 _EQUAL = 2.0  # ΔAICc below which data does not decide between models (Burnham and Anderson 2002)
@@ -347,12 +347,12 @@ def _is_alone(ranking: "Ranking | PosteriorRanking") -> bool:
 def _beside(ranking: "Ranking | PosteriorRanking", fits: Mapping[str, Fit], columns: Sequence[Value]) -> list[Declared]:
     """Models beside each other, and all numbers of the best one; in data those of each of several."""
     best, is_alone = ranking.best, _is_alone(ranking)
-    of_each = Part("fits", [Part(name, fit.declare()) for name, fit in fits.items()], only="data")
+    of_each = ValueGroup("fits", [ValueGroup(name, fit.declare()) for name, fit in fits.items()], only="data")
     failures = [Value("model", [failure.about for failure in ranking.failures]),
                 Value("text", [failure.text for failure in ranking.failures])]  # fmt: skip
     of_several = [] if is_alone else [of_each, Columns("failures", "", failures, only="data")]
     table = Columns("ranking", ranking.title, columns, only="data" if is_alone else "")
-    return [table, Part("", best.declare(), best.title), *of_several]
+    return [table, ValueGroup("", best.declare(), best.title), *of_several]
 
 
 _DECISIVE = 3.0  # difference of ln Z, a factor of 20, below which data do not decide (Kass and Raftery 1995)

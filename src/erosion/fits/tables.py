@@ -46,7 +46,7 @@ class Removal(Wanted):
         return super().measure(unit, system, is_alias=is_alias)
 
 
-class Uncertainty(Wanted):
+class UncertaintyColumn(Wanted):
     """The standard deviation of an erosion, in its unit or as a share of it."""
 
     def measure(self, unit: str, system: System, *, is_alias: bool) -> tuple[Dimension, float] | None:
@@ -77,7 +77,7 @@ KNOWN: Mapping[str, Wanted] = {
         ("erosion rate", "erosion ratio", "specific erosion", "erosion loss", "wear", "wear rate"),
         _LOSS_WORDS,
     ),
-    "uncertainty": Uncertainty(
+    "uncertainty": UncertaintyColumn(
         REMOVALS["erosion"],
         ("standard deviation", "standard uncertainty", "std", "stdev", "std dev", "sd"),
         r"uncert\w*|std\w*|stdev|deviation|errors?|err|scatter|unsicherheit|streuung",

@@ -6,9 +6,9 @@ from erosion.results.declaration import (
     Declare as Declare,
     Declared as Declared,
     Mark as Mark,
-    Part as Part,
     Scale as Scale,
     Value as Value,
+    ValueGroup as ValueGroup,
 )
 from erosion.results.findings import (
     Finding as Finding,

@@ -125,7 +125,7 @@ class Columns:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ValueGroup:
     """Numbers that belong together: those of each parameter, or of one of several results.
 
     Args:
@@ -141,4 +141,4 @@ class Part:
     only: Output = ""
 
 
-Declared = Value | Columns | Part
+Declared = Value | Columns | ValueGroup

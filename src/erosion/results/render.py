@@ -20,7 +20,7 @@ from erosion.output.tables import (
     to_plain,
     with_error,
 )
-from erosion.results.declaration import Columns, Declared, Part, Scale, Value
+from erosion.results.declaration import Columns, Declared, Scale, Value, ValueGroup
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -170,20 +170,20 @@ def summary(declared: Iterable[Declared]) -> str:
     return ", ".join(f"{value.name}={_short(value.value)}" for value in values if not value.labels)
 
 
-def _apart(declared: Iterable[Declared], *outputs: str) -> tuple[list[Value], list[Columns], list[Part]]:
+def _apart(declared: Iterable[Declared], *outputs: str) -> tuple[list[Value], list[Columns], list[ValueGroup]]:
     """The values, the groups of columns and the parts that outputs have."""
     listed = [item for item in declared if item.only in ("", *outputs)]
     values = [item for item in listed if isinstance(item, Value)]
     if "table" in outputs:
         values = [value for value in values if value.value is not None]
     columns = [item for item in listed if isinstance(item, Columns)]
-    return values, columns, [item for item in listed if isinstance(item, Part)]
+    return values, columns, [item for item in listed if isinstance(item, ValueGroup)]
 
 
 def _flat(declared: Iterable[Declared], *outputs: str, before: str = "") -> Iterator[Value | Columns]:
     """Values and columns, those of parts with the part's name before their own names and dimensions."""
     for item in declared:
-        if isinstance(item, Part):
+        if isinstance(item, ValueGroup):
             if item.only in ("", *outputs):
                 name = f"{before}{item.name}_" if item.name else before
                 yield from _flat(item.values, *outputs, before=name)

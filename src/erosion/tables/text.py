@@ -120,7 +120,7 @@ class TextTable(Source):
         with open_text(self._path) as file:
             for _ in range(layout.first):
                 file.readline()
-            rows = _Rows(file, layout.separator == " ", functools.partial(self._note, tuple(headings)))
+            rows = _RowStream(file, layout.separator == " ", functools.partial(self._note, tuple(headings)))
             try:
                 for batch in arrow_csv.open_csv(
                     pa.PythonFile(rows, mode="r"),
@@ -239,7 +239,7 @@ class TextTable(Source):
         return self._punctuation(tuple(headings))[1] == pa.int64()
 
 
-class _Rows(io.RawIOBase):
+class _RowStream(io.RawIOBase):
     """The lines of a text that are rows.
 
     Args:
