@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.contour import ContourSet
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 import erosion
@@ -22,7 +23,8 @@ from erosion.impacts import BEYOND_LABEL
 from erosion.impacts.dataset_files import StoreError
 from erosion.models import Linearized
 from erosion.plotting.curves import pieces, plot_against_correlations, plot_optimum
-from erosion.plotting.labels import broken
+from erosion.plotting.labels import INK, broken
+from erosion.plotting.style import fit_legends
 from erosion.plotting.sweeps import plot_regimes, plot_sweep
 from erosion.sweeps.boundaries import boundary
 from erosion.sweeps.grid import block_shape, make_grid, regions
@@ -372,6 +374,13 @@ def test_cuts_that_turn_the_body_too_far_are_hatched(map_of_rotating):
     assert hatched == [BEYOND_LABEL]
     assert "boundary between no cut, rebound and stop" in [text.get_text() for text in legend.get_texts()]
     assert legend.get_window_extent().width <= figure.bbox.width
+    figure.set_figwidth(4.0)
+    fit_legends(figure)  # another legend, with marks of the left panel: those of the right are white
+    (legend,) = figure.legends
+    handles = {text.get_text(): handle for text, handle in zip(legend.get_texts(), legend.legend_handles, strict=True)}
+    best = handles["greatest for this value"]
+    assert isinstance(best, Line2D)
+    assert best.get_color() == INK
     for ax in figure.axes[:2]:
         (region,) = [drawn for drawn in ax.collections if isinstance(drawn, ContourSet)]
         assert region.hatches == ["////"]

@@ -196,7 +196,8 @@ def save_plots(make: Callable[[], Figure], files: Mapping[Path, float | None]) -
 @house_style()
 def fit_legends(figure: Figure) -> None:
     """Give legends that are wider than the figure fewer columns, and smaller letters where that is not enough."""
-    whole = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    axes = reversed(figure.axes)  # marks of the first panels have the colour of ink
+    whole = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     for legend in list(figure.legends):
         title = "\n".join(textwrap.wrap(legend.get_title().get_text(), int(_LETTERS * figure.get_figwidth())))
         for columns in (2, 1):
@@ -256,9 +257,5 @@ def legend_below(ax: Axes, columns: int) -> None:
     figure: Any = ax.figure
     handles, labels = ax.get_legend_handles_labels()
     one_each = dict(zip(reversed(labels), reversed(handles), strict=True))
-    figure.legend(
-        [one_each[label] for label in dict.fromkeys(labels)],
-        dict.fromkeys(labels),
-        loc="outside lower center",
-        ncols=columns,
-    )
+    ordered = sorted(dict.fromkeys(labels), key=BEYOND_LABEL.__eq__)  # this one is the last
+    figure.legend([one_each[label] for label in ordered], ordered, loc="outside lower center", ncols=columns)

@@ -13,6 +13,7 @@ from erosion.models.rigid import StraightCut
 from erosion.output import Record
 from erosion.parameters import QUANTITIES
 from erosion.plotting.curves import ShapeCurve, plot_best_angles, plot_differences, plot_shapes, plot_turn
+from erosion.plotting.labels import coinciding
 from erosion.plotting.sweeps import plot_regimes
 from erosion.report.case import (
     LINEARIZED,
@@ -224,6 +225,7 @@ _PAIRS = {
 }
 """Pairs of models that differ only in the force: of additional question 2 and of additional question 3."""
 _READINGS = {"as-printed": "as printed", "rotating": "as corrected", LINEARIZED: "linearized equations"}
+_COINCIDES = 0.99  # share of the angles
 _BESIDE = (LINEARIZED, "finnie", "rotating", "linearized-deformation")
 
 NEEDS_OF_TAN_ALPHA = _needs(_ALONG, _TURNING, LINEARIZED)
@@ -319,7 +321,8 @@ def all_models(case: ReportCase) -> Answer:
             numbers[model]["left_at_90_degrees"] = float(case.hits(model).volume[-2] / optimum.volume)
     # With `as-printed` most is removed as α → 0; its best angle is where the turn falls to 90°.
     corrected = [row for model, row in numbers.items() if model != "as-printed"]
-    fields = {
+    hidden = coinciding([case.hits(model).volume[:-1] for model in BUILT_IN], _COINCIDES)
+    fields: dict[str, Any] = {
         "models": BUILT_IN,
         # At 90°, too; not the limit as α → 0, and not the NaN where nothing is removed.
         "best_angles": [row["valid_alpha_max"] for row in corrected if row["valid_alpha_max"] > 0],
@@ -328,11 +331,13 @@ def all_models(case: ReportCase) -> Answer:
         "idle": [model for model, row in numbers.items() if row["kind"] == "none"],
         "deforming": {model: row for model, row in numbers.items() if "left_at_90_degrees" in row},
         "greatest_volume": max(row["volume_max"] for row in numbers.values()),
+        "hidden": {model: list(BUILT_IN)[below[0]] for model, below in zip(BUILT_IN, hidden, strict=True) if below},
     }
-    curves = [case.curve(model) for model in BUILT_IN]
-    beside = [case.curve(model) for model in _BESIDE]
+    titled = {model: case.curve(model, info.summary.replace("F_x", "Fₓ")) for model, info in BUILT_IN.items()}
+    curves = [curve for model, curve in titled.items() if model not in fields["hidden"]]
+    beside = [titled[model] for model in _BESIDE]
     figures = {
-        "models": draw_curves(curves, width=5.8, height=5.2, units=case.units, columns=2),
+        "models": draw_curves(curves, width=5.8, height=7.2, units=case.units, columns=1),
         "correlations": Drawing(
             panel(plot_shapes, beside, tuple(CORRELATIONS), width=5.8, height=5.0), beyond_of(beside)
         ),
