@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 
 import erosion
 from erosion import erosion_map, read_measurements
-from erosion.cfd.map_files import FORMATS, write_map
+from erosion.cfd.map_files import MAP_FORMATS, write_map
 from erosion.impacts.dataset_files import write_netcdf
 from erosion.laws import JointSamples, Samples
 from erosion.output.files import write_whole
@@ -64,7 +64,7 @@ WRITERS = {
     "fit.svg": lambda path: save_plot(Figure(), path),
     "fit.png": lambda path: save_plot(Figure(), path),
     "fit.pdf": lambda path: save_plot(Figure(), path),
-    **{f"map{ending}": write_a_map for ending in FORMATS},
+    **{f"map{ending}": write_a_map for ending in MAP_FORMATS},
     "out.nc": lambda path: write_netcdf(xr.Dataset({"v": ("n", CONTENT)}), path, {}),
 }
 

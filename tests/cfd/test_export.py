@@ -11,7 +11,7 @@ import xarray as xr
 import erosion
 import erosion.cfd.surface
 from erosion.cfd.erosion_map import erosion_map
-from erosion.cfd.map_files import FORMATS, write_map
+from erosion.cfd.map_files import MAP_FORMATS, write_map
 from tests.cfd.tables import Table, hump, sand
 
 pyvista = pytest.importorskip("pyvista")
@@ -76,11 +76,11 @@ def test_netcdf_holds_it_all(wear: xr.Dataset, tmp_path: Path) -> None:
 
 
 def test_other_files_are_refused(wear: xr.Dataset, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=rf"must end in {re.escape(', '.join(FORMATS))}\.$"):
+    with pytest.raises(ValueError, match=rf"must end in {re.escape(', '.join(MAP_FORMATS))}\.$"):
         write_map(wear, tmp_path / "map.vtk")
 
 
-@pytest.mark.parametrize("ending", FORMATS)
+@pytest.mark.parametrize("ending", MAP_FORMATS)
 def test_a_map_that_cannot_be_written_leaves_nothing(wear: xr.Dataset, tmp_path: Path, ending: str) -> None:
     (tmp_path / f"full{ending}").mkdir()
     with pytest.raises(OSError, match=rf"full\{ending}"):
@@ -88,11 +88,11 @@ def test_a_map_that_cannot_be_written_leaves_nothing(wear: xr.Dataset, tmp_path:
     assert [path.name for path in tmp_path.iterdir()] == [f"full{ending}"]
 
 
-@pytest.mark.parametrize("ending", FORMATS)
+@pytest.mark.parametrize("ending", MAP_FORMATS)
 def test_a_format_without_a_place_for_totals_needs_a_surface(tmp_path: Path, ending: str) -> None:
     two = Table(count=[1.0, 2.0], mass=[1e-7] * 2, diameter=[4e-4] * 2, speed=[50.0] * 2, alpha=[0.4] * 2)
     totals = erosion_map("linearized", P, two)
-    if FORMATS[ending].holds_surface:
+    if MAP_FORMATS[ending].holds_surface:
         with pytest.raises(ValueError, match=f"a {ending} file holds a surface"):
             write_map(totals, tmp_path / f"map{ending}")
     else:

@@ -17,7 +17,7 @@ import xarray as xr
 from scipy import stats
 
 import erosion
-from erosion.cfd.map_files import FORMATS
+from erosion.cfd.map_files import MAP_FORMATS
 from erosion.cfd.surface import Surface
 from erosion.cli import exit_status
 from tests.cfd.parts import PARTS, rows_on, write
@@ -142,7 +142,7 @@ def test_a_page_is_one_of_the_files(shell: Shell, monkeypatch: pytest.MonkeyPatc
     assert shell(given).out.endswith("map: page.html\n")
     assert "The worst 10 faces" in Path("page.html").read_text()
     assert "a .html file holds a surface" in shell(["map", "none.csv", "-o", "page.html"], 2).err
-    assert f"must end in {', '.join(FORMATS)}, .html." in shell(["map", "none.csv", "-o", "page.doc"], 2).err
+    assert f"must end in {', '.join(MAP_FORMATS)}, .html." in shell(["map", "none.csv", "-o", "page.doc"], 2).err
     # A page needs what draws pictures, which is known before anything is computed.
     monkeypatch.setattr("erosion.cli.lazy.require_renderer", lambda: (_ for _ in ()).throw(RuntimeError("No screen.")))
     assert "No screen." in shell(given, 1).err

@@ -13,7 +13,7 @@ import xarray as xr
 from pyarrow import feather, parquet
 
 from erosion.tables import TableError, Wanted, open_table
-from erosion.tables.frames import FORMATS
+from erosion.tables.frames import TABLE_FORMATS
 
 WANTED = {
     "angle": Wanted(("angle",), ("alpha",)),
@@ -119,7 +119,7 @@ WRITERS: dict[str, Callable[[Path], Any]] = {
 """By the ending of a name, what writes `FRAME` so."""
 
 
-@pytest.mark.parametrize("ending", [ending for each in FORMATS for ending in each.endings])
+@pytest.mark.parametrize("ending", [ending for each in TABLE_FORMATS for ending in each.endings])
 def test_each_format_is_read_by_the_name_of_its_file_and_by_what_it_begins_with(tmp_path: Path, ending: str) -> None:
     WRITERS[ending](tmp_path / f"a{ending}")
     check(open_table(tmp_path / f"a{ending}", WANTED))

@@ -171,7 +171,7 @@ class MapJob:
             findings=to_attribute(
                 (
                     *map(stated, table.warnings),
-                    *summary.findings(tally),
+                    *summary.findings(tally, surface),
                     *sand.findings,
                     *filter(None, [finding_of_turned(tally.counts["turned"])]),
                     *([Finding("pushed_forward")] if pushed_forward(task.model, options.p) else ()),

@@ -47,15 +47,15 @@ def write_map(dataset: xr.Dataset, path: str | Path, identity: Identity | None =
     """
     path = require_map_path(path, has_surface="face" in dataset.dims)
     told = {str(name): str(value) for name, value in dataset.attrs.items()}
-    FORMATS[path.suffix].write(dataset, path, identity or (lambda: {"version": code_version(), **told}))
+    MAP_FORMATS[path.suffix].write(dataset, path, identity or (lambda: {"version": code_version(), **told}))
     return path
 
 
 def require_map_path(
     path: str | Path, *, has_surface: bool = True, formats: Mapping[str, MapFormat] | None = None
 ) -> Path:
-    """The path of a map's file in one of the formats, `FORMATS` without any; errors as of `write_map`."""
-    path, formats = check_path("path", path), FORMATS if formats is None else formats
+    """The path of a map's file in one of the formats, `MAP_FORMATS` without any; errors as of `write_map`."""
+    path, formats = check_path("path", path), MAP_FORMATS if formats is None else formats
     if path.suffix not in formats:
         raise ValueError(f"{path}: the name of a map's file must end in {', '.join(formats)}.")
     if formats[path.suffix].holds_surface and not has_surface:
@@ -111,7 +111,7 @@ def _write_dataset(dataset: xr.Dataset, path: Path, identity: Identity) -> None:
     write_netcdf(dataset, path, identity())
 
 
-FORMATS: Mapping[str, MapFormat] = {
+MAP_FORMATS: Mapping[str, MapFormat] = {
     ".vtp": MapFormat(_write_polydata, holds_surface=True),
     ".csv": MapFormat(_write_csv),
     ".nc": MapFormat(_write_dataset),

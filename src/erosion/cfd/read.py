@@ -21,7 +21,10 @@ from erosion.tables import read_meanings
 from erosion.tables.frames import format_of
 from erosion.tables.text import beginning
 
-_SURFACES: Mapping[str, Callable[[Path], dict[str, Any]]] = {**dict.fromkeys(ENDINGS, vtk_blocks), ".stl": read_solids}
+SURFACE_FORMATS: Mapping[str, Callable[[Path], dict[str, Any]]] = {
+    **dict.fromkeys(ENDINGS, vtk_blocks),
+    ".stl": read_solids,
+}
 """By the ending of a file's name, what reads its blocks of polygons, as data sets of pyvista by name."""
 
 _POLYGONS = (5, 7, 9)  # VTK's numbers of triangle, polygon and quadrilateral
@@ -32,10 +35,21 @@ def open_surface(path: Path, patch: str | Sequence[str] | None = None, unit: str
     """The polygons of a file: of a VTU its cells that are polygons; each solid of an STL and block of a VTM is a patch.
 
     Raises:
-        ImpactsError: for a file that cannot be read, or that holds no polygons, a patch that is not there, and a file
-            whose unit nobody says.
+        ImpactsError: for a file of another format, that cannot be read, or that holds no polygons, a patch that is not
+            there, and a file whose unit nobody says.
     """
-    blocks = _SURFACES[path.suffix.lower()](path)
+    read_blocks = SURFACE_FORMATS.get(path.suffix.lower())
+    if read_blocks is None:
+        converted = path.with_suffix(".vtp").name
+        hint = (
+            f" Python converts other files of polygons: pyvista.read({path.name!r}).extract_surface().triangulate()"
+            f".save({converted!r})."
+        ) * (path.suffix.lower() in _CONVERTIBLE)
+        endings = ", ".join(SURFACE_FORMATS)
+        raise ImpactsError(
+            f"{path}: is no surface; it must be an OpenFOAM case, or its name must end in {endings}.{hint}"
+        )
+    blocks = read_blocks(path)
     if patch is not None and len(blocks) < 2 and path.suffix.lower() != ".vtm":
         raise ImpactsError(f"{path}: has no patches, so Argument `patch` must be left out.")
     grids = dict[str, tuple[Any, np.ndarray]]()
@@ -210,16 +224,7 @@ def read_surface(
             raise ImpactsError(f"{path}: is an OpenFOAM case, which is in metres: Argument `unit` must be left out.")
         case = case_of(path)
         return open_case(path if case is None else case).surface(patch)
-    if path.suffix.lower() in _SURFACES:
-        return open_surface(path, patch, unit)
-    converted = path.with_suffix(".vtp").name
-    hint = (
-        f" Python converts other files of polygons: pyvista.read({path.name!r}).extract_surface().triangulate()"
-        f".save({converted!r})."
-    ) * (path.suffix.lower() in _CONVERTIBLE)
-    raise ImpactsError(
-        f"{path}: is no surface; it must be an OpenFOAM case, or its name must end in {', '.join(_SURFACES)}.{hint}"
-    )
+    return open_surface(path, patch, unit)
 
 
 def _existing(name: str, value: Any) -> Path:

@@ -19,6 +19,7 @@ _FEW = 100  # impacts at random times, of which the first and the last are 2 % o
 _GROWTH = 2.6  # of the wear with speed, as of metals in DNVGL-RP-O501 (2015), table 3-1
 _DOMINATES = 0.05  # share of the wear from which on one of many rows is named, if it has 30 times the mean, too
 _COMPARED = 1_000_000  # rows at most among which those that repeat others are looked for
+_SPECK = 0.03  # of the surface's length: less of it is hit where mm or inches are taken as metres
 _REPEATED = 0.01  # share of rows above which they are said
 
 
@@ -131,13 +132,19 @@ class TableSummary:
                 )
         return ["Read:", *(f"  {line}" for line in lines)]
 
-    def findings(self, tally: FaceTally) -> tuple[Finding, ...]:
-        """That rows repeat others, have no weight, or that one of them does much of the wear."""
+    def findings(self, tally: FaceTally, surface: Surface | None) -> tuple[Finding, ...]:
+        """That rows repeat others, have no weight, all lie on a speck, or that one of them does much of the wear."""
+        length = math.inf if surface is None else surface.length
+        hit = float(np.linalg.norm(self._box[1] - self._box[0])) if tally.unnamed > 1 else math.inf
         is_one = self._most > self._all * max(_DOMINATES, 30 / max(1, tally.hits))
         return (
             *self._repeats.findings,
             *found(
                 (self._weightless, Finding("rows_without_weight", numbers={"rows": self._weightless})),
+                (
+                    hit < _SPECK * length < math.inf,
+                    Finding("impacts_on_a_speck", numbers={"impacts": hit, "surface": length}),
+                ),
                 (is_one, Finding(ONE_ROW, self._place, {"share": self._most / self._all if self._all else 0.0})),
             ),
         )

@@ -20,7 +20,7 @@ from erosion.cfd.exports import restitution as restitution
 from erosion.cfd.exports import to_comsol as to_comsol
 from erosion.cfd.exports import to_csv as to_csv
 from erosion.cfd.exports import volume_table as volume_table
-from erosion.cfd.map_files import FORMATS as FORMATS
+from erosion.cfd.map_files import MAP_FORMATS as MAP_FORMATS
 from erosion.cfd.map_files import MapFormat as MapFormat
 from erosion.cfd.map_files import require_map_path as require_map_path
 from erosion.cfd.map_result import FACES as FACES

@@ -291,7 +291,7 @@ def _format(output: Path | None, target: _Surface, picture: _Picture) -> "lazy.M
     """The format of the map's file, where one is asked for."""
     if output is None:
         return None
-    formats = {**lazy.FORMATS, **lazy.page_format(**picture.look)}
+    formats = {**lazy.MAP_FORMATS, **lazy.page_format(**picture.look)}
     with user_errors():
         lazy.require_no_pdf(output)
         lazy.require_map_path(output, has_surface=target.surface is not None, formats=formats)

@@ -190,7 +190,7 @@ class TableFormat(NamedTuple):
     opened: Callable[[Path], Source]
 
 
-FORMATS = (
+TABLE_FORMATS = (
     TableFormat((".parquet",), b"PAR1", lambda path: ArrowTable(path, "Parquet", _parquet)),
     TableFormat((".feather", ".arrow"), b"ARROW1", lambda path: ArrowTable(path, "Feather", _feather)),
     TableFormat((".xlsx", ".xlsm"), b"PK\3\4", ExcelTable),
@@ -205,7 +205,7 @@ def format_of(path: Path) -> TableFormat | None:
     """
     with open_text(path) as file:
         begins = file.read(8)
-    for each in FORMATS:
+    for each in TABLE_FORMATS:
         if path.name.lower().endswith(each.endings) or (begins.startswith(each.begins) and path.suffix != ".gz"):
             return each
     return None
