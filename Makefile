@@ -13,6 +13,9 @@ UV := $(shell command -v uv 2>/dev/null || echo .uv/bin/uv)
 
 .PHONY: report test test-all test-types test-lowest test-newest durations coverage bench docs lint format clean
 
+# A process computes on each core already: more threads of the linear algebra only wait for each other.
+test test-all test-types test-lowest test-newest durations coverage docs: export OPENBLAS_NUM_THREADS := 1
+
 # What one page needs, no more: the tools of development and the extras come with `make test`.
 report: | $(UV)
 	$(UV) sync --quiet --inexact --locked --no-default-groups --python $(PYTHON)
