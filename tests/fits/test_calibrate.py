@@ -403,16 +403,13 @@ def test_samples_of_a_robust_fit_explain_the_rows():
 
 def test_samples_hold_for_other_tests_and_know_their_angles():
     rows = {"angle [deg]": TO_60, "erosion [-]": np.array([3.0, 5.2, 5.9, 5.5, 4.4, 3.1])}
-    in_own_units = erosion.calibrate(
-        erosion.FitProblem("linearized", PULLED, rows, free=["k", "psi"]), starts=2
-    ).joint_samples()
-    assert [*in_own_units.columns] == ["k"]
-    shape = {**rows, "erosion [-]": np.array([3.0, 5.2, 5.9, 5.5, 4.4, 3.1])}
-    sized = _uncertain(erosion.calibrate(erosion.FitProblem("rotating", PULLED, shape, free=["k", "r"]), starts=2))
-    assert sized is not None
-    assert sized.predictor is None
-    assert sized.laws.names == ("k",)
-    assert np.rad2deg(in_own_units.tested["alpha"]) == pytest.approx([10, 60])
+    of_shape = erosion.calibrate(erosion.FitProblem("linearized", PULLED, rows, free=["k", "psi"]), starts=2)
+    assert [*of_shape.joint_samples().columns] == ["k"]
+    assert np.rad2deg(of_shape.joint_samples().tested["alpha"]) == pytest.approx([10, 60])
+    in_own_units = _uncertain(of_shape)
+    assert in_own_units is not None
+    assert in_own_units.predictor is None
+    assert in_own_units.laws.names == ("k",)
     volume = np.asarray(erosion.impact("rotating", PULLED.replace(alpha=np.deg2rad(TO_60))).volume)
     data = {"angle [deg]": TO_60, "volume [in^3/impact]": volume * np.array([1.01, 0.98, 1.02, 1, 0.99, 1])}
     of_jet = erosion.calibrate(erosion.FitProblem("rotating", PULLED, data, free=["k", "r"]), starts=2)

@@ -26,14 +26,14 @@ from erosion.plotting.fits import (
 )
 from erosion.plotting.labels import coinciding
 
-DEGREES = np.linspace(5.0, 88.0, 50)
+DEGREES = np.linspace(5.0, 88.0, 12)
 
 
 @pytest.fixture(scope="module")
 def fit():
     volume = np.asarray(LinearizedCut().volume(TABLE_1.replace(alpha=np.deg2rad(DEGREES))))
-    noisy = volume + 6e-6 * np.random.default_rng(1).standard_normal(50)
-    table = {"angle [deg]": DEGREES, "volume [in^3/impact]": noisy, "uncertainty [in^3]": np.full(50, 6e-6)}
+    noisy = volume + 6e-6 * np.random.default_rng(1).standard_normal(12)
+    table = {"angle [deg]": DEGREES, "volume [in^3/impact]": noisy, "uncertainty [in^3]": np.full(12, 6e-6)}
     return calibrate(FitProblem("linearized", TABLE_1, table, ["k", "psi"]), starts=1)
 
 
@@ -80,7 +80,7 @@ def test_a_fit_is_called_the_same_where_it_is_in_each_group():
 @pytest.fixture(scope="module")
 def at_two_speeds():
     """Rows at two speeds in mg/kg, from a curve of another shape than the fitted one."""
-    speed = np.repeat([2000.0, 4000.0], 25)
+    speed = np.repeat([2000.0, 4000.0], 6)
     p = TABLE_1.replace(alpha=np.deg2rad(DEGREES), v0=speed)
     loss = np.asarray(LinearizedCut().volume(p)) / float(TABLE_1.m) * 1e-7 * np.exp(0.6 * np.sin(DEGREES / 12))
     table = {"angle [deg]": DEGREES, "mass_loss [mg/kg]": loss * 1e6, "speed [in/s]": speed}
@@ -97,7 +97,7 @@ def test_each_speed_has_a_curve_and_a_colour(at_two_speeds):
     bars = [one for one in upper.containers if isinstance(one, ErrorbarContainer)]
     assert [one.get_label() for one in bars] == ["v₀ = 2000 in/s", "v₀ = 4000 in/s"]
     assert [one.lines[0].get_color() for one in bars] == [line.get_color() for line in curves[:2]]
-    assert [np.asarray(one.lines[0].get_data()).shape for one in bars] == [(2, 25), (2, 25)]
+    assert [np.asarray(one.lines[0].get_data()).shape for one in bars] == [(2, 6), (2, 6)]
     assert [one.lines[0].get_color() for one in lower.containers if isinstance(one, ErrorbarContainer)] == [
         line.get_color() for line in curves[:2]
     ]
