@@ -137,7 +137,13 @@ def test_a_time_may_end_the_motion_also_at_its_start():
     alike(end.along("k").y["c"], -end.t * end.y["c"])
 
 
-@pytest.mark.parametrize("times", ["noon", [], lambda args: "noon", lambda args: None, lambda args: args["no"]])
+@pytest.mark.parametrize("times", [[], lambda args: np.zeros(0)])
+def test_there_may_be_no_times(times):
+    end = ode.solve(ode.Problem({"c": 1.0}, decay, {"dose": ode.Event(times=times)}), {"k": 1.0}, t1=1.0)
+    assert (end.ended_by, end.y["c"]) == ("t1", pytest.approx(np.exp(-1.0), rel=1e-9))
+
+
+@pytest.mark.parametrize("times", ["noon", lambda args: "noon", lambda args: None, lambda args: args["no"]])
 def test_times_must_be_numbers(times):
     with pytest.raises((TypeError, ValueError), match="times"):
         ode.solve(ode.Problem({"c": 1.0}, decay, {"dose": ode.Event(times=times)}), {"k": 1.0}, t1=1.0)

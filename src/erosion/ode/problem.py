@@ -364,8 +364,9 @@ class Event:
         direction: +1 where only a rise through zero counts, -1 a fall, 0 either.
         reset: of (t, y, args), the state after the event, from which the motion goes on.
         times: in place of a function the times of the event, in any order: numbers, or a function of args that gives
-            them. Those before `t0` are left out, and one at `t0` counts. Of equal times the first counts first;
-            derivatives are those of this order. A reset may also have an argument named `index`, the place among them.
+            them; there may be none. Those before `t0` are left out, and one at `t0` counts. Of equal times the first
+            counts first; derivatives are those of this order. A reset may also have an argument named `index`, the
+            place among them.
         terminal: whether the event ends the motion; a whole number n says that the n-th does, before its reset. By
             default an event ends it unless it has a reset. With False and no reset it is recorded, see
             `Solution.events`, and the motion goes on.
@@ -425,8 +426,9 @@ class Event:
         return None if self.last == 1 else self.reset or _unchanged
 
     def times_of(self, args: Any) -> PyTree:
-        """The times of the event."""
-        return self.times(args) if callable(self.times) else self.times
+        """The times of the event; ∞ where there are none."""
+        times = self.times(args) if callable(self.times) else self.times
+        return times if times is None or any(map(np.size, jax.tree.leaves(times))) else [np.inf]
 
 
 _OF_ARGS = ("y0", "integrals0", "time_scale", "parameter_scale", "breaks")
