@@ -101,7 +101,7 @@ def test_no_angle_is_the_best_where_the_body_turns_too_far_at_each() -> None:
     assert always.text in str(best)
 
 
-@pytest.mark.parametrize("model", ["linearized", "linearized-deformation", "tan-alpha", "velocity-aligned"])
+@pytest.mark.parametrize("model", ["linearized-deformation", "velocity-aligned"])
 def test_a_model_without_rotation_leaves_out_the_spin(model: str) -> None:
     spinning = P.replace(phidot0=55_000.0)
     best, still = (erosion.alpha_max(model, p) for p in (spinning, P))
@@ -148,8 +148,9 @@ class OfOneImpact(erosion.models.ConstantRatio):
 def test_a_law_of_one_impact_is_asked_for_one() -> None:
     model = erosion.models.Rotating(force=OfOneImpact())
     assert "pushed_forward" not in erosion.sweep(model, P, alpha=np.linspace(0.05, 0.1, 3)).attrs.get("findings", "")
-    assert erosion.alpha_max(model, P.replace(k=np.array([2.0, 3.0]))).certified.all()
-    assert erosion.alpha_max(model, P.replace(k=np.array([2.0, 3.0]))).findings == ()
+    best = erosion.alpha_max(model, P.replace(k=np.array([2.0, 3.0])))
+    assert best.certified.all()
+    assert best.findings == ()
 
 
 def test_the_share_that_turns_too_far_is_a_number_of_streams_and_maps() -> None:

@@ -231,21 +231,6 @@ def test_every_impact_has_its_volume_to_every_order(law):
         assert np.max(error) < 5e-8
 
 
-def test_a_power_without_a_value_above_the_surface_is_the_guarded_one():
-    class Guarded(Power):
-        def factor(self, u):
-            positive = jax.numpy.where(u > 0, u, 1.0)
-            return jax.numpy.where(u > 0, positive**1.5, 0.0)
-
-    p = random_impacts(500, seed=1)
-    plain, guarded = (erosion.impact(model_of(law), p, derivatives=2) for law in (Power, Guarded))
-    assert np.array_equal(plain.ended_by, guarded.ended_by)
-    for name in ("volume", "dvolume", "d2volume"):
-        assert getattr(guarded, name) == pytest.approx(getattr(plain, name), rel=1e-6, abs=1e-9)
-    volume, ended_by, _ = scipy_cut(model_of(Guarded), _case(p, 0))
-    assert (plain.ended_by[0], plain.volume[0]) == (ended_by, pytest.approx(volume, rel=1e-8))
-
-
 def _differences(model, p, step=1e-5):
     """V' and V'' by central differences of V and V', and where both ends are alike."""
     low, high = (erosion.impact(model, p.replace(alpha=p.alpha + way * step), derivatives=1, rtol=1e-12)

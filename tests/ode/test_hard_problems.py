@@ -204,8 +204,7 @@ def test_a_break_of_the_function_that_ends_a_lane_counts_on_its_side():
     assert found == pytest.approx([1.5, -1.125, 0.5, -0.75, 1.125], rel=1e-7)
 
 
-@pytest.mark.parametrize("power", [1.5, 2.5])
-def test_a_power_that_is_guarded_at_its_event_has_derivatives(power):
+def test_a_power_that_is_guarded_at_its_event_has_derivatives():
     def fall(guarded: Any) -> ode.Problem:
         return ode.Problem(
             lambda args: {"y": 0.3, "v": args["v"]},
@@ -217,9 +216,9 @@ def test_a_power_that_is_guarded_at_its_event_has_derivatives(power):
     plain, *others = (
         ode.solve(fall(each), args, t1=50.0, wrt="v", derivatives=2)
         for each in (
-            lambda y: y**power,
-            lambda y: jnp.maximum(y, 0.0) ** power,
-            lambda y: jnp.where(y > 0, y**power, 0.0),
+            lambda y: y**1.5,
+            lambda y: jnp.maximum(y, 0.0) ** 1.5,
+            lambda y: jnp.where(y > 0, y**1.5, 0.0),
         )
     )
     for other in others:

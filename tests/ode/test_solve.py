@@ -203,10 +203,7 @@ class Body(eqx.Module):
 @pytest.mark.parametrize(
     ("y0", "rate", "x"),
     [
-        (lambda a: {"x": a, "v": 0.0}, lambda y: {"x": y["v"], "v": -y["x"]}, lambda y: y["x"]),
-        (lambda a: (a, 0), lambda y: (y[1], -y[0]), lambda y: y[0]),
-        (lambda a: Oscillation(a, 0.0), lambda y: Oscillation(y.v, -y.x), lambda y: y.x),
-        (lambda a: jnp.array([a, 0.0]), lambda y: jnp.array([y[1], -y[0]]), lambda y: y[..., 0]),
+        (lambda a: Oscillation(a, 0), lambda y: Oscillation(y.v, -y.x), lambda y: y.x),
         (lambda a: [{"x": a}, (0.0, [])], lambda y: [{"x": y[1][0]}, (-y[0]["x"], [])], lambda y: y[0]["x"]),
         (
             lambda a: Body(jnp.stack([a, 0.0])),
@@ -214,7 +211,7 @@ class Body(eqx.Module):
             lambda y: y.place[..., 0],
         ),
     ],
-    ids=["dict", "tuple", "named", "array", "nested", "module"],
+    ids=["named", "nested", "module"],
 )
 def test_a_state_is_any_pytree(y0, rate, x):
     problem = ode.Problem(y0, lambda t, y, args: rate(y), {"low": ode.Event(lambda t, y, args: x(y) + 0.5, -1)})
@@ -391,10 +388,10 @@ def test_cases_that_change_without_a_jump_keep_derivatives():
     )
     h = 1e-4
     end = ode.solve(problem, {"k": 1.1}, t1=0.9, wrt="k", derivatives=2)
-    near = ode.solve(problem, {"k": 1.1 + h * np.array([-1.0, 0.0, 1.0])}, t1=0.9, rtol=1e-12).y
-    for name, (below, here, above) in near.items():
-        assert end.along("k").y[name] == pytest.approx((above - below) / (2 * h), rel=1e-6), name
-        curve = (above - 2 * here + below) / h**2
+    near = ode.solve(problem, {"k": 1.1 + h * np.array([-1.0, 1.0])}, t1=0.9, rtol=1e-12, wrt="k", derivatives=2)
+    for name in CONTINUOUS:
+        slope, curve = (np.diff(part.y[name])[0] / (2 * h) for part in (near, near.along("k")))
+        assert end.along("k").y[name] == pytest.approx(slope, rel=1e-6), name
         assert end.along("k", "k").y[name] == pytest.approx(curve, rel=1e-3, abs=1e-3), name
 
 
@@ -552,10 +549,10 @@ def test_a_distance_is_seen_in_a_long_step(radius: float) -> None:
     line = ode.Problem(
         {"x": 0.0},
         lambda t, y, args: {"x": 1.0},
-        {"disc": ode.Event(lambda t, y, args: jnp.hypot(y["x"] - args["at"], radius / 2) - radius, -1)},
+        {"disc": ode.Event(lambda t, y, args: jnp.hypot(y["x"] - args["at"], args["r"] / 2) - args["r"], -1)},
     )
     at = np.linspace(6, 95, 500)
-    end = ode.solve(line, {"at": at}, t1=100.0)
+    end = ode.solve(line, {"at": at, "r": radius}, t1=100.0)
     assert set(end.ended_by) == {"disc"}
     np.testing.assert_allclose(end.t, at - radius * np.sqrt(0.75), rtol=1e-9)
 
@@ -609,7 +606,7 @@ def test_the_first_of_three_zeros_in_a_very_long_step(apart: float, direction: i
     assert found.trials.max() <= 20
 
 
-@pytest.mark.parametrize("order", [3, 5, 9, 21])
+@pytest.mark.parametrize("order", [3, 21])
 def test_a_zero_of_higher_order_is_met_where_it_is(order: int) -> None:
     """Newton's method leaves a share of the way to it at each step; second derivatives have no digits there."""
     decay = ode.Problem(1.0, lambda t, y, args: -args["k"] * y)
@@ -719,25 +716,24 @@ def test_no_lane_fails_where_the_motion_is_not_defined_beyond_its_event(force, w
         assert (right | (np.isnan(found) if infinite else order == 0)).all()
 
 
-def thrown(path, *, smooth=None):
-    """A throw up to its apex, the path by an integral."""
+PATHS = {
+    "abs": jnp.abs,
+    "maximum": lambda v: jnp.maximum(v, 0.0),
+    "where": lambda v: jnp.where(v <= 0, -v, v),
+    "sqrt": lambda v: jnp.sqrt(v * v),
+}
+
+
+def test_of_a_kink_at_the_event_only_the_side_before_it_counts():
+    """A throw up to its apex, the path by integrals."""
     problem = ode.Problem(
         y0=lambda args: {"v": args["v0"]},
         vector_field=lambda t, y, args: {"v": -args["g"]},
         events={"apex": ode.Event(lambda t, y, args: y["v"], direction=-1)},
-        integrals={"path": lambda t, y, args: path(y["v"])},
+        integrals={name: lambda t, y, args, path=path: path(y["v"]) for name, path in PATHS.items()},
     )
-    v0 = np.linspace(5.0, 15.0, 5)
-    return v0, ode.solve(problem, {"v0": v0, "g": 9.81}, t1=50.0, wrt=("v0", "g"), derivatives=2, smooth=smooth)
-
-
-@pytest.mark.parametrize(
-    "path",
-    [jnp.abs, lambda v: jnp.maximum(v, 0.0), lambda v: jnp.where(v <= 0, -v, v), lambda v: jnp.sqrt(v * v)],
-)
-def test_of_a_kink_at_the_event_only_the_side_before_it_counts(path):
-    v0, end = thrown(path)
-    g = 9.81  # the path is v0²/(2 g)
+    v0, g = np.linspace(5.0, 15.0, 5), 9.81  # the path is v0²/(2 g)
+    end = ode.solve(problem, {"v0": v0, "g": g}, t1=50.0, wrt=("v0", "g"), derivatives=2)
     for by, exact in {
         ("v0",): v0 / g,
         ("g",): -(v0**2) / (2 * g**2),
@@ -745,7 +741,8 @@ def test_of_a_kink_at_the_event_only_the_side_before_it_counts(path):
         ("v0", "g"): -v0 / g**2,
         ("g", "g"): v0**2 / g**3,
     }.items():
-        np.testing.assert_allclose(end.along(*by).integrals["path"], exact, rtol=1e-10)
+        for name in PATHS:
+            np.testing.assert_allclose(end.along(*by).integrals[name], exact, rtol=1e-10, err_msg=name)
     np.testing.assert_allclose(end.along("g").t, -v0 / g**2, rtol=1e-10)
 
 
