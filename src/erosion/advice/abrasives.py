@@ -1,4 +1,4 @@
-"""What an abrasive does to the amounts, whether another would remove more, and how much of it a job takes."""
+"""Statements on the abrasive: its hardness, a comparison with another one, and the amount for a job."""
 
 import dataclasses
 from collections.abc import Iterable, Sequence
@@ -17,7 +17,7 @@ def hardness_ratio(particle: Particle, target: Target) -> float | None:
 
 
 def hardness_sentence(particle: Particle, target: Target, name: str) -> str:
-    """What the abrasive's hardness does to the amounts."""
+    """The effect of the abrasive's hardness on the amounts."""
     ratio = hardness_ratio(particle, target)
     if ratio is None:
         return (
@@ -36,7 +36,7 @@ def hardness_sentence(particle: Particle, target: Target, name: str) -> str:
 
 
 def size_and_shape(particle: Particle, other: Particle) -> tuple[float, float] | None:
-    """What the other removes over what the particle removes, per kilogramme, by size and by shape.
+    """The ratio of the other's removal to the particle's, per kilogramme, by size and by shape.
 
     The size counts to the power 0.19 (Oka), the shape as E/CRC's factor; None where a shape is not known.
     """

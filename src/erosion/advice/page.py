@@ -136,7 +136,7 @@ def _spreadsheet(advice: Advice, decimal: str) -> str:
 
 
 def notes_of(advice: Advice) -> list[tuple[str, str]]:
-    """What the advice rests on, names with their texts."""
+    """The assumptions of the advice: names with their texts."""
     p = advice.p.to("si")
     case, spread = [], degrees(advice.spread)
     for name in ("k", "psi", "r", "b", "m", "v0", "sigma", "inertia", "phidot0"):

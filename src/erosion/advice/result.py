@@ -1,4 +1,4 @@
-"""What `advise` finds: curves over the nozzle's angle, the advised angle, warnings, and what is not known exactly."""
+"""The result of `advise`: curves over the nozzle's angle, the advised angle, warnings, and uncertainties."""
 
 import dataclasses
 import functools
@@ -58,7 +58,7 @@ class Uncertain:
 
     @property
     def holds(self) -> str:
-        """What 95 % of the curves hold, in words."""
+        """The meaning of the 95 % band of the curves, in words."""
         return "if the model is right" if self.predictor is None else f"of {', '.join(self.predictor.parts)}"
 
     @property

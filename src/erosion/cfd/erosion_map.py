@@ -51,7 +51,7 @@ _WRONG_WAY = 0.9  # share of rows from behind that no table of real impacts reac
 
 @dataclasses.dataclass(frozen=True)
 class MapTask:
-    """What is the same for all portions of a map; workers get a copy.
+    """The common inputs of all portions of a map; workers get a copy.
 
     Args:
         reference: the model, or its name or path.
@@ -117,7 +117,7 @@ class MapJob:
     surface: Surface | None
 
     def identity(self) -> dict[str, str]:
-        """What the map depends on, in words; all files of the table are read for it.
+        """All inputs of the map, in words; reads all files of the table.
 
         Raises:
             ValueError: for a model that computes by what only this process knows.

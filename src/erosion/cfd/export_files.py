@@ -66,7 +66,7 @@ class AngleTable:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is clearly lost at other speeds."""
+        """Losses of the form at other speeds."""
         return found((self.losses.worst > NEAR, self.losses.finding("Fluent")))
 
     def text(self) -> str:
@@ -191,7 +191,7 @@ class ParticleErosion:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is clearly lost, at the case's speed and at others."""
+        """Losses of the form at the case's speed and at others."""
         return found(
             (self.misfit > NEAR, Finding("shape_off", "OpenFOAM", {"misfit": self.misfit})),
             (self.losses.worst > max(NEAR, self.misfit), self.losses.finding("OpenFOAM")),

@@ -309,7 +309,7 @@ class Reach(NamedTuple):
 
     @classmethod
     def of(cls, particle: ExportedParticle, p: Parameters, v0: Any = None, d: Any = None) -> "Reach":
-        """What is asked for in the units of `p`; without both, from half to twice the particle's own.
+        """The speeds and diameters in the units of `p`; by default from half to twice the particle's own.
 
         Raises:
             ValueError: for a speed or a diameter that is not positive.
@@ -372,7 +372,7 @@ def own_curve(particle: ExportedParticle) -> np.ndarray:
 
 
 def losses(code: str, form: _Erosion, particle: ExportedParticle, reach: Reach) -> Losses:
-    """What a form loses.
+    """Losses of a form.
 
     Args:
         code: its name, for messages.

@@ -88,7 +88,7 @@ _COLUMNS = tuple(field.name for field in dataclasses.fields(Hits))
 
 @dataclasses.dataclass(frozen=True)
 class Incidence:
-    """How rows of a table meet a surface.
+    """Incidence of the rows of a table on a surface: face, angle and speed.
 
     Args:
         surface: None where only totals are wanted.
@@ -261,7 +261,7 @@ _NAMED = 3  # rows that are too far are named, the others counted
 
 
 class Nearness:
-    """How the rows that were read so far lie on the surface.
+    """Distances of the rows read so far from the surface.
 
     Args:
         surface: the surface; without one rows have no distance, and nothing is said.

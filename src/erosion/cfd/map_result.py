@@ -447,7 +447,7 @@ class MapSummary(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is left out or doubtful."""
+        """Findings on rows that are left out or doubtful."""
         data = self.dataset
         findings = [*from_attribute(data.attrs["findings"]), *self._by_chance()]
         total = int(data["rows"])

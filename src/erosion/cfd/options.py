@@ -1,4 +1,4 @@
-"""How a map is made: the case, how its body follows the size of a row's particle, its spin, and laws."""
+"""Options of a map: the case, the scaling of its body with a row's particle, its spin, and laws."""
 
 import contextlib
 import dataclasses
@@ -217,7 +217,7 @@ class MapOptions:
         return self.laws.in_words(known, units) | {name: f"uncertain {law}" for name, law in uncertain.items()}
 
     def constants_in_words(self, model: CuttingModel) -> str:
-        """What the model takes as known: the formula of a correlation, else the case, and own parameters; and laws."""
+        """Constants of the model: the formula of a correlation, else the case, and own parameters; and laws."""
         formula = model.formula if isinstance(model, Correlated) else ""
         own = own_in_words(model, self.names, self.p.units)
         values = {} if formula else {name: float(getattr(self.p, name)) for name in OF_CASE if name not in self.names}
@@ -241,7 +241,7 @@ class MapOptions:
         return {name: value[:, None] for name, value in laws.draw(points).items()}
 
     def of_rows(self, model: CuttingModel, hits: Hits, portion: int) -> dict[str, np.ndarray]:
-        """What laws and spins give each row of a portion, of shape (rows,); rows that are left out get numbers as well.
+        """Values of laws and spins for each row of a portion, shape (rows,); rows that are left out get numbers, too.
 
         Raises:
             ImpactsError: where the column of the spin is asked for but not there.

@@ -1,4 +1,4 @@
-"""How the rows of a table were read: one block of numbers, for people to compare with their run."""
+"""Summary of a table as it was read, for users to compare with their run."""
 
 import math
 from pathlib import Path

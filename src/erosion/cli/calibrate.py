@@ -48,7 +48,7 @@ _FREE = 'Of case or model, "k,energy_ratio"; k and ψ without it.'
 @Parameter(name="*", group=FIT)
 @dataclasses.dataclass(frozen=True)
 class FitOptions(PerMassOptions):
-    """What is fitted."""
+    """Options of a fit: free parameters, errors of rows, starts."""
 
     free: Annotated[list[str], LISTED, Parameter(help=_FREE, show_default=False)] = dataclasses.field(
         default_factory=list
@@ -90,7 +90,7 @@ class FitTask:
 
     @property
     def inputs(self) -> tuple[Any, ...]:
-        """What is read."""
+        """The files that the verb reads."""
         return self.data, self.options.case, *self.names
 
     def models(self) -> "list[lazy.CuttingModel]":
@@ -200,7 +200,7 @@ def given_fit(
 
 
 def dimension_of(name: str, models: Sequence[Any], units: "lazy.System") -> "lazy.Dimension":
-    """What a parameter is measured in: of an impact, of one of the models (names or models), or a factor."""
+    """The dimension of a parameter of an impact, of one of the models (names or models), or of a factor."""
     with user_errors():
         known = [lazy.QUANTITIES, *(lazy.quantities(lazy.load_model(model)) for model in models)]
     return next((quantities[name].dimension for quantities in known if name in quantities), "1")
@@ -330,7 +330,7 @@ def _read_bounds(
 @Parameter(name="*", group=Group("Job", sort_key=7))
 @dataclasses.dataclass(frozen=True)
 class JobOptions:
-    """What is to be removed, and with what else."""
+    """Options of a job: the volume to remove, and another abrasive to compare."""
 
     area: Annotated[str | None, Parameter(help='To remove from, for kg of abrasive: "2 m^2".')] = None
     depth: Annotated[str | None, Parameter(help='To remove: "50 um".')] = None
@@ -362,7 +362,7 @@ _UNCERTAIN = (
 @Parameter(name="*")
 @dataclasses.dataclass(frozen=True)
 class TestedFitOptions:
-    """What tests have said of the metal; texts as they are typed."""
+    """Options on tests of the metal; texts as they are typed."""
 
     uncertain: Annotated[list[str] | None, Parameter(negative="", help=_UNCERTAIN)] = None
     own: SetOption = None

@@ -16,7 +16,7 @@ from erosion.extras import extra
 @Parameter(name="*")
 @dataclasses.dataclass(frozen=True)
 class ClusterOptions:
-    """Which processes work."""
+    """Options of the processes that compute."""
 
     workers: Annotated[WholeOption, Parameter(help="With out.zarr, work in this many processes.")] = None
     scheduler: Annotated[str | None, Parameter(help="With out.zarr, work on this Dask cluster: tcp://host:8786.")] = (

@@ -100,7 +100,7 @@ reading = functools.partial(about, kind=InputError)
 
 
 def sentence(error: Exception) -> str:
-    """What an error says, without Python's "[Errno 2]"."""
+    """The text of an error, without Python's "[Errno 2]"."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename or 'The output cannot be written'}: {error.strerror}."
     if isinstance(error, UnicodeDecodeError):

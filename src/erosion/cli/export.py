@@ -73,7 +73,7 @@ class _Impacts:
     ] = None
 
     def read(self, model: "lazy.CuttingModel", options: CaseOptions) -> "_Asked":
-        """What the forms are made of."""
+        """The model and the case, or the fit, that the forms are made of."""
         axes: dict[str, Any] = {}
         for axis, name in _OWN_NAMES.items():
             dimension = {**QUANTITIES, **RESULTS}[axis].dimension

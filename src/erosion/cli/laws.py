@@ -101,7 +101,7 @@ class ReadLaws(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class GivenLaws:
-    """What `LawOptions` and a case file give together: for each of them where it is given, and the texts.
+    """Laws of `LawOptions` and of a case file: the place and the text of each.
 
     What is uncertain may also be draws by parameter, as a fit writes them. `case` is that of the impacts.
     """
@@ -286,7 +286,7 @@ def case_and_laws(
     own: list[str] | None,
     joint: LawOptions | None,
 ) -> CaseAndLaws:
-    """What a verb's table in the case file and its options give; options win.
+    """The case and the laws of a verb's table in the case file and of its options; options win.
 
     Args:
         options: the case.

@@ -1,4 +1,4 @@
-"""What the verbs use of the package, imported when a verb uses it: JAX alone takes a second. `lazy.pyi` lists it."""
+"""Names of the package that verbs import on use, as JAX takes a second. `lazy.pyi` lists them."""
 
 from erosion.extras import on_use
 

@@ -107,7 +107,7 @@ def _with_quantities(options: type[_Options], *, show: bool = True) -> type[_Opt
 @_with_quantities
 @dataclasses.dataclass(frozen=True)
 class CaseOptions:
-    """Which impact: a case file, and changes to it."""
+    """Options of an impact: a case file, and changes to it."""
 
     case: Annotated[Path | None, Parameter(parse=False)] = None
     usual_units: Annotated[str | None, Parameter(parse=False)] = None
@@ -380,7 +380,7 @@ class CaseOptions:
         return in_file | {name: text for name, text in options.items() if text is not None}
 
     def title(self, units: "lazy.System") -> str:
-        """What to call the case: its title or "Table 1", and what options change, bare numbers in `units`."""
+        """The name of the case: its title or "Table 1", and changes by options, bare numbers in `units`."""
         with user_errors():
             name = "Table 1" if self.file is None else self.file.title()
         named = [text for text in (self.particle, self.target) if text is not None]
@@ -431,14 +431,14 @@ class CaseOptions:
 @functools.partial(_with_quantities, show=False)
 @dataclasses.dataclass(frozen=True)
 class AllAngles(CaseOptions):
-    """Which impact, at no angle of its own."""
+    """Options of an impact without an angle."""
 
 
 @Parameter(name="*", group=_CASE_OF_ROWS)
 @functools.partial(_with_quantities, show=False)
 @dataclasses.dataclass(frozen=True)
 class EachRow(CaseOptions):
-    """Which impact, whose angle and speed a table has."""
+    """Options of an impact whose angle and speed a table has."""
 
 
 CaseArgument = Annotated[Path | None, Parameter(help="Case file (TOML); Table 1 without it.")]
@@ -547,7 +547,7 @@ LISTED = Parameter(
 @Parameter(name="*")
 @dataclasses.dataclass(frozen=True)
 class TableOptions:
-    """How a table is read."""
+    """Options of reading a table."""
 
     columns: Annotated[str | None, Parameter(help='Units, names: "x,y,z=mm, d50=diameter [um]"; or a .toml.')] = None
     ignore: Annotated[list[str] | None, LISTED, Parameter(help='Columns to leave out, such as "frequency".')] = None

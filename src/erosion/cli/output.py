@@ -1,4 +1,4 @@
-"""What a verb prints and writes: tables, one form of JSON document, erosion per mass, warnings, progress, files."""
+"""Output of a verb: tables, the JSON document, erosion per mass, warnings, progress, files."""
 
 import contextlib
 import dataclasses
@@ -254,7 +254,7 @@ def draw(path: Path | None, figure: Callable[[], Any]) -> None:
 @Parameter(name="*", group=MODEL)
 @dataclasses.dataclass(frozen=True)
 class PerMassOptions:
-    """What erosion per mass of particles needs beside the case."""
+    """Options of erosion per mass of particles."""
 
     density: Annotated[
         str | None,
@@ -293,7 +293,7 @@ def density_option(name: str, text: str | None) -> float | None:
 
 
 def weighing(model: "lazy.CuttingModel", given: PerMassOptions | None, options: CaseOptions) -> "lazy.PerMass":
-    """How a model's volume becomes erosion per mass of particles.
+    """The conversion of a model's volume to erosion per mass of particles.
 
     Raises:
         InputError: also for the density of another metal than a correlation's.

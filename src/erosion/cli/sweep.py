@@ -45,7 +45,7 @@ _FIELDS = ("model", "paired", "derivatives", "wrt", "optimum", "turn", "set")
 @Parameter(name="*")
 @dataclasses.dataclass(frozen=True)
 class GridOptions:
-    """Which axes go together, and what is computed of each impact."""
+    """Options of a grid: paired axes, and results for each impact."""
 
     paired: Annotated[list[str] | None, LISTED, Parameter(help='Axes that go together: "alpha,v0".')] = None
     derivatives: Annotated[WholeOption, Parameter(help="Also dV/dq (1), and d²V/dq² (2).")] = None
@@ -86,7 +86,7 @@ class GridOptions:
 @Parameter(name="*")
 @dataclasses.dataclass(frozen=True)
 class StoreOptions:
-    """How a Zarr store is filled."""
+    """Options of a Zarr store."""
 
     chunks: Annotated[
         list[str] | None, LISTED, Parameter(help='With out.zarr, sizes of blocks: "alpha=100,v0=200".')
@@ -231,14 +231,14 @@ _NO_LAW = (
 @Parameter(name="*", group=LAWS)
 @dataclasses.dataclass(frozen=True)
 class SampleOptions:
-    """How many particles of a stream are drawn, and how."""
+    """Options of sampling a stream."""
 
     n: Annotated[WholeOption, Parameter(name="--n", help="Particles: 1e6; a million without it.")] = None
     seed: Annotated[WholeOption, Parameter(help="The same seed gives the same stream.")] = None
     points: Annotated[str | None, Parameter(help='"sobol" (scrambled) or "random".')] = None
 
     def read(self, options: CaseOptions, section: Mapping[str, Any], **more: Any) -> "lazy.StreamOptions":
-        """What the options and the table [stream] of the case file give; options win; `more` is not in the table."""
+        """Values of the options and of the table [stream] of the case file; options win; `more` is not in the table."""
         chosen = asked(self, section)
         if "n" in chosen:
             with reading(f"{options.case}: field `n` of [stream]"):

@@ -1,4 +1,4 @@
-"""What correlations share: units of erosion, targets by name, shapes of sand, and the ranges that they are made for."""
+"""Common parts of correlations: units of erosion, targets by name, shapes of sand, and ranges of validity."""
 
 import functools
 import math

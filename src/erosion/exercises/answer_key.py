@@ -40,7 +40,7 @@ SLIPS = (
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Verdict:
-    """What is said of an answer; a notebook shows the sentence, and a script prints it by `print`.
+    """The verdict on an answer; a notebook shows the sentence, and a script prints it by `print`.
 
     Args:
         right: whether the answer is within the tolerance.

@@ -256,7 +256,7 @@ class Calibration(Fit):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is doubtful in this fit; empty for a good one."""
+        """Findings of this fit; empty for a good one."""
         return doubts.doubts(self)
 
     @property
@@ -316,7 +316,7 @@ class Calibration(Fit):
 
     @functools.cached_property
     def predictor(self) -> Predictor:
-        """What `predict` asks, as `Posterior.predictor`: what the rows leave within the bounds, drawn when asked for.
+        """The predictor that `predict` uses, drawn on first use within the bounds; as `Posterior.predictor`.
 
         A robust loss counts as errors that are greater where it holds rows back.
         """
@@ -336,7 +336,7 @@ class Calibration(Fit):
 
     @functools.cached_property
     def groups(self) -> Sequence[Group]:
-        """The parameters that the data cannot tell apart."""
+        """Groups of parameters that the data determine together only."""
         return self.identifiability.groups
 
     def profile(self, name: str, points: int = 21) -> Profile:
@@ -366,7 +366,7 @@ class Calibration(Fit):
 
     @property
     def error_meaning(self) -> str:
-        """What the errors and intervals of the estimates hold, in words."""
+        """The meaning of the errors and intervals of the estimates, in words."""
         source = "their scatter" if self.data.uncertainty is None else "the rows' uncertainties"
         share = self.data.share_of_speeds
         return f"± and intervals are by {source} {f'and {100 * share:.4g} % of each speed' if share else 'alone'}"

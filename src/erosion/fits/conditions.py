@@ -1,4 +1,4 @@
-"""Which tests are of one condition: speeds and masses that differ by the scatter of a rig are the same."""
+"""Conditions of tests: speeds and masses that differ by the scatter of a rig are the same."""
 
 import dataclasses
 from collections.abc import Mapping

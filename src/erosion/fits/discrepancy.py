@@ -1,4 +1,4 @@
-"""What a model misses: an exponent of the speed, and a smooth discrepancy over angle and speed, integrated out.
+"""Discrepancy of a model: an exponent of the speed, and a smooth function of angle and speed, integrated out.
 
     y = μ (1 + δ) + e,   μ = η(α, v; θ) (v/v_ref)^(n-2) (sin α)^s + ω E_ref (v/v_ref)^n sin²α
 

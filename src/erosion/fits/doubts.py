@@ -1,4 +1,4 @@
-"""What is doubtful in a fit: bounds, errors that mislead, what the data leave open, and where to measure next."""
+"""Findings of a fit: bounds, misleading errors, undetermined parameters, and where to measure next."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ _SEEN = 2.0  # standard deviations of a row, by which the two fits must differ t
 
 
 def remedy(squares: LeastSquares, names: Sequence[str], allowed: np.ndarray, noise: float) -> Finding:
-    """What to do about parameters that are left open: fix one of them, or measure where they differ.
+    """The remedy for undetermined parameters: fix one of them, or measure where they differ.
 
     Args:
         squares: the model and the data.

@@ -141,7 +141,7 @@ def without_common(of_rows: np.ndarray, common: np.ndarray, speeds: np.ndarray) 
 
 
 def by_common(residuals: np.ndarray, common: np.ndarray, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What a common error takes off χ², and what it adds to the logarithm of the determinant, both of shape (m,).
+    """The changes of χ² and of the logarithm of the determinant by a common error, both of shape (m,).
 
     Args:
         residuals: over their own errors, shape (m, n).

@@ -1,4 +1,4 @@
-"""What every fit has, by least squares or by draws: samples, predictions, and a file that keeps both."""
+"""The interface of fits by least squares and by draws: samples, predictions, and a file that keeps both."""
 
 import abc
 import functools

@@ -80,7 +80,7 @@ class Draws:
 
     @functools.cached_property
     def predictor(self) -> Predictor | None:
-        """What was kept for predictions; None without it, and where only the shape of the wear is known."""
+        """The predictor of the file; None without one, and where only the shape of the wear is known."""
         with h5py.File(self.path) as file:
             is_kept = _PREDICTION in file
         return read_predictor(self.path) if is_kept and not self.has_scale else None
@@ -98,7 +98,7 @@ class Draws:
         _require_same_equations(self.path, self.equations, model, self.p)
 
     def of_fit(self) -> list[Finding]:
-        """What was doubtful in the fit, with this file named."""
+        """Findings of the fit, with the name of this file."""
         abouts = [f"{finding.about} ({self.path})" if finding.about else str(self.path) for finding in self.findings]
         return [dataclasses.replace(finding, about=about)
                 for finding, about in zip(self.findings, abouts, strict=True)]  # fmt: skip
@@ -200,7 +200,7 @@ def _kept(attrs: Mapping[str, Any], name: str, without: Any) -> Any:
 
 
 def prediction_groups(predictor: Predictor) -> dict[str, xr.Dataset]:
-    """What `read_predictor` needs beside the draws' file itself, by group: the draws of each hypothesis."""
+    """Groups that `read_predictor` needs beside the draws' file: the draws of each hypothesis."""
     problem = predictor.problem
     own = {name: float(parameter.value) for name, parameter in own_parameters(problem.model).items()}
     error = problem.data.error

@@ -46,7 +46,7 @@ class Group(NamedTuple):
 
     @property
     def finding(self) -> Finding:
-        """What the data leave open."""
+        """The finding on undetermined parameters."""
         about = ", ".join(self.names)
         if len(self.names) == 1:
             return Finding("parameter_has_no_influence", about)

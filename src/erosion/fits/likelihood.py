@@ -1,4 +1,4 @@
-"""What the data say of a model's parameters: the likelihood of rows with normal errors, and the priors.
+"""Likelihood of rows with normal errors, and priors of a model's parameters.
 
 A row differs from the model by a normal error: of the row's uncertainty, or of an unknown size with an absolute and a
 relative part.
@@ -140,7 +140,7 @@ class Likelihood(Misfit):
 
     @property
     def constant(self) -> float:
-        """What squares over the data's `deviation` leave out of the log-likelihood."""
+        """The constant of the log-likelihood beside the squares over the data's `deviation`."""
         return -float(np.sum(np.log(self.problem.data.deviation) + 0.5 * np.log(2 * np.pi)))
 
     @functools.cached_property

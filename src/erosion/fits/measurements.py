@@ -147,7 +147,7 @@ class Measurements:
 
     @property
     def deviation(self) -> np.ndarray:
-        """What residuals are divided by, shape (n,), the uncertainties where there are any, or a typical erosion."""
+        """The scale of the residuals, shape (n,): the uncertainties, or a typical erosion without them."""
         if self.uncertainty is not None:
             return self.uncertainty
         return np.full(len(self), np.sqrt(np.mean(self.erosion**2)))
@@ -185,7 +185,7 @@ class Measurements:
 
     @functools.cached_property
     def repeats(self) -> np.ndarray:
-        """Which rows repeat each other, one number for each angle of each condition, shape (n,)."""
+        """A number for each angle of each condition, shape (n,): equal for rows that repeat each other."""
         return self._numbered([self.groups, self.angle])
 
     @functools.cached_property

@@ -29,7 +29,7 @@ _WIDTHS = float(stats.norm.ppf((1 + LEVEL) / 2))  # standard deviations in half 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class NextTest(Result):
-    """How much one more row narrows intervals, by angle and other conditions; arrays have the shape (candidates,).
+    """The narrowing of intervals by one more row, by angle and other conditions; arrays of shape (candidates,).
 
     Args:
         candidates: by parameter of the case, its values; "alpha" [rad] among them.
@@ -111,7 +111,7 @@ class NextTest(Result):
 
     @functools.cached_property
     def shown(self) -> dict[str, np.ndarray]:
-        """What a reader needs, as angle, speed, what else varies, of a size the mass alone."""
+        """The columns of the table: angle, speed, and other varied parameters, of a size the mass alone."""
         varying = {name: values for name, values in self.candidates.items()
                    if name in ("alpha", "v0") or np.ptp(values) > 0}  # fmt: skip
         return {name: values for name, values in varying.items() if "m" not in varying or name not in ("r", "b")}
@@ -175,7 +175,7 @@ def next_test(
     noise: float | np.ndarray | ErrorModel | None = None,
     draws: int = _DRAWS,
 ) -> NextTest:
-    """Which angle, speed and size to test next: where one more row narrows most.
+    """Find the angle, speed and size at which one more row narrows intervals most.
 
     Draws of a fit, with what the model may lack, say how a row at a candidate and the prediction vary together. Their
     covariance says how much narrower the prediction's interval is after the row, exactly for normal laws: its variance

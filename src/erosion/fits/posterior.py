@@ -170,7 +170,7 @@ class Posterior(Fit):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is doubtful; empty for a good result."""
+        """Findings of the posterior; empty for a good one."""
         return (*self.not_converged, *self.doubts)
 
     @property
@@ -194,7 +194,7 @@ class Posterior(Fit):
 
     @functools.cached_property
     def groups(self) -> Sequence[Group]:
-        """The parameters that the data cannot tell apart, at the likeliest draw."""
+        """Groups of parameters that the data determine together only, at the likeliest draw."""
         theta, deviation = self.problem.theta(self.likeliest), self.data.deviation
         predicted, rates = self.problem.predict(theta, self.data.conditions)
         jacobian = rates / deviation[:, None]
@@ -229,7 +229,7 @@ class Posterior(Fit):
 
     @functools.cached_property
     def predictor(self) -> Predictor:
-        """What `predict` asks; drawn when first asked for, which takes some times as long as the fit."""
+        """The predictor that `predict` uses, drawn on first use, which takes some times as long as the fit."""
         return self.prepared(no_progress)
 
     def prepared(self, progress: Progress) -> Predictor:

@@ -107,7 +107,7 @@ class Predictions(Result):
 
     @property
     def conclusions(self) -> tuple[str, ...]:
-        """What each interval holds."""
+        """The meaning of each interval."""
         data, parts = self.predictor.data, ", ".join(self.predictor.parts)
         known = "" if data.error is None else data.error.in_words(data.dimension, data.units)
         found = "the error that the fit found" if data.uncertainty is None else "its error"
@@ -116,7 +116,7 @@ class Predictions(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What the predictor cannot know, how far questions are outside the tests, and what is lost."""
+        """Findings of the predictor, questions outside the tests, and losses."""
         at = self.asked
         high, means = self.columns["mean_high"], self.columns["mean"]
         nothing = np.unique(at["alpha"][high <= _NOTHING * np.nanmax(means)])

@@ -64,7 +64,7 @@ class Hypothesis:
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Predictor(Result):
-    """What a fit knows of the erosion between its rows and beyond them.
+    """Predictions of a fit between its rows and beyond them.
 
     Args:
         problem: the model, the case and the data.
@@ -112,7 +112,7 @@ class Predictor(Result):
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """What the intervals hold, in words."""
+        """The meaning of the intervals, in words."""
         has = [hypothesis.misfit for hypothesis in self.hypotheses.values()]
         return ("parameters", *sentences(
             (any(hypothesis.has_discrepancy for hypothesis in has), "discrepancy"),
@@ -232,7 +232,7 @@ class Predictor(Result):
 
     @property
     def title(self) -> str:
-        """What intervals of predictions hold."""
+        """The meaning of the intervals of predictions."""
         return f"predictions hold {', '.join(self.parts)}"
 
     def declare(self) -> list[Declared]:
@@ -277,7 +277,7 @@ class Predictor(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What predictions cannot know; none for good ones."""
+        """Findings of the predictions; none for good ones."""
         bad = [
             name
             for name, hypothesis in self.hypotheses.items()

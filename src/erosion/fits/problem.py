@@ -271,7 +271,7 @@ class FitProblem:
 
     @property
     def own_stresses(self) -> np.ndarray:
-        """Which free parameters are stresses of the model that are fitted as logarithms, shape (names,)."""
+        """Whether each free parameter is a stress of the model that is fitted as a logarithm, shape (names,)."""
         own = own_parameters(self.model)
         return np.array([name in own and name not in self._units and own[name].quantity.dimension == "stress"
                          for name in self.names])  # fmt: skip

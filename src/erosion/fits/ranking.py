@@ -395,7 +395,7 @@ class PosteriorRanking(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Models that the data do not tell apart, failures and doubtful draws."""
+        """Findings on models between which the data do not decide, on failures and on draws."""
         pairs = zip(self.names[1:], self.fits[1:], strict=True)
         of_others = [dataclasses.replace(doubt, about=name) for name, drawn in pairs for doubt in drawn.not_converged]
         near = [name for name, diff in zip(self.names, self._differences, strict=True) if -diff < _DECISIVE]

@@ -34,7 +34,7 @@ _SMOOTH = 3  # degree of the polynomial in the angle that a curve of erosion wit
 
 @dataclasses.dataclass(frozen=True)
 class Pattern:
-    """How one test of the residuals came out.
+    """The result of one test of the residuals.
 
     Args:
         over: "angle", "speed" or "mass"; "scatter" for the size of the residuals.

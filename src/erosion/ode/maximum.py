@@ -60,7 +60,7 @@ _RIVALS = ("candidates", "jumps", "regimes")
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Maximum(Result):
-    """Where a quantity is greatest (or least) over one number; every array has the shape of the other arguments.
+    """The greatest (or least) value of a quantity over one number; arrays have the shape of the other arguments.
 
     Args:
         problem: what was integrated.
@@ -106,7 +106,7 @@ class Maximum(Result):
 
     @property
     def title(self) -> str:
-        """What is greatest or least over what."""
+        """The title: the quantity, and the number it is searched over."""
         return f"The {'least' if self.least else 'greatest'} value over {self.over}"
 
     def declare(self) -> list[Declared]:

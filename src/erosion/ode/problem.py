@@ -139,7 +139,7 @@ def equations_of(kind: TreeKind, *, anew: bool = False) -> TracedProblem:
 
 
 class FunctionError(Exception):
-    """What is wrong with a user's function, as a clause."""
+    """The mistake in a user's function, as a clause."""
 
 
 class Traced:

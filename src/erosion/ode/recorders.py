@@ -1,4 +1,4 @@
-"""What a lane writes on its way; see `erosion.ode.tape`. What a recorder has written is of all motions of a lane."""
+"""Recorders of a lane's motion; see `erosion.ode.tape`. A recorder holds all motions of a lane."""
 
 import abc
 import functools

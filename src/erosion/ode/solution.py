@@ -1,4 +1,4 @@
-"""What came out of lanes: `erosion.ode.Solution`."""
+"""The result of lanes: `erosion.ode.Solution`."""
 
 import abc
 import dataclasses
@@ -32,7 +32,7 @@ _SEARCHED = 16  # failed lanes whose time is looked for
 
 
 class Integration(abc.ABC):
-    """What a solution asks for later: its lanes are integrated once more, with the same derivatives."""
+    """A second integration of a solution's lanes, with the same derivatives, on demand."""
 
     @abc.abstractmethod
     def at(self, times: Any) -> "Solution":
@@ -69,7 +69,7 @@ class Times(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Solution(Result):
-    """Where lanes ended; every array has the shape to which the arguments broadcast.
+    """The ends of lanes; every array has the shape to which the arguments broadcast.
 
     Args:
         problem: what was integrated.

@@ -74,7 +74,7 @@ class Options(NamedTuple):
 
 
 class Signature:
-    """What programs need to know of a problem and its arguments beside the numbers. Equal signatures share a program.
+    """A problem and its arguments without the numbers. Equal signatures share a program.
 
     Signatures are equal where the problems compute the same from numbers of the same shapes, however they are written.
 

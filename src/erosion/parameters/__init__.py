@@ -1,4 +1,4 @@
-"""What an impact is: its parameters, their units, and the files and ranges that give them.
+"""Parameters of an impact: units, files and ranges.
 
 `__init__.pyi` lists the names. Each is imported on its first use: units and materials need no JAX.
 """

@@ -52,7 +52,7 @@ _SAME = 0.005  # relative: of numbers that were rounded
 
 @dataclasses.dataclass(frozen=True)
 class Tested:
-    """What the rows of a fit had.
+    """Ranges of the rows of a fit.
 
     Args:
         ranges: least and greatest of "alpha" [rad], "v0" [m/s] and "m" [kg].
@@ -187,7 +187,7 @@ class CaseFile:
             return None if grit is None else particle(grit), None if metal is None else target(metal)
 
     def per_mass(self, usual_fraction: float = 1.0) -> PerMass:
-        """What the file says of erosion per mass: `cutting_fraction`, and `density` or that of `target`.
+        """The file's data of erosion per mass: `cutting_fraction`, and `density` or that of `target`.
 
         Args:
             usual_fraction: the cutting fraction where the file gives none.
@@ -227,7 +227,7 @@ class CaseFile:
         return model, own
 
     def title(self) -> str:
-        """What the file calls its case: its `title`, else the file's name without its suffix.
+        """The name of the case: its `title`, else the file's name without its suffix.
 
         Raises:
             CaseError: for a title that is no text or holds control characters.
@@ -248,7 +248,7 @@ class CaseFile:
 
     @property
     def doubt(self) -> Finding | None:
-        """What is doubtful in the fit that wrote the file, its table [advise] says it.
+        """Findings of the fit that wrote the file, from its table [advise].
 
         Raises:
             CaseError: for a field `warning` that is no sentence.

@@ -240,7 +240,7 @@ class Parameters(Result, eqx.Module):
 
     @property
     def title(self) -> str:
-        """What the table shows."""
+        """The title of the table."""
         return f"Parameters ({self.units})"
 
     def declare(self) -> list[Value]:

@@ -39,7 +39,7 @@ _LEAST_SHARE = 1e-9  # one particle in a thousand million; erosion by far fewer 
 
 @dataclass(frozen=True)
 class PerMass:
-    """How a particle's volume becomes erosion per mass of particles.
+    """The conversion of a particle's volume to erosion per mass of particles.
 
     A model's volume is that of a particle that cuts. Of a jet only some particles do: the others roll, plough or turn
     their flat side. Finnie put their share at about one half; COMSOL 6.2 takes a tenth. Volumes stay those
@@ -110,7 +110,7 @@ class PerMass:
         ]
 
     def meaning_of(self, name: str, *, is_beyond: bool = False) -> str:
-        """What a result per mass of particles is, the share of the particles that cut, and the mark beyond tests."""
+        """The meaning of a result per mass: the share of the particles that cut, and the mark beyond tests."""
         some = "" if self.cutting_fraction == 1 else f"; {self.cutting_fraction:g} of the particles cut"
         return RESULTS[name].meaning + some + (f"; {BEYOND_TESTS}" if is_beyond else "")
 

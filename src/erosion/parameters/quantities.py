@@ -171,7 +171,7 @@ def derivative_unit(of: Dimension, by: Sequence[Dimension], system: System) -> s
 
 @functools.cache
 def conversion_factor(dimension: Dimension, source: System, target: System) -> float:
-    """What a number in `source` units is multiplied by to be in `target` units."""
+    """The factor from `source` units to `target` units."""
     if source == target:
         return 1.0
     if isinstance(dimension, Product):

@@ -343,7 +343,7 @@ def plot_differences(ax: Axes, angles: np.ndarray, differences: Mapping[str, np.
 
 @house_style()
 def plot_turn(ax: Axes, angles: np.ndarray, turn: np.ndarray, ended_by: np.ndarray) -> Axes:
-    """How far the body turns during the cut, over the angle of attack; colours show how the cut ends.
+    """Plot the turn of the body over the angle of attack; colours show how the cut ends.
 
     Args:
         ax: empty axes.

@@ -203,7 +203,7 @@ def plot_traces(posterior: Posterior) -> Figure:
 
 @house_style()
 def plot_prediction(posterior: Posterior, at: Mapping[str, float] | None = None) -> Figure:
-    """What the model predicts over all angles, and below how its cuts end, for draws of the posterior.
+    """Plot predictions over all angles, and below how cuts end, for draws of the posterior.
 
     The bands are quantiles of the curve, without the error of a measurement, at each angle. Where V(α) jumps at another
     angle for each draw, a band spans the jump, and the panel below says which share of the draws is beyond it.

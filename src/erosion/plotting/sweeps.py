@@ -196,7 +196,7 @@ class _Plane:
 
 @house_style()
 def plot_regimes(regimes: xr.Dataset) -> Figure:
-    """How cuts end and how much they remove over two parameters, with the best angles.
+    """Plot ends of cuts and volumes over two parameters, with the best angles.
 
     Over the angle and another parameter dots are the best angle of each value. Over two other parameters the best angle
     is the colour, and the ends are those of its cuts. Hatched cuts turn the body by more than 90°.

@@ -306,7 +306,7 @@ _ASIDE = {"slips": "On the source", "models": "In closing"}
 
 @dataclass(frozen=True)
 class Answer:
-    """What is computed for one question; its text, a Markdown file beside the question's module, shows it.
+    """The computed answer to one question; a Markdown file beside the question's module shows it.
 
     Args:
         numbers: by name, for numbers.json and as fields of the text: every number that the text prints.

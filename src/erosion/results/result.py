@@ -39,12 +39,12 @@ class Result(abc.ABC):
 
     @property
     def conclusions(self) -> Sequence[str]:
-        """What the numbers say, in sentences below the table."""
+        """Conclusions from the numbers, in sentences below the table."""
         return ()
 
     @property
     def findings(self) -> Sequence[Finding]:
-        """What a reader of the numbers must know: what is doubtful, left out or out of range."""
+        """Findings that qualify the numbers: doubts, omissions, values out of range."""
         return ()
 
     @property

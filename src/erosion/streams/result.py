@@ -1,4 +1,4 @@
-"""What a stream removes, with errors, and the nozzle's angle at which it removes most.
+"""Removal by a stream, with errors, and the nozzle's best angle.
 
 The same particles are used at all angles (common random numbers), so the mean volume is a
 function of the angle alone. It is smooth where the volume of a single particle jumps, and its
@@ -292,7 +292,7 @@ class Stream(Result):
 
     @property
     def error_meaning(self) -> str:
-        """What the errors and intervals of the estimates hold, in words."""
+        """The meaning of the errors and intervals of the estimates, in words."""
         others = "uncertain parameters apart" if self.uncertainty is not None else "all other parameters taken as exact"
         return f"the error by sampling these particles alone, {others}"
 

@@ -107,7 +107,7 @@ def stream(
 
 @dataclasses.dataclass(frozen=True)
 class StreamOptions:
-    """How many particles of a stream are computed, and what is computed of them; see `stream`.
+    """Options of a stream; see `stream`.
 
     Raises:
         ValueError, TypeError: for an option that makes no sense.

@@ -67,7 +67,7 @@ Region = tuple[slice, ...]
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class AnyGrid(abc.ABC):
-    """What is computed and stored block by block: a grid of impacts, or of lanes of any problem.
+    """A grid of impacts, or of lanes of any problem, computed and stored block by block.
 
     Args:
         axes: by name, the values along each axis, shape (n,).
@@ -211,7 +211,7 @@ def flags(meanings: Sequence[str], **names: str) -> dict[str, Any]:
 
 @dataclasses.dataclass(frozen=True)
 class Outputs:
-    """What is computed of each impact.
+    """Results that are computed for each impact.
 
     Args:
         derivatives, wrt, rtol: see `erosion.impact`; `wrt` is one parameter.

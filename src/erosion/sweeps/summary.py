@@ -1,4 +1,4 @@
-"""What a sweep and a comparison say in numbers: the tables and documents of `erosion sweep` and `erosion compare`."""
+"""Results of a sweep and of a comparison: tables and documents of `erosion sweep` and `erosion compare`."""
 
 import dataclasses
 import functools
@@ -30,7 +30,7 @@ LOST = ("failed", "unfinished")
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class SweepSummary(Result):
-    """How many impacts of a sweep end how, and the ends of their volumes.
+    """Counts of a sweep's impacts by outcome, and their least and greatest volume.
 
     Args:
         dataset: of the sweep.
@@ -51,7 +51,7 @@ class SweepSummary(Result):
 
     @functools.cached_property
     def ends(self) -> Mapping[str, int]:
-        """How many impacts by outcome; block by block, for a sweep that is larger than memory."""
+        """Counts of impacts by outcome, block by block for a sweep that is larger than memory."""
         codes = self.dataset.ended_by
         meanings = codes.attrs["flag_meanings"].split()
         counts = np.zeros(len(meanings), int)

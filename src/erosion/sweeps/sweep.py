@@ -480,7 +480,7 @@ def compare(models: Sequence[Model], p: Parameters, *, alpha: Any = None) -> xr.
 
 
 def regimes(model: Model, p: Parameters, *, max_turn: float | str | None = "90deg", **axes: Any) -> xr.Dataset:
-    """How cuts end and what they remove over two parameters, and their best angles.
+    """Compute ends of cuts, volumes and best angles over two parameters.
 
         erosion.regimes("rotating", p)  # over angle and spin
         erosion.regimes("rotating", p, k=np.geomspace(0.5, 5, 40), phidot0=spins)  # the best angles over k and spin

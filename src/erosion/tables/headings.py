@@ -1,4 +1,4 @@
-"""What the head of a column means, for all readers of tables: its name, its unit, and the quantity that both give.
+"""Headings of columns for all readers of tables: name, unit, and the quantity of both.
 
     speed [m/s]    Impact Velocity (m s^-1)    "speed, m/s"    speed_mps    v₀ in m/s
 
@@ -164,7 +164,7 @@ def doubtful(
 
 
 def of_weights() -> dict[str, Wanted]:
-    """What says how often a row counts, where all rows count alike."""
+    """The name of the weight, where all rows count alike."""
     words = rf"{WEIGHT_WORDS}|{RATE_WORDS}|nparticles?|mult|pdf|percent|probab\w*|fractions?|shares?|h\w*figkeit"
     return {"weight": Wanted(("rate", "mass flow", "mass flux"), words=words)}
 
@@ -181,7 +181,7 @@ def matching(
     ignored: Collection[int] = (),
     units: Mapping[str, str] | None = None,
 ) -> list[Heading | None]:
-    """What the columns mean among quantities that are looked for; None for all others.
+    """The quantities of the columns; None for a column of another quantity.
 
     Args:
         headings: of the columns.
@@ -200,7 +200,7 @@ def matching(
 
 
 def factor(unit: str, dimension: Dimension, units: System) -> float:
-    """What numbers of a column are multiplied by; its unit may have a number of its own, "1e-4 in^3".
+    """The factor of a column's numbers; its unit may have a number of its own, "1e-4 in^3".
 
     Raises:
         UnitError: as of `read_quantity`, and for a number of its own that is zero or not finite.

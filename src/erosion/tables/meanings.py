@@ -1,4 +1,4 @@
-"""What a user says of columns: units and names, "x,y,z=mm, d50=diameter [um]"."""
+"""Meanings of columns by the user: units and names, "x,y,z=mm, d50=diameter [um]"."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from erosion.tables.source import TableError
 
 
 def read_meanings(given: str | Mapping[str, str] | None) -> dict[str, str]:
-    """What columns mean, of "x,y,z=mm, d50=diameter [um]", of a TOML file with such entries, or of a mapping.
+    """Read meanings of columns: "x,y,z=mm, d50=diameter [um]", a TOML file with such entries, or a mapping.
 
     Raises:
         TableError: for what is none of these.

@@ -1,4 +1,4 @@
-"""What the reader needs of a file or an object: headings, and columns of numbers in blocks of rows."""
+"""The interface of a file or an object to the reader: headings, and columns of numbers in blocks of rows."""
 
 import abc
 from collections.abc import Iterator, Mapping, Sequence

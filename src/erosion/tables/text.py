@@ -51,7 +51,7 @@ MISSING = ("", *(form for word in _WORDS for form in dict.fromkeys((word, word.u
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """How a text is laid out.
+    """The layout of a text.
 
     Args:
         first: lines before its first row.

@@ -1,4 +1,4 @@
-"""What the integrator asks of a method. It is chosen once, where a program is traced, and costs nothing at run time."""
+"""The interface of a method. It is chosen once, where a program is traced, and costs nothing at run time."""
 
 import abc
 from collections.abc import Callable, Sequence
