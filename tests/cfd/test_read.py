@@ -3,10 +3,12 @@
 import os
 import re
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
 import pyvista
+from vtkmodules import vtkIOXML
 
 from erosion.cfd.read import read_impacts, read_surface
 from erosion.cfd.rows import ImpactsError
@@ -240,3 +242,32 @@ def test_impacts_that_are_ghosts_are_refused(tmp_path, monkeypatch):
         read_impacts("hits.vtp", columns="U=m/s, Points=m")
     exec(str(refused.value).partition("Python removes them: ")[2].removesuffix("."), {"pyvista": pyvista})
     assert read_impacts("hits.vtu", columns="U=m/s, Points=m").rows == 2
+
+
+VARIANTS = {
+    "text": {"DataMode": 0},
+    "binary": {"DataMode": 1, "CompressorType": 0},
+    "packed": {"DataMode": 1, "CompressorType": 1},
+    "LZ4": {"DataMode": 2, "CompressorType": 2, "EncodeAppendedData": True},
+    "LZMA": {"DataMode": 2, "CompressorType": 3, "EncodeAppendedData": False},
+    "raw, 64 bits": {"DataMode": 2, "CompressorType": 0, "EncodeAppendedData": False, "HeaderType": 64},
+    "big-endian": {"DataMode": 2, "CompressorType": 0, "EncodeAppendedData": True, "ByteOrder": 0},
+}
+
+
+@pytest.mark.parametrize("ending", ["vtp", "vtu", "vtm"])
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_each_variant_of_vtks_files_is_read_exactly(box, ending, variant):
+    mesh: Any = pyvista.read(box / "box.vtp")
+    mesh.points = np.asarray(mesh.points) * 0.1 + 1 / 3
+    made = {"vtp": mesh, "vtu": mesh.cast_to_unstructured_grid(), "vtm": pyvista.MultiBlock({"side": mesh})}[ending]
+    names = {"vtp": "vtkXMLPolyDataWriter", "vtu": "vtkXMLUnstructuredGridWriter", "vtm": "vtkXMLMultiBlockDataWriter"}
+    writer = getattr(vtkIOXML, names[ending])()
+    writer.SetInputData(made)
+    writer.SetFileName(str(box / f"out.{ending}"))
+    for name, value in VARIANTS[variant].items():
+        getattr(writer, f"Set{name}")(value)
+    assert writer.Write()
+    surface = read_surface(box / f"out.{ending}", unit="m")
+    np.testing.assert_array_equal(surface.points, mesh.points)
+    np.testing.assert_array_equal(surface.corners, mesh.faces.reshape(-1, 5)[:, 1:].ravel())

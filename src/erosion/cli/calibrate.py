@@ -349,6 +349,11 @@ class JobOptions:
         with user_errors():
             return lazy.Job(area, depth, feed)
 
+    def other(self, case: CaseOptions) -> Any:
+        """The other abrasive, where there is one."""
+        with user_errors():
+            return lazy.compared_with(self.compare, *case.materials())
+
 
 FIELDS = ("model", "set", "uncertain", "correlation", "warning", "data", "tested", "equations")
 """The fields of [advise] in a case file."""
@@ -444,15 +449,15 @@ class GivenFit:
         own = [word for text in self._options.own or () for word in ("--set", text)]
         return (*self._case.words(fitted), *words, *named, *own)
 
-    def uncertain(
-        self, models: "Mapping[str, lazy.CuttingModel]", p: "lazy.Parameters", *, has_fraction: bool
-    ) -> "tuple[lazy.Uncertain | None, list[lazy.Draws]]":
-        """The laws, or None where there are none, and the posteriors' files that were read.
+    def read(
+        self, models: "Mapping[str, lazy.CuttingModel]", p: "lazy.Parameters", abrasive: PerMassOptions
+    ) -> "ReadFit":
+        """What the files say of the metal.
 
         Args:
             models: by name.
             p: the case.
-            has_fraction: whether --cutting-fraction is given.
+            abrasive: see `advise`.
 
         Raises:
             InputError: also for an option that sets what has a law: one of the two would be left aside.
@@ -462,7 +467,7 @@ class GivenFit:
         for model in models.values():
             require_same_model(draws, model, where)
         if not laws:
-            return None, draws
+            return ReadFit(self, self._case, abrasive, models, p, None, draws)
         source = str(self._case.case) if self._options.uncertain is None else ""
         with user_errors():
             uncertain = lazy.Uncertain(laws, source, predictor=draws[0].predictor if draws else None)
@@ -470,14 +475,65 @@ class GivenFit:
             uncertain.require_of_metal(models, where)
         options = {name: name for name in self._case.given()}
         options |= {text.partition("=")[0].strip(): "set" for text in self._options.own or ()}
-        options |= {lazy.FRACTION: "cutting-fraction"} if has_fraction else {}
+        options |= {} if abrasive.cutting_fraction is None else {lazy.FRACTION: "cutting-fraction"}
         if self._counts and self._case.target is not None:
             names = ", ".join(sorted(laws.names))
             raise InputError(f"Option `--target` cannot set the metal, of which {names} have laws in {uncertain}.")
         for name, option in options.items():
             if name in laws.names:
                 raise InputError(f"Option `--{option}` cannot set {name}, which has a law in {uncertain}.")
-        return uncertain, draws
+        return ReadFit(self, self._case, abrasive, models, p, uncertain, draws)
+
+
+@dataclasses.dataclass(frozen=True)
+class ReadFit:
+    """What tests have said of the metal, as it was read.
+
+    Args:
+        given: the options.
+        case: of the impact.
+        abrasive: see `advise`.
+        models: by name.
+        p: the case.
+        uncertain: the laws, None where there are none.
+        draws: the posteriors' files among them.
+    """
+
+    given: GivenFit
+    case: CaseOptions
+    abrasive: PerMassOptions
+    models: "Mapping[str, lazy.CuttingModel]"
+    p: "lazy.Parameters"
+    uncertain: "lazy.Uncertain | None"
+    draws: "list[lazy.Draws]"
+
+    def per_mass(self) -> "lazy.PerMass":
+        """How volumes become erosion per mass; refuses the density of another metal than a correlation's."""
+        shares = [part.cutting_fraction for part in self.draws if part.cutting_fraction is not None]
+        usual = lazy.CUTTING_FRACTION if self.uncertain is None else [*shares, lazy.FRACTION_OF_A_FIT][0]
+        per_mass = self.abrasive.per_mass(self.case, usual)
+        for model in self.models.values():
+            weighing(model, self.abrasive, self.case)
+        return per_mass
+
+    def completed(self, advice: "lazy.Advice") -> "lazy.Advice":
+        """An advice with the doubts of the tests, where they lie, and the commands that lead from it to a fit."""
+        outside = [] if self.case.file is None else self.case.file.outside(self.p)
+        # Doubts of the file's tests, which may be those of the draws.
+        told = [(doubt.code, doubt.numbers) for doubt in outside]
+        of_draws = [doubt for part in self.draws for model in self.models.values()
+                    for doubt in (*part.doubts(model, advice.p, advice.per_mass.cutting_fraction), *part.of_fit())
+                    if (doubt.code, doubt.numbers) not in told]  # fmt: skip
+        speed = {"speed": lazy.QUANTITIES["v0"].in_words(float(self.p.to("si").v0), "si")}
+        is_usual = self.case.case is None and "v0" not in self.case.given()
+        of_table = found((is_usual, Finding("speed_of_table_1", "", speed)))
+        return dataclasses.replace(
+            advice,
+            doubts=unique((*of_table, *self.given.doubts, *outside, *of_draws)),
+            weighed=advice.weighed or self.given.weighed if self.uncertain else None,
+            rows_file=self.draws[0].data if self.draws else self.given.data,
+            words=self.given.words(self.abrasive, self.models, self.draws, self.p),
+        )
 
 
 def advise(
@@ -514,11 +570,8 @@ def advise(
     options.refuse_given("all angles of the nozzle are compared", "alpha")
     p = options.parameters()
     deviation = options.read("spread", spread, "angle", units="si")
-    fit = GivenFit(fit_of_tests or TestedFitOptions(), options, model)
-    shop = shop or JobOptions()
-    job = shop.job(options)
-    with user_errors():
-        other = lazy.compared_with(shop.compare, *options.materials())
+    fit, shop = GivenFit(fit_of_tests or TestedFitOptions(), options, model), shop or JobOptions()
+    job, other = shop.job(options), shop.other(options)
     what = "table" if output is not None and output.suffix == ".csv" else "page"
     printed = Output("advise", p, options, json=json, plot=plot, files={what: output},
                      inputs=(*fit.files, *(model or ())))  # fmt: skip
@@ -526,34 +579,12 @@ def advise(
         with user_errors():
             lazy.require_page_path(output, decimal)
     models = fit.models(chosen_models(model), p)
-    abrasive = abrasive or PerMassOptions()
-    uncertain, draws = fit.uncertain(models, p, has_fraction=abrasive.cutting_fraction is not None)
-    shares = [part.cutting_fraction for part in draws if part.cutting_fraction is not None]
-    usual = lazy.CUTTING_FRACTION if uncertain is None else [*shares, lazy.FRACTION_OF_A_FIT][0]
-    per_mass = abrasive.per_mass(options, usual)
-    for chosen in models.values():
-        weighing(chosen, abrasive, options)  # refuses the density of another metal than a correlation's
+    tests = fit.read(models, p, abrasive or PerMassOptions())
+    per_mass, spreads = tests.per_mass(), (deviation, speed_spread)
     with progress_bar("advise") as progress, user_errors():
-        advice = lazy.advise_case(
-            p, options.materials(), (deviation, speed_spread), per_mass, models, uncertain, progress
-        )
-        outside = [] if options.file is None else options.file.outside(p)
-        told = [
-            (doubt.code, doubt.numbers) for doubt in outside
-        ]  # of the file's tests, which may be those of the draws
-        of_draws = [doubt for part in draws for chosen in models.values()
-                    for doubt in (*part.doubts(chosen, advice.p, advice.per_mass.cutting_fraction),
-                                  *part.of_fit())
-                    if (doubt.code, doubt.numbers) not in told]  # fmt: skip
-        weighed = advice.weighed or fit.weighed if uncertain else None
-        speed = {"speed": lazy.QUANTITIES["v0"].in_words(float(p.to("si").v0), "si")}
-        of_table = found((options.case is None and "v0" not in options.given(), Finding("speed_of_table_1", "", speed)))
-        advice = dataclasses.replace(
-            advice, doubts=unique((*of_table, *fit.doubts, *outside, *of_draws)), weighed=weighed,
-            job=job, other=other, rows_file=draws[0].data if draws else fit.data,
-            words=fit.words(abrasive, models, draws, p),
-        )  # fmt: skip
-    printed.warn(*(uncertain.laws.unused_columns if uncertain else ()))
+        computed = lazy.advise_case(p, options.materials(), spreads, per_mass, models, tests.uncertain, progress)
+        advice = dataclasses.replace(tests.completed(computed), job=job, other=other)
+    printed.warn(*(tests.uncertain.laws.unused_columns if tests.uncertain else ()))
     printed.save(
         figure=lambda: lazy.plot_advice(advice), **{what: lambda path: lazy.write_advice(advice, path, decimal)}
     )

@@ -7,6 +7,7 @@ from erosion.advice.advise import advise_case as advise_case
 from erosion.advice.advise import compared_with as compared_with
 from erosion.advice.abrasives import Job as Job
 from erosion.advice.page import plot_advice as plot_advice
+from erosion.advice.result import Advice as Advice
 from erosion.advice.page import require_page_path as require_page_path
 from erosion.advice.page import write_advice as write_advice
 from erosion.advice.result import Uncertain as Uncertain
