@@ -130,7 +130,7 @@ def test_the_case_of_a_plug_ins_fit_names_its_file(two_folders, capsys):
         capsys.readouterr()
         assert exit_status(verb) == 0, capsys.readouterr().err
     # Another number of its own is no other model, another equation is one.
-    for text, changed in (("= 9.0", False), ("= 9.0\n    _ = 'words'", False), ("= 9.0", True)):
+    for text, changed in (("= 9.0\n    _ = 'words'", False), ("= 9.0", True)):
         law = PLUG_IN.replace("horizontal = -", "horizontal = -2 * ") if changed else PLUG_IN
         Path("cases/plug.py").write_text(law.replace("= {softness}", text))
         for verb in (["predict", "out/post.nc"], ["advise", "out/fitted.toml", "--uncertain", "out/post.nc"]):
