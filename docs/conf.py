@@ -70,7 +70,7 @@ nitpick_ignore_regex = [
     ),
     (
         "py:class",
-        r"erosion\.(advice\.(abrasives\.Job|result\.Uncertain)|cfd\.exports\.ExportedParticle|fits\.(least_squares\.(Fit|LeastSquares)|ranking\._Fit|likelihood\.|predicted\.|prediction\.Way|tempering\.)|models\.base\.(OwnParameter|OwnQuantity|_Method)|ode\.(ensemble|maximum|problem|solution|tape)\.|output\.|results\.declaration\.|parameters\.(case_files\.Tested|dimensions\.|per_mass\.|quantities\.)|streams\.tally\.).*",
+        r"erosion\.(advice\.(abrasives\.Job|result\.Uncertain)|cfd\.exports\.ExportedParticle|fits\.(least_squares\.(Fit|LeastSquares)|ranking\._Fit|likelihood\.|predicted\.|prediction\.Hypothesis|tempering\.)|models\.base\.(OwnParameter|OwnQuantity|_Method)|ode\.(ensemble|maximum|problem|solution|tape)\.|output\.|results\.declaration\.|parameters\.(case_files\.Tested|dimensions\.|per_mass\.|quantities\.)|streams\.tally\.).*",
     ),
 ]
 napoleon_numpy_docstring = False

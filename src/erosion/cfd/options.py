@@ -217,7 +217,7 @@ class MapOptions:
         return self.laws.in_words(known, units) | {name: f"uncertain {law}" for name, law in uncertain.items()}
 
     def constants_in_words(self, model: CuttingModel) -> str:
-        """Constants of the model: the formula of a correlation, else the case, and own parameters; and laws."""
+        """Constants of the model, the formula of a correlation, else the case, and own parameters; and laws."""
         formula = model.formula if isinstance(model, Correlated) else ""
         own = own_in_words(model, self.names, self.p.units)
         values = {} if formula else {name: float(getattr(self.p, name)) for name in OF_CASE if name not in self.names}

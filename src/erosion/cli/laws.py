@@ -101,7 +101,7 @@ class ReadLaws(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class GivenLaws:
-    """Laws of `LawOptions` and of a case file: the place and the text of each.
+    """Laws of `LawOptions` and of a case file, with the place and the text of each.
 
     What is uncertain may also be draws by parameter, as a fit writes them. `case` is that of the impacts.
     """

@@ -147,7 +147,7 @@ class Measurements:
 
     @property
     def deviation(self) -> np.ndarray:
-        """The scale of the residuals, shape (n,): the uncertainties, or a typical erosion without them."""
+        """The scale of the residuals, shape (n,), which is a typical erosion where rows have no uncertainties."""
         if self.uncertainty is not None:
             return self.uncertainty
         return np.full(len(self), np.sqrt(np.mean(self.erosion**2)))
@@ -185,7 +185,7 @@ class Measurements:
 
     @functools.cached_property
     def repeats(self) -> np.ndarray:
-        """A number for each angle of each condition, shape (n,): equal for rows that repeat each other."""
+        """A number for each angle of each condition, shape (n,), equal for rows that repeat each other."""
         return self._numbered([self.groups, self.angle])
 
     @functools.cached_property

@@ -111,7 +111,7 @@ class NextTest(Result):
 
     @functools.cached_property
     def shown(self) -> dict[str, np.ndarray]:
-        """The columns of the table: angle, speed, and other varied parameters, of a size the mass alone."""
+        """The table's columns for angle, speed, and other varied parameters, of a size the mass alone."""
         varying = {name: values for name, values in self.candidates.items()
                    if name in ("alpha", "v0") or np.ptp(values) > 0}  # fmt: skip
         return {name: values for name, values in varying.items() if "m" not in varying or name not in ("r", "b")}

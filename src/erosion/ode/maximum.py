@@ -106,7 +106,7 @@ class Maximum(Result):
 
     @property
     def title(self) -> str:
-        """The title: the quantity, and the number it is searched over."""
+        """The quantity, and the number it is searched over."""
         return f"The {'least' if self.least else 'greatest'} value over {self.over}"
 
     def declare(self) -> list[Declared]:

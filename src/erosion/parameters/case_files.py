@@ -187,7 +187,7 @@ class CaseFile:
             return None if grit is None else particle(grit), None if metal is None else target(metal)
 
     def per_mass(self, usual_fraction: float = 1.0) -> PerMass:
-        """The file's data of erosion per mass: `cutting_fraction`, and `density` or that of `target`.
+        """The file's data of erosion per mass, `cutting_fraction`, and `density` or that of `target`.
 
         Args:
             usual_fraction: the cutting fraction where the file gives none.
@@ -227,7 +227,7 @@ class CaseFile:
         return model, own
 
     def title(self) -> str:
-        """The name of the case: its `title`, else the file's name without its suffix.
+        """The name of the case, its `title`, else the file's name without its suffix.
 
         Raises:
             CaseError: for a title that is no text or holds control characters.

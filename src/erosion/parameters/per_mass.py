@@ -110,7 +110,7 @@ class PerMass:
         ]
 
     def meaning_of(self, name: str, *, is_beyond: bool = False) -> str:
-        """The meaning of a result per mass: the share of the particles that cut, and the mark beyond tests."""
+        """The meaning of a result per mass, with the share of the particles that cut, and the mark beyond tests."""
         some = "" if self.cutting_fraction == 1 else f"; {self.cutting_fraction:g} of the particles cut"
         return RESULTS[name].meaning + some + (f"; {BEYOND_TESTS}" if is_beyond else "")
 

@@ -44,7 +44,7 @@ class Result(abc.ABC):
 
     @property
     def findings(self) -> Sequence[Finding]:
-        """Findings that qualify the numbers: doubts, omissions, values out of range."""
+        """Findings that qualify the numbers, such as doubts, omissions, values out of range."""
         return ()
 
     @property

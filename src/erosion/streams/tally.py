@@ -79,7 +79,7 @@ class Particles:
 
     @functools.cached_property
     def inputs(self) -> dict[tuple[str, ...], int]:
-        """Independent inputs: the parameters of each, and its uniform numbers."""
+        """Independent inputs, the parameters of each, and its uniform numbers."""
         return self._of_particle.inputs | self._of_all.inputs
 
     @property
