@@ -10,8 +10,8 @@ import pytest
 from numpy.polynomial import Polynomial
 from scipy.interpolate import CubicHermiteSpline
 
-from erosion.ode import crossings, step_control
-from erosion.ode.crossings import Ends, cubic_error, expected_fall, is_crooked, may_hide_a_fall, minimum_in_step
+from erosion.ode import arming, crossings, step_control
+from erosion.ode.cubics import Ends, cubic_error, expected_fall, is_crooked, may_hide_a_fall, minimum_in_step
 from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, LOCATING, Control, Limits
 
 
@@ -140,7 +140,7 @@ def after_trial(control: Control, before: list[Ends], after: list[Ends], within:
 @jax.jit
 def both_ways(control: Control, before: list[Ends], after: list[Ends], within: list, error: jax.Array):
     """Which events are clear, and what follows without a look at those, with one at all, and with none at any."""
-    watched = crossings.watch([-1] * len(before), before, SCALE)
+    watched = arming.watch([-1] * len(before), before, SCALE)
     samples = list(zip((0.15, 0.92), within, strict=True))
 
     def decided(clear: list):

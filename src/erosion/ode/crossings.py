@@ -4,8 +4,7 @@ A step is shortened to end where an event is expected. A lane whose step went pa
 tries again **from the same start** with the length at which it expects the event. So the state at the event
 has the full order of the method, not an interpolant's.
 
-An event is *armed* in a step at whose start its function is before zero, or at zero and leaving it. Every function is
-multiplied by a sign, so that it falls to zero: of either direction by its sign at the step's start. It is brought to
+`arming` says which events count, and `cubics` where a function may be zero within a step. A function is brought to
 order 1 in each step, as the functions come in any unit.
 """
 
@@ -14,11 +13,22 @@ import functools
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 
 from erosion.arguments import Flag, Scalar
+from erosion.ode.arming import Watched, disarmed
+from erosion.ode.cubics import (
+    SHARP,
+    Ends,
+    expected_fall,
+    is_clear,
+    is_imminent,
+    minimum_unless_clear,
+    rise_unless_clear,
+    signed,
+    size_in_step,
+)
 from erosion.ode.step_control import (
     ADVANCING,
     ARRIVED,
@@ -34,217 +44,6 @@ from erosion.ode.step_control import (
     next_step,
 )
 
-_ENDS = 0.02  # of a step: a lowest point that the cubic puts this far beyond an end may be at that end
-_LANDED = 1e-6  # of a step: this near the lowest point of an event function, its sign is known
-_STRAIGHT = 0.5  # of its slope at a step's end: an event function keeps at least as much up to an expected zero
-_STEEP = 0.02  # of its slopes in a step: an event function that is flatter may turn before zero
-_CONVERGED = 1e-3  # of a step: the cubic's zero is known when Newton's method would move by less
-_NONE = 1e-200  # instead of no slope
-_LOW = 0.1  # a local minimum's cubic errs by less than this times its variation times θ²(1-θ)², unless `is_crooked`
-_MISSED = 0.05  # of the range of an event function in a step: by so much its cubic may miss values within the step
-_FAR = 2.0  # times that range: a function so far from zero does not come to it
-_EQUAL = 1e-12  # of its size: a smaller range is rounding
-_SAMPLED = (0.25, 0.5, 0.75)  # of a step: where the cubic of a crooked function is asked
-
-
-class Ends(NamedTuple):
-    """An event function and its rate at one time."""
-
-    value: Scalar
-    rate: Scalar
-
-
-# JAX traces these once, for all events and programs.
-@functools.partial(jax.jit, static_argnames="smooth")
-def unresolved(
-    start: Ends, end: Ends, length: Scalar, samples: Sequence[tuple[Scalar, Scalar]], *, smooth: bool
-) -> Scalar:
-    """By how much an event function moves too fast for a step, as an error of 8th order over the tolerance.
-
-    The cubic through both ends errs by the fourth power of the length. It may miss the values within the step by a
-    share of the range of all values. Unless the function is `smooth` it may miss them by more where all are far from
-    zero: at a kink its error stays the same share in any step.
-    """
-    values = [start.value, end.value, *(value for _, value in samples)]
-    size = functools.reduce(jnp.maximum, map(jnp.abs, values))
-    spread = functools.reduce(jnp.maximum, values) - functools.reduce(jnp.minimum, values)
-    misses = [jnp.abs(value - _cubic(start, end, length, theta)) for theta, value in samples]
-    miss = functools.reduce(jnp.maximum, misses)
-    share = miss / (_MISSED * jnp.maximum(spread, _EQUAL * size) + _NONE)
-    if smooth:
-        return share * share
-    is_far = functools.reduce(jnp.minimum, map(jnp.abs, values)) > _FAR * (spread + miss)
-    return jnp.where(is_far, 0.0, share * share)
-
-
-@jax.jit
-def cubic_error(start: Ends, end: Ends, length: Scalar, samples: Sequence[tuple[Scalar, Scalar]]) -> Scalar:
-    """How many times θ²(1-θ)² the cubic through both ends errs by, from the function's values within the step.
-
-    Args:
-        start: the event function where the step begins.
-        end: the event function where the step ends.
-        length: length of the step.
-        samples: places in the step, from 0 to 1, and the values there.
-    """
-    worst: Scalar = 0.0
-    for theta, value in samples:
-        error = jnp.abs(value - _cubic(start, end, length, theta))
-        worst = jnp.maximum(worst, error * (theta * (1 - theta)) ** -2)
-    return worst
-
-
-@jax.jit
-def is_crooked(start: Ends, end: Ends, length: Scalar, error: Scalar) -> Flag:
-    """Whether the cubic errs by more than a search for local minima assumes; see `cubic_error`."""
-    return 2 * error > _LOW * length * (jnp.abs(start.rate) + jnp.abs(end.rate))
-
-
-@jax.jit
-def may_hide_a_fall(start: Ends, end: Ends, length: Scalar, error: Scalar) -> Flag:
-    """Whether an event function may fall to zero within the step, given the error of its cubic."""
-    low: Flag = end.value <= 0
-    for theta in _SAMPLED:
-        low = low | (_cubic(start, end, length, theta) <= 2 * error * (theta * (1 - theta)) ** 2)
-    return low
-
-
-def _cubic(start: Ends, end: Ends, length: Scalar, theta: Scalar) -> Scalar:
-    """The cubic through both ends (Hermite), at a share of the step."""
-    rest = 1 - theta
-    values = rest**2 * (1 + 2 * theta) * start.value + theta**2 * (3 - 2 * theta) * end.value
-    return values + length * theta * rest * (rest * start.rate - theta * end.rate)
-
-
-@jax.jit
-def minimum_in_step(start: Ends, end: Ends, length: Scalar, error: Scalar) -> tuple[Scalar, Scalar]:
-    """Where in the step (0 to 1) an event function may dip to zero and return, or 2; and its least value.
-
-    The cubic through both ends has its minimum at θ. It errs by less than a small multiple
-    of θ²(1-θ)², so that a minimum above this error is harmless. The least value is that of the
-    cubic, infinity where it only rises or falls, or has fallen at the end. For `error` see `cubic_error`.
-    """
-    from_, to, rise = length * start.rate, length * end.rate, end.value - start.value
-    a, b = 3 * (from_ + to - 2 * rise), 2 * (3 * rise - 2 * from_ - to)
-    root = jnp.sqrt(jnp.maximum(b * b - 4 * a * from_, 0.0))
-    # Of the two roots of the cubic's derivative, the one with positive curvature √….
-    upper = jnp.where(b >= 0, -2 * from_ / (b + root), (root - b) / (2 * a))
-    turns = b * b > 4 * a * from_
-    inside = turns & (upper > 0) & (upper < 1)
-    # A step that ends at a lowest point has it at its end, the next step at its start.
-    near = turns & (upper > -_ENDS) & (upper < 1 + _ENDS)
-    theta = jnp.where(near, jnp.clip(upper, 0.0, 1.0), 0.5)
-    lowest = start.value + theta * (from_ + theta * (b / 2 + theta * (a / 3)))
-    width = theta * (1 - theta)
-    harmless = lowest > jnp.maximum(_LOW * (jnp.abs(from_) + jnp.abs(to)), 2 * error) * width**2
-    # A function that is zero or below at the end has returned from a local minimum only if it has a local maximum
-    # above zero after it.
-    maximum, is_maximum = _maximum(start, end, length)
-    is_maximum = is_maximum & (maximum > theta) & (maximum < 1)
-    returns = (end.value > 0) | (is_maximum & (_cubic(start, end, length, jnp.where(is_maximum, maximum, 0.5)) > 0))
-    place = jnp.where(inside & returns & ~harmless & (width > _LANDED), theta, 2.0)
-    return place, jnp.where(near & (end.value > 0), lowest, jnp.inf)
-
-
-@functools.partial(jax.jit, static_argnames="sharp")
-def minimum_unless_clear(
-    clear: Flag, start: Ends, end: Ends, length: Scalar, samples: Sequence[tuple[Scalar, Scalar]], sharp: float
-) -> tuple[Scalar, Scalar, Flag]:
-    """A local minimum as in `minimum_in_step`, and whether the step may hide a fall; neither where that is `clear`.
-
-    The function may err by `sharp` times as much as its values within the step show.
-    """
-
-    def asked() -> tuple[Scalar, Scalar, Flag]:
-        error = cubic_error(start, end, length, samples)
-        place, lowest = minimum_in_step(start, end, length, error)
-        error = sharp * error
-        return place, lowest, is_crooked(start, end, length, error) & may_hide_a_fall(start, end, length, error)
-
-    return lax.cond(clear, lambda: (jnp.asarray(2.0), jnp.asarray(jnp.inf), jnp.asarray(False)), asked)
-
-
-def _maximum(start: Ends, end: Ends, length: Scalar) -> tuple[Scalar, Flag]:
-    """Where the cubic through both ends turns from rising to falling, as a share of the step, and whether it does."""
-    mean = (end.value - start.value) / length
-    a, b = 3 * (start.rate + end.rate - 2 * mean), 2 * (3 * mean - 2 * start.rate - end.rate)
-    # Of the two zeros of the rate start.rate + b θ + a θ² the one where it falls.
-    root = jnp.sqrt(jnp.maximum(b * b - 4 * a * start.rate, 0.0))
-    theta = jnp.where(b <= 0, 2 * start.rate / (root - b), -(root + b) / (2 * a))
-    return theta, b * b > 4 * a * start.rate
-
-
-@jax.jit
-def maximum_above_zero(start: Ends, end: Ends, length: Scalar, error: Scalar) -> Scalar:
-    """Where in the step (0 to 1) a function that begins below zero is highest before it falls to zero, or 2.
-
-    For `error` see `cubic_error`.
-    """
-    theta, turns = _maximum(start, end, length)
-    inside = turns & (theta > 0) & (theta < 1) & (theta * (1 - theta) > _LANDED)
-    place = jnp.where(inside, theta, 0.5)
-    minimum, _ = minimum_in_step(start, end, length, 0.0)
-    height = _cubic(start, end, length, place)
-    falls = (end.value <= jnp.maximum(_LANDED * height, 0.0)) | ((minimum > place) & (minimum < 1))
-    # The cubic may put the maximum too low by as much as it may put a local minimum too high.
-    slopes = length * (jnp.abs(start.rate) + jnp.abs(end.rate))
-    doubt = jnp.maximum(_LOW * slopes, 2 * error) * (place * (1 - place)) ** 2
-    return jnp.where(inside & falls & (height > -doubt), place, 2.0)
-
-
-@jax.jit
-def rise_unless_clear(
-    clear: Flag, start: Ends, end: Ends, length: Scalar, samples: Sequence[tuple[Scalar, Scalar]]
-) -> tuple[Scalar, Flag]:
-    """A local maximum as in `maximum_above_zero`, and whether the step may hide a rise; neither where it is `clear`."""
-
-    def asked() -> tuple[Scalar, Flag]:
-        error = cubic_error(start, end, length, samples)
-        maximum, below = maximum_above_zero(start, end, length, error), (signed(start, -1.0), signed(end, -1.0))
-        error = _SHARP * error
-        hidden = is_crooked(*below, length, error) & may_hide_a_fall(*below, length, error)
-        return maximum, hidden & (end.value < 0)
-
-    return lax.cond(clear, lambda: (jnp.asarray(2.0), jnp.asarray(False)), asked)
-
-
-@jax.jit
-def expected_fall(start: Ends, end: Ends, length: Scalar, low: Scalar, high: Scalar) -> tuple[Scalar, Flag, Scalar]:
-    """When an event function is expected to fall through zero, whether steeply, and the error of that time.
-
-    The zero is that of the cubic through both ends of a trial, continued beyond them where needed. It lies
-    between two lengths: one before the event, and one past it or as far as to look.
-
-    A function is steep if its slope at that zero is no small part of its slopes at the trial's ends.
-    A flat one may turn before zero, and Newton's method converges slowly.
-    """
-    mean = (end.value - start.value) / length
-    c3 = start.rate + end.rate - 2 * mean
-    c2 = mean - start.rate - c3
-    left, right = low / length, high / length
-
-    def cubic(theta: Scalar) -> tuple[Scalar, Scalar]:
-        value = start.value / length + theta * (start.rate + theta * (c2 + theta * c3))
-        return value, start.rate + theta * (2 * c2 + theta * (3 * c3))
-
-    # Newton from the trial's end, because an event function may start at zero.
-    falls = end.rate < 0
-    first = 1 - end.value / length / jnp.where(falls, end.rate, -1.0)
-    theta = jnp.clip(jnp.where(falls, first, right), left, right)
-    for _ in range(3):
-        value, slope = cubic(theta)
-        left, right = jnp.where(value > 0, theta, left), jnp.where(value > 0, right, theta)
-        newton = theta - value / jnp.where(slope == 0, 1.0, slope)
-        # A converged step may leave the bracket by rounding: that is no reason to bisect. Where the cubic does not
-        # fall, as at a local minimum, a small value says nothing about how near its zero is.
-        inside = (slope < 0) & (newton > left - 1e-9) & (newton < right + 1e-9)
-        theta = jnp.where(inside, jnp.clip(newton, left, right), (left + right) / 2)
-    value, slope = cubic(theta)
-    error = jnp.minimum(jnp.abs(value / jnp.where(slope == 0, _NONE, slope)), right - left)
-    steep = jnp.minimum(_STRAIGHT * end.rate, -_STEEP * (jnp.abs(start.rate) + jnp.abs(end.rate)))
-    return length * theta, (slope < steep) & (end.rate < steep) & (error < _CONVERGED), length * error
-
-
 # Of the time scale, the time so far and a good step: this near a steep fall, a short step and Newton's do the rest.
 _NEAR = 1e-2
 _NEAR_FLAT = 1e-3  # the same for a flat one
@@ -253,10 +52,11 @@ _STIFF_NEAR, _STIFF_FLAT = 1e-3, 1e-6  # of a stiff motion's last step: Newton's
 _LAST_STEP = 0.2  # of the step before it is a stiff motion's last step at least
 _PARTED, _NEARER = 0.3, 0.75  # of a step: a longer way to the event is gone in two
 _AHEAD = 3.0  # trials: as far beyond its end as an event is looked for
-_IMMINENT = 2.0  # trials, at the rate of now: an event that near is worth looking for
 _NONSMOOTH_NEAR = 1e-9  # of the time scale: near enough for a motion whose rates may be infinite at the end
 _SHORT_OF_IT = 0.999  # of the way to an expected event
 _TOO_LONG = 256.0  # an error over the tolerance, for which the next step is 0.4 times as long
+_TOGETHER = 1e-12  # of the time scale: events this near happen at once, and one this near the end happens
+_TINY = 1e-300
 
 
 class Trial(NamedTuple):
@@ -305,7 +105,7 @@ def look(
         minimum=_least(places, 2.0),
         lowest=_least([lowest for _, lowest, _ in minima], jnp.inf),
         past=past,
-        imminent=_any(_is_imminent(event, control.trial_length) for event in end),
+        imminent=_any(is_imminent(event, control.trial_length) for event in end),
         low=jnp.where(past, 0.0, control.trial_length),
         high=jnp.where(_good(control, error) & past, control.trial_length, ahead),
         hidden=_any(hidden for *_, hidden in minima),
@@ -525,73 +325,6 @@ def _first_expected(control: Control, trial: Trial) -> tuple[Scalar, Scalar, Fla
     return jnp.where(sure, first, jnp.inf), index, is_steep, error
 
 
-_ROUNDING = 1e-15  # of what a function changes by within the time scale: zero
-_LEFT = 1e-9  # of the same: a function of an event that has just happened, with the errors of state and reset
-_TOGETHER = 1e-12  # of the time scale: events this near happen at once, and one this near the end happens
-_TINY = 1e-300
-_SHARP = 8.0  # times what a cubic was seen to err by: it may err by as much
-
-
-class Watched(NamedTuple):
-    """How an event is watched in a step.
-
-    Args:
-        sign: times its function, which then falls to the event.
-        armed: whether it may happen in the step.
-    """
-
-    sign: Scalar
-    armed: Flag
-
-
-def sign_of(direction: int, start: Ends, scale: Scalar) -> Scalar:
-    """What turns an event function so that it falls to its event; 1 where it is turned already."""
-    if direction:
-        return 1.0
-    return jnp.sign(jnp.where(_is_zero(start, scale), start.rate, start.value))
-
-
-def signed(event: Ends, sign: Scalar) -> Ends:
-    """An event function times its sign."""
-    return Ends(sign * event.value, sign * event.rate)
-
-
-def is_armed(event: Ends, scale: Scalar) -> Flag:
-    """Whether an event function is before zero, or leaves it."""
-    return jnp.where(_is_zero(event, scale), event.rate > 0, event.value > 0)
-
-
-def all_armed(directions: Sequence[int], events: Sequence[Ends], scale: Scalar) -> Flag:
-    """Whether every event function is before its event, or leaves it."""
-    going: Flag = jnp.asarray(True)
-    for event in watch(directions, events, scale):
-        going = going & event.armed
-    return going
-
-
-def watch(directions: Sequence[int], starts: Sequence[Ends], scale: Scalar) -> list[Watched]:
-    """How the events are watched in a step."""
-    signs = [sign_of(direction, start, scale) for direction, start in zip(directions, starts, strict=True)]
-    return [Watched(sign, is_armed(signed(start, sign), scale)) for sign, start in zip(signs, starts, strict=True)]
-
-
-def disarmed(event: Ends, on: Flag) -> Ends:
-    """The event function; far from zero where it does not count."""
-    return Ends(jnp.where(on, event.value, 1.0), jnp.where(on, event.rate, 0.0))
-
-
-def after_event(event: Ends, fired: Flag, still_zero: Flag, scale: Scalar) -> Ends:
-    """An event function where the motion goes on: zero without its rounding if its event has just happened."""
-    event = Ends(jnp.where(still_zero, 0.0, event.value), event.rate)
-    return jax.tree.map(functools.partial(jnp.where, fired), without_rounding(event, _LEFT * scale), event)
-
-
-def without_rounding(event: Ends, time: Scalar) -> Ends:
-    """An event function; zero where it would be within a time."""
-    is_zero = jnp.abs(event.value) <= jnp.abs(event.rate) * time
-    return Ends(jnp.where(is_zero, 0.0, event.value), event.rate)
-
-
 def are_clear(
     events: Sequence[Watched],
     h: Scalar,
@@ -621,40 +354,16 @@ def are_clear(
             # One that does not count is before zero on its other side.
             on = events[i].armed
             sign = jnp.where(on, events[i].sign, -events[i].sign)
-            least = jnp.where(on, graze * jnp.maximum(_size(start, end, h), _TINY), 0.0)
+            least = jnp.where(on, graze * jnp.maximum(size_in_step(start, end, h), _TINY), 0.0)
             start, end, samples = (
                 signed(start, sign),
                 signed(end, sign),
                 [(theta, sign * value) for theta, value in samples],
             )
-            clear.append(_is_clear(start, end, h, samples, least))
+            clear.append(is_clear(start, end, h, samples, least))
         else:
-            clear.append(_is_clear(start, end, h, samples, graze))
+            clear.append(is_clear(start, end, h, samples, graze))
     return clear
-
-
-@jax.jit
-def _is_clear(start: Ends, end: Ends, length: Scalar, samples: Sequence[tuple[Scalar, Scalar]], least: Scalar) -> Flag:
-    """Whether an event function is above `least` in all of a step, by more than `look` and `decide` doubt."""
-    lowest = functools.reduce(jnp.minimum, _bezier(start, end, length))
-    slopes = jnp.abs(length * start.rate) + jnp.abs(length * end.rate)
-    doubt = jnp.maximum(_LOW * slopes, 2 * _SHARP * cubic_error(start, end, length, samples)) / 16
-    return (lowest > jnp.maximum(doubt, least)) & jnp.logical_not(_is_imminent(end, length))
-
-
-def _bezier(start: Ends, end: Ends, length: Scalar) -> tuple[Scalar, ...]:
-    """The four numbers between the least and the greatest of which the cubic through both ends lies."""
-    third = length * (1 / 3)
-    return start.value, start.value + third * start.rate, end.value - third * end.rate, end.value
-
-
-def _is_imminent(end: Ends, length: Scalar) -> Flag:
-    return end.value < -_IMMINENT * length * end.rate
-
-
-def _size(start: Ends, end: Ends, length: Scalar) -> Scalar:
-    """Of an event function in a step."""
-    return jnp.maximum(jnp.maximum(jnp.abs(start.value), jnp.abs(end.value)), length * jnp.abs(start.rate))
 
 
 def look_directed(
@@ -674,11 +383,11 @@ def look_directed(
     """
     h = control.trial_length
     on, factors, rises = [event.armed for event in events], [], []
-    for i, (event, start, end, is_clear) in enumerate(zip(events, starts, ends, clear, strict=True)):
-        factors.append(event.sign / jnp.maximum(_size(start, end, h), _TINY))
+    for i, (event, start, end, clear_of_it) in enumerate(zip(events, starts, ends, clear, strict=True)):
+        factors.append(event.sign / jnp.maximum(size_in_step(start, end, h), _TINY))
         samples = [(theta, event.sign * values[i]) for theta, values in interior_samples]
         both = signed(start, event.sign), signed(end, event.sign)
-        rises.append(rise_unless_clear(event.armed | is_clear, *both, h, samples))
+        rises.append(rise_unless_clear(event.armed | clear_of_it, *both, h, samples))
 
     def watched(events: Sequence[Ends]) -> list[Ends]:
         parts = zip(events, factors, on, strict=True)
@@ -693,7 +402,7 @@ def look_directed(
         for theta, values in interior_samples
     ]
     # A function such as a distance bends in a small part of a step, where the cubic errs by more than was seen.
-    trial = look(control, begun, watched(ends), inside, error, scale, clear=clear, sharp=_SHARP)
+    trial = look(control, begun, watched(ends), inside, error, scale, clear=clear, sharp=SHARP)
     maximum, hidden = _least([maximum for maximum, _ in rises], 2.0), _any(hidden for _, hidden in rises)
     return trial._replace(minimum=jnp.minimum(maximum, trial.minimum), hidden=trial.hidden | hidden)
 
@@ -719,7 +428,3 @@ def at_once(events: Sequence[Ends], remaining: Scalar, scale: Scalar) -> list[Fl
     """Which events happen in a time that remains."""
     times = [-event.value / jnp.where(event.rate < 0, event.rate, jnp.nan) for event in events]
     return [jnp.abs(time - remaining) <= _TOGETHER * scale for time in times]
-
-
-def _is_zero(event: Ends, scale: Scalar) -> Flag:
-    return jnp.abs(event.value) <= _ROUNDING * jnp.abs(event.rate) * scale

@@ -11,7 +11,8 @@ from jax import lax
 
 from erosion.arguments import Flag, Scalar
 from erosion.ode import crossings
-from erosion.ode.crossings import Ends, Watched
+from erosion.ode.arming import Watched
+from erosion.ode.cubics import Ends
 from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import ENDED, FAILED, FIRST_STEP, Control
 from erosion.ode.variational import Augmented, EndTimeDependence

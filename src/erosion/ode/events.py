@@ -8,8 +8,10 @@ import jax.numpy as jnp
 from jax import lax
 
 from erosion.arguments import Flag, Scalar
-from erosion.ode import crossings, step_control
-from erosion.ode.crossings import Ending, Ends, Trial, Watched
+from erosion.ode import arming, crossings, cubics, step_control
+from erosion.ode.arming import Watched
+from erosion.ode.crossings import Ending, Trial
+from erosion.ode.cubics import Ends
 from erosion.ode.methods.base import Step
 from erosion.ode.step_control import ADVANCING, Control, Limits
 
@@ -139,7 +141,7 @@ class Armed(EventSet):
     def at_start(self, events: list[Ends], scale: Scalar, begins: Flag) -> list[Ends]:
         """See `EventSet`."""
         time = jnp.where(begins, _AT_START * scale, 0.0)
-        return [crossings.without_rounding(event, time) for event in events]
+        return [arming.without_rounding(event, time) for event in events]
 
     def resolved(self, start: Sequence[Ends], step: Step, h: Scalar) -> Step:
         """See `EventSet`."""
@@ -147,12 +149,12 @@ class Armed(EventSet):
         for i, (begin, end, affine) in enumerate(zip(start, step.events, self.affine, strict=True)):
             if not affine:
                 samples = [(theta, values[i]) for theta, values in step.interior_samples]
-                error = jnp.maximum(error, crossings.unresolved(begin, end, h, samples, smooth=self.smooth))
+                error = jnp.maximum(error, cubics.unresolved(begin, end, h, samples, smooth=self.smooth))
         return step._replace(error=error)
 
     def begins(self, events: Sequence[Ends], scale: Scalar) -> Flag:
         """See `EventSet`."""
-        return crossings.all_armed(self.directions[: self.own], events[: self.own], scale)
+        return arming.all_armed(self.directions[: self.own], events[: self.own], scale)
 
     def begun(self, events: list[Ends]) -> list[Ends]:
         """See `EventSet`."""
@@ -164,7 +166,7 @@ class Armed(EventSet):
 
     def watch(self, events: Sequence[Ends], scale: Scalar) -> list[Watched]:
         """See `EventSet`."""
-        return crossings.watch(self.directions, events, scale)
+        return arming.watch(self.directions, events, scale)
 
     def look(
         self, watched: Sequence[Watched], control: Control, start: Sequence[Ends], step: Step, scale: Scalar,

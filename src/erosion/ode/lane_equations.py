@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax.extend.core import Jaxpr
 
 from erosion.arguments import Number, Scalar
-from erosion.ode.crossings import Ends
+from erosion.ode.cubics import Ends
 from erosion.ode.kinks import divisors, is_nonsmooth, may_have_kinks, operands_of, radicands, square_roots
 from erosion.ode.methods import method_of
 from erosion.ode.reduction import FlatState, are_affine

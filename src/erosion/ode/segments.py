@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jax import lax
 
 from erosion.arguments import Flag, Number, Scalar
-from erosion.ode import crossings, step_control
-from erosion.ode.crossings import Ends
+from erosion.ode import arming, step_control
+from erosion.ode.cubics import Ends
 from erosion.ode.event_location import Lane, Segment, all_finite, finish_step
 from erosion.ode.events import Armed, EventSet, Falling
 from erosion.ode.guards import MOMENT, ULPS, Guard, guards_of
@@ -133,7 +133,7 @@ class SegmentLoop:
             # The functions of events that have just happened are zero, but for rounding.
             for i, near in enumerate(zip(before.at_once, before.still_zero, strict=True)):
                 if i not in self.scheduled:  # these know their next time
-                    events[i] = crossings.after_event(events[i], *near, scale)
+                    events[i] = arming.after_event(events[i], *near, scale)
             past, trial = before.control, jnp.minimum(control.trial_length, before.control.step)
             control = control._replace(
                 trial_length=trial,

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from erosion.arguments import Flag, Number, Scalar
-from erosion.ode.crossings import Ending, Ends
+from erosion.ode.crossings import Ending
+from erosion.ode.cubics import Ends
 from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import Control
 from erosion.ode.variational import EndTimeDependence

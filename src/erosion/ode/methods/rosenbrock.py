@@ -16,8 +16,9 @@ import numpy as np
 from jax import lax
 
 from erosion.arguments import Flag, Number, Scalar
-from erosion.ode import crossings
-from erosion.ode.crossings import ByTheLastStep, Ends
+from erosion.ode import arming, crossings, cubics
+from erosion.ode.crossings import ByTheLastStep
+from erosion.ode.cubics import Ends
 from erosion.ode.event_location import Lane, Segment, happening, segment_to
 from erosion.ode.methods.base import (
     APART,
@@ -273,7 +274,7 @@ class Rodas5P(Method):
         """
         control, options = lane.control, self.problem.options
         scale = self.problem.scale_near(control.step, FIRST_STEP)
-        watched = crossings.watch(self.problem.directions, lane.events, scale) if options.arm_on_return else []
+        watched = arming.watch(self.problem.directions, lane.events, scale) if options.arm_on_return else []
         ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
 
         def nearer(search: _LastStepSearch) -> _LastStepSearch:
@@ -281,7 +282,7 @@ class Rodas5P(Method):
             events = along.events
             if options.arm_on_return:
                 events = [
-                    crossings.disarmed(crossings.signed(event, each.sign), each.armed | (control.event == i))
+                    arming.disarmed(cubics.signed(event, each.sign), each.armed | (control.event == i))
                     for i, (event, each) in enumerate(zip(events, watched, strict=True))
                 ]
             more = sum(

@@ -12,8 +12,9 @@ import numpy as np
 from jax import lax
 
 from erosion.arguments import Flag, Number, Scalar
-from erosion.ode import crossings
-from erosion.ode.crossings import ByAShortStep, Ends, ShortOfKinks
+from erosion.ode import arming, crossings, cubics
+from erosion.ode.crossings import ByAShortStep, ShortOfKinks
+from erosion.ode.cubics import Ends
 from erosion.ode.event_location import Lane, Segment, all_finite, happening, segment_to
 from erosion.ode.kinks import is_kinked
 from erosion.ode.methods.base import (
@@ -286,7 +287,7 @@ class RungeKutta(Method):
             lost = search.slow & ~(_ORDERS * jnp.abs(search.time) < _HIDDEN * scale)
             control = control._replace(mode=jnp.where(lost, FAILED, control.mode))
             events = [
-                crossings.disarmed(crossings.signed(event, watched.sign), watched.armed | (control.event == i))
+                arming.disarmed(cubics.signed(event, watched.sign), watched.armed | (control.event == i))
                 for i, (event, watched) in enumerate(zip(search.events, lane.watched, strict=True))
             ]
         else:
