@@ -1,6 +1,7 @@
 """The words that `docs/glossary.md` lists as not used, in its last column."""
 
 import ast
+import functools
 import inspect
 import re
 from pathlib import Path
@@ -9,6 +10,7 @@ import erosion
 from erosion import models, ode
 
 ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "src" / "erosion"
 GLOSSARY = ROOT / "docs" / "glossary.md"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md"), *ROOT.glob("docs/develop/*.md")]
 
@@ -36,9 +38,15 @@ def public_objects():
                         yield f"{name}.{member}", method
 
 
+@functools.cache
+def nodes():
+    """Those of each module's syntax tree, by its path."""
+    return {module: [*ast.walk(ast.parse(module.read_text("utf-8")))] for module in PACKAGE.rglob("*.py")}
+
+
 def names_of(module):
     """Of classes, functions, arguments, variables and attributes, private ones too."""
-    for node in ast.walk(ast.parse(module.read_text("utf-8"))):
+    for node in nodes()[module]:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             yield node.name
         elif isinstance(node, ast.arg):
@@ -76,39 +84,27 @@ OTHERS_WORDS = {"tables/headings.py", "fits/tables.py", "lanes/jax_versions.py"}
 
 def strings_of(module):
     """Docstrings and messages."""
-    nodes = ast.walk(ast.parse(module.read_text("utf-8")))
-    return [node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    return [node.value for node in nodes()[module] if isinstance(node, ast.Constant) and isinstance(node.value, str)]
 
 
 def test_docstrings_and_messages_use_the_words_of_the_glossary():
-    unused, package = unused_words(), ROOT / "src" / "erosion"
-    assert {path for path in OTHERS_WORDS if (package / path).is_file()} == OTHERS_WORDS
+    unused = unused_words()
+    assert {path for path in OTHERS_WORDS if (PACKAGE / path).is_file()} == OTHERS_WORDS
     texts = {
-        module: strings_of(module)
-        for module in package.rglob("*.py")
-        if module.relative_to(package).as_posix() not in OTHERS_WORDS
-    } | {page: [page.read_text("utf-8")] for page in (*package.rglob("*.md"), package / "results" / "findings.toml")}
+        module: strings_of(module) for module in nodes() if module.relative_to(PACKAGE).as_posix() not in OTHERS_WORDS
+    } | {page: [page.read_text("utf-8")] for page in (*PACKAGE.rglob("*.md"), PACKAGE / "results" / "findings.toml")}
     found = [(file.name, word[0]) for file in texts for text in texts[file] for word in unused.finditer(text)]
     assert not found
 
 
 def test_names_use_the_words_of_the_glossary():
-    unused, package = unused_words(), ROOT / "src" / "erosion"
+    unused = unused_words()
     found = {
-        (module.name, name)
-        for module in package.rglob("*.py")
-        for name in names_of(module)
-        if unused.search(words_of_name(name))
+        (module.name, name) for module in nodes() for name in names_of(module) if unused.search(words_of_name(name))
     }
     assert not found
 
 
 def test_each_class_has_a_name_of_its_own():
-    package = ROOT / "src" / "erosion"
-    classes = [
-        node.name
-        for module in package.rglob("*.py")
-        for node in ast.walk(ast.parse(module.read_text("utf-8")))
-        if isinstance(node, ast.ClassDef)
-    ]
+    classes = [node.name for module in nodes().values() for node in module if isinstance(node, ast.ClassDef)]
     assert not {name for name in classes if classes.count(name) > 1}
