@@ -111,8 +111,8 @@ def test_broadcasts_and_differentiates(name):
     assert function(angles, speeds).shape == (3, 2)
     h = 1e-6
     for slope, ahead, behind in (
-        (jax.grad(function)(0.6, 40.0), function(0.6 + h, 40.0), function(0.6 - h, 40.0)),
-        (jax.grad(function, 1)(0.6, 40.0), function(0.6, 40.0 + h), function(0.6, 40.0 - h)),
+        (jax.jit(jax.grad(function))(0.6, 40.0), function(0.6 + h, 40.0), function(0.6 - h, 40.0)),
+        (jax.jit(jax.grad(function, 1))(0.6, 40.0), function(0.6, 40.0 + h), function(0.6, 40.0 - h)),
     ):
         # Central differences of 1e-6: rounding leaves some 1e-8 of E over the step.
         assert float(slope) == pytest.approx(float(ahead - behind) / (2 * h), rel=1e-5, abs=1e-8 * float(ahead))
@@ -152,7 +152,7 @@ OPENFOAM = {10.0: 1572.24421565, 40.0: 1222.55018507}
 
 def speed_exponent(erosion_of_speed):
     """∂ ln E/∂ ln v₀ at 50 m/s."""
-    return jax.grad(erosion_of_speed)(50.0) * 50.0 / erosion_of_speed(50.0)
+    return jax.jit(jax.grad(erosion_of_speed))(50.0) * 50.0 / erosion_of_speed(50.0)
 
 
 def cutting(material):
@@ -247,7 +247,7 @@ def test_peak_and_value_at_normal_impact(name, angle, peak, at_90):
     if peak is not None:
         assert found.peak == pytest.approx(peak, abs=6e-6)
     assert float(found.normalised(found.alpha_max)) == 1.0
-    assert abs(float(jax.grad(found.function)(found.alpha_max))) < 1e-12
+    assert abs(float(jax.jit(jax.grad(found.function))(found.alpha_max))) < 1e-12
 
 
 @pytest.mark.parametrize(("hardness", "angle"), [(1.05, 27.65), (1.8, 33.86), (3.43, 43.02)])
@@ -293,7 +293,7 @@ def test_how_far_branches_meet(function, at, step, tolerance):
 def test_vectorized_and_differentiable(function):
     angles = np.linspace(0.05, 1.5, 30)
     assert np.asarray(function(angles)).shape == (30,)
-    slopes = np.asarray(jax.vmap(jax.grad(function))(angles))
+    slopes = np.asarray(jax.jit(jax.vmap(jax.grad(function)))(angles))
     step = 1e-6
     differences = (np.asarray(function(angles + step)) - np.asarray(function(angles - step))) / (2 * step)
     # Central differences of 1e-6: rounding leaves 1e-9 or so.

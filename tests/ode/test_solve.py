@@ -874,19 +874,6 @@ def test_derivatives_are_nan_where_a_rate_divides_by_what_vanishes_at_the_event(
     np.testing.assert_allclose(above.along("v0").integrals["path"], ratio(args["v0"]) / 9.81, rtol=1e-9)
 
 
-def test_of_a_jump_at_the_event_only_the_side_before_it_counts():
-    rubbed = ode.Problem(
-        y0=lambda args: {"x": 0.0, "v": args["v0"]},
-        vector_field=lambda t, y, args: {"x": y["v"], "v": -args["friction"] * jnp.sign(y["v"])},
-        events={"rest": ode.Event(lambda t, y, args: y["v"], direction=-1)},
-    )
-    v0 = np.linspace(5.0, 15.0, 5)
-    end = ode.solve(rubbed, {"v0": v0, "friction": 2.0}, t1=50.0, wrt=("v0", "friction"), derivatives=2)
-    np.testing.assert_allclose(end.y["x"], v0**2 / 4, rtol=1e-12)
-    np.testing.assert_allclose(end.along("v0").y["x"], v0 / 2, rtol=1e-10)
-    np.testing.assert_allclose(end.along("friction", "friction").y["x"], v0**2 / 8, rtol=1e-10)
-
-
 def test_a_mass_matrix_is_solved_in_the_rates():
     """A double pendulum from its Lagrangian, M(q) q″ = -C(q, q′) - G(q), against M inverted by hand."""
 
