@@ -26,6 +26,8 @@ from tests.documents import Shell, findings
 P = erosion.TABLE_1.replace(k=1.0)
 SHALLOW = P.replace(alpha=np.deg2rad(30.0))
 IMPACTS = "count,diameter [mm],density [kg/m^3],speed [m/s],angle [deg]\n5,0.2,2650,100,10\n5,0.2,2650,100,30\n"
+# Of `rotating`, k = 1.
+ROWS = "angle [deg],volume [in^3/impact],uncertainty [in^3]\n10,9.443e-5,1e-6\n25,1.2601e-4,1e-6\n30,1.2676e-4,1e-6\n"
 VERBS = {
     "run": "run --k 1 --alpha 30deg",
     "optimum": "optimum --k 1 --max-turn any",
@@ -34,6 +36,8 @@ VERBS = {
     "stream": "stream --k 1 --alpha 'normal(30deg, 2deg)' --n 256 --no-best-angle",
     "map": "map impacts.csv --units si --k 1",
     "advise": "advise --k 1",
+    "calibrate": "calibrate rows.csv --k 1 --free psi",
+    "export": "export --k 1 --table table.csv",
 }
 
 
@@ -41,6 +45,7 @@ VERBS = {
 def test_a_verb_says_where_the_body_turns_too_far(verb: str, shell: Shell, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     Path("impacts.csv").write_text(IMPACTS)
+    Path("rows.csv").write_text(ROWS)
     words = [*shlex.split(VERBS[verb]), "--model", "rotating"]
     (turned,) = findings(shell([*words, "--json"]).document, *OF_TURN)
     assert turned["level"] == "warning"
@@ -48,6 +53,17 @@ def test_a_verb_says_where_the_body_turns_too_far(verb: str, shell: Shell, tmp_p
     # A body whose moment about its centre of mass is left out does not turn.
     words[-1] = "linearized"
     assert findings(shell([*words, "--json"]).document, *OF_TURN) == []
+
+
+def test_a_prediction_says_so_where_it_is_asked_and_a_fit_where_it_was_measured(tmp_path: Path) -> None:
+    (tmp_path / "rows.csv").write_text(ROWS)
+    data = erosion.read_measurements(tmp_path / "rows.csv", P.units)
+    fit = erosion.calibrate(erosion.FitProblem("rotating", P, data, free=["psi"]))
+    (turned,) = (finding for finding in fit.findings if finding.code in OF_TURN)
+    assert (turned.numbers["turned"], turned.numbers["impacts"]) == (2, 3)
+    for alpha, is_beyond in ((0.05, False), (0.5, True)):
+        codes = [finding.code for finding in erosion.predict(fit, alpha).findings]
+        assert ("turned_beyond_in_part" in codes) == is_beyond
 
 
 def small_map() -> Any:

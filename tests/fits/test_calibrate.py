@@ -301,7 +301,8 @@ def test_a_curve_with_a_jump_is_found_from_afar_and_goes_to_openfoam_with_its_mi
     for name, truth in (("k", 2.0), ("psi", 0.04)):
         assert abs(result.estimates[name] - truth) < 3 * result.standard_errors[name]
     # Here the jump comes upon a row 0.6 standard errors below k.
-    (finding,) = result.findings
+    turned, finding = result.findings
+    assert turned.code == "turned_beyond_in_part"
     assert (finding.code, finding.about) == ("error_too_great", "k")
     coefficients = to_openfoam(result)
     # The turning body's curve is broader than Finnie's and jumps.

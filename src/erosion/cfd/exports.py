@@ -175,7 +175,7 @@ def commented(text: str, mark: str) -> str:
 
 
 SHARES = np.linspace(0.5, 2, 7)  # of the case's speed and diameter: from half to twice
-_ANGLES = np.deg2rad(np.arange(2.5, 91, 2.5))
+TABLE_ANGLES = np.deg2rad(np.arange(2.5, 91, 2.5))
 _MOST_ROWS = 1_000_000
 _HEADINGS = {"alpha": "angle", "v0": "speed", "d": "diameter"}
 
@@ -215,7 +215,7 @@ def volume_table(
         ValueError: for parameters that are arrays or out of range, and for more than a million rows.
     """
     particle = particle_of(model, p, particle_density, cutting_fraction)
-    alpha = _ANGLES if alpha is None else checked("alpha", alpha)
+    alpha = TABLE_ANGLES if alpha is None else checked("alpha", alpha)
     speeds = in_si("v0", v0, p, SHARES * particle.speed)
     diameters = in_si("d", d, p, SHARES * particle.diameter)
     require_rows(alpha.size * speeds.size * diameters.size)

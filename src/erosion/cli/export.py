@@ -98,6 +98,14 @@ class _Asked(NamedTuple):
         """The speeds and diameters over which forms must hold."""
         return {name: self.axes[name] for name in ("v0", "d")}
 
+    @property
+    def turned(self) -> Finding | None:
+        """The finding that bodies turn by more than 90° in some of the cuts of which forms are made."""
+        own = {"alpha": lazy.TABLE_ANGLES, "v0": self.p.v0}
+        alpha, speed = (own[name] if self.axes[name] is None else self.axes[name] for name in own)
+        p = self.p.replace(alpha=alpha.reshape(-1, 1), v0=speed)
+        return lazy.finding_of_turned(lazy.count_turned(self.model, p))
+
 
 class _Part(NamedTuple):
     """One file: its content, one line on it for people, its numbers for programs, and what to warn of."""
@@ -139,7 +147,7 @@ def export(
         with user_errors():
             for part in parts.values():
                 lazy.write_whole(part.path, part.text.encode())
-    output.warn(*(finding for part in parts.values() for finding in part.findings))
+    output.warn(*(finding for part in parts.values() for finding in part.findings), asked.turned)
     output.present(f"{in_full(name, chosen, asked.p.units)}: for CFD codes", _declared(parts), {name: chosen})
     if refusals:
         raise RuntimeError(" ".join(refusals))

@@ -16,6 +16,7 @@ from erosion.arguments import check_share as check_share
 from erosion.arguments import refuse as refuse
 from erosion.cfd.erosion_map import MapJob as MapJob
 from erosion.cfd.erosion_map import prepare_map as prepare_map
+from erosion.cfd.exports import TABLE_ANGLES as TABLE_ANGLES
 from erosion.cfd.exports import ExportError as ExportError
 from erosion.cfd.exports import restitution as restitution
 from erosion.cfd.exports import to_comsol as to_comsol
@@ -93,6 +94,8 @@ from erosion.impacts.dataset_files import write_csv as write_csv
 from erosion.impacts.dataset_files import write_netcdf as write_netcdf
 from erosion.impacts.trajectory import SimulationError as SimulationError
 from erosion.impacts.trajectory import path as path
+from erosion.impacts.turn import count_turned as count_turned
+from erosion.impacts.turn import finding_of_turned as finding_of_turned
 from erosion.laws import LAWS as LAWS
 from erosion.laws import SHARE as SHARE
 from erosion.laws import JointLaw as JointLaw

@@ -139,12 +139,10 @@ def cut_gif(answers: Answers, state: PageState) -> bytes:
 
 
 Export = tuple[str, Callable[[Answers, PageState], bytes]]
-TABLES: Mapping[str, Export] = {
+FILES: Mapping[str, Export] = {
     "curves.csv": ("Curves over α (CSV)", curves_csv),
     "motion.csv": ("Motion of the model drawn (CSV)", motion_csv),
     "explorer.json": ("All numbers (JSON)", results_json),
-}
-FILES: Mapping[str, Export] = {
     "case.toml": ("The case and its model (TOML)", case_toml),
     "cut.gif": ("The cut as an animation (GIF)", cut_gif),
 }
@@ -217,7 +215,7 @@ class Tab:
         """The buttons for the link and for exports."""
         ui.button("Copy link", icon="link", on_click=self._copy_link).props(_OUTLINE)
         with ui.button("Export", icon="download").props(_OUTLINE), ui.menu().props("max-height=95vh"):
-            for file, (title, make) in {**TABLES, **FILES}.items():
+            for file, (title, make) in FILES.items():
                 ui.menu_item(title, partial(self._download, file, make))
             ui.menu_item("Python lines…", self._show_python)
         with ui.dialog() as self._python, ui.card().classes("panel"):

@@ -12,6 +12,7 @@ from erosion.fits.least_squares import LeastSquares
 from erosion.fits.measurements import conditions
 from erosion.fits.outliers import findings_of_outliers
 from erosion.fits.residual_checks import check
+from erosion.impacts import finding_of_turned
 from erosion.models import BUILT_IN, SPEED_EXPONENT, SpeedExponent, model_name
 from erosion.output.tables import sentences
 from erosion.parameters.per_mass import far_from_tests
@@ -151,7 +152,9 @@ def doubts(fit: "Calibration") -> tuple[Finding, ...]:
                 for said in _of_speed(fit, pattern.statistic)]  # fmt: skip
     misfit = Finding("misfit_beyond_errors", "", {"chi2": fit.chi2, "freedom": fit.degrees_of_freedom})
     open_ones = (*_undetermined(fit), *_undecided(fit), *_at_bounds(fit))
-    return (*_far_from_tests(fit), *open_ones, *found((is_poor(fit), misfit)), *findings_of_outliers(fit),
+    turned = fit.problem.count_turned(fit.estimates, fit.data.conditions)
+    told = filter(None, [finding_of_turned(turned, fit.data.source)])
+    return (*told, *_far_from_tests(fit), *open_ones, *found((is_poor(fit), misfit)), *findings_of_outliers(fit),
             *checks.findings, *of_speed)  # fmt: skip
 
 

@@ -25,6 +25,7 @@ from erosion.fits.problem import OF_ERROR, FitProblem
 from erosion.fits.tempering import EFFECTIVE, RHAT, Run, effective, rhats, sample
 from erosion.impacts.batch import impact
 from erosion.impacts.optimum import alpha_max
+from erosion.impacts.turn import finding_of_turned
 from erosion.laws import JointLaw, law_in_words
 from erosion.models import CuttingModel, impact_to_dict, model_name, with_values
 from erosion.ode.step_control import require_float64
@@ -184,6 +185,8 @@ class Posterior(Fit):
             share, end = max((low, "lowest"), (high, "highest"))
             numbers = {"share": share, "end": end, "law": self._law_in_words(name)}
             said += found((share > _PILED, Finding("prior_decides", name, numbers)))
+        turned = self.problem.count_turned(self.likeliest, self.data.conditions)
+        said += filter(None, [finding_of_turned(turned, self.data.source)])
         if not self._has_known_errors:
             return tuple(said)
         points, rows = self.run.points.reshape(-1, len(self.names)), len(self.data)

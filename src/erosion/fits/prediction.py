@@ -37,6 +37,7 @@ _SOME = 400
 _APART = 0.3  # deviation of populations' means over that of their draws; R̂ is about 1.05
 _UNLIKELY = 0.01  # probability that any of the rows is so far off by its error
 _NOTHING = 0.05  # of a row's erosion, which the model does not have
+_FEW = 16  # draws that show whether bodies turn too far
 _LISTED = 4  # rows that a sentence lists
 _COUNTS = 0.01  # probability of a hypothesis whose draws matter
 _FADE = np.deg2rad(5.0)  # beyond the tested angles, over which the discrepancy comes to count alone
@@ -128,6 +129,12 @@ class Predictor(Result):
             wanted = min(wanted, total) if len(self.hypotheses) == 1 else wanted
             hypotheses.append((hypothesis, _some_of(hypothesis.values, wanted)))
         return hypotheses
+
+    def count_turned(self, conditions: Mapping[str, np.ndarray]) -> np.ndarray:
+        """In how many impacts under conditions, at some draws, the body turns by more than 90°, and of how many."""
+        chosen = (values for _, values in self.chosen(_FEW) if _size(values))
+        drawn = [{name: value[:, None] for name, value in values.items()} for values in chosen]
+        return np.sum([self.problem.count_turned(values, conditions) for values in drawn], axis=0)
 
     @property
     def exponent(self) -> tuple[float, float] | None:

@@ -18,7 +18,7 @@ import numpy as np
 from erosion.arguments import as_pair, refuse
 from erosion.fits.errors import ErrorModel
 from erosion.fits.measurements import Measurements, read_measurements
-from erosion.impacts import Impact, impact
+from erosion.impacts import Impact, count_turned, impact
 from erosion.laws import SHARE, JointLaw
 from erosion.models import (
     SPEED_EXPONENT,
@@ -335,6 +335,16 @@ class FitProblem:
         if not columns[0].size:
             raise ValueError("Argument `alpha` must hold at least one angle, but holds none.")
         return dict(zip(given, columns, strict=True))
+
+    def count_turned(self, values: Mapping[str, Any], conditions: Mapping[str, Any]) -> np.ndarray:
+        """In how many impacts the body turns by more than 90°, and of how many; shape (2,).
+
+        Args:
+            values: of each of `names`, scalars or of shape (points, 1).
+            conditions: as for `predict`.
+        """
+        model, p = with_values(self.model, self.p, {name: values[name] for name in self.of_impact})
+        return count_turned(model, dataclasses.replace(p, **conditions))
 
     def predict(self, theta: np.ndarray, conditions: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """The erosion at θ and its derivatives.
