@@ -9,7 +9,7 @@ import numpy as np
 from erosion.ode.batch import integrate
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Problem, is_number, struct_of
-from erosion.ode.variational import Options, Signature
+from erosion.ode.signature import Options, Signature
 
 
 def lanes_of(problem: Problem, args: Any, options: Options | None = None) -> tuple[Signature, list[Any]]:

@@ -10,7 +10,8 @@ from erosion.lanes.lanewise import WIDTH
 from erosion.ode import batch
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import Event, Problem
-from erosion.ode.variational import Derivatives, Signature
+from erosion.ode.signature import Signature
+from erosion.ode.variational import Derivatives
 from tests.ode.problems import lanes_of
 
 RTOL = 1e-9

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from erosion import ode
 from erosion.ode.ensemble import lanes_of
 from erosion.ode.kinks import may_have_kinks
-from erosion.ode.variational import Clock, Options
+from erosion.ode.signature import Clock, Options
 
 BALL = ode.Problem(
     lambda args: {"y": args["h"], "v": 0.0},

@@ -13,8 +13,8 @@ import pytest
 from erosion.ode.problem import Event, Problem
 from erosion.ode.reduction import WholeMotion, reduced_motion_of
 from erosion.ode.resolve import Nodes, Ruler, Scan, is_jump, scan
+from erosion.ode.signature import Options
 from erosion.ode.solve import solve
-from erosion.ode.variational import Options
 from tests.ode.problems import ended, lanes_of
 
 

@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from erosion.ode.motion import Augmented
 from erosion.ode.problem import Event, Problem
 from erosion.ode.reduction import WholeMotion
 from erosion.ode.step_control import ARRIVED
-from erosion.ode.variational import AlongFlow, Augmented, Derivatives, Variational, at_event
+from erosion.ode.variational import AlongFlow, Derivatives, Variational, at_event
 from tests.ode.problems import lanes_of
 
 ARGS = {"b": 0.5, "drift": 1.0, "k": 2.0, "v0": 3.0}

@@ -39,12 +39,13 @@ from erosion.ode.batch import compiling, integrate, integrate_along
 from erosion.ode.ensemble import Lanes
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import TracedProblem, is_number
+from erosion.ode.signature import Clock, Options, Signature
 from erosion.ode.solution import Solution
 from erosion.ode.solve import solution
 from erosion.ode.step_control import LONGEST, require_float64
 from erosion.ode.switches import switches_of, unlocated
 from erosion.ode.traced import traced_end
-from erosion.ode.variational import Clock, Derivatives, Options, Signature
+from erosion.ode.variational import Derivatives
 from erosion.output import Record, briefly, largest_of
 from erosion.parameters import (
     QUANTITIES,

@@ -13,7 +13,8 @@ from erosion.ode import maxima
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.maxima import QuantityAlong, Search, SearchRange
 from erosion.ode.resolve import Nodes, Ruler, choose
-from erosion.ode.variational import Derivatives, Signature
+from erosion.ode.signature import Signature
+from erosion.ode.variational import Derivatives
 from erosion.output import Record
 from erosion.parameters import QUANTITIES, STEEPEST
 

@@ -37,8 +37,8 @@ from erosion.models import (
 )
 from erosion.ode.batch import integrate
 from erosion.ode.ensemble import path_of
+from erosion.ode.signature import Clock
 from erosion.ode.step_control import LONGEST, require_float64, require_xla
-from erosion.ode.variational import Clock
 from erosion.output import Record, briefly
 from erosion.parameters import Parameters, declare_result, validate
 from erosion.results import Finding, Result, Value

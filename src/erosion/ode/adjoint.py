@@ -50,9 +50,9 @@ from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.methods.base import BackStep
 from erosion.ode.methods.transposes import plus, zeros
 from erosion.ode.reduction import FlatState
+from erosion.ode.signature import Signature
 from erosion.ode.step_control import ARRIVED
 from erosion.ode.switches import motion_of
-from erosion.ode.variational import Signature
 
 _TINY = 1e-200  # keeps 0/0 away
 

@@ -17,9 +17,10 @@ from erosion.lanes.lanewise import WIDTH, Lanewise, alike_together, number
 from erosion.ode.integrator import LaneEnd, integrate_lane
 from erosion.ode.methods import METHODS
 from erosion.ode.methods.base import TIGHTEST
+from erosion.ode.signature import Signature
 from erosion.ode.switches import require_derivatives
 from erosion.ode.tape import row_width
-from erosion.ode.variational import Derivatives, Direction, Signature
+from erosion.ode.variational import Derivatives, Direction
 from erosion.ode.verification import AccuracyCheck, Reached, of_lanes
 
 _REPEATED = 4  # times at most

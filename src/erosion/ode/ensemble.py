@@ -16,7 +16,7 @@ from erosion.ode.batch import integrate, integrate_along
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.methods import METHODS
 from erosion.ode.problem import Problem, flattened, is_number
-from erosion.ode.variational import Clock, Options, Signature
+from erosion.ode.signature import Clock, Options, Signature
 from erosion.output.tables import briefly
 
 _TINY = 1e-14  # no tolerance is tighter: rounding is near

@@ -13,9 +13,10 @@ from erosion.arguments import Flag, Scalar
 from erosion.ode import crossings
 from erosion.ode.arming import Watched
 from erosion.ode.cubics import Ends
+from erosion.ode.motion import Augmented
 from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import ENDED, FAILED, FIRST_STEP, Control
-from erosion.ode.variational import Augmented, EndTimeDependence
+from erosion.ode.variational import EndTimeDependence
 
 if TYPE_CHECKING:
     from erosion.ode.lane_equations import LaneEquations

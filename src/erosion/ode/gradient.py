@@ -24,8 +24,8 @@ from erosion.ode.batch import ROWS, compiling, in_threads, integrate, integrate_
 from erosion.ode.ensemble import Lanes
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.kinks import may_have_kinks
+from erosion.ode.signature import Clock, Signature
 from erosion.ode.tape import Recorded, row_width
-from erosion.ode.variational import Clock, Signature
 from erosion.output.tables import briefly
 
 _BESIDE_STEPS = 8  # rows of a tape beside one for each trial: those of events, and of the steps that end there

@@ -22,20 +22,11 @@ from erosion.arguments import Flag, Scalar
 from erosion.ode import step_control
 from erosion.ode.event_location import Segment
 from erosion.ode.lane_equations import LaneEquations
+from erosion.ode.motion import Augmented, Motion, event_function, outputs_of
 from erosion.ode.segments import SegmentLoop, Written
 from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FAILED, FIRST_STEP, SLIDES, UNFINISHED
 from erosion.ode.switches import SwitchedMotion
-from erosion.ode.variational import (
-    AlongFlow,
-    AtEvent,
-    Augmented,
-    Derivatives,
-    EndTimeDependence,
-    Motion,
-    at_event,
-    event_function,
-    outputs_of,
-)
+from erosion.ode.variational import AlongFlow, AtEvent, Derivatives, EndTimeDependence, at_event
 
 _ACCUMULATED = (
     1e-11  # of the time scale, and of the time so far: where an event follows itself sooner, events accumulate

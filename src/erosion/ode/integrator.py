@@ -17,18 +17,13 @@ from erosion.ode.event_location import Segment
 from erosion.ode.hybrid import trajectory
 from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.methods.base import LEAST
+from erosion.ode.motion import outputs_of
 from erosion.ode.problem import OTHER_ENDS
 from erosion.ode.segments import SegmentLoop, Written
+from erosion.ode.signature import Signature
 from erosion.ode.step_control import ARRIVED, ENDED, NOT_BEGUN, SLIDES, STIFF, UNFINISHED
 from erosion.ode.tape import Recorded
-from erosion.ode.variational import (
-    AtEvent,
-    Derivatives,
-    Direction,
-    Signature,
-    at_event,
-    outputs_of,
-)
+from erosion.ode.variational import AtEvent, Derivatives, Direction, at_event
 from erosion.ode.verification import plan
 
 

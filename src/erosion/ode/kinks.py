@@ -16,9 +16,10 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 from erosion.arguments import Flag, Scalar
 from erosion.lanes.scalars import Atom, Equation
 from erosion.ode.modes import SMOOTH_FUNCTIONS, is_always_zero, shifts_of
+from erosion.ode.motion import Augmented
 from erosion.ode.reduction import FlatState, WholeMotion, elements_of, evaluate, known_values
+from erosion.ode.signature import Signature
 from erosion.ode.switches import SwitchedMotion, switches_of
-from erosion.ode.variational import Augmented, Signature
 
 _MOMENT = 1e-8  # of the time scale: so soon before and after an event a smooth rate is the same
 _OTHER = 1e-6  # of its size, and of what it does within the time scale: a rate so different has a kink

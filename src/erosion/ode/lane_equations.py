@@ -11,10 +11,12 @@ from erosion.arguments import Number, Scalar
 from erosion.ode.cubics import Ends
 from erosion.ode.kinks import divisors, is_nonsmooth, may_have_kinks, operands_of, radicands, square_roots
 from erosion.ode.methods import method_of
+from erosion.ode.motion import Augmented
 from erosion.ode.reduction import FlatState, are_affine
+from erosion.ode.signature import Signature
 from erosion.ode.step_control import Limits
 from erosion.ode.switches import motion_of, switches_of
-from erosion.ode.variational import Augmented, Derivatives, Direction, Signature, Variational
+from erosion.ode.variational import Derivatives, Direction, Variational
 
 _SPAN = 0.03  # of the time from t0 to t1: the time scale of a problem that names none
 _TINY = 1e-300  # keeps 0/0 away

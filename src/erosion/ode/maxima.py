@@ -12,7 +12,8 @@ from erosion.lanes.engines import threads
 from erosion.ode.batch import integrate
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.resolve import Cells, Evaluate, Nodes, Ruler, Scan, is_jump, joined, polish, scan
-from erosion.ode.variational import Derivatives, Signature
+from erosion.ode.signature import Signature
+from erosion.ode.variational import Derivatives
 from erosion.output.tables import Record
 
 LOOSE = 1e-9  # relative tolerance of the search

@@ -29,8 +29,9 @@ from erosion.ode.integrator import LaneEnd
 from erosion.ode.maxima import LOOSE, TIGHT, Maxima, QuantityAlong, Search, SearchRange, columns, searched
 from erosion.ode.problem import FunctionError, Problem, Traced, flattened, is_number, require_numbers
 from erosion.ode.resolve import Ruler
+from erosion.ode.signature import Clock
 from erosion.ode.step_control import require_float64
-from erosion.ode.variational import Clock, Derivatives
+from erosion.ode.variational import Derivatives
 from erosion.output.tables import briefly, format_number
 from erosion.results import Columns, Declared, Result, Value
 

@@ -12,8 +12,9 @@ from jax import lax
 from erosion.arguments import Flag, Scalar
 from erosion.ode.event_location import Lane, Segment, has_no_derivatives
 from erosion.ode.lane_equations import LaneEquations
+from erosion.ode.motion import Augmented, outputs_of
 from erosion.ode.tape import EventLog, Recorded, Saved, StateWriter, Tape
-from erosion.ode.variational import Augmented, Derivatives, outputs_of
+from erosion.ode.variational import Derivatives
 
 
 class Recorder(abc.ABC):

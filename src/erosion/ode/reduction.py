@@ -21,8 +21,9 @@ from jaxtyping import PyTree
 from erosion.arguments import Flag, Number, Scalar, Structure
 from erosion.lanes.scalars import Atom
 from erosion.ode.memories import Count, Memory, Schedule, finite_times, memories_of
+from erosion.ode.motion import Augmented, Motion
 from erosion.ode.problem import evaluated
-from erosion.ode.variational import Augmented, Clock, Motion, Signature
+from erosion.ode.signature import Clock, Signature
 
 FlatState = list[Scalar]
 """The state with its derivatives, as plain numbers, the value first and then each tangent."""

@@ -15,13 +15,11 @@ from erosion.ode.events import Armed, EventSet, Falling
 from erosion.ode.guards import MOMENT, ULPS, Guard, guards_of
 from erosion.ode.horizon import Horizon, To
 from erosion.ode.lane_equations import LaneEquations
+from erosion.ode.motion import Augmented
 from erosion.ode.recorders import Recorder, recorders_of
 from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import FIRST_STEP
-from erosion.ode.variational import (
-    Augmented,
-    EndTimeDependence,
-)
+from erosion.ode.variational import EndTimeDependence
 
 _SHARE = 1e-3  # of a rate, or of its jump: by more a rate jumps at the start, and by less it goes on after that
 

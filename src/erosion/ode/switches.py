@@ -21,8 +21,9 @@ from jax.extend.core import ClosedJaxpr
 
 from erosion.arguments import Flag, Number, Scalar
 from erosion.ode.modes import LOOPS, Rewriting, is_always_zero
+from erosion.ode.motion import Augmented, Motion
 from erosion.ode.reduction import WholeMotion, evaluate, reduced_motion_of
-from erosion.ode.variational import Augmented, Motion, Signature
+from erosion.ode.signature import Signature
 
 _MOST = 32  # modes: a problem with more of them is integrated across its breaks
 

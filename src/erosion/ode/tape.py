@@ -24,9 +24,11 @@ from erosion.arguments import Flag, PerImpact, Scalar
 from erosion.lanes import tapes
 from erosion.ode.event_location import Lane, Segment
 from erosion.ode.lane_equations import LaneEquations
+from erosion.ode.motion import outputs_of
 from erosion.ode.reduction import FlatState
+from erosion.ode.signature import Signature
 from erosion.ode.step_control import ARRIVED
-from erosion.ode.variational import EndTimeDependence, Signature, at_event, outputs_of
+from erosion.ode.variational import EndTimeDependence, at_event
 
 STEP = -9.0
 BESIDE = 2  # numbers of a row before the state

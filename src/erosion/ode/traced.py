@@ -26,8 +26,8 @@ from erosion.ode.event_log import Passed, passed
 from erosion.ode.gradient import AtTimes, ends_of, gradient, is_worth, keep, summed
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.problem import TracedProblem
+from erosion.ode.signature import Clock, Signature
 from erosion.ode.solution import INEXACT, Solution, Times
-from erosion.ode.variational import Clock, Signature
 
 _Along = tuple[tuple[int, ...], ...]
 """The elements by which derivatives are taken: none, some, or some and others for second ones."""

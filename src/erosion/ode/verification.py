@@ -13,8 +13,9 @@ import numpy as np
 from erosion.arguments import Flag, PerLane, Scalar
 from erosion.ode.events import GRAZE, graze
 from erosion.ode.methods.base import LEAST, TIGHTEST
+from erosion.ode.signature import Signature
 from erosion.ode.step_control import Control
-from erosion.ode.variational import Derivatives, Signature
+from erosion.ode.variational import Derivatives
 
 if TYPE_CHECKING:
     from erosion.ode.integrator import LaneEnd

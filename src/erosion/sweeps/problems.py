@@ -16,10 +16,10 @@ from erosion.arguments import Progress, no_progress, real_numbers, unit_of_label
 from erosion.impacts import code_version, numbers_in_words
 from erosion.ode.ensemble import Part, lanes_of, path_of
 from erosion.ode.problem import OTHER_ENDS, Problem, is_number
+from erosion.ode.signature import Clock, Options
 from erosion.ode.solution import Solution
 from erosion.ode.solve import solve
 from erosion.ode.step_control import require_float64
-from erosion.ode.variational import Clock, Options
 from erosion.output import briefly
 from erosion.sweeps.grid import AnyGrid, Region, Variable, flags
 from erosion.sweeps.sweep import prepare_sweep

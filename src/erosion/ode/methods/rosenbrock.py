@@ -34,9 +34,10 @@ from erosion.ode.methods.base import (
 from erosion.ode.methods.rosenbrock_steps import GAMMA, A, B, C, Rodas, Stages
 from erosion.ode.methods.sums import weighted
 from erosion.ode.methods.transposes import plus, transposed, zeros
+from erosion.ode.motion import OfMotion
 from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import ENDED, FIRST_STEP, NOT_BEGUN, Control
-from erosion.ode.variational import Derivatives, EndTimeDependence, OfMotion
+from erosion.ode.variational import Derivatives, EndTimeDependence
 
 if TYPE_CHECKING:
     from erosion.ode.lane_equations import LaneEquations

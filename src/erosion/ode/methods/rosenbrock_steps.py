@@ -26,8 +26,9 @@ from jax import lax
 from erosion.arguments import Flag, Number, Scalar
 from erosion.lanes.flatten import NotForLanesError, dependencies
 from erosion.ode.methods.sums import moved_by, total_by
+from erosion.ode.motion import Augmented, Motion
 from erosion.ode.reduction import FlatState
-from erosion.ode.variational import Augmented, Direction, Motion
+from erosion.ode.variational import Direction
 
 if TYPE_CHECKING:
     from erosion.ode.lane_equations import LaneEquations
