@@ -59,6 +59,30 @@ def test_work_stops_where_it_may_also_after_a_file_that_was_being_written(capfd)
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
+def test_a_second_signal_counts_at_once_also_while_a_file_is_written():
+    seen = []
+
+    def work():
+        with held_off(), held_off():
+            for place in range(3):
+                os.kill(os.getpid(), signal.SIGINT)
+                seen.append(place)
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert seen == [0]
+
+
+def test_a_signal_counts_also_where_the_work_fails():
+    def work():
+        with held_off():
+            os.kill(os.getpid(), signal.SIGINT)
+            raise OSError
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+
+
 def test_an_import_is_not_interrupted(tmp_path, monkeypatch):
     (tmp_path / "slow_module.py").write_text("import os\nos.kill(os.getpid(), 2)\nCOMPLETE = True\n")
     monkeypatch.syspath_prepend(tmp_path)
@@ -128,14 +152,14 @@ def test_a_process_ends_at_once_or_keeps_its_results(tmp_path, line, model, pres
     (tmp_path / "model.py").write_text(PLUG_IN.format(model))
     command = [sys.executable, "-m", "erosion", *shlex.split(line), "--model", "model.py"]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
-        end = time.monotonic() + 60
+        end = time.monotonic() + 180
         while not (tmp_path / "begun").exists() and time.monotonic() < end:
             time.sleep(0.05)
         for _ in range(presses):
             assert process.poll() is None
             time.sleep(0.2)
             process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=180)
     assert process.returncode == status, said
     assert said.count("erosion: stops after this block") == ("-o" in line)
     assert ("the same command goes on" in said) == (tmp_path / "out.nc").exists() == (status == INTERRUPTED)

@@ -22,20 +22,28 @@ ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP")
 """The signals that ask a process to end."""
 
 
+_stop: Callable[[], None] | None = None
+"""Of what holds signals off now."""
+
+
 @contextlib.contextmanager
 def held_off(said: str = "") -> Iterator[Callable[[], None]]:
-    """Hold off the first of these signals until the end of what is done within; a second one counts at once.
+    """Hold off the first of these signals while something is done; a second one counts at once.
 
-    Gives a function that raises KeyboardInterrupt after a signal, for places where the work may stop.
+    Gives a function that raises KeyboardInterrupt after a signal, for places where the work may stop. If it is not
+    called, the signal counts at the end, also after an error. What is held off within is held off already.
 
     Args:
         said: a line on stderr at the first signal.
     """
-    # Python gives signals to the main thread alone. What is ignored, and handlers of other languages, stay.
+    global _stop
+    # Python gives signals to the main thread alone.
+    if _stop is not None or threading.current_thread() is not threading.main_thread():
+        yield _stop or _go_on
+        return
+    # What is ignored, and handlers of other languages, stay.
     usual = {number: handler for number in ENDING
              if (handler := signal.getsignal(number)) not in (None, signal.SIG_IGN)}  # fmt: skip
-    if threading.current_thread() is not threading.main_thread():
-        usual = {}
     held = list[int]()
 
     def hold(number: int, _: object) -> None:
@@ -54,14 +62,20 @@ def held_off(said: str = "") -> Iterator[Callable[[], None]]:
             held.clear()
             raise KeyboardInterrupt
 
+    _stop = stop
     for number in usual:
         signal.signal(number, hold)
     try:
         yield stop
     finally:
         restore()
-    if held:
-        signal.raise_signal(held[0])
+        _stop = None
+        if held:
+            signal.raise_signal(held[0])
+
+
+def _go_on() -> None:
+    """Another thread heeds no signals."""
 
 
 @contextlib.contextmanager

@@ -53,12 +53,8 @@ class FitOptions(PerMassOptions):
     free: Annotated[list[str], LISTED, Parameter(help=_FREE, show_default=False)] = dataclasses.field(
         default_factory=list
     )
-    error: Annotated[
-        str | None, Parameter(help='Without a column: "0.3 mg/kg + 8 %"; with "+ 5 % of each speed" in common.')
-    ] = None
-    per: Annotated[
-        str | None, Parameter(help='What removes amounts such as [mg]: "impact", or abrasive of each row: "100 g".')
-    ] = None
+    error: Annotated[str | None, Parameter(help='Without a column: "0.3 mg/kg + 8 % + 5 % of each speed".')] = None
+    per: Annotated[str | None, Parameter(help='Of amounts such as [mg]: "impact", or abrasive "100 g".')] = None
     starts: Annotated[WholeOption, Parameter(help="Points to begin from; 32 without it.")] = None
 
     def names(self, measured: "lazy.Measurements") -> Sequence[str]:
