@@ -492,7 +492,7 @@ HEAD = "angle [deg], volume [in^3/impact], uncertainty [in^3]\n"
         ("angle [deg],volume [in^3/impact],erosion [-]\n1,1,1\n", "Argument `ignore` may name the others."),
         ("angle [deg],temperature [K]\n1,1\n", "one column of erosion (volume, mass_loss, erosion), but has none."),
         ("angle [deg],angle [deg],erosion\n1,1,1\n", "column 'angle [deg]' gives `angle`, but so does 'angle"),
-        ("angle [deg],volume\n1,1\n", "'volume' must have a unit, as `volume [mm^3]`"),
+        ("angle [deg],volume\n1,1\n", "'volume' must have a unit, as `volume [mm^3/impact]`"),
         ("angle,volume [in^3/impact]\n1,1\n", "'angle' must have a unit, as `angle [deg]`"),
         ("angle [mm],volume [in^3/impact]\n1,1\n", "'angle [mm]': the unit must be that of an angle"),
         ("angle [deg],volume [kg]\n1,1\n", "must be that of a volume or volume per mass, but is 'kg'."),

@@ -60,6 +60,9 @@ SLINCH = 175.126835246  # kg
         ("volume [1e-4 in^3/impact]", "volume", 1e-4),
         ("volume [mm^3/g]", "volume per mass", 1 / 25.4**3 * 1e3 * SLINCH),
         ("mass_loss [mg/impact]", "mass", 1e-6 / SLINCH),
+        ("volume [mm^3 per impact]", "volume", 1 / 25.4**3),
+        ("volume [1/impact*mm^3]", "volume", 1 / 25.4**3),
+        ("mass_loss [mg impact^-1]", "mass", 1e-6 / SLINCH),
         ("mass_loss [-]", "mass per mass", 1.0),
         ("erosion [mg/g]", "mass per mass", 1e-3),
         ("erosion [in^3/impact]", "volume", 1.0),
@@ -83,6 +86,8 @@ def test_an_amount_needs_to_be_told_what_removes_it(table):
     volume = read_measurements(table("angle [deg],volume [mm^3]\n30,5\n"), "inch-pound", per="100 g")
     assert volume.erosion == pytest.approx(5e-9 / 0.1 / 0.0254**3 * SLINCH, rel=1e-9)
     assert read(table, head, cells, per="impact").erosion == pytest.approx(5e-6)
+    alike = read(table, "angle [deg],mass loss [mg/impact],uncertainty [mg/impact]", cells, error="5 % of each speed")
+    assert (alike.erosion, alike.uncertainty) == (pytest.approx(5e-6), pytest.approx(1e-6))
     below = read(table, "angle,mass loss,speed\ndeg,mg/impact,m/s", "30,5,80")
     assert (below.dimension, below.unit, below.erosion) == ("mass", "mg", pytest.approx(5e-6))
 
@@ -95,12 +100,40 @@ def test_an_amount_needs_to_be_told_what_removes_it(table):
         ("mass_loss [mg]", "100", 'must be "impact" or a mass of abrasive such as "100 g", but is \'100\''),
         ("mass_loss [mg]", "100 m", "Argument `per` must be a mass"),
         ("mass_loss [mg]", "0 g", "must be positive and finite"),
+        ("mass_loss [mg]", 100, 'must be "impact" or a mass of abrasive such as "100 g", but is 100.'),
+        ("volume [mm^3 impact^-1]", "100 g", "says what removes it"),
+        ("mass_loss [mg],uncertainty [mg/impact]", "100 g", "so 'mass_loss [mg]' must be, too"),
+        ("mass_loss [mg/impact/impact]", None, "that of a mass or mass per mass, but is 'mg/impact/impact'"),
+        ("mass_loss [mg/kg/impact]", None, "that of a mass or mass per mass, but is 'mg/kg/impact'"),
+        ("mass_loss [mg],speed [m/s/impact]", "100 g", "that of a speed, but is 'm/s/impact'"),
+        ("mass_loss [mg],mass [ug/impact]", "100 g", "that of a mass, but is 'ug/impact'"),
     ],
 )
 def test_what_removes_an_amount_is_said_once_and_well(table, column, per, said):
     with pytest.raises(MeasurementError) as caught:
-        read(table, f"angle [deg],{column}", "30,5", per=per)
+        read(table, f"angle [deg],{column}", "30,5" + ",7" * column.count(","), per=per)
     assert said in str(caught.value)
+
+
+def test_a_problem_is_told_what_removes_its_amounts():
+    rows, p = {"angle [deg]": [20, 30, 40], "volume [mm^3]": [1.0, 2.0, 2.0]}, TABLE_1.to("si")
+    of_each = [
+        FitProblem("linearized", p, rows, per="impact"),
+        *FitProblem.of_models(["linearized", "finnie"], p, rows, ["k"], per="100 g"),
+    ]
+    assert [problem.data.dimension for problem in of_each] == ["volume", "volume per mass", "volume per mass"]
+    with pytest.raises(MeasurementError, match="Argument `per` must be left out for `Measurements`"):
+        FitProblem("linearized", p, of_each[0].data, per="impact")
+
+
+@pytest.mark.parametrize(("unit", "is_right"), [("0.3 mg/impact", True), ("0.3 mg", True), ("0.3 mg/kg", False)])
+def test_an_error_may_be_per_impact_where_the_erosion_is(unit, is_right):
+    rows = {"angle [deg]": [20, 30], "mass_loss [mg/impact]": [1.0, 2.0]}
+    if is_right:
+        assert read_measurements(rows, "si", error=unit).uncertainty == pytest.approx(3e-7)
+    else:
+        with pytest.raises(MeasurementError, match="Argument `error` must be a mass"):
+            read_measurements(rows, "si", error=unit)
 
 
 def test_columns_of_other_names_are_not_read(table):

@@ -14,7 +14,7 @@ from scipy import optimize, sparse
 
 from erosion.arguments import Number
 from erosion.output import briefly, sentences
-from erosion.parameters import Dimension, System, UnitError, has_unit, read_quantity, table_scale
+from erosion.parameters import Dimension, System, UnitError, has_unit, read_quantity, read_removal, table_scale
 
 _PLUS = re.compile(r"(?<![eE])\+")  # not that of 1e+3
 _SHARE = re.compile(r"(.*\S)\s*(?:%|percent)\s*(of\s+each\s+speed)?\s*", re.IGNORECASE)
@@ -74,7 +74,7 @@ class ErrorModel:
             if not share and "%" in part:
                 raise UnitError(f"must be a sum of parts such as {_EXAMPLE}, but is {briefly(text)}")
             name = "absolute" if not share else "common" if share[2] else "relative"
-            size = read_quantity(share[1], "1", units) / 100 if share else read_quantity(part, dimension, units)
+            size = read_quantity(share[1], "1", units) / 100 if share else read_removal(part, dimension, units)
             bare = not share and dimension != "1" and not has_unit(part)
             if bare or parts[name] or not (np.isfinite(size) and size > 0):
                 raise UnitError(

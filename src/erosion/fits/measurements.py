@@ -21,7 +21,7 @@ import numpy as np
 
 from erosion.fits.conditions import Condition, are_apart, describe, group_numbers
 from erosion.fits.errors import ErrorModel, of_which, without_common
-from erosion.fits.tables import KNOWN, REFUSED, REMOVALS, MeasurementError, are_shares, removal_of
+from erosion.fits.tables import KNOWN, REFUSED, REMOVALS, MeasurementError, are_shares, is_per_impact, removal_of
 from erosion.output.tables import briefly, first_of, format_number, largest_of
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import (
@@ -77,6 +77,7 @@ class Measurements:
         notes: sentences on how the table was read: rows that are left out, its characters.
         unit: of `erosion` in the table; empty where numbers do not read well in it.
         path: of the file, for commands that read it again; None for a table in memory.
+        per: what removes an amount of the table, as it was given; empty without it.
         speeds: which speed each row has, of those whose rows share an error, shape (n,); None without such an error.
         common: this error over the row's own at the erosion that is expected, see `weighed`; None without one.
     """
@@ -96,6 +97,7 @@ class Measurements:
     notes: tuple[str, ...] = ()
     unit: str = ""
     path: Path | None = None
+    per: str = ""
     speeds: np.ndarray | None = None
     common: np.ndarray | None = None
 
@@ -384,6 +386,8 @@ def read_measurements(
     if isinstance(data, Measurements):
         if data.units != system:
             raise MeasurementError(f"Argument `data` must be in {system} units, as the case is, but is {data.units}.")
+        if per is not None:
+            raise MeasurementError("Argument `per` must be left out for `Measurements`, which say what removes them.")
         return data.with_error(error)
     try:
         table = open_table(
@@ -394,7 +398,8 @@ def read_measurements(
     except TableError as problem:
         raise MeasurementError(str(problem)) from problem
     path = Path(data) if isinstance(data, (str, Path)) else None
-    return dataclasses.replace(measured, path=path, source=path.name if path else "data").with_error(error)
+    source = path.name if path else "data"
+    return dataclasses.replace(measured, path=path, per=per or "", source=source).with_error(error)
 
 
 def unit_system(path: Path, columns: str | Mapping[str, str] | None = None, **options: Any) -> System | None:
@@ -456,7 +461,7 @@ def _measurements(table: Table, removal: str, system: System, per: str | None) -
             raise TableError(f"{table.place(int(rows[row]))} must have an absolute uncertainty, as it has no erosion.")
     reads_well = _LEAST_SHOWN <= largest_of(arrays[removal]) / columns[removal].factor < _MOST_SHOWN
     arrays |= {name: arrays[name] / abrasive for name in (removal, "uncertainty") if name in arrays}
-    conditions = {name: arrays.get(name) for name in ("uncertainty", "speed", "mass", "parts")}
+    conditions: dict[str, Any] = {name: arrays.get(name) for name in ("uncertainty", "speed", "mass", "parts")}
     return Measurements(
         angle=arrays["angle"],
         erosion=arrays[removal],
@@ -472,6 +477,7 @@ def _measurements(table: Table, removal: str, system: System, per: str | None) -
 
 
 _PER_MASS: Mapping[Dimension, Dimension] = {"volume": "volume per mass", "mass": "mass per mass"}
+_OF_IMPACT = re.compile(r"([^\W\d][^\s*/()]*)(?:\s*/\s*|\s+per\s+)impacts?")  # "mm^3/impact", and of that mm^3
 
 
 def _removed_by(table: Table, column: Column, system: System, per: str | None) -> tuple[Dimension, str, float]:
@@ -480,21 +486,32 @@ def _removed_by(table: Table, column: Column, system: System, per: str | None) -
     Raises:
         TableError: for an amount of which neither the heading nor `per` says what removes it.
     """
-    unit, place = re.sub(r"\s*/\s*impacts?$", "", column.unit), f"{table.title}: column {column.heading.strip()!r}"
-    if column.dimension not in _PER_MASS or unit != column.unit:
-        if per not in (None, "impact" if unit != column.unit else None):
+    must = 'must be "impact" or a mass of abrasive such as "100 g"'
+    if not isinstance(per, str | None):
+        raise TableError(f"Argument `per` {must}, but is {briefly(per)}.")
+    per, unit, place = per and per.strip(), column.unit, f"{table.title}: column {column.heading.strip()!r}"
+    said, uncertainty = is_per_impact(column), table.columns.get("uncertainty")
+    if column.dimension not in _PER_MASS or said:
+        if per not in (None, "impact" if said else None):
             raise TableError(f"{place} says what removes it, so Argument `per` must be left out.")
-        return column.dimension, unit, 1.0
+        # A unit that is written in another way is not taken apart.
+        amount = _OF_IMPACT.fullmatch(unit)
+        return column.dimension, unit if not said else amount[1] if amount else "", 1.0
+    if uncertainty is not None and is_per_impact(uncertainty) and per != "impact":
+        raise TableError(
+            f"{table.title}: column {uncertainty.heading.strip()!r} is per impact, so {column.heading.strip()!r} must "
+            "be, too."
+        )
     if per is None:
         raise TableError(
             f'{place} is an amount: Argument `per` must be "impact" or the mass of abrasive of each row, such as '
             f'"100 g"; or the unit says it, as [{unit}/impact].'
         )
-    if per.strip() == "impact":
+    if per == "impact":
         return column.dimension, unit, 1.0
     with about("Argument `per`", TableError):
         if not has_unit(per):
-            raise ValueError(f'must be "impact" or a mass of abrasive such as "100 g", but is {briefly(per)}')
+            raise ValueError(f"{must}, but is {briefly(per)}")
         abrasive = read_quantity(per, "mass", system)
         if not 0 < abrasive < np.inf:
             raise ValueError(f"must be positive and finite, but is {briefly(per)}")

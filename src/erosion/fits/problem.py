@@ -101,6 +101,7 @@ class FitProblem:
             volumes are multiplied by it. The first guess where it is free.
         error: of a row, where the data have no column of it: "0.3 mg/kg + 8 %", and of each speed, "5 % of each
             speed", beside the rows' own; see `read_measurements`.
+        per: what removes the amounts of a table: "impact", or the mass of abrasive of each row, such as "100 g".
         digest: of what the model computes; as its code is now, where it is not given.
 
     Raises:
@@ -133,12 +134,13 @@ class FitProblem:
         density: float | str | None = None,
         cutting_fraction: float = 1.0,
         error: ErrorModel | float | str | None = None,
+        per: str | None = None,
         digest: str = "",
     ) -> None:
         model = load_model(model)
         validate(p)
         require_one_impact(model, p)
-        measured = read_measurements(data, p.units, error=error)
+        measured = read_measurements(data, p.units, error=error, per=per)
         if not np.any(measured.erosion):
             raise ValueError("Argument `data` must have erosion other than zero.")
         share = PerMass(cutting_fraction=cutting_fraction).cutting_fraction
@@ -198,6 +200,7 @@ class FitProblem:
         bounds: Mapping[str, Sequence[float]] | None = None,
         priors: Mapping[str, Any] | None = None,
         error: ErrorModel | float | str | None = None,
+        per: str | None = None,
         **options: Any,
     ) -> "list[FitProblem]":
         """The same tests for several models, each with those of the free parameters, bounds and priors that it has.
@@ -210,12 +213,13 @@ class FitProblem:
             bounds: the same.
             priors: the same.
             error: of rows.
+            per: what removes amounts.
             **options: `density` and `cutting_fraction`; see the class for all.
 
         Raises:
             ValueError: for no model, one that is named twice, a parameter that none has, and a model that has none.
         """
-        measured, problems = read_measurements(data, p.units, error=error), []
+        measured, problems = read_measurements(data, p.units, error=error, per=per), []
         for model, own in _with_free(models, free):
             # Limits of what no model has are refused.
             limits = [{name: limit for name, limit in (given or {}).items() if name in own or name not in free}

@@ -4,7 +4,7 @@ import difflib
 from collections.abc import Mapping, Sequence
 
 from erosion.output import briefly
-from erosion.parameters import Dimension, System, UnitError
+from erosion.parameters import Dimension, System, UnitError, read_removal
 from erosion.tables import Column, Table, TableError
 from erosion.tables.headings import (
     ANGLE_WORDS,
@@ -16,6 +16,7 @@ from erosion.tables.headings import (
     SPEED_WORDS,
     SPEEDS,
     Wanted,
+    factor,
     heading_parts,
 )
 
@@ -34,8 +35,21 @@ REMOVALS: Mapping[str, Sequence[Dimension]] = {
 _PERCENT = ("%", "percent")
 
 
-class Removal(Wanted):
+class _Removed(Wanted):
+    """What is removed; its unit may be per impact."""
+
+    def factor(self, unit: str, dimension: Dimension, system: System) -> float:
+        """See `Wanted`."""
+        return factor(unit, dimension, system, read_removal)
+
+
+class Removal(_Removed):
     """An erosion, per impact, per mass of particles, or known up to a factor."""
+
+    @property
+    def example(self) -> str:
+        """See `Wanted`."""
+        return "mg/impact" if self.dimensions[0] == "mass" else "mm^3/impact"
 
     def measure(self, unit: str, system: System, *, is_alias: bool) -> tuple[Dimension, float] | None:
         """See `Wanted`."""
@@ -46,12 +60,17 @@ class Removal(Wanted):
         return super().measure(unit, system, is_alias=is_alias)
 
 
-class UncertaintyColumn(Wanted):
+class UncertaintyColumn(_Removed):
     """The standard deviation of an erosion, in its unit or as a share of it."""
 
     def measure(self, unit: str, system: System, *, is_alias: bool) -> tuple[Dimension, float] | None:
         """See `Wanted`."""
         return ("1", 0.01) if unit in _PERCENT else super().measure(unit, system, is_alias=is_alias)
+
+
+def is_per_impact(column: Column) -> bool:
+    """Whether the unit of a column of erosion, or of its uncertainty, says "per impact"."""
+    return "impact" in column.unit
 
 
 def are_shares(column: Column) -> bool:

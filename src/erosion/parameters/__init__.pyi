@@ -16,6 +16,7 @@ from erosion.parameters.quantities import Quantity as Quantity
 from erosion.parameters.quantities import QUARTER_DEGREES as QUARTER_DEGREES
 from erosion.parameters.quantities import read_dimension as read_dimension
 from erosion.parameters.quantities import read_quantity as read_quantity
+from erosion.parameters.quantities import read_removal as read_removal
 from erosion.parameters.quantities import readable_scale as readable_scale
 from erosion.parameters.quantities import RESULTS as RESULTS
 from erosion.parameters.quantities import Scale as Scale

@@ -245,6 +245,20 @@ def read_quantity(text: str, dimension: Dimension, system: System) -> float:
         raise UnitError(f"must be {expected}, but {_unreadable(text)}") from error
 
 
+def read_removal(text: str, dimension: Dimension, system: System) -> float:
+    """As `read_quantity`, of an erosion: a volume or mass may be that of an impact, "0.3 mg/impact", and is one then.
+
+    Raises:
+        UnitError: with a clause that starts with "must".
+    """
+    if dimension not in ("volume", "mass") or "impact" not in text:
+        return read_quantity(text, dimension, system)
+    try:
+        return read_quantity(f"{text} * impact", dimension, system)
+    except UnitError as error:
+        raise UnitError(f"must be a {dimension} per impact, but is {briefly(text)}") from error
+
+
 def _unreadable(text: str) -> str:
     hint = "; a number has a point, no comma" if _COMMA.match(text, 0, _LONGEST) else ""
     return f"{briefly(text)} cannot be read{hint}"
@@ -327,7 +341,7 @@ def _registry() -> "pint.UnitRegistry":
     # Of oil fields; pint's barrel is that of dry goods.
     registry.define("@alias metric_ton = te")
     registry.define("pptb = pound / (1000 * oil_bbl)")
-    registry.define("impact = count")
+    registry.define("impact = [impact]")
     return registry
 
 

@@ -13,11 +13,21 @@ import itertools
 import math
 import re
 import unicodedata
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from erosion.output import briefly
-from erosion.parameters.quantities import DIMENSIONS, Dimension, Scale, System, UnitError, read_quantity
+from erosion.parameters.quantities import (
+    DIMENSIONS,
+    Dimension,
+    Scale,
+    System,
+    UnitError,
+    ascii_unit,
+    read_quantity,
+    read_removal,
+    unit_name,
+)
 
 SPEEDS = (
     "v0", "speed", "velocity", "vel", "impact speed", "impact velocity", "speed of impact", "velocity of impact",
@@ -103,9 +113,19 @@ class Wanted:
             raise UnitError(f"must be none, as of a pure number, but is {briefly(unit)}")
         for dimension in self.dimensions:
             with contextlib.suppress(UnitError):
-                return dimension, factor(unit, dimension, system)
+                return dimension, self.factor(unit, dimension, system)
         listed = " or ".join(", ".join(self.dimensions).rsplit(", ", 1))
         raise UnitError(f"must be that of {_article(listed)}, but is {briefly(unit)}")
+
+    def factor(self, unit: str, dimension: Dimension, system: System) -> float:
+        """See the function of this name."""
+        return factor(unit, dimension, system)
+
+    @property
+    def example(self) -> str:
+        """A unit that it may have."""
+        usual = {"angle": "deg", "volume": "mm^3"}
+        return usual.get(self.dimensions[0], ascii_unit(unit_name(self.dimensions[0], "si")))
 
 
 def of_parameters(dimensions: Mapping[str, Dimension]) -> dict[str, Wanted]:
@@ -199,21 +219,29 @@ def matching(
     ]
 
 
-def factor(unit: str, dimension: Dimension, units: System) -> float:
+def factor(
+    unit: str, dimension: Dimension, units: System, read: Callable[[str, Dimension, System], float] = read_quantity
+) -> float:
     """The factor of a column's numbers; its unit may have a number of its own, "1e-4 in^3".
+
+    Args:
+        unit: as it is written.
+        dimension: of the numbers.
+        units: the unit system of the result.
+        read: `read_removal` for an erosion, which may be per impact.
 
     Raises:
         UnitError: as of `read_quantity`, and for a number of its own that is zero or not finite.
     """
-    size = read_quantity(unit if _NUMBER.match(unit) else f"1 {unit}", dimension, units)
+    size = read(unit if _NUMBER.match(unit) else f"1 {unit}", dimension, units)
     if not 0 < size < math.inf:
         raise UnitError(f"must be of a positive, finite size, but is {briefly(unit)}")
     return size
 
 
 def scale_of(unit: str, dimension: Dimension, units: System) -> Scale:
-    """A unit that is written in ASCII or not, for tables and figures; errors as of `factor`."""
-    return Scale(factor(unit, dimension, units), unit.replace("^2", "²").replace("^3", "³"))
+    """A unit of erosion that is written in ASCII or not, for tables and figures; errors as of `factor`."""
+    return Scale(factor(unit, dimension, units, read_removal), unit.replace("^2", "²").replace("^3", "³"))
 
 
 def heading_parts(text: str) -> tuple[str, str]:
@@ -356,7 +384,7 @@ def _dimension(unit: str, dimensions: Iterable[Any]) -> Dimension | None:
     for dimension in dimensions:
         if dimension != "1":
             with contextlib.suppress(UnitError):
-                factor(unit, dimension, "si")
+                factor(unit, dimension, "si", read_removal)
                 return dimension
     return None
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from erosion.parameters.quantities import Dimension, System, UnitError, ascii_unit, unit_name
+from erosion.parameters.quantities import Dimension, System, UnitError
 from erosion.tables.frames import open_source
 from erosion.tables.headings import IgnoreError, Wanted, doubtful, heading_parts, ignored_columns, matching
 from erosion.tables.meanings import explained
@@ -142,8 +142,7 @@ def open_table(
         except UnitError as error:
             raise TableError(f"{place}: the unit {error}.") from error
         if measured is None:
-            example = _example(wanted[heading.name].dimensions[0])
-            lacking.setdefault(example, []).append(head.strip())
+            lacking.setdefault(wanted[heading.name].example, []).append(head.strip())
             continue
         if beside_it not in (None, measured):
             raise TableError(f"{place} has another unit beside its heading, {other!r}.")
@@ -164,8 +163,3 @@ def open_table(
     opened.check([column.heading for column in used.values()])
     unused = (head.strip() for i, head in enumerate(opened.headings) if found[i] is None and i not in ignored)
     return Table(opened, used, tuple(unused))
-
-
-def _example(dimension: Dimension) -> str:
-    usual = {"angle": "deg", "volume": "mm^3"}
-    return usual.get(dimension, ascii_unit(unit_name(dimension, "si")))
