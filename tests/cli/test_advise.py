@@ -174,15 +174,16 @@ FLAT = """angle [deg], mass_loss [mg/kg]
 
 
 def test_weighings_that_leave_parameters_open_still_decide_the_angle(shell, tmp_path):
-    (tmp_path / "rows.csv").write_text(FLAT)
+    (tmp_path / "rows.csv").write_text(FLAT.replace("[mg/kg]", "[mg]"))
     metal = ["--particle", "garnet 80 mesh", "--target", "mild steel", "--v0", "160 m/s"]
-    shell(["calibrate", "rows.csv", *metal, *FIT.split()[3:-1], "fitted.toml"])
+    shell(["calibrate", "rows.csv", "--per", "1 kg", *metal, *FIT.split()[3:-1], "fitted.toml"])
     result = shell("advise fitted.toml --json").result
     angle = math.degrees(result["alpha"])
     assert 38 < angle < 65
     assert result["uncertain"] == "fitted.toml"
     assert f"{angle:.0f}°" in result["statements"][0]
-    assert printed_command(result["statements"])[:2] == ["rows.csv", "fitted.toml"]
+    assert printed_command(result["statements"])[:4] == ["rows.csv", "fitted.toml", "--per", "1 kg"]
+    assert 'per = "1 kg"\n' in (tmp_path / "fitted.toml").read_text()
 
 
 def printed_command(statements):
@@ -193,7 +194,7 @@ def printed_command(statements):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ("fitted.toml --v0 160m/s", ["tests.csv", "fitted.toml", "--free", "k,psi"]),
+        ("fitted.toml --v0 160m/s", ["tests.csv", "fitted.toml", "--per", "100 g", "--free", "k,psi"]),
         ("--v0 160m/s --model linearized --uncertain cutting_fraction=uniform(0.3,0.5)",
          ["rows.csv", "--v0", "160m/s", "--model", "linearized", "--free", "cutting_fraction"]),
         ("--v0 9m/s --model linearized-deformation --set energy_ratio=1.6 --cutting-fraction 0.4 "
@@ -203,7 +204,7 @@ def printed_command(statements):
     ],
 )  # fmt: skip
 def test_the_printed_command_is_of_the_tests(shell, tmp_path, options, words):
-    text = FITTED[: FITTED.index("[advise]")] + 'model = "linearized"\n[advise]\ndata = "tests.csv"\n'
+    text = FITTED[: FITTED.index("[advise]")] + 'model = "linearized"\n[advise]\ndata = "tests.csv"\nper = "100 g"\n'
     (tmp_path / "fitted.toml").write_text(f"{text}[advise.uncertain]\nk = [1.3, 1.4]\npsi = [20, 19]\n")
     result = shell(["advise", *options.split(), "--json"]).result
     command = printed_command(result["statements"])

@@ -203,6 +203,7 @@ class Advice(Result):
         other: another abrasive, to compare with `particle`.
         words: the case as it is typed behind a verb, for the commands that go on from here.
         rows_file: the path of its tests.
+        per: what removes the amounts in it; empty without it.
     """
 
     p: Parameters
@@ -220,6 +221,7 @@ class Advice(Result):
     other: Particle | None = None
     words: tuple[str, ...] = ()
     rows_file: str = "rows.csv"
+    per: str = ""
 
     @functools.cached_property
     def alpha(self) -> float:
@@ -491,7 +493,8 @@ class Advice(Result):
                 f"yours is that {'flat' if best < self.alpha else 'steep'}."
             )
         if self.uncertain is not None:
-            words = (self.rows_file, *self._typed, "--free", ",".join(self.uncertain.laws.names), "--next-test")
+            per = ("--per", self.per) if self.per else ()
+            words = (self.rows_file, *self._typed, *per, "--free", ",".join(self.uncertain.laws.names), "--next-test")
             return (
                 f"What would narrow it: more tests. “{command('posterior', *words)}” says at which angle and speed one "
                 "more test narrows the prediction most (extra posterior)."

@@ -351,7 +351,7 @@ class JobOptions:
             return lazy.compared_with(self.compare, *case.materials())
 
 
-FIELDS = ("model", "set", "uncertain", "correlation", "warning", "data", "tested", "equations")
+FIELDS = ("model", "set", "uncertain", "correlation", "warning", "data", "per", "tested", "equations")
 """The fields of [advise] in a case file."""
 
 _UNCERTAIN = (
@@ -385,9 +385,11 @@ class GivenFit:
         with user_errors():
             doubt = None if case.file is None else case.file.doubt
             self.weighed = None if case.file is None else case.file.tested.ranges.get("alpha")
-        self.data = section.get("data", "rows.csv")
+        self.data, self.per = section.get("data", "rows.csv"), section.get("per", "")
         if not isinstance(self.data, str):
             raise InputError(f"{case.case}: field `data` of [advise] must be a path, but is {briefly(self.data)}.")
+        if not isinstance(self.per, str):
+            raise InputError(f"{case.case}: field `per` of [advise] must be a text, but is {briefly(self.per)}.")
         # Without laws in the options those of the case file, with their correlation.
         of_file = self._section if options.uncertain is None else {}
         self._counts = "uncertain" in of_file
@@ -528,6 +530,7 @@ class ReadFit:
             doubts=unique((*of_table, *self.given.doubts, *outside, *of_draws)),
             weighed=advice.weighed or self.given.weighed if self.uncertain else None,
             rows_file=self.draws[0].data if self.draws else self.given.data,
+            per=self.draws[0].per if self.draws else self.given.per,
             words=self.given.words(self.abrasive, self.models, self.draws, self.p),
         )
 

@@ -192,6 +192,7 @@ def _for_advice(calibration: Calibration, findings: Sequence[Finding], path: str
     lines = sentences(
         (bool(said), f"warning = {toml_string(' '.join(said))}"),
         (rows, f"data = {toml_string(rows)}"),
+        (calibration.data.per, f"per = {toml_string(calibration.data.per)}"),
         (kept, f"uncertain = {toml_string(kept)}"),
         (True, f"tested = {calibration.problem.tested.dump()}"),
         (equations, f'equations = "{equations}"  # of {model_name(calibration.model)}, as it was'),
