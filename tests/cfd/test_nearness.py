@@ -88,6 +88,16 @@ def test_a_wrong_unit_is_refused_or_its_extents_are_shown(name: str, factor: flo
         assert f"{place[:, 0].min():.4g} to {place[:, 0].max():.4g}, " in said
 
 
+def test_a_row_that_hits_nothing_does_not_hide_that_all_others_lie_on_a_speck() -> None:
+    part = PARTS["plate"]
+    surface = dataclasses.replace(part, points=part.points * 1000.0)
+    position = TABLES["plate"].columns["position"].copy()
+    position[0, 2] += surface.length
+    dataset, _ = wear(TABLES["plate"].replace(position=position), surface)
+    assert "impacts_on_a_speck" in dataset.attrs["findings"]
+    assert int(dataset["total_impacts"]) == len(position) - 1
+
+
 OFF = (0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 
 

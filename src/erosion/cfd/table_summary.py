@@ -19,7 +19,7 @@ _FEW = 100  # impacts at random times, of which the first and the last are 2 % o
 _GROWTH = 2.6  # of the wear with speed, as of metals in DNVGL-RP-O501 (2015), table 3-1
 _DOMINATES = 0.05  # share of the wear from which on one of many rows is named, if it has 30 times the mean, too
 _COMPARED = 1_000_000  # rows at most among which those that repeat others are looked for
-_SPECK = 0.03  # of the surface's length: less of it is hit where mm or inches are taken as metres
+_SPECK = 0.03  # of the surface's length: seen is a unit at least 33 times too large (m for mm or inches), not cm for mm
 _REPEATED = 0.01  # share of rows above which they are said
 
 
@@ -64,7 +64,7 @@ class TableSummary:
 
     def __init__(self) -> None:
         self._ends = dict.fromkeys(("time", "count", "diameter", "density", "speed", "alpha"), (math.inf, -math.inf))
-        self._box = np.array([[math.inf], [-math.inf]]) * np.ones(3)
+        self._box = self._struck_box = np.array([[math.inf], [-math.inf]]) * np.ones(3)
         self._most, self._place, self._all = 0.0, "", 0.0  # mass × speed^2.6 of a row, the row, and of all
         self._rows, self._near, self._weightless, self._repeats = 0, 0, 0, Repeats()
 
@@ -80,10 +80,9 @@ class TableSummary:
         self._all += float(wear.sum())
         self._weightless += int((struck & (hits.count == 0)).sum())
         self._rows, self._near = self._rows + block.rows, self._near + int(struck.sum())
-        if block.position is not None and block.rows:
+        if block.position is not None:
             position = np.asarray(block.position, float)
-            least, greatest = self._box
-            self._box = np.array([np.minimum(least, position.min(0)), np.maximum(greatest, position.max(0))])
+            self._box, self._struck_box = _around(self._box, position), _around(self._struck_box, position[struck])
         if wear.max(initial=0.0) > self._most:
             row = int(wear.argmax())
             self._most, self._place = float(wear[row]), f"Row {block.first + row + 1:,} of {Path(block.source).name}"
@@ -135,7 +134,7 @@ class TableSummary:
     def findings(self, tally: FaceTally, surface: Surface | None) -> tuple[Finding, ...]:
         """That rows repeat others, have no weight, all lie on a speck, or that one of them does much of the wear."""
         length = math.inf if surface is None else surface.length
-        hit = float(np.linalg.norm(self._box[1] - self._box[0])) if tally.unnamed > 1 else math.inf
+        hit = float(np.linalg.norm(np.diff(self._struck_box, axis=0))) if tally.unnamed > 1 else math.inf
         is_one = self._most > self._all * max(_DOMINATES, 30 / max(1, tally.hits))
         return (
             *self._repeats.findings,
@@ -164,6 +163,12 @@ class TableSummary:
             )
         is_other = 0 < span < math.inf and table.duration_from == "as given" and not 0.99 < table.duration / span < 1.1
         return table.duration, table.duration_from, found((is_other, Finding("duration_differs", numbers=numbers)))
+
+
+def _around(box: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """The least box that holds a box and points of shape (n, 3)."""
+    least, greatest = box
+    return np.array([np.vstack([least, points]).min(axis=0), np.vstack([greatest, points]).max(axis=0)])
 
 
 def _range(least: float, greatest: float, scale: Scale) -> str:
