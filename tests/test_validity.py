@@ -63,7 +63,11 @@ def test_a_prediction_says_so_where_it_is_asked_and_a_fit_where_it_was_measured(
     assert (turned.numbers["turned"], turned.numbers["impacts"]) == (2, 3)
     for alpha, is_beyond in ((0.05, False), (0.5, True)):
         codes = [finding.code for finding in erosion.predict(fit, alpha).findings]
-        assert ("turned_beyond_in_part" in codes) == is_beyond
+        assert ("turned_beyond_at_draws" in codes) == is_beyond
+    beyond, none = np.deg2rad([30.0, 35.0]), np.deg2rad(3.0)
+    for alpha, share in ((beyond, 1.0), (np.append(beyond, [none] * 2), 0.5)):
+        (turned,) = (finding for finding in erosion.predict(fit, alpha).findings if finding.code in OF_TURN)
+        assert (turned.numbers["share"], "32" in turned.text) == (share, False)
 
 
 def small_map() -> Any:

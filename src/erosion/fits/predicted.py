@@ -12,7 +12,7 @@ from erosion.arguments import check_share
 from erosion.fits.doubts import LEVEL
 from erosion.fits.fit import Fit, require_fits
 from erosion.fits.prediction import Predictor
-from erosion.impacts import Optimum, finding_of_turned
+from erosion.impacts import Optimum
 from erosion.models.registry import model_name
 from erosion.output import largest_of, to_csv
 from erosion.parameters import (
@@ -119,10 +119,11 @@ class Predictions(Result):
         """Findings of the predictor, questions outside the tests, and losses."""
         at = self.asked
         high, means = self.columns["mean_high"], self.columns["mean"]
+        turned = self.predictor.share_turned(at)
         nothing = np.unique(at["alpha"][high <= _NOTHING * np.nanmax(means)])
         return (
             *self.predictor.findings,
-            *filter(None, [finding_of_turned(self.predictor.count_turned(self.asked))]),
+            *found((turned, Finding("turned_beyond_at_draws", numbers={"share": turned}))),
             *self.predictor.outside(at.pop("alpha"), at),
             *found(
                 (nothing.size, Finding("removes_nothing", "", {"alphas": nothing})),

@@ -130,11 +130,12 @@ class Predictor(Result):
             hypotheses.append((hypothesis, _some_of(hypothesis.values, wanted)))
         return hypotheses
 
-    def count_turned(self, conditions: Mapping[str, np.ndarray]) -> np.ndarray:
-        """In how many impacts under conditions, at some draws, the body turns by more than 90°, and of how many."""
+    def share_turned(self, conditions: Mapping[str, np.ndarray]) -> float:
+        """In what share of impacts under conditions, at some draws, the body turns by more than 90°."""
         chosen = (values for _, values in self.chosen(_FEW) if _size(values))
         drawn = [{name: value[:, None] for name, value in values.items()} for values in chosen]
-        return np.sum([self.problem.count_turned(values, conditions) for values in drawn], axis=0)
+        turned, impacts = np.sum([self.problem.count_turned(values, conditions) for values in drawn], axis=0).tolist()
+        return turned / max(1, impacts)
 
     @property
     def exponent(self) -> tuple[float, float] | None:

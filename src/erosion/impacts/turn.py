@@ -43,7 +43,7 @@ _STEP_ASIDE = 1e-5  # of an angle, from where a cut begins: nearer its motion is
 _RTOL = 1e-11
 
 
-OF_TURN = ("turned_beyond", "turned_beyond_at_best", "turned_beyond_in_part")
+OF_TURN = ("turned_beyond", "turned_beyond_at_best", "turned_beyond_in_part", "turned_beyond_at_draws")
 """The codes of findings on a body that turns by more than 90°."""
 
 
