@@ -269,6 +269,9 @@ def test_what_is_left_out_is_said(reports: dict[str, Path], page: str) -> None:
     """Curves that others hide have no entry of a legend; the linearized model knows no spin."""
     for force in ("", "rotating-"):
         assert f"<code>{force}velocity-aligned</code> lies on <code>{force}tan-alpha</code>" in page
+    drawn = (reports["Table 1"] / "figures" / "models.svg").read_text(encoding="utf-8")
+    assert {name for name in BUILT_IN if f"<!-- {name}: " not in drawn} == {
+        "velocity-aligned", "rotating-velocity-aligned", "rotating-velocity-aligned-full-torque"}  # fmt: skip
     said = [name for name, folder in reports.items() if "has no part in questions 1 to 8" in index(folder)]
     assert said == ["unusual"]
 

@@ -333,11 +333,14 @@ def all_models(case: ReportCase) -> Answer:
         "greatest_volume": max(row["volume_max"] for row in numbers.values()),
         "hidden": {model: list(BUILT_IN)[below[0]] for model, below in zip(BUILT_IN, hidden, strict=True) if below},
     }
-    titled = {model: case.curve(model, info.summary.replace("F_x", "Fₓ")) for model, info in BUILT_IN.items()}
-    curves = [curve for model, curve in titled.items() if model not in fields["hidden"]]
-    beside = [titled[model] for model in _BESIDE]
+    curves = [
+        case.curve(model, f"{model}: {info.summary.replace('F_x', 'Fₓ')}")
+        for model, info in BUILT_IN.items()
+        if model not in fields["hidden"]
+    ]
+    beside = [case.curve(model) for model in _BESIDE]
     figures = {
-        "models": draw_curves(curves, width=5.8, height=7.2, units=case.units, columns=1),
+        "models": draw_curves(curves, width=6.4, height=7.2, units=case.units, columns=1),
         "correlations": Drawing(
             panel(plot_shapes, beside, tuple(CORRELATIONS), width=5.8, height=5.0), beyond_of(beside)
         ),
