@@ -24,6 +24,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 import erosion
@@ -34,7 +35,14 @@ from erosion.parameters.quantities import readable_scale
 from erosion.plotting.curves import plot_end_times, plot_optimum, plot_volume
 from erosion.plotting.labels import AT_CONTACT
 from erosion.plotting.maps import plot_nozzle_angle
-from erosion.plotting.motion import plot_histories, plot_path, plot_removal_rate, plot_solution, plot_trajectory
+from erosion.plotting.motion import (
+    animate_cut,
+    plot_histories,
+    plot_path,
+    plot_removal_rate,
+    plot_solution,
+    plot_trajectory,
+)
 from erosion.plotting.style import (
     legend_below,
     new_axes,
@@ -354,3 +362,18 @@ def test_the_curve_of_the_nozzle_has_its_band_and_its_top():
     band = ax.collections[0].get_paths()[0].get_extents()
     assert band.y0 == pytest.approx(2 * (1 - 0.196))
     assert band.y1 == pytest.approx(2 * (1 + 0.196))
+
+
+def test_an_animation_tells_arrows_from_shares_and_leaves_out_ticks_that_overlap(monkeypatch):
+    drawn, whole = [], mpl.animation.FuncAnimation
+    monkeypatch.setattr(
+        "erosion.plotting.motion.FuncAnimation", lambda fig, *rest: drawn.append(fig) or whole(fig, *rest)
+    )
+    for degrees, ticks in ((2, 1), (30, 2)):
+        assert animate_cut(simulate("linearized", P.replace(alpha=np.deg2rad(degrees)))).startswith(b"GIF89a")
+        (legend,), ax = drawn[-1].legends, drawn[-1].axes[0]
+        colors = [mpl.colors.to_hex(handle.get_color() if isinstance(handle, Line2D) else handle.get_facecolor())
+                  for handle in legend.legend_handles]  # fmt: skip
+        assert [isinstance(handle, Line2D) for handle in legend.legend_handles] == [True] * 2 + [False] * 3
+        assert len({*colors, *(mpl.colors.to_hex(area.get_facecolor()) for area in ax.patches)}) == 5 + len(ax.patches)
+        assert len(ax.get_yticks()) == ticks

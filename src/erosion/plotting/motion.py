@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
@@ -20,7 +22,7 @@ from erosion.ode.solution import Solution
 from erosion.output import briefly
 from erosion.parameters import RESULTS, System, readable_scale
 from erosion.plotting.dynamics import SHARES, dynamics
-from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, HISTORIES, INK, NOTHING, PALETTE, parted
+from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, FAINT, HISTORIES, INK, NOTHING, PALETTE, parted
 from erosion.plotting.style import (
     angle_axis,
     axes_or_new,
@@ -221,7 +223,7 @@ def plot_half_angle(fig: Figure, k: float) -> list[Axes]:
 _FRAMES, _A_SECOND = 40, 13
 _ARROW = 1.1  # r
 _COLORS = {"velocity of the centre of mass": PALETTE["green"], "force on the tip": PALETTE["vermillion"]}
-_OF_SHARES = dict(zip(SHARES.values(), (PALETTE["green"], PALETTE["purple"], PALETTE["orange"]), strict=True))
+_OF_SHARES = dict(zip(SHARES.values(), (PALETTE["purple"], INK, FAINT), strict=True))
 
 
 @house_style()
@@ -255,8 +257,12 @@ def animate_cut(trajectory: Trajectory) -> bytes:
     below.axis("off")
     below.set_title("kinetic energy at contact" if vectors.energy else "", loc="left", fontsize="x-small")
     bars = below.barh([0] * len(SHARES), 0, height=1, color=list(_OF_SHARES.values()))
-    shown = [*(_COLORS if vectors.velocity else ()), *(_OF_SHARES if vectors.energy else ())]
-    handles = [Patch(color=(_COLORS | _OF_SHARES)[label], label=label) for label in shown]
+    handles: list[Any] = []
+    if vectors.velocity:
+        handles += [Line2D([], [], color=color, linestyle="", marker=r"$\rightarrow$", markersize=14, label=label)
+                    for label, color in _COLORS.items()]  # fmt: skip
+    if vectors.energy:
+        handles += [Patch(color=color, label=label) for label, color in _OF_SHARES.items()]
     fig.legend(handles=handles, loc="outside lower center", ncols=3, fontsize="x-small")
     shape = r * (_BODY - _CENTRE) / _CENTRE[1]  # about the centre of mass
     turned = trajectory.phi - np.pi / 2 if isinstance(trajectory.states, State) else None
@@ -280,11 +286,25 @@ def animate_cut(trajectory: Trajectory) -> bytes:
             begin += bar.get_width()
 
     fig.draw_without_rendering()
+    _leave_out_overlapping_ticks(ax.xaxis)
+    _leave_out_overlapping_ticks(ax.yaxis)
     fig.set_layout_engine("none")  # frames do not move, and are drawn much faster
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "cut.gif"
         FuncAnimation(fig, show, _FRAMES).save(file, PillowWriter(fps=_A_SECOND), dpi=fig.dpi)
         return file.read_bytes()
+
+
+def _leave_out_overlapping_ticks(axis: Axis) -> None:
+    """Keep the ticks of an axis that was drawn whose labels lie on it and do not overlap those before."""
+    kept, boxes = list[float](), list[Any]()
+    low, high = sorted(axis.get_view_interval())
+    for place, label in zip(axis.get_ticklocs().tolist(), axis.get_ticklabels(), strict=True):
+        box = label.get_window_extent().padded(3)
+        if low <= place <= high and not box.count_overlaps(boxes):
+            kept.append(place)
+            boxes.append(box)
+    axis.set_ticks(kept)
 
 
 @house_style()
