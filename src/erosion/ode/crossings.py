@@ -377,7 +377,7 @@ def look_directed(
     *,
     clear: Sequence[Flag],
 ) -> Trial:
-    """What a trial says about the events that count; see `erosion.ode.crossings.look`.
+    """What a trial says about the events that count; see `look`.
 
     Where one that does not count rises above zero within the step, the step ends there: it counts from there on.
     """

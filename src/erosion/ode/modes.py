@@ -31,7 +31,8 @@ from erosion.lanes.scalars import Equation, aval_of
 from erosion.ode.memories import NEVER
 from erosion.ode.reduction import beside_breaks
 
-_ULPS, _TINY = 4e-16, 1e-300  # before a break is a time that is earlier by as little
+_ULPS = 4e-16  # of a break: two units in its last place, by which a time just before the break is earlier
+_TINY = 1e-300  # the same for a break at 0
 
 
 class Bound(NamedTuple):

@@ -15,7 +15,7 @@ _ROUNDING = 1e-9  # of the energy
 
 
 class Dynamics(NamedTuple):
-    """What a body's motion is, over the times of its cut; all None for a model whose centre of mass is not known.
+    """Velocity, force and energy of a body over its cut; all None for a model whose centre of mass is not known.
 
     Args:
         velocity: of the centre of mass, along the surface and down, over the greatest, shape (2, times).
