@@ -31,11 +31,11 @@ test-all: $(STAMP)
 
 # Lists in tests/slow.txt the tests that take more than half a second: on an otherwise idle machine.
 durations: $(STAMP)
-	.venv/bin/python -m pytest --numprocesses 2 --dist worksteal -p tests.durations
+	.venv/bin/python -m pytest --numprocesses 2 --dist loadfile -p tests.durations
 
 # Every call's shapes and types are checked, which takes three times as long: a nightly job.
 test-types: $(STAMP)
-	EROSION_CHECK_TYPES=1 .venv/bin/pytest --numprocesses 2 --dist worksteal
+	EROSION_CHECK_TYPES=1 .venv/bin/pytest --numprocesses 2 --dist loadfile
 
 # The lower bounds in pyproject.toml are versions that work: each verb once, with the lowest of all, beside .venv.
 test-lowest: | $(UV)
@@ -47,11 +47,11 @@ test-lowest: | $(UV)
 # JAX's newest versions need Python 3.12 or newer: what reads their jaxprs, with such a Python, beside .venv.
 test-newest: | $(UV)
 	UV_PROJECT_ENVIRONMENT=.venv-newest $(UV) sync --locked --all-extras --python $(PYTHON)
-	.venv-newest/bin/pytest --numprocesses 2 --dist worksteal -m "not slow" tests/lanes tests/ode tests/impacts tests/models
+	.venv-newest/bin/pytest --numprocesses 2 --dist loadfile -m "not slow" tests/lanes tests/ode tests/impacts tests/models
 
 # The lines of src/ that no test runs, by file.
 coverage: $(STAMP)
-	.venv/bin/pytest --numprocesses 2 --dist worksteal --cov
+	.venv/bin/pytest --numprocesses 2 --dist loadfile --cov
 
 # Makes docs/performance.md: ten minutes, on an otherwise idle machine. `make bench ARGS=--quick` for a look. The nightly
 # checks of ends, fits and posteriors: `make bench ARGS="--only random_ends fits"`.

@@ -17,6 +17,7 @@ import argparse
 import collections
 import json
 import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -461,6 +462,7 @@ def main() -> None:
         if asked.out:
             asked.out.write_text(json.dumps(rows, indent=1))
     print(dict(totals))
+    sys.exit(bool(totals["wrong"] + totals["derivatives wrong"]))
 
 
 if __name__ == "__main__":

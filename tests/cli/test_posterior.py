@@ -58,7 +58,7 @@ def test_the_next_test(table, shell):
     rig = ["--next-angles", "20deg,40deg", "--next-particles", "quartz sand 2 mm"]
     some = shell([*line, *rig]).result["next_test"]
     assert len(some["candidates"]) == 2
-    printed = shell([*line, "--next-test", "--next-for", "45deg"]).result["next_test"]
+    printed = shell([*line, "--next-test", "--next-for", "45 deg"]).result["next_test"]
     # Of one factor a row says most where the volume is greatest: at arctan(k)/2 = 31.7°.
     assert printed["best"]["alpha"] == pytest.approx(np.deg2rad(32.5))
     assert printed["asked"]["alpha"] == pytest.approx(np.deg2rad(45.0))

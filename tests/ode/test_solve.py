@@ -205,13 +205,14 @@ class Body(eqx.Module):
     [
         (lambda a: Oscillation(a, 0), lambda y: Oscillation(y.v, -y.x), lambda y: y.x),
         (lambda a: [{"x": a}, (0.0, [])], lambda y: [{"x": y[1][0]}, (-y[0]["x"], [])], lambda y: y[0]["x"]),
+        (lambda a: jnp.stack([a, 0.0]), lambda y: jnp.stack([y[1], -y[0]]), lambda y: y[..., 0]),
         (
             lambda a: Body(jnp.stack([a, 0.0])),
             lambda y: Body(jnp.stack([y.place[1], -y.place[0]])),
             lambda y: y.place[..., 0],
         ),
     ],
-    ids=["named", "nested", "module"],
+    ids=["named", "nested", "array", "module"],
 )
 def test_a_state_is_any_pytree(y0, rate, x):
     problem = ode.Problem(y0, lambda t, y, args: rate(y), {"low": ode.Event(lambda t, y, args: x(y) + 0.5, -1)})

@@ -449,7 +449,8 @@ class Problem:
     Args:
         y0: the state at the start, a pytree of real numbers and small arrays, or a function of args.
         vector_field: f(t, y, args), a pytree of the structure of y.
-        events: by name; where two happen at once the first of them counts.
+        events: by name. Of two at once the first comes first; the other happens if its function still passes zero
+            with the state after it, and the motion goes on.
         integrals: by name rates r(t, y, args); ∫ r dt is integrated along with y.
         integrals0: a function of args, by name where the integrals begin; zero without it.
         time_scale: a function of args, a typical time of the motion, such as a tenth of a period, for the first step;

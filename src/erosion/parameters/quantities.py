@@ -192,7 +192,7 @@ def has_unit(text: str) -> bool:
 def unit_of(text: str) -> str:
     """The unit of a quantity as text; empty where it has none."""
     parts = _parts(text)
-    return "" if parts is None else parts["unit"].rstrip()
+    return "" if parts is None else parts["unit"].strip()
 
 
 def example(dimension: Dimension, system: System) -> str:
