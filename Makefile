@@ -29,7 +29,7 @@ test: $(STAMP)
 test-all: $(STAMP)
 	.venv/bin/pytest --numprocesses 2 --dist loadfile
 
-# Lists in tests/slow.txt the tests that take more than half a second: on an otherwise idle machine.
+# Lists in tests/slow.txt the tests that take more than a quarter of a second: on an otherwise idle machine.
 durations: $(STAMP)
 	.venv/bin/python -m pytest --numprocesses 2 --dist loadfile -p tests.durations
 

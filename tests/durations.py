@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import pytest
 
 TABLE = Path(__file__).with_name("slow.txt")
-LIMIT = 0.5
-"""Seconds above which a test is slow."""
+LIMIT = 0.25
+"""Seconds above which a test is slow: so `make test` takes two minutes."""
 
 
 class SharedFixture(NamedTuple):
@@ -108,7 +108,7 @@ def write(seconds: dict[str, float]) -> None:
     for function, tests in sorted(tests_of.items()):
         slow = {test: value for test, value in tests.items() if value > LIMIT}
         entries = {function: max(slow.values())} if len(slow) == len(tests) else slow
-        lines += [f"{value:6.1f}  {test}\n" for test, value in sorted(entries.items())]
+        lines += [f"{value:6.2f}  {test}\n" for test, value in sorted(entries.items())]
     TABLE.write_text("".join(lines), "utf-8")
 
 
