@@ -14,7 +14,7 @@ import pytest
 
 TABLE = Path(__file__).with_name("slow.txt")
 LIMIT = 0.25
-"""Seconds above which a test is slow: so `make test` takes two minutes."""
+"""Seconds above which a test is slow: so `make test` takes three minutes."""
 
 
 class SharedFixture(NamedTuple):
