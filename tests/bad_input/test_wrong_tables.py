@@ -175,6 +175,71 @@ def texts() -> Iterator[tuple[str, str | bytes]]:
     yield "angles above 90°", angled(change=lambda angle: 180 - angle)
 
 
+RIGHT = {
+    "without time",
+    "x called um",
+    "time called ms",
+    "time called h",
+    "the weight is called grains",
+    "the weight is called Ngrains",
+    "the weight is called nParticle",
+    "share beside the weight",
+    "with a column 'speed [m/s]'",
+    "with a column 'Umag [m/s]'",
+    "with a column 'angle [deg]'",
+    "with a column 'spin [rad/s]'",
+    "with a column 'facei'",
+    "with a column 'id'",
+    "with a column 'Unnamed: 0'",
+    "with a column ''",
+    "with a column 'temperature [K]'",
+    "the diameter is called dp [um]",
+    "the diameter is called D [um]",
+    "a cell '\"12.5\"'",
+    "a weight of 0",
+    "velocities to the other side",
+    "all rows in one place",
+    "a comment above",
+    "semicolons",
+    "tabs",
+    "decimal commas between semicolons",
+    "a named separator",
+    "Windows",
+    "old Mac",
+    "UTF-16",
+    "a byte order mark",
+    "angles",
+}
+"""Tables that give the usual volume all the same."""
+VISIBLE = {
+    "u called mm/s",
+    "u called ft/s",
+    "u called km/h",
+    "d called mm",
+    "d called m",
+    "d called nm",
+    "d called mil",
+    "rho called g/cm^3",
+    "rho called lb/ft^3",
+    "with a column 'mass [kg]'",
+    "an enormous weight",
+    "an enormous particle",
+    "radii for diameters",
+    "diameters in mm",
+    "densities in g/cm³",
+    "the axes u and w exchanged",
+    "sizes and densities exchanged",
+    "half of the rows far away",
+    "all rows twice",
+    "a row many times",
+    "half of the rows",
+    "thousands",
+    "angles from the normal",
+    "radians called degrees",
+}
+"""Tables that no reader can know to be wrong: a finding or `Read:` shows it. All others are refused."""
+
+
 @pytest.fixture(scope="module")
 def right(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, float, set[str], str]:
     """The surface; and of the right table the volume, the findings and what was read."""
@@ -200,7 +265,8 @@ def outcome(path: Path, right: tuple[Any, float, set[str], str], surface: Any = 
 @pytest.mark.parametrize(("name", "text"), [pytest.param(*case, id=case[0]) for case in texts()])
 def test_a_table_with_a_mistake(tmp_path: Path, right: Any, name: str, text: str | bytes) -> None:
     (tmp_path / "hits.csv").write_bytes(text.encode() if isinstance(text, str) else text)
-    assert outcome(tmp_path / "hits.csv", right), name
+    expected = "right" if name in RIGHT else "visible" if name in VISIBLE else "refused"
+    assert outcome(tmp_path / "hits.csv", right) == expected
 
 
 def surfaces(path: Path) -> Iterator[tuple[str, Callable[[], Any]]]:
