@@ -136,6 +136,7 @@ model = Rotating(force=Force())
 # Minutes without Python, as in a library in C++.
 LIBRARY = "import hashlib; pathlib.Path('begun').touch(); hashlib.pbkdf2_hmac('sha256', b'', b'', 10**9)"
 STREAM = 'stream --v0 "normal(110 m/s, 1 m/s)" --n 1e11 -o out.nc'
+SWEEP = "sweep --alpha 1deg:89deg:4000 --k 0.5:3:5000 -o out.nc"
 
 
 @pytest.mark.parametrize(
@@ -144,8 +145,9 @@ STREAM = 'stream --v0 "normal(110 m/s, 1 m/s)" --n 1e11 -o out.nc'
         ("run", LIBRARY, 1, -signal.SIGINT),
         (STREAM, FORCE.format("import endless"), 2, -signal.SIGINT),
         (STREAM, FORCE.format("pass"), 1, INTERRUPTED),
+        (SWEEP, FORCE.format("pass"), 1, INTERRUPTED),
     ],
-    ids=["in a library", "in an import that never ends, while results are kept", "while results are kept"],
+    ids=["in a library", "in an import that never ends, while results are kept", "a stream", "a sweep"],
 )
 def test_a_process_ends_at_once_or_keeps_its_results(tmp_path, line, model, presses, status):
     (tmp_path / "endless.py").write_text("import time\ntime.sleep(60)\n")
