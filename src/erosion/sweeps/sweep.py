@@ -411,6 +411,7 @@ class SweepJob:
                     # Also after an error: to compute took longer than to write.
                     if count > begun:
                         self.store.save()
+                stop()
         except KeyboardInterrupt:
             if self.path is None:
                 raise
