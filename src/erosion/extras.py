@@ -36,15 +36,19 @@ def library(module: str, extra_name: str) -> Any:
 
 
 def on_use(module: str, file: str) -> Callable[[str], Any]:
-    """The `__getattr__` of a module whose names are imported when they are used; its stub lists them."""
+    """The `__getattr__` of a module whose names are imported when they are used.
+
+    Its stub lists them; a line `from home import *` stands for the other names of `home`.
+    """
     loader: Any = sys.modules[module].__loader__  # also that of a zip file
     stub = loader.get_data(f"{file}i").decode().splitlines()
     lines = [line.split() for line in stub if line.startswith("from ")]
     module_of = {name: home for _, home, _, name, *_ in lines}
 
     def imported(name: str) -> Any:
-        if name not in module_of:
+        home = module_of.get(name, module_of.get("*"))
+        if home is None:
             raise AttributeError(f"module {module!r} has no attribute {name!r}")
-        return getattr(importlib.import_module(module_of[name]), name)
+        return getattr(importlib.import_module(home), name)
 
     return imported

@@ -1,5 +1,6 @@
-"""What the verbs use of the package, and where each is defined. `lazy.py` imports a name when a verb uses it."""
+"""What the verbs use of the package: its public names, and these. `lazy.py` imports a name when a verb uses it."""
 
+from erosion import *  # noqa: F403
 from erosion.advice.advise import CUTTING_FRACTION as CUTTING_FRACTION
 from erosion.advice.advise import FRACTION_OF_A_FIT as FRACTION_OF_A_FIT
 from erosion.advice.advise import MODELS as MODELS
@@ -7,7 +8,6 @@ from erosion.advice.advise import advise_case as advise_case
 from erosion.advice.advise import compared_with as compared_with
 from erosion.advice.abrasives import Job as Job
 from erosion.advice.page import plot_advice as plot_advice
-from erosion.advice.result import Advice as Advice
 from erosion.advice.page import require_page_path as require_page_path
 from erosion.advice.page import write_advice as write_advice
 from erosion.advice.result import Uncertain as Uncertain
@@ -17,11 +17,8 @@ from erosion.arguments import refuse as refuse
 from erosion.cfd.erosion_map import MapJob as MapJob
 from erosion.cfd.erosion_map import prepare_map as prepare_map
 from erosion.cfd.exports import TABLE_ANGLES as TABLE_ANGLES
-from erosion.cfd.exports import ExportError as ExportError
-from erosion.cfd.exports import restitution as restitution
 from erosion.cfd.exports import to_comsol as to_comsol
 from erosion.cfd.exports import to_csv as to_csv
-from erosion.cfd.exports import volume_table as volume_table
 from erosion.cfd.map_files import MAP_FORMATS as MAP_FORMATS
 from erosion.cfd.map_files import MapFormat as MapFormat
 from erosion.cfd.map_files import require_map_path as require_map_path
@@ -30,15 +27,9 @@ from erosion.cfd.map_result import MapSummary as MapSummary
 from erosion.cfd.openfoam import case_of as case_of
 from erosion.cfd.openfoam import open_case as open_case
 from erosion.cfd.options import MapOptions as MapOptions
-from erosion.cfd.read import read_impacts as read_impacts
-from erosion.cfd.read import read_surface as read_surface
 from erosion.cfd.rows import Impacts as Impacts
-from erosion.cfd.rows import ImpactsError as ImpactsError
 from erosion.cfd.surface import Surface as Surface
-from erosion.checks import verify as verify
-from erosion.correlations import CORRELATIONS as CORRELATIONS
 from erosion.correlations import OutOfRangeWarning as OutOfRangeWarning
-from erosion.exercises import AnswerKey as AnswerKey
 from erosion.exercises.notebook import notebook as notebook
 from erosion.exercises.students import answers_table as answers_table
 from erosion.exercises.students import drawn_case as drawn_case
@@ -46,26 +37,7 @@ from erosion.exercises.students import read_students as read_students
 from erosion.explorer.server import free_port as free_port
 from erosion.explorer.server import offer as offer
 from erosion.explorer.server import serve as serve
-from erosion.fits import CalibrationError as CalibrationError
-from erosion.fits import ConvergenceWarning as ConvergenceWarning
-from erosion.fits import Measurements as Measurements
-from erosion.fits import NextTest as NextTest
-from erosion.fits import PosteriorRanking as PosteriorRanking
-from erosion.fits import Ranking as Ranking
-from erosion.fits import SamplingError as SamplingError
-from erosion.fits import Calibration as Calibration
-from erosion.fits import FitProblem as FitProblem
-from erosion.fits import Posterior as Posterior
-from erosion.fits import calibrate as calibrate
-from erosion.fits import fit_each as fit_each
-from erosion.fits import posterior as posterior
-from erosion.fits import predict as predict
-from erosion.fits import rank as rank
-from erosion.fits import read_measurements as read_measurements
 from erosion.fits import to_case as to_case
-from erosion.fits import to_fluent as to_fluent
-from erosion.fits import to_openfoam as to_openfoam
-from erosion.fits.next_test import next_test as next_test
 from erosion.fits.next_test import tested_degrees as tested_degrees
 from erosion.fits.export import command as command
 from erosion.fits.problem import FACTORS as FACTORS
@@ -84,15 +56,9 @@ from erosion.fits.fit_files import read_predictor as read_predictor
 from erosion.fits.problem import ERROR_FACTOR as ERROR_FACTOR
 from erosion.fits.problem import NOISE as NOISE
 from erosion.fits.problem import RELATIVE as RELATIVE
-from erosion.impacts.optimum import Optimum as Optimum
-from erosion.impacts.trajectory import Trajectory as Trajectory
-from erosion.impacts.optimum import alpha_max as alpha_max
-from erosion.impacts.optimum import alpha_min as alpha_min
-from erosion.impacts.cluster import local_cluster as local_cluster
 from erosion.impacts.dataset_files import read_netcdf as read_netcdf
 from erosion.impacts.dataset_files import write_csv as write_csv
 from erosion.impacts.dataset_files import write_netcdf as write_netcdf
-from erosion.impacts.trajectory import SimulationError as SimulationError
 from erosion.impacts.trajectory import path as path
 from erosion.impacts.turn import count_turned as count_turned
 from erosion.impacts.turn import finding_of_turned as finding_of_turned
@@ -104,14 +70,11 @@ from erosion.laws import numbers_with_unit as numbers_with_unit
 from erosion.laws import read_law as read_law
 from erosion.laws import read_samples as read_samples
 from erosion.models import Correlated as Correlated
-from erosion.models import available_models as available_models
 from erosion.models import called as called
-from erosion.models import load_model as load_model
 from erosion.models.equations import plug_in_digest as plug_in_digest
 from erosion.models import made_for as made_for
 from erosion.models import model_name as model_name
 from erosion.models import usable_models as usable_models
-from erosion.models.base import CuttingModel as CuttingModel
 from erosion.models.correlated import per_mass_of as per_mass_of
 from erosion.models.base import own_in_words as own_in_words
 from erosion.models.base import own_parameters as own_parameters
@@ -126,17 +89,9 @@ from erosion.output.tables import WIDTH as WIDTH
 from erosion.output.tables import to_json as to_json
 from erosion.pages.map import page_format as page_format
 from erosion.parameters.case_files import CaseFile as CaseFile
-from erosion.parameters.materials import Particle as Particle
-from erosion.parameters.materials import Target as Target
 from erosion.parameters.materials import known_particles as known_particles
 from erosion.parameters.materials import known_targets as known_targets
-from erosion.parameters.materials import particle as particle
-from erosion.parameters.materials import target as target
-from erosion.parameters.parameters import TABLE_1 as TABLE_1
-from erosion.parameters.parameters import Parameters as Parameters
 from erosion.parameters.parameters import SizeWarning as SizeWarning
-from erosion.parameters.parameters import validate as validate
-from erosion.parameters.per_mass import PerMass as PerMass
 from erosion.parameters.per_mass import read_density as read_density
 from erosion.parameters.quantities import QUANTITIES as QUANTITIES
 from erosion.parameters.quantities import QUARTER_DEGREES as QUARTER_DEGREES
@@ -171,8 +126,6 @@ from erosion.report.page import PARTS as PARTS
 from erosion.report.page import chosen_questions as chosen_questions
 from erosion.report.page import require_folder as require_folder
 from erosion.report.page import write_report as write_report
-from erosion.streams.result import Stream as Stream
-from erosion.streams.stream import StreamInterrupted as StreamInterrupted
 from erosion.streams.stream import StreamOptions as StreamOptions
 from erosion.streams.stream import prepare_stream as prepare_stream
 from erosion.sweeps.boundaries import with_boundaries as with_boundaries
@@ -182,5 +135,4 @@ from erosion.sweeps.grid import make_grid as make_grid
 from erosion.sweeps.summary import Comparison as Comparison
 from erosion.sweeps.summary import SweepSummary as SweepSummary
 from erosion.sweeps.sweep import SweepJob as SweepJob
-from erosion.sweeps.sweep import compare as compare
 from erosion.sweeps.sweep import prepare_sweep as prepare_sweep
