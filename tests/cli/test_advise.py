@@ -109,6 +109,7 @@ REFUSED = [
         for edit, message in [
             ("k = 3", "`k` of [advise] is unknown; they are model, set"),
             ("warning = 3", "`warning` of [advise] must be a sentence, but is 3."),
+            ("reading = { sep = 3 }", "`reading` of [advise] must be a table of texts, but is {'sep': 3}."),
             ('warning = " "', "`warning` of [advise] must be a sentence, but is ' '."),
             ('warning = "\\u001b[31mred"', "`warning` of [advise] must be a sentence, but is '\\x1b[31mred'."),
             ('warning = ["a", "b"]', "`warning` of [advise] must be a sentence, but is ['a', 'b']."),
@@ -173,17 +174,27 @@ FLAT = """angle [deg], mass_loss [mg/kg]
 """
 
 
-def test_weighings_that_leave_parameters_open_still_decide_the_angle(shell, tmp_path):
-    (tmp_path / "rows.csv").write_text(FLAT.replace("[mg/kg]", "[mg]"))
+def test_weighings_that_leave_parameters_open_still_decide_the_angle(shell, tmp_path, monkeypatch):
+    rows = FLAT.replace("mass_loss [mg/kg]", "Abtrag; sigma").replace(", ", ";").replace("\n", ";1\n")
+    (tmp_path / "rows.csv").write_text(rows.replace("sigma;1", "sigma"))
+    (tmp_path / "columns.toml").write_text('"angle [deg]" = "angle [deg]"\nAbtrag = "mass_loss [mg]"\n')
     metal = ["--particle", "garnet 80 mesh", "--target", "mild steel", "--v0", "160 m/s"]
-    shell(["calibrate", "rows.csv", "--per", "1 kg", *metal, *FIT.split()[3:-1], "fitted.toml"])
+    read = ["--columns", "columns.toml", "--ignore", "sigma", "--sep", ";"]
+    of_tests = ["--per", "1 kg", *read, "--error", "9 mg/kg + 5 %"]
+    shell(["calibrate", "rows.csv", *of_tests, *metal, *FIT.split()[3:-1], "fitted.toml"])
     result = shell("advise fitted.toml --json").result
     angle = math.degrees(result["alpha"])
     assert 38 < angle < 65
     assert result["uncertain"] == "fitted.toml"
     assert f"{angle:.0f}°" in result["statements"][0]
-    assert printed_command(result["statements"])[:4] == ["rows.csv", "fitted.toml", "--per", "1 kg"]
-    assert 'per = "1 kg"\n' in (tmp_path / "fitted.toml").read_text()
+    assert printed_command(result["statements"])[:12] == ["rows.csv", "fitted.toml", *of_tests]
+    # The draws know it, too, from wherever they are read.
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    by_draws = shell(["advise", *metal, "--uncertain", "../fitted.nc", "--json"]).result["statements"]
+    command = printed_command(by_draws)
+    assert command[0].endswith("rows.csv")
+    assert command[command.index("--per") :][:10] == [word.replace("columns.t", "../columns.t") for word in of_tests]
 
 
 def printed_command(statements):
@@ -194,7 +205,8 @@ def printed_command(statements):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ("fitted.toml --v0 160m/s", ["tests.csv", "fitted.toml", "--per", "100 g", "--free", "k,psi"]),
+        ("fitted.toml --v0 160m/s",
+         ["tests.csv", "fitted.toml", "--per", "100 g", "--columns", "a=deg", "--free", "k,psi"]),
         ("--v0 160m/s --model linearized --uncertain cutting_fraction=uniform(0.3,0.5)",
          ["rows.csv", "--v0", "160m/s", "--model", "linearized", "--free", "cutting_fraction"]),
         ("--v0 9m/s --model linearized-deformation --set energy_ratio=1.6 --cutting-fraction 0.4 "
@@ -204,7 +216,8 @@ def printed_command(statements):
     ],
 )  # fmt: skip
 def test_the_printed_command_is_of_the_tests(shell, tmp_path, options, words):
-    text = FITTED[: FITTED.index("[advise]")] + 'model = "linearized"\n[advise]\ndata = "tests.csv"\nper = "100 g"\n'
+    text = FITTED[: FITTED.index("[advise]")] + 'model = "linearized"\n[advise]\ndata = "tests.csv"\n'
+    text += 'reading = { per = "100 g", columns = "a=deg" }\n'
     (tmp_path / "fitted.toml").write_text(f"{text}[advise.uncertain]\nk = [1.3, 1.4]\npsi = [20, 19]\n")
     result = shell(["advise", *options.split(), "--json"]).result
     command = printed_command(result["statements"])

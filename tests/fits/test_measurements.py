@@ -126,6 +126,17 @@ def test_a_problem_is_told_what_removes_its_amounts():
         FitProblem("linearized", p, of_each[0].data, per="impact")
 
 
+def test_measurements_say_how_they_were_read():
+    rows = {"alpha": [20, 30, 40], "loss": [1.0, 2.0, 2.0], "n": [1, 2, 3]}
+    columns = {"alpha": "angle [deg]", "loss": "mass_loss [mg]"}
+    measured = read_measurements(rows, "si", per="1 kg", columns=columns, ignore=["n"], error=ErrorModel(1e-7, 0.05))
+    told = {"per": "1 kg", "columns": "alpha=angle [deg], loss=mass_loss [mg]", "ignore": "n"}
+    assert measured.reading == {**told, "error": "100 µg/kg + 5 %"}
+    again = read_measurements(rows, "si", **{**measured.reading, "ignore": measured.reading["ignore"].split(",")})
+    assert again.erosion.tolist() == measured.erosion.tolist()
+    assert again.deviation == pytest.approx(measured.deviation)
+
+
 @pytest.mark.parametrize(("unit", "is_right"), [("0.3 mg/impact", True), ("0.3 mg", True), ("0.3 mg/kg", False)])
 def test_an_error_may_be_per_impact_where_the_erosion_is(unit, is_right):
     rows = {"angle [deg]": [20, 30], "mass_loss [mg/impact]": [1.0, 2.0]}

@@ -9,7 +9,7 @@ import numpy as np
 
 from erosion.advice.abrasives import Job, between, comparison, hardness_sentence
 from erosion.fits.conditions import is_same
-from erosion.fits.export import command
+from erosion.fits.export import command, options_in_words
 from erosion.fits.prediction import Predictor
 from erosion.fits.problem import FACTORS, FRACTION, OF_METAL
 from erosion.laws import SHARE, JointLaw
@@ -203,7 +203,7 @@ class Advice(Result):
         other: another abrasive, to compare with `particle`.
         words: the case as it is typed behind a verb, for the commands that go on from here.
         rows_file: the path of its tests.
-        per: what removes the amounts in it; empty without it.
+        reading: how it is read, see `Measurements`.
     """
 
     p: Parameters
@@ -221,7 +221,7 @@ class Advice(Result):
     other: Particle | None = None
     words: tuple[str, ...] = ()
     rows_file: str = "rows.csv"
-    per: str = ""
+    reading: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     @functools.cached_property
     def alpha(self) -> float:
@@ -493,8 +493,8 @@ class Advice(Result):
                 f"yours is that {'flat' if best < self.alpha else 'steep'}."
             )
         if self.uncertain is not None:
-            per = ("--per", self.per) if self.per else ()
-            words = (self.rows_file, *self._typed, *per, "--free", ",".join(self.uncertain.laws.names), "--next-test")
+            asked = options_in_words({**self.reading, "free": ",".join(self.uncertain.laws.names)})
+            words = (self.rows_file, *self._typed, *asked, "--next-test")
             return (
                 f"What would narrow it: more tests. “{command('posterior', *words)}” says at which angle and speed one "
                 "more test narrows the prediction most (extra posterior)."
@@ -521,8 +521,7 @@ class Advice(Result):
         named = {"particle": self.particle, "target": self.target, "v0": f"{speed:g} m/s"}
         if self.uncertain is not None:
             named["model"] = ",".join(curve.name for curve in self.group("models"))
-        typed = (word for name, value in named.items() if value is not None for word in (f"--{name}", str(value)))
-        return self.words or tuple(typed)
+        return self.words or tuple(options_in_words(named))
 
 
 _LIKELY = 0.025, 0.975  # the middle 95 %

@@ -351,7 +351,7 @@ class JobOptions:
             return lazy.compared_with(self.compare, *case.materials())
 
 
-FIELDS = ("model", "set", "uncertain", "correlation", "warning", "data", "per", "tested", "equations")
+FIELDS = ("model", "set", "uncertain", "correlation", "warning", "data", "reading", "tested", "equations")
 """The fields of [advise] in a case file."""
 
 _UNCERTAIN = (
@@ -385,11 +385,13 @@ class GivenFit:
         with user_errors():
             doubt = None if case.file is None else case.file.doubt
             self.weighed = None if case.file is None else case.file.tested.ranges.get("alpha")
-        self.data, self.per = section.get("data", "rows.csv"), section.get("per", "")
+        self.data, self.reading = section.get("data", "rows.csv"), section.get("reading", {})
         if not isinstance(self.data, str):
             raise InputError(f"{case.case}: field `data` of [advise] must be a path, but is {briefly(self.data)}.")
-        if not isinstance(self.per, str):
-            raise InputError(f"{case.case}: field `per` of [advise] must be a text, but is {briefly(self.per)}.")
+        is_table = isinstance(self.reading, Mapping)
+        if not is_table or not all(isinstance(text, str) for text in self.reading.values()):
+            given = briefly(self.reading)
+            raise InputError(f"{case.case}: field `reading` of [advise] must be a table of texts, but is {given}.")
         # Without laws in the options those of the case file, with their correlation.
         of_file = self._section if options.uncertain is None else {}
         self._counts = "uncertain" in of_file
@@ -433,8 +435,7 @@ class GivenFit:
         what the case of `draws` has otherwise than `p` takes the place of the options.
         """
         fitted = draws[0].otherwise(p) if draws else {}
-        words = [word for name, text in fitted.items() for word in (f"--{name}", text)]
-        words += [] if abrasive.density is None else ["--density", abrasive.density]
+        words = lazy.options_in_words({**fitted, "density": abrasive.density})
         if not (self._counts or self._options.uncertain):
             return (*self._case.words(fitted), *words)
         of_file = self._case.model()[0]
@@ -530,7 +531,7 @@ class ReadFit:
             doubts=unique((*of_table, *self.given.doubts, *outside, *of_draws)),
             weighed=advice.weighed or self.given.weighed if self.uncertain else None,
             rows_file=self.draws[0].data if self.draws else self.given.data,
-            per=self.draws[0].per if self.draws else self.given.per,
+            reading=self.draws[0].reading if self.draws else self.given.reading,
             words=self.given.words(self.abrasive, self.models, self.draws, self.p),
         )
 

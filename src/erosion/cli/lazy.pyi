@@ -40,6 +40,7 @@ from erosion.explorer.server import serve as serve
 from erosion.fits import to_case as to_case
 from erosion.fits.next_test import tested_degrees as tested_degrees
 from erosion.fits.export import command as command
+from erosion.fits.export import options_in_words as options_in_words
 from erosion.fits.problem import FACTORS as FACTORS
 from erosion.fits.conditions import MOST as MOST
 from erosion.fits.problem import FRACTION as FRACTION

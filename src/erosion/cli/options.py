@@ -133,9 +133,8 @@ class CaseOptions:
         """The case as it is typed, but for the parameters `without`."""
         named = {"units": self.units or self.usual_units, "particle": self.particle, "target": self.target}
         words = [] if self.case is None else [str(self.case)]
-        for name, text in (named | self.given()).items():
-            words += [] if text is None or name in without else [f"--{name}", text]
-        return words
+        options = {name: text for name, text in (named | self.given()).items() if name not in without}
+        return [*words, *lazy.options_in_words(options)]
 
     def parameters(self, *, changed: bool = True, free: Collection[str] = ()) -> "lazy.Parameters":
         """The case, validated; `Output` says where its size does not fit its mass.

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import string
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -186,13 +186,14 @@ def _for_advice(calibration: Calibration, findings: Sequence[Finding], path: str
     """The table [advise] of a case file."""
     of_scale = "The tests had units of their own, so the size of the wear is that of the case."
     rows = "" if calibration.data.path is None else seen_from(Path(path), str(calibration.data.path))
+    reading = {name: toml_string(_in_file(text, path)) for name, text in calibration.data.reading.items()}
     said = [of_scale] * calibration.data.free_scale + [finding.text for finding in findings]
     kept = "" if samples is None else seen_from(Path(path), str(samples))
     equations = plug_in_digest(calibration.model, calibration.p)
     lines = sentences(
         (bool(said), f"warning = {toml_string(' '.join(said))}"),
         (rows, f"data = {toml_string(rows)}"),
-        (calibration.data.per, f"per = {toml_string(calibration.data.per)}"),
+        (bool(reading), f"reading = {{ {', '.join(f'{name} = {text}' for name, text in reading.items())} }}"),
         (kept, f"uncertain = {toml_string(kept)}"),
         (True, f"tested = {calibration.problem.tested.dump()}"),
         (equations, f'equations = "{equations}"  # of {model_name(calibration.model)}, as it was'),
@@ -203,6 +204,12 @@ def _for_advice(calibration: Calibration, findings: Sequence[Finding], path: str
 def command(*words: str) -> str:
     """A command of the program as it is typed into a shell."""
     return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in ("erosion", *words))
+
+
+def options_in_words(options: Mapping[str, Any]) -> list[str]:
+    """The words of a command for options by name; None stands for one that is not given."""
+    given = {name: value for name, value in options.items() if value is not None}
+    return [word for name, value in given.items() for word in (f"--{name}", str(value))]
 
 
 def exported_case(calibration: Calibration) -> Parameters:

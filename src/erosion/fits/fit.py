@@ -15,7 +15,7 @@ from erosion.fits.fit_files import (
     EQUATIONS,
     FINDINGS,
     LINE,
-    PER,
+    READING,
     SOURCE,
     TESTED,
     TIED,
@@ -190,8 +190,8 @@ class Fit(Result):
         samples[SOURCE] = with_paths(samples[SOURCE], functools.partial(seen_from, path))
         if self.data.path is not None:
             samples[DATA_FILE] = seen_from(path, str(self.data.path))
-        if self.data.per:
-            samples[PER] = self.data.per
+        moved = with_paths(dict(self.data.reading), functools.partial(seen_from, path))
+        samples[READING] = json.dumps(moved)
         # HDF5 then sees numbers that were damaged; it keeps no checksum of what has no axes.
         checked = {
             group.path: {name: {"fletcher32": True} for name, values in group.data_vars.items() if values.ndim}

@@ -41,8 +41,8 @@ LINE = "line"
 """The variable with each row's line of the file of data."""
 SOURCE, DATA_FILE = "model_source", "data_file"
 """The attributes with what loads the model again, its name or its file, and with the tests' table; paths begin here."""
-PER = "per"
-"""The attribute with what removes the amounts of that table."""
+READING = "reading"
+"""The attribute with how that table was read, see `Measurements`; in JSON, paths begin here."""
 TESTED, FINDINGS = "tested", "findings"
 """The attributes with the ranges of the tests, as `Tested` has them, and what is doubtful in the fit; in JSON."""
 TIED = "tied_to_scale"
@@ -66,7 +66,7 @@ class Draws:
         converged: whether the draws are good.
         findings: what else was doubtful in the fit.
         data: the path of the tests' table.
-        per: what removes the amounts in it; empty without it.
+        reading: how it is read, see `Measurements`.
     """
 
     rows: JointSamples
@@ -80,7 +80,7 @@ class Draws:
     converged: bool
     findings: tuple[Finding, ...] = ()
     data: str = "rows.csv"
-    per: str = ""
+    reading: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     @functools.cached_property
     def predictor(self) -> Predictor | None:
@@ -195,7 +195,7 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         converged=bool(attrs.get("converged", 1)),
         findings=from_attribute(attrs.get(FINDINGS, "")),
         **({"data": beside(path, attrs[DATA_FILE])} if DATA_FILE in attrs else {}),
-        per=attrs.get(PER, ""),
+        reading=with_paths(_kept(attrs, READING, {}), functools.partial(beside, path)),
     )
 
 

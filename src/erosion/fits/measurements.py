@@ -40,7 +40,7 @@ from erosion.parameters.quantities import (
     table_scale,
     unit_name,
 )
-from erosion.tables import Column, Table, TableError, open_table, read_meanings
+from erosion.tables import Column, Table, TableError, open_table, read_meanings, written_meanings
 from erosion.tables.headings import NO_UNIT, scale_of
 
 _QUANTITY_OF: dict[Dimension, str] = {
@@ -77,7 +77,8 @@ class Measurements:
         notes: sentences on how the table was read: rows that are left out, its characters.
         unit: of `erosion` in the table; empty where numbers do not read well in it.
         path: of the file, for commands that read it again; None for a table in memory.
-        per: what removes an amount of the table, as it was given; empty without it.
+        reading: how the table was read, as it was given: by argument of `read_measurements`, for commands that read it
+            again.
         speeds: which speed each row has, of those whose rows share an error, shape (n,); None without such an error.
         common: this error over the row's own at the erosion that is expected, see `weighed`; None without one.
     """
@@ -97,7 +98,7 @@ class Measurements:
     notes: tuple[str, ...] = ()
     unit: str = ""
     path: Path | None = None
-    per: str = ""
+    reading: Mapping[str, str] = dataclasses.field(default_factory=dict)
     speeds: np.ndarray | None = None
     common: np.ndarray | None = None
 
@@ -237,11 +238,14 @@ class Measurements:
         """
         if error is None:
             return self
+        given = error
         if isinstance(error, str):
             with about("Argument `error`", MeasurementError):
                 error = ErrorModel.read(error, self.dimension, self.units)
         if not isinstance(error, ErrorModel):
             error = ErrorModel(error)
+        words = given if isinstance(given, str) else error.in_words(self.dimension, self.units)
+        reading = {**self.reading, "error": words}
         if self.uncertainty is not None and error.has_own:
             raise MeasurementError(
                 f"Argument `error` must be left out, but for that of each speed: {self.source} has a column of "
@@ -251,12 +255,12 @@ class Measurements:
             own = error if error.has_own else self.error or error
             error = dataclasses.replace(own, common=error.common)
             if self.uncertainty is not None or not error.has_own:
-                return dataclasses.replace(self, error=error, speeds=self._speeds())
+                return dataclasses.replace(self, error=error, speeds=self._speeds(), reading=reading)
         elif self.error is not None:
             error = dataclasses.replace(error, common=self.error.common)
         parts = np.tile([error.absolute, error.relative], (len(self), 1))
         speeds = self._speeds() if error.common else None
-        rows = dataclasses.replace(self, error=error, parts=parts, speeds=speeds).weighed()
+        rows = dataclasses.replace(self, error=error, parts=parts, speeds=speeds, reading=reading).weighed()
         if not rows.deviation.all():
             raise MeasurementError("Argument `error` must have an absolute part, as there are rows without erosion.")
         return rows
@@ -399,7 +403,10 @@ def read_measurements(
         raise MeasurementError(str(problem)) from problem
     path = Path(data) if isinstance(data, (str, Path)) else None
     source = path.name if path else "data"
-    return dataclasses.replace(measured, path=path, per=per or "", source=source).with_error(error)
+    meanings = columns if columns is None or isinstance(columns, str) else written_meanings(columns)
+    given = {"per": per, "columns": meanings, "ignore": ",".join(ignore), "sep": sep, "decimal": decimal}
+    reading = {name: text for name, text in given.items() if text}
+    return dataclasses.replace(measured, path=path, reading=reading, source=source).with_error(error)
 
 
 def unit_system(path: Path, columns: str | Mapping[str, str] | None = None, **options: Any) -> System | None:

@@ -127,7 +127,7 @@ _WORDS = ("title", "units", "warning", "tested", "equations")
 _WITH_A_PATH = (
     re.compile(r"(\s*+samples\s*+\(\s*+)(.+)(\)\s*)", re.DOTALL),  # a law
     re.compile(r"(\s*+)(.+\.toml)(\s*:.+)", re.DOTALL | re.IGNORECASE),  # a material of a table of one's own
-    re.compile(r"(\s*+)(.+\.(?:py|nc|csv))(\s*)", re.DOTALL),  # a model, draws, rows of particles
+    re.compile(r"(\s*+)(.+\.(?:py|nc|csv|toml))(\s*)", re.DOTALL),  # a model, draws, rows of particles, columns
 )
 
 

@@ -35,6 +35,11 @@ def read_meanings(given: str | Mapping[str, str] | None) -> dict[str, str]:
     return meant
 
 
+def written_meanings(meant: Mapping[str, str]) -> str:
+    """Meanings as the text that `read_meanings` takes."""
+    return ", ".join(f"{heading}={text}" for heading, text in meant.items())
+
+
 def explained(title: str, headings: Sequence[str], meant: Mapping[str, str]) -> list[str]:
     """The headings of a table with the units or the names that a user gives them.
 
