@@ -55,7 +55,7 @@ _AHEAD = 3.0  # trials: as far beyond its end as an event is looked for
 _NONSMOOTH_NEAR = 1e-9  # of the time scale: near enough for a motion whose rates may be infinite at the end
 _SHORT_OF_IT = 0.999  # of the way to an expected event
 _TOO_LONG = 256.0  # an error over the tolerance, for which the next step is 0.4 times as long
-_TOGETHER = 1e-12  # of the time scale: events this near happen at once, and one this near the end happens
+TOGETHER = 1e-12  # of the time scale: events this near happen at once, and one this near the end happens
 _TINY = 1e-300
 
 
@@ -427,4 +427,4 @@ def last_moment(event: Scalar, remaining: Scalar, events: Sequence[Ends], scale:
 def at_once(events: Sequence[Ends], remaining: Scalar, scale: Scalar) -> list[Flag]:
     """Which events happen in a time that remains."""
     times = [-event.value / jnp.where(event.rate < 0, event.rate, jnp.nan) for event in events]
-    return [jnp.abs(time - remaining) <= _TOGETHER * scale for time in times]
+    return [jnp.abs(time - remaining) <= TOGETHER * scale for time in times]

@@ -52,6 +52,7 @@ class Segment(NamedTuple):
         time: since the motion began.
         count: events so far, of all motions of a chain.
         at_once: for each event whether it happens there.
+        arrives: whether the time has come at which the lane ends without an event.
         greatest: the greatest size of each row of the motion itself, where the whole state is wanted.
         still_zero: of each event that happened whether its function is zero after the resets, but for rounding.
     """
@@ -62,8 +63,19 @@ class Segment(NamedTuple):
     time: Scalar
     count: Scalar  # pyrefly: ignore
     at_once: Sequence[Flag]
+    arrives: Flag
     greatest: FlatState
     still_zero: Sequence[Flag] = ()
+
+    @property
+    def happening(self) -> list[Flag]:
+        """What happens at its end: of each event, and last of the time at which the lane ends without one."""
+        return [*self.at_once, self.arrives]
+
+    @property
+    def several(self) -> Flag:
+        """Whether more than one of these does."""
+        return sum(jnp.where(flag, 1, 0) for flag in self.happening) > 1
 
 
 def finish_step(problem: "LaneEquations", lane: Lane, time_to_end: Scalar | None) -> tuple[Segment, EndTimeDependence]:
@@ -116,14 +128,17 @@ def happening(
 
 
 def segment_to(
-    lane: Lane, value_and_tangents: tuple[Augmented, ...], event: Scalar, time: Scalar, at_once: Sequence[Flag]
-) -> Segment:
+    lane: Lane, value_and_tangents: tuple[Augmented, ...], event: Scalar, time: Scalar, at_once: Sequence[Flag],
+    time_to_end: Scalar | None, scale: Scalar,
+) -> Segment:  # fmt: skip
     """A motion to the end that its last step found."""
-    happened = (lane.control.mode == ENDED) & (event >= 0)
-    count = lax.convert_element_type(happened, np.int32)
-    return Segment(lane.control, value_and_tangents, event, time, count, at_once, lane.greatest)
+    ended = lane.control.mode == ENDED
+    count = lax.convert_element_type(ended & (event >= 0), np.int32)
+    left = jnp.inf if time_to_end is None else time_to_end - time
+    arrives = ended & (left <= crossings.TOGETHER * scale)
+    return Segment(lane.control, value_and_tangents, event, time, count, at_once, arrives, lane.greatest)
 
 
 def all_finite(flat_state: FlatState) -> Flag:
     """Whether each of them is."""
-    return functools.reduce(jnp.logical_and, map(jnp.isfinite, flat_state))
+    return functools.reduce(jnp.logical_and, map(jnp.isfinite, flat_state), jnp.asarray(True))

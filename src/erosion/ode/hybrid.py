@@ -26,7 +26,7 @@ from erosion.ode.motion import Augmented, Motion, event_function, outputs_of
 from erosion.ode.segments import SegmentLoop, Written
 from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FAILED, FIRST_STEP, SLIDES, UNFINISHED
 from erosion.ode.switches import SwitchedMotion
-from erosion.ode.variational import AlongFlow, AtEvent, Derivatives, EndTimeDependence, at_event
+from erosion.ode.variational import ALIKE, AlongFlow, AtEvent, Derivatives, EndTimeDependence, at_event, differ
 
 _ACCUMULATED = (
     1e-11  # of the time scale, and of the time so far: where an event follows itself sooner, events accumulate
@@ -40,7 +40,6 @@ _ARRIVED = 1e-13  # of the time scale: a lane that has no more time left is at i
 _NEAR = 1e-12  # of the time scale: a bound is zero that would be within so long
 _ULPS = 1e-15  # of the numbers whose difference a bound is: rounding
 _RESTING = 1e-9  # of its rate before a switch: a bound that falls as slowly after it rests there
-_ALIKE = 1e-9, 1e-7, 1e-6  # of their sizes: two states, their first derivatives and second ones are the same
 
 _NO_TIME = Derivatives(None, None, None, None)
 
@@ -143,8 +142,12 @@ class Transitions:
     def shares(self) -> list[float]:
         """Of their sizes: by so much the parts of two equal states with their tangents may differ."""
         tangents = len(self.problem.initial) // self.problem.width - 1
-        first = [_ALIKE[1]] * (tangents - 1 if self.problem.order == 2 else tangents)
-        return [_ALIKE[0], *first, *[_ALIKE[2]] * (self.problem.order == 2)]
+        first = [ALIKE[1]] * (tangents - 1 if self.problem.order == 2 else tangents)
+        return [ALIKE[0], *first, *[ALIKE[2]] * (self.problem.order == 2)]
+
+    def ends(self, instant: Instant) -> Flag:
+        """Whether a lane ends with the events so far."""
+        return jnp.logical_not(instant.survives & (instant.count < self.most))
 
     def at_event(self, instant: Instant, event: Scalar, later: Flag) -> Instant:
         """At an event's own time, if that may be `later` in its derivatives than the time of the event before it.
@@ -246,11 +249,9 @@ class Transitions:
             own_time: whether it has its own time; None where it has that of another event.
             jumps: whether its function jumped, and did not fall.
         """
-        equations, written = self.problem.equations, instant.written
-        if own_time is not None:
-            written = self.loop.after_switch(written, fires & own_time)
-            if self.problem.order:
-                instant = self.at_event(instant, bound, fires & own_time)
+        equations = self.problem.equations
+        if own_time is not None and self.problem.order:
+            instant = self.at_event(instant, bound, fires & own_time)
         value_and_tangents = instant.value_and_tangents
         place = bound - self.problem.own_events
 
@@ -267,7 +268,6 @@ class Transitions:
             met=chosen(fires, value_and_tangents, instant.met),
             happened=instant.happened | fires,
             at_once=at_once,
-            written=written,
         )
 
     def in_modes(self, instant: Instant, located: Sequence[Flag], before: Sequence[Scalar]) -> Instant:
@@ -328,9 +328,6 @@ class Transitions:
         if not self.problem.order or len(self.problem.directions) < 2:
             return instant
 
-        def ends(instant: Instant) -> Flag:
-            return jnp.logical_not(instant.survives & (instant.count < self.most))
-
         def compared(instant: Instant, at_end: Flag) -> list[tuple[Augmented, Scalar]]:
             """The state at a fixed time; where the lane ends, the state there and the time."""
             since = equations.unpack(tuple(-part for part in instant.elapsed))
@@ -346,42 +343,40 @@ class Transitions:
             value_and_tangents = equations.pack(end.outputs)
             start = before._replace(value_and_tangents=value_and_tangents, elapsed=gone, soonest=gone, latest=gone)
             other = self.in_turn(start, segment, last, forwards=False)
-            at_end = ends(instant) & ends(other) & (instant.last == other.last)
-            one, two = compared(instant, at_end), compared(other, at_end)
+            is_end, other_ends = self.ends(instant), self.ends(other)
+            one, two = compared(instant, is_end), compared(other, other_ends)
             soonest = map(jnp.minimum, instant.soonest, other.soonest)
             times = zip(soonest, map(jnp.maximum, instant.latest, other.latest), strict=True)
-            apart = [_differ(*each, share=share, size=0.0) for each, share in zip(times, self.shares, strict=True)]
+            apart = [differ(*each, share, 0.0) for each, share in zip(times, self.shares, strict=True)]
             if equations.order == 2:
                 apart[-1] = functools.reduce(jnp.logical_or, apart[1:])
-            unlike = jax.tree.map(functools.partial(_differ, share=_ALIKE[0], size=0.0), one[0], two[0])
+            unlike = jax.tree.map(lambda a, b: differ(a, b, ALIKE[0], 0.0) | (is_end != other_ends), one[0], two[0])
             parts = list(zip(instant.value_and_tangents, instant.met, instant.elapsed, strict=True))
             for k in range(1, len(one)):
                 lost, is_late = jax.tree.map(
                     lambda a, b, u, jump, moves=apart[k], share=self.shares[k]: moves
-                    & (jump | _differ(a, b, share=share, size=u)),
+                    & (jump | differ(a, b, share, u)),
                     one[k], two[k], one[0], unlike,
                 )  # fmt: skip
                 parts[k] = jax.tree.map(lambda u, gone: jnp.where(gone, jnp.nan, u), parts[k], (lost, lost, is_late))
             value_and_tangents, met, elapsed = zip(*parts, strict=True)
             return instant._replace(value_and_tangents=value_and_tangents, met=met, elapsed=elapsed)
 
-        several = sum(jnp.where(near, 1, 0) for near in segment.at_once) > 1
-        return lax.cond(several, checked, lambda: instant)
+        return lax.cond(segment.several, checked, lambda: instant)
 
-    def two_sided_at_end(
-        self, instant: Instant, met: Instant, at_once: Sequence[Flag], time_to_end: Derivatives
-    ) -> Instant:
-        """Without the derivatives that a break exactly at the end of the lane has on one side alone.
+    def two_sided_at_end(self, instant: Instant, met: Instant, arrives: Flag, time_to_end: Derivatives) -> Instant:
+        """Without the derivatives that events exactly at the end of the lane have on one side alone.
 
         Args:
-            instant: after the switches.
+            instant: after the events.
             met: before them.
-            at_once: of each event whether it happens there.
-            time_to_end: when the lane ends.
+            arrives: whether the lane would end there without them.
+            time_to_end: when that is.
         """
         equations = self.problem.equations
-        if not self.problem.order or not self.bounds or time_to_end.value is None:
+        if not self.problem.order or time_to_end.value is None:
             return instant
+        late, stops = equations.pack(time_to_end), self.ends(instant)
 
         def ended(at: Instant) -> tuple[tuple[Augmented, ...], Augmented]:
             remaining = jax.tree.map(jnp.subtract, time_to_end, equations.unpack(at.elapsed))
@@ -389,27 +384,36 @@ class Transitions:
             end = at_event(along, jnp.full((), ARRIVED), at.elapsed[0], _itself, remaining)
             return equations.pack(end.outputs), along.curve(_itself)
 
-        def checked() -> tuple[Augmented, ...]:
+        def checked() -> Instant:
             (one, curve), (two, other) = ended(instant), ended(met)
-            # The break is as near the end as rounding says: by so much the rates have changed.
-            late = jnp.abs(self.problem.clock.t0) + time_to_end.value
-            rounding = time_to_end.value * (_ARRIVED * self.problem.time_scale + _ULPS * late)
-            sizes = jax.tree.map(lambda a, b: rounding * (jnp.abs(a) + jnp.abs(b)), curve, other)
-            value_and_tangents = [instant.value_and_tangents[0]]
+            one = chosen(stops, instant.met, one)
+            # The event is as near the end as rounding says: by so much the rates have changed.
+            size = jnp.abs(self.problem.clock.t0) + late[0]
+            rounding = late[0] * (_ARRIVED * self.problem.time_scale + _ULPS * size)
+            least = jax.tree.map(lambda a, b: rounding * (jnp.abs(a) + jnp.abs(b)), curve, other)
+            jumps = jax.tree.map(lambda a, b: differ(a, b, ALIKE[0], 0.0), one[0], two[0])
+            if self.problem.switches is not None:
+                # A mode jumps where nothing that is wanted does.
+                rows, modes = len(self.problem.switches.moves), self.problem.switches.count
+                jumps = jumps._replace(state=(*jumps.state[:rows], *[jnp.asarray(False)] * modes))
+            times = zip(instant.elapsed, late, self.shares, strict=True)
+            apart = [differ(own, given, share, late[0]) for own, given, share in times]
+            if equations.order == 2:
+                apart[-1] = functools.reduce(jnp.logical_or, apart[1:])
+            parts = list(zip(instant.value_and_tangents, instant.met, instant.elapsed, strict=True))
             for k in range(1, len(one)):
                 lost = jax.tree.map(
-                    lambda a, b, u, least, share=self.shares[k]: _differ(a, b, share=share, size=u)
-                    & (jnp.abs(a - b) > least),
-                    one[k], two[k], one[0], sizes,
+                    lambda a, b, u, least, jump, moves=apart[k], share=self.shares[k]: moves
+                    & (jump | (differ(a, b, share, u) & (jnp.abs(a - b) > least))),
+                    one[k], two[k], one[0], least, jumps,
                 )  # fmt: skip
-                value_and_tangents.append(
-                    jax.tree.map(lambda u, gone: jnp.where(gone, jnp.nan, u), instant.value_and_tangents[k], lost)
+                parts[k] = jax.tree.map(
+                    lambda u, gone: jnp.where(gone, jnp.nan, u), parts[k], (lost, lost, stops & apart[k])
                 )
-            return tuple(value_and_tangents)
+            value_and_tangents, met_there, elapsed = zip(*parts, strict=True)
+            return instant._replace(value_and_tangents=value_and_tangents, met=met_there, elapsed=elapsed)
 
-        here = functools.reduce(jnp.logical_or, [at_once[i] for i in self.bounds])
-        is_end = here & (time_to_end.value - instant.elapsed[0] <= _ARRIVED * self.problem.time_scale)
-        return instant._replace(value_and_tangents=lax.cond(is_end, checked, lambda: instant.value_and_tangents))
+        return lax.cond(arrives & instant.happened, checked, lambda: instant)
 
     def two_sided_at_start(self, value_and_tangents: tuple[Augmented, ...]) -> tuple[Augmented, ...]:
         """A state at the start without the derivatives that a break exactly there has on one side alone."""
@@ -430,7 +434,7 @@ class Transitions:
                 return motion.switched(jnp.asarray(j), jnp.asarray(False), at)
 
             other = jax.tree.leaves(equations.rate(equations.pack(equations.of(beyond, value_and_tangents))))
-            jumps = [_differ(*pair, share=_ALIKE[0], size=0.0) for pair in zip(flow, other, strict=True)]
+            jumps = [differ(*pair, ALIKE[0], 0.0) for pair in zip(flow, other, strict=True)]
             width = self.problem.width
             breaks, bends = (
                 functools.reduce(jnp.logical_or, those) for those in (jumps[:width], jumps[: len(jumps) - width])
@@ -591,7 +595,7 @@ def trajectory(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEv
     initial, written = problem.value_and_tangents(problem.initial), [recorder.begin() for recorder in loop.recorders]
     elapsed = tuple(zero for _ in initial)
     sizes = problem.method.sizes_at_start(problem.initial, None)
-    start = Segment(control, initial, none - 1, zero, none, nothing, sizes, nothing)
+    start = Segment(control, initial, none - 1, zero, none, nothing, no, sizes, nothing)
 
     def ended(
         instant: Instant, endless: Flag, segment: Segment, amplification: Scalar, accumulates: Flag, hops: Flag
@@ -646,7 +650,7 @@ def trajectory(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEv
         )
         instant = transitions.in_turn(met, segment, segment.event, forwards=True)
         instant = transitions.commuting(instant, segment, along, met._replace(elapsed=so_far.elapsed))
-        instant = transitions.two_sided_at_end(instant, met, segment.at_once, time_to_end)
+        instant = transitions.two_sided_at_end(instant, met, segment.arrives, time_to_end)
         rounding, falling = transitions.here.events(value_and_tangents[0]), transitions.rates(value_and_tangents[0])
         functions = [jnp.where(near, 0.0, value) for near, value in zip(segment.at_once, rounding, strict=True)]
         flat = None
@@ -716,11 +720,6 @@ def trajectory(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEv
 
 def _itself(at: Augmented, _: Motion) -> Augmented:
     return at
-
-
-def _differ(one: Scalar, other: Scalar, *, share: float, size: Scalar) -> Flag:
-    """Whether two numbers are unlike, relative to their sizes and a part of another."""
-    return jnp.abs(one - other) > share * (jnp.abs(one) + jnp.abs(other)) + _ALIKE[0] * jnp.abs(size)
 
 
 def chosen(condition: Flag, this: PyTree, that: PyTree) -> PyTree:

@@ -3,7 +3,6 @@
 Plain JAX for one lane's numbers. `erosion.lanes` compiles it for many at a time.
 """
 
-import functools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -13,7 +12,7 @@ import numpy as np
 from jax import lax
 
 from erosion.arguments import Flag, Number, PerImpact, Scalar
-from erosion.ode.event_location import Segment
+from erosion.ode.event_location import Segment, all_finite
 from erosion.ode.hybrid import trajectory
 from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.methods.base import LEAST
@@ -102,7 +101,8 @@ def _single(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEvent
     time_to_end = problem.time_to_end
     written = [recorder.begin() for recorder in loop.recorders]
     motion, along, written = loop.to_its_event(problem.initial, time_to_end.value, written, None, ())
-    end = at_event(along, motion.event, motion.time, outputs_of, time_to_end)
+    happening = motion.happening if problem.options.arm_on_return else ()
+    end = at_event(along, motion.event, motion.time, outputs_of, time_to_end, happening)
     return motion, end, loop.after_segment(written, motion)
 
 
@@ -120,12 +120,14 @@ def _finish(
     both = zip(equations.unscale(time), equations.unscale(outputs), strict=True)
     results = Derivatives(*(None if of_time is None else [of_time, of_outputs] for of_time, of_outputs in both))
     numbers, structure = jax.tree.flatten(results)
+    values = len(jax.tree.leaves(results.value))
     ended = problem.method.is_known(control.mode == ENDED, end.amplification)
-    finite = functools.reduce(jnp.logical_and, map(jnp.isfinite, numbers), ended)
+    # Of several events at the end, derivatives in which they differ are NaN.
+    finite = ended & all_finite(numbers[:values]) & (all_finite(numbers[values:]) | motion.several)
     # What an unfinished lane has reached is told, where nothing else says so.
     reached = finite | (control.mode == UNFINISHED) if problem.options.reports_state else finite
-    known = [jnp.where(reached, number, jnp.nan) for number in numbers[: len(jax.tree.leaves(results.value))]]
-    others = [jnp.where(finite, number, jnp.nan) for number in numbers[len(known) :]]
+    known = [jnp.where(reached, number, jnp.nan) for number in numbers[:values]]
+    others = [jnp.where(finite, number, jnp.nan) for number in numbers[values:]]
     results = jax.tree.unflatten(structure, known + others)
     time, outputs = (Derivatives(*(part and part[i] for part in results)) for i in range(2))
     least = [LEAST * size for size in problem.sizes_of_state(motion.greatest)]

@@ -1,7 +1,7 @@
 """The motion of one lane: what is integrated, and the functions of it."""
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -57,13 +57,18 @@ def outputs_of(at: Augmented, motion: Motion) -> list[Scalar]:
     return motion.outputs(at)
 
 
+def events_of(at: Augmented, motion: Motion) -> list[Scalar]:
+    """The event functions of a motion."""
+    return motion.events(at)
+
+
 def event_function(event: Scalar) -> OfMotion:
     """The function of an event, by its index; 0 for one below 0."""
+    return lambda at, motion: of_event(event, motion.events(at), jnp.zeros(()))
 
-    def function(at: Augmented, motion: Motion) -> Scalar:
-        chosen = jnp.zeros(())
-        for i, value in enumerate(motion.events(at)):
-            chosen = jnp.where(event == i, value, chosen)
-        return chosen
 
-    return function
+def of_event(event: Scalar, numbers: Sequence[Scalar], otherwise: Scalar) -> Scalar:
+    """That number of all events' which is the event's; another one for an index below 0."""
+    for i, number in enumerate(numbers):
+        otherwise = jnp.where(event == i, number, otherwise)
+    return otherwise

@@ -1,7 +1,6 @@
 """Recorders of a lane's motion; see `erosion.ode.tape`. A recorder holds all motions of a lane."""
 
 import abc
-import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -85,20 +84,13 @@ class Steps(Recorder):
     def after_last_step(self, written: Tape, lane: Lane, motion: Segment) -> Tape:
         """See `Recorder`."""
         written = written.with_step(motion.time - lane.control.time, lane.state, jnp.asarray(True))
-        has = written.has_derivatives & ~has_no_derivatives(self.problem, motion)
+        # Several events at one time are gone through forwards.
+        has = written.has_derivatives & ~has_no_derivatives(self.problem, motion) & ~motion.several
         return written._replace(has_derivatives=has, elapsed=sum(self.elapsed[:1], motion.time))  # pyrefly: ignore
 
     def after_segment(self, written: Tape, segment: Segment) -> Tape:
         """See `Recorder`."""
         return written.with_event(segment.event, jax.tree.leaves(segment.value_and_tangents))
-
-    def after_event(
-        self, written: Tape, event: int, fires: Flag, at_once: Sequence[Flag], at: tuple[Augmented, ...]
-    ) -> Tape:
-        """See `Recorder`: several events at one time are gone through forwards."""
-        others = [flag for i, flag in enumerate(at_once) if i != event]
-        several = fires & functools.reduce(jnp.logical_or, others, jnp.asarray(False))
-        return self.after_switch(written, several)
 
     def after_switch(self, written: Tape, fires: Flag) -> Tape:
         """See `Recorder`."""

@@ -371,8 +371,7 @@ class Solution(Result):
                 )
             lost = np.count_nonzero(none) - stiff
             if lost:
-                several = sum(reset is not None for reset in self.problem.resets()) > 1
-                at_once = "events happen at once whose order matters, " if several else ""
+                at_once = "events happen at once, or one at `t1`, whose order matters, " if self.problem.events else ""
                 signature = self.lanes.signature
                 root = "the argument of a root or a power vanishes, " if may_have_kinks(signature) else ""
                 at_end = "" if switches_of(signature) is None else "a break is exactly at the start or the end, "

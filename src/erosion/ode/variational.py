@@ -17,13 +17,14 @@ import numpy as np
 from jax import lax
 from jaxtyping import PyTree
 
-from erosion.arguments import Number, Scalar
-from erosion.ode.motion import Augmented, Motion, OfMotion, event_function
+from erosion.arguments import Flag, Number, Scalar
+from erosion.ode.motion import Augmented, Motion, OfMotion, event_function, events_of, of_event
 from erosion.ode.signature import Signature
 from erosion.ode.step_control import ARRIVED
 
 _FLAT = 1e9  # times as much as the state errs the time of an event: its second derivatives have lost their digits
 _FIXED = 1e-9  # of its terms: a first derivative that is smaller is zero by definition
+ALIKE = 1e-9, 1e-7, 1e-6  # of their sizes: two states, their first derivatives and second ones are the same
 
 Direction = int | Scalar
 """The place of an element among the elements of all numbers, see `Signature`; traced, or part of the program."""
@@ -253,6 +254,7 @@ def at_event(
     time: Scalar,
     outputs: OfMotion,
     time_to_end: Derivatives,
+    happening: Sequence[Flag] = (),
 ) -> AtEvent:
     """Derivatives at the event, whose time depends on the parameters as well.
 
@@ -268,23 +270,29 @@ def at_event(
         time: since the start.
         outputs: what is wanted there, numbers.
         time_to_end: the time at which a lane without an event ends, with its derivatives.
+        happening: of each event whether it happens there, and last whether that time has come. Any of these may come
+            first by a small change of a number: derivatives of the time in which they differ are NaN.
     """
     each, order, function = jax.tree.map, along.equations.order, event_function(event)
-    wanted, g_rate = along.here(outputs), along.rate(function)
+    wanted, g_rate = along.here(outputs), along.rate(events_of)
     # Where no event ended the motion its time is given.
-    g_rate = g_rate._replace(value=jnp.where(event < 0, 1.0, g_rate.value))
-    amplification = along.amplification(function, g_rate.value, time)
+    amplification = along.amplification(function, of_event(event, g_rate.value, 1.0), time)
     if order == 0:
         return AtEvent(Derivatives(time, None, None, None), wanted, amplification)
-    g, r = along.here(function), along.rate(outputs)
+    g, r = along.here(events_of), along.rate(outputs)
 
-    def or_given(of_event: Scalar, given: Scalar | None) -> Scalar:
-        return of_event if given is None else jnp.where(event == ARRIVED, given, of_event)
+    def of_time(by_events: Sequence[Scalar], given: Scalar | None, share: float) -> Scalar:
+        """A derivative of the time, from those of all event functions."""
+        times = [-by / rate for by, rate in zip(by_events, g_rate.value, strict=True)]
+        found, others = of_event(event, times, 0.0), times
+        if given is not None:
+            found, others = jnp.where(event == ARRIVED, given, found), [*times, given]
+        for happens, other in zip(happening, others, strict=False):
+            found = jnp.where(happens & (differ(found, other, share, time) | jnp.isnan(other)), jnp.nan, found)
+        return found
 
-    t_first, t_other = (
-        or_given(-g.by_first / g_rate.value, time_to_end.by_first),
-        or_given(-g.by_second / g_rate.value, time_to_end.by_second),
-    )
+    t_first = of_time(g.by_first, time_to_end.by_first, ALIKE[1])
+    t_other = of_time(g.by_second, time_to_end.by_second, ALIKE[1])
     v_first = each(lambda v, flow: v + flow * t_first, wanted.by_first, r.value)
     v_other = each(lambda v, flow: v + flow * t_other, wanted.by_second, r.value)
     if order == 1:
@@ -292,14 +300,13 @@ def at_event(
             Derivatives(time, t_first, t_other, None), Derivatives(wanted.value, v_first, v_other, None), amplification
         )
     assert isinstance(along, AlongFlow)
-    g_curve, r_rate = along.curve(function), along.curve(outputs)
+    g_curve, r_rate = along.curve(events_of), along.curve(outputs)
 
     def chain(mixed: Scalar, first: Scalar, other: Scalar, curve: Scalar) -> list[Scalar]:
         return [mixed, first * t_other, other * t_first, curve * t_first * t_other]
 
-    t_second = or_given(
-        -sum(chain(g.mixed, g_rate.by_first, g_rate.by_second, g_curve)) / g_rate.value, time_to_end.mixed
-    )
+    bends = [sum(chain(*parts)) for parts in zip(g.mixed, g_rate.by_first, g_rate.by_second, g_curve, strict=True)]
+    t_second = of_time(bends, time_to_end.mixed, ALIKE[2])
     if along.equations.signature.options.arm_on_return:
         # So flat a function leaves no digits of them.
         t_second = jnp.where(amplification < _FLAT, t_second, jnp.nan)
@@ -324,6 +331,11 @@ def at_event(
         Derivatives(wanted.value, v_first, v_other, v_second),
         amplification * worst,
     )
+
+
+def differ(one: Scalar, other: Scalar, share: float, size: Scalar) -> Flag:
+    """Whether two numbers are unlike, relative to their sizes and a part of another."""
+    return jnp.abs(one - other) > share * (jnp.abs(one) + jnp.abs(other)) + ALIKE[0] * jnp.abs(size)
 
 
 def _along_flow(function: OfMotion) -> OfMotion:

@@ -315,7 +315,8 @@ class Rodas5P(Method):
         along = LastStep(self, flat_state, rates, lane.greatest)
         at_once = happening(self.problem, ended, search.event, search.remaining, search.events, scale)
         time = control.time + jnp.where(stepped, search.length, 0.0)
-        return segment_to(lane, self.problem.value_and_tangents(flat_state), search.event, time, at_once), along
+        value_and_tangents = self.problem.value_and_tangents(flat_state)
+        return segment_to(lane, value_and_tangents, search.event, time, at_once, time_to_end, scale), along
 
 
 def length_of(time_to_event: Scalar, scale: Scalar) -> Scalar:

@@ -305,8 +305,9 @@ class RungeKutta(Method):
         along = AlongFlow(self.problem.equations, self.problem.value_and_tangents(flat_state), time_to_event)
         at_once = happening(self.problem, ended, event, remaining, events, scale)
         motion = segment_to(
-            lane._replace(control=control), along.value_and_tangents, event, control.time + passed + remaining, at_once
-        )
+            lane._replace(control=control), along.value_and_tangents, event, control.time + passed + remaining, at_once,
+            time_to_end, scale,
+        )  # fmt: skip
         return motion, along
 
     def _searched(self, lane: Lane, start: Scalar, state: FlatState, moves: Flag, scale: Scalar) -> _Search:
