@@ -13,10 +13,10 @@ from benchmarks.page import Table
 from erosion import ode
 
 TITLE = "Accuracy"
-TEXT = """At the default `rtol`, 1e-9: relative errors of random lanes at their events against heyoka at 1e-15, at 99 %
-of the lanes and at worst. Of an impact the values are the volume and its derivatives by α; of the others all parts
-of the state and an integral. Values that pass through zero are relative to their median size. "Wrong" counts
-other events; where the two programs differ, scipy at 1e-13 decides."""
+TEXT = """At the default `rtol`, 1e-9: relative errors of 20,000 random lanes at their events against heyoka at 1e-15,
+at 99 % of the lanes and at worst. The values are the volume of an impact, else the state and an integral; those that
+pass through zero are relative to their median size. "Wrong" counts other events; where the two programs differ, scipy
+at 1e-13 decides."""
 
 _ZERO = 1e-9  # of its size: a part that is zero by definition
 _LEAST = 1e-5  # of its size: a part that decays to less need not be known relative to itself
@@ -98,6 +98,6 @@ def measure(quick: bool) -> Table:
         of_derivatives, (_, slope, bend) = errors(case, first(lanes, count // 20), 2)
         total += of_values + of_derivatives
         pairs = [f"{error[0]:.1e}, {error[1]:.1e}" for error in (*plain, slope, bend)]
-        rows.append([case.name, count, of_values + of_derivatives, *pairs])
-    head = ["problem", "lanes", "wrong", "values: 99 %, worst", "first derivatives", "second derivatives"]
+        rows.append([case.name, of_values + of_derivatives, *pairs])
+    head = ["problem", "wrong", "values: 99 %, worst", "first derivatives", "second derivatives"]
     return Table(head, rows, total)

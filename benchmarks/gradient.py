@@ -12,9 +12,9 @@ from benchmarks.timing import by_turns, processor_time, warm
 from erosion import ode
 
 TITLE = "Gradients"
-TEXT = """Value and gradient of a loss over the event times of 1,000 pendulums, by the weights of a network that is a
-torque beside gravity. diffrax (Tsit5, its checkpointed adjoint) has `rtol` 1e-8, and erosion the loosest at
-which its gradient is as exact. "First" includes compiling."""
+TEXT = """A loss over the event times of 1,000 pendulums, and its gradient by the weights of a network that is a torque
+beside gravity. diffrax (Tsit5, checkpointed adjoint) has `rtol` 1e-8, erosion the loosest at which its gradient is as
+exact. "First" includes compiling."""
 
 DIFFRAX = 1e-8
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)

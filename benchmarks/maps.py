@@ -16,8 +16,7 @@ from erosion.cfd.surface import Surface
 from tests.cfd.tables import hump
 
 TITLE = "Maps"
-TEXT = """Two million impacts on 40,000 faces, made block by block as a reader makes them, on all cores; the time of
-making them is taken off. The memory does not grow with the rows."""
+TEXT = """Two million impacts on 40,000 faces, block by block, on all cores. The memory does not grow with the rows."""
 
 P = erosion.TABLE_1.to("si")
 

@@ -86,5 +86,5 @@ def write(sections: Mapping[str, ModuleType]) -> None:
     (DOCS / "performance.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 
-HEAD = """How long answers take, and how exact they are, beside other packages. `make bench` makes this page from
-`benchmarks/results.json`. Above a load of 1 for each core only ratios mean something."""
+HEAD = """How long answers take, and how exact they are, beside other packages. `make bench` makes this page. Above a
+load of 1 for each core only ratios mean something."""

@@ -11,10 +11,10 @@ from benchmarks.page import Table
 from benchmarks.timing import by_turns, warm
 
 TITLE = "Speed beside others"
-TEXT = """Random lanes of an impact and of six other problems, each integrated to its event: processor time of a lane by
+TEXT = """Random lanes, each integrated to its event: processor time of a lane by
 erosion, warm, on one core, and the times of others over that. Each has the loosest tolerance at which 99 % of its
-results (the volume of an impact, else the time of the event) are within 2e-9 of heyoka's at 1e-15, if one from 1e-7 to
-1e-12 is enough ("none" if not); lanes with another event, or off by 1e-6, are wrong. "Refilled" replaces each lane of
+results (the volume of an impact, else the time of the event) are within 2e-9 of heyoka's at 1e-15 ("none": 1e-12 is
+not enough); lanes with another event, or off by 1e-6, are wrong. "Refilled" replaces each lane of
 heyoka's SIMD batch as soon as it has ended. diffrax is Dopri8 under `vmap`, and loses an event function that falls
 below zero and returns within a step. scipy is DOP853; it does not leave the section on which the three bodies
 begin."""
