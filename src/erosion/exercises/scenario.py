@@ -46,7 +46,7 @@ def _turns_too_far(p: Parameters, alpha: float) -> str:
     """What to say of an angle at which the grain turns by more than 90°; empty for any other."""
     if not 0 < alpha <= math.pi / 2:
         return ""
-    turn = abs(math.degrees(float(impact("rotating", _at(p, alpha=alpha)).turn)))
+    turn = math.degrees(float(impact("rotating", _at(p, alpha=alpha)).turn))
     return f"This cut turns by {turn:.3g}°; count only cuts within 90°." if turn > 90 else ""
 
 

@@ -167,8 +167,8 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
     if motion.t_c:
         after = f"{motion.t_c / time.size:.4g} {time.unit}"
         end = f"{motion.ended_by} after {after}"
-    if motion.t_c and np.isfinite(motion.turn) and motion.turn:
-        end += f", the body turned by {np.rad2deg(motion.turn):.4g}°".replace("-", "−")
+    if motion.turn > 0:
+        end += f", the body turned by {np.rad2deg(motion.turn):.4g}°"
     content = {
         "t": motion.t.tolist(),
         "x": (motion.x_tip / length.size).tolist(),
@@ -263,7 +263,7 @@ def _turn(turned: Turned) -> str:
     if not np.isfinite(turned.turn[-1]):
         return "–"
     finding = f"<br><small class='beyond'>{html.escape(BEYOND_LABEL)}</small>" if turned.beyond[-1] else ""
-    return f"{np.rad2deg(turned.turn[-1]):.4g}°".replace("-", "−") + finding
+    return f"{np.rad2deg(turned.turn[-1]):.4g}°{finding}"
 
 
 def _of_the_cut(computed: Computed) -> str:

@@ -130,7 +130,7 @@ class Predictor(Result):
             hypotheses.append((hypothesis, _some_of(hypothesis.values, wanted)))
         return hypotheses
 
-    def share_turned(self, conditions: Mapping[str, np.ndarray]) -> float:
+    def share_turned(self, conditions: Mapping[str, Any]) -> float:
         """In what share of impacts under conditions, at some draws, the body turns by more than 90°."""
         chosen = (values for _, values in self.chosen(_FEW) if _size(values))
         drawn = [{name: value[:, None] for name, value in values.items()} for values in chosen]

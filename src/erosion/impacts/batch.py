@@ -290,11 +290,11 @@ class Impact(Result):
 
     @property
     def turn(self) -> PerImpact:
-        """How far the body turned, φ(t_c) - φ(0) [rad]; NaN of a model without an orientation; see `end`."""
+        """How far the body turned, |φ(t_c) - φ(0)| [rad]; NaN of a model without an orientation; see `end`."""
         state = self.state
         if not isinstance(state, State):
             return np.full(np.shape(self.volume), np.nan)[()]
-        return np.asarray(state.phi - self.model.initial_state(self.p).phi)[()]
+        return np.abs(state.phi - self.model.initial_state(self.p).phi)[()]
 
     @property
     def quantities(self) -> Mapping[str, PerImpact]:

@@ -167,8 +167,8 @@ class Trajectory(Result):
 
     @property
     def turn(self) -> float:
-        """How far the body turned, φ(t_c) - φ(0) [rad]."""
-        return float(self.phi[-1] - self.phi[0]) if isinstance(self.states, State) else math.nan
+        """How far the body turned, |φ(t_c) - φ(0)| [rad]."""
+        return abs(float(self.phi[-1] - self.phi[0])) if isinstance(self.states, State) else math.nan
 
     @property
     def findings(self) -> tuple[Finding, ...]:

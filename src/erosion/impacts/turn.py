@@ -77,7 +77,7 @@ def turn_of(model: CuttingModel, p: Parameters) -> PerImpact:
     """How far the body turns in each cut [rad]; NaN of a model without an orientation."""
     if not turns(model, p):
         return np.full(np.broadcast_shapes(*(np.shape(value) for value in values(model, p).values())), np.nan)[()]
-    return impact(Turn(model), p, rtol=_RTOL).volume
+    return np.abs(impact(Turn(model), p, rtol=_RTOL).volume)
 
 
 def turns(model: CuttingModel, p: Parameters) -> bool:

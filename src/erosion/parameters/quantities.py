@@ -512,7 +512,7 @@ RESULTS = {
     "total_volume": Quantity("ΣV", "removed by all the particles computed", "volume"),
     "erosion": Quantity("E", "removed volume per unit mass of particles", "volume per mass"),
     "max_depth": Quantity("d_max", "greatest depth of the tip", "length"),
-    "turn": Quantity("Δφ", "how far the body turned", "angle"),
+    "turn": Quantity("|Δφ|", "how far the body turned", "angle"),
     "specific_volume": Quantity("V/m", "removed volume per mass of particles", "volume per mass"),
     "mass_loss": Quantity("Δm", "mass loss per impact", "mass"),
     "erosion_ratio": Quantity("Δm/m", "mass loss per mass of particles", "mass per mass"),

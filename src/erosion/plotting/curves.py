@@ -348,7 +348,7 @@ def plot_turn(ax: Axes, angles: np.ndarray, turn: np.ndarray, ended_by: np.ndarr
     Args:
         ax: empty axes.
         angles: α, ascending, shape (n,) [rad].
-        turn: Δφ, shape (n,) [rad].
+        turn: |Δφ|, shape (n,) [rad].
         ended_by: shape (n,).
     """
     changes = np.flatnonzero(ended_by[1:] != ended_by[:-1]) + 1
@@ -357,9 +357,8 @@ def plot_turn(ax: Axes, angles: np.ndarray, turn: np.ndarray, ended_by: np.ndarr
         shown = ended_by == end
         ax.plot(np.rad2deg(angles[shown]), np.rad2deg(turn[shown]), "o", color=ENDS.get(end, INK), markersize=5,
                 label=end_label(end))  # fmt: skip
-    for limit in (-90, 90):
-        if np.any(np.rad2deg(turn) / limit > 1):
-            ax.axhline(limit, color=DIM, linestyle=":", linewidth=1.9, label="90°: limit of validity")
+    if np.any(turn > np.pi / 2):
+        ax.axhline(90, color=DIM, linestyle=":", linewidth=1.9, label="90°: limit of validity")
     ax.yaxis.set_major_formatter("{x:g}°")
     return _over_angles(ax, f"{RESULTS['turn'].symbol}  {RESULTS['turn'].meaning}", 2)
 
@@ -402,8 +401,10 @@ def plot_against_correlations(comparison: xr.Dataset, correlations: Sequence[str
     for name in comparison.model.values:
         results = comparison.sel(model=name)
         angles, volume = broken(results.alpha.values, results.volume.values, results.dvolume.values)
+        beyond = np.isin(angles, results.alpha.values[results.turned_beyond.values])
         best = (float(results.alpha_max), float(results.volume_max))
-        curves.append(ShapeCurve(str(name), angles, volume, best if np.isfinite(best).all() and best[1] > 0 else None))
+        has_best = bool(np.isfinite(best).all() and best[1] > 0)
+        curves.append(ShapeCurve(str(name), angles, volume, best if has_best else None, beyond=beyond))
     fig, ax = new_axes(6.6, 4.4 + 0.11 * (len(curves) + len(correlations)))
     plot_shapes(ax, curves, correlations)
     return fig

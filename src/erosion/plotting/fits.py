@@ -19,7 +19,8 @@ from erosion.fits.problem import FitProblem
 from erosion.models import model_name
 from erosion.parameters import RESULTS, Scale, readable_scale, unit_name
 from erosion.plotting.labels import ENDS, INK, MARKS, PALETTE, STYLES, coinciding
-from erosion.plotting.style import angle_axis, house_style, new_figure, typeset
+from erosion.plotting.style import angle_axis, house_style, mark_turned, new_figure, typeset
+from erosion.results import Finding, found
 
 _FIT_ANGLES = np.deg2rad(np.linspace(0.5, 90.0, 180))
 _DASHES: Sequence[Any] = (
@@ -60,6 +61,7 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     lower.axhline(0, color=PALETTE["blue"] if len(groups) == 1 else INK, linewidth=1.4)
     lowest = data.erosion - (0.0 if data.uncertainty is None else data.whole_error)
     upper.set_ylim(bottom=min(0.0, 1.1 * float(lowest.min()) / scale.size))
+    _mark_turned(upper, best.predictor, groups)
     angle_axis(lower)
     lower.set_xlim(0, _RIGHT)
     _legend(fig, [upper], 3, f"bands: {level:.0%} of the mean, by {', '.join(best.predictor.parts)}")
@@ -103,6 +105,12 @@ def _draw_curves(
         if len(groups) > 1:
             # One entry for a model, whatever the colour.
             ax.plot([], [], color=INK, linestyle=_DASHES[rank], linewidth=1.4 if rank else 2.0, label=name)
+
+
+def _mark_turned(ax: Axes, predictor: Predictor, groups: Sequence[Condition]) -> None:
+    """An entry of the legend where bodies turn by more than 90° along some curve."""
+    share = max(predictor.share_turned({"alpha": _BAND_ANGLES, **group.values}) for group in groups)
+    mark_turned(ax, found((share, Finding("turned_beyond_at_draws", numbers={"share": share}))))
 
 
 def _draw_rows(
@@ -279,6 +287,7 @@ def _draw_means(axes: Sequence[Axes], predictor: Predictor, groups: Sequence[Con
     what = groups[0].label if is_alone else data.source
     upper.set_title(f"{model_name(predictor.problem.model)}  {what}", fontsize="small", loc="left", wrap=True)
     upper.set_ylim(bottom=0)
+    _mark_turned(upper, predictor, groups)
     _legend(fig, (upper, *lower), 4, f"bands: of the mean, by {', '.join(predictor.parts)}")
     _label_whole(upper, f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}", _unit(scale).strip())
     fig.align_ylabels()

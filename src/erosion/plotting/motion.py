@@ -107,7 +107,7 @@ def plot_trajectory(trajectory: Trajectory) -> Figure:
     plot_path(trajectory, ax=halves[0].subplots())
     plot_histories(halves[1], trajectory)
     p, turn = trajectory.p, trajectory.turn
-    turned = f", turned by {np.rad2deg(turn):.4g}°".replace("-", "−") if math.isfinite(turn) and turn else ""
+    turned = f", turned by {np.rad2deg(turn):.4g}°" if turn > 0 else ""
     end = f"{trajectory.ended_by} after {_read('t_c', trajectory.t_c, p.units)}" if trajectory.t_c else NOTHING
     heading = f"{model_name(trajectory.model)} at α = {np.rad2deg(float(p.alpha)):.6g}°: {end}"
     at_contact = trajectory.volume_at_contact

@@ -133,7 +133,7 @@ def body_may_turn(case: ReportCase) -> Answer:
 
 def _turn(case: ReportCase, model: str, alpha: float) -> float | None:
     """How far the body turns in a cut [rad]; None without an angle of greatest removal."""
-    return float(np.abs(turn_of(load_model(model), case.p.replace(alpha=alpha)))) if alpha > 0 else None
+    return float(turn_of(load_model(model), case.p.replace(alpha=alpha))) if alpha > 0 else None
 
 
 def jumps(case: ReportCase, model: str) -> list[Record]:
