@@ -9,11 +9,10 @@ from typing import Any
 from latex2mathml.converter import convert
 from markdown_it import MarkdownIt
 from markdown_it.renderer import RendererHTML
-from markdown_it.rules_block import StateBlock
 from markdown_it.rules_core import StateCore
-from markdown_it.rules_inline import StateInline
 from markdown_it.token import Token
 from markupsafe import Markup
+from mdit_py_plugins.dollarmath import dollarmath_plugin
 
 from erosion.output import briefly
 from erosion.parameters import Dimension, Scale, System, readable_scale, superscript, unit_name
@@ -140,29 +139,6 @@ def inline(text: str) -> Markup:
     return Markup(_MARKDOWN.renderInline(text))
 
 
-def _inline_formula(state: StateInline, silent: bool) -> bool:
-    """`$LaTeX$` within a line."""
-    end = state.src.find("$", state.pos + 1)
-    if state.src[state.pos] != "$" or end < 0:
-        return False
-    if not silent:
-        state.push("formula", "math", 0).content = state.src[state.pos + 1 : end]
-    state.pos = end + 1
-    return True
-
-
-def _formula_block(state: StateBlock, line: int, _last: int, silent: bool) -> bool:
-    """`$$ LaTeX $$` on lines of its own."""
-    begin = state.bMarks[line] + state.tShift[line]
-    end = state.src.find("$$", begin + 2)
-    if not state.src.startswith("$$", begin) or end < 0:
-        return False
-    if not silent:
-        state.push("formula_block", "div", 0).content = state.src[begin + 2 : end].strip()
-        state.line = line + state.src.count("\n", begin, end) + 1
-    return True
-
-
 def _caption_tables(state: StateCore) -> None:
     """Take the line before each table as its caption.
 
@@ -205,12 +181,6 @@ def _head_tables(state: StateCore) -> None:
 class _Renderer(RendererHTML):
     """Formulas as MathML, and tables in boxes that scroll; words in tables without numbers break into lines."""
 
-    def formula(self, tokens: Sequence[Token], at: int, *_: Any) -> str:
-        return math(tokens[at].content)
-
-    def formula_block(self, tokens: Sequence[Token], at: int, *_: Any) -> str:
-        return formula(tokens[at].content)
-
     def blockquote_open(self, *_: Any) -> str:
         return '<div class="note">'
 
@@ -223,9 +193,9 @@ class _Renderer(RendererHTML):
         return "</table></div>"
 
 
-_MARKDOWN = MarkdownIt("commonmark", {"html": False}, renderer_cls=_Renderer).enable("table")
-_MARKDOWN.inline.ruler.before("escape", "formula", _inline_formula)
-_MARKDOWN.block.ruler.before("fence", "formula_block", _formula_block, {"alt": ["paragraph", "blockquote"]})
+_MARKDOWN = MarkdownIt("commonmark", {"html": False}, renderer_cls=_Renderer).enable("table").use(dollarmath_plugin)
 _MARKDOWN.core.ruler.push("caption_tables", _caption_tables)
 _MARKDOWN.core.ruler.push("head_tables", _head_tables)
+_MARKDOWN.add_render_rule("math_inline", lambda _, tokens, at, *__: math(tokens[at].content))
+_MARKDOWN.add_render_rule("math_block", lambda _, tokens, at, *__: formula(tokens[at].content.strip()))
 _MARKDOWN.add_render_rule("blockquote_close", lambda *_: "</div>")
