@@ -1,7 +1,5 @@
 """Numbers, units and formulas as a reader sees them.
 
-Newton's method for the angle of greatest removal.
-
 The texts of the questions: their Markdown, their fields, and what is said of a mistake in them.
 """
 
@@ -13,13 +11,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from erosion.impacts.trajectory import SimulationError
-from erosion.models.rigid import LinearizedCut
-from erosion.parameters.parameters import TABLE_1, Parameters
+from erosion.parameters.parameters import TABLE_1
 from erosion.plotting.curves import ShapeCurve
-from erosion.report.case import Answer, Drawing, ReportCase
+from erosion.report.case import Answer, ReportCase
 from erosion.report.page import Text, TextError, validity, write_text
-from erosion.report.questions.linearized import Jet, greatest
 from erosion.report.text import degrees, formula, math, number, quantity, to_html
 
 
@@ -53,41 +48,6 @@ def test_formulas_are_sound_mathml() -> None:
     assert formula("x").startswith('<div class="math"')
 
 
-CLOSED = LinearizedCut()
-
-
-def closed_jet(p: Parameters) -> Jet:
-    def jet(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        q = p.replace(alpha=angles)
-        return np.asarray(CLOSED.volume(q)), np.asarray(CLOSED.dvolume(q)), np.asarray(CLOSED.d2volume(q))
-
-    return jet
-
-
-@pytest.mark.parametrize("k", [1e-4, 0.01, 0.1, 0.5, 1.0, 2.0, 10.0, 1e3, 1e6])
-def test_newton_finds_the_greatest_volume_for_any_k(k: float) -> None:
-    steps = greatest(closed_jet(TABLE_1.replace(k=k)))
-    assert steps[-1].alpha == pytest.approx(np.arctan(k) / 2, abs=1e-11)
-    assert len(steps) < 30
-    assert steps[-1].kind == "Newton"
-
-
-@pytest.mark.parametrize(
-    ("function", "message"),
-    [
-        (lambda angles: (np.cos(angles), -np.sin(angles) - 0.1, -np.cos(angles)), "vanishes"),
-        (
-            lambda angles: (np.where(angles > 0.7, np.nan, angles), angles, angles),
-            r"α = 45°|could not be computed",
-        ),
-    ],
-    ids=["falls", "fails"],
-)
-def test_newton_refuses_what_it_cannot_answer(function, message) -> None:
-    with pytest.raises(SimulationError, match=message):
-        greatest(function)
-
-
 CASE = ReportCase(TABLE_1, "Table 1")
 
 
@@ -97,7 +57,7 @@ def text_of(folder: Path, derivation: str, *, figures: str = "", **fields: Any) 
     path.write_text(
         f"# Title\n\nIdea: Why.\n\nThe answer.\n\n{figures}\n\n## Derivation\n\n{derivation}\n", encoding="utf-8"
     )
-    return write_text(path, CASE, Answer(fields, {"shape": Drawing(Figure())}))
+    return write_text(path, CASE, Answer(fields, {"shape": Figure()}))
 
 
 def test_a_text_has_a_title_a_sentence_figures_and_a_derivation(tmp_path: Path) -> None:

@@ -6,14 +6,14 @@ import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from erosion.impacts import Impact, Jump, Optimum, Trajectory, alpha_max, impact, path, turned_beyond
-from erosion.models import Linearized
+from erosion.impacts import Impact, Jump, Optimum, SimulationError, Trajectory, alpha_max, impact, path, turned_beyond
+from erosion.models import Linearized, load_model
 from erosion.models.rigid import LinearizedCut
 from erosion.output import Record
 from erosion.parameters import MATERIALS, QUANTITIES, Parameters, PerMass, System, conversion_factor, unit_name
@@ -34,23 +34,6 @@ _SPEEDS: Mapping[System, tuple[float, ...]] = types.MappingProxyType(
 _FACTORS = {0.25: "¼ ", 0.5: "½ ", 1.0: "", 2.0: "2 ", 4.0: "4 "}
 _CONTACTS = (0.01, 0.1, 0.5, 2.0, 4.9)  # of (0, 5), as the source recommends
 _RATIOS = (0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0)  # of (0.1, 10), as it recommends too
-
-
-class Drawing(NamedTuple):
-    """A figure, and in which of its cuts the body turns by more than 90°; its legend says how it shows them.
-
-    Args:
-        figure: the figure.
-        beyond: for each cut, any shape; without it no body turns.
-    """
-
-    figure: Figure
-    beyond: np.ndarray = np.zeros(0, bool)
-
-    @property
-    def counts(self) -> tuple[int, int]:
-        """The cuts that turn the body by more than 90°, and all cuts."""
-        return int(np.sum(self.beyond)), int(np.size(self.beyond))
 
 
 @dataclass(frozen=True)
@@ -145,9 +128,9 @@ class Family(BestOverValues):
         scaled = self.volume / self.values**power
         return float(np.ptp(scaled) / scaled.mean())
 
-    def drawing(self, units: System) -> Drawing:
+    def figure(self, units: System) -> Figure:
         """V(α) for every value that is shown, with a line that joins the maxima."""
-        return draw_curves(self.curves, height=4.2, units=units, joined=True)
+        return panel(plot_family, self.curves, height=4.2, units=units, joined=True)
 
 
 Families = Mapping[str, Family]
@@ -201,17 +184,6 @@ def curve_of(
     """V(α) of a model, with gaps at its jumps."""
     angles, volume = broken_at(jumps, angles, volume)
     return ShapeCurve(label, angles, volume, best, attained, turned_beyond(model, p.replace(alpha=angles)))
-
-
-def draw_curves(curves: Iterable[ShapeCurve], **options: Any) -> Drawing:
-    """A panel of curves V(α)."""
-    curves = tuple(curves)
-    return Drawing(panel(plot_family, curves, **options), beyond_of(curves))
-
-
-def beyond_of(curves: Iterable[ShapeCurve]) -> np.ndarray:
-    """Whether the body turns by more than 90°, at each point of the curves."""
-    return np.concatenate([curve.beyond[np.isfinite(curve.angles)] for curve in curves if curve.beyond is not None])
 
 
 def turned_angles(curve: ShapeCurve) -> str:
@@ -316,7 +288,7 @@ class Answer:
     """
 
     numbers: Record
-    figures: Mapping[str, Drawing]
+    figures: Mapping[str, Figure]
     fields: Mapping[str, Any] = field(default_factory=dict)
     curves: Sequence[ShapeCurve] = ()
 
@@ -472,6 +444,14 @@ _COMPUTE: Mapping[str, Callable[[ReportCase, str], Any]] = {
 }
 
 
+def followed(p: Parameters) -> Trajectory | None:
+    """The cut of a body that the force may turn; None where it cannot be followed."""
+    try:
+        return path(load_model("rotating"), p)
+    except SimulationError:
+        return None
+
+
 def panel(plot: Callable[..., Any], *content: Any, width: float = 5.4, height: float = 4.1, **options: Any) -> Figure:
     """A figure of one panel, which a function of `erosion.plotting` fills."""
     fig, ax = new_axes(width, height)
@@ -490,10 +470,9 @@ def family_numbers(case: ReportCase, family: Family, model: str) -> Record:
     }
 
 
-def best_angle_over_k(family: Family, units: System, label: str, law: str, height: float) -> Drawing:
+def best_angle_over_k(family: Family, units: System, label: str, law: str, height: float) -> Figure:
     """The best angles over the force ratio, beside those of the linearized model."""
     ratios = np.geomspace(family.values[0], family.values[-1], 200)
     exact = (law, ratios, np.arctan(ratios) / 2)
     xlabel = QUANTITIES["k"].label(units)
-    figure = panel(plot_best_angles, [family.series(label)], height=height, xlabel=xlabel, log=True, exact=exact)
-    return Drawing(figure, family.beyond)
+    return panel(plot_best_angles, [family.series(label)], height=height, xlabel=xlabel, log=True, exact=exact)

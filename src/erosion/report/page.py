@@ -36,7 +36,7 @@ from erosion.parameters import (
     validate,
 )
 from erosion.plotting.style import fit_legends, save_figure
-from erosion.report.case import Answer, Drawing, ReportCase, question, turned_angles
+from erosion.report.case import Answer, ReportCase, question, turned_angles
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.text import blocks, degrees, inline, number, quantity, to_html
 from erosion.version import __version__
@@ -172,9 +172,14 @@ def _filters(units: System, printed: list[float]) -> dict[str, Callable[..., Any
     }  # fmt: skip
 
 
+def turned_curves(answer: Answer) -> dict[str, str]:
+    """The angles at which the body turns by more than 90°, in words, of each curve where it does."""
+    return {curve.label: angles for curve in answer.curves if (angles := turned_angles(curve))}
+
+
 def validity(answer: Answer) -> str:
-    """The angles at which the body turns by more than 90°, in one sentence of Markdown; or nothing."""
-    where = {curve.label: angles for curve in answer.curves if (angles := turned_angles(curve))}
+    """The same in one sentence of Markdown; or nothing."""
+    where = turned_curves(answer)
     clauses = [
         f"{', '.join(label for label in where if where[label] == angles)} {angles}"
         for angles in dict.fromkeys(where.values())
@@ -186,7 +191,7 @@ def validity(answer: Answer) -> str:
     )
 
 
-def _parts(text: str, figures: Mapping[str, Drawing]) -> tuple[str, Markup, Markup, tuple[Illustration, ...], Markup]:
+def _parts(text: str, figures: Mapping[str, Figure]) -> tuple[str, Markup, Markup, tuple[Illustration, ...], Markup]:
     answer, *derivation = _DERIVATION.split(text)
     title, *paragraphs = blocks(answer)
     images = [_IMAGE.fullmatch(block) for block in paragraphs]
@@ -297,7 +302,7 @@ def _naming(out: Path) -> Iterator[None]:
 
 def _write(case: ReportCase, keys: Sequence[str], out: Path, progress: Progress, *, brief: bool) -> Path:
     numbers: Record = {}
-    counts: dict[str, Record] = {}
+    turned: dict[str, Record] = {}
     texts: dict[str, Text] = {}
     drawings: dict[str, Markup] = {}
     wide: set[str] = set()
@@ -310,12 +315,12 @@ def _write(case: ReportCase, keys: Sequence[str], out: Path, progress: Progress,
             progress(question(key), done, len(keys))
             answer = QUESTIONS[key].answer(case)
             numbers[key] = answer.numbers
-            counts[key] = {name: drawing.counts for name, drawing in answer.figures.items()}
+            turned[key] = {label.strip("`"): angles for label, angles in turned_curves(answer).items()}
             texts[key] = write_text(text_file(key), case, answer)
-            shown = [answer.figures[name].figure for name, *_ in texts[key].illustrations]
+            shown = [answer.figures[name] for name, *_ in texts[key].illustrations]
             alone = brief and len(keys) == 1 and sum(figure.get_figheight() for figure in shown) <= _SHEET
             for name, _, description in texts[key].illustrations:
-                figure = answer.figures[name].figure
+                figure = answer.figures[name]
                 fit_on_sheet(figure, alone=len(shown) * alone) if brief else fit_legends(figure)
                 if is_wide(figure):
                     wide.add(name)
@@ -328,7 +333,7 @@ def _write(case: ReportCase, keys: Sequence[str], out: Path, progress: Progress,
         "units": case.units,
         "parameters": {name: float(getattr(case.p, name)) for name in QUANTITIES},
         "answers": numbers,
-        "cuts_turned_beyond": counts,
+        "turned_beyond": turned,
     }
     write_whole(out / "numbers.json", (to_json(record) + "\n").encode())
     names, values = zip(*_lines("", record), strict=True)

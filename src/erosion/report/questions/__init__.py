@@ -21,7 +21,7 @@ QUESTIONS: Mapping[str, Question] = types.MappingProxyType(
         "q1": Question(linearized.solutions),
         "q2": Question(linearized.end_of_cut),
         "q3": Question(linearized.removed_volume),
-        "q4": Question(linearized.best_angle),
+        "q4": Question(linearized.best_angle, linearized.NEEDS_OF_BEST),
         "q5": Question(linearized.speeds, linearized.NEEDS),
         "q6": Question(linearized.sizes_and_masses, linearized.NEEDS),
         "q7": Question(linearized.materials, linearized.NEEDS),

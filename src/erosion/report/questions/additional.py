@@ -7,25 +7,24 @@ from typing import Any
 import numpy as np
 
 from erosion.correlations import CORRELATIONS
-from erosion.impacts import ASIDE, SimulationError, alpha_max, path, turn_of, turned_beyond
+from erosion.impacts import ASIDE, alpha_max, impact, turn_of, turned_beyond
 from erosion.models import BUILT_IN, NoDeformation, RigidParticle, load_model
 from erosion.models.rigid import StraightCut
 from erosion.output import Record
 from erosion.parameters import QUANTITIES
-from erosion.plotting.curves import ShapeCurve, plot_best_angles, plot_differences, plot_shapes, plot_turn
+from erosion.plotting.curves import ShapeCurve, plot_best_angles, plot_differences, plot_family, plot_shapes, plot_turn
 from erosion.plotting.labels import coinciding
 from erosion.plotting.sweeps import plot_regimes
 from erosion.report.case import (
     LINEARIZED,
+    RTOL,
     TORQUES,
     Answer,
-    Drawing,
     Need,
     ReportCase,
     best_angle_over_k,
-    beyond_of,
-    draw_curves,
     family_numbers,
+    followed,
     panel,
 )
 
@@ -82,24 +81,18 @@ def body_may_turn(case: ReportCase) -> Answer:
     line = ("any of them changed", over_reach["reach"], over_reach["alpha_max"])
     over_spin = [spin.series(label, line=True) for spin, label in zip(spins, TORQUES.values(), strict=True)]
     figures = {
-        "rotation": draw_curves(
+        "rotation": panel(
+            plot_family,
             [case.curve(LINEARIZED, "no rotation"), *(case.curve(model, label) for model, label in TORQUES.items())],
             units=case.units,
             columns=2,
         ),
-        "best-angle-over-spin": Drawing(
-            panel(plot_best_angles, over_spin, height=4.2, xlabel="s = r φ̇₀/v₀  initial spin"),
-            np.concatenate([spin.beyond for spin in spins]),
-        ),
-        "regimes": Drawing(plot_regimes(spins[0].map), spins[0].map.turned_beyond.values),
-        "turn": Drawing(
-            panel(plot_turn, *(np.array(turn[name]) for name in ("alpha", "turn", "ended_by")), height=3.6),
-            np.array(turn["turned_beyond"]),
-        ),
-        "rotating-speeds": families["v0"].drawing(case.units),
-        "best-angle-over-reach": Drawing(
-            panel(plot_best_angles, changed, height=4.2, xlabel="Ω = r ω/v₀", log=True, exact=line, columns=3),
-            np.concatenate([families[name].beyond for name in _IN_REACH]),
+        "best-angle-over-spin": panel(plot_best_angles, over_spin, height=4.2, xlabel="s = r φ̇₀/v₀  initial spin"),
+        "regimes": plot_regimes(spins[0].map),
+        "turn": panel(plot_turn, *(np.array(turn[name]) for name in ("alpha", "turn", "ended_by")), height=3.6),
+        "rotating-speeds": families["v0"].figure(case.units),
+        "best-angle-over-reach": panel(
+            plot_best_angles, changed, height=4.2, xlabel="Ω = r ω/v₀", log=True, exact=line, columns=3
         ),
         "rotating-best-angle-over-k": best_angle_over_k(
             families["k"], case.units, "with rotation", "without: ½ arctan k", 3.9
@@ -162,36 +155,23 @@ def _telling_digits(one: float, other: float) -> int:
 
 
 def turns(case: ReportCase) -> Record:
-    """How far the body has turned at the end of cuts [rad], over the angle of attack; and of two cuts how far it turns.
+    """How far the body has turned at the end of cuts [rad], over the angle of attack.
 
     `told` are the cuts at the case's own angle and at the best one, where something is cut, with the greatest turn and
     the least sin φ.
     """
     best = case.impact_and_optimum(MODEL)["alpha_max"]
-    angles = [*_TURN_ANGLES, case.alpha, *([best] if best > 0 else [])]
-    cuts = {}
-    for alpha in sorted({float(alpha) for alpha in angles}):
-        try:
-            cuts[alpha] = path(load_model(MODEL), case.p.replace(alpha=alpha))
-        except SimulationError:
-            continue
-    beyond = [cut.turned_beyond for cut in cuts.values()]
-    told = [
-        {
-            "alpha": alpha,
-            "turn": float(np.abs(cuts[alpha].phi - np.pi / 2).max()),
-            "least_sine": float(np.sin(cuts[alpha].phi).min()),
-        }
-        for alpha in dict.fromkeys((case.alpha, float(best)))
-        if alpha in cuts and cuts[alpha].ended_by != "no-cut"
-    ]
-    return {
-        "alpha": list(cuts),
-        "turn": [float(cut.turn) for cut in cuts.values()],
-        "ended_by": [cut.ended_by for cut in cuts.values()],
-        "turned_beyond": beyond,
-        "told": told,
-    }
+    angles = case.p.replace(alpha=_TURN_ANGLES)
+    hits = impact(MODEL, angles, rtol=RTOL)
+    told = []
+    for alpha in dict.fromkeys((case.alpha, float(best))):
+        cut = followed(case.p.replace(alpha=alpha)) if alpha > 0 else None
+        if cut is not None and cut.ended_by != "no-cut":
+            turn, sine = np.abs(cut.phi - np.pi / 2).max(), np.sin(cut.phi).min()
+            told.append({"alpha": alpha, "turn": float(turn), "least_sine": float(sine)})
+    columns = {"alpha": _TURN_ANGLES, "turn": hits.turn, "ended_by": hits.ended_by,
+               "turned_beyond": turned_beyond(MODEL, angles)}  # fmt: skip
+    return {name: np.asarray(column).tolist() for name, column in columns.items()} | {"told": told}
 
 
 def _over_reach(case: ReportCase) -> dict[str, np.ndarray]:
@@ -256,7 +236,9 @@ def ratio_is_tan_alpha(case: ReportCase) -> Answer:
     }
     curves = [case.curve(model, label) for model, label in _RATIOS.items()]
     return Answer(
-        numbers, {"tan-alpha": draw_curves(curves, units=case.units, columns=2)}, curves=_curves(case, [_TURNING])
+        numbers,
+        {"tan-alpha": panel(plot_family, curves, units=case.units, columns=2)},
+        curves=_curves(case, [_TURNING]),
     )
 
 
@@ -278,10 +260,8 @@ def force_opposes_motion(case: ReportCase) -> Answer:
         }
     curves = [case.curve(aligned, label) for label, (_, aligned) in _PAIRS.items()]
     figures = {
-        "velocity-aligned": draw_curves(curves, units=case.units, columns=2),
-        "velocity-aligned-difference": Drawing(
-            panel(plot_differences, case.looks, differences, height=4.0), beyond_of(curves)
-        ),
+        "velocity-aligned": panel(plot_family, curves, units=case.units, columns=2),
+        "velocity-aligned-difference": panel(plot_differences, case.looks, differences, height=4.0),
     }
     fields = {
         "largest_difference": max(pair["largest_difference"] for pair in pairs.values()),
@@ -302,7 +282,9 @@ def slips(case: ReportCase) -> Answer:
         "readings": {label: readings[model] for model, label in _READINGS.items()},
         "greatest_volume": max(reading["volume_max"] for reading in readings.values()),
     }
-    figure = draw_curves([case.curve(model, label) for model, label in _READINGS.items()], height=4.0, units=case.units)
+    figure = panel(
+        plot_family, [case.curve(model, label) for model, label in _READINGS.items()], height=4.0, units=case.units
+    )
     numbers = {"force_at_contact": float(case.p.stiffness * case.p.r), **readings}
     return Answer(numbers, {"as-printed": figure}, fields, _curves(case, _READINGS))
 
@@ -338,11 +320,10 @@ def all_models(case: ReportCase) -> Answer:
         for model, info in BUILT_IN.items()
         if model not in fields["hidden"]
     ]
-    beside = [case.curve(model) for model in _BESIDE]
     figures = {
-        "models": draw_curves(curves, width=6.4, height=7.2, units=case.units, columns=1),
-        "correlations": Drawing(
-            panel(plot_shapes, beside, tuple(CORRELATIONS), width=5.8, height=5.0), beyond_of(beside)
+        "models": panel(plot_family, curves, width=6.4, height=7.2, units=case.units, columns=1),
+        "correlations": panel(
+            plot_shapes, [case.curve(model) for model in _BESIDE], tuple(CORRELATIONS), width=5.8, height=5.0
         ),
     }
     return Answer(numbers, figures, fields, _curves(case, BUILT_IN))

@@ -1,16 +1,11 @@
 """Questions 1 to 8: the linearized model, whose solution is known exactly."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from erosion.impacts import SimulationError, impact, path
-from erosion.models import CuttingModel, load_model
 from erosion.parameters import (
     PER_MASS_SCALES,
-    STEEPEST,
     Dimension,
     Parameters,
     Scale,
@@ -22,15 +17,15 @@ from erosion.plotting.motion import plot_half_angle, plot_histories, plot_path, 
 from erosion.plotting.style import new_axes, new_figure
 from erosion.report.case import (
     LINEARIZED,
-    RTOL,
     Answer,
-    Drawing,
     ReportCase,
     best_angle_over_k,
     family_numbers,
+    followed,
     panel,
 )
 
+NEEDS_OF_BEST = (("optimum", LINEARIZED),)
 NEEDS = tuple((kind, LINEARIZED) for kind in ("families", "optimum", "hits", "row", "sensitivities"))
 
 _STATE: tuple[tuple[str, str, Dimension], ...] = (
@@ -43,10 +38,8 @@ _STATE: tuple[tuple[str, str, Dimension], ...] = (
 
 def turn_if_free(p: Parameters) -> float | None:
     """How far the body would turn [rad] if the force could turn it; None where that cut cannot be followed."""
-    try:
-        return float(np.abs(path(load_model("rotating"), p).phi - np.pi / 2).max())
-    except SimulationError:
-        return None
+    cut = followed(p)
+    return None if cut is None else float(np.abs(cut.phi - np.pi / 2).max())
 
 
 def solutions(case: ReportCase) -> Answer:
@@ -75,12 +68,12 @@ def solutions(case: ReportCase) -> Answer:
         "turn_if_free": turn_if_free(p),
     }
     sketch = panel(plot_sketch, case.alpha, float(p.k), height=3.2)
-    figures = {"sketch": Drawing(sketch)}
+    figures = {"sketch": sketch}
     if case.ended_by != "no-cut":
         histories, (tip_path, ax) = new_figure(5.6, 4.5), new_axes(5.6, 3.4)
         plot_histories(histories, motion, case.closed)
         plot_path(motion, ax=ax)
-        figures |= {"figure-7-histories": Drawing(histories), "figure-8-path": Drawing(tip_path)}
+        figures |= {"figure-7-histories": histories, "figure-8-path": tip_path}
     return Answer(numbers, figures, {"checks": _STATE, "shown_length": _shown_length(case)})
 
 
@@ -116,7 +109,7 @@ def end_of_cut(case: ReportCase) -> Answer:
         real_part=np.where(case.angles <= case.cusp, np.pi / case.omega, np.nan),
         marks={"cusp": (case.cusp, np.pi / case.omega), "case": (case.alpha, case.t_c)},
     )
-    return Answer(numbers, {"figure-9-end-of-cut": Drawing(figure)})
+    return Answer(numbers, {"figure-9-end-of-cut": figure})
 
 
 _COINCIDE = 1e-7  # of v₀: at the cusp the stop is known to the root of the rounding
@@ -154,7 +147,7 @@ def removed_volume(case: ReportCase) -> Answer:
     figures = {}
     if case.ended_by != "no-cut":
         figure = panel(plot_removal_rate, motion, height=3.5, bars=_PANELS[0])
-        figures = {"rate-of-removal": Drawing(figure)}
+        figures = {"rate-of-removal": figure}
     fields = {
         "disagreement": max(errors["volume_numerical"], errors["volume_from_speeds"]),
         "si": Scale(scale.size / to_si, scale.unit),
@@ -163,42 +156,41 @@ def removed_volume(case: ReportCase) -> Answer:
 
 
 def best_angle(case: ReportCase) -> Answer:
-    """α_max by Newton's method on the derivative of the solver, checked against ½ arctan k."""
-    steps = greatest(volume_jet(case.model, case.p))
-    last, exact = steps[-1], float(case.closed.alpha_max(case.p))
+    """α_max by the search over all angles, checked against ½ arctan k."""
+    found, exact = case.optimum(LINEARIZED), float(case.closed.alpha_max(case.p))
+    best, greatest = float(found.alpha), float(found.volume)
     volume_exact = float(case.closed.volume(case.p.replace(alpha=exact)))
-    far = case.per_mass.far_from_tests(last.volume, case.p, of_any=True)
+    far = case.per_mass.far_from_tests(greatest, case.p, of_any=True)
     numbers = {
-        "alpha_max": last.alpha,
-        "volume_max": last.volume,
-        "over_this_case": last.volume / case.volume if case.volume else None,
+        "alpha_max": best,
+        "volume_max": greatest,
+        "over_this_case": greatest / case.volume if case.volume else None,
         "force_angle": float(np.arctan(case.p.k)),
-        "d2volume": last.d2volume,
+        "d2volume": float(found.d2volume),
         "alpha_max_closed_form": exact,
         "volume_max_closed_form": volume_exact,
-        "alpha_difference": abs(last.alpha - exact),
-        "volume_difference": abs(last.volume / volume_exact - 1),
+        "alpha_difference": abs(best - exact),
+        "volume_difference": abs(greatest / volume_exact - 1),
         "cusp": case.cusp,
         **case.weighed(case.volume),
-        **{f"{name}_max": value for name, value in case.weighed(last.volume).items()},
+        **{f"{name}_max": value for name, value in case.weighed(greatest).items()},
         "cutting_fraction": case.per_mass.cutting_fraction,
-        "turns_if_free": {"here": turn_if_free(case.p), "best": turn_if_free(case.p.replace(alpha=last.alpha))},
+        "turns_if_free": {"here": turn_if_free(case.p), "best": turn_if_free(case.p.replace(alpha=best))},
         "far_from_tests": far and {**dataclasses.asdict(far), "over_greatest": far.amount / far.greatest},
-        "iterates": [{"n": n, **step._asdict()} for n, step in enumerate(steps)],
     }
     over_angles = case.over_angles()
     marks = {
         "branch": (case.cusp, float(case.closed.volume(over_angles.replace(alpha=case.cusp)))),
         "case": (case.alpha, case.volume),
-        "best": (last.alpha, last.volume),
+        "best": (best, greatest),
     }
     volume, ended_by = np.asarray(case.closed.volume(over_angles)), case.closed.ended_by(over_angles)
     figure = panel(plot_volume, case.angles, volume, ended_by, height=4.0, units=case.units, marks=marks)
     half_angle = new_figure(6.4, 3.2)
     plot_half_angle(half_angle, float(case.p.k))
     figures = {
-        "half-angle": Drawing(half_angle),
-        "volume-over-angle": Drawing(figure),
+        "half-angle": half_angle,
+        "volume-over-angle": figure,
     }
     return Answer(numbers, figures, {"far": far, "per_kilogramme": PER_MASS_SCALES})
 
@@ -207,7 +199,7 @@ def speeds(case: ReportCase) -> Answer:
     """V(α) for several speeds: α_max is constant and V ∝ v₀². The reason holds for questions 5 to 8."""
     family = case.families(LINEARIZED)["v0"]
     numbers = family_numbers(case, family, LINEARIZED) | {"departure_from_square": family.departure(2)}
-    return Answer(numbers, {"speeds": family.drawing(case.units)}, {"family": family})
+    return Answer(numbers, {"speeds": family.figure(case.units)}, {"family": family})
 
 
 def sizes_and_masses(case: ReportCase) -> Answer:
@@ -218,14 +210,14 @@ def sizes_and_masses(case: ReportCase) -> Answer:
         "m": family_numbers(case, masses, LINEARIZED) | {"departure_from_proportion": masses.departure(1)},
         "r": family_numbers(case, sizes, LINEARIZED) | {"largest_difference": difference},
     }
-    return Answer(numbers, {"masses": masses.drawing(case.units)}, {"masses": masses})
+    return Answer(numbers, {"masses": masses.figure(case.units)}, {"masses": masses})
 
 
 def materials(case: ReportCase) -> Answer:
     """All metals of Table 2 and the case's own σ; V ∝ 1/σ."""
     family = case.families(LINEARIZED)["sigma"]
     numbers = family_numbers(case, family, LINEARIZED) | {"departure_from_inverse": family.departure(-1)}
-    return Answer(numbers, {"materials": family.drawing(case.units)}, {"family": family})
+    return Answer(numbers, {"materials": family.figure(case.units)}, {"family": family})
 
 
 def guesses(case: ReportCase) -> Answer:
@@ -244,90 +236,8 @@ def guesses(case: ReportCase) -> Answer:
         "k": of_ratios | law,
     }
     figures = {
-        "contact-heights": contacts.drawing(case.units),
-        "force-ratios": ratios.drawing(case.units),
+        "contact-heights": contacts.figure(case.units),
+        "force-ratios": ratios.figure(case.units),
         "best-angle-over-k": best_angle_over_k(ratios, case.units, "computed", "½ arctan k", 3.7),
     }
     return Answer(numbers, figures, {"contacts": contacts, "ratios": ratios})
-
-
-_CLOSE = 1e-11  # [rad]: what V′ of a numerical volume can resolve near its root
-_NEAR = 1e-7  # [rad]: Newton's step from a zero of V′ is below this, whatever the rounding
-_MOST = 60  # bisection alone gains 18 digits in as many
-
-
-class Iterate(NamedTuple):
-    """One step: V and its derivatives at `alpha`, and the move made from there.
-
-    Args:
-        alpha: angle of attack [rad].
-        volume, dvolume, d2volume: V, V′ and V″ there.
-        step: to the next angle [rad].
-        kind: "Newton", or "bisection" where Newton's step would have left the bracket.
-    """
-
-    alpha: float
-    volume: float
-    dvolume: float
-    d2volume: float
-    step: float
-    kind: str
-
-
-Jet = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
-
-
-def volume_jet(model: CuttingModel, p: Parameters) -> Jet:
-    """Angles -> V, V′ and V″ there, by automatic differentiation of the solver."""
-
-    def jet(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        result = impact(model, p.replace(alpha=angles), derivatives=2, wrt="alpha", rtol=RTOL)
-        return np.asarray(result.volume), np.asarray(result.dvolume), np.asarray(result.d2volume)
-
-    return jet
-
-
-def greatest(jet: Jet, looks: int = 17) -> list[Iterate]:
-    """Climb to the greatest V in (0, π/2), for a V with one maximum.
-
-    A scan of `looks` angles gives the start and, to either side of it, a bracket in which V′
-    changes sign. Each step is Newton's, -V′/V″; where that would leave the bracket, or V″
-    has the sign of a valley, the bracket is halved instead. Every look shrinks the bracket,
-    so the climb ends whatever the shape of V: V″ jumps where cuts change their end.
-
-    Args:
-        jet: angles -> V, V′, V″.
-        looks: angles in the scan.
-
-    Returns:
-        The steps; the last one's `alpha` is the answer, and its `step` is below 1e-11 rad.
-
-    Raises:
-        SimulationError: where an impact fails, or V′ has no zero near the greatest V seen.
-    """
-    scan = STEEPEST * np.arange(1, looks + 1) / (looks + 1)
-    alpha = float(scan[np.argmax(_finite(scan, jet(scan)[0]))])
-    low, high = alpha - scan[0], alpha + scan[0]
-    steps: list[Iterate] = []
-    while len(steps) < _MOST:
-        value, d1, d2 = (float(_finite([alpha], of)[0]) for of in jet(np.array([alpha])))
-        low, high = (alpha, high) if d1 > 0 else (low, alpha)
-        newton = alpha - d1 / d2 if d2 < 0 else np.nan
-        # The end just moved to may itself be the root, to rounding.
-        inside = low < newton < high or abs(newton - alpha) <= _CLOSE
-        step = (newton if inside else (low + high) / 2) - alpha
-        steps.append(Iterate(alpha, value, d1, d2, float(step), "Newton" if inside else "bisection"))
-        if abs(step) <= _CLOSE:
-            break
-        alpha = float(alpha + step)
-    # A bracket that held no zero of V′ shrinks to one of its ends, far from where V′ points.
-    if abs(steps[-1].dvolume) > _NEAR * abs(steps[-1].d2volume):
-        raise SimulationError(f"No angle was found where dV/dα vanishes; the search ended at {np.rad2deg(alpha):.6g}°.")
-    return steps
-
-
-def _finite(angles: Sequence[float] | np.ndarray, values: np.ndarray) -> np.ndarray:
-    bad = np.flatnonzero(~np.isfinite(values))
-    if len(bad):
-        raise SimulationError(f"The impact at α = {np.rad2deg(angles[bad[0]]):.6g}° could not be computed.")
-    return values
