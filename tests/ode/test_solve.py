@@ -228,7 +228,6 @@ def test_a_state_is_any_pytree(y0, rate, x):
     ("rate", "t0", "y"),
     [
         pytest.param(lambda t, y, p: p * jnp.where(t > 0, 1.0, 5.0), 0.0, 3.0, id="at a time"),
-        pytest.param(lambda t, y, p: p * jnp.where(t > 1, 1.0, 5.0), 1.0, 2.0, id="at a later time"),
         pytest.param(lambda t, y, p: p * jnp.where(t > 1e6, 1.0, 5.0), 1e6, 2.0, id="at a late time"),
         pytest.param(lambda t, y, p: p * jnp.where((t > 0) & (t < 4), 1.0, 0.0), 0.0, 3.0, id="pulse"),
         pytest.param(lambda t, y, p: p * (1 + jnp.where(y > 0, 1.0, -0.5)), 0.0, 6.0, id="at a state"),
@@ -708,13 +707,11 @@ def test_no_lane_fails_where_the_motion_is_not_defined_beyond_its_event(force, w
     )
     height = np.linspace(0.5, 3, 40)
     speed = np.sqrt(2 * (9.81 * height - work(height)))
-    for order in (0, 2):
-        end = ode.solve(fall, {"height": height}, t1=50.0, wrt="height" if order else (), derivatives=order)
-        assert (end.ended_by == "ground").all()
-        np.testing.assert_allclose(-end.y["v"], speed, rtol=1e-9)
-        found = end.along("height").y["v"] if order else np.nan
-        right = np.isclose(-found, (9.81 - force(height)) / speed, rtol=1e-7)
-        assert (right | (np.isnan(found) if infinite else order == 0)).all()
+    end = ode.solve(fall, {"height": height}, t1=50.0, wrt="height", derivatives=2)
+    assert (end.ended_by == "ground").all()
+    np.testing.assert_allclose(-end.y["v"], speed, rtol=1e-9)
+    found = end.along("height").y["v"]
+    assert (np.isclose(-found, (9.81 - force(height)) / speed, rtol=1e-7) | (infinite & np.isnan(found))).all()
 
 
 PATHS = {
@@ -871,7 +868,7 @@ def test_derivatives_are_nan_where_a_rate_divides_by_what_vanishes_at_the_event(
     backwards = jax.jit(jax.grad(lambda g: ode.solve(problem, {**args, "g": g}, t1=50.0).integrals["path"].sum()))(9.81)
     assert np.isnan(backwards)
     # A little above it they are right.
-    above = ode.solve(problem, {**args, "at": 0.1}, t1=50.0, wrt=("v0",))
+    above = ode.solve(problem, {**args, "at": 0.1}, t1=50.0, wrt=("v0", "g"), derivatives=2)
     np.testing.assert_allclose(above.along("v0").integrals["path"], ratio(args["v0"]) / 9.81, rtol=1e-9)
 
 
