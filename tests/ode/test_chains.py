@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from erosion import ode
 from erosion.ode.ensemble import lanes_of
 from erosion.ode.kinks import may_have_kinks
+from erosion.ode.outputs import StateOutputs
 from erosion.ode.signature import Clock, Options
 from tests.ode.closed_forms import BALL, derivative
 
@@ -316,6 +317,6 @@ def test_a_switch_that_only_resets_change_is_no_kink(rate, rough: bool, still) -
         {"high": ode.Event(lambda t, y, args: y["x"] - 0.6, +1, reset=lambda t, y, args: y | {"on": 0.0})},
     )
     signature = lanes_of(
-        problem, None, Clock(0.0, 1.0, np.inf, np.inf), Options(arm_on_return=True, reports_state=True)
+        problem, None, Clock(0.0, 1.0, np.inf, np.inf), Options(arm_on_return=True, outputs=StateOutputs())
     ).signature
     assert may_have_kinks(signature) == rough

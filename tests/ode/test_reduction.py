@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from erosion.ode.outputs import StateOutputs
 from erosion.ode.problem import Event, Problem
 from erosion.ode.reduction import WholeMotion, reduced_motion_of
 from erosion.ode.resolve import Nodes, Ruler, Scan, is_jump, scan
@@ -79,7 +80,7 @@ def test_the_motion_is_the_same() -> None:
 
 def test_a_state_that_is_wanted_is_integrated_or_follows() -> None:
     signature, parameters = lanes_of(
-        ODD, {"drag": 0.2, "stiffness": 4.0, "v": np.array([3.0, 0.5])}, Options(reports_state=True)
+        ODD, {"drag": 0.2, "stiffness": 4.0, "v": np.array([3.0, 0.5])}, Options(outputs=StateOutputs())
     )
     parameters = [*parameters, 0.0, 9.0, np.inf, np.inf]
     motion = reduced_motion_of(signature)(parameters)
@@ -91,7 +92,7 @@ def test_a_state_that_is_wanted_is_integrated_or_follows() -> None:
 
 def test_a_problem_that_depends_on_time_has_time_as_an_unknown() -> None:
     driven = Problem(0.5, lambda t, y, args: jnp.cos(t) * args, {"end": Event(lambda t, y, args: y - 1)})
-    signature, parameters = lanes_of(driven, 2.0, Options(reports_state=True))
+    signature, parameters = lanes_of(driven, 2.0, Options(outputs=StateOutputs()))
     motion = reduced_motion_of(signature)([*parameters, 0.7, 9.0, np.inf, np.inf])
     at = motion.initial()
     assert list(at.state) == [0.0, 0.5]
@@ -158,7 +159,7 @@ def test_a_chain_keeps_the_whole_state() -> None:
         lambda t, y, args: {"x": 1.0, "y": y["u"], "u": -args},
         {"bounce": Event(lambda t, y, args: y["y"], -1, lambda t, y, args: {**y, "u": -0.5 * y["u"]})},
     )
-    signature, parameters = lanes_of(bouncing, 9.81, Options(arm_on_return=True, reports_state=True))
+    signature, parameters = lanes_of(bouncing, 9.81, Options(arm_on_return=True, outputs=StateOutputs()))
     motion = reduced_motion_of(signature)([*parameters, 0.0, 9.0, np.inf, np.inf])
     assert isinstance(motion, WholeMotion)
     at = motion.initial()._replace(state=(-3.0, 0.25, 0.0))

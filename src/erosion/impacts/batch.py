@@ -38,6 +38,7 @@ from erosion.models import (
 from erosion.ode.batch import compiling, integrate, integrate_along
 from erosion.ode.ensemble import Lanes
 from erosion.ode.integrator import LaneEnd
+from erosion.ode.outputs import StateOutputs
 from erosion.ode.problem import TracedProblem, is_number
 from erosion.ode.signature import Clock, Options, Signature
 from erosion.ode.solution import Solution
@@ -74,7 +75,7 @@ def signature_of(model: CuttingModel, p: Parameters, *, reports_state: bool = Fa
     equations = CUT.equations(case, ())
     leaves, structure = jax.tree.flatten(case)
     rest = tuple(None if is_number(leaf) else leaf for leaf in leaves)
-    problem, options = (whole_cut(model), Options(reports_state=True)) if reports_state else (CUT, Options())
+    problem, options = (whole_cut(model), Options(outputs=StateOutputs())) if reports_state else (CUT, Options())
     signature = Signature(problem, structure, rest, *_shapes(equations), options, equations)
     located = signature.wanting(switches=True, arm_on_return=True)
     what = unlocated(located)

@@ -205,7 +205,7 @@ class _Adjoint:
         grads, more = pull([jnp.where(event == i, -total / fall, 0.0) for i, fall in enumerate(falls)])
         sums, state = plus(sums, grads), plus(state, more)
         time = back.time
-        if self.problem.options.reports_state:
+        if self.problem.signature.has_clock:
             # A lane without an event ends at a given time, and what came before took of it.
             of_clock = jnp.where(event == ARRIVED, total, 0.0)
             _, pull = jax.vjp(

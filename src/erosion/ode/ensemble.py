@@ -15,6 +15,7 @@ from erosion.ode.back_in_time import reflected
 from erosion.ode.batch import integrate, integrate_along
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.methods import METHODS
+from erosion.ode.outputs import StateOutputs
 from erosion.ode.problem import Problem, flattened, is_number
 from erosion.ode.signature import Clock, Options, Signature
 from erosion.output.tables import briefly
@@ -129,7 +130,7 @@ def checked_lanes(
         arm_on_return=True,
         check_start=start == "end",
         fires=start == "fire",
-        reports_state=True,
+        outputs=StateOutputs(),
         smooth=smooth,
         switches=not smooth,
         max_steps=check_whole("max_steps", max_steps, 1),

@@ -125,24 +125,23 @@ def _finish(
     # Of several events at the end, derivatives in which they differ are NaN.
     finite = ended & all_finite(numbers[:values]) & (all_finite(numbers[values:]) | motion.several)
     # What an unfinished lane has reached is told, where nothing else says so.
-    reached = finite | (control.mode == UNFINISHED) if problem.options.reports_state else finite
+    wanted = problem.options.outputs
+    reached = wanted.are_told(finite, control.mode == UNFINISHED)
     known = [jnp.where(reached, number, jnp.nan) for number in numbers[:values]]
     others = [jnp.where(finite, number, jnp.nan) for number in numbers[values:]]
     results = jax.tree.unflatten(structure, known + others)
     time, outputs = (Derivatives(*(part and part[i] for part in results)) for i in range(2))
+    happening = [lax.convert_element_type(each, np.int8) for each in motion.at_once[: problem.own_events]]
+    count, at_once = wanted.of_events(lax.convert_element_type(motion.count, np.int32), happening)
     least = [LEAST * size for size in problem.sizes_of_state(motion.greatest)]
     return LaneEnd(
         outcome=_outcome(problem, finite, control.mode, event),
-        rtol_next=plan(
-            control, ended & begun, end.amplification, finite, rtol, reports_state=problem.options.reports_state
-        ),
+        rtol_next=plan(control, ended & begun, end.amplification, finite, rtol, wanted),
         time=time,
         outputs=outputs,
         trials=lax.convert_element_type(control.trials, np.int32),
-        count=lax.convert_element_type(motion.count, np.int32) if problem.options.reports_state else None,
-        at_once=[lax.convert_element_type(each, np.int8) for each in motion.at_once[: problem.own_events]]
-        if problem.options.reports_state
-        else [],
+        count=count,
+        at_once=at_once,
         least=least,
         stiff=lax.convert_element_type(control.event == STIFF, np.int8) if problem.detects_stiffness else None,
         slides=lax.convert_element_type(control.event == SLIDES, np.int8) if problem.switches else None,

@@ -1,6 +1,7 @@
 """A lane's equations with those of its derivatives, as functions of plain numbers."""
 
 import functools
+import math
 from collections.abc import Sequence
 
 import jax
@@ -90,8 +91,7 @@ class LaneEquations:
         self.rate = functools.partial(rate, self.parameters, places)
         self.rate_and_events = functools.partial(rate_and_events, self.parameters, places)
         self.method = method_of(self)
-        scaled, clocked = signature.problem.time_scale is not None, self.options.reports_state
-        by_scale = scaled and (not clocked or jnp.isinf(self.clock.t1))
+        by_scale = signature.problem.time_scale is not None and self.clock.t1 == math.inf
         foresees = self.options.arm_on_return and self.method.foresees
         self.limits = Limits(self.options.max_steps, by_scale, foresees=foresees)
         self.detects_stiffness = self.options.method == "auto" and not self.nonsmooth
@@ -149,8 +149,8 @@ class LaneEquations:
         return tuple(jax.tree.unflatten(self._member, part) for part in parts)
 
     def sizes_of_state(self, flat_state: FlatState) -> list[Scalar]:
-        """The sizes of the elements of the state, where it is wanted, from those of the rows of the motion itself."""
-        if not self.options.reports_state:
+        """The sizes of the elements of the state, from those of the rows of the motion itself; nothing from none."""
+        if not flat_state:
             return []
         # Each element is a known number plus known multiples of rows.
         high, low = (
@@ -196,6 +196,6 @@ class LaneEquations:
     @property
     def time_to_end(self) -> Derivatives:
         """How long a lane without an event goes on, with derivatives; the value is None where it does."""
-        if not self.options.reports_state:
+        if not self.signature.has_clock:
             return Derivatives(None, None, None, None)
         return self.equations.of(lambda _, motion: motion.clock.t1 - motion.clock.t0, ())

@@ -23,7 +23,7 @@ from erosion.lanes.scalars import Atom
 from erosion.ode.memories import Count, Memory, Schedule, finite_times, memories_of
 from erosion.ode.motion import Augmented, Motion
 from erosion.ode.problem import evaluated
-from erosion.ode.signature import Clock, Signature
+from erosion.ode.signature import Signature
 
 FlatState = list[Scalar]
 """The state with its derivatives, as plain numbers, the value first and then each tangent."""
@@ -42,9 +42,7 @@ class WholeMotion(Motion):
     def __init__(self, signature: Signature, parameters: Sequence[Number]) -> None:
         self.signature, self.problem = signature, signature.problem
         self.args = signature.args(parameters)
-        self.clock = (
-            signature.clock(parameters) if signature.options.reports_state else Clock(0.0, math.inf, math.inf, math.inf)
-        )
+        self.clock = signature.clock(parameters)
         self._timed = signature.equations.timed
 
     @functools.cached_property
@@ -123,8 +121,11 @@ class WholeMotion(Motion):
 
     def outputs(self, at: Augmented) -> list[Scalar]:
         """What is wanted at the end."""
-        _, y = self.whole(at.state)
-        return [*(elements_of(jax.tree.leaves(y)) if self.signature.options.reports_state else []), *at.integrals]
+        return self.signature.options.outputs.of(lambda: self.elements(at.state), at.integrals)
+
+    def elements(self, state: Sequence[Scalar]) -> list[Scalar]:
+        """The elements of the problem's own state."""
+        return elements_of(jax.tree.leaves(self.whole(state)[1]))
 
     def after(self, event: int, at: Augmented) -> Augmented:
         """State and integrals after an event."""
@@ -182,8 +183,8 @@ def reduced_motion_of(signature: Signature) -> Callable[[Sequence[Number]], Moti
         at = Augmented(tuple(elements), tuple(integrals))
         rate = motion.rate(at)
         # What is wanted counts as what must be known, but for the integrals.
-        wanted = motion.outputs(at)[: len(elements)] if signature.options.reports_state else []
-        return [*rate.state, *rate.integrals, *motion.events(at), *wanted]
+        outputs = motion.outputs(at)
+        return [*rate.state, *rate.integrals, *motion.events(at), *outputs[: len(outputs) - len(integrals)]]
 
     parts = [number for _ in start.out_avals]
     closed = jax.make_jaxpr(look)(signature.structs(), parts, [number] * integrals)
@@ -217,10 +218,9 @@ class ReducedMotion(Motion):
 
     def outputs(self, at: Augmented) -> list[Scalar]:
         """What is wanted at the end."""
-        if not self._whole.signature.options.reports_state:
-            return list(at.integrals)
-        parts = tuple(self.unknowns.parts(self.known, at.state))
-        return self._whole.outputs(Augmented(parts, at.integrals))
+        return self._whole.signature.options.outputs.of(
+            lambda: self._whole.elements(self.unknowns.parts(self.known, at.state)), at.integrals
+        )
 
 
 class _Product(NamedTuple):

@@ -174,10 +174,8 @@ class SegmentLoop:
 
 def _own(problem: LaneEquations) -> list[Number]:
     """The numbers that must be finite: those of the arguments, and of the clock t0, and t1 if it is not ∞."""
-    if not problem.options.reports_state:
-        return problem.parameters
     t0, t1, *_ = problem.clock
-    return [*problem.parameters[: -len(problem.clock)], t0, jnp.where(t1 == jnp.inf, t0, t1)]
+    return [*problem.parameters[: problem.signature.arguments], t0, jnp.where(t1 == jnp.inf, t0, t1)]
 
 
 def _at_start(problem: LaneEquations, initial: FlatState, scale: Scalar) -> tuple[FlatState, list[Ends]]:

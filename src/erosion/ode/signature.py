@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from erosion.arguments import Indices, Number, PerLane, Structure
+from erosion.ode.outputs import IntegralOutputs, Outputs
 from erosion.ode.problem import OTHER_ENDS, Problem, TracedProblem
 
 
@@ -40,7 +41,7 @@ class Options(NamedTuple):
         arm_on_return: an event whose function is zero or beyond it counts once it has returned.
         check_start: a lane whose event functions are not all before their events at the start ends there.
         fires: an event whose function is zero or past it at the start happens there.
-        reports_state: the state at the end is wanted beside the integrals; the parameters end with those of `Clock`.
+        outputs: what is wanted of a lane's end; the parameters end with those of `Clock` where it is clocked.
         smooth: the motion has no kinks, whatever its arithmetic looks like; None looks.
         switches: breaks of the rates are located, see `switches`.
         max_steps: trials after which a lane is unfinished.
@@ -55,7 +56,7 @@ class Options(NamedTuple):
     arm_on_return: bool = False
     check_start: bool = True
     fires: bool = False
-    reports_state: bool = False
+    outputs: Outputs = IntegralOutputs()
     smooth: bool | None = None
     switches: bool = False
     max_steps: int = 20_000
@@ -92,7 +93,7 @@ class Signature:
         equations: TracedProblem,
     ) -> None:
         self.problem, self.structure, self.leaves, self.options = problem, structure, leaves, options
-        count = len(Clock._fields) if options.reports_state else 0
+        count = len(Clock._fields) if options.outputs.are_clocked else 0
         self.shapes, self.dtypes = shapes + ((),) * count, dtypes + ("float64",) * count
         self.equations = equations
         self._key = equations.digest, self.shapes, self.dtypes, options
@@ -163,8 +164,8 @@ class Signature:
     @property
     def rows(self) -> int:
         """How many numbers the time at the end and the outputs are."""
-        state = jax.tree.leaves(self.state) if self.options.reports_state else []
-        return 1 + sum(math.prod(leaf.shape) for leaf in state) + len(self.problem.integrals)
+        elements = range(sum(math.prod(leaf.shape) for leaf in jax.tree.leaves(self.state)))
+        return 1 + len(self.options.outputs.of(lambda: elements, [*self.problem.integrals]))
 
     @property
     def end_names(self) -> tuple[str, ...]:
@@ -177,10 +178,8 @@ class Signature:
         Args:
             parameters: of the lanes.
             codes: how they ended, see `end_names`.
-            elapsed: since they began; without a clock also the time.
+            elapsed: since they began.
         """
-        if not self.options.reports_state:
-            return elapsed
         clock = self.clock(parameters)
         where = jnp.where if isinstance(elapsed, jax.Array) else np.where
         # t0 + (t1 - t0) may be another number than t1.
@@ -197,8 +196,13 @@ class Signature:
         return jax.tree.unflatten(self.structure, [next(rest) if leaf is None else leaf for leaf in self.leaves])
 
     def clock(self, parameters: Sequence[Number]) -> Clock:
-        """The numbers of the clock."""
-        return Clock(*parameters[len(parameters) - len(Clock._fields) :])
+        """The numbers of the clock; without one a lane begins at 0 and goes on for ever."""
+        return Clock(*parameters[self.arguments :]) if self.has_clock else Clock(0.0, math.inf, math.inf, math.inf)
+
+    @property
+    def has_clock(self) -> bool:
+        """Whether the parameters end with the numbers of a clock."""
+        return len(self.shapes) > self.arguments
 
     def parameter_scale(self, parameters: Sequence[Number]) -> list[Number]:
         """The size of a significant change of each number."""
@@ -207,10 +211,10 @@ class Signature:
         else:
             typical = jax.tree.leaves(self.problem.parameter_scale(self.args(parameters)))
             sizes = [size for size, leaf in zip(typical, self.leaves, strict=True) if leaf is None]
-        if self.options.reports_state:
+        if self.has_clock:
             clock = self.clock(parameters)
             span = jnp.where(jnp.isfinite(clock.t1), clock.t1 - clock.t0, 1.0)
-            sizes[len(self.shapes) - len(clock) :] = clock._replace(t0=span, t1=span)
+            sizes[self.arguments :] = clock._replace(t0=span, t1=span)
         return [jnp.abs(size) for size in sizes]
 
     def of_lanes(self, parameters: Sequence[PerLane], lanes: Indices | slice) -> list[PerLane]:

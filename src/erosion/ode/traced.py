@@ -60,7 +60,7 @@ class WantedOutputs(NamedTuple):
     @property
     def codes(self) -> int:
         """Those of the end, and of each event its index and whether each of all happens there."""
-        events = len(self.signature.event_names) if self.signature.options.reports_state else 0
+        events = len(self.signature.options.outputs.of_events(0, self.signature.event_names)[1])
         return _BESIDE + events + self.events * (1 + events)
 
     @property

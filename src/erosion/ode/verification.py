@@ -13,6 +13,7 @@ import numpy as np
 from erosion.arguments import Flag, PerLane, Scalar
 from erosion.ode.events import GRAZE, graze
 from erosion.ode.methods.base import LEAST, TIGHTEST
+from erosion.ode.outputs import Outputs
 from erosion.ode.signature import Signature
 from erosion.ode.step_control import Control
 from erosion.ode.variational import Derivatives
@@ -26,9 +27,7 @@ _CHEAPER, _CHEAPEST = 1e4, 1e-2  # times the tolerance, at most: of an integrati
 _DERIVED = 3e-2  # of its error, relative as that of a value, counts in a derivative: `Solution.inexact` tells the rest
 
 
-def plan(
-    control: Control, ended: Flag, amplification: Scalar, finite: Flag, rtol: Scalar, *, reports_state: bool
-) -> Scalar:  # fmt: skip
+def plan(control: Control, ended: Flag, amplification: Scalar, finite: Flag, rtol: Scalar, outputs: Outputs) -> Scalar:
     """The tolerance of a second integration of a lane; that of this one where none is needed.
 
     A greater one is of a cheaper integration, which tells whether a lane of many steps needs a smaller one.
@@ -39,17 +38,13 @@ def plan(
         amplification: how many times larger the errors of the end may be than those of the state.
         finite: whether its results are.
         rtol: the tolerance of this integration.
-        reports_state: whether the whole state is wanted.
+        outputs: what is wanted.
     """
     factor = jnp.where(ended & (amplification > _DOUBT), _DOUBT / amplification, 1.0)
     factor = jnp.where(control.closest_approach < graze(rtol), jnp.minimum(factor, 1 / GRAZE), factor)
-    many = control.trials > _MANY_STEPS
-    if reports_state:
-        # Most motions forget their errors.
-        cheaper = jnp.clip(_CHEAPEST / rtol, 1.0, _CHEAPER)
-        factor = jnp.where(many, jnp.where(factor < 1, jnp.minimum(factor, _MANY_FACTOR), cheaper), factor)
-    else:
-        factor = jnp.where(many, jnp.minimum(factor, _MANY_FACTOR), factor)
+    cheaper = jnp.clip(_CHEAPEST / rtol, 1.0, _CHEAPER)
+    after_many = outputs.after_many_steps(factor, _MANY_FACTOR, cheaper)
+    factor = jnp.where(control.trials > _MANY_STEPS, after_many, factor)
     return jnp.where(finite, jnp.maximum(factor * rtol, jnp.minimum(TIGHTEST, rtol)), rtol)
 
 
@@ -130,7 +125,7 @@ class AccuracyCheck:
 
         What a chain or a chaotic motion multiplies in its derivatives need not show in its values.
         """
-        if not self.signature.options.reports_state or not self.directions:
+        if not (self.signature.options.outputs.check_derivatives and self.directions):
             return 0.0
         parameters = self.signature.of_lanes(self.parameters, lanes)
         units = [self._units(parameters, each, lanes.size) for each in of_lanes(self.directions, lanes)]

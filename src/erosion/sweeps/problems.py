@@ -15,6 +15,7 @@ from jaxtyping import PyTree
 from erosion.arguments import Progress, no_progress, real_numbers, unit_of_labels
 from erosion.impacts import code_version, numbers_in_words
 from erosion.ode.ensemble import Part, lanes_of, path_of
+from erosion.ode.outputs import StateOutputs
 from erosion.ode.problem import OTHER_ENDS, Problem, is_number
 from erosion.ode.signature import Clock, Options
 from erosion.ode.solution import Solution
@@ -94,7 +95,9 @@ class ProblemGrid(AnyGrid):
         """
         numbers = {name: leaf for name, leaf in _by_path(self.args).items() if is_number(leaf)}
         clock = Clock(0.0, 1.0, math.inf, math.inf)
-        lanes = lanes_of(self.problem, self.args, clock, Options(reports_state=True), self.options.get("shared", ()))
+        lanes = lanes_of(
+            self.problem, self.args, clock, Options(outputs=StateOutputs()), self.options.get("shared", ())
+        )
         equations = lanes.signature.equations
         if equations.process_local:
             raise ValueError(

@@ -25,9 +25,9 @@ from erosion.ode.methods.base import (
     Method,
     Reverse,
     Step,
-    leaves_rest,
     sizes_or_least,
 )
+from erosion.ode.methods.norms import NORMS
 from erosion.ode.methods.sums import moved_by, weighted
 from erosion.ode.methods.transposes import plus, transposed
 from erosion.ode.reduction import FlatState
@@ -137,9 +137,7 @@ class RungeKutta(Method):
     def __init__(self, problem: "LaneEquations") -> None:
         super().__init__(problem)
         self.ending = ShortOfKinks() if problem.nonsmooth else ByAShortStep()
-        # Where nothing but integrals is wanted, their sizes are those that they have.
-        self._remembers = problem.options.reports_state
-        self._slack = self.slack[1][problem.order] if problem.options.reports_state else self.slack[0]
+        self.norm = NORMS[type(problem.options.outputs)](problem)
 
     def first_step(self, initial: FlatState, slope: FlatState, scale: Scalar, asked: Scalar) -> Scalar:
         """See `Method`."""
@@ -147,7 +145,7 @@ class RungeKutta(Method):
 
     def sizes(self, before: FlatState, state: FlatState) -> FlatState:
         """See `Method`."""
-        return super().sizes(before, state) if self._remembers else []
+        return super().sizes(before, state) if self.norm.remembers else []
 
     def tried(self, lane: Lane, scale: Scalar, rtol: Scalar) -> Step:
         """See `Method`."""
@@ -155,7 +153,9 @@ class RungeKutta(Method):
         state, stages, interior_samples = self.step(before, lane.slope, h)
         slope, events = self.problem.rate_and_events(state)
         stages = [[*ks, k] for ks, k in zip(stages, slope, strict=True)]
-        error = self.error_of(lane.greatest, (before, state), stages, h, scale, rtol) / (self._slack * rtol)
+        error = self.error_of(lane.greatest, (before, state), stages, h, scale, rtol) / (
+            self.norm.slack(*self.slack) * rtol
+        )
         interior_samples += self.at_end(before, stages, h)
         return Step(state, slope, stages, events, interior_samples, self.raised(error))
 
@@ -200,31 +200,23 @@ class RungeKutta(Method):
         before, state = states
         sizes: list[Scalar] = sizes_or_least(self.problem.sizes, greatest)
         error = check = 0.0 * h
-        # A step far too long may end in a slope that is far greater than all within it, which the estimate knows.
-        late = -2 if self.problem.options.reports_state else -1
-        integrals = range(self.problem.width - self.problem.integrals, self.problem.width)
+        late, integrals = self.norm.late, range(self.problem.width - self.problem.integrals, self.problem.width)
         of_motion = sizes
         for first in range(0, len(state), self.problem.width):
             member = range(first, first + self.problem.width)
-            if first and self.problem.options.reports_state and self.problem.signature.problem.parameter_scale is None:
-                # A number may matter far less than by its own size, and its derivatives are wanted all the same.
-                sizes = [jnp.maximum(APART, NOISE / rtol) * size for size in of_motion]
+            if first:
+                sizes = self.norm.of_tangent(sizes, of_motion, rtol)
             for i, row in enumerate(member):
                 moved = jnp.maximum(jnp.abs(h * stages[row][0]), jnp.abs(SOON * scale * stages[row][late]))
                 sizes[i] = _size(before[row], state[row], moved, sizes[i])
             # What another step of this length would add to an integral counts as well: most lanes go on.
             for i in integrals:
                 sizes[i] = sizes[i] + jnp.abs(h * stages[first + i][late])
-            measures = list(sizes)
-            if self.problem.options.reports_state and not self.problem.nonsmooth:
-                for i, row in enumerate(member):
-                    ends = (before[row], state[row]), (stages[row][0], stages[row][-1])
-                    measures[i] = jnp.where(leaves_rest(*ends, h, self.problem.time_scale), jnp.inf, sizes[i])
+            some = slice(first, first + self.problem.width)
+            measures = self.norm.measures(sizes, (before[some], state[some]), stages[some], h)
             for row, size in zip(member, measures, strict=True):
                 error = jnp.maximum(error, estimate(tuple(self.tableau.error), h, stages[row], size))
-            # The estimate of what is wanted is mostly the largest by far. Where it passes through zero by chance
-            # it hides an error, but a second estimate is not zero at the same place.
-            for i in range(self.problem.width) if self.problem.options.reports_state else integrals:
+            for i in self.norm.checked:
                 check = self.check(check, h, stages[first + i], measures[i])
             of_motion = of_motion if first else list(sizes)
         return jnp.maximum(error, _CHECK * check * eighth_root(check))

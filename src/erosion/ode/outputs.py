@@ -1,0 +1,89 @@
+"""What is wanted of a lane's end: integrals alone, as of an impact, or its whole state at a time on a clock."""
+
+import abc
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+
+from erosion.arguments import Flag, Scalar
+
+
+@dataclasses.dataclass(frozen=True)
+class Outputs(abc.ABC):
+    """What is wanted of a lane's end. It is chosen with the program, and costs nothing at run time.
+
+    Attributes:
+        are_clocked: whether a lane has the numbers of `Clock` beside its arguments.
+        check_derivatives: whether errors of derivatives count where two integrations are compared.
+    """
+
+    are_clocked: ClassVar[bool]
+    check_derivatives: ClassVar[bool]
+
+    @abc.abstractmethod
+    def of(self, state: Callable[[], Sequence[Any]], integrals: Sequence[Any]) -> list[Any]:
+        """The numbers that are wanted, from the elements of the state and the integrals."""
+
+    @abc.abstractmethod
+    def of_events(self, count: Any, at_once: Sequence[Any]) -> tuple[Any, Sequence[Any]]:
+        """How many events there were, and of each whether it happens at the end; None and nothing if not wanted."""
+
+    @abc.abstractmethod
+    def are_told(self, finite: Flag, unfinished: Flag) -> Flag:
+        """Whether a lane's values are told: the results that are finite, or what it has reached."""
+
+    @abc.abstractmethod
+    def after_many_steps(self, factor: Scalar, smaller: float, greater: Scalar) -> Scalar:
+        """By how much the tolerance of a second integration is smaller or greater after many steps.
+
+        Args:
+            factor: after few steps; 1 where no other integration is needed.
+            smaller: a factor at which the errors of many steps are small.
+            greater: a factor of a cheap integration, which tells whether errors grow.
+        """
+
+
+class IntegralOutputs(Outputs):
+    """Integrals from the start to the first event, and its time."""
+
+    are_clocked = check_derivatives = False
+
+    def of(self, state: Callable[[], Sequence[Any]], integrals: Sequence[Any]) -> list[Any]:
+        """See `Outputs`."""
+        return list(integrals)
+
+    def of_events(self, count: Any, at_once: Sequence[Any]) -> tuple[Any, Sequence[Any]]:
+        """See `Outputs`."""
+        return None, []
+
+    def are_told(self, finite: Flag, unfinished: Flag) -> Flag:
+        """See `Outputs`."""
+        return finite
+
+    def after_many_steps(self, factor: Scalar, smaller: float, greater: Scalar) -> Scalar:
+        """See `Outputs`."""
+        return jnp.minimum(factor, smaller)
+
+
+class StateOutputs(Outputs):
+    """State and integrals where the lane ends, by an event or at `t1`."""
+
+    are_clocked = check_derivatives = True
+
+    def of(self, state: Callable[[], Sequence[Any]], integrals: Sequence[Any]) -> list[Any]:
+        """See `Outputs`."""
+        return [*state(), *integrals]
+
+    def of_events(self, count: Any, at_once: Sequence[Any]) -> tuple[Any, Sequence[Any]]:
+        """See `Outputs`."""
+        return count, at_once
+
+    def are_told(self, finite: Flag, unfinished: Flag) -> Flag:
+        """See `Outputs`."""
+        return finite | unfinished
+
+    def after_many_steps(self, factor: Scalar, smaller: float, greater: Scalar) -> Scalar:
+        """See `Outputs`: most motions forget their errors."""
+        return jnp.where(factor < 1, jnp.minimum(factor, smaller), greater)
