@@ -142,7 +142,7 @@ def open_named(
         raise ImpactsError(f"{path}: has both columns `face` and `mesh_face`; keep one.")
     # The velocity and the surface give both better.
     doubled = {name: columns.pop(name) for name in ("speed", "angle") if {name, VELOCITY[0]} <= columns.keys()}
-    if density is None and not _gives_density(columns):
+    if density is None and "density" not in columns:
         density = named_density
     elif density is not None and _gives_density(columns):
         own = [columns[name].heading for name in ("density", "mass", "diameter") if name in columns]

@@ -30,6 +30,7 @@ class ImpactBlock:
         count: particles that a row stands for, shape (rows,) [-].
         mass: of one particle, shape (rows,) [kg].
         diameter: of one particle, shape (rows,) [m].
+        density: beside both of these, shape (rows,) [kg/m³]; None where nobody says it, or the mass is made of it.
         velocity: of the impact, before the rebound, shape (rows, 3) [m/s].
         speed: v₀, shape (rows,) [m/s].
         alpha: angle of attack, shape (rows,) [rad].
@@ -45,6 +46,7 @@ class ImpactBlock:
     count: Numbers
     mass: Numbers
     diameter: Numbers
+    density: Numbers | None = None
     velocity: Vectors | None = None
     speed: Numbers | None = None
     alpha: Numbers | None = None
@@ -251,6 +253,9 @@ def blocks(
     if count is None:
         count = columns["parcel_mass"] / mass if "parcel_mass" in columns else np.ones(len(mass))
     fields: dict[str, Any] = {"count": count, "mass": mass, "diameter": diameter}
+    stated = columns.get("density", density)
+    if stated is not None and {"mass", "diameter"} <= columns.keys():
+        fields["density"] = np.broadcast_to(stated, len(mass))
     for name, axes in (("velocity", VELOCITY), ("position", POSITION)):
         if axes[0] in columns:
             fields[name] = np.stack([columns[axis] for axis in axes], axis=1)

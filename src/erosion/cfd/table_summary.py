@@ -21,6 +21,7 @@ _DOMINATES = 0.05  # share of the wear from which on one of many rows is named, 
 _COMPARED = 1_000_000  # rows at most among which those that repeat others are looked for
 _SPECK = 0.03  # of the surface's length: seen is a unit at least 33 times too large (m for mm or inches), not cm for mm
 _REPEATED = 0.01  # share of rows above which they are said
+_SAME_MASS = 0.05  # of a sphere of its diameter and density, above which a mass contradicts them
 
 
 class Repeats:
@@ -63,10 +64,11 @@ class TableSummary:
     """The least and the greatest numbers of the rows read so far: times and places of all rows, the rest of hits."""
 
     def __init__(self) -> None:
-        self._ends = dict.fromkeys(("time", "count", "diameter", "density", "speed", "alpha"), (math.inf, -math.inf))
+        names = ("time", "count", "diameter", "density", "stated", "mass_ratio", "speed", "alpha")
+        self._ends = dict.fromkeys(names, (math.inf, -math.inf))
         self._box = self._struck_box = np.array([[math.inf], [-math.inf]]) * np.ones(3)
         self._most, self._place, self._all = 0.0, "", 0.0  # mass × speed^2.6 of a row, the row, and of all
-        self._rows, self._near, self._weightless, self._repeats = 0, 0, 0, Repeats()
+        self._rows, self._near, self._weightless, self._contradicted, self._repeats = 0, 0, 0, 0, Repeats()
 
     def add(self, block: ImpactBlock, hits: Hits) -> None:
         """Take note of the rows of a block."""
@@ -76,6 +78,9 @@ class TableSummary:
         rows = {"time": time, **{name: getattr(hits, name)[struck] for name in names}}
         with np.errstate(divide="ignore", over="ignore"):
             rows["density"] = hits.mass[struck] / (math.pi / 6 * rows["diameter"] ** 3)
+            rows["stated"] = np.zeros(0) if block.density is None else np.asarray(block.density)[struck]
+            rows["mass_ratio"] = rows["density"][: len(rows["stated"])] / rows["stated"]
+        self._contradicted += int((~(np.abs(rows["mass_ratio"] - 1) < _SAME_MASS)).sum())
         wear = np.where(struck, hits.count * hits.mass * hits.speed**_GROWTH, 0.0)
         self._all += float(wear.sum())
         self._weightless += int((struck & (hits.count == 0)).sum())
@@ -111,11 +116,13 @@ class TableSummary:
             come = float(parcels.mass[np.isin(parcels.known, parcels.parcel)].sum()) or total["particle_mass"]
             mass += f" ({100 * come / injected:.3g} % of the sand injected{', each parcel once' * table.has_parcels})"
         mean = math.degrees(total["angle"] * of_particle)
+        stated = f" by mass and diameter, {_range(*self._ends['stated'], Scale(1.0, 'kg/m³'))} as stated"
+        densities = _range(*density, Scale(1.0, "kg/m³")) + stated * bool(self._contradicted)
         lines = [
             f"columns: {table.read_as or 'in SI units'}",
             f"rows: {self._rows:,}, of which {self._near:,} hit ({100 * self._near / max(1, self._rows):.3g} %)",
             f"particles: {total['particles']:,.6g}, {_range(*count, Scale(1.0, ''))} a row; {mass}",
-            f"size: {_range(*size, length)}, {_range(*density, Scale(1.0, 'kg/m³'))}",
+            f"size: {_range(*size, length)}, {densities}",
             f"speed: {_range(*speeds, speed)}, mean {total['speed'] * of_particle / speed.size:.4g} {speed.unit}",
             f"angle to the wall: {_range(*angles, degree)}, mean {mean:.3g}°",
         ]
@@ -132,14 +139,17 @@ class TableSummary:
         return ["Read:", *(f"  {line}" for line in lines)]
 
     def findings(self, tally: FaceTally, surface: Surface | None) -> tuple[Finding, ...]:
-        """That rows repeat others, have no weight, all lie on a speck, or that one of them does much of the wear."""
+        """What is doubtful in the rows: see the texts of the codes."""
         length = math.inf if surface is None else surface.length
         hit = float(np.linalg.norm(np.diff(self._struck_box, axis=0))) if tally.unnamed > 1 else math.inf
+        least, greatest = self._ends["mass_ratio"]
+        contradicted = {"rows": self._contradicted, "least": least, "greatest": greatest}
         is_one = self._most > self._all * max(_DOMINATES, 30 / max(1, tally.hits))
         return (
             *self._repeats.findings,
             *found(
                 (self._weightless, Finding("rows_without_weight", numbers={"rows": self._weightless})),
+                (self._contradicted, Finding("mass_contradicts_size", numbers=contradicted)),
                 (
                     hit < _SPECK * length < math.inf,
                     Finding("impacts_on_a_speck", numbers={"impacts": hit, "surface": length}),
