@@ -3,6 +3,7 @@
 import os
 import re
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -205,6 +206,43 @@ def test_the_solids_of_an_stl_file_are_patches(tmp_path, start, end):
     np.testing.assert_array_equal(inlet.centre, both.centre[:1])
     with pytest.raises(ImpactsError, match="no patch 'outlet', but has inlet plane, wall"):
         read_surface(path, "outlet")
+
+
+def by_meshio(path: Path, **options: Any) -> None:
+    import meshio
+
+    meshio.Mesh(CUBE.points, [("triangle", CUBE.faces.reshape(-1, 4)[:, 1:])]).write(path, **options)
+
+
+def by_trimesh(path: Path, **options: Any) -> None:
+    import trimesh
+
+    trimesh.Trimesh(CUBE.points, CUBE.faces.reshape(-1, 4)[:, 1:], process=False).export(path, **options)
+
+
+CUBE: Any = pyvista.Cube(x_length=1 / 3).triangulate()
+OF_MESHIO = {"a.stl": {"binary": False}, "b.stl": {"binary": True}, "a.vtu": {"binary": False},
+             "b.vtu": {"compression": None}, "c.vtu": {}, "d.vtu": {"compression": "lzma"},
+             "a.vtk": {}, "a.ply": {}, "a.obj": {}}  # fmt: skip
+OF_TRIMESH = {"a.stl": {"file_type": "stl_ascii"}, "b.stl": {}, "a.ply": {}, "a.obj": {}}
+
+
+@pytest.mark.parametrize(
+    ("write", "name", "options"),
+    [*((by_meshio, *case) for case in OF_MESHIO.items()), *((by_trimesh, *case) for case in OF_TRIMESH.items())],
+)
+def test_a_file_of_another_program_is_read_exactly_or_refused_with_what_to_type(tmp_path, write, name, options):
+    write(tmp_path / name, **options)
+    if name.endswith((".stl", ".vtu")):
+        surface = read_surface(tmp_path / name, unit="m")
+        corners = surface.points[surface.corners].reshape(-1, 3, 3)
+        exact = CUBE.points[CUBE.faces.reshape(-1, 4)[:, 1:]]
+        np.testing.assert_allclose(
+            corners, exact, rtol=1e-7 if name.endswith(".stl") else 0
+        )  # STL has single precision
+        return
+    with pytest.raises(ImpactsError, match=r"is no surface.*pyvista.read\('a\.\w+'\).*save\('a.vtp'\)"):
+        read_surface(tmp_path / name, unit="m")
 
 
 @pytest.mark.parametrize("suffix", ["vtk", "pvtp", "ply", "obj"])
