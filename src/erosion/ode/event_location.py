@@ -96,7 +96,7 @@ def has_no_derivatives(problem: "LaneEquations", motion: Segment) -> Flag:
     root of what has a double zero there of second ones, as √(v² + w²). At a switch that may be the rate of a mode that
     does not hold.
     """
-    if not problem.options.arm_on_return:
+    if not problem.event_set.end_closely:
         return jnp.asarray(False)
     flat_state: FlatState = jax.tree.leaves(motion.value_and_tangents[0])
     near = _VANISHES * problem.scale_near(motion.control.step, FIRST_STEP)
@@ -121,9 +121,7 @@ def happening(
     problem: "LaneEquations", ended: Flag, event: Scalar, remaining: Scalar, events: Sequence[Ends], scale: Scalar
 ) -> list[Flag]:
     """For each event whether it happens at the end."""
-    happened = ended & (event >= 0)
-    counts = problem.options.arm_on_return
-    near = crossings.at_once(events, remaining, scale) if counts else [jnp.asarray(False)] * len(events)
+    happened, near = ended & (event >= 0), problem.event_set.at_once(events, remaining, scale)
     return [happened & (there | (event == i)) for i, there in enumerate(near)]
 
 

@@ -1,8 +1,9 @@
-"""The events of a program as one object: which count where a motion begins, and what a trial says about them."""
+"""The events of a program as one object: which count where a motion begins, in a trial, and at its end."""
 
 import abc
 import functools
 from collections.abc import Callable, Sequence
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jax import lax
@@ -27,11 +28,22 @@ def graze(rtol: Scalar) -> Scalar:
 
 
 class EventSet(abc.ABC):
-    """All events of a program: which count where a motion begins, and what a trial finds of them.
+    """All events of a program: which count where a motion begins, what a trial finds of them, and how it ends.
 
     Args:
         directions: of the events.
+
+    Attributes:
+        are_smooth: whether their functions are by their arithmetic.
+        are_slow: whether none of them may move faster than the state.
+        foresee: whether steps that get shorter are expected to go on so.
+        end_closely: whether the end of a motion is searched and checked with care, as a user's functions need it.
     """
+
+    are_smooth: bool = True
+    are_slow: bool = True
+    foresee: ClassVar[bool] = False
+    end_closely: ClassVar[bool] = False
 
     def __init__(self, directions: Sequence[int]) -> None:
         self.directions = directions
@@ -98,6 +110,24 @@ class EventSet(abc.ABC):
         quiet = functools.reduce(jnp.logical_and, clear, control.mode == ADVANCING)
         return lax.cond(quiet, goes_on, looks)
 
+    def counting(self, watched: Sequence[Watched], events: Sequence[Ends], event: Scalar) -> Sequence[Ends]:
+        """The event functions near an event, turned so that they fall; far from zero those that do not count."""
+        return events
+
+    def first_at_end(
+        self, control: Control, events: Sequence[Ends], scale: Scalar, time_to_end: Scalar | None
+    ) -> tuple[Scalar, Scalar]:
+        """The event that ends a motion and the time to it, from the functions that count near its end."""
+        return crossings.first_fall(control, events)
+
+    def at_once(self, events: Sequence[Ends], remaining: Scalar, scale: Scalar) -> list[Flag]:
+        """Which of these events happen in a time that remains, beside the first."""
+        return [jnp.asarray(False)] * len(events)
+
+    def rivals(self, happening: Sequence[Flag]) -> Sequence[Flag]:
+        """What else may end a motion, of what happens there; see `at_event`."""
+        return ()
+
 
 class Falling(EventSet):
     """All count from the start, and fall to their events."""
@@ -134,9 +164,11 @@ class Armed(EventSet):
         smooth: whether all event functions are smooth.
     """
 
+    foresee = end_closely = True
+
     def __init__(self, directions: Sequence[int], *, own: int, affine: Sequence[bool], smooth: bool) -> None:
         super().__init__(directions)
-        self.own, self.affine, self.smooth = own, affine, smooth
+        self.own, self.affine, self.are_smooth, self.are_slow = own, affine, smooth, all(affine)
 
     def at_start(self, events: list[Ends], scale: Scalar, begins: Flag) -> list[Ends]:
         """See `EventSet`."""
@@ -149,7 +181,7 @@ class Armed(EventSet):
         for i, (begin, end, affine) in enumerate(zip(start, step.events, self.affine, strict=True)):
             if not affine:
                 samples = [(theta, values[i]) for theta, values in step.interior_samples]
-                error = jnp.maximum(error, cubics.unresolved(begin, end, h, samples, smooth=self.smooth))
+                error = jnp.maximum(error, cubics.unresolved(begin, end, h, samples, smooth=self.are_smooth))
         return step._replace(error=error)
 
     def begins(self, events: Sequence[Ends], scale: Scalar) -> Flag:
@@ -176,3 +208,25 @@ class Armed(EventSet):
         return crossings.look_directed(
             watched, control, start, step.events, step.interior_samples, step.error, scale, clear=clear
         )
+
+    def counting(self, watched: Sequence[Watched], events: Sequence[Ends], event: Scalar) -> Sequence[Ends]:
+        """See `EventSet`."""
+        return [
+            arming.disarmed(cubics.signed(each, how.sign), how.armed | (event == i))
+            for i, (each, how) in enumerate(zip(events, watched, strict=True))
+        ]
+
+    def first_at_end(
+        self, control: Control, events: Sequence[Ends], scale: Scalar, time_to_end: Scalar | None
+    ) -> tuple[Scalar, Scalar]:
+        """See `EventSet`."""
+        event, remaining = super().first_at_end(control, events, scale, time_to_end)
+        return (event, remaining) if time_to_end is None else crossings.last_moment(event, remaining, events, scale)
+
+    def at_once(self, events: Sequence[Ends], remaining: Scalar, scale: Scalar) -> list[Flag]:
+        """See `EventSet`."""
+        return crossings.at_once(events, remaining, scale)
+
+    def rivals(self, happening: Sequence[Flag]) -> Sequence[Flag]:
+        """See `EventSet`."""
+        return happening

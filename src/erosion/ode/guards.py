@@ -141,7 +141,7 @@ def guards_of(problem: LaneEquations, rtol: Scalar) -> list[Guard]:
     guards: list[Guard] = []
     if problem.switches is not None:
         guards.append(InModes(problem, rtol))
-    if problem.order == 2 and problem.nonsmooth and problem.options.arm_on_return and problem.has_square_roots:
+    if problem.order == 2 and problem.nonsmooth and problem.event_set.end_closely and problem.has_square_roots:
         guards.append(Roots(problem, rtol))
     if problem.detects_stiffness and isinstance(problem.method, RungeKutta):
         guards.append(Stiffness(problem, rtol, problem.method))

@@ -101,8 +101,8 @@ def _single(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEvent
     time_to_end = problem.time_to_end
     written = [recorder.begin() for recorder in loop.recorders]
     motion, along, written = loop.to_its_event(problem.initial, time_to_end.value, written, None, ())
-    happening = motion.happening if problem.options.arm_on_return else ()
-    end = at_event(along, motion.event, motion.time, outputs_of, time_to_end, happening)
+    rivals = problem.event_set.rivals(motion.happening)
+    end = at_event(along, motion.event, motion.time, outputs_of, time_to_end, rivals)
     return motion, end, loop.after_segment(written, motion)
 
 

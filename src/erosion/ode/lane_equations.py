@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import Jaxpr
 
 from erosion.arguments import Number, Scalar
 from erosion.ode.cubics import Ends
+from erosion.ode.events import Armed, EventSet, Falling
 from erosion.ode.kinks import divisors, is_nonsmooth, may_have_kinks, operands_of, radicands, square_roots
 from erosion.ode.methods import method_of
 from erosion.ode.motion import Augmented
@@ -92,19 +92,19 @@ class LaneEquations:
         self.rate_and_events = functools.partial(rate_and_events, self.parameters, places)
         self.method = method_of(self)
         by_scale = signature.problem.time_scale is not None and self.clock.t1 == math.inf
-        foresees = self.options.arm_on_return and self.method.foresees
+        foresees = self.event_set.foresee and self.method.foresees
         self.limits = Limits(self.options.max_steps, by_scale, foresees=foresees)
         self.detects_stiffness = self.options.method == "auto" and not self.nonsmooth
 
     @functools.cached_property
-    def affine_events(self) -> list[bool]:
-        """Of each event whether its function is affine in the rows: then it moves no faster than they."""
-        return are_affine(self._events_jaxpr, self._moves)
-
-    @functools.cached_property
-    def events_are_smooth(self) -> bool:
-        """Whether all event functions are smooth by their arithmetic."""
-        return not is_nonsmooth(self._events_jaxpr, self._moves)
+    def event_set(self) -> EventSet:
+        """The events."""
+        if not self.options.arm_on_return:
+            return Falling(self.directions)
+        jaxpr = jax.make_jaxpr(self.events)(self.initial[: self.width]).jaxpr
+        # A function that is affine in the rows moves no faster than they.
+        affine, smooth = are_affine(jaxpr, self._moves), not is_nonsmooth(jaxpr, self._moves)
+        return Armed(self.directions, own=self.own_events, affine=affine, smooth=smooth)
 
     @property
     def _moves(self) -> list[bool]:
@@ -112,15 +112,6 @@ class LaneEquations:
         if self.switches is None:
             return [True] * self.width
         return [*self.switches.moves, *[False] * self.switches.count, *[True] * self.integrals]
-
-    @functools.cached_property
-    def _events_jaxpr(self) -> Jaxpr:
-        return jax.make_jaxpr(self.events)(self.initial[: self.width]).jaxpr
-
-    @property
-    def events_are_slow(self) -> bool:
-        """Whether no event function may move faster than the state."""
-        return not self.options.arm_on_return or all(self.affine_events)
 
     def dividing(self, flat_state: FlatState) -> list[Scalar]:
         """What the rates of the motion itself divide by."""

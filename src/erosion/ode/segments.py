@@ -11,7 +11,6 @@ from erosion.arguments import Flag, Number, Scalar
 from erosion.ode import arming, step_control
 from erosion.ode.cubics import Ends
 from erosion.ode.event_location import Lane, Segment, all_finite, finish_step
-from erosion.ode.events import Armed, EventSet, Falling
 from erosion.ode.guards import MOMENT, ULPS, Guard, guards_of
 from erosion.ode.horizon import Horizon, To
 from erosion.ode.lane_equations import LaneEquations
@@ -40,14 +39,7 @@ class SegmentLoop:
         self.scheduled = problem.signature.problem.scheduled()
         self.guards: list[Guard] = guards_of(problem, rtol)
         self.recorders: list[Recorder] = recorders_of(problem, rtol, rows)
-        self.events: EventSet = Falling(problem.directions)
-        if problem.options.arm_on_return:
-            self.events = Armed(
-                problem.directions,
-                own=problem.own_events,
-                affine=problem.affine_events,
-                smooth=problem.events_are_smooth,
-            )
+        self.events = problem.event_set
 
     def to_its_event(
         self,
@@ -181,7 +173,7 @@ def _own(problem: LaneEquations) -> list[Number]:
 def _at_start(problem: LaneEquations, initial: FlatState, scale: Scalar) -> tuple[FlatState, list[Ends]]:
     """Rate and events at the start; where one is 0·∞ by a √0, or a rate jumps there, those just after it."""
     slope, events = problem.rate_and_events(initial)
-    if not problem.nonsmooth and (not problem.options.arm_on_return or problem.events_are_smooth):
+    if not problem.nonsmooth and problem.event_set.are_smooth:
         return slope, events
     known = [jnp.where(jnp.isfinite(k), k, 0.0) for k in slope]
     moment = jnp.maximum(MOMENT * scale, ULPS * jnp.abs(problem.clock.t0))

@@ -307,9 +307,8 @@ def at_event(
 
     bends = [sum(chain(*parts)) for parts in zip(g.mixed, g_rate.by_first, g_rate.by_second, g_curve, strict=True)]
     t_second = of_time(bends, time_to_end.mixed, ALIKE[2])
-    if along.equations.signature.options.arm_on_return:
-        # So flat a function leaves no digits of them.
-        t_second = jnp.where(amplification < _FLAT, t_second, jnp.nan)
+    # So flat a function leaves no digits of them.
+    t_second = jnp.where(amplification < _FLAT, t_second, jnp.nan)
     parts = wanted.value, v_first, v_other, wanted.mixed, r.value, r.by_first, r.by_second, r_rate
     v_second, worst = [], 1.0
     for value, first, other, second, flow, flow_first, flow_other, curve in zip(

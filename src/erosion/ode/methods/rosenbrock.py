@@ -16,7 +16,6 @@ import numpy as np
 from jax import lax
 
 from erosion.arguments import Flag, Number, Scalar
-from erosion.ode import arming, crossings, cubics
 from erosion.ode.crossings import ByTheLastStep
 from erosion.ode.cubics import Ends
 from erosion.ode.event_location import Lane, Segment, happening, segment_to
@@ -273,27 +272,20 @@ class Rodas5P(Method):
 
         The step is written once, in a loop: it is most of a program for many unknowns.
         """
-        control, options = lane.control, self.problem.options
+        control, event_set = lane.control, self.problem.event_set
         scale = self.problem.scale_near(control.step, FIRST_STEP)
-        watched = arming.watch(self.problem.directions, lane.events, scale) if options.arm_on_return else []
+        watched = event_set.watch(lane.events, scale)
         ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
 
         def nearer(search: _LastStepSearch) -> _LastStepSearch:
             along = self.last_step(lane.state, lane.slope, lane.greatest, search.length)
-            events = along.events
-            if options.arm_on_return:
-                events = [
-                    arming.disarmed(cubics.signed(event, each.sign), each.armed | (control.event == i))
-                    for i, (event, each) in enumerate(zip(events, watched, strict=True))
-                ]
+            events = event_set.counting(watched, along.events, control.event)
             more = sum(
                 (jnp.where(control.event == i, -each.value / each.rate, 0.0) for i, each in enumerate(events)),
                 jnp.zeros(()),
             )
             near = ended & (jnp.abs(more) < NEAR * search.length)
-            event, remaining = crossings.first_fall(control, events)
-            if options.arm_on_return and time_to_end is not None:
-                event, remaining = crossings.last_moment(event, remaining, events, scale)
+            event, remaining = event_set.first_at_end(control, events, scale, time_to_end)
             found = event, jnp.where(ended, remaining, 0.0), events
             # The first round finds the place of the event that was seen, the second which is the first there.
             looks = search.rounds == 1

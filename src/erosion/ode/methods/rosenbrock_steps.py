@@ -299,7 +299,7 @@ class Rodas:
     def interior_samples(self, before: FlatState, after: FlatState, stages: Stages) -> list[tuple[float, list[Scalar]]]:
         """The events at two places within a step."""
         found: list[tuple[float, list[Scalar]]] = []
-        for theta in _LOOKS if self.problem.events_are_slow else _MORE_LOOKS:
+        for theta in _LOOKS if self.problem.event_set.are_slow else _MORE_LOOKS:
             rest = 1.0 - theta
             rows = []
             for y0, y1, us in zip(before[: self.width], after, stages.increments, strict=False):

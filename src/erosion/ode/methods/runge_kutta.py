@@ -12,7 +12,6 @@ import numpy as np
 from jax import lax
 
 from erosion.arguments import Flag, Number, Scalar
-from erosion.ode import arming, crossings, cubics
 from erosion.ode.crossings import ByAShortStep, ShortOfKinks
 from erosion.ode.cubics import Ends
 from erosion.ode.event_location import Lane, Segment, all_finite, happening, segment_to
@@ -117,7 +116,7 @@ class RungeKutta(Method):
 
     def after_stage(self, stage: int, flat_state: FlatState) -> list[tuple[float, list[Scalar]]]:
         """The events there, if the stage is one at which they are asked for."""
-        interior_stages = self.interior_stages if self.problem.events_are_slow else self.more_interior_stages
+        interior_stages = self.interior_stages if self.problem.event_set.are_slow else self.more_interior_stages
         if stage not in interior_stages:
             return []
         return [(float(self.tableau.a[stage].sum()), self.problem.events(flat_state))]
@@ -268,33 +267,21 @@ class RungeKutta(Method):
 
     def finish_step(self, lane: Lane, time_to_end: Scalar | None) -> tuple[Segment, EndTimeDependence]:
         """The motion where its last step found its end."""
-        control, options = lane.control, self.problem.options
+        control, event_set = lane.control, self.problem.event_set
         scale = self.problem.scale_near(control.step, FIRST_STEP)
-        passed, state, moves = self._to_the_end(lane, scale)
-        search = None
-        if options.arm_on_return:
-            search = self._searched(lane, passed, state, moves, scale)
-            passed, state, slope = search.passed, search.flat_state, search.slope
-            # What is rounding has no zero.
-            lost = search.slow & ~(_ORDERS * jnp.abs(search.time) < _HIDDEN * scale)
-            control = control._replace(mode=jnp.where(lost, FAILED, control.mode))
-            events = [
-                arming.disarmed(cubics.signed(event, watched.sign), watched.armed | (control.event == i))
-                for i, (event, watched) in enumerate(zip(search.events, lane.watched, strict=True))
-            ]
-        else:
-            slope, events = self.problem.rate_and_events(state)
+        search, moves = self._searched(lane, *self._to_the_end(lane, scale), scale)
+        passed, state, slope = search.passed, search.flat_state, search.slope
+        # What is rounding has no zero.
+        lost = search.slow & ~(_ORDERS * jnp.abs(search.time) < _HIDDEN * scale)
+        control = control._replace(mode=jnp.where(lost, FAILED, control.mode))
+        events = event_set.counting(lane.watched, search.events, control.event)
         ended = (control.mode == ENDED) & (control.event != NOT_BEGUN)
-        event, remaining = crossings.first_fall(control, events)
-        if options.arm_on_return and time_to_end is not None:
-            event, remaining = crossings.last_moment(event, remaining, events, scale)
-        remaining = jnp.where(ended, remaining, 0.0)
-        if search is not None:
-            # The derivatives are those beside such a zero: at it they are 0/0.
-            remaining, moves = jnp.where(search.slow, search.length, remaining), moves & ~search.slow
+        event, remaining = event_set.first_at_end(control, events, scale, time_to_end)
+        # The derivatives are those beside a zero that Newton's method does not reach: at it they are 0/0.
+        remaining = jnp.where(search.slow, search.length, jnp.where(ended, remaining, 0.0))
         flat_state: FlatState = [u + jnp.where(moves, remaining, 0.0) * k for u, k in zip(state, slope, strict=True)]
-        time_to_event = None if search is None and not self.problem.nonsmooth else jnp.where(moves, 0.0, remaining)
-        along = AlongFlow(self.problem.equations, self.problem.value_and_tangents(flat_state), time_to_event)
+        value_and_tangents = self.problem.value_and_tangents(flat_state)
+        along = AlongFlow(self.problem.equations, value_and_tangents, jnp.where(moves, 0.0, remaining))
         at_once = happening(self.problem, ended, event, remaining, events, scale)
         motion = segment_to(
             lane._replace(control=control), along.value_and_tangents, event, control.time + passed + remaining, at_once,
@@ -302,12 +289,14 @@ class RungeKutta(Method):
         )  # fmt: skip
         return motion, along
 
-    def _searched(self, lane: Lane, start: Scalar, state: FlatState, moves: Flag, scale: Scalar) -> _Search:
+    def _searched(
+        self, lane: Lane, start: Scalar, state: FlatState, moves: Flag, scale: Scalar
+    ) -> tuple[_Search, Flag]:
         """Take one more short step before Newton's last, as an event function may bend more than the motion.
 
         Towards a zero of higher order, as of (y - 1)⁵, or one beside other zeros, Newton's method leaves a share of the
         way at each step. There the steps are as many times longer as the zero has orders, or halve what is known to
-        hold it, and end beside it.
+        hold it, and end beside it. Also whether the state moves to the event itself.
         """
         control = lane.control
         near = jnp.maximum(_BESIDE * scale, _ULPS * control.time)
@@ -375,7 +364,10 @@ class RungeKutta(Method):
             flat_state = self.short_step(search.flat_state, search.slope, search.length)
             return at(search.passed + search.length, flat_state, search)
 
-        return lax.while_loop(goes_on, nearer, at(start, state, None))
+        search = at(start, state, None)
+        if self.problem.event_set.end_closely:
+            search = lax.while_loop(goes_on, nearer, search)
+        return search, jnp.logical_and(moves, ~search.slow)
 
     def _to_the_end(self, lane: Lane, scale: Scalar) -> tuple[Scalar, FlatState, Flag]:
         """The time from the last trial to the end, the state there, and whether it may move to the event itself.
@@ -408,7 +400,7 @@ class RungeKutta(Method):
         slope, events = self.problem.rate_and_events(state)
         event = [u + remaining(events) * k for u, k in zip(state, slope, strict=True)]
         reached = defined = all_finite([*state, *slope, *self.problem.rate(event)])
-        if self.problem.options.arm_on_return:
+        if self.problem.event_set.end_closely:
             # One more short step follows: where the event is the edge of what is defined, rounding might pass over it.
             beyond = [u + _BESIDE * scale * k for u, k in zip(event, slope, strict=True)]
             defined = defined & all_finite(self.problem.rate(beyond))
