@@ -485,9 +485,9 @@ def mclaury(
     Arguments, result and errors are those of `ecrc`; the derivative by α does not exist at α = 15°.
 
     References:
-        J. K. Edwards, B. S. McLaury, S. A. Shirazi, ASME FEDSM 2000, 959-966. The paper was not at hand: constants of
-        F, n, F_s and BH are those of Autodesk CFD's help, A and n those of Nektar++, whose F is 64 % greater at
-        30°: **compare F with the paper before you rely on absolute numbers**.
+        J. K. Edwards, B. S. McLaury, S. A. Shirazi, ASME FEDSM 2000, 959-966, as Autodesk CFD's help prints F, n, F_s
+        and BH, paired with A of Nektar++. Which F belongs to A = 1559e-9 is open: that of Nektar++ is 64 % greater at
+        30°, so **compare F with the paper before you rely on absolute numbers**.
         The speeds and sizes of its tests were not at hand, so that only the angle is checked.
     """
     factor = sharpness_factor(sharpness)
