@@ -2,6 +2,7 @@
 
 import gzip
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -414,6 +415,25 @@ def test_meanings_that_fit_no_column_are_refused(tmp_path, columns, words):
     path = written(tmp_path / "a.csv", PLAIN)
     with pytest.raises(ImpactsError, match=words):
         read_impacts(path, particle_density=2650, columns=columns)
+
+
+def test_a_refusal_prints_what_says_the_meaning_of_a_column(tmp_path):
+    heads = {
+        "Ort X / mm": "position_x",
+        "Ort Y / mm": "position_y",
+        "Ort Z / mm": "position_z",
+        "Korn / um": "diameter",
+    }
+    path = written(tmp_path / "a.csv", ";".join([*heads, "count", "v / m s-1", "angle / deg"]) + "\n1;2;3;4;5;6;7\n")
+    meant = dict[str, str]()
+    for heading, name in heads.items():
+        with pytest.raises(ImpactsError) as refused:
+            read_impacts(path, particle_density=2650, columns=meant)
+        entry = re.findall(r'what it is \("(.*)"\)', str(refused.value))[0]
+        assert entry.partition("=")[0] == heading.partition(" /")[0]
+        column, _, meaning = entry.replace("NAME", name).partition("=")
+        meant[column] = meaning
+    check(block_of(path, particle_density=2650, columns=meant), speed=[6], diameter=[4e-6])
 
 
 def test_points_and_commas_are_one_too_many(tmp_path):

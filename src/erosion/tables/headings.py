@@ -333,14 +333,19 @@ def ignored_columns(headings: Sequence[str], ignore: Sequence[str]) -> set[int]:
     """
     ignored: set[int] = set()
     for text in ignore:
-        named = {i for i, heading in enumerate(headings) if text.strip() == heading.strip()}
-        name = _key(heading_parts(text)[0])
-        named = named or {i for i, heading in enumerate(headings) if _key(heading_parts(heading)[0]) == name}
+        named = columns_of(headings, text)
         if not named:
             there = briefly(", ".join(heading.strip() for heading in headings))
             raise IgnoreError(f"has no column {briefly(text)}, which Argument `ignore` names; its columns are {there}")
-        ignored |= named
+        ignored.update(named)
     return ignored
+
+
+def columns_of(headings: Sequence[str], text: str) -> list[int]:
+    """The places of the columns with a heading, or else with this name in theirs; "U" is all of "U:0", "U:1", "U:2"."""
+    exact = [i for i, heading in enumerate(headings) if heading.strip() == text.strip()]
+    name, plain = _key(heading_parts(text)[0]), [re.sub(r":\d$", "", heading.strip()) for heading in headings]
+    return exact or [i for i, heading in enumerate(plain) if _key(heading_parts(heading)[0]) == name]
 
 
 def _doubt(text: str, unit: str, wanted: Mapping[str, Wanted], refused: Mapping[str, Wanted]) -> str:

@@ -1,12 +1,11 @@
 """Meanings of columns by the user: units and names, "x,y,z=mm, d50=diameter [um]"."""
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from erosion.output import briefly
 from erosion.output.files import read_toml
-from erosion.tables.headings import NO_UNIT, heading_parts
+from erosion.tables.headings import NO_UNIT, columns_of, heading_parts
 from erosion.tables.source import TableError
 
 
@@ -48,12 +47,11 @@ def explained(title: str, headings: Sequence[str], meant: Mapping[str, str]) -> 
     """
     texts = list(headings)
     for name, text in meant.items():
-        # "U" is all of U:0, U:1 and U:2.
-        at = [i for i, head in enumerate(headings) if name in (head.strip(), re.sub(r":\d$", "", head.strip()))]
+        at = columns_of(headings, name)
         if not at:
             known = briefly(", ".join(heading.strip() for heading in headings))
             raise TableError(f"{title}: has no column {name!r}, which Argument `columns` names; it has {known}.")
-        if not text.endswith("]") and heading_parts(name)[1] not in NO_UNIT:
+        if not text.endswith("]") and any(heading_parts(headings[i])[1] not in NO_UNIT for i in at):
             raise TableError(f"{title}: column {name!r} has its unit, so Argument `columns` must not give it another.")
         for i in at:
             texts[i] = text if text.endswith("]") else f"{heading_parts(headings[i])[0]} [{text}]"

@@ -96,7 +96,7 @@ def open_table(
     decimal: str | None = None,
     units: System = "si",
     refused: Mapping[str, Wanted] | None = None,
-    remedy: str = "name it in Argument `ignore` ({!r}), or say by Argument `columns` what it is",
+    remedy: str = "name it in Argument `ignore` ({0!r}), or say by Argument `columns` what it is ({1})",
 ) -> Table:
     """A table whose columns are understood; its rows are read on use.
 
@@ -109,7 +109,7 @@ def open_table(
         decimal: the mark of decimals of a text; the numbers show it otherwise.
         units: the unit system of the numbers.
         refused: quantities that no column may have.
-        remedy: what helps with a column that is refused, a template for its heading.
+        remedy: what helps with a column that is refused, a template for its heading and for its entry in `columns`.
 
     Raises:
         TableError: one sentence that names the table, the column, and the argument that helps.
@@ -133,7 +133,8 @@ def open_table(
         if heading.name in used:
             other = used[heading.name].heading.strip()
             raise TableError(
-                f"{place} gives `{heading.name}`, but so does {other!r}; rename it, or {remedy.format(head.strip())}."
+                f"{place} gives `{heading.name}`, but so does {other!r}; rename it, or "
+                f"{remedy.format(head.strip(), _entry(text))}."
             )
         try:
             measured = wanted[heading.name].measure(heading.unit, units, is_alias=heading.alias)
@@ -148,10 +149,8 @@ def open_table(
             raise TableError(f"{place} has another unit beside its heading, {other!r}.")
         used[heading.name] = Column(head, *measured, heading.unit, text != head)
     if doubt is not None:
-        head = opened.headings[doubt[0]]
-        raise TableError(
-            f"{opened.title}: column {head.strip()!r} {doubt[1]}; rename it, or {remedy.format(head.strip())}."
-        )
+        head, entry = opened.headings[doubt[0]].strip(), _entry(texts[doubt[0]])
+        raise TableError(f"{opened.title}: column {head!r} {doubt[1]}; rename it, or {remedy.format(head, entry)}.")
     if lacking:
         unit, (first, *_) = next(iter(lacking.items()))
         named = ", ".join(repr(head) for heads in lacking.values() for head in heads)
@@ -163,3 +162,9 @@ def open_table(
     opened.check([column.heading for column in used.values()])
     unused = (head.strip() for i, head in enumerate(opened.headings) if found[i] is None and i not in ignored)
     return Table(opened, used, tuple(unused))
+
+
+def _entry(heading: str) -> str:
+    """What is typed for a column in Argument `columns`, but for the name of the quantity."""
+    name, unit = heading_parts(heading)
+    return f'"{name or heading.strip()}=NAME [{unit or "UNIT"}]"'
