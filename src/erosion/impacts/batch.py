@@ -291,7 +291,7 @@ class Impact(Result):
 
     @property
     def turn(self) -> PerImpact:
-        """How far the body turned, |φ(t_c) - φ(0)| [rad]; NaN of a model without an orientation; see `end`."""
+        """How far the body turned, `|φ(t_c) - φ(0)|` [rad]; NaN of a model without an orientation; see `end`."""
         state = self.state
         if not isinstance(state, State):
             return np.full(np.shape(self.volume), np.nan)[()]

@@ -167,7 +167,7 @@ class Trajectory(Result):
 
     @property
     def turn(self) -> float:
-        """How far the body turned, |φ(t_c) - φ(0)| [rad]."""
+        """How far the body turned, `|φ(t_c) - φ(0)|` [rad]."""
         return abs(float(self.phi[-1] - self.phi[0])) if isinstance(self.states, State) else math.nan
 
     @property
