@@ -8,7 +8,7 @@ def main() -> None:
     # See `erosion.interrupts`. A shell's background jobs ignore it.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    from erosion.cli import main as command_line  # half a second
+    from erosion.cli import main as command_line  # 0.5 s, in which Ctrl-C ends the process
 
     command_line()
 

@@ -117,7 +117,7 @@ class Correlation:
     @functools.cached_property
     def alpha_max(self) -> float:
         """The angle of greatest erosion [rad]."""
-        from scipy.optimize import root_scalar  # the explorer, which knows the names, starts without scipy
+        from scipy.optimize import root_scalar  # 0.9 s: the explorer, which knows the names, starts without
 
         # Every F here rises to one maximum and then falls.
         coarse = np.deg2rad(np.arange(1.0, 90.0))

@@ -111,7 +111,7 @@ def require_loadable(model: object, hint: str = "") -> None:
     Raises:
         ValueError: for a model of a plug-in; `hint` ends the sentence.
     """
-    import cloudpickle
+    import cloudpickle  # comes with the extra `dask`
 
     if isinstance(model, CuttingModel) and PLUG_IN.encode() in cloudpickle.dumps(model):
         raise ValueError(

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from erosion.arguments import refuse
 from erosion.output.files import read_toml
 from erosion.output.tables import briefly
@@ -266,8 +268,6 @@ def known_targets(file: Path | None = None) -> list[str]:
 
 def implausible_body(mass: Any, radius: Any, width: Any) -> Finding | None:
     """The finding where no body of a plausible density has this mass and this size; arrays broadcast [SI]."""
-    import numpy as np
-
     # No body that reaches no further than r from its centre is larger than this cylinder.
     largest = np.pi * np.square(radius) * np.maximum(width, 2 * np.asarray(radius))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore", under="ignore"):

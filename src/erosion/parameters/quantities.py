@@ -334,7 +334,7 @@ _EXAMPLES: Mapping[System, Mapping[str, str]] = {
 
 @functools.cache
 def _registry() -> "pint.UnitRegistry":
-    import pint
+    import pint  # 0.6 s that a case without text does without
 
     registry = pint.UnitRegistry(cache_folder=None)
     registry.define("@alias pound = lbm")

@@ -140,7 +140,7 @@ def csv(declared: Iterable[Declared], lines: Sequence[str] = ()) -> str:
 
 def dataset(title: str, declared: Iterable[Declared], attributes: Mapping[str, str]) -> "xr.Dataset":
     """The values as a labelled Dataset, which xarray writes to netCDF."""
-    import xarray as xr  # half a second that a table for a terminal does without
+    import xarray as xr  # 1.7 s that a table for a terminal does without
 
     values, groups, _ = _apart(_flat(declared, "data", "file"), "data", "file")
     variables: dict[str, Any] = {}
