@@ -330,7 +330,7 @@ def test_a_lane_that_fails_on_the_way_tells_about_when() -> None:
     """ẋ = x²: x = 1/(1/x0 - t). ẋ = -√x - 1 reaches 0 after 2 (1 - ln 2)."""
     grows = ode.Problem(lambda args: {"x": args}, lambda t, y, args: {"x": y["x"] ** 2})
     (sentence,) = ode.solve(grows, np.array([0.1, 1.0, 2.0]), t0=1.0, t1=3.0).warnings
-    assert "2 of 3 lanes failed, about at t = 1.5 … 2:" in sentence
+    assert "2 of 3 lanes failed at t = 1.5 … 2:" in sentence
     (sentence,) = ode.solve(grows, 1.0, t1=3.0, wrt="").warnings
     assert "at t = 1:" in sentence
     falls = ode.Problem({"x": 1.0}, lambda t, y, args: {"x": -jnp.sqrt(y["x"]) - 1})

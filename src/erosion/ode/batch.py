@@ -91,7 +91,7 @@ class _Batch(NamedTuple):
     def adopt(self, found: LaneEnd, lanes: np.ndarray, better: np.ndarray | slice = slice(None)) -> None:
         """Write the results of another program into some lanes, where they are better."""
         those, results = lanes[better], self.results
-        for name in ("outcome", "time", "outputs", "trials", "count", "at_once", "least", "slides"):
+        for name in ("outcome", "time", "outputs", "trials", "count", "at_once", "least", "reached", "slides"):
             part = jax.tree.map(lambda each: each[better], getattr(found, name))
             _put(getattr(results, name), part, those)
         if found.saved is not None:

@@ -307,6 +307,7 @@ def ends(
         outcome=outcome,
         trials=results.trials.sum(axis=1),
         count=results.count[:, 0],
+        reached=None if results.reached is None else np.min(results.reached, axis=1),
         stiff=None if results.stiff is None else results.stiff.max(axis=1),
         slides=None if results.slides is None else results.slides.max(axis=1),
         error=np.max(np.asarray(results.error), axis=1),
@@ -366,17 +367,6 @@ def shaped(lanes: Lanes, time: Any, outputs: Sequence[Any]) -> Part:
 def named_events(lanes: Lanes, flags: Sequence[Any]) -> dict[str, Any]:
     """By the name of each event whether it happens at the end."""
     return dict(zip(lanes.signature.event_names, flags, strict=True))
-
-
-def repeated(lanes: Lanes, copies: int, rtol: float, **clock: PerLane) -> LaneEnd:
-    """Each lane several times over, with other numbers of the clock, of shape (lanes, copies)."""
-    which = np.repeat(np.arange(lanes.size), copies)
-    parameters = lanes.signature.of_lanes(lanes.parameters, which)
-    for name, value in clock.items():
-        parameters[len(parameters) - len(Clock._fields) + Clock._fields.index(name)] = np.ascontiguousarray(
-            value
-        ).reshape(-1)
-    return integrate(lanes.signature, parameters, which.size, 0, (), rtol)
 
 
 def _is_huge(value: Number) -> bool:

@@ -38,6 +38,7 @@ class LaneEnd(NamedTuple):
         count: number of events on the way, that at the end included.
         at_once: for each event whether it happens at the end.
         least: where the whole state is wanted, a size of each of its elements below which it need not be known.
+        reached: how long it went on, also where it failed; where the whole state is wanted.
         stiff: whether the lane was given up as stiff, or integrated by the method for that; where it is looked for.
         slides: whether the lane was given up as its rates point to a switch from both sides; where it has switches.
         rtol_used: after the batch, the tolerance of the results.
@@ -56,6 +57,7 @@ class LaneEnd(NamedTuple):
     count: PerImpact  # pyrefly: ignore
     at_once: Sequence[PerImpact] = ()
     least: Sequence[PerImpact] = ()
+    reached: PerImpact | None = None
     stiff: PerImpact | None = None
     slides: PerImpact | None = None
     rtol_used: PerImpact | None = None
@@ -132,7 +134,7 @@ def _finish(
     results = jax.tree.unflatten(structure, known + others)
     time, outputs = (Derivatives(*(part and part[i] for part in results)) for i in range(2))
     happening = [lax.convert_element_type(each, np.int8) for each in motion.at_once[: problem.own_events]]
-    count, at_once = wanted.of_events(lax.convert_element_type(motion.count, np.int32), happening)
+    count, at_once, gone = wanted.told(lax.convert_element_type(motion.count, np.int32), happening, numbers[0])
     least = [LEAST * size for size in problem.sizes_of_state(motion.greatest)]
     return LaneEnd(
         outcome=_outcome(problem, finite, control.mode, event),
@@ -142,6 +144,7 @@ def _finish(
         trials=lax.convert_element_type(control.trials, np.int32),
         count=count,
         at_once=at_once,
+        reached=gone,
         least=least,
         stiff=lax.convert_element_type(control.event == STIFF, np.int8) if problem.detects_stiffness else None,
         slides=lax.convert_element_type(control.event == SLIDES, np.int8) if problem.switches else None,

@@ -27,8 +27,8 @@ class Outputs(abc.ABC):
         """The numbers that are wanted, from the elements of the state and the integrals."""
 
     @abc.abstractmethod
-    def of_events(self, count: Any, at_once: Sequence[Any]) -> tuple[Any, Sequence[Any]]:
-        """How many events there were, and of each whether it happens at the end; None and nothing if not wanted."""
+    def told(self, count: Any, at_once: Sequence[Any], reached: Any) -> tuple[Any, Sequence[Any], Any]:
+        """How many events there were, of each whether it happens at the end, and when that is; None if not wanted."""
 
     @abc.abstractmethod
     def are_told(self, finite: Flag, unfinished: Flag) -> Flag:
@@ -54,9 +54,9 @@ class IntegralOutputs(Outputs):
         """See `Outputs`."""
         return list(integrals)
 
-    def of_events(self, count: Any, at_once: Sequence[Any]) -> tuple[Any, Sequence[Any]]:
+    def told(self, count: Any, at_once: Sequence[Any], reached: Any) -> tuple[Any, Sequence[Any], Any]:
         """See `Outputs`."""
-        return None, []
+        return None, [], None
 
     def are_told(self, finite: Flag, unfinished: Flag) -> Flag:
         """See `Outputs`."""
@@ -76,9 +76,9 @@ class StateOutputs(Outputs):
         """See `Outputs`."""
         return [*state(), *integrals]
 
-    def of_events(self, count: Any, at_once: Sequence[Any]) -> tuple[Any, Sequence[Any]]:
+    def told(self, count: Any, at_once: Sequence[Any], reached: Any) -> tuple[Any, Sequence[Any], Any]:
         """See `Outputs`."""
-        return count, at_once
+        return count, at_once, reached
 
     def are_told(self, finite: Flag, unfinished: Flag) -> Flag:
         """See `Outputs`."""

@@ -14,7 +14,7 @@ from jaxtyping import PyTree
 
 from erosion.arguments import PerImpact
 from erosion.ode.back_in_time import chosen
-from erosion.ode.ensemble import Lanes, Part, among, path_of, repeated
+from erosion.ode.ensemble import Lanes, Part, among, path_of
 from erosion.ode.event_log import Passed
 from erosion.ode.gradient import Ended, going_forwards, gradient_of
 from erosion.ode.kinks import may_have_kinks
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 INEXACT = 100.0  # tolerances: results that err by more are told
-_SEARCHED = 16  # failed lanes whose time is looked for
 
 
 class Integration(abc.ABC):
@@ -83,6 +82,7 @@ class Solution(Result):
         trials: the number of steps tried.
         at_once: by name whether an event happens at the end, as others may at the same time.
         stiff: whether the method for stiff motions integrated the lane; None where JAX traces.
+        reached: how far the integration came; None where JAX traces.
         slides: whether the lane is unfinished as its rates point to a switch from both sides; None without switches.
         derivatives: by names of one or two numbers; see `along`.
         digest: of what the problem computed.
@@ -110,6 +110,7 @@ class Solution(Result):
     rtol: float
     digest: str = dataclasses.field(repr=False)
     stiff: PerImpact | None = None
+    reached: PerImpact | None = dataclasses.field(default=None, repr=False)
     slides: PerImpact | None = dataclasses.field(default=None, repr=False)
     times: Times | None = None
     tolerance: np.ndarray | None = dataclasses.field(default=None, repr=False)
@@ -272,6 +273,7 @@ class Solution(Result):
             self,
             problem=original,
             t=-1.0 * self.t,
+            reached=None if self.reached is None else -1.0 * self.reached,
             derivatives={path: self._mirrored(part, path) for path, part in self.derivatives.items()},
             times=self.times and of_times(self.times),
             forwards=self,
@@ -513,12 +515,9 @@ class Solution(Result):
                 )
                 left &= ~own
         if np.any(left):
-            lanes = np.flatnonzero(left)
-            some = lanes[np.unique(np.linspace(0, lanes.size - 1, _SEARCHED).astype(int))]
-            t = _given_up(self, some) * (1.0 if self.forwards is None else -1.0)
-            where = f", about {_times(t, np.isfinite(t), 4)}" if np.any(np.isfinite(t)) else " on the way"
+            where = "on the way" if self.reached is None else _times(self.reached, left.reshape(np.shape(self.t)), 4)
             sentences.append(
-                f"{_failing(left, self.title)}{where}: no step from there succeeds. The motion grows without bound "
+                f"{_failing(left, self.title)} {where}: no step from there succeeds. The motion grows without bound "
                 "there, a rate or event function is NaN beyond (guard roots, powers and logarithms by `jnp.maximum`), "
                 "a rate jumps back and forth, or rounding hides the event (give `state_scale`)."
             )
@@ -663,23 +662,6 @@ def _undefined_at_start(lanes: Lanes, which: np.ndarray) -> dict[str, np.ndarray
     for name, flags in undefined.items():
         flags[which] = ~np.all(defined[name], axis=0)
     return undefined
-
-
-def _given_up(solution: Solution, which: np.ndarray) -> np.ndarray:
-    """About when lanes that failed on the way did: the latest `t1` before which they do not; NaN without a `t1`."""
-    lanes, signature = solution.lanes, solution.lanes.signature
-    lanes = lanes._replace(parameters=signature.of_lanes(lanes.parameters, which), shape=which.shape)
-    clock = signature.clock(lanes.parameters)
-    low, high = (np.array(np.broadcast_to(each, which.shape), float)[:, None] for each in (clock.t0, clock.t1))
-    high[np.isinf(high)] = np.nan
-    rows = np.arange(which.size)
-    for _ in range(5):
-        times = low + (high - low) * np.linspace(0.0, 1.0, 11)
-        results = repeated(lanes, times.shape[1] - 1, solution.rtol, t1=times[:, 1:])
-        lost = signature.has_no_result(results.outcome).reshape(which.size, -1)
-        first = np.where(np.any(lost, 1), np.argmax(lost, 1), lost.shape[1] - 1)
-        low, high = times[rows, first][:, None], times[rows, first + 1][:, None]
-    return high[:, 0]
 
 
 def _label(name: str) -> str:
