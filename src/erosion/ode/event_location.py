@@ -13,6 +13,7 @@ from erosion.arguments import Flag, Scalar
 from erosion.ode import crossings
 from erosion.ode.arming import Watched
 from erosion.ode.cubics import Ends
+from erosion.ode.kinks import divisors, radicands
 from erosion.ode.motion import Augmented
 from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import ENDED, FAILED, FIRST_STEP, Control
@@ -101,12 +102,12 @@ def has_no_derivatives(problem: "LaneEquations", motion: Segment) -> Flag:
     flat_state: FlatState = jax.tree.leaves(motion.value_and_tangents[0])
     near = _VANISHES * problem.scale_near(motion.control.step, FIRST_STEP)
     flow = problem.motion_rate(flat_state)
-    ends = zip(*jax.jvp(problem.dividing, (flat_state,), (flow,)), strict=True)
+    ends = zip(*jax.jvp(problem.operands(divisors), (flat_state,), (flow,)), strict=True)
     vanish = [~(jnp.abs(value) > near * jnp.abs(rate)) for value, rate in ends]
     if problem.order == 2:
 
         def moving(flat_state: FlatState) -> list[tuple[Scalar, Scalar]]:
-            both = jax.jvp(problem.under_roots, (flat_state,), (problem.motion_rate(flat_state),))
+            both = jax.jvp(problem.operands(radicands), (flat_state,), (problem.motion_rate(flat_state),))
             return list(zip(*both, strict=True))
 
         ends, bends = jax.jvp(moving, (flat_state,), (flow,))

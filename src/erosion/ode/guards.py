@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from erosion.arguments import Flag, Scalar
 from erosion.ode.event_location import Lane
 from erosion.ode.horizon import Horizon
+from erosion.ode.kinks import square_roots
 from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.methods.base import Step
 from erosion.ode.methods.runge_kutta import RungeKutta
@@ -121,7 +122,7 @@ class Roots(Guard):
         problem, length, lost = self.problem, lane.control.trial_length, jnp.asarray(False)
         width, near = problem.width, _AT_KINK * problem.time_scale
         before, after = (
-            jax.jvp(problem.under_square_roots, (rows[:width],), (slope[:width],))
+            jax.jvp(problem.operands(square_roots), (rows[:width],), (slope[:width],))
             for rows, slope in ((lane.state, lane.slope), (step.state, step.slope))
         )
         for value, rate, other, later in zip(*before, *after, strict=True):
@@ -141,7 +142,8 @@ def guards_of(problem: LaneEquations, rtol: Scalar) -> list[Guard]:
     guards: list[Guard] = []
     if problem.switches is not None:
         guards.append(InModes(problem, rtol))
-    if problem.order == 2 and problem.nonsmooth and problem.event_set.end_closely and problem.has_square_roots:
+    may_touch = problem.order == 2 and problem.nonsmooth and problem.event_set.end_closely
+    if may_touch and jax.eval_shape(problem.operands(square_roots), problem.initial[: problem.width]):
         guards.append(Roots(problem, rtol))
     if problem.detects_stiffness and isinstance(problem.method, RungeKutta):
         guards.append(Stiffness(problem, rtol, problem.method))

@@ -65,10 +65,13 @@ def square_roots(equation: Equation, moves: Sequence[bool]) -> list[Atom]:
     return [base] if moves[0] and low else []
 
 
+OfOperation = Callable[[Equation, Sequence[bool]], list[Atom]]
+"""Some of the operands of an operation, by which of them move."""
+
+
 def operands_of(
-    which: Callable[[Equation, Sequence[bool]], list[Atom]],
-    closed: ClosedJaxpr, operands: Sequence[Scalar], varies: Sequence[bool],
-) -> list[Scalar]:  # fmt: skip
+    which: OfOperation, closed: ClosedJaxpr, operands: Sequence[Scalar], varies: Sequence[bool]
+) -> list[Scalar]:
     """Operands of some operations within a function, where they depend on its own operands that vary."""
     jaxpr, found, parts = closed.jaxpr, [], []
     known = known_values(jaxpr, {variable for variable, moves in zip(jaxpr.invars, varies, strict=True) if moves})

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from erosion.arguments import Number, Scalar
 from erosion.ode.cubics import Ends
 from erosion.ode.events import Armed, EventSet, Falling
-from erosion.ode.kinks import divisors, is_nonsmooth, may_have_kinks, operands_of, radicands, square_roots
+from erosion.ode.kinks import OfOperation, is_nonsmooth, may_have_kinks, operands_of
 from erosion.ode.methods import method_of
 from erosion.ode.motion import Augmented
 from erosion.ode.reduction import FlatState, are_affine
@@ -113,26 +113,14 @@ class LaneEquations:
             return [True] * self.width
         return [*self.switches.moves, *[False] * self.switches.count, *[True] * self.integrals]
 
-    def dividing(self, flat_state: FlatState) -> list[Scalar]:
-        """What the rates of the motion itself divide by."""
-        return operands_of(divisors, jax.make_jaxpr(self.motion_rate)(flat_state), flat_state, [True] * len(flat_state))
+    def operands(self, which: OfOperation) -> Callable[[FlatState], list[Scalar]]:
+        """The values of some operands in the rates of the motion itself, such as divisors; see `kinks`."""
 
-    def under_roots(self, flat_state: FlatState) -> list[Scalar]:
-        """Of what the rates of the motion itself take roots."""
-        return operands_of(
-            radicands, jax.make_jaxpr(self.motion_rate)(flat_state), flat_state, [True] * len(flat_state)
-        )
+        def values(flat_state: FlatState) -> list[Scalar]:
+            jaxpr = jax.make_jaxpr(self.motion_rate)(flat_state)
+            return operands_of(which, jaxpr, flat_state, [True] * len(flat_state))
 
-    def under_square_roots(self, flat_state: FlatState) -> list[Scalar]:
-        """Of what they take square roots."""
-        return operands_of(
-            square_roots, jax.make_jaxpr(self.motion_rate)(flat_state), flat_state, [True] * len(flat_state)
-        )
-
-    @functools.cached_property
-    def has_square_roots(self) -> bool:
-        """Whether they take any."""
-        return bool(jax.eval_shape(self.under_square_roots, self.initial[: self.width]))
+        return values
 
     def value_and_tangents(self, flat_state: FlatState) -> tuple[Augmented, ...]:
         """Value and derivatives of a state."""

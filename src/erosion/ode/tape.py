@@ -12,23 +12,17 @@ is stiff: no polynomial is as exact. What is left between the last step and the 
 """
 
 import functools
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from erosion.arguments import Flag, PerImpact, Scalar
 from erosion.lanes import tapes
-from erosion.ode.event_location import Lane, Segment
 from erosion.ode.lane_equations import LaneEquations
-from erosion.ode.motion import outputs_of
 from erosion.ode.reduction import FlatState
 from erosion.ode.signature import Signature
-from erosion.ode.step_control import ARRIVED
-from erosion.ode.variational import EndTimeDependence, at_event
 
 STEP = -9.0
 BESIDE = 2  # numbers of a row before the state
@@ -145,64 +139,3 @@ class Saved(NamedTuple):
 
     following: Scalar
     token: Scalar
-
-
-class StateWriter:
-    """Writes the states of one motion of a lane.
-
-    Args:
-        problem: the equations; of a stiff motion without second derivatives.
-        rtol: relative tolerance.
-        elapsed: of a chain, the time since the lane began, with its tangents.
-    """
-
-    def __init__(self, problem: LaneEquations, rtol: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
-        self.problem, self.rtol = problem, rtol
-        self.elapsed = problem.equations.unpack(elapsed) if elapsed else None
-
-    def after_step(self, saved: Saved, before: Lane, after: Lane) -> Saved:
-        """With the states at the times up to the end of a trial, if the lane moved there."""
-        end = after.control.time
-        due = (end > before.control.time) & (self._time(saved.following) <= end)
-        return lax.cond(
-            due,
-            lambda: self._written(saved, end, self.problem.method.interpolate(before, after, self.rtol)),
-            lambda: saved,
-        )
-
-    def after_last_step(self, saved: Saved, lane: Lane, motion: Segment) -> Saved:
-        """With those up to the end of the motion, which may lie before or after that of the last step."""
-        end, problem = motion.time, self.problem
-        if problem.chains:
-            # Another motion begins there, and writes what is later.
-            following = lax.while_loop(
-                lambda k: (k > 0) & (self._time(jnp.maximum(k - 1, 0)) > end), lambda k: k - 1, saved.following
-            )
-            saved = saved._replace(following=following)
-        so_far = jnp.abs(problem.clock.t0) + end + (0.0 if self.elapsed is None else self.elapsed.value)
-        return self._written(saved, end + ROUNDING * so_far, problem.method.beyond(lane, motion))
-
-    def _time(self, index: Scalar) -> Scalar:
-        """A time, since the motion began."""
-        time = tapes.read(TIMES, np.zeros(()), index) - self.problem.clock.t0
-        return time if self.elapsed is None else time - self.elapsed.value
-
-    def _written(self, saved: Saved, t_stop: Scalar, at: Callable[[Scalar], EndTimeDependence]) -> Saved:
-        def writes(saved: Saved) -> Saved:
-            numbers = self._numbers(at(self._time(saved.following)))
-            token = tapes.write(STATES, saved.token, saved.following * len(numbers), *numbers)
-            return Saved(saved.following + 1, token)
-
-        return lax.while_loop(lambda saved: self._time(saved.following) <= t_stop, writes, saved)
-
-    def _numbers(self, along: EndTimeDependence) -> list[Scalar]:
-        """What is wanted of a state, and its derivatives at a fixed time, of a motion that began at any."""
-        problem, equations = self.problem, self.problem.equations
-        if problem.order == 0:
-            return along.here(outputs_of).value
-        began = equations.of(lambda _, motion: motion.clock.t0, ())
-        if self.elapsed is not None:
-            began = jax.tree.map(jnp.add, began, self.elapsed)
-        since = jax.tree.map(lambda number: -1.0 * number, began)
-        outputs = at_event(along, jnp.full((), ARRIVED), 0.0 * problem.time_scale, outputs_of, since).outputs
-        return jax.tree.leaves(equations.pack(equations.unscale(outputs)))
