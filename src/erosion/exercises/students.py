@@ -14,7 +14,7 @@ import numpy as np
 from erosion.arguments import Progress
 from erosion.exercises.answer_key import AnswerKey
 from erosion.exercises.course import best_angle
-from erosion.output import briefly, readable
+from erosion.output import briefly, readable, to_csv
 from erosion.parameters import QUANTITIES, Dimension, Parameters, unit_name
 
 # With β from 0.4 to 0.5 the turning grain's best angle is a maximum within 90° of turn; at half the k the limit binds.
@@ -92,14 +92,11 @@ def answers_table(keys: Mapping[str, AnswerKey], *, progress: Progress | None = 
     (first, *_) = keys.values()
     parameters: dict[str, Dimension] = {name: quantity.dimension for name, quantity in QUANTITIES.items()}
     tasks: dict[str, Dimension] = {name: task.dimension for name, task in first.tasks.items()}
-    units = [unit_name(dimension, first.p.units) for dimension in (*parameters.values(), *tasks.values())]
-    headings = [f"{name} [{unit}]" if unit else name for name, unit in zip((*parameters, *tasks), units, strict=True)]
-    file = io.StringIO()
-    table = csv.writer(file, lineterminator="\n")
-    table.writerow(["student", *headings])
-    for done, (student, key) in enumerate(keys.items()):
+    rows = []
+    for done, key in enumerate(keys.values()):
         if progress is not None:
             progress("solving the tasks", done, len(keys))
-        case = [repr(float(getattr(key.p, name))) for name in parameters]
-        table.writerow([student, *case, *(repr(key.answer(task)) for task in tasks)])
-    return file.getvalue()
+        rows.append([*(float(getattr(key.p, name)) for name in parameters), *map(key.answer, tasks)])
+    units = (unit_name(dimension, first.p.units) for dimension in (*parameters.values(), *tasks.values()))
+    headings = (f"{name} [{unit}]" if unit else name for name, unit in zip((*parameters, *tasks), units, strict=True))
+    return to_csv({"student": [*keys], **dict(zip(headings, zip(*rows, strict=True), strict=True))})
