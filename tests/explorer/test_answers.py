@@ -44,7 +44,7 @@ SLID = PageState(PLUGGED, ("linearized", "tip"), "tip")
 def test_a_single_event_is_the_closed_forms_candidate(event: str) -> None:
     p = TABLE_1.replace(alpha=ANGLES[::10])
     exact = end_times(Linearized(), p)[event]
-    hits = impact(SingleEvent(model=Linearized(), event=event), p)
+    hits = impact(SingleEvent(Linearized(), event), p)
     computed = np.where(hits.ended_by == event, hits.t_c, np.nan)
     # 1e-9 is the kernel's tolerance; where the event never happens both say so.
     np.testing.assert_allclose(computed, exact, rtol=1e-9)

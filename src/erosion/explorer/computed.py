@@ -13,12 +13,12 @@ from concurrent.futures import Future
 from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
+from erosion.arguments import Broadcast, ModelState
 from erosion.explorer.state import PageCase, PageState, sentence
 from erosion.impacts import OTHER_ENDS, Impact, alpha_max, end_names, impact, path, turn_of, turned_beyond
-from erosion.models import CuttingModel, Scales, Tip
+from erosion.models import CuttingModel, Events, SameMotion
 from erosion.parameters import QUANTITIES, CaseFile, Parameters
 
 T = TypeVar("T")
@@ -45,38 +45,19 @@ def in_thread(work: Callable[[], T]) -> Future[T]:
     return future
 
 
-_LATEST_EVENT = 12.0  # time scales; the page says that a later event never happens
-_NEVER = "never"
+class SingleEvent(SameMotion):
+    """A model whose cut is ended by one event alone; the motion after the other events continues under its forces."""
 
-
-class SingleEvent(CuttingModel):
-    """A model whose cut is ended by one event alone, or by a clock if this event does not happen.
-
-    The motion after the other events continues under the same forces.
-    """
-
-    model: CuttingModel
+    motion: CuttingModel
     event: str = eqx.field(static=True)
 
-    def initial_state(self, p: Parameters) -> Any:
-        """The model's own state, and a clock that counts time scales."""
-        return self.model.initial_state(p), jnp.zeros_like(self.model.scales(p).time)
+    def events(self, state: ModelState, p: Parameters) -> Events:
+        """The one event."""
+        return {self.event: self.motion.events(state, p)[self.event]}
 
-    def derivative(self, state: Any, p: Parameters) -> Any:
-        """The model's own motion, and the rate of the clock."""
-        return self.model.derivative(state[0], p), 1 / self.model.scales(p).time
-
-    def tip(self, state: Any, p: Parameters) -> Tip:
-        """The model's own tip."""
-        return self.model.tip(state[0], p)
-
-    def events(self, state: Any, p: Parameters) -> dict[str, Any]:
-        """The one event, and the end of the clock."""
-        return {self.event: self.model.events(state[0], p)[self.event], _NEVER: 1 - state[1] / _LATEST_EVENT}
-
-    def scales(self, p: Parameters) -> Scales:
-        """The model's own scales."""
-        return self.model.scales(p)
+    def removal_rate(self, state: ModelState, p: Parameters) -> Broadcast:
+        """The model's own."""
+        return self.motion.removal_rate(state, p)
 
 
 def end_times(model: CuttingModel, p: Parameters) -> dict[str, np.ndarray]:
@@ -93,7 +74,7 @@ def end_times(model: CuttingModel, p: Parameters) -> dict[str, np.ndarray]:
     if closed is not None:
         return {name: np.asarray(times) for name, times in closed.end_times(p).items()}
     events = [name for name in end_names(model) if name not in OTHER_ENDS]
-    hits = {event: impact(SingleEvent(model=model, event=event), p) for event in events}
+    hits = {event: impact(SingleEvent(model, event), p) for event in events}
     return {event: np.where(np.asarray(hit.ended_by) == event, hit.t_c, np.nan) for event, hit in hits.items()}
 
 
