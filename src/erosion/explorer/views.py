@@ -27,11 +27,9 @@ from erosion.parameters import (
     PER_MASS_SCALES,
     QUANTITIES,
     RESULTS,
-    Dimension,
     Scale,
     models_far_from_tests,
     readable_scale,
-    unit_name,
 )
 from erosion.plotting.dynamics import SHARES, Dynamics, dynamics
 from erosion.plotting.labels import (
@@ -45,6 +43,7 @@ from erosion.plotting.labels import (
     describe,
     leaps,
     parted,
+    round_length,
     with_gaps,
 )
 from erosion.results import Finding
@@ -159,10 +158,8 @@ def cut(computed: Computed, models: Collection[str]) -> tuple[Option]:
     time = readable_scale("time", p.units, motion.t_c)
     length = readable_scale("length", p.units, float(np.max(np.abs(motion.x_tip))) or float(p.r))
     phi = motion.phi if isinstance(motion.states, Body) else np.full(motion.t.shape, np.pi / 2)
-    # 1, 2 or 5 times a power of ten, at most r.
     longest = float(p.r) / length.size
-    power = 10.0 ** np.floor(np.log10(longest))
-    bar = float(max(factor for factor in (1, 2, 5) if factor * power <= longest * (1 + 1e-9)) * power)
+    bar = round_length(longest)
     end = NOTHING
     if motion.t_c:
         after = f"{motion.t_c / time.size:.4g} {time.unit}"
@@ -237,8 +234,8 @@ def numbers(computed: Computed, models: Collection[str]) -> tuple[str]:
     for model in computed.state.models:
         point, best = points.get(model), optima.get(model)
         at_angle = ["…"] * 4 if point is None else [
-            _read("time", float(point.t_c), computed), html.escape(str(point.ended_by)),
-            _volume(computed, float(point.volume)), _read("volume per angle", float(point.dvolume), computed),
+            _read("t_c", float(point.t_c), computed), html.escape(str(point.ended_by)),
+            _volume(computed, float(point.volume)), _read("dvolume", float(point.dvolume), computed),
         ]  # fmt: skip
         turn = _turn(turned[model]) if model in turned else "…"
         at_best = [unknown] * 2
@@ -270,7 +267,7 @@ def _of_the_cut(computed: Computed) -> str:
     cut = computed.of_shown("cut")
     if cut is None:
         return ""
-    depth = _read("length", cut.max_depth, computed)
+    depth = _read("max_depth", cut.max_depth, computed)
     facts = [f"{RESULTS['max_depth'].meaning}: {depth}"]
     if cut.volume_at_contact:
         at_contact = _read("volume", cut.volume_at_contact, computed)
@@ -318,13 +315,10 @@ def _volume(computed: Computed, volume: float) -> str:
     return text.replace("-", "−")
 
 
-def _read(dimension: Dimension, value: float, computed: Computed) -> str:
-    if not np.isfinite(value):
-        return "–"
-    units = computed.state.case.units
-    scale = readable_scale(dimension, units, abs(value))
-    unit = scale.unit if value else unit_name(dimension, units)
-    return f"{value / scale.size:.5g} {unit}".strip().replace(" 10", "·10").replace("-", "−")
+def _read(result: str, value: float, computed: Computed) -> str:
+    """One of `RESULTS` with its unit."""
+    text = RESULTS[result].in_words(value, computed.state.case.units, 5) if np.isfinite(value) else "–"
+    return text.replace("-", "−")
 
 
 def spins(computed: Computed, models: Collection[str]) -> Drawing:

@@ -37,10 +37,10 @@ from erosion.plotting.style import (
     axes_or_new,
     house_style,
     legend_below,
-    legend_of_panel,
     new_axes,
     result_label,
 )
+from erosion.sweeps.grid import in_words
 
 
 def mark_best(
@@ -102,7 +102,9 @@ def pieces(optimum: Optimum, points: int = 600) -> list[Piece]:
 
 
 @house_style()
-def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
+def plot_optimum(
+    optimum: Optimum, *, ax: Axes | None = None, marks: Mapping[str, tuple[float, float]] = MappingProxyType({})
+) -> Figure:
     """The objective over the angle, with the regimes, the jumps, the candidates and the optimum.
 
     The area below what is removed at contact, as by deformation, is shaded.
@@ -110,6 +112,7 @@ def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
     Args:
         optimum: for scalar parameters.
         ax: where to draw; without it, in a new figure.
+        marks: (α, value) of further points, by their names in `MARKS`.
 
     Raises:
         ValueError: for a batch of optima.
@@ -148,11 +151,11 @@ def plot_optimum(optimum: Optimum, *, ax: Axes | None = None) -> Figure:
     for candidate in optimum.candidates[1:]:
         ax.plot(np.rad2deg(candidate.alpha), candidate.value / scale.size, _MARKS[candidate.kind], color="white",
                 markeredgecolor=INK, markersize=7, zorder=4, label="other candidates")  # fmt: skip
+    _mark(ax, marks, scale)
     ax.set_ylabel(optimum.objective if measured is None else result_label(measured, scale))
     angle_axis(ax, *(np.rad2deg(end) for end in (optimum.regimes[0].low, optimum.regimes[-1].high)))
     ax.set_ylim(bottom=0, top=1.05 * ax.get_ylim()[1])
-    handles, labels = ax.get_legend_handles_labels()
-    legend_of_panel(ax, list(dict(zip(labels, handles, strict=True)).values()), 2)
+    legend_below(ax, 2)
     return fig
 
 
@@ -171,16 +174,14 @@ class ShapeCurve(NamedTuple):
         label: the text in the legend.
         angles: α, ascending, shape (n,) [rad]; NaN where the curve has a gap.
         volume: V, shape (n,) [volume].
-        best: (α, V) of the maximum, α = 0 for a limit; None draws no mark.
-        attained: whether V reaches the maximum or only approaches it.
+        best: the maximum, α = 0 for a limit; None draws no mark.
         beyond: where the body turns by more than 90°, shape (n,); there the curve is dotted.
     """
 
     label: str
     angles: np.ndarray
     volume: np.ndarray
-    best: tuple[float, float] | None = None
-    attained: bool = True
+    best: Best | Optimum | None = None
     beyond: np.ndarray | None = None
 
 
@@ -213,7 +214,7 @@ def _over_angles(ax: Axes, label: str, columns: int, limits: tuple[float | None,
     return ax
 
 
-def _draw_shape(ax: Axes, curve: ShapeCurve, size: float, label: str, **style: Any) -> None:
+def draw_curve(ax: Axes, curve: ShapeCurve, size: float, label: str, **style: Any) -> None:
     """V(α) divided by `size`, dotted where the body turns by more than 90°."""
     degrees, volume = np.rad2deg(curve.angles), curve.volume / size
     beyond = np.zeros(degrees.size, bool) if curve.beyond is None else curve.beyond
@@ -243,18 +244,14 @@ def plot_family(
     scale = readable_scale("volume", units, max(largest))
     for i, curve in enumerate(curves):
         colors_used_up = i >= len(_COLORS)
-        _draw_shape(ax, curve, scale.size, curve.label, color=_COLORS[i % len(_COLORS)],
+        draw_curve(ax, curve, scale.size, curve.label, color=_COLORS[i % len(_COLORS)],
                     linestyle=(0, (4, 3)) if colors_used_up else "-", linewidth=1.9)  # fmt: skip
-    marked = [curve for curve in curves if curve.best is not None]
-    tops = np.array([curve.best for curve in marked]).reshape(-1, 2)
+    tops = [curve.best for curve in curves if curve.best is not None]
     if joined:
-        ax.plot(np.rad2deg(tops[:, 0]), tops[:, 1] / scale.size, linestyle=(0, (2, 2)), color=INK, linewidth=1.1)
-    for attained, fill, label in ((True, PALETTE["orange"], "greatest"), (False, "none", "approached, not reached")):
-        drawn = np.array([curve.attained == attained for curve in marked], bool)
-        if drawn.any():
-            ax.plot(np.rad2deg(tops[drawn, 0]), tops[drawn, 1] / scale.size, "*" if attained else "o", color=fill,
-                    markersize=12 if attained else 8, markeredgecolor=INK, markeredgewidth=0.8, linestyle="none",
-                    zorder=5, clip_on=False, label=label)  # fmt: skip
+        angles, volumes = np.array([(best.alpha, best.value) for best in tops]).T
+        ax.plot(np.rad2deg(angles), volumes / scale.size, linestyle=(0, (2, 2)), color=INK, linewidth=1.1)
+    for best in tops:
+        mark_best(ax, best, scale.size, label="greatest" if best.attained else "approached, not reached")
     least, top = min(largest), max(largest) / scale.size
     limits = (0, 1.1 * top or None)
     if max(largest) > _WIDE * least > 0:
@@ -381,12 +378,26 @@ def plot_shapes(ax: Axes, curves: Sequence[ShapeCurve], correlations: Sequence[s
         label = f"{correlation.title}: {np.rad2deg(correlation.alpha_max):.1f}°"
         ax.plot(np.rad2deg(angles), np.asarray(correlation.normalised(angles)), color=DIM, linewidth=1.3,
                 linestyle=_DASHES[i % len(_DASHES)], label=label)  # fmt: skip
-    for i, curve in enumerate(curve for curve in curves if curve.best is not None):
-        color, line = STYLES[i % len(STYLES)]
-        alpha, greatest = curve.best or (0.0, 1.0)
-        best = f"{np.rad2deg(alpha):.1f}°" if alpha else "as α → 0"
-        _draw_shape(ax, curve, greatest, f"{curve.label}: {best}", color=color, linestyle=line, linewidth=2)
+    marked = [(curve, curve.best) for curve in curves if curve.best is not None]
+    for (curve, best), (color, line) in zip(marked, itertools.cycle(STYLES)):
+        label = f"{curve.label}: {describe(best)}"
+        draw_curve(ax, curve, float(best.value), label, color=color, linestyle=line, linewidth=2)
     return _over_angles(ax, "divided by its own maximum", 2, (0, 1.05))
+
+
+def curves_of(comparison: xr.Dataset) -> list[ShapeCurve]:
+    """The models of `erosion.compare`, broken at jumps."""
+    curves = []
+    for name in comparison.model.values:
+        results = comparison.sel(model=name)
+        alpha, greatest, kind = float(results.alpha_max), float(results.volume_max), in_words(results.alpha_max_kind)
+        # A comparison does not hold the side of a jump.
+        best = Best(alpha, greatest, str(kind), attained=str(kind) != "jump" and alpha != 0)
+        angles, volume = broken(results.alpha.values, results.volume.values, results.dvolume.values)
+        beyond = np.isin(angles, results.alpha.values[results.turned_beyond.values])
+        has_best = bool(np.isfinite([alpha, greatest]).all() and greatest > 0)
+        curves.append(ShapeCurve(str(name), angles, volume, best if has_best else None, beyond))
+    return curves
 
 
 @house_style()
@@ -397,14 +408,7 @@ def plot_against_correlations(comparison: xr.Dataset, correlations: Sequence[str
         comparison: the result of `erosion.compare`.
         correlations: names in `erosion.CORRELATIONS`.
     """
-    curves = []
-    for name in comparison.model.values:
-        results = comparison.sel(model=name)
-        angles, volume = broken(results.alpha.values, results.volume.values, results.dvolume.values)
-        beyond = np.isin(angles, results.alpha.values[results.turned_beyond.values])
-        best = (float(results.alpha_max), float(results.volume_max))
-        has_best = bool(np.isfinite(best).all() and best[1] > 0)
-        curves.append(ShapeCurve(str(name), angles, volume, best if has_best else None, beyond=beyond))
+    curves = curves_of(comparison)
     fig, ax = new_axes(6.6, 4.4 + 0.11 * (len(curves) + len(correlations)))
     plot_shapes(ax, curves, correlations)
     return fig
@@ -412,9 +416,7 @@ def plot_against_correlations(comparison: xr.Dataset, correlations: Sequence[str
 
 MARKS = {
     "cusp": ("D", PALETTE["green"], "cusp at {}"),
-    "branch": ("D", PALETTE["green"], "change of branch at {}"),
     "case": ("o", PALETTE["purple"], "this case, {}"),
-    "best": ("*", PALETTE["orange"], "greatest at {}"),
 }
 """Marker, colour and label of the points over the angle that a figure can mark."""
 
@@ -455,41 +457,9 @@ def plot_end_times(
     return _over_angles(ax, result_label("t_c", time), 2, (0, 1.12 * float(np.nanmax(t_c)) / time.size))
 
 
-@house_style()
-def plot_volume(
-    ax: Axes,
-    angles: np.ndarray,
-    volume: np.ndarray,
-    ended_by: np.ndarray,
-    *,
-    units: System,
-    marks: Mapping[str, tuple[float, float]] = MappingProxyType({}),
-) -> Axes:
-    """Removed volume over the angle of attack; colours show how the cut ends.
-
-    Args:
-        ax: empty axes.
-        angles: α, ascending, shape (n,) [rad].
-        volume: V, shape (n,) [volume].
-        ended_by: "rebound", "stop" or "no-cut", shape (n,).
-        units: the unit system, for labels.
-        marks: (α, V) of points, by their names in `MARKS`.
-    """
-    greatest = float(np.max(np.abs(volume)))
-    scale = readable_scale("volume", units, greatest)
-    for end in dict.fromkeys(str(end) for end in ended_by):
-        shown = ended_by == end
-        shown[:-1] |= shown[1:]  # one more point to the left, so that the coloured pieces join
-        ax.plot(np.rad2deg(angles), np.where(shown, volume / scale.size, np.nan), color=ENDS.get(end, INK),
-                linewidth=2.2, label=end_label(end))  # fmt: skip
-    _mark(ax, marks, scale)
-    return _over_angles(ax, result_label("volume", scale), 2, (0, 1.1 * greatest / scale.size or None))
-
-
 def _mark(ax: Axes, marks: Mapping[str, tuple[float, float]], scale: Scale) -> None:
     for name, (alpha, value) in marks.items():
         marker, color, label = MARKS[name]
         angle = float(np.rad2deg(alpha))
-        ax.plot([angle], [value / scale.size], marker, color=color, markersize=13 if marker == "*" else 7,
-                markeredgecolor=INK, markeredgewidth=0.7, zorder=5, clip_on=False,
-                label=label.format(f"{angle:.4g}°"))  # fmt: skip
+        ax.plot([angle], [value / scale.size], marker, color=color, markersize=7, markeredgecolor=INK,
+                markeredgewidth=0.7, zorder=5, clip_on=False, label=label.format(f"{angle:.4g}°"))  # fmt: skip

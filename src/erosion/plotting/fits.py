@@ -1,6 +1,7 @@
 """Figures of fits and posteriors: measurements, curves with bands, profiles, pairs, traces, the next test."""
 
 import itertools
+import textwrap
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import Any
@@ -19,7 +20,7 @@ from erosion.fits.problem import FitProblem
 from erosion.models import model_name
 from erosion.parameters import RESULTS, Scale, readable_scale, unit_name
 from erosion.plotting.labels import ENDS, INK, MARKS, PALETTE, STYLES, coinciding
-from erosion.plotting.style import angle_axis, house_style, mark_turned, new_figure, typeset
+from erosion.plotting.style import angle_axis, house_style, legend_below, mark_turned, new_figure, typeset
 from erosion.results import Finding, found
 
 _FIT_ANGLES = np.deg2rad(np.linspace(0.5, 90.0, 180))
@@ -32,6 +33,7 @@ _DASHES: Sequence[Any] = (
     (0, (3, 1, 1, 1, 1, 1)),
 )
 _ALIKE = 0.9  # share of the angles at which fits that are called the same are
+_LINE = 36  # letters of a label beside a panel
 _RIGHT = 92  # degrees, so that a mark at 90° is whole
 
 
@@ -64,9 +66,9 @@ def plot_calibration(fits: Sequence[Calibration], level: float = 0.95) -> Figure
     _mark_turned(upper, best.predictor, groups)
     angle_axis(lower)
     lower.set_xlim(0, _RIGHT)
-    _legend(fig, [upper], 3, f"bands: {level:.0%} of the mean, by {', '.join(best.predictor.parts)}")
-    _label_whole(lower, "residuals", _unit(scale).strip())
-    _label_whole(upper, f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}", _unit(scale).strip())
+    legend_below([upper], 3, title=f"bands: {level:.0%} of the mean, by {', '.join(best.predictor.parts)}")
+    lower.set_ylabel(f"residuals\n{_unit(scale).strip()}".rstrip())
+    upper.set_ylabel(_amount(data))
     return fig
 
 
@@ -74,15 +76,13 @@ def _source(data: Measurements) -> str:
     return "measured" if data.source == "data" else data.source
 
 
+def _amount(data: Measurements) -> str:
+    """The label of an axis, on as many lines as it needs."""
+    return textwrap.fill(f"{typeset(data.quantity.symbol)}  {data.quantity.meaning} {_unit(data.scale)}", _LINE)
+
+
 def _unit(scale: Scale) -> str:
     return f" [{scale.unit}]" if scale.unit else ""
-
-
-def _legend(fig: Figure, axes: Sequence[Axes], ncols: int, title: str | None = None) -> None:
-    """One legend below the figure; panels that show the same share an entry."""
-    legends = [ax.get_legend_handles_labels() for ax in axes]
-    entries = {label: handle for handles, labels in legends for handle, label in zip(handles, labels, strict=True)}
-    fig.legend([*entries.values()], [*entries], loc="outside lower center", ncols=min(len(entries), ncols), title=title)
 
 
 def _draw_curves(
@@ -129,22 +129,6 @@ def _color(index: int, count: int = 1) -> Any:
     if count <= len(PALETTE):
         return list(PALETTE.values())[index]
     return mpl.colormaps["viridis"](0.92 * index / (count - 1))
-
-
-def _label_whole(ax: Axes, meaning: str, unit: str) -> None:
-    """A label of the y axis on as many lines as let all of it be seen; at last, as its draws settle the layout."""
-    figure: Any = ax.figure
-    words = meaning.split(" ")
-    middle = len(words) // 2 + 1
-    for form in (
-        f"{meaning}  {unit}",
-        f"{meaning}\n{unit}",
-        f"{' '.join(words[:middle])}\n{' '.join(words[middle:])}  {unit}",
-    ):
-        label = ax.set_ylabel(form.rstrip())
-        figure.draw_without_rendering()
-        if label.get_window_extent().height <= ax.get_window_extent().height:
-            break
 
 
 _BAND_ANGLES = np.deg2rad(np.linspace(0.5, 89.5, 179))
@@ -288,8 +272,8 @@ def _draw_means(axes: Sequence[Axes], predictor: Predictor, groups: Sequence[Con
     upper.set_title(f"{model_name(predictor.problem.model)}  {what}", fontsize="small", loc="left", wrap=True)
     upper.set_ylim(bottom=0)
     _mark_turned(upper, predictor, groups)
-    _legend(fig, (upper, *lower), 4, f"bands: of the mean, by {', '.join(predictor.parts)}")
-    _label_whole(upper, f"{typeset(data.quantity.symbol)}  {data.quantity.meaning}", _unit(scale).strip())
+    legend_below([upper, *lower], 4, title=f"bands: of the mean, by {', '.join(predictor.parts)}")
+    upper.set_ylabel(_amount(data))
     fig.align_ylabels()
 
 
@@ -318,7 +302,7 @@ def plot_best_angles(best: BestAngles) -> Figure:
     upper.set_ylabel("draws")
     lower.set_xlabel(f"{typeset(RESULTS['alpha_max'].symbol)} [°]")
     lower.set_ylabel(f"{typeset(RESULTS['volume_max'].symbol)}  [{scale.unit}]")
-    _legend(fig, [upper], 2)
+    legend_below([upper], 2)
     return fig
 
 
@@ -350,9 +334,9 @@ def plot_next_test(answer: NextTest) -> Figure:
     angle_axis(axes[-1])
     axes[0].set_title(f"what one more test narrows: {', '.join(answer.names)}", fontsize="small", loc="left", wrap=True)
     fig.align_ylabels(axes)
-    _legend(fig, [axes[0]], 4)
+    legend_below([axes[0]], 4)
     for ax, (meaning, unit, _) in zip(axes, panels, strict=True):
-        _label_whole(ax, meaning, unit)
+        ax.set_ylabel(f"{meaning}\n{unit}")
     return fig
 
 

@@ -99,6 +99,12 @@ def coinciding(curves: Sequence[np.ndarray], share: float) -> list[list[int]]:
             for at, curve in enumerate(curves)]  # fmt: skip
 
 
+def round_length(longest: float) -> float:
+    """1, 2 or 5 times a power of ten, at most `longest`: the length of a bar that shows the scale."""
+    power = 10.0 ** np.floor(np.log10(longest))
+    return float(max(factor for factor in (1, 2, 5) if factor * power <= longest * (1 + 1e-9)) * power)
+
+
 def with_gaps(before: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
     """Insert NaN into the arrays before each of these indices, so that a curve has gaps there."""
     return tuple(np.insert(array, before, np.nan) for array in arrays)

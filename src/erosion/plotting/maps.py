@@ -22,8 +22,8 @@ from erosion.cfd.map_result import FACES, total_scale
 from erosion.extras import library
 from erosion.output import briefly, with_error
 from erosion.parameters import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale
-from erosion.plotting.labels import DIM, FAINT, INK, PALETTE
-from erosion.plotting.style import PlainNumbers, house_style, mark_turned, new_figure
+from erosion.plotting.labels import DIM, FAINT, INK, PALETTE, round_length
+from erosion.plotting.style import PlainNumbers, house_style, legend_below, mark_turned, new_figure
 from erosion.results import from_attribute
 from erosion.streams.result import NozzleAngle, Stream
 
@@ -292,8 +292,7 @@ def _add_ruler_and_axes(ax: Axes, camera: _Camera, strip: float) -> None:
     centre = -0.6 * strip * camera.width
     ax.set(xlim=(0, camera.width), ylim=(-strip * camera.width, camera.height))
     ax.axis("off")
-    length = 10.0 ** math.floor(math.log10(camera.width / 4))
-    length *= max(factor for factor in (1, 2, 5) if factor * length <= camera.width / 4)
+    length = round_length(camera.width / 4)
     scale = readable_scale("length", "si", length)
     begin, tick = 0.02 * camera.width, 0.01 * camera.width
     ax.plot([begin, begin, begin + length, begin + length], [centre + tick, centre, centre, centre + tick],
@@ -391,6 +390,5 @@ def plot_nozzle_angle(ax: Axes, nozzle: NozzleAngle, units: System) -> Axes:
     ax.set(xlim=(0, 90), ylim=(0, None), xlabel="angle of the nozzle",
            ylabel=f"{RESULTS['volume'].symbol}  of a particle  [{scale.unit}]")  # fmt: skip
     ax.set_xticks(range(0, 91, 15), [f"{tick}°" for tick in range(0, 91, 15)])
-    figure: Any = ax.figure
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    legend_below([ax], 2)
     return ax

@@ -9,26 +9,23 @@ from typing import Any
 import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 
 from erosion.impacts import BEYOND_LABEL, Trajectory
 from erosion.models import NO_CUT, ClosedForm, State, model_name
 from erosion.ode.solution import Solution
 from erosion.output import briefly
-from erosion.parameters import RESULTS, System, readable_scale
+from erosion.parameters import RESULTS, readable_scale
 from erosion.plotting.dynamics import SHARES, dynamics
-from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, FAINT, HISTORIES, INK, NOTHING, PALETTE, parted
+from erosion.plotting.labels import AT_CONTACT, DIM, ENDS, FAINT, HISTORIES, INK, NOTHING, PALETTE, parted, round_length
 from erosion.plotting.style import (
     angle_axis,
     axes_or_new,
     house_style,
     legend_below,
-    legend_of_panel,
     new_figure,
 )
 
@@ -67,9 +64,8 @@ def plot_histories(fig: Figure | SubFigure, trajectory: Trajectory, closed: Clos
         panel.set_title(quantity.meaning, fontsize="medium")
     for panel in panels[2:]:
         panel.set_xlabel(f"t  [{time.unit}]")
-    handles, labels = panels[0].get_legend_handles_labels()
-    if len(handles) > 1:
-        fig.legend(handles, labels, loc="outside lower center", ncols=len(handles))
+    if len(panels[0].lines) > 1:
+        legend_below([panels[0]], 3)
     return panels
 
 
@@ -95,7 +91,7 @@ def plot_path(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
             label=NOTHING if trajectory.ended_by == NO_CUT else f"end: {trajectory.ended_by}")  # fmt: skip
     xlabel = f"x of the tip, {HISTORIES[0][2].meaning}  [{along.unit}]"
     ax.set(xlabel=xlabel, ylabel=f"depth of the tip  [{down.unit}]", ylim=(1.22 * deepest, -0.12 * deepest))
-    legend_of_panel(ax, ax.get_legend_handles_labels()[0], 4)
+    legend_below(ax, 4)
     return ax
 
 
@@ -108,13 +104,16 @@ def plot_trajectory(trajectory: Trajectory) -> Figure:
     plot_histories(halves[1], trajectory)
     p, turn = trajectory.p, trajectory.turn
     turned = f", turned by {np.rad2deg(turn):.4g}°" if turn > 0 else ""
-    end = f"{trajectory.ended_by} after {_read('t_c', trajectory.t_c, p.units)}" if trajectory.t_c else NOTHING
+    end = (
+        f"{trajectory.ended_by} after {RESULTS['t_c'].in_words(trajectory.t_c, p.units, 5)}"
+        if trajectory.t_c
+        else NOTHING
+    )
     heading = f"{model_name(trajectory.model)} at α = {np.rad2deg(float(p.alpha)):.6g}°: {end}"
     at_contact = trajectory.volume_at_contact
-    share = f", {_read('volume', at_contact, p.units)} {AT_CONTACT}" if at_contact else ""
-    fig.suptitle(
-        f"{heading}\n{_read('volume', trajectory.volume, p.units)} removed{share}{turned}", fontsize="medium", wrap=True
-    )
+    removed, beside = (RESULTS["volume"].in_words(part, p.units, 5) for part in (trajectory.volume, at_contact))
+    share = f", {beside} {AT_CONTACT}" if at_contact else ""
+    fig.suptitle(f"{heading}\n{removed} removed{share}{turned}", fontsize="medium", wrap=True)
     return fig
 
 
@@ -249,10 +248,11 @@ def animate_cut(trajectory: Trajectory) -> bytes:
     (tip,) = ax.plot([], [], "o", color=INK, markersize=4, zorder=7)
     arrows = [ax.quiver([0], [0], [0], [0], color=color, angles="xy", scale_units="xy", scale=1, width=0.007, zorder=8)
               for color in _COLORS.values()]  # fmt: skip
-    ax.set(xlim=(x.min() - 1.3 * r, x.max() + 2.3 * r), ylim=(lowest, -2.2 * r), aspect="equal",
-           xlabel=f"x of the tip  [{scale.unit}]", ylabel=f"depth  [{scale.unit}]")  # fmt: skip
-    ax.xaxis.set_major_locator(MaxNLocator(4))
-    ax.set_yticks([0, float(f"{depth.max():.1g}")])
+    ax.set(xlim=(x.min() - 1.3 * r, x.max() + 2.3 * r), ylim=(lowest, -2.2 * r), aspect="equal")
+    ax.axis("off")
+    bar, left = round_length(r), x.min() - 1.2 * r
+    ax.plot([left, left + bar], [-2 * r] * 2, color=INK, linewidth=2)
+    ax.text(left, -1.9 * r, f"{bar:g} {scale.unit}", va="top", fontsize="small")
     below.set(xlim=(0, 1), ylim=(-0.5, 0.5))
     below.axis("off")
     below.set_title("kinetic energy at contact" if vectors.energy else "", loc="left", fontsize="x-small")
@@ -286,25 +286,11 @@ def animate_cut(trajectory: Trajectory) -> bytes:
             begin += bar.get_width()
 
     fig.draw_without_rendering()
-    _leave_out_overlapping_ticks(ax.xaxis)
-    _leave_out_overlapping_ticks(ax.yaxis)
     fig.set_layout_engine("none")  # frames do not move, and are drawn much faster
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "cut.gif"
         FuncAnimation(fig, show, _FRAMES).save(file, PillowWriter(fps=_A_SECOND), dpi=fig.dpi)
         return file.read_bytes()
-
-
-def _leave_out_overlapping_ticks(axis: Axis) -> None:
-    """Keep the ticks of an axis that was drawn whose labels lie on it and do not overlap those before."""
-    kept, boxes = list[float](), list[Any]()
-    low, high = sorted(axis.get_view_interval())
-    for place, label in zip(axis.get_ticklocs().tolist(), axis.get_ticklabels(), strict=True):
-        box = label.get_window_extent().padded(3)
-        if low <= place <= high and not box.count_overlaps(boxes):
-            kept.append(place)
-            boxes.append(box)
-    axis.set_ticks(kept)
 
 
 @house_style()
@@ -330,11 +316,6 @@ def plot_removal_rate(ax: Axes, trajectory: Trajectory, bars: int = 10) -> Axes:
 
 def _largest(values: Any) -> float:
     return float(np.max(np.abs(np.asarray(values))))
-
-
-def _read(name: str, value: float, units: System) -> str:
-    scale = readable_scale(RESULTS[name].dimension, units, abs(value))
-    return f"{value / scale.size:.5g} {scale.unit}".replace(" 10", " × 10")
 
 
 _MOST = 12  # lanes in one figure: more cannot be told from each other

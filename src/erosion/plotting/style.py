@@ -119,17 +119,6 @@ def mark_turned(ax: Axes, findings: Iterable[Finding]) -> list[Artist]:
     return [*ax.plot([], [], color="none", label=f"some: {BEYOND_LABEL}")]
 
 
-def legend_of_panel(ax: Axes, handles: Sequence[Artist], columns: int) -> None:
-    """A legend below a figure of one panel, or below one panel of several."""
-    fig: Any = ax.figure
-    if _WIDTH.get() is not None:
-        columns = min(columns, 2)
-    if len(fig.axes) == 1:
-        fig.legend(handles=handles, loc="outside lower center", ncols=columns)
-    else:
-        ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=columns)
-
-
 def render(fig: Figure, suffix: str, *, transparent: bool = False) -> bytes:
     """The bytes of an "svg", "png" or "pdf" file; the same figure gives the same bytes."""
     buffer = io.BytesIO()
@@ -252,10 +241,26 @@ def result_label(name: str, scale: Scale) -> str:
     return f"{typeset(quantity.symbol)}  {quantity.meaning}  [{scale.unit}]"
 
 
-def legend_below(ax: Axes, columns: int) -> None:
-    """Put the axes' legend below the axes, at the bottom of the figure."""
-    figure: Any = ax.figure
-    handles, labels = ax.get_legend_handles_labels()
-    one_each = dict(zip(reversed(labels), reversed(handles), strict=True))
-    ordered = sorted(dict.fromkeys(labels), key=BEYOND_LABEL.__eq__)  # this one is the last
-    figure.legend([one_each[label] for label in ordered], ordered, loc="outside lower center", ncols=columns)
+def legend_below(
+    panels: Axes | Sequence[Axes], columns: int, handles: Sequence[Any] = (), title: str | None = None
+) -> None:
+    """A legend below a figure, or below one of its panels: each label once, that of invalid cuts last.
+
+    Args:
+        panels: one, or a list for a legend below the whole figure.
+        columns: of the legend, on a screen.
+        handles: the entries; without it all labelled ones of the panels.
+        title: above the entries.
+    """
+    axes = [panels] if isinstance(panels, Axes) else panels
+    figure: Any = axes[0].figure
+    entries: dict[str, Any] = {}
+    for handle in handles or [handle for ax in axes for handle in ax.get_legend_handles_labels()[0]]:
+        entries.setdefault(handle.get_label(), handle)
+    labels = sorted(entries, key=BEYOND_LABEL.__eq__)
+    columns = min(columns, len(labels), columns if _WIDTH.get() is None else 2)
+    look: dict[str, Any] = {"handles": [entries[label] for label in labels], "labels": labels, "ncols": columns or 1}
+    if axes is panels or len(figure.axes) == 1:
+        figure.legend(loc="outside lower center", title=title, **look)
+    else:
+        axes[0].legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), title=title, **look)

@@ -20,20 +20,18 @@ from matplotlib.patches import Patch
 from erosion.impacts import BEYOND_LABEL
 from erosion.models import NO_CUT
 from erosion.parameters import QUANTITIES, Scale, System, readable_scale
-from erosion.plotting.curves import mark_best
+from erosion.plotting.curves import curves_of, draw_curve, mark_best
 from erosion.plotting.labels import (
     AT_CONTACT,
     DIM,
     ENDS,
     INK,
+    NOTHING,
     PALETTE,
     STYLES,
-    Best,
-    broken,
     coinciding,
     describe,
     end_label,
-    parted,
 )
 from erosion.plotting.style import (
     PlainNumbers,
@@ -41,7 +39,7 @@ from erosion.plotting.style import (
     axes_or_new,
     fit_legends,
     house_style,
-    legend_of_panel,
+    legend_below,
     mark_turned,
     new_figure,
     result_label,
@@ -63,39 +61,28 @@ def plot_comparison(comparison: xr.Dataset, *, ax: Axes | None = None) -> Figure
 
     The area below what is removed at contact, as by deformation, is shaded in the model's colour.
     """
-    models = [str(name) for name in comparison.model.values]
-    rows = -(-len(models) // 2)
-    fig, ax = axes_or_new(ax, 6.6, 4.4 + 0.22 * rows)
-    volume, degrees = comparison.volume.values, np.rad2deg(comparison.alpha.values)
+    curves, volume, degrees = curves_of(comparison), comparison.volume.values, np.rad2deg(comparison.alpha.values)
+    fig, ax = axes_or_new(ax, 6.6, 4.4 + 0.22 * (-(-len(curves) // 2)))
     scale = readable_scale("volume", comparison.attrs["unit_system"], float(np.nanmax(comparison.volume_max)))
     shares: list[Any] = []
-    for i, (name, below) in enumerate(zip(models, coinciding(volume, _HIDDEN), strict=True)):
+    for i, (curve, below) in enumerate(zip(curves, coinciding(volume, _HIDDEN), strict=True)):
         color, line = STYLES[i % len(STYLES)]
         if below:  # dashes through whose gaps these are seen
             line = (0, (_DASH, _DASH * len(below)))
+        label = f"{curve.label}: {NOTHING if curve.best is None else describe(curve.best)}"
+        draw_curve(ax, curve, scale.size, label, color=color, linestyle=line, linewidth=1.8)
         results = comparison.isel(model=i)
-        alpha, kind = float(results.alpha_max), str(in_words(results.alpha_max_kind))
-        # A comparison does not hold the side of a jump.
-        best = Best(alpha, float(results.volume_max), kind, attained=kind != "jump" and alpha != 0)
-        turned, slope = results.turned_beyond.values, np.deg2rad(1) * results.dvolume.values
-        looks = (line, f"{name}: {describe(best)}"), (":", "")
-        for part, (style, label) in zip(parted(volume[i], turned), looks, strict=True):
-            if np.isfinite(part).any():
-                x, y = broken(degrees, part, slope)
-                ax.plot(x, y / scale.size, color=color, linestyle=style, linewidth=1.8, label=label)
         at_contact = results.get("volume_at_contact", 0 * results.volume).values
         # Of a model that never cuts nothing is beside a cut.
         if at_contact.any() and np.any(results.t_c > 0):
             ax.fill_between(degrees, 0, at_contact / scale.size, color=color, **_SHARE)
             shares = [Patch(color=DIM, label=AT_CONTACT, **_SHARE)]
-        if np.isfinite(best.alpha):
-            mark_best(ax, best, scale.size, color)
-    if comparison.turned_beyond.any():
-        shares.append(Line2D([], [], color=INK, linestyle=":", label=BEYOND_LABEL))
+        if curve.best is not None:
+            mark_best(ax, curve.best, scale.size, color)
     top = 1.06 * float(np.nanmax([comparison.volume_max.max(), comparison.volume.max()])) / scale.size
     ax.set(ylabel=result_label("volume", scale), ylim=(0, top))
     angle_axis(ax)
-    legend_of_panel(ax, [*ax.get_legend_handles_labels()[0], *shares], 1 if len(models) < 4 else 2)
+    legend_below(ax, 1 if len(curves) < 4 else 2, [*ax.get_legend_handles_labels()[0], *shares])
     return fig
 
 
@@ -224,7 +211,7 @@ def plot_regimes(regimes: xr.Dataset) -> Figure:
     (right.yaxis if beside else left.xaxis).label.set_visible(False)
     patches = [Patch(color=color, alpha=0.75, label=end_label(names[code]))
                for code, color in zip(present, colors, strict=True)]  # fmt: skip
-    fig.legend(handles=[*patches, *handles], loc="outside lower center", ncols=3)
+    legend_below([left, right], 3, [*patches, *handles])
     fit_legends(fig)
     return fig
 
@@ -326,7 +313,7 @@ def plot_volume_family(ax: Axes, sweep: xr.Dataset, along: str) -> Axes:
     ax.margins(x=0)
     shown = slice(None, None, max(1, (len(curves) - 1) // (_FEW - 1)))
     handles = [*ax.get_legend_handles_labels()[0][shown], *mark_turned(ax, _findings(sweep))]
-    legend_of_panel(ax, handles, min(3, len(handles)))
+    legend_below(ax, 3, handles)
     return ax
 
 
@@ -335,9 +322,8 @@ def plot_sweep_map(ax: Axes, sweep: xr.Dataset, x: str, y: str) -> Axes:
     """The best angle over two axes, or without it the removed volume, with the lines where its kind changes."""
     plane = _Plane.of(sweep, x, y)
     plane.draw_results(ax)
-    figure: Any = ax.figure
     if handles := plane.draw_regions(ax, "white"):
-        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+        legend_below([ax], 2, handles)
     return ax
 
 

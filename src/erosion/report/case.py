@@ -6,7 +6,7 @@ import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -18,11 +18,13 @@ from erosion.models.rigid import LinearizedCut
 from erosion.output import Record
 from erosion.parameters import MATERIALS, QUANTITIES, Parameters, PerMass, System, conversion_factor, unit_name
 from erosion.plotting.curves import AngleSeries, ShapeCurve, plot_best_angles, plot_family
-from erosion.plotting.labels import broken_at, leaps
+from erosion.plotting.labels import Best, broken_at, leaps
 from erosion.plotting.style import new_axes
 from erosion.report.text import degrees, number
 from erosion.sweeps.grid import in_words
 from erosion.sweeps.sweep import regimes
+
+T = TypeVar("T")
 
 LINEARIZED = "linearized"
 """The model of questions 1 to 8."""
@@ -160,7 +162,7 @@ def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
         labels = tuple(varied[name][value] for value in values.tolist())
         curves = tuple(
             curve_of(model, dataclasses.replace(p, **{name: value}), angles, hits.volume[i], best.jumps[i], label,
-                     (float(best.alpha[i]), float(best.volume[i])))
+                     Best(float(best.alpha[i]), float(best.volume[i]), str(best.kind[i]), bool(best.attained[i])))
             for i, value, label, drawn in zip(at, values, labels, shown, strict=True) if drawn
         )  # fmt: skip
         families[name] = Family(
@@ -177,13 +179,11 @@ def curve_of(
     volume: np.ndarray,
     jumps: tuple[Jump, ...],
     label: str,
-    best: tuple[float, float] | None,
-    *,
-    attained: bool = True,
+    best: Best | Optimum | None,
 ) -> ShapeCurve:
     """V(α) of a model, with gaps at its jumps."""
     angles, volume = broken_at(jumps, angles, volume)
-    return ShapeCurve(label, angles, volume, best, attained, turned_beyond(model, p.replace(alpha=angles)))
+    return ShapeCurve(label, angles, volume, best, turned_beyond(model, p.replace(alpha=angles)))
 
 
 def turned_angles(curve: ShapeCurve) -> str:
@@ -261,15 +261,6 @@ class Spins(BestOverValues):
         return super().numbers() | {"valid_alpha_max": self.valid_alpha.tolist()}
 
 
-def _spins(case: "ReportCase", model: str) -> Spins:
-    spins = _SPINS * float(case.p.v0 / case.p.r)
-    found = regimes(model, case.p, phidot0=spins, max_turn=None)
-    kind, ended_by = in_words(found.alpha_max_kind), in_words(found.alpha_max_ended_by)
-    beyond = turned_beyond(model, case.p.replace(alpha=found.alpha_max.values, phidot0=spins))
-    valid = alpha_max(model, case.p.replace(phidot0=spins)).alpha
-    return Spins(_SPINS, found.alpha_max.values, found.volume_max.values, kind, ended_by, beyond, found, valid)
-
-
 Need = tuple[str, str]
 """A kind of result and the model that it is about: ("optimum", "rotating")."""
 
@@ -298,6 +289,26 @@ def question(key: str) -> str:
     if key in _ASIDE:
         return _ASIDE[key]
     return f"{'Additional question' if key[0] == 'a' else 'Question'} {key[1:]}"
+
+
+_SHARED: dict[str, Callable[..., Any]] = {}
+"""By name, the methods whose results are computed once."""
+
+
+def _shared(compute: Callable[["ReportCase", str], T]) -> Callable[["ReportCase", str], T]:
+    """A method of a model that computes once: ahead, see `ReportCase.prepare`, or when first asked."""
+    _SHARED[compute.__name__] = compute
+
+    @functools.wraps(compute)
+    def result(case: "ReportCase", model: str) -> T:
+        need = compute.__name__, model
+        if need not in case._results:
+            computed = compute(case, model)
+            case._results[need] = Future()
+            case._results[need].set_result(computed)
+        return case._results[need].result()
+
+    return result
 
 
 class ReportCase:
@@ -359,89 +370,79 @@ class ReportCase:
         Compiling and integrating release the interpreter, so that a second core has work.
         """
         for kind, model in dict.fromkeys(needs):
-            self._results[kind, model] = pool.submit(_COMPUTE[kind], self, model)
+            self._results[kind, model] = pool.submit(_SHARED[kind], self, model)
 
-    def _once(self, kind: str, model: str) -> Any:
-        if (kind, model) not in self._results:
-            computed = _COMPUTE[kind](self, model)
-            self._results[kind, model] = Future()
-            self._results[kind, model].set_result(computed)
-        return self._results[kind, model].result()
-
+    @_shared
     def optimum(self, model: str) -> Optimum:
         """A model's angle of greatest removal in this case."""
-        return self._once("optimum", model)
+        return alpha_max(model, self.p, max_turn=None)
 
+    @_shared
+    def sensitivities(self, model: str) -> Mapping[str, Any]:
+        """dα_max/dq by parameter."""
+        return self.optimum(model).sensitivities
+
+    @_shared
     def hits(self, model: str) -> Impact:
         """A model's impacts at the `looks`, and after them at the case's own angle."""
-        return self._once("hits", model)
+        # To second order, as `alpha_max` computes V: the page's numbers are the same to the bit.
+        p = self.p.replace(alpha=np.append(self.looks, self.alpha))
+        return impact(model, p, derivatives=2, rtol=RTOL)
 
+    @_shared
     def impact_and_optimum(self, model: str) -> Record:
         """A model's impact at the case's own angle, and its angle of greatest removal, as a row of numbers.json."""
-        return self._once("row", model)
+        hits, optimum = self.hits(model), self.optimum(model)
+        here, best = turned_beyond(model, self.p.replace(alpha=np.array([self.alpha, optimum.alpha]))).tolist()
+        valid = alpha_max(model, self.p) if best else optimum
+        return {
+            "volume": float(hits.volume[-1]),
+            "t_c": float(hits.t_c[-1]),
+            "ended_by": str(hits.ended_by[-1]),
+            "turned_beyond": here,
+            "alpha_max": float(optimum.alpha),
+            "volume_max": float(optimum.volume),
+            "kind": str(optimum.kind),
+            "ended_by_at_max": str(optimum.ended_by),
+            "turned_beyond_at_max": best,
+            "valid_alpha_max": float(valid.alpha),
+            "valid_volume_max": float(valid.volume),
+            "valid_kind": str(valid.kind),
+        }
 
-    def curve(self, model: str, label: str | None = None) -> ShapeCurve:
+    @_shared
+    def curve(self, model: str) -> ShapeCurve:
         """A model's V(α) with its maximum, and with gaps at its jumps."""
-        return self._once("curve", model)._replace(label=label or model)
+        optimum, volume = self.optimum(model), self.hits(model).volume[:-1]
+        best = None if optimum.kind == "none" else optimum
+        return curve_of(model, self.p, self.looks, volume, optimum.jumps, model, best)
 
+    @_shared
     def spins(self, model: str) -> Spins:
         """A model's angles of greatest removal over the spin."""
-        return self._once("spins", model)
+        spins = _SPINS * float(self.p.v0 / self.p.r)
+        found = regimes(model, self.p, phidot0=spins, max_turn=None)
+        kind, ended_by = in_words(found.alpha_max_kind), in_words(found.alpha_max_ended_by)
+        beyond = turned_beyond(model, self.p.replace(alpha=found.alpha_max.values, phidot0=spins))
+        valid = alpha_max(model, self.p.replace(phidot0=spins)).alpha
+        return Spins(_SPINS, found.alpha_max.values, found.volume_max.values, kind, ended_by, beyond, found, valid)
 
+    @_shared
     def families(self, model: str) -> Families:
         """A model with other speeds, particles, materials and modelling parameters."""
-        return self._once("families", model)
+        return families_of(model, self.p, self.looks)
+
+    def curves(self, titles: Mapping[str, str]) -> list[ShapeCurve]:
+        """V(α) of models, by their titles."""
+        return [self.curve(model)._replace(label=title) for model, title in titles.items()]
 
     def sensitivity(self, model: str, name: str) -> float:
         """The change of α_max for a change of q by its own size: q dα_max/dq [rad]."""
-        return float(self._once("sensitivities", model)[name]) * float(getattr(self.p, name))
+        return float(self.sensitivities(model)[name]) * float(getattr(self.p, name))
 
     def over_angles(self) -> Parameters:
         """The case at every one of `angles`."""
         return self.p.replace(alpha=self.angles)
-
-
-def _hits(case: ReportCase, model: str) -> Impact:
-    # To second order, as `alpha_max` computes V: the page's numbers are the same to the bit.
-    p = case.p.replace(alpha=np.append(case.looks, case.alpha))
-    return impact(model, p, derivatives=2, rtol=RTOL)
-
-
-def _row(case: ReportCase, model: str) -> Record:
-    hits, optimum = case.hits(model), case.optimum(model)
-    here, best = turned_beyond(model, case.p.replace(alpha=np.array([case.alpha, optimum.alpha]))).tolist()
-    valid = alpha_max(model, case.p) if best else optimum
-    return {
-        "volume": float(hits.volume[-1]),
-        "t_c": float(hits.t_c[-1]),
-        "ended_by": str(hits.ended_by[-1]),
-        "turned_beyond": here,
-        "alpha_max": float(optimum.alpha),
-        "volume_max": float(optimum.volume),
-        "kind": str(optimum.kind),
-        "ended_by_at_max": str(optimum.ended_by),
-        "turned_beyond_at_max": best,
-        "valid_alpha_max": float(valid.alpha),
-        "valid_volume_max": float(valid.volume),
-        "valid_kind": str(valid.kind),
-    }
-
-
-def _curve(case: ReportCase, model: str) -> ShapeCurve:
-    optimum, volume = case.optimum(model), case.hits(model).volume[:-1]
-    best = None if optimum.kind == "none" else (float(optimum.alpha), float(optimum.volume))
-    return curve_of(model, case.p, case.looks, volume, optimum.jumps, model, best, attained=bool(optimum.attained))
-
-
-_COMPUTE: Mapping[str, Callable[[ReportCase, str], Any]] = {
-    "optimum": lambda case, model: alpha_max(model, case.p, max_turn=None),
-    "sensitivities": lambda case, model: case.optimum(model).sensitivities,
-    "hits": _hits,
-    "row": _row,
-    "curve": _curve,
-    "spins": _spins,
-    "families": lambda case, model: families_of(model, case.p, case.looks),
-}
 
 
 def followed(p: Parameters) -> Trajectory | None:

@@ -32,7 +32,7 @@ MODEL = "rotating"
 
 
 def _needs(*models: str) -> tuple[Need, ...]:
-    return tuple((kind, model) for model in models for kind in ("optimum", "hits", "row", "curve"))
+    return tuple((kind, model) for model in models for kind in ("optimum", "hits", "impact_and_optimum", "curve"))
 
 
 NEEDS = (
@@ -83,7 +83,7 @@ def body_may_turn(case: ReportCase) -> Answer:
     figures = {
         "rotation": panel(
             plot_family,
-            [case.curve(LINEARIZED, "no rotation"), *(case.curve(model, label) for model, label in TORQUES.items())],
+            case.curves({LINEARIZED: "no rotation", **TORQUES}),
             units=case.units,
             columns=2,
         ),
@@ -121,7 +121,7 @@ def body_may_turn(case: ReportCase) -> Answer:
         "best_angles": {name: [row["alpha"] for row in family.rows if row["kind"] != "none"]
                         for name, family in families.items()},
     }  # fmt: skip
-    return Answer(numbers, figures, fields, [case.curve(model, label) for model, label in TORQUES.items()])
+    return Answer(numbers, figures, fields, case.curves(TORQUES))
 
 
 def _turn(case: ReportCase, model: str, alpha: float) -> float | None:
@@ -216,7 +216,7 @@ NEEDS_OF_MODELS = _needs(*BUILT_IN)
 
 def _curves(case: ReportCase, models: Iterable[str]) -> list[ShapeCurve]:
     """V(α) of models by their names in Markdown."""
-    return [case.curve(model, f"`{model}`") for model in models]
+    return case.curves({model: f"`{model}`" for model in models})
 
 
 def ratio_is_tan_alpha(case: ReportCase) -> Answer:
@@ -234,7 +234,7 @@ def ratio_is_tan_alpha(case: ReportCase) -> Answer:
         "volume_at_case": along["volume"],
         "rotating": case.impact_and_optimum(_TURNING),
     }
-    curves = [case.curve(model, label) for model, label in _RATIOS.items()]
+    curves = case.curves(_RATIOS)
     return Answer(
         numbers,
         {"tan-alpha": panel(plot_family, curves, units=case.units, columns=2)},
@@ -258,7 +258,7 @@ def force_opposes_motion(case: ReportCase) -> Answer:
             "volume_max_of_tan_alpha": best_of_tan_alpha["volume_max"],
             "ended_by": best["ended_by_at_max"],
         }
-    curves = [case.curve(aligned, label) for label, (_, aligned) in _PAIRS.items()]
+    curves = case.curves({aligned: label for label, (_, aligned) in _PAIRS.items()})
     figures = {
         "velocity-aligned": panel(plot_family, curves, units=case.units, columns=2),
         "velocity-aligned-difference": panel(plot_differences, case.looks, differences, height=4.0),
@@ -282,9 +282,7 @@ def slips(case: ReportCase) -> Answer:
         "readings": {label: readings[model] for model, label in _READINGS.items()},
         "greatest_volume": max(reading["volume_max"] for reading in readings.values()),
     }
-    figure = panel(
-        plot_family, [case.curve(model, label) for model, label in _READINGS.items()], height=4.0, units=case.units
-    )
+    figure = panel(plot_family, case.curves(_READINGS), height=4.0, units=case.units)
     numbers = {"force_at_contact": float(case.p.stiffness * case.p.r), **readings}
     return Answer(numbers, {"as-printed": figure}, fields, _curves(case, _READINGS))
 
@@ -315,13 +313,13 @@ def all_models(case: ReportCase) -> Answer:
         "greatest_volume": max(row["volume_max"] for row in numbers.values()),
         "hidden": {model: list(BUILT_IN)[below[0]] for model, below in zip(BUILT_IN, hidden, strict=True) if below},
     }
-    curves = [
-        case.curve(model, f"{model}: {info.summary.replace('F_x', 'Fₓ')}")
+    titles = {
+        model: f"{model}: {info.summary.replace('F_x', 'Fₓ')}"
         for model, info in BUILT_IN.items()
         if model not in fields["hidden"]
-    ]
+    }
     figures = {
-        "models": panel(plot_family, curves, width=6.4, height=7.2, units=case.units, columns=1),
+        "models": panel(plot_family, case.curves(titles), width=6.4, height=7.2, units=case.units, columns=1),
         "correlations": panel(
             plot_shapes, [case.curve(model) for model in _BESIDE], tuple(CORRELATIONS), width=5.8, height=5.0
         ),

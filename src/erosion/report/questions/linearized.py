@@ -12,7 +12,7 @@ from erosion.parameters import (
     conversion_factor,
     readable_scale,
 )
-from erosion.plotting.curves import plot_end_times, plot_volume
+from erosion.plotting.curves import plot_end_times, plot_optimum
 from erosion.plotting.motion import plot_half_angle, plot_histories, plot_path, plot_removal_rate, plot_sketch
 from erosion.plotting.style import new_axes, new_figure
 from erosion.report.case import (
@@ -26,7 +26,7 @@ from erosion.report.case import (
 )
 
 NEEDS_OF_BEST = (("optimum", LINEARIZED),)
-NEEDS = tuple((kind, LINEARIZED) for kind in ("families", "optimum", "hits", "row", "sensitivities"))
+NEEDS = tuple((kind, LINEARIZED) for kind in ("families", "optimum", "hits", "impact_and_optimum", "sensitivities"))
 
 _STATE: tuple[tuple[str, str, Dimension], ...] = (
     ("x", "x", "length"),
@@ -178,14 +178,8 @@ def best_angle(case: ReportCase) -> Answer:
         "turns_if_free": {"here": turn_if_free(case.p), "best": turn_if_free(case.p.replace(alpha=best))},
         "far_from_tests": far and {**dataclasses.asdict(far), "over_greatest": far.amount / far.greatest},
     }
-    over_angles = case.over_angles()
-    marks = {
-        "branch": (case.cusp, float(case.closed.volume(over_angles.replace(alpha=case.cusp)))),
-        "case": (case.alpha, case.volume),
-        "best": (best, greatest),
-    }
-    volume, ended_by = np.asarray(case.closed.volume(over_angles)), case.closed.ended_by(over_angles)
-    figure = panel(plot_volume, case.angles, volume, ended_by, height=4.0, units=case.units, marks=marks)
+    figure, ax = new_axes(5.4, 4.0)
+    plot_optimum(found, ax=ax, marks={"case": (case.alpha, case.volume)})
     half_angle = new_figure(6.4, 3.2)
     plot_half_angle(half_angle, float(case.p.k))
     figures = {
