@@ -228,6 +228,15 @@ def test_samples_of_a_file(written):
             read_samples(path, QUANTITIES, "si")
 
 
+def test_samples_have_comments_semicolons_and_decimal_commas(written):
+    path = written("hits.csv", "# of a run\nalpha [deg];v0 [m/s]\n30,5;100\n20;200,25\n")
+    table = read_samples(path, QUANTITIES, "si")
+    np.testing.assert_allclose(table.columns["alpha"], np.deg2rad([30.5, 20]))
+    np.testing.assert_array_equal(table.columns["v0"], [100, 200.25])
+    path.write_text("% of a run\nv0 [m/s];\n100,5;\n200,25;\n")
+    np.testing.assert_array_equal(read_law(f"samples({path})", "v0", "speed", "si").values, [100.5, 200.25])
+
+
 def test_a_pipe_is_no_table_and_no_draws(tmp_path):
     os.mkfifo(tmp_path / "hits.csv")
     with pytest.raises(ValueError, match=r"is no file$"):

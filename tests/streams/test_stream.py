@@ -253,6 +253,12 @@ def test_what_cannot_vary_is_one_sentence(call, error, message):
         call()
 
 
+def test_a_stream_that_removes_nothing_is_no_error(shell):
+    words = ["--phidot0", "-2.2e5 rad/s", "--v0", "normal(100 m/s, 1 m/s)", "--units", "si"]
+    result = shell(["stream", "--model", "rotating", *words, "--n", "64", "--no-best-angle", "--json"]).result
+    assert result["mean_volume"] == result["deviation"] == 0
+
+
 def test_the_command_line_takes_laws_of_own_parameters(tmp_path, written, monkeypatch, shell):
     monkeypatch.chdir(tmp_path)
     written("harder.py", FILE)
