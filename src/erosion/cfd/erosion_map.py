@@ -82,7 +82,8 @@ class MapTask:
         if struck.rows:
             common = options.common(model)
             results = impact(*options.impacts(model, struck, values | common), rtol=options.rtol)
-            removed = np.asarray(results.volume) * common.get(FRACTION, options.cutting_fraction)
+            cubic_metres = np.asarray(results.volume) * conversion_factor("volume", options.p.units, "si")
+            removed = cubic_metres * common.get(FRACTION, options.cutting_fraction)
             volume, outcome = (np.broadcast_to(array, volume.shape) for array in (removed, results.outcome))
             turned = count_turned(results.model, results.p)
         outside = np.zeros(struck.rows, bool)

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import math
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,6 @@ from erosion.cfd.table_summary import ONE_ROW
 from erosion.cfd.tally import FaceTally
 from erosion.parameters import (
     BEYOND_TESTS,
-    QUANTITIES,
     RESULTS,
     FarFromTests,
     Quantity,
@@ -151,11 +150,9 @@ def to_dataset(
         attributes: of the Dataset.
         has_range: whether the model is a correlation, which is made for a range of impacts.
     """
-    units, sums, parcels = options.p.units, tally.sums, tally.parcels
+    shown = functools.partial(_variable, options.p.units)
+    sums, parcels = tally.sums, tally.parcels
     draws = tally.of_draws if options.uncertain else None
-    sums["particle_mass"] = sums["particle_mass"] * conversion_factor("mass", "si", units)
-    sums["speed"] = sums["speed"] * conversion_factor("speed", "si", units)
-    density = None if options.density is None else options.density * conversion_factor("density", "si", units)
     patches = ("all",) if surface is None else surface.patches
     patch = np.zeros(1, np.int64) if surface is None else np.asarray(surface.patch)
 
@@ -169,39 +166,38 @@ def to_dataset(
     for of, group in ((sums, np.arange(len(patch))), (grouped, patch), (whole, np.zeros_like(patch))):
         of["squares"] = of["squares"] + parcels.bounces(group, np.size(of["squares"])).reshape(np.shape(of["squares"]))
     if sand.injected is not None:
-        grouped["injected"] = whole["injected"] = np.array(sand.injected * conversion_factor("mass", "si", units))
+        grouped["injected"] = whole["injected"] = np.array(sand.injected)
     if draws is not None:
         sums["common"] = draws.var(axis=0, ddof=1)
     variables: Variables = {}
     if surface is not None:
-        variables |= _geometry(surface, units)
-        numbers = _numbers(sums, density, surface.area * conversion_factor("area", "si", units), sand.duration, units)
-        variables |= {name: ("face", numbers[name], FACES[name].attributes(units)) for name in FACES if name in numbers}
+        numbers = _numbers(sums, options.density, surface.area, sand.duration) | {"area": surface.area}
+        variables |= _geometry(surface)
+        variables |= {name: shown("face", numbers[name], FACES[name]) for name in FACES if name in numbers}
     variables["patch"] = ("patch", np.array(patches, dtype=object))
     if draws is not None:
         of_patches = np.array([by_patch(volume) for volume in draws])
         # What is common to all faces does not average out: the variance of a sum is not the sum of variances.
         grouped["common"], whole["common"] = of_patches.var(axis=0, ddof=1), of_patches.sum(axis=1).var(ddof=1)
-        total = FACES["volume"].attributes(units) | {"long_name": "removed volume of all faces for each draw"}
-        variables["total_volume_of_draw"] = ("draw", of_patches.sum(axis=1), total)
+        what = "removed volume of all faces for each draw"
+        variables["total_volume_of_draw"] = shown("draw", of_patches.sum(axis=1), FACES["volume"], what)
     for prefix, dims, of in (("patch", ("patch",), grouped), ("total", (), whole)):
-        for name, value in _numbers(of, density, None, sand.duration, units).items():
+        for name, value in _numbers(of, options.density, None, sand.duration).items():
             if FACES[name].of_total:
-                variables[f"{prefix}_{name}"] = (dims, value, FACES[name].attributes(units))
+                variables[f"{prefix}_{name}"] = shown(dims, value, FACES[name])
     variables["end"] = ("end", np.array(ends, dtype=object))
     # An impact may end in another way for another draw: then rows are shared out.
     counts = tally.counts["ends"] if draws is None else tally.counts["ends"] / len(draws)
     variables["ends"] = (("patch", "end"), counts, {"long_name": "rows by how their impact ends", "units": "1"})
-    variables |= _rows(tally, units, has_range=has_range)
+    variables |= _rows(tally, shown, has_range=has_range)
     if sand.duration is not None:
         what = f"time that the impacts stand for, {sand.duration_from}"
         variables["duration"] = ((), sand.duration, {"long_name": what, "units": "s"})
     if "injected" in whole:
         what = f"mass of sand injected, {sand.injected_from}"
-        variables["injected"] = ((), whole["injected"], {"long_name": what, "units": QUANTITIES["m"].unit(units)})
+        variables["injected"] = shown((), whole["injected"], _SINGLE["injected"], what)
     if options.sand_rate is not None:
-        rate = options.sand_rate * conversion_factor("mass flow", "si", units)
-        variables["sand_rate"] = ((), rate, {"long_name": "sand that comes", "units": _SINGLE["sand_rate"].unit(units)})
+        variables["sand_rate"] = shown((), options.sand_rate, _SINGLE["sand_rate"])
     turned, sampled = tally.counts["turned"].tolist()
     if sampled:
         what = "share of the impacts in which the body turns by more than 90°"
@@ -212,21 +208,28 @@ def to_dataset(
     return xr.Dataset(variables, attrs=attributes)
 
 
+def _variable(
+    units: System, dims: str | tuple[str, ...], values: Any, quantity: Quantity, words: str = ""
+) -> tuple[Any, ...]:
+    """A variable of numbers in SI, shown in the units of a case; `words` take the place of its meaning."""
+    factor = conversion_factor(quantity.dimension, "si", units)
+    named = quantity.attributes(units) | ({"long_name": words} if words else {})
+    return dims, values if factor == 1 else values * factor, named
+
+
 def _numbers(
     sums: Mapping[str, np.ndarray],
     density: float | None,
     area: np.ndarray | None = None,
     duration: float | None = None,
-    units: System = "si",
 ) -> dict[str, np.ndarray]:
-    """Variables from sums over rows, of faces, patches or all; depths and rates, where what they need is known.
+    """Variables in SI from sums over rows, of faces, patches or all; depths and rates, where what they need is known.
 
     Args:
         sums: by name; "common" is the variance by uncertain parameters.
-        density: of the target.
-        area: of faces.
+        density: of the target [kg/m³].
+        area: of faces [m²].
         duration: that the table covers [s].
-        units: of lengths.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         numbers = {
@@ -247,54 +250,50 @@ def _numbers(
         if "injected" in sums:
             numbers["injected_ratio"] = numbers["mass"] / sums["injected"]
         if duration is not None:
-            numbers["mass_per_year"] = numbers["mass"] / duration * (YEAR * conversion_factor("mass", units, "si"))
+            numbers["mass_per_year"] = numbers["mass"] / duration * YEAR
     if area is None:
         return numbers
     numbers["depth"] = numbers["volume"] / area
     if duration is not None:
         numbers["depth_rate"] = numbers["depth"] / duration
-        numbers["depth_per_year"] = numbers["depth_rate"] * (YEAR * 1e3 * conversion_factor("length", units, "si"))
+        numbers["depth_per_year"] = numbers["depth_rate"] * (YEAR * 1e3)
         if "mass" in numbers:
             numbers["mass_flux"] = numbers["mass"] / (area * duration)
     return numbers
 
 
-def _geometry(surface: Surface, units: System) -> Variables:
+def _geometry(surface: Surface) -> Variables:
     """Points and corners of the faces, so that the Dataset alone can be drawn and written; in metres, as CFD has it."""
     flags = {"flag_values": np.arange(len(surface.patches), dtype=np.int32), "flag_meanings": " ".join(surface.patches)}
-    area = surface.area * conversion_factor("area", "si", units)
     variables: Variables = {
         "point": (("points", "axis"), surface.points, {"long_name": "points of the surface", "units": "m"}),
         "corner": ("corners", surface.corners, {"long_name": "points around each face, face after face"}),
         "corner_end": ("face", surface.ends, {"long_name": "where each face's corners end"}),
         "centre": (("face", "axis"), surface.centre, {"long_name": "centres of the faces", "units": "m"}),
         "face_patch": ("face", np.asarray(surface.patch, np.int32), {"long_name": "patch", **flags}),
-        "area": ("face", area, FACES["area"].attributes(units)),
     }
     if surface.mesh_face is not None:
         variables["mesh_face"] = ("face", surface.mesh_face, {"long_name": "number of the face in the mesh"})
     return variables
 
 
-def _rows(tally: FaceTally, units: System, *, has_range: bool) -> Variables:
-    """What became of the rows of the table."""
-    mass, lost = conversion_factor("mass", "si", units), tally.counts["lost_mass"]
-    of_mass = {"long_name": "their mass", "units": QUANTITIES["m"].unit(units)}
+def _rows(tally: FaceTally, shown: Callable[..., tuple[Any, ...]], *, has_range: bool) -> Variables:
+    """What became of the rows of the table; `shown` makes a variable of numbers in SI."""
+    lost = tally.counts["lost_mass"]
     variables: Variables = {
         "rows": ((), tally.rows, {"long_name": "rows of the table"}),
         "reason": ("reason", np.array(list(LEFT_OUT), dtype=object)),
         "left_out": ("reason", tally.counts["fates"][1:], {"long_name": "rows that are left out"}),
-        "left_out_mass": ("reason", lost[1:] * mass, of_mass),
+        "left_out_mass": shown("reason", lost[1:], FACES["particle_mass"], "their mass"),
         "rows_to_nearest": ((), tally.unnamed, {"long_name": "rows that name no face"}),
     }
     if tally.unnamed:
-        metres, unit = conversion_factor("length", "si", units), {"units": QUANTITIES["r"].unit(units)}
         for name, distance, words in (
             ("distance_median", tally.median_distance, "median distance, to 0.3 %"),
             ("distance_max", tally.farthest, "greatest distance"),
         ):
-            of_rows = {"long_name": f"{words}, of rows that name no face from the nearest", **unit}
-            variables[name] = ((), round(distance, _NANOMETRE) * metres, of_rows)
+            what = f"{words}, of rows that name no face from the nearest"
+            variables[name] = shown((), round(distance, _NANOMETRE), _SINGLE[name], what)
     if has_range:
         share = float(tally.counts["outside_mass"]) / lost[0] if lost[0] else math.nan
         variables["beyond_range"] = ((), share, {"long_name": "share of the mass outside the correlation's range"})

@@ -14,7 +14,7 @@ import numpy as np
 from erosion.cfd.incidence import HIT, LEFT_OUT, Hits
 
 SUMS = ("particles", "particle_mass", "volume", "squares", "angle", "speed", "impacts")
-"""Of each face: Σw, Σwm [kg], ΣwV [volume], Σ(wV)² [volume²], Σwα [rad], Σwv₀ [m/s], and the number of rows.
+"""Of each face: Σw, Σwm [kg], ΣwV [m³], Σ(wV)² [m⁶], Σwα [rad], Σwv₀ [m/s], and the number of rows.
 
 w is a row's number of particles. V and V² are means over the draws of uncertain parameters. Rows without a volume
 ("failed", "unfinished") in one of the draws count in none of them.
@@ -32,7 +32,7 @@ class Portion:
     Args:
         faces: those that are hit, in order.
         sums: of each of `SUMS` and of these faces.
-        of_draws: ΣwV of each draw of uncertain parameters and of these faces, shape (draws, faces) [volume].
+        of_draws: ΣwV of each draw of uncertain parameters and of these faces, shape (draws, faces) [m³].
         counts: what needs no care, by name: `ends`, impacts (rows that hit times draws) by face's patch and by outcome;
             `fates`, rows by fate; `lost_mass` of the rows of each fate [kg]; `outside_mass` of hits outside the range
             of a correlation [kg]; `turned`, bodies that turn too far, and those looked at; `distances`, a histogram of
@@ -55,7 +55,7 @@ class Parcels:
 
     Args:
         parcel, face: of each pair of both that rows have, ascending, shape (pairs,).
-        sums: ΣwV and Σ(wV)² of these rows, shape (2, pairs) [volume], [volume²].
+        sums: ΣwV and Σ(wV)² of these rows, shape (2, pairs) [m³], [m⁶].
         known: the parcels of all rows, ascending, hits or not, shape (parcels,).
         mass: of all particles of each of them, the greatest of its rows, shape (parcels,) [kg].
         least_mass: the same, the least of its rows.
@@ -88,7 +88,7 @@ class Parcels:
         return cls(parcel[begins], face[begins], sums, known, greatest, least)
 
     def bounces(self, group: np.ndarray, groups: int) -> np.ndarray:
-        """Σ over parcels of (ΣwV)² - Σ(wV)², 0 where each parcel hits once, shape (groups,) [volume²].
+        """Σ over parcels of (ΣwV)² - Σ(wV)², 0 where each parcel hits once, shape (groups,) [m⁶].
 
         Args:
             group: of each face, shape (faces,).
@@ -118,7 +118,7 @@ def portion_of(
         hits: all rows.
         struck: those that hit.
         volume: of one particle for each draw of uncertain parameters, or one, and each row that hits, in the order of
-            the rows; shape (draws, rows) [volume].
+            the rows; shape (draws, rows) [m³].
         outcome: of these impacts, of the same shape.
         outside: whether these rows are outside the range of a correlation.
         turned: of `erosion.impacts.turn.count_turned`.
@@ -180,7 +180,7 @@ class FaceTally:
     """The sums of all rows so far.
 
     Attributes:
-        of_draws: ΣwV of each draw of uncertain parameters and each face, shape (draws, faces) [volume].
+        of_draws: ΣwV of each draw of uncertain parameters and each face, shape (draws, faces) [m³].
         counts, farthest: as of `Portion`.
     """
 
