@@ -186,7 +186,7 @@ def load_model(name: str | Path | CuttingModel) -> CuttingModel:
         ModelError: one sentence on what is wrong with the name, the file or the model.
     """
     if isinstance(name, CuttingModel):
-        return _sound(name, f"Model {model_name(name)}")
+        return _sound(name, lambda: f"Model {model_name(name)}")
     for part, kind in _PARTS.items():
         if isinstance(name, kind):
             example = f"erosion.models.Rotating({part}={type(name).__name__}())"
@@ -353,7 +353,7 @@ def _choose(module: types.ModuleType, path: Path) -> object:
 
 def _made(candidate: object, where: str) -> CuttingModel:
     if isinstance(candidate, CuttingModel):
-        return _sound(candidate, where)
+        return _sound(candidate, lambda: where)
     if not callable(candidate):
         raise ModelError(f"{where}: must offer a CuttingModel, but offers {briefly(candidate)}.")
     try:
@@ -362,11 +362,12 @@ def _made(candidate: object, where: str) -> CuttingModel:
         raise ModelError(f"{where}: cannot be made without arguments: {named(error)}.") from error
     if not isinstance(model, CuttingModel):
         raise ModelError(f"{where}: must offer a CuttingModel, but makes {briefly(model)}.")
-    return _sound(model, where)
+    return _sound(model, lambda: where)
 
 
-def _sound(model: CuttingModel, where: str) -> CuttingModel:
+def _sound(model: CuttingModel, where: Callable[[], str]) -> CuttingModel:
+    """The model, unless it has an error; to name a model takes longer than to compute many impacts."""
     wrong = error_in(model)
     if wrong is not None:
-        raise ModelError(f"{where}: {wrong}.")
+        raise ModelError(f"{where()}: {wrong}.")
     return model
