@@ -1,11 +1,14 @@
 """One cache of compiled programs for a run; with EROSION_CHECK_TYPES=1, shapes and types of every call are checked."""
 
 import atexit
+import ctypes
 import gc
 import importlib
 import os
 import shutil
+import sys
 import tempfile
+from pathlib import Path
 
 import pytest
 from jaxtyping import install_import_hook
@@ -44,6 +47,20 @@ def pytest_collection_modifyitems(config, items):
 def entries_of_no_test(pytestconfig):
     """Those of `slow.txt`, as far as tests are collected."""
     return pytestconfig.stash[ENTRIES_OF_NO_TEST]
+
+
+MEMORY = Path("/proc/self/statm")
+MOST = 1e9  # bytes
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _programs_of_earlier_modules_are_dropped():
+    """What JAX compiled for a run holds two gigabytes; the C library gives them back only if it is told to."""
+    yield
+    if MEMORY.exists() and int(MEMORY.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > MOST:
+        sys.modules["jax"].clear_caches()
+        gc.collect()
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 @pytest.fixture

@@ -172,6 +172,11 @@ def test_what_makes_no_sense_is_refused(drawn, options, message):
         next_test(drawn, **options)
 
 
+@pytest.fixture(scope="module")
+def fit(drawn):
+    return calibrate(FitProblem("linearized", TABLE_1, drawn.data, ["psi"]))
+
+
 @pytest.mark.parametrize(
     ("alpha", "at", "message"),
     [
@@ -191,9 +196,8 @@ def test_what_makes_no_sense_is_refused(drawn, options, message):
         ([0.1, 0.2], {"v0": [1.0, 2.0, 3.0]}, "must broadcast"),
     ],
 )
-def test_a_condition_that_makes_no_sense_is_refused_wherever_it_is_asked_for(drawn, alpha, at, message):
+def test_a_condition_that_makes_no_sense_is_refused_wherever_it_is_asked_for(drawn, fit, alpha, at, message):
     """A sampled parameter among the conditions would take the place of its draws, without a word."""
-    fit = calibrate(FitProblem("linearized", TABLE_1, drawn.data, ["psi"]))
     for ask in (
         lambda: next_test(drawn, {"alpha": alpha, **at}),
         lambda: drawn.predictor.draw(alpha, at),

@@ -105,47 +105,14 @@ def static(value: str, force: str) -> str:
 DIFFERENT = {
     "a class made in a function, by its argument": (HEAD + INSIDE.format(a=1.0), HEAD + INSIDE.format(a=1.5)),
     "a wrapped function": tuple(law(WRAPPED.format(factor=f), ratio="ratio(p.k)") for f in (1.0, 1.5)),
-    "two lambdas on one line": tuple(
-        law("f, g = (lambda k: k), (lambda k: 1.5 * k)", ratio=f"{name}(p.k)") for name in "fg"
-    ),
-    "a lambda in a list, by its place": tuple(
-        law("laws = [lambda k: k, lambda k: 1.5 * k]", ratio=f"laws[{i}](p.k)") for i in (0, 1)
-    ),
-    "an attribute of a class, set from outside": tuple(
-        law(fields="gain = 1.0", after=f"type(model.force).gain = {g}", ratio="self.gain * p.k") for g in (1.0, 1.5)
-    ),
-    "a class made by type()": tuple(
-        law(
-            after=f"model = Rotating(force=type('Law', (Law,), {{'gain': {g}}})())",
-            fields="gain = 1.0",
-            ratio="self.gain * p.k",
-        )
-        for g in (1.0, 1.5)
-    ),
     "slots": tuple(law(SLOTTED.format(gain=g), ratio="settings.gain * p.k") for g in (1.0, 1.5)),
-    "a global number": tuple(law(f"GAIN = {g}", ratio="GAIN * p.k") for g in (1.0, 1.5)),
     "the last bit of a global number": tuple(law(f"GAIN = {g}", ratio="GAIN * p.k") for g in (1.1, 1.1 + 2.3e-16)),
-    "a number in a global table": tuple(law(f"T = {{'a': {g}}}", ratio="T['a'] * p.k") for g in (1.0, 1.5)),
-    "a global array": tuple(law(f"A = np.array([1.0, {g}])", ratio="A[1] * p.k") for g in (1.0, 1.5)),
     "the end of a long global array": tuple(
         law(f"A = np.append(np.ones(5000), {g})", ratio="jnp.sum(A) / 5000 * p.k") for g in (1.0, 1.5)
-    ),
-    "a helper's number": tuple(law(f"def f(k): return {g} * k", ratio="f(p.k)") for g in (1.0, 1.5)),
-    "a helper's default": tuple(law(f"def f(k, g={g}): return g * k", ratio="f(p.k)") for g in (1.0, 1.5)),
-    "a helper's helper": tuple(
-        law(f"def g(k): return {g} * k\ndef f(k): return g(k)", ratio="f(p.k)") for g in (1.0, 1.5)
-    ),
-    "a partial function": tuple(
-        law(f"import operator\nf = functools.partial(operator.mul, {g})", ratio="f(p.k)") for g in (1.0, 1.5)
     ),
     "a closure": tuple(
         law(f"def times(g): return lambda k: g * k\nf = times({g})", ratio="f(p.k)") for g in (1.0, 1.5)
     ),
-    "a bound method": tuple(
-        law(f"class S:\n    g = {g}\n    def f(self, k): return self.g * k\nf = S().f", ratio="f(p.k)")
-        for g in (1.0, 1.5)
-    ),
-    "a namespace": tuple(law(f"S = types.SimpleNamespace(g={g})", ratio="S.g * p.k") for g in (1.0, 1.5)),
     "an environment variable": (
         law(
             "os.environ['EROSION_TEST_GAIN'] = '1.0'",
@@ -159,10 +126,8 @@ DIFFERENT = {
         ),
     ),
     "a sign": (law(), law(ratio="-p.k")),
-    "an operation": (law(), law(force="-p.stiffness * tip.depth ** 2 / p.r")),
     "another parameter": (law(ratio="p.k"), law(ratio="p.inertia")),
     "the order of a quotient": (law(ratio="p.k / p.inertia"), law(ratio="p.inertia / p.k")),
-    "the order of a difference": (law(ratio="(p.k - p.psi)"), law(ratio="(p.psi - p.k)")),
     "which of two products comes first in a sum": (
         law(ratio="(p.k * p.inertia + p.psi * p.k)"),
         law(ratio="(p.psi * p.k + p.k * p.inertia)"),
@@ -197,8 +162,6 @@ DIFFERENT = {
         static("(2,)", "(isinstance(self.power[0], int) + 1)"),
         static("(2.0,)", "(isinstance(self.power[0], int) + 1)"),
     ),
-    "a static function": (static("lambda k: k", "self.power(p.k)"), static("lambda k: 2 * k", "self.power(p.k)")),
-    "the order of factors": (law(ratio="(p.k * p.psi)"), law(ratio="(p.psi * p.k)")),
     "a rule of equinox": tuple(
         law(
             "@eqx.filter_custom_jvp\ndef f(k): return k\n@f.def_jvp\n"
@@ -236,13 +199,11 @@ DIFFERENT = {
 
 SAME = {
     "a docstring": (law(), law().replace("A law.", "Another text.")),
-    "comments and empty lines": (law(), law(before="# a comment\n\n\n# another\n")),
     "the name of the class": (
         law(),
         law().replace("Law(", "Another(").replace("class Another(ForceAnother(", "class Another(ForceLaw("),
     ),
     "names of variables": (law(), law().replace("force,", "f,").replace("force =", "f =").replace("* force", "* f")),
-    "a helper": (law(ratio="(1.5 * p.k)"), law("def f(k): return 1.5 * k", ratio="f(p.k)")),
     "a helper's name": (
         law("def f(k): return 1.5 * k", ratio="f(p.k)"),
         law("def g(k): return 1.5 * k", ratio="g(p.k)"),
@@ -251,28 +212,12 @@ SAME = {
         law("def f(k): return 1.5 * k", ratio="f(p.k)"),
         law("f = lambda k: 1.5 * k", ratio="f(p.k)"),
     ),
-    "a partial function and a lambda": (
-        law("import operator\nf = functools.partial(operator.mul, 1.5)", ratio="f(p.k)"),
-        law("f = lambda k: 1.5 * k", ratio="f(p.k)"),
-    ),
     "a closure and a global": (
         law("GAIN = 1.5", ratio="GAIN * p.k"),
         law("def t(g): return lambda k: g * k\nf = t(1.5)", ratio="f(p.k)"),
     ),
-    "a global's name": (law("GAIN = 1.5", ratio="GAIN * p.k"), law("G = 1.5", ratio="G * p.k")),
-    "a number worked out by Python": (law(ratio="1.5 * p.k"), law(ratio="(3 / 2) * p.k")),
     "a number of numpy": (law(ratio="1.5 * p.k"), law(ratio="np.float64(1.5) * p.k")),
     "jnp.square": (law(ratio="p.k ** 2"), law(ratio="jnp.square(p.k)")),
-    "vmap over nothing": (
-        law(ratio="(p.k * p.psi)"),
-        law("f = jax.jit(jax.jit(lambda k: k))", ratio="(f(p.k) * p.psi)"),
-    ),
-    "a sum over a tuple": (
-        law(ratio="(p.k + p.psi + p.inertia)"),
-        law(ratio="functools.reduce(lambda a, b: a + b, (p.k, p.psi, p.inertia))"),
-    ),
-    "assert": (law(), law(first="assert p is not None")),
-    "a print of Python": (law(), law(first="str(tip)")),
     "functions and operators": (law(ratio="(p.k * p.psi)"), law(ratio="jnp.multiply(p.k, p.psi)")),
     "what is not used": (law(), law(first="unused = jnp.sin(p.k) + 3")),
     "the order of statements": (
@@ -289,35 +234,15 @@ SAME = {
         law("def f(k): return 1.5 * k", ratio="f(p.k)"),
         law("f = jax.checkpoint(lambda k: 1.5 * k)", ratio="f(p.k)"),
     ),
-    "a wrapper that adds nothing": (
-        law(ratio="p.k"),
-        law(WRAPPED.format(factor=1).replace("1 * ", ""), ratio="ratio(p.k)"),
-    ),
-    "a class attribute and a number": (law(ratio="1.5 * p.k"), law(fields="gain = 1.5", ratio="self.gain * p.k")),
     "a static field and a number": (
         law(ratio="1.5 * p.k"),
         law(fields="gain: float = eqx.field(static=True, default=1.5)", ratio="self.gain * p.k"),
     ),
     "an inherited method": (law(), law(after="class Child(Law): pass\nmodel = Rotating(force=Child())")),
     "a class in a function": (HEAD + INSIDE.format(a=1.0), HEAD + INSIDE.format(a=1.0)),
-    "a class in a function and outside": (HEAD + INSIDE.format(a=1.5), law(force="-1.5 * p.stiffness * tip.depth")),
     "where and select": (
         law(ratio="jnp.where(tip.depth > p.r, 1.0, p.k)"),
         law(ratio="jax.lax.select(tip.depth > p.r, jnp.float64(1.0), p.k)"),
-    ),
-    "a loop of Python": (
-        law(ratio="(1.01 * (1.01 * p.k))"),
-        law(first="k = p.k\n        for _ in range(2): k = 1.01 * k", ratio="k"),
-    ),
-    "a branch of Python": (law(), law(first="k = p.k if 1 < 2 else p.psi", ratio="k")),
-    "a dictionary and a name": (law("T = {'a': 1.5}", ratio="T['a'] * p.k"), law("a = 1.5", ratio="a * p.k")),
-    "an attribute and an item": (
-        law("T = {'a': 1.5}", ratio="T['a'] * p.k"),
-        law("S = types.SimpleNamespace(a=1.5)", ratio="S.a * p.k"),
-    ),
-    "annotations": (
-        law(),
-        law().replace("def typical_ratio(self, p):", "def typical_ratio(self, p: 'Parameters') -> float:"),
     ),
     "a tuple and a list": (law(), law().replace("return force, p.k * force", "return (force, p.k * force)")),
     "a type conversion that changes nothing": (law(), law(ratio="jnp.asarray(p.k, jnp.float64)")),
@@ -473,7 +398,6 @@ def test_what_is_defined_anew_counts_at_once(name: str) -> None:
 
 GIVES: dict[str, Callable[[Any], Any]] = {
     "impact": lambda model: erosion.impact(model, P).volume,
-    "grad": lambda model: jax.grad(lambda a: erosion.volume(model, P.replace(alpha=a)))(0.3),
     "alpha_max": lambda model: erosion.alpha_max(model, P).alpha,
     "simulate": lambda model: erosion.simulate(model, P).volume,
     "sweep": lambda model: erosion.sweep(model, P, alpha=[0.2, 0.4]).volume.values.sum(),

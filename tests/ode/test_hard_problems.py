@@ -992,28 +992,6 @@ def test_no_body_at_rest_falls_through(exact, direction):
         assert any("rest" in warning for warning in end.warnings)
 
 
-def test_no_body_falls_through_a_moving_table():
-    table = ode.Problem(
-        lambda args: {"y": args["h"], "v": 0.0},
-        lambda t, y, args: {"y": y["v"], "v": -9.81},
-        {
-            "hit": ode.Event(
-                lambda t, y, args: y["y"] - args["a"] * jnp.sin(args["w"] * t),
-                -1,
-                lambda t, y, args: {
-                    "y": y["y"],
-                    "v": -0.3 * y["v"] + 1.3 * args["a"] * args["w"] * jnp.cos(args["w"] * t),
-                },
-            )
-        },
-    )
-    h, a, w = (each.ravel() for each in np.meshgrid(np.linspace(0.2, 2, 4), [0.01, 0.1, 0.3], np.linspace(1, 9, 5)))
-    end = ode.solve(table, {"h": h, "a": a, "w": w}, t1=10.0)
-    fallen = end.y["y"] - a * np.sin(w * end.t) < -1e-6
-    assert not np.any(fallen & (end.ended_by == "t1"))
-    assert not np.any(end.ended_by == "failed")
-
-
 # Access.
 @pytest.mark.parametrize("of", [jax.grad, jax.jit])
 def test_a_traced_number_in_a_closure_is_refused(of):

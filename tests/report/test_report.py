@@ -30,14 +30,12 @@ UNUSUAL = TABLE_1.replace(k=12.0, psi=0.003, alpha=np.deg2rad(50), phidot0=0.4 *
 CASES = {
     "Table 1": TABLE_1,
     "unusual": UNUSUAL,
-    "SI": TABLE_1.to("si"),
-    "k = 0.1": TABLE_1.replace(k=0.1),
-    "60°": TABLE_1.replace(alpha=np.pi / 3),
+    "SI, ended by a stop": TABLE_1.to("si").replace(alpha=np.pi / 3),
 }
 
 
 ONE_IMPACT = ["q1", "q2", "q3", "q4"]  # without the families, whose figures take most of the time
-ASKED = {"Table 1": None, "SI": [*ONE_IMPACT, "q8"]}
+ASKED = {"Table 1": None, "SI, ended by a stop": [*ONE_IMPACT, "q8"]}
 TURNING = ("linearized", "finnie", "rotating", "rotating-tan-alpha", "rotating-deformation", "as-printed")
 TEXTS: dict[str, list[Text]] = {}  # of each case's report, as they were written
 
