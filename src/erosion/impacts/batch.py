@@ -36,7 +36,7 @@ from erosion.models import (
     whole_cut,
 )
 from erosion.ode.batch import compiling, integrate, integrate_along
-from erosion.ode.ensemble import Lanes
+from erosion.ode.ensemble import LEAST_RTOL, Lanes
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.outputs import StateOutputs
 from erosion.ode.problem import TracedProblem, is_number
@@ -213,9 +213,6 @@ def _tip_program(signature: Signature, structure: Structure) -> Lanewise:
         return [jnp.asarray(part, float) for part in (*model.tip(state, p), model.removal_rate(state, p))]
 
     return compile_lanes(lane, (signature.structs(), [number] * structure.num_leaves))
-
-
-_TINY = 1e-14  # no tolerance is tighter: rounding is near
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -399,7 +396,7 @@ def impact(
             raise ValueError(f"Argument `wrt` must name parameters ({', '.join(known)}), but has {briefly(name)}.")
     if not names or len(set(names)) != len(names):
         raise ValueError(f"Argument `wrt` must name one or several different parameters, but is {briefly(wrt)}.")
-    derivatives, rtol = check_order(derivatives), max(check_share("rtol", rtol), _TINY)
+    derivatives, rtol = check_order(derivatives), max(check_share("rtol", rtol), LEAST_RTOL)
     signature, parameters, shape = lanes_of(model, p)
     single = isinstance(wrt, str)
     if derivatives == 0 or (single and wrt in QUANTITIES):

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 
 from erosion.arguments import Flag, Scalar
 from erosion.ode.cubics import Ends, signed
+from erosion.ode.step_control import ULPS
 
-_ROUNDING = 1e-15  # of what a function changes by within the time scale: zero
-_LEFT = 1e-9  # of the same: a function of an event that has just happened, with the errors of state and reset
+_LEFT = 1e-9  # of the time scale: a function that would be zero within it is, where its event has just happened
 
 
 class Watched(NamedTuple):
@@ -74,4 +74,4 @@ def without_rounding(event: Ends, time: Scalar) -> Ends:
 
 
 def _is_zero(event: Ends, scale: Scalar) -> Flag:
-    return jnp.abs(event.value) <= _ROUNDING * jnp.abs(event.rate) * scale
+    return jnp.abs(event.value) <= ULPS * jnp.abs(event.rate) * scale

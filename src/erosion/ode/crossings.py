@@ -35,6 +35,8 @@ from erosion.ode.step_control import (
     ENDED,
     FAILED,
     LOCATING,
+    MOMENT,
+    TINY,
     Control,
     Limits,
     counted,
@@ -55,8 +57,6 @@ _AHEAD = 3.0  # trials: as far beyond its end as an event is looked for
 _NONSMOOTH_NEAR = 1e-9  # of the time scale: near enough for a motion whose rates may be infinite at the end
 _SHORT_OF_IT = 0.999  # of the way to an expected event
 _TOO_LONG = 256.0  # an error over the tolerance, for which the next step is 0.4 times as long
-TOGETHER = 1e-12  # of the time scale: events this near happen at once, and one this near the end happens
-_TINY = 1e-300
 
 
 class Trial(NamedTuple):
@@ -354,7 +354,7 @@ def are_clear(
             # One that does not count is before zero on its other side.
             on = events[i].armed
             sign = jnp.where(on, events[i].sign, -events[i].sign)
-            least = jnp.where(on, graze * jnp.maximum(size_in_step(start, end, h), _TINY), 0.0)
+            least = jnp.where(on, graze * jnp.maximum(size_in_step(start, end, h), TINY), 0.0)
             start, end, samples = (
                 signed(start, sign),
                 signed(end, sign),
@@ -384,7 +384,7 @@ def look_directed(
     h = control.trial_length
     on, factors, rises = [event.armed for event in events], [], []
     for i, (event, start, end, clear_of_it) in enumerate(zip(events, starts, ends, clear, strict=True)):
-        factors.append(event.sign / jnp.maximum(size_in_step(start, end, h), _TINY))
+        factors.append(event.sign / jnp.maximum(size_in_step(start, end, h), TINY))
         samples = [(theta, event.sign * values[i]) for theta, values in interior_samples]
         both = signed(start, event.sign), signed(end, event.sign)
         rises.append(rise_unless_clear(event.armed | clear_of_it, *both, h, samples))
@@ -427,4 +427,4 @@ def last_moment(event: Scalar, remaining: Scalar, events: Sequence[Ends], scale:
 def at_once(events: Sequence[Ends], remaining: Scalar, scale: Scalar) -> list[Flag]:
     """Which events happen in a time that remains."""
     times = [-event.value / jnp.where(event.rate < 0, event.rate, jnp.nan) for event in events]
-    return [jnp.abs(time - remaining) <= TOGETHER * scale for time in times]
+    return [jnp.abs(time - remaining) <= MOMENT * scale for time in times]

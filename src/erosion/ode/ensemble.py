@@ -20,7 +20,7 @@ from erosion.ode.problem import Problem, flattened, is_number
 from erosion.ode.signature import Clock, Options, Signature
 from erosion.output.tables import briefly
 
-_TINY = 1e-14  # no tolerance is tighter: rounding is near
+LEAST_RTOL = 1e-14  # no tolerance is tighter: rounding is near
 _STARTS = ("wait", "fire", "end")
 _CLOCK = ("t0", "t1")  # by which there are derivatives
 _METHODS = tuple(METHODS)
@@ -125,7 +125,7 @@ def checked_lanes(
         raise TypeError(f"Argument `smooth` must be True, False or None, but is {briefly(smooth)}.")
     if not isinstance(problem, Problem):
         raise TypeError(f"Argument `problem` must be an `ode.Problem`, but is {briefly(problem)}.")
-    rtol = max(check_share("rtol", rtol), _TINY)
+    rtol = max(check_share("rtol", rtol), LEAST_RTOL)
     options = Options(
         arm_on_return=True,
         check_start=start == "end",

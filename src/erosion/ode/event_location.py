@@ -10,13 +10,12 @@ import numpy as np
 from jax import lax
 
 from erosion.arguments import Flag, Scalar
-from erosion.ode import crossings
 from erosion.ode.arming import Watched
 from erosion.ode.cubics import Ends
 from erosion.ode.kinks import divisors, radicands
 from erosion.ode.motion import Augmented
 from erosion.ode.reduction import FlatState
-from erosion.ode.step_control import ENDED, FAILED, FIRST_STEP, Control
+from erosion.ode.step_control import ENDED, FAILED, FIRST_STEP, MOMENT, Control
 from erosion.ode.variational import EndTimeDependence
 
 if TYPE_CHECKING:
@@ -134,7 +133,7 @@ def segment_to(
     ended = lane.control.mode == ENDED
     count = lax.convert_element_type(ended & (event >= 0), np.int32)
     left = jnp.inf if time_to_end is None else time_to_end - time
-    arrives = ended & (left <= crossings.TOGETHER * scale)
+    arrives = ended & (left <= MOMENT * scale)
     return Segment(lane.control, value_and_tangents, event, time, count, at_once, arrives, lane.greatest)
 
 

@@ -14,11 +14,10 @@ from erosion.ode.arming import Watched
 from erosion.ode.crossings import Ending, Trial
 from erosion.ode.cubics import Ends
 from erosion.ode.methods.base import Step
-from erosion.ode.step_control import ADVANCING, Control, Limits
+from erosion.ode.step_control import ADVANCING, MOMENT, Control, Limits
 
 GRAZE = 1e4  # tolerances: a local minimum this close to zero may be a fall, after many turns of a fast spin
 _GRAZE_MOST = 1e-2  # of an event function's size in a step: a local minimum that is farther from zero is no fall
-_AT_START = 1e-12  # of the time scale: a function is zero at the start of a lane that would be within so long
 _ZERO = 1e-15  # event functions of order 1 below this are zero at the start: cos(π/2) is 6e-17 in floating point
 
 
@@ -162,17 +161,21 @@ class Armed(EventSet):
         own: how many of them are events of the problem; the others are bounds of modes, see `switches`.
         affine: of each event whether its function is affine in the state; others may move faster than it.
         smooth: whether all event functions are smooth.
+        one_sided: whether nothing rivals the first event at an end.
     """
 
     foresee = end_closely = True
 
-    def __init__(self, directions: Sequence[int], *, own: int, affine: Sequence[bool], smooth: bool) -> None:
+    def __init__(
+        self, directions: Sequence[int], *, own: int, affine: Sequence[bool], smooth: bool, one_sided: bool
+    ) -> None:
         super().__init__(directions)
+        self.one_sided = one_sided
         self.own, self.affine, self.are_smooth, self.are_slow = own, affine, smooth, all(affine)
 
     def at_start(self, events: list[Ends], scale: Scalar, begins: Flag) -> list[Ends]:
         """See `EventSet`."""
-        time = jnp.where(begins, _AT_START * scale, 0.0)
+        time = jnp.where(begins, MOMENT * scale, 0.0)
         return [arming.without_rounding(event, time) for event in events]
 
     def resolved(self, start: Sequence[Ends], step: Step, h: Scalar) -> Step:
@@ -229,4 +232,4 @@ class Armed(EventSet):
 
     def rivals(self, happening: Sequence[Flag]) -> Sequence[Flag]:
         """See `EventSet`."""
-        return happening
+        return () if self.one_sided else happening

@@ -19,8 +19,6 @@ from erosion.ode.methods.runge_kutta import RungeKutta
 from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import FAILED, SLIDES, STIFF, UNFINISHED, Control, goes_on
 
-MOMENT = 1e-12  # of the time scale: a rate that is 0·∞ at the start, or jumps, is taken this much later
-ULPS = 1e-15  # of a number, at least: then it is another one
 _MANY_STIFF = 12  # steps, more than others, that are short although the motion is smooth: it is stiff
 _BEYOND = 1e-9  # of the time scale: a bound below zero that would take so long is no rounding
 _TOUCHES = 0.1  # of the square of a rate: a parabola's least value as near zero is not resolved by a step

@@ -24,7 +24,7 @@ from erosion.ode.event_location import Segment
 from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.motion import Augmented, Motion, event_function, outputs_of
 from erosion.ode.segments import SegmentLoop, Written
-from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FAILED, FIRST_STEP, SLIDES, UNFINISHED
+from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FAILED, FIRST_STEP, MOMENT, SLIDES, ULPS, UNFINISHED
 from erosion.ode.switches import SwitchedMotion
 from erosion.ode.variational import ALIKE, AlongFlow, AtEvent, Derivatives, EndTimeDependence, at_event, differ
 
@@ -37,8 +37,6 @@ _RESTS = 1e-6  # of the time scale, and of the time so far: where an event follo
 _ENDLESS = 100  # rounds of events that resets make happen
 _SLIDES = 20  # switches at one time: the rates point to one from both sides
 _ARRIVED = 1e-13  # of the time scale: a lane that has no more time left is at its end
-_NEAR = 1e-12  # of the time scale: a bound is zero that would be within so long
-_ULPS = 1e-15  # of the numbers whose difference a bound is: rounding
 _RESTING = 1e-9  # of its rate before a switch: a bound that falls as slowly after it rests there
 
 _NO_TIME = Derivatives(None, None, None, None)
@@ -294,7 +292,7 @@ class Transitions:
             sizes = here.sizes_of_bounds(at)
             for j, i in reversed(list(enumerate(self.bounds))):
                 is_located, least = located[j], _RESTING * jnp.abs(before[j])
-                near = _NEAR * scale * jnp.abs(rates[i]) + _ULPS * sizes[j]
+                near = MOMENT * scale * jnp.abs(rates[i]) + ULPS * sizes[j]
                 far = jnp.logical_and(values[i] < -near, jnp.logical_not(is_located))
                 falls = (rates[i] < -least) | ((rates[i] <= least) & (scale * bends[i] < -least))
                 leaves = (is_located | (values[i] <= near)) & falls
@@ -389,7 +387,7 @@ class Transitions:
             one = chosen(stops, instant.met, one)
             # The event is as near the end as rounding says: by so much the rates have changed.
             size = jnp.abs(self.problem.clock.t0) + late[0]
-            rounding = late[0] * (_ARRIVED * self.problem.time_scale + _ULPS * size)
+            rounding = late[0] * (_ARRIVED * self.problem.time_scale + ULPS * size)
             least = jax.tree.map(lambda a, b: rounding * (jnp.abs(a) + jnp.abs(b)), curve, other)
             jumps = jax.tree.map(lambda a, b: differ(a, b, ALIKE[0], 0.0), one[0], two[0])
             if self.problem.switches is not None:
@@ -427,7 +425,7 @@ class Transitions:
         flow = jax.tree.leaves(equations.rate(value_and_tangents))
         lost = [jnp.asarray(False) for _ in moved]
         for j, i in enumerate(self.bounds):
-            near = _NEAR * scale * jnp.abs(rates[i]) + _ULPS * sizes[j]
+            near = MOMENT * scale * jnp.abs(rates[i]) + ULPS * sizes[j]
 
             def beyond(at: Augmented, motion: Motion, j: int = j) -> Augmented:
                 assert isinstance(motion, SwitchedMotion)

@@ -15,12 +15,11 @@ from erosion.ode.methods import method_of
 from erosion.ode.motion import Augmented
 from erosion.ode.reduction import FlatState, are_affine
 from erosion.ode.signature import Signature
-from erosion.ode.step_control import Limits
+from erosion.ode.step_control import TINY, Limits
 from erosion.ode.switches import motion_of, switches_of
 from erosion.ode.variational import Derivatives, Direction, Variational
 
 _SPAN = 0.03  # of the time from t0 to t1: the time scale of a problem that names none
-_TINY = 1e-300  # keeps 0/0 away
 _LONGER = 1e3  # times as long as a number of the state takes to change by its own size
 _LEAST = 1e-9  # of the time scale: a number of the state that changes sooner by its own size is almost zero
 
@@ -60,7 +59,7 @@ class LaneEquations:
         self.width, self.integrals = self._member.num_leaves, len(integrals)
         given = self.options.state_scale or ()
         first = int(signature.equations.timed)
-        self.sizes = [_TINY] * self.width
+        self.sizes = [TINY] * self.width
         self.sizes[first : first + len(given)] = given
 
         # Each is traced once for all the places where it is called.
@@ -104,7 +103,8 @@ class LaneEquations:
         jaxpr = jax.make_jaxpr(self.events)(self.initial[: self.width]).jaxpr
         # A function that is affine in the rows moves no faster than they.
         affine, smooth = are_affine(jaxpr, self._moves), not is_nonsmooth(jaxpr, self._moves)
-        return Armed(self.directions, own=self.own_events, affine=affine, smooth=smooth)
+        one_sided = self.options.one_sided
+        return Armed(self.directions, own=self.own_events, affine=affine, smooth=smooth, one_sided=one_sided)
 
     @property
     def _moves(self) -> list[bool]:
@@ -157,7 +157,7 @@ class LaneEquations:
         if self.signature.problem.time_scale is not None:
             return scale
         motion = zip(initial[: self.width], slope[: self.width], strict=True)
-        times = (jnp.abs(u) / jnp.maximum(jnp.abs(k), _TINY) for u, k in motion)
+        times = (jnp.abs(u) / jnp.maximum(jnp.abs(k), TINY) for u, k in motion)
         # A number that is almost zero says nothing.
         told = (jnp.where(time < _LEAST * scale, jnp.inf, time) for time in times)
         return functools.reduce(jnp.minimum, (_LONGER * time for time in told), scale)

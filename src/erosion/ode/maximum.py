@@ -24,7 +24,7 @@ from erosion.lanes.engines import compile_lanes
 from erosion.lanes.flatten import NotForLanesError
 from erosion.lanes.lanewise import Lanewise
 from erosion.ode.batch import compiling
-from erosion.ode.ensemble import Lanes, checked_lanes, path_of, shaped
+from erosion.ode.ensemble import LEAST_RTOL, Lanes, checked_lanes, path_of, shaped
 from erosion.ode.integrator import LaneEnd
 from erosion.ode.maxima import LOOSE, TIGHT, Maxima, QuantityAlong, Search, SearchRange, columns, searched
 from erosion.ode.problem import FunctionError, Problem, Traced, flattened, is_number, require_numbers
@@ -36,7 +36,6 @@ from erosion.output.tables import briefly, format_number
 from erosion.results import Columns, Declared, Result, Value
 
 _POINTS = 64
-_TINY = 1e-14  # no tolerance is tighter: rounding is near
 _ROOM = 1e-3  # of a range's magnitude: a narrower one is near the rounding of its numbers
 
 
@@ -238,8 +237,9 @@ def _optima(
     """The maxima of each lane."""
     if any(isinstance(number, Tracer) for number in lanes.parameters):
         raise TypeError("Arguments of `maximum` must be numbers: JAX cannot trace a search.")
+    lanes = lanes._replace(signature=lanes.signature.wanting(one_sided=True))
     signature, place = lanes.signature, lanes.names.index(over)
-    quantity, tight = _Quantity(lanes, place, of), max(rtol * (TIGHT / LOOSE), _TINY)
+    quantity, tight = _Quantity(lanes, place, of), max(rtol * (TIGHT / LOOSE), LEAST_RTOL)
 
     def search(which: slice, cases: int) -> list[Maxima]:
         parameters = signature.of_lanes(lanes.parameters, which)

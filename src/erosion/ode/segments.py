@@ -11,13 +11,13 @@ from erosion.arguments import Flag, Number, Scalar
 from erosion.ode import arming, step_control
 from erosion.ode.cubics import Ends
 from erosion.ode.event_location import Lane, Segment, all_finite, finish_step
-from erosion.ode.guards import MOMENT, ULPS, Guard, guards_of
+from erosion.ode.guards import Guard, guards_of
 from erosion.ode.horizon import Horizon, To
 from erosion.ode.lane_equations import LaneEquations
 from erosion.ode.motion import Augmented
 from erosion.ode.recorders import Recorder, recorders_of
 from erosion.ode.reduction import FlatState
-from erosion.ode.step_control import FIRST_STEP
+from erosion.ode.step_control import FIRST_STEP, MOMENT, ULPS
 from erosion.ode.variational import EndTimeDependence
 
 _SHARE = 1e-3  # of a rate, or of its jump: by more a rate jumps at the start, and by less it goes on after that

@@ -41,6 +41,8 @@ class Options(NamedTuple):
         arm_on_return: an event whose function is zero or beyond it counts once it has returned.
         check_start: a lane whose event functions are not all before their events at the start ends there.
         fires: an event whose function is zero or past it at the start happens there.
+        one_sided: derivatives where two things end a motion at once are those of the first in order; else NaN where
+            they differ. A search for a maximum looks at both sides by itself.
         outputs: what is wanted of a lane's end; the parameters end with those of `Clock` where it is clocked.
         smooth: the motion has no kinks, whatever its arithmetic looks like; None looks.
         switches: breaks of the rates are located, see `switches`.
@@ -56,6 +58,7 @@ class Options(NamedTuple):
     arm_on_return: bool = False
     check_start: bool = True
     fires: bool = False
+    one_sided: bool = False
     outputs: Outputs = IntegralOutputs()
     smooth: bool | None = None
     switches: bool = False

@@ -66,6 +66,9 @@ NOT_BEGUN, ARRIVED, STIFF, SLIDES = -1, -2, -3, -4
 as its rates point to a switch from both sides."""
 
 FIRST_STEP = 0.17  # of the time scale
+MOMENT = 1e-12  # of the time scale: what happens within it happens at once
+ULPS = 1e-15  # of a number: so little is rounding
+TINY = 1e-300  # keeps 0/0 away
 _SAFETY = 0.8  # of the step that would just do
 _TREND = 0.5  # of a step's shortening is expected of the next step, too
 LONGEST = 1e4  # of the time scale, where nothing else bounds a lane; later is "unfinished"

@@ -35,7 +35,7 @@ from erosion.ode.methods.sums import weighted
 from erosion.ode.methods.transposes import plus, transposed, zeros
 from erosion.ode.motion import OfMotion
 from erosion.ode.reduction import FlatState
-from erosion.ode.step_control import ENDED, FIRST_STEP, NOT_BEGUN, Control
+from erosion.ode.step_control import ENDED, FIRST_STEP, NOT_BEGUN, TINY, ULPS, Control
 from erosion.ode.variational import Derivatives, EndTimeDependence
 
 if TYPE_CHECKING:
@@ -44,8 +44,7 @@ if TYPE_CHECKING:
 
 _FIRST = 0.1  # of the time in which a number of the state changes by its own size, alone or by its own feedback
 _SOONEST = 1e-9  # of the time scale: the shortest first step
-_TINY, _SMALL = 1e-300, 1e-100  # keep 0/0 away, and a square above 0
-_ROUNDING = 1e-15  # of the terms of a rate
+_SMALL = 1e-100  # keeps a square above 0
 NEAR = 0.1  # of the last step: Newton's method moves its end by less
 _SHORTEST = 1e-14  # of the time scale: the last step of a lane that takes none
 BLURRED = 1e-2  # of itself, at the tightest tolerance: a time that errs by more is not known
@@ -192,9 +191,9 @@ class Rodas5P(Method):
     def first_step(self, initial: FlatState, slope: FlatState, scale: Scalar, asked: Scalar) -> Scalar:
         """A length in which little happens, but for numbers that are almost zero."""
         motion = zip(initial[: self.problem.width], slope, strict=False)
-        times = [jnp.where(u == 0, jnp.inf, jnp.abs(u) / (jnp.abs(k) + _TINY)) for u, k in motion]
+        times = [jnp.where(u == 0, jnp.inf, jnp.abs(u) / (jnp.abs(k) + TINY)) for u, k in motion]
         own = zip(self.rodas.sparse.places, self.rodas.entries(initial), strict=True)
-        times += [1.0 / (jnp.abs(entry) + _TINY) for (i, j), entry in own if i == j]
+        times += [1.0 / (jnp.abs(entry) + TINY) for (i, j), entry in own if i == j]
         return jnp.minimum(
             asked, jnp.maximum(_FIRST * functools.reduce(jnp.minimum, times, jnp.asarray(jnp.inf)), _SOONEST * scale)
         )
@@ -202,7 +201,7 @@ class Rodas5P(Method):
     def least_sizes(self, greatest: FlatState) -> list[Scalar]:
         """Sizes of the rows of the motion itself below which these need not be known: as given, or by the greatest."""
         given = self.problem.options.state_scale is not None
-        return [np.float64(least) if given and least > _TINY else jnp.maximum(LEAST * size, _TINY)
+        return [np.float64(least) if given and least > TINY else jnp.maximum(LEAST * size, TINY)
                 for least, size in zip(self.problem.sizes, greatest, strict=True)]  # fmt: skip
 
     def error_of(
@@ -237,7 +236,7 @@ class Rodas5P(Method):
             terms[i] = terms[i] + jnp.abs(entry * after[j])
             if i == j:
                 damped[i] = 1.0 / (1.0 / h + jnp.abs(entry))
-        rounding = [_ROUNDING / rtol * term * time for term, time in zip(terms, damped, strict=True)]
+        rounding = [ULPS / rtol * term * time for term, time in zip(terms, damped, strict=True)]
         sizes: list[Scalar] = list(map(jnp.maximum, self.least_sizes(greatest), rounding))
         error, of_motion = 0.0 * h, sizes
         for first in range(0, len(after), width):

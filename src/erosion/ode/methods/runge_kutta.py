@@ -30,7 +30,7 @@ from erosion.ode.methods.norms import NORMS
 from erosion.ode.methods.sums import moved_by, weighted
 from erosion.ode.methods.transposes import plus, transposed
 from erosion.ode.reduction import FlatState
-from erosion.ode.step_control import ENDED, FAILED, FIRST_STEP, NOT_BEGUN, eighth_root
+from erosion.ode.step_control import ENDED, FAILED, FIRST_STEP, NOT_BEGUN, ULPS, eighth_root
 from erosion.ode.variational import AlongFlow, EndTimeDependence
 
 if TYPE_CHECKING:
@@ -46,7 +46,6 @@ SOON = 1e-3  # of the time scale: what a row changes within it counts as its siz
 _INSIDE = 1e-10  # of the time scale: as near to an end beyond which the motion is not defined
 _BESIDE = 1e-12  # the same beside an end at which a rate has a kink or a jump
 _SHARE = 0.98  # of the way to it is a step, by Newton's method
-_ULPS = 1e-15  # of the time so far: rounding
 _ORDERS, _ROUNDS = 64.0, 100  # of a zero, and of the search for it, at most
 _BENDS = 0.01  # of what is left of a step: by less a rate changes where rounding hides the zero
 _HIDDEN = 1e-5  # of the time scale: what Newton's method says beside a zero that is no rounding
@@ -299,7 +298,7 @@ class RungeKutta(Method):
         hold it, and end beside it. Also whether the state moves to the event itself.
         """
         control = lane.control
-        near = jnp.maximum(_BESIDE * scale, _ULPS * control.time)
+        near = jnp.maximum(_BESIDE * scale, ULPS * control.time)
         happens = moves & (control.mode == ENDED) & (control.event >= 0)
 
         def chosen(parts: Sequence[Scalar]) -> Scalar:
