@@ -277,12 +277,12 @@ class Advice(Result):
 
     @property
     def unit(self) -> str:
-        """Of erosion in the table, "g/kg", or "mm³/kg" where the density is not known."""
+        """The unit of erosion in the table: "g/kg", or "mm³/kg" where the density is not known."""
         return self.scale.unit
 
     @property
     def scale(self) -> Scale:
-        """Of `unit`, in SI."""
+        """The unit and its size in SI."""
         return PER_MASS_SCALES["specific_volume" if self.per_mass.density is None else "erosion_ratio"]
 
     @property

@@ -57,7 +57,7 @@ class ErrorModel:
 
     @classmethod
     def read(cls, text: str, dimension: Dimension, units: System) -> "ErrorModel":
-        """Of a text such as "0.3 mg/kg + 8 % + 5 % of each speed", whose parts stand in any order; any may be left out.
+        """Read a text such as "0.3 mg/kg + 8 % + 5 % of each speed"; its parts stand in any order; any may be missing.
 
         Args:
             text: the parts.

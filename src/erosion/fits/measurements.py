@@ -137,7 +137,7 @@ class Measurements:
         return self.scale if is_own else table_scale(self.dimension, self.units, size)
 
     def in_unit(self, unit: str) -> "Measurements":
-        """The same rows, whose erosion tables and figures show in a unit such as "g/kg".
+        """Return the rows with a unit such as "g/kg", in which tables and figures show their erosion.
 
         Raises:
             ValueError: for a unit of something else, or with a number; a clause that starts with "must".
@@ -177,7 +177,7 @@ class Measurements:
 
     @property
     def varied(self) -> dict[str, np.ndarray]:
-        """Those of them that make a condition, speed and mass, where the data have them."""
+        """Speeds and masses of the rows, by name; those that the data have."""
         given = {"v0": self.speed, "m": self.mass}
         return {name: values for name, values in given.items() if values is not None}
 
@@ -226,7 +226,7 @@ class Measurements:
         return values, places.ravel()
 
     def with_error(self, error: "ErrorModel | float | str | None") -> "Measurements":
-        """The same rows with the uncertainties of an error model.
+        """Return the rows with the uncertainties of an error model.
 
         Args:
             error: a model, a text such as "0.3 mg/kg + 8 %", or a standard deviation [of the erosion]; None leaves the
@@ -266,7 +266,7 @@ class Measurements:
         return rows
 
     def weighed(self, expected: np.ndarray | None = None, scatter: Any = None) -> "Measurements":
-        """The same rows, relative parts of whose errors are of this erosion, or of the mean of repeats.
+        """Return the rows with relative errors of this erosion, or of the mean of repeats.
 
         The common error is of an expected erosion alone: of the measured one it explains a model that misses by far.
 

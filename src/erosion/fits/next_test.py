@@ -77,7 +77,7 @@ class NextTest(Result):
 
     @property
     def sentence(self) -> str:
-        """Where to test next, what that narrows, and which candidates cannot be judged."""
+        """The next test, the intervals that it narrows, and the candidates that cannot be judged."""
         unknown = np.isnan(self.prediction)
         why = "cannot be judged: draws have no volume or no error there."
         if unknown.all():
@@ -160,7 +160,7 @@ class NextTest(Result):
 
     @property
     def conclusions(self) -> tuple[str, ...]:
-        """Where to test next."""
+        """The next test."""
         return (self.sentence,)
 
     def _declared(self, name: str, values: Any) -> Value:

@@ -203,7 +203,7 @@ class FitProblem:
         per: str | None = None,
         **options: Any,
     ) -> "list[FitProblem]":
-        """The same tests for several models, each with those of the free parameters, bounds and priors that it has.
+        """Return a problem for each model, with those of the free parameters, bounds and priors that it has.
 
         Args:
             models: models, names or paths; None for every registered model.

@@ -66,7 +66,7 @@ class Ranking(Result):
         return (self.best, *(fit for fit in self.ranked if fit is not self.best))
 
     def preferring(self, name: str) -> "Ranking":
-        """The same with another model as the best one, of which everything that is written then is."""
+        """Return the ranking with another model as the best one; files then hold its fit."""
         return dataclasses.replace(self, preferred=self.names.index(name))
 
     @property
@@ -120,7 +120,7 @@ class Ranking(Result):
 
     @property
     def findings_of_best(self) -> tuple[Finding, ...]:
-        """Those of the findings that concern whoever uses the best fit."""
+        """The findings that concern a user of the best fit."""
         return (*self._misfit(), *self._undecided(), *self.best.findings)
 
     def _misfit(self) -> list[Finding]:

@@ -60,7 +60,7 @@ class Candidate:
 
     @classmethod
     def of(cls, found: maxima.Extremum) -> "Candidate":
-        """What the search found, in erosion's words."""
+        """Return the search's result with erosion's names."""
         fields = dict(vars(found))
         alpha, dvalue, d2value = (fields.pop(name) for name in ("at", "slope", "curve"))
         return cls(alpha=alpha, dvalue=dvalue, d2value=d2value, **fields)
@@ -84,7 +84,7 @@ class Jump:
 
     @classmethod
     def of(cls, found: maxima.Discontinuity) -> "Jump":
-        """What the search found, in erosion's words."""
+        """Return the search's result with erosion's names."""
         return cls(found.at, found.below, found.above, found.ended_below, found.ended_above)
 
 

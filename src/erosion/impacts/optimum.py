@@ -258,7 +258,7 @@ class Optimum(Result):
 
     @property
     def measure(self) -> Quantity:
-        """What the objective is."""
+        """The quantity that the objective is."""
         return RESULTS[MEASURES[self.objective]] if self.objective in MEASURES else Quantity("", self.objective, "1")
 
     def declare(self) -> list[Declared]:

@@ -74,7 +74,7 @@ def _shown(part: object) -> str:
 
 
 class Tip(NamedTuple):
-    """Where the cutting tip is and how it moves.
+    """Place and velocity of the cutting tip.
 
     Args:
         x: along the surface from the point of contact [length].
@@ -165,7 +165,7 @@ class CuttingModel(eqx.Module):
         """The cutting tip's position and velocity in this state."""
 
     def events(self, state: ModelState, p: Parameters) -> Events:
-        """What ends a cut: by name, a smooth function that is positive while cutting.
+        """Events that end a cut: by name, a smooth function that is positive while cutting.
 
         The functions are dimensionless and of order 1. The cut ends when the first of them
         falls through zero. By default **rebound** (the tip's depth returns to 0) and
@@ -181,7 +181,7 @@ class CuttingModel(eqx.Module):
         return p.b * tip.depth * tip.vx
 
     def removed_at_contact(self, p: Parameters) -> Broadcast:
-        """What the impact removes beside the cut [volume], by default nothing; see `erosion.models.parts`.
+        """The volume that the impact removes beside the cut, by default zero; see `erosion.models.parts`.
 
         It counts for every impact, for one that cuts nothing too.
         """
@@ -248,7 +248,7 @@ class CuttingModel(eqx.Module):
         return False
 
     def replace(self, **changes: object) -> "CuttingModel":
-        """The same model with other values of its own parameters: `model.replace(friction=0.3)`.
+        """Return the model with other values of its own parameters: `model.replace(friction=0.3)`.
 
         A model's own parameters are its fields, and those of its parts, that hold one real number;
         where two have the same name, `**{"force.rate": 1.0, "torque.rate": 2.0}`. An array holds a number
@@ -541,7 +541,7 @@ def require_one_impact(model: eqx.Module, p: Parameters, instead: str = "", *, t
 
 
 def quantities(model: eqx.Module) -> dict[str, Quantity]:
-    """What the parameters of an impact are called: those of the case, then the model's own."""
+    """The names of the parameters of an impact: those of the case, then the model's own."""
     return {**QUANTITIES, **{name: parameter.quantity for name, parameter in own_parameters(model).items()}}
 
 

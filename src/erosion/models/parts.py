@@ -183,7 +183,7 @@ class FullTorque(Torque):
 
 
 class TipKinematics(eqx.Module):
-    """Where the tip is, given the body's motion."""
+    """Place of the tip as a function of the body's motion."""
 
     @abc.abstractmethod
     def __call__(self, state: State, p: Parameters) -> Tip:

@@ -227,7 +227,7 @@ def model_name(model: CuttingModel) -> str:
 
 
 def model_source(model: CuttingModel) -> str | None:
-    """What `load_model` takes for a model, but for its own parameters: its name, or the path of its file.
+    """The name of a model, or the path of its file, which `load_model` reads; own parameters aside.
 
     Returns:
         None for a model that was made in a program, and has no name.
@@ -254,7 +254,7 @@ def _remembered(source: str, model: CuttingModel) -> CuttingModel:
 
 
 def called(given: str | Path | CuttingModel, model: CuttingModel) -> str:
-    """What output calls a model: as it is given, but a correlation with the target that it is made for."""
+    """The name of a model in output: as a user gave it; a correlation has its target."""
     by_name = isinstance(given, (str, Path)) and not isinstance(model, Correlated)
     return str(given) if by_name else model_name(model)
 

@@ -500,7 +500,7 @@ class SpeedExponent(SameMotion):
     speed_exponent: float = own_parameter(2.4, "n", "exponent of the speed for volumes as v₀²", least=0.0)
 
     def factor(self, p: Parameters) -> Broadcast:
-        """Of every volume [-]; NaN, so that the impact fails, where n is negative."""
+        """The factor on every volume [-]; NaN where n is negative, so that the impact fails."""
         speed = p.v0 * conversion_factor("speed", p.units, "si") / _REFERENCE
         return jnp.where(self.speed_exponent >= 0, speed ** (self.speed_exponent - 2), jnp.nan)
 

@@ -418,7 +418,7 @@ class Event:
 
     @property
     def last(self) -> int:
-        """Which of them ends the motion; 0 where none does."""
+        """The count of the event that ends the motion, 3 for the third; 0 if none ends it."""
         return int(self.reset is None if self.terminal is None else self.terminal)
 
     def after(self) -> Callable[..., PyTree] | None:
@@ -506,7 +506,7 @@ class Problem:
         return self.y0(args) if callable(self.y0) else self.y0
 
     def integrals_at_start(self, args: Any) -> Mapping[str, Any]:
-        """Where the integrals begin, by name."""
+        """Initial values of the integrals, by name."""
         return dict.fromkeys(self.integrals, 0.0) if self.integrals0 is None else self.integrals0(args)
 
     def break_times(self, args: Any) -> PyTree:
@@ -535,7 +535,7 @@ class Problem:
         return [i for i, event in enumerate(self.events.values()) if event.times is not None]
 
     def equations(self, args: PyTree, parameters: Sequence[jax.ShapeDtypeStruct]) -> TracedProblem:
-        """What the problem computes from such arguments.
+        """The equations for arguments of this kind.
 
         Args:
             args: a pytree; of its numbers only the places count.
@@ -544,7 +544,7 @@ class Problem:
         return equations_of(_ProblemKind(self, args, parameters))
 
     def functions(self) -> dict[str, Any]:
-        """What the problem computes with, by the words that a message about it uses."""
+        """The functions of the problem, by the words that messages use."""
         parts: dict[str, Any] = {"vector_field": self.vector_field}
         for name, event in self.events.items():
             own = {"": event.function, ".reset": event.reset, _TIMES: event.times}

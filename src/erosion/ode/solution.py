@@ -260,7 +260,7 @@ class Solution(Result):
         return dataclasses.replace(self, times=times)
 
     def mirrored(self) -> "Solution":
-        """That of the problem of -t."""
+        """The solution of the problem in -t."""
 
         def of_times(times: Times, names: tuple[str, ...] = ()) -> Times:
             y, integrals = self._mirrored(Part(0.0, times.ys, times.integrals), names)[1:]
@@ -587,7 +587,7 @@ class Solution(Result):
         return render.csv(declared, self.lines)
 
     def to_dataset(self) -> "xr.Dataset":
-        """The same as an xarray dataset; numbers that differ from lane to lane are coordinates."""
+        """Return an xarray dataset; numbers that differ from lane to lane are coordinates."""
         numbers = (value.name for value in self.declare() if value.only == "file")
         return super().to_dataset().set_coords(numbers)
 

@@ -158,11 +158,11 @@ class Parameters(Result, eqx.Module):
         return changed
 
     def similar(self, growth: Broadcast) -> "Parameters":
-        """The same impact by similar bodies, `growth` times as large: r and b grow with it, m with its third power."""
+        """Return the impact by similar bodies, `growth` times as large: r and b grow with it, m with its cube."""
         return dataclasses.replace(self, r=self.r * growth, b=self.b * growth, m=self.m * growth**3)
 
     def with_particle(self, particle: str | Particle) -> "Parameters":
-        """The same impact by another particle, in this unit system: r, b, m and β of a sphere.
+        """Return the impact by another particle, in this unit system: r, b, m and β of a sphere.
 
             p.with_particle("garnet 0.3 mm")
 
@@ -175,7 +175,7 @@ class Parameters(Result, eqx.Module):
         return self.replace(**read_particle(particle).parameters(self.units))
 
     def with_target(self, target: str | Target) -> "Parameters":
-        """The same impact on another target, in this unit system: σ and ψ.
+        """Return the impact on another target, in this unit system: σ and ψ.
 
             p.with_target("aluminium 6061")
 
@@ -188,7 +188,7 @@ class Parameters(Result, eqx.Module):
         return self.replace(**read_target(target).parameters(self.units))
 
     def to(self, units: str) -> "Parameters":
-        """The same case in another unit system; `CuttingModel.to` converts a model's own parameters with it."""
+        """Convert the case to another unit system; `CuttingModel.to` converts a model's own parameters with it."""
         system = check_system(units)
         converted = {
             name: getattr(self, name) * conversion_factor(quantity.dimension, self.units, system)
