@@ -277,7 +277,7 @@ class Advice(Result):
 
     @property
     def unit(self) -> str:
-        """The unit of erosion in the table: "g/kg", or "mm³/kg" where the density is not known."""
+        """The unit of erosion in the table, "g/kg", or "mm³/kg" where the density is not known."""
         return self.scale.unit
 
     @property

@@ -131,7 +131,7 @@ from erosion.streams.stream import StreamOptions as StreamOptions
 from erosion.streams.stream import prepare_stream as prepare_stream
 from erosion.sweeps.boundaries import with_boundaries as with_boundaries
 from erosion.sweeps.grid import Grid as Grid
-from erosion.sweeps.grid import Outputs as Outputs
+from erosion.sweeps.grid import SweepOutputs as SweepOutputs
 from erosion.sweeps.grid import make_grid as make_grid
 from erosion.sweeps.summary import Comparison as Comparison
 from erosion.sweeps.summary import SweepSummary as SweepSummary

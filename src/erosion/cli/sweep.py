@@ -77,7 +77,7 @@ class GridOptions:
         chosen = {name: value for name, value in asked(self, section).items() if name != "paired"}
         with user_errors(TypeError, fields=options.fields("sweep", section, **dataclasses.asdict(self))):
             together = self.paired or _listed(options, section, "paired", read_list) or ()
-            outputs = lazy.Outputs(**chosen)
+            outputs = lazy.SweepOutputs(**chosen)
             # Correlations are those that are made for the target; a single model's own values are the grid's.
             made = [options.reference(name, as_set=True) for name in models] if several else options.reference(models)
             return lazy.make_grid(made, p, axes, outputs, paired=together, own=single)

@@ -78,9 +78,9 @@ class Draws:
     cutting_fraction: float | None
     has_scale: bool
     converged: bool
-    findings: tuple[Finding, ...] = ()
-    data: str = "rows.csv"
-    reading: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    findings: tuple[Finding, ...]
+    data: str
+    reading: Mapping[str, str]
 
     @functools.cached_property
     def predictor(self) -> Predictor | None:
@@ -194,7 +194,7 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         has_scale=SCALE in dataset,
         converged=bool(attrs.get("converged", 1)),
         findings=from_attribute(attrs.get(FINDINGS, "")),
-        **({"data": beside(path, attrs[DATA_FILE])} if DATA_FILE in attrs else {}),
+        data=beside(path, attrs[DATA_FILE]) if DATA_FILE in attrs else "rows.csv",
         reading=with_paths(_kept(attrs, READING, {}), functools.partial(beside, path)),
     )
 

@@ -8,12 +8,12 @@ import xarray as xr
 from erosion.impacts import alpha_max, impact, turned_beyond
 from erosion.models import CuttingModel, with_values
 from erosion.parameters import Parameters
-from erosion.sweeps.grid import Grid, Outputs
+from erosion.sweeps.grid import Grid, SweepOutputs
 
 _HALVINGS = 12  # of the distance between neighbouring points: further than a print shows
 
 _KindAt = Callable[[np.ndarray, np.ndarray], np.ndarray]
-_KindsOf = Callable[[CuttingModel, Parameters, Outputs], np.ndarray]
+_KindsOf = Callable[[CuttingModel, Parameters, SweepOutputs], np.ndarray]
 
 
 def boundary(x: np.ndarray, y: np.ndarray, kinds: np.ndarray, kind_at: _KindAt) -> np.ndarray:
@@ -61,15 +61,15 @@ def _joined(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.nda
     return np.array(pieces).reshape(-1, 2, 2)
 
 
-def _ends(model: CuttingModel, p: Parameters, _: Outputs) -> np.ndarray:
+def _ends(model: CuttingModel, p: Parameters, _: SweepOutputs) -> np.ndarray:
     return np.asarray(impact(model, p).ended_by)
 
 
-def _turned(model: CuttingModel, p: Parameters, _: Outputs) -> np.ndarray:
+def _turned(model: CuttingModel, p: Parameters, _: SweepOutputs) -> np.ndarray:
     return turned_beyond(model, p)
 
 
-def _best(model: CuttingModel, p: Parameters, outputs: Outputs) -> np.ndarray:
+def _best(model: CuttingModel, p: Parameters, outputs: SweepOutputs) -> np.ndarray:
     optimum = alpha_max(model, p, max_turn=outputs.max_turn)
     return np.char.add(np.asarray(optimum.kind, str), np.asarray(optimum.ended_by, str))
 

@@ -210,7 +210,7 @@ def flags(meanings: Sequence[str], **names: str) -> dict[str, Any]:
 
 
 @dataclasses.dataclass(frozen=True)
-class Outputs:
+class SweepOutputs:
     """Results that are computed for each impact.
 
     Args:
@@ -276,7 +276,7 @@ class Grid(AnyGrid):
     p: Parameters
     paired: tuple[str, ...]
     ends: tuple[str, ...]
-    outputs: Outputs
+    outputs: SweepOutputs
     own: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def dim_of(self, axis: str) -> str:
@@ -442,7 +442,7 @@ def make_grid(
     model: Model | Sequence[Model],
     p: Parameters,
     axes: Mapping[str, Any],
-    outputs: Outputs | None = None,
+    outputs: SweepOutputs | None = None,
     *,
     paired: Sequence[str] = (),
     own: Mapping[str, float] | None = None,
@@ -453,7 +453,7 @@ def make_grid(
     beside = any(_loaded(source).removes_at_contact for source in models.values())
     own_of = [own_quantities(type(_loaded(source))) for source in models.values()]
     common = {name: own for name, own in own_of[0].items() if all(name in of_model for of_model in own_of)}
-    outputs = dataclasses.replace(outputs or Outputs(), at_contact=beside, own=common)
+    outputs = dataclasses.replace(outputs or SweepOutputs(), at_contact=beside, own=common)
     for source in models.values():
         require_one_impact(_loaded(source), p, "; give it as an axis")
     parameters = _common(models, (*axes, outputs.wrt))

@@ -42,7 +42,7 @@ from erosion.ode.step_control import require_float64
 from erosion.output import briefly, claimed, require_writable, trace, written_whole
 from erosion.parameters import QUARTER_DEGREES, Parameters, require_scalars, validate
 from erosion.sweeps.boundaries import with_boundaries, with_turned
-from erosion.sweeps.grid import AnyGrid, Model, Outputs, Region, block_shape, make_grid, regions
+from erosion.sweeps.grid import AnyGrid, Model, Region, SweepOutputs, block_shape, make_grid, regions
 
 # zarr's own name for a chunk that it is writing: the chunk's place and a random UUID.
 _DRAFT_OF_CHUNK = re.compile(r"(c|\d+)\.[0-9a-f]{12}4[0-9a-f]{3}[89ab][0-9a-f]{15}\.partial")
@@ -354,7 +354,7 @@ def sweep(
         OutOfRangeWarning: where a correlation is used outside of its range, with the share of the impacts.
     """
     require_float64()
-    outputs = Outputs(derivatives, wrt, rtol, optimum, check_max_turn(max_turn), turn)
+    outputs = SweepOutputs(derivatives, wrt, rtol, optimum, check_max_turn(max_turn), turn)
     grid = make_grid(model, p, axes, outputs, paired=paired)
     for finding in grid.outside_of_range:
         warnings.warn(finding.text, OutOfRangeWarning, stacklevel=2)
@@ -512,6 +512,6 @@ def regimes(model: Model, p: Parameters, *, max_turn: float | str | None = "90de
         raise TypeError(f"Argument `model` must be one model, but is {briefly(model)}.")
     if len(axes) != 2:
         raise ValueError(f"Arguments must name two parameters, but name {', '.join(axes)}.")
-    outputs = Outputs(derivatives=2, optimum=True, max_turn=check_max_turn(max_turn), turn=True)
+    outputs = SweepOutputs(derivatives=2, optimum=True, max_turn=check_max_turn(max_turn), turn=True)
     grid = make_grid(model, p, dict(reversed(axes.items())), outputs)
     return with_boundaries(grid, prepare_sweep(grid).run())
