@@ -190,6 +190,7 @@ DIFFERENT = {
         )
         for g in (1.0, 1.5)
     ),
+    "a cast to single precision": (law(ratio="jnp.asarray(p.k, jnp.float32).astype(float)"), law()),
     "single precision of a constant": (law(ratio="np.float64(np.float32(1.1)) * p.k"), law(ratio="1.1 * p.k")),
     "what is removed at contact": tuple(
         HEAD + f"class Own(Linearized):\n    def removed_at_contact(self, p): return {g} * p.r ** 3\nmodel = Own()"
