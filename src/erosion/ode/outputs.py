@@ -11,7 +11,7 @@ from erosion.arguments import Flag, Scalar
 
 
 @dataclasses.dataclass(frozen=True)
-class Outputs(abc.ABC):
+class LaneOutputs(abc.ABC):
     """What is wanted of a lane's end. It is chosen with the program, and costs nothing at run time.
 
     Attributes:
@@ -45,45 +45,45 @@ class Outputs(abc.ABC):
         """
 
 
-class IntegralOutputs(Outputs):
+class IntegralOutputs(LaneOutputs):
     """Integrals from the start to the first event, and its time."""
 
     are_clocked = check_derivatives = False
 
     def of(self, state: Callable[[], Sequence[Any]], integrals: Sequence[Any]) -> list[Any]:
-        """See `Outputs`."""
+        """See `LaneOutputs`."""
         return list(integrals)
 
     def told(self, count: Any, at_once: Sequence[Any], reached: Any) -> tuple[Any, Sequence[Any], Any]:
-        """See `Outputs`."""
+        """See `LaneOutputs`."""
         return None, [], None
 
     def are_told(self, finite: Flag, unfinished: Flag) -> Flag:
-        """See `Outputs`."""
+        """See `LaneOutputs`."""
         return finite
 
     def after_many_steps(self, factor: Scalar, smaller: float, greater: Scalar) -> Scalar:
-        """See `Outputs`."""
+        """See `LaneOutputs`."""
         return jnp.minimum(factor, smaller)
 
 
-class StateOutputs(Outputs):
+class StateOutputs(LaneOutputs):
     """State and integrals where the lane ends, by an event or at `t1`."""
 
     are_clocked = check_derivatives = True
 
     def of(self, state: Callable[[], Sequence[Any]], integrals: Sequence[Any]) -> list[Any]:
-        """See `Outputs`."""
+        """See `LaneOutputs`."""
         return [*state(), *integrals]
 
     def told(self, count: Any, at_once: Sequence[Any], reached: Any) -> tuple[Any, Sequence[Any], Any]:
-        """See `Outputs`."""
+        """See `LaneOutputs`."""
         return count, at_once, reached
 
     def are_told(self, finite: Flag, unfinished: Flag) -> Flag:
-        """See `Outputs`."""
+        """See `LaneOutputs`."""
         return finite | unfinished
 
     def after_many_steps(self, factor: Scalar, smaller: float, greater: Scalar) -> Scalar:
-        """See `Outputs`: most motions forget their errors."""
+        """See `LaneOutputs`: most motions forget their errors."""
         return jnp.where(factor < 1, jnp.minimum(factor, smaller), greater)

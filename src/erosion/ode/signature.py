@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from erosion.arguments import Indices, Number, PerLane, Structure
-from erosion.ode.outputs import IntegralOutputs, Outputs
+from erosion.ode.outputs import IntegralOutputs, LaneOutputs
 from erosion.ode.problem import OTHER_ENDS, Problem, TracedProblem
 
 
@@ -59,7 +59,7 @@ class Options(NamedTuple):
     check_start: bool = True
     fires: bool = False
     one_sided: bool = False
-    outputs: Outputs = IntegralOutputs()
+    outputs: LaneOutputs = IntegralOutputs()
     smooth: bool | None = None
     switches: bool = False
     max_steps: int = 20_000

@@ -13,7 +13,7 @@ import numpy as np
 from erosion.arguments import Flag, PerLane, Scalar
 from erosion.ode.events import GRAZE, graze
 from erosion.ode.methods.base import LEAST, TIGHTEST
-from erosion.ode.outputs import Outputs
+from erosion.ode.outputs import LaneOutputs
 from erosion.ode.signature import Signature
 from erosion.ode.step_control import Control
 from erosion.ode.variational import Derivatives
@@ -27,7 +27,9 @@ _CHEAPER, _CHEAPEST = 1e4, 1e-2  # times the tolerance, at most: of an integrati
 _DERIVED = 3e-2  # of its error, relative as that of a value, counts in a derivative: `Solution.inexact` tells the rest
 
 
-def plan(control: Control, ended: Flag, amplification: Scalar, finite: Flag, rtol: Scalar, outputs: Outputs) -> Scalar:
+def plan(
+    control: Control, ended: Flag, amplification: Scalar, finite: Flag, rtol: Scalar, outputs: LaneOutputs
+) -> Scalar:
     """The tolerance of a second integration of a lane; that of this one where none is needed.
 
     A greater one is of a cheaper integration, which tells whether a lane of many steps needs a smaller one.
@@ -155,5 +157,5 @@ def of_lanes(directions: Sequence[int | PerLane], lanes: np.ndarray) -> tuple[in
 
 
 def _values(results: "LaneEnd") -> list[np.ndarray]:
-    """Outputs and times."""
+    """LaneOutputs and times."""
     return [*results.outputs.value, results.time.value]

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from erosion.arguments import Scalar
 from erosion.ode.methods.base import APART, NOISE, leaves_rest
-from erosion.ode.outputs import IntegralOutputs, Outputs, StateOutputs
+from erosion.ode.outputs import IntegralOutputs, LaneOutputs, StateOutputs
 from erosion.ode.reduction import FlatState
 
 if TYPE_CHECKING:
@@ -102,4 +102,4 @@ class _StateNorm(Norm):
         return range(self.problem.width)
 
 
-NORMS: Mapping[type[Outputs], type[Norm]] = {IntegralOutputs: _IntegralNorm, StateOutputs: _StateNorm}
+NORMS: Mapping[type[LaneOutputs], type[Norm]] = {IntegralOutputs: _IntegralNorm, StateOutputs: _StateNorm}
