@@ -178,7 +178,7 @@ def turned_curves(answer: Answer) -> dict[str, str]:
 
 
 def validity(answer: Answer) -> str:
-    """The same in one sentence of Markdown; or nothing."""
+    """The limit of validity in one sentence of Markdown; or nothing."""
     where = turned_curves(answer)
     clauses = [
         f"{', '.join(label for label in where if where[label] == angles)} {angles}"
