@@ -380,3 +380,55 @@ def test_an_infinite_quantity_is_none() -> None:
     pole = farthest(CANNON, SHOT, of=lambda end: 1 / (end.args["angle"] - 0.75) + 0.0 * end.t, between=(0.5, 1.0))
     assert not pole.certified
     assert np.isfinite(pole.value)
+
+
+DECAY = {"y0": {"u": 1.0}, "vector_field": lambda t, y, args: {"u": -y["u"]}}
+DOSE = {"reset": lambda t, y, args: {"u": y["u"] + 1}}
+TWO_DOSES = ode.Problem(**DECAY, events={"dose": ode.Event(times=[1.0, 2.0], **DOSE)})
+DOSE_AT_W = ode.Problem(**DECAY, events={"dose": ode.Event(times=lambda args: [args["w"]], **DOSE)})
+BALL = ode.Problem(
+    y0={"x": 1.0, "v": 0.0},
+    vector_field=lambda t, y, args: {"x": y["v"], "v": -G},
+    events={"floor": ode.Event(lambda t, y, args: y["x"], -1, lambda t, y, args: {"x": 0.0, "v": -0.8 * y["v"]})},
+)
+NEVER = {"never": ode.Event(lambda t, y, args: t - 100, 1, lambda t, y, args: y)}
+FINISH = {name: ode.Event(lambda t, y, args, name=name: y[name] - 1, 1) for name in ("x", "y")}
+RACE = ode.Problem({"x": 0.0, "y": 0.0}, lambda t, y, args: {"x": args["v"], "y": 1 / args["v"]}, events=FINISH | NEVER)
+TO_X = ode.Problem({"x": 0.0}, lambda t, y, args: {"x": args["v"]}, events={"x": FINISH["x"]} | NEVER)
+
+
+@pytest.mark.parametrize(
+    ("problem", "of", "over", "between", "t1", "kind", "at", "value"),
+    [
+        pytest.param(
+            TWO_DOSES, lambda end: end.y["u"], "t1", (0.2, 3.0), None, "jump", 2.0, 1 + math.exp(-1) + math.exp(-2),
+            id="doses",
+        ),
+        pytest.param(
+            DOSE_AT_W, lambda end: end.y["u"], "w", (0.2, 1.0), 1.0, "boundary", 1.0, 1 + math.exp(-1),
+            id="a dose at the end of the range",
+        ),
+        pytest.param(
+            DOSE_AT_W, lambda end: end.y["u"], "w", (0.2, 2.0), 1.0, "jump", 1.0, 1 + math.exp(-1),
+            id="a dose within it",
+        ),
+        pytest.param(
+            BALL, lambda end: jnp.abs(end.y["v"]), "t1", (0.1, 1.2), None, "jump", math.sqrt(2 / G), math.sqrt(2 * G),
+            id="a bounce",
+        ),
+        pytest.param(RACE, lambda end: end.t, "v", (0.5, 2.0), 9.0, "kink", 1.0, 1.0, id="two terminal events"),
+        pytest.param(
+            TO_X, lambda end: end.y["x"] - 0.2 * end.args["v"], "v", (0.5, 2.0), 1.0, "kink", 1.0, 0.8,
+            id="a terminal event and t1",
+        ),
+    ],
+)  # fmt: skip
+def test_the_best_of_a_hybrid_trajectory_may_be_where_an_event_is_exactly_at_the_end(
+    problem, of, over, between, t1, kind, at, value
+) -> None:
+    args = {"w": 0.5, "v": 1.0}
+    best = ode.maximum(problem, args, of=of, over=over, between=between, t1=t1)
+    assert (best.kind, bool(best.certified)) == (kind, True)
+    assert best.at == pytest.approx(at, abs=1e-8)
+    assert best.value == pytest.approx(value, rel=1e-8)
+    assert np.isfinite(best.slope)

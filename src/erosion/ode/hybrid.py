@@ -118,6 +118,8 @@ class Transitions:
         self.most = problem.clock.max_events
         self.own, self.scheduled = range(problem.own_events), problem.signature.problem.scheduled()
         self.bounds = range(problem.own_events, len(problem.directions))
+        # Whether derivatives are compared with those of another order of events.
+        self.compares = problem.order > 0 and not problem.options.one_sided
 
     def moment(self, instant: Instant) -> Scalar:
         """How long before its time an event at times happens: a later one does not accumulate."""
@@ -323,7 +325,7 @@ class Transitions:
             before: where the segment began, in time.
         """
         equations = self.problem.equations
-        if not self.problem.order or len(self.problem.directions) < 2:
+        if not self.compares or len(self.problem.directions) < 2:
             return instant
 
         def compared(instant: Instant, at_end: Flag) -> list[tuple[Augmented, Scalar]]:
@@ -372,7 +374,7 @@ class Transitions:
             time_to_end: when that is.
         """
         equations = self.problem.equations
-        if not self.problem.order or time_to_end.value is None:
+        if not self.compares or time_to_end.value is None:
             return instant
         late, stops = equations.pack(time_to_end), self.ends(instant)
 
