@@ -338,4 +338,28 @@ def test_a_lane_that_fails_on_the_way_tells_about_when() -> None:
     assert f"at t = {2 * (1 - np.log(2)):.4g}:" in sentence
     endless = ode.Problem({"x": 1.0}, lambda t, y, args: {"x": y["x"] ** 2}, time_scale=lambda args: 0.1)
     (sentence,) = ode.solve(endless).warnings
-    assert "failed on the way" in sentence
+    assert "failed at t = 1:" in sentence
+
+
+def test_a_lane_that_fails_where_a_segment_begins_tells_when() -> None:
+    """A rate or a reset is NaN from there on; the message has the time of every such lane."""
+    breaks = ode.Problem({"u": 0.0}, lambda t, y, args: {"u": jnp.where(t > args["w"], jnp.nan, 1.0)})
+    (sentence,) = ode.solve(breaks, {"w": 2.0}, t1=3.0).warnings
+    assert "failed at t = 2:" in sentence
+    (sentence,) = ode.solve(breaks, {"w": -2.0}, t0=-3.0, t1=-1.0).warnings
+    assert "failed at t = -2:" in sentence
+    table = jnp.array([0.0, 1.0, 2.0])
+    ends = ode.Problem({"u": 0.0}, lambda t, y, args: {"u": jnp.interp(t, table, table, right=jnp.nan)})
+    (sentence,) = ode.solve(ends, t1=3.0).warnings
+    assert "failed at t = 2:" in sentence
+    there = ode.Event(lambda t, y, args: y["x"] - 0.5, 1, lambda t, y, args: {"x": jnp.sqrt(-y["x"])})
+    resets = ode.Problem({"x": 0.0}, lambda t, y, args: {"x": args["v"]}, events={"there": there})
+    (sentence,) = ode.solve(resets, {"v": np.array([0.1, 1.0, 2.0])}, t1=3.0).warnings
+    assert "2 of 3 lanes failed at t = 0.25 … 0.5:" in sentence
+    # ẏ = y² fails at 1 by itself.
+    either = ode.Problem(
+        {"y": 1.0},
+        lambda t, y, args: {"y": jnp.where(t > args["w"], jnp.nan, jnp.where(args["w"] > 5, y["y"] ** 2, 1.0))},
+    )
+    (sentence,) = ode.solve(either, {"w": np.array([2.0, 9.0])}, t1=3.0).warnings
+    assert "failed at t = 1 … 2:" in sentence

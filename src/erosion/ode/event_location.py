@@ -134,6 +134,8 @@ def segment_to(
     count = lax.convert_element_type(ended & (event >= 0), np.int32)
     left = jnp.inf if time_to_end is None else time_to_end - time
     arrives = ended & (left <= MOMENT * scale)
+    # A last step that fails has no end: the motion came to its start.
+    time = jnp.where(jnp.isnan(time), lane.control.time, time)
     return Segment(lane.control, value_and_tangents, event, time, count, at_once, arrives, lane.greatest)
 
 

@@ -128,13 +128,13 @@ def _finish(
     finite = ended & all_finite(numbers[:values]) & (all_finite(numbers[values:]) | motion.several)
     # What an unfinished lane has reached is told, where nothing else says so.
     wanted = problem.options.outputs
-    reached = wanted.are_told(finite, control.mode == UNFINISHED)
-    known = [jnp.where(reached, number, jnp.nan) for number in numbers[:values]]
+    are_told = wanted.are_told(finite, control.mode == UNFINISHED)
+    known = [jnp.where(are_told, number, jnp.nan) for number in numbers[:values]]
     others = [jnp.where(finite, number, jnp.nan) for number in numbers[values:]]
     results = jax.tree.unflatten(structure, known + others)
     time, outputs = (Derivatives(*(part and part[i] for part in results)) for i in range(2))
     happening = [lax.convert_element_type(each, np.int8) for each in motion.at_once[: problem.own_events]]
-    count, at_once, gone = wanted.told(lax.convert_element_type(motion.count, np.int32), happening, numbers[0])
+    count, at_once, reached = wanted.told(lax.convert_element_type(motion.count, np.int32), happening, numbers[0])
     least = [LEAST * size for size in problem.sizes_of_state(motion.greatest)]
     return LaneEnd(
         outcome=_outcome(problem, finite, control.mode, event),
@@ -144,7 +144,7 @@ def _finish(
         trials=lax.convert_element_type(control.trials, np.int32),
         count=count,
         at_once=at_once,
-        reached=gone,
+        reached=reached,
         least=least,
         stiff=lax.convert_element_type(control.event == STIFF, np.int8) if problem.detects_stiffness else None,
         slides=lax.convert_element_type(control.event == SLIDES, np.int8) if problem.switches else None,

@@ -82,7 +82,6 @@ class Solution(Result):
         trials: the number of steps tried.
         at_once: by name whether an event happens at the end, as others may at the same time.
         stiff: whether the method for stiff motions integrated the lane; None where JAX traces.
-        reached: how far the integration came; None where JAX traces.
         slides: whether the lane is unfinished as its rates point to a switch from both sides; None without switches.
         derivatives: by names of one or two numbers; see `along`.
         digest: of what the problem computed.
@@ -110,7 +109,6 @@ class Solution(Result):
     rtol: float
     digest: str = dataclasses.field(repr=False)
     stiff: PerImpact | None = None
-    reached: PerImpact | None = dataclasses.field(default=None, repr=False)
     slides: PerImpact | None = dataclasses.field(default=None, repr=False)
     times: Times | None = None
     tolerance: np.ndarray | None = dataclasses.field(default=None, repr=False)
@@ -118,6 +116,8 @@ class Solution(Result):
     recorded: Recorded | None = dataclasses.field(default=None, repr=False)
     has_gradient: bool = dataclasses.field(default=False, repr=False)
     integration: Integration | None = dataclasses.field(default=None, repr=False)
+    _reached: PerImpact | None = dataclasses.field(default=None, repr=False)
+    """How far the integration came; None where JAX traces."""
     forwards: "Solution | None" = dataclasses.field(default=None, repr=False)
     """Of a motion back in time, that of the reflected problem."""
     earlier: "tuple[Solution, np.ndarray] | None" = dataclasses.field(default=None, repr=False)
@@ -273,7 +273,7 @@ class Solution(Result):
             self,
             problem=original,
             t=-1.0 * self.t,
-            reached=None if self.reached is None else -1.0 * self.reached,
+            _reached=None if self._reached is None else -1.0 * self._reached,
             derivatives={path: self._mirrored(part, path) for path, part in self.derivatives.items()},
             times=self.times and of_times(self.times),
             forwards=self,
@@ -515,7 +515,7 @@ class Solution(Result):
                 )
                 left &= ~own
         if np.any(left):
-            where = "on the way" if self.reached is None else _times(self.reached, left.reshape(np.shape(self.t)), 4)
+            where = "on the way" if self._reached is None else _times(self._reached, left.reshape(np.shape(self.t)), 4)
             sentences.append(
                 f"{_failing(left, self.title)} {where}: no step from there succeeds. The motion grows without bound "
                 "there, a rate or event function is NaN beyond (guard roots, powers and logarithms by `jnp.maximum`), "
@@ -613,8 +613,11 @@ class Solution(Result):
 
 
 def _times(t: Any, flags: np.ndarray, digits: int = 6) -> str:
-    """Where some lanes are: "at t = 1.5", "at t = 1.5 … 3"."""
+    """Where some lanes are: "at t = 1.5", "at t = 1.5 … 3"; of those whose time is a number."""
     of_them = np.asarray(t)[flags]
+    of_them = of_them[~np.isnan(of_them)]
+    if not of_them.size:
+        return "on the way"
     least, greatest = (f"{value:.{digits}g}" for value in (of_them.min(), of_them.max()))
     return f"at t = {least}" + f" … {greatest}" * (least != greatest)
 

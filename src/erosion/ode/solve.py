@@ -213,7 +213,7 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np
         trials=results.trials.reshape(lanes.shape)[()],
         at_once=named_events(lanes, [each.reshape(lanes.shape)[()] > 0 for each in results.at_once]),
         stiff=stiff.reshape(lanes.shape)[()],
-        reached=lanes.signature.end_times(lanes.parameters, results.outcome, results.reached).reshape(lanes.shape)[()],
+        _reached=lanes.signature.end_times(lanes.parameters, results.outcome, results.reached).reshape(lanes.shape)[()],
         slides=None if results.slides is None else results.slides.reshape(lanes.shape)[()] > 0,
         derivatives=found,
         lanes=lanes,

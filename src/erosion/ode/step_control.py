@@ -114,7 +114,7 @@ def begin(scale: Scalar, begins: Flag, finite: Flag, first: float) -> Control:
     mode = jnp.where(finite & (scale > 0), jnp.where(begins, ADVANCING, ENDED), FAILED)
     return Control(
         mode=mode,
-        time=zero,
+        time=jnp.zeros(()),  # also where the scale is NaN
         trial_length=first * scale,
         step=first * scale,
         high=zero,
