@@ -93,6 +93,11 @@ def test_a_sweep_gives_turns_if_asked():
     assert "turn" not in erosion.sweep("rotating", P, alpha=angles)
 
 
+@pytest.mark.parametrize("name", ["linearized", "rotating"])
+def test_no_impacts_have_no_turns(name):
+    assert turned_beyond(name, P.replace(alpha=np.zeros(0))).shape == (0,)
+
+
 def test_sweeps_keep_the_limit():
     found = erosion.regimes("rotating", P, phidot0=np.array([-0.5, 0.0, 0.5]) * P.v0 / P.r, alpha=[0.1, 0.2])
     assert found.turn.attrs["units"] == "rad"

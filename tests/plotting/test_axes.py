@@ -52,6 +52,7 @@ from erosion.plotting.style import (
     save_plots,
 )
 from erosion.plotting.sweeps import plot_comparison, plot_sweep
+from erosion.report.case import families_of
 
 P = erosion.TABLE_1
 ANGLES = np.deg2rad(np.linspace(5, 85, 9))
@@ -318,6 +319,17 @@ def test_few_values_of_a_second_axis_are_a_family():
     assert [line.get_label() for line in ax.lines] == ["k = 1", "k = 2"]
     ax = plot_sweep(make(v0=[2200.0], alpha=np.deg2rad(np.linspace(10, 40, 9)))).axes[0]
     assert [line.get_label() for line in ax.lines] == ["v₀ = 2200 in/s"]
+
+
+@pytest.mark.parametrize(("name", "maxima"), [("v0", 0), ("r", 1)])
+def test_a_family_marks_the_values_that_remove_something(name: str, maxima: int):
+    backwards = P.replace(phidot0=-2 * P.v0 / P.r)
+    family = families_of("rotating", backwards, ANGLES)[name]
+    assert np.sum(family.kind != "none") == maxima
+    ax = family.figure(P.units).axes[0]
+    marks = [line.get_label() for line in ax.lines if line.get_marker() != "None"]
+    assert len(marks) == maxima
+    assert all(label in ("greatest", "approached, not reached") for label in marks)
 
 
 def test_many_values_of_a_second_axis_are_a_map():

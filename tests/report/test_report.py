@@ -31,11 +31,12 @@ CASES = {
     "Table 1": TABLE_1,
     "unusual": UNUSUAL,
     "SI, ended by a stop": TABLE_1.to("si").replace(alpha=np.pi / 3),
+    "without jumps": TABLE_1.to("si").replace(v0=10.0),
 }
 
 
 ONE_IMPACT = ["q1", "q2", "q3", "q4"]  # without the families, whose figures take most of the time
-ASKED = {"Table 1": None, "SI, ended by a stop": [*ONE_IMPACT, "q8"]}
+ASKED = {"Table 1": None, "SI, ended by a stop": [*ONE_IMPACT, "q8"], "without jumps": [*ONE_IMPACT, "a1"]}
 TURNING = ("linearized", "finnie", "rotating", "rotating-tan-alpha", "rotating-deformation", "as-printed")
 TEXTS: dict[str, list[Text]] = {}  # of each case's report, as they were written
 

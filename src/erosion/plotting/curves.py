@@ -247,7 +247,7 @@ def plot_family(
         draw_curve(ax, curve, scale.size, curve.label, color=_COLORS[i % len(_COLORS)],
                     linestyle=(0, (4, 3)) if colors_used_up else "-", linewidth=1.9)  # fmt: skip
     tops = [curve.best for curve in curves if curve.best is not None]
-    if joined:
+    if joined and tops:
         angles, volumes = np.array([(best.alpha, best.value) for best in tops]).T
         ax.plot(np.rad2deg(angles), volumes / scale.size, linestyle=(0, (2, 2)), color=INK, linewidth=1.1)
     for best in tops:

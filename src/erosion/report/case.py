@@ -162,6 +162,7 @@ def families_of(model: str, p: Parameters, angles: np.ndarray) -> Families:
         labels = tuple(varied[name][value] for value in values.tolist())
         curves = tuple(
             curve_of(model, dataclasses.replace(p, **{name: value}), angles, hits.volume[i], best.jumps[i], label,
+                     None if best.kind[i] == "none" else
                      Best(float(best.alpha[i]), float(best.volume[i]), str(best.kind[i]), bool(best.attained[i])))
             for i, value, label, drawn in zip(at, values, labels, shown, strict=True) if drawn
         )  # fmt: skip
