@@ -175,11 +175,11 @@ FLAT = """angle [deg], mass_loss [mg/kg]
 
 
 def test_weighings_that_leave_parameters_open_still_decide_the_angle(shell, tmp_path, monkeypatch):
-    rows = FLAT.replace("mass_loss [mg/kg]", "Abtrag; sigma").replace(", ", ";").replace("\n", ";1\n")
-    (tmp_path / "rows.csv").write_text(rows.replace("sigma;1", "sigma"))
+    rows = FLAT.replace("mass_loss [mg/kg]", 'Abtrag, sigma "x"').replace(", ", "\t").replace("\n", "\t1\n")
+    (tmp_path / "rows.csv").write_text(rows.replace('"x"\t1', '"x"'))
     (tmp_path / "columns.toml").write_text('"angle [deg]" = "angle [deg]"\nAbtrag = "mass_loss [mg]"\n')
     metal = ["--particle", "garnet 80 mesh", "--target", "mild steel", "--v0", "160 m/s"]
-    read = ["--columns", "columns.toml", "--ignore", "sigma", "--sep", ";"]
+    read = ["--columns", "columns.toml", "--ignore", 'sigma "x"', "--sep", "tab"]
     of_tests = ["--per", "1 kg", *read, "--error", "9 mg/kg + 5 %"]
     shell(["calibrate", "rows.csv", *of_tests, *metal, *FIT.split()[3:-1], "fitted.toml"])
     result = shell("advise fitted.toml --json").result

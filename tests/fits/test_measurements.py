@@ -137,6 +137,32 @@ def test_measurements_say_how_they_were_read():
     assert again.deviation == pytest.approx(measured.deviation)
 
 
+_OF_SPEED = "5 % of each speed"
+
+
+@pytest.mark.parametrize(
+    ("errors", "said"),
+    [
+        (["8 %", _OF_SPEED], f"8 % + {_OF_SPEED}"),
+        ([_OF_SPEED, "8 %"], f"8 % + {_OF_SPEED}"),
+        (["8 %", "3 % of each speed", ErrorModel(common=0.05)], f"8 % + {_OF_SPEED}"),
+        ([f"{_OF_SPEED} + 8 %"], f"{_OF_SPEED} + 8 %"),
+        ([None, _OF_SPEED], _OF_SPEED),
+    ],
+)
+def test_rows_with_two_errors_are_read_again_with_both(errors, said):
+    rows = {"angle [deg]": [20, 30, 20, 30], "mass_loss [mg/kg]": [1.0, 2.0, 4.0, 9.0], "speed [m/s]": [50, 50, 99, 99]}
+    if errors[0] is None:
+        rows["uncertainty [mg/kg]"] = [0.1, 0.1, 0.2, 0.3]
+    measured = read_measurements(rows, "si", error=errors[0])
+    for error in errors[1:]:
+        measured = FitProblem("linearized", TABLE_1.to("si"), measured, ["k"], error=error, density=2700.0).data
+    assert measured.reading["error"] == said
+    again = read_measurements(rows, "si", error=said)
+    assert again.error == measured.error
+    assert again.uncertainty == pytest.approx(measured.uncertainty)
+
+
 @pytest.mark.parametrize(("unit", "is_right"), [("0.3 mg/impact", True), ("0.3 mg", True), ("0.3 mg/kg", False)])
 def test_an_error_may_be_per_impact_where_the_erosion_is(unit, is_right):
     rows = {"angle [deg]": [20, 30], "mass_loss [mg/impact]": [1.0, 2.0]}

@@ -150,6 +150,12 @@ def test_objects_are_read() -> None:
         check(open_table(data, WANTED))
 
 
+@pytest.mark.parametrize("sep", ["\t", "tab"])
+def test_tabs_can_be_named(tmp_path: Path, sep: str) -> None:
+    (tmp_path / "a.csv").write_text("v [m/s]\td [um]\n1\t2\n")
+    assert open_table(tmp_path / "a.csv", WANTED, sep=sep).numbers["speed"].tolist() == [1.0]
+
+
 @pytest.mark.parametrize(
     ("text", "options", "words"),
     [
@@ -167,7 +173,7 @@ def test_objects_are_read() -> None:
         ("v [m/s];d [um]\n# 1\n\n1;1_0\n", {}, ("line 4", "'1_0'")),
         ("Test of May\nv [m/s];d [um]\n1;2\n", {}, ("line 1", "title")),
         ("1;2\n3;4\n", {}, ("line 1", "must name the columns")),
-        ("v [m/s];d [um]\n1;2\n", {"sep": "|"}, ("`sep`",)),
+        ("v [m/s];d [um]\n1;2\n", {"sep": "|"}, ("`sep`", "'tab'")),
         ("v [m/s];d [um]\n1;2\n", {"decimal": "'"}, ("`decimal`",)),
         ("v,d\nm/s,um\n1,2\n", {"columns": {"v": "ft/s"}}, ("'v'", "another unit")),
         ("note,d [um]\na,2\n#3,4\n", {}, ("rows begin with #",)),

@@ -149,7 +149,7 @@ def read_impacts(
         ignore: columns of a CSV or Parquet file that are left out, by their names: ("frequency",).
         columns: units of columns that carry none, and meanings of those whose names are not understood, by the names of
             the file: "x,y,z=mm, vel_x,vel_y,vel_z=m/s, d50=diameter [um]", the same as a mapping, or a TOML file.
-        sep: what separates the cells of a text; its header shows it otherwise.
+        sep: what separates the cells of a text: ",", ";", "tab" or " "; its header shows it otherwise.
         decimal: the mark of decimals of a text, "." or ","; its numbers show it otherwise.
         named_density: of a particle that is named [kg/m³], for a table that does not have its own.
 

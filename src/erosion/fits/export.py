@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-import string
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,6 @@ from erosion.results import Finding
 from erosion.version import __version__
 
 _POINTS = 20
-_PLAIN = {*string.ascii_letters, *string.digits, *"=./_-+:,"}  # characters that a shell takes as they are
 _Exported = Calibration | CuttingModel | str | Path
 
 
@@ -203,7 +202,7 @@ def _for_advice(calibration: Calibration, findings: Sequence[Finding], path: str
 
 def command(*words: str) -> str:
     """A command of the program as it is typed into a shell."""
-    return " ".join(word if set(word) <= _PLAIN else f'"{word}"' for word in ("erosion", *words))
+    return shlex.join(("erosion", *words))
 
 
 def options_in_words(options: Mapping[str, Any]) -> list[str]:

@@ -42,6 +42,7 @@ from erosion.parameters.quantities import (
 )
 from erosion.tables import Column, Table, TableError, open_table, read_meanings, written_meanings
 from erosion.tables.headings import NO_UNIT, scale_of
+from erosion.tables.text import TAB
 
 _QUANTITY_OF: dict[Dimension, str] = {
     "volume": "volume", "volume per mass": "specific_volume", "mass": "mass_loss",
@@ -244,8 +245,9 @@ class Measurements:
                 error = ErrorModel.read(error, self.dimension, self.units)
         if not isinstance(error, ErrorModel):
             error = ErrorModel(error)
-        words = given if isinstance(given, str) else error.in_words(self.dimension, self.units)
-        reading = {**self.reading, "error": words}
+        said = self._declared(error)
+        is_as_given = isinstance(given, str) and said == error
+        reading = {**self.reading, "error": given if is_as_given else said.in_words(self.dimension, self.units)}
         if self.uncertainty is not None and error.has_own:
             raise MeasurementError(
                 f"Argument `error` must be left out, but for that of each speed: {self.source} has a column of "
@@ -264,6 +266,13 @@ class Measurements:
         if not rows.deviation.all():
             raise MeasurementError("Argument `error` must have an absolute part, as there are rows without erosion.")
         return rows
+
+    def _declared(self, error: ErrorModel) -> ErrorModel:
+        """An error with the part of the one before it that it leaves: that of the rows, or that of each speed."""
+        if "error" not in self.reading:
+            return error
+        before = ErrorModel.read(self.reading["error"], self.dimension, self.units)
+        return dataclasses.replace(error if error.has_own else before, common=error.common or before.common)
 
     def weighed(self, expected: np.ndarray | None = None, scatter: Any = None) -> "Measurements":
         """Return the rows with relative errors of this erosion, or of the mean of repeats.
@@ -380,7 +389,7 @@ def read_measurements(
         per: what removes an amount such as [mg]: "impact", or the mass of abrasive of each row, such as "100 g".
         columns: units of columns that carry none, and meanings of those whose names are not understood: "v=m/s,
             Abtrag=mass_loss [mg/g]", the same as a mapping, or a TOML file.
-        sep: what separates the cells of a text; its header shows it otherwise.
+        sep: what separates the cells of a text: ",", ";", "tab" or " "; its header shows it otherwise.
         decimal: the mark of decimals of a text, "." or ","; its numbers show it otherwise.
 
     Raises:
@@ -404,7 +413,8 @@ def read_measurements(
     path = Path(data) if isinstance(data, (str, Path)) else None
     source = path.name if path else "data"
     meanings = columns if columns is None or isinstance(columns, str) else written_meanings(columns)
-    given = {"per": per, "columns": meanings, "ignore": ",".join(ignore), "sep": sep, "decimal": decimal}
+    between = TAB if sep == "\t" else sep
+    given = {"per": per, "columns": meanings, "ignore": ",".join(ignore), "sep": between, "decimal": decimal}
     reading = {name: text for name, text in given.items() if text}
     return dataclasses.replace(measured, path=path, reading=reading, source=source).with_error(error)
 

@@ -105,7 +105,7 @@ def open_table(
         wanted: the quantities, by name; or a function that makes them of the headings.
         columns: units of columns that carry none, and meanings of those that are not understood; see `read_meanings`.
         ignore: columns that are left out, by their headings or the names in them.
-        sep: what separates the cells of a text; the header shows it otherwise.
+        sep: what separates the cells of a text: ",", ";", "tab" or " "; the header shows it otherwise.
         decimal: the mark of decimals of a text; the numbers show it otherwise.
         units: the unit system of the numbers.
         refused: quantities that no column may have.

@@ -28,6 +28,9 @@ from erosion.tables.headings import unit_row
 from erosion.tables.source import BLOCK_BYTES, Numbers, Source, TableError
 
 _HEAD = 1 << 16  # bytes in which a header must end
+TAB = "tab"
+"""The word for the separator that a command cannot show."""
+
 _SEPARATORS = "\t;,"  # the first of them in a header separates its cells; headings may hold the ones after it
 _COMMENT = re.compile(rb'^[ \t]*"?[ \t]*[#%].*$')
 _NOTHING = re.compile(rb'^[\s,;"]*$')
@@ -83,9 +86,10 @@ class TextTable(Source):
         self, path: Path, separator: str | None = None, decimal: str | None = None, layout: Layout | None = None
     ) -> None:
         self.title, self._path = str(path), path
+        separator = "\t" if separator == TAB else separator
         for name, value, known in (("sep", separator, (",", ";", "\t", " ")), ("decimal", decimal, (".", ","))):
             if value is not None and value not in known:
-                listed = ", ".join(map(repr, known))
+                listed = ", ".join(repr(TAB if each == "\t" else each) for each in known)
                 raise TableError(f"Argument `{name}` must be one of {listed}, but is {briefly(value)}.")
         self._decimal = "." if layout else decimal
         text, self._is_whole, self.notes = _beginning(path)
