@@ -79,8 +79,9 @@ class TableSummary:
         with np.errstate(divide="ignore", over="ignore"):
             rows["density"] = hits.mass[struck] / (math.pi / 6 * rows["diameter"] ** 3)
             rows["stated"] = np.zeros(0) if block.density is None else np.asarray(block.density)[struck]
-            rows["mass_ratio"] = rows["density"][: len(rows["stated"])] / rows["stated"]
-        self._contradicted += int((~(np.abs(rows["mass_ratio"] - 1) < _SAME_MASS)).sum())
+            ratio = rows["density"][: len(rows["stated"])] / rows["stated"]
+        rows["mass_ratio"] = ratio[~(np.abs(ratio - 1) < _SAME_MASS)]
+        self._contradicted += len(rows["mass_ratio"])
         wear = np.where(struck, hits.count * hits.mass * hits.speed**_GROWTH, 0.0)
         self._all += float(wear.sum())
         self._weightless += int((struck & (hits.count == 0)).sum())
