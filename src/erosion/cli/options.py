@@ -550,7 +550,7 @@ class TableOptions:
 
     columns: Annotated[str | None, Parameter(help='Units, names: "x,y,z=mm, d50=diameter [um]"; or a .toml.')] = None
     ignore: Annotated[list[str] | None, LISTED, Parameter(help='Columns to leave out, such as "frequency".')] = None
-    sep: Annotated[str | None, Parameter(help='Between cells of a text: ";", "tab"; or as its header shows.')] = None
+    sep: Annotated[str | None, Parameter(help='Between cells: ";", "tab"; or as its header shows.')] = None
     decimal: Annotated[str | None, Parameter(help='Mark of decimals of a text, "," or "."; or as it shows.')] = None
 
     @property
