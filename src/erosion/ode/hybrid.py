@@ -529,7 +529,7 @@ class Transitions:
     ) -> Instant:
         """With an event for which no segment ends, if it `happens`; the way back does not know it."""
         fires = happens & instant.survives & (instant.count < self.most)
-        instant = instant._replace(written=self.loop.after_switch(instant.written, fires))
+        instant = instant._replace(written=self.loop.after_event_at_once(instant.written, fires))
         instant = self.fired(self._edged(instant, event, fires & at_zero), event, fires, own_time)
         return self._followed(instant, event)
 

@@ -48,8 +48,8 @@ class Recorder(abc.ABC):
         """With an event, if it fires, those that happen at once and the state before its reset."""
         return written
 
-    def after_switch(self, written: Any, fires: Flag) -> Any:
-        """With a switch, if it fires, at the time of another event."""
+    def after_event_at_once(self, written: Any, fires: Flag) -> Any:
+        """With an event that has no segment of its own, if it fires at the time of another one."""
         return written
 
     @abc.abstractmethod
@@ -95,7 +95,7 @@ class Steps(Recorder):
         """See `Recorder`."""
         return written.with_event(segment.event, jax.tree.leaves(segment.value_and_tangents))
 
-    def after_switch(self, written: Tape, fires: Flag) -> Tape:
+    def after_event_at_once(self, written: Tape, fires: Flag) -> Tape:
         """See `Recorder`."""
         return written._replace(has_derivatives=written.has_derivatives & ~fires)  # pyrefly: ignore
 

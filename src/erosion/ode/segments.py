@@ -92,10 +92,10 @@ class SegmentLoop:
         pairs = zip(self.recorders, written, strict=True)
         return [one.of_motion(elapsed).after_event(so_far, event, fires, at_once, at) for one, so_far in pairs]
 
-    def after_switch(self, written: Written, fires: Flag) -> Written:
-        """What they have written with a switch, if it fires, at the time of another event."""
+    def after_event_at_once(self, written: Written, fires: Flag) -> Written:
+        """What they have written with an event without a segment of its own, if it fires at another one's time."""
         pairs = zip(self.recorders, written, strict=True)
-        return [recorder.after_switch(so_far, fires) for recorder, so_far in pairs]
+        return [recorder.after_event_at_once(so_far, fires) for recorder, so_far in pairs]
 
     def recorded(self, written: Written) -> Mapping[str, Any]:
         """What they leave of the lane's results."""
