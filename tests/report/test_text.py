@@ -105,6 +105,9 @@ def test_markdown_becomes_html() -> None:
         '<p>One line.</p> <div class="note"><p>A <strong>note</strong> on <code>code</code>.</p> </div>'
     )
     assert to_html("$$\nx\n$$").startswith('<div class="math"')
+    for text in ("from $$x$$ to y", "from $$x$$", "$$x$$ (label)", "$$x$$ and more"):
+        assert "$" not in to_html(text)
+        assert to_html(text).count("<math") == 1
     assert "<p>So <math" in to_html("So $x$")
     table = to_html("Table: Of $x$\n| a | b [m s] |\n|---|--:|\n| r | 1 |").replace("\n", "")
     assert table.startswith('<div class="table" tabindex="0"><table><caption>Of <math')

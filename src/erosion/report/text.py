@@ -193,9 +193,11 @@ class _Renderer(RendererHTML):
         return "</table></div>"
 
 
-_MARKDOWN = MarkdownIt("commonmark", {"html": False}, renderer_cls=_Renderer).enable("table").use(dollarmath_plugin)
+_MARKDOWN = MarkdownIt("commonmark", {"html": False}, renderer_cls=_Renderer).enable("table")
+_MARKDOWN.use(dollarmath_plugin, allow_labels=False, double_inline=True)
 _MARKDOWN.core.ruler.push("caption_tables", _caption_tables)
 _MARKDOWN.core.ruler.push("head_tables", _head_tables)
 _MARKDOWN.add_render_rule("math_inline", lambda _, tokens, at, *__: math(tokens[at].content))
+_MARKDOWN.add_render_rule("math_inline_double", lambda _, tokens, at, *__: math(tokens[at].content, display=True))
 _MARKDOWN.add_render_rule("math_block", lambda _, tokens, at, *__: formula(tokens[at].content.strip()))
 _MARKDOWN.add_render_rule("blockquote_close", lambda *_: "</div>")
