@@ -1,8 +1,11 @@
 """Headings of columns: their names and units, and which columns are used, left out, or refused."""
 
+import ast
+import re
+
 import pytest
 
-from erosion.tables import TableError, Wanted, open_table
+from erosion.tables import TableError, Wanted, open_table, read_meanings, written_meanings
 from erosion.tables.headings import factor, heading_parts
 
 WANTED = {
@@ -73,3 +76,22 @@ def test_a_column_means_what_its_user_says() -> None:
     table = open_table({"x1": [3.6], "grains": [2.0]}, WANTED, columns={"x1": "speed [km/h]", "grains": "n []"})
     assert {name: values.tolist() for name, values in table.numbers.items()} == {"speed": [1.0], "n": [2.0]}
     assert all(column.is_declared for column in table.columns.values())
+
+
+@pytest.mark.parametrize("head", ["veloc, mean", 'veloc "x"', '"veloc", mean', "veloc = u", "veloc [m/s]"])
+@pytest.mark.parametrize("named", [None, "vel [m/s]"])
+def test_what_a_refusal_prints_can_be_typed(head: str, named: str | None) -> None:
+    """The heading of the file, whatever it holds and however the user has explained it."""
+    explained = {} if named is None or "[" in head else {head: named}
+    with pytest.raises(TableError) as refusal:
+        open_table({head: [3.0], "veloc [km/h]": [9.0]}, WANTED, columns=explained, ignore=["veloc [km/h]"])
+    ignore, entry = re.findall(r"\(((['\"]).*?\2)\)(?=, or|\.$)", str(refusal.value))
+    table = {head: [3.0], "count": [1.0]}
+    assert open_table(table, WANTED, ignore=ast.literal_eval(ignore[0])).unused == ()
+    meant = ast.literal_eval(entry[0]).replace("NAME", "speed").replace("UNIT", "m/s").replace("[mean]", "[m/s]")
+    assert open_table(table, WANTED, columns=read_meanings(meant)).numbers["speed"] == pytest.approx([3.0])
+
+
+def test_meanings_are_read_as_they_are_written() -> None:
+    meant = {"Loss, total": "mass_loss [mg]", '"q"': "mm", 'a "b"': "m/s", "c = d": "kg"}
+    assert read_meanings(written_meanings(meant)) == meant

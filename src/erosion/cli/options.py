@@ -15,7 +15,7 @@ from cyclopts import Group, Parameter
 
 from erosion.cli import lazy
 from erosion.cli.errors import InputError, reading, user_errors, warn
-from erosion.output import briefly, is_file
+from erosion.output import briefly, is_file, split_list
 from erosion.parameters import QUANTITIES, example, has_unit, unit_name
 from erosion.results import Finding
 
@@ -526,8 +526,8 @@ WholeOption = Annotated[int | None, Parameter(converter=lambda kind, tokens: rea
 
 
 def read_list(text: str) -> list[str]:
-    """The items of a list, with commas between them; a ValueError where there is none."""
-    items = [item.strip() for item in text.split(",") if item.strip()]
+    """The items of a list, see `split_list`; a ValueError where there is none."""
+    items = [item for item in split_list(text) if item]
     if not items:
         raise ValueError(f"must list one item or more, but is {briefly(text)}")
     return items

@@ -22,7 +22,7 @@ import numpy as np
 from erosion.fits.conditions import Condition, are_apart, describe, group_numbers
 from erosion.fits.errors import ErrorModel, of_which, without_common
 from erosion.fits.tables import KNOWN, REFUSED, REMOVALS, MeasurementError, are_shares, is_per_impact, removal_of
-from erosion.output.tables import briefly, first_of, format_number, largest_of
+from erosion.output.tables import briefly, first_of, format_number, largest_of, list_item
 from erosion.parameters.parameters import are_angles
 from erosion.parameters.quantities import (
     RESULTS,
@@ -413,8 +413,9 @@ def read_measurements(
     path = Path(data) if isinstance(data, (str, Path)) else None
     source = path.name if path else "data"
     meanings = columns if columns is None or isinstance(columns, str) else written_meanings(columns)
+    left_out = ignore if isinstance(ignore, str) else ",".join(map(list_item, ignore))
     between = TAB if sep == "\t" else sep
-    given = {"per": per, "columns": meanings, "ignore": ",".join(ignore), "sep": between, "decimal": decimal}
+    given = {"per": per, "columns": meanings, "ignore": left_out, "sep": between, "decimal": decimal}
     reading = {name: text for name, text in given.items() if text}
     return dataclasses.replace(measured, path=path, reading=reading, source=source).with_error(error)
 

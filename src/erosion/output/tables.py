@@ -185,6 +185,24 @@ def to_html(title: str, rows: Sequence[Sequence[str]], headings: Sequence[str]) 
     return f"<table><caption>{html.escape(title)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
+def split_list(text: str) -> list[str]:
+    """The items of a list with commas between them; one in quotes may have commas: 'a, "b, c"'.
+
+    Raises:
+        ValueError: with a clause that starts with "must".
+    """
+    try:
+        items = next(csv.reader([text], skipinitialspace=True), [])
+    except csv.Error as error:
+        raise ValueError(f"must be a list in one line, but is {briefly(text)}") from error
+    return [item.strip() for item in items]
+
+
+def list_item(text: str) -> str:
+    """A text as `split_list` reads it: in quotes where it needs them."""
+    return '"{}"'.format(text.replace('"', '""')) if "," in text or text.startswith('"') else text
+
+
 def to_csv(columns: Mapping[str, Iterable[Any]]) -> str:
     """Comma-separated values: the headings, then a line for each row; Python's own floats are exact to the last bit."""
     text = io.StringIO()

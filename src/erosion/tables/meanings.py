@@ -3,14 +3,17 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from erosion.output import briefly
+from erosion.output import briefly, list_item, split_list
 from erosion.output.files import read_toml
+from erosion.parameters.quantities import about
 from erosion.tables.headings import NO_UNIT, columns_of, heading_parts
 from erosion.tables.source import TableError
 
 
 def read_meanings(given: str | Mapping[str, str] | None) -> dict[str, str]:
     """Read meanings of columns: "x,y,z=mm, d50=diameter [um]", a TOML file with such entries, or a mapping.
+
+    A heading with a comma stands in quotes, as in a CSV file: '"Loss, total"=mass_loss [mg]'.
 
     Raises:
         TableError: for what is none of these.
@@ -23,20 +26,22 @@ def read_meanings(given: str | Mapping[str, str] | None) -> dict[str, str]:
             raise TableError(f'{given}: {wrong!r} must be a text such as "mm".')
         return meant
     meant, headings = {}, list[str]()
-    for entry in given.split(","):
-        heading, equals, text = (part.strip() for part in entry.partition("="))
-        headings.append(heading)
+    with about("Argument `columns`", TableError):
+        entries = split_list(given)
+    for entry in entries:
+        start, equals, text = (part.strip() for part in entry.rpartition("="))
+        headings.append(start if equals else text)
         if equals:
             meant |= dict.fromkeys(headings, text)
             headings = []
-    if headings or not all(meant) or not all(meant.values()):
+    if headings or not meant or not all(meant) or not all(meant.values()):
         raise TableError(f'Argument `columns` must be such as "x,y,z=mm, d50=diameter [um]", but is {briefly(given)}.')
     return meant
 
 
 def written_meanings(meant: Mapping[str, str]) -> str:
     """Meanings as the text that `read_meanings` takes."""
-    return ", ".join(f"{heading}={text}" for heading, text in meant.items())
+    return ", ".join(f"{list_item(heading)}={text}" for heading, text in meant.items())
 
 
 def explained(title: str, headings: Sequence[str], meant: Mapping[str, str]) -> list[str]:

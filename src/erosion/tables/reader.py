@@ -12,9 +12,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from erosion.output import list_item, split_list
 from erosion.parameters.quantities import Dimension, System, UnitError
 from erosion.tables.frames import open_source
-from erosion.tables.headings import IgnoreError, Wanted, doubtful, heading_parts, ignored_columns, matching
+from erosion.tables.headings import (
+    IgnoreError,
+    Wanted,
+    columns_of,
+    doubtful,
+    heading_parts,
+    ignored_columns,
+    matching,
+)
 from erosion.tables.meanings import explained
 from erosion.tables.source import Source, TableError
 
@@ -96,7 +105,7 @@ def open_table(
     decimal: str | None = None,
     units: System = "si",
     refused: Mapping[str, Wanted] | None = None,
-    remedy: str = "name it in Argument `ignore` ({0!r}), or say by Argument `columns` what it is ({1})",
+    remedy: str = "name it in Argument `ignore` ({0}), or say by Argument `columns` what it is ({1})",
 ) -> Table:
     """A table whose columns are understood; its rows are read on use.
 
@@ -104,7 +113,7 @@ def open_table(
         source: a path, an object of pandas or xarray, a mapping of columns by heading, or a `Source`.
         wanted: the quantities, by name; or a function that makes them of the headings.
         columns: units of columns that carry none, and meanings of those that are not understood; see `read_meanings`.
-        ignore: columns that are left out, by their headings or the names in them.
+        ignore: columns that are left out, by their headings or the names in them; a text is a list, see `split_list`.
         sep: what separates the cells of a text: ",", ";", "tab" or " "; the header shows it otherwise.
         decimal: the mark of decimals of a text; the numbers show it otherwise.
         units: the unit system of the numbers.
@@ -115,7 +124,7 @@ def open_table(
         TableError: one sentence that names the table, the column, and the argument that helps.
     """
     opened = open_source(source, sep, decimal)
-    ignore = (ignore,) if isinstance(ignore, str) else ignore
+    ignore = split_list(ignore) if isinstance(ignore, str) else ignore
     texts = explained(opened.title, opened.headings, columns or {})
     wanted = wanted if isinstance(wanted, Mapping) else wanted(texts)
     beside = {text: opened.units.get(head, "") for head, text in zip(opened.headings, texts, strict=True)}
@@ -134,7 +143,7 @@ def open_table(
             other = used[heading.name].heading.strip()
             raise TableError(
                 f"{place} gives `{heading.name}`, but so does {other!r}; rename it, or "
-                f"{remedy.format(head.strip(), _entry(text))}."
+                f"{remedy.format(*_typed(opened.headings, head, text))}."
             )
         try:
             measured = wanted[heading.name].measure(heading.unit, units, is_alias=heading.alias)
@@ -149,22 +158,34 @@ def open_table(
             raise TableError(f"{place} has another unit beside its heading, {other!r}.")
         used[heading.name] = Column(head, *measured, heading.unit, text != head)
     if doubt is not None:
-        head, entry = opened.headings[doubt[0]].strip(), _entry(texts[doubt[0]])
-        raise TableError(f"{opened.title}: column {head!r} {doubt[1]}; rename it, or {remedy.format(head, entry)}.")
+        head, text = opened.headings[doubt[0]], texts[doubt[0]]
+        helps = remedy.format(*_typed(opened.headings, head, text))
+        raise TableError(f"{opened.title}: column {head.strip()!r} {doubt[1]}; rename it, or {helps}.")
     if lacking:
         unit, (first, *_) = next(iter(lacking.items()))
         named = ", ".join(repr(head) for heads in lacking.values() for head in heads)
-        meant = ", ".join(f"{','.join(heads)}={unit}" for unit, heads in lacking.items())
+        meant = ", ".join(f"{','.join(map(list_item, heads))}={unit}" for unit, heads in lacking.items())
         raise TableError(
             f"{opened.title}: {named} must have a unit, as `{heading_parts(first)[0]} [{unit}]`, or from Argument "
-            f'`columns`, such as "{meant}".'
+            f"`columns`, such as {_quoted(meant)}."
         )
     opened.check([column.heading for column in used.values()])
     unused = (head.strip() for i, head in enumerate(opened.headings) if found[i] is None and i not in ignored)
     return Table(opened, used, tuple(unused))
 
 
-def _entry(heading: str) -> str:
-    """What is typed for a column in Argument `columns`, but for the name of the quantity."""
-    name, unit = heading_parts(heading)
-    return f'"{name or heading.strip()}=NAME [{unit or "UNIT"}]"'
+def _typed(headings: Sequence[str], head: str, text: str) -> tuple[str, str]:
+    """What is typed for a column in Argument `ignore`, and in `columns` but for the name of the quantity.
+
+    Args:
+        headings: of all columns.
+        head: of the column.
+        text: the same, as the user has explained it.
+    """
+    name, unit = heading_parts(head)[0], heading_parts(text)[1]
+    named = name if len(columns_of(headings, name)) == 1 else head.strip()
+    return _quoted(list_item(head.strip())), _quoted(f"{list_item(named)}=NAME [{unit or 'UNIT'}]")
+
+
+def _quoted(text: str) -> str:
+    return repr(text) if '"' in text else f'"{text}"'
