@@ -22,6 +22,7 @@ from erosion.laws import (
     RosinRammler,
     Samples,
     joint_law,
+    law_as_typed,
     law_digest,
     law_in_words,
     read_law,
@@ -71,6 +72,14 @@ def test_a_number_that_makes_no_law_is_named(name):
         numbers[at] = math.nan
         with pytest.raises(ValueError, match=f"`{parameter}` must be .*finite, but is nan"):
             LAWS[name](*numbers)
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(("dimension", "system"), [("angle", "si"), ("volume", "inch-pound"), ("mass per mass", "si")])
+def test_a_law_as_it_is_typed_is_read_again(name, dimension, system):
+    law = LAWS[name](*(number / 7 for number in NUMBERS[name]))
+    read = read_law(law_as_typed(law, dimension, system), "x", dimension, system)
+    np.testing.assert_allclose(read.ppf(U), law.ppf(U), rtol=1e-7)
 
 
 def test_words_of_other_laws():

@@ -32,6 +32,7 @@ from erosion import tables
 from erosion.arguments import NUMBERS, real_numbers, refuse
 from erosion.output import briefly, digest
 from erosion.parameters import Dimension, Quantity, System, has_unit, read_quantity, table_scale
+from erosion.parameters.quantities import ascii_unit, unit_name
 from erosion.results import Finding
 from erosion.tables.headings import of_parameters, of_weights
 
@@ -244,6 +245,25 @@ def law_in_words(law: Any, dimension: Dimension = "1", system: System = "si") ->
     usual = {("loc", 0.0), ("scale", 1.0)}
     numbers = [f"{keyword}={number:.5g}" for keyword, number in described[1].items() if (keyword, number) not in usual]
     return f"{described[0]}({', '.join(numbers)})"
+
+
+def law_as_typed(law: Any, dimension: Dimension, system: System) -> str:
+    """The text from which `read_law` makes a law again, to nine digits; a law that text does not name is in words.
+
+    Args:
+        law: of one parameter.
+        dimension: of the parameter.
+        system: the units of the law's numbers.
+    """
+    if isinstance(law, Samples):
+        return f"samples({law.source})"
+    unit = ascii_unit(unit_name(dimension, system)).removeprefix("1")
+    for name, named in LAWS.items():
+        if (numbers := named.numbers(law)) is not None:
+            units = ["" if parameter in _PURE else unit for parameter in named.keywords]
+            texts = [f"{number:.9g} {of}".rstrip() for number, of in zip(numbers, units, strict=True)]
+            return f"{name}({', '.join(texts)})"
+    return law_in_words(law, dimension, system)
 
 
 _PLACES = 4096  # of the inverse distribution, which tell laws apart

@@ -109,7 +109,10 @@ REFUSED = [
         for edit, message in [
             ("k = 3", "`k` of [advise] is unknown; they are model, set"),
             ("warning = 3", "`warning` of [advise] must be a sentence, but is 3."),
-            ("reading = { sep = 3 }", "`reading` of [advise] must be a table of texts, but is {'sep': 3}."),
+            (
+                "reading = { prior = { k = 3 } }",
+                "`reading` of [advise] must be a table of texts, but is {'prior': {'k': 3}}.",
+            ),
             ('warning = " "', "`warning` of [advise] must be a sentence, but is ' '."),
             ('warning = "\\u001b[31mred"', "`warning` of [advise] must be a sentence, but is '\\x1b[31mred'."),
             ('warning = ["a", "b"]', "`warning` of [advise] must be a sentence, but is ['a', 'b']."),
@@ -175,26 +178,30 @@ FLAT = """angle [deg], mass_loss [mg/kg]
 
 
 def test_weighings_that_leave_parameters_open_still_decide_the_angle(shell, tmp_path, monkeypatch):
-    rows = FLAT.replace("mass_loss [mg/kg]", 'Abtrag, sigma "x"').replace(", ", "\t").replace("\n", "\t1\n")
-    (tmp_path / "rows.csv").write_text(rows.replace('"x"\t1', '"x"'))
+    rows = FLAT.replace("mass_loss [mg/kg]", 'Abtrag, sigma "x"').replace(", ", "\t").replace("\n", "\t1\t3\n")
+    (tmp_path / "rows.csv").write_text(rows.replace('"x"\t1\t3', '"x"\tof, 3'))
     (tmp_path / "columns.toml").write_text('"angle [deg]" = "angle [deg]"\nAbtrag = "mass_loss [mg]"\n')
     metal = ["--particle", "garnet 80 mesh", "--target", "mild steel", "--v0", "160 m/s"]
-    read = ["--columns", "columns.toml", "--ignore", 'sigma "x"', "--sep", "tab"]
+    read = ["--columns", "columns.toml", "--ignore", '"of, 3",sigma "x"', "--sep", "tab"]
     of_tests = ["--per", "1 kg", *read, "--error", "9 mg/kg + 5 %"]
-    shell(["calibrate", "rows.csv", *of_tests, *metal, *FIT.split()[3:-1], "fitted.toml"])
+    bounds = ["--bounds", "psi=0.01:100"]
+    shell(["calibrate", "rows.csv", *of_tests, *metal, *bounds, *FIT.split()[3:-1], "fitted.toml"])
+    prior = ["--prior", "psi=loguniform(0.01, 100)"]
     result = shell("advise fitted.toml --json").result
     angle = math.degrees(result["alpha"])
     assert 38 < angle < 65
     assert result["uncertain"] == "fitted.toml"
     assert f"{angle:.0f}°" in result["statements"][0]
-    assert printed_command(result["statements"])[:12] == ["rows.csv", "fitted.toml", *of_tests]
+    assert printed_command(result["statements"])[:14] == ["rows.csv", "fitted.toml", *of_tests, *prior]
     # The draws know it, too, from wherever they are read.
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     by_draws = shell(["advise", *metal, "--uncertain", "../fitted.nc", "--json"]).result["statements"]
     command = printed_command(by_draws)
     assert command[0].endswith("rows.csv")
-    assert command[command.index("--per") :][:10] == [word.replace("columns.t", "../columns.t") for word in of_tests]
+    assert command[command.index("--per") :][:12] == [
+        word.replace("columns.t", "../columns.t") for word in (*of_tests, *prior)
+    ]
 
 
 def printed_command(statements):

@@ -13,6 +13,7 @@ from scipy import stats
 
 import erosion
 from erosion.fits import Posterior
+from erosion.fits.export import options_in_words
 from erosion.fits.fit_files import read_draws
 from erosion.fits.likelihood import make_likelihood
 from erosion.fits.problem import FitProblem
@@ -123,6 +124,15 @@ def test_a_file_has_arvizs_layout(result, tmp_path):
         np.testing.assert_allclose(np.ravel(tree["sample_stats"]["log_likelihood"]), logs, rtol=1e-9)
     with pytest.raises(ValueError, match=r"must end in \.nc"):
         result.save(tmp_path / "draws.csv")
+
+
+def test_a_file_keeps_what_was_known_before_the_tests(tmp_path):
+    options = {"bounds": {"k": (1.0, 5.0)}, "priors": {"psi": stats.uniform(1.0, 99.0)}}
+    free = posterior("k", "psi", draws=125, discrepancy=False, **options)
+    kept = read_draws(free.save(tmp_path / "draws.nc"), QUANTITIES, "inch-pound").typed
+    assert options_in_words(kept) == [
+        "--prior", "k=loguniform(1, 5)", "--prior", "psi=uniform(1, 100)", "--discrepancy", "none",
+    ]  # fmt: skip
 
 
 def erosion_at(model, p, alpha):

@@ -203,7 +203,7 @@ class Advice(Result):
         other: another abrasive, to compare with `particle`.
         words: the case as it is typed behind a verb, for the commands that go on from here.
         rows_file: the path of its tests.
-        reading: how it is read, see `Measurements`.
+        tests_typed: how they were fitted, see `Fit.typed`.
     """
 
     p: Parameters
@@ -221,7 +221,7 @@ class Advice(Result):
     other: Particle | None = None
     words: tuple[str, ...] = ()
     rows_file: str = "rows.csv"
-    reading: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    tests_typed: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @functools.cached_property
     def alpha(self) -> float:
@@ -493,7 +493,7 @@ class Advice(Result):
                 f"yours is that {'flat' if best < self.alpha else 'steep'}."
             )
         if self.uncertain is not None:
-            asked = options_in_words({**self.reading, "free": ",".join(self.uncertain.laws.names)})
+            asked = options_in_words({**self.tests_typed, "free": ",".join(self.uncertain.laws.names)})
             words = (self.rows_file, *self._typed, *asked, "--next-test")
             return (
                 f"What would narrow it: more tests. “{command('posterior', *words)}” says at which angle and speed one "

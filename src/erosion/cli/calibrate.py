@@ -369,6 +369,14 @@ class TestedFitOptions:
     own: SetOption = None
 
 
+def _are_options(typed: Any) -> bool:
+    """Whether it is a table of texts, but for tables of texts of options that each parameter has."""
+    if not isinstance(typed, Mapping):
+        return False
+    texts = [text for value in typed.values() for text in (value.values() if isinstance(value, Mapping) else [value])]
+    return all(isinstance(text, str) for text in texts)
+
+
 class GivenFit:
     """The options with the table [advise] of the case file; options win.
 
@@ -385,12 +393,11 @@ class GivenFit:
         with user_errors():
             doubt = None if case.file is None else case.file.doubt
             self.weighed = None if case.file is None else case.file.tested.ranges.get("alpha")
-        self.data, self.reading = section.get("data", "rows.csv"), section.get("reading", {})
+        self.data, self.typed = section.get("data", "rows.csv"), section.get("reading", {})
         if not isinstance(self.data, str):
             raise InputError(f"{case.case}: field `data` of [advise] must be a path, but is {briefly(self.data)}.")
-        is_table = isinstance(self.reading, Mapping)
-        if not is_table or not all(isinstance(text, str) for text in self.reading.values()):
-            given = briefly(self.reading)
+        if not _are_options(self.typed):
+            given = briefly(self.typed)
             raise InputError(f"{case.case}: field `reading` of [advise] must be a table of texts, but is {given}.")
         # Without laws in the options those of the case file, with their correlation.
         of_file = self._section if options.uncertain is None else {}
@@ -531,7 +538,7 @@ class ReadFit:
             doubts=unique((*of_table, *self.given.doubts, *outside, *of_draws)),
             weighed=advice.weighed or self.given.weighed if self.uncertain else None,
             rows_file=self.draws[0].data if self.draws else self.given.data,
-            reading=self.draws[0].reading if self.draws else self.given.reading,
+            tests_typed=self.draws[0].typed if self.draws else self.given.typed,
             words=self.given.words(self.abrasive, self.models, self.draws, self.p),
         )
 

@@ -185,19 +185,26 @@ def _for_advice(calibration: Calibration, findings: Sequence[Finding], path: str
     """The table [advise] of a case file."""
     of_scale = "The tests had units of their own, so the size of the wear is that of the case."
     rows = "" if calibration.data.path is None else seen_from(Path(path), str(calibration.data.path))
-    reading = {name: toml_string(_in_file(text, path)) for name, text in calibration.data.reading.items()}
+    typed = with_paths(calibration.typed, functools.partial(seen_from, Path(path)))
     said = [of_scale] * calibration.data.free_scale + [finding.text for finding in findings]
     kept = "" if samples is None else seen_from(Path(path), str(samples))
     equations = plug_in_digest(calibration.model, calibration.p)
     lines = sentences(
         (bool(said), f"warning = {toml_string(' '.join(said))}"),
         (rows, f"data = {toml_string(rows)}"),
-        (bool(reading), f"reading = {{ {', '.join(f'{name} = {text}' for name, text in reading.items())} }}"),
+        (bool(typed), f"reading = {_inline_table(typed)}"),
         (kept, f"uncertain = {toml_string(kept)}"),
         (True, f"tested = {calibration.problem.tested.dump()}"),
         (equations, f'equations = "{equations}"  # of {model_name(calibration.model)}, as it was'),
     )
     return "\n".join(["", "[advise]", *lines, ""])
+
+
+def _inline_table(texts: Mapping[str, Any]) -> str:
+    """Texts, and tables of texts, as TOML has them in one line."""
+    entries = [f"{name} = {_inline_table(value) if isinstance(value, Mapping) else toml_string(value)}"
+               for name, value in texts.items()]  # fmt: skip
+    return f"{{ {', '.join(entries)} }}"
 
 
 def command(*words: str) -> str:
@@ -206,9 +213,15 @@ def command(*words: str) -> str:
 
 
 def options_in_words(options: Mapping[str, Any]) -> list[str]:
-    """The words of a command for options by name; None stands for one that is not given."""
-    given = {name: value for name, value in options.items() if value is not None}
-    return [word for name, value in given.items() for word in (f"--{name}", str(value))]
+    """The words of a command for options by name; None stands for one that is not given.
+
+    The value of an option that is given for each parameter is a mapping: {"prior": {"psi": "uniform(0.01, 0.2)"}}.
+    """
+    words = []
+    for name, value in options.items():
+        texts = [f"{of}={text}" for of, text in value.items()] if isinstance(value, Mapping) else [value]
+        words += [word for text in texts if text is not None for word in (f"--{name}", str(text))]
+    return words
 
 
 def exported_case(calibration: Calibration) -> Parameters:

@@ -23,12 +23,12 @@ from erosion.fits.fit_files import (
     prediction_groups,
 )
 from erosion.fits.least_squares import Group
-from erosion.fits.likelihood import sampled_quantities
+from erosion.fits.likelihood import given_laws, sampled_quantities
 from erosion.fits.measurements import Measurements
 from erosion.fits.prediction import Predictor
 from erosion.fits.problem import FRACTION, OF_ERROR, SCALE, FitProblem
 from erosion.fits.tempering import SamplingError
-from erosion.laws import JointSamples
+from erosion.laws import JointSamples, law_as_typed
 from erosion.models import model_name, model_source
 from erosion.models.equations import plug_in_digest
 from erosion.output.files import require_writable, seen_from, write_whole
@@ -65,6 +65,13 @@ class Fit(Result):
     def data(self) -> Measurements:
         """The measurements."""
         return self.problem.data
+
+    @property
+    def typed(self) -> dict[str, Any]:
+        """How the tests were read and what was known before them: options of `erosion posterior` by name."""
+        known, units = sampled_quantities(self.problem), self.problem.p.units
+        laws = {name: law_as_typed(law, known[name].dimension, units) for name, law in given_laws(self.problem).items()}
+        return {**self.data.reading, **({"prior": laws} if laws else {})}
 
     @property
     @abc.abstractmethod
@@ -190,7 +197,7 @@ class Fit(Result):
         samples[SOURCE] = with_paths(samples[SOURCE], functools.partial(seen_from, path))
         if self.data.path is not None:
             samples[DATA_FILE] = seen_from(path, str(self.data.path))
-        moved = with_paths(dict(self.data.reading), functools.partial(seen_from, path))
+        moved = with_paths(self.typed, functools.partial(seen_from, path))
         samples[READING] = json.dumps(moved)
         # HDF5 then sees numbers that were damaged; it keeps no checksum of what has no axes.
         checked = {

@@ -66,7 +66,7 @@ class Draws:
         converged: whether the draws are good.
         findings: what else was doubtful in the fit.
         data: the path of the tests' table.
-        reading: how it is read, see `Measurements`.
+        typed: see `Fit.typed`.
     """
 
     rows: JointSamples
@@ -80,7 +80,7 @@ class Draws:
     converged: bool
     findings: tuple[Finding, ...]
     data: str
-    reading: Mapping[str, str]
+    typed: Mapping[str, Any]
 
     @functools.cached_property
     def predictor(self) -> Predictor | None:
@@ -195,7 +195,7 @@ def read_draws(path: str | Path, quantities: Mapping[str, Quantity], units: Syst
         converged=bool(attrs.get("converged", 1)),
         findings=from_attribute(attrs.get(FINDINGS, "")),
         data=beside(path, attrs[DATA_FILE]) if DATA_FILE in attrs else "rows.csv",
-        reading=with_paths(_kept(attrs, READING, {}), functools.partial(beside, path)),
+        typed=with_paths(_kept(attrs, READING, {}), functools.partial(beside, path)),
     )
 
 

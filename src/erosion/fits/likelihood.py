@@ -30,6 +30,11 @@ def flat_laws(problem: FitProblem, bounds: Mapping[str, tuple[float, float]]) ->
     return {name: LAWS["loguniform" if are_logs[name] else "uniform"](*ends) for name, ends in bounds.items()}
 
 
+def given_laws(problem: FitProblem) -> dict[str, Any]:
+    """The laws of parameters that a user gives, by priors or by bounds."""
+    return {**flat_laws(problem, problem.bounds), **problem.priors}
+
+
 def make_likelihood(problem: FitProblem) -> "Likelihood":
     """The data's likelihood under the problem's priors and bounds, and for all other parameters under default laws.
 
@@ -39,7 +44,7 @@ def make_likelihood(problem: FitProblem) -> "Likelihood":
     size that only the data know: their defaults are wide laws about it. A factor on the uncertainties is sampled if a
     law is given for it.
     """
-    given = {**flat_laws(problem, problem.bounds), **problem.priors}
+    given = given_laws(problem)
     names = tuple(name for name in (*problem.names, *problem.of_error) if name != ERROR_FACTOR or name in given)
     laws = {name: given[name] if name in given else _default(problem, name) for name in names}
     return Likelihood(problem, problem.joint_law(laws), tuple(given))

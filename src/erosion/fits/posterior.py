@@ -70,6 +70,11 @@ class Posterior(Fit):
         return self.likelihood.problem.model
 
     @property
+    def typed(self) -> dict[str, Any]:
+        """See `Fit.typed`; also whether predictions hold a discrepancy."""
+        return super().typed | ({} if self.discrepancy else {"discrepancy": "none"})
+
+    @property
     def p(self) -> Parameters:
         """The case, its parameters as they were given."""
         return self.likelihood.problem.p
