@@ -135,3 +135,156 @@ def test_the_last_of_two_events_that_max_events_allows():
     assert (end.t, end.y["u"]) == (1.0, 2.0)  # before the second reset
     assert np.isnan([end.along("one").t, end.along("other").t]).all()
     assert end.along("rate").y["u"] == pytest.approx(1.0)
+
+
+NAN = float("nan")
+METHODS = ["explicit", "rosenbrock"]
+
+
+def thrown(**more: Any) -> ode.Problem:
+    """A ball that rebounds at `place`, which it reaches at 1; a tank fills, one rests and one decays beside it."""
+    return ode.Problem(
+        lambda args: {"x": 0.0, "v": args["v"], "fill": 0.0, "rest": args["rest"], "decay": 1.0},
+        lambda t, y, args: {
+            "x": y["v"],
+            "v": 0.0 * y["v"],
+            "fill": args["c"],
+            "rest": 0.0 * y["rest"],
+            "decay": -args["c"] * y["decay"],
+        },
+        events={
+            "wall": ode.Event(lambda t, y, args: y["x"] - args["place"], 1, lambda t, y, args: y | {"v": -y["v"] / 2}),
+            **more,
+        },
+    )
+
+
+THROW = {"v": 2.0, "place": 2.0, "rest": 3.0, "c": 1.5}
+
+
+def agrees(end: ode.Solution, name: str, t: float, y: dict[str, float]) -> None:
+    """Derivatives by a number, NaN included."""
+    part = end.along(name)
+    np.testing.assert_allclose([part.t, *(part.y[key] for key in y)], [t, *y.values()], rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_of_a_rebound_exactly_at_t1_what_does_not_rebound_keeps_its_derivatives(method):
+    end = ode.solve(thrown(), THROW, t1=1.0, wrt=(*THROW, "t1"), method=method)
+    assert (end.ended_by, end.count, end.y["v"]) == ("t1", 1, -1.0)
+    e = np.exp(-1.5)
+    for name in ("v", "place"):
+        agrees(end, name, 0.0, {"x": NAN, "v": NAN, "fill": 0.0, "rest": 0.0, "decay": 0.0})
+    agrees(end, "t1", 1.0, {"x": NAN, "v": NAN, "fill": 1.5, "rest": 0.0, "decay": -1.5 * e})
+    agrees(end, "c", 0.0, {"x": 0.0, "v": 0.0, "fill": 1.0, "rest": 0.0, "decay": -e})
+    agrees(end, "rest", 0.0, {"x": 0.0, "v": 0.0, "fill": 0.0, "rest": 1.0, "decay": 0.0})
+    assert len(end.warnings) == 3
+
+
+def test_second_derivatives_of_a_rebound_exactly_at_t1():
+    end = ode.solve(thrown(), THROW, t1=1.0, wrt=("v", "c"), derivatives=2)
+    for names, decay in [(("v", "v"), 0.0), (("v", "c"), 0.0), (("c", "c"), np.exp(-1.5))]:
+        part = end.along(*names)
+        assert np.isnan(part.y["x"]) == ("v" in names)
+        np.testing.assert_allclose([part.t, part.y["fill"], part.y["decay"]], [0.0, 0.0, decay], atol=1e-9)
+
+
+def test_gradients_of_a_rebound_exactly_at_t1():
+    def of(key: str) -> Any:
+        return jax.grad(lambda args: ode.solve(thrown(), args, t1=1.0).y[key])(THROW)
+
+    fill, x = of("fill"), of("x")
+    np.testing.assert_allclose([fill[name] for name in THROW], [0.0, 0.0, 0.0, 1.0], atol=1e-9)
+    np.testing.assert_allclose([x[name] for name in THROW], [NAN, NAN, 0.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_rebound_and_a_dose_exactly_at_t1_have_no_derivatives_by_the_rebounds_time(method):
+    dose = ode.Event(times=lambda args: [args["when"]], reset=lambda t, y, args: y | {"rest": y["rest"] + 1})
+    args = THROW | {"when": 1.0}
+    end = ode.solve(thrown(dose=dose), args, t1=1.0, wrt=("v", "place", "when"), method=method)
+    assert (end.count, end.y["v"], end.y["rest"]) == (2, -1.0, 4.0)
+    assert np.isnan([end.along(name).y[key] for name in ("v", "place") for key in ("x", "v")]).all()
+    assert np.isnan(end.along("when").y["rest"])
+    assert all(end.along(name).y["fill"] == pytest.approx(0.0) for name in ("v", "place", "when"))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_of_two_terminal_events_outputs_that_rest_keep_their_derivatives(method):
+    runners = race()
+    problem = ode.Problem(
+        lambda args: {"x": 0.0, "y": 0.0, "rest": args["both"]},
+        lambda t, y, args: {**runners.vector_field(t, y, args), "rest": 0.0 * y["rest"]},
+        events=runners.events,
+    )
+    end = ode.solve(problem, ARGS, t1=9.0, wrt=("a", "both"), method=method)
+    agrees(end, "a", NAN, {"x": NAN, "y": NAN, "rest": 0.0})
+    agrees(end, "both", -1.0, {"x": 0.0, "y": 0.0, "rest": 1.0})
+    by = jax.grad(lambda args: ode.solve(problem, args, t1=9.0, method=method).y["rest"])(ARGS)
+    assert (by["a"], by["b"], by["both"]) == (0.0, 0.0, 1.0)
+    if method == "explicit":
+        curved = ode.solve(problem, ARGS, t1=9.0, wrt=("a", "both"), derivatives=2)
+        found = [curved.along(*names).y for names in (("a", "a"), ("a", "both"), ("both", "both"))]
+        assert [float(y["rest"]) for y in found] == [0.0, 0.0, 0.0]
+        assert np.isnan([y["x"] for y in found[:2]]).all()
+
+
+def dosed_twice() -> ode.Problem:
+    """At `one` u gains 1, at `other` it doubles; a depends on u, b does not, and "late" comes where b reaches 2."""
+    return ode.Problem(
+        {"u": 1.0, "a": 0.0, "b": 0.0, "n": 0.0},
+        lambda t, y, args: {"u": -y["u"], "a": y["u"], "b": args["rate"], "n": 0.0},
+        events={
+            "one": ode.Event(times=lambda args: [args["one"]], reset=lambda t, y, args: y | {"u": y["u"] + 1}),
+            "other": ode.Event(times=lambda args: [args["other"]], reset=lambda t, y, args: y | {"u": 2 * y["u"]}),
+            "late": ode.Event(lambda t, y, args: y["b"] - 2, 1, lambda t, y, args: y | {"n": y["n"] + y["b"]}),
+        },
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_of_resets_whose_order_matters_what_does_not_depend_on_it_keeps_its_derivatives(method):
+    args = {"one": 1.0, "other": 1.0, "rate": 1.0}
+    end = ode.solve(dosed_twice(), args, t1=3.0, wrt=(*args, "t1"), ts=[0.5, 1.5, 2.5], method=method)
+    u = 2 * (np.exp(-1) + 1) * np.exp(-2)
+    assert end.y["u"] == pytest.approx(u)
+    assert end.times is not None
+    for name in ("one", "other"):
+        agrees(end, name, 0.0, {"u": NAN, "a": NAN, "b": 0.0, "n": 0.0})
+        ys = end.times.along(name).ys
+        np.testing.assert_allclose(ys["u"], [0.0, NAN, NAN])
+        np.testing.assert_allclose(ys["b"], [0.0] * 3, atol=1e-9)
+    agrees(end, "rate", 0.0, {"u": 0.0, "a": 0.0, "b": 3.0, "n": 0.0})
+    agrees(end, "t1", 1.0, {"u": -u, "a": u, "b": 1.0, "n": 0.0})
+    assert len(end.warnings) == 2
+    events = end.events.along("one")
+    np.testing.assert_allclose(events.t, [1.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(events.y["u"][[0, 2]], [-np.exp(-1), NAN])
+    np.testing.assert_allclose(events.y["b"], [1.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_an_event_whose_time_depends_on_the_order_of_resets_has_no_derivatives():
+    problem = dosed_twice()
+    full = ode.Event(lambda t, y, args: y["a"] - 2, 1, lambda t, y, args: y | {"n": 1.0})
+    problem = ode.Problem(problem.y0, problem.vector_field, {**problem.events, "full": full})
+    args = {"one": 1.0, "other": 1.0, "rate": 1.0}
+    end = ode.solve(problem, args, t1=1.5, wrt="one", derivatives=2)
+    agrees(end, "one", 0.0, {"u": NAN, "a": NAN, "b": 0.0, "n": 0.0})
+    np.testing.assert_allclose(end.along("one", "one").y["b"], 0.0, atol=1e-9)
+    assert np.isnan(end.along("one", "one").y["a"])
+    later = ode.solve(problem, args, t1=1.8, wrt=("one", "rate"))
+    assert list(later.events.name) == ["one", "other", "full"]
+    np.testing.assert_allclose(later.events.along("one").t, [1.0, 0.0, NAN], atol=1e-9)
+    np.testing.assert_allclose(later.events.along("rate").t, [0.0, 0.0, 0.0], atol=1e-9)
+    assert np.isnan(later.along("one").y["u"])
+
+
+def test_gradients_of_resets_whose_order_matters():
+    args = {"one": 1.0, "other": 1.0, "rate": 1.0}
+
+    def of(key: str) -> Any:
+        by = jax.grad(lambda args: ode.solve(dosed_twice(), args, t1=3.0).y[key])(args)
+        return [by[name] for name in args]
+
+    np.testing.assert_allclose(of("b"), [0.0, 0.0, 3.0], atol=1e-9)
+    np.testing.assert_allclose(of("a"), [NAN, NAN, 0.0], atol=1e-9)

@@ -1,5 +1,6 @@
 """Problem and arguments as lanes, and the parts of their results: what every way to solve needs."""
 
+import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -349,6 +350,11 @@ class Part(NamedTuple):
     t: PerImpact
     y: PyTree
     integrals: Mapping[str, PerImpact]
+
+    def lacks(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Whether one of the numbers of a lane is NaN, where lanes have a shape."""
+        unknown = [np.isnan(each).reshape(*shape, -1).any(axis=-1) for each in jax.tree.leaves(tuple(self))]
+        return functools.reduce(np.logical_or, unknown)
 
 
 def shaped(lanes: Lanes, time: Any, outputs: Sequence[Any]) -> Part:

@@ -55,6 +55,7 @@ class Segment(NamedTuple):
         arrives: whether the time has come at which the lane ends without an event.
         greatest: the greatest size of each row of the motion itself, where the whole state is wanted.
         still_zero: of each event that happened whether its function is zero after the resets, but for rounding.
+        lacks: whether it began without some derivatives, see `lost_tangents`.
     """
 
     control: Control
@@ -66,6 +67,7 @@ class Segment(NamedTuple):
     arrives: Flag
     greatest: FlatState
     still_zero: Sequence[Flag] = ()
+    lacks: Flag | bool = False
 
     @property
     def happening(self) -> list[Flag]:

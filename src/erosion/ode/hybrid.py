@@ -10,7 +10,7 @@ event functions are asked again, in their order, until no reset has taken anothe
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -26,7 +26,17 @@ from erosion.ode.motion import Augmented, Motion, event_function, outputs_of
 from erosion.ode.segments import SegmentLoop, Written
 from erosion.ode.step_control import ADVANCING, ARRIVED, ENDED, FAILED, FIRST_STEP, MOMENT, SLIDES, ULPS, UNFINISHED
 from erosion.ode.switches import SwitchedMotion
-from erosion.ode.variational import ALIKE, AlongFlow, AtEvent, Derivatives, EndTimeDependence, at_event, differ
+from erosion.ode.variational import (
+    ALIKE,
+    AlongFlow,
+    AtEvent,
+    Derivatives,
+    EndTimeDependence,
+    at_event,
+    differ,
+    unlike,
+    without,
+)
 
 _ACCUMULATED = (
     1e-11  # of the time scale, and of the time so far: where an event follows itself sooner, events accumulate
@@ -36,7 +46,6 @@ _RESIDUAL = 4.0  # times what an event function is at its event: if it is no mor
 _RESTS = 1e-6  # of the time scale, and of the time so far: where an event follows sooner, and its function rises
 _ENDLESS = 100  # rounds of events that resets make happen
 _SLIDES = 20  # switches at one time: the rates point to one from both sides
-_ARRIVED = 1e-13  # of the time scale: a lane that has no more time left is at its end
 _RESTING = 1e-9  # of its rate before a switch: a bound that falls as slowly after it rests there
 
 _NO_TIME = Derivatives(None, None, None, None)
@@ -138,13 +147,6 @@ class Transitions:
         """The rates of the event functions."""
         return jax.jvp(self.here.events, (at,), (self.here.rate(at),))[1]
 
-    @property
-    def shares(self) -> list[float]:
-        """Of their sizes: by so much the parts of two equal states with their tangents may differ."""
-        tangents = len(self.problem.initial) // self.problem.width - 1
-        first = [ALIKE[1]] * (tangents - 1 if self.problem.order == 2 else tangents)
-        return [ALIKE[0], *first, *[ALIKE[2]] * (self.problem.order == 2)]
-
     def ends(self, instant: Instant) -> Flag:
         """Whether a lane ends with the events so far."""
         return jnp.logical_not(instant.survives & (instant.count < self.most))
@@ -159,7 +161,7 @@ class Transitions:
         at_it = at_event(along, event, 0.0 * instant.elapsed[0], _itself, _NO_TIME)
         _, *moved = equations.pack(along.here(event_function(event)))
         size = jnp.abs(along.rate(event_function(event)).value * instant.elapsed[0])
-        both = zip(moved, self.shares[1:], strict=True)
+        both = zip(moved, self.problem.equations.shares[1:], strict=True)
         alike = functools.reduce(jnp.logical_and, [jnp.abs(part) <= share * size for part, share in both])
         return instant.at_own_time(later & ~alike, equations.pack(at_it.outputs), equations.pack(at_it.time))
 
@@ -345,24 +347,44 @@ class Transitions:
             other = self.in_turn(start, segment, last, forwards=False)
             is_end, other_ends = self.ends(instant), self.ends(other)
             one, two = compared(instant, is_end), compared(other, other_ends)
-            soonest = map(jnp.minimum, instant.soonest, other.soonest)
-            times = zip(soonest, map(jnp.maximum, instant.latest, other.latest), strict=True)
-            apart = [differ(*each, share, 0.0) for each, share in zip(times, self.shares, strict=True)]
-            if equations.order == 2:
-                apart[-1] = functools.reduce(jnp.logical_or, apart[1:])
-            unlike = jax.tree.map(lambda a, b: differ(a, b, ALIKE[0], 0.0) | (is_end != other_ends), one[0], two[0])
-            parts = list(zip(instant.value_and_tangents, instant.met, instant.elapsed, strict=True))
-            for k in range(1, len(one)):
-                lost, is_late = jax.tree.map(
-                    lambda a, b, u, jump, moves=apart[k], share=self.shares[k]: moves
-                    & (jump | differ(a, b, share, u)),
-                    one[k], two[k], one[0], unlike,
-                )  # fmt: skip
-                parts[k] = jax.tree.map(lambda u, gone: jnp.where(gone, jnp.nan, u), parts[k], (lost, lost, is_late))
-            value_and_tangents, met, elapsed = zip(*parts, strict=True)
-            return instant._replace(value_and_tangents=value_and_tangents, met=met, elapsed=elapsed)
+            jumps = jax.tree.map(lambda a, b: differ(a, b, ALIKE[0], 0.0) | (is_end != other_ends), one[0], two[0])
+            apart = self.apart(zip(instant.soonest, instant.latest, other.soonest, other.latest, strict=True), 0.0)
+            tangents = unlike(one[1:], two[1:], [one[0]] * len(one[1:]), equations.shares[1:])
+            lost = [jax.tree.map(lambda *flags, moves=moves: moves & (flags[0] | flags[1]), jumps, each)
+                    for moves, each in zip(apart, tangents, strict=True)]  # fmt: skip
+            states, times = map(list, zip(*lost, strict=True))
+            return self.lacking(instant, states, times)
 
         return lax.cond(segment.several, checked, lambda: instant)
+
+    def apart(self, times: Iterable[tuple[Scalar, ...]], size: Scalar) -> list[Flag]:
+        """Of each tangent whether it moves some of the events at one time against others, or against the end.
+
+        Args:
+            times: and their tangents, each of all that happens at one time.
+            size: of these times.
+        """
+        _, *tangents = times
+        apart: list[Flag] = [
+            differ(functools.reduce(jnp.minimum, each), functools.reduce(jnp.maximum, each), share, size)
+            | functools.reduce(jnp.logical_or, map(jnp.isnan, each))
+            for each, share in zip(tangents, self.problem.equations.shares[1:], strict=True)
+        ]
+        if self.problem.order == 2:
+            apart[-1] = functools.reduce(jnp.logical_or, apart)
+        return apart
+
+    def lacking(self, instant: Instant, states: list[PyTree], times: list[Flag]) -> Instant:
+        """An instant without some tangents of the state, and of the time."""
+        order = self.problem.order
+
+        def of(member: tuple[PyTree, ...], lost: list[PyTree]) -> tuple[PyTree, ...]:
+            return member[0], *without(member[1:], lost, order)
+
+        return instant._replace(
+            value_and_tangents=of(instant.value_and_tangents, states), met=of(instant.met, states),
+            elapsed=of(instant.elapsed, times),
+        )  # fmt: skip
 
     def two_sided_at_end(self, instant: Instant, met: Instant, arrives: Flag, time_to_end: Derivatives) -> Instant:
         """Without the derivatives that events exactly at the end of the lane have on one side alone.
@@ -389,29 +411,24 @@ class Transitions:
             one = chosen(stops, instant.met, one)
             # The event is as near the end as rounding says: by so much the rates have changed.
             size = jnp.abs(self.problem.clock.t0) + late[0]
-            rounding = late[0] * (_ARRIVED * self.problem.time_scale + ULPS * size)
+            rounding = late[0] * (MOMENT * self.problem.time_scale + ULPS * size)
             least = jax.tree.map(lambda a, b: rounding * (jnp.abs(a) + jnp.abs(b)), curve, other)
             jumps = jax.tree.map(lambda a, b: differ(a, b, ALIKE[0], 0.0), one[0], two[0])
             if self.problem.switches is not None:
                 # A mode jumps where nothing that is wanted does.
                 rows, modes = len(self.problem.switches.moves), self.problem.switches.count
                 jumps = jumps._replace(state=(*jumps.state[:rows], *[jnp.asarray(False)] * modes))
-            times = zip(instant.elapsed, late, self.shares, strict=True)
-            apart = [differ(own, given, share, late[0]) for own, given, share in times]
-            if equations.order == 2:
-                apart[-1] = functools.reduce(jnp.logical_or, apart[1:])
-            parts = list(zip(instant.value_and_tangents, instant.met, instant.elapsed, strict=True))
-            for k in range(1, len(one)):
-                lost = jax.tree.map(
-                    lambda a, b, u, least, jump, moves=apart[k], share=self.shares[k]: moves
-                    & (jump | (differ(a, b, share, u) & (jnp.abs(a - b) > least))),
-                    one[k], two[k], one[0], least, jumps,
-                )  # fmt: skip
-                parts[k] = jax.tree.map(
-                    lambda u, gone: jnp.where(gone, jnp.nan, u), parts[k], (lost, lost, stops & apart[k])
+            apart = self.apart(zip(instant.soonest, instant.latest, late, strict=True), late[0])
+            tangents = unlike(one[1:], two[1:], [one[0]] * len(one[1:]), equations.shares[1:])
+            states = [
+                jax.tree.map(
+                    lambda a, b, differs, least, jump, moves=moves: moves
+                    & (jump | (differs & ~(jnp.abs(a - b) <= least))),
+                    *each, least, jumps,
                 )
-            value_and_tangents, met_there, elapsed = zip(*parts, strict=True)
-            return instant._replace(value_and_tangents=value_and_tangents, met=met_there, elapsed=elapsed)
+                for *each, moves in zip(one[1:], two[1:], tangents, apart, strict=True)
+            ]  # fmt: skip
+            return self.lacking(instant, states, [stops & moves for moves in apart])
 
         return lax.cond(arrives & instant.happened, checked, lambda: instant)
 
@@ -623,7 +640,7 @@ def trajectory(problem: LaneEquations, loop: SegmentLoop) -> tuple[Segment, AtEv
         if time_to_end.value is not None:
             remaining = jax.tree.map(lambda part, gone: part - gone, time_to_end, equations.unpack(so_far.elapsed))
             remaining = remaining._replace(
-                value=jnp.where(remaining.value <= _ARRIVED * problem.time_scale, 0.0, remaining.value)
+                value=jnp.where(remaining.value <= MOMENT * problem.time_scale, 0.0, remaining.value)
             )
         segment, along, written = loop.to_its_event(
             jax.tree.leaves(before.value_and_tangents), remaining.value, so_far.written, before, so_far.elapsed

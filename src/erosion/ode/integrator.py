@@ -124,8 +124,9 @@ def _finish(
     numbers, structure = jax.tree.flatten(results)
     values = len(jax.tree.leaves(results.value))
     ended = problem.method.is_known(control.mode == ENDED, end.amplification)
-    # Of several events at the end, derivatives in which they differ are NaN.
-    finite = ended & all_finite(numbers[:values]) & (all_finite(numbers[values:]) | motion.several)
+    # Of several events at one time, derivatives in which they differ are NaN.
+    may_lack = motion.several | motion.lacks
+    finite = ended & all_finite(numbers[:values]) & (all_finite(numbers[values:]) | may_lack)
     # What an unfinished lane has reached is told, where nothing else says so.
     wanted = problem.options.outputs
     are_told = wanted.are_told(finite, control.mode == UNFINISHED)

@@ -6,8 +6,10 @@ from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from erosion.arguments import Number, Scalar
+from erosion.lanes.flatten import NotForLanesError, dependencies
 from erosion.ode.cubics import Ends
 from erosion.ode.events import Armed, EventSet, Falling
 from erosion.ode.kinks import OfOperation, is_nonsmooth, may_have_kinks, operands_of
@@ -112,6 +114,19 @@ class LaneEquations:
         if self.switches is None:
             return [True] * self.width
         return [*self.switches.moves, *[False] * self.switches.count, *[True] * self.integrals]
+
+    @functools.cached_property
+    def pattern(self) -> np.ndarray:
+        """Which rates of the motion itself may depend on which rows, by their arithmetic."""
+        rows = [jax.ShapeDtypeStruct((), np.float64)] * self.width
+
+        def rate(rows: FlatState, parameters: Sequence[Number]) -> FlatState:
+            return jax.tree.leaves(self.equations.at(parameters).rate(self.value_and_tangents(rows)[0]))
+
+        try:
+            return dependencies(jax.make_jaxpr(rate)(rows, self.signature.structs()))[:, : self.width]
+        except NotForLanesError:
+            return np.ones((self.width, self.width), bool)  # XLA may compute it all the same
 
     def operands(self, which: OfOperation) -> Callable[[FlatState], list[Scalar]]:
         """The values of some operands in the rates of the motion itself, such as divisors; see `kinks`."""

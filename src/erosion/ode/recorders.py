@@ -13,6 +13,7 @@ from erosion.arguments import Flag, Scalar
 from erosion.lanes import tapes
 from erosion.ode.event_location import Lane, Segment, has_no_derivatives
 from erosion.ode.lane_equations import LaneEquations
+from erosion.ode.lost_tangents import LostTangents
 from erosion.ode.motion import Augmented, outputs_of
 from erosion.ode.step_control import ARRIVED
 from erosion.ode.tape import ROUNDING, STATES, TIMES, EventLog, Recorded, Saved, Tape
@@ -26,8 +27,13 @@ class Recorder(abc.ABC):
     def begin(self) -> Any:
         """Nothing is written yet."""
 
-    def of_motion(self, elapsed: tuple[Scalar, ...]) -> "Recorder":
-        """That for a motion which begins or ends so much later than the lane begins, with derivatives."""
+    def of_motion(self, elapsed: tuple[Scalar, ...], lost: LostTangents | None = None) -> "Recorder":
+        """That for a motion which begins or ends so much later than the lane begins, with derivatives.
+
+        Args:
+            elapsed: so much later.
+            lost: the tangents of the motion that are.
+        """
         return self
 
     def after_step(self, written: Any, before: Lane, after: Lane) -> Any:
@@ -75,7 +81,7 @@ class Steps(Recorder):
         rows = lax.convert_element_type(self.rows, int)
         return Tape(jnp.zeros((), int), rows, 0.0 * self.rtol, jnp.asarray(True), jnp.zeros(()))
 
-    def of_motion(self, elapsed: tuple[Scalar, ...]) -> "Steps":
+    def of_motion(self, elapsed: tuple[Scalar, ...], lost: LostTangents | None = None) -> "Steps":
         """See `Recorder`."""
         return Steps(self.problem, self.rtol, self.rows, elapsed)
 
@@ -111,19 +117,22 @@ class SaveAt(Recorder):
         problem: the equations; of a stiff motion without second derivatives.
         rtol: relative tolerance.
         elapsed: of a chain, the time since the lane began, with its tangents.
+        lost: of a motion of which some tangents are.
     """
 
-    def __init__(self, problem: LaneEquations, rtol: Scalar, elapsed: tuple[Scalar, ...] = ()) -> None:
-        self.problem, self.rtol = problem, rtol
+    def __init__(
+        self, problem: LaneEquations, rtol: Scalar, elapsed: tuple[Scalar, ...] = (), lost: LostTangents | None = None
+    ) -> None:
+        self.problem, self.rtol, self.lost = problem, rtol, lost
         self.elapsed = problem.equations.unpack(elapsed) if elapsed else None
 
     def begin(self) -> Saved:
         """See `Recorder`."""
         return Saved(jnp.zeros((), int), 0.0 * self.rtol)
 
-    def of_motion(self, elapsed: tuple[Scalar, ...]) -> "SaveAt":
+    def of_motion(self, elapsed: tuple[Scalar, ...], lost: LostTangents | None = None) -> "SaveAt":
         """See `Recorder`."""
-        return SaveAt(self.problem, self.rtol, elapsed)
+        return SaveAt(self.problem, self.rtol, elapsed, lost)
 
     def after_step(self, written: Saved, before: Lane, after: Lane) -> Saved:
         """With the states at the times up to the end of a trial, if the lane moved there."""
@@ -158,7 +167,8 @@ class SaveAt(Recorder):
 
     def _written(self, saved: Saved, t_stop: Scalar, at: Callable[[Scalar], EndTimeDependence]) -> Saved:
         def writes(saved: Saved) -> Saved:
-            numbers = self._numbers(at(self._time(saved.following)))
+            along = at(self._time(saved.following))
+            numbers = self._numbers(along if self.lost is None else self.lost.later(along))
             token = tapes.write(STATES, saved.token, saved.following * len(numbers), *numbers)
             return Saved(saved.following + 1, token)
 
@@ -194,7 +204,7 @@ class Events(Recorder):
         """See `Recorder`."""
         return EventLog(jnp.zeros((), int), lax.convert_element_type(self.rows, int), 0.0 * self.rtol)
 
-    def of_motion(self, elapsed: tuple[Scalar, ...]) -> "Events":
+    def of_motion(self, elapsed: tuple[Scalar, ...], lost: LostTangents | None = None) -> "Events":
         """See `Recorder`."""
         return Events(self.problem, self.rtol, self.rows, elapsed)
 

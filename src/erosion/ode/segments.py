@@ -14,6 +14,7 @@ from erosion.ode.event_location import Lane, Segment, all_finite, finish_step
 from erosion.ode.guards import Guard, guards_of
 from erosion.ode.horizon import Horizon, To
 from erosion.ode.lane_equations import LaneEquations
+from erosion.ode.lost_tangents import LostTangents
 from erosion.ode.motion import Augmented
 from erosion.ode.recorders import Recorder, recorders_of
 from erosion.ode.reduction import FlatState
@@ -59,7 +60,9 @@ class SegmentLoop:
             elapsed: the time since the chain began, with derivatives.
         """
         end = Horizon() if time_to_end is None else To(time_to_end, self.problem.clock.max_step)
-        recorders = [recorder.of_motion(elapsed) for recorder in self.recorders]
+        lost = LostTangents(self.problem, initial) if before is not None and self.problem.order else None
+        initial = initial if lost is None else lost.start
+        recorders = [recorder.of_motion(elapsed, lost) for recorder in self.recorders]
 
         def tries(at: tuple[Lane, Written]) -> tuple[Lane, Written]:
             lane, written = at
@@ -69,6 +72,8 @@ class SegmentLoop:
         start = self._start(initial, end, before), written
         lane, written = lax.while_loop(lambda at: step_control.goes_on(at[0].control), tries, start)
         motion, along = finish_step(self.problem, lane, time_to_end)
+        if lost is not None:
+            motion, along = lost.at_end(motion, along)
         written = [one.after_last_step(so_far, lane, motion) for one, so_far in zip(recorders, written, strict=True)]
         return motion, along, written
 

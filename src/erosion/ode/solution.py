@@ -364,7 +364,7 @@ class Solution(Result):
             sentences += self._going_forwards(has_result)
         for path, part in self.derivatives.items():
             by = " and ".join(map(_label, dict.fromkeys(path)))
-            none = has_result & np.isnan(part.t)
+            none = has_result & part.lacks(has_result.shape)
             stiff = np.count_nonzero(none & np.asarray(self.stiff)) if len(path) == 2 else 0
             if stiff:
                 sentences.append(
@@ -378,7 +378,7 @@ class Solution(Result):
                 root = "the argument of a root or a power vanishes, " if may_have_kinks(signature) else ""
                 at_end = "" if switches_of(signature) is None else "a break is exactly at the start or the end, "
                 sentences.append(
-                    f"The {'second' if len(path) == 2 else 'first'} derivatives by {by} are NaN in {lost:,} of "
+                    f"{'Second' if len(path) == 2 else 'First'} derivatives by {by} are NaN in {lost:,} of "
                     f"{self.title}: they do not exist there, {root}{at_end}"
                     f"{at_once}or cancellation leaves too few of their digits."
                 )

@@ -77,6 +77,12 @@ class Variational:
 
         return self.pack(self.of(start, ()))
 
+    @property
+    def shares(self) -> list[float]:
+        """Of their sizes: by so much a value and its tangents may differ from equal ones."""
+        firsts = [ALIKE[1]] * (2 if self.along_two else min(self.order, 1))
+        return [ALIKE[0], *firsts, *[ALIKE[2]] * (self.order == 2)]
+
     def rate(self, value_and_tangents: tuple[Augmented, ...]) -> tuple[Augmented, ...]:
         """The time derivative of a state."""
         return self.pack(self.of(lambda at, motion: motion.rate(at), value_and_tangents))
@@ -202,6 +208,10 @@ class EndTimeDependence(abc.ABC):
         """The same of its time derivative."""
 
     @abc.abstractmethod
+    def lacking(self, lost: tuple[Augmented, ...]) -> "EndTimeDependence":
+        """The same without the tangents that are lost, see `LostTangents`."""
+
+    @abc.abstractmethod
     def amplification(self, event: OfMotion, rate: Scalar, time: Scalar) -> Scalar:
         """How many times larger the relative errors of the event's time may be than those of the state."""
 
@@ -238,6 +248,11 @@ class AlongFlow(EndTimeDependence):
         """See `EndTimeDependence`."""
         return self.equations.of(_along_flow(function), self.value_and_tangents)
 
+    def lacking(self, lost: tuple[Augmented, ...]) -> "AlongFlow":
+        """See `EndTimeDependence`."""
+        state = jax.tree.map(jnp.add, self.value_and_tangents, lost)
+        return AlongFlow(self.equations, state, self.time_to_event)
+
     def curve(self, function: OfMotion) -> Any:
         """The second time derivative of a function's value."""
         here = self.equations.at(self.equations.parameters)
@@ -271,65 +286,131 @@ def at_event(
         outputs: what is wanted there, numbers.
         time_to_end: the time at which a lane without an event ends, with its derivatives.
         happening: of each event whether it happens there, and last whether that time has come. Any of these may come
-            first by a small change of a number: derivatives of the time in which they differ are NaN.
+            first by a small change of a number: derivatives in which they differ are NaN.
     """
-    each, order, function = jax.tree.map, along.equations.order, event_function(event)
+    each, equations = jax.tree.map, along.equations
+    order, function = equations.order, event_function(event)
     wanted, g_rate = along.here(outputs), along.rate(events_of)
     # Where no event ended the motion its time is given.
     amplification = along.amplification(function, of_event(event, g_rate.value, 1.0), time)
     if order == 0:
         return AtEvent(Derivatives(time, None, None, None), wanted, amplification)
     g, r = along.here(events_of), along.rate(outputs)
+    g_curve: Any = None
+    r_curve: Any = None
+    if order == 2:
+        assert isinstance(along, AlongFlow)
+        g_curve, r_curve = along.curve(events_of), along.curve(outputs)
 
-    def of_time(by_events: Sequence[Scalar], given: Scalar | None, share: float) -> Scalar:
-        """A derivative of the time, from those of all event functions."""
-        times = [-by / rate for by, rate in zip(by_events, g_rate.value, strict=True)]
-        found, others = of_event(event, times, 0.0), times
-        if given is not None:
-            found, others = jnp.where(event == ARRIVED, given, found), [*times, given]
-        for happens, other in zip(happening, others, strict=False):
-            found = jnp.where(happens & (differ(found, other, share, time) | jnp.isnan(other)), jnp.nan, found)
-        return found
+    def sizes(*terms: PyTree) -> PyTree:
+        """The greatest sizes of terms, and of the outputs."""
+        return each(lambda *parts: functools.reduce(jnp.maximum, map(jnp.abs, parts)), wanted.value, *terms)
 
-    t_first = of_time(g.by_first, time_to_end.by_first, ALIKE[1])
-    t_other = of_time(g.by_second, time_to_end.by_second, ALIKE[1])
-    v_first = each(lambda v, flow: v + flow * t_first, wanted.by_first, r.value)
-    v_other = each(lambda v, flow: v + flow * t_other, wanted.by_second, r.value)
-    if order == 1:
-        return AtEvent(
-            Derivatives(time, t_first, t_other, None), Derivatives(wanted.value, v_first, v_other, None), amplification
-        )
-    assert isinstance(along, AlongFlow)
-    g_curve, r_rate = along.curve(events_of), along.curve(outputs)
+    def ending(pick: _Pick) -> tuple[Derivatives, Derivatives, Derivatives, Scalar]:
+        """Derivatives of the time that is picked, and of the outputs there.
 
-    def chain(mixed: Scalar, first: Scalar, other: Scalar, curve: Scalar) -> list[Scalar]:
-        return [mixed, first * t_other, other * t_first, curve * t_first * t_other]
+        Also the sizes of the terms of the latter, and how much the second ones cancel.
+        """
 
-    bends = [sum(chain(*parts)) for parts in zip(g.mixed, g_rate.by_first, g_rate.by_second, g_curve, strict=True)]
-    t_second = of_time(bends, time_to_end.mixed, ALIKE[2])
-    # So flat a function leaves no digits of them.
-    t_second = jnp.where(amplification < _FLAT, t_second, jnp.nan)
-    parts = wanted.value, v_first, v_other, wanted.mixed, r.value, r.by_first, r.by_second, r_rate
-    v_second, worst = [], 1.0
-    for value, first, other, second, flow, flow_first, flow_other, curve in zip(
-        *map(jax.tree.leaves, parts), strict=True
-    ):
-        terms = [*chain(second, flow_first, flow_other, curve), flow * t_second]
-        v_second.append(sum(terms[1:], terms[0]))
-        # An output that is zero at its event by definition has the size of what it moves by until then.
-        sizes = (value, first, other, v_second[-1], flow * time)
-        cancelled = sum(map(jnp.abs, terms)) / functools.reduce(jnp.maximum, map(jnp.abs, sizes))
-        # What the event function fixes has no derivatives: all terms cancel, whatever the tolerance.
-        fixed = (jnp.abs(first) < _FIXED * jnp.abs(flow * t_first)) & (
-            jnp.abs(other) < _FIXED * jnp.abs(flow * t_other)
-        )
-        worst = jnp.maximum(worst, jnp.where(fixed, 1.0, cancelled))
-    v_second = jax.tree.unflatten(jax.tree.structure(wanted.value), v_second)
-    return AtEvent(
-        Derivatives(time, t_first, t_other, t_second),
-        Derivatives(wanted.value, v_first, v_other, v_second),
-        amplification * worst,
+        def time_of(by_events: Sequence[Scalar], given: Any) -> Scalar:
+            return pick([-by / rate for by, rate in zip(by_events, g_rate.value, strict=True)], given)
+
+        t_first, t_other = time_of(g.by_first, time_to_end.by_first), time_of(g.by_second, time_to_end.by_second)
+        v_first = each(lambda v, flow: v + _in_time(flow, t_first), wanted.by_first, r.value)
+        v_other = each(lambda v, flow: v + _in_time(flow, t_other), wanted.by_second, r.value)
+        of_firsts = sizes(wanted.by_first), sizes(wanted.by_second)
+        if order == 1:
+            times = Derivatives(time, t_first, t_other, None)
+            return times, Derivatives(wanted.value, v_first, v_other, None), Derivatives(None, *of_firsts, None), 1.0
+
+        def chain(mixed: Scalar, first: Scalar, other: Scalar, curve: Scalar) -> list[Scalar]:
+            both = _in_time(_in_time(curve, t_first), t_other)
+            return [mixed, _in_time(first, t_other), _in_time(other, t_first), both]
+
+        bends = [sum(chain(*parts)) for parts in zip(g.mixed, g_rate.by_first, g_rate.by_second, g_curve, strict=True)]
+        t_second = time_of(bends, time_to_end.mixed)
+        # So flat a function leaves no digits of them.
+        t_second = jnp.where(amplification < _FLAT, t_second, jnp.nan)
+        parts = wanted.value, v_first, v_other, wanted.mixed, r.value, r.by_first, r.by_second, r_curve
+        v_second, of_second, worst = [], [], 1.0
+        for value, first, other, second, flow, flow_first, flow_other, curve in zip(
+            *map(jax.tree.leaves, parts), strict=True
+        ):
+            terms = [*chain(second, flow_first, flow_other, curve), _in_time(flow, t_second)]
+            v_second.append(sum(terms[1:], terms[0]))
+            # An output that is zero at its event by definition has the size of what it moves by until then.
+            least = functools.reduce(jnp.maximum, map(jnp.abs, (value, first, other, v_second[-1], flow * time)))
+            of_second.append(sum(map(jnp.abs, terms)))
+            cancelled = of_second[-1] / least
+            # What the event function fixes has no derivatives: all terms cancel, whatever the tolerance.
+            fixed = (jnp.abs(first) < _FIXED * jnp.abs(flow * t_first)) & (
+                jnp.abs(other) < _FIXED * jnp.abs(flow * t_other)
+            )
+            worst = jnp.maximum(worst, jnp.where(fixed, 1.0, cancelled))
+        structure = jax.tree.structure(wanted.value)
+        v_second, of_second = (jax.tree.unflatten(structure, leaves) for leaves in (v_second, of_second))
+        outputs_there = Derivatives(wanted.value, v_first, v_other, v_second)
+        terms = Derivatives(None, *of_firsts, sizes(of_second))
+        return Derivatives(time, t_first, t_other, t_second), outputs_there, terms, worst
+
+    def that_ends(times: Sequence[Scalar], given: Any) -> Scalar:
+        found = of_event(event, times, 0.0)
+        return found if given is None else jnp.where(event == ARRIVED, given, found)
+
+    of_time, of_outputs, terms, cancelled = ending(that_ends)
+    amplification = amplification * cancelled if order == 2 else amplification
+    if not happening:
+        return AtEvent(of_time, of_outputs, amplification)
+    packed = [equations.pack(of_time), equations.pack(of_outputs)]
+    sizes_of = [[time] * (len(packed[0]) - 1), equations.pack(terms)[1:]]
+    lost = [[each(lambda _: jnp.asarray(False), member) for member in part[1:]] for part in packed]
+    for i, happens in enumerate(happening):
+        if i == len(g_rate.value) and time_to_end.value is None:
+            break
+        rivals = ending(functools.partial(_one_of, i))[:2]
+        happens = happens & (event != (i if i < len(g_rate.value) else ARRIVED))
+        for k, (one, other) in enumerate(zip(packed, map(equations.pack, rivals), strict=True)):
+            differing = unlike(one[1:], other[1:], sizes_of[k], equations.shares[1:])
+            lost[k] = each(lambda flag, differs, happens=happens: flag | (happens & differs), lost[k], differing)
+    times, results = (
+        equations.unpack((part[0], *without(part[1:], flags, order))) for part, flags in zip(packed, lost, strict=True)
     )
+    return AtEvent(times, results, amplification)
+
+
+_Pick = Callable[[Sequence[Scalar], Any], Scalar]
+"""One of the times of all events, or a given one at which a motion ends."""
+
+
+def _one_of(place: int, times: Sequence[Scalar], given: Any) -> Scalar:
+    return [*times, given][place]
+
+
+def _in_time(rate: Scalar, time: Scalar) -> Scalar:
+    """What a rate adds in a time; nothing where it is zero, even if the time is not known."""
+    return rate * jnp.where(rate == 0, 0.0, time)
+
+
+def unlike(
+    ones: Sequence[PyTree], others: Sequence[PyTree], sizes: Sequence[PyTree], shares: Sequence[float]
+) -> list[PyTree]:
+    """Of the tangents of a number whether two are unlike, relative to their sizes and others; or one is not known."""
+
+    def each(one: Scalar, other: Scalar, value: Scalar, share: float) -> Flag:
+        return differ(one, other, share, value) | jnp.isnan(one) | jnp.isnan(other)
+
+    return [
+        jax.tree.map(functools.partial(each, share=share), one, other, size)
+        for one, other, size, share in zip(ones, others, sizes, shares, strict=True)
+    ]
+
+
+def without(tangents: Sequence[PyTree], lost: Sequence[PyTree], order: int) -> list[PyTree]:
+    """Tangents without those that are lost: a second one is, where a first one is."""
+    if order == 2:
+        lost = [*lost[:-1], jax.tree.map(lambda *flags: functools.reduce(jnp.logical_or, flags), *lost)]
+    pairs = zip(tangents, lost, strict=True)
+    return [jax.tree.map(lambda u, gone: jnp.where(gone, jnp.nan, u), part, flags) for part, flags in pairs]
 
 
 def differ(one: Scalar, other: Scalar, share: float, size: Scalar) -> Flag:

@@ -33,7 +33,7 @@ from erosion.ode.methods.base import (
 from erosion.ode.methods.rosenbrock_steps import GAMMA, A, B, C, Rodas, Stages
 from erosion.ode.methods.sums import weighted
 from erosion.ode.methods.transposes import plus, transposed, zeros
-from erosion.ode.motion import OfMotion
+from erosion.ode.motion import Augmented, OfMotion
 from erosion.ode.reduction import FlatState
 from erosion.ode.step_control import ENDED, FIRST_STEP, NOT_BEGUN, TINY, ULPS, Control
 from erosion.ode.variational import Derivatives, EndTimeDependence
@@ -108,6 +108,11 @@ class LastStep(EndTimeDependence):
             return self.equations.of(function, self.problem.value_and_tangents(flat_state))
 
         return jax.jvp(of, (self.flat_state,), (self.rates,))[1]
+
+    def lacking(self, lost: tuple[Augmented, ...]) -> "LastStep":
+        """See `EndTimeDependence`."""
+        state: FlatState = list(map(jnp.add, self.flat_state, jax.tree.leaves(lost)))
+        return LastStep(self.method, state, self.rates, self.greatest)
 
     def amplification(self, event: OfMotion, rate: Scalar, time: Scalar) -> Scalar:
         """By how much more the event's time errs, relative to itself, than the state."""

@@ -24,7 +24,6 @@ import numpy as np
 from jax import lax
 
 from erosion.arguments import Flag, Number, Scalar
-from erosion.lanes.flatten import NotForLanesError, dependencies
 from erosion.ode.methods.sums import moved_by, total_by
 from erosion.ode.motion import Augmented, Motion
 from erosion.ode.reduction import FlatState
@@ -230,9 +229,8 @@ class Rodas:
 
     def __init__(self, problem: "LaneEquations") -> None:
         self.problem, self.width = problem, problem.width
-        self.pattern = _pattern(problem)
-        self.sparse = Sparse(self.pattern)
-        groups, sparse, width = columns_together(self.pattern), self.sparse, self.width
+        self.sparse = Sparse(problem.pattern)
+        groups, sparse, width = columns_together(problem.pattern), self.sparse, self.width
         equations_at = problem.equations_at
 
         def entries(at: Augmented, motion: Motion) -> list[Scalar]:
@@ -249,7 +247,7 @@ class Rodas:
 
                 ones = [jnp.ones(())] * len(group)
                 column = jax.jvp(moved, ([leaves[j] for j in group],), (ones,))[1]
-                known |= {(int(i), j): column[i] for j in group for i in np.flatnonzero(self.pattern[:, j])}
+                known |= {(int(i), j): column[i] for j in group for i in np.flatnonzero(problem.pattern[:, j])}
             return [known[place] for place in sparse.places]
 
         # Each is traced once for all the places where it is called.
@@ -332,17 +330,3 @@ def _solved_jvp(
     u = _solved(sparse, width, js, factors, d, rate)
     right = [moved - by_d * each for moved, each in zip(by_rate, u, strict=True)]
     return u, _solved(sparse, width, js, factors, d, right)
-
-
-def _pattern(problem: "LaneEquations") -> np.ndarray:
-    """Which rates of the motion itself may depend on which rows, by their arithmetic."""
-    width = problem.width
-    rows = [jax.ShapeDtypeStruct((), np.float64)] * width
-
-    def rate(rows: FlatState, parameters: Sequence[Number]) -> FlatState:
-        return jax.tree.leaves(problem.equations.at(parameters).rate(problem.value_and_tangents(rows)[0]))
-
-    try:
-        return dependencies(jax.make_jaxpr(rate)(rows, problem.signature.structs()))[:, :width]
-    except NotForLanesError:
-        return np.ones((width, width), bool)  # XLA may compute it all the same
