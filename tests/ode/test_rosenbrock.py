@@ -11,7 +11,8 @@ import pytest
 
 from benchmarks.ode_problems import MichaelisMenten
 from erosion import ode
-from erosion.ode.methods.rosenbrock_steps import A, Sparse, columns_together, least_fill
+from erosion.ode.methods.rodas5p import Rodas5P
+from erosion.ode.methods.rosenbrock_steps import Sparse, columns_together, least_fill
 
 STIFF: Any = {"method": "rosenbrock"}
 
@@ -275,4 +276,4 @@ def test_an_arrow_is_eliminated_without_fill() -> None:
     assert least_fill(arrow)[-1] == 0 or least_fill(arrow)[-2] == 0
     assert Sparse(arrow).size < Sparse(np.ones((5, 5), bool)).size / 2
     assert len(columns_together(np.eye(5, dtype=bool))) == 1
-    assert [len(row) for row in A] == [1, 2, 3, 4, 5, 6, 7]
+    assert [len(row) for row in Rodas5P.tableau.a] == [1, 2, 3, 4, 5, 6, 7]

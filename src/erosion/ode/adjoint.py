@@ -10,7 +10,7 @@ and its transpose, for the cotangents λ of y',
 
     k̄_i = h (b_i λ + Σ a_ji Ȳ_j),   Ȳ_i = f_y(Y_i)ᵀ k̄_i,   ȳ = λ + Σ Ȳ_i,   p̄ = Σ f_p(Y_i)ᵀ k̄_i.
 
-A step of the Rosenbrock method, of which `rosenbrock_steps` has the coefficients, solves W u_i = r_i with W = d - J(y),
+A step of the Rosenbrock method, of which `rodas5p` has the coefficients, solves W u_i = r_i with W = d - J(y),
 
     r_i = f(Y_i) + Σ c_ij u_j / h,   Y_i = y + Σ a_ij u_j,   y' = y + Σ b_i u_i,
 

@@ -141,10 +141,11 @@ def goes_back(signature: Signature, *, timed: bool = False) -> bool:
 
     JAX cannot go backwards through a `while_loop` of the rates. At a time the rates of a stiff motion have few digits.
     """
-    method = first_method(signature)
-    if may_have_kinks(signature) or signature.options.fires or (timed and method == "rosenbrock"):
+    signature = signature.wanting(method=first_method(signature))
+    options = signature.options
+    if may_have_kinks(signature) or options.fires or (timed and options.for_stiff):
         return False
-    return _is_traced(signature.wanting(method=method))
+    return _is_traced(signature)
 
 
 def going_forwards(signature: Signature, stiff: np.ndarray, *, timed: bool) -> np.ndarray:
@@ -184,7 +185,7 @@ def gradient(
     # What does not count is zero, whatever the lane did.
     counts = _counts(cotangents, at)
     known = counts & ~lost
-    stiff = ends.stiff | (signature.options.method == "rosenbrock")
+    stiff = ends.stiff & (signature.options.method == "auto")
     ways: list[tuple[_WayBack, np.ndarray]] = []
     forwards = known.copy()
     for method, those in ((first_method(signature), known & ~stiff), ("rosenbrock", known & stiff)):

@@ -169,11 +169,7 @@ def reduced_motion_of(signature: Signature) -> Callable[[Sequence[Number]], Moti
     A chain goes on from a whole state, and so keeps it; so does a state scale, which is given for it, and the method
     for stiff motions, whose Jacobian is sparse in the state as it is written.
     """
-    if (
-        any(signature.problem.resets())
-        or signature.options.state_scale is not None
-        or signature.options.method == "rosenbrock"
-    ):
+    if any(signature.problem.resets()) or signature.options.state_scale is not None or signature.options.for_stiff:
         return functools.partial(WholeMotion, signature)
     start = jax.make_jaxpr(lambda parameters: WholeMotion(signature, parameters).start())(signature.structs())
     number, integrals = jax.ShapeDtypeStruct((), np.float64), len(signature.problem.integrals)

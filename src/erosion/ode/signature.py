@@ -69,6 +69,15 @@ class Options(NamedTuple):
     records: bool = False
     logs: bool = False
 
+    @property
+    def for_stiff(self) -> bool:
+        """Whether the method is one for stiff motions."""
+        return self.method in FOR_STIFF
+
+
+FOR_STIFF = frozenset({"rosenbrock"})
+"""The methods for stiff motions: they take the state as it is written, whose Jacobian is sparse."""
+
 
 class Signature:
     """A problem and its arguments without the numbers. Equal signatures share a program.

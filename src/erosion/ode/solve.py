@@ -198,7 +198,7 @@ def solution(lanes: Lanes, names: Sequence[str], order: int, rtol: float, ts: np
     elapsed = np.reshape(value.t, lanes.size)
     t = lanes.signature.end_times(lanes.parameters, results.outcome, elapsed).reshape(lanes.shape)[()]
     times = None if ts is None or results.saved is None else _at_times(lanes, ts, t, results.saved, along)
-    stiff = np.full(lanes.size, lanes.signature.options.method == "rosenbrock")
+    stiff = np.full(lanes.size, lanes.signature.options.for_stiff)
     if results.stiff is not None:
         stiff = results.stiff > 0
     return Solution(

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from erosion.ode.methods.base import Method
 from erosion.ode.methods.dormand_prince import DormandPrince
-from erosion.ode.methods.rosenbrock import Rodas5P
+from erosion.ode.methods.rodas5p import Rodas5P
 
 if TYPE_CHECKING:
     from erosion.ode.lane_equations import LaneEquations

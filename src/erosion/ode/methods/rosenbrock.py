@@ -1,4 +1,4 @@
-"""Rodas5P for stiff motions: the first step, the error, and the end.
+"""Rosenbrock methods for stiff motions: the first step, the error, and the end.
 
 An explicit step may be as short as one likes. A step that is to damp what is stiff may not: so the last one begins
 where the one before it ended and reaches the event, with the length that Newton's method finds. At the event the rates
@@ -8,7 +8,7 @@ along the flow there, but by the length of the last step.
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +30,7 @@ from erosion.ode.methods.base import (
     Step,
     leaves_rest,
 )
-from erosion.ode.methods.rosenbrock_steps import GAMMA, A, B, C, Rodas, Stages
+from erosion.ode.methods.rosenbrock_steps import RosenbrockSteps, RosenbrockTableau, Stages
 from erosion.ode.methods.sums import weighted
 from erosion.ode.methods.transposes import plus, transposed, zeros
 from erosion.ode.motion import Augmented, OfMotion
@@ -48,7 +48,7 @@ _SMALL = 1e-100  # keeps a square above 0
 NEAR = 0.1  # of the last step: Newton's method moves its end by less
 _SHORTEST = 1e-14  # of the time scale: the last step of a lane that takes none
 BLURRED = 1e-2  # of itself, at the tightest tolerance: a time that errs by more is not known
-_POWER = 1.6  # an error of 5th order brought to the 8th, whose root the step control takes
+_EIGHTH = 8.0  # the order of which the step control takes the root
 
 
 class _LastStepSearch(NamedTuple):
@@ -80,7 +80,7 @@ class LastStep(EndTimeDependence):
         greatest: the greatest size so far of each of these rows.
     """
 
-    def __init__(self, method: "Rodas5P", flat_state: FlatState, rates: FlatState, greatest: FlatState) -> None:
+    def __init__(self, method: "Rosenbrock", flat_state: FlatState, rates: FlatState, greatest: FlatState) -> None:
         super().__init__(method.problem.equations)
         self.method, self.problem, self.flat_state, self.rates, self.greatest = (
             method,
@@ -132,12 +132,17 @@ class LastStep(EndTimeDependence):
         return jnp.maximum(1.0, jnp.where(rate * time == 0, 1.0, error / jnp.abs(rate * time)))
 
 
-class Rodas5P(Method):
-    """See `Method`."""
+class Rosenbrock(Method):
+    """Any Rosenbrock method.
+
+    Args:
+        tableau: its weights.
+    """
 
     # Where a motion is fast its second derivatives at a fixed time are huge, and those at an event their small
     # difference.
     derivatives = 1
+    tableau: ClassVar[RosenbrockTableau]
     foresees = False
     ending = ByTheLastStep()
 
@@ -148,7 +153,7 @@ class Rodas5P(Method):
                 'use the method "explicit", or say `smooth=True` where there are none.'
             )
         super().__init__(problem)
-        self.rodas = Rodas(problem)
+        self.steps = RosenbrockSteps(problem, self.tableau)
 
     def sizes_at_start(self, initial: FlatState, before: Segment | None) -> FlatState:
         """See `Method`: what a chain has had counts in all of it."""
@@ -157,11 +162,11 @@ class Rodas5P(Method):
     def tried(self, lane: Lane, scale: Scalar, rtol: Scalar) -> Step:
         """See `Method`."""
         h, before = lane.control.trial_length, lane.state
-        state, found = self.rodas.step(before, lane.slope, h)
+        state, found = self.steps.step(before, lane.slope, h)
         slope, events = self.problem.rate_and_events(state)
         apart = jnp.maximum(APART, NOISE / rtol) if self.problem.signature.problem.parameter_scale is None else 1.0
         error = self.error_of(lane.greatest, apart, (before, state), (lane.slope, slope), found, h, rtol)
-        return Step(state, slope, found, events, self.rodas.interior_samples(before, state, found), error)
+        return Step(state, slope, found, events, self.steps.interior_samples(before, state, found), error)
 
     def arrives(self, before: Control, after: Control, moved: Flag) -> tuple[Control, Flag]:
         """See `Method`: the step that arrives is the last one, which a lane ends with."""
@@ -197,7 +202,7 @@ class Rodas5P(Method):
         """A length in which little happens, but for numbers that are almost zero."""
         motion = zip(initial[: self.problem.width], slope, strict=False)
         times = [jnp.where(u == 0, jnp.inf, jnp.abs(u) / (jnp.abs(k) + TINY)) for u, k in motion]
-        own = zip(self.rodas.sparse.places, self.rodas.entries(initial), strict=True)
+        own = zip(self.steps.sparse.places, self.steps.entries(initial), strict=True)
         times += [1.0 / (jnp.abs(entry) + TINY) for (i, j), entry in own if i == j]
         return jnp.minimum(
             asked, jnp.maximum(_FIRST * functools.reduce(jnp.minimum, times, jnp.asarray(jnp.inf)), _SOONEST * scale)
@@ -234,7 +239,7 @@ class Rodas5P(Method):
             rtol: the tolerance.
         """
         before, after = states
-        width, places = self.problem.width, self.rodas.sparse.places
+        width, places = self.problem.width, self.steps.sparse.places
         terms: list[Scalar] = [0.0 * h for _ in range(width)]
         damped = [h for _ in range(width)]
         for (i, j), entry in zip(places, stages.entries, strict=True):
@@ -252,14 +257,14 @@ class Rodas5P(Method):
                 sizes[i] = jnp.maximum(jnp.maximum(jnp.abs(before[row]), jnp.abs(after[row])), sizes[i])
                 ends = (before[row], after[row]), (slopes[0][row], slopes[1][row])
                 size = jnp.where(leaves_rest(*ends, h, self.problem.time_scale), jnp.inf, sizes[i])
-                error = jnp.maximum(error, jnp.abs(stages.increments[row][-1]) / size)
+                error = jnp.maximum(error, jnp.abs(weighted(self.tableau.error, stages.increments[row])) / size)
             of_motion = of_motion if first else list(sizes)
         error = jnp.where(stages.sound, error / rtol, jnp.inf)
-        return jnp.exp(_POWER * jnp.log(error + 1e-30))
+        return jnp.exp(_EIGHTH / self.tableau.order * jnp.log(error + 1e-30))
 
     def last_step(self, state: FlatState, slope: FlatState, greatest: FlatState, h: Scalar) -> LastStep:
         """The step of a length, with its derivatives by that."""
-        at, rates = jax.jvp(lambda h: self.rodas.step(state, slope, h)[0], (h,), (jnp.ones(()),))
+        at, rates = jax.jvp(lambda h: self.steps.step(state, slope, h)[0], (h,), (jnp.ones(()),))
         return LastStep(self, at, rates, greatest)
 
     def step_of(self, state: FlatState, slope: FlatState, greatest: FlatState, passed: Scalar) -> LastStep:
@@ -328,14 +333,14 @@ class _Reverse(Reverse):
 
     def __init__(
         self,
-        method: Rodas5P,
+        method: Rosenbrock,
         rate: Callable[[list[Number], FlatState], FlatState],
         parameters: list[Number],
         every: Any,
     ) -> None:
-        self._method, self._rate, self._parameters, rodas = method, rate, parameters, method.rodas
-        self._entries = jax.jit(lambda parameters, flat_state: rodas.entries(flat_state, every(parameters)))
-        self._solve, self._solve_transposed = jax.jit(rodas.sparse.solve), jax.jit(rodas.sparse.solve_transposed)
+        self._method, self._rate, self._parameters, steps = method, rate, parameters, method.steps
+        self._entries = jax.jit(lambda parameters, flat_state: steps.entries(flat_state, every(parameters)))
+        self._solve, self._solve_transposed = jax.jit(steps.sparse.solve), jax.jit(steps.sparse.solve_transposed)
 
     def most(self, rtol: Scalar) -> Scalar:
         """See `Reverse`."""
@@ -349,13 +354,13 @@ class _Reverse(Reverse):
 
     def step(self, row: "Entry") -> BackStep:
         """The same by the Rosenbrock method; a motion that ends where it began takes no step."""
-        rodas, steps = self._method.rodas, row.length > 0
+        steps, tableau, takes = self._method.steps, self._method.tableau, row.length > 0
         inverse = 1.0 / length_of(row.length, self._method.problem.time_scale)
         entries, pull_entries = jax.vjp(self._entries, self._parameters, row.state)
-        factors = rodas.factors(entries, inverse * (1 / GAMMA))
+        factors = steps.factors(entries, inverse * (1 / tableau.gamma))
         slope: FlatState = []
         increments, pulls = [], []
-        for a, c in zip(((), *A), ((), *C), strict=True):
+        for a, c in zip(((), *tableau.a), ((), *tableau.c), strict=True):
             so_far = list(zip(*increments, strict=True)) or [()] * self._method.problem.width
             flat_state = [u + weighted(a, us) if a else u for u, us in zip(row.state, so_far, strict=True)]
             right, pull = jax.vjp(self._rate, self._parameters, flat_state)
@@ -368,7 +373,7 @@ class _Reverse(Reverse):
 
         def of_right(i: int, cotangents: FlatState, of_rights: dict[int, FlatState]) -> FlatState:
             later = range(i + 1, count)
-            others = [C[j - 1][i] for j in later]
+            others = [tableau.c[j - 1][i] for j in later]
             if others:
                 rights = ([of_rights[j][r] for j in later] for r in range(self._method.problem.width))
                 cotangents = [
@@ -378,20 +383,20 @@ class _Reverse(Reverse):
             return self._solve_transposed(factors, cotangents)
 
         def of_all(b: Sequence[float], after: FlatState) -> tuple[FlatState, list[Number]]:
-            total, gained, (of_rights, _) = transposed(self._parameters, b, A, after, pulls, of_right)
+            total, gained, (of_rights, _) = transposed(self._parameters, b, tableau.a, after, pulls, of_right)
             of_entries = [
                 sum((of_rights[k][i] * increments[k][j] for k in range(count)), jnp.zeros(()))
-                for i, j in rodas.sparse.places
+                for i, j in steps.sparse.places
             ]
             grads, of_state = pull_entries(of_entries)
             return plus(total, of_state), plus(gained, grads)
 
         def back(after: FlatState) -> tuple[FlatState, list[Number], FlatState]:
-            moved, gained = of_all(B, after)
+            moved, gained = of_all(tableau.b, after)
             # What is damped within the step is no error of what comes before: W^-T d takes it away.
-            errors = self._solve_transposed(factors, of_all((*[0.0] * (count - 1), 1.0), after)[0])
-            results = plus(after, moved), gained, [inverse * (1 / GAMMA) * e for e in errors]
+            errors = self._solve_transposed(factors, of_all(tableau.error, after)[0])
+            results = plus(after, moved), gained, [inverse * (1 / tableau.gamma) * e for e in errors]
             nothing = list(after), zeros(gained), zeros(after)
-            return jax.tree.map(functools.partial(jnp.where, steps), results, nothing)
+            return jax.tree.map(functools.partial(jnp.where, takes), results, nothing)
 
         return BackStep([], slope, back)

@@ -1,17 +1,13 @@
-"""Rodas5P: a Rosenbrock method of 5th order for stiff motions, for a lane's rows with their derivatives.
+"""Steps of Rosenbrock methods for stiff motions, for a lane's rows with their derivatives.
 
-A step of length h solves eight linear systems W u = r with one matrix W = 1/(hγ) - J, J the Jacobian of the rates. The
-method is L-stable: what is much faster than the step is damped, not resolved. Rows of derivatives have the same J on
-their diagonal, so one LU serves them all; what couples them to the rows before is J's own derivatives along the
-directions. Where the equations depend on time, time is one of the rows, and ∂f/∂t a column of J.
+A step of length h solves a linear system W u = r for each stage, with one matrix W = 1/(hγ) - J, J the Jacobian of the
+rates. Rows of derivatives have the same J on their diagonal, so one LU serves them all; what couples them to the rows
+before is J's own derivatives along the directions. Where the equations depend on time, time is one of the rows, and
+∂f/∂t a column of J.
 
 J is sparse: which entries may differ from zero is read from the arithmetic of the rates. The LU is written out for
 them, in Markowitz's order, without pivoting. A pivot that has cancelled makes the step fail, and a shorter one follows:
 its 1/(hγ) is greater.
-
-References:
-    G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks within the Julia
-    differential equations package, BIT Numer. Math. 63 (2023) 27, for the coefficients, in the form for u = γ k h.
 """
 
 import functools
@@ -32,48 +28,31 @@ from erosion.ode.variational import Direction
 if TYPE_CHECKING:
     from erosion.ode.lane_equations import LaneEquations
 
-GAMMA = 0.21193756319429014
-_LAST = (-7.502846399306121, 2.561846144803919, -11.627539656261098, -0.18268767659942256, 0.030198172008377946)
-A = (
-    (3.0,),
-    (2.849394379747939, 0.45842242204463923),
-    (-6.954028509809101, 2.489845061869568, -10.358996098473584),
-    (2.8029986275628964, 0.5072464736228206, -0.3988312541770524, -0.04721187230404641),
-    _LAST,
-    (*_LAST, 1.0),
-    (*_LAST, 1.0, 1.0),
-)
-"""Weights of the increments so far in the state of each stage after the first."""
-
-B = (*_LAST, 1.0, 1.0, 1.0)
-"""And in the step. The last increment is its difference from the embedded solution of 4th order."""
-
-C = (
-    (-14.155112264123755,),
-    (-17.97296035885952, -2.859693295451294),
-    (147.12150275711716, -1.41221402718213, 71.68940251302358),
-    (165.43517024871676, -0.4592823456491126, 42.90938336958603, -5.961986721573306),
-    (24.854864614690072, -3.0009227002832186, 47.4931110020768, 5.5814197821558125, -0.6610691825249471),
-    (30.91273214028599, -3.1208243349937974, 77.79954646070892, 34.28646028294783, -19.097331116725623,
-     -28.087943162872662),
-    (37.80277123390563, -3.2571969029072276, 112.26918849496327, 66.9347231244047, -40.06618937091002,
-     -54.66780262877968, -9.48861652309627),
-)  # fmt: skip
-"""Weights of the increments so far, over h, in the right side of each stage after the first."""
-
-H = (
-    (25.948786856663858, -2.5579724845846235, 10.433815404888879, -2.3679251022685204, 0.524948541321073,
-     1.1241088310450404, 0.4272876194431874, -0.17202221070155493),
-    (-9.91568850695171, -0.9689944594115154, 3.0438037242978453, -24.495224566215796, 20.176138334709044,
-     15.98066361424651, -6.789040303419874, -6.710236069923372),
-    (11.419903575922262, 2.8879645146136994, 72.92137995996029, 80.12511834622643, -52.072871366152654,
-     -59.78993625266729, -0.15582684282751913, 4.883087185713722),
-)  # fmt: skip
-"""Weights of the increments in the polynomial of 4th order within a step."""
-
 _LOOKS = (0.25, 0.75)  # of a step: where the events are asked for
 _MORE_LOOKS = (0.25, 0.56, 0.75)  # the same where they may move faster than the state
 _CANCELLED = 1e-13  # of its terms: a pivot this small has no digits
+
+
+class RosenbrockTableau(NamedTuple):
+    """Weights of a Rosenbrock method, in the form for u = γ k h.
+
+    Args:
+        gamma: γ.
+        a: of the increments so far in the state of each stage after the first.
+        c: of the same, over h, in the right side of each of these stages.
+        b: of the increments in the step.
+        error: and in its difference from the embedded solution.
+        interior: and in the polynomial within a step, beside the line between its ends: of each power.
+        order: of the difference, as a power of h.
+    """
+
+    gamma: float
+    a: tuple[tuple[float, ...], ...]
+    c: tuple[tuple[float, ...], ...]
+    b: tuple[float, ...]
+    error: tuple[float, ...]
+    interior: tuple[tuple[float, ...], ...]
+    order: float
 
 
 class Factors(NamedTuple):
@@ -208,7 +187,7 @@ class Stages(NamedTuple):
     """What a step has computed on its way.
 
     Args:
-        increments: eight of each row.
+        increments: of each row, one for each stage.
         rates: of each row, at the states of the stages.
         entries: of the Jacobian.
         sound: whether its LU is.
@@ -220,15 +199,16 @@ class Stages(NamedTuple):
     sound: Flag
 
 
-class Rodas:
+class RosenbrockSteps:
     """Steps of a lane's rows.
 
     Args:
         problem: the equations.
+        tableau: of the method.
     """
 
-    def __init__(self, problem: "LaneEquations") -> None:
-        self.problem, self.width = problem, problem.width
+    def __init__(self, problem: "LaneEquations", tableau: RosenbrockTableau) -> None:
+        self.problem, self.tableau, self.width = problem, tableau, problem.width
         self.sparse = Sparse(problem.pattern)
         groups, sparse, width = columns_together(problem.pattern), self.sparse, self.width
         equations_at = problem.equations_at
@@ -278,12 +258,12 @@ class Rodas:
         """The rows after a step; `rows` are those of the motion itself, or all."""
         whole = len(rows) > self.width
         inverse = 1.0 / h
-        d = inverse * (1 / GAMMA)
+        d = inverse * (1 / self.tableau.gamma)
         js = self._jacobians(self.problem.parameters, self.problem.places, rows, whole)
         factors = self.factors(js[0], lax.stop_gradient(d))
         rates: list[list[Scalar]] = [[k] for k in slope]
         increments: list[list[Scalar]] = [[u] for u in self._stage(js, factors, d, slope)]
-        for a, c in zip(A, C, strict=True):
+        for a, c in zip(self.tableau.a, self.tableau.c, strict=True):
             at = [moved_by(a, y, 1.0, us) for y, us in zip(rows, increments, strict=True)]
             rate = self.problem.rate(at) if whole else self.problem.motion_rate(at)
             for ks, k in zip(rates, rate, strict=True):
@@ -291,7 +271,7 @@ class Rodas:
             right = [moved_by(c, k, inverse, us) for k, us in zip(rate, increments, strict=True)]
             for us, u in zip(increments, self._stage(js, factors, d, right), strict=True):
                 us.append(u)
-        after = [moved_by(B, y, 1.0, us) for y, us in zip(rows, increments, strict=True)]
+        after = [moved_by(self.tableau.b, y, 1.0, us) for y, us in zip(rows, increments, strict=True)]
         return after, Stages(increments, rates, js[0], factors.sound)
 
     def interior_samples(self, before: FlatState, after: FlatState, stages: Stages) -> list[tuple[float, list[Scalar]]]:
@@ -301,8 +281,9 @@ class Rodas:
             rest = 1.0 - theta
             rows = []
             for y0, y1, us in zip(before[: self.width], after, stages.increments, strict=False):
-                k = [total_by(row)(us) for row in H]
-                rows.append(rest * y0 + theta * (y1 + rest * (k[0] + theta * (k[1] + theta * k[2]))))
+                *powers, highest = [total_by(row)(us) for row in self.tableau.interior]
+                bend = functools.reduce(lambda above, k: k + theta * above, reversed(powers), highest)
+                rows.append(rest * y0 + theta * (y1 + rest * bend))
             found.append((theta, self.problem.events(rows)))
         return found
 
