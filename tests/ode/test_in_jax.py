@@ -298,3 +298,37 @@ def test_jit_of_one_lane_and_of_times():
     inside = jax.jit(lambda args, ts: ode.solve(BALL, args, t1=10.0, ts=ts).ys)(ARGS, ts)
     close(inside, outside.ys)
     assert np.isnan(inside["y"][2])
+
+
+CHAOS = ode.Problem(  # Lorenz's equations; small errors grow, so lanes are integrated again
+    lambda args: jnp.array([1.0, args["k"], 20.0]),
+    lambda t, y, args: jnp.stack([10 * (y[1] - y[0]), y[0] * (28 - y[2]) - y[1], y[0] * y[1] - 8 / 3 * y[2]]),
+)
+STIFF = ode.Problem(
+    lambda args: {"y": args["k"]}, lambda t, y, args: {"y": -1e5 * args["k"] * (y["y"] - jnp.cos(t)) - jnp.sin(t)}
+)
+LOST = ode.Problem(lambda args: {"y": 0.5}, lambda t, y, args: {"y": jnp.where(args["k"] > 1.3, 1.0, jnp.nan)})
+TABLE = ode.Problem(lambda args: {"y": 0.0}, lambda t, y, args: {"y": args["k"] * jnp.sum(args["w"] ** 2)})
+
+
+@pytest.mark.parametrize(
+    ("problem", "times"),
+    [(BALL, None), (BALL, [0.1, 0.4]), (CHAOS, None), (STIFF, None), (LOST, None), (TABLE, None)],
+    ids=["plain", "times", "chaos", "stiff", "lost", "table"],
+)
+def test_one_lane_in_jit_has_the_bits_of_many(problem: ode.Problem, times: Any):
+    """Calls of a few lanes go another way; with derivatives, values and these come from one program."""
+
+    def everything(k: Any, h: Any) -> Any:
+        args = {"g": 9.81, "h": 1.5, "v": k, "k": k, "w": h * jnp.arange(500.0) if problem is TABLE else h}
+        end = ode.solve(problem, args, t1=5.0 if problem is CHAOS else 0.6, ts=times)
+        return end.t, end.y, end.ys if times else None, end.outcome, end.trials, end.inexact
+
+    def with_slopes(k: Any, h: Any) -> Any:
+        return everything(k, h), jax.jacfwd(lambda k, h: jax.tree.leaves(everything(k, h))[:2], (0, 1))(k, h)
+
+    ks, h = jnp.linspace(1.0, 1.6, 40), jnp.array(1.0)
+    many = jax.jit(jax.vmap(with_slopes, (0, None)))(ks, h)
+    one = jax.jit(with_slopes)
+    for i in (0, 17, 39):
+        alike(one(ks[i], h), jax.tree.map(lambda part, i=i: part[i], many))

@@ -8,7 +8,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -77,6 +77,28 @@ class _Code(NamedTuple):
     numbers: int
     is_repeatable: bool  # not where it reads a tape that it writes
     unused: list[_Memory]
+
+
+class PreparedCall(NamedTuple):
+    """A call of some lanes that is made often: its memory is laid out once. One thread may use it at a time.
+
+    Args:
+        inputs: float64, of shape (lanes, …) each, to be filled before it runs.
+        results: the pytree of results, arrays of shape (lanes, …), which it fills.
+        code: of the function.
+        addresses: of the other arguments of the code, see `vector_ir`.
+        memory: which the addresses are of.
+    """
+
+    inputs: list[np.ndarray]
+    results: PyTree
+    code: MachineCode
+    addresses: tuple[int, ...]
+    memory: tuple[Any, ...]
+
+    def run(self) -> None:
+        """Compute the results of the inputs; a signal's handler may interrupt it, see `Lanewise.run`."""
+        Interruptible(is_long=False).run(functools.partial(self.code.run, *self.addresses), self)
 
 
 class Lanewise:
@@ -222,6 +244,20 @@ class Lanewise:
             for result, own in zip(results, memory.results, strict=True):
                 result[order[0]] = own
         chosen.unused.append(memory)
+
+    def prepared(self, lanes: int) -> PreparedCall:
+        """A call for some lanes of a function without tapes and large arrays, which lanes may share or not."""
+        assert not self._tapes
+        assert not any(self.large)
+        inputs = [np.empty((lanes, *shape)) for shape in self.inputs]
+        results, order = [np.empty((lanes, *shape), dtype) for shape, dtype in self.outputs], np.arange(lanes)
+        memory = _Memory(self._shared.rows, self._width, self._shared.numbers, self.outputs, 0)
+        of_inputs = self._with_inputs(memory, inputs, [False] * len(inputs), are_large_shared=True)
+        of_results = self._places_of(results, 0)
+        begin, fill, put = memory.inputs.ctypes.data, of_inputs.ctypes.data, of_results.ctypes.data
+        addresses = (begin, fill, len(of_inputs), order.ctypes.data, lanes, put)
+        made = jax.tree.unflatten(self.structure, results)
+        return PreparedCall(inputs, made, self._shared.code, addresses, (memory, of_inputs, of_results, order))
 
     def _with_inputs(
         self, memory: _Memory, leaves: Sequence[np.ndarray], together: Sequence[bool], *, are_large_shared: bool

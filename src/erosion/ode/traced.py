@@ -8,7 +8,7 @@ Python directly: `jax.pure_callback` puts each number on a device and takes it b
 import functools
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -20,12 +20,15 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 from erosion.arguments import Number
+from erosion.lanes.flatten import is_large
 from erosion.ode.batch import compile_ahead, integrate, integrate_along
 from erosion.ode.ensemble import Lanes, named_events, shaped
 from erosion.ode.event_log import Passed, passed
 from erosion.ode.gradient import AtTimes, ends_of, gradient, is_worth, keep, summed
 from erosion.ode.integrator import LaneEnd
+from erosion.ode.methods import METHODS
 from erosion.ode.problem import TracedProblem
+from erosion.ode.prompt import FEW, PromptCalls
 from erosion.ode.signature import Clock, Signature
 from erosion.ode.solution import INEXACT, Solution, Times
 
@@ -169,7 +172,10 @@ def traced_end(signature: Signature, rtol: float, parameters: Sequence[Number]) 
 
 
 def _ends(wanted: WantedOutputs, axes: int, along: _Along, parameters: Sequence[Any]) -> list[Array]:
-    """The row of each lane and its codes; or its derivatives, shape (…, rows) and one axis for each of `along`."""
+    """The row of each lane and its codes, and its first derivatives, shape (…, rows, elements); or second ones alone.
+
+    These have one more axis.
+    """
     directions = len(_places(along)[0]) if along else 0
     compile_ahead(wanted.signature, len(along), directions, timed=wanted.times > 0, logs=wanted.events > 0)
     return _end.bind(*parameters, wanted=wanted, axes=axes, along=along)
@@ -189,50 +195,107 @@ def _leading(axes: int, arrays: Sequence[Any]) -> tuple[int, ...]:
 
 
 def _shapes_of_ends(*parameters: Any, wanted: WantedOutputs, axes: int, along: _Along) -> list[ShapedArray]:
-    leading = _leading(axes, parameters)
-    if along:
-        return [ShapedArray((*leading, wanted.rows, *map(len, along)), np.dtype(np.float64))]
-    codes = ShapedArray((*leading, wanted.codes), np.dtype(np.int32))
-    return [ShapedArray((*leading, wanted.rows), np.dtype(np.float64)), codes]
+    leading, real, whole = _leading(axes, parameters), np.dtype(np.float64), np.dtype(np.int32)
+    values = [ShapedArray((*leading, wanted.rows), real), ShapedArray((*leading, wanted.codes), whole)]
+    slopes = [ShapedArray((*leading, wanted.rows, *map(len, along)), real)] if along else []
+    return slopes if len(along) == 2 else values + slopes
 
 
-def _ends_on_host(*given: np.ndarray, wanted: WantedOutputs, axes: int, along: _Along) -> list[np.ndarray]:
-    """`_ends` by the batch."""
-    signature, rtol, batch = wanted.signature.renewed(), wanted.rtol, _leading(axes, given)
-    lanes = math.prod(batch)
-    parameters = [
-        array.reshape(shape)
-        if math.prod(array.shape[:axes]) == 1
-        else np.broadcast_to(array, (*batch, *shape)).reshape(lanes, *shape)
-        for array, shape in zip(given, wanted.shapes, strict=True)
-    ]
-    times = parameters.pop() if wanted.times else None
-    if not along:
-        end = integrate(signature, parameters, lanes, 0, (), rtol, times=times, events=wanted.events)
-        keep(signature, parameters, end, rtol)
-        vector = np.array(end.quantities.value).T
-        codes = np.zeros((lanes, wanted.codes), np.int32)
-        for i, code in enumerate(_codes(end, rtol)):
+class _EndsOnHost:
+    """`_ends` by the batch, or for a few lanes by calls that are prepared.
+
+    Args:
+        wanted, axes, along: see `_ends`.
+    """
+
+    def __init__(self, *, wanted: WantedOutputs, axes: int, along: _Along) -> None:
+        self._wanted, self._axes, self._along, self._codes = wanted, axes, along, wanted.codes
+        self._places = np.array(_places(along), float).T if along else np.empty((0, 1))
+        options = wanted.signature.options
+        self._is_plain = not (wanted.times or wanted.events or options.records)
+        self._is_plain &= len(along) <= METHODS[options.method].derivatives
+        self._is_plain &= not any(is_large(ShapedArray(shape, np.dtype(float))) for shape in wanted.shapes)
+        self._signature, self._prompt = wanted.signature, dict[int, PromptCalls]()
+
+    def __call__(self, *given: np.ndarray) -> list[np.ndarray]:
+        """What `_ends` gives for these numbers."""
+        signature, wanted, batch = self._wanted.signature.renewed(), self._wanted, _leading(self._axes, given)
+        lanes = math.prod(batch)
+        parameters = [
+            array.reshape(shape)
+            if math.prod(array.shape[: self._axes]) == 1
+            else np.broadcast_to(array, (*batch, *shape)).reshape(lanes, *shape)
+            for array, shape in zip(given, wanted.shapes, strict=True)
+        ]
+        made = self._promptly(signature, lanes, parameters) or self._by_batch(signature, lanes, parameters)
+        return [part.reshape(*batch, *part.shape[1:]) for part in made]
+
+    def _promptly(self, signature: Signature, lanes: int, parameters: list[np.ndarray]) -> list[np.ndarray] | None:
+        """The results of a few lanes, if none is doubtful."""
+        if (
+            lanes * self._places.shape[1] > FEW
+            or self._wanted.times
+            or self._wanted.events
+            or signature.options.records
+        ):
+            return None
+        if signature is not self._signature:
+            self._signature, self._prompt = signature, {}
+        if lanes not in self._prompt:
+            self._prompt[lanes] = PromptCalls(signature, len(self._along), self._places, lanes)
+        return self._prompt[lanes].run(parameters, self._wanted.rtol, self._read)
+
+    def _by_batch(self, signature: Signature, lanes: int, parameters: list[np.ndarray]) -> list[np.ndarray]:
+        """The results of lanes by `integrate`."""
+        wanted, rtol, order = self._wanted, self._wanted.rtol, len(self._along)
+        times = parameters.pop() if wanted.times else None
+        if not order:
+            end = integrate(signature, parameters, lanes, 0, (), rtol, times=times, events=wanted.events)
+            keep(signature, parameters, end, rtol)
+            return self._read(end, end)
+        end = integrate_along(
+            signature, parameters, lanes, order, self._places, rtol, times=times, events=wanted.events
+        )
+        outside: Any = False
+        if times is not None:
+            outside = times.reshape(-1, 1, wanted.times) < np.reshape(signature.clock(parameters).t0, (-1, 1, 1))
+        elif wanted.events:
+            outside = np.arange(wanted.events) >= end.count[..., None]
+        return self._read(jax.tree.map(lambda part: part[:, 0], end), end, outside)
+
+    def _read(self, first: LaneEnd, end: LaneEnd, outside: Any = False) -> list[np.ndarray]:
+        """The rows of lanes and their codes, and derivatives.
+
+        Args:
+            first: results, shape (lanes,); of several directions the first.
+            end: results, shape (lanes, directions).
+            outside: which times, or events, are none of the lane.
+        """
+        made = [] if len(self._along) == 2 else self._values(first)
+        if not self._along:
+            return made
+        kind = _KINDS[len(self._along)]
+        slopes = np.stack([getattr(end.time, kind), *getattr(end.outputs, kind)], 1)
+        if end.saved is not None:
+            # What comes before a lane's start, after its end or last event is no number, and has no cotangents.
+            outside = outside | ~np.isfinite(_parted(self._wanted, end.saved[:, :, :, 0])[1]).all(-1)
+            saved = np.where(outside[..., None], 0.0, _parted(self._wanted, end.saved[:, :, :, -1])[1])
+            saved = np.moveaxis(saved, 1, -1).reshape(len(slopes), -1, slopes.shape[-1])
+            slopes = np.concatenate([slopes, saved], 1)
+        return [*made, slopes.reshape(*slopes.shape[:2], *map(len, self._along))]
+
+    def _values(self, end: LaneEnd) -> list[np.ndarray]:
+        """The row of each lane and its codes."""
+        wanted = self._wanted
+        vector = np.array([end.time.value, *end.outputs.value]).T
+        codes = np.zeros((len(vector), self._codes), np.int32)
+        for i, code in enumerate(_codes(end, wanted.rtol)):
             codes[:, i] = code
         if end.saved is not None:
             of_events, saved = _parted(wanted, end.saved[:, :, 0])
-            vector = np.concatenate([vector, saved.reshape(lanes, -1)], -1)
-            codes[:, wanted.codes - of_events[0].size :] = np.nan_to_num(of_events).reshape(lanes, -1)
-        return [vector.reshape(*batch, -1), codes.reshape(*batch, -1)]
-    places = np.array(_places(along), float).T
-    end = integrate_along(signature, parameters, lanes, len(along), places, rtol, times=times, events=wanted.events)
-    slopes = np.stack(getattr(end.quantities, _KINDS[len(along)]), 1)
-    if end.saved is not None:
-        # What comes before a lane's start, after its end or last event is no number, and has no cotangents.
-        outside = ~np.isfinite(_parted(wanted, end.saved[:, :, :, 0])[1]).all(-1)
-        if times is not None:
-            t0 = np.reshape(signature.clock(parameters).t0, (-1, 1, 1))
-            outside |= times.reshape(-1, 1, wanted.times) < t0
-        else:
-            outside |= np.arange(wanted.events) >= end.count[..., None]
-        saved = np.where(outside[..., None], 0.0, _parted(wanted, end.saved[:, :, :, -1])[1])
-        slopes = np.concatenate([slopes, np.moveaxis(saved, 1, -1).reshape(lanes, -1, places.shape[1])], 1)
-    return [slopes.reshape(*batch, -1, *map(len, along))]
+            vector = np.concatenate([vector, saved.reshape(len(vector), -1)], -1)
+            codes[:, self._codes - of_events[0].size :] = np.nan_to_num(of_events).reshape(len(vector), -1)
+        return [vector, codes]
 
 
 def _parted(wanted: WantedOutputs, saved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -252,22 +315,36 @@ def _ends_jvp(
     moving = tuple(i for i, (rate, dtype) in pairs if dtype == "float64" and type(rate) is not ad.Zero)
     elements, moved = _elements(wanted.signature, moving), [rates[i] for i in moving]
     back = not along and not wanted.events and is_worth(wanted.signature, len(elements))
-    made = _ends(
-        wanted._replace(signature=wanted.signature.wanting(records=True)) if back else wanted, axes, along, parameters
-    )
-    change = jnp.zeros(made[0].shape)
+    changes = []
     if back:
-        change = _push.bind(*parameters, *moved, wanted=wanted._replace(moving=moving), axes=axes)
+        made = _ends(wanted._replace(signature=wanted.signature.wanting(records=True)), axes, along, parameters)
+        changes = [_push.bind(*parameters, *moved, wanted=wanted._replace(moving=moving), axes=axes)]
     elif elements:
-        (slopes,) = _ends(wanted, axes, (*along, elements), parameters)
-        change = _product(slopes, _flat(axes, moved), axes)
+        # One program has values and first derivatives.
+        made = _ends(wanted, axes, along or (elements,), parameters)
+        of_values = made if along in ((), (elements,)) else _ends(wanted, axes, (elements,), parameters)
+        slopes = [of_values[-1], *(_ends(wanted, axes, (*along, elements), parameters) if along else [])]
+        made, changes = made[: 2 + len(along)], [_product(each, _flat(axes, moved), axes) for each in slopes]
+    else:
+        made = _ends(wanted, axes, along, parameters)
+        changes = [jnp.zeros(each.shape) for each in (made[0], *made[2:])]
     if wanted.times and type(rates[-1]) is not ad.Zero:
-        leading, (rows, *rest) = change.shape[:axes], change.shape[axes:]
-        of_rows = jnp.repeat(jnp.broadcast_to(rates[-1], (*leading, wanted.times)), wanted.signature.rows - 1, axis=-1)
-        of_rows = jnp.concatenate([jnp.zeros((*leading, wanted.signature.rows)), of_rows], axis=-1)
-        slopes = jnp.broadcast_to(_ending_at_times(wanted, axes, along, parameters), (*leading, rows, *rest))
-        change = change + _product(slopes[..., None], of_rows[..., None], axes + 1)
-    return made, [change, *(ad.Zero(ShapedArray(codes.shape, jax.dtypes.float0)) for codes in made[1:])]
+        changes = [
+            change + _along_times(wanted, axes, along[:i], parameters, rates[-1], change.shape)
+            for i, change in enumerate(changes)
+        ]
+    return made, [changes[0], ad.Zero(ShapedArray(made[1].shape, jax.dtypes.float0)), *changes[1:]]
+
+
+def _along_times(
+    wanted: WantedOutputs, axes: int, along: _Along, parameters: Sequence[Any], rates: Any, shape: tuple[int, ...]
+) -> Array:
+    """The tangents of outputs at times, or of their derivatives, with the times alone; of this shape."""
+    leading, (rows, *rest) = shape[:axes], shape[axes:]
+    of_rows = jnp.repeat(jnp.broadcast_to(rates, (*leading, wanted.times)), wanted.signature.rows - 1, axis=-1)
+    of_rows = jnp.concatenate([jnp.zeros((*leading, wanted.signature.rows)), of_rows], axis=-1)
+    slopes = jnp.broadcast_to(_ending_at_times(wanted, axes, along, parameters), (*leading, rows, *rest))
+    return _product(slopes[..., None], of_rows[..., None], axes + 1)
 
 
 def _ending_at_times(wanted: WantedOutputs, axes: int, along: _Along, parameters: Sequence[Any]) -> Array:
@@ -291,7 +368,7 @@ def _ending_at_times(wanted: WantedOutputs, axes: int, along: _Along, parameters
     clock = signature.clock(ending)
     within = (times >= clock.t0) & (times <= clock.t1)
     ending[place] = jnp.where(within, times, clock.t1)
-    (slopes,) = _ends(wanted._replace(times=0), axes + 1, (*along, (of_t1,)), ending)
+    *_, slopes = _ends(wanted._replace(times=0), axes + 1, (*along, (of_t1,)), ending)
     slopes = lax.slice_in_dim(slopes[..., 0], 1, None, axis=axes + 1)
     if along:
         # A given time does not change with the lane's own end.
@@ -372,7 +449,7 @@ def _push_forwards(*arrays: Any, wanted: WantedOutputs, axes: int) -> Array:
 
 def _slopes_of(wanted: WantedOutputs, axes: int, parameters: Sequence[Any]) -> Array:
     """The derivatives forwards by what moves, shape (…, rows, elements)."""
-    return _ends(wanted._replace(moving=()), axes, (_elements(wanted.signature, wanted.moving),), parameters)[0]
+    return _ends(wanted._replace(moving=()), axes, (_elements(wanted.signature, wanted.moving),), parameters)[-1]
 
 
 def _pull_forwards(*arrays: Any, wanted: WantedOutputs, axes: int, shapes: tuple[tuple[int, ...], ...]) -> list[Array]:
@@ -512,19 +589,57 @@ def _pull_transposed(
     return [None] * len(parameters) + [made.sum(same, keepdims=True)]
 
 
-def _emitted(primitive: Primitive, on_host: Callable[..., list[np.ndarray]]) -> None:
-    """Let a primitive be computed by a function of arrays."""
+_host = Primitive("erosion_host")
+_host.def_abstract_eval(lambda numbers, *, call, size: ShapedArray((size,), np.dtype(np.float64)))
+
+
+def _host_lowered(ctx: mlir.LoweringRuleContext, numbers: Any, *, call: Callable[..., Any], size: int) -> Sequence[Any]:
+    takes, gives = cast("list[list[ShapedArray]]", [ctx.avals_in, ctx.avals_out])
+    return mlir.emit_python_callback(ctx, call, None, [numbers], takes, gives, has_side_effect=False)[0]
+
+
+mlir.register_lowering(_host, _host_lowered)
+
+
+def _emitted(
+    primitive: Primitive,
+    shapes: Callable[..., Sequence[ShapedArray]],
+    on_host: Callable[..., Callable[..., list[np.ndarray]]],
+) -> None:
+    """Let a primitive be computed by a function of arrays, which `on_host` makes of the primitive's parameters.
+
+    Within a program there is one array of all numbers each way: each costs as much time as ten steps of a lane.
+    """
 
     def now(*arrays: Any, **params: Any) -> list[Array]:
-        return [jnp.asarray(made) for made in on_host(*map(np.asarray, arrays), **params)]
+        return [jnp.asarray(made) for made in on_host(**params)(*map(np.asarray, arrays))]
 
-    def lowered(ctx: mlir.LoweringRuleContext, *arrays: Any, **params: Any) -> Sequence[Any]:
-        call = functools.partial(on_host, **params)
-        takes, gives = cast("list[list[ShapedArray]]", [ctx.avals_in, ctx.avals_out])
-        return mlir.emit_python_callback(ctx, call, None, arrays, takes, gives, has_side_effect=False)[0]
+    def together(*arrays: Any, **params: Any) -> list[Array]:
+        function, made = on_host(**params), shapes(*arrays, **params)
+        taken = [(array.shape, np.dtype(array.dtype)) for array in arrays]
+        where, _ = _slices(shape for shape, _ in taken)
+
+        def call(numbers: np.ndarray) -> list[np.ndarray]:
+            given = [
+                numbers[place].reshape(shape).astype(dtype, copy=False)
+                for place, (shape, dtype) in zip(where, taken, strict=True)
+            ]
+            return [np.concatenate([part.ravel() for part in function(*given)], dtype=float)]
+
+        flat = jnp.concatenate([jnp.ravel(array).astype(float) for array in arrays])
+        parts, size = _slices(each.shape for each in made)
+        found = _host.bind(flat, call=call, size=size)
+        return [found[part].reshape(each.shape).astype(each.dtype) for part, each in zip(parts, made, strict=True)]
 
     primitive.def_impl(now)
-    mlir.register_lowering(primitive, lowered)
+    primitive.def_abstract_eval(shapes)
+    mlir.register_lowering(primitive, mlir.lower_fun(together, multiple_results=True))
+
+
+def _slices(shapes: Iterable[tuple[int, ...]]) -> tuple[list[slice], int]:
+    """Where arrays of these shapes are that follow each other, and where the last ends."""
+    ends = [0, *itertools.accumulate(map(math.prod, shapes))]
+    return [slice(*both) for both in itertools.pairwise(ends)], ends[-1]
 
 
 def _composed(primitive: Primitive, function: Callable[..., Any]) -> None:
@@ -533,16 +648,16 @@ def _composed(primitive: Primitive, function: Callable[..., Any]) -> None:
     mlir.register_lowering(primitive, mlir.lower_fun(function, multiple_results=primitive.multiple_results))
 
 
-_emitted(_end, _ends_on_host)
-_emitted(_pull, _pulled_on_host)
+_emitted(_end, _shapes_of_ends, _EndsOnHost)
+_emitted(
+    _pull,
+    lambda *arrays, wanted, axes, shapes: [ShapedArray(shape, np.dtype(np.float64)) for shape in shapes],
+    functools.partial(functools.partial, _pulled_on_host),
+)
 _composed(_push, _push_forwards)
 _composed(_times, _multiplied)
-_end.def_abstract_eval(_shapes_of_ends)
 _push.def_abstract_eval(
     lambda *arrays, wanted, axes: ShapedArray((*_leading(axes, arrays), wanted.rows), np.dtype(np.float64))
-)
-_pull.def_abstract_eval(
-    lambda *arrays, wanted, axes, shapes: [ShapedArray(shape, np.dtype(np.float64)) for shape in shapes]
 )
 _times.def_abstract_eval(lambda matrix, vector: ShapedArray(matrix.shape[:-1], np.dtype(np.float64)))
 for primitive, batched in (
