@@ -12,7 +12,7 @@ import pytest
 
 from erosion.ode.outputs import StateOutputs
 from erosion.ode.problem import Event, Problem
-from erosion.ode.reduction import WholeMotion, reduced_motion_of
+from erosion.ode.reduction import WholeMotion, are_affine, reduced_motion_of
 from erosion.ode.resolve import Nodes, Ruler, Scan, is_jump, scan
 from erosion.ode.signature import Options
 from erosion.ode.solve import solve
@@ -245,3 +245,9 @@ def test_a_change_of_outcome_that_a_tighter_tolerance_does_not_confirm_is_kept_a
     assert np.array_equal(scanned.unresolved, [1, 1, 1])
     changes = scanned.narrow.outcome_changes
     assert np.sort(scanned.narrow.middle[changes]) == pytest.approx(PLACES, abs=3e-8)
+
+
+@pytest.mark.parametrize(("moves", "affine"), [([True, False], True), ([True, True], False)])
+def test_a_choice_by_what_does_not_move_is_affine(moves, affine):
+    jaxpr = jax.make_jaxpr(lambda x, mode: jnp.where(mode > 0.5, 3.0 - x, x - 3.0))(1.0, 1.0).jaxpr
+    assert are_affine(jaxpr, moves) == [affine]

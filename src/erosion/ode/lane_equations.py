@@ -128,6 +128,10 @@ class LaneEquations:
         except NotForLanesError:
             return np.ones((self.width, self.width), bool)  # XLA may compute it all the same
 
+    def without_rest(self, slope: FlatState) -> FlatState:
+        """Slopes, which are the number 0 for rows that do not move: what is computed with it needs no operation."""
+        return [k if self._moves[i % self.width] else np.zeros(()) for i, k in enumerate(slope)]
+
     def operands(self, which: OfOperation) -> Callable[[FlatState], list[Scalar]]:
         """The values of some operands in the rates of the motion itself, such as divisors; see `kinks`."""
 

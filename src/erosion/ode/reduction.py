@@ -368,7 +368,12 @@ def _degrees(jaxpr: Jaxpr, degree: dict[Any, int]) -> list[int]:
         inner, made = equation.params.get("jaxpr"), [2 if any(inputs) else 0] * len(equation.outvars)
         if any(inputs) and isinstance(inner, ClosedJaxpr) and name in ("jit", "pjit"):
             made = _degrees(inner.jaxpr, dict(zip(inner.jaxpr.invars, inputs, strict=True)))
-        elif name in _AFFINE or (name == "mul" and not all(inputs)) or (name == "div" and not inputs[1]):
+        elif (
+            name in _AFFINE
+            or (name == "mul" and not all(inputs))
+            or (name == "div" and not inputs[1])
+            or (name == "select_n" and not inputs[0])
+        ):
             made = [max(inputs)] * len(equation.outvars)
         degree |= zip(equation.outvars, made, strict=True)
     return [of(atom) for atom in jaxpr.outvars]

@@ -148,6 +148,7 @@ class SegmentLoop:
         """Try one step, and decide what follows."""
         problem, method, before = self.problem, self.method, lane.control
         guarded = list(zip(self.guards, lane.memories, strict=True))
+        lane = lane._replace(slope=problem.without_rest(lane.slope))
         scale = problem.scale_near(before.step, FIRST_STEP)
         step = method.tried(lane, scale, self.rtol)
         # Events may be NaN where the motion is not: 0·NaN is NaN, and an error too.
