@@ -25,8 +25,8 @@ from erosion.parameters import (
 
 COURSES: Mapping[str, Course] = {"scenario": SCENARIO, "numerics": NUMERICS}
 
-_MOST = 1e300  # times the answer; beyond it there is no number to say
 _NEAR = 0.05  # of the answer: the method is right, and its error is still too large
+_CLOSE = 0.01
 
 SLIPS = (
     (180 / math.pi, "It is right in degrees; give radians."),
@@ -44,7 +44,7 @@ class Verdict:
 
     Args:
         right: whether the answer is within the tolerance.
-        sentence: how far off it is, and what to look at.
+        sentence: roughly how far off it is, and what to look at.
         points: reached by it.
     """
 
@@ -79,7 +79,7 @@ class AnswerKey:
     """The answers to the tasks of `erosion exercise`, computed from the case.
 
         key = erosion.AnswerKey(erosion.TABLE_1)
-        print(key.check("t_c", 4.9e-5))  # t_c: 26 % below the answer. It is to be the time at which the cut ends.
+        print(key.check("t_c", 4.9e-5))  # t_c: It is more than 5 % below the answer. …
 
     Args:
         p: the case, all scalars. Its own spin is left aside.
@@ -132,7 +132,7 @@ class AnswerKey:
             answer: a number in the units of the case, angles in radians; `...` where there is none yet.
 
         Returns:
-            Whether it is right, and in one or two sentences how far off it is.
+            Whether it is right, and in one or two sentences roughly how far off it is.
 
         Raises:
             ValueError: for a name that is no task, and for an answer that is no single finite number, or has a unit.
@@ -158,7 +158,7 @@ class AnswerKey:
         if slip := asked.slip(self.p, given) or self._slip(ratio, asked):
             return slip
         hint = asked.hint if abs(ratio - 1) <= _NEAR else f"It is to be {asked.asks}."
-        return f"{self._how_far(ratio)} {hint}"
+        return f"{_how_far(ratio)} {hint}"
 
     def _slip(self, ratio: float, asked: Task) -> str:
         """What is said of an answer that is off by the factor of a common slip; empty for any other."""
@@ -174,22 +174,25 @@ class AnswerKey:
                     return f"It is right in {scale.unit}; give {unit}."
         return ""
 
-    def _how_far(self, ratio: float) -> str:
-        """How far off a number is, to two or three digits, as a sentence."""
-        if ratio == 0:
-            return "The answer is not 0."
-        sign = "" if ratio > 0 else "The sign is wrong. "
-        size = min(abs(ratio), _MOST)
-        if size >= 2:
-            return sign + f"It is {_plain_digits(size, 3)} times the answer."
-        if size <= 0.5:
-            return sign + f"The answer is {_plain_digits(1 / size, 3)} times as large."
-        return f"{sign}{_plain_digits(100 * abs(size - 1), 2)} % {'above' if size > 1 else 'below'} the answer."
-
     def _in_words(self, value: float, dimension: Dimension) -> str:
         if dimension == "angle":
             return f"{value:.7g} rad, {math.degrees(value):.7g}°"
         return f"{value:.7g} {unit_name(dimension, self.p.units)}".strip()
+
+
+def _how_far(ratio: float) -> str:
+    """How far off a number is, as a sentence: in steps too coarse to compute the answer from."""
+    if ratio <= 0:
+        return "The sign is wrong." if ratio else "The answer is not 0."
+    if ratio > 2:
+        return f"It is more than {'ten times' if ratio > 10 else 'twice'} the answer."
+    if ratio < 0.5:
+        return f"It is less than {'a tenth' if ratio < 0.1 else 'half'} of the answer."
+    side = "above" if ratio > 1 else "below"
+    for step in (_CLOSE, _NEAR):
+        if abs(ratio - 1) <= step:
+            return f"It is less than {100 * step:g} % {side} the answer."
+    return f"It is more than {100 * _NEAR:g} % {side} the answer."
 
 
 def _finite_number(answer: Any) -> float | None:
@@ -199,13 +202,10 @@ def _finite_number(answer: Any) -> float | None:
         return None
     try:
         given = np.asarray(answer)
-    except (TypeError, ValueError):  # lists of several lengths, and what JAX is tracing
+        if given.dtype.kind == "O" and given.size == 1:  # a fraction, a decimal, an exact number of sympy
+            given = np.asarray(float(given.item()))
+    except (TypeError, ValueError, OverflowError):  # lists of several lengths, what JAX is tracing, too large integers
         return None
     if given.dtype.kind in "iuf" and given.size == 1 and np.isfinite(given).all() and not np.ma.is_masked(answer):
         return float(given.reshape(()))
     return None
-
-
-def _plain_digits(value: float, digits: int) -> str:
-    """A number rounded to some digits, without an exponent up to 10¹⁵: "27", "0.0031", "1000000"."""
-    return f"{float(f'{value:.{digits}g}'):.15g}"

@@ -56,7 +56,7 @@ def _with_friction(p: Parameters) -> float:
     return volume(_at(p, sigma=float(p.sigma) * more, k=float(p.k) / more))
 
 
-_EVENT = "Solve the equation of the event exactly, not on a grid."
+_EVENT = "Solve for the event to five digits."
 _ANGLES = "Take more angles near the best one."
 _STEPS = "Take the integral to the end of the cut, in more steps."
 _SOLVER = "Lower the tolerances and the greatest step of the solver, and end at the event."
