@@ -21,7 +21,7 @@ from erosion.explorer.computed import (
     end_times,
 )
 from erosion.explorer.state import PageCase, PageState, own_numbers
-from erosion.explorer.tab import case_toml, curves_csv, python_lines, results_json
+from erosion.explorer.tab import case_toml, python_lines, results_json
 from erosion.explorer.views import numbers, sensitivities, volumes
 from erosion.impacts import BEYOND_LABEL, path
 from erosion.impacts.batch import impact
@@ -156,11 +156,11 @@ def test_a_curve_is_dotted_where_the_body_of_its_model_turns_too_far() -> None:
 
 def test_curves_and_case_are_exact(tmp_path) -> None:
     answers = Answers({"linearized": Linearized()})
-    rows = [line.split(",") for line in curves_csv(answers, STATE).decode().splitlines()]
+    content = json.loads(results_json(answers, STATE))
     hits = impact(Linearized(), TABLE_1.replace(alpha=ANGLES), derivatives=2)
-    assert [float(row[1]) for row in rows[1:]] == hits.volume.tolist()
-    results = ("volume [in³]", "dvolume [in³/rad]", "t_c [s]", "ended_by", "turn", "turned_beyond")
-    assert rows[0] == ["alpha [deg]", *(f"linearized {name}" for name in results)]
+    assert content["models"]["linearized"]["curve"]["volume"] == hits.volume.tolist()
+    cut = path(Linearized(), TABLE_1)
+    assert content["shown"]["motion"]["depth"] == cut.depth.tolist()
     assert b"alpha = 0.3490658503988659" in case_toml(answers, STATE)
     weighed = dataclasses.replace(STATE, per_mass=PerMass(2700, 0.5))
     (tmp_path / "case.toml").write_bytes(case_toml(answers, weighed))

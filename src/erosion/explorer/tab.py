@@ -9,17 +9,16 @@ from concurrent.futures import Future
 from functools import partial
 from typing import Any
 
-import numpy as np
 from nicegui import background_tasks, ui
 
-from erosion.explorer.computed import ANGLES, AT_ONCE, LATER, SPINS, Answers, Computed, Stage, Work, in_thread
+from erosion.explorer.computed import AT_ONCE, LATER, SPINS, Answers, Computed, Stage, Work, in_thread
 from erosion.explorer.controls import Controls, CutDrawing, Materials, Plot, Prose, at_position, warn
 from erosion.explorer.prompts import prompts
 from erosion.explorer.state import PageState, sentence
 from erosion.explorer.views import VIEWS
-from erosion.models import State as Body, model_source
-from erosion.output import to_csv, to_json
-from erosion.parameters import RESULTS, CaseFile, Dimension, dump_case, dump_model, dump_per_mass, unit_name
+from erosion.models import model_source
+from erosion.output import to_json
+from erosion.parameters import CaseFile, dump_case, dump_model, dump_per_mass
 
 _REST = 0.2  # s; the slower answers begin after this time without a change
 _PATIENCE = 0.4  # s; a stage is drawn after this time, without the models that still compute
@@ -35,31 +34,6 @@ _TITLES: Mapping[str, str] = {
     "sensitivities": "What moves the best angle",
 }
 _NOTES = {"cut": "Only the tip cuts: what else of the grain would be in the metal is not drawn."}
-
-
-def curves_csv(answers: Answers, state: PageState) -> bytes:
-    """A table over all angles: α [°], and for each checked model V, dV/dα, t_c, how the cut ends and the turn [rad]."""
-    columns: dict[str, Any] = {"alpha [deg]": np.rad2deg(ANGLES)}
-    for name in state.models:
-        curve = answers("curve", name, state.case)
-        for result in ("volume", "dvolume", "t_c"):
-            columns[_heading(f"{name} {result}", RESULTS[result].dimension, state)] = getattr(curve, result)
-        columns[f"{name} ended_by"] = curve.ended_by
-        turned = answers("turned", name, state.case)
-        columns |= {f"{name} turn": turned.turn[:-1], f"{name} turned_beyond": turned.beyond[:-1]}
-    return _csv(columns)
-
-
-def motion_csv(answers: Answers, state: PageState) -> bytes:
-    """The motion of the model shown over time."""
-    cut = answers("cut", state.shown, state.case)
-    dimensions: dict[str, Dimension] = {
-        "t": "time", "x_tip": "length", "depth": "length", "vx_tip": "speed", "vdepth": "speed", "removed": "volume",
-    }  # fmt: skip
-    if isinstance(cut.states, Body):
-        dimensions |= {"x": "length", "y": "length", "phi": "angle", "vx": "speed", "vy": "speed"}
-        dimensions |= {"omega": "angular speed"}
-    return _csv({_heading(name, dimension, state): getattr(cut, name) for name, dimension in dimensions.items()})
 
 
 def results_json(answers: Answers, state: PageState) -> bytes:
@@ -78,7 +52,8 @@ def results_json(answers: Answers, state: PageState) -> bytes:
             "spins": {"s": SPINS, "alpha_max": spins.alpha},
         }
     cut, rates = (answers(kind, state.shown, state.case) for kind in ("cut", "sensitivities"))
-    shown = {"model": state.shown, "cut": cut.to_dict(), "sensitivities": dict(rates)}
+    motion = {name: getattr(cut, name) for name in ("t", "x_tip", "depth", "vx_tip", "vdepth", "removed")}
+    shown = {"model": state.shown, "cut": cut.to_dict(), "motion": motion, "sensitivities": dict(rates)}
     return to_json({"models": models, "shown": shown}).encode()
 
 
@@ -121,15 +96,6 @@ def _python_model(source: str, own: Mapping[str, float]) -> str:
     return f"erosion.load_model({source!r}).replace({arguments})"
 
 
-def _heading(name: str, dimension: Dimension, state: PageState) -> str:
-    unit = unit_name(dimension, state.case.units)
-    return f"{name} [{unit}]" if unit else name
-
-
-def _csv(columns: Mapping[str, Any]) -> bytes:
-    return to_csv({heading: np.asarray(column).tolist() for heading, column in columns.items()}).encode()
-
-
 def cut_gif(answers: Answers, state: PageState) -> bytes:
     """The cut of the model drawn, as an animation."""
     from erosion.plotting.motion import animate_cut  # matplotlib, 0.7 s that the first page does without
@@ -139,8 +105,6 @@ def cut_gif(answers: Answers, state: PageState) -> bytes:
 
 Export = tuple[str, Callable[[Answers, PageState], bytes]]
 FILES: Mapping[str, Export] = {
-    "curves.csv": ("Curves over α (CSV)", curves_csv),
-    "motion.csv": ("Motion of the model drawn (CSV)", motion_csv),
     "explorer.json": ("All numbers (JSON)", results_json),
     "case.toml": ("The case and its model (TOML)", case_toml),
     "cut.gif": ("The cut as an animation (GIF)", cut_gif),
