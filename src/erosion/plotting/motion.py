@@ -215,7 +215,7 @@ def plot_half_angle(fig: Figure, k: float) -> list[Axes]:
                 markeredgewidth=0.7, zorder=5, clip_on=False, label="α = θ/2")  # fmt: skip
     curves.set(ylabel="over its greatest value", ylim=(0, 1.08))
     angle_axis(curves, 0, float(np.rad2deg(force)))
-    legend_below(curves, 2)
+    legend_below([curves], 2)
     return [sketch, curves]
 
 

@@ -127,18 +127,6 @@ def render(fig: Figure, suffix: str, *, transparent: bool = False) -> bytes:
     return buffer.getvalue()
 
 
-def save_figure(fig: Figure, stem: Path) -> list[Path]:
-    """Write `stem`.svg and `stem`.png on a white background; returns their paths."""
-    svg, png = (stem.with_name(f"{stem.name}.{suffix}") for suffix in ("svg", "png"))
-    save_plot(fig, svg)
-    # Everything stays where it was drawn: to lay a figure out takes as long as to draw it.
-    engine = fig.get_layout_engine()
-    fig.set_layout_engine("none")
-    save_plot(fig, png)
-    fig.set_layout_engine(engine)
-    return [svg, png]
-
-
 def save_plot(fig: Figure, path: str | Path) -> Path:
     """Write a figure to one file, in the format that its suffix names.
 

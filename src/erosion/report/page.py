@@ -35,7 +35,7 @@ from erosion.parameters import (
     unit_name,
     validate,
 )
-from erosion.plotting.style import fit_legends, save_figure
+from erosion.plotting.style import fit_legends, save_plot
 from erosion.report.case import Answer, ReportCase, question, turned_angles
 from erosion.report.questions import QUESTIONS, text_file
 from erosion.report.text import blocks, degrees, inline, number, quantity, to_html
@@ -231,7 +231,7 @@ def write_report(
 ) -> Path:
     """Answer the scenario's questions for a case as one self-contained page.
 
-    Writes `out`/index.html, every figure as `out`/figures/*.svg and *.png, and every number
+    Writes `out`/index.html, every figure as `out`/figures/*.svg, and every number
     as `out`/numbers.json and numbers.csv. The same parameters give the same bytes. A file is there
     completely or not at all, and the page is written last.
 
@@ -324,7 +324,7 @@ def _write(case: ReportCase, keys: Sequence[str], out: Path, progress: Progress,
                 fit_on_sheet(figure, alone=len(shown) * alone) if brief else fit_legends(figure)
                 if is_wide(figure):
                     wide.add(name)
-                svg, _ = save_figure(figure, out / "figures" / name)
+                svg = save_plot(figure, out / "figures" / f"{name}.svg")
                 drawings[name] = inline_svg(name, svg.read_text(encoding="utf-8"), description)
     progress("The page", len(keys), len(keys))
     record = {

@@ -313,15 +313,16 @@ def all_models(case: ReportCase) -> Answer:
         "greatest_volume": max(row["volume_max"] for row in numbers.values()),
         "hidden": {model: list(BUILT_IN)[below[0]] for model, below in zip(BUILT_IN, hidden, strict=True) if below},
     }
-    titles = {
-        model: f"{model}: {info.summary.replace('F_x', 'Fₓ')}"
-        for model, info in BUILT_IN.items()
-        if model not in fields["hidden"]
-    }
+    titles = {model: info.summary.replace("F_x", "Fₓ") for model, info in BUILT_IN.items()}
+    drawn = {model: f"{title} ({model})" for model, title in titles.items() if model not in fields["hidden"]}
     figures = {
-        "models": panel(plot_family, case.curves(titles), width=6.4, height=7.2, units=case.units, columns=1),
+        "models": panel(plot_family, case.curves(drawn), width=6.4, height=7.2, units=case.units, columns=1),
         "correlations": panel(
-            plot_shapes, [case.curve(model) for model in _BESIDE], tuple(CORRELATIONS), width=5.8, height=5.0
+            plot_shapes,
+            case.curves({model: titles[model] for model in _BESIDE}),
+            tuple(CORRELATIONS),
+            width=5.8,
+            height=5.0,
         ),
     }
     return Answer(numbers, figures, fields, _curves(case, BUILT_IN))
