@@ -43,6 +43,7 @@ from erosion.plotting.motion import (
     plot_trajectory,
 )
 from erosion.plotting.style import (
+    fit_legends,
     legend_below,
     new_axes,
     new_figure,
@@ -142,6 +143,16 @@ def test_a_figure_for_print_has_its_width_and_all_of_its_legend(tmp_path) -> Non
     (legend,) = narrow.legends
     assert legend.get_window_extent().width <= narrow.bbox.width
     assert [text.get_text()[-1] for text in legend.get_texts()] == ["0", "1", "2", "3", "4"]
+
+
+def test_a_legend_with_a_name_wider_than_the_figure_is_not_cut() -> None:
+    fig, ax = new_axes(4.5, 4.4)
+    ax.plot([0, 1], label="full rotation, constant K = k, torque of both components (rotating-full-torque)")
+    legend_below([ax], 1)
+    fit_legends(fig)
+    (legend,) = fig.legends
+    fig.set_dpi(300)  # of few dots an inch, letters are as wide as a whole number of dots
+    assert 0.9 < legend.get_window_extent().width / fig.bbox.width <= 1
 
 
 @pytest.mark.parametrize("name", ["plot.jpg", "plot", "plot.svg.gz"])

@@ -59,6 +59,7 @@ _LOWER = 0.8  # the heights of figures with smaller letters
 _WIDTH: contextvars.ContextVar[float | None] = contextvars.ContextVar("width", default=None)
 """Of figures that are drawn for print [inch]; None for those of a screen, which have widths of their own."""
 _NARROWEST, _WIDEST = 0.05, 0.5  # m
+_UNHINTED = 400  # dpi, at which letters have the widths that they have in SVG and PDF
 _LETTERS = 16  # of 8 pt in an inch
 # A comma or an "@" anywhere else belongs to a name: "jo@work.com/Berlin,2026.png".
 _SUFFIX = rf"\.(?:{'|'.join(FigureCanvasBase.filetypes)})"
@@ -188,7 +189,12 @@ def fit_legends(figure: Figure) -> None:
             legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=title or None)
             growth = (legend.get_window_extent().height - extent.height) / figure.dpi
             figure.set_figheight(figure.get_figheight() + growth)  # the axes keep their height
-        share = figure.bbox.width / legend.get_window_extent().width
+        dpi = figure.get_dpi()
+        figure.set_dpi(_UNHINTED)
+        widest = max(text.get_window_extent().width for text in legend.get_texts())
+        beside = legend.get_window_extent().width - widest  # handles and gaps, which keep their size
+        share = (figure.bbox.width - beside) / widest
+        figure.set_dpi(dpi)
         for text in () if share >= 1 else legend.get_texts():
             text.set_fontsize(share * float(text.get_fontsize()))
 
