@@ -2,9 +2,10 @@
 
 import html
 import json
+import re
 import shlex
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -14,6 +15,10 @@ from scipy import stats
 
 import erosion
 from erosion.cfd.map_result import MapSummary
+from erosion.explorer.computed import Answers, Computed
+from erosion.explorer.state import PageCase, PageState
+from erosion.explorer.tab import results_json
+from erosion.explorer.views import numbers, volumes
 from erosion.impacts import BEYOND_LABEL, OF_TURN
 from erosion.plotting.sweeps import plot_regimes
 from tests.cfd.tables import Table, hump
@@ -44,28 +49,74 @@ VERBS = {
     "map": "map impacts.csv --surface plate.stl --surface-unit m --k 1",
     "advise": "advise --k 1",
     "calibrate": CALIBRATED,
+    "posterior": "posterior rows.csv --k 1 --free psi --draws 125",
     "predict": "predict fit.nc --alpha 30deg",
     "export": "export --k 1 --table table.csv",
 }
 
 
-@pytest.mark.parametrize("verb", VERBS)
+class Said(NamedTuple):
+    """What a verb says of cuts that turn too far.
+
+    Args:
+        json: the sentences of the document, or of the file of numbers.
+        words: the text around the table.
+        figure: the text of the figure; None where the verb has none.
+    """
+
+    json: list[str]
+    words: str
+    figure: str | None
+
+
+def said_by_command(verb: str, model: str, shell: Shell) -> Said:
+    words = [*shlex.split(VERBS[verb]), "--model", model]
+    if verb == "predict":
+        shell([*shlex.split(CALIBRATED), "--model", model])
+        words = words[:-2]
+    option = {"export": None, "posterior": "--plot-prediction"}.get(verb, "--plot")
+    drawn = [] if option is None else [option, "figure.svg"]
+    document = shell([*words, *drawn, "--json"]).document
+    text = shell([*words, *drawn]).err
+    figure = html.unescape(Path("figure.svg").read_text("utf-8")) if drawn else None
+    return Said([finding["text"] for finding in findings(document, *OF_TURN)], text, figure)
+
+
+def said_by_report(model: str, shell: Shell) -> Said:
+    """Of the question about the model."""
+    shell(["report", "--k", "1", "--only", {"rotating": "slips", "linearized": "q3"}[model], "-o", model])
+    (turned,) = json.loads(Path(model, "numbers.json").read_text("utf-8"))["turned_beyond"].values()
+    page = re.sub("<svg.*?</svg>|<[^>]*>", "", Path(model, "index.html").read_text("utf-8"), flags=re.DOTALL)
+    figures = "".join(file.read_text("utf-8") for file in Path(model, "figures").iterdir())
+    return Said([f"{name} {turned[name]}" for name in {model} & {*turned}], page, html.unescape(figures))
+
+
+def said_by_explorer(model: str) -> Said:
+    """By its export, its table and its curves."""
+    answers, state = Answers({model: erosion.load_model(model)}), PageState(PageCase.of(SHALLOW), (model,), model)
+    cut = json.loads(results_json(answers, state))["shown"]["cut"]
+    computed = Computed.of(answers, state, None)
+    table, (option, *_) = html.unescape(numbers(computed, [model])[0]), volumes(computed, [model])
+    assert (BEYOND_LABEL in table) == (model == "rotating")
+    return Said([finding["text"] for finding in cut["findings"]], table, str(option))
+
+
+@pytest.mark.filterwarnings("ignore::erosion.impacts.trajectory.TurnWarning")
+@pytest.mark.parametrize("verb", [*VERBS, "report", "explore"])
 def test_a_verb_says_where_the_body_turns_too_far(verb: str, shell: Shell, tmp_path: Path, monkeypatch: Any) -> None:
     """In the table, in the JSON and in the legend of the figure."""
     monkeypatch.chdir(tmp_path)
     for name, text in {"impacts.csv": IMPACTS, "plate.stl": PLATE, "rows.csv": ROWS}.items():
         Path(name).write_text(text)
     for model, is_said in (("rotating", True), ("linearized", False)):  # which does not turn
-        words = [*shlex.split(VERBS[verb]), "--model", model]
-        if verb == "predict":
-            shell([*shlex.split(CALIBRATED), "--model", model])
-            words = words[:-2]
-        figure = [] if verb == "export" else ["--plot", "figure.svg"]
-        said = [finding["text"] for finding in findings(shell([*words, *figure, "--json"]).document, *OF_TURN)]
-        assert len(said) == is_said
-        assert all(text in shell([*words, *figure]).err for text in said)
-        if figure:
-            assert (BEYOND_LABEL in html.unescape(Path("figure.svg").read_text("utf-8"))) == is_said
+        if verb == "report":
+            said = said_by_report(model, shell)
+        else:
+            said = said_by_explorer(model) if verb == "explore" else said_by_command(verb, model, shell)
+        assert len(said.json) == is_said
+        assert all(text in said.words for text in said.json)
+        if said.figure is not None:
+            assert (BEYOND_LABEL in said.figure) == is_said
 
 
 def test_a_prediction_says_so_where_it_is_asked_and_a_fit_where_it_was_measured(tmp_path: Path) -> None:
