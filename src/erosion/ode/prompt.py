@@ -15,7 +15,7 @@ FEW = 16
 """Lanes times directions, of which `PromptCalls` is for fewer."""
 
 
-class _Call(NamedTuple):
+class _PromptCall(NamedTuple):
     """A call, its inputs and results as arrays.
 
     Args:
@@ -46,7 +46,7 @@ class PromptCalls:
         self._places = np.tile(places, lanes)
         self._program, _ = integrator_of(signature, order, (), len(places))
         self._lost = {signature.end_names.index(name) for name in ("failed", "unfinished")}
-        self._unused: list[_Call] = []
+        self._unused: list[_PromptCall] = []
 
     def run(
         self, parameters: Sequence[np.ndarray], rtol: float, read: Callable[[LaneEnd, LaneEnd], list[np.ndarray]]
@@ -68,7 +68,7 @@ class PromptCalls:
         self._unused.append(call)
         return found
 
-    def _new(self) -> _Call:
+    def _new(self) -> _PromptCall:
         count = self._lanes, self._directions
         prepared = self._program.prepared(self._lanes * self._directions)
         numbers = len(self._signature.shapes)
@@ -77,7 +77,7 @@ class PromptCalls:
         inputs = [place.reshape(*count, *place.shape[1:]) for place in prepared.inputs[:numbers]]
         end = prepared.results._replace(error=np.zeros(self._lanes * self._directions))
         end = jax.tree.map(lambda part: part.reshape(count), end)
-        return _Call(prepared, inputs, jax.tree.map(lambda part: part[:, 0], end), end)
+        return _PromptCall(prepared, inputs, jax.tree.map(lambda part: part[:, 0], end), end)
 
     def _is_doubtful(self, end: LaneEnd, rtol: float) -> bool:
         """Whether a lane is stiff, took many steps, needs another tolerance, or has no results; see `integrate`."""
