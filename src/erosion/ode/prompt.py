@@ -1,4 +1,4 @@
-"""Calls of the integrator for a few lanes: of `integrate` most of the time is Python's then."""
+"""Calls of the integrator for a few lanes, which spend little time in Python."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from erosion.ode.integrator import LaneEnd
 from erosion.ode.signature import Signature
 
 FEW = 16
-"""Lanes times directions, of which `PromptCalls` is for fewer."""
+"""Lanes times directions: `PromptCalls` compute so many at most."""
 
 
 class _PromptCall(NamedTuple):
@@ -39,10 +39,13 @@ class PromptCalls:
         order: of derivatives, one that the method has.
         places: of the directions of derivatives, see `integrate_along`; shape (0, 1) without any.
         lanes: their number.
+
+    Attributes:
+        signature: of problem and arguments.
     """
 
     def __init__(self, signature: Signature, order: int, places: np.ndarray, lanes: int) -> None:
-        self._signature, self._lanes, self._directions = signature, lanes, places.shape[1]
+        self.signature, self._lanes, self._directions = signature, lanes, places.shape[1]
         self._places = np.tile(places, lanes)
         self._program, _ = integrator_of(signature, order, (), len(places))
         self._lost = {signature.end_names.index(name) for name in ("failed", "unfinished")}
@@ -60,7 +63,7 @@ class PromptCalls:
         """
         # Each has its own: another thread, or a signal's handler, may call while it runs.
         call = self._unused.pop() if self._unused else self._new()
-        for place, number, shape in zip(call.inputs, parameters, self._signature.shapes, strict=True):
+        for place, number, shape in zip(call.inputs, parameters, self.signature.shapes, strict=True):
             place[...] = number[:, None] if number.ndim > len(shape) else number
         call.prepared.inputs[-1][...] = rtol
         call.prepared.run()
@@ -71,7 +74,7 @@ class PromptCalls:
     def _new(self) -> _PromptCall:
         count = self._lanes, self._directions
         prepared = self._program.prepared(self._lanes * self._directions)
-        numbers = len(self._signature.shapes)
+        numbers = len(self.signature.shapes)
         for place, number in zip(prepared.inputs[numbers:], self._places, strict=False):
             place[...] = number
         inputs = [place.reshape(*count, *place.shape[1:]) for place in prepared.inputs[:numbers]]
@@ -82,7 +85,7 @@ class PromptCalls:
     def _is_doubtful(self, end: LaneEnd, rtol: float) -> bool:
         """Whether a lane is stiff, took many steps, needs another tolerance, or has no results; see `integrate`."""
         if end.stiff is not None:
-            most = self._signature.options.max_steps
+            most = self.signature.options.max_steps
             if any(end.stiff.tolist()) or max(end.trials.tolist()) > most:
                 return True
         return set(end.rtol_next.tolist()) != {rtol} or not self._lost.isdisjoint(end.outcome.tolist())

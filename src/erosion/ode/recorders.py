@@ -32,7 +32,7 @@ class Recorder(abc.ABC):
 
         Args:
             elapsed: so much later.
-            lost: the tangents of the motion that are.
+            lost: the lost tangents of the motion.
         """
         return self
 
@@ -117,7 +117,7 @@ class SaveAt(Recorder):
         problem: the equations; of a stiff motion without second derivatives.
         rtol: relative tolerance.
         elapsed: of a chain, the time since the lane began, with its tangents.
-        lost: of a motion of which some tangents are.
+        lost: the lost tangents of a motion.
     """
 
     def __init__(

@@ -215,7 +215,7 @@ class _EndsOnHost:
         self._is_plain = not (wanted.times or wanted.events or options.records)
         self._is_plain &= len(along) <= METHODS[options.method].derivatives
         self._is_plain &= not any(is_large(ShapedArray(shape, np.dtype(float))) for shape in wanted.shapes)
-        self._signature, self._prompt = wanted.signature, dict[int, PromptCalls]()
+        self._prompt: dict[int, PromptCalls] = {}
 
     def __call__(self, *given: np.ndarray) -> list[np.ndarray]:
         """What `_ends` gives for these numbers."""
@@ -232,18 +232,12 @@ class _EndsOnHost:
 
     def _promptly(self, signature: Signature, lanes: int, parameters: list[np.ndarray]) -> list[np.ndarray] | None:
         """The results of a few lanes, if none is doubtful."""
-        if (
-            lanes * self._places.shape[1] > FEW
-            or self._wanted.times
-            or self._wanted.events
-            or signature.options.records
-        ):
+        if not (self._is_plain and 0 < lanes * self._places.shape[1] <= FEW):
             return None
-        if signature is not self._signature:
-            self._signature, self._prompt = signature, {}
-        if lanes not in self._prompt:
-            self._prompt[lanes] = PromptCalls(signature, len(self._along), self._places, lanes)
-        return self._prompt[lanes].run(parameters, self._wanted.rtol, self._read)
+        calls = self._prompt.get(lanes)
+        if calls is None or calls.signature is not signature:
+            calls = self._prompt[lanes] = PromptCalls(signature, len(self._along), self._places, lanes)
+        return calls.run(parameters, self._wanted.rtol, self._read)
 
     def _by_batch(self, signature: Signature, lanes: int, parameters: list[np.ndarray]) -> list[np.ndarray]:
         """The results of lanes by `integrate`."""
