@@ -154,6 +154,12 @@ def test_a_curve_is_dotted_where_the_body_of_its_model_turns_too_far() -> None:
     assert (BEYOND_LABEL in html.unescape(still), BEYOND_LABEL in html.unescape(turns)) == (False, True)
 
 
+def test_the_exported_motion_of_a_body_has_its_turn() -> None:
+    answers, state = Answers({"rotating": load_model("rotating")}), PageState(CASE, ("rotating",), "rotating")
+    motion, cut = json.loads(results_json(answers, state))["shown"]["motion"], answers("cut", "rotating", CASE)
+    assert (motion["phi"], motion["omega"]) == (cut.phi.tolist(), cut.omega.tolist())
+
+
 def test_curves_and_case_are_exact(tmp_path) -> None:
     answers = Answers({"linearized": Linearized()})
     content = json.loads(results_json(answers, STATE))

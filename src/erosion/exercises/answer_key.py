@@ -181,7 +181,7 @@ class AnswerKey:
 
 
 def _how_far(ratio: float) -> str:
-    """How far off a number is, as a sentence: in steps too coarse to compute the answer from."""
+    """How far off a number is, as a sentence: in steps so coarse that one check does not give the answer away."""
     if ratio <= 0:
         return "The sign is wrong." if ratio else "The answer is not 0."
     if ratio > 2:
@@ -202,8 +202,8 @@ def _finite_number(answer: Any) -> float | None:
         return None
     try:
         given = np.asarray(answer)
-        if given.dtype.kind == "O" and given.size == 1:  # a fraction, a decimal, an exact number of sympy
-            given = np.asarray(float(given.item()))
+        if given.dtype.kind == "O" and given.size == 1 and not isinstance(given.item(), str | bytes | bool):
+            given = np.asarray(float(given.item()))  # a fraction, a decimal, an exact number of sympy
     except (TypeError, ValueError, OverflowError):  # lists of several lengths, what JAX is tracing, too large integers
         return None
     if given.dtype.kind in "iuf" and given.size == 1 and np.isfinite(given).all() and not np.ma.is_masked(answer):

@@ -56,6 +56,7 @@ def _with_friction(p: Parameters) -> float:
     return volume(_at(p, sigma=float(p.sigma) * more, k=float(p.k) / more))
 
 
+_DIGITS = "Keep all digits of the angle."
 _EVENT = "Solve for the event to five digits."
 _ANGLES = "Take more angles near the best one."
 _STEPS = "Take the integral to the end of the cut, in more steps."
@@ -73,7 +74,7 @@ SCENARIO = Course(
             "the way x at the time 1/ω", "length", 1e-4, 2, "Keep all digits of p.",
             _x,
         ),
-        "cusp": Task("the angle from which on the tip can stop", "angle", 1e-4, 2, _EVENT, cusp),
+        "cusp": Task("the angle from which on the tip can stop", "angle", 1e-4, 2, _DIGITS, cusp),
         "t_c": Task("the time at which the cut ends", "time", 1e-4, 2, _EVENT, end_of_cut),
         "steep_t_c": Task(
             "the time at which the cut ends halfway between the cusp and 90°", "time", 1e-4, 2, _EVENT, _steep_end

@@ -16,7 +16,7 @@ from erosion.explorer.controls import Controls, CutDrawing, Materials, Plot, Pro
 from erosion.explorer.prompts import prompts
 from erosion.explorer.state import PageState, sentence
 from erosion.explorer.views import VIEWS
-from erosion.models import model_source
+from erosion.models import State as Body, model_source
 from erosion.output import to_json
 from erosion.parameters import CaseFile, dump_case, dump_model, dump_per_mass
 
@@ -52,7 +52,8 @@ def results_json(answers: Answers, state: PageState) -> bytes:
             "spins": {"s": SPINS, "alpha_max": spins.alpha},
         }
     cut, rates = (answers(kind, state.shown, state.case) for kind in ("cut", "sensitivities"))
-    motion = {name: getattr(cut, name) for name in ("t", "x_tip", "depth", "vx_tip", "vdepth", "removed")}
+    body = ("x", "y", "phi", "vx", "vy", "omega") if isinstance(cut.states, Body) else ()
+    motion = {name: getattr(cut, name) for name in ("t", "x_tip", "depth", "vx_tip", "vdepth", "removed", *body)}
     shown = {"model": state.shown, "cut": cut.to_dict(), "motion": motion, "sensitivities": dict(rates)}
     return to_json({"models": models, "shown": shown}).encode()
 
