@@ -21,7 +21,7 @@ import functools
 import itertools
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -231,13 +231,8 @@ def law_in_words(law: Any, dimension: Dimension = "1", system: System = "si") ->
     """
     if isinstance(law, Samples):
         return f"{len(law.values):,} values of {law.source}"
-    for name, named in LAWS.items():
-        if (numbers := named.numbers(law)) is not None:
-            texts = []
-            for parameter, number in zip(named.keywords, numbers, strict=True):
-                scale = table_scale("1" if parameter in _PURE else dimension, system, abs(number))
-                texts.append(scale.beside(f"{number / scale.size:.5g}"))
-            return f"{name}({', '.join(texts)})"
+    if (text := _as_text(law, lambda number, of: _readable(number, of, system), dimension)) is not None:
+        return text
     described = _described(law)
     if described is None:
         # Words that are the same in each process; a frozen distribution is that which it freezes.
@@ -257,13 +252,25 @@ def law_as_typed(law: Any, dimension: Dimension, system: System) -> str:
     """
     if isinstance(law, Samples):
         return f"samples({law.source})"
-    unit = ascii_unit(unit_name(dimension, system)).removeprefix("1")
+
+    def typed(number: float, of: Dimension) -> str:
+        return f"{number:.9g} {ascii_unit(unit_name(of, system)).removeprefix('1')}".rstrip()
+
+    return _as_text(law, typed, dimension) or law_in_words(law, dimension, system)
+
+
+def _readable(number: float, dimension: Dimension, system: System) -> str:
+    scale = table_scale(dimension, system, abs(number))
+    return scale.beside(f"{number / scale.size:.5g}")
+
+
+def _as_text(law: Any, written: Callable[[float, Dimension], str], dimension: Dimension) -> str | None:
+    """A law that text names, such as "normal(20°, 3°)", each number as `written`; None for others."""
     for name, named in LAWS.items():
         if (numbers := named.numbers(law)) is not None:
-            units = ["" if parameter in _PURE else unit for parameter in named.keywords]
-            texts = [f"{number:.9g} {of}".rstrip() for number, of in zip(numbers, units, strict=True)]
-            return f"{name}({', '.join(texts)})"
-    return law_in_words(law, dimension, system)
+            of: list[Dimension] = ["1" if parameter in _PURE else dimension for parameter in named.keywords]
+            return f"{name}({', '.join(map(written, numbers, of))})"
+    return None
 
 
 _PLACES = 4096  # of the inverse distribution, which tell laws apart
