@@ -82,6 +82,10 @@ def test_a_law_as_it_is_typed_is_read_again(name, dimension, system):
     np.testing.assert_allclose(read.ppf(U), law.ppf(U), rtol=1e-7)
 
 
+def test_a_law_that_no_option_states_has_no_text():
+    assert law_as_typed(stats.gamma(2), "1", "si") == ""
+
+
 def test_words_of_other_laws():
     assert law_in_words(stats.norm(scale=3, loc=math.radians(20)), "angle", "si") == "normal(20°, 171.89°)"
     assert law_in_words(stats.lognorm(0.1, loc=2, scale=3)) == "lognorm(s=0.1, loc=2, scale=3)"

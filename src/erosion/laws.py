@@ -243,7 +243,7 @@ def law_in_words(law: Any, dimension: Dimension = "1", system: System = "si") ->
 
 
 def law_as_typed(law: Any, dimension: Dimension, system: System) -> str:
-    """The text from which `read_law` makes a law again, to nine digits; a law that text does not name is in words.
+    """The text from which `read_law` makes a law again, to nine digits; empty for a law that text does not name.
 
     Args:
         law: of one parameter.
@@ -256,7 +256,7 @@ def law_as_typed(law: Any, dimension: Dimension, system: System) -> str:
     def typed(number: float, of: Dimension) -> str:
         return f"{number:.9g} {ascii_unit(unit_name(of, system)).removeprefix('1')}".rstrip()
 
-    return _as_text(law, typed, dimension) or law_in_words(law, dimension, system)
+    return _as_text(law, typed, dimension) or ""
 
 
 def _readable(number: float, dimension: Dimension, system: System) -> str:

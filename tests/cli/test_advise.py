@@ -113,6 +113,14 @@ REFUSED = [
                 "reading = { prior = { k = 3 } }",
                 "`reading` of [advise] must be a table of texts, but is {'prior': {'k': 3}}.",
             ),
+            (
+                'reading = { error = { k = "3 %" } }',
+                "`reading` of [advise] must be a table of texts, but is {'error': {'k': '3 %'}}.",
+            ),
+            (
+                'reading = { prior = "k=normal(2, 0.2)" }',
+                "`reading` of [advise] must be a table of texts, but is {'prior': 'k=normal(2, 0.2)'}.",
+            ),
             ('warning = " "', "`warning` of [advise] must be a sentence, but is ' '."),
             ('warning = "\\u001b[31mred"', "`warning` of [advise] must be a sentence, but is '\\x1b[31mred'."),
             ('warning = ["a", "b"]', "`warning` of [advise] must be a sentence, but is ['a', 'b']."),
@@ -229,6 +237,16 @@ def test_the_printed_command_is_of_the_tests(shell, tmp_path, options, words):
     result = shell(["advise", *options.split(), "--json"]).result
     command = printed_command(result["statements"])
     assert [word.replace(str(tmp_path) + "/", "") for word in command] == [*words, "--next-test"]
+
+
+def test_no_command_leaves_a_prior_aside(shell, tmp_path):
+    text = FITTED[: FITTED.index("[advise]")] + '[advise]\nmodel = "linearized"\nreading = { prior = { psi = "" } }\n'
+    (tmp_path / "fitted.toml").write_text(f"{text}[advise.uncertain]\nk = [1.3, 1.4]\npsi = [20, 19]\n")
+    (narrowing,) = re.findall(
+        "What would narrow it: more.*", "\n".join(shell("advise fitted.toml --json").result["statements"])
+    )
+    assert "`erosion.next_test`" in narrowing
+    assert "erosion posterior" not in narrowing
 
 
 def test_an_advice_by_draws_prints_the_tests_and_their_doubts(shell, tmp_path):

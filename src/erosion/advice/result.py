@@ -493,6 +493,11 @@ class Advice(Result):
                 f"yours is that {'flat' if best < self.alpha else 'steep'}."
             )
         if self.uncertain is not None:
+            if not all(self.tests_typed.get("prior", {}).values()):
+                return (
+                    "What would narrow it: more tests. The function `erosion.next_test` says at which angle and speed "
+                    "one more test narrows the prediction most; no option states the priors of this fit."
+                )
             asked = options_in_words({**self.tests_typed, "free": ",".join(self.uncertain.laws.names)})
             words = (self.rows_file, *self._typed, *asked, "--next-test")
             return (

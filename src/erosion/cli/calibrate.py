@@ -370,11 +370,12 @@ class TestedFitOptions:
 
 
 def _are_options(typed: Any) -> bool:
-    """Whether it is a table of texts, but for tables of texts of options that each parameter has."""
+    """Whether a value is a table with a text for each option, and for `prior` with a text for each parameter."""
     if not isinstance(typed, Mapping):
         return False
-    texts = [text for value in typed.values() for text in (value.values() if isinstance(value, Mapping) else [value])]
-    return all(isinstance(text, str) for text in texts)
+    priors = typed.get("prior", {})
+    texts = [text for option, text in typed.items() if option != "prior"]
+    return isinstance(priors, Mapping) and all(isinstance(text, str) for text in (*texts, *priors.values()))
 
 
 class GivenFit:

@@ -68,7 +68,10 @@ class Fit(Result):
 
     @property
     def typed(self) -> dict[str, Any]:
-        """The options of `erosion posterior` that read the tests and state the priors, by name."""
+        """The options of `erosion posterior` that read the tests and state the priors, by name.
+
+        A prior that no text names is an empty text.
+        """
         known, units = sampled_quantities(self.problem), self.problem.p.units
         laws = {name: law_as_typed(law, known[name].dimension, units) for name, law in given_laws(self.problem).items()}
         return {**self.data.reading, **({"prior": laws} if laws else {})}
