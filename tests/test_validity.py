@@ -60,7 +60,7 @@ class Said(NamedTuple):
 
     Args:
         json: the sentences of the document, or of the file of numbers.
-        words: the text around the table.
+        words: the text around the table; of a command that says nothing, nothing is read.
         figure: the text of the figure; None where the verb has none.
     """
 
@@ -76,10 +76,9 @@ def said_by_command(verb: str, model: str, shell: Shell) -> Said:
         words = words[:-2]
     option = {"export": None, "posterior": "--plot-prediction"}.get(verb, "--plot")
     drawn = [] if option is None else [option, "figure.svg"]
-    document = shell([*words, *drawn, "--json"]).document
-    text = shell([*words, *drawn]).err
+    sentences = [finding["text"] for finding in findings(shell([*words, *drawn, "--json"]).document, *OF_TURN)]
     figure = html.unescape(Path("figure.svg").read_text("utf-8")) if drawn else None
-    return Said([finding["text"] for finding in findings(document, *OF_TURN)], text, figure)
+    return Said(sentences, shell([*words, *drawn]).err if sentences else "", figure)
 
 
 def said_by_report(model: str, shell: Shell) -> Said:
