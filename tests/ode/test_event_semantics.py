@@ -119,21 +119,6 @@ def test_an_event_may_stop_another_one_of_the_same_time():
     assert (end.count, end.y["n"]) == (1, 0.0)
 
 
-def test_two_thresholds_switch_a_heater_on_and_off():
-    """y rises at 1 to 2, falls at 1 to 1, and so on."""
-    heater = ode.Problem(
-        {"y": 0.0, "on": 1.0},
-        lambda t, y, args: {"y": 2 * y["on"] - 1, "on": 0.0},
-        {
-            "off": ode.Event(lambda t, y, args: y["y"] - 2, 1, lambda t, y, args: y | {"on": 0.0 * t}),
-            "on": ode.Event(lambda t, y, args: y["y"] - 1, -1, lambda t, y, args: y | {"on": 0.0 * t + 1}),
-        },
-    )
-    end = ode.solve(heater, t1=6.5)
-    np.testing.assert_allclose(end.events.t, [2.0, 3.0, 4.0, 5.0, 6.0])
-    assert end.y["y"] == pytest.approx(1.5)
-
-
 def test_a_delay_of_zero_is_an_event_of_the_same_time():
     end = ode.solve(ode.Problem(**growing(1.0, **LATER), events=delayed(AT_ONE, keeps=False, delay=0.0)), t1=2.0)
     np.testing.assert_allclose(end.events.t, [1.0, 1.0])

@@ -607,16 +607,3 @@ def test_no_times_have_no_gradient():
     end = ode.solve(PREY, OF_PREY, t1=5.0, ts=[])
     found = end.gradient(ys={"prey": 1.0, "hunters": 1.0}, y={"prey": 1.0, "hunters": 0.0})
     np.testing.assert_array_equal(found["dies"], end.gradient(y={"prey": 1.0, "hunters": 0.0})["dies"])
-
-
-def test_states_at_times_have_gradients_under_vmap():
-    ts = np.linspace(0.0, 5.0, 6)
-
-    def loss(args):
-        return jnp.nansum(ode.solve(DRIVEN, args, t1=5.0, ts=ts).ys["x"] ** 2)
-
-    each, one = jax.jit(jax.vmap(jax.grad(loss)))(OF_DRIVEN), jax.jit(jax.grad(loss))
-    for i in range(3):
-        alone = one({name: values[i] for name, values in OF_DRIVEN.items()})
-        for name in alone:
-            np.testing.assert_allclose(each[name][i], alone[name], rtol=1e-12)
