@@ -37,6 +37,7 @@ def test_each_drawn_case_holds_where_the_course_needs_it(p: erosion.Parameters, 
     together = erosion.Parameters(**{q: [float(getattr(case, q)) for case in cases] for q in ("k", "psi", "r", "b", "m",
                                   "v0", "sigma", "alpha", "phidot0", "inertia")}, units=p.units)  # fmt: skip
     k = np.asarray(together.k)
+    assert np.all(np.arctan(k / 2) > 1.01 * np.arctan(2 / k))  # a usual slip in question 2
     # Question 2 sees a rebound and a stop, at angles that are not the best one.
     assert np.all(together.alpha < np.arctan(k / 2) - 0.2)
     assert np.all(together.alpha < np.arctan(k) / 2 - 0.1)

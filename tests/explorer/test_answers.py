@@ -110,6 +110,15 @@ def test_answers_are_of_the_own_parameters_of_the_case() -> None:
     assert f"μ {move:+.3g}°" in said
 
 
+def test_a_best_angle_that_nothing_is_known_to_move_has_the_reason() -> None:
+    limit = alpha_max("rotating", TABLE_1.replace(k=1.0))
+    state = PageState(CASE.replace(k=1.0), ("rotating",), "rotating")
+    answers = {("best", "rotating"): limit, ("sensitivities", "rotating"): limit.sensitivities}
+    option, _, said = sensitivities(Computed(state, answers), ["rotating"])
+    assert option["title"]["text"] == f"not known: {limit.without_sensitivities}"
+    assert option["title"]["text"] in said
+
+
 def test_what_is_handed_out_has_the_own_parameters() -> None:
     lines = python_lines(SLID, {"linearized": "linearized", "tip": TIP})
     assert f"erosion.load_model({TIP!r}).replace(friction=0.35)" in lines

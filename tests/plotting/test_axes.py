@@ -29,6 +29,7 @@ from matplotlib.patches import Rectangle
 
 import erosion
 from erosion import TABLE_1, Estimate, NozzleAngle, Trajectory, ode, simulate, sweep
+from erosion.impacts import BEYOND_LABEL
 from erosion.models import Linearized, ProportionalDeformationWear
 from erosion.models.rigid import LinearizedCut
 from erosion.plotting.curves import plot_end_times, plot_optimum
@@ -356,11 +357,13 @@ def test_the_curve_of_the_nozzle_has_its_band_and_its_top():
     curve = np.full(9, 2e-4)
     best = Estimate(np.deg2rad(40), 0.01, np.deg2rad(39), np.deg2rad(41))
     top = Estimate(2e-4, 0.0, 2e-4, 2e-4)
-    nozzle = NozzleAngle(best, top, False, angles, curve, curve / 10, 0.5, "jump", angles, curve)
+    nozzle = NozzleAngle(best, top, False, angles, curve, curve / 10, 0.5, "jump", angles, curve, angles > 0.5)
     ax = plot_nozzle_angle(new_axes()[1], nozzle, "inch-pound")
     labels = [str(line.get_label()) for line in ax.lines]
     assert labels == [
         "one typical particle, greatest at 28.65°",
+        "_child1",
+        BEYOND_LABEL,
         "mean of the stream",
         "greatest at 40.0 ± 1.0° (95 %, sampling alone)",
     ]

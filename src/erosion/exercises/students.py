@@ -18,7 +18,7 @@ from erosion.output import briefly, readable, to_csv
 from erosion.parameters import QUANTITIES, Dimension, Parameters, unit_name
 
 # With β from 0.4 to 0.5 the turning grain's best angle is a maximum within 90° of turn; at half the k the limit binds.
-_K = (1.9, 2.4)
+_K = (2.05, 2.4)  # above 2, where arctan(2/k) is arctan(k/2)
 _RATIO = (0.31, 0.325)  # r √(c/m) / v₀; Table 1 has 0.304
 _SHARES = {"psi": (0.7, 1.3), "sigma": (0.6, 1.15)}  # of the case's
 _POWERS = {"v0": -1, "sigma": 2, "psi": 2}  # with which each of them follows the ratio
@@ -44,7 +44,7 @@ def drawn_case(p: Parameters, name: str, *, seed: int = 0, kept: Collection[str]
     ratio, part = rng.uniform(*_RATIO), rng.uniform(*_ALPHA)
     drawn = {"k": rng.uniform(*_K)}
     drawn |= {q: float(getattr(p, q)) * rng.uniform(*share) for q, share in _SHARES.items()}
-    rounded: dict[str, Any] = {q: _rounded(value, 2) for q, value in drawn.items() if q not in kept}
+    rounded: dict[str, Any] = {q: _rounded(value, 3) for q, value in drawn.items() if q not in kept}
     p = dataclasses.replace(p, **rounded)
     change = ratio * float(p.v0) / (float(p.r) * math.sqrt(float(p.stiffness / p.m)))
     follows = next((q for q in _POWERS if q not in kept), None)

@@ -38,6 +38,7 @@ from erosion.plotting.labels import (
     ENDS,
     EVENT_LABELS,
     HISTORIES,
+    INK,
     NOTHING,
     PALETTE,
     describe,
@@ -372,8 +373,13 @@ def sensitivities(computed: Computed, models: Collection[str]) -> Drawing:
                "animation": False, "barCategoryGap": "35%"}]  # fmt: skip
     grid = {"left": 40, "right": 24, "top": 6, "bottom": 26}
     moved = ", ".join(f"{label} {bar:+.3g}°" for label, bar in zip(labels, bars, strict=True) if bar)
-    nothing = "not known" if all(bar is None for bar in bars) else "nothing"
     option = frame(x_axis, y_axis, series, grid=grid)
+    nothing = "nothing"
+    if all(bar is None for bar in bars):
+        best = computed.of_all("best").get(model)
+        nothing = "not known" if best is None else f"not known: {best.without_sensitivities}"
+        text = {"width": 180, "overflow": "break", "fontSize": 14, "fontWeight": "normal", "color": INK}
+        option["title"] = {"text": nothing, "left": "center", "top": "middle", "textStyle": text}
     return option, [], f"move of the angle of greatest removal for one per cent more: {moved or nothing}"
 
 

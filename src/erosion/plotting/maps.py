@@ -22,6 +22,7 @@ from erosion.cfd.map_result import FACES, total_scale
 from erosion.extras import library
 from erosion.output import briefly, with_error
 from erosion.parameters import RESULTS, Scale, System, conversion_factor, readable_scale, table_scale
+from erosion.plotting.curves import ShapeCurve, draw_curve
 from erosion.plotting.labels import DIM, FAINT, INK, PALETTE, round_length
 from erosion.plotting.style import PlainNumbers, house_style, legend_below, mark_turned, new_figure
 from erosion.results import from_attribute
@@ -377,7 +378,8 @@ def plot_nozzle_angle(ax: Axes, nozzle: NozzleAngle, units: System) -> Axes:
     degrees, mean = np.rad2deg(nozzle.angles), nozzle.curve / scale.size
     half = 1.96 * nozzle.curve_error / scale.size
     alone = f"one typical particle, greatest at {np.rad2deg(nozzle.single_alpha):.2f}°"
-    ax.plot(np.rad2deg(nozzle.single_angles), nozzle.single_curve / scale.size, color=DIM, linestyle="--", label=alone)
+    single = ShapeCurve(alone, nozzle.single_angles, nozzle.single_curve, beyond=nozzle.single_beyond)
+    draw_curve(ax, single, scale.size, alone, color=DIM, linestyle="--")
     ax.plot(degrees, mean, color=PALETTE["blue"], label="mean of the stream")
     ax.fill_between(degrees, mean - half, mean + half, color=PALETTE["sky"], alpha=0.6, linewidth=0,
                     label="95 % of the mean, by sampling alone")  # fmt: skip

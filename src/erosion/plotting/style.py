@@ -36,6 +36,7 @@ _STYLE: Mapping[Any, Any] = {
     "axes.labelsize": 10,
     "legend.fontsize": 9.5,
     "legend.frameon": False,
+    "legend.handlelength": 3.0,  # of which a reader tells long dashes
     "axes.edgecolor": INK,
     "axes.labelcolor": INK,
     "text.color": INK,

@@ -322,7 +322,7 @@ def _write(case: ReportCase, keys: Sequence[str], out: Path, progress: Progress,
             for name, _, description in texts[key].illustrations:
                 figure = answer.figures[name]
                 fit_on_sheet(figure, alone=len(shown) * alone) if brief else fit_legends(figure)
-                if is_wide(figure):
+                if figure.get_figwidth() > _BROAD:
                     wide.add(name)
                 svg = save_plot(figure, out / "figures" / f"{name}.svg")
                 drawings[name] = inline_svg(name, svg.read_text(encoding="utf-8"), description)
@@ -393,13 +393,9 @@ def _lines(path: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 # inches; a handout prints a figure in a column of 3.4 inches, and a wide one across both. Text of 9.5 pt is 7 pt there.
 _IN_A_COLUMN, _WIDE, _FLAT = 4.5, 6.5, 3.6
+_BROAD = 6.0  # printed in half the width of a page, a broader figure has letters of less than 5 pt
 _SHEET = 8.0  # of figures that have room below each other
 _ALONE = 7.2, 6.8  # of the only figure on a sheet, or of two below each other, which are printed in this size
-
-
-def is_wide(figure: Figure) -> bool:
-    """Whether a figure needs the whole width of a sheet."""
-    return bool(figure.get_figwidth() > _WIDE)
 
 
 def fit_on_sheet(figure: Figure, *, alone: int = 0) -> None:
@@ -411,7 +407,7 @@ def fit_on_sheet(figure: Figure, *, alone: int = 0) -> None:
     """
     if alone:
         figure.set_size_inches(_ALONE[0], _ALONE[1] / alone)
-    elif is_wide(figure):
+    elif figure.get_figwidth() > _WIDE:
         figure.set_figheight(_FLAT)
     else:
         figure.set_size_inches(_IN_A_COLUMN, 0.88 * figure.get_figheight())

@@ -24,6 +24,7 @@ from erosion.impacts import (
     model_in_words,
     provenance,
     pushed_forward,
+    turned_beyond,
 )
 from erosion.models import CuttingModel, impact_to_dict, model_name, own_quantities, quantities
 from erosion.output import Record
@@ -62,6 +63,7 @@ class NozzleAngle:
         single_kind: the kind of that optimum, see `Optimum`.
         single_angles: angles of attack, shape (k,) [rad].
         single_curve: its volume at each, shape (k,) [volume].
+        single_beyond: whether its body turns by more than 90° there, shape (k,).
     """
 
     alpha: Estimate
@@ -74,6 +76,7 @@ class NozzleAngle:
     single_kind: str
     single_angles: np.ndarray
     single_curve: np.ndarray
+    single_beyond: np.ndarray
 
 
 def best_nozzle_angle(
@@ -125,6 +128,7 @@ def best_nozzle_angle(
     model, typical = particles.typical
     single = alpha_max(model, typical)
     single_angles = np.linspace(_ANGLES[0], _ANGLES[-1], 500)
+    at_angles = typical.replace(alpha=single_angles)
     return NozzleAngle(
         alpha=Estimate.of(tops, alpha),
         volume=Estimate.of(means(np.array([alpha]))[:, 0]),
@@ -135,7 +139,8 @@ def best_nozzle_angle(
         single_alpha=float(single.alpha),
         single_kind=str(single.kind),
         single_angles=single_angles,
-        single_curve=np.asarray(impact(model, typical.replace(alpha=single_angles), rtol=rtol).volume),
+        single_curve=np.asarray(impact(model, at_angles, rtol=rtol).volume),
+        single_beyond=turned_beyond(model, at_angles),
     )
 
 
